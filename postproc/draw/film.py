@@ -8,6 +8,11 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import EllipseCollection
+from matplotlib.colors import PowerNorm
+from matplotlib.patches import Rectangle
+from PIL import Image
 
 from drivers.base.files import whole_file
 from drivers.chain.chain import Array
@@ -112,8 +117,6 @@ def sheet(film: Film, title: str) -> Product:
 
 def write_animation(film: Film, title: str, path: Path) -> Path:
     """Writes the film as an animated GIF, whole or not at all: the chain next to its forces."""
-    from PIL import Image
-
     plt, tall = pyplot(), film.high_m - film.low_m
     chain_in, force_in, height_in = 1.3, 2.3, 3.8
     scale_in = min((height_in - 0.1) / tall, chain_in / (2.2 * film.half_m))
@@ -161,17 +164,11 @@ def _circles(film: Film, scale_in: float) -> bool:
 
 
 def _colours(film: Film) -> Any:
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import PowerNorm
-
     return ScalarMappable(PowerNorm(GAMMA, 0, film.largest_N), force_colours())
 
 
 def _draw_chain(axis: Any, film: Film, frame: int, middle: float, scale_in: float) -> None:
     """Draws the chain at one time around a vertical line."""
-    from matplotlib.collections import EllipseCollection
-    from matplotlib.patches import Rectangle
-
     colours, width = _colours(film), 2 * film.half_m
     force = np.ma.masked_less_equal(film.force_N[frame], OPEN_SHARE * film.largest_N)
     if film.wall_m is not None:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.patches import Circle, Rectangle
 
 from drivers.chain.chain import Array, Chain
 from drivers.chain.masses import bead_mass
@@ -44,8 +45,6 @@ class Sketch:
 
 def draw_scene(scene: Scene, chain: Chain) -> tuple[Any, pd.DataFrame]:
     """Figure of the apparatus at time 0, and a table with a row per drawn body."""
-    from matplotlib.patches import Circle, Rectangle
-
     sketch, striker = _sketch(scene, chain), scene.striker
     height = sketch.high_m - sketch.low_m
     scale_in = min(MAX_HEIGHT_IN / height, 0.3 * COLUMN_IN / sketch.widest_m)
@@ -177,8 +176,6 @@ def flat_size(scene: Scene) -> tuple[float, float]:
 
 def _tube(axis: Any, scene: Scene, chain: Chain, beads_top: float, sketch: Sketch) -> str:
     """Draws the tube within the picture; returns its label."""
-    from matplotlib.patches import Rectangle
-
     tube = scene.tube
     assert tube is not None
     inner, words = tube.inner_diameter, f"{tube.material} tube,\ninner ⌀ {_mm(tube.inner_diameter)}"

@@ -1,6 +1,6 @@
 """Gauge forces of a chain in stacked panels, with the differences between engines below."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -109,6 +109,14 @@ def _draw_strip(axis: Any, traces: Mapping[str, Trace]) -> pd.DataFrame:
     axis.set_yticks(STRIP_TICKS)
     axis.minorticks_off()
     return pd.concat(tables)
+
+
+def draw_curve(
+    axis: Any, engine: str, words: str, time_s: Array | Sequence[float], gauge: str, force_N: Any, **look: Any
+) -> pd.DataFrame:
+    """Draws a curve of forces against time; returns its numbers, with the forces in the column of a gauge."""
+    axis.plot(np.asarray(time_s) * MICRO, force_N, **look)
+    return pd.DataFrame({"engine": engine, "quantity": words, "time_s": time_s, f"{gauge}_N": force_N})
 
 
 def name_codes(figure: Any, strip: Any) -> None:

@@ -6,6 +6,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 from xml.etree import ElementTree
 
+import meshio
 import numpy as np
 from numpy.typing import NDArray
 
@@ -103,6 +104,4 @@ def tube_mesh(inner_radius_m: float, low_m: float, high_m: float, sides: int, ri
 
 def write_mesh(path: Path, points: Array, kind: str, cells: Cells, **fields: NDArray[Any]) -> None:
     """Write a mesh in the format of the file's suffix; ``kind`` is meshio's cell type, ``fields`` are point data."""
-    import meshio
-
     meshio.write(path, meshio.Mesh(points, [(kind, cells)], point_data=fields))

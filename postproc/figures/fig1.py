@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.patches import Circle, Polygon, Rectangle
 
 from drivers.chain.case import Case
 from postproc.draw.product import Product
@@ -124,8 +125,6 @@ def _particle(size: float) -> list[Piece]:
 
 def _patch(piece: Piece) -> Any:
     """Filled outline of a part."""
-    from matplotlib.patches import Circle, Polygon, Rectangle
-
     half, low, high = piece.width_mm / 2, piece.bottom_mm, piece.top_mm
     look = {"facecolor": COLOURS.get(piece.part, BEAD)} | OUTLINE
     if piece.shape == "box":

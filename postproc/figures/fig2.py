@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.patches import Rectangle, Wedge
 
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
@@ -32,7 +33,7 @@ from postproc.draw.style import (
     pyplot,
 )
 from postproc.paper.quoted import quoted
-from postproc.paper.simulate import UNTIL_REFLECTED, case_of, simulate, simulate_one
+from postproc.paper.simulate import UNTIL_REFLECTED, case_of, simulate
 from postproc.paper.strikes import contact_peak, sensor_amplitude, sensor_pair, static_force, strike_for
 from postproc.read.sensors import sensor_average
 from validation.reference.travelling_wave import solve_at_amplitude, solve_travelling_wave
@@ -77,8 +78,6 @@ def _chains() -> dict[float, tuple[str, ...]]:
 
 def _draw_free_body(axis: Any) -> None:
     """Draws caps of mass M, the gauge of mass m between them, contact forces, and F_3 and F_4 on the gauge's faces."""
-    from matplotlib.patches import Rectangle, Wedge
-
     axis.set(xlim=(-3.0, 3.0), ylim=(-1.1, 1.1), aspect="equal")
     axis.axis("off")
     for side, outer, inner in ((-1, "$F_1$", "$F_3$"), (1, "$F_2$", "$F_4$")):
@@ -96,7 +95,7 @@ def _draw_free_body(axis: Any) -> None:
 
 def _forces(runs: Path) -> pd.DataFrame:
     """Contact forces of the sensor bead and their average by every engine, around the time of the wave."""
-    found = simulate_one(case_of("fig4", UNTIL_REFLECTED), runs)
+    (found,) = simulate([case_of("fig4", UNTIL_REFLECTED)], runs)
     time_s = found[REFERENCE].trace.time_s
     near = np.abs(time_s - found[REFERENCE].values[f"bead_{SENSOR}_arrival_s"]) < HALF_RANGE_S
     tables = []
@@ -152,9 +151,10 @@ def _points(runs: Path) -> pd.DataFrame:
         static = static_force(case_of("table1", *settings))
         for ratio in STRIKES:
             cases[modulus, ratio] = strike_for(ratio * static, contact_peak, *settings).case
-    rows = []
-    for engine, simulations in simulate(list(cases.values()), runs).items():
-        for (modulus, _), one in zip(cases, simulations, strict=True):
+    rows, found = [], simulate(list(cases.values()), runs)
+    for engine in found[0]:
+        for (modulus, _), by_engine in zip(cases, found, strict=True):
+            one = by_engine[engine]
             upper, lower = (one.values[f"bead_{bead}_amplitude_N"] for bead in sensor_pair(one.case))
             peak, static = contact_peak(one), static_force(one.case)
             rows.append({

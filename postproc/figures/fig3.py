@@ -10,7 +10,6 @@ measured values of Table 1, with the stated accuracies of force (15 to 30 %) and
 error of the speed if each sensor is misplaced by 1 mm.
 """
 
-from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -70,7 +69,7 @@ def make(runs: Path) -> Product:
     figure, axes = pyplot().subplots(
         2, 1, figsize=(COLUMN_IN, 4.6), height_ratios=[4, 1], sharex=True, layout="constrained"
     )
-    _draw_curves(axes[0], points, theory)
+    _draw_curves(axes[0], curves, points, theory)
     _draw_experiment(axes[0], experiment)
     for code in drawing_order([str(name) for name in points["engine"].unique() if name != REFERENCE]):
         own = points[points["engine"] == code]
@@ -129,39 +128,26 @@ def _theory(curves: list[SpeedCurve], points: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=names)
 
 
-def _draw_curves(axis: Any, points: pd.DataFrame, theory: pd.DataFrame) -> None:
+def _draw_curves(axis: Any, curves: list[SpeedCurve], points: pd.DataFrame, theory: pd.DataFrame) -> None:
     """Draws the paper's curves with their numbers, and the curve of the third modulus under gravity."""
-    chains, offset = points[points["engine"] == REFERENCE], {"textcoords": "offset points"}
-    for modulus, gravity in product(quoted().ptfe_moduli_MPa, (False, True)):
-        own = chains[(chains["modulus_MPa"] == modulus) & (chains["gravity"] == gravity)]
-        look = CHAIN | {"color": COLOURS.get(modulus, GREY)}
-        if modulus in PRINTED:
-            equation = theory[(theory["modulus_MPa"] == modulus) & (theory["gravity"] == gravity)]
-            axis.plot(equation["force_N"], equation["speed_m_s"], **(look | THEORY))
-            start, number = own.iloc[0], PRINTED[modulus] + 2 * gravity
-            place = start["force_N"], start["speed_m_s"]
-            axis.annotate(
-                f"{number}, {number + 1}",
-                place,
-                (-5, 0),
-                ha="right",
-                va="center",
-                color=text_color(look["color"]),
-                **offset,
-            )
-        elif not gravity:
+    chains = points[points["engine"] == REFERENCE]
+    for curve in curves:
+        printed = curve.modulus_MPa in PRINTED
+        if not printed and not curve.gravity:
             continue
+        own, equation = (
+            table[(table["modulus_MPa"] == curve.modulus_MPa) & (table["gravity"] == curve.gravity)]
+            for table in (chains, theory)
+        )
+        look = CHAIN | {"color": COLOURS.get(curve.modulus_MPa, GREY)}
+        label = {"textcoords": "offset points", "va": "center", "color": text_color(look["color"])}
+        first, *_, last = zip(own["force_N"], own["speed_m_s"], strict=True)
+        if printed:
+            axis.plot(equation["force_N"], equation["speed_m_s"], **(look | THEORY))
+            axis.annotate(f"{curve.number}, {curve.number + 1}", first, (-5, 0), ha="right", **label)
         axis.plot(own["force_N"], own["speed_m_s"], **look)
-        if gravity:
-            end = own.iloc[-1]
-            axis.annotate(
-                f"{modulus:g} MPa",
-                (end["force_N"], end["speed_m_s"]),
-                (6, 0),
-                va="center",
-                color=text_color(look["color"]),
-                **offset,
-            )
+        if curve.gravity:
+            axis.annotate(f"{curve.modulus_MPa:g} MPa", last, (6, 0), **label)
     for words, look in (("theory", THEORY), ("discrete chain", CHAIN)):
         axis.plot([], [], color=GREY, label=words, **look)
 

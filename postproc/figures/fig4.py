@@ -18,12 +18,12 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
+from matplotlib.patches import ConnectionPatch
 
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
-from postproc.draw.stack import STRIP, ForcePanel, draw_panel, name_codes
+from postproc.draw.stack import STRIP, ForcePanel, draw_curve, draw_panel, name_codes
 from postproc.draw.style import AVERAGE, DAMPED, MICRO, PAGE_IN, QUOTED, pyplot
 from postproc.paper.calibrated import calibrated
 from postproc.paper.quoted import quoted
@@ -44,8 +44,7 @@ def make(runs: Path) -> Product:
     figure = pyplot().figure(figsize=(PAGE_IN, 4.4), layout="constrained")
     durations = [case.scene.run.duration for case in cases]  # same time scale in both panels
     grid, tables, chains = figure.add_gridspec(1, 2, width_ratios=durations), [], {}
-    for place, (case, panel) in enumerate(zip(cases, PANELS, strict=True)):
-        own = {engine: some[place] for engine, some in found.items()}
+    for place, (case, panel, own) in enumerate(zip(cases, PANELS, found, strict=True)):
         traces = {engine: one.trace for engine, one in own.items()}
         axes, drawn = draw_panel(figure, grid[place], panel, case.layout, traces)
         marks = _draw_quoted(figure, axes, own[REFERENCE]) if panel.letter == "a" else pd.DataFrame()
@@ -72,8 +71,6 @@ def _numbers(found: dict[str, Simulation]) -> pd.DataFrame:
 
 def _draw_quoted(figure: Any, axes: dict[str, Any], one: Simulation) -> pd.DataFrame:
     """Draws marks of the statements on the experiment: level, duration, speed, smaller reflected wave."""
-    from matplotlib.patches import ConnectionPatch
-
     paper, values, height = quoted(), one.values, one.case.chain.height_m
     upper, lower = sensor_pair(one.case)
     above, below = f"bead_{upper}", f"bead_{lower}"
@@ -83,8 +80,7 @@ def _draw_quoted(figure: Any, axes: dict[str, Any], one: Simulation) -> pd.DataF
     marks = [pd.DataFrame({"engine": "paper", "quantity": [*stated], "value": [*stated.values()]})]
 
     def mark(words: str, gauge: str, time_s: tuple[float, ...], force_N: tuple[float, ...], **look: Any) -> None:
-        axes[gauge].plot(np.array(time_s) * MICRO, force_N, **QUOTED | look)
-        marks.append(pd.DataFrame({"engine": "paper", "quantity": words, "time_s": time_s, f"{gauge}_N": force_N}))
+        marks.append(draw_curve(axes[gauge], "paper", words, time_s, gauge, force_N, **QUOTED | look))
 
     def note(words: str, gauge: str, time_s: float, force_N: float, **look: Any) -> None:
         axes[gauge].text(time_s * MICRO, force_N, words, color=QUOTED["color"], fontsize=7, **look)

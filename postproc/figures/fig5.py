@@ -23,10 +23,9 @@ import numpy as np
 import pandas as pd
 
 from drivers.base.errors import InputError
-from drivers.chain.chain import Array
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
-from postproc.draw.stack import STRIP, ForcePanel, draw_panel, name_codes
+from postproc.draw.stack import STRIP, ForcePanel, draw_curve, draw_panel, name_codes
 from postproc.draw.style import AVERAGE, DAMPED, MICRO, PAGE_IN, QUOTED, letter_panel, pyplot
 from postproc.paper.calibrated import calibrated
 from postproc.paper.quoted import quoted
@@ -66,23 +65,23 @@ def make(runs: Path) -> Product:
     gauges = f"chain.sensors=[{{ from_wall = {top} }}, {{ from_wall = {top - 1} }}]"
     cases = [case_of("fig5", gauges, *calibrated().settings), case_of("fig5", gauges)]
     found = simulate(cases, runs)
-    shapes = {engine: [_shape(one) for one in some] for engine, some in found.items()}
+    shapes = [{engine: _shape(one) for engine, one in own.items()} for own in found]
     paper = quoted()
     figure = pyplot().figure(figsize=(PAGE_IN, 3.0), layout="constrained")
     grid, tables, chains, walls = figure.add_gridspec(1, 3, width_ratios=[1.15, 1.15, 1]), [], {}, []
     rates = paper.fig5_measured_envelope_per_us, paper.fig5_computed_envelope_per_us
     for place, (case, panel, rate) in enumerate(zip(cases, PANELS, rates, strict=True)):
-        traces = {engine: some[place].trace for engine, some in found.items()}
+        traces = {engine: one.trace for engine, one in found[place].items()}
         axes, drawn = draw_panel(figure, grid[place], panel, case.layout, traces)
-        lines = _draw_envelopes(axes[WALL], shapes[REFERENCE][place], rate)
-        numbers = _envelopes({engine: some[place] for engine, some in shapes.items()}, rate)
-        tables.append(pd.concat([drawn, lines, numbers]).assign(panel=panel.letter))
+        lines = _draw_envelopes(axes[WALL], shapes[place][REFERENCE], rate)
+        tables.append(pd.concat([drawn, lines, _envelopes(shapes[place], rate)]).assign(panel=panel.letter))
         chains[f"({panel.letter}) {panel.words}"] = traces[REFERENCE]
         walls.append(axes[WALL])
     walls[0].set_ylim(walls[1].get_ylim())  # same scale of force
     entrance = figure.add_subplot(grid[2])
     letter_panel(entrance, "c", "incident pulse")
-    tables += [each.assign(panel="c") for each in (_draw_entrance(entrance, *found[REFERENCE]), _pulses(shapes))]
+    damped, elastic = (own[REFERENCE] for own in found)
+    tables += [each.assign(panel="c") for each in (_draw_entrance(entrance, damped, elastic), _pulses(*shapes))]
     name_codes(figure, axes[STRIP])
     return Product(figure, pd.concat(tables, ignore_index=True), chains)
 
@@ -126,15 +125,15 @@ def _envelopes(shapes: dict[str, Shape], quoted_per_us: float) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["engine", "quantity", "value"])
 
 
-def _pulses(shapes: dict[str, list[Shape]]) -> pd.DataFrame:
+def _pulses(damped: dict[str, Shape], elastic: dict[str, Shape]) -> pd.DataFrame:
     """Table of rise, decay and duration of the incident pulse with and without dissipation, by place."""
     paper, names = quoted(), ("rise_us", "decay_per_us", "duration_us")
     incident = (paper.fig5_incident_rise_us, paper.fig5_incident_decay_per_us, paper.fig5_incident_duration_us)
     rows: list[tuple[str, str, str, float]] = [
         ("paper", "entrance", *pair) for pair in zip(names, incident, strict=True)
     ]
-    for engine, (damped, elastic) in shapes.items():
-        for shape, more in ((elastic, ""), (damped, DAMPED_SUFFIX)):
+    for engine in damped:
+        for shape, more in ((elastic[engine], ""), (damped[engine], DAMPED_SUFFIX)):
             for place, pulse in zip(PLACES, shape.entrance, strict=True):
                 values = (pulse.rise_s * MICRO, pulse.decay_per_s / MICRO, pulse.duration_s * MICRO)
                 rows += [(engine, place + more, *pair) for pair in zip(names, values, strict=True)]
@@ -145,18 +144,15 @@ def _draw_envelopes(axis: Any, shape: Shape, quoted_per_us: float) -> pd.DataFra
     """Draws the envelopes of ``MAXIMA``, and the quoted envelope through the first maximum."""
     first, tables = shape.first, []
     time_s = np.linspace(first.time_s, shape.last_s + EXTENSION_S, POINTS)
-
-    def draw(engine: str, words: str, force_N: Array, look: Mapping[str, Any]) -> None:
-        axis.plot(time_s * MICRO, force_N, **look)
-        tables.append(pd.DataFrame({"engine": engine, "quantity": words, "time_s": time_s, "wall_N": force_N}))
-
     for count, curve in shape.envelopes.items():
         if look := MAXIMA[count]:
-            draw(REFERENCE, f"envelope_{count}_maxima", curve.amplitude_N * np.exp(curve.rate_per_s * time_s), look)
-    draw("paper", "envelope", first.value * np.exp(quoted_per_us * MICRO * (time_s - first.time_s)), QUOTED)
+            force_N = curve.amplitude_N * np.exp(curve.rate_per_s * time_s)
+            tables.append(draw_curve(axis, REFERENCE, f"envelope_{count}_maxima", time_s, WALL, force_N, **look))
+    force_N = first.value * np.exp(quoted_per_us * MICRO * (time_s - first.time_s))
+    tables.append(draw_curve(axis, "paper", "envelope", time_s, WALL, force_N, **QUOTED))
     mark = POINTS // 8
     axis.text(
-        time_s[mark] * MICRO, tables[-1]["wall_N"][mark], f"  {quoted_per_us:g}/µs".replace("-", "\N{MINUS SIGN}"),
+        time_s[mark] * MICRO, force_N[mark], f"  {quoted_per_us:g}/µs".replace("-", "\N{MINUS SIGN}"),
         color=QUOTED["color"], fontsize=7, va="bottom",
     )  # fmt: skip
     return pd.concat(tables)
@@ -166,22 +162,17 @@ def _draw_entrance(axis: Any, damped: Simulation, elastic: Simulation) -> pd.Dat
     """Draws averages of the two uppermost beads, and the quoted pulse with the height of the elastic pulse."""
     paper, upper = quoted(), [f"bead_{sensor.from_wall}" for sensor in elastic.case.layout.sensors]
     tables = []
-
-    def draw(engine: str, words: str, time_s: Array, force_N: Array, look: Mapping[str, Any]) -> None:
-        axis.plot(time_s * MICRO, force_N, label=words, **look)
-        tables.append(pd.DataFrame({"engine": engine, "quantity": words, "time_s": time_s, "average_N": force_N}))
-
     looks = ((elastic, 0, AVERAGE), (elastic, 1, SECOND_BEAD), (damped, 0, DAMPED))
     for one, place, look in looks:
         shown = one.trace.time_s <= ENTRANCE_S
-        force_N = sensor_signals(one.case.layout, one.trace)[upper[place]]
+        time_s, force_N = one.trace.time_s[shown], sensor_signals(one.case.layout, one.trace)[upper[place]][shown]
         words = PLACES[place] + DAMPED_SUFFIX * (one is damped)
-        draw(REFERENCE, words, one.trace.time_s[shown], force_N[shown], look)
+        tables.append(draw_curve(axis, REFERENCE, words, time_s, "average", force_N, label=words, **look))
     top_N = float(tables[0]["average_N"].max())
     after_us = np.linspace(0, paper.fig5_incident_duration_us - paper.fig5_incident_rise_us, POINTS)
-    time_us = np.concatenate([[0.0], paper.fig5_incident_rise_us + after_us])
+    time_s = np.concatenate([[0.0], paper.fig5_incident_rise_us + after_us]) / MICRO
     force_N = np.concatenate([[0.0], top_N * np.exp(paper.fig5_incident_decay_per_us * after_us)])
-    draw("paper", "as quoted", time_us / MICRO, force_N, QUOTED)
+    tables.append(draw_curve(axis, "paper", "as quoted", time_s, "average", force_N, label="as quoted", **QUOTED))
     axis.legend(loc="upper right", handlelength=1.8, fontsize=7)
     axis.set(xlim=(0, ENTRANCE_S * MICRO), ylim=(0, 1.1 * top_N), xlabel="time since impact (µs)", ylabel="force (N)")
     return pd.concat(tables)

@@ -45,8 +45,7 @@ def make(runs: Path) -> Product:
     figure = pyplot().figure(figsize=(PAGE_IN, 4.8), layout="constrained")
     grid, tables, chains = figure.add_gridspec(2, 2), [], {}
     cells = [grid[row, column] for row in range(2) for column in range(2)]
-    for place, (case, panel, cell) in enumerate(zip(cases, PANELS, cells, strict=True)):
-        own = {engine: some[place] for engine, some in found.items()}
+    for case, panel, cell, own in zip(cases, PANELS, cells, found, strict=True):
         traces = {engine: one.trace for engine, one in own.items()}
         axes, drawn = draw_panel(figure, cell, panel, case.layout, traces)
         for peak, words in zip(_first_maxima(own[REFERENCE]), DESCRIPTIONS.get(panel.letter, ("", "")), strict=True):

@@ -79,11 +79,7 @@ def run_codes_on(cases: Sequence[Case], runs: Path) -> dict[str, list[Simulation
     return run_codes(dict.fromkeys(installed_codes(), cases), runs)
 
 
-def simulate_one(case: Case, runs: Path) -> dict[str, Simulation]:
-    """A case on every installed code and the reference."""
-    return {engine: one for engine, (one,) in simulate([case], runs).items()}
-
-
-def simulate(cases: Sequence[Case], runs: Path) -> dict[str, list[Simulation]]:
-    """The cases on every installed code and on the reference."""
-    return run_codes_on(cases, runs) | {REFERENCE: [exact(case) for case in cases]}
+def simulate(cases: Sequence[Case], runs: Path) -> list[dict[str, Simulation]]:
+    """Each case on every installed code, and last on the reference: simulations by engine."""
+    by_engine = run_codes_on(cases, runs) | {REFERENCE: [exact(case) for case in cases]}
+    return [{engine: some[place] for engine, some in by_engine.items()} for place in range(len(cases))]

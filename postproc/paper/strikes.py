@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from scipy.optimize import brentq, root_scalar
 
 from drivers.base.errors import InputError, RunError
 from drivers.chain.case import Case, build_case
@@ -139,8 +140,6 @@ def _root(excess: Callable[[float], float], start: float) -> float | None:
     Without static force it is a straight line of slope 6/5, and the secant method converges in one step. None if there
     is no root within ``SEARCH_RANGE`` of the start.
     """
-    from scipy.optimize import brentq, root_scalar
-
     first = excess(start)
     with warnings.catch_warnings(action="ignore"):  # if the secant method diverges, the bracket below is used
         found = root_scalar(excess, method="secant", x0=start, x1=start - first / 1.2, xtol=SPEED_TOLERANCE, maxiter=8)

@@ -83,6 +83,7 @@ def lattice_acceleration(particles: Particles, displacement_m: Array) -> Array:
 
 
 HUMP_WAVE_NUMBER = sqrt(10) / 5  # times 1/a
+GRID = 64  # points of the Fourier grid over one period
 HUMP_LENGTH = pi / HUMP_WAVE_NUMBER  # from zero to zero, in diameters: 4.967, "five" in the paper
 
 
@@ -93,7 +94,7 @@ def solitary_strain(particles: Particles, speed_m_s: float, place_m: Array) -> A
     return np.asarray(np.where(np.abs(angle) < pi / 2, amplitude * np.cos(angle) ** 4, 0.0))
 
 
-def stationary_residual(power: float = 1.5, stretch: float = 1.0, points: int = 64) -> float:
+def stationary_residual(power: float, stretch: float = 1.0) -> float:
     """Largest violation of the long-wave equation by its periodic solution, over the largest of its terms.
 
     For ``F ~ overlap^n`` (n = 3/2: Eq. (1)) a wave of speed V satisfies the once integrated equation
@@ -104,12 +105,11 @@ def stationary_residual(power: float = 1.5, stretch: float = 1.0, points: int = 
     Args:
         power: Exponent n of the contact law.
         stretch: Factor on the wave length; only 1 gives a solution.
-        points: Points of the Fourier grid over one period.
     """
     n = power
     wave_number = (n - 1) * sqrt(6 / (n * (n + 1))) / stretch
     period = 2 * pi / wave_number
-    root = np.cos(2 * pi * np.arange(points) / points)  # xi^((n-1)/2), with its sign
+    root = np.cos(2 * pi * np.arange(GRID) / GRID)  # xi^((n-1)/2), with its sign
     curvature = _derivative(root ** ((n + 1) / (n - 1)), period, 2)
     right = root ** (2 * n / (n - 1)) + n / (6 * (n + 1)) * root * curvature
     left = 2 / (n + 1) * root ** (2 / (n - 1))

@@ -6,7 +6,7 @@ from math import floor, log10
 
 from drivers.base import units
 from drivers.scene.settings import unit_of
-from postproc.read.observables import PLACEHOLDERS, describe
+from postproc.read.observables import describe
 
 MATERIALS = "materials."
 KEYS = (  # scene keys with a label of their own; other keys are labelled by the name of their column
@@ -54,13 +54,10 @@ class Label:
 def observable_label(name: str) -> Label:
     """Label of an observable, named with or without its unit."""
     observable = describe(name)
-    fields = {field: f"(?P<{field}>{pattern})" for field, pattern in PLACEHOLDERS.items()}
-    found = re.match(observable.pattern.format(**fields), name)
-    parts = (
-        {field: text.replace("pct", "\u00a0%").replace("_", " ") for field, text in found.groupdict().items()}
-        if found
-        else {}
-    )
+    found = observable.match(name)
+    parts = {}
+    if found:
+        parts = {field: text.replace("pct", "\u00a0%").replace("_", " ") for field, text in found.groupdict().items()}
     if parts.get("gauge") == "wall":
         parts["gauge"] = "the wall"
     return Label(observable.words.format(**parts), observable.unit)

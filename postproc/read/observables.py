@@ -41,6 +41,11 @@ class Observable:
         """The unit as the ending of a name, such as ``_m_s``."""
         return "_" + re.sub("[/ ]", "_", self.unit.replace("1/", "per ")) if self.unit else ""
 
+    def match(self, name: str) -> re.Match[str] | None:
+        """Match of a name, with or without the unit, with the placeholders as groups; None for any other name."""
+        fields = {field: f"(?P<{field}>{pattern})" for field, pattern in PLACEHOLDERS.items()}
+        return re.fullmatch(f"{self.pattern.format(**fields)}(?:{self.ending})?", name)
+
 
 PLACEHOLDERS = {"gauge": r"bead_\d+|wall", "level": r"[\d.e+-]+pct", "number": r"\d+", "pair": r"\d+_to_\d+"}
 OBSERVABLES = (
@@ -74,12 +79,7 @@ OBSERVABLES = (
 @cache
 def describe(name: str) -> Observable:
     """The observable with this name, with or without its unit; for any other name a plain number without a kind."""
-    fields = {field: f"(?:{pattern})" for field, pattern in PLACEHOLDERS.items()}
-    found = (
-        observable
-        for observable in OBSERVABLES
-        if re.fullmatch(f"{observable.pattern.format(**fields)}(?:{observable.ending})?", name)
-    )
+    found = (observable for observable in OBSERVABLES if observable.match(name))
     return next(found, Observable(name, "", "", name.replace("_", " "), of_wave=False))
 
 

@@ -46,8 +46,7 @@ def residual(trace: Trace, reference: Trace) -> Array:
     return share_of_change(np.abs(trace.force_N - reference.force_N).max(axis=1), reference)
 
 
-def largest_residual(trace: Trace, other: Trace, limit: float) -> tuple[float, float]:
-    """Largest residual, and the time in s at which it first exceeds a limit; NaN if it never does."""
-    share = residual(trace, other)
-    beyond = share > limit
-    return float(share.max()), float(trace.time_s[np.argmax(beyond)]) if beyond.any() else nan
+def parted_s(trace: Trace, other: Trace, limit: float) -> float:
+    """Time in s at which the residual first exceeds a limit; NaN if it never does."""
+    beyond = residual(trace, other) > limit
+    return float(trace.time_s[np.argmax(beyond)]) if beyond.any() else nan

@@ -1,13 +1,10 @@
 """Tables of a finished run for notebooks and scripts: observables, contact forces, gauge signals."""
 
-from typing import TYPE_CHECKING
+import pandas as pd
 
 from drivers.run.run_folder import EndedRun
 from postproc.read import observables
 from postproc.read.sensors import sensor_table
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 def observe(run: EndedRun, levels: tuple[float, ...] = observables.LEVELS) -> "pd.Series[float]":
@@ -30,12 +27,10 @@ def observe(run: EndedRun, levels: tuple[float, ...] = observables.LEVELS) -> "p
         >>> print(observe(run)["wall_peak_N"].round(2))
         16.37
     """
-    import pandas as pd
-
     return pd.Series(observables.observe(run.layout, run.trace, levels), name=run.record.scene_name)
 
 
-def errors(run: EndedRun) -> "pd.DataFrame":
+def errors(run: EndedRun) -> pd.DataFrame:
     """Errors of a run: of forces, energy, momentum and every observable of the waves, relative to its true value.
 
     The true value is that of the scene as written, with all its elements.
@@ -55,14 +50,12 @@ def errors(run: EndedRun) -> "pd.DataFrame":
         >>> list(errors(run).columns)
         ['whole', 'model', 'rounding', 'truncation', 'sampling', 'elements', 'where']
     """
-    import pandas as pd
-
     parts = ["whole", "model", "rounding", "truncation", "sampling", "elements"]
     table = pd.DataFrame(run.record.error_budget or [], columns=["quantity", *parts, "where"])
     return table.fillna(dict.fromkeys(parts, 0.0)).set_index("quantity")
 
 
-def forces(run: EndedRun) -> "pd.DataFrame":
+def forces(run: EndedRun) -> pd.DataFrame:
     """Contact forces, energies and momentum of a run against time: the columns of its file.
 
     Args:
@@ -79,13 +72,11 @@ def forces(run: EndedRun) -> "pd.DataFrame":
         >>> print(forces(run)["contact_1_N"].max().round(2))
         16.37
     """
-    import pandas as pd
-
     time_s = pd.Index(run.trace.time_s, name="time_s")
     return run.forces_table().drop(columns="time_s").set_index(time_s)
 
 
-def gauges(run: EndedRun) -> "pd.DataFrame":
+def gauges(run: EndedRun) -> pd.DataFrame:
     """Forces that the gauges of a run show against time.
 
     Args:

@@ -58,9 +58,9 @@ def pulses(time_s: Array, values: Array) -> list[Peak]:
     return found
 
 
-def first_peak(time_s: Array, values: Array, prominence: float = PROMINENCE) -> Peak | None:
+def first_peak(time_s: Array, values: Array) -> Peak | None:
     """The first of ``peaks``; None if there is none."""
-    return next((_peak_at(time_s, values, place) for place, _ in _maxima(values, prominence)), None)
+    return next((_peak_at(time_s, values, place) for place, _ in _maxima(values, PROMINENCE)), None)
 
 
 def _maxima(values: Array, prominence: float) -> Iterator[tuple[int, float]]:

@@ -1,7 +1,7 @@
 """The study of elements: effects and costs, omitted elements, and the gap between elastic theory and experiment."""
 
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain, product
@@ -16,13 +16,14 @@ from drivers.engines import VERLET, installed_codes
 from drivers.limits.refusal import inability
 from postproc.draw.style import GREY, line_of, pyplot
 from postproc.paper.quoted import quoted
-from postproc.paper.simulate import case_of, run_codes
+from postproc.paper.simulate import Simulation, case_of, run_codes
+from postproc.read.sensors import sensor_signals
 from validation.accuracy.costs import cost_on
 from validation.chapters import Chapter, Options, Picture, Tables, rows_in
 from validation.checks import Check, judged, summary
 from validation.elements import gauge_steps, switches
-from validation.elements.gauge_steps import STEPS, GaugeSignals
-from validation.elements.switches import read_elements
+from validation.elements.gauge_steps import STEPS
+from validation.elements.switches import read_elements, runs_of
 
 REPEATS = 3  # further runs for costs, except in the short study
 ROUNDING = 1e-6  # of a mean: a smaller spread counts as none
@@ -90,7 +91,7 @@ def measure(options: Options) -> dict[str, Any]:
     jobs[fastest] += [case for each in (*chain.from_iterable(steps.values()), *varied) for case in each.cases]
     done = run_codes({engine: [*dict.fromkeys(cases)] for engine, cases in jobs.items()}, runs)
     found = {(run.case, engine): run for engine, own in done.items() for run in own}
-    shown = {name: [gauge_steps.read_gauges(each, fastest, found) for each in own] for name, own in steps.items()}
+    shown = {name: {each.step: runs_of(each, fastest, found) for each in own} for name, own in steps.items()}
     return {
         "elements": [*switches.measure_effects(pairs, engines, 0 if options.quick else REPEATS, found)],
         "elements-checks": [
@@ -98,17 +99,18 @@ def measure(options: Options) -> dict[str, Any]:
             *switches.accuracies_kept(scenes[0].name, engines, runs),
         ],
         "elements-between": switches.compare_codes(scenes, seeds, in_tubes, found),
-        "oscilloscope": [number for own in shown.values() for each in own for number in each.numbers],
-        "oscilloscope-ranges": [n for each in varied for n in gauge_steps.read_gauges(each, fastest, found).numbers],
-        **{f"oscilloscope-{name}": draw_oscilloscope(own, quotes()) for name, own in shown.items()},
+        "oscilloscope": gauge_steps.rows_of(chain.from_iterable(steps.values()), fastest, found),
+        "oscilloscope-ranges": gauge_steps.rows_of(varied, fastest, found),
+        **{f"oscilloscope-{name}": draw_oscilloscope(name, own) for name, own in shown.items()},
     }
 
 
 def sentences(tables: Tables) -> list[str]:
     """Findings; the effects themselves are in the table."""
+    checks = rows_in(tables["elements-checks"], Check)
     gaps = (_on_gap(quote, tables["oscilloscope"], tables["oscilloscope-ranges"]) for quote in quotes())
     return [
-        f"Elements that straight chains omit, and those that an accuracy omits: {summary(_checks(tables))}.",
+        f"Elements that straight chains omit, and those that an accuracy omits: {summary(checks)}.",
         *_on_variants(tables["elements"]),
         *_on_codes(tables["elements-between"]),
         *chain.from_iterable(gaps),
@@ -122,10 +124,6 @@ def judge(tables: Tables) -> Iterator[Check]:
     for row in without_friction.to_dict("records"):
         codes, limit = str(row["codes"]).replace(" ", " and "), tolerance("elements", "codes")
         yield judged(row["scene"], codes, "forces in the tube", row["before_wall"], limit, "before the wall")
-
-
-def _checks(tables: Tables) -> list[Check]:
-    return rows_in(tables["elements-checks"], Check)
 
 
 def _on_variants(effects: pd.DataFrame) -> Iterator[str]:
@@ -227,46 +225,56 @@ def draw_effects(effects: pd.DataFrame) -> Any:
     return figure
 
 
-def draw_oscilloscope(shown: Sequence[GaugeSignals], quotes: Sequence[Quote]) -> Any:
-    """Draws the gauges of a scene against time for all steps; to the right observables with the paper's values."""
+def draw_oscilloscope(scene: str, shown: Mapping[str, Sequence[Simulation]]) -> Any:
+    """Draws the gauges of a scene against time for all steps; to the right observables with the paper's values.
+
+    Args:
+        scene: name of the scene.
+        shown: runs by step, one per seed.
+    """
     plt = pyplot()
     colours = plt.get_cmap("viridis")(np.linspace(0.0, 0.8, len(STEPS)))
-    gauges = list(shown[0].signals)
+    signals = {
+        step: [sensor_signals(run.case.layout, run.trace) for run in runs]  # by seed, then by gauge
+        for step, runs in shown.items()
+    }
+    gauges = list(signals[ELASTIC][0])
     numbers = _numbers(shown, *(gauge.removeprefix("bead_") for gauge in gauges[:2]))
     figure = plt.figure(figsize=(7.2, 1.55 * len(gauges) + 0.6), layout="constrained")
     left, right = figure.subfigures(1, 2, width_ratios=(3, 2))
     axes = np.atleast_1d(left.subplots(len(gauges), 1, sharex=True))
     for axis, gauge in zip(axes, gauges, strict=True):
-        for colour, each in zip(colours, shown, strict=True):
-            mean, spread = each.signals[gauge].mean(axis=0), each.signals[gauge].std(axis=0)
-            time = each.time_s * 1e6
+        for colour, (step, seeds) in zip(colours, signals.items(), strict=True):
+            force_N = np.array([by_gauge[gauge] for by_gauge in seeds])
+            mean, spread = force_N.mean(axis=0), force_N.std(axis=0)
+            time = shown[step][0].case.sample_times_s * 1e6
             axis.fill_between(time, mean - spread, mean + spread, color=colour, alpha=0.25, lw=0)
-            axis.plot(time, mean, color=colour, lw=1.0, label=each.step)
+            axis.plot(time, mean, color=colour, lw=1.0, label=step)
         axis.set_ylabel(f"{gauge.replace('_', ' ')}, N")
     axes[-1].set_xlabel("time, µs")
     panels = np.atleast_1d(right.subplots(len(numbers), 1, sharex=True))
     for axis, (name, (label, values)) in zip(panels, numbers.items(), strict=True):
         for place, (colour, each) in enumerate(zip(colours, values, strict=True)):
             axis.errorbar(place, each.mean(), yerr=each.std(), fmt="o", ms=4, color=colour, capsize=2)
-        for quote in (quote for quote in quotes if (quote.scene, quote.observable) == (shown[0].scene, name)):
+        for quote in (quote for quote in quotes() if (quote.scene, quote.observable) == (scene, name)):
             axis.axhline(quote.value, color=GREY, lw=0.8, ls="--")
             words, place = f"experiment: {quote.about}{quote.value:g} {quote.unit}", axis.get_yaxis_transform()
             axis.text(0.02, quote.value, words, transform=place, fontsize=6, color=GREY, va="bottom")
         axis.set_ylabel(label)
         axis.margins(x=0.15, y=0.25)
-    panels[-1].set_xticks(range(len(shown)), [each.step for each in shown], rotation=35, ha="right", fontsize=7)
+    panels[-1].set_xticks(range(len(shown)), list(shown), rotation=35, ha="right", fontsize=7)
     for colour, tick in zip(colours, panels[-1].get_xticklabels(), strict=True):
         tick.set_color(0.55 * colour[:3])  # text needs more contrast than lines
         tick.set_fontweight("bold")
     return figure
 
 
-def _numbers(shown: Sequence[GaugeSignals], upper: str, lower: str) -> dict[str, tuple[str, list[Any]]]:
+def _numbers(shown: Mapping[str, Sequence[Simulation]], upper: str, lower: str) -> dict[str, tuple[str, list[Any]]]:
     """Labels and values by step, shape (seeds,), of the drawn observables that the scene shows."""
     found = {}
     for words, (pattern, scale, unit) in DRAWN_OBSERVABLES.items():
         name = pattern.format(upper=upper, lower=lower)
-        values = [scale * each.values[name] for each in shown]
+        values = [scale * np.array([run.values[name] for run in runs]) for runs in shown.values()]
         if any(np.isfinite(each.mean()) for each in values):
             found[name] = (f"{words}\n{unit}", values)
     return found

@@ -1,13 +1,11 @@
 """Gauge signals, step by step from the elastic line to the experiment: tube, friction, restitution, electronics."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.chain.chain import Array
-from postproc.read.sensors import sensor_signals
-from validation.elements.switches import FRICTIONLESS, Found, Side, SwitchedScene, Variant, seeded, spread_of
+from validation.elements.switches import FRICTIONLESS, Found, Side, SwitchedScene, Variant, runs_of, seeded, spread_of
 
 RESTITUTION = "contact.restitution=0.9"
 GAUGE = "sensor.time_constant=1 ms"  # RC of about 1e3 us, as the paper has it
@@ -39,29 +37,6 @@ class StepRow:
     seeds: int
 
 
-@dataclass(frozen=True)
-class GaugeSignals:
-    """Signals and observables after one step, or at one value of a parameter.
-
-    Attributes:
-        signals: forces by gauge in N, shape (seeds, samples).
-        values: observables by name, shape (seeds,).
-    """
-
-    scene: str
-    step: str
-    value: str
-    time_s: Array
-    signals: dict[str, Array]
-    values: dict[str, Array]
-
-    @property
-    def numbers(self) -> Iterator[StepRow]:
-        """The observables as rows."""
-        for name, values in self.values.items():
-            yield StepRow(self.scene, self.step, self.value, name, *spread_of(values), len(values))
-
-
 def add_steps(subject: SwitchedScene, seeds: int) -> Iterator[Variant]:
     """Variants of a scene, one per step; the elastic line does not depend on the seed."""
     for step, side in STEPS.items():
@@ -76,10 +51,10 @@ def vary(subject: SwitchedScene, seeds: int) -> Iterator[Variant]:
             yield Variant(subject.name, name, cases, f"{value:g}")
 
 
-def read_gauges(variant: Variant, engine: str, found: Found) -> GaugeSignals:
-    """Signals and observables of a variant on one code."""
-    done = [found[case, engine] for case in variant.cases]
-    shown = [sensor_signals(run.case.layout, run.trace) for run in done]
-    signals = {name: np.array([each[name] for each in shown]) for name in shown[0]}
-    values = {name: np.array([run.values[name] for run in done]) for name in done[0].values}
-    return GaugeSignals(variant.scene, variant.step, variant.value, done[0].case.sample_times_s, signals, values)
+def rows_of(variants: Iterable[Variant], engine: str, found: Found) -> Iterator[StepRow]:
+    """Observables of variants on one code."""
+    for variant in variants:
+        runs = runs_of(variant, engine, found)
+        for name in runs[0].values:
+            values = np.array([run.values[name] for run in runs])
+            yield StepRow(variant.scene, variant.step, variant.value, name, *spread_of(values), len(values))

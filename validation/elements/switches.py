@@ -29,7 +29,7 @@ from drivers.run.run import run_all_done
 from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml
 from postproc.paper.simulate import Simulation, case_of
-from postproc.read.residual import largest_residual, residual
+from postproc.read.residual import parted_s, residual
 from validation.accuracy.assess import assess
 from validation.accuracy.plan import planned_case
 from validation.checks import Check, judged
@@ -103,7 +103,8 @@ class Variant:
     """Cases of a scene that are looked at together.
 
     Attributes:
-        step: switched element, with a case without and a case with it; or step to the experiment, with a case per seed.
+        step: switched element, with the cases of all seeds without it, then with it; or step to the experiment, with a
+            case per seed.
         value: value of a varied parameter; empty without one.
     """
 
@@ -143,16 +144,14 @@ def read_elements() -> Elements:
 
 
 def pairs_of(elements: Elements, seeds: int) -> list[Variant]:
-    """Pairs of cases for all elements, scenes and seeds; seeds count from 1."""
-    return [
-        Variant(
-            subject.name, switch.name, tuple(case_on(subject, side, seed) for side in (switch.without, switch.with_))
-        )
-        for subject in elements.scene
-        for switch in elements.element
-        if not switch.only or subject.name in switch.only
-        for seed in range(1, (seeds if switch.random else 1) + 1)
-    ]
+    """Cases without and with each element, for all scenes and seeds."""
+    pairs = []
+    for subject, switch in product(elements.scene, elements.element):
+        if not switch.only or subject.name in switch.only:
+            count = seeds if switch.random else 1
+            cases = seeded(subject, switch.without, count) + seeded(subject, switch.with_, count)
+            pairs.append(Variant(subject.name, switch.name, cases))
+    return pairs
 
 
 @cache
@@ -180,6 +179,11 @@ def observables_of(case: Case) -> dict[str, str]:
     }
 
 
+def runs_of(variant: Variant, engine: str, found: Found) -> list[Simulation]:
+    """Runs of a variant on one code, in the order of its cases."""
+    return [found[case, engine] for case in variant.cases]
+
+
 def spread_of(values: Array) -> tuple[float, float]:
     """Mean and standard deviation over the seeds; NaN for the deviation of a single seed."""
     return float(values.mean()), float(values.std(ddof=1)) if len(values) > 1 else nan
@@ -190,15 +194,14 @@ def measure_effects(pairs: Sequence[Variant], engines: Iterable[str], repeats: i
     for engine in engines:
         own = taken_by(engine, pairs)
         costs = _costs([pair for pair in own if pair.scene == pairs[0].scene], engine, repeats, found)
-        for scene, element in dict.fromkeys((pair.scene, pair.step) for pair in own):
-            group = [pair for pair in own if (pair.scene, pair.step) == (scene, element)]
-            for word, name in observables_of(group[0].cases[0]).items():
-                sides = np.array([[found[case, engine].values[name] for case in pair.cases] for pair in group])
-                change, spread = spread_of(sides[:, 1] / sides[:, 0] - 1)
-                without, with_ = (float(side.mean()) for side in sides.T)
-                cost, ratio = costs[element][1], costs[element][1] / costs[element][0]
+        for pair in own:
+            runs, (cost_without, cost) = runs_of(pair, engine, found), costs[pair.step]
+            for word, name in observables_of(pair.cases[0]).items():
+                without, with_ = np.split(np.array([run.values[name] for run in runs]), 2)
+                change, spread = spread_of(with_ / without - 1)
                 yield Effect(
-                    scene, element, engine, word, without, with_, change, spread, len(sides), cost, ratio
+                    pair.scene, pair.step, engine, word, float(without.mean()), float(with_.mean()), change, spread,
+                    len(with_), cost, cost / cost_without,
                 )  # fmt: skip
 
 
@@ -207,22 +210,23 @@ def taken_by(engine: str, pairs: Iterable[Variant]) -> list[Variant]:
     return [pair for pair in pairs if not any(inability(case, engine) for case in pair.cases)]
 
 
-def _costs(pairs: Sequence[Variant], engine: str, repeats: int, found: Found) -> dict[str, tuple[float, ...]]:
+def _costs(pairs: Sequence[Variant], engine: str, repeats: int, found: Found) -> dict[str, tuple[float, float]]:
     """Loop time in ns per body and step without and with each element: the least of all seeds and repetitions.
 
     The runs of the study are parallel; the repetitions, of the first seed, run one after the other.
     """
     loops_s = {case: found[case, engine].loop_s for pair in pairs for case in pair.cases}
-    repeated = {case for pair in {pair.step: pair for pair in reversed(pairs)}.values() for case in pair.cases}
+    repeated = {case for pair in pairs for case in (pair.cases[0], pair.cases[len(pair.cases) // 2])}
     what = f"costs on {engine}, one run after the other"
     for case in following([*repeated] * repeats, what, len(repeated) * repeats):
         ended = compute(case, engine)
         loops_s[case] = min(loops_s[case], ended.loop_s if ended.done and ended.loop_s else inf)
-    least: dict[str, list[float]] = {}
+    costs = {}
     for pair in pairs:
-        own = [loops_s[case] / (case.chain.bodies * case.scene.steps) * 1e9 for case in pair.cases]
-        least[pair.step] = [*map(min, own, least.get(pair.step, own))]
-    return {element: tuple(own) for element, own in least.items()}
+        cases_ns = [loops_s[case] / (case.chain.bodies * case.scene.steps) * 1e9 for case in pair.cases]
+        without_ns, with_ns = np.split(np.array(cases_ns), 2)
+        costs[pair.step] = float(without_ns.min()), float(with_ns.min())
+    return costs
 
 
 @dataclass(frozen=True)
@@ -302,7 +306,7 @@ def compare_codes(
 def _compared(scene: str, friction: str, first: list[Simulation], second: list[Simulation]) -> Iterator[Between]:
     pairs = [(one.trace, other.trace, one.values["wall_arrival_s"]) for one, other in zip(first, second, strict=True)]
     before = max(float(residual(other, one)[one.time_s < arrival_s].max()) for one, other, arrival_s in pairs)
-    parted = np.nan_to_num([largest_residual(other, one, DIFFERENCE_LEVEL)[1] for one, other, _ in pairs], nan=np.inf)
+    parted = np.nan_to_num([parted_s(other, one, DIFFERENCE_LEVEL) for one, other, _ in pairs], nan=np.inf)
     earliest, median = (float(value) if np.isfinite(value) else nan for value in (parted.min(), np.median(parted)))
     for word, name in observables_of(first[0].case).items():
         one, other = (np.array([run.values[name] for run in runs]) for runs in (first, second))

@@ -3,9 +3,8 @@
 Forces at rest are compared with the exact ones: at time 0 the chain is in equilibrium under the load on its top bead.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -13,15 +12,14 @@ import numpy as np
 from drivers.base.progress import following
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, arrays_of, energy_put_in
-from drivers.chain.schemes import trace_of, verlet_in_heights, verlet_of
+from drivers.chain.schemes import exact_of, trace_of, verlet_in_heights, verlet_of
 from drivers.chain.trace import Trace
 from drivers.engines import VERLET, installed_codes
 from drivers.run.compute import compute
-from drivers.run.execute import side_by_side
+from drivers.run.execute import execute
 from drivers.run.guard import energy_error
 from postproc.paper.simulate import case_of
-from postproc.read.residual import largest_residual
-from validation.accuracy.exact_motion import exact_motion_of
+from postproc.read.residual import parted_s
 from validation.chapters import ADAPTIVE, ORDER_4, left_out_if_failed
 from validation.reference.symplectic import integrate_symplectic
 
@@ -94,7 +92,7 @@ def energies() -> Iterator[Energy]:
     """Energy errors of all methods over ten million steps."""
     for name, settings in following(LONG_RUNS.items(), "long runs", len(LONG_RUNS)):
         case = case_of("fig4", *settings)
-        for method, trace in _by_all(case, order_4=True):
+        for method, trace in _by_all(case, order_4=True).items():
             yield energy_of(name, method, case, trace)
 
 
@@ -103,9 +101,9 @@ def horizons() -> Iterator[Horizon]:
     names = installed_codes()
     for step in following(HORIZON_STEPS_US, "time steps", len(HORIZON_STEPS_US), "step"):
         case = case_of(BOUNCING, *HORIZON, f"run.time_step={step} us")
-        traces = dict(_by_all(case))
+        traces = _by_all(case)
         for one, other in (*combinations(names, 2), *((name, VERLET) for name in names), (VERLET, ADAPTIVE)):
-            _, until_s = largest_residual(traces[one], traces[other], AGREEMENT)
+            until_s = parted_s(traces[one], traces[other], AGREEMENT)
             yield Horizon(case.scene.time_step_s, one, other, until_s, float(case.sample_times_s[-1]))
 
 
@@ -114,7 +112,7 @@ def statistics() -> Iterator[Statistic]:
     case = case_of(BOUNCING, *STATISTICS)
     weight = float(np.abs(case.chain.load_N).sum())
     put_in = energy_put_in(case.chain, float(case.sample_times_s[-1]))
-    for method, trace in _by_all(case):
+    for method, trace in _by_all(case).items():
         late = trace.time_s >= STATISTICS_FROM_S
         means = {
             "wall force over weight": trace.force_N[late, 0] / weight,
@@ -126,24 +124,23 @@ def statistics() -> Iterator[Statistic]:
             yield Statistic(method, quantity, float(blocks.mean()), float(blocks.std(ddof=1) / np.sqrt(BLOCKS)))
 
 
-def _by_all(case: Case, *, order_4: bool = False) -> Iterator[tuple[str, Trace]]:
+def _by_all(case: Case, *, order_4: bool = False) -> dict[str, Trace]:
     """Traces of a case by every installed code and by the in-repo integrators, in parallel."""
 
-    def symplectic() -> Trace:
-        scene = case.scene
-        timing = scene.time_step_s, scene.steps_per_sample, scene.samples
-        return trace_of(case, case.sample_times_s, integrate_symplectic(arrays_of(case.chain), *timing))
+    def by(method: str) -> Trace:
+        if method == VERLET:
+            return verlet_of(case)
+        if method == ADAPTIVE:
+            return exact_of(case)
+        if method == ORDER_4:
+            scene = case.scene
+            timing = scene.time_step_s, scene.steps_per_sample, scene.samples
+            return trace_of(case, case.sample_times_s, integrate_symplectic(arrays_of(case.chain), *timing))
+        return compute(case, method).done
 
-    work: dict[str, Callable[[], Trace]] = {VERLET: partial(verlet_of, case)}
-    work |= {ORDER_4: symplectic} if order_4 else {}
-    work |= {ADAPTIVE: lambda: exact_motion_of(case, finer=False).trace}
-    work |= {name: partial(_by_code, case, name) for name in installed_codes()}
-    found = dict(side_by_side(work))
-    yield from ((method, found[method]) for method in work)
-
-
-def _by_code(case: Case, name: str) -> Trace:
-    return compute(case, name).done
+    methods = [VERLET, *([ORDER_4] if order_4 else []), ADAPTIVE, *installed_codes()]
+    found = dict(execute(by, methods))
+    return {method: found[method] for method in methods}
 
 
 def energy_of(scene: str, method: str, case: Case, trace: Trace) -> Energy:
@@ -182,7 +179,7 @@ def measure_rounding() -> Iterator[Rounded]:
         yield from in_repo(case)
     for engine in following(codes := installed_codes(), "rounding by codes", len(codes), "code"):
         with left_out_if_failed(engine):
-            yield from list(by_code(engine, cases))
+            yield from [by_code(engine, case) for case in cases]
 
 
 def pressed(count: int, load_N: float, height_m: float) -> Case:
@@ -198,10 +195,9 @@ def in_repo(case: Case) -> Iterator[Rounded]:
     yield _rounded(case, HEIGHTS, verlet_in_heights(case).force_N)
 
 
-def by_code(engine: str, cases: list[Case]) -> Iterator[Rounded]:
-    """Rounding errors of a code."""
-    for case in cases:
-        yield _rounded(case, engine, compute(case, engine).done.force_N)
+def by_code(engine: str, case: Case) -> Rounded:
+    """Rounding error of a code."""
+    return _rounded(case, engine, compute(case, engine).done.force_N)
 
 
 def _rounded(case: Case, method: str, force_N: Array) -> Rounded:

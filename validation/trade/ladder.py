@@ -2,12 +2,11 @@
 
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain
 from math import ceil, nan
-from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -42,6 +41,7 @@ MAX_RUN_SHARE = 0.04  # of the budget, for a single run
 REPEATS, SHORT_RUN_S = 3, 0.03  # shorter runs are timed as the best of several
 CODE_STRIDE = 3  # codes take every third step of the short ladder
 PROCESS = {ADAPTIVE: REFERENCE, ORDER_4: VERLET, VERLET: VERLET}  # engine whose start-up time a method has
+Samples = tuple[str, float, int]  # scene, sample interval in s, number of samples
 FIXED_STEP = {VERLET: integrate_verlet, ORDER_4: integrate_symplectic}
 
 
@@ -141,35 +141,26 @@ def run_ladder(budget_s: float, scenes: Sequence[str] = SCENES, *, short: bool =
         groups[rung.scene, rung.method].append(rung)
     longest_first = sorted(groups, key=lambda key: -sum(rung.expected_s for rung in groups[key]))
     engines = dict.fromkeys(PROCESS.get(rung.method, rung.method) for rung in kept)
-    exact_motion = _exact_motions()
     with counted("runs at all steps", len(kept)) as count:
         start_s = dict(execute(partial(start_up, case_of(scenes[0])), engines))
-        under_way = execute(lambda key: [*_rows_of(groups[key], start_s, exact_motion, count)], longest_first)
+        sampled = {_samples_of(rung): rung.case for rung in kept}
+        exact = dict(execute(lambda samples: exact_motion_of(sampled[samples]), sampled))
+        under_way = execute(lambda key: [*_rows_of(groups[key], start_s, exact, count)], longest_first)
         rows = [row for _, part in under_way for row in part]
     methods = [*installed_codes(), VERLET, ORDER_4, ADAPTIVE]
     rows.sort(key=lambda row: (scenes.index(row.scene), methods.index(row.method)))
     return rows + [_row(rung, status=NOT_RUN, reason=f"its loop would take {rung.expected_s:.0f} s") for rung in left]
 
 
-def _exact_motions() -> Callable[[Rung], ExactMotion]:
-    """Function that returns the exact motion at a rung's samples, computed once per scene and sampling."""
-    known: dict[tuple[str, float, int], ExactMotion] = {}
-    computing = Lock()
-
-    def exact_motion(rung: Rung) -> ExactMotion:
-        key = (rung.scene, rung.case.scene.run.sample_interval, rung.case.scene.samples)
-        with computing:
-            if key not in known:
-                known[key] = exact_motion_of(rung.case)
-            return known[key]
-
-    return exact_motion
+def _samples_of(rung: Rung) -> Samples:
+    """Scene and sampling of a rung: rungs with the same have the same exact motion."""
+    return rung.scene, rung.case.scene.run.sample_interval, rung.case.scene.samples
 
 
 def _rows_of(
     rungs: Sequence[Rung],
     start_s: dict[str, float],
-    exact_motion: Callable[[Rung], ExactMotion],
+    exact: Mapping[Samples, ExactMotion],
     count: Callable[[], None],
 ) -> Iterator[LadderRun]:
     """Rows of one scene by one method, one run after the other."""
@@ -182,7 +173,7 @@ def _rows_of(
             loop_s, case_s = min(run.loop_s or 0.0 for run in runs), min(run.wall_s for run in runs)
             wall_s = start_s[PROCESS.get(method, method)] + case_s
             times = {"loop_s": loop_s, "wall_s": wall_s, "in_session_s": case_s}
-            yield _row(rung, **times, **errors_by_group(rung.case, trace, exact_motion(rung)))
+            yield _row(rung, **times, **errors_by_group(rung.case, trace, exact[_samples_of(rung)]))
         except RunError as error:
             yield _row(rung, status=error.status, reason=str(error))
         count()

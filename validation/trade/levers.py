@@ -1,19 +1,18 @@
 """Levers of the trade study: other ways to save time or error, each with its effect."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import product
 from math import nan
 
 from drivers.base.decks import Deck
 from drivers.base.progress import following
 from drivers.chain.case import Case
-from drivers.chain.schemes import verlet_of
+from drivers.chain.schemes import exact_of, verlet_of
 from drivers.engines import installed_codes, load_engine
 from drivers.limits.criteria import rayleigh_time
 from drivers.run.compute import compute
-from postproc.paper.simulate import case_of, exact
+from postproc.paper.simulate import case_of
 from postproc.read.observables import of_kind
 from validation.accuracy.exact_motion import errors_of, exact_motion_of, quantities
 from validation.chapters import left_out_if_failed
@@ -44,10 +43,9 @@ class Lever:
 
 def measure_levers(*, short: bool = False) -> Iterator[Lever]:
     """Measures all levers; the short study omits the long chain."""
-    shared = partial(two_cores, ON_TWO_CORES[: 1 if short else 2])
-    levers: tuple[Callable[[], Iterator[Lever]], ...] = (sampling, rayleigh, softened, shared)
+    levers = (sampling(), rayleigh(), softened(), two_cores(ON_TWO_CORES[: 1 if short else 2]))
     for lever in following(levers, "levers", len(levers), "lever"):
-        yield from lever()
+        yield from lever
 
 
 def sampling() -> Iterator[Lever]:
@@ -55,7 +53,7 @@ def sampling() -> Iterator[Lever]:
     fine = exact_motion_of(case_of("fig4"))
     for interval in ("0.5 us", "1 us", "2 us", "5 us", "10 us"):
         case = case_of("fig4", f"run.sample_interval={interval}", "run.time_step=0.1 us")
-        seen = quantities(case, exact(case, 1e-12).trace)
+        seen = quantities(case, exact_of(case, 1e-12))
         for name in ("bead_5_peak", "wall_peak", "wall_arrival", "speed_9_to_5"):
             error = abs(seen[name] / fine.true[name] - 1)
             yield Lever("sampling interval", "fig4", "any", interval, name, error)
@@ -83,7 +81,7 @@ def softened() -> Iterator[Lever]:
     """
     for gravity in ("", "9.81 m/s^2"):
         base = ("wall.material=rigid", f"gravity={gravity}")
-        hard = quantities(case := case_of("fig4", *base), exact(case, 1e-11).trace)
+        hard = quantities(case := case_of("fig4", *base), exact_of(case, 1e-11))
         for softer in SOFTENING_FACTORS:
             longer = softer**0.4
             case = case_of(
@@ -91,14 +89,14 @@ def softened() -> Iterator[Lever]:
                 f"run.duration={0.8 * longer} ms", f"run.sample_interval={longer} us",
                 f"run.time_step={longer / 10} us",
             )  # fmt: skip
-            soft = quantities(case, exact(case, 1e-11).trace)
+            soft = quantities(case, exact_of(case, 1e-11))
             where = "with gravity" if gravity else "without gravity"
             for name in ("speed_9_to_5", "bead_5_amplitude", "wall_amplitude"):
                 error = abs(soft[name] * longer / hard[name] - 1)
                 yield Lever("softened modulus", "fig4", "any", f"E/{softer}, {where}", name, error, longer)
 
 
-def two_cores(scenes: Sequence[str] = ON_TWO_CORES) -> Iterator[Lever]:
+def two_cores(scenes: Sequence[str]) -> Iterator[Lever]:
     """Speed-up of the loop by a second core."""
     pairs = [*product(scenes, installed_codes())]
     for scene, name in following(pairs, "two cores", len(pairs)):

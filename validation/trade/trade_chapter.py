@@ -217,11 +217,6 @@ def _on_orders(orders: pd.DataFrame) -> Iterator[str]:
         yield said + "."
 
 
-def _codes_in(rows: pd.DataFrame) -> list[str]:
-    """Codes with measurements in a table."""
-    return [name for name in codes() if (rows["method"] == name).any()]
-
-
 def figures(tables: Tables) -> dict[str, Picture]:
     """Error against time: the force of every scene against both costs, all quantities of the first scene."""
     rows = tables["trade"]
@@ -279,7 +274,9 @@ def section(tables: Tables) -> dict[str, Any]:
     first, *others = rows["scene"].unique()
     chosen = [*((first, quantity) for quantity in QUANTITIES), *((scene, "force") for scene in others)]
     reached = advised[(advised["cheapest_by"] == "loop_s") & (advised["method"] != "")]
-    reached = reached[reached["among"].isin(_codes_in(rows) or ["any"])].sort_values("loop_s", kind="stable")
+    measured = rows["method"][rows["method"].isin(codes())].unique()
+    among = measured if len(measured) else ["any"]
+    reached = reached[reached["among"].isin(among)].sort_values("loop_s", kind="stable")
     best = reached.groupby(["scene", "quantity", "error_at_most"]).first().to_dict("index")
     table = []
     for scene, quantity in chosen:

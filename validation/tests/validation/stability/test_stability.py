@@ -322,7 +322,7 @@ def test_heights_round_and_overlaps_do_not() -> None:
     assert errors["in-repo, heights", 1e3] > 1e3 * errors["in-repo, heights", 0.0]
     for name in codes():
         need(name)
-        for each in by_code(name, [near, far]):
+        for each in (by_code(name, near), by_code(name, far)):
             assert each.error == pytest.approx(errors["in-repo, heights", each.height_m], rel=1e-6)
 
 
