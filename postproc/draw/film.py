@@ -77,9 +77,8 @@ def film_of(run: EndedRun, frames: int, sideways: float = 1.0) -> Film:
     low, high = float((place[..., 1] - radius).min()), float((place[..., 1] + radius).max()) + flat[1]
     bore, top = None, high
     if tube is not None and tube.inner_diameter < 5 * size:
-        bore = (
-            size + sideways * (tube.inner_diameter - size)
-        ) / 2  # beads touch the bore in the picture when they do in the run
+        # beads touch the bore in the picture when they do in the run
+        bore = (size + sideways * (tube.inner_diameter - size)) / 2
         tops = (place[..., 1] + radius)[:, 2 * radius <= tube.inner_diameter]
         top = float(tops.max(initial=low)) if tube.top is None else tube.top
     return Film(

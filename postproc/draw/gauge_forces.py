@@ -15,11 +15,10 @@ WIDTH_IN = 4.2  # legible on a phone
 PANEL_IN = 0.92  # two panels, text and verdicts fit on the first screen of the report
 MAX_GAUGES = 4  # panels; the table of observables has all gauges
 LEGEND_COLUMNS = 3
-NO_TRACES: Mapping[str, Trace] = {}
 
 
 def draw_gauge_forces(
-    layout: Layout, traces: Mapping[str, Trace], failed: Mapping[str, Trace] = NO_TRACES, gauges: int = MAX_GAUGES
+    layout: Layout, traces: Mapping[str, Trace], failed: Mapping[str, Trace], gauges: int = MAX_GAUGES
 ) -> Any:
     """Draws a panel for each gauge, and a panel of the largest difference over all contacts.
 

@@ -96,7 +96,7 @@ class LadderRun:
     reason: str = ""
 
 
-def rungs_of(scene: str, code_shares: Sequence[float] = SHARES) -> Iterator[Rung]:
+def rungs_of(scene: str, code_shares: Sequence[float]) -> Iterator[Rung]:
     """Runs of a scene: in-repo methods at all steps, codes at some, the adaptive integrator at all tolerances."""
     base = case_of(scene)
     stable_s = predicted_limit(base.chain, float(base.sample_times_s[-1]))
@@ -129,7 +129,7 @@ def affordable(rungs: list[Rung], budget_s: float) -> tuple[list[Rung], list[Run
     return kept, left
 
 
-def run_ladder(budget_s: float, scenes: Sequence[str] = SCENES, *, short: bool = False) -> list[LadderRun]:
+def run_ladder(budget_s: float, scenes: Sequence[str], *, short: bool = False) -> list[LadderRun]:
     """Runs the ladder within a budget of engine time; in the short study the codes run at every third step.
 
     Methods run in parallel: one engine runs while the errors of another run are measured.

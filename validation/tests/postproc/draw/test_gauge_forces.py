@@ -28,7 +28,7 @@ def curves(axis: Any) -> dict[str, np.ndarray]:
 
 def test_curves_are_the_forces_and_differences_of_the_runs(runs: dict[str, Simulation]) -> None:
     layout, traces = runs["verlet"].case.layout, {name: run.trace for name, run in runs.items()}
-    *panels, differences = draw_gauge_forces(layout, traces).axes
+    *panels, differences = draw_gauge_forces(layout, traces, {}).axes
     signals = {name: sensor_signals(layout, trace) for name, trace in traces.items()}
     for axis, gauge in zip(panels, signals["verlet"], strict=True):
         drawn = curves(axis)
@@ -37,7 +37,7 @@ def test_curves_are_the_forces_and_differences_of_the_runs(runs: dict[str, Simul
     (line,) = differences.lines
     assert line.get_label() == "verlet − reference"
     assert np.array_equal(line.get_ydata(), residual(traces["verlet"], traces["reference"]))
-    wall, _ = draw_gauge_forces(layout, traces, gauges=1).axes
+    wall, _ = draw_gauge_forces(layout, traces, {}, gauges=1).axes
     assert wall.get_title("left") == "wall (N)"
 
 
@@ -47,7 +47,7 @@ def test_a_partial_trace_is_drawn_on_the_scale_of_the_others(runs: dict[str, Sim
     part[100:] = np.nan
     figure = draw_gauge_forces(layout, traces, {"yade": replace(traces["verlet"], force_N=part)})
     *panels, differences = figure.axes
-    whole = draw_gauge_forces(layout, traces).axes
+    whole = draw_gauge_forces(layout, traces, {}).axes
     for axis, other in zip(panels, whole, strict=False):
         drawn = curves(axis)["yade (failed)"]
         assert np.isfinite(drawn[:100]).all()
@@ -61,4 +61,4 @@ def test_a_partial_trace_is_drawn_on_the_scale_of_the_others(runs: dict[str, Sim
 def test_nothing_is_drawn_without_gauges_and_differences(runs: dict[str, Simulation]) -> None:
     case = case_of("fig4", "wall=", "chain.sensors=[]")
     trace: Trace = runs["verlet"].trace
-    assert draw_gauge_forces(case.layout, {"verlet": replace(trace, force_N=trace.force_N[:, 1:])}) is None
+    assert draw_gauge_forces(case.layout, {"verlet": replace(trace, force_N=trace.force_N[:, 1:])}, {}) is None
