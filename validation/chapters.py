@@ -2,7 +2,7 @@
 
 The chapter of the folder ``validation/<name>`` is ``CHAPTER`` in its module ``<name>_chapter``. A table holds the rows
 of a frozen dataclass as CSV, read back bit for bit with the types of the fields: ``str``, ``int``, ``float`` (NaN is an
-empty cell) or ``bool``. A field annotated as a mapping becomes one column of numbers per key.
+empty cell) or ``bool``.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields
 from importlib import import_module
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, get_origin
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import pandas as pd
 
@@ -39,14 +39,7 @@ Tables = Mapping[str, pd.DataFrame]
 def frame_of(kind: type[Row], rows: Iterable[Row]) -> pd.DataFrame:
     """Rows as a table with one column per field, also if there are no rows."""
     rows = list(rows)
-    columns: dict[str, list[Any]] = {}
-    for field in fields(kind):
-        values = [getattr(row, field.name) for row in rows]
-        if _is_mapping(field.type):
-            columns |= {key: [each.get(key) for each in values] for key in dict.fromkeys(k for v in values for k in v)}
-        else:
-            columns[field.name] = values
-    return pd.DataFrame(columns)
+    return pd.DataFrame({field.name: [getattr(row, field.name) for row in rows] for field in fields(kind)})
 
 
 def write_table(path: Path, kind: type[Row], rows: Iterable[Row]) -> None:
@@ -65,8 +58,7 @@ def read_table(path: Path, kind: type[Row], target: str) -> pd.DataFrame:
     """Table written by ``make target``, with the types of its fields; InputError if it is missing or damaged."""
     with refused_if_damaged(path, target):
         content = read_sealed_file(path, f"the table that make {target} writes")
-        types: dict[str, Any] = dict.fromkeys(table_in(content, nrows=0).columns, float)
-        types |= {field.name: field.type for field in fields(kind) if not _is_mapping(field.type)}
+        types = {field.name: field.type for field in fields(kind)}
         empty = {name: [""] for name, type_ in types.items() if type_ is float}
         table = table_in(content, dtype=types, keep_default_na=False, na_values=empty)
         missing = [name for name in types if name not in table.columns]
@@ -77,15 +69,8 @@ def read_table(path: Path, kind: type[Row], target: str) -> pd.DataFrame:
 
 def rows_in(table: pd.DataFrame, kind: type[Row]) -> list[Row]:
     """Rows of a table from ``read_table``, equal to the rows that were written."""
-    mapped = next((field.name for field in fields(kind) if _is_mapping(field.type)), None)
-    names = {field.name for field in fields(kind)}
-    rows = []
-    for record in table.to_dict("records"):
-        values: dict[str, Any] = {str(key): value for key, value in record.items() if key in names}
-        if mapped:
-            values[mapped] = {key: value for key, value in record.items() if key not in names and pd.notna(value)}
-        rows.append(kind(**values))
-    return rows
+    names = [field.name for field in fields(kind)]
+    return [kind(**{name: record[name] for name in names}) for record in table.to_dict("records")]
 
 
 @contextmanager
@@ -97,10 +82,6 @@ def refused_if_damaged(path: Path, target: str) -> Iterator[None]:
         raise InputError(paths.shown(path), "", f"file not found; make {target} writes it") from error
     except (ValueError, LookupError, TypeError, AttributeError) as error:  # pandas raises ValueErrors
         raise InputError(paths.shown(path), "", f"damaged table ({error}); make {target} writes it again") from error
-
-
-def _is_mapping(annotation: Any) -> bool:
-    return get_origin(annotation) in (dict, Mapping)
 
 
 @dataclass(frozen=True)

@@ -110,7 +110,7 @@ class Motions:
     def exact(self) -> Trace:
         """Exact motion at the samples at which it is known; in three dimensions ``plain`` with extrapolated columns."""
         if self.straight:
-            return self.exact_to_end.first(self.known).trace
+            return until(self.exact_to_end.trace, self.known)
         half, quarter = (until(trace, self.known) for trace in (self.half, self.quarter))
         columns = ("force_N", "kinetic_energy_J", *FIELDS.values())
         values: dict[str, Any] = {

@@ -106,6 +106,6 @@ def plan_case(case: Case) -> Case:
         return case
     began = time.perf_counter()
     asked = requested_accuracy(case)
-    chooser = Chooser(simplify(case, asked), tuple(asked), min(asked.values()))
+    chooser = Chooser(simplify(case, asked), asked)
     chosen, plan = chooser.choose_with_room(asked)
     return replace(chosen, plan=replace(plan, asked=asked, seconds=round(time.perf_counter() - began, 6)))

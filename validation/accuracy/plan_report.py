@@ -59,7 +59,7 @@ def _straight(case: Case, among: Collection[str]) -> Iterator[str]:
     began = time.perf_counter()
     steps, plan = case.scene.steps_per_sample, case.plan
     asked = requested_accuracy(case) if plan else {FORCE: 0.0}
-    chooser = Chooser(case, tuple(asked), min(asked.values()) / TENFOLD)
+    chooser = Chooser(case, {name: share / TENFOLD for name, share in asked.items()})
     errors = plan.predicted if plan else dict(chooser.errors_at(steps))
     rounding = chooser.rounding(steps)
     rows = [*_rows(case, chooser, asked if plan else errors, errors)]

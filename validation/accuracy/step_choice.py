@@ -110,24 +110,25 @@ def _without(case: Case, names: list[str]) -> Case:
 class Chooser:
     """Chooses time steps of one case; exact motions and trial runs are cached."""
 
-    def __init__(self, case: Case, names: tuple[str, ...], strictest: float) -> None:
-        """Compute the exact motion of the full case, for accuracies of the named quantities down to the strictest.
+    def __init__(self, case: Case, strictest: dict[str, float]) -> None:
+        """Compute the exact motion of the full case, for accuracies down to the strictest, by quantity.
 
         Raises:
             InputError: the case lacks a quantity, or its exact motion cannot be computed.
         """
         self.case = case
         self.full = case.full or case
-        self.names = names
-        self.gauges = [name for name in names if name not in (FORCE, ENERGY)]
+        self.names = tuple(strictest)
+        self.gauges = [name for name in strictest if name not in (FORCE, ENERGY)]
         self._errors: dict[int, dict[str, float]] = {}
-        self._best = strictest * EXACT_SHARE <= MIN_TOLERANCE
+        least = min(strictest.values())
+        self._best = least * EXACT_SHARE <= MIN_TOLERANCE
         duration = float(case.sample_times_s[-1])
         overlap, speed = scales(arrays_of(case.chain), duration)
         if case.chain.bodies * duration * speed > MAX_EXACT_WORK * overlap:
             self._refuse("", "the run is too long for its exact motion; set run.time_step instead, or shorten the run")
         try:
-            self.truth, self.exact_error = self._follow(strictest)
+            self.truth, self.exact_error = self._follow(least)
         except ArithmeticError as error:
             raise InputError(case.scene.file, "run.accuracy", f"{error}; set run.time_step instead") from error
         for name in self.gauges:

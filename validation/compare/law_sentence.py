@@ -87,8 +87,8 @@ def law_sentence(case: Case, engine: str, trace: Trace) -> str:
     if _is_another_step(wrong):
         return phrases[0] if phrases else f"a time step {_times(wrong[law.EARLY_START], 1)} times the scene's"
     phrases += _of_clock(case, rows)
-    for phrases_of in (_of_start, _of_contacts, _of_bodies) if not phrases else ():
-        phrases += phrases_of(case, engine, rows)
+    if not phrases:
+        phrases = [*_of_start(case, rows), *_of_contacts(case, engine, rows), *_of_bodies(case, rows)]
     return "; ".join(phrases) or _of_step(case, engine, trace)
 
 
@@ -165,7 +165,7 @@ def _of_clock(case: Case, rows: list[LawRow]) -> Iterator[str]:
         yield f"{subject} {size} ({delay_us:.3g} µs) {ahead if row.ratio > 1 else behind}"
 
 
-def _of_start(case: Case, engine: str, rows: list[LawRow]) -> Iterator[str]:
+def _of_start(case: Case, rows: list[LawRow]) -> Iterator[str]:
     """Phrases on speeds and overlaps at time 0, unless the samples have other times."""
     other = [row.quantity for row in rows if row.differs and row.quantity != law.START_SPEED]
     chain = case.chain
@@ -201,7 +201,7 @@ def _of_contacts(case: Case, engine: str, rows: list[LawRow]) -> Iterator[str]:
             yield f"{len(ratios)} contacts have a damping ratio of {np.median(ratios):.5g}, the scene has none"
 
 
-def _of_bodies(case: Case, engine: str, rows: list[LawRow]) -> Iterator[str]:
+def _of_bodies(case: Case, rows: list[LawRow]) -> Iterator[str]:
     """Phrases on masses, loads and resistance of bodies."""
     chain = case.chain
     heavy = {row.place: row.ratio for row in rows if row.quantity == law.MASS and row.differs}

@@ -1,6 +1,5 @@
 """Tables of studies come back as they were written, and say what is wrong with them."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from math import inf, isnan, nan, nextafter
 from pathlib import Path
@@ -9,7 +8,7 @@ import pytest
 
 from drivers.base.errors import InputError
 from drivers.base.files import sealed_file
-from validation.chapters import frame_of, read_table, rows_in, write_table
+from validation.chapters import read_table, rows_in, write_table
 
 
 @dataclass(frozen=True)
@@ -20,15 +19,6 @@ class Measured:
     steps: int
     value: float
     good: bool
-
-
-@dataclass(frozen=True)
-class ByEngine:
-    """Row with a column for each engine."""
-
-    id: str
-    computed: Mapping[str, float]
-    why: str
 
 
 ROWS = [
@@ -54,13 +44,6 @@ def test_a_table_without_rows_keeps_its_columns(tmp_path: Path) -> None:
     write_table(tmp_path / "t.csv", Measured, [])
     assert list(read_table(tmp_path / "t.csv", Measured, "trade").columns) == ["name", "steps", "value", "good"]
     assert rows_in(read_table(tmp_path / "t.csv", Measured, "trade"), Measured) == []
-
-
-def test_each_engine_has_a_column(tmp_path: Path) -> None:
-    rows = [ByEngine("a", {}, "x"), ByEngine("b", {"p": 1.5}, ""), ByEngine("c", {"q": 0.1, "p": 2.0}, "y")]
-    assert list(frame_of(ByEngine, rows).columns) == ["id", "p", "q", "why"]
-    write_table(tmp_path / "t.csv", ByEngine, rows)
-    assert rows_in(read_table(tmp_path / "t.csv", ByEngine, "claims"), ByEngine) == rows
 
 
 @pytest.mark.parametrize(
