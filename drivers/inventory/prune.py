@@ -12,25 +12,25 @@ from drivers.base.errors import InputError, RunError
 from drivers.base.processes import UNKNOWN_VERSION
 from drivers.batch.store import WORK, Store
 from drivers.engines import load_engine
-from drivers.inventory.run_folders import batches_text, kept_runs, key_of, select, size_below, size_text
+from drivers.inventory.run_folders import UNREADABLE, batches_text, kept_runs, key_of, select, size_below, size_text
 from drivers.run.build import Build, build_of
 from drivers.run.run import run_identity
-from drivers.run.run_folder import DAMAGED, FOLDER_NAME, UNREADABLE, EndedRun
+from drivers.run.run_folder import DAMAGED, FOLDER_NAME, EndedRun
 from drivers.run.workplaces import leftovers, workplace
 
 RECENT_S = 600.0  # a command may still read a run that is not older
 
-UNREAD = f"{UNREADABLE}; no command uses them"
-FAILED = "failed or without forces; commands run them again"
+UNREADABLE_RECORD = f"{UNREADABLE}; no command uses them"
+FAILED_RUN = "failed or without forces; commands run them again"
 OTHER_BUILD = "run by another build than the installed one, which would run them again"
 OLDER_DECK = "run with an older deck; a newer run of the same scene, settings and engine exists"
-REASONS_TO_REMOVE = (UNREAD, FAILED, OTHER_BUILD, OLDER_DECK)
+REASONS_TO_REMOVE = (UNREADABLE_RECORD, FAILED_RUN, OTHER_BUILD, OLDER_DECK)
 
-USED = "commands find them again"
-RECENT = f"ended less than {RECENT_S / 60:g} minutes ago; a command may still read them"
-ABSENT = "their engine is not installed, so its build is unknown"
-NAMED = "their folders have been renamed"
-REASONS_TO_KEEP = (USED, RECENT, ABSENT, NAMED)
+USED_RUN = "commands find them again"
+RECENT_RUN = f"ended less than {RECENT_S / 60:g} minutes ago; a command may still read them"
+ABSENT_ENGINE = "their engine is not installed, so its build is unknown"
+RENAMED_FOLDER = "their folders have been renamed"
+REASONS_TO_KEEP = (USED_RUN, RECENT_RUN, ABSENT_ENGINE, RENAMED_FOLDER)
 
 
 def prune(
@@ -83,7 +83,7 @@ def _reasons(kept: Sequence[EndedRun]) -> dict[Path, str]:
     """Reason to remove or keep each run."""
     builds = {engine: _present_build(engine) for engine in {run.record.engine for run in kept}}
     reasons = {run.folder: _reason(run, builds[run.record.engine]) for run in kept}
-    used = [run for run in kept if reasons[run.folder] == USED]
+    used = [run for run in kept if reasons[run.folder] == USED_RUN]
     decks = {key_of(run): run.record.deck_sha256 for run in used}  # the newest is last
     former = {run.folder: OLDER_DECK for run in used if run.record.deck_sha256 != decks[key_of(run)]}
     return reasons | former
@@ -91,17 +91,17 @@ def _reasons(kept: Sequence[EndedRun]) -> dict[Path, str]:
 
 def _reason(run: EndedRun, build: Build | None) -> str:
     if not FOLDER_NAME.fullmatch(run.folder.name):
-        return NAMED
+        return RENAMED_FOLDER
     if time.time() - max((stat.st_mtime for stat in run.stats.values()), default=0.0) < RECENT_S:
-        return RECENT
+        return RECENT_RUN
     if run.record.status == DAMAGED:
-        return UNREAD
+        return UNREADABLE_RECORD
     if run.trouble:
-        return FAILED
+        return FAILED_RUN
     if build is None:
-        return ABSENT
+        return ABSENT_ENGINE
     present = run_identity(run.record.engine, build, run.record.deck_sha256)
-    return USED if run.record.identity == present else OTHER_BUILD
+    return USED_RUN if run.record.identity == present else OTHER_BUILD
 
 
 def _present_build(engine: str) -> Build | None:

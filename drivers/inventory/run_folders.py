@@ -7,6 +7,7 @@ import time
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
+from dataclasses import fields
 from fnmatch import fnmatchcase
 from math import isclose
 from pathlib import Path
@@ -17,12 +18,13 @@ from drivers.base.errors import InputError, one_line
 from drivers.base.text_table import text_table
 from drivers.base.units import to_si
 from drivers.batch.store import ENDING, WORK, Store
-from drivers.run.run_folder import FOLDER_NAME, EndedRun, damaged_record, in_si, read_record
+from drivers.run.run_folder import DAMAGED, FOLDER_NAME, EndedRun, RunRecord, in_si, read_record
 from drivers.scene.model import Scene
 from drivers.scene.read_scene import read_scene, read_value
 from drivers.scene.settings import FREE_TEXT, look_up, setting_text, settings_between, unit_of
 
 NO_PHYSICS = (*FREE_TEXT, "title", "name")  # keys of a scene that change no number
+UNREADABLE = "a record that is damaged or of another version"
 RECORDED = "run.record"  # key of the files to be written, which changes no run
 ROUNDING = 1e-12
 Json = dict[str, Any]
@@ -47,12 +49,29 @@ def kept_runs(runs: Path) -> list[EndedRun]:
 
 
 def _read(folder: Path) -> EndedRun | None:
-    """Run of a folder; None if the folder has neither a record nor the name of a run."""
+    """Run of a folder; None without a record and without the name of a run."""
     record = read_record(folder)
     if record and (run := EndedRun(folder, record)).resolved:
         return run
     named = FOLDER_NAME.fullmatch(folder.name) and folder.is_dir()
-    return EndedRun(folder, damaged_record(folder)) if named else None
+    return EndedRun(folder, _damaged_record(folder)) if named else None
+
+
+def _damaged_record(folder: Path) -> RunRecord:
+    """Record in place of one that cannot be read: engine and scene by the names of the folders, no other values."""
+    named = FOLDER_NAME.fullmatch(folder.name)
+    values: dict[str, Any] = dict.fromkeys(field.name for field in fields(RunRecord))
+    values |= {
+        "engine": folder.parent.name,
+        "engine_version": "not known",
+        "build_sha256": "",
+        "scene_name": named[1] if named else folder.name,
+        "status": DAMAGED,
+        "reason": UNREADABLE,
+        "scene": {},
+        "files": {},
+    }
+    return RunRecord(**values)
 
 
 def select(

@@ -2,17 +2,21 @@
 
 import hashlib
 import json
+import platform
 import shutil
 from collections import defaultdict
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from drivers.base import paths
 from drivers.base.decks import Deck
 from drivers.base.errors import RunError
+from drivers.base.files import sha256_of
+from drivers.base.processes import git, local_changes
 from drivers.base.progress import following, say
 from drivers.chain.case import Case
 from drivers.engines import Engine, load_engine
@@ -27,7 +31,6 @@ from drivers.run.run_folder import (
     damage_of,
     find_run,
     in_si,
-    provenance,
     read_record,
     write_run,
 )
@@ -209,6 +212,18 @@ def _record(case: Case, engine: Engine, build: Build, deck: Deck, ended: Compute
         **_description(case),
         **provenance(),
     )
+
+
+@cache
+def provenance() -> dict[str, Any]:
+    """Machine, commit, changes of the work tree, and digest of the lock file."""
+    commit = git("rev-parse", "HEAD")
+    return {
+        "host": f"{platform.node()}, {platform.system()} {platform.machine()}, Python {platform.python_version()}",
+        "commit": commit or "unknown",
+        "dirty": local_changes(),
+        "lock_sha256": sha256_of(paths.LOCK) if paths.LOCK.exists() else "",
+    }
 
 
 def _move_into_place(folder: Path, target: Path, former: Path | None) -> None:

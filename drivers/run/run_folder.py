@@ -5,13 +5,12 @@ the other files, so each file that is read back is as it was written, or is refu
 """
 
 import os
-import platform
 import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass, field, fields, replace
-from functools import cache, cached_property
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +19,6 @@ import numpy as np
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.files import DamagedError, parquet_in, read_checked, read_sealed, sha256_of, whole_file, write_sealed
-from drivers.base.processes import git, local_changes
 from drivers.chain.case import Layout, read_layout
 from drivers.chain.chain import Array
 from drivers.chain.trace import State, Trace, bore_forces_in, forces_table, state_in, state_table, trace_in
@@ -31,14 +29,13 @@ if TYPE_CHECKING:
     import pandas as pd
 
 RECORD, FORCES, STATE, SENSORS = "run.json", "forces.parquet", "state.parquet", "sensors.csv"
-AGAIN = "of a run (run it again with --rerun)"
-CONTENTS = {FORCES: f"the forces {AGAIN}", STATE: f"the positions {AGAIN}", SENSORS: f"the gauge signals {AGAIN}"}
+ORIGIN = "of a run (run it again with --rerun)"
+CONTENTS = {FORCES: f"the forces {ORIGIN}", STATE: f"the positions {ORIGIN}", SENSORS: f"the gauge signals {ORIGIN}"}
 FOLDER_NAME = re.compile(r"(.+?)(-[0-9a-f]{6})?-([0-9a-f]{12})(-failed)?")  # scene, layout, identity of the run
 # options for values that rarely repeat: 30 % smaller and faster than the defaults
 COMPRESSED: dict[str, Any] = {"compression": "zstd", "use_dictionary": False, "use_byte_stream_split": True}
 TIME_TOLERANCE = 1e-12  # of a sample time
 DAMAGED = "damaged"  # status of a run whose record cannot be read
-UNREADABLE = "a record that is damaged or of another version"
 ALLOWED_FOLDER = "a run folder, or its name, as beads runs prints it"
 NOT_ASSESSED: dict[str, Any] = dict.fromkeys(
     ("error_budget", "error_note", "exact_to", "exact_until_s", "warnings", "step_limit_s", "accuracy")
@@ -59,7 +56,7 @@ class RunRecord:
         executable: command of the build, with the paths of its programs.
         build_sha256: digest of programs and libraries (``drivers.run.build``); empty for in-repo engines.
         scene_name: name of the scene.
-        status: ``done``, ``failed`` or ``timeout``; ``damaged`` for ``damaged_record``.
+        status: ``done``, ``failed`` or ``timeout``; ``damaged`` if it cannot be read.
         reason: reason of a failure; else empty.
         scene: complete scene in SI units.
         layout: properties of the chain for post-processing (``drivers.chain.case.Layout``).
@@ -154,23 +151,6 @@ def read_record(folder: Path) -> RunRecord | None:
         return record_of(folder)
     except InputError:
         return None
-
-
-def damaged_record(folder: Path) -> RunRecord:
-    """Record in place of one that cannot be read: engine and scene by the names of the folders, no other values."""
-    named = FOLDER_NAME.fullmatch(folder.name)
-    values: dict[str, Any] = dict.fromkeys(field.name for field in fields(RunRecord))
-    values |= {
-        "engine": folder.parent.name,
-        "engine_version": "not known",
-        "build_sha256": "",
-        "scene_name": named[1] if named else folder.name,
-        "status": DAMAGED,
-        "reason": UNREADABLE,
-        "scene": {},
-        "files": {},
-    }
-    return RunRecord(**values)
 
 
 def in_si(scene: Scene) -> dict[str, Any]:
@@ -409,15 +389,3 @@ def damage_of(home: Path, identity: str) -> Iterator[str]:
 
 def _folders(home: Path, identity: str) -> Iterator[Path]:
     return home.glob(f"[!.]*-{identity}")
-
-
-@cache
-def provenance() -> dict[str, Any]:
-    """Machine, commit, changes of the work tree, and digest of the lock file."""
-    commit = git("rev-parse", "HEAD")
-    return {
-        "host": f"{platform.node()}, {platform.system()} {platform.machine()}, Python {platform.python_version()}",
-        "commit": commit or "unknown",
-        "dirty": local_changes(),
-        "lock_sha256": sha256_of(paths.LOCK) if paths.LOCK.exists() else "",
-    }

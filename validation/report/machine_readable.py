@@ -16,7 +16,7 @@ from pydantic_core import from_json, to_json
 
 from drivers.base import paths
 from drivers.engines import in_order
-from drivers.run.run_folder import provenance
+from drivers.run.run import provenance
 from validation.checks import FAIL, NOT_RUN, PASS, Check
 from validation.compare.comparison import ComparedScene
 from validation.report.scene_section import ReportRow, counted, source_of

@@ -18,7 +18,7 @@ import pytest
 from drivers.base.errors import InputError
 from drivers.base.files import SEALS, sealed_file
 from drivers.chain.trace import until
-from drivers.run.run_folder import provenance
+from drivers.run.run import provenance
 from postproc.paper.quoted import quoted
 from postproc.paper.strikes import COLUMNS, READINGS, SPREAD
 from postproc.read.run_tables import errors
