@@ -4,6 +4,7 @@ from pathlib import Path
 
 from drivers.base import paths
 from drivers.base.errors import InputError
+from drivers.base.text_table import text_table
 from validation.commands import options
 from validation.commands.options import command
 
@@ -11,7 +12,6 @@ from validation.commands.options import command
 @command("")
 def scenes() -> None:
     """List the shipped scenes, studies and materials."""
-    from drivers.base.text_table import text_table
     from drivers.scene.read_scene import read_toml
 
     listed = {
