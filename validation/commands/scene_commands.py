@@ -6,6 +6,7 @@ import click
 
 from drivers.base import paths
 from drivers.base.errors import InputError
+from drivers.base.text_table import text_table
 from validation.commands import options
 from validation.commands.options import checked, command, must_be_folder
 
@@ -13,7 +14,6 @@ from validation.commands.options import checked, command, must_be_folder
 @command("")
 def scenes() -> None:
     """List the shipped scenes, studies and materials."""
-    from drivers.base.text_table import text_table
     from drivers.scene.read_scene import read_toml
 
     listed = {
