@@ -85,15 +85,6 @@ def planned_case(source: str | Path, *settings: str) -> Case:
     return plan_case(build_case(read_scene(source, settings)))
 
 
-def requested_accuracy(case: Case) -> dict[str, float]:
-    """Accuracy that a scene asks for, by quantity; units at the end of names are dropped."""
-    accuracy = case.scene.run.accuracy
-    assert accuracy is not None
-    if not isinstance(accuracy, dict):
-        return {FORCE: accuracy}
-    return {without_unit(name): share for name, share in accuracy.items()}
-
-
 def plan_case(case: Case) -> Case:
     """Case at the largest time step that meets its accuracy, without elements of negligible effect.
 
@@ -102,10 +93,12 @@ def plan_case(case: Case) -> Case:
     Raises:
         InputError: no step meets the accuracy, or the scene lacks one of its quantities.
     """
-    if case.scene.run.accuracy is None:
+    accuracy = case.scene.run.accuracy
+    if accuracy is None:
         return case
     began = time.perf_counter()
-    asked = requested_accuracy(case)
+    by_quantity = accuracy if isinstance(accuracy, dict) else {FORCE: accuracy}
+    asked = {without_unit(name): share for name, share in by_quantity.items()}
     chooser = Chooser(simplify(case, asked), asked)
     chosen, plan = chooser.choose_with_room(asked)
     return replace(chosen, plan=replace(plan, asked=asked, seconds=round(time.perf_counter() - began, 6)))

@@ -24,7 +24,7 @@ from validation.accuracy.budget import AT_REST_NOTE
 from validation.accuracy.costs import cost_on
 from validation.accuracy.exact_motion import errors_of
 from validation.accuracy.motions import AGREEMENT, ROUNDING_MARGIN, motions_of, predicted_error
-from validation.accuracy.plan import capable_engines, cheapest, planned_case, requested_accuracy
+from validation.accuracy.plan import capable_engines, cheapest, planned_case
 from validation.accuracy.step_choice import ROUNDING_FACTOR, Chooser
 
 TENFOLD = 10.0
@@ -58,7 +58,7 @@ def plan_report(source: str | Path, settings: tuple[str, ...] = (), among: Colle
 def _straight(case: Case, among: Collection[str]) -> Iterator[str]:
     began = time.perf_counter()
     steps, plan = case.scene.steps_per_sample, case.plan
-    asked = requested_accuracy(case) if plan else {FORCE: 0.0}
+    asked = plan.asked if plan else {FORCE: 0.0}
     chooser = Chooser(case, {name: share / TENFOLD for name, share in asked.items()})
     errors = plan.predicted if plan else dict(chooser.errors_at(steps))
     rounding = chooser.rounding(steps)

@@ -12,7 +12,6 @@ from drivers.chain.schemes import verlet_of
 from drivers.engines import load_engine
 from postproc.read.residual import residual
 from validation.accuracy.exact_motion import errors_of, exact_motion_of
-from validation.accuracy.plan import requested_accuracy
 from validation.accuracy.step_choice import ELEMENTS_SHARE, REMOVALS, simplify
 from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import case_of
@@ -39,7 +38,8 @@ def left_out(case: Case) -> list[str]:
 @pytest.mark.parametrize("settings", [(), RICH], ids=["as shipped", "rich"])
 def test_elements_left_out_have_a_negligible_effect(scene: str, accuracy: str, settings: tuple[str, ...]) -> None:
     case = asking(scene, accuracy, *settings)
-    left, asked = left_out(case), requested_accuracy(case)
+    assert case.plan is not None
+    left, asked = left_out(case), case.plan.asked
     if case.full is None:
         assert not left
         return
