@@ -8,8 +8,8 @@ from typing import Any
 
 from drivers.base.errors import RunError
 from drivers.chain.case import Case, build_case
-from drivers.engines import VERLET, engine_names, installed, load_engine
-from drivers.limits.refusal import FORCE, beyond_rounding
+from drivers.engines import VERLET, engine_names, installed
+from drivers.limits.refusal import FORCE, beyond_rounding, inability
 from drivers.scene.read_scene import read_scene
 from drivers.scene.settings import setting_texts
 from postproc.read.observables import without_unit
@@ -51,19 +51,13 @@ def plan(
 
 
 def capable_engines(case: Case, among: Collection[str] = ()) -> list[str]:
-    """Engines, installed or not, that model all elements of a case with its accuracy; ``among`` others, if given."""
-    needed = {element.name for element in case.elements if element.modelled}
-    return [
-        name
-        for name in among or engine_names()
-        if needed <= load_engine(name).models
-        and not beyond_rounding(case, name)
-        and load_engine(name).refusal(case) is None
-    ]
+    """Engines, installed or not, that can run a case with its accuracy; ``among`` others, if given."""
+    names = among or engine_names()
+    return [name for name in names if inability(case, name) is None and beyond_rounding(case, name) is None]
 
 
 def cheapest(case: Case, among: Collection[str] = ()) -> str:
-    """Cheapest installed engine that models all elements of a case; ``among`` others, if given.
+    """Cheapest installed engine that can run a case; ``among`` others, if given.
 
     Raises:
         RunError: no installed engine does.

@@ -14,7 +14,7 @@ from drivers.limits.refusal import beyond_rounding, refuse
 from drivers.limits.stable_step import linear_limit
 from validation.accuracy.budget import budget_of
 from validation.accuracy.exact_motion import errors_of, exact_motion_of
-from validation.accuracy.plan import cheapest
+from validation.accuracy.plan import capable_engines, cheapest
 from validation.tests.helpers import high_precision
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import assessed, finished
@@ -68,6 +68,11 @@ def test_the_exact_motion_measures_its_own_error() -> None:
         assert moving.sum() > 10
         assert (truth.error_N[moving] > errors[moving] / 12).all()
         assert (truth.error_N[moving] < 30 * errors[moving]).all()
+
+
+def test_engines_without_the_law_of_a_scene_are_not_chosen() -> None:
+    power = case_of("fig4", "contact.dissipation=power", "contact.gamma=1")
+    assert capable_engines(power) == ["reference", "verlet"]
 
 
 def test_heights_far_away_are_refused_to_codes_with_a_limit_that_holds() -> None:
