@@ -48,7 +48,7 @@ class Computed:
         trace: trace; None if the run failed.
         fault: reason of a failure, with a partial trace if there is one; else None.
         wall_s, cpu_s, memory_bytes: wall and CPU time of the case, and peak memory of its process; without a folder
-            CPU time and memory are not measured, but for a process of its own.
+            CPU time and memory are measured only of a process of its own.
         loop_s: time in the code's time loop; None if the run did not finish.
         start_s: time in which a server was started for this case.
     """
