@@ -6,15 +6,15 @@ Facts of cases are computed once and kept until something that they depend on ch
 import hashlib
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
+from typing import Any
 
-from drivers.base.decks import Deck
-from drivers.base.kept import content_of, digest_of_sources
+from drivers.base.kept import content_of, digest_of_sources, keep, recall
 from drivers.base.tolerances import tolerance
 from drivers.batch.store import Store
-from drivers.batch.study import Study, read_study, select
+from drivers.batch.study import Study, read_study, select, value_at
 from drivers.chain.case import Case, Layout
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
@@ -25,7 +25,7 @@ from drivers.limits.refusal import inability, refuse
 from drivers.run.build import Build, build_of
 from drivers.run.run import run_identity
 
-MAX_BODIES_OF_KEPT_DECKS = 1000  # decks of longer chains are rendered again, to save memory
+CHUNK = 25  # facts of so many cases fit into one write; a worker killed between two writes would block the batch
 
 
 @dataclass(frozen=True)
@@ -58,6 +58,24 @@ class Request:
     entries: tuple[Path, ...] = ()
 
 
+@dataclass(frozen=True)
+class CaseFacts:
+    """Facts of a valid case, kept until something that they depend on changes.
+
+    Attributes:
+        runs: identities of the runs by engine, as in names of run folders; without the reference if it cannot model the
+            case.
+        identities: identities of the rows by engine, from the run, the gauges and the sources that observe them.
+        work: bodies times steps.
+        values: varied values in SI units, in the order of the columns.
+    """
+
+    runs: dict[str, str]
+    identities: dict[str, str]
+    work: int
+    values: list[Any]
+
+
 @dataclass(frozen=True, eq=False)
 class Batch:
     """Requested study with everything else that identifies its rows, and the store of these rows.
@@ -67,9 +85,10 @@ class Batch:
         study: the study.
         engines: selected engines, in the order of the study.
         numbers: numbers of the selected cases.
-        builds: builds of the installed engines and of the reference, by engine.
+        builds: builds of the study's installed engines and of the reference, by engine.
         readers: digests of everything that turns raw output into a row, by engine: sources, adapter, tolerances.
         store: store of the rows.
+        known: facts of cases that this process has read or computed, by number.
     """
 
     request: Request
@@ -79,6 +98,7 @@ class Batch:
     builds: dict[str, Build]
     readers: dict[str, str]
     store: Store
+    known: dict[int, CaseFacts] = field(default_factory=dict)
 
     @cached_property
     def digest(self) -> str:
@@ -97,33 +117,63 @@ class Batch:
         """Numbers of the selected cases of a part (from 1), interleaved so that all parts cost about the same."""
         return self.numbers[part - 1 :: parts]
 
-    def case(self, number: int) -> "StudyCase":
-        """Build a case of the study with its identities on all engines.
+    def case(self, number: int) -> Case:
+        """Build a case of the study, with the time step for its accuracy and the tolerance of its reference.
+
+        Raises:
+            InputError: the scene is wrong.
+        """
+        case = self.request.plan(self.study.case(number))
+        return replace(case, reference_tolerance=needed_tolerance(case))
+
+    def facts(self, number: int) -> CaseFacts:
+        """Facts of a case, from the cache or computed; raises as ``computed_facts``."""
+        if number not in self.known:
+            chunk = self.chunks()[(number - 1) // CHUNK]
+            kept = self.kept_facts(chunk)
+            self.known.update(zip(chunk, kept, strict=True) if kept else {number: self.computed_facts(number)})
+        return self.known[number]
+
+    def computed_facts(self, number: int) -> CaseFacts:
+        """Validate a case and compute its facts.
 
         Raises:
             InputError: the scene is wrong, or an engine refuses the case (``drivers.limits.refusal``).
         """
-        study, builds = self.study, self.builds
-        case = self.request.plan(study.case(number))
-        case = replace(case, reference_tolerance=needed_tolerance(case))
+        study, case = self.study, self.case(number)
         # the exact motion, for errors, is known for straight chains only
-        names = [name for name in builds if name in study.engines or inability(case, name) is None]
+        names = [name for name in self.builds if name in study.engines or inability(case, name) is None]
         if not study.file.unsafe:
             for name in names:
                 refuse(case, name, override="unsafe = true in the study")
-        decks = {name: load_engine(name).render(case) for name in names}
-        runs = {name: run_identity(name, builds[name], deck.sha256) for name, deck in decks.items()}
-        gauges = f"{case.layout}\0{builds[REFERENCE].version}"
+        runs = {name: run_identity(name, self.builds[name], load_engine(name).render(case).sha256) for name in names}
+        gauges = f"{case.layout}\0{self.builds[REFERENCE].version}"
         identities = {name: _digest(f"{run}\0{gauges}\0{self.readers[name]}")[:20] for name, run in runs.items()}
-        kept = decks if case.chain.bodies < MAX_BODIES_OF_KEPT_DECKS else {}
-        return StudyCase(number, study.label(number), case, kept, runs, identities)
+        values = [value_at(case.scene, key) for key in study.columns.values()]
+        return CaseFacts(runs, identities, case.work, values)
+
+    def chunks(self) -> list[Sequence[int]]:
+        """Numbers of all cases of the study, in chunks whose facts are kept together."""
+        numbers = range(1, self.study.count + 1)
+        return [numbers[start : start + CHUNK] for start in range(0, len(numbers), CHUNK)]
+
+    def kept_facts(self, chunk: Sequence[int]) -> list[CaseFacts] | None:
+        """Facts of a chunk in the cache; None if they are not there, or something they depend on has changed."""
+        found = recall(self._key_of(chunk))
+        return found and [CaseFacts(**each) for each in found]
+
+    def keep_facts(self, chunk: Sequence[int]) -> list[CaseFacts]:
+        """Compute and keep the facts of a chunk; raises as ``computed_facts``."""
+        facts = [self.computed_facts(number) for number in chunk]
+        return [CaseFacts(**each) for each in keep(self._key_of(chunk), [asdict(each) for each in facts])]
+
+    def _key_of(self, chunk: Sequence[int]) -> list[Any]:
+        return ["cases of a study", self.digest, chunk[0], chunk[-1]]
 
 
 @lru_cache(maxsize=2)  # a request differs from all earlier ones by its time
-def opened(request: Request, *, whole: bool = False) -> Batch:
+def opened(request: Request) -> Batch:
     """Batch of a requested study on its installed engines.
-
-    ``whole`` includes the engines of the study that are not selected.
 
     Raises:
         InputError: anything wrong with the study, its base scene or the selection.
@@ -135,38 +185,12 @@ def opened(request: Request, *, whole: bool = False) -> Batch:
     engines = tuple(name for name in study.engines if name in request.engines or not request.engines)
     builds, readers = {}, {}
     guards = [tolerance("guard", each).limit for each in ("energy", "impacts", "rounding", "friction", "least")]
-    for name in dict.fromkeys((*installed(study.engines if whole else engines), REFERENCE)):
+    for name in dict.fromkeys((*installed(study.engines), REFERENCE)):
         engine = load_engine(name)
         builds[name] = build_of(engine)
         adapter = content_of(_adapter_file(name))
         readers[name] = _digest(f"{digest_of_sources()}\0{adapter}\0{engine.server.sha256}\0{guards}")
     return Batch(request, study, engines, numbers, builds, readers, Store(request.runs))
-
-
-@dataclass(frozen=True)
-class StudyCase:
-    """Case of a study.
-
-    Attributes:
-        number: number of the case, from 1.
-        label: label of the case.
-        case: the case.
-        kept_decks: decks by engine; empty for long chains.
-        runs: identities of the runs by engine, as in names of run folders; without the reference if it cannot model the
-            case.
-        identities: identities of the rows by engine, from the run, the gauges and the sources that observe them.
-    """
-
-    number: int
-    label: str
-    case: Case
-    kept_decks: dict[str, Deck]
-    runs: dict[str, str]
-    identities: dict[str, str]
-
-    def wanted(self, identities: set[str]) -> list[str]:
-        """Engines whose rows have one of these identities."""
-        return [name for name, identity in self.identities.items() if identity in identities]
 
 
 def _adapter_file(engine: str) -> list[Path]:

@@ -78,7 +78,7 @@ def batch(
     study, store = plan.batch.study, plan.batch.store
     numbers = sorted({number for some in todo.values() for number in some})
     if numbers:
-        awaited = {plan.identities[name][n - 1]: n for name, some in todo.items() for n in some}
+        awaited = {plan.facts[n - 1].identities[name]: n for name, some in todo.items() for n in some}
         try:
             with _following(plan.batch, awaited) as tick:
                 if array:
@@ -154,16 +154,16 @@ def show(request: Request, number: int, assess: Callable[["EndedRun", "Case"], "
     if not 1 <= number <= study.count:
         raise InputError(f"case {number}", "", f"{study.where} has cases 1 to {study.count}")
     store.refresh()
-    case = found.case(number)
-    print(f"case {number}: {case.label}")
+    case, identities = found.case(number), found.facts(number).identities
+    print(f"case {number}: {study.label(number)}")
     code = 0
     for name in found.engines:
-        if name not in case.identities:
+        if name not in identities:
             print(f"{name}: not installed", file=sys.stderr)
             code = 1
             continue
-        ended = assess(run_case(case.case, name, request.runs, limit_s=study.file.limit), case.case)
-        row = store.rows.get(case.identities[name])
+        ended = assess(run_case(case, name, request.runs, limit_s=study.file.limit), case)
+        row = store.rows.get(identities[name])
         for warning in ended.record.warnings or ():
             print(f"{name} warning: {warning}", file=sys.stderr)
         folder = paths.shown(ended.folder)
@@ -181,7 +181,7 @@ def show(request: Request, number: int, assess: Callable[["EndedRun", "Case"], "
 
 def _planned(request: Request, workers: int, *, yes: bool) -> StudyPlan:
     """Read and plan a study; this validates every case."""
-    found = opened(request, whole=True)
+    found = opened(request)
     study, store = found.study, found.store
     if study.count > MAX_CASES and not yes:
         raise InputError(study.where, "axis", f"{study.count:,} cases", f"at most {MAX_CASES:,}, or --yes")

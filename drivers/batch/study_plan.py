@@ -5,50 +5,42 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from drivers.base.kept import keep, recall
 from drivers.base.progress import counted
 from drivers.batch.store import WORK, StudyRow
-from drivers.batch.study import column_name, value_at
-from drivers.batch.study_cases import Batch, Request, opened
+from drivers.batch.study import column_name
+from drivers.batch.study_cases import CHUNK, Batch, CaseFacts, Request, opened
 from drivers.run.execute import Place, execute
 from drivers.run.workplaces import leased
 
 STATES = ("done", "failed", "timeout", "stale", "claimed", "to do", "not installed")  # of a row
 WORKER_COSTS = ("start_s", "engine_s", "workflow_s", "reference_s")  # they add up to a worker's time
-CHUNK = 25  # facts of so many cases fit into one write; a worker killed between two writes would block the batch
 MIN_PARALLEL_CASES = 500  # from this number on, workers share the planning
-
-Facts = tuple[list[str], int, list[Any]]  # of a case: identities by engine, work, varied values
 
 
 @dataclass(frozen=True)
 class StudyPlan:
-    """All cases of a study, in order, with the stored rows.
-
-    Attributes:
-        batch: the batch.
-        identities: identity of each case's row, by installed engine.
-        work: bodies times steps of each case.
-        values: varied values in SI units of each case, by column.
-    """
+    """Facts of all cases of a study, in order, with the stored rows."""
 
     batch: Batch
-    identities: dict[str, list[str]]
-    work: list[int]
-    values: dict[str, list[Any]]
+    facts: list[CaseFacts]
+
+    @property
+    def values(self) -> dict[str, list[Any]]:
+        """Varied values of all cases in SI units, by column with its unit."""
+        columns = [column_name(name, key) for name, key in self.batch.study.columns.items()]
+        return {name: [facts.values[place] for facts in self.facts] for place, name in enumerate(columns)}
 
     def rows_of(self, engine: str) -> list[StudyRow | None]:
         """Rows of an engine in the order of the cases; None for missing rows."""
-        rows = self.batch.store.rows
-        return [rows.get(identity) for identity in self.identities.get(engine, [""] * len(self.work))]
+        return [self.batch.store.rows.get(facts.identities.get(engine, "")) for facts in self.facts]
 
     def todo(self) -> dict[str, list[int]]:
         """Numbers of the selected cases to run, by engine; without engines that are not installed."""
         batch = self.batch
         return {
-            name: [number for number in batch.numbers if batch.is_to_run(self.identities[name][number - 1])]
+            name: [number for number in batch.numbers if batch.is_to_run(self.facts[number - 1].identities[name])]
             for name in batch.engines
-            if name in self.identities
+            if name in batch.builds
         }
 
     def progress(self) -> str:
@@ -63,9 +55,9 @@ class StudyPlan:
         claimed = leased(store.folder / WORK)
 
         def state(name: str, number: int) -> str:
-            if name not in self.identities:
+            if name not in self.batch.builds:
                 return "not installed"
-            identity = self.identities[name][number - 1]
+            identity = self.facts[number - 1].identities[name]
             row = store.rows.get(identity)
             if row is not None:
                 return row.status
@@ -85,49 +77,23 @@ def planned(batch: Batch, workers: int) -> StudyPlan:
     Raises:
         InputError: a case is wrong or refused.
     """
-    numbers: Sequence[int] = range(1, batch.study.count + 1)
-    chunks = [numbers[start : start + CHUNK] for start in range(0, len(numbers), CHUNK)]
-    facts: dict[Sequence[int], list[Facts]] = {}
-    for chunk in chunks:
-        if (known := recall(_key_of(batch, chunk))) is not None:
-            facts[chunk] = known
+    chunks = batch.chunks()
+    facts = {chunk: kept for chunk in chunks if (kept := batch.kept_facts(chunk)) is not None}
     left = [chunk for chunk in chunks if chunk not in facts]
-    under_way: Iterator[tuple[Sequence[int], list[Facts]]]
+    under_way: Iterator[tuple[Sequence[int], list[CaseFacts]]]
     if len(left) * CHUNK < MIN_PARALLEL_CASES or workers == 1:
-        under_way = ((chunk, _facts_of(batch, chunk)) for chunk in left)
+        under_way = ((chunk, batch.keep_facts(chunk)) for chunk in left)
     else:
-        under_way = execute(partial(_facts_in_worker, batch.request), left, Place(workers, processes=True))
+        under_way = execute(partial(_keep_facts, batch.request), left, Place(workers, processes=True))
     with counted("cases validated", sum(map(len, left)), "case") as count:
         for chunk, found in under_way:
             facts[chunk] = found
             count(len(chunk))
-    identities, work, values = zip(*(each for chunk in chunks for each in facts[chunk]), strict=True)
-    columns = [column_name(name, key) for name, key in batch.study.columns.items()]
-    return StudyPlan(
-        batch,
-        {name: list(each) for name, each in zip(batch.builds, zip(*identities, strict=True), strict=True)},
-        list(work),
-        {name: list(each) for name, each in zip(columns, zip(*values, strict=True), strict=True)},
-    )
+    return StudyPlan(batch, [each for chunk in chunks for each in facts[chunk]])
 
 
-def _facts_in_worker(request: Request, numbers: Sequence[int]) -> list[Facts]:
-    return _facts_of(opened(request, whole=True), numbers)
-
-
-def _facts_of(batch: Batch, numbers: Sequence[int]) -> list[Facts]:
-    """Facts of consecutive cases, computed and kept; an identity is empty if the engine cannot model the case."""
-    facts: list[Facts] = []
-    for number in numbers:
-        case = batch.case(number)
-        identities = [case.identities.get(name, "") for name in batch.builds]
-        values = [value_at(case.case.scene, key) for key in batch.study.columns.values()]
-        facts.append((identities, case.case.work, values))
-    return list(keep(_key_of(batch, numbers), facts))
-
-
-def _key_of(batch: Batch, numbers: Sequence[int]) -> list[Any]:
-    return ["cases of a study", batch.digest, numbers[0], numbers[-1]]
+def _keep_facts(request: Request, chunk: Sequence[int]) -> list[CaseFacts]:
+    return opened(request).keep_facts(chunk)
 
 
 def expected_s(plan: StudyPlan, todo: dict[str, list[int]]) -> float | None:
@@ -151,5 +117,5 @@ def expected_s(plan: StudyPlan, todo: dict[str, list[int]]) -> float | None:
         each, rate = 0.0, spent.mean()
         if np.ptp(work):
             each, rate = nnls(np.column_stack([np.ones(len(work)), work / scale]), spent)[0]
-        seconds += float(sum(each + rate * plan.work[number - 1] / scale for number in numbers))
+        seconds += float(sum(each + rate * plan.facts[number - 1].work / scale for number in numbers))
     return seconds

@@ -6,7 +6,8 @@ from functools import partial
 
 from drivers.base.errors import RunError
 from drivers.batch.store import WORK, Outbox, Store, StudyRow
-from drivers.batch.study_cases import Batch, Request, StudyCase, opened
+from drivers.batch.study_cases import Batch, Request, opened
+from drivers.chain.case import Case
 from drivers.chain.trace import digest_of
 from drivers.engines import REFERENCE
 from drivers.run.compute import Computed, compute
@@ -67,7 +68,7 @@ def run_slice(request: Request, numbers: Sequence[int]) -> list[StudyRow]:
         OSError: the disk is full or the runs folder cannot be written to.
     """
     batch = opened(request)
-    identities = [batch.case(number).identities for number in numbers]
+    identities = [batch.facts(number).identities for number in numbers]
     left = list(numbers)
     while left := run_rows(request, left):  # another process works on them
         time.sleep(RETRY_INTERVAL_S)
@@ -92,73 +93,74 @@ def run_rows(request: Request, numbers: Sequence[int]) -> list[int]:
     with workplace(store.folder / WORK) as place, Outbox(store.folder, place) as box:
         exact: dict[str, Computed] = {}
         for start in range(0, len(numbers), CHUNK):
-            cases = [batch.case(number) for number in numbers[start : start + CHUNK]]
+            identities = {number: batch.facts(number).identities for number in numbers[start : start + CHUNK]}
             store.refresh()
-            asked = {each.identities[name] for each in cases for name in batch.engines if name in each.runs}
+            asked = {each[name] for each in identities.values() for name in batch.engines if name in each}
             missing = {identity for identity in asked if batch.is_to_run(identity)}
             free = lease(place, missing) if missing else set()
             store.refresh()  # rows finished by others before the lease
             free = {identity for identity in free if batch.is_to_run(identity)}
             ran: set[str] = set()
-            for each in cases:
-                for name in each.wanted(free - ran):
-                    box.add(_row(batch, each, name, exact))
-                    ran.add(each.identities[name])
+            for number, each in identities.items():
+                wanted = [name for name, identity in each.items() if identity in free - ran]
+                if not wanted:
+                    continue
+                case = batch.case(number)
+                for name in wanted:
+                    box.add(_row(batch, number, case, name, exact))
+                    ran.add(each[name])
             box.flush()  # before the lease ends
             others = {each for each in missing - free if batch.is_to_run(each)}
-            left += [each.number for each in cases if others & set(each.identities.values())]
+            left += [number for number, each in identities.items() if others & {*each.values()}]
     return left
 
 
-def _row(batch: Batch, case: StudyCase, name: str, exact: dict[str, Computed]) -> StudyRow:
+def _row(batch: Batch, number: int, case: Case, name: str, exact: dict[str, Computed]) -> StudyRow:
     """Row of a case on an engine, with its error against the reference.
 
     If the reference fails, the row fails, too. Three-dimensional cases have no reference and no error. ``exact`` holds
     the last run of the reference, which consecutive rows may share.
     """
     began = time.perf_counter()
-    request, run = batch.request, case.runs.get(REFERENCE)
-    ended = _reference(batch, case, exact) if name == REFERENCE else _run(batch, case, name)
+    request, facts = batch.request, batch.facts(number)
+
+    def run(engine: str) -> Computed:
+        return compute(case, engine, build=batch.builds[engine], limit_s=batch.study.file.limit)
+
+    def reference() -> Computed:
+        if facts.runs[REFERENCE] not in exact:
+            exact.clear()
+            exact[facts.runs[REFERENCE]] = run(REFERENCE)
+        return exact[facts.runs[REFERENCE]]
+
+    ended = reference() if name == REFERENCE else run(name)
     trace, fault, reference_s = ended.trace, ended.fault, 0.0
     force_error = None
-    if name != REFERENCE and trace is not None and run is not None:
+    if name != REFERENCE and trace is not None and REFERENCE in facts.runs:
         before = time.perf_counter()
-        truth = _reference(batch, case, exact)
+        truth = reference()
         reference_s = time.perf_counter() - before
         if truth.trace is None:
             assert truth.fault is not None
             fault = RunError(f"the reference failed, so the error is unknown: {truth.fault}", truth.fault.status)
         else:
             force_error = float(request.residual(trace, truth.trace).max())
-    values = {} if trace is None else request.observe(case.case.layout, trace)
+    values = {} if trace is None else request.observe(case.layout, trace)
     digest = "" if trace is None else digest_of(trace)
     cost = {"start_s": ended.start_s, "engine_s": ended.wall_s, "loop_s": ended.loop_s, "reference_s": reference_s}
     workflow_s = time.perf_counter() - began - ended.start_s - ended.wall_s - reference_s
     return StudyRow(
-        identity=case.identities[name],
-        run=case.runs[name],
+        identity=facts.identities[name],
+        run=facts.runs[name],
         study=batch.study.name,
-        label=case.label,
+        label=batch.study.label(number),
         engine=name,
         status=fault.status if fault else "done",
         reason=str(fault) if fault else "",
         values={observable: float(value) for observable, value in values.items()},
         force_error=force_error,
         trace_sha256=digest,
-        work=case.case.work,
+        work=case.work,
         cost=cost | {"workflow_s": max(workflow_s, 0.0)},
         ended=time.time(),
     )
-
-
-def _reference(batch: Batch, case: StudyCase, exact: dict[str, Computed]) -> Computed:
-    run = case.runs[REFERENCE]
-    if run not in exact:
-        exact.clear()
-        exact[run] = _run(batch, case, REFERENCE)
-    return exact[run]
-
-
-def _run(batch: Batch, case: StudyCase, name: str) -> Computed:
-    build, deck, limit_s = batch.builds[name], case.kept_decks.get(name), batch.study.file.limit
-    return compute(case.case, name, build=build, deck=deck, limit_s=limit_s)

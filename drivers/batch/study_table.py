@@ -34,7 +34,7 @@ def tables(plan: StudyPlan) -> tuple[pd.DataFrame, pd.DataFrame]:
     keys: dict[str, list[Any]] = {"case": [place + 1 for place, _, _ in rows]}
     keys |= {name: [values[place] for place, _, _ in rows] for name, values in plan.values.items()}
     keys |= {"engine": [name for _, name, _ in rows]}
-    absent = {name: "to do" if name in plan.identities else "not installed" for name in study.engines}
+    absent = {name: "to do" if name in plan.batch.builds else "not installed" for name in study.engines}
     numbers = keys | {
         "status": [row.status if row else absent[name] for _, name, row in rows],
         "reason": [row.reason if row else "" for row in found],
@@ -43,14 +43,15 @@ def tables(plan: StudyPlan) -> tuple[pd.DataFrame, pd.DataFrame]:
     for name in _observed(found):
         if any(fnmatchcase(name, glob) for glob in study.file.observables):
             numbers[name] = [row.values.get(name) if row else None for row in found]
-    costs = {"case": keys["case"], "engine": keys["engine"], "bodies_times_steps": [plan.work[p] for p, _, _ in rows]}
+    work = [plan.facts[place].work for place, _, _ in rows]
+    costs = {"case": keys["case"], "engine": keys["engine"], "bodies_times_steps": work}
     costs |= {name: [row.cost[name] if row else None for row in found] for name in COSTS}
     return _frame(numbers, set(plan.values)), _frame(costs, set())
 
 
 def unmatched(plan: StudyPlan) -> list[str]:
     """Patterns that match no observable of the rows; empty if there are no rows."""
-    names = _observed([row for engine in plan.identities for row in plan.rows_of(engine)])
+    names = _observed([row for engine in plan.batch.builds for row in plan.rows_of(engine)])
     patterns = plan.batch.study.file.observables
     return [glob for glob in patterns if names and not any(fnmatchcase(name, glob) for name in names)]
 

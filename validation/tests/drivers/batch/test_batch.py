@@ -14,7 +14,7 @@ import pytest
 
 from drivers.base import paths
 from drivers.batch.store import Store
-from drivers.batch.study_cases import Batch, Request, StudyCase, opened
+from drivers.batch.study_cases import Batch, CaseFacts, Request, opened
 from drivers.batch.study_plan import planned
 from drivers.engines import installed
 from postproc.paper.simulate import exact
@@ -374,18 +374,18 @@ def test_planning_survives_a_kill(study_file: StudyWriter, tmp_path: Path, monke
     """The facts of finished parts are kept, and not computed again."""
     path, built = study_file(SPEEDS.format(60), "verlet"), list[int]()
     request = Request(path, tmp_path / "runs", lambda case: case, lambda *_: {}, lambda *_: np.zeros(1))
-    batch = opened(request, whole=True)
+    batch = opened(request)
     assert [*batch.slice_of(2, 20)] == [2, 22, 42]
-    case_of_number = Batch.case
+    computed = Batch.computed_facts
 
-    def case(self: Batch, number: int) -> StudyCase:
+    def facts(self: Batch, number: int) -> CaseFacts:
         if number == 40 and not built.count(40):
             built.append(40)
             raise KeyboardInterrupt
         built.append(number)
-        return case_of_number(self, number)
+        return computed(self, number)
 
-    monkeypatch.setattr(Batch, "case", case)
+    monkeypatch.setattr(Batch, "computed_facts", facts)
     with pytest.raises(KeyboardInterrupt):
         planned(batch, 1)
     assert built == [*range(1, 41)]
