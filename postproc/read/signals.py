@@ -4,18 +4,14 @@ Values between samples are taken from an interpolating quintic spline through th
 width w sampled every h the error is of order (h/w)^6.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from math import factorial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from drivers.chain.chain import Array
-
-if TYPE_CHECKING:
-    from scipy.interpolate import PPoly
 
 PROMINENCE = 0.05  # of the signal's range: lower bumps are no peaks
 NOISE = 1e-4  # of the signal's range: a hundred times the rounding error of forces at rest
@@ -29,6 +25,7 @@ MAX_INTERVAL_RATIO = 2.0  # of the longest to the shortest interval between the 
 ENVELOPE_MAXIMA = 3  # maxima of a train in its envelope, by default
 REFINEMENT = 100  # points per sample where the fit and the end of a pulse are searched
 REACH = 8  # samples on either side of a local spline
+SHARE_TOLERANCE = 1e-14  # of the interval between two samples
 
 
 @dataclass(frozen=True)
@@ -74,13 +71,15 @@ def _maxima(values: Array, prominence: float) -> Iterator[tuple[int, float]]:
 
 
 def _peak_at(time_s: Array, values: Array, place: int) -> Peak:
-    """Maximum between the samples around its largest sample."""
-    first, last = max(place - 1, 0), min(place + 1, len(time_s) - 1)
-    curve = _local_curve(time_s, values, place, first, last)
-    roots = np.asarray(curve.derivative().roots(extrapolate=False))  # drops the NaN of a flat stretch
-    inside = roots[(roots >= time_s[first]) & (roots <= time_s[last])]
-    candidates = [(float(curve(root)), float(root)) for root in inside]
-    value, time = max([*candidates, (float(values[place]), float(time_s[place]))])
+    """Maximum around the largest sample: that sample, or the place on either side where the slope falls through 0."""
+    found = [(float(values[place]), float(time_s[place]))]
+    for start in range(max(place - 1, 0), min(place + 1, len(values) - 1)):
+        curve = _local_curve(values, place, start)
+        slope = [(len(curve) - 1 - index) * each for index, each in enumerate(curve[:-1])]
+        if _at(0.0, slope) > 0 > _at(1.0, slope):
+            share = _root(slope)
+            found.append((_at(share, curve), float(time_s[start]) + share * _spacing(time_s)))
+    value, time = max(found)
     return Peak(time, value, place)
 
 
@@ -89,29 +88,43 @@ def rising_crossing(time_s: Array, values: Array, level: float, before: Peak) ->
     below = np.flatnonzero(values[: before.sample + 1] < level)
     if not below.size or below[-1] >= before.sample:
         return float("nan")
-    place = int(below[-1])
-    curve = _local_curve(time_s, values, place, place, place + 1)
-    roots = np.asarray(curve.solve(level, extrapolate=False))
-    inside = roots[(roots >= time_s[place]) & (roots <= time_s[place + 1])]
-    if inside.size:
-        return float(inside[-1])
-    rise = (level - values[place]) / (values[place + 1] - values[place])
-    return float(time_s[place] + rise * (time_s[place + 1] - time_s[place]))
+    start = int(below[-1])
+    *upper, constant = _local_curve(values, start, start)
+    curve = [*upper, constant - level]
+    share = (level - values[start]) / (values[start + 1] - values[start])
+    if _at(0.0, curve) < 0 < _at(1.0, curve):
+        share = _root(curve)
+    return float(time_s[start] + share * _spacing(time_s))
 
 
-def _local_curve(time_s: Array, values: Array, place: int, first: int, last: int) -> "PPoly":
-    """Spline around a sample, from the ``first`` sample to the ``last``.
+def _spacing(time_s: Array) -> float:
+    return float(time_s[-1] - time_s[0]) / (len(time_s) - 1)
 
-    Samples are equally spaced, so the coefficients are linear in the values.
+
+def _local_curve(values: Array, place: int, start: int) -> list[float]:
+    """Spline around a sample, in the interval from sample ``start`` to the next: coefficients, highest power first.
+
+    Powers are those of the share of the interval. Samples are equally spaced, so coefficients are linear in the values.
     """
-    from scipy.interpolate import PPoly
+    first = max(place - REACH, 0)
+    samples = values[first : place + REACH + 1]
+    coefficients: list[float] = (_spline_of_units(len(samples))[:, start - first] @ samples).tolist()
+    return coefficients
 
-    start = max(place - REACH, 0)
-    samples = values[start : place + REACH + 1]
-    per_value = _spline_of_units(len(samples))[:, first - start : last - start]
-    spacing = (time_s[-1] - time_s[0]) / (len(time_s) - 1)
-    powers = spacing ** np.arange(len(per_value) - 1, -1, -1.0)
-    return PPoly.construct_fast((per_value @ samples) / powers[:, np.newaxis], time_s[first : last + 1])
+
+def _at(share: float, curve: Iterable[float]) -> float:
+    """Value of a polynomial, by Horner's method: numpy's takes ten times as long for one number."""
+    value = 0.0
+    for coefficient in curve:
+        value = value * share + coefficient
+    return value
+
+
+def _root(curve: list[float]) -> float:
+    """Share of the interval at which a polynomial with values of both signs at its ends is zero."""
+    from scipy.optimize import brentq
+
+    return float(brentq(_at, 0.0, 1.0, args=(curve,), xtol=SHARE_TOLERANCE))
 
 
 @lru_cache(maxsize=64)
