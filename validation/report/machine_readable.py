@@ -1,7 +1,6 @@
 """Checks for programs: ``report.json``, with their provenance."""
 
 import datetime
-import json
 import os
 import platform
 import time
@@ -12,7 +11,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from pydantic_core import from_json, to_json
+from pydantic import TypeAdapter
 
 from drivers.base import paths
 from drivers.engines import in_order
@@ -103,8 +102,8 @@ def as_json(
         SCENES: [_scene(scene, row) for scene, row in zip(scenes, rows, strict=True)],
         CASES: [_row(row) for row in cases],
     }
-    plain = from_json(to_json(data, inf_nan_mode="null", fallback=lambda scalar: scalar.item()))
-    return json.dumps(plain, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+    text = TypeAdapter(Any).dump_json(data, indent=1, fallback=lambda scalar: scalar.item())
+    return f"{text.decode()}\n"
 
 
 def _counts(found: Counter[str]) -> dict[str, int]:
