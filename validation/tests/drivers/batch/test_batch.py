@@ -72,6 +72,16 @@ def test_the_table(study_file: StudyWriter, scene_file: SceneWriter, tmp_path: P
     assert (costs["engine_s"] > 0).all()
 
 
+def test_rows_belong_to_their_cases(study_file: StudyWriter, tmp_path: Path) -> None:
+    """Workers take the identities of rows from the cache of the process that planned, here one of its own."""
+    path, runs = study_file(SPEEDS.format(4), "verlet"), tmp_path / "runs"
+    done = beads_process("batch", path, "--runs", runs, "--results", results_of(runs))
+    assert done.returncode == 0, done.stderr
+    found = table(runs)
+    assert found["wall_peak_N"].is_monotonic_increasing
+    assert len(set(found["wall_peak_N"])) == 4
+
+
 @pytest.mark.long
 def test_an_unfinished_table_replaces_none_with_more_rows(study_file: StudyWriter, tmp_path: Path) -> None:
     path, runs = study_file(SPEEDS.format(3), "verlet", top='figure = ["wall_peak_N"]'), tmp_path / "runs"
