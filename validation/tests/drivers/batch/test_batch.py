@@ -8,14 +8,11 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import pytest
 
 from drivers.base import paths
 from drivers.batch.store import Store
-from drivers.batch.study_cases import Batch, CaseFacts, Request, opened
-from drivers.batch.study_plan import planned
 from drivers.engines import installed
 from postproc.paper.simulate import exact
 from postproc.read.observables import observe
@@ -378,29 +375,3 @@ def test_status_lists_cases(study_file: StudyWriter, tmp_path: Path) -> None:
         "2: striker.speed=2.0 m/s: verlet done",
         "verlet  1 done, 1 to do",
     ]
-
-
-def test_planning_survives_a_kill(study_file: StudyWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The facts of finished parts are kept, and not computed again."""
-    path, built = study_file(SPEEDS.format(60), "verlet"), list[int]()
-    request = Request(path, tmp_path / "runs", lambda case: case, lambda *_: {}, lambda *_: np.zeros(1))
-    batch = opened(request)
-    assert [*batch.slice_of(2, 20)] == [2, 22, 42]
-    computed = Batch.computed_facts
-
-    def facts(self: Batch, number: int) -> CaseFacts:
-        if number == 40 and not built.count(40):
-            built.append(40)
-            raise KeyboardInterrupt
-        built.append(number)
-        return computed(self, number)
-
-    monkeypatch.setattr(Batch, "computed_facts", facts)
-    with pytest.raises(KeyboardInterrupt):
-        planned(batch, 1)
-    assert built == [*range(1, 41)]
-    built[:] = [40]
-    plan = planned(batch, 1)
-    assert built == [40, *range(26, 61)]
-    assert planned(batch, 1) == plan
-    assert len(built) == 36

@@ -9,8 +9,11 @@ import subprocess
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from drivers.batch.study_cases import Batch, CaseFacts, Request, opened
+from drivers.batch.study_plan import planned
 from drivers.run.execute import EXIT_LIMIT_S
 from validation.tests.drivers.batch.test_batch import batch, stored, table_bytes
 from validation.tests.helpers.commands import BEADS, without_progress
@@ -133,3 +136,29 @@ def test_interrupted_in_order(study_file: StudyWriter, tmp_path: Path) -> None:
     assert stored(runs)
     time.sleep(0.5)
     assert not _processes_of(process.pid, runs)
+
+
+def test_planning_survives_a_kill(study_file: StudyWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The facts of finished parts are kept, and not computed again."""
+    path, built = study_file(SPEEDS.format(60), "verlet"), list[int]()
+    request = Request(path, tmp_path / "runs", lambda case: case, lambda *_: {}, lambda *_: np.zeros(1))
+    batch = opened(request)
+    assert [*batch.slice_of(2, 20)] == [2, 22, 42]
+    computed = Batch.computed_facts
+
+    def facts(self: Batch, number: int) -> CaseFacts:
+        if number == 40 and not built.count(40):
+            built.append(40)
+            raise KeyboardInterrupt
+        built.append(number)
+        return computed(self, number)
+
+    monkeypatch.setattr(Batch, "computed_facts", facts)
+    with pytest.raises(KeyboardInterrupt):
+        planned(batch, 1)
+    assert built == [*range(1, 41)]
+    built[:] = [40]
+    plan = planned(batch, 1)
+    assert built == [40, *range(26, 61)]
+    assert planned(batch, 1) == plan
+    assert len(built) == 36
