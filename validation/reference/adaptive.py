@@ -50,7 +50,7 @@ def integrate_adaptive(
         raise ValueError("time_s: not finite")
     if not MIN_TOLERANCE <= tolerance < 1:
         raise ValueError(f"tolerance: {tolerance:g}, expected from {MIN_TOLERANCE:g} to below 1")
-    from validation.reference.adaptive_kernels import follow
+    from validation.reference.adaptive_kernels import fill_states
 
     n = chain.mass_kg.size
     overlap_scale, speed_scale = scales(chain, float(time_s[-1]))
@@ -61,7 +61,8 @@ def integrate_adaptive(
         bodies = (*bodies, float(chain.alpha), np.zeros(n))
     first = FIRST_STEP * overlap_scale / speed_scale
     stop = np.zeros(1, bool) if stop is None else stop
-    states, done = follow(start, time_s, bodies, LOCAL_SHARE * tolerance, scale, first, stop)
+    states = np.empty((time_s.size, start.size))
+    done = fill_states(states, start, time_s, bodies, LOCAL_SHARE * tolerance, scale, first, stop)
     if not done or not np.isfinite(states).all():
         raise ArithmeticError("the adaptive reference cannot integrate this motion: its steps become too small")
     overlap, velocity = np.ascontiguousarray(states[:, :n]), np.ascontiguousarray(states[:, n:])

@@ -43,21 +43,21 @@ def _root(elapsed: float, power: float) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def follow(
-    start: Array, times: Array, bodies: Bodies, tolerance: float, scale: Array, first_step: float, stop: Flag
-) -> tuple[Array, bool]:
-    """States of a chain at all times, shape (samples, 2 bodies), and True if the integration reached the end.
+def fill_states(
+    samples: Array, start: Array, times: Array, bodies: Bodies, tolerance: float, scale: Array, first_step: float,
+    stop: Flag,
+) -> bool:  # fmt: skip
+    """Fills states of a chain at all times, shape (samples, 2 bodies); True if the integration reached the end.
 
-    Local errors of each step stay below ``tolerance`` times ``scale``, shape (2 bodies,).
+    Local errors of each step stay below ``tolerance`` times ``scale``, shape (2 bodies,). The states are filled into a
+    given array: to return one, numba would run Python code, and lose the exception of a signal in it.
     """
     size = start.size
     state, end, work = np.zeros((3, size)), np.zeros((3, size)), np.zeros((3, size))
     slopes, spare, dense = np.zeros((ROWS, size)), np.zeros((ROWS, size)), np.empty((7, size))
-    samples = np.empty((times.size, size))
     copy(start, samples[0])
     copy(start, state[0])
-    done = _fill(samples, state, end, work, slopes, spare, dense, times, bodies, tolerance, scale, first_step, stop)
-    return samples, done
+    return _fill(samples, state, end, work, slopes, spare, dense, times, bodies, tolerance, scale, first_step, stop)
 
 
 @njit(error_model="numpy")

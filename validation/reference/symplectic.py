@@ -23,23 +23,23 @@ def integrate_symplectic(chain: HertzChain, time_step_s: float, steps_per_sample
         ValueError: the step is not above zero, or a count is below one.
     """
     check_timing(time_step_s, steps_per_sample, samples)
-    overlap, velocity = _integrate(
-        chain.overlap_m, chain.velocity_m_s, chain.stiffness, 1 / chain.mass_kg, chain.load_N / chain.mass_kg,
-        time_step_s, steps_per_sample, samples,
+    overlap, velocity = np.empty((2, samples, chain.mass_kg.size))
+    _fill(
+        overlap, velocity, chain.overlap_m, chain.velocity_m_s, chain.stiffness, 1 / chain.mass_kg,
+        chain.load_N / chain.mass_kg, time_step_s, steps_per_sample,
     )  # fmt: skip
     return Motion(hertz_force(chain.stiffness, overlap), displacements(chain, overlap), velocity)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _integrate(
-    start: Array, start_velocity: Array, stiffness: Array, inverse_mass: Array, acceleration: Array,
-    dt: float, every: int, samples: int,
-) -> tuple[Array, Array]:  # fmt: skip
-    """Overlaps and velocities, each of shape (samples, bodies)."""
+def _fill(
+    overlaps: Array, velocities: Array, start: Array, start_velocity: Array, stiffness: Array, inverse_mass: Array,
+    acceleration: Array, dt: float, every: int,
+) -> None:  # fmt: skip
+    """Fills overlaps and velocities, each of shape (samples, bodies)."""
     n = start.size
     overlap, velocity = start.copy(), start_velocity.copy()
-    overlaps, velocities = np.empty((samples, n)), np.empty((samples, n))
-    for step in range((samples - 1) * every + 1):
+    for step in range((len(overlaps) - 1) * every + 1):
         if step:
             for part in range(DRIFTS.size):
                 below = 0.0
@@ -57,4 +57,3 @@ def _integrate(
         if step % every == 0:
             copy(overlap, overlaps[step // every])
             copy(velocity, velocities[step // every])
-    return overlaps, velocities
