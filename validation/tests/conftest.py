@@ -1,6 +1,7 @@
 """Fixtures and options of all tests."""
 
 import os
+import signal
 import uuid
 from pathlib import Path
 
@@ -18,6 +19,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     """With ``--engine`` long tests run too; else tests use the engines of the package and entries of their own."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it, and so its children
     if config.getoption("engine"):
         config.option.markexpr = ""
     else:
