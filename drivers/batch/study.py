@@ -1,5 +1,6 @@
 """Studies: a base scene, axes of varied values, engines, and tabulated observables."""
 
+import hashlib
 import json
 import pickle
 import re
@@ -23,6 +24,7 @@ from drivers.scene.model import Part, Scene, Title
 from drivers.scene.read_scene import find_input, find_scene, make_scene, read_toml, set_value
 from drivers.scene.settings import look_up, unit_of
 
+DERIVED = ("-cost", "-figure")  # endings of the files of a study besides its table
 RESERVED = ("case", "engine", "status", "reason", "force_error_share")  # columns of every table
 
 
@@ -90,6 +92,12 @@ class Study:
         """True if axes are varied one by one instead of as a grid."""
         return self.file.combine == "one by one"
 
+    @property
+    def cases_sha256(self) -> str:
+        """Digest of all that the file and those it names say about the cases."""
+        content = (self.base, self.library, self.axes, self.columns, self.one_by_one)
+        return hashlib.sha256(repr(content).encode()).hexdigest()
+
     @cached_property
     def count(self) -> int:
         """Number of cases."""
@@ -140,6 +148,8 @@ def read_study(source: str | Path, also: Sequence[str] = ()) -> Study:
     """
     path = find_input(source, paths.STUDIES, "study")
     where = paths.shown(path)
+    if path.stem.endswith(DERIVED):
+        raise InputError(where, "", f"the study name {path.stem}", "a name without the ending of another study's files")
     file = validate(StudyFile, read_toml(path), where)
     scene = _base_scene(file.scene, path, where)
     base = read_toml(scene)
@@ -147,6 +157,7 @@ def read_study(source: str | Path, also: Sequence[str] = ()) -> Study:
         set_value(base, key, value, f"{where}: set")
     axes = []
     columns: dict[str, str] = {}
+    taken = {*RESERVED}  # names with and without units
     seen = dict.fromkeys(file.set, "set")
     problems: list[InputProblem] = []
     for i, axis in enumerate(file.axis):
@@ -164,9 +175,11 @@ def read_study(source: str | Path, also: Sequence[str] = ()) -> Study:
             if axis.name and len(keys) > 1:
                 raise InputError(where, f"{place}.name", f"{len(keys)} columns", "a name for one column")
             for name, key in ((axis.name or key, key) for key in keys):
-                if name in columns or name in RESERVED:
+                names = {name, column_name(name, key)}
+                if names & taken:
                     raise InputError(where, f"{place}.name", f'"{name}", the name of another column', "another name")
                 columns[name] = key
+                taken |= names
             axes.append(tuple(choices))
     for name in file.engines:
         with gathered(problems, where):

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drivers.base import paths
-from drivers.base.errors import InputError, RunError
+from drivers.base.errors import InputError, RunError, printable
 from drivers.base.processes import cores
 from drivers.base.progress import counted, in_words, say
 from drivers.base.text_table import text_table
@@ -188,7 +188,7 @@ def _planned(request: Request, workers: int, *, yes: bool) -> StudyPlan:
     plan = planned(found, workers)
     store.refresh()
     if store.damaged:
-        count, names = len(store.damaged), ", ".join(sorted(store.damaged)[:MAX_NAMES])
+        count, names = len(store.damaged), ", ".join(map(printable, sorted(store.damaged)[:MAX_NAMES]))
         where = f"{paths.shown(store.folder)}: {names}{', ...' * (count > MAX_NAMES)}"
         print(f"{count} damaged file{'s' * (count > 1)} in {where}: ignored, may be removed", file=sys.stderr)
     return plan

@@ -12,6 +12,7 @@ from drivers.base.errors import InputError, RunError
 from drivers.base.files import csv_of, parquet_in, read_sealed_file, sealed_file
 from drivers.base.progress import say
 from drivers.batch.store import StudyRow
+from drivers.batch.study import read_study
 from drivers.batch.study_plan import StudyPlan
 
 COSTS = (
@@ -22,6 +23,7 @@ COSTS = (
     "reference_s",
 )  # the last one is the time of the reference, for the error
 
+CASES = "cases_sha256"  # attribute of the table
 FINISHED = ("done", "failed", "timeout")  # states of a row that has been run
 
 
@@ -41,12 +43,16 @@ def tables(plan: StudyPlan) -> tuple[pd.DataFrame, pd.DataFrame]:
         "force_error_share": [row.force_error if row else None for row in found],
     }
     for name in _observed(found):
+        if name in plan.values:
+            raise InputError(study.where, "axis", f'"{name}", the name of an observable', "another name of the column")
         if any(fnmatchcase(name, glob) for glob in study.file.observables):
             numbers[name] = [row.values.get(name) if row else None for row in found]
     work = [plan.facts[place].work for place, _, _ in rows]
     costs = {"case": keys["case"], "engine": keys["engine"], "bodies_times_steps": work}
     costs |= {name: [row.cost[name] if row else None for row in found] for name in COSTS}
-    return _frame(numbers, set(plan.values)), _frame(costs, set())
+    table = _frame(numbers, set(plan.values))
+    table.attrs[CASES] = study.cases_sha256
+    return table, _frame(costs, set())
 
 
 def unmatched(plan: StudyPlan) -> list[str]:
@@ -111,7 +117,7 @@ def _rows_done(table: pd.DataFrame) -> int:
 
 
 def read_study_table(study: str | Path, results: str | Path | None = None) -> pd.DataFrame:
-    """Read the table that a batch has written for a study.
+    """Read the table that a batch has written for a study, as its file is now.
 
     Args:
         study: Name of a study in ``inputs/studies``, or path of a study file.
@@ -123,7 +129,8 @@ def read_study_table(study: str | Path, results: str | Path | None = None) -> pd
             does not show one.
 
     Raises:
-        InputError: There is no table, or it is damaged; ``beads batch STUDY`` writes it.
+        InputError: There is no study or no table of it, the table is damaged, or the cases have changed since;
+            ``beads batch STUDY`` writes it.
 
     Examples:
         >>> table = read_study_table("wall-material", results=tables)
@@ -133,9 +140,14 @@ def read_study_table(study: str | Path, results: str | Path | None = None) -> pd
     """
     path = Path(results or paths.RESULTS) / f"{Path(study).name.removesuffix('.toml')}.parquet"
     try:
-        return _read_table(path, study)
+        table = _read_table(path, study)
     except FileNotFoundError:
         raise InputError(paths.shown(path), "", f"table not found; run beads batch {study}") from None
+    if table.attrs.get(CASES) != read_study(study).cases_sha256:
+        raise InputError(
+            paths.shown(path), "", f"a table of other cases than the study has now; run beads batch {study}"
+        )
+    return table
 
 
 def _frame(columns: dict[str, list[Any]], free: set[str]) -> pd.DataFrame:

@@ -19,10 +19,14 @@ from drivers.scene.read_scene import read_toml
 RESERVED = ("auto", "batch", "reference", "verlet")  # a value of --engine, a folder of runs/, the in-repo engines
 
 
+def _is_command(line: object) -> bool:
+    return isinstance(line, str) and "\0" not in line and bool(shlex.split(line))
+
+
 def _alternatives(value: object) -> object:
     lines = [value] if isinstance(value, str) else value
     try:
-        if isinstance(lines, list) and all(isinstance(each, str) and shlex.split(each) for each in lines) and lines:
+        if isinstance(lines, list) and lines and all(map(_is_command, lines)):
             return tuple(tuple(shlex.split(each)) for each in lines)
     except ValueError:  # an open quote
         pass

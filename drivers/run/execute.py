@@ -130,8 +130,9 @@ def get_ready(*functions: Callable[..., Any]) -> None:
 
 
 def _start_fork_server() -> None:
-    """Start the fork server if it does not run, with Ctrl-C blocked, since it would print a traceback.
+    """Start the fork server if it does not run, deaf to signals that a terminal or a scheduler sends to all processes.
 
+    A server that Ctrl-C ends prints a traceback; after SIGTERM its workers would seem dead while they leave contexts.
     Its socket is in another folder if temporary files lie too deep for one, as on clusters.
     """
     former = tempfile.tempdir
@@ -141,9 +142,10 @@ def _start_fork_server() -> None:
         util.get_temp_dir()  # made once, and then kept by multiprocessing
     finally:
         tempfile.tempdir = former
-    resource_tracker.ensure_running()  # first, since its start unblocks Ctrl-C
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # inherited by the fork server
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGHUP})  # inherited, as the others
     try:
+        resource_tracker.ensure_running()  # which unblocks the others here, and ignores them
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
         forkserver.ensure_running()
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
@@ -172,8 +174,10 @@ def _processes(place: Place) -> Iterator[Executor]:
 
 
 def _begin() -> None:
-    """Initialize a worker process: it ignores Ctrl-C and dies with its parent."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Initialize a worker process: it heeds SIGTERM alone, which its parent sends, and dies with its parent."""
+    for ignored in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(ignored, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_SETMASK, ())
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()

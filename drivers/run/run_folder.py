@@ -19,6 +19,7 @@ import numpy as np
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.files import DamagedError, parquet_in, read_checked, read_sealed, sha256_of, whole_file, write_sealed
+from drivers.base.progress import say
 from drivers.chain.case import Layout, read_layout
 from drivers.chain.chain import Array
 from drivers.chain.trace import State, Trace, bore_forces_in, forces_table, state_in, state_table, trace_in
@@ -332,6 +333,8 @@ class EndedRun:
     def with_sensors(self, signals: bytes, **changes: Any) -> "EndedRun":
         """The run with its gauge signals and changes of its record, both written to the folder."""
         path = self.folder / SENSORS
+        for line in self.damage(SENSORS) if SENSORS in self.record.files else ():
+            say(f"{line}: written again")
         with whole_file(path) as draft:
             draft.write_bytes(signals)
             digest = sha256_of(draft)

@@ -93,6 +93,33 @@ def test_helpers_do_not_outlive_a_killed_batch(
     assert re.fullmatch(r"(interrupted(: \d+ of 3000 rows done; .*)?\n)?", without_progress(process.stderr.read()))
 
 
+@pytest.mark.parametrize("request_to_end", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_to_all_processes_leaves_no_files(
+    request_to_end: signal.Signals, study_file: StudyWriter, tmp_path: Path
+) -> None:
+    """As of a scheduler or of a terminal that is closed: workers leave their folders and those of engines."""
+    need("lammps")
+    path, runs, places = study_file(SPEEDS.format(1000), "lammps"), tmp_path / "runs", tmp_path / "places"
+    places.mkdir()
+    process = subprocess.Popen(
+        [*BEADS, "batch", str(path), "--runs", str(runs), "--results", str(tmp_path)],
+        start_new_session=True,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"TMPDIR": str(places)},
+    )
+    until = time.monotonic() + 60
+    while not [*places.glob("bead-chains-*/*/*/case/*")] and time.monotonic() < until:
+        time.sleep(0.02)
+    os.killpg(process.pid, request_to_end)
+    _, said = process.communicate(timeout=20)
+    assert process.returncode == 130
+    assert re.fullmatch(r"interrupted: \d+ of 1000 rows done; .*\n", without_progress(said))
+    assert not [place for place in places.iterdir() if not place.name.startswith("ompi.")]  # of a killed Open MPI
+    assert not [*(runs / "batch" / ".work").glob("*@*")]
+
+
 @pytest.mark.long
 def test_a_killed_fork_server_costs_nothing(study_file: StudyWriter, tmp_path: Path) -> None:
     path, runs = study_file(SPEEDS.format(60), "verlet"), tmp_path / "runs"

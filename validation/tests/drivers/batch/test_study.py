@@ -12,7 +12,7 @@ from drivers.engines import engine_names
 from drivers.run.execute import Place
 from validation.commands.batch_commands import request_of
 from validation.tests.helpers.commands import beads, beads_process
-from validation.tests.helpers.scenes import SceneWriter, StudyWriter
+from validation.tests.helpers.scenes import SPEEDS, SceneWriter, StudyWriter
 
 
 @pytest.fixture
@@ -158,6 +158,12 @@ BAD = {
         "striker, which overlaps striker.speed of axis.0",
     ),
     "a name that is taken": ('[[axis]]\nkey = "seed"\nname = "case"\nvalues = [1]', '"case", the name of another'),
+    "a name that is another with its unit": (
+        '[[axis]]\nkey = "striker.speed"\nname = "a"\nvalues = ["1 m/s"]\n'
+        '[[axis]]\nkey = "chain.count"\nname = "a_m_s"\nvalues = [3]',
+        'axis.1.name: found "a_m_s", the name of another column',
+    ),
+    "a device as table": ('[[axis]]\ntable = "/dev/zero"', "/dev/zero: a device or a pipe; allowed: a readable CSV"),
     "a key that is a number": ("[[axis]]\nkey = 5\nvalues = [1]", "axis.0.key: found 5; allowed: a list"),
     "an endless number": (f'[[axis]]\nkey = "seed"\nfrom = {"9" * 400}\nto = 2\ncount = 2', "a finite number"),
     "a table without a name": ('[[axis]]\ntable = "a\\u0000b"', "a readable CSV file"),
@@ -183,6 +189,21 @@ def test_bad_studies(name: str, scene_file: SceneWriter, tmp_path: Path) -> None
     assert words in str(refused.value)
     assert not list(tmp_path.glob("runs/batch/*.jsonl"))
     assert not (tmp_path / "results").exists()
+
+
+@pytest.mark.parametrize("ending", ["-cost", "-figure"])
+def test_no_study_has_the_name_of_a_file_of_another(ending: str, study_file: StudyWriter) -> None:
+    path = study_file(SPEEDS.format(2), "verlet")
+    with pytest.raises(InputError, match=f"the study name study{ending}"):
+        read_study(path.rename(path.with_stem(f"study{ending}")))
+
+
+def test_no_column_has_the_name_of_an_observable(study_file: StudyWriter, tmp_path: Path) -> None:
+    path = study_file('[[axis]]\nkey = "chain.count"\nname = "wall_peak_N"\nvalues = [3, 4]', "verlet")
+    request = request_of(path, tmp_path / "runs")
+    with pytest.raises(InputError, match='"wall_peak_N", the name of an observable'):
+        batch(request, tmp_path / "results", Place(1, processes=True))
+    assert not [*(tmp_path / "results").iterdir()]
 
 
 @pytest.mark.parametrize(

@@ -221,6 +221,7 @@ def test_another_adapter_under_the_same_name_is_another_build(tmp_path: Path, mo
     ("text", "words"),
     [
         ('[liggghts]\ncomand = "lmp"', r"liggghts.comand: unknown key; did you mean command\?"),
+        ('[liggghts]\ncommand = "lmp \\u0000"', 'liggghts.command: found "lmp ?"; allowed: a command such as'),
         ("[liggghts]\ncommand = 3", 'liggghts.command: found 3; allowed: a command such as "mpirun -np 1 lmp"'),
         ("[liggghts]\ncommand = []", "liggghts.command: .*a list of them"),
         ("[liggghts]\ncommand = 'lmp \"'", "liggghts.command: .*a command"),

@@ -235,7 +235,7 @@ def test_an_entry_under_another_name_is_computed_again(capsys: pytest.CaptureFix
 def batch(path: Path, tmp_path: Path) -> pd.DataFrame:
     ended = beads("batch", path, "--runs", tmp_path / "r", "--results", tmp_path / "results")
     assert ended.returncode == 0, ended.stderr
-    return read_study_table("study", tmp_path / "results")
+    return read_study_table(path, tmp_path / "results")
 
 
 def test_which_row_belongs_to_which_case_is_not_believed(study_file: StudyWriter, tmp_path: Path) -> None:
@@ -290,11 +290,29 @@ def test_a_damaged_table_of_a_study_is_refused_and_written_again(
     else:
         DAMAGE[damage](file)
     with pytest.raises(InputError) as refused:
-        read_study_table("study", tmp_path / "results")
+        read_study_table(path, tmp_path / "results")
     assert "study.parquet" in str(refused.value)
-    assert "beads batch study" in str(refused.value)
+    assert "beads batch" in str(refused.value)
     if not file.is_dir():
         pd.testing.assert_frame_equal(batch(path, tmp_path), right)
+
+
+@pytest.mark.parametrize("edited", ["study", "scene", "title"])
+def test_a_table_is_of_the_cases_that_the_study_has_now(edited: str, study_file: StudyWriter, tmp_path: Path) -> None:
+    path = study_file(SPEEDS.format(2), "verlet")
+    right = batch(path, tmp_path)
+    if edited == "scene":
+        scene = tmp_path / "scene.toml"
+        scene.write_text(scene.read_text().replace("count = 5", "count = 4"))
+    else:
+        text = path.read_text().replace("2 m/s", "3 m/s" if edited == "study" else "2 m/s")
+        path.write_text(f'title = "new"\n{text}')
+    if edited == "title":
+        pd.testing.assert_frame_equal(read_study_table(path, tmp_path / "results"), right)
+        return
+    with pytest.raises(InputError, match="a table of other cases than the study has now; run beads batch"):
+        read_study_table(path, tmp_path / "results")
+    assert not batch(path, tmp_path).equals(right)
 
 
 def test_sealed_files_have_the_name_under_which_they_were_written(tmp_path: Path) -> None:
