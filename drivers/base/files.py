@@ -5,7 +5,6 @@ of its files in its record, and tables and pictures have theirs in a hidden fold
 """
 
 import csv
-import errno
 import hashlib
 import json
 import os
@@ -123,16 +122,6 @@ def read_sealed(path: Path, allowed: str) -> dict[str, Any]:
         raise DamagedError(paths.shown(path), "", words, allowed)
     assert isinstance(found, dict)
     return found
-
-
-def refuse_endless(path: Path) -> None:
-    """Refuse a device or a pipe, whose reading might not end.
-
-    Raises:
-        OSError: the path exists, and is no file and no folder.
-    """
-    if path.exists() and not (path.is_file() or path.is_dir()):
-        raise OSError(errno.EINVAL, "a device or a pipe", str(path))
 
 
 def digest_of_json(content: Any) -> str:

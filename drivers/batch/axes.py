@@ -11,7 +11,6 @@ from pydantic import BeforeValidator, Field
 
 from drivers.base import paths, units
 from drivers.base.errors import InputError
-from drivers.base.files import refuse_endless
 from drivers.base.messages import shorten
 from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml, read_value
@@ -154,7 +153,8 @@ def _multiplied(base: dict[str, Any], key: str, factor: float, where: str, place
 def _table(path: Path, where: str, place: str) -> list[Choice]:
     """Rows of a CSV file; headings are keys, with a unit in brackets for columns of plain numbers."""
     try:
-        refuse_endless(path)
+        if path.exists() and not path.is_file():  # reading a device or a pipe might not end
+            raise ValueError("no regular file")
         with open(path, encoding="utf-8-sig", newline="") as file:
             rows = [row for row in csv.reader(file, strict=True) if row]
     except (OSError, ValueError, csv.Error) as error:

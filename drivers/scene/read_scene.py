@@ -11,7 +11,6 @@ from pydantic import Field, create_model
 
 from drivers.base import paths, units
 from drivers.base.errors import InputError, InputProblem, refuse_any
-from drivers.base.files import refuse_endless
 from drivers.base.messages import keys_at, shorten, validate
 from drivers.scene.model import RIGID, Material, Part, Scene, SceneFile
 from drivers.scene.scene_rules import contradictions, problems_of_alternatives
@@ -180,8 +179,9 @@ def read_toml(path: Path) -> dict[str, Any]:
     where = paths.shown(path)
     if not path.exists():
         raise InputError(where, "", "file not found")
+    if not path.is_file():
+        raise InputError(where, "", "a directory" if path.is_dir() else "a device or a pipe", "a TOML file")
     try:
-        refuse_endless(path)
         return tomllib.loads(path.read_bytes().decode("utf-8"))
     except OSError as error:
         raise InputError(where, "", f"file cannot be read: {error.strerror or error}") from error

@@ -48,7 +48,7 @@ def draw_study(
     panel.
 
     Raises:
-        InputError: The table lacks an observable, no case is done, or no value was found.
+        InputError: The table lacks an observable, one is given twice, no case is done, or no value was found.
     """
     _must_have(table, observables, where)
     swept, done = swept_columns(table), table[table["status"] == "done"]
@@ -204,6 +204,8 @@ def _legend(figure: Any, handles: list[Any], words: list[str]) -> None:
 def _must_have(table: pd.DataFrame, observables: tuple[str, ...], where: str) -> None:
     if not observables:
         raise InputError(where, "figure", "missing key: the observables to draw")
+    if len({*observables}) < len(observables):
+        raise InputError(where, "figure", "an observable twice", "each observable once")
     known = observable_columns(table)
     for name in (name for name in observables if name not in known):
         raise InputError(where, "figure", f'"{name}"', f"observables of the table: {', '.join(known) or 'none yet'}")

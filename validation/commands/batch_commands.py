@@ -134,8 +134,7 @@ def study(study: str, results: Path) -> None:
     table = read_study_table(study, results)
     draw = draw_tornado if found.one_by_one else draw_study
     labels = {column_name(name, key): key_label(name, key) for name, key in found.columns.items()}
-    panels = tuple(dict.fromkeys(found.file.figure))
-    product = draw(table, found.file.title or found.name, panels, found.where, labels)
+    product = draw(table, found.file.title or found.name, found.file.figure, found.where, labels)
     for path in write_product(product, f"{found.name}-figure", results):
         print(paths.shown(path))
 

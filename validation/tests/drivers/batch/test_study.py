@@ -163,7 +163,7 @@ BAD = {
         '[[axis]]\nkey = "chain.count"\nname = "a_m_s"\nvalues = [3]',
         'axis.1.name: found "a_m_s", the name of another column',
     ),
-    "a device as table": ('[[axis]]\ntable = "/dev/zero"', "/dev/zero: a device or a pipe; allowed: a readable CSV"),
+    "a device as table": ('[[axis]]\ntable = "/dev/zero"', "/dev/zero: no regular file; allowed: a readable CSV"),
     "a key that is a number": ("[[axis]]\nkey = 5\nvalues = [1]", "axis.0.key: found 5; allowed: a list"),
     "an endless number": (f'[[axis]]\nkey = "seed"\nfrom = {"9" * 400}\nto = 2\ncount = 2', "a finite number"),
     "a table without a name": ('[[axis]]\ntable = "a\\u0000b"', "a readable CSV file"),

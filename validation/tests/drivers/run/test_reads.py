@@ -183,13 +183,19 @@ def test_a_command_that_runs_makes_it_again_with_one_line(
     assert read_all(first.folder).forces_sha256 == first.forces_sha256
 
 
-def test_damaged_gauge_signals_are_written_again(scene_file: SceneWriter, tmp_path: Path) -> None:
+def test_damaged_gauge_signals_are_written_again(
+    scene_file: SceneWriter, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     case = case_of(scene_file())
     run = finished(case, "verlet", tmp_path)
     right = (run.folder / SENSORS).read_bytes()
     (run.folder / SENSORS).write_bytes(right.replace(b"1", b"2"))
+    assert SENSORS not in capsys.readouterr().err
     finished(case, "verlet", tmp_path)
     assert (run.folder / SENSORS).read_bytes() == right
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 1
+    assert said[0].endswith(": written again")
 
 
 def test_forces_of_another_scene_are_refused(pair: tuple[Path, Path]) -> None:

@@ -1,7 +1,6 @@
 """Figures of studies: labels, legends for any set of engines, no panel without values."""
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -164,9 +163,11 @@ def test_a_value_is_short_and_has_its_unit() -> None:
     assert key_label("chain.material", "chain.material") == Label("bead material", "")
 
 
-def test_a_figure_of_an_unknown_observable_is_an_input_error(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="wall_pea"):
-        _draw(_table(("reference",), **SPEEDS), "wall_pea")
+@pytest.mark.parametrize("draw", [draw_study, draw_tornado])
+@pytest.mark.parametrize(("observables", "words"), [(["wall_pea"], "wall_pea"), ([PEAK, PEAK], "an observable twice")])
+def test_observables_are_known_and_given_once(observables: list[str], words: str, draw: Any) -> None:
+    with pytest.raises(InputError, match=words):
+        _draw(_table(("reference",), **SPEEDS), *observables, draw=draw)
 
 
 def test_text_values_can_be_varied() -> None:
