@@ -4,8 +4,9 @@ This module defines the columns of its tables, of forces and of positions.
 """
 
 import hashlib
+import re
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,8 +14,10 @@ from drivers.chain.chain import Array, Chain
 from drivers.chain.contact_law import hertz_energy, hertz_energy_beyond_tangent
 
 if TYPE_CHECKING:
-    import pandas as pd
+    import pyarrow as pa
 
+MAX_COLUMNS = 2000  # bodies with columns of their own; those of longer chains share a column of lists, a list a sample
+CACHED_VALUES = 100_000  # values of an array that stay in a processor's cache
 CONTACT, BORE, BORE_FRICTION = "contact_{}_N", "bore_{}_N", "bore_friction_N"
 BALANCES = ("kinetic_energy_J", "total_energy_J", "momentum_N_s")
 PLACES = ("body_{}_x_m", "body_{}_y_m", "body_{}_height_m")
@@ -132,10 +135,14 @@ def potential_energy_change(chain: Chain, displacement_m: Array) -> Array:
         chain: the chain.
         displacement_m: displacements of all bodies since time 0. Shape (samples, bodies).
     """
-    change = -np.diff(displacement_m, axis=1, prepend=0.0)
     unbalanced_N = chain.elastic_N + np.cumsum(chain.load_N[::-1])[::-1]
-    beyond = hertz_energy_beyond_tangent(chain.stiffness, chain.overlap_m, change)
-    return np.asarray(beyond.sum(axis=1) + change @ unbalanced_N)
+    parts = np.array_split(displacement_m, -(-displacement_m.size // CACHED_VALUES))
+    changes = (-np.diff(part, axis=1, prepend=0.0) for part in parts)
+    energies = [
+        hertz_energy_beyond_tangent(chain.stiffness, chain.overlap_m, change).sum(axis=1) + change @ unbalanced_N
+        for change in changes
+    ]
+    return np.concatenate(energies)
 
 
 def _elastic_energy(chain: Chain, place_m: Array, height_m: Array) -> Array:
@@ -176,49 +183,43 @@ def digest_of(trace: Trace) -> str:
     return digest.hexdigest()
 
 
-def forces_table(trace: Trace) -> "pd.DataFrame":
+def forces_table(trace: Trace) -> "pa.Table":
     """Table of time, contact and bore forces, energies and momentum."""
-    import pandas as pd
+    import pyarrow as pa
 
-    columns = {"time_s": trace.time_s} | _numbered(CONTACT, trace.force_N)
+    columns = {"time_s": trace.time_s} | _by_body(CONTACT, trace.force_N)
     if trace.bore_friction_N is not None:
         columns[BORE_FRICTION] = trace.bore_friction_N
     if trace.bore_N is not None:
-        columns |= _numbered(BORE, trace.bore_N)
-    columns |= {name: getattr(trace, name) for name in BALANCES}
-    return pd.DataFrame(columns)
+        columns |= _by_body(BORE, trace.bore_N)
+    return pa.table(columns | {name: getattr(trace, name) for name in BALANCES})
 
 
-def trace_in(table: "pd.DataFrame") -> Trace:
+def trace_in(table: "pa.Table") -> Trace:
     """Trace of a table of forces, without positions and velocities; KeyError for a missing column."""
-    contacts = [name for name in table.columns if name.startswith(CONTACT.split("{")[0])]
-    friction = table[BORE_FRICTION].to_numpy(dtype=float) if BORE_FRICTION in table else None
-    kinetic, total, momentum = (table[name].to_numpy(dtype=float) for name in BALANCES)
-    time, force = table["time_s"].to_numpy(dtype=float), table[contacts].to_numpy(dtype=float)
-    return Trace(time, force, kinetic, total, momentum, bore_friction_N=friction)
+    single = {name: table[name].to_numpy() for name in ("time_s", *BALANCES)}
+    friction = table[BORE_FRICTION].to_numpy() if BORE_FRICTION in table.column_names else None
+    force = _of_bodies(table, CONTACT)
+    if force is None:
+        raise KeyError(CONTACT)
+    return Trace(force_N=force, bore_friction_N=friction, bore_N=_of_bodies(table, BORE), **single)
 
 
-def bore_forces_in(table: "pd.DataFrame", bodies: int) -> Array | None:
-    """Bore forces on each body in a table of forces, shape (samples, bodies); None if it has none."""
-    names = [BORE.format(j) for j in range(1, bodies + 1)]
-    return _or_zero(table, names) if any(name in table for name in names) else None
-
-
-def state_table(trace: Trace) -> "pd.DataFrame":
+def state_table(trace: Trace) -> "pa.Table":
     """Table of height and velocity of each body; for three-dimensional runs x, y and spin as well."""
-    import pandas as pd
+    import pyarrow as pa
 
     assert trace.height_m is not None
     assert trace.velocity_m_s is not None
-    columns = {"time_s": trace.time_s} | _numbered(PLACES[2], trace.height_m)
-    columns |= _numbered(VELOCITIES[2], trace.velocity_m_s)
+    columns = {"time_s": trace.time_s} | _by_body(PLACES[2], trace.height_m)
+    columns |= _by_body(VELOCITIES[2], trace.velocity_m_s)
     if trace.across_m is not None and trace.across_velocity_m_s is not None and trace.spin_rad_s is not None:
         for axis in (0, 1):
-            columns |= _numbered(PLACES[axis], trace.across_m[..., axis])
-            columns |= _numbered(VELOCITIES[axis], trace.across_velocity_m_s[..., axis])
+            columns |= _by_body(PLACES[axis], trace.across_m[..., axis])
+            columns |= _by_body(VELOCITIES[axis], trace.across_velocity_m_s[..., axis])
         for axis, spin in enumerate(SPINS):
-            columns |= _numbered(spin, trace.spin_rad_s[..., axis])
-    return pd.DataFrame(columns)
+            columns |= _by_body(spin, trace.spin_rad_s[..., axis])
+    return pa.table(columns)
 
 
 @dataclass(frozen=True)
@@ -236,24 +237,45 @@ class State:
     velocity_m_s: Array
 
 
-def state_in(table: "pd.DataFrame", bodies: int) -> State:
+def state_in(table: "pa.Table", bodies: int) -> State:
     """Positions and velocities in a table written by ``state_table``; KeyError for a missing column."""
-    names = {pattern: [pattern.format(j) for j in range(1, bodies + 1)] for pattern in (*PLACES, *VELOCITIES)}
-    for needed in ("time_s", *names[PLACES[2]], *names[VELOCITIES[2]]):
-        if needed not in table:
-            raise KeyError(needed)
-    place, velocity = (
-        np.stack([_or_zero(table, names[pattern]) for pattern in patterns], axis=-1)
-        for patterns in (PLACES, VELOCITIES)
-    )
-    return State(table["time_s"].to_numpy(), place, velocity)
+
+    def vectors(names: tuple[str, ...]) -> Array:
+        along = _of_bodies(table, names[2], bodies)
+        across = (_of_bodies(table, name) for name in names[:2])
+        return np.stack([*(np.zeros_like(along) if each is None else each for each in across), along], axis=-1)
+
+    return State(table["time_s"].to_numpy(), vectors(PLACES), vectors(VELOCITIES))
 
 
-def _numbered(pattern: str, values: Array) -> dict[str, Array]:
-    """Named columns of an array of shape (samples, bodies), numbered from the wall."""
-    return {pattern.format(j): column for j, column in enumerate(values.T, start=1)}
+def _by_body(pattern: str, values: Array) -> dict[str, Any]:
+    """Columns of an array of shape (samples, bodies): one a body, numbered from the wall, or one of lists."""
+    import pyarrow as pa
+
+    bodies = values.shape[1]
+    if bodies <= MAX_COLUMNS:
+        return {pattern.format(body): column for body, column in enumerate(values.T, start=1)}
+    return {_together(pattern): pa.FixedSizeListArray.from_arrays(pa.array(np.ravel(values)), bodies)}
 
 
-def _or_zero(table: "pd.DataFrame", names: list[str]) -> Array:
-    """Columns of a table, with zeros for missing columns. Shape (rows, names)."""
-    return np.asarray(table.reindex(columns=names, fill_value=0.0).to_numpy(dtype=float))
+def _of_bodies(table: "pa.Table", pattern: str, bodies: int = 0) -> Array | None:
+    """Array of the columns that ``_by_body`` made, shape (samples, bodies); None if there are none.
+
+    Raises:
+        KeyError: it has not as many bodies as asked for, if any are.
+    """
+    if _together(pattern) in table.column_names:
+        lists = table[_together(pattern)].combine_chunks()
+        found = np.asarray(lists.flatten().to_numpy().reshape(len(table), -1))
+    else:
+        numbered = re.compile(pattern.format(r"\d+"))
+        columns = [table[name].to_numpy() for name in table.column_names if numbered.fullmatch(name)]
+        found = np.column_stack(columns) if columns else np.zeros((0, 0))
+    if bodies and found.shape[1] != bodies:
+        raise KeyError(pattern)
+    return found if found.size else None
+
+
+def _together(pattern: str) -> str:
+    """Name of the column of lists."""
+    return pattern.replace("_{}", "")

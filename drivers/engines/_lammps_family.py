@@ -89,8 +89,8 @@ def deck_of(
     values |= {
         "code": code,
         "case": case,
-        "atoms": list(zip(type_of, 2 * radius_m, density, place.tolist(), strict=True)),
-        "velocities": chain.velocity_xyz_m_s.tolist(),
+        "atoms": np.column_stack([type_of, 2 * radius_m, density, place]),
+        "velocities": np.column_stack([chain.velocity_xyz_m_s, np.zeros((chain.bodies, 3))]),
         "types": [name.strip() for name in types],
         "binned": chain.bodies > MAX_BODIES_IN_PAIRS,
         "columns": _columns(case, wall_force),

@@ -15,17 +15,16 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from drivers.chain.chain import Array, Chain, arrays_of, energy_put_in, tube_arrays_of
-from drivers.chain.contact_law import contact_stiffness, hertz_overlap
+from drivers.chain.contact_law import contact_stiffness
 from drivers.chain.lateral import block_bands
 from drivers.limits.energy_bounds import SAFETY, at_most, bore_stiffness, deepest_m, late_damping, wear
 from validation.reference.hertz_chain import Extremes
 from validation.reference.tube import integrate_tube
-from validation.reference.velocity_verlet import integrate_verlet
+from validation.reference.velocity_verlet import follow_verlet
 
 STEP_TOLERANCE, MAX_ITERATIONS = 1e-9, 100
 # step over the energy bound of the limit; 0.01 would change limits by up to 0.3 %, or 2 % with light flying beads
 FINE_STEP_SHARE = 0.05
-BODY_STEPS_PER_CHUNK = 1_000_000  # bodies times steps held in memory
 # largest number of bodies times steps integrated, a few seconds; the rest of the run is extrapolated
 MAX_BODY_STEPS, MAX_BODY_STEPS_3D = 500_000_000, 20_000_000
 FIRST_SHARE = 0.01  # fraction of these steps integrated first; sufficient for most refusals
@@ -54,7 +53,7 @@ def reached(chain: Chain, duration_s: float, share: float = 1.0) -> Extremes:
     most = share * (MAX_BODY_STEPS if chain.lateral is None else MAX_BODY_STEPS_3D)
     followed = min(steps, max(1.0, most // chain.bodies))
     if chain.lateral is None:
-        found = _follow(chain, step, int(followed))
+        found = follow_verlet(arrays_of(chain), step, int(followed))
     else:
         found = integrate_tube(tube_arrays_of(chain), step, int(followed), 2).extremes
     return replace(found, impacts_J=found.impacts_J * steps / followed)
@@ -177,40 +176,3 @@ def _highest(inverse: Array, contacts: list[tuple[Array, Array, Array]], alone: 
     coupling[1:] *= inverse[:-1, :, None] * inverse[1:, None, :]
     last = 3 * bodies - 1
     return float(eigvals_banded(block_bands(own, coupling[1:]), select="i", select_range=(last, last))[0])
-
-
-def _follow(chain: Chain, step: float, left: int) -> Extremes:
-    """Extremes of a straight chain's motion, by velocity Verlet for ``left`` steps."""
-    arrays = arrays_of(chain)
-    nothing = np.zeros(chain.bodies)
-    found = Extremes(nothing, nothing, nothing, nothing, nothing, nothing)
-    while left:
-        steps = min(left, max(1, BODY_STEPS_PER_CHUNK // chain.bodies))
-        motion = integrate_verlet(arrays, step, 1, steps + 1)
-        moved = motion.displacement_m
-        pressed = arrays.overlap_m + np.column_stack([np.zeros(len(moved)), moved[:, :-1]]) - moved
-        more = _extremes(chain, motion.force_N, motion.velocity_m_s, pressed)
-        deeper, faster = np.maximum(found.overlap_m, more.overlap_m), np.maximum(found.closing_m_s, more.closing_m_s)
-        impacts, speed = found.impacts_J + more.impacts_J, np.maximum(found.speed_m_s, more.speed_m_s)
-        found = Extremes(deeper, faster, nothing, nothing, impacts, speed)
-        arrays = replace(arrays, overlap_m=pressed[-1], velocity_m_s=motion.velocity_m_s[-1])
-        left -= steps
-    return found
-
-
-def _extremes(chain: Chain, force_N: Array, velocity_m_s: Array, overlap_m: Array) -> Extremes:
-    """Extremes of samples taken at every step.
-
-    Overlaps are computed from forces, or from positions if contacts are damped.
-    """
-    there, nothing = chain.stiffness > 0, np.zeros(chain.bodies)
-    closing = np.column_stack([np.zeros(len(velocity_m_s)), velocity_m_s[:, :-1]]) - velocity_m_s
-    speed = np.where((force_N > 0) | (overlap_m <= 0) & (closing > 0), np.abs(closing), 0.0)
-    is_open = (force_N <= 0) | (overlap_m <= 0)  # with the power law, bodies that just touch may have a force
-    closing = np.where(is_open & there, np.maximum(closing, 0.0), 0.0)  # 0 for closed and opening contacts
-    closes = (force_N[:-1] <= 0) & (force_N[1:] > 0) & (overlap_m[:-1] < 0)  # excludes contacts that touch at time 0
-    energies = np.where(closes, 0.5 * chain.reduced_mass_kg * closing[:-1] ** 2, 0.0)
-    largest = np.maximum(overlap_m.max(axis=0), 0.0) if chain.damped else nothing.copy()
-    if not chain.damped:
-        largest[there] = hertz_overlap(chain.stiffness[there], np.maximum(force_N.max(axis=0), 0.0)[there])
-    return Extremes(largest, closing.max(axis=0), nothing, nothing, energies.sum(axis=0), speed.max(axis=0))

@@ -18,16 +18,15 @@ import numpy as np
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.base.files import DamagedError, parquet_in, read_checked, read_sealed, sha256_of, whole_file, write_sealed
+from drivers.base.files import DamagedError, arrow_in, read_checked, read_sealed, sha256_of, whole_file, write_sealed
 from drivers.base.progress import say
 from drivers.chain.case import Layout, read_layout
-from drivers.chain.chain import Array
-from drivers.chain.trace import State, Trace, bore_forces_in, forces_table, state_in, state_table, trace_in
+from drivers.chain.trace import State, Trace, forces_table, state_in, state_table, trace_in
 from drivers.scene.model import Scene
 from drivers.scene.read_scene import stored_scene
 
 if TYPE_CHECKING:
-    import pandas as pd
+    import pyarrow as pa
 
 RECORD, FORCES, STATE, SENSORS = "run.json", "forces.parquet", "state.parquet", "sensors.csv"
 ORIGIN = "of a run (run it again with --rerun)"
@@ -262,14 +261,6 @@ class EndedRun:
             raise DamagedError(paths.shown(self.folder / FORCES), "", found, allowed)
         return trace
 
-    def forces_table(self) -> "pd.DataFrame":
-        """Table of time, forces, energies and momentum; raises as ``trace``."""
-        return self._table(FORCES)
-
-    def bore_forces(self) -> Array | None:
-        """Bore forces on each body, shape (samples, bodies); None if the run has none."""
-        return bore_forces_in(self._table(FORCES), self.record.bodies)
-
     @cached_property
     def state(self) -> State:
         """Positions and velocities, bit for bit.
@@ -301,8 +292,8 @@ class EndedRun:
             found = f"a damaged file ({type(error).__name__}: {error})"
             raise DamagedError(paths.shown(self.folder / name), "", found, CONTENTS[name]) from error
 
-    def _table(self, name: str) -> "pd.DataFrame":
-        return parquet_in(self._content(name))
+    def _table(self, name: str) -> "pa.Table":
+        return arrow_in(self._content(name))
 
     def _content(self, name: str) -> bytes:
         """Content of a file as it was written."""
@@ -350,9 +341,11 @@ class EndedRun:
 
 def write_run(folder: Path, record: RunRecord, trace: Trace | None, *, state: bool) -> RunRecord:
     """Write trace and record of a run into its folder, with ``state`` also positions; returns the record."""
+    from pyarrow.parquet import write_table
+
     tables = {} if trace is None else {FORCES: forces_table(trace)} | ({STATE: state_table(trace)} if state else {})
     for name, table in tables.items():
-        table.to_parquet(folder / name, index=False, **COMPRESSED)
+        write_table(table, folder / name, **COMPRESSED)
     record = replace(record, files={name: sha256_of(folder / name) for name in tables})
     record.write(folder)
     return record

@@ -37,7 +37,7 @@ def write_series(run: EndedRun, folder: Path, frames: int = FRAMES) -> list[Path
         InputError: The run kept no positions; an earlier series stays.
     """
     scene, chain = chain_of(run)
-    motion, pressed = run.state, run.bore_forces()
+    motion, pressed = run.state, run.trace.bore_N
     chosen = spread(len(motion.time_s), frames)
     place, flat = motion.place_m[chosen], np.isinf(chain.radius_m)  # shape (frames, bodies, 3)
     radius = np.where(flat, scene.chain.diameter / 2, chain.radius_m)

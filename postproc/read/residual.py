@@ -12,7 +12,8 @@ REST_SHARE = 1e-12  # of the largest force: smaller changes are rounding
 
 def is_at_rest(force_N: Array) -> bool:
     """True if no force changes by more than rounding. Shape (samples, contacts)."""
-    return bool(np.abs(force_N - force_N[0]).max() <= REST_SHARE * np.abs(force_N).max())
+    change_N, largest_N = _largest(force_N)
+    return change_N <= REST_SHARE * largest_N
 
 
 def largest_change_N(force_N: Array) -> float:
@@ -20,8 +21,14 @@ def largest_change_N(force_N: Array) -> float:
 
     If nothing moves, the largest force; 1 N if there is no force.
     """
-    change = np.abs(force_N if is_at_rest(force_N) else force_N - force_N[0])
-    return float(change.max()) or 1.0
+    change_N, largest_N = _largest(force_N)
+    return (largest_N if change_N <= REST_SHARE * largest_N else change_N) or 1.0
+
+
+def _largest(force_N: Array) -> tuple[float, float]:
+    """Largest ``|F - F(0)|`` and ``|F|`` of any contact, from the extremes of each: no copy of a large array."""
+    low, high, start = force_N.min(axis=0), force_N.max(axis=0), force_N[0]
+    return float(np.maximum(high - start, start - low).max()), float(np.maximum(high, -low).max())
 
 
 def static_load_remark(share: float, reference_N: Array) -> str:

@@ -2,6 +2,7 @@
 
 import pandas as pd
 
+from drivers.chain.trace import BALANCES, BORE, BORE_FRICTION, CONTACT
 from drivers.run.run_folder import EndedRun
 from postproc.read import observables
 from postproc.read.sensors import sensor_table
@@ -56,7 +57,7 @@ def errors(run: EndedRun) -> pd.DataFrame:
 
 
 def forces(run: EndedRun) -> pd.DataFrame:
-    """Contact forces, energies and momentum of a run against time: the columns of its file.
+    """Contact forces, energies and momentum of a run against time, a column for each contact of any chain.
 
     Args:
         run: A run from ``drivers.run_scene`` or ``drivers.open_run``.
@@ -72,8 +73,15 @@ def forces(run: EndedRun) -> pd.DataFrame:
         >>> print(forces(run)["contact_1_N"].max().round(2))
         16.37
     """
-    time_s = pd.Index(run.trace.time_s, name="time_s")
-    return run.forces_table().drop(columns="time_s").set_index(time_s)
+    trace = run.trace
+    by_body = [(CONTACT, trace.force_N), *([(BORE, trace.bore_N)] if trace.bore_N is not None else [])]
+    single = {name: getattr(trace, name) for name in BALANCES}
+    single |= {BORE_FRICTION: trace.bore_friction_N} if trace.bore_friction_N is not None else {}
+    table = pd.DataFrame(single, index=pd.Index(trace.time_s, name="time_s"))
+    for pattern, values in reversed(by_body):
+        names = [pattern.format(number) for number in range(1, values.shape[1] + 1)]
+        table = pd.DataFrame(values, table.index, names).join(table)
+    return table
 
 
 def gauges(run: EndedRun) -> pd.DataFrame:

@@ -9,6 +9,7 @@ Differences that rounding explains are bounded here at each sample, by ``ROUNDIN
 of ``rounded`` and ``plain`` until then. Runs are compared until the horizon, where this bound exceeds ``AGREEMENT``.
 """
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
@@ -38,6 +39,7 @@ AGREEMENT = 1e-2  # of the largest change: runs that differ by more do not agree
 MAX_BODIES = 20_000
 MAX_WORK = 20_000_000  # bodies times steps of the finest three-dimensional run, about ten seconds
 MIN_ORDER, MAX_ORDER = 0.5, 2.5  # of convergence, for an extrapolation
+NAMES = {"name", "file", "title"}  # keys of a scene on which no motion depends
 FIELDS = {"energy": "total_energy_J", "momentum": "momentum_N_s"}  # judged columns of a trace besides the forces
 
 
@@ -167,6 +169,9 @@ class Motions:
     @cached_property
     def rounding_N(self) -> Array:
         """Largest force difference at each sample due to rounding, in N. Shape (samples,)."""
+        side_by_side = ["plain", "rounded", *(["half"] if self.straight and self.why_unknown else [])]
+        with ThreadPoolExecutor() as threads:
+            all(threads.map(lambda name: getattr(self, name), side_by_side))
         return np.asarray(np.abs(self.rounded.force_N - self.plain.force_N).max(axis=1))
 
     @cached_property
@@ -276,6 +281,6 @@ def _last(key: str) -> dict[str, Motions]:
 
 @lru_cache(maxsize=4)
 def _key(case: Case) -> str:
-    """Everything that determines the motions of a case; the deck lacks gauges and the reference's tolerance."""
-    decks = [load_engine(VERLET).render(each).sha256 for each in (case, case.full) if each]
-    return f"{decks} {case.layout} {case.reference_tolerance}"
+    """Everything that determines the motions of a case."""
+    scenes = [each.scene.model_dump_json(exclude=NAMES) for each in (case, case.full) if each]
+    return f"{scenes} {case.reference_tolerance}"

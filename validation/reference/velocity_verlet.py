@@ -8,10 +8,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from validation.reference.hertz_chain import Array, Flag, HertzChain, Motion, check_timing, contact_force, displacements
+from validation.reference.hertz_chain import (
+    Array,
+    Extremes,
+    Flag,
+    HertzChain,
+    Motion,
+    check_timing,
+    contact_force,
+    displacements,
+)
 
 if TYPE_CHECKING:
     from validation.reference.verlet_kernels import Arrays
+
+UNINTERRUPTED = 5_000_000  # bodies times steps between two looks for a signal
 
 
 def integrate_verlet(
@@ -33,6 +44,22 @@ def integrate_verlet(
     stop = np.zeros(1, bool) if stop is None else stop
     fill_samples(arrays, time_step_s, steps_per_sample, half_kick, chain.load_N, *kept, stop)
     return Motion(motion.force_N, displacements(chain, motion.displacement_m), motion.velocity_m_s)
+
+
+def follow_verlet(chain: HertzChain, time_step_s: float, steps: int) -> Extremes:
+    """Extremes of the motion over all steps of ``integrate_verlet``; no contact with a bore."""
+    from validation.reference.verlet_kernels import follow
+
+    arrays, inverse = _start(chain, time_step_s), 1 / chain.mass_kg
+    reduced = 1 / (inverse + np.append(0.0, inverse[:-1]))
+    # rows of one array: separate ones may all begin at the same place of a page and then share few lines of the cache
+    rows = np.vstack([0.5 * time_step_s * inverse, chain.load_N, reduced, np.zeros((6, inverse.size))])
+    chunk = max(1, UNINTERRUPTED // inverse.size)
+    for start in range(0, steps + 1, chunk):
+        times = min(chunk, steps + 1 - start)
+        follow(arrays, time_step_s, times, *rows[:8])
+    *_, overlap, closing, impacts, speed, nothing = rows
+    return Extremes(overlap, closing, nothing, nothing, impacts, speed)
 
 
 def _start(chain: HertzChain, time_step_s: float) -> "Arrays":

@@ -70,30 +70,69 @@ def _sweep_power(
         force[j] = power_force(stiffness[j], damping[j], alpha, now, closing) if now >= 0.0 else 0.0
 
 
+@njit(nogil=True, error_model="numpy")
+def _step(arrays: Arrays, dt: float) -> None:
+    """One step, by the law of the chain."""
+    velocity, overlap, force, stiffness, kick, drop, damping, alpha = arrays
+    if alpha > 0.0:
+        _sweep_power(velocity, overlap, force, stiffness, kick, drop, damping, alpha, dt)
+    elif damping.size:
+        _sweep_damped(velocity, overlap, force, stiffness, kick, drop, damping, dt)
+    else:
+        _sweep(velocity, overlap, force, stiffness, kick, drop, dt)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def follow(
+    arrays: Arrays, dt: float, times: int, half_kick: Array, load: Array, reduced: Array, approach: Array,
+    overlaps: Array, closings: Array, impacts: Array, speeds: Array,
+) -> None:  # fmt: skip
+    """Updates the extremes by the state at some times, each followed by a step.
+
+    With the power law, bodies that just touch may have a force. A contact that touches at time 0 makes no impact.
+    ``approach`` holds the closing speeds one step before of contacts with a gap; else 0.
+    """
+    velocity, overlap, force, stiffness = arrays[:4]
+    for _ in range(times):
+        below = 0.0
+        for j in range(overlap.size):
+            here = velocity[j] + half_kick[j] * (force[j] - force[j + 1] + load[j])
+            closing = below - here
+            below = here
+            pressed, apart = force[j] > 0.0, overlap[j] <= 0.0
+            if pressed:
+                impacts[j] += 0.5 * reduced[j] * approach[j] ** 2
+            if pressed or (apart and closing > 0.0):
+                speeds[j] = max(speeds[j], abs(closing))
+            approach[j] = 0.0
+            if stiffness[j] > 0.0:
+                overlaps[j] = max(overlaps[j], overlap[j])
+                if not pressed or apart:
+                    closings[j] = max(closings[j], closing)
+                if not pressed and overlap[j] < 0.0:
+                    approach[j] = max(closing, 0.0)
+        _step(arrays, dt)
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def fill_samples(
     arrays: Arrays, dt: float, every: int, half_kick: Array, load: Array,
     forces: Array, overlaps: Array, velocities: Array, stop: Flag,
 ) -> None:  # fmt: skip
     """Fills the samples, the first with the initial state; velocities are shifted to the time of the forces."""
-    velocity, overlap, force, stiffness, kick, drop, damping, alpha = arrays
+    velocity, overlap, force = arrays[:3]
     for sample in range(len(forces)):
         for _ in range(every if sample else 0):
             if stop[0]:
                 return
-            if alpha > 0.0:
-                _sweep_power(velocity, overlap, force, stiffness, kick, drop, damping, alpha, dt)
-            elif damping.size:
-                _sweep_damped(velocity, overlap, force, stiffness, kick, drop, damping, dt)
-            else:
-                _sweep(velocity, overlap, force, stiffness, kick, drop, dt)
+            _step(arrays, dt)
         for j in range(overlap.size):
             forces[sample, j] = force[j]
             overlaps[sample, j] = overlap[j]
             velocities[sample, j] = velocity[j] + half_kick[j] * (force[j] - force[j + 1] + load[j])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def integrate_absolute(
     mass: Array, stiffness: Array, height: Array, reach: Array, velocity: Array, load: Array, damping: Array,
     alpha: float | None, force: Array, net: Array, attraction: bool, local: float, dt: float, every: int,
