@@ -242,6 +242,7 @@ def state_in(table: "pa.Table", bodies: int) -> State:
 
     def vectors(names: tuple[str, ...]) -> Array:
         along = _of_bodies(table, names[2], bodies)
+        assert along is not None
         across = (_of_bodies(table, name) for name in names[:2])
         return np.stack([*(np.zeros_like(along) if each is None else each for each in across), along], axis=-1)
 
