@@ -71,6 +71,13 @@ def until(trace: Trace, samples: int) -> Trace:
     return part_of(trace, slice(samples))
 
 
+def finite_part(trace: Trace) -> Trace | None:
+    """Samples before the first value that is not finite; None if there are none."""
+    wrong = ~(np.isfinite(trace.force_N).all(axis=1) & np.isfinite(trace.total_energy_J))
+    samples = int(np.argmax(wrong)) if wrong.any() else len(wrong)
+    return until(trace, samples) if samples else None
+
+
 def make_trace(
     chain: Chain,
     time_s: Array,

@@ -30,7 +30,8 @@ USED_RUN = "commands find them again"
 RECENT_RUN = f"ended less than {RECENT_S / 60:g} minutes ago; a command may still read them"
 ABSENT_ENGINE = "their engine is not installed, so its build is unknown"
 RENAMED_FOLDER = "their folders have been renamed"
-REASONS_TO_KEEP = (USED_RUN, RECENT_RUN, ABSENT_ENGINE, RENAMED_FOLDER)
+IMPORTED = "imported, so no command makes them again"
+REASONS_TO_KEEP = (USED_RUN, RECENT_RUN, ABSENT_ENGINE, RENAMED_FOLDER, IMPORTED)
 
 
 def prune(
@@ -96,6 +97,8 @@ def _reason(run: EndedRun, build: Build | None) -> str:
         return RECENT_RUN
     if run.record.status == DAMAGED:
         return UNREADABLE_RECORD
+    if run.record.edits is not None:
+        return IMPORTED
     if run.trouble:
         return FAILED_RUN
     if build is None:

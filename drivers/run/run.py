@@ -19,6 +19,7 @@ from drivers.base.files import sha256_of
 from drivers.base.processes import git, local_changes
 from drivers.base.progress import following, say
 from drivers.chain.case import Case
+from drivers.chain.trace import finite_part
 from drivers.engines import Engine, load_engine
 from drivers.limits.refusal import refuse
 from drivers.run.build import Build, build_of
@@ -30,6 +31,7 @@ from drivers.run.run_folder import (
     RunRecord,
     damage_of,
     find_run,
+    folder_name,
     in_si,
     read_record,
     write_run,
@@ -48,8 +50,9 @@ def run_case(
 ) -> EndedRun:
     """Run a case, or find a finished run of it.
 
-    A failed or damaged run is tried again. The run folder appears under its name only when it is complete. A finished
-    run of another scene with the same deck is reused with a new record.
+    A failed or damaged run is tried again; a failed one keeps its forces as far as its output can be read. The run
+    folder appears under its name only when it is complete. A finished run of another scene with the same deck is reused
+    with a new record.
 
     Args:
         case: the case.
@@ -66,8 +69,8 @@ def run_case(
     build = build_of(engine)
     deck = engine.render(case)
     identity = run_identity(engine_name, build, deck.sha256)
-    layout = _description(case)["layout"]
-    target = home / f"{case.scene.name}-{hashlib.sha256(repr(layout).encode()).hexdigest()[:6]}-{identity}"
+    layout = description_of(case)["layout"]
+    target = home / folder_name(case.scene.name, layout, identity)
     keeps_state = "state" in case.scene.run.record
     if not rerun:
         found = find_run(home, identity, layout)
@@ -86,7 +89,10 @@ def run_case(
                 shutil.rmtree(raw)
             else:
                 raw.unlink(missing_ok=True)
-        record = write_run(folder, record, ended.trace, state=keeps_state)
+        if ended.fault is None or ended.fault.partial is None:
+            record = write_run(folder, record, ended.trace, state=keeps_state)
+        else:  # with positions, to see how it went wrong
+            record = write_run(folder, record, finite_part(ended.fault.partial), state=True)
         faster = find_run(home, identity, layout)  # by another process
         if faster and not rerun and faster.is_complete(state=keeps_state):
             return refresh_record(faster, case, target)
@@ -94,8 +100,8 @@ def run_case(
         kept = own and own.done and record.status != "done"
         if kept:  # a failed run does not replace a finished one
             target = target.with_name(f"{target.name}-failed")
-        _move_into_place(folder, target, own.folder if own and not kept else None)
-    return EndedRun(target, record, ended.fault.partial if ended.fault else None)
+        move_into_place(folder, target, own.folder if own and not kept else None)
+    return EndedRun(target, record)
 
 
 def run_many(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS, *, by_hand: bool = False) -> list[EndedRun]:
@@ -165,7 +171,7 @@ def refresh_record(found: EndedRun, case: Case, target: Path) -> EndedRun:
 
     If the gauges differ, the run is copied to ``target``, since the stored gauge signals depend on them.
     """
-    described = _description(case)
+    described = description_of(case)
     if all(getattr(found.record, key) == value for key, value in described.items()):
         return found
     record = found.record.described(described)
@@ -174,11 +180,11 @@ def refresh_record(found: EndedRun, case: Case, target: Path) -> EndedRun:
         return EndedRun(found.folder, record)
     with workplace(target.parent) as place:
         found.copy_to(place / "run", record)
-        _move_into_place(place / "run", target, None)
+        move_into_place(place / "run", target, None)
     return EndedRun(target, record)
 
 
-def _description(case: Case) -> dict[str, Any]:
+def description_of(case: Case) -> dict[str, Any]:
     """Keys of the record that describe the scene, as JSON values."""
     described = {
         "scene_name": case.scene.name,
@@ -209,7 +215,7 @@ def _record(case: Case, engine: Engine, build: Build, deck: Deck, ended: Compute
         memory_bytes=ended.memory_bytes,
         files={},
         **NOT_ASSESSED,
-        **_description(case),
+        **description_of(case),
         **provenance(),
     )
 
@@ -226,7 +232,7 @@ def provenance() -> dict[str, Any]:
     }
 
 
-def _move_into_place(folder: Path, target: Path, former: Path | None) -> None:
+def move_into_place(folder: Path, target: Path, former: Path | None) -> None:
     """Move a complete folder to its name; an older run of the same hash stays until then."""
     for number, old in enumerate({former or target, target}):
         with suppress(FileNotFoundError):  # no older run, or another process was faster

@@ -4,12 +4,13 @@ No other module knows the names and formats of these files. The record ``run.jso
 the other files, so each file that is read back is as it was written, or is refused by name.
 """
 
+import hashlib
 import os
 import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 RECORD, FORCES, STATE, SENSORS = "run.json", "forces.parquet", "state.parquet", "sensors.csv"
+SCENE = "scene.json"  # of a deck written to be run by hand
 ORIGIN = "of a run (run it again with --rerun)"
 CONTENTS = {FORCES: f"the forces {ORIGIN}", STATE: f"the positions {ORIGIN}", SENSORS: f"the gauge signals {ORIGIN}"}
 FOLDER_NAME = re.compile(r"(.+?)(-[0-9a-f]{6})?-([0-9a-f]{12})(-failed)?")  # scene, layout, identity of the run
@@ -66,8 +68,8 @@ class RunRecord:
         time_step_s, steps, bodies: time step, number of time steps and of bodies.
         wall_s, cpu_s: wall and CPU time of the process; for a process that runs many decks, of this deck alone.
         loop_s: time in the code's time loop.
-        memory_bytes: peak memory.
-        files: digests of the files that are read back, by name; none for a failed run.
+        memory_bytes: peak memory; unknown, as the times, for an imported run.
+        files: digests of the files that are read back, by name.
         error_budget: parts of the errors of the force and of observables (``validation.accuracy.budget``).
         error_note: parts that could not be measured, with the reason.
         exact_to: error of the exact motion until ``exact_until_s``, over the largest change of force; None for
@@ -75,6 +77,7 @@ class RunRecord:
         warnings: reasons why a finished run is of little use.
         step_limit_s: predicted stability limit of the time step; None if no contact closes.
         accuracy: ``asked``, ``predicted`` and ``measured`` error by quantity; None without an accuracy.
+        edits: differences of an imported run's deck from the scene's; None for a run of this project.
         host, commit, dirty, lock_sha256: machine, commit of the checkout, True if it had local changes (new files
             outside the packages do not count), digest of the lock file.
     """
@@ -95,10 +98,10 @@ class RunRecord:
     time_step_s: float
     steps: int
     bodies: int
-    wall_s: float
-    cpu_s: float
+    wall_s: float | None
+    cpu_s: float | None
     loop_s: float | None
-    memory_bytes: int
+    memory_bytes: int | None
     files: dict[str, str]
     error_budget: list[dict[str, Any]] | None
     error_note: str | None
@@ -111,6 +114,7 @@ class RunRecord:
     commit: str
     dirty: bool
     lock_sha256: str
+    edits: list[str] | None = None
 
     def described(self, described: dict[str, Any]) -> "RunRecord":
         """Record of the same run for another scene, not yet assessed."""
@@ -160,17 +164,10 @@ def in_si(scene: Scene) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class EndedRun:
-    """Finished, failed or damaged run with its folder.
-
-    Attributes:
-        folder: run folder.
-        record: record of the run.
-        partial_trace: samples of a run that just failed; they are not stored in the folder.
-    """
+    """Finished, failed or damaged run with its folder."""
 
     folder: Path
     record: RunRecord
-    partial_trace: Trace | None = field(default=None, compare=False, repr=False)
 
     @property
     def name(self) -> str:
@@ -238,13 +235,18 @@ class EndedRun:
         return self.record.files[FORCES]
 
     @property
+    def has_forces(self) -> bool:
+        """True if the run kept forces, as a failed run does if its output can be read."""
+        return FORCES in self.record.files
+
+    @property
     def has_state(self) -> bool:
         """True if the run kept positions and velocities."""
         return STATE in self.record.files
 
     @cached_property
     def trace(self) -> Trace:
-        """Trace of a finished run, without positions and velocities.
+        """Trace without positions and velocities; of a failed run the samples before its first fault in the output.
 
         Raises:
             InputError: the file is missing, damaged or of another scene.
@@ -253,6 +255,7 @@ class EndedRun:
         with self._refused(FORCES):
             trace = trace_in(self._table(FORCES))
             times = np.arange(scene["samples"], dtype=float) * (scene["steps_per_sample"] * record.time_step_s)
+            times = times if self.done else times[: len(trace.time_s)]
         shape = (len(times), record.bodies)
         if trace.force_N.shape != shape or not np.allclose(trace.time_s, times, rtol=TIME_TOLERANCE, atol=0):
             last_s = trace.time_s.max(initial=0.0)
@@ -339,6 +342,11 @@ class EndedRun:
         record.write(folder)
 
 
+def folder_name(scene: str, layout: dict[str, Any], identity: str) -> str:
+    """Name of a run folder, as ``FOLDER_NAME`` matches it."""
+    return f"{scene}-{hashlib.sha256(repr(layout).encode()).hexdigest()[:6]}-{identity}"
+
+
 def write_run(folder: Path, record: RunRecord, trace: Trace | None, *, state: bool) -> RunRecord:
     """Write trace and record of a run into its folder, with ``state`` also positions; returns the record."""
     from pyarrow.parquet import write_table
@@ -351,21 +359,43 @@ def write_run(folder: Path, record: RunRecord, trace: Trace | None, *, state: bo
     return record
 
 
+def write_scene(folder: Path, scene: Scene) -> None:
+    """Write the scene of a deck beside it, from where ``scene_of`` reads it when the deck has been run by hand."""
+    write_sealed(folder / SCENE, in_si(scene), indent=2)
+
+
+def scene_of(folder: Path) -> Scene:
+    """Scene of a run folder, or of a folder with a deck.
+
+    Raises:
+        InputError: there is none, or it is damaged or of another version.
+    """
+    path = folder / (RECORD if is_run(folder) else SCENE)
+    try:
+        scene = record_of(folder).scene if is_run(folder) else read_sealed(path, "the scene of a deck")
+        return stored_scene(scene)
+    except FileNotFoundError:
+        raise InputError(paths.shown(path), "", "no such file; give the scene of the deck by --scene") from None
+    except (TypeError, ValueError, AttributeError) as error:
+        raise DamagedError(paths.shown(path), "", "a scene of another version", "one of this version") from error
+
+
 def is_run(folder: Path) -> bool:
     """True if a folder has the record of a run, readable or not."""
     return (folder / RECORD).exists()
 
 
-def open_run(folder: Path) -> EndedRun:
-    """Open a finished run by its folder.
+def open_run(folder: Path, *, failed: bool = False) -> EndedRun:
+    """Open a finished run by its folder; with ``failed`` also a failed run that kept its forces.
 
     Raises:
         InputError: no run in the folder, one that is damaged, or one that failed.
     """
-    record = record_of(folder)
-    if record.status != "done":
-        raise InputError(str(folder), RECORD, f"a run that {record.status}: {record.reason}", "a run that is done")
-    return EndedRun(folder, record)
+    run = EndedRun(folder, record_of(folder))
+    if not run.done and not (failed and run.has_forces):
+        allowed = "a run that is done, or one that kept its forces" if failed else "a run that is done"
+        raise InputError(str(folder), RECORD, f"a run that {run.record.status}: {run.record.reason}", allowed)
+    return run
 
 
 def find_run(home: Path, identity: str, layout: dict[str, Any]) -> EndedRun | None:

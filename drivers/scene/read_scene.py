@@ -79,7 +79,9 @@ def make_scene(data: dict[str, Any], library: dict[str, Any], name: str, where: 
         raise InputError(where, "run.time_step", found, f"at most {MAX_STEPS:.3g} steps")
     if scene.samples * scene.bodies > MAX_VALUES:
         found = f"{scene.samples:,} samples of {scene.bodies:,} bodies"
-        raise InputError(where, "run.sample_interval", found, f"at most {MAX_VALUES:.0e} samples times bodies, in memory")
+        raise InputError(
+            where, "run.sample_interval", found, f"at most {MAX_VALUES:.0e} samples times bodies, in memory"
+        )
     refuse_any(where, contradictions(scene))
     return scene
 

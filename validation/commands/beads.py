@@ -42,7 +42,7 @@ SECTIONS = {
     "a run": (output_commands.observables, output_commands.spacetime, output_commands.film, output_commands.vtk),
     "measured data": (output_commands.overlay, run_commands.fit),
     "studies": (batch_commands.batch, batch_commands.study, batch_commands.status, batch_commands.show),
-    "files of runs": (run_commands.runs, scene_commands.render),
+    "files of runs": (run_commands.runs, scene_commands.render, run_commands.import_),
     "report and paper": (report_commands.report, report_commands.figures, *report_commands.CHAPTER_COMMANDS),
     "engines": (engine_commands.engine, engine_commands.wave),
 }

@@ -100,6 +100,17 @@ def must_be_file(option: str, path: Path | None) -> None:
         must_be_folder(option, path.parent)
 
 
+def one_of(engines: tuple[str, ...]) -> str:
+    """The only engine given.
+
+    Raises:
+        InputError: none or several are given.
+    """
+    if len(engines) != 1:
+        raise InputError("--engine", "", ", ".join(engines) or "none", "one engine")
+    return engines[0]
+
+
 def checked(check: Callable[[str, Path | None], None]) -> Callable[..., Path | None]:
     """Callback of an option that checks a path, also if it is the default."""
 

@@ -1,6 +1,7 @@
 """Commands that read or draw one run: ``observables``, ``overlay``, ``spacetime``, ``film``, ``vtk``."""
 
 import json
+import sys
 from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -151,6 +152,9 @@ def _open(what: str, run: str, runs: Path) -> tuple["EndedRun", str, str]:
     from drivers.inventory.run_folders import run_folder
     from drivers.run.run_folder import open_run
 
-    opened = open_run(run_folder(run, runs))
+    opened = open_run(run_folder(run, runs), failed=True)
+    if not opened.done:
+        end_s, reason = opened.trace.time_s[-1], opened.record.reason
+        print(f"{run}: {opened.record.status}, shown until {end_s:g} s: {reason}", file=sys.stderr)
     name = f"{what}-{opened.record.engine}-{opened.folder.resolve().name}"
     return opened, name, f"{opened.record.scene.get('title') or opened.record.scene_name} ({opened.record.engine})"

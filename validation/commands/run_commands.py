@@ -2,13 +2,17 @@
 
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
 from validation.commands import completion, options
-from validation.commands.options import command, must_be_folder, seconds
+from validation.commands.options import command, must_be_folder, one_of, seconds
+
+if TYPE_CHECKING:
+    from drivers.run.run_folder import EndedRun
 
 AUTO = "auto"  # instead of an engine's name: the cheapest engine that can model the scene
 
@@ -45,7 +49,6 @@ def run(
 
     --engine auto takes the cheapest engine that models the scene.
     """
-    from drivers.base.processes import STDERR
     from drivers.base.progress import counted
     from drivers.engines import engine_names, installed, load_engine
     from drivers.limits.refusal import inability, refuse
@@ -74,21 +77,60 @@ def run(
             failures += 1
             continue
         print(paths.shown(ended.folder), flush=True)
-        for warning in ended.record.warnings or ():
-            print(f"{case.scene.name}: {name} warning: {warning}", file=sys.stderr)
-        if ended.missed:
-            print(f"{case.scene.name}: {name} missed the accuracy: {ended.missed}", file=sys.stderr)
-            failures += 1
-        if not ended.done:
-            stderr = ended.folder / STDERR
-            said = f" (see {paths.shown(stderr)})" if stderr.is_file() and stderr.stat().st_size else ""
-            print(f"{case.scene.name}: {name} {ended.record.status}: {ended.record.reason}{said}", file=sys.stderr)
-            failures += 1
+        failures += _print_state(ended)
     for name, refusal in refusals.items():
         print(f"not run on {name}: {refusal}", file=sys.stderr)
     if missing:
         print(f"not run, not installed ({len(missing)}): {', '.join(missing)}", file=sys.stderr)
     return 1 if failures else 0
+
+
+def _print_state(ended: "EndedRun") -> int:
+    """Print warnings, a missed accuracy and the reason of a failure; returns 1 if the run failed or missed it."""
+    record, name = ended.record, f"{ended.record.scene_name}: {ended.record.engine}"
+    for warning in record.warnings or ():
+        print(f"{name} warning: {warning}", file=sys.stderr)
+    if ended.missed:
+        print(f"{name} missed the accuracy: {ended.missed}", file=sys.stderr)
+    if not ended.done:
+        stderr = ended.folder / "stderr.txt"
+        said = f" (see {paths.shown(stderr)})" if stderr.is_file() and stderr.stat().st_size else ""
+        print(f"{name} {record.status}: {record.reason}{said}", file=sys.stderr)
+    return int(bool(ended.missed) or not ended.done)
+
+
+@command("deck --engine liggghts", "deck --engine yade --scene fig4 --set run.time_step='0.2 us'", name="import")
+@click.argument("folder", metavar="FOLDER", type=Path, help="Folder with a deck that was run by hand, and its output.")
+@click.option(
+    "--scene",
+    metavar="SCENE",
+    help="Scene of the deck before changes, by name or file (default: the one that render wrote into FOLDER).",
+    shell_complete=completion.scenes,
+)
+@options.SETTINGS
+@options.ENGINE
+@options.ENGINES
+@options.RUNS
+def import_(folder: Path, scene: str | None, settings: tuple[str, ...], engines: tuple[str, ...], runs: Path) -> int:
+    """Make a run folder of a deck that was run by hand.
+
+    The deck may have been changed: the record names each line that differs from the scene's deck.
+    """
+    from drivers.chain.case import build_case
+    from drivers.engines import load_engine
+    from drivers.run.import_run import import_run
+    from drivers.run.run_folder import scene_of
+    from validation.accuracy.assess import assess
+    from validation.accuracy.plan import planned_case
+
+    engine = load_engine(one_of(engines), "--engine")
+    if settings and not scene:
+        raise InputError("--set", "", "needs --scene")
+    case = planned_case(scene, *settings) if scene else build_case(scene_of(folder))
+    ended = assess(import_run(folder, case, engine.name, runs), case)
+    print(paths.shown(ended.folder))
+    print(*(f"deck changed: {edit}" for edit in ended.record.edits or ["nothing"]), sep="\n", file=sys.stderr)
+    return _print_state(ended)
 
 
 @command("fig4", "fig4 --set run.time_step='1 us'", "yade:fig4 liggghts:fig4", "--runs old --against new")

@@ -5,10 +5,9 @@ from pathlib import Path
 import click
 
 from drivers.base import paths
-from drivers.base.errors import InputError
 from drivers.base.text_table import text_table
 from validation.commands import options
-from validation.commands.options import checked, command, must_be_folder
+from validation.commands.options import checked, command, must_be_folder, one_of
 
 
 @command("")
@@ -67,18 +66,18 @@ def draw(scene: str, settings: tuple[str, ...], results: Path) -> None:
 )
 @options.UNSAFE
 def render(scene: str, settings: tuple[str, ...], engines: tuple[str, ...], out: Path, unsafe: bool) -> None:
-    """Write the deck of a scene for one engine, without running it."""
-    if len(engines) != 1:
-        raise InputError("--engine", "", ", ".join(engines) or "none", "one engine")
+    """Write the deck of a scene for one engine, to be run by hand; import reads it back."""
     from drivers.engines import load_engine
     from drivers.limits.refusal import refuse
+    from drivers.run.run_folder import write_scene
     from validation.accuracy.plan import planned_case
 
-    engine = load_engine(engines[0], "--engine")
+    engine = load_engine(one_of(engines), "--engine")
     case = planned_case(scene, *settings)
     if not unsafe:
         refuse(case, engine.name)
     deck = engine.deck_by_hand(engine.render(case))
     out.mkdir(parents=True, exist_ok=True)
+    write_scene(out, case.scene)
     for file in deck.write(out):
         print(file)

@@ -27,7 +27,7 @@ from drivers.limits.refusal import FORCE
 from drivers.run.run_folder import EndedRun, is_run, open_run
 from drivers.scene.settings import differences, setting_text
 from postproc.read.error_bounds import bounds_on_observables
-from postproc.read.motion import chain_of
+from postproc.read.motion import chain_of, trace_with_state
 from postproc.read.observables import describe, observe, of_kind, scale_of, without_unit
 from validation.accuracy.budget import (
     BUDGET_WORDS,
@@ -117,7 +117,7 @@ def _open(folder: Path) -> EndedRun:
             raise InputError(paths.shown(folder), "", "the store of a batch", lay_out)
         if any(map(is_run, folder.glob("*/"))):
             raise InputError(paths.shown(folder), "", "a folder of runs", "one of the run folders in it")
-    run = open_run(folder)
+    run = open_run(folder, failed=True)
     load_engine(run.record.engine, paths.shown(folder), "engine")
     return run
 
@@ -245,7 +245,7 @@ def _first_beyond(share: np.ndarray, trace: Trace, level: float) -> str:
 
 
 def compare_runs(first: Path, second: Path) -> int:
-    """Prints the differences of two runs; the exit code is 1 if one is larger than allowed.
+    """Prints the differences of two runs; the exit code is 1 if one is larger than allowed, or a run failed.
 
     Raises:
         InputError: the runs cannot be compared.
@@ -254,11 +254,12 @@ def compare_runs(first: Path, second: Path) -> int:
     both = (("first", pair.first), ("second", pair.second))
     lines = different_keys(*(each.run.record.scene for _, each in both))
     keys = [f"the scenes differ in {line}" for line in lines] or ["the scenes are the same"]
+    failed = not all(each.run.done for _, each in both)
     result = f"FAIL: larger differences than allowed in {', '.join(pair.missed)}"
     result = result if pair.missed else f"pass: all {len(pair.checks)} quantities agree within their limits"
     parts = (result + pair.until, "", *_runs(*both), "", *keys, "", *_table(pair), "", *_times(pair), *_budgets(*both))
     print(*parts, sep="\n")
-    return 1 if pair.missed else 0
+    return 1 if pair.missed or failed else 0
 
 
 def _runs(*both: tuple[str, PairedRun]) -> Iterator[str]:
@@ -269,6 +270,10 @@ def _runs(*both: tuple[str, PairedRun]) -> Iterator[str]:
         commit = f"commit {record.commit[:10]}{' and changes' if record.dirty else ''}"
         yield f"{name:<7} {paths.shown(each.run.folder)}"
         yield f"        {record.scene_name} on {record.engine} ({record.engine_version}), {step}, {commit}"
+        if record.reason:
+            yield f"        {record.status}: {record.reason}"
+        for edit in record.edits or ():
+            yield f"        deck changed: {edit}"
     compared = both[0][1]
     samples, interval = len(compared.trace.time_s), compared.case.scene.run.sample_interval
     if any(len(each.run.trace.time_s) != samples for _, each in both):
@@ -290,6 +295,10 @@ def _times(pair: Pair) -> Iterator[str]:
     for name, paired in (("first", pair.first), ("second", pair.second)):
         if departure := first_departure(paired.case, paired.engine, paired.trace):
             yield f"{name:<7} {departure}"
+            if paired.run.has_state:
+                from validation.compare.law_sentence import law_sentence  # slow import, rarely needed
+
+                yield f"{name:<7} {law_sentence(paired.case, paired.engine, trace_with_state(paired.run))}"
 
 
 def _budgets(*both: tuple[str, PairedRun]) -> Iterator[str]:

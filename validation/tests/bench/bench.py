@@ -113,7 +113,7 @@ def bench_engines() -> dict[tuple[str, int], float]:
                     print(f"{engine} {bodies}: {record.reason}", file=sys.stderr)
                     continue
                 costs[engine, bodies] = record.loop_s / bodies / steps * 1e9
-                print(f"{engine:>9} {bodies:>8} bodies {record.wall_s - record.loop_s:7.2f} s")
+                print(f"{engine:>9} {bodies:>8} bodies {(record.wall_s or 0.0) - record.loop_s:7.2f} s")
     return costs
 
 
