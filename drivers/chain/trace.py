@@ -204,8 +204,8 @@ def forces_table(trace: Trace) -> "pa.Table":
 
 def trace_in(table: "pa.Table") -> Trace:
     """Trace of a table of forces, without positions and velocities; KeyError for a missing column."""
-    single = {name: table[name].to_numpy() for name in ("time_s", *BALANCES)}
-    friction = table[BORE_FRICTION].to_numpy() if BORE_FRICTION in table.column_names else None
+    single = {name: _numbers(table[name]) for name in ("time_s", *BALANCES)}
+    friction = _numbers(table[BORE_FRICTION]) if BORE_FRICTION in table.column_names else None
     force = _of_bodies(table, CONTACT)
     if force is None:
         raise KeyError(CONTACT)
@@ -253,7 +253,7 @@ def state_in(table: "pa.Table", bodies: int) -> State:
         across = (_of_bodies(table, name) for name in names[:2])
         return np.stack([*(np.zeros_like(along) if each is None else each for each in across), along], axis=-1)
 
-    return State(table["time_s"].to_numpy(), vectors(PLACES), vectors(VELOCITIES))
+    return State(_numbers(table["time_s"]), vectors(PLACES), vectors(VELOCITIES))
 
 
 def _by_body(pattern: str, values: Array) -> dict[str, Any]:
@@ -274,14 +274,19 @@ def _of_bodies(table: "pa.Table", pattern: str, bodies: int = 0) -> Array | None
     """
     if _together(pattern) in table.column_names:
         lists = table[_together(pattern)].combine_chunks()
-        found = np.asarray(lists.flatten().to_numpy().reshape(len(table), -1))
+        found = _numbers(lists.flatten()).reshape(len(table), -1)
     else:
         numbered = re.compile(pattern.format(r"\d+"))
-        columns = [table[name].to_numpy() for name in table.column_names if numbered.fullmatch(name)]
+        columns = [_numbers(table[name]) for name in table.column_names if numbered.fullmatch(name)]
         found = np.column_stack(columns) if columns else np.zeros((0, 0))
     if bodies and found.shape[1] != bodies:
         raise KeyError(pattern)
     return found if found.size else None
+
+
+def _numbers(column: Any) -> Array:
+    """Numbers of a column; ValueError for others."""
+    return np.asarray(column.to_numpy(), dtype=float)
 
 
 def _together(pattern: str) -> str:

@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 RECORD, FORCES, STATE, SENSORS = "run.json", "forces.parquet", "state.parquet", "sensors.csv"
-SCENE = "scene.json"  # of a deck written to be run by hand
 ORIGIN = "of a run (run it again with --rerun)"
 CONTENTS = {FORCES: f"the forces {ORIGIN}", STATE: f"the positions {ORIGIN}", SENSORS: f"the gauge signals {ORIGIN}"}
 FOLDER_NAME = re.compile(r"(.+?)(-[0-9a-f]{6})?-([0-9a-f]{12})(-failed)?")  # scene, layout, identity of the run
@@ -357,27 +356,6 @@ def write_run(folder: Path, record: RunRecord, trace: Trace | None, *, state: bo
     record = replace(record, files={name: sha256_of(folder / name) for name in tables})
     record.write(folder)
     return record
-
-
-def write_scene(folder: Path, scene: Scene) -> None:
-    """Write the scene of a deck beside it, from where ``scene_of`` reads it when the deck has been run by hand."""
-    write_sealed(folder / SCENE, in_si(scene), indent=2)
-
-
-def scene_of(folder: Path) -> Scene:
-    """Scene of a run folder, or of a folder with a deck.
-
-    Raises:
-        InputError: there is none, or it is damaged or of another version.
-    """
-    path = folder / (RECORD if is_run(folder) else SCENE)
-    try:
-        scene = record_of(folder).scene if is_run(folder) else read_sealed(path, "the scene of a deck")
-        return stored_scene(scene)
-    except FileNotFoundError:
-        raise InputError(paths.shown(path), "", "no such file; give the scene of the deck by --scene") from None
-    except (TypeError, ValueError, AttributeError) as error:
-        raise DamagedError(paths.shown(path), "", "a scene of another version", "one of this version") from error
 
 
 def is_run(folder: Path) -> bool:

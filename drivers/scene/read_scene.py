@@ -18,8 +18,7 @@ from drivers.scene.scene_rules import contradictions, problems_of_alternatives
 NAME_RULE = "a name of letters, digits, '-', '_' and '.', beginning with a letter or digit"
 STEP_TOLERANCE = 1e-9  # relative; accepts steps written with ten digits
 MAX_STEPS = 2**31 - 1  # LIGGGHTS counts steps in 32 bits
-MAX_VALUES = 10**8  # samples times bodies; a run with its assessment takes some 200 bytes for each
-MAX_VALUES = 200_000_000  # samples x contacts: 1.6 GB of doubles
+MAX_VALUES = 100_000_000  # samples x contacts; a run and its assessment take 150 bytes of memory for each
 Entry = TypeVar("Entry", bound=Part)
 
 
@@ -77,11 +76,6 @@ def make_scene(data: dict[str, Any], library: dict[str, Any], name: str, where: 
     if scene.steps > MAX_STEPS:
         found = f"{time_step:g} s, which results in {scene.steps:.3g} steps"
         raise InputError(where, "run.time_step", found, f"at most {MAX_STEPS:.3g} steps")
-    if scene.samples * scene.bodies > MAX_VALUES:
-        found = f"{scene.samples:,} samples of {scene.bodies:,} bodies"
-        raise InputError(
-            where, "run.sample_interval", found, f"at most {MAX_VALUES:.0e} samples times bodies, in memory"
-        )
     refuse_any(where, contradictions(scene))
     return scene
 

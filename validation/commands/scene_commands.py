@@ -66,10 +66,10 @@ def draw(scene: str, settings: tuple[str, ...], results: Path) -> None:
 )
 @options.UNSAFE
 def render(scene: str, settings: tuple[str, ...], engines: tuple[str, ...], out: Path, unsafe: bool) -> None:
-    """Write the deck of a scene for one engine, to be run by hand; import reads it back."""
+    """Write the deck of a scene for one engine, without running it."""
     from drivers.engines import load_engine
     from drivers.limits.refusal import refuse
-    from drivers.run.run_folder import write_scene
+    from drivers.run.run_by_hand import write_scene
     from validation.accuracy.plan import planned_case
 
     engine = load_engine(one_of(engines), "--engine")

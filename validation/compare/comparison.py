@@ -12,7 +12,6 @@ from drivers.engines import in_order, load_engine
 from drivers.limits.refusal import inability
 from drivers.run.run import refuse_all, run_many
 from drivers.run.run_folder import EndedRun
-from postproc.read.motion import trace_with_state
 from validation.accuracy.assess import assess
 from validation.accuracy.budget import first_departure, kept_budget
 from validation.accuracy.plan import planned_case
@@ -93,7 +92,11 @@ def _compared(case: Case, ended: dict[str, EndedRun], absent: dict[str, str], ru
     finished = {engine: run for engine, run in assessed.items() if run.done}
     failed = {engine: run for engine, run in assessed.items() if not run.done}
     absent = absent | {engine: f"{run.record.status}: {run.record.reason}" for engine, run in failed.items()}
-    refused = {engine: trace_with_state(run) for engine, run in failed.items() if run.has_forces}
+    refused = {}
+    if failed:  # slow import, rarely needed
+        from postproc.read.motion import trace_with_state
+
+        refused = {engine: trace_with_state(run) for engine, run in failed.items() if run.has_forces}
     budgets = {engine: kept_budget(case, run) for engine, run in finished.items()}
     checks = [*missing(case, absent), *(check for budget in budgets.values() for check in budget.checks)]
     departures = {engine: budget.departure for engine, budget in budgets.items()}

@@ -254,12 +254,13 @@ def compare_runs(first: Path, second: Path) -> int:
     both = (("first", pair.first), ("second", pair.second))
     lines = different_keys(*(each.run.record.scene for _, each in both))
     keys = [f"the scenes differ in {line}" for line in lines] or ["the scenes are the same"]
-    failed = not all(each.run.done for _, each in both)
-    result = f"FAIL: larger differences than allowed in {', '.join(pair.missed)}"
-    result = result if pair.missed else f"pass: all {len(pair.checks)} quantities agree within their limits"
+    troubles = [f"larger differences than allowed in {', '.join(pair.missed)}"] if pair.missed else []
+    troubles += [f"the {name} run failed" for name, each in both if not each.run.done]
+    result = f"pass: all {len(pair.checks)} quantities agree within their limits"
+    result = f"FAIL: {'; '.join(troubles)}" if troubles else result
     parts = (result + pair.until, "", *_runs(*both), "", *keys, "", *_table(pair), "", *_times(pair), *_budgets(*both))
     print(*parts, sep="\n")
-    return 1 if pair.missed or failed else 0
+    return 1 if troubles else 0
 
 
 def _runs(*both: tuple[str, PairedRun]) -> Iterator[str]:

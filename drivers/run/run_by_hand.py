@@ -1,4 +1,4 @@
-"""Import of a deck that was run by hand, as it was written or after changes."""
+"""Decks to be run by hand, with their scene, and their import as run folders, unchanged or after changes."""
 
 import hashlib
 import shutil
@@ -10,17 +10,52 @@ from typing import Any
 
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
+from drivers.base.files import DamagedError, read_sealed, write_sealed
 from drivers.base.progress import say
 from drivers.chain.case import Case
 from drivers.chain.trace import finite_part
 from drivers.engines import load_engine
 from drivers.run.guard import reason_to_fail, unstable, wrong_start
 from drivers.run.run import description_of, move_into_place, provenance
-from drivers.run.run_folder import NOT_ASSESSED, EndedRun, RunRecord, folder_name, write_run
+from drivers.run.run_folder import (
+    NOT_ASSESSED,
+    RECORD,
+    EndedRun,
+    RunRecord,
+    folder_name,
+    in_si,
+    is_run,
+    record_of,
+    write_run,
+)
 from drivers.run.workplaces import workplace
+from drivers.scene.model import Scene
+from drivers.scene.read_scene import stored_scene
 
+SCENE = "scene.json"  # beside the deck
 BY_HAND = "run by hand"  # version of the build, which is not known
 WIDTH = 80  # characters of a changed line in the record
+
+
+def write_scene(folder: Path, scene: Scene) -> None:
+    """Write the scene of a deck beside it, from where ``scene_of`` reads it when the deck has been run by hand."""
+    write_sealed(folder / SCENE, in_si(scene), indent=2)
+
+
+def scene_of(folder: Path) -> Scene:
+    """Scene of a run folder, or of a folder with a deck.
+
+    Raises:
+        InputError: there is none, or it is damaged or of another version.
+    """
+    path = folder / (RECORD if is_run(folder) else SCENE)
+    try:
+        scene = record_of(folder).scene if is_run(folder) else read_sealed(path, "the scene of a deck")
+        return stored_scene(scene)
+    except FileNotFoundError:
+        raise InputError(paths.shown(path), "", "no such file; give the scene of the deck by --scene") from None
+    except (TypeError, ValueError, AttributeError) as error:
+        raise DamagedError(paths.shown(path), "", "a scene of another version", "one of this version") from error
 
 
 def import_run(source: Path, case: Case, engine_name: str, runs: Path = paths.RUNS) -> EndedRun:

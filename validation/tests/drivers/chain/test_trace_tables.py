@@ -1,0 +1,92 @@
+"""Tables of traces: a column for each body, lists for long chains, the same numbers in both."""
+
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+
+import postproc
+from drivers.chain import trace as traces
+from drivers.chain.trace import MAX_COLUMNS, Trace, finite_part, forces_table, state_in, state_table, trace_in
+from drivers.run.run_folder import open_run
+from validation.tests.helpers.commands import beads
+from validation.tests.helpers.scenes import SceneWriter
+
+
+def _trace(samples: int, bodies: int) -> Trace:
+    rng = np.random.default_rng(samples * bodies)
+    time, (kinetic, total, momentum) = np.arange(samples) * 1e-6, rng.random((3, samples))
+    force, height, velocity, bore, spin = rng.random((5, samples, bodies))
+    across = rng.random((2, samples, bodies, 2))
+    spins = np.stack([spin] * 3, axis=2)
+    return Trace(time, force, kinetic, total, momentum, height, velocity, momentum, *across, spins, bore)
+
+
+@pytest.mark.parametrize("bodies", [1, 7, MAX_COLUMNS, MAX_COLUMNS + 1])
+def test_tables_return_the_same_bits(bodies: int) -> None:
+    trace, stored = _trace(3, bodies), BytesIO()
+    pq.write_table(forces_table(trace), stored)
+    table = pq.read_table(stored)
+    assert (len(table), len(table.column_names) < MAX_COLUMNS) == (3, bodies == MAX_COLUMNS + 1 or bodies < 10)
+    back = trace_in(table)
+    for name in (
+        "time_s",
+        "force_N",
+        "kinetic_energy_J",
+        "total_energy_J",
+        "momentum_N_s",
+        "bore_N",
+        "bore_friction_N",
+    ):
+        assert np.array_equal(getattr(back, name), getattr(trace, name)), name
+    state = state_in(state_table(trace), bodies)
+    assert trace.across_m is not None
+    assert trace.height_m is not None
+    assert np.array_equal(state.place_m, np.dstack([trace.across_m, trace.height_m]))
+    with pytest.raises(KeyError):
+        state_in(state_table(trace), bodies + 1)
+
+
+def test_a_long_chain_is_kept_in_a_list_a_sample(scene_file: SceneWriter, tmp_path: Path) -> None:
+    small, few = scene_file("small", count=5), ("--set", "run.duration=2 us", "--set", 'run.record=["forces", "state"]')
+    long = ("--set", f"chain.count={MAX_COLUMNS}", *few)
+    run = open_run(Path(beads("run", small, *long, "--engine", "verlet", "--runs", tmp_path).stdout.strip()))
+    table = pd.read_parquet(run.folder / "forces.parquet")
+    assert list(table.columns) == ["time_s", "contact_N", "kinetic_energy_J", "total_energy_J", "momentum_N_s"]
+    assert np.array_equal(np.stack(table["contact_N"]), run.trace.force_N)
+    forces = postproc.forces(run)
+    assert forces.columns[MAX_COLUMNS] == f"contact_{MAX_COLUMNS + 1}_N"
+    assert np.array_equal(forces["contact_2_N"], run.trace.force_N[:, 1])
+    assert run.state.place_m.shape == (3, MAX_COLUMNS + 1, 3)
+    for command in ("observables", "spacetime"):
+        assert beads(command, run.folder, *["--results", tmp_path][: 2 * (command == "spacetime")]).returncode == 0
+
+
+def test_more_samples_than_memory_are_refused(scene_file: SceneWriter) -> None:
+    done = beads("plan", scene_file(), "--set", "chain.count=1000000", "--set", "run.sample_interval=1 us")
+    assert done.returncode == 2
+    assert "run.sample_interval: found 301 samples of 1,000,001 bodies; allowed: at most 1e+08" in done.stderr
+
+
+def test_energies_do_not_depend_on_the_parts_in_which_they_are_computed(monkeypatch: pytest.MonkeyPatch) -> None:
+    from drivers.chain.chain import build_chain
+    from drivers.scene.read_scene import read_scene
+
+    chain = build_chain(read_scene("fig4"))
+    moved = 1e-6 * np.random.default_rng(1).random((50, chain.bodies))
+    whole = traces.potential_energy_change(chain, moved)
+    monkeypatch.setattr(traces, "CACHED_VALUES", 3 * chain.bodies)
+    assert np.array_equal(traces.potential_energy_change(chain, moved), whole)
+
+
+def test_only_finite_samples_of_a_failed_run_are_kept() -> None:
+    trace = _trace(5, 2)
+    trace.force_N[3, 1] = np.nan
+    kept = finite_part(trace)
+    assert kept is not None
+    assert len(kept.time_s) == 3
+    trace.total_energy_J[0] = np.inf
+    assert finite_part(trace) is None
