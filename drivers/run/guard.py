@@ -197,10 +197,13 @@ def explained_energy(case: Case, trace: Trace) -> float:
     share = min(share, 1.0)
     scale = energy_put_in(chain, duration) or 1.0
     rounded = float(np.spacing(furthest_m(chain)))
-    above = np.column_stack([trace.force_N[:, 1:], np.zeros(len(trace.force_N))])
     with np.errstate(over="ignore", invalid="ignore"):  # runs that blew up
-        walked = float(np.abs(trace.force_N - above + chain.load_N).max(axis=0).sum() * np.sqrt(case.scene.steps + 1))
-        held = float(np.abs(trace.force_N).max(axis=0).sum())  # rounding in the evaluation of the energy
+        net = trace.force_N + chain.load_N
+        net[:, :-1] -= trace.force_N[:, 1:]
+        walked, held = (  # by the motion, and in the evaluation of the energy
+            float(np.maximum(values.max(axis=0), -values.min(axis=0)).sum()) for values in (net, trace.force_N)
+        )
+        walked *= sqrt(case.scene.steps + 1)
         rounding = rounded * (tolerance("guard", "rounding").limit * walked + held) / scale
     walk = 1 + tolerance("guard", "impacts").limit * sqrt(impacts)
     friction = tolerance("guard", "friction").limit if chain.slips else 0.0
