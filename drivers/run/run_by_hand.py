@@ -32,13 +32,13 @@ from drivers.run.workplaces import workplace
 from drivers.scene.model import Scene
 from drivers.scene.read_scene import stored_scene
 
-SCENE = "scene.json"  # beside the deck
+SCENE = "scene.json"  # next to the deck
 BY_HAND = "run by hand"  # version of the build, which is not known
 WIDTH = 80  # characters of a changed line in the record
 
 
 def write_scene(folder: Path, scene: Scene) -> None:
-    """Write the scene of a deck beside it, from where ``scene_of`` reads it when the deck has been run by hand."""
+    """Write the scene of a deck next to it, where ``scene_of`` reads it when the deck has been run by hand."""
     write_sealed(folder / SCENE, in_si(scene), indent=2)
 
 
@@ -87,7 +87,7 @@ def import_run(source: Path, case: Case, engine_name: str, runs: Path = paths.RU
         trace = engine.read(case, source)
     except RunError as error:
         raise RunError(f"{paths.shown(source)}: {error}") from error
-    # after a change neither the start nor the energy has to be the scene's
+    # a changed deck may have another start and another energy than the scene
     reason = unstable(case, trace) if edits else reason_to_fail(case, trace) or wrong_start(case, trace)
     unknown: dict[str, Any] = dict.fromkeys(("wall_s", "cpu_s", "loop_s", "memory_bytes"))
     digest = hashlib.sha256(f"{BY_HAND}\0{engine_name}".encode())

@@ -101,7 +101,7 @@ def failing_run(scene: Path, engine: str, runs: Path, limit_s: float = 60) -> tu
     stored = read_record(result.folder)
     assert stored is not None
     assert (stored.status, stored.reason) == (result.record.status, result.record.reason)
-    if result.has_forces:  # what was written before the fault
+    if result.has_forces:  # written before the fault
         assert np.isfinite(result.trace.force_N).all()
     assert not result.has_sensors
     assert [folder.name for folder in (runs / engine).iterdir() if folder.name[0] != "."] == [result.folder.name]
