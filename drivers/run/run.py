@@ -69,7 +69,7 @@ def run_case(
     build = build_of(engine)
     deck = engine.render(case)
     identity = run_identity(engine_name, build, deck.sha256)
-    layout = description_of(case)["layout"]
+    layout = _description(case)["layout"]
     target = home / folder_name(case.scene.name, layout, identity)
     keeps_state = "state" in case.scene.run.record
     if not rerun:
@@ -83,7 +83,7 @@ def run_case(
         folder.mkdir()
         alone = by_hand and not engine.in_repository
         ended = compute(case, engine_name, build=build, deck=deck, limit_s=limit_s, folder=folder, by_hand=alone)
-        record = _record(case, engine, build, deck, ended)
+        record = record_of_end(case, engine, build, deck, ended)
         for raw in (folder / name for name in deck.raw):
             if raw.is_dir():
                 shutil.rmtree(raw)
@@ -171,7 +171,7 @@ def refresh_record(found: EndedRun, case: Case, target: Path) -> EndedRun:
 
     If the gauges differ, the run is copied to ``target``, since the stored gauge signals depend on them.
     """
-    described = description_of(case)
+    described = _description(case)
     if all(getattr(found.record, key) == value for key, value in described.items()):
         return found
     record = found.record.described(described)
@@ -184,7 +184,7 @@ def refresh_record(found: EndedRun, case: Case, target: Path) -> EndedRun:
     return EndedRun(target, record)
 
 
-def description_of(case: Case) -> dict[str, Any]:
+def _description(case: Case) -> dict[str, Any]:
     """Keys of the record that describe the scene, as JSON values."""
     described = {
         "scene_name": case.scene.name,
@@ -197,7 +197,8 @@ def description_of(case: Case) -> dict[str, Any]:
     return dict(json.loads(json.dumps(described)))
 
 
-def _record(case: Case, engine: Engine, build: Build, deck: Deck, ended: Computed) -> RunRecord:
+def record_of_end(case: Case, engine: Engine, build: Build, deck: Deck, ended: Computed) -> RunRecord:
+    """Record of a run that ended, not yet assessed."""
     return RunRecord(
         identity=run_identity(engine.name, build, deck.sha256),
         engine=engine.name,
@@ -215,7 +216,7 @@ def _record(case: Case, engine: Engine, build: Build, deck: Deck, ended: Compute
         memory_bytes=ended.memory_bytes,
         files={},
         **NOT_ASSESSED,
-        **description_of(case),
+        **_description(case),
         **provenance(),
     )
 

@@ -1,9 +1,9 @@
 """Decks to be run by hand, with their scene, and their import as run folders, unchanged or after changes."""
 
 import hashlib
-import shutil
 from collections.abc import Iterator
-from difflib import SequenceMatcher
+from dataclasses import replace
+from difflib import unified_diff
 from pathlib import Path
 from textwrap import shorten
 from typing import Any
@@ -15,19 +15,11 @@ from drivers.base.progress import say
 from drivers.chain.case import Case
 from drivers.chain.trace import finite_part
 from drivers.engines import load_engine
+from drivers.run.build import Build
+from drivers.run.compute import Computed
 from drivers.run.guard import reason_to_fail, unstable, wrong_start
-from drivers.run.run import description_of, move_into_place, provenance
-from drivers.run.run_folder import (
-    NOT_ASSESSED,
-    RECORD,
-    EndedRun,
-    RunRecord,
-    folder_name,
-    in_si,
-    is_run,
-    record_of,
-    write_run,
-)
+from drivers.run.run import move_into_place, record_of_end
+from drivers.run.run_folder import RECORD, EndedRun, folder_name, in_si, is_run, record_of, write_run
 from drivers.run.workplaces import workplace
 from drivers.scene.model import Scene
 from drivers.scene.read_scene import stored_scene
@@ -74,51 +66,30 @@ def import_run(source: Path, case: Case, engine_name: str, runs: Path = paths.RU
         InputError: a file of the deck is missing or no text.
         RunError: the output is missing or cannot be read; nothing is kept.
     """
-    engine = load_engine(engine_name, "--engine")
+    engine, home = load_engine(engine_name, "--engine"), runs / engine_name
     deck = engine.deck_by_hand(engine.render(case))
     found = {name: _text_of(source / name) for name in deck.files}
-    first, *_ = deck.files  # its first line is the command of an installed build
-    edits = [line for name, text in deck.files.items() for line in _edits(name, text, found[name], name == first)]
-    present = [source / name for name in (*deck.files, *deck.raw) if (source / name).is_file()]
-    newest = max((source / name).stat().st_mtime for name in deck.files)
-    for old in (file for file in present if file.name in deck.raw and file.stat().st_mtime < newest):
-        say(f"{paths.shown(old)}: older than the deck; run the deck again if it has been changed since")
+    edits = [line for name, text in deck.files.items() for line in _edits(name, text, found[name])]
+    raw = [source / name for name in deck.raw if (source / name).is_file()]
+    newest = max((source / name).stat().st_mtime for name in found)
+    for file in raw:
+        if file.stat().st_mtime < newest:
+            say(f"{paths.shown(file)}: older than the deck; run the deck again if it has been changed since")
     try:
         trace = engine.read(case, source)
     except RunError as error:
         raise RunError(f"{paths.shown(source)}: {error}") from error
     # a changed deck may have another start and another energy than the scene
     reason = unstable(case, trace) if edits else reason_to_fail(case, trace) or wrong_start(case, trace)
-    unknown: dict[str, Any] = dict.fromkeys(("wall_s", "cpu_s", "loop_s", "memory_bytes"))
-    digest = hashlib.sha256(f"{BY_HAND}\0{engine_name}".encode())
-    for file in present:
-        digest.update(file.read_bytes())
-    home, record = (
-        runs / engine_name,
-        RunRecord(
-            identity=digest.hexdigest()[:12],
-            engine=engine_name,
-            engine_version=BY_HAND,
-            executable="",
-            build_sha256="",
-            status="failed" if reason else "done",
-            reason=reason or "",
-            deck_sha256=hashlib.sha256(repr(found).encode()).hexdigest(),
-            command=engine.command_by_hand(deck),
-            bodies=case.chain.bodies,
-            files={},
-            edits=edits,
-            **unknown,
-            **NOT_ASSESSED,
-            **description_of(case),
-            **provenance(),
-        ),
-    )
+    digest = hashlib.sha256(repr((engine_name, found)).encode() + b"".join(file.read_bytes() for file in raw))
+    ended = Computed(trace, RunError(reason) if reason else None, wall_s=0.0, cpu_s=0.0, memory_bytes=0, loop_s=None)
+    deck, unknown = replace(deck, files=found), dict[str, Any].fromkeys(("wall_s", "cpu_s", "memory_bytes"))
+    record = record_of_end(case, engine, Build((), BY_HAND, ""), deck, ended)
+    record = replace(record, identity=digest.hexdigest()[:12], edits=edits, **unknown)
     with workplace(home) as place:
         folder = place / "run"
         folder.mkdir()
-        for name in deck.files:
-            shutil.copyfile(source / name, folder / name)
+        deck.write(folder)
         record = write_run(folder, record, finite_part(trace), state=True)
         target = home / folder_name(case.scene.name, record.layout, record.identity)
         move_into_place(folder, target, None)
@@ -134,16 +105,10 @@ def _text_of(path: Path) -> str:
         raise InputError(paths.shown(path), "", found or "", allowed) from error
 
 
-def _edits(name: str, rendered: str, found: str, command_first: bool) -> Iterator[str]:
-    """Differences of a file from the rendered one, by line, such as ``chain.in:41: timestep 1e-07 -> timestep 2e-07``.
-
-    The first line is left out if it is the command.
-    """
-    old, new = rendered.splitlines()[command_first:], found.splitlines()[command_first:]
-    same_length = len(old) == len(new)
-    blocks = [("", i, i + 1, i, i + 1) for i in range(len(old)) if old[i] != new[i]] if same_length else None
-    for tag, start, end, begin, stop in blocks or SequenceMatcher(None, old, new, autojunk=False).get_opcodes():
-        if tag != "equal":
-            pair = (" / ".join(map(str.strip, lines)) for lines in (old[start:end], new[begin:stop]))
-            was, now = (shorten(text, WIDTH, placeholder=" ...") or "nothing" for text in pair)
-            yield f"{name}:{begin + 1 + command_first}: {was} -> {now}"
+def _edits(name: str, rendered: str, found: str) -> Iterator[str]:
+    """Lines of a file that differ from the rendered one, as of ``diff``; the first may be the command of a build."""
+    _, *old = rendered.splitlines()
+    _, *new = found.splitlines() or [""]
+    for line in unified_diff(old, new, n=0, lineterm=""):
+        if line[0] in "+-" and line not in ("--- ", "+++ "):
+            yield f"{name}: {shorten(line, WIDTH, placeholder=' ...')}"

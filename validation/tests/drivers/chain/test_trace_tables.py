@@ -1,5 +1,6 @@
 """Tables of traces: a column for each body, lists for long chains, the same numbers in both."""
 
+import re
 from io import BytesIO
 from pathlib import Path
 
@@ -18,11 +19,11 @@ from validation.tests.helpers.scenes import SceneWriter
 
 def _trace(samples: int, bodies: int) -> Trace:
     rng = np.random.default_rng(samples * bodies)
-    time, (kinetic, total, momentum) = np.arange(samples) * 1e-6, rng.random((3, samples))
-    force, height, velocity, bore, spin = rng.random((5, samples, bodies))
-    across = rng.random((2, samples, bodies, 2))
-    spins = np.stack([spin] * 3, axis=2)
-    return Trace(time, force, kinetic, total, momentum, height, velocity, momentum, *across, spins, bore)
+    single, along = rng.random((5, samples)), rng.random((4, samples, bodies))
+    across, spin = rng.random((2, samples, bodies, 2)), rng.random((samples, bodies, 3))
+    return Trace(
+        single[0], along[0], *single[1:4], along[1], along[2], single[4], across[0], across[1], spin, along[3]
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("bodies", [1, 7, MAX_COLUMNS, MAX_COLUMNS + 1])
@@ -56,19 +57,19 @@ def test_a_long_chain_is_kept_in_a_list_a_sample(scene_file: SceneWriter, tmp_pa
     run = open_run(Path(beads("run", small, *long, "--engine", "verlet", "--runs", tmp_path).stdout.strip()))
     table = pd.read_parquet(run.folder / "forces.parquet")
     assert list(table.columns) == ["time_s", "contact_N", "kinetic_energy_J", "total_energy_J", "momentum_N_s"]
-    assert np.array_equal(np.stack(table["contact_N"]), run.trace.force_N)
+    assert np.array_equal(np.stack([*table["contact_N"]]), run.trace.force_N)
     forces = postproc.forces(run)
     assert forces.columns[MAX_COLUMNS] == f"contact_{MAX_COLUMNS + 1}_N"
     assert np.array_equal(forces["contact_2_N"], run.trace.force_N[:, 1])
     assert run.state.place_m.shape == (3, MAX_COLUMNS + 1, 3)
-    for command in ("observables", "spacetime"):
-        assert beads(command, run.folder, *["--results", tmp_path][: 2 * (command == "spacetime")]).returncode == 0
+    assert beads("observables", run.folder).returncode == 0
+    assert beads("spacetime", run.folder, "--results", tmp_path).returncode == 0
 
 
 def test_more_samples_than_memory_are_refused(scene_file: SceneWriter) -> None:
     done = beads("plan", scene_file(), "--set", "chain.count=1000000", "--set", "run.sample_interval=1 us")
     assert done.returncode == 2
-    assert "run.sample_interval: found 301 samples of 1,000,001 bodies; allowed: at most 1e+08" in done.stderr
+    assert re.search(r"run.sample_interval: found 300 samples of 1000001 contacts; .* at most 100,000,000", done.stderr)
 
 
 def test_energies_do_not_depend_on_the_parts_in_which_they_are_computed(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -79,7 +80,7 @@ def test_energies_do_not_depend_on_the_parts_in_which_they_are_computed(monkeypa
     moved = 1e-6 * np.random.default_rng(1).random((50, chain.bodies))
     whole = traces.potential_energy_change(chain, moved)
     monkeypatch.setattr(traces, "CACHED_VALUES", 3 * chain.bodies)
-    assert np.array_equal(traces.potential_energy_change(chain, moved), whole)
+    assert np.allclose(traces.potential_energy_change(chain, moved), whole, rtol=1e-12, atol=0)
 
 
 def test_only_finite_samples_of_a_failed_run_are_kept() -> None:
