@@ -6,7 +6,6 @@ from dataclasses import replace
 from difflib import unified_diff
 from pathlib import Path
 from textwrap import shorten
-from typing import Any
 
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
@@ -83,9 +82,9 @@ def import_run(source: Path, case: Case, engine_name: str, runs: Path = paths.RU
     reason = unstable(case, trace) if edits else reason_to_fail(case, trace) or wrong_start(case, trace)
     digest = hashlib.sha256(repr((engine_name, found)).encode() + b"".join(file.read_bytes() for file in raw))
     ended = Computed(trace, RunError(reason) if reason else None, wall_s=0.0, cpu_s=0.0, memory_bytes=0, loop_s=None)
-    deck, unknown = replace(deck, files=found), dict[str, Any].fromkeys(("wall_s", "cpu_s", "memory_bytes"))
+    deck = replace(deck, files=found)
     record = record_of_end(case, engine, Build((), BY_HAND, ""), deck, ended)
-    record = replace(record, identity=digest.hexdigest()[:12], edits=edits, **unknown)
+    record = replace(record, identity=digest.hexdigest()[:12], edits=edits, wall_s=None, cpu_s=None, memory_bytes=None)
     with workplace(home) as place:
         folder = place / "run"
         folder.mkdir()

@@ -1,6 +1,7 @@
 """Tables of traces: a column for each body, lists for long chains, the same numbers in both."""
 
 import re
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 
@@ -19,11 +20,11 @@ from validation.tests.helpers.scenes import SceneWriter
 
 def _trace(samples: int, bodies: int) -> Trace:
     rng = np.random.default_rng(samples * bodies)
-    single, along = rng.random((5, samples)), rng.random((4, samples, bodies))
+    time, kinetic, total, momentum, friction = rng.random((5, samples))
+    force, height, velocity, bore = rng.random((4, samples, bodies))
     across, spin = rng.random((2, samples, bodies, 2)), rng.random((samples, bodies, 3))
-    return Trace(
-        single[0], along[0], *single[1:4], along[1], along[2], single[4], across[0], across[1], spin, along[3]
-    )  # fmt: skip
+    trace = Trace(time, force, kinetic, total, momentum, height, velocity, friction)
+    return replace(trace, across_m=across[0], across_velocity_m_s=across[1], spin_rad_s=spin, bore_N=bore)
 
 
 @pytest.mark.parametrize("bodies", [1, 7, MAX_COLUMNS, MAX_COLUMNS + 1])
