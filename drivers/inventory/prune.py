@@ -29,7 +29,7 @@ REASONS_TO_REMOVE = (UNREADABLE_RECORD, FAILED_RUN, OTHER_BUILD, OLDER_DECK)
 USED_RUN = "commands find them again"
 RECENT_RUN = f"ended less than {RECENT_S / 60:g} minutes ago; a command may still read them"
 ABSENT_ENGINE = "their engine is not installed, so its build is unknown"
-RENAMED_FOLDER = "their folders have been renamed"
+RENAMED_FOLDER = "their folders have been renamed or are links"
 REASONS_TO_KEEP = (USED_RUN, RECENT_RUN, ABSENT_ENGINE, RENAMED_FOLDER)
 
 
@@ -90,7 +90,7 @@ def _reasons(kept: Sequence[EndedRun]) -> dict[Path, str]:
 
 
 def _reason(run: EndedRun, build: Build | None) -> str:
-    if not FOLDER_NAME.fullmatch(run.folder.name):
+    if run.folder.is_symlink() or not FOLDER_NAME.fullmatch(run.folder.name):
         return RENAMED_FOLDER
     if time.time() - max((stat.st_mtime for stat in run.stats.values()), default=0.0) < RECENT_S:
         return RECENT_RUN
@@ -113,20 +113,30 @@ def _present_build(engine: str) -> Build | None:
 
 
 def _remove(group: Sequence[EndedRun]) -> list[EndedRun]:
-    """Remove runs, except those replaced by another process meanwhile; return the removed runs."""
+    """Remove runs, except those replaced by another process meanwhile; return the removed runs.
+
+    Raises:
+        InputError: a folder cannot be written to.
+    """
     gone = []
     for home in {run.folder.parent for run in group}:
-        with workplace(home) as place:  # moved here first: the workplace is removed in any case
-            for run in group:
-                away = place / run.folder.name
-                if run.folder.parent == home:
-                    with suppress(FileNotFoundError):
-                        run.folder.rename(away)
-                        if EndedRun(away, run.record).ended == run.ended:
-                            gone.append(run)
-                        else:
-                            away.rename(run.folder)
+        try:
+            with workplace(home) as place:  # moved here first: the workplace is removed in any case
+                gone += [run for run in group if run.folder.parent == home and _moved(run, place / run.folder.name)]
+        except OSError as error:
+            found = error.strerror or str(error)
+            raise InputError(paths.shown(home), "", found, "a folder that can be written to") from error
     return gone
+
+
+def _moved(run: EndedRun, away: Path) -> bool:
+    """Move a run, and back again if it was replaced meanwhile; True if it was moved."""
+    with suppress(FileNotFoundError):
+        run.folder.rename(away)
+        if EndedRun(away, run.record).ended == run.ended:
+            return True
+        away.rename(run.folder)
+    return False
 
 
 def _homes(runs: Path) -> list[Path]:
