@@ -269,7 +269,7 @@ def test_the_data_are_those_of_the_named_scene_whatever_the_record_is_called(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     scene = scene_file(
-        "mine", top='[[measured]]\nvalues = { wall_peak_N = 1.0 }\nerrors = { wall_peak_N = 0.1 }\nsource = "a book"'
+        "mine", top='[[measured]]\nvalues = { wall_peak = "1 N" }\nerrors = { wall_peak = 0.1 }\nsource = "a book"'
     )
     edit_record(run_case(case_of(scene), "verlet", tmp_path / "runs").folder, scene_name="other")
     code, said, wrong = overlay("verlet:mine", "--runs", tmp_path / "runs", "--results", tmp_path)
