@@ -1,5 +1,6 @@
 """Removal of runs that no command would use again, with reasons."""
 
+import os
 import shutil
 import time
 from collections import Counter
@@ -120,23 +121,19 @@ def _remove(group: Sequence[EndedRun]) -> list[EndedRun]:
     """
     gone = []
     for home in {run.folder.parent for run in group}:
-        try:
-            with workplace(home) as place:  # moved here first: the workplace is removed in any case
-                gone += [run for run in group if run.folder.parent == home and _moved(run, place / run.folder.name)]
-        except OSError as error:
-            found = error.strerror or str(error)
-            raise InputError(paths.shown(home), "", found, "a folder that can be written to") from error
+        if not os.access(home, os.W_OK):
+            raise InputError(paths.shown(home), "", "a read-only folder", "one that can be written to")
+        with workplace(home) as place:  # moved here first: the workplace is removed in any case
+            for run in group:
+                away = place / run.folder.name
+                if run.folder.parent == home:
+                    with suppress(FileNotFoundError):
+                        run.folder.rename(away)
+                        if EndedRun(away, run.record).ended == run.ended:
+                            gone.append(run)
+                        else:
+                            away.rename(run.folder)
     return gone
-
-
-def _moved(run: EndedRun, away: Path) -> bool:
-    """Move a run, and back again if it was replaced meanwhile; True if it was moved."""
-    with suppress(FileNotFoundError):
-        run.folder.rename(away)
-        if EndedRun(away, run.record).ended == run.ended:
-            return True
-        away.rename(run.folder)
-    return False
 
 
 def _homes(runs: Path) -> list[Path]:

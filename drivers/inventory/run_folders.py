@@ -21,18 +21,9 @@ from drivers.batch.store import ENDING, WORK, Store
 from drivers.run.run_folder import DAMAGED, FOLDER_NAME, EndedRun, RunRecord, in_si, read_record
 from drivers.scene.model import Scene
 from drivers.scene.read_scene import read_scene, read_value
-from drivers.scene.settings import (
-    DERIVED,
-    FREE_TEXT,
-    look_up,
-    setting_text,
-    settings_between,
-    unit_of,
-    without_planned_step,
-)
+from drivers.scene.settings import DERIVED, FREE_TEXT, look_up, setting_text, settings_between, unit_of, unplanned
 
 NO_PHYSICS = (*FREE_TEXT, "title", "name")  # keys of a scene that change no number
-NO_FILE = "no scene file to compare with"
 UNREADABLE = "a record that is damaged or of another version"
 RECORDED = "run.record"  # key of the files to be written, which changes no run
 ROUNDING = 1e-12
@@ -54,7 +45,7 @@ def _content(scene: Json) -> str:
     """Text of a scene that is the same for equal physics, gauges and accuracy; empty for no scene."""
     if not scene:
         return ""
-    tables = {key: value for key, value in without_planned_step(scene).items() if key not in DERIVED}
+    tables = {key: value for key, value in unplanned(scene).items() if key not in DERIVED}
     run = {key: value for key, value in tables["run"].items() if f"run.{key}" != RECORDED}
     return json.dumps(_physics(tables | {"run": run}), sort_keys=True)
 
@@ -64,7 +55,7 @@ def _keys(run: EndedRun) -> tuple[str, str]:
     return _content(run.resolved), run.record.scene_name
 
 
-def _asked(source: str, base: Json) -> list[str]:
+def _asked_keys(source: str, base: Json) -> list[str]:
     """Keys of the runs of a scene: the content ``base`` of its file, if there is one, then its name."""
     return [*filter(None, [_content(base)]), _name_of(source)]
 
@@ -114,7 +105,7 @@ def select(
         InputError: no run matches.
     """
     found = list(kept)
-    by_scene = {scene: _asked(scene, _base_of(scene)) for scene in scenes}
+    by_scene = {scene: _asked_keys(scene, _base_of(scene)) for scene in scenes}
     by_engine = {engine: [engine] for engine in engines}
     for what, asked in (("scene", by_scene), ("engine", by_engine)):
         keys = {run.folder: _keys(run) if what == "scene" else (run.record.engine,) for run in kept if asked}
@@ -170,7 +161,7 @@ def _base_of(source: str) -> Json:
 
 
 def _finished(kept: Iterable[EndedRun]) -> list[EndedRun]:
-    """Runs that a name may stand for."""
+    """Runs that are found by a name."""
     return [run for run in kept if not run.trouble]
 
 
@@ -197,7 +188,7 @@ def run_folder(name: str | Path, runs: Path = paths.RUNS) -> Path:
     if not colon or Path(name).exists():
         return Path(name)
     scene, kept, base = _name_of(source), kept_runs(runs), _base_of(source)
-    found = _found(_newest(kept), engine, _asked(source, base))
+    found = _found(_newest(kept), engine, _asked_keys(source, base))
     if found is None:
         known = sorted({run.name for run in _finished(kept)})
         near = [each for each in known if each.startswith(f"{engine}:")]
@@ -214,7 +205,7 @@ def run_folder(name: str | Path, runs: Path = paths.RUNS) -> Path:
 def _difference(run: EndedRun, base: Json) -> str:
     """Settings that differ from the scene file, as text; ``run.record`` is ignored, since it changes no number."""
     if not base or not run.resolved:
-        return NO_FILE if run.resolved else ""
+        return "no scene file to compare with" if run.resolved else ""
     return ", ".join(f"{key}={value}" for key, value in settings_between(run.resolved, base).items() if key != RECORDED)
 
 
@@ -223,7 +214,7 @@ def print_runs(runs: Path, scenes: Sequence[str], engines: Sequence[str], settin
     kept = kept_runs(runs)
     chosen, newest = select(kept, scenes, engines, settings), _newest(kept)
     bases = {source: _base_of(source) for source in {*scenes, *(run.record.scene_name for run in chosen)}}
-    asked = {source: _asked(source, base) for source, base in bases.items()}
+    asked = {source: _asked_keys(source, base) for source, base in bases.items()}
     home, rows = Path(paths.shown(runs)), []  # following links takes long
     for run in chosen:
         engine, scene, keys = run.record.engine, run.record.scene_name, _keys(run)
