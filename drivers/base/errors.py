@@ -15,10 +15,7 @@ CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u20
 
 
 def printable(text: str, *, lines: bool = True) -> str:
-    """Text with a question mark for each control character: a title or a file name cannot change a terminal.
-
-    Without ``lines`` also for tabs and ends of lines: a file name cannot break a table.
-    """
+    """Text with a question mark for each control character, which could change a terminal, or any but of ``lines``."""
     return CONTROL.sub("?", text if lines else text.translate({ord("\t"): "?", ord("\n"): "?"}))
 
 

@@ -114,11 +114,7 @@ def _present_build(engine: str) -> Build | None:
 
 
 def _remove(group: Sequence[EndedRun]) -> list[EndedRun]:
-    """Remove runs, except those replaced by another process meanwhile; return the removed runs.
-
-    Raises:
-        InputError: a folder cannot be written to.
-    """
+    """Remove runs, except those replaced by another process meanwhile; return the removed runs."""
     gone = []
     for home in {run.folder.parent for run in group}:
         if not os.access(home, os.W_OK):

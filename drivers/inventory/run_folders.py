@@ -160,14 +160,9 @@ def _base_of(source: str) -> Json:
     return in_si(scene) if scene else {}
 
 
-def _finished(kept: Iterable[EndedRun]) -> list[EndedRun]:
-    """Runs that are found by a name."""
-    return [run for run in kept if not run.trouble]
-
-
 def _newest(kept: Iterable[EndedRun]) -> dict[tuple[str, str], EndedRun]:
-    """Newest finished run by engine and key."""
-    return {(run.record.engine, key): run for run in _finished(kept) for key in _keys(run)}
+    """Newest finished run by engine and key: the runs that have a name."""
+    return {(run.record.engine, key): run for run in kept if not run.trouble for key in _keys(run)}
 
 
 def _found(newest: dict[tuple[str, str], EndedRun], engine: str, keys: Iterable[str]) -> EndedRun | None:
@@ -187,10 +182,10 @@ def run_folder(name: str | Path, runs: Path = paths.RUNS) -> Path:
     engine, colon, source = str(name).partition(":")
     if not colon or Path(name).exists():
         return Path(name)
-    scene, kept, base = _name_of(source), kept_runs(runs), _base_of(source)
-    found = _found(_newest(kept), engine, _asked_keys(source, base))
+    scene, base, newest = _name_of(source), _base_of(source), _newest(kept_runs(runs))
+    found = _found(newest, engine, _asked_keys(source, base))
     if found is None:
-        known = sorted({run.name for run in _finished(kept)})
+        known = sorted({run.name for run in newest.values()})
         near = [each for each in known if each.startswith(f"{engine}:")]
         near = near or [each for each in known if each.endswith(f":{scene}")] or known
         allowed = ", ".join(near) or "a run folder; no run is done there"

@@ -24,7 +24,7 @@ def _names(text: str) -> tuple[str, ...]:
 @options.ENGINE
 @options.ENGINES
 @options.RUNS
-@click.option("--rerun", is_flag=True, help="Run again even if the run is done.")
+@click.option("--rerun", is_flag=True, help="Run again even if the run is done or, with auto, failed.")
 @click.option(
     "--time-limit",
     metavar="SECONDS",
@@ -43,7 +43,7 @@ def run(
 ) -> int:
     """Run a scene and print the run folders.
 
-    --engine auto takes the cheapest engine that models the scene.
+    --engine auto takes the cheapest engine that models the scene, after those whose build or run failed the next one.
     """
     from drivers.base.processes import STDERR
     from drivers.base.progress import counted
@@ -51,13 +51,14 @@ def run(
     from drivers.limits.refusal import inability, refuse
     from drivers.run.run import run_case
     from validation.accuracy.assess import assess
-    from validation.accuracy.plan import cheapest, planned_case
+    from validation.accuracy.plan import LEFT_OUT, auto_engines, planned_case
 
     for name in engines:
         if name != AUTO:
             load_engine(name, "--engine", also=(AUTO,))  # refuses a wrong name before the case is planned
     case = planned_case(scene, *settings)
-    asked = [cheapest(case) if name == AUTO else name for name in engines]
+    auto = auto_engines(case, None if rerun else runs)
+    asked = [next(auto) if name == AUTO else name for name in dict.fromkeys(engines)]
     names = list(dict.fromkeys(asked or installed(engine_names())))
     missing = [] if asked else [name for name in engine_names() if name not in names]
     refusals = {} if asked else {name: error for name in names if (error := inability(case, name))}
@@ -65,25 +66,30 @@ def run(
     for name in [] if unsafe else names:
         refuse(case, name)  # before any engine starts
     failures = 0
-    for name in names:
+    for name in names:  # --engine auto adds the next engine after one that fails
+        by_auto = bool(asked) and name not in engines
         try:
             with counted(f"{case.scene.name} on {name}"):
                 ended = assess(run_case(case, name, runs, rerun=rerun, limit_s=time_limit), case)
         except (RunError, OSError) as error:
-            print(f"{case.scene.name}: {name}: {error}", file=sys.stderr)
-            failures += 1
-            continue
-        print(paths.shown(ended.folder), flush=True)
-        for warning in ended.record.warnings or ():
-            print(f"{case.scene.name}: {name} warning: {warning}", file=sys.stderr)
-        if ended.missed:
-            print(f"{case.scene.name}: {name} missed the accuracy: {ended.missed}", file=sys.stderr)
-            failures += 1
-        if not ended.done:
-            stderr = ended.folder / STDERR
-            said = f" (see {paths.shown(stderr)})" if stderr.is_file() and stderr.stat().st_size else ""
-            print(f"{case.scene.name}: {name} {ended.record.status}: {ended.record.reason}{said}", file=sys.stderr)
-            failures += 1
+            wrong = f": {error}"
+        else:
+            wrong = f" missed the accuracy: {ended.missed}" if ended.missed else ""
+            if not ended.done:
+                stderr = ended.folder / STDERR
+                said = f" (see {paths.shown(stderr)})" if stderr.is_file() and stderr.stat().st_size else ""
+                wrong = f" {ended.trouble}{said}"
+            if not (by_auto and wrong):
+                print(paths.shown(ended.folder), flush=True)
+            for warning in ended.record.warnings or ():
+                print(f"{case.scene.name}: {name} warning: {warning}", file=sys.stderr)
+        if wrong:
+            print(f"{case.scene.name}: {name}{wrong}{f'; {LEFT_OUT}' * by_auto}", file=sys.stderr)
+            failures += not by_auto
+        if wrong and by_auto and (another := next(auto)) not in names:
+            names.append(another)
+            if not unsafe:
+                refuse(case, another)
     for name, refusal in refusals.items():
         print(f"not run on {name}: {refusal}", file=sys.stderr)
     if missing:

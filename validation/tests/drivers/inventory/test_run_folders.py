@@ -14,7 +14,7 @@ from drivers.engines import REFERENCE, VERLET
 from drivers.inventory.run_folders import kept_runs, key_of, print_runs, run_folder, select
 from drivers.run.run import run_case
 from drivers.run.run_folder import FORCES, RECORD, EndedRun, record_of
-from validation.tests.helpers.commands import beads
+from validation.tests.helpers.commands import beads, beads_process
 from validation.tests.helpers.runs import edit_record
 from validation.tests.helpers.scenes import BASE, STRIKER, WALL, case_of
 
@@ -307,7 +307,7 @@ def test_commands_take_names(home: Path) -> None:
 
 
 def test_nothing_is_loaded_that_a_list_does_not_need(home: Path) -> None:
-    beads("runs", "--runs", "runs")  # caches the conversion of units
+    beads_process("runs", "--runs", "runs")  # caches the conversion of units
     code = (
         "import sys; sys.argv = ['beads', 'runs', '--runs', 'runs', '--set', 'striker.speed=1.5 m/s']\n"
         "from validation.commands.beads import answer; answer(); print([each for each in sys.modules])"
