@@ -98,8 +98,8 @@ def select(
 ) -> list[EndedRun]:
     """Select runs by scenes (name or file), engines and settings ``KEY=VALUE``; an empty selector takes all.
 
-    Runs of a scene are those of the content of its file, and those recorded under its name.
-    Values may be globs. Of several values of one key any may match; all keys have to match.
+    Runs of a scene have the content of its file, or its name in their record. Values may be globs. Of several values of
+    one key any may match; all keys have to match.
 
     Raises:
         InputError: no run matches.
@@ -109,14 +109,12 @@ def select(
     by_engine = {engine: [engine] for engine in engines}
     for what, asked in (("scene", by_scene), ("engine", by_engine)):
         keys = {run.folder: _keys(run) if what == "scene" else (run.record.engine,) for run in kept if asked}
-        chosen: set[Path] = set()
         for name, wanted in asked.items():
-            matching = {folder for folder, own in keys.items() if not set(wanted).isdisjoint(own)}
-            if not matching:
+            if not any(key in wanted for own in keys.values() for key in own):
                 names = ", ".join(sorted({own[-1] for own in keys.values()})) or "none, since the folder has no runs"
                 raise InputError("runs", what, f'no run of "{name}"; allowed: {names}')
-            chosen |= matching
-        found = [run for run in found if not asked or run.folder in chosen]
+        any_of = {key for wanted in asked.values() for key in wanted}
+        found = [run for run in found if not asked or not any_of.isdisjoint(keys[run.folder])]
     by_key: dict[str, list[str]] = {}
     for setting in settings:
         key, equals, value = setting.partition("=")
@@ -173,8 +171,7 @@ def _found(newest: dict[tuple[str, str], EndedRun], engine: str, keys: Iterable[
 def run_folder(name: str | Path, runs: Path = paths.RUNS) -> Path:
     """Run folder by its path, or by ``ENGINE:SCENE``: the newest finished run of the scene as its file is.
 
-    The name in the record does not matter. If there is no such run, or no such file, the newest run recorded under the
-    name of the scene is used, and a line on the standard error says so.
+    If there is no such run or no such file, the newest run recorded as the scene is used, with a line on stderr.
 
     Raises:
         InputError: no such run.

@@ -24,8 +24,6 @@ from validation.accuracy.costs import cost_on
 from validation.accuracy.motions import predicted_error
 from validation.accuracy.step_choice import Chooser, simplify
 
-LEFT_OUT = "--engine auto leaves it out"
-
 
 def plan(
     scene: str | Path, settings: Mapping[str, Any] | None = None, engine: str = VERLET
@@ -75,7 +73,7 @@ def auto_engines(case: Case, runs: Path | None = None) -> Iterator[str]:
     found = sorted(installed(capable), key=lambda name: cost_on(name).run_s(case))
     for name in found:
         if why := fault(case, name, runs):
-            say(f"{case.scene.name}: {name}: {why}; {LEFT_OUT}")
+            say(f"{case.scene.name}: {name}: {why}; --engine auto leaves it out")
         else:
             yield name
     if found:

@@ -51,7 +51,7 @@ def run(
     from drivers.limits.refusal import inability, refuse
     from drivers.run.run import run_case
     from validation.accuracy.assess import assess
-    from validation.accuracy.plan import LEFT_OUT, auto_engines, planned_case
+    from validation.accuracy.plan import auto_engines, planned_case
 
     for name in engines:
         if name != AUTO:
@@ -84,7 +84,7 @@ def run(
             for warning in ended.record.warnings or ():
                 print(f"{case.scene.name}: {name} warning: {warning}", file=sys.stderr)
         if wrong:
-            print(f"{case.scene.name}: {name}{wrong}{f'; {LEFT_OUT}' * by_auto}", file=sys.stderr)
+            print(f"{case.scene.name}: {name}{wrong}{'; --engine auto leaves it out' * by_auto}", file=sys.stderr)
             failures += not by_auto
         if wrong and by_auto and (another := next(auto)) not in names:
             names.append(another)
