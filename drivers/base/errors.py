@@ -14,9 +14,9 @@ MAX_PROBLEMS = 12  # listed of one input
 CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u2069\ufeff]")
 
 
-def printable(text: str) -> str:
-    """Text with a question mark for each control character: a title or a file name cannot change a terminal."""
-    return CONTROL.sub("?", text)
+def printable(text: str, *, lines: bool = True) -> str:
+    """Text with a question mark for each control character, which could change a terminal, or any but of ``lines``."""
+    return CONTROL.sub("?", text if lines else text.translate({ord("\t"): "?", ord("\n"): "?"}))
 
 
 def one_line(*parts: object, longest: int = MAX_CHARACTERS) -> str:

@@ -32,6 +32,6 @@ ENGINES_VARIABLE = "BEAD_CHAINS_ENGINES"  # set by --engines, read by all child 
 def shown(path: Path) -> str:
     """Path for a message, relative to the present folder if it lies below."""
     try:
-        return printable(str(path.resolve().relative_to(Path.cwd())))
+        return printable(str(path.resolve().relative_to(Path.cwd())), lines=False)
     except (ValueError, OSError, RuntimeError):  # not below the present folder, or a loop of links
-        return printable(str(path))
+        return printable(str(path), lines=False)

@@ -13,7 +13,7 @@ def text_table(rows: Iterable[Sequence[str]], right: Collection[int] = ()) -> li
         rows: cells of each line, the heading first; a row may be shorter than others.
         right: places of the columns to align right, counted from 0.
     """
-    table = [tuple(map(printable, row)) for row in rows]
+    table = [tuple(printable(cell, lines=False) for cell in row) for row in rows]
     widths = [max(map(len, column)) for column in zip_longest(*table, fillvalue="")]
     return [
         "  ".join(f"{cell:{'>' if place in right else '<'}{widths[place]}}" for place, cell in enumerate(row)).rstrip()

@@ -1,5 +1,6 @@
 """Removal of runs that no command would use again, with reasons."""
 
+import os
 import shutil
 import time
 from collections import Counter
@@ -29,7 +30,7 @@ REASONS_TO_REMOVE = (UNREADABLE_RECORD, FAILED_RUN, OTHER_BUILD, OLDER_DECK)
 USED_RUN = "commands find them again"
 RECENT_RUN = f"ended less than {RECENT_S / 60:g} minutes ago; a command may still read them"
 ABSENT_ENGINE = "their engine is not installed, so its build is unknown"
-RENAMED_FOLDER = "their folders have been renamed"
+RENAMED_FOLDER = "their folders have been renamed or are links"
 IMPORTED = "imported, so no command makes them again"
 REASONS_TO_KEEP = (USED_RUN, RECENT_RUN, ABSENT_ENGINE, RENAMED_FOLDER, IMPORTED)
 
@@ -91,7 +92,7 @@ def _reasons(kept: Sequence[EndedRun]) -> dict[Path, str]:
 
 
 def _reason(run: EndedRun, build: Build | None) -> str:
-    if not FOLDER_NAME.fullmatch(run.folder.name):
+    if run.folder.is_symlink() or not FOLDER_NAME.fullmatch(run.folder.name):
         return RENAMED_FOLDER
     if time.time() - max((stat.st_mtime for stat in run.stats.values()), default=0.0) < RECENT_S:
         return RECENT_RUN
@@ -119,6 +120,8 @@ def _remove(group: Sequence[EndedRun]) -> list[EndedRun]:
     """Remove runs, except those replaced by another process meanwhile; return the removed runs."""
     gone = []
     for home in {run.folder.parent for run in group}:
+        if not os.access(home, os.W_OK):
+            raise InputError(paths.shown(home), "", "a read-only folder", "one that can be written to")
         with workplace(home) as place:  # moved here first: the workplace is removed in any case
             for run in group:
                 away = place / run.folder.name

@@ -21,7 +21,7 @@ from drivers.batch.store import ENDING, WORK, Store
 from drivers.run.run_folder import DAMAGED, FOLDER_NAME, EndedRun, RunRecord, in_si, read_record
 from drivers.scene.model import Scene
 from drivers.scene.read_scene import read_scene, read_value
-from drivers.scene.settings import FREE_TEXT, look_up, setting_text, settings_between, unit_of
+from drivers.scene.settings import DERIVED, FREE_TEXT, look_up, setting_text, settings_between, unit_of, unplanned
 
 NO_PHYSICS = (*FREE_TEXT, "title", "name")  # keys of a scene that change no number
 UNREADABLE = "a record that is damaged or of another version"
@@ -36,9 +36,28 @@ def key_of(run: EndedRun) -> tuple[str, str]:
 
 
 def _physics(part: Any) -> Any:
-    if isinstance(part, dict):
-        return {key: _physics(value) for key, value in part.items() if key not in NO_PHYSICS}
+    if isinstance(part, dict):  # a table may be a material of such a name
+        return {key: _physics(value) for key, value in part.items() if key not in NO_PHYSICS or isinstance(value, dict)}
     return [_physics(each) for each in part] if isinstance(part, list) else part
+
+
+def _content(scene: Json) -> str:
+    """Text of a scene that is the same for equal physics, gauges and accuracy; empty for no scene."""
+    if not scene:
+        return ""
+    tables = {key: value for key, value in unplanned(scene).items() if key not in DERIVED}
+    run = {key: value for key, value in tables["run"].items() if f"run.{key}" != RECORDED}
+    return json.dumps(_physics(tables | {"run": run}), sort_keys=True)
+
+
+def _keys(run: EndedRun) -> tuple[str, str]:
+    """Content of a run's scene, and its name in the record; the run is found by both."""
+    return _content(run.resolved), run.record.scene_name
+
+
+def _asked_keys(source: str, base: Json) -> list[str]:
+    """Keys of the runs of a scene: the content ``base`` of its file, if there is one, then its name."""
+    return [*filter(None, [_content(base)]), _name_of(source)]
 
 
 def kept_runs(runs: Path) -> list[EndedRun]:
@@ -79,20 +98,23 @@ def select(
 ) -> list[EndedRun]:
     """Select runs by scenes (name or file), engines and settings ``KEY=VALUE``; an empty selector takes all.
 
-    Values may be globs. Of several values of one key any may match; all keys have to match.
+    Runs of a scene have the content of its file, or its name in their record. Values may be globs. Of several values of
+    one key any may match; all keys have to match.
 
     Raises:
         InputError: no run matches.
     """
     found = list(kept)
-    asked_scenes = [_name_of(scene) for scene in scenes]
-    for what, key, asked in (("scene", "scene_name", asked_scenes), ("engine", "engine", list(engines))):
-        known = {getattr(run.record, key) for run in kept}
-        for name in asked:
-            if name not in known:
-                names = ", ".join(sorted(known)) or "none, since the folder has no runs"
+    by_scene = {scene: _asked_keys(scene, _base_of(scene)) for scene in scenes}
+    by_engine = {engine: [engine] for engine in engines}
+    for what, asked in (("scene", by_scene), ("engine", by_engine)):
+        keys = {run.folder: _keys(run) if what == "scene" else (run.record.engine,) for run in kept if asked}
+        for name, wanted in asked.items():
+            if not any(key in wanted for own in keys.values() for key in own):
+                names = ", ".join(sorted({own[-1] for own in keys.values()})) or "none, since the folder has no runs"
                 raise InputError("runs", what, f'no run of "{name}"; allowed: {names}')
-        found = [run for run in found if not asked or getattr(run.record, key) in asked]
+        any_of = {key for wanted in asked.values() for key in wanted}
+        found = [run for run in found if not asked or not any_of.isdisjoint(keys[run.folder])]
     by_key: dict[str, list[str]] = {}
     for setting in settings:
         key, equals, value = setting.partition("=")
@@ -109,7 +131,7 @@ def select(
 
 def _name_of(source: str) -> str:
     """Name of a scene, given by name or file."""
-    return Path(source).stem if source.endswith(".toml") else source
+    return Path(source.removesuffix(".toml")).name
 
 
 def _has(scene: Json, key: str, asked: str) -> bool:
@@ -130,29 +152,27 @@ def first_scene(*sources: str) -> Scene | None:
     return None
 
 
-def _base_of(source: str) -> Json | None:
-    """Scene of a shipped file, of a file in the present folder, or at a path, in SI units; None if unreadable."""
+def _base_of(source: str) -> Json:
+    """Scene of a shipped file, of a file in the present folder, or at a path, in SI units; empty if unreadable."""
     scene = first_scene(source, f"{source}.toml")
-    return in_si(scene) if scene else None
+    return in_si(scene) if scene else {}
 
 
-def _settings(run: EndedRun, base: Json | None) -> dict[str, str] | None:
-    """Settings of a run that differ from its scene file; ``run.record`` is ignored, since it changes no number."""
-    if base is None or not run.resolved:
-        return None
-    return {key: value for key, value in settings_between(run.resolved, base).items() if key != RECORDED}
+def _newest(kept: Iterable[EndedRun]) -> dict[tuple[str, str], EndedRun]:
+    """Newest finished run by engine and key: the runs that have a name; none of a deck that was changed by hand."""
+    named = (run for run in kept if not (run.trouble or run.record.edits))
+    return {(run.record.engine, key): run for run in named for key in _keys(run)}
 
 
-def _newest(kept: Iterable[EndedRun], name: str, base: Json | None) -> EndedRun | None:
-    """Newest finished run of a name without settings, else the newest one with settings."""
-    done = [run for run in kept if run.name == name and not run.trouble]
-    return max(done, key=lambda run: (_settings(run, base) == {}, run.ended), default=None)
+def _found(newest: dict[tuple[str, str], EndedRun], engine: str, keys: Iterable[str]) -> EndedRun | None:
+    """Newest run of an engine with the first key that any run has."""
+    return next((newest[engine, key] for key in keys if (engine, key) in newest), None)
 
 
 def run_folder(name: str | Path, runs: Path = paths.RUNS) -> Path:
-    """Run folder by its path, or by ``ENGINE:SCENE``: the newest finished run of the scene without settings.
+    """Run folder by its path, or by ``ENGINE:SCENE``: the newest finished run of the scene as its file is.
 
-    If there is none, the newest run with settings is used, and a line on the standard error reports the settings.
+    If there is no such run or no such file, the newest run recorded as the scene is used, with a line on stderr.
 
     Raises:
         InputError: no such run.
@@ -160,52 +180,50 @@ def run_folder(name: str | Path, runs: Path = paths.RUNS) -> Path:
     engine, colon, source = str(name).partition(":")
     if not colon or Path(name).exists():
         return Path(name)
-    scene, kept, base = _name_of(source), kept_runs(runs), _base_of(source)
-    found = _newest(kept, f"{engine}:{scene}", base)
+    scene, base, newest = _name_of(source), _base_of(source), _newest(kept_runs(runs))
+    found = _found(newest, engine, _asked_keys(source, base))
     if found is None:
-        known = sorted({run.name for run in kept if not run.trouble})
+        known = sorted({run.name for run in newest.values()})
         near = [each for each in known if each.startswith(f"{engine}:")]
         near = near or [each for each in known if each.endswith(f":{scene}")] or known
         allowed = ", ".join(near) or "a run folder; no run is done there"
         raise InputError(str(name), "", f"no such run in {paths.shown(runs)}; allowed: {allowed}")
     if differs := _difference(found, base):
-        print(
-            one_line(f"{name}: no run of the scene file without changes; using {paths.shown(found.folder)}, ", differs),
-            file=sys.stderr,
-        )
+        why = f"{scene}.toml has not been run as it is" if base else differs
+        which = f"differs by {differs}" if base else f"is the newest run recorded as {scene}"
+        print(one_line(f"{name}: {why}; using {paths.shown(found.folder)}, which ", which), file=sys.stderr)
     return found.folder
 
 
-def _difference(run: EndedRun, base: Json | None) -> str:
-    """Settings that differ from the scene file, as text."""
-    if base is None:
+def _difference(run: EndedRun, base: Json) -> str:
+    """Settings that differ from the scene file, as text; ``run.record`` is ignored, since it changes no number."""
+    if not base or not run.resolved:
         return "no scene file to compare with" if run.resolved else ""
-    return ", ".join(f"{key}={value}" for key, value in (_settings(run, base) or {}).items())
+    return ", ".join(f"{key}={value}" for key, value in settings_between(run.resolved, base).items() if key != RECORDED)
 
 
 def print_runs(runs: Path, scenes: Sequence[str], engines: Sequence[str], settings: Sequence[str]) -> None:
     """Print one line for each run, the newest last, and the total size."""
     kept = kept_runs(runs)
-    files = {Path(scene).stem: scene for scene in scenes if scene.endswith(".toml")}
-    chosen = select(kept, scenes, engines, settings)
-    bases = {scene: _base_of(files.get(scene, scene)) for scene in {run.record.scene_name for run in chosen}}
-    names = {}
-    for name in {run.name for run in chosen}:
-        engine, _, scene = name.partition(":")
-        if newest := _newest(kept, name, bases[scene]):
-            names[newest.folder] = f"{engine}:{files.get(scene, scene)}"
-    rows = [
-        (
-            names.get(run.folder) or paths.shown(run.folder),
-            run.record.scene_name,
-            run.record.engine,
+    chosen, newest = select(kept, scenes, engines, settings), _newest(kept)
+    bases = {source: _base_of(source) for source in {*scenes, *(run.record.scene_name for run in chosen)}}
+    asked = {source: _asked_keys(source, base) for source, base in bases.items()}
+    home, rows = Path(paths.shown(runs)), []  # following links takes long
+    for run in chosen:
+        engine, scene, keys = run.record.engine, run.record.scene_name, _keys(run)
+        named = [source for source in (*scenes, scene) if _found(newest, engine, asked[source]) == run]
+        source = next(source for key in keys for source in scenes or [scene] if key in asked[source])
+        differs = "" if keys[0] in asked[source] else _difference(run, bases[source])
+        row = (
+            f"{engine}:{named[0]}" if named else str(home / run.folder.relative_to(runs)),
+            scene,
+            engine,
             time.strftime("%Y-%m-%d %H:%M", time.localtime(run.ended)),
             size_text(run.size),
             run.record.status,
-            one_line("; ".join(filter(None, (_difference(run, bases[run.record.scene_name]), run.trouble)))),
+            one_line("; ".join(filter(None, (differs, "deck changed by hand" * bool(run.record.edits), run.trouble)))),
         )
-        for run in chosen
-    ]
+        rows.append(row)
     for line in text_table(rows):
         print(line)
     states = Counter(row[5] for row in rows)

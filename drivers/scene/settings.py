@@ -23,14 +23,14 @@ def settings_between(scene: dict[str, Any], base: dict[str, Any]) -> dict[str, s
     """
     own = scene.get("materials", {})
     base = base | {"materials": {name: base.get("materials", {}).get(name) or _library().get(name) for name in own}}
-    pair = _without_planned_step(base), _without_planned_step(scene)
+    pair = unplanned(base), unplanned(scene)
     changed = {key: value for key, _, value in differences(*pair) if key != "title"}
     if isinstance(step := changed.get(STEP), float):  # stored as an exact fraction of the sample interval
         changed[STEP] = float(f"{step:.12g}")
     return {key: setting_text(key, value) for key, value in changed.items()}
 
 
-def _without_planned_step(scene: dict[str, Any]) -> dict[str, Any]:
+def unplanned(scene: dict[str, Any]) -> dict[str, Any]:
     """Scene without its time step if the step was planned for an accuracy."""
     if "accuracy" not in scene["run"]:
         return scene

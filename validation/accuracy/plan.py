@@ -1,15 +1,22 @@
-"""Planning of a case: the largest time step that meets the accuracy of its scene, and the cheapest engine."""
+"""Planning of a case: the largest time step that meets the accuracy of its scene, and engines by cost."""
 
 import time
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from drivers.base import paths
 from drivers.base.errors import RunError
+from drivers.base.kept import recall
+from drivers.base.progress import say
 from drivers.chain.case import Case, build_case
-from drivers.engines import VERLET, engine_names, installed
+from drivers.engines import VERLET, engine_names, installed, load_engine
 from drivers.limits.refusal import FORCE, beyond_rounding, inability
+from drivers.run.build import build_of
+from drivers.run.run import run_identity
+from drivers.run.run_folder import find_run
 from drivers.scene.read_scene import read_scene
 from drivers.scene.settings import setting_texts
 from postproc.read.observables import without_unit
@@ -56,18 +63,40 @@ def capable_engines(case: Case, among: Collection[str] = ()) -> list[str]:
     return [name for name in names if inability(case, name) is None and beyond_rounding(case, name) is None]
 
 
-def cheapest(case: Case, among: Collection[str] = ()) -> str:
-    """Cheapest installed engine that can run a case; ``among`` others, if given.
+def auto_engines(case: Case, runs: Path | None = None) -> Iterator[str]:
+    """Installed engines that can run a case, the cheapest first; those with a ``fault`` become lines on stderr.
 
     Raises:
-        RunError: no installed engine does.
+        RunError: no engine is left.
     """
-    capable = capable_engines(case, among)
-    found = installed(capable)
-    if not found:
-        others = f"; {', '.join(capable)} would" if capable else ""
-        raise RunError(f"no installed engine models all of this scene{others}")
-    return min(found, key=lambda name: cost_on(name).run_s(case))
+    capable = capable_engines(case)
+    found = sorted(installed(capable), key=lambda name: cost_on(name).run_s(case))
+    for name in found:
+        if why := fault(case, name, runs):
+            say(f"{case.scene.name}: {name}: {why}; --engine auto leaves it out")
+        else:
+            yield name
+    if found:
+        raise RunError(f"{case.scene.name}: no engine is left for --engine auto, after {', '.join(found)}")
+    others = f"; {', '.join(capable)} would" if capable else ""
+    raise RunError(f"no installed engine models all of this scene{others}")
+
+
+def fault(case: Case, name: str, runs: Path | None = None) -> str:
+    """Reason to leave out an engine: its build failed ``beads engine``, or its run of the case in ``runs`` failed."""
+    if recall(kit_key(name)) is False:
+        return f"its build failed beads engine {name}"
+    with suppress(RunError):  # a faulty adapter renders no deck
+        engine = load_engine(name)
+        identity = run_identity(name, build_of(engine), engine.render(case).sha256) if runs else ""
+        if runs and (run := find_run(runs / name, identity, {})) and not run.done:
+            return f"{run.trouble} (see {paths.shown(run.folder)}; --rerun tries again)"
+    return ""
+
+
+def kit_key(name: str) -> list[str]:
+    """Key in the cache of the outcome of ``beads engine``: True if the installed build passed."""
+    return ["kit", name, build_of(load_engine(name)).identity]
 
 
 def planned_case(source: str | Path, *settings: str) -> Case:

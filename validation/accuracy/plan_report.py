@@ -24,7 +24,7 @@ from validation.accuracy.budget import AT_REST_NOTE
 from validation.accuracy.costs import cost_on
 from validation.accuracy.exact_motion import errors_of
 from validation.accuracy.motions import AGREEMENT, ROUNDING_MARGIN, motions_of, predicted_error
-from validation.accuracy.plan import capable_engines, cheapest, planned_case
+from validation.accuracy.plan import capable_engines, fault, planned_case
 from validation.accuracy.step_choice import ROUNDING_FACTOR, Chooser
 
 TENFOLD = 10.0
@@ -48,7 +48,7 @@ def plan_report(source: str | Path, settings: tuple[str, ...] = (), among: Colle
         if error:
             raise error
     engines = [(name, load_engine(name).shear, asdict(cost_on(name))) for name in capable_engines(case, among)]
-    there = installed(name for name, *_ in engines)
+    there = [(name, fault(case, name)) for name in installed(name for name, *_ in engines)]
     scenes = [each.scene.model_dump(mode="json") for each in (case, case.full) if each]
     report = _straight if case.chain.lateral is None else _three_dimensional
     lines = kept(["plan", scenes, engines, there], lambda: [*report(case, among)])
@@ -167,12 +167,14 @@ def _table(rows: list[Row], among: Collection[str]) -> Iterator[str]:
 
 def _engines(case: Case, among: Collection[str]) -> Iterator[str]:
     needed = ", ".join(element.name for element in case.elements if element.modelled) or "the beads"
-    chosen = cheapest(case, among)
-    seconds = {name: f"{cost_on(name).run_s(case):.2g} s" for name in installed(capable_engines(case, among))}
-    yield f"engine     {chosen}, {seconds[chosen]}: the cheapest engine that models {needed}"
-    others = ", ".join(f"{name} {cost}" for name, cost in seconds.items() if name != chosen)
+    faults = {name: fault(case, name) for name in installed(capable_engines(case, among))}
+    seconds = {name: cost_on(name).run_s(case) for name, why in faults.items() if not why}
+    chosen, *others = sorted(seconds, key=seconds.__getitem__) or ["none"]
+    rank = f", {seconds[chosen]:.2g} s: the cheapest engine" if seconds else " is left"
+    yield f"engine     {chosen}{rank} that models {needed}"
     if others:
-        yield f"           other engines: {others}"
+        yield f"           other engines: {', '.join(f'{name} {seconds[name]:.2g} s' for name in others)}"
+    yield from (f"           left out: {name}, since {why}" for name, why in faults.items() if why)
 
 
 def _horizon(case: Case, share: Array) -> str:

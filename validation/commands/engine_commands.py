@@ -22,8 +22,10 @@ from validation.commands.options import command
 @options.RESULTS
 def engine(name: str, results: Path) -> int:
     """Test an adapter or a build of a code."""
+    from drivers.base.kept import keep
     from drivers.engines import load_engine
     from validation.accuracy.costs import entry_of, measured_cost
+    from validation.accuracy.plan import kit_key
 
     tested = load_engine(name)
     if tested.find() is None:
@@ -38,11 +40,13 @@ def engine(name: str, results: Path) -> int:
     words += ["--rootdir", str(paths.ROOT), "-c", str(paths.ROOT / "pyproject.toml")]
     if results != paths.RESULTS:
         words += ["--junitxml", str(results / f"engine-{name}.xml")]
-    failed = int(pytest.main([*words, "--engine", name, str(paths.ROOT / "validation/tests/engine")]) != 0)
+    code = int(pytest.main([*words, "--engine", name, str(paths.ROOT / "validation/tests/engine")]))
+    if code in (0, 1):  # else the tests did not end
+        keep(kit_key(name), code == 0)
     cost = measured_cost(tested)
     where = f"as an entry of {paths.shown(paths.COSTS)}; for own engines no file has to be edited"
     print(f"\nmeasured cost, cached for plans and batches ({where}):\n" + "\n".join(entry_of(name, cost)))
-    return failed
+    return int(code != 0)
 
 
 @command("")

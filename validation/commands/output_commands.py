@@ -76,7 +76,8 @@ def overlay(run: str, settings: tuple[str, ...], measured: Path | None, runs: Pa
             raise InputError(f"--set {settings[0]}", "", "not allowed for a finished run")
         opened, name, _ = _open("overlay", run, runs)
         recorded = opened.record.scene_name
-        scene = first_scene(run.partition(":")[2], recorded, f"{recorded}.toml")  # its file names the measured data
+        asked = run.partition(":")[2]
+        scene = first_scene(asked, f"{asked}.toml", recorded, f"{recorded}.toml")  # its file names the measured data
         layout, trace, engine = opened.layout, opened.trace, opened.record.engine
     else:
         case = planned_case(run, *settings)

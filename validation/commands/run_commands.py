@@ -28,7 +28,7 @@ def _names(text: str) -> tuple[str, ...]:
 @options.ENGINE
 @options.ENGINES
 @options.RUNS
-@click.option("--rerun", is_flag=True, help="Run again even if the run is done.")
+@click.option("--rerun", is_flag=True, help="Run again even if the run is done or, with auto, failed.")
 @click.option(
     "--time-limit",
     metavar="SECONDS",
@@ -47,20 +47,21 @@ def run(
 ) -> int:
     """Run a scene and print the run folders.
 
-    --engine auto takes the cheapest engine that models the scene.
+    --engine auto takes the cheapest engine that models the scene, after those whose build or run failed the next one.
     """
     from drivers.base.progress import counted
     from drivers.engines import engine_names, installed, load_engine
     from drivers.limits.refusal import inability, refuse
     from drivers.run.run import run_case
     from validation.accuracy.assess import assess
-    from validation.accuracy.plan import cheapest, planned_case
+    from validation.accuracy.plan import auto_engines, planned_case
 
     for name in engines:
         if name != AUTO:
             load_engine(name, "--engine", also=(AUTO,))  # refuses a wrong name before the case is planned
     case = planned_case(scene, *settings)
-    asked = [cheapest(case) if name == AUTO else name for name in engines]
+    auto = auto_engines(case, None if rerun else runs)
+    asked = [next(auto) if name == AUTO else name for name in dict.fromkeys(engines)]
     names = list(dict.fromkeys(asked or installed(engine_names())))
     missing = [] if asked else [name for name in engine_names() if name not in names]
     refusals = {} if asked else {name: error for name in names if (error := inability(case, name))}
@@ -68,16 +69,24 @@ def run(
     for name in [] if unsafe else names:
         refuse(case, name)  # before any engine starts
     failures = 0
-    for name in names:
+    for name in names:  # --engine auto adds the next engine after one that fails
+        by_auto = bool(asked) and name not in engines
         try:
             with counted(f"{case.scene.name} on {name}"):
                 ended = assess(run_case(case, name, runs, rerun=rerun, limit_s=time_limit), case)
         except (RunError, OSError) as error:
-            print(f"{case.scene.name}: {name}: {error}", file=sys.stderr)
-            failures += 1
-            continue
-        print(paths.shown(ended.folder), flush=True)
-        failures += _print_state(ended)
+            wrong = f": {error}"
+        else:
+            wrong = _trouble(ended)
+            if not (by_auto and wrong):
+                print(paths.shown(ended.folder), flush=True)
+        if wrong:
+            print(f"{case.scene.name}: {name}{wrong}{'; --engine auto leaves it out' * by_auto}", file=sys.stderr)
+            failures += not by_auto
+        if wrong and by_auto and (another := next(auto)) not in names:
+            names.append(another)
+            if not unsafe:
+                refuse(case, another)
     for name, refusal in refusals.items():
         print(f"not run on {name}: {refusal}", file=sys.stderr)
     if missing:
@@ -85,18 +94,15 @@ def run(
     return 1 if failures else 0
 
 
-def _print_state(ended: "EndedRun") -> int:
-    """Print warnings, a missed accuracy and the reason of a failure; returns 1 if the run failed or missed it."""
-    record, name = ended.record, f"{ended.record.scene_name}: {ended.record.engine}"
-    for warning in record.warnings or ():
-        print(f"{name} warning: {warning}", file=sys.stderr)
-    if ended.missed:
-        print(f"{name} missed the accuracy: {ended.missed}", file=sys.stderr)
-    if not ended.done:
-        stderr = ended.folder / "stderr.txt"
-        said = f" (see {paths.shown(stderr)})" if stderr.is_file() and stderr.stat().st_size else ""
-        print(f"{name} {record.status}: {record.reason}{said}", file=sys.stderr)
-    return int(bool(ended.missed) or not ended.done)
+def _trouble(ended: "EndedRun") -> str:
+    """Print the warnings of a run; returns why it failed or missed its accuracy, as the end of a line, or nothing."""
+    for warning in ended.record.warnings or ():
+        print(f"{ended.record.scene_name}: {ended.record.engine} warning: {warning}", file=sys.stderr)
+    if ended.done:
+        return f" missed the accuracy: {ended.missed}" if ended.missed else ""
+    stderr = ended.folder / "stderr.txt"
+    said = f" (see {paths.shown(stderr)})" if stderr.is_file() and stderr.stat().st_size else ""
+    return f" {ended.trouble}{said}"
 
 
 @command("deck --engine liggghts", "deck --engine yade --scene fig4 --set run.time_step='0.2 us'", name="import")
@@ -129,7 +135,9 @@ def import_(folder: Path, scene: str | None, settings: tuple[str, ...], engines:
     ended = assess(import_run(folder, case, engine.name, runs), case)
     print(paths.shown(ended.folder))
     print(*(f"deck changed: {edit}" for edit in ended.record.edits or ["nothing"]), sep="\n", file=sys.stderr)
-    return _print_state(ended)
+    if wrong := _trouble(ended):
+        print(f"{ended.record.scene_name}: {ended.record.engine}{wrong}", file=sys.stderr)
+    return int(bool(wrong))
 
 
 @command("fig4", "fig4 --set run.time_step='1 us'", "yade:fig4 liggghts:fig4", "--runs old --against new")

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from drivers.base.errors import InputError
 from drivers.engines import REFERENCE, VERLET, load_engine
 from drivers.inventory import prune as module
 from drivers.inventory.prune import prune
@@ -139,6 +140,26 @@ def test_what_cannot_be_judged_stays(runs: Path, capsys: pytest.CaptureFixture[s
     assert (runs / VERLET / "notes").exists()
     assert any(line.startswith("kept 1 runs (absent 1)") and "is not installed" in line for line in lines)
     assert any("their folders have been renamed" in line for line in lines)
+
+
+def test_a_link_to_a_run_stays(runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its folder is kept elsewhere on purpose, and its removal would free nothing."""
+    failed = next(run.folder for run in kept_runs(runs) if run.trouble)
+    failed.rename(tmp_path / "elsewhere")
+    failed.symlink_to(tmp_path / "elsewhere")
+    made_yesterday(runs)
+    lines = pruned(capsys, runs)
+    assert (failed / RECORD).exists()
+    assert any(line.startswith(f"kept 1 runs ({VERLET} 1)") and "are links" in line for line in lines)
+    assert lines[-1] == "freed 0 kB"
+
+
+def test_a_folder_that_cannot_be_written_to_is_named(runs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The message names the folder that the user knows, and not a temporary one in it."""
+    monkeypatch.setattr(os, "access", lambda *_: False)  # root may write to any folder
+    with pytest.raises(InputError) as message:
+        prune(runs, (), (), ())
+    assert str(message.value) == f"runs/{VERLET}: found a read-only folder; allowed: one that can be written to"
 
 
 def test_what_just_ended_stays(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:

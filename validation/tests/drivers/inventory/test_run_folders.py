@@ -11,10 +11,10 @@ import pytest
 
 from drivers.base.errors import InputError
 from drivers.engines import REFERENCE, VERLET
-from drivers.inventory.run_folders import kept_runs, print_runs, run_folder, select
+from drivers.inventory.run_folders import kept_runs, key_of, print_runs, run_folder, select
 from drivers.run.run import run_case
 from drivers.run.run_folder import FORCES, RECORD, EndedRun, record_of
-from validation.tests.helpers.commands import beads
+from validation.tests.helpers.commands import beads, beads_process
 from validation.tests.helpers.runs import edit_record
 from validation.tests.helpers.scenes import BASE, STRIKER, WALL, case_of
 
@@ -88,7 +88,17 @@ def test_a_scene_without_its_file_is_listed(home: Path, capsys: pytest.CaptureFi
     rows = listed(capsys, home)[:-1]
     assert all(row[8:] == ["no", "scene", "file", "to", "compare", "with"] for row in rows)
     assert run_folder(f"{VERLET}:small", home / "runs") == kept_runs(home / "runs")[-1].folder
-    assert "no scene file to compare with" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert said.startswith(f"{VERLET}:small: no scene file to compare with; using runs/{VERLET}/small-")
+    assert said.endswith(", which is the newest run recorded as small\n")
+
+
+def test_a_folder_name_cannot_break_the_table(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = kept_runs(home / "runs")[-1].folder
+    run.rename(run.with_name("my\nrun\t\x1b[31m"))
+    *rows, _ = listed(capsys, home)
+    assert [row[0] for row in rows][-1] == f"runs/{VERLET}/my?run??[31m"
+    assert len(rows) == 3
 
 
 @pytest.mark.parametrize(
@@ -182,7 +192,69 @@ def test_the_name_is_that_of_the_newest_run_as_the_file_has_it(home: Path, capsy
     for folder in (newer, first.folder):
         shutil.rmtree(folder)
     assert run_folder(name, home / "runs") == other.folder
-    assert capsys.readouterr().err.startswith(f"{name}: no run of the scene file without changes; using runs/")
+    said, differs = "small.toml has not been run as it is", "striker.speed=1.5 m/s, run.time_step=50 ns"
+    using = f"runs/{VERLET}/{other.folder.name}"
+    assert capsys.readouterr().err == f"{name}: {said}; using {using}, which differs by {differs}\n"
+
+
+def test_a_run_keeps_the_name_of_its_scene_when_a_copy_of_the_scene_takes_it_over(
+    home: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The record of a run that is found again by its deck is that of the scene that was run last."""
+    first = kept_runs(home / "runs")[0].folder
+    text = (home / "small.toml").read_text()
+    (home / "sub").mkdir()
+    copy = home / "sub" / "copy.toml"
+    copy.write_text(f'title = "Another"\n{text}record = ["forces"]\n')
+    ended = run_case(case_of(copy), VERLET, home / "runs")
+    assert (ended.folder.resolve(), record_of(first).scene_name) == (first.resolve(), "copy")
+    names = (f"{VERLET}:small", f"{VERLET}:./small", f"{VERLET}:sub/copy.toml", f"{VERLET}:sub/copy")
+    assert {run_folder(name, home / "runs").resolve() for name in names} == {first.resolve()}
+    assert not capsys.readouterr().err
+    (row,) = [row for row in listed(capsys, home, "small")[:-1] if row[2:3] == [VERLET] and row[8:] == []]
+    assert row[:2] == [f"{VERLET}:small", "copy"]
+    (row,) = [row for row in listed(capsys, home)[:-1] if row[1] == "copy"]
+    assert row[0] == f"{VERLET}:copy"
+    assert [run.record.engine for run in found(home, scenes=("sub/copy.toml",))] == [REFERENCE, VERLET]
+
+
+def test_other_gauges_are_another_scene(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """They change no deck, but the signals in the folder."""
+    moved = "chain.sensors=[{from_wall=2}]"
+    other = run_case(case_of(home / "small.toml", moved), VERLET, home / "runs").folder
+    first = next(run.folder for run in kept_runs(home / "runs") if run.record.engine == VERLET)
+    assert run_folder(f"{VERLET}:small", home / "runs") == first != other
+    assert not capsys.readouterr().err
+    shutil.rmtree(first)
+    assert run_folder(f"{VERLET}:small", home / "runs").resolve() == other.resolve()
+    assert "chain.sensors=" in capsys.readouterr().err
+
+
+def test_a_material_may_have_the_name_of_a_text(home: Path) -> None:
+    """Texts change no number, and a table ``materials.title`` is no text."""
+    stiff, soft = (
+        run_case(case_of(home / "small.toml", f"materials.title={each}", "chain.material=title"), VERLET, home / "runs")
+        for each in (f"{{youngs_modulus='{modulus} GPa', poisson_ratio=0.4}}" for modulus in (2, 1))
+    )
+    assert key_of(stiff) != key_of(soft)
+
+
+def test_a_scene_of_the_same_name_with_other_physics_is_not_meant(
+    home: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Two folders have a file of this name: each finds its own run, also if the other run is newer."""
+    (home / "sub").mkdir()
+    heavier = (home / "small.toml").read_text().replace("0.1226 g", "0.2 g")
+    (home / "sub" / "small.toml").write_text(heavier)
+    first = kept_runs(home / "runs")[0].folder
+    other = run_case(case_of(home / "sub" / "small.toml"), VERLET, home / "runs").folder.resolve()
+    assert run_folder(f"{VERLET}:small", home / "runs") == first
+    assert run_folder(f"{VERLET}:sub/small.toml", home / "runs").resolve() == other
+    assert not capsys.readouterr().err
+    rows = listed(capsys, home, "sub/small.toml")[:-1]
+    assert [row[0] for row in rows if row[8:] == []] == [f"{VERLET}:sub/small.toml"]
+    assert [row[8] for row in rows if row[8:]][:2] == ["chain.mass=0.1226", "chain.mass=0.1226"]
+    assert f"{VERLET}:small" in [row[0] for row in rows]
 
 
 def test_a_run_that_records_more_counts_as_the_scene_file(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -235,7 +307,7 @@ def test_commands_take_names(home: Path) -> None:
 
 
 def test_nothing_is_loaded_that_a_list_does_not_need(home: Path) -> None:
-    beads("runs", "--runs", "runs")  # caches the conversion of units
+    beads_process("runs", "--runs", "runs")  # caches the conversion of units
     code = (
         "import sys; sys.argv = ['beads', 'runs', '--runs', 'runs', '--set', 'striker.speed=1.5 m/s']\n"
         "from validation.commands.beads import answer; answer(); print([each for each in sys.modules])"

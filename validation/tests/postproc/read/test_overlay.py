@@ -11,6 +11,7 @@ from scipy.interpolate import make_interp_spline
 
 from drivers.base.errors import InputError
 from drivers.chain.trace import Trace
+from drivers.run.run import run_case
 from drivers.run.run_folder import FORCES
 from postproc.paper.simulate import Simulation, case_of, exact
 from postproc.read.alignment import AlignedGauge, align
@@ -20,6 +21,8 @@ from postproc.read.observables import observe
 from postproc.read.sensors import sensor_signals
 from validation.tests.helpers import made_up_trace
 from validation.tests.helpers.commands import beads
+from validation.tests.helpers.runs import edit_record
+from validation.tests.helpers.scenes import SceneWriter
 
 TRIGGER_S = 123.456e-6
 MEASURED_SETTINGS = (
@@ -259,6 +262,19 @@ def test_the_command_takes_runs_and_files(tmp_path: Path) -> None:
     assert (code, wrong) == (0, "")
     assert "quoted" not in said
     assert "bead_9_baseline_V" in said
+
+
+def test_the_data_are_those_of_the_named_scene_whatever_the_record_is_called(
+    scene_file: SceneWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    scene = scene_file(
+        "mine", top='[[measured]]\nvalues = { wall_peak = "1 N" }\nerrors = { wall_peak = 0.1 }\nsource = "a book"'
+    )
+    edit_record(run_case(case_of(scene), "verlet", tmp_path / "runs").folder, scene_name="other")
+    code, said, wrong = overlay("verlet:mine", "--runs", tmp_path / "runs", "--results", tmp_path)
+    assert (code, wrong) == (0, "")
+    assert "wall_peak" in said
 
 
 @pytest.mark.parametrize(

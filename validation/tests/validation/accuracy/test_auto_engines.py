@@ -1,0 +1,138 @@
+"""``--engine auto`` leaves out engines that fail: builds that failed their tests, and failed runs."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from drivers import engines as engines_module
+from drivers.base.kept import keep, recall
+from drivers.engines import REFERENCE, VERLET
+from drivers.run.run_folder import RECORD
+from validation.accuracy import costs, plan, plan_report
+from validation.accuracy.costs import Cost
+from validation.accuracy.plan import kit_key
+from validation.tests.engine.candidate import MINE
+from validation.tests.helpers.commands import beads
+from validation.tests.helpers.scenes import EnginesWriter, SceneWriter
+
+ORDER = ("mine", "other", VERLET, REFERENCE)  # the cheapest first
+FAULT = "\nENGINE = replace(ENGINE, read=lambda case, folder: 1 / 0)\n"
+LEFT_OUT = "; --engine auto leaves it out\n"
+FAILED_KIT = "scene: {0}: its build failed beads engine {0}" + LEFT_OUT
+
+
+def only_installed(monkeypatch: pytest.MonkeyPatch, *engines: str) -> None:
+    for module in (plan, plan_report):
+        monkeypatch.setattr(module, "installed", lambda names: [name for name in names if name in engines])
+
+
+@pytest.fixture
+def scene(
+    scene_file: SceneWriter, engines_file: EnginesWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Path:
+    """A scene in the present folder, with two cheap engines that fail on every run."""
+    (tmp_path / "mine.py").write_text(MINE + FAULT)
+    engines_file(
+        "".join(f'[{name}]\nadapter = "mine.py"\ncommand = "{sys.executable}"\n' for name in ("mine", "other"))
+    )
+    monkeypatch.chdir(tmp_path)
+    only_installed(monkeypatch, *ORDER)
+    for module in (plan, plan_report):
+        monkeypatch.setattr(module, "cost_on", lambda name: Cost(float((*ORDER, name).index(name)), 0.0, 0.0))
+    return scene_file(duration="20 us")
+
+
+def run(scene: Path, *words: str) -> tuple[int, list[str], list[str]]:
+    """Exit code, engines whose folders are printed, and lines of the standard error."""
+    done = beads("run", scene, "--engine", "auto", "--runs", "runs", *words)
+    return done.returncode, [Path(line).parent.name for line in done.stdout.split()], done.stderr.splitlines(True)
+
+
+def test_the_next_engine_runs_after_one_that_fails_and_the_failed_one_is_left_out_later(scene: Path) -> None:
+    code, engines, (first, second) = run(scene)
+    assert (code, engines) == (0, [VERLET])
+    assert first.startswith("scene: mine failed: ")
+    assert second.startswith("scene: other failed: ")
+    assert first.endswith(LEFT_OUT)
+    (record,) = Path("runs/mine").glob(f"*/{RECORD}")
+    before = record.stat().st_mtime_ns
+    code, engines, (first, second) = run(scene)
+    assert (code, engines) == (0, [VERLET])
+    assert first.startswith("scene: mine: failed: ")
+    assert first.endswith(f" (see {record.parent}; --rerun tries again){LEFT_OUT}")
+    assert record.stat().st_mtime_ns == before
+    code, engines, (first, _) = run(scene, "--rerun")
+    assert (code, engines) == (0, [VERLET])
+    assert first.startswith("scene: mine failed: ")
+    assert record.stat().st_mtime_ns > before
+    assert run(scene, "--set", "striker.speed=2 m/s")[2][0].startswith("scene: mine failed: ")  # another scene
+
+
+def test_a_build_that_failed_its_tests_is_not_started(scene: Path) -> None:
+    for name in ("mine", "other"):
+        keep(kit_key(name), False)
+    for words in ((), ("--rerun",)):
+        assert run(scene, *words) == (0, [VERLET], [FAILED_KIT.format("mine"), FAILED_KIT.format("other")])
+    assert not Path("runs/mine").exists()
+    keep(kit_key("mine"), True)
+    assert run(scene)[2][0].startswith("scene: mine failed: ")
+    keep(kit_key("other"), True)
+    Path("mine.py").write_text(f"{MINE}\n# another build\n")
+    for cached in (engines_module._engine_of, engines_module._external_adapter):
+        cached.cache_clear()  # as in another process
+    assert run(scene) == (0, ["mine"], [])
+
+
+def test_no_engine_is_left(scene: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    only_installed(monkeypatch, "mine", "other")
+    keep(kit_key("mine"), False)
+    last = "error: scene: no engine is left for --engine auto, after mine, other\n"
+    code, engines, (first, second, third) = run(scene)
+    assert (code, engines, first, third) == (1, [], FAILED_KIT.format("mine"), last)
+    assert second.startswith("scene: other failed: ")
+    assert run(scene)[2][-1] == last
+    keep(kit_key("other"), False)
+    said = beads("plan", scene)
+    assert (said.returncode, said.stderr) == (0, "")
+    assert "\nengine     none is left that models wall, striker\n" in said.stdout
+
+
+def test_the_next_engine_runs_after_one_that_misses_the_accuracy(scene: Path) -> None:
+    """As a code would with a wrong modulus, whose run is done."""
+    wrong = "replace(trace, force_N=trace.force_N * (1 + 1e-3))"
+    read = f"def read(case, folder, read=ENGINE.read):\n    trace = read(case, folder)\n    return {wrong}\n"
+    Path("mine.py").write_text(f"{MINE}\n{read}\nENGINE = replace(ENGINE, read=read)\n")
+    keep(kit_key("other"), False)
+    code, engines, lines = run(scene, "--set", "run.time_step=", "--set", "run.accuracy=1e-4")
+    assert (code, engines) == (0, [VERLET])
+    (line,) = (line for line in lines if line.endswith(LEFT_OUT) and "missed" in line)
+    assert line.startswith("scene: mine missed the accuracy: force has an error of 0.001")
+
+
+def test_an_engine_asked_for_by_name_is_not_left_out(scene: Path) -> None:
+    code, engines, (line,) = run(scene, "--engine", "mine")
+    assert (code, engines) == (1, ["mine"])
+    assert not line.endswith(LEFT_OUT)
+    code, engines, lines = run(scene, "--engine", VERLET, "--engine", "other")
+    assert (code, engines, len(lines)) == (1, ["other", VERLET], 2)
+
+
+def test_the_plan_names_the_engine_of_auto(scene: Path) -> None:
+    assert "\nengine     mine, 0 s: the cheapest engine that models " in beads("plan", scene).stdout
+    keep(kit_key("mine"), False)
+    said = beads("plan", scene).stdout  # although a plan is kept
+    assert "\nengine     other, 1 s: the cheapest engine that models " in said
+    assert f"\n           other engines: {VERLET} 2 s, {REFERENCE} 3 s\n" in said
+    assert "\n           left out: mine, since its build failed beads engine mine\n" in said
+
+
+@pytest.mark.parametrize(("code", "kept"), [(0, True), (1, False), (2, None)])
+def test_the_outcome_of_the_tests_of_a_build_is_kept(
+    scene: Path, code: int, kept: bool | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Tests that were interrupted have no outcome."""
+    monkeypatch.setattr(pytest, "main", lambda words: code)
+    monkeypatch.setattr(costs, "measured_cost", lambda engine: Cost(1.0, 1.0, 1.0))
+    assert beads("engine", "mine").returncode == int(code > 0)
+    assert recall(kit_key("mine")) is kept
