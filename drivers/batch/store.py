@@ -34,6 +34,7 @@ class StudyRow:
         work: bodies times steps.
         cost: time in s by activity.
         ended: time of the end, in seconds of Unix time.
+        build: identity of the build (``Build.identity``); empty in rows that were stored without it.
     """
 
     identity: str
@@ -49,11 +50,17 @@ class StudyRow:
     work: int
     cost: dict[str, float | None]
     ended: float
+    build: str = ""
 
     @property
     def done(self) -> bool:
         """True if the run succeeded."""
         return self.status == "done"
+
+    @property
+    def rank(self) -> tuple[bool, float]:
+        """Order of precedence: finished rows after failed ones, later rows after earlier ones."""
+        return self.done, self.ended
 
 
 class Store:
@@ -91,7 +98,7 @@ class Store:
                 self.damaged.add(name)
         for row in fresh:
             known = self.rows.get(row.identity)
-            if known is None or (row.done, row.ended) > (known.done, known.ended):
+            if known is None or row.rank > known.rank:
                 self.rows[row.identity] = row
             self.labels.add((row.study, row.engine, row.label))
         return fresh
@@ -99,7 +106,7 @@ class Store:
 
 def _row(line: bytes) -> StudyRow:
     row = StudyRow(**json.loads(line))
-    parts = ((row.values, dict), (row.cost, dict), (row.ended, float), (row.work, int))
+    parts = ((row.values, dict), (row.cost, dict), (row.ended, float), (row.work, int), (row.build, str))
     if not all(isinstance(part, kind) for part, kind in parts):
         raise ValueError("a row of another version")
     return row

@@ -8,21 +8,23 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, lru_cache
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
 from drivers.base.kept import content_of, digest_of_sources, keep, recall
+from drivers.base.processes import UNKNOWN_VERSION
 from drivers.base.tolerances import tolerance
 from drivers.batch.store import Store
 from drivers.batch.study import Study, read_study, select, value_at
 from drivers.chain.case import Case, Layout
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
-from drivers.engines import REFERENCE, installed, load_engine
+from drivers.engines import REFERENCE, Engine, installed, load_engine
 from drivers.engines._entries import entry_files, use_entries
 from drivers.limits.energy_bounds import needed_tolerance
 from drivers.limits.refusal import inability, refuse
-from drivers.run.build import Build, build_of
+from drivers.run.build import Build, build_of, names_of
 from drivers.run.run import run_identity
 
 CHUNK = 25  # facts of so many cases fit into one write; a worker killed between two writes would block the batch
@@ -44,6 +46,7 @@ class Request:
         retry: True to run failures again that ended before ``asked``.
         asked: time of the request, in seconds of Unix time.
         entries: ``engines.toml`` files, for workers in other folders or on other machines.
+        elsewhere: True if the rows will be run where the engines that are not installed here are.
     """
 
     source: str | Path
@@ -56,6 +59,7 @@ class Request:
     retry: bool = False
     asked: float = field(default_factory=time.time)
     entries: tuple[Path, ...] = ()
+    elsewhere: bool = False
 
 
 @dataclass(frozen=True)
@@ -85,7 +89,8 @@ class Batch:
         study: the study.
         engines: selected engines, in the order of the study.
         numbers: numbers of the selected cases.
-        builds: builds of the study's installed engines and of the reference, by engine.
+        absent: engines of the study that are not installed here.
+        builds: builds of the study's engines and of the reference, by engine.
         readers: digests of everything that turns raw output into a row, by engine: sources, adapter, tolerances.
         store: store of the rows.
         known: facts of cases that this process has read or computed, by number.
@@ -95,6 +100,7 @@ class Batch:
     study: Study
     engines: tuple[str, ...]
     numbers: Sequence[int]
+    absent: tuple[str, ...]
     builds: dict[str, Build]
     readers: dict[str, str]
     store: Store
@@ -107,6 +113,12 @@ class Batch:
         templates = {template for file in adapters for template in file.parent.rglob("*.j2")}
         words = (f"{self.study!r}", f"{sorted(self.builds.items())}", f"{sorted(self.readers.items())}")
         return _digest("\0".join((*words, content_of((*adapters, *templates)))))
+
+    @property
+    def runnable(self) -> tuple[str, ...]:
+        """Engines of the study whose rows can be run: those installed here, or all if rows are run elsewhere."""
+        absent = () if self.request.elsewhere else self.absent
+        return tuple(name for name in self.study.engines if name not in absent)
 
     def is_to_run(self, identity: str) -> bool:
         """True if a row is missing, or is a failure to be run again."""
@@ -173,7 +185,7 @@ class Batch:
 
 @lru_cache(maxsize=2)  # a request differs from all earlier ones by its time
 def opened(request: Request) -> Batch:
-    """Batch of a requested study on its installed engines.
+    """Batch of a requested study.
 
     Raises:
         InputError: anything wrong with the study, its base scene or the selection.
@@ -183,14 +195,30 @@ def opened(request: Request) -> Batch:
     study = read_study(request.source, request.engines)
     numbers = select(study, request.patterns)
     engines = tuple(name for name in study.engines if name in request.engines or not request.engines)
-    builds, readers = {}, {}
+    here, builds, readers, store = installed(study.engines), {}, {}, Store(request.runs)
+    absent = tuple(name for name in study.engines if name not in here)
+    if absent:
+        store.refresh()
     guards = [tolerance("guard", each).limit for each in ("energy", "impacts", "rounding", "friction", "least")]
-    for name in dict.fromkeys((*installed(study.engines), REFERENCE)):
+    for name in dict.fromkeys((*study.engines, REFERENCE)):
         engine = load_engine(name)
-        builds[name] = build_of(engine)
+        builds[name] = _build_elsewhere(engine, store) if name in absent else build_of(engine)
         adapter = content_of(_adapter_file(name))
         readers[name] = _digest(f"{digest_of_sources()}\0{adapter}\0{engine.server.sha256}\0{guards}")
-    return Batch(request, study, engines, numbers, builds, readers, Store(request.runs))
+    return Batch(request, study, engines, numbers, absent, builds, readers, store)
+
+
+def _build_elsewhere(engine: Engine, store: Store) -> Build:
+    """Build of an engine that is not installed here: that of its newest row by a command of its entry.
+
+    Rows done take precedence over failed rows. Without a row it is a build that has none.
+    """
+    commands = {names_of(words) for words in engine.entry.command}
+    rows = sorted(
+        (row for row in store.rows.values() if row.engine == engine.name and row.build), key=attrgetter("rank")
+    )
+    builds = (Build.of_identity(row.build) for row in reversed(rows))
+    return next((build for build in builds if build.command in commands), Build((), UNKNOWN_VERSION, ""))
 
 
 def _adapter_file(engine: str) -> list[Path]:
