@@ -57,11 +57,6 @@ class StudyRow:
         """True if the run succeeded."""
         return self.status == "done"
 
-    @property
-    def rank(self) -> tuple[bool, float]:
-        """Order of precedence: finished rows after failed ones, later rows after earlier ones."""
-        return self.done, self.ended
-
 
 class Store:
     """All rows of a runs folder; each file is read once.
@@ -98,7 +93,7 @@ class Store:
                 self.damaged.add(name)
         for row in fresh:
             known = self.rows.get(row.identity)
-            if known is None or row.rank > known.rank:
+            if known is None or (row.done, row.ended) > (known.done, known.ended):
                 self.rows[row.identity] = row
             self.labels.add((row.study, row.engine, row.label))
         return fresh

@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property, lru_cache
-from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -89,7 +88,8 @@ class Batch:
         study: the study.
         engines: selected engines, in the order of the study.
         numbers: numbers of the selected cases.
-        absent: engines of the study that are not installed here.
+        here: engines of the study that are installed here.
+        runnable: those whose rows can be run; all engines of the study if the request is for rows run elsewhere.
         builds: builds of the study's engines and of the reference, by engine.
         readers: digests of everything that turns raw output into a row, by engine: sources, adapter, tolerances.
         store: store of the rows.
@@ -100,7 +100,8 @@ class Batch:
     study: Study
     engines: tuple[str, ...]
     numbers: Sequence[int]
-    absent: tuple[str, ...]
+    here: tuple[str, ...]
+    runnable: tuple[str, ...]
     builds: dict[str, Build]
     readers: dict[str, str]
     store: Store
@@ -113,12 +114,6 @@ class Batch:
         templates = {template for file in adapters for template in file.parent.rglob("*.j2")}
         words = (f"{self.study!r}", f"{sorted(self.builds.items())}", f"{sorted(self.readers.items())}")
         return _digest("\0".join((*words, content_of((*adapters, *templates)))))
-
-    @property
-    def runnable(self) -> tuple[str, ...]:
-        """Engines of the study whose rows can be run: those installed here, or all if rows are run elsewhere."""
-        absent = () if self.request.elsewhere else self.absent
-        return tuple(name for name in self.study.engines if name not in absent)
 
     def is_to_run(self, identity: str) -> bool:
         """True if a row is missing, or is a failure to be run again."""
@@ -196,29 +191,25 @@ def opened(request: Request) -> Batch:
     numbers = select(study, request.patterns)
     engines = tuple(name for name in study.engines if name in request.engines or not request.engines)
     here, builds, readers, store = installed(study.engines), {}, {}, Store(request.runs)
-    absent = tuple(name for name in study.engines if name not in here)
-    if absent:
+    runnable = study.engines if request.elsewhere else here
+    if here != study.engines:
         store.refresh()
     guards = [tolerance("guard", each).limit for each in ("energy", "impacts", "rounding", "friction", "least")]
     for name in dict.fromkeys((*study.engines, REFERENCE)):
         engine = load_engine(name)
-        builds[name] = _build_elsewhere(engine, store) if name in absent else build_of(engine)
+        builds[name] = build_of(engine) if name in (*here, REFERENCE) else _build_elsewhere(engine, store)
         adapter = content_of(_adapter_file(name))
         readers[name] = _digest(f"{digest_of_sources()}\0{adapter}\0{engine.server.sha256}\0{guards}")
-    return Batch(request, study, engines, numbers, absent, builds, readers, store)
+    return Batch(request, study, engines, numbers, here, runnable, builds, readers, store)
 
 
 def _build_elsewhere(engine: Engine, store: Store) -> Build:
-    """Build of an engine that is not installed here: that of its newest row by a command of its entry.
-
-    Rows done take precedence over failed rows. Without a row it is a build that has none.
-    """
+    """Build of the newest row of an engine by a command of its entry; failed rows count only without a row done."""
+    rows = [row for row in store.rows.values() if row.engine == engine.name and row.build]
+    rows.sort(key=lambda row: (row.done, row.ended), reverse=True)
     commands = {names_of(words) for words in engine.entry.command}
-    rows = sorted(
-        (row for row in store.rows.values() if row.engine == engine.name and row.build), key=attrgetter("rank")
-    )
-    builds = (Build.of_identity(row.build) for row in reversed(rows))
-    return next((build for build in builds if build.command in commands), Build((), UNKNOWN_VERSION, ""))
+    builds = (build for row in rows if (build := Build.of_identity(row.build)).command in commands)
+    return next(builds, Build((), UNKNOWN_VERSION, ""))
 
 
 def _adapter_file(engine: str) -> list[Path]:

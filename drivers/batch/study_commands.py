@@ -18,7 +18,7 @@ from drivers.base.text_table import text_table
 from drivers.base.tolerances import tolerance
 from drivers.batch.job_array import JobScript, job_script, most_tasks, parts_for, submit, waiting_for
 from drivers.batch.store import StudyRow
-from drivers.batch.study_cases import Request, opened
+from drivers.batch.study_cases import Batch, Request, opened
 from drivers.batch.study_plan import STATES, StudyPlan, expected_s, planned
 from drivers.batch.study_rows import run_all, run_rows, run_slice
 from drivers.engines import load_engine
@@ -74,7 +74,7 @@ def batch(
         get_ready(run_rows, request.plan, request.observe, request.residual)
     plan = _planned(request, place.workers, yes=yes)
     todo = plan.todo()
-    absent = [name for name in plan.batch.engines if name in plan.batch.absent]
+    absent = [name for name in plan.batch.engines if name not in plan.batch.here]
     if array and absent:
         print(f"not installed here, assumed to exist in the job: {', '.join(absent)}", flush=True)
     if dry_run:
@@ -82,8 +82,9 @@ def batch(
     study, store = plan.batch.study, plan.batch.store
     numbers = sorted({number for some in todo.values() for number in some})
     if numbers:
+        awaited = {(study.name, name, study.label(n)): n for name, some in todo.items() for n in some}
         try:
-            with _following(plan, todo) as tick:
+            with _following(plan.batch, awaited) as tick:
                 if array:
                     job = submit(_job_script(plan, todo, numbers, array))
                     for _ in waiting_for(job) if array.wait else ():
@@ -133,7 +134,7 @@ def run_part(request: Request, part: int, parts: int) -> int:
     print(f"slice {part}/{parts}: {len(rows) - len(failures)} rows done, {len(failures)} failed")
     for row in failures:
         print(failure_line(row.label, row), file=sys.stderr)
-    absent = [name for name in found.engines if name in found.absent]
+    absent = [name for name in found.engines if name not in found.here]
     for name in absent:
         print(f"{name}: {load_engine(name).absence}", file=sys.stderr)
     return 1 if failures or absent else 0
@@ -168,7 +169,7 @@ def show(request: Request, number: int, assess: Callable[["EndedRun", "Case"], "
     print(f"case {number}: {study.label(number)}")
     code = 0
     for name in found.engines:
-        if name in found.absent:
+        if name not in found.here:
             print(f"{name}: not installed", file=sys.stderr)
             code = 1
             continue
@@ -230,9 +231,8 @@ def _print_plan(plan: StudyPlan, todo: dict[str, list[int]], place: Place, array
     if array:
         script = _job_script(plan, todo, numbers or list(plan.batch.numbers), array)
         print(f"\n{script.text}\nsbatch --parsable {shlex.quote(str(script.path))}")
-        print(f"job array of {script.tasks} task{'s' * (script.tasks != 1)} with one worker each; nothing submitted")
-        if not numbers:
-            print("all rows are done: without --dry-run no job is submitted")
+        end = "nothing submitted" if numbers else "all rows are done, so without --dry-run it is not submitted"
+        print(f"job array of {script.tasks} task{'s' * (script.tasks != 1)} with one worker each; {end}")
     elif elsewhere:
         print(f"times of one worker; on the Dask cluster at {place.dask}; nothing has been run")
     else:
@@ -266,21 +266,16 @@ def _print_end(plan: StudyPlan) -> int:
 
 
 @contextmanager
-def _following(plan: StudyPlan, todo: dict[str, list[int]]) -> Iterator[Callable[[], None]]:
-    """Yield a function that shows progress by the rows to do.
+def _following(batch: Batch, awaited: dict[tuple[str, str, str], int]) -> Iterator[Callable[[], None]]:
+    """Yield a function that shows progress by the awaited rows (number of the case by study, engine and label).
 
     On a terminal it prints failures immediately.
     """
-    batch, awaited = plan.batch, dict[str | tuple[str, str, str], int]()
-    for name, number in ((name, number) for name, some in todo.items() for number in some):
-        known = name not in batch.absent  # else the job decides on the build
-        key = (batch.study.name, name, batch.study.label(number))
-        awaited[plan.facts[number - 1].identities[name] if known else key] = number
     with counted(batch.study.name, len(awaited), "row") as count:
 
         def tick() -> None:
             for row in batch.store.refresh():
-                number = awaited.pop(row.identity, None) or awaited.pop((row.study, row.engine, row.label), None)
+                number = awaited.pop((row.study, row.engine, row.label), None)
                 if number is not None:
                     count()
                     if not row.done and sys.stderr.isatty():  # else printed at the end

@@ -17,7 +17,7 @@ from drivers.engines import load_engine
 from drivers.run.build import build_of
 from validation.commands.batch_commands import request_of
 from validation.tests.helpers.commands import beads, beads_process
-from validation.tests.helpers.scenes import SPEEDS, StandIn, StudyWriter
+from validation.tests.helpers.scenes import SPEEDS, EnginesWriter, StandIn, StudyWriter
 
 LOAD = ("--slurm-line", "module load dem")
 
@@ -44,7 +44,7 @@ def run_with_module(study: Path, runs: Path, folder: Path, *words: str) -> subpr
 
 @pytest.fixture
 def slurm(stand_in: StandIn) -> None:
-    """Commands of Slurm that run the first task of an array at once, as job 7."""
+    """Commands of Slurm that run the first task of an array immediately, as job 7."""
     stand_in("sbatch", 'SLURM_ARRAY_TASK_ID=1 bash -l "$2" >"$(dirname "$2")/study-7_1.txt" 2>&1\necho 7\n')
     stand_in("squeue", "exit 0\n")
     stand_in("scontrol", "exit 1\n")
@@ -185,8 +185,20 @@ def test_the_script_and_the_site_s_limit_of_arrays(
     assert batch(study, runs).returncode == 0
     again = batch(study, runs, *words, "--slices", "3").stdout
     assert "#SBATCH --array=1-3\n" in again
-    assert again.endswith("all rows are done: without --dry-run no job is submitted\n")
+    assert again.endswith("; all rows are done, so without --dry-run it is not submitted\n")
     stand_in("scontrol", "exit 1\n")
     assert most_tasks() == 1000
     monkeypatch.setenv("PATH", "/nowhere")
     assert most_tasks() == 1000
+
+
+@pytest.mark.usefixtures("slurm")
+def test_a_program_found_here_is_found_in_the_job(
+    study_file: StudyWriter, modules: Path, tmp_path: Path, stand_in: StandIn, engines_file: EnginesWriter
+) -> None:
+    """Login profiles may replace PATH."""
+    (tmp_path / "home" / ".bash_profile").write_text("PATH=/usr/bin:/bin\n")
+    stand_in("lmp-here", 'exec lmp "$@"\n')
+    engines_file('[here]\nadapter = "lammps"\ncommand = "lmp-here"\n')
+    done = batch(study_file(SPEEDS.format(2), "here"), tmp_path / "runs", "--slurm", "--wait")
+    assert (done.returncode, "assumed" in done.stdout) == (0, False), done.stderr

@@ -15,6 +15,8 @@ from validation.tests.helpers.scenes import SPEEDS, StudyWriter
 
 pytestmark = pytest.mark.slurm
 
+DURATION = 'set = { "run.duration" = "6 ms" }'  # a case then takes some tenths of a second
+
 CONF = """
 ClusterName=one
 SlurmctldHost={host}(127.0.0.1)
@@ -149,7 +151,7 @@ def test_a_failed_case_fails_the_batch(slurm: str, study: Path, tmp_path: Path) 
 
 
 def test_an_engine_of_a_module_of_the_job(slurm: str, study_file: StudyWriter, modules: Path, tmp_path: Path) -> None:
-    """The submitting machine has neither the engine nor the command ``module``."""
+    """The submitting machine has no such engine and no command ``module``."""
     study, runs, here = study_file(SPEEDS.format(12), "verlet", "by-module"), tmp_path / "runs", tmp_path / "here"
     words = ("--slurm", "--wait", "--slices", "3", "--slurm-line")
     failed = batch(study, runs, *words, "module load typo")
@@ -169,8 +171,8 @@ def test_an_engine_of_a_module_of_the_job(slurm: str, study_file: StudyWriter, m
 def test_a_second_job_shares_the_work_of_a_running_one(
     slurm: str, study_file: StudyWriter, modules: Path, tmp_path: Path
 ) -> None:
-    """The first job is killed later, and the second one takes up its rows."""
-    study, runs = study_file(SPEEDS.format(400), "by-module"), tmp_path / "runs"
+    """The first job is killed then, and the second one takes up its rows."""
+    study, runs = study_file(SPEEDS.format(80), "by-module", top=DURATION), tmp_path / "runs"
     words = ("--slurm", "--slices", "1", "--slurm-line", "module load dem")
     job = batch(study, runs, *words).stdout.split("job ")[-1].partition(":")[0]
     _wait_for(lambda: any((runs / "batch").glob("*.jsonl")))
@@ -182,5 +184,5 @@ def test_a_second_job_shares_the_work_of_a_running_one(
     subprocess.run(["scancel", "--signal=KILL", "--full", job], check=True)
     subprocess.run(["scancel", job], check=True)
     _wait_for(lambda: not _said("squeue", "--noheader"))
-    assert beads("status", study, "--runs", runs).stdout == "by-module  400 done\n"
-    assert len(Store(runs).refresh()) == 400
+    assert beads("status", study, "--runs", runs).stdout == "by-module  80 done\n"
+    assert len(Store(runs).refresh()) == 80
