@@ -2,6 +2,7 @@
 
 import math
 import os
+import re
 import shlex
 import subprocess
 import sys
@@ -16,20 +17,23 @@ from drivers.base.errors import RunError
 from drivers.batch.study_cases import Batch
 from drivers.batch.study_rows import CHUNK
 
-MAX_TASKS = 1000  # Slurm's default limit of an array
+MAX_ARRAY_SIZE = 1001  # Slurm's default
 SECONDS_PER_TASK = 60.0  # shorter tasks are dominated by the scheduler
 POLL_INTERVAL_S = 2.0
 MAX_FAILURES = 30  # of squeue in a row
 FOLDER = ".slurm"
+OUTPUT = "{study}-{job}_{task}.txt"
 
 SCRIPT = """\
-#!/bin/sh
+#!/bin/bash -l
 # {count} of {study} on {engines}; may be submitted again at any time: finished cases are not run again
 #SBATCH --job-name={name}
 #SBATCH --array={array}
 #SBATCH --output={output}
-{lines}
-cd {root} || exit 1
+{options}set -e
+export PATH={path}:"$PATH"
+{lines}export {variable}={entries}
+cd {root}
 exec {command} --slice "$SLURM_ARRAY_TASK_ID/{parts}"
 """
 
@@ -37,7 +41,13 @@ exec {command} --slice "$SLURM_ARRAY_TASK_ID/{parts}"
 def parts_for(cases: int, expected_s: float | None) -> int:
     """Number of tasks for a number of cases with an expected total time."""
     wanted = math.ceil(cases / CHUNK) if expected_s is None else math.ceil(expected_s / SECONDS_PER_TASK)
-    return max(1, min(wanted, cases, MAX_TASKS))
+    return max(1, min(wanted, cases))
+
+
+def most_tasks() -> int:
+    """Largest number of tasks that this site allows in a job array; Slurm's default if ``scontrol`` does not say."""
+    size = re.search(r"^MaxArraySize\s*=\s*(\d+)", subprocess.getoutput("scontrol show config"), re.MULTILINE)
+    return max(1, (int(size[1]) if size else MAX_ARRAY_SIZE) - 1)  # indices begin at 0, tasks at 1
 
 
 @dataclass(frozen=True)
@@ -52,7 +62,8 @@ class JobScript:
 def job_script(batch: Batch, todo: list[int], parts: int, lines: Sequence[str]) -> JobScript:
     """Script of a job array for the slices with unfinished cases.
 
-    ``lines`` are inserted before its command, lines with #SBATCH first.
+    ``lines`` are inserted before its command, those with #SBATCH before all commands, as Slurm requires. The PATH of
+    this process is added to that of the login profile, for programs that are found here.
     """
     request, study = batch.request, batch.study
     command = [str(Path(sys.executable).with_name("beads")), "batch", str(study.path)]
@@ -60,11 +71,6 @@ def job_script(batch: Batch, todo: list[int], parts: int, lines: Sequence[str]) 
     command += [word for name in batch.engines for word in ("--engine", name)]
     command += [word for pattern in request.patterns for word in ("--only", pattern)]
     command += ["--retry"] if request.retry else []
-    entries = shlex.quote(os.pathsep.join(map(str, request.entries)))
-    lines = [
-        *sorted(lines, key=lambda line: not line.startswith("#SBATCH")),
-        f"export {paths.ENGINES_VARIABLE}={entries}",
-    ]
     folder = (batch.store.folder / FOLDER).resolve()
     unfinished = set(todo)
     slices = [part for part in range(1, parts + 1) if not unfinished.isdisjoint(batch.slice_of(part, parts))]
@@ -76,8 +82,12 @@ def job_script(batch: Batch, todo: list[int], parts: int, lines: Sequence[str]) 
             engines=", ".join(batch.engines),
             name=shlex.quote(f"beads-{study.name}"),
             array=_ranges(slices),
-            output=shlex.quote(str(folder / f"{study.name}-%A_%a.txt")),
-            lines="\n".join(lines),
+            output=shlex.quote(str(folder / OUTPUT.format(study=study.name, job="%A", task="%a"))),
+            options="".join(f"{line}\n" for line in lines if line.startswith("#SBATCH")),
+            path=shlex.quote(os.environ.get("PATH", "")),
+            lines="".join(f"{line}\n" for line in lines if not line.startswith("#SBATCH")),
+            variable=paths.ENGINES_VARIABLE,
+            entries=shlex.quote(os.pathsep.join(map(str, request.entries))),
             root=shlex.quote(str(paths.ROOT)),
             command=shlex.join(command),
             parts=parts,
@@ -98,7 +108,8 @@ def submit(script: JobScript) -> str:
     if done.returncode != 0:
         raise RunError(f"sbatch refused {paths.shown(script.path)}: {done.stderr.strip() or done.stdout.strip()}")
     job = done.stdout.strip().partition(";")[0]
-    print(f"job {job}: {paths.shown(script.path)}", flush=True)
+    output = script.path.with_name(OUTPUT.format(study=script.path.stem, job=job, task="*"))
+    print(f"job {job}: {paths.shown(script.path)}, output in {paths.shown(output)}", flush=True)
     return job
 
 

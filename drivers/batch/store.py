@@ -34,6 +34,7 @@ class StudyRow:
         work: bodies times steps.
         cost: time in s by activity.
         ended: time of the end, in seconds of Unix time.
+        build: identity of the build (``Build.identity``); empty in rows that were stored without it.
     """
 
     identity: str
@@ -49,6 +50,7 @@ class StudyRow:
     work: int
     cost: dict[str, float | None]
     ended: float
+    build: str = ""
 
     @property
     def done(self) -> bool:
@@ -99,7 +101,7 @@ class Store:
 
 def _row(line: bytes) -> StudyRow:
     row = StudyRow(**json.loads(line))
-    parts = ((row.values, dict), (row.cost, dict), (row.ended, float), (row.work, int))
+    parts = ((row.values, dict), (row.cost, dict), (row.ended, float), (row.work, int), (row.build, str))
     if not all(isinstance(part, kind) for part, kind in parts):
         raise ValueError("a row of another version")
     return row

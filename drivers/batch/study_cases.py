@@ -12,17 +12,18 @@ from pathlib import Path
 from typing import Any
 
 from drivers.base.kept import content_of, digest_of_sources, keep, recall
+from drivers.base.processes import UNKNOWN_VERSION
 from drivers.base.tolerances import tolerance
 from drivers.batch.store import Store
 from drivers.batch.study import Study, read_study, select, value_at
 from drivers.chain.case import Case, Layout
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
-from drivers.engines import REFERENCE, installed, load_engine
+from drivers.engines import REFERENCE, Engine, installed, load_engine
 from drivers.engines._entries import entry_files, use_entries
 from drivers.limits.energy_bounds import needed_tolerance
 from drivers.limits.refusal import inability, refuse
-from drivers.run.build import Build, build_of
+from drivers.run.build import Build, build_of, names_of
 from drivers.run.run import run_identity
 
 CHUNK = 25  # facts of so many cases fit into one write; a worker killed between two writes would block the batch
@@ -44,6 +45,7 @@ class Request:
         retry: True to run failures again that ended before ``asked``.
         asked: time of the request, in seconds of Unix time.
         entries: ``engines.toml`` files, for workers in other folders or on other machines.
+        elsewhere: True if the rows will be run where the engines that are not installed here are.
     """
 
     source: str | Path
@@ -56,6 +58,7 @@ class Request:
     retry: bool = False
     asked: float = field(default_factory=time.time)
     entries: tuple[Path, ...] = ()
+    elsewhere: bool = False
 
 
 @dataclass(frozen=True)
@@ -85,7 +88,9 @@ class Batch:
         study: the study.
         engines: selected engines, in the order of the study.
         numbers: numbers of the selected cases.
-        builds: builds of the study's installed engines and of the reference, by engine.
+        here: engines of the study that are installed here.
+        runnable: those whose rows can be run; all engines of the study if the request is for rows run elsewhere.
+        builds: builds of the study's engines and of the reference, by engine.
         readers: digests of everything that turns raw output into a row, by engine: sources, adapter, tolerances.
         store: store of the rows.
         known: facts of cases that this process has read or computed, by number.
@@ -95,6 +100,8 @@ class Batch:
     study: Study
     engines: tuple[str, ...]
     numbers: Sequence[int]
+    here: tuple[str, ...]
+    runnable: tuple[str, ...]
     builds: dict[str, Build]
     readers: dict[str, str]
     store: Store
@@ -173,7 +180,7 @@ class Batch:
 
 @lru_cache(maxsize=2)  # a request differs from all earlier ones by its time
 def opened(request: Request) -> Batch:
-    """Batch of a requested study on its installed engines.
+    """Batch of a requested study.
 
     Raises:
         InputError: anything wrong with the study, its base scene or the selection.
@@ -183,14 +190,26 @@ def opened(request: Request) -> Batch:
     study = read_study(request.source, request.engines)
     numbers = select(study, request.patterns)
     engines = tuple(name for name in study.engines if name in request.engines or not request.engines)
-    builds, readers = {}, {}
+    here, builds, readers, store = installed(study.engines), {}, {}, Store(request.runs)
+    runnable = study.engines if request.elsewhere else here
+    if here != study.engines:
+        store.refresh()
     guards = [tolerance("guard", each).limit for each in ("energy", "impacts", "rounding", "friction", "least")]
-    for name in dict.fromkeys((*installed(study.engines), REFERENCE)):
+    for name in dict.fromkeys((*study.engines, REFERENCE)):
         engine = load_engine(name)
-        builds[name] = build_of(engine)
+        builds[name] = build_of(engine) if name in (*here, REFERENCE) else _build_elsewhere(engine, store)
         adapter = content_of(_adapter_file(name))
         readers[name] = _digest(f"{digest_of_sources()}\0{adapter}\0{engine.server.sha256}\0{guards}")
-    return Batch(request, study, engines, numbers, builds, readers, Store(request.runs))
+    return Batch(request, study, engines, numbers, here, runnable, builds, readers, store)
+
+
+def _build_elsewhere(engine: Engine, store: Store) -> Build:
+    """Build of the newest row of an engine by a command of its entry; failed rows count only without a row done."""
+    rows = [row for row in store.rows.values() if row.engine == engine.name and row.build]
+    rows.sort(key=lambda row: (row.done, row.ended), reverse=True)
+    commands = {names_of(words) for words in engine.entry.command}
+    builds = (build for row in rows if (build := Build.of_identity(row.build)).command in commands)
+    return next(builds, Build((), UNKNOWN_VERSION, ""))
 
 
 def _adapter_file(engine: str) -> list[Path]:

@@ -16,11 +16,12 @@ from drivers.base.processes import cores
 from drivers.base.progress import counted, in_words, say
 from drivers.base.text_table import text_table
 from drivers.base.tolerances import tolerance
-from drivers.batch.job_array import JobScript, job_script, parts_for, submit, waiting_for
+from drivers.batch.job_array import JobScript, job_script, most_tasks, parts_for, submit, waiting_for
 from drivers.batch.store import StudyRow
 from drivers.batch.study_cases import Batch, Request, opened
 from drivers.batch.study_plan import STATES, StudyPlan, expected_s, planned
 from drivers.batch.study_rows import run_all, run_rows, run_slice
+from drivers.engines import load_engine
 from drivers.run.execute import LOCAL, Place, check_dask, get_ready
 
 if TYPE_CHECKING:
@@ -73,12 +74,15 @@ def batch(
         get_ready(run_rows, request.plan, request.observe, request.residual)
     plan = _planned(request, place.workers, yes=yes)
     todo = plan.todo()
+    absent = [name for name in plan.batch.engines if name not in plan.batch.here]
+    if array and absent:
+        print(f"not installed here, assumed to exist in the job: {', '.join(absent)}", flush=True)
     if dry_run:
         return _print_plan(plan, todo, place, array)
     study, store = plan.batch.study, plan.batch.store
     numbers = sorted({number for some in todo.values() for number in some})
     if numbers:
-        awaited = {plan.facts[n - 1].identities[name]: n for name, some in todo.items() for n in some}
+        awaited = {(study.name, name, study.label(n)): n for name, some in todo.items() for n in some}
         try:
             with _following(plan.batch, awaited) as tick:
                 if array:
@@ -96,6 +100,9 @@ def batch(
         if array and not array.wait:
             print("when the jobs have ended, the same command without --slurm writes the table")
             return 0
+        if array and absent:  # their rows may be the first of their build
+            opened.cache_clear()
+            plan = _planned(request, place.workers, yes=True)
     from drivers.batch.study_table import unmatched, write_tables
 
     kept = None
@@ -121,12 +128,16 @@ def batch(
 
 def run_part(request: Request, part: int, parts: int) -> int:
     """Run part I of N of a study; returns the exit code."""
-    rows = run_slice(request, opened(request).slice_of(part, parts))
+    found = opened(request)
+    rows = run_slice(request, found.slice_of(part, parts))
     failures = [row for row in rows if not row.done]
     print(f"slice {part}/{parts}: {len(rows) - len(failures)} rows done, {len(failures)} failed")
     for row in failures:
         print(failure_line(row.label, row), file=sys.stderr)
-    return 1 if failures else 0
+    absent = [name for name in found.engines if name not in found.here]
+    for name in absent:
+        print(f"{name}: {load_engine(name).absence}", file=sys.stderr)
+    return 1 if failures or absent else 0
 
 
 def status(request: Request, *, every: bool = False) -> int:
@@ -158,7 +169,7 @@ def show(request: Request, number: int, assess: Callable[["EndedRun", "Case"], "
     print(f"case {number}: {study.label(number)}")
     code = 0
     for name in found.engines:
-        if name not in identities:
+        if name not in found.here:
             print(f"{name}: not installed", file=sys.stderr)
             code = 1
             continue
@@ -196,8 +207,11 @@ def _planned(request: Request, workers: int, *, yes: bool) -> StudyPlan:
 
 def _job_script(plan: StudyPlan, todo: dict[str, list[int]], numbers: list[int], array: JobArray) -> JobScript:
     """Script of the Slurm job array for some cases."""
-    parts = array.parts or parts_for(len(plan.batch.numbers), expected_s(plan, todo))
-    return job_script(plan.batch, numbers, parts, array.lines)
+    cases, limit = len(plan.batch.numbers), most_tasks()
+    parts = min(array.parts or parts_for(cases, expected_s(plan, todo)), cases)
+    if parts > limit:
+        print(f"{parts} tasks cut to {limit}, the limit of job arrays here (MaxArraySize)")
+    return job_script(plan.batch, numbers, min(parts, limit), array.lines)
 
 
 def _print_plan(plan: StudyPlan, todo: dict[str, list[int]], place: Place, array: JobArray | None) -> int:
@@ -207,21 +221,18 @@ def _print_plan(plan: StudyPlan, todo: dict[str, list[int]], place: Place, array
     print(f"{plan.batch.study.name}: {cases} case{'s' * (cases != 1)}, all valid")
     rows: list[tuple[str, str]] = []
     for name in plan.batch.engines:
-        if name not in todo:
-            rows.append((f"  {name}", "not installed"))
-            continue
-        some = todo[name]
-        time_s = expected_s(plan, {name: some})
-        expected = "cost not measured yet" if time_s is None else f"about {in_words(time_s / workers)}"
-        rows.append((f"  {name}", f"{cases - len(some)} done, {len(some)} to do" + (f", {expected}" if some else "")))
+        some, state = plan.missing(name), "not installed"
+        if name in todo:
+            time_s = expected_s(plan, {name: some})
+            state = "to do, cost not measured yet" if time_s is None else f"to do, about {in_words(time_s / workers)}"
+        rows.append((f"  {name}", f"{cases - len(some)} done, {len(some)} {state if some else 'to do'}"))
     print(*text_table(rows), sep="\n")
     numbers = sorted({number for some in todo.values() for number in some})
-    if array and numbers:
-        script = _job_script(plan, todo, numbers, array)
+    if array:
+        script = _job_script(plan, todo, numbers or list(plan.batch.numbers), array)
         print(f"\n{script.text}\nsbatch --parsable {shlex.quote(str(script.path))}")
-        print(f"job array of {script.tasks} task{'s' * (script.tasks != 1)} with one worker each; nothing submitted")
-    elif array:
-        print("no job; nothing submitted")
+        end = "nothing submitted" if numbers else "all rows are done, so without --dry-run it is not submitted"
+        print(f"job array of {script.tasks} task{'s' * (script.tasks != 1)} with one worker each; {end}")
     elif elsewhere:
         print(f"times of one worker; on the Dask cluster at {place.dask}; nothing has been run")
     else:
@@ -255,8 +266,8 @@ def _print_end(plan: StudyPlan) -> int:
 
 
 @contextmanager
-def _following(batch: Batch, awaited: dict[str, int]) -> Iterator[Callable[[], None]]:
-    """Yield a function that shows progress by the awaited rows (number of the case by identity).
+def _following(batch: Batch, awaited: dict[tuple[str, str, str], int]) -> Iterator[Callable[[], None]]:
+    """Yield a function that shows progress by the awaited rows (number of the case by study, engine and label).
 
     On a terminal it prints failures immediately.
     """
@@ -264,7 +275,7 @@ def _following(batch: Batch, awaited: dict[str, int]) -> Iterator[Callable[[], N
 
         def tick() -> None:
             for row in batch.store.refresh():
-                number = awaited.pop(row.identity, None)
+                number = awaited.pop((row.study, row.engine, row.label), None)
                 if number is not None:
                     count()
                     if not row.done and sys.stderr.isatty():  # else printed at the end

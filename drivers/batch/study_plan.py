@@ -35,13 +35,13 @@ class StudyPlan:
         return [self.batch.store.rows.get(facts.identities.get(engine, "")) for facts in self.facts]
 
     def todo(self) -> dict[str, list[int]]:
-        """Numbers of the selected cases to run, by engine; without engines that are not installed."""
-        batch = self.batch
-        return {
-            name: [number for number in batch.numbers if batch.is_to_run(self.facts[number - 1].identities[name])]
-            for name in batch.engines
-            if name in batch.builds
-        }
+        """Numbers of the selected cases to run, by engine; without engines that are not runnable."""
+        return {name: self.missing(name) for name in self.batch.engines if name in self.batch.runnable}
+
+    def missing(self, engine: str) -> list[int]:
+        """Numbers of the selected cases without a row of an engine, or with a failure to be run again."""
+        is_to_run = self.batch.is_to_run
+        return [number for number in self.batch.numbers if is_to_run(self.facts[number - 1].identities[engine])]
 
     def progress(self) -> str:
         """Number of rows done in the whole table, as text."""
@@ -55,15 +55,15 @@ class StudyPlan:
         claimed = leased(store.folder / WORK)
 
         def state(name: str, number: int) -> str:
-            if name not in self.batch.builds:
-                return "not installed"
             identity = self.facts[number - 1].identities[name]
             row = store.rows.get(identity)
             if row is not None:
                 return row.status
             if identity in claimed:
                 return "claimed"
-            return "stale" if (study.name, name, study.label(number)) in store.labels else "to do"
+            if (study.name, name, study.label(number)) in store.labels:
+                return "stale"
+            return "to do" if name in self.batch.runnable else "not installed"
 
         numbers = range(1, study.count + 1)
         return {name: {number: state(name, number) for number in numbers} for name in self.batch.engines}

@@ -95,7 +95,7 @@ def run_rows(request: Request, numbers: Sequence[int]) -> list[int]:
         for start in range(0, len(numbers), CHUNK):
             identities = {number: batch.facts(number).identities for number in numbers[start : start + CHUNK]}
             store.refresh()
-            asked = {each[name] for each in identities.values() for name in batch.engines if name in each}
+            asked = {each[name] for each in identities.values() for name in batch.engines if name in batch.runnable}
             missing = {identity for identity in asked if batch.is_to_run(identity)}
             free = lease(place, missing) if missing else set()
             store.refresh()  # rows finished by others before the lease
@@ -163,4 +163,5 @@ def _row(batch: Batch, number: int, case: Case, name: str, exact: dict[str, Comp
         work=case.work,
         cost=cost | {"workflow_s": max(workflow_s, 0.0)},
         ended=time.time(),
+        build=batch.builds[name].identity,
     )

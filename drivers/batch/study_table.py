@@ -36,7 +36,7 @@ def tables(plan: StudyPlan) -> tuple[pd.DataFrame, pd.DataFrame]:
     keys: dict[str, list[Any]] = {"case": [place + 1 for place, _, _ in rows]}
     keys |= {name: [values[place] for place, _, _ in rows] for name, values in plan.values.items()}
     keys |= {"engine": [name for _, name, _ in rows]}
-    absent = {name: "to do" if name in plan.batch.builds else "not installed" for name in study.engines}
+    absent = {name: "to do" if name in plan.batch.runnable else "not installed" for name in study.engines}
     numbers = keys | {
         "status": [row.status if row else absent[name] for _, name, row in rows],
         "reason": [row.reason if row else "" for row in found],

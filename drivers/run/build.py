@@ -49,8 +49,18 @@ class Build:
     @property
     def identity(self) -> str:
         """Text that identifies the build; independent of the folder where it is installed."""
-        words = (Path(word).name if "/" in word else word for word in self.command)
-        return "\0".join((*words, self.version, self.sha256))
+        return "\0".join((*names_of(self.command), self.version, self.sha256))
+
+    @classmethod
+    def of_identity(cls, identity: str) -> "Build":
+        """Build of another machine, with that identity; its command has names in place of paths."""
+        *command, version, sha256 = identity.split("\0")
+        return cls(tuple(command), version, sha256)
+
+
+def names_of(command: Iterable[str]) -> tuple[str, ...]:
+    """Words of a command, paths by their last part."""
+    return tuple(Path(word).name if "/" in word else word for word in command)
 
 
 def build_of(engine: Engine) -> Build:

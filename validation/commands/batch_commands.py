@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -110,7 +111,7 @@ def batch(
     from drivers.batch.study_commands import batch as run_study
     from drivers.run.execute import Place
 
-    request = request_of(study, runs, engines, patterns, retry=retry)
+    request = replace(request_of(study, runs, engines, patterns, retry=retry), elsewhere=slurm)
     if part:
         return run_part(request, *part)
     place = Place(workers or cores(), processes=not dask, dask=dask)

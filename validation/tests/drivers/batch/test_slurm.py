@@ -9,10 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from validation.tests.helpers.commands import beads
+from drivers.batch.store import Store
+from validation.tests.helpers.commands import beads, beads_process
 from validation.tests.helpers.scenes import SPEEDS, StudyWriter
 
 pytestmark = pytest.mark.slurm
+
+DURATION = 'set = { "run.duration" = "6 ms" }'  # a case then takes some tenths of a second
 
 CONF = """
 ClusterName=one
@@ -145,3 +148,41 @@ def test_a_failed_case_fails_the_batch(slurm: str, study: Path, tmp_path: Path) 
     done = batch(study, tmp_path / "runs", "--slurm", "--wait", "--slices", "2")
     assert done.returncode == 1
     assert "verlet failed: unstable at t = " in done.stderr
+
+
+def test_an_engine_of_a_module_of_the_job(slurm: str, study_file: StudyWriter, modules: Path, tmp_path: Path) -> None:
+    """The submitting machine has no such engine and no command ``module``."""
+    study, runs, here = study_file(SPEEDS.format(12), "verlet", "by-module"), tmp_path / "runs", tmp_path / "here"
+    words = ("--slurm", "--wait", "--slices", "3", "--slurm-line")
+    failed = batch(study, runs, *words, "module load typo")
+    assert failed.returncode == 1
+    assert "verlet     12 to do\nby-module  12 to do\n" in failed.stdout
+    outputs = [file.read_text() for file in (runs / "batch" / ".slurm").glob("study-*.txt")]
+    assert outputs == ["module: typo not found\n"] * 3
+    done = batch(study, runs, *words, "module load dem")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.endswith("24 of 24 rows done\n")
+    places = ("--runs", here, "--results", tmp_path / "here-results")
+    local = beads_process("batch", study, *places, PATH=f"{modules}:{os.environ['PATH']}")
+    assert local.returncode == 0, local.stderr
+    assert table(runs) == table(here)
+
+
+def test_a_second_job_shares_the_work_of_a_running_one(
+    slurm: str, study_file: StudyWriter, modules: Path, tmp_path: Path
+) -> None:
+    """The first job is killed then, and the second one takes up its rows."""
+    study, runs = study_file(SPEEDS.format(80), "by-module", top=DURATION), tmp_path / "runs"
+    words = ("--slurm", "--slices", "1", "--slurm-line", "module load dem")
+    job = batch(study, runs, *words).stdout.split("job ")[-1].partition(":")[0]
+    _wait_for(lambda: any((runs / "batch").glob("*.jsonl")))
+    assert batch(study, runs, *words).returncode == 0
+    _wait_for(lambda: _said("squeue", "--noheader", "--format=%T") == "RUNNING\n" * 2)
+    state = beads("status", study, "--runs", runs).stdout
+    assert " done" in state
+    assert " claimed" in state
+    subprocess.run(["scancel", "--signal=KILL", "--full", job], check=True)
+    subprocess.run(["scancel", job], check=True)
+    _wait_for(lambda: not _said("squeue", "--noheader"))
+    assert beads("status", study, "--runs", runs).stdout == "by-module  80 done\n"
+    assert len(Store(runs).refresh()) == 80
