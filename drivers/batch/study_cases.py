@@ -44,6 +44,8 @@ class Request:
         retry: True to run failures again that ended before ``asked``.
         asked: time of the request, in seconds of Unix time.
         entries: ``engines.toml`` files, for workers in other folders or on other machines.
+        not_shown: function that returns lines on the observables that some rows do not show, with the reason, from
+            names and the values of the rows; None for no lines.
     """
 
     source: str | Path
@@ -56,6 +58,7 @@ class Request:
     retry: bool = False
     asked: float = field(default_factory=time.time)
     entries: tuple[Path, ...] = ()
+    not_shown: Callable[[Sequence[str], Sequence[Mapping[str, float]]], list[str]] | None = None
 
 
 @dataclass(frozen=True)

@@ -96,7 +96,7 @@ def batch(
         if array and not array.wait:
             print("when the jobs have ended, the same command without --slurm writes the table")
             return 0
-    from drivers.batch.study_table import unmatched, write_tables
+    from drivers.batch.study_table import not_shown, unmatched, write_tables
 
     kept = None
     try:
@@ -106,6 +106,8 @@ def batch(
             there = ["--results", paths.shown(results)] if results != paths.RESULTS else []
             draw = ["beads", "study", str(request.source), *there]
             print(f"to draw the table: {shlex.join(draw)}")
+        for line in not_shown(plan):
+            print(line)
     except RunError as error:
         kept = error
     code = _print_end(plan)

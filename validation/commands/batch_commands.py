@@ -29,12 +29,13 @@ def request_of(
     """Request for a study, with the functions of higher packages that a batch calls."""
     from drivers.batch.study_cases import Request
     from drivers.engines._entries import entry_files
-    from postproc.read.observables import observe
+    from postproc.read.observables import not_shown, observe
     from postproc.read.residual import residual
     from validation.accuracy.plan import plan_case
 
-    chosen = (tuple(engines), tuple(patterns))
-    return Request(study, runs.absolute(), plan_case, observe, residual, *chosen, retry=retry, entries=entry_files())
+    functions, chosen = (plan_case, observe, residual), (tuple(engines), tuple(patterns))
+    files = entry_files()
+    return Request(study, runs.absolute(), *functions, *chosen, retry=retry, entries=files, not_shown=not_shown)
 
 
 @command("sensitivity", "wall-material --engine verlet --workers 2 --dry-run", "sensitivity --slurm --wait")
