@@ -136,8 +136,7 @@ def study(study: str, results: Path, x: str, y: str, log: bool, power_law: bool)
     from drivers.batch.study import column_name, read_study
     from drivers.batch.study_table import read_study_table
     from postproc.draw.product import write_product
-    from postproc.draw.relation import column_of, draw_relation
-    from postproc.draw.study_figure import draw_study, draw_tornado
+    from postproc.draw.study_figure import column_of, draw_relation, draw_study, draw_tornado
     from postproc.read.labels import key_label
 
     found = read_study(study)
@@ -146,10 +145,10 @@ def study(study: str, results: Path, x: str, y: str, log: bool, power_law: bool)
     labels = {columns[name]: key_label(name, key) for name, key in found.columns.items()}
     name, title = f"{found.name}-figure", found.file.title or found.name
     if x:
-        x = column_of(table, x, "--x", columns, texts=not (log or power_law))
-        y = column_of(table, y, "--y", columns, texts=False)
-        name, look = f"{found.name}-{y}-{x}-xy", {"log": log, "fitted": power_law, "joined": not found.one_by_one}
-        product = draw_relation(table, title, x, y, labels, **look)
+        x = column_of(table, x, "--x", columns, numbers=log or power_law)
+        y = column_of(table, y, "--y", columns, numbers=True)
+        name, joined = f"{found.name}-{y}-{x}-xy", not found.one_by_one
+        product = draw_relation(table, title, x, y, labels, joined=joined, log=log, fitted=power_law)
     else:
         draw = draw_tornado if found.one_by_one else draw_study
         product = draw(table, title, found.file.figure, found.where, labels)
