@@ -45,8 +45,8 @@ def tables(plan: StudyPlan) -> tuple[pd.DataFrame, pd.DataFrame]:
     for name in _observed(found):
         if name in plan.values:
             raise InputError(study.where, "axis", f'"{name}", the name of an observable', "another name of the column")
-    for name in _tabulated(found, plan):
-        numbers[name] = [row.values.get(name) if row else None for row in found]
+        if any(fnmatchcase(name, glob) for glob in study.file.observables):
+            numbers[name] = [row.values.get(name) if row else None for row in found]
     work = [plan.facts[place].work for place, _, _ in rows]
     costs = {"case": keys["case"], "engine": keys["engine"], "bodies_times_steps": work}
     costs |= {name: [row.cost[name] if row else None for row in found] for name in COSTS}
@@ -67,17 +67,12 @@ def _observed(rows: list[StudyRow | None]) -> list[str]:
     return list(dict.fromkeys(name for row in rows if row for name in row.values))
 
 
-def _tabulated(rows: list[StudyRow | None], plan: StudyPlan) -> list[str]:
-    """Observables of some rows that match the patterns of the study."""
-    globs = plan.batch.study.file.observables
-    return [name for name in _observed(rows) if any(fnmatchcase(name, glob) for glob in globs)]
-
-
 def not_shown(plan: StudyPlan) -> list[str]:
     """Lines on the observables of the table that some finished rows do not show, with the reason."""
-    explain = plan.batch.request.not_shown
-    rows = [row for engine in plan.batch.study.engines for row in plan.rows_of(engine) if row and row.done]
-    return explain(_tabulated([*rows], plan), [row.values for row in rows]) if explain else []
+    study, explain = plan.batch.study, plan.batch.request.not_shown
+    rows = [row for engine in study.engines for row in plan.rows_of(engine) if row and row.done]
+    names = [name for name in _observed([*rows]) if any(fnmatchcase(name, glob) for glob in study.file.observables)]
+    return explain(names, [row.values for row in rows]) if explain else []
 
 
 def write_tables(plan: StudyPlan, results: Path) -> list[Path]:

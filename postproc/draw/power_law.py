@@ -15,16 +15,10 @@ MIN_ROWS = 3  # of a fit
 def draw_power_laws(axis: Any, done: pd.DataFrame, x: str, y: str, x_factor: float, y_factor: float) -> list[str]:
     """Draws ``y = C x^n`` for each engine, by least squares of the logarithms; returns a line of text for each.
 
-    Args:
-        axis: Axes.
-        done: Finished rows of a study; those with both columns above zero are fitted.
-        x: Column on the x axis.
-        y: Column on the y axis.
-        x_factor: Factor from the column to the x axis.
-        y_factor: Factor from the column to the y axis.
+    The factors turn the columns ``x`` and ``y`` into the units of the axes.
 
     Raises:
-        InputError: An engine has less than three such rows, or all at one x.
+        InputError: An engine has less than three rows with both columns above zero, or all at one x.
     """
     from scipy.stats import linregress
 
@@ -32,8 +26,8 @@ def draw_power_laws(axis: Any, done: pd.DataFrame, x: str, y: str, x_factor: flo
     for engine, rows in done.groupby("engine", sort=False):
         own = rows[(rows[[x, y]] > 0).all(axis=1)]
         if len(own) < MIN_ROWS or own[x].nunique() == 1:
-            found = f"{engine} has {len(own)} rows with {x} and {y} above zero, {own[x].nunique()} of different {x}"
-            raise InputError("--power-law", "", found, f"at least {MIN_ROWS} rows, 2 of them different")
+            found = f"{engine} has {len(own)} rows with {x} and {y} above zero"
+            raise InputError("--power-law", "", found, f"at least {MIN_ROWS} rows, with different {x}")
         fit = linregress(np.log(own[x]), np.log(own[y]))
         constant, exponent = np.exp(fit.intercept), f"{fit.slope:.4g}"
         left = f"; {len(rows) - len(own)} left out, not seen or not above zero" if len(own) < len(rows) else ""

@@ -95,23 +95,24 @@ def _looks(sets: pd.DataFrame, labels: Mapping[str, Label]) -> tuple[list[dict[s
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import LogNorm, Normalize
 
-    listed, title, bar, dashes = [*sets], "", None, pd.Series(range(len(sets)))
+    names, title, bar, dashes = [*map(str, sets)], "", None, [*range(len(sets))]
     colours: Any = [COLOURS[place % len(COLOURS)] for place in dashes]
     if len(sets) > MAX_CURVES:
-        title, colours = ", ".join(labels[name].words for name in sets), value_colours()(np.linspace(0, 1, len(sets)))
-        numeric = [name for name in sets if is_numeric_dtype(sets[name]) and sets[name].notna().all()]
+        title, colours = ", ".join(labels[name].words for name in names), value_colours()(np.linspace(0, 1, len(sets)))
+        numeric = [name for name in names if is_numeric_dtype(sets[name]) and sets[name].notna().all()]
         by = max(numeric, key=lambda name: sets[name].nunique(), default="")
-        rest = _varying(sets, by, listed)
+        rest = _varying(sets, by, names)
         codes = sets.groupby(rest or (lambda _: 0), dropna=False, sort=False).ngroup()
         if by and codes.max() < len(DASHES):
             title, factor = labels[by].axis(float(sets[by].abs().max()))
             ends = factor * sets[by].min(), factor * sets[by].max()
             bar = ScalarMappable((LogNorm if _is_wide(*ends) else Normalize)(*ends), value_colours())
-            listed, dashes, colours = rest, codes, bar.to_rgba(factor * sets[by])
+            names, dashes, colours = rest, [*codes], bar.to_rgba(factor * sets[by].to_numpy())
     looks = []
-    for place, row in sets.iterrows():
-        texts = [_text(labels[name], row[name], "" if title and not bar else labels[name].words) for name in listed]
-        label = ", ".join(texts) if dashes[place] not in [*dashes[:place]] else ""
+    for place, row in enumerate(sets.to_dict("records")):
+        keys = ["" if title and not bar else f"{labels[name].words} " for name in names]
+        texts = [f"{key}{_text(labels[name], row[name])}" for key, name in zip(keys, names, strict=True)]
+        label = ", ".join(texts) if dashes[place] not in dashes[:place] else ""
         looks.append({"label": label, "color": colours[place], "ls": DASHES[dashes[place] % len(DASHES)], "lw": 1.1})
     return looks, title, bar
 
@@ -126,10 +127,10 @@ def _varying(table: pd.DataFrame, by: str, names: list[str]) -> list[str]:
     return [name for name in names if name != by and groups[name].nunique(dropna=False).max() > 1]
 
 
-def _text(label: Label, value: object, words: str = "") -> str:
-    """Short text of a value, after some words; a removed key has none."""
+def _text(label: Label, value: Any) -> str:
+    """Short text of a value; a removed key has none."""
     text = "none" if pd.isna(value) else label.value(value)
-    return f"{words} {text if len(text) <= MAX_CHARACTERS else text[: MAX_CHARACTERS - 1] + '…'}".strip()
+    return text if len(text) <= MAX_CHARACTERS else f"{text[: MAX_CHARACTERS - 1]}…"
 
 
 def _between_gaps(values: pd.Series) -> list[int]:

@@ -36,7 +36,8 @@ def column_of(table: pd.DataFrame, given: str, option: str, columns: Mapping[str
     Raises:
         InputError: The table has no such column, or it has texts although ``numbers`` are needed.
     """
-    allowed = [name for name in table if name not in TEXTS and (is_numeric_dtype(table[name]) or not numbers)]
+    fit = (name for name in map(str, table) if is_numeric_dtype(table[name]) or not numbers)
+    allowed = [name for name in fit if name not in TEXTS]
     names = {without_unit(name): name for name in allowed} | {**columns} | {name: name for name in allowed}
     if names.get(given) not in allowed:
         raise InputError(option, "", f'"{given}"', f"{'numbers' if numbers else 'columns'}: {', '.join(allowed)}")
@@ -202,12 +203,13 @@ def _panels(
 def _finish(figure: Any, axes: Mapping[str, Any], done: pd.DataFrame, labels: Mapping[str, Label], title: str) -> None:
     """Adds names of axes, the number of runs that do not show an observable, and a legend with a title."""
     for name, axis in axes.items():
-        words = fill(labels[name].axis(float(done[name].abs().max()))[0], WRAP)
-        axis.set(**{"ylabel": words} if axis.get_xlabel() else {"xlabel": words, "ylabel": "draws"})
+        label = fill(labels[name].axis(float(done[name].abs().max()))[0], WRAP)
+        axis.set(**{"ylabel": label} if axis.get_xlabel() else {"xlabel": label, "ylabel": "draws"})
     _count_unseen(axes, done)
     entries = list(zip(*next(iter(axes.values())).get_legend_handles_labels(), strict=True))
     entries.sort(key=lambda entry: entry[0].get_linestyle() == "None")  # markers last
-    _legend(figure, *map(list, zip(*entries, strict=True)), title)
+    handles, words = map(list, zip(*entries, strict=True))
+    _legend(figure, handles, words, title)
 
 
 def _count_unseen(axes: Mapping[str, Any], done: pd.DataFrame) -> None:

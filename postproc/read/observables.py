@@ -28,15 +28,9 @@ ROUNDING_SHARE = 1e-9  # of the largest force: a signal that changes by less is 
 # reasons why an observable is NaN, and the things without which a scene's runs do not have the observable
 PULSE = ("the gauge shows no pulse before the end of the run", "such gauge")
 WIDTH = ("the wave speed from the gauge above is not seen", "such gauge with another one above")
-ECHO = (
-    "no pulse goes up after the wall's first pulse before the end of the run; at bead 1 never",
-    "such gauge and wall",
-)
+ECHO = ("no pulse goes up after the wall's first one before the end of the run; at bead 1 never", "such gauge and wall")
 MAXIMUM = ("the wall shows no such maximum before the end of the run", "wall")
-TRAIN = (
-    "the wall shows fewer than three maxima above 0, or one interval between them is more than twice another",
-    "wall",
-)
+TRAIN = ("fewer than three maxima at the wall are above 0, or one interval is more than twice the other", "wall")
 SPEED = ("a first pulse is missing or goes up, or that of the lower gauge is not later", "such neighbouring gauges")
 RATIO = (f"{SPEED[0]}; or the lower gauge is at bead 1 above a wall", SPEED[1])
 
