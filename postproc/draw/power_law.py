@@ -34,7 +34,7 @@ def draw_power_laws(axis: Any, done: pd.DataFrame, x: str, y: str, x_factor: flo
         law = f"{y} = {constant:.4g} x^{exponent}, exponent {exponent} ± {fit.stderr:.2g}"
         lines.append(f"{engine}: {law} ({len(own)} rows{left})")
         places = np.geomspace(own[x].min(), own[x].max(), 100)
-        look = {"color": grey_of(str(engine))["color"], "ls": (0, (6, 3)), "lw": 0.9}
+        look = {"color": grey_of(str(engine))["color"], "ls": (0, (6, 3)), "lw": 1.2}
         axis.plot(x_factor * places, y_factor * constant * places**fit.slope, label=f"{engine}: x^{exponent}", **look)
     return lines
 

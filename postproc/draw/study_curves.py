@@ -77,7 +77,11 @@ def draw_curves(
                     dots = rows.drop_duplicates(order) if draws else rows
                     y = dots[mean[name]] * factor
                     marked = _between_gaps(places[dots.index] + y) if line and x == order else slice(None)
-                    shape = {"marker": "o" if line else MARKERS[number % len(MARKERS)], "ms": 3, "markevery": marked}
+                    shape = {
+                        "marker": "o" if line else MARKERS[number % len(MARKERS)],
+                        "ms": small.get("ms", 3),
+                        "markevery": marked,
+                    }
                     look |= {} if line else {"ls": "none"}
                     axis.plot(places[dots.index], y, label="" if bar else words, **look | (shape if marked else {}))
                 if engine != REFERENCE:
