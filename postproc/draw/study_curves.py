@@ -64,7 +64,9 @@ def draw_curves(
     if bar:
         finish_bar(first.figure.colorbar(bar, ax=[*axes.values()], pad=0.02, aspect=30), title)
     places = _mark_x([*axes.values()], numbers[x], labels[x])
-    line = bool(order) and is_numeric_dtype(numbers[x])  # text values have no line between them
+    line = bool(order) and all(
+        is_numeric_dtype(numbers[name]) for name in (x, order)
+    )  # text values have no line between them
     for number, (part, look) in enumerate(zip(parts, looks, strict=True)):
         words = look.pop("label")
         if bar and words:  # the bar explains the colours, so the legend has grey lines

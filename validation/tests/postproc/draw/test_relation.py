@@ -99,9 +99,11 @@ def test_the_standard_error_of_the_exponent_is_that_of_least_squares() -> None:
     assert f"exponent {slope:.4g} ± {error:.2g} (12 rows)" in line
 
 
-def test_draws_and_changes_one_by_one_are_points() -> None:
+def test_draws_text_values_and_changes_one_by_one_are_points() -> None:
     (axis,) = _draw(_table(), joined=False).figure.axes
     assert {line.get_linestyle() for line in axis.lines} == {"None"}
+    materials = _table().rename(columns={SPEED: "wall.material"}).astype({"wall.material": str})
+    assert {line.get_linestyle() for line in _draw(materials).figure.axes[0].lines} == {"None"}
     table = _table().rename(columns={SPEED: "seed"})
     assert {line.get_linestyle() for line in _draw(table).figure.axes[0].lines} == {"None"}
 
@@ -115,7 +117,7 @@ def test_draws_and_changes_one_by_one_are_points() -> None:
         (_table().assign(**{X: -1.0}), {"log": True}, "no finished row has both, above zero"),
     ],
 )
-def test_too_few_rows_are_refused(table: pd.DataFrame, how: dict[str, bool], words: str) -> None:
+def test_too_few_rows_are_refused(table: pd.DataFrame, how: Any, words: str) -> None:
     with pytest.raises(InputError) as error:
         _draw(table, **how)
     assert words in str(error.value)

@@ -182,7 +182,7 @@ def test_text_values_can_be_varied() -> None:
     assert axis.get_xlabel() == "wall material"
 
 
-MANY = {"striker.speed_m_s": [float(speed) for speed in range(1, 42)]}
+SPEED_RANGE = {"striker.speed_m_s": [float(speed) for speed in range(1, 42)]}
 
 
 def _curves(axis: Any) -> list[Any]:
@@ -192,7 +192,7 @@ def _curves(axis: Any) -> list[Any]:
 @pytest.mark.parametrize(("last", "scale"), [(20.0, "linear"), (400.0, "log")])
 def test_many_curves_are_coloured_by_value_with_a_bar(last: float, scale: str) -> None:
     moduli = [float(value) for value in np.geomspace(1e8, last * 1e8, 40)]
-    product = _draw(_table(("reference", "yade"), **MANY, ptfe_modulus_Pa=moduli), PEAK, SPEED)
+    product = _draw(_table(("reference", "yade"), **SPEED_RANGE, ptfe_modulus_Pa=moduli), PEAK, SPEED)
     first, second, bar = product.figure.axes
     assert bar.get_ylabel() == "Young's modulus of ptfe (GPa)"
     assert bar.get_yscale() == scale
@@ -215,7 +215,7 @@ def test_colours_of_values_are_dark_enough_on_white_and_get_brighter() -> None:
 
 @pytest.mark.parametrize("columns", [1, 3])
 def test_many_text_values_have_a_legend_of_short_entries(columns: int) -> None:
-    table = _table(("reference", "yade"), **MANY, **{"wall.material": [1 + place / 100 for place in range(40)]})
+    table = _table(("reference", "yade"), **SPEED_RANGE, **{"wall.material": [1 + place / 100 for place in range(40)]})
     names = {value: f"polymer {place}" for place, value in enumerate(dict.fromkeys(table["wall.material"]))}
     table["wall.material"] = table["wall.material"].map(names)
     product = _draw(table, *(PEAK, SPEED)[:columns])
@@ -229,14 +229,14 @@ def test_many_text_values_have_a_legend_of_short_entries(columns: int) -> None:
 
 def test_two_other_columns_are_colours_and_dashes_or_are_all_listed() -> None:
     moduli, masses = [1e9 + place * 1e8 for place in range(10)], [1e-4, 2e-4, 4e-4, 8e-4]
-    table = _table(("reference",), **MANY, ptfe_modulus_Pa=moduli, **{"striker.mass_kg": masses})
+    table = _table(("reference",), **SPEED_RANGE, ptfe_modulus_Pa=moduli, **{"striker.mass_kg": masses})
     product = _draw(table, PEAK)
     axis, bar = product.figure.axes
     assert bar.get_ylabel() == "Young's modulus of ptfe (GPa)"
     assert _legend(product) == [f"striker mass {mass}" for mass in ("0.1 g", "0.2 g", "0.4 g", "0.8 g")]
     assert len({(*line.get_color(), str(line._dash_pattern)) for line in _curves(axis)}) == 40
     more = _table(
-        ("reference",), **MANY, ptfe_modulus_Pa=moduli, **{"striker.mass_kg": [1e-4 * n for n in range(1, 9)]}
+        ("reference",), **SPEED_RANGE, ptfe_modulus_Pa=moduli, **{"striker.mass_kg": [1e-4 * n for n in range(1, 9)]}
     )
     product = _draw(more, PEAK)
     assert len(product.figure.axes) == 1
@@ -281,6 +281,6 @@ def test_ticks_of_texts_do_not_overlap(count: int) -> None:
 
 
 def test_a_removed_key_is_a_curve_of_its_own() -> None:
-    table = _table(("reference",), **MANY, ptfe_modulus_Pa=[1e9, 2e9])
+    table = _table(("reference",), **SPEED_RANGE, ptfe_modulus_Pa=[1e9, 2e9])
     table.loc[table["ptfe_modulus_Pa"] == 1e9, "ptfe_modulus_Pa"] = np.nan
     assert _legend(_draw(table, PEAK)) == ["Young's modulus of ptfe none", "Young's modulus of ptfe 2 GPa"]

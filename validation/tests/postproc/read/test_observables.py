@@ -5,7 +5,7 @@ from math import isnan
 import pytest
 
 from postproc.paper.simulate import exact
-from postproc.read.observables import OBSERVABLES, describe, not_shown, observe, of_kind, without_unit
+from postproc.read.observables import OBSERVABLES, Observable, describe, not_shown, observe, of_kind, without_unit
 from validation.tests.helpers.scenes import case_of
 
 SCENES = (
@@ -100,7 +100,7 @@ def test_observables_that_a_run_does_not_show_are_nan() -> None:
 
 def test_each_observable_that_may_be_nan_has_a_reason_and_no_other() -> None:
     """Until 20 us no gauge shows a pulse; so no observable of a pulse is seen, and all others are."""
-    unseen, seen = set(), set()
+    unseen, seen = set[Observable](), set[Observable]()
     for scene in (*SCENES, ("fig4", "run.duration=20 us")):
         case = case_of(*scene)
         for name, value in observe(case.layout, exact(case).trace).items():
