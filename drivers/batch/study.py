@@ -24,7 +24,7 @@ from drivers.scene.model import Part, Scene, Title
 from drivers.scene.read_scene import find_input, find_scene, make_scene, read_toml, set_value
 from drivers.scene.settings import look_up, unit_of
 
-DERIVED = ("-cost", "-figure")  # endings of the files of a study besides its table
+DERIVED = ("-cost", "-figure", "-xy")  # endings of the files of a study besides its table
 RESERVED = ("case", "engine", "status", "reason", "force_error_share")  # columns of every table
 
 

@@ -46,6 +46,8 @@ class Request:
         asked: time of the request, in seconds of Unix time.
         entries: ``engines.toml`` files, for workers in other folders or on other machines.
         elsewhere: True if the rows will be run where the engines that are not installed here are.
+        not_shown: function that returns lines on the observables that some rows do not show, with the reason, from
+            names and the values of the rows; None for no lines.
     """
 
     source: str | Path
@@ -59,6 +61,7 @@ class Request:
     asked: float = field(default_factory=time.time)
     entries: tuple[Path, ...] = ()
     elsewhere: bool = False
+    not_shown: Callable[[Sequence[str], Sequence[Mapping[str, float]]], list[str]] | None = None
 
 
 @dataclass(frozen=True)

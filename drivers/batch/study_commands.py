@@ -103,7 +103,7 @@ def batch(
         if array and absent:  # their rows may be the first of their build
             opened.cache_clear()
             plan = _planned(request, place.workers, yes=True)
-    from drivers.batch.study_table import unmatched, write_tables
+    from drivers.batch.study_table import not_shown, unmatched, write_tables
 
     kept = None
     try:
@@ -113,6 +113,8 @@ def batch(
             there = ["--results", paths.shown(results)] if results != paths.RESULTS else []
             draw = ["beads", "study", str(request.source), *there]
             print(f"to draw the table: {shlex.join(draw)}")
+        for line in not_shown(plan):
+            print(line)
     except RunError as error:
         kept = error
     code = _print_end(plan)

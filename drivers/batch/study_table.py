@@ -67,6 +67,14 @@ def _observed(rows: list[StudyRow | None]) -> list[str]:
     return list(dict.fromkeys(name for row in rows if row for name in row.values))
 
 
+def not_shown(plan: StudyPlan) -> list[str]:
+    """Lines on the observables of the table that some finished rows do not show, with the reason."""
+    study, explain = plan.batch.study, plan.batch.request.not_shown
+    rows = [row for engine in study.engines for row in plan.rows_of(engine) if row and row.done]
+    names = [name for name in _observed([*rows]) if any(fnmatchcase(name, glob) for glob in study.file.observables)]
+    return explain(names, [row.values for row in rows]) if explain else []
+
+
 def write_tables(plan: StudyPlan, results: Path) -> list[Path]:
     """Write the tables ``STUDY`` and ``STUDY-cost`` as ``.parquet`` and ``.csv``, each atomically.
 

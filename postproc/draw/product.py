@@ -3,7 +3,7 @@
 A spacetime diagram shows the contact forces against time and contact: a wave is a slope, a reflection a fold.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -32,6 +32,7 @@ class Product:
     figure: Any  # a matplotlib figure
     table: pd.DataFrame  # the plotted numbers, units in the column names
     chains: Mapping[str, Trace] = field(default_factory=dict)  # traces by title, for a spacetime diagram
+    notes: Sequence[str] = ()  # lines to print
 
 
 def write_product(product: Product, name: str, folder: Path) -> list[Path]:

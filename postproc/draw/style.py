@@ -84,8 +84,17 @@ def force_colours() -> Any:
     return ListedColormap(colormaps["magma_r"](np.linspace(0.0, 0.92, 256)), "force", bad=OPEN_CONTACT)
 
 
+@cache
+def value_colours() -> Any:
+    """Colour map of varied values, perceptually uniform, each colour with a contrast of 3 or more on white."""
+    from matplotlib import colormaps
+    from matplotlib.colors import ListedColormap
+
+    return ListedColormap(colormaps["plasma"](np.linspace(0.0, 0.64, 256)), "value")
+
+
 def finish_bar(bar: Any, label: str) -> None:
-    """Labels the colour bar of forces and gives it a thin frame."""
+    """Labels a colour bar and gives it a thin frame."""
     bar.set_label(label)
     bar.outline.set_linewidth(0.5)
     bar.solids.set_rasterized(True)

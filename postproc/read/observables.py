@@ -8,9 +8,10 @@ it rises, the contacts push the bead upwards. ``pulses`` counts the pulses befor
 """
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from math import isnan
 
 import numpy as np
 
@@ -24,6 +25,14 @@ LEVELS = (0.002, 0.04)  # shares of the peak at which the paper's Table 1 cuts t
 WALL_REST_SHARE = 1e-14  # of the largest force: smaller changes at the wall are rounding
 LATER_PROMINENCE = 0.01  # of the signal's range, for maxima after the first: damping makes them small
 ROUNDING_SHARE = 1e-9  # of the largest force: a signal that changes by less is at rest
+# reasons why an observable is NaN, and the things without which a scene's runs do not have the observable
+PULSE = ("the gauge shows no pulse before the end of the run", "such gauge")
+WIDTH = ("the wave speed from the gauge above is not seen", "such gauge with another one above")
+ECHO = ("no pulse goes up after the wall's first one before the end of the run; at bead 1 never", "such gauge and wall")
+MAXIMUM = ("the wall shows no such maximum before the end of the run", "wall")
+TRAIN = ("fewer than three maxima at the wall are above 0, or one interval is more than twice the other", "wall")
+SPEED = ("a first pulse is missing or goes up, or that of the lower gauge is not later", "such neighbouring gauges")
+RATIO = (f"{SPEED[0]}; or the lower gauge is at bead 1 above a wall", SPEED[1])
 
 
 @dataclass(frozen=True)
@@ -35,6 +44,7 @@ class Observable:
     kind: str  # observables of one kind share a tolerance
     words: str  # name in figures and tables
     of_wave: bool = True  # read from pulses; its relative error measures the accuracy of a run
+    gaps: tuple[str, str] = ("", "such gauge")  # why it is NaN, empty if never; the thing that it needs in a scene
 
     @property
     def ending(self) -> str:
@@ -50,21 +60,23 @@ class Observable:
 PLACEHOLDERS = {"gauge": r"bead_\d+|wall", "level": r"[\d.e+-]+pct", "number": r"\d+", "pair": r"\d+_to_\d+"}
 OBSERVABLES = (
     Observable("{gauge}_static", "N", "static force", "static force at {gauge}", of_wave=False),
-    Observable("{gauge}_amplitude", "N", "amplitude", "force amplitude at {gauge}"),
-    Observable("{gauge}_peak", "N", "peak", "peak force at {gauge}"),
-    Observable("{gauge}_arrival", "s", "arrival", "arrival time at {gauge}"),
-    Observable("{gauge}_duration_{level}", "s", "duration", "pulse duration at {gauge}, cut at {level}"),
-    Observable("{gauge}_width_{level}", "diameters", "width", "pulse width at {gauge}, cut at {level}"),
+    Observable("{gauge}_amplitude", "N", "amplitude", "force amplitude at {gauge}", gaps=PULSE),
+    Observable("{gauge}_peak", "N", "peak", "peak force at {gauge}", gaps=PULSE),
+    Observable("{gauge}_arrival", "s", "arrival", "arrival time at {gauge}", gaps=PULSE),
+    Observable("{gauge}_duration_{level}", "s", "duration", "pulse duration at {gauge}, cut at {level}", gaps=PULSE),
+    Observable("{gauge}_width_{level}", "diameters", "width", "pulse width at {gauge}, cut at {level}", gaps=WIDTH),
     Observable("{gauge}_pulses", "", "count", "pulses at {gauge}", of_wave=False),
-    Observable("{gauge}_reflected_amplitude", "N", "reflected amplitude", "reflected amplitude at {gauge}"),
-    Observable("{gauge}_reflected_arrival", "s", "reflected arrival", "reflected arrival time at {gauge}"),
-    Observable("wall_peak_{number}", "N", "later peak", "force maximum {number} at the wall"),
-    Observable("wall_envelope", "1/s", "rate", "rate of the envelope at the wall"),
-    Observable("speed_{pair}", "m/s", "speed", "wave speed from bead {pair}"),
-    Observable("transmission_{pair}", "", "transmission", "amplitude ratio per bead, bead {pair}", of_wave=False),
+    Observable("{gauge}_reflected_amplitude", "N", "reflected amplitude", "reflected amplitude at {gauge}", gaps=ECHO),
+    Observable("{gauge}_reflected_arrival", "s", "reflected arrival", "reflected arrival time at {gauge}", gaps=ECHO),
+    Observable("wall_peak_{number}", "N", "later peak", "force maximum {number} at the wall", gaps=MAXIMUM),
+    Observable("wall_envelope", "1/s", "rate", "rate of the envelope at the wall", gaps=TRAIN),
+    Observable("speed_{pair}", "m/s", "speed", "wave speed from bead {pair}", gaps=SPEED),
+    Observable(
+        "transmission_{pair}", "", "transmission", "amplitude ratio per bead, bead {pair}", of_wave=False, gaps=RATIO
+    ),
     Observable("kinetic_energy_start", "J", "energy", "kinetic energy at the start", of_wave=False),
     Observable("energy_drift", "J", "energy", "largest energy drift", of_wave=False),
-    Observable("energy_lost", "J", "energy", "energy lost", of_wave=False),
+    Observable("energy_lost", "J", "energy", "energy lost", of_wave=False, gaps=("", "damping or friction")),
     Observable("energy_error_before_wall", "J", "energy", "energy error before the wall is reached", of_wave=False),
     Observable("momentum_start", "N s", "momentum", "momentum at the start", of_wave=False),
     Observable("momentum_end", "N s", "momentum", "momentum at the end", of_wave=False),
@@ -86,6 +98,24 @@ def describe(name: str) -> Observable:
 def without_unit(name: str) -> str:
     """Name of an observable without its unit; any other name unchanged."""
     return name.removesuffix(describe(name).ending)
+
+
+def not_shown(names: Iterable[str], rows: Sequence[Mapping[str, float]]) -> list[str]:
+    """Lines that count the rows in which an observable is NaN or which do not have it, with the reason.
+
+    Args:
+        names: Names of observables.
+        rows: Observables of each run by name.
+    """
+    lines = []
+    for name in names:
+        why, needed = describe(name).gaps
+        unseen, absent = sum(isnan(row.get(name, 0.0)) for row in rows), sum(name not in row for row in rows)
+        if unseen:
+            lines.append(f"{name}: not seen in {unseen} of {len(rows)} rows: {why}")
+        if absent:
+            lines.append(f"{name}: not in {absent} of {len(rows)} rows: their scenes have no {needed}")
+    return lines
 
 
 def of_kind(names: Iterable[str], *kinds: str) -> list[str]:

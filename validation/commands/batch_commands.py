@@ -30,12 +30,13 @@ def request_of(
     """Request for a study, with the functions of higher packages that a batch calls."""
     from drivers.batch.study_cases import Request
     from drivers.engines._entries import entry_files
-    from postproc.read.observables import observe
+    from postproc.read.observables import not_shown, observe
     from postproc.read.residual import residual
     from validation.accuracy.plan import plan_case
 
-    chosen = (tuple(engines), tuple(patterns))
-    return Request(study, runs.absolute(), plan_case, observe, residual, *chosen, retry=retry, entries=entry_files())
+    functions, chosen = (plan_case, observe, residual), (tuple(engines), tuple(patterns))
+    files = entry_files()
+    return Request(study, runs.absolute(), *functions, *chosen, retry=retry, entries=files, not_shown=not_shown)
 
 
 @command("sensitivity", "wall-material --engine verlet --workers 2 --dry-run", "sensitivity --slurm --wait")
@@ -119,25 +120,43 @@ def batch(
     return run_study(request, results, place, array, dry_run=dry_run, yes=yes)
 
 
-@command("sensitivity")
+@command("sensitivity", "speed-amplitude --x bead_5_amplitude --y speed_9_to_5 --log --power-law")
 @options.STUDY
 @options.ENGINES
 @options.RESULTS
-def study(study: str, results: Path) -> None:
-    """Draw the table of a finished study: curves or a tornado chart."""
+@click.option("--x", metavar="COLUMN", default="", help="Draw --y against this column of the table.")
+@click.option("--y", metavar="COLUMN", default="", help="Column of numbers; a name may be without its unit.")
+@click.option("--log", is_flag=True, help="Make the axes of --x and --y logarithmic.")
+@click.option("--power-law", is_flag=True, help="Fit y = C x^n to the finished rows of each engine.")
+def study(study: str, results: Path, x: str, y: str, log: bool, power_law: bool) -> None:
+    """Draw the table of a finished study: curves, a tornado chart, or a column against another."""
+    given = {"--x": x, "--y": y, "--log": log, "--power-law": power_law}
+    missing = [option for option in ("--x", "--y") if not given[option]]
+    if missing and any(given.values()):
+        raise InputError(next(filter(given.get, given)), "", f"needs {' and '.join(missing)}")
     from drivers.batch.study import column_name, read_study
     from drivers.batch.study_table import read_study_table
     from postproc.draw.product import write_product
-    from postproc.draw.study_figure import draw_study, draw_tornado
+    from postproc.draw.study_figure import column_of, draw_relation, draw_study, draw_tornado
     from postproc.read.labels import key_label
 
     found = read_study(study)
     table = read_study_table(study, results)
-    draw = draw_tornado if found.one_by_one else draw_study
-    labels = {column_name(name, key): key_label(name, key) for name, key in found.columns.items()}
-    product = draw(table, found.file.title or found.name, found.file.figure, found.where, labels)
-    for path in write_product(product, f"{found.name}-figure", results):
+    columns = {name: column_name(name, key) for name, key in found.columns.items()}
+    labels = {columns[name]: key_label(name, key) for name, key in found.columns.items()}
+    name, title = f"{found.name}-figure", found.file.title or found.name
+    if x:
+        x = column_of(table, x, "--x", columns, numbers=log or power_law)
+        y = column_of(table, y, "--y", columns, numbers=True)
+        name, joined = f"{found.name}-{y}-{x}-xy", not found.one_by_one
+        product = draw_relation(table, title, x, y, labels, joined=joined, log=log, fitted=power_law)
+    else:
+        draw = draw_tornado if found.one_by_one else draw_study
+        product = draw(table, title, found.file.figure, found.where, labels)
+    for path in write_product(product, name, results):
         print(paths.shown(path))
+    for line in product.notes:
+        print(line)
 
 
 @command("sensitivity --list")

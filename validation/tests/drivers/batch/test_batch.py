@@ -313,6 +313,23 @@ def test_patterns_without_observables(study_file: StudyWriter, tmp_path: Path) -
     assert set(table(runs).columns[-4:]) == {"force_error_share", "wall_peak_N", "wall_peak_2_N", "wall_peak_3_N"}
 
 
+def test_observables_that_rows_do_not_show_are_counted(study_file: StudyWriter, tmp_path: Path) -> None:
+    axes = (
+        '[[axis]]\nkey = "run.duration"\nvalues = ["20 us", "0.3 ms"]\n'
+        '[[axis]]\nkey = "chain.sensors"\nvalues = [[], [{ from_wall = 3 }]]'
+    )
+    path, runs = study_file(axes, "verlet", "reference", top='observables = ["*_peak_N"]'), tmp_path / "runs"
+    lines = [
+        "wall_peak_N: not seen in 4 of 8 rows: the gauge shows no pulse before the end of the run",
+        "bead_3_peak_N: not seen in 2 of 8 rows: the gauge shows no pulse before the end of the run",
+        "bead_3_peak_N: not in 4 of 8 rows: their scenes have no such gauge",
+    ]
+    for _ in range(2):  # the second batch runs no case
+        done = batch(path, runs)
+        assert (done.returncode, done.stderr) == (0, "")
+        assert [line for line in done.stdout.splitlines() if ": not " in line] == lines
+
+
 def test_equal_cases_run_once(study_file: StudyWriter, tmp_path: Path) -> None:
     path, runs = study_file("[[axis]]\nseeds = 6", "verlet"), tmp_path / "runs"  # nothing is drawn at random
     assert batch(path, runs).returncode == 0

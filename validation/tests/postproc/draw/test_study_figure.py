@@ -1,6 +1,7 @@
-"""Figures of studies: labels, legends for any set of engines, no panel without values."""
+"""Figures of studies: labels, legends for any set of engines, many curves, gaps, no panel without values."""
 
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,13 +14,14 @@ from drivers.batch.study import column_name, read_study
 from drivers.scene.settings import unit_of
 from postproc.draw.product import Product
 from postproc.draw.study_figure import draw_study, draw_tornado
-from postproc.draw.style import COLUMN_IN, PAGE_IN, pyplot
+from postproc.draw.style import COLUMN_IN, PAGE_IN, pyplot, value_colours
 from postproc.read.labels import Label, key_label, observable_label
 from postproc.read.observables import OBSERVABLES, PLACEHOLDERS
 from validation.tests.helpers.drawn import not_in_table, out_of_bounds
 
 KEYS = {
     "striker.speed": "striker.speed",
+    "striker.mass": "striker.mass",
     "wall.material": "wall.material",
     "ptfe_modulus": "materials.ptfe.youngs_modulus",
     "seed": "seed",
@@ -93,6 +95,7 @@ def test_axes_have_labels_with_units() -> None:
 def test_there_is_a_panel_for_each_observable_with_values_and_no_other(count: int) -> None:
     product = _draw(_table(("reference",), **SPEEDS), *(PEAK, SPEED, MISSING)[:count])
     assert len(product.figure.axes) == min(count, 2)
+    assert list(product.notes) == [f"{MISSING}: no panel, since no run shows it"] * (count == 3)
     assert all(axis.get_visible() and axis.lines for axis in product.figure.axes)
     with pytest.raises(InputError, match="a finished case"):
         _draw(_table(("reference",), **SPEEDS), MISSING)
@@ -177,3 +180,107 @@ def test_text_values_can_be_varied() -> None:
     (axis,) = product.figure.axes
     assert [text.get_text() for text in axis.get_xticklabels()] == ["ptfe", "brass", "rigid"]
     assert axis.get_xlabel() == "wall material"
+
+
+SPEED_RANGE = {"striker.speed_m_s": [float(speed) for speed in range(1, 42)]}
+
+
+def _curves(axis: Any) -> list[Any]:
+    return [line for line in axis.lines if line.get_linestyle() != "None" and len(line.get_xdata())]
+
+
+@pytest.mark.parametrize(("last", "scale"), [(20.0, "linear"), (400.0, "log")])
+def test_many_curves_are_coloured_by_value_with_a_bar(last: float, scale: str) -> None:
+    moduli = [float(value) for value in np.geomspace(1e8, last * 1e8, 40)]
+    product = _draw(_table(("reference", "yade"), **SPEED_RANGE, ptfe_modulus_Pa=moduli), PEAK, SPEED)
+    first, second, bar = product.figure.axes
+    assert bar.get_ylabel() == "Young's modulus of ptfe (GPa)"
+    assert bar.get_yscale() == scale
+    assert bar.get_ylim() == pytest.approx((0.1, 0.1 * last), rel=1e-12)
+    assert _legend(product) == ["reference", "yade"]
+    for axis in (first, second):
+        shares = np.log(moduli) if scale == "log" else np.array(moduli)
+        expected = value_colours()((shares - shares[0]) / np.ptp(shares))
+        assert [line.get_color() for line in _curves(axis)] == pytest.approx(expected, abs=0.02)
+    assert not_in_table(product.figure, product.table) == []
+
+
+def test_colours_of_values_are_dark_enough_on_white_and_get_brighter() -> None:
+    parts = value_colours()(np.linspace(0, 1, 50))[:, :3]
+    linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+    luminance = linear @ [0.2126, 0.7152, 0.0722]
+    assert (np.diff(luminance) > 0).all()
+    assert 1.05 / (luminance.max() + 0.05) > 3
+
+
+@pytest.mark.parametrize("columns", [1, 3])
+def test_many_text_values_have_a_legend_of_short_entries(columns: int) -> None:
+    table = _table(("reference", "yade"), **SPEED_RANGE, **{"wall.material": [1 + place / 100 for place in range(40)]})
+    names = {value: f"polymer {place}" for place, value in enumerate(dict.fromkeys(table["wall.material"]))}
+    table["wall.material"] = table["wall.material"].map(names)
+    product = _draw(table, *(PEAK, SPEED)[:columns])
+    (legend,) = product.figure.legends
+    assert legend.get_title().get_text() == "wall material"
+    assert _legend(product) == [*names.values(), "yade"]
+    looks = [(*line.get_color(), str(line.get_linestyle())) for line in _curves(product.figure.axes[0])]
+    assert len(set(looks)) == 40
+    assert legend.get_window_extent().width <= product.figure.bbox.width
+
+
+def test_two_other_columns_are_colours_and_dashes_or_are_all_listed() -> None:
+    moduli, masses = [1e9 + place * 1e8 for place in range(10)], [1e-4, 2e-4, 4e-4, 8e-4]
+    table = _table(("reference",), **SPEED_RANGE, ptfe_modulus_Pa=moduli, **{"striker.mass_kg": masses})
+    product = _draw(table, PEAK)
+    axis, bar = product.figure.axes
+    assert bar.get_ylabel() == "Young's modulus of ptfe (GPa)"
+    assert _legend(product) == [f"striker mass {mass}" for mass in ("0.1 g", "0.2 g", "0.4 g", "0.8 g")]
+    assert len({(*line.get_color(), str(line._dash_pattern)) for line in _curves(axis)}) == 40
+    more = _table(
+        ("reference",), **SPEED_RANGE, ptfe_modulus_Pa=moduli, **{"striker.mass_kg": [1e-4 * n for n in range(1, 9)]}
+    )
+    product = _draw(more, PEAK)
+    assert len(product.figure.axes) == 1
+    assert len(set(_legend(product))) == 80
+    assert product.figure.legends[0].get_title().get_text() == "Young's modulus of ptfe, striker mass"
+
+
+def test_lines_have_gaps_and_points_between_gaps_are_marked() -> None:
+    table = _table(("reference",), **{"striker.speed_m_s": [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]})
+    table.loc[table["striker.speed_m_s"].isin([2.0, 4.0]), PEAK] = np.nan
+    product = _draw(table, PEAK, SPEED)
+    gaps, whole = (_curves(axis)[0] for axis in product.figure.axes)
+    assert list(np.isnan(gaps.get_ydata())) == [False, True, False, True, False, False]
+    assert (gaps.get_marker(), gaps.get_markevery()) == ("o", [0, 2])
+    assert whole.get_marker() == "None"
+    assert [axis.get_title(loc="right") for axis in product.figure.axes] == ["not seen in 2 of 6 runs", ""]
+    assert product.figure.axes[0].get_xlim() == product.figure.axes[1].get_xlim()
+
+
+def test_histograms_and_tornado_charts_count_the_runs_that_do_not_show_an_observable() -> None:
+    table = _table(("reference",), seed=[*range(1, 31)])
+    table.loc[table["seed"] <= 4, PEAK] = np.nan
+    (axis,) = _draw(table, PEAK).figure.axes
+    assert axis.get_title(loc="right").endswith("\nnot seen in 4 of 30 runs")
+    table = _table(("reference",), **{"striker.speed_m_s": [1.0, 1.01, 1.02]})
+    table.loc[table["case"] == 3, PEAK] = np.nan
+    product = _draw(table, PEAK, MISSING, draw=draw_tornado)
+    assert product.figure.axes[0].get_title(loc="right") == "not seen in 1 of 3 runs"
+    assert list(product.notes) == [f"{MISSING}: no panel, since no run shows its change"]
+
+
+@pytest.mark.parametrize("count", [5, 40, 100])
+def test_ticks_of_texts_do_not_overlap(count: int) -> None:
+    table = _table(("reference",), **{"wall.material": [float(place) for place in range(1, count + 1)]})
+    names = [f"{'a long name of a ' * (place == 1)}polymer {place}" for place in range(count)]
+    table["wall.material"] = names
+    product = _draw(table, PEAK, SPEED)
+    for axis in product.figure.axes:
+        boxes = [text.get_window_extent() for text in axis.get_xticklabels() if text.get_text()]
+        assert len(boxes) > 4
+        assert all(left.x1 <= right.x0 for left, right in pairwise(boxes))
+
+
+def test_a_removed_key_is_a_curve_of_its_own() -> None:
+    table = _table(("reference",), **SPEED_RANGE, ptfe_modulus_Pa=[1e9, 2e9])
+    table.loc[table["ptfe_modulus_Pa"] == 1e9, "ptfe_modulus_Pa"] = np.nan
+    assert _legend(_draw(table, PEAK)) == ["Young's modulus of ptfe none", "Young's modulus of ptfe 2 GPa"]

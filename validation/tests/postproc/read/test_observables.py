@@ -5,7 +5,7 @@ from math import isnan
 import pytest
 
 from postproc.paper.simulate import exact
-from postproc.read.observables import OBSERVABLES, describe, observe, of_kind, without_unit
+from postproc.read.observables import OBSERVABLES, Observable, describe, not_shown, observe, of_kind, without_unit
 from validation.tests.helpers.scenes import case_of
 
 SCENES = (
@@ -96,3 +96,39 @@ def test_observables_that_a_run_does_not_show_are_nan() -> None:
     values = observe(case.layout, exact(case).trace)
     assert isnan(values["bead_1_reflected_amplitude_N"])
     assert values["bead_5_reflected_amplitude_N"] > 1
+
+
+def test_each_observable_that_may_be_nan_has_a_reason_and_no_other() -> None:
+    """Until 20 us no gauge shows a pulse; so no observable of a pulse is seen, and all others are."""
+    unseen, seen = set[Observable](), set[Observable]()
+    for scene in (*SCENES, ("fig4", "run.duration=20 us")):
+        case = case_of(*scene)
+        for name, value in observe(case.layout, exact(case).trace).items():
+            (unseen if isnan(value) else seen).add(describe(name))
+    assert unseen == {observable for observable in OBSERVABLES if observable.gaps[0]}
+    assert seen == set(OBSERVABLES)
+
+
+def test_rows_that_do_not_show_an_observable_are_counted_with_the_reason() -> None:
+    nan = float("nan")
+    rows = [{"wall_peak_2_N": nan, "bead_9_peak_N": 1.0}, {"wall_peak_2_N": nan}, {"wall_peak_2_N": 2.0}]
+    assert not_shown(["wall_peak_2_N", "bead_9_peak_N"], rows) == [
+        "wall_peak_2_N: not seen in 2 of 3 rows: the wall shows no such maximum before the end of the run",
+        "bead_9_peak_N: not in 2 of 3 rows: their scenes have no such gauge",
+    ]
+    assert not_shown(["wall_peak_2_N"], rows[2:]) == []
+
+
+LACKING = [("bead_9_peak_N", "chain.sensors=[]"), ("bead_9_reflected_arrival_s", "wall="), ("wall_peak_2_N", "wall="),
+           ("bead_5_width_4pct_diameters", "chain.sensors=[{from_wall=5}]"), ("energy_lost_J", "contact="),
+           ("speed_9_to_5_m_s", "chain.sensors=[{from_wall=9},{from_wall=7},{from_wall=5}]")]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "setting"), LACKING)
+def test_a_scene_without_the_thing_that_an_observable_needs_does_not_have_it(name: str, setting: str) -> None:
+    damped = ("fig4", "contact.restitution=0.9", "run.duration=0.3 ms")
+    cases = [case_of(*damped), case_of(*damped, setting)]
+    rows = [observe(case.layout, exact(case).trace) for case in cases]
+    assert [name in row for row in rows] == [True, False]
+    (line,) = (line for line in not_shown([name], rows) if "not in 1 of 2 rows" in line)
+    assert line.endswith(f"their scenes have no {describe(name).gaps[1]}")
