@@ -202,3 +202,11 @@ def test_a_program_found_here_is_found_in_the_job(
     engines_file('[here]\nadapter = "lammps"\ncommand = "lmp-here"\n')
     done = batch(study_file(SPEEDS.format(2), "here"), tmp_path / "runs", "--slurm", "--wait")
     assert (done.returncode, "assumed" in done.stdout) == (0, False), done.stderr
+
+
+def test_an_engine_of_the_job_refuses_cases_before_the_job(modules: Path, tmp_path: Path) -> None:
+    study = tmp_path / "study.toml"
+    study.write_text('scene = "fig4-tube"\nengines = ["verlet", "by-module"]\n')
+    done = batch(study, tmp_path / "runs", "--slurm", "--dry-run")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert 'found "by-module" for a scene with ' in done.stderr
