@@ -45,7 +45,8 @@ def run_with_module(study: Path, runs: Path, folder: Path, *words: str) -> subpr
 @pytest.fixture
 def slurm(stand_in: StandIn) -> None:
     """Commands of Slurm that run the first task of an array immediately, as job 7."""
-    stand_in("sbatch", 'SLURM_ARRAY_TASK_ID=1 bash -l "$2" >"$(dirname "$2")/study-7_1.txt" 2>&1\necho 7\n')
+    run = '$(head -n 1 "$2" | cut -c 3-) "$2" >"$(dirname "$2")/study-7_1.txt" 2>&1'  # by the program of its first line
+    stand_in("sbatch", f"SLURM_ARRAY_TASK_ID=1 {run}\necho 7\n")
     stand_in("squeue", "exit 0\n")
     stand_in("scontrol", "exit 1\n")
 
