@@ -1,6 +1,6 @@
 """Runs of scenes on all engines, judged by their error budgets."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -66,8 +66,7 @@ def run_and_compare_all(
         InputError: a scene is wrong, or a run would be refused and ``unsafe`` is False.
     """
     cases = [planned_case(source, *settings) for source in sources]
-    absences = [_absences(case, asked) for case in cases]
-    pairs = list(zip(cases, absences, strict=True))
+    pairs = [(case, absences(case, asked.names)) for case in cases]
     jobs = [(case, engine) for case, absent in pairs for engine in asked.names if engine not in absent]
     refuse_all([] if unsafe else jobs)
     ended = iter(run_many(jobs, runs, by_hand=True))
@@ -75,10 +74,10 @@ def run_and_compare_all(
         yield _compared(case, {name: next(ended) for name in asked.names if name not in absent}, absent, runs)
 
 
-def _absences(case: Case, asked: EngineSelection) -> dict[str, str]:
-    """Reasons why selected engines do not run a case, by engine."""
+def absences(case: Case, engines: Iterable[str]) -> dict[str, str]:
+    """Reasons why some of these engines do not run a case, by engine."""
     absent = {}
-    for engine in asked.names:
+    for engine in engines:
         if load_engine(engine).find() is None:
             absent[engine] = NOT_INSTALLED
         elif (cannot := inability(case, engine)) is not None:

@@ -176,10 +176,11 @@ def measure_rounding() -> Iterator[Rounded]:
     cases = [pressed(3, load, height) for height in HEIGHTS_M for load in LOADS_N]
     cases += [pressed(count, COUNTS_LOAD_N, 0.0) for count in COUNTS]
     for case in cases:
-        yield from in_repo(case)
+        yield rounded(case, OVERLAPS, verlet_of(case).force_N)
+        yield rounded(case, HEIGHTS, verlet_in_heights(case).force_N)
     for engine in following(codes := installed_codes(), "rounding by codes", len(codes), "code"):
         with left_out_if_failed(engine):
-            yield from [by_code(engine, case) for case in cases]
+            yield from [rounded(case, engine, compute(case, engine).done.force_N) for case in cases]
 
 
 def pressed(count: int, load_N: float, height_m: float) -> Case:
@@ -189,18 +190,8 @@ def pressed(count: int, load_N: float, height_m: float) -> Case:
     return case_of("fig4", *settings, *rest, "run.time_step=1 ns")
 
 
-def in_repo(case: Case) -> Iterator[Rounded]:
-    """Rounding errors of the in-repo scheme, in overlaps and in heights."""
-    yield _rounded(case, OVERLAPS, verlet_of(case).force_N)
-    yield _rounded(case, HEIGHTS, verlet_in_heights(case).force_N)
-
-
-def by_code(engine: str, case: Case) -> Rounded:
-    """Rounding error of a code."""
-    return _rounded(case, engine, compute(case, engine).done.force_N)
-
-
-def _rounded(case: Case, method: str, force_N: Array) -> Rounded:
+def rounded(case: Case, method: str, force_N: Array) -> Rounded:
+    """Rounding error of the forces of a method at time 0, of shape (samples, bodies)."""
     chain = case.chain
     error = np.abs(force_N[0] / chain.force_N - 1)[1:]
     return Rounded(method, chain.beads, chain.wall_height_m, float(chain.overlap_m[1]), float(error.max()))
