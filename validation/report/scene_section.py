@@ -23,7 +23,7 @@ from drivers.limits.refusal import FORCE
 from drivers.run.run_folder import RunRecord
 from drivers.scene.model import Scene
 from postproc.draw.gauge_forces import MAX_GAUGES, draw_gauge_forces, failed_label
-from postproc.draw.overlay import HEADINGS, draw_overlay, misfit_rows
+from postproc.draw.overlay import HEADINGS, draw_overlay, misfit_rows, number
 from postproc.draw.product import draw_spacetime
 from postproc.draw.style import svg_of
 from postproc.read.misfit import lay_over
@@ -121,7 +121,7 @@ def tolerances(scenes: list[ComparedScene]) -> list[tuple[str, str, list[str], s
         used.setdefault((check.quantity, check.reason), []).append(check)
     rows = []
     for (quantity, reason), found in sorted(used.items()):
-        limits = dict.fromkeys(number(choose(each.limit for each in found)) for choose in (min, max))
+        limits = dict.fromkeys(number(choose(each.limit for each in found), 2) for choose in (min, max))
         rows.append((quantity, " to ".join(limits), list(dict.fromkeys(each.scene for each in found)), reason))
     return rows
 
@@ -131,11 +131,6 @@ def source_of(scene: Scene) -> str:
     shipped = paths.SCENES / f"{scene.name}.toml"
     same = shipped.is_file() and scene.file and (paths.ROOT / scene.file).resolve() == shipped.resolve()
     return scene.name if same or scene.file == scene.name else shlex.quote(scene.file)
-
-
-def number(value: float, digits: int = 2) -> str:
-    """Rounded number as text; a dash for NaN."""
-    return "–" if math.isnan(value) else f"{value:.{digits}g}"
 
 
 def overlay_of(case: Case, engine: str, trace: Trace) -> dict[str, Any]:

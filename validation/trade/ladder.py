@@ -25,7 +25,7 @@ from drivers.run.execute import execute
 from postproc.paper.simulate import case_of
 from postproc.read.observables import of_kind
 from validation.accuracy.costs import cost_on
-from validation.accuracy.exact_motion import ENERGY, ExactMotion, errors_of, exact_motion_of, momentum_error
+from validation.accuracy.exact_motion import ENERGY, MOMENTUM, ExactMotion, errors_of, exact_motion_of
 from validation.chapters import ADAPTIVE, DONE, NOT_RUN, ORDER_4
 from validation.reference.adaptive import MIN_TOLERANCE, integrate_adaptive
 from validation.reference.symplectic import integrate_symplectic
@@ -211,9 +211,9 @@ def errors_by_group(case: Case, trace: Trace, exact_motion: ExactMotion) -> dict
         "speed": of_kind(exact_motion.true, "speed"),
         "width": [name for name in of_kind(exact_motion.true, "width") if name.endswith("_4pct")],
     }
-    found = errors_of(case, trace, exact_motion, (FORCE, ENERGY, *chain(*groups.values())))
-    errors = {name: found[name] for name in (FORCE, ENERGY)}
-    errors["momentum"] = momentum_error(case, trace, exact_motion)
+    single = (FORCE, ENERGY, MOMENTUM)
+    found = errors_of(case, trace, exact_motion, (*single, *chain(*groups.values())))
+    errors = {name: found[name] for name in single}
     return errors | {group: max((found[name] for name in names), default=nan) for group, names in groups.items()}
 
 
