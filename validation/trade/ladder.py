@@ -103,14 +103,10 @@ def rungs_of(scene: str, code_shares: Sequence[float]) -> Iterator[Rung]:
     for share in SHARES:
         case = at_step(base, share, stable_s)
         for method in (*(installed_codes() if share in code_shares else ()), VERLET, ORDER_4):
-            yield Rung(scene, method, case, share, expected_loop_s(method, case))
+            forces = FORCES_OF_ORDER_4 if method == ORDER_4 else 1
+            yield Rung(scene, method, case, share, forces * cost_on(PROCESS.get(method, method)).loop_s(case))
     for tolerance in TOLERANCES:
         yield Rung(scene, ADAPTIVE, base, tolerance, cost_on(REFERENCE).loop_s(base))
-
-
-def expected_loop_s(method: str, case: Case) -> float:
-    """Expected seconds of a fixed-step loop."""
-    return FORCES_OF_ORDER_4 * cost_on(VERLET).loop_s(case) if method == ORDER_4 else cost_on(method).loop_s(case)
 
 
 def at_step(case: Case, share: float, stable_s: float) -> Case:
