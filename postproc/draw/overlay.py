@@ -100,12 +100,13 @@ def misfit_rows(found: Sequence[Misfit]) -> list[tuple[str, ...]]:
     """Rows of the printed table, with a dash for missing values."""
     return [
         (
-            each.name, each.source, _number(each.measured, 5), _number(each.error, 2), _number(each.computed, 5),
-            _number(each.difference, 3), _number(each.errors_off, 2),
+            each.name, each.source, number(each.measured, 5), number(each.error, 2), number(each.computed, 5),
+            number(each.difference, 3), number(each.errors_off, 2),
         )
         for each in found
     ]  # fmt: skip
 
 
-def _number(value: float, digits: int) -> str:
+def number(value: float, digits: int) -> str:
+    """Rounded number as text; a dash for NaN."""
     return "–" if isnan(value) else f"{value:.{digits}g}"

@@ -12,6 +12,7 @@ from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE
 from postproc.draw.style import GREY, MICRO, drawing_order, grey_of, letter_panel, pyplot
+from postproc.paper.simulate import Simulation
 from postproc.read.residual import residual
 from postproc.read.sensors import sensor_signals
 
@@ -47,7 +48,7 @@ class ForcePanel:
 
 
 def draw_panel(
-    figure: Any, cell: Any, panel: ForcePanel, layout: Layout, traces: Mapping[str, Trace]
+    figure: Any, cell: Any, panel: ForcePanel, found: Mapping[str, Simulation]
 ) -> tuple[dict[str, Any], pd.DataFrame]:
     """Stacked gauge forces of the reference on one scale of force, and the codes' differences from it in a strip.
 
@@ -55,13 +56,13 @@ def draw_panel(
         figure: A matplotlib figure.
         cell: Cell of the figure's grid.
         panel: Title and style of the panel.
-        layout: Layout of the chain.
-        traces: Traces by engine, with equal sample times.
+        found: Simulations of a case by engine.
 
     Returns:
         Axes by gauge in the order in which a wave meets them, then the axes of the strip; table of all drawn numbers.
     """
-    signals = {engine: sensor_signals(layout, trace) for engine, trace in traces.items()}
+    traces = {engine: one.trace for engine, one in found.items()}
+    signals = {engine: sensor_signals(one.case.layout, one.trace) for engine, one in found.items()}
     names = panel.gauges or tuple(signals[REFERENCE])
     step_N, time_us = panel.step_N, traces[REFERENCE].time_s * MICRO
     limits = [(-ROOM * step_N, float(signals[REFERENCE][name].max()) + panel.room * step_N) for name in names]

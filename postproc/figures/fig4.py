@@ -44,12 +44,11 @@ def make(runs: Path) -> Product:
     figure = pyplot().figure(figsize=(PAGE_IN, 4.4), layout="constrained")
     durations = [case.scene.run.duration for case in cases]  # same time scale in both panels
     grid, tables, chains = figure.add_gridspec(1, 2, width_ratios=durations), [], {}
-    for place, (case, panel, own) in enumerate(zip(cases, PANELS, found, strict=True)):
-        traces = {engine: one.trace for engine, one in own.items()}
-        axes, drawn = draw_panel(figure, grid[place], panel, case.layout, traces)
+    for place, (panel, own) in enumerate(zip(PANELS, found, strict=True)):
+        axes, drawn = draw_panel(figure, grid[place], panel, own)
         marks = _draw_quoted(figure, axes, own[REFERENCE]) if panel.letter == "a" else pd.DataFrame()
         tables.append(pd.concat([drawn, marks, _numbers(own)]).assign(panel=panel.letter))
-        chains[f"({panel.letter}) {panel.words}"] = traces[REFERENCE]
+        chains[f"({panel.letter}) {panel.words}"] = own[REFERENCE].trace
     name_codes(figure, axes[STRIP])
     return Product(figure, pd.concat(tables, ignore_index=True), chains)
 

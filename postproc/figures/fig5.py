@@ -70,12 +70,11 @@ def make(runs: Path) -> Product:
     figure = pyplot().figure(figsize=(PAGE_IN, 3.0), layout="constrained")
     grid, tables, chains, walls = figure.add_gridspec(1, 3, width_ratios=[1.15, 1.15, 1]), [], {}, []
     rates = paper.fig5_measured_envelope_per_us, paper.fig5_computed_envelope_per_us
-    for place, (case, panel, rate) in enumerate(zip(cases, PANELS, rates, strict=True)):
-        traces = {engine: one.trace for engine, one in found[place].items()}
-        axes, drawn = draw_panel(figure, grid[place], panel, case.layout, traces)
+    for place, (panel, rate) in enumerate(zip(PANELS, rates, strict=True)):
+        axes, drawn = draw_panel(figure, grid[place], panel, found[place])
         lines = _draw_envelopes(axes[WALL], shapes[place][REFERENCE], rate)
         tables.append(pd.concat([drawn, lines, _envelopes(shapes[place], rate)]).assign(panel=panel.letter))
-        chains[f"({panel.letter}) {panel.words}"] = traces[REFERENCE]
+        chains[f"({panel.letter}) {panel.words}"] = found[place][REFERENCE].trace
         walls.append(axes[WALL])
     walls[0].set_ylim(walls[1].get_ylim())  # same scale of force
     entrance = figure.add_subplot(grid[2])

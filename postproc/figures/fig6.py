@@ -44,15 +44,13 @@ def make(runs: Path) -> Product:
     found = simulate(cases, runs)
     figure = pyplot().figure(figsize=(PAGE_IN, 4.8), layout="constrained")
     grid, tables, chains = figure.add_gridspec(2, 2), [], {}
-    cells = [grid[row, column] for row in range(2) for column in range(2)]
-    for case, panel, cell, own in zip(cases, PANELS, cells, found, strict=True):
-        traces = {engine: one.trace for engine, one in own.items()}
-        axes, drawn = draw_panel(figure, cell, panel, case.layout, traces)
+    for place, (panel, own) in enumerate(zip(PANELS, found, strict=True)):
+        axes, drawn = draw_panel(figure, grid[place], panel, own)
         for peak, words in zip(_first_maxima(own[REFERENCE]), DESCRIPTIONS.get(panel.letter, ("", "")), strict=True):
             look = {"color": QUOTED["color"], "fontsize": 7}
             axes["wall"].annotate(words, (peak.time_s * MICRO, peak.value), (6, 2), textcoords="offset points", **look)
         tables.append(pd.concat([drawn, _numbers(own)]).assign(panel=panel.letter))
-        chains[f"({panel.letter}) {panel.words}"] = traces[REFERENCE]
+        chains[f"({panel.letter}) {panel.words}"] = own[REFERENCE].trace
     name_codes(figure, axes[STRIP])
     return Product(figure, pd.concat(tables, ignore_index=True), chains)
 

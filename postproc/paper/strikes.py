@@ -176,9 +176,10 @@ def solve_table1(runs: Path, *settings: str) -> pd.DataFrame:
     return _table1({REFERENCE: exact_ones} | solved)
 
 
-def exact_table1(amplitude: Amplitude, *settings: str) -> pd.DataFrame:
-    """Table 1 by the reference alone, with one of the ``READINGS`` of the amplitude."""
-    return _table1({REFERENCE: [strike_for(force, amplitude, *settings) for force in quoted().table1.force_N]})
+@cache
+def exact_table1(setting: str, force_is: str) -> pd.DataFrame:
+    """Table 1 by the reference alone, for a setting of its scene and one of the ``READINGS`` of its force."""
+    return _table1({REFERENCE: [strike_for(force, READINGS[force_is], setting) for force in quoted().table1.force_N]})
 
 
 def _table1(solved: Mapping[str, Sequence[Simulation]]) -> pd.DataFrame:

@@ -7,7 +7,6 @@ import numpy as np
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.chain.chain import Chain, build_chain
-from drivers.chain.lateral_start import with_lateral
 from drivers.chain.trace import Trace
 from drivers.run.run_folder import EndedRun
 from drivers.scene.model import Scene
@@ -22,7 +21,11 @@ def chain_of(run: EndedRun) -> tuple[Scene, Chain]:
     """
     try:
         scene = stored_scene(run.record.scene)
-        chain = with_lateral(scene, build_chain(scene))
+        chain = build_chain(scene)
+        if scene.three_dimensional:
+            from drivers.chain.lateral_start import with_lateral  # imports scipy
+
+            chain = with_lateral(scene, chain)
         if not np.isfinite([*chain.mass_kg, *chain.stiffness, *chain.velocity_m_s, *chain.load_N]).all():
             raise ValueError("masses, stiffnesses, velocities or loads that are no numbers")
     except (TypeError, LookupError, AttributeError, ValueError, ArithmeticError) as error:

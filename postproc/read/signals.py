@@ -149,8 +149,7 @@ def integral(time_s: Array, values: Array) -> Array:
         return np.concatenate([[0.0], np.cumsum(steps)])
     first, middle, last = FIRST_INTERVALS @ values[:6], MIDDLE_INTERVAL, FIRST_INTERVALS @ values[:-7:-1]
     steps = np.concatenate([first, np.convolve(values, middle, mode="valid"), last[::-1]])
-    spacing = (time_s[-1] - time_s[0]) / (len(time_s) - 1)
-    return np.asarray(np.concatenate([[0.0], np.cumsum(steps)]) * spacing)
+    return np.asarray(np.concatenate([[0.0], np.cumsum(steps)]) * _spacing(time_s))
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,6 @@
 """Assessment of a run: gauge signals, error budget, accuracy reached, and warnings."""
 
 import math
-from typing import Any
 
 from drivers.chain.case import Case
 from drivers.limits.stable_step import predicted_limit
@@ -17,11 +16,6 @@ def assess(ended: EndedRun, case: Case) -> EndedRun:
     """
     if not ended.done or (ended.record.error_budget is not None and ended.has_sensors):
         return ended
-    return ended.with_sensors(signals_csv(case.layout, ended.trace), **_errors(case, ended))
-
-
-def _errors(case: Case, ended: EndedRun) -> dict[str, Any]:
-    """Fields of the record: error budget, requested and measured accuracy, warnings."""
     budget, accuracy = kept_budget(case, ended), None
     if plan := case.plan:
         measured = {check.quantity: check.value for check in budget.checks}
@@ -30,12 +24,13 @@ def _errors(case: Case, ended: EndedRun) -> dict[str, Any]:
             for name, share in plan.asked.items()
         }
     limit = predicted_limit(case.chain, float(case.sample_times_s[-1]))
-    return {
-        "error_budget": budget.rows,
-        "error_note": budget.note,
-        "exact_to": budget.exact_to,
-        "exact_until_s": budget.exact_until_s,
-        "warnings": budget.warnings,
-        "step_limit_s": limit if math.isfinite(limit) else None,
-        "accuracy": accuracy,
-    }
+    return ended.with_sensors(
+        signals_csv(case.layout, ended.trace),
+        error_budget=budget.rows,
+        error_note=budget.note,
+        exact_to=budget.exact_to,
+        exact_until_s=budget.exact_until_s,
+        warnings=budget.warnings,
+        step_limit_s=limit if math.isfinite(limit) else None,
+        accuracy=accuracy,
+    )

@@ -40,7 +40,7 @@ from postproc.read.observables import of_kind, scale_of
 from postproc.read.residual import is_at_rest, share_of_change, static_load_remark
 from validation.accuracy.exact_motion import errors_of, quantities
 from validation.accuracy.measured_law import SIGNIFICANCE, measure_law
-from validation.accuracy.motions import FIELDS, HORIZON, Motions, motions_of, predicted_error
+from validation.accuracy.motions import FIELDS, HORIZON, Motions, judged_until, motions_of, predicted_error
 from validation.checks import FAIL, Check, judged, worst_of
 
 AT_REST_NOTE = "nothing moves: errors are relative to the largest force"
@@ -234,7 +234,8 @@ def _error_checks(case: Case, engine: str, trace: Trace, rows: list[dict[str, An
             where = "to the end of the run"
             yield judged(case.scene.name, engine, f"{ERROR}: {name}", max(error, known), limit, where)
         return
-    end = until_known(motions) if rows else ""
+    what = "the error of the exact motion" if motions.straight else "rounding alone"
+    end = judged_until(case, motions.known, f"{what} exceeds {HORIZON:g}") if rows else ""
     whole = {row["quantity"]: row for row in rows}
     ceilings = {FORCE: ("truncation", FORCE), "energy": ("energy", "drift")}
     for quantity, ceiling in ceilings.items() if rows else ():
@@ -248,15 +249,6 @@ def _error_checks(case: Case, engine: str, trace: Trace, rows: list[dict[str, An
         ]
         if worst := worst_of(found):
             yield worst
-
-
-def until_known(motions: Motions) -> str:
-    """End of a sentence: until when the exact motion is known; empty if to the end."""
-    if motions.known >= motions.case.scene.samples:
-        return ""
-    until_us = motions.case.sample_times_s[motions.known] * 1e6
-    what = "the error of the exact motion" if motions.straight else "rounding alone"
-    return f"; judged until {until_us:g} µs, where {what} exceeds {HORIZON:g}"
 
 
 def first_departure(case: Case, engine: str, trace: Trace) -> str:

@@ -4,6 +4,7 @@ Quantities are named like observables, without the unit: ``wall_peak``, ``bead_9
 
 * ``force``: largest difference over all contacts and sample times, over the largest change of force;
 * ``energy``: largest change over the largest kinetic energy; with damping the largest difference from the exact motion;
+* ``momentum``: largest difference over the largest momentum;
 * peaks, later ones too: relative to the true value minus the static load;
 * all others: relative to the true value.
 """
@@ -23,7 +24,7 @@ from postproc.read.observables import describe, observe, scale_of, without_unit
 from postproc.read.residual import largest_change_N, largest_kinetic_J, residual, share_of_change
 from validation.reference.adaptive import MIN_TOLERANCE
 
-ENERGY = "energy"
+ENERGY, MOMENTUM = "energy", "momentum"
 SAMPLE_FACTOR = 4  # factor of samples for true values: of smooth forces quintic interpolation leaves 4^-6 of the error
 TRUE_SHARE = 0.05  # of the sampling error, for the error of the true value itself
 LEAST_SAMPLING = 1e-9  # relative sampling error that is taken as it is
@@ -91,8 +92,31 @@ class ExactMotion:
 
     @cached_property
     def error_N(self) -> Array:
-        """Largest force error of the exact motion until each sample, in N; see ``own_error_N``. Shape (samples,)."""
-        return own_error_N(self.case, self.trace, self.tolerance)
+        """Measured force error of the exact motion, largest until each sample, in N. Shape (samples,).
+
+        While differences are small enough to grow linearly: the difference from a motion with ``ROUGH_FACTOR`` times
+        the tolerance, divided by that factor. In a chaotic motion, and at the tightest tolerances, where rounding
+        errors do not shrink with the tolerance: at least the difference from a motion with ``NEAR_FACTOR`` times the
+        tolerance. On 27 random scenes with light beads and flat strikers and on a chaotic one of 121 bodies the
+        estimate is 1/12 to 30 times the true error, mostly 1/2 to 3 times. At the tightest tolerance on 107 random
+        scenes it is at least 0.4 times the true error, and at least the true error where that exceeds 1e-13 of the
+        largest change: no smaller error is stated.
+
+        Raises:
+            ArithmeticError: the integrator fails.
+        """
+        exact = self.trace
+
+        def apart(factor: float) -> Array:
+            other = exact_of(self.case, min(factor * self.tolerance, COARSE_ERROR))
+            return np.asarray(np.maximum.accumulate(np.abs(other.force_N - exact.force_N).max(axis=1)))
+
+        rough = apart(ROUGH_FACTOR)
+        linear = share_of_change(rough, exact) < LINEAR_SHARE
+        error = np.maximum(np.where(linear, rough / ROUGH_FACTOR, 0.0), LEAST_ERROR * largest_change_N(exact.force_N))
+        if self.tolerance < ROUNDED_TOLERANCE or not linear.all():
+            error = np.maximum(error, apart(NEAR_FACTOR))
+        return np.asarray(np.maximum.accumulate(error))
 
     def first(self, samples: int) -> "ExactMotion":
         """The first samples of the motion."""
@@ -113,32 +137,6 @@ def exact_motion_of(case: Case, tolerance: float = MIN_TOLERANCE, *, finer: bool
         return ExactMotion(case, fine, fine, tolerance)
     samples = replace(part_of(fine, slice(None, None, factor)), time_s=case.sample_times_s)
     return ExactMotion(case, samples, fine, tolerance)
-
-
-def own_error_N(case: Case, exact: Trace, tolerance: float) -> Array:
-    """Measured force error of an exact motion, largest until each sample, in N. Shape (samples,).
-
-    While differences are small enough to grow linearly: the difference from a motion with ``ROUGH_FACTOR`` times the
-    tolerance, divided by that factor. In a chaotic motion, and at the tightest tolerances, where rounding errors do not
-    shrink with the tolerance: at least the difference from a motion with ``NEAR_FACTOR`` times the tolerance. On 27
-    random scenes with light beads and flat strikers and on a chaotic one of 121 bodies the estimate is 1/12 to 30 times
-    the true error, mostly 1/2 to 3 times. At the tightest tolerance on 107 random scenes it is at least 0.4 times the
-    true error, and at least the true error where that exceeds 1e-13 of the largest change: no smaller error is stated.
-
-    Raises:
-        ArithmeticError: the integrator fails.
-    """
-
-    def apart(factor: float) -> Array:
-        other = exact_of(case, min(factor * tolerance, COARSE_ERROR))
-        return np.asarray(np.maximum.accumulate(np.abs(other.force_N - exact.force_N).max(axis=1)))
-
-    rough = apart(ROUGH_FACTOR)
-    linear = share_of_change(rough, exact) < LINEAR_SHARE
-    error = np.maximum(np.where(linear, rough / ROUGH_FACTOR, 0.0), LEAST_ERROR * largest_change_N(exact.force_N))
-    if tolerance < ROUNDED_TOLERANCE or not linear.all():
-        error = np.maximum(error, apart(NEAR_FACTOR))
-    return np.asarray(np.maximum.accumulate(error))
 
 
 def quantities(case: Case, trace: Trace) -> dict[str, float]:
@@ -162,12 +160,9 @@ def errors_of(case: Case, trace: Trace, truth: ExactMotion, names: Collection[st
             right_J = truth.trace.total_energy_J if case.chain.damped else trace.total_energy_J[0]
             errors[name] = float(np.abs(trace.total_energy_J - right_J).max())
             errors[name] /= largest_kinetic_J(case.chain, truth.trace)
+        elif name == MOMENTUM:
+            scale = max(float(np.abs(truth.trace.momentum_N_s).max()), moving_at_start(case.chain)) or 1.0
+            errors[name] = float(np.abs(trace.momentum_N_s - truth.trace.momentum_N_s).max()) / scale
         else:
             errors[name] = abs(seen.get(name, np.inf) - truth.true[name]) / scale_of(name, truth.true)
     return {name: error if np.isfinite(error) else np.inf for name, error in errors.items()}
-
-
-def momentum_error(case: Case, trace: Trace, truth: ExactMotion) -> float:
-    """Largest difference of momentum over the largest momentum."""
-    scale = max(float(np.abs(truth.trace.momentum_N_s).max()), moving_at_start(case.chain)) or 1.0
-    return float(np.abs(trace.momentum_N_s - truth.trace.momentum_N_s).max()) / scale

@@ -234,11 +234,14 @@ class Motions:
 
     @property
     def until_horizon(self) -> str:
-        """End of a sentence: until when differences are judged, and why; empty if to the end."""
-        if self.samples >= self.case.scene.samples:
-            return ""
-        until_us = self.case.sample_times_s[self.samples] * 1e6
-        return f"; judged until {until_us:g} µs, where rounding alone explains differences of {AGREEMENT:g}"
+        """End of a sentence: until when differences from a scheme are judged, and why; empty if to the end."""
+        return judged_until(self.case, self.samples, f"rounding alone explains differences of {AGREEMENT:g}")
+
+
+def judged_until(case: Case, samples: int, why: str) -> str:
+    """End of a sentence: until when a run is judged, and why; empty if to the end."""
+    all_of_it = samples >= case.scene.samples
+    return "" if all_of_it else f"; judged until {case.sample_times_s[samples] * 1e6:g} µs, where {why}"
 
 
 def force_tolerance(case: Case) -> str:

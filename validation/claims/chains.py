@@ -9,7 +9,7 @@ from drivers.base.errors import InputError
 from drivers.chain.case import Case
 from postproc.paper import theory
 from postproc.paper.simulate import Simulation, case_of
-from postproc.paper.strikes import READINGS, exact_table1, sensor_amplitude, strike_for, striker_speed
+from postproc.paper.strikes import sensor_amplitude, strike_for, striker_speed
 from postproc.read.signals import Peak, envelope, peaks
 
 Run = Callable[[Case], Simulation]
@@ -66,12 +66,6 @@ def ptfe_beads() -> theory.Particles:
 def rate_through(train: list[Peak], maxima: float) -> float:
     """Rate of the exponential through a train's first maxima, per microsecond."""
     return envelope(train[: round(maxima)]).rate_per_s / MICRO
-
-
-@cache
-def exact_solutions(setting: str, force_is: str) -> pd.DataFrame:
-    """Table 1 by the reference."""
-    return exact_table1(READINGS[force_is], setting)
 
 
 def ratio_of(values: Mapping[str, float], observable: str, over: str) -> float:

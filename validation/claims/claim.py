@@ -155,10 +155,9 @@ def _check_arguments(claim: Claim, arguments: Arguments, where: str) -> None:
     if amplitude is not None and amplitude not in amplitudes:
         allowed = ", ".join(f"{each:g}" for each in amplitudes)
         raise InputError(where, f"{key}: arguments.force_N", str(amplitude), allowed)
-    given = parameters_of(function) & {"run", "table"}  # passed by the study
     try:
         if function:
-            inspect.signature(function).bind(*given, **arguments)
+            inspect.signature(function).bind(*given_to(claim), **arguments)
     except TypeError as error:
         raise InputError(where, f"{key}: arguments", str(error), f"the arguments of {claim.compute}") from error
 
@@ -171,6 +170,7 @@ def function_of(claim: Claim) -> Callable[..., Any] | None:
     return function if public else None
 
 
-def parameters_of(function: Callable[..., Any] | None) -> set[str]:
-    """Names of a function's parameters; empty for None."""
-    return set(inspect.signature(function).parameters) if function else set()
+def given_to(claim: Claim) -> set[str]:
+    """Arguments that the study passes to a claim's function: ``run``, ``table`` or none."""
+    function = function_of(claim)
+    return set(inspect.signature(function).parameters) & {"run", "table"} if function else set()

@@ -14,7 +14,7 @@ from typing import Any
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.engines import REFERENCE, in_order
-from validation.chapters import Chapter, Options, Tables, rows_in
+from validation.chapters import Chapter, Tables, rows_in
 from validation.checks import FAIL, Check, table
 from validation.claims.claim import KINDS, Claim, read_claims
 from validation.claims.judged import (
@@ -32,15 +32,6 @@ from validation.claims.judged import (
 RELATIONS = {"equals": "", "at most": "≤ ", "at least": "≥ "}
 
 
-def measure(options: Options) -> dict[str, list[Check]]:
-    """Checks of all claims and of their readings.
-
-    Raises:
-        RunError: a run failed.
-    """
-    return {"claims": judge_all(options.runs)}
-
-
 def checks_in(tables: Tables) -> list[tuple[Claim, list[Check]]]:
     """Claims of ``inputs/paper/claims.toml`` with their checks.
 
@@ -55,9 +46,7 @@ def checks_in(tables: Tables) -> list[tuple[Claim, list[Check]]]:
     for claim, checks in judged:
         known = {quantity_of(claim, reading) for reading in claim.readings or [claim.favoured]}
         if {check.quantity for check in checks if check.engine == REFERENCE} != known:
-            raise InputError(
-                "claims.csv", "scene", f"other claims than in {paths.shown(paths.CLAIMS)}; run make claims"
-            )
+            raise others
         for check in checks:
             verdict = check_of(claim, claim.favoured, check.engine, check.found).verdict
             if check.verdict != verdict:
@@ -127,4 +116,12 @@ def _cells(claim: Claim, checks: list[Check]) -> dict[str, Any]:
     }
 
 
-CHAPTER = Chapter("claims", "statements of the paper", {"claims": Check}, measure, sentences, section, judge=judge)
+CHAPTER = Chapter(
+    name="claims",
+    title="statements of the paper",
+    tables={"claims": Check},
+    measure=lambda options: {"claims": judge_all(options.runs)},
+    sentences=sentences,
+    section=section,
+    judge=judge,
+)

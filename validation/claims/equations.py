@@ -111,25 +111,23 @@ def sound_coefficient() -> float:
 
 def weak_limit() -> float:
     """Eq. (4) over c_0 for a wave of 1e-4 of the static force."""
-    p = ptfe_beads()
-    return theory.precompressed_speed(p, (1 + 1e-4) * STATIC_N, STATIC_N) / theory.sound_speed(p, STATIC_N)
+    return _eq4(1 + 1e-4) / theory.sound_speed(ptfe_beads(), STATIC_N)
 
 
 def strong_limit() -> float:
     """Eq. (4) over Eq. (3) for a wave of 1e12 times the static force."""
-    p = ptfe_beads()
-    return theory.precompressed_speed(p, 1e12 * STATIC_N, STATIC_N) / theory.speed_from_force(p, 1e12 * STATIC_N)
+    return _eq4(1e12) / theory.speed_from_force(ptfe_beads(), 1e12 * STATIC_N)
+
+
+def _eq4(force_over_static: float) -> float:
+    """Speed of Eq. (4) in m/s for a peak force, static part included, over the static force."""
+    return theory.precompressed_speed(ptfe_beads(), force_over_static * STATIC_N, STATIC_N)
 
 
 def precompressed_discrete() -> float:
     """Largest deviation of Eq. (4) from the exact wave of the discrete chain, for 0.1 to 1e4 static forces."""
-    p = ptfe_beads()
-    found = []
-    for amplitude in SWEPT_AMPLITUDES:
-        wave = _wave(amplitude)
-        long_wave = theory.precompressed_speed(p, (1 + amplitude) * STATIC_N, STATIC_N)
-        found.append(abs(long_wave / (wave.speed * p.diameter_m) - 1))
-    return max(found)
+    diameter_m = ptfe_beads().diameter_m
+    return max(abs(_eq4(1 + each) / (_wave(each).speed * diameter_m) - 1) for each in SWEPT_AMPLITUDES)
 
 
 def sensor_share() -> float:
@@ -218,11 +216,7 @@ def weakly_nonlinear() -> float:
 
 def narrow_interval() -> float:
     """Largest change of the speed of Eq. (4) for a tenth more relative amplitude, from 2 to 1000, per cent."""
-    p, found = ptfe_beads(), []
-    for f in (2.0, 10.0, 100.0, 1000.0):
-        speeds = [theory.precompressed_speed(p, each * STATIC_N, STATIC_N) for each in (f, 1.1 * f)]
-        found.append(100 * (speeds[1] / speeds[0] - 1))
-    return max(found)
+    return max(100 * (_eq4(1.1 * f) / _eq4(f) - 1) for f in (2.0, 10.0, 100.0, 1000.0))
 
 
 def face_average() -> float:

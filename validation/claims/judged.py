@@ -1,7 +1,7 @@
 """Judged claims: each computed on the engines that its function takes, in the favoured reading."""
 
 import inspect
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -13,10 +13,9 @@ from drivers.chain.case import Case
 from drivers.engines import REFERENCE
 from drivers.run.execute import side_by_side
 from postproc.paper.simulate import Simulation, exact, run_codes_on
-from postproc.paper.strikes import READINGS, sensor_amplitude, solve_table1
+from postproc.paper.strikes import READINGS, exact_table1, sensor_amplitude, solve_table1
 from validation.checks import Check
-from validation.claims.chains import exact_solutions
-from validation.claims.claim import Claim, Reading, function_of, parameters_of, read_claims
+from validation.claims.claim import Claim, Reading, function_of, given_to, read_claims
 
 REPRODUCED, DIFFERS = "reproduced", "differs"
 
@@ -73,49 +72,40 @@ def judge_all(runs: Path = paths.RUNS) -> list[Check]:
     @cache
     def solved(setting: str, force_is: str) -> pd.DataFrame:
         if READINGS[force_is] is not sensor_amplitude:
-            return exact_solutions(setting, force_is)
+            return exact_table1(setting, force_is)
         return solve_table1(runs, setting)
-
-    def takes(claim: Claim) -> set[str]:
-        return parameters_of(function_of(claim)) & {"run", "table"}
 
     def noted(case: Case) -> Simulation:
         asked[_key(case)] = case
         return exact(case)
 
-    def values_with(name: str, given: Any) -> dict[str, Any]:
-        """Values of claims whose functions take ``run``, or ``table``."""
-        taking = (claim for claim in claims if name in takes(claim))
-        return {claim.id: _call(claim, claim.favoured, **{name: given}) for claim in taking}
-
-    def others() -> tuple[dict[str, Any], list[Check]]:
-        """Values of claims that take neither, and the other readings of all claims by the reference."""
-        rest = {claim.id: {REFERENCE: _call(claim, claim.favoured)} for claim in claims if not takes(claim)}
-        return rest, [check for claim in claims for check in _other_readings(claim)]
+    def values_with(**given: Any) -> dict[str, Any]:
+        """Values of claims whose functions take just these of ``run`` and ``table``."""
+        return {claim.id: _call(claim, claim.favoured, **given) for claim in claims if given_to(claim) == set(given)}
 
     def on_codes() -> dict[str, dict[str, Any]]:
         """Values by code of the claims on simulated chains."""
-        return {
-            code: values_with("run", partial(_done, dict(zip(asked, simulations, strict=True))))
-            for code, simulations in run_codes_on([*asked.values()], runs).items()
-        }
+        values = {}
+        for code, simulations in run_codes_on([*asked.values()], runs).items():
+            done = dict(zip(asked, simulations, strict=True))
+            values[code] = values_with(run=lambda case, done=done: done[_key(case)])
+        return values
 
-    first: dict[str, Any] = {"table": partial(values_with, "table", solved), "run": partial(values_with, "run", noted)}
+    def others() -> tuple[dict[str, Any], list[Check]]:
+        """Values of claims that take neither, and the other readings of all claims by the reference."""
+        return values_with(), [check for claim in claims for check in _other_readings(claim)]
+
+    first: dict[str, Any] = {"table": partial(values_with, table=solved), "run": partial(values_with, run=noted)}
     second: dict[str, Any] = {"codes": on_codes, "others": others}
     done = dict(side_by_side(first)) | dict(side_by_side(second))
-    computed, found, (rest, readings) = done["table"], {REFERENCE: done["run"]} | done["codes"], done["others"]
-    simulated = {name: {engine: float(own[name]) for engine, own in found.items()} for name in found[REFERENCE]}
-    values = computed | rest | simulated
+    found, (rest, readings) = {REFERENCE: done["run"]} | done["codes"], done["others"]
+    values = done["table"] | {name: {REFERENCE: value} for name, value in rest.items()}
+    values |= {name: {engine: float(own[name]) for engine, own in found.items()} for name in found[REFERENCE]}
     checks = []
     for claim in claims:
         checks += [check_of(claim, claim.favoured, engine, value) for engine, value in values[claim.id].items()]
         checks += [check for check in readings if check.scene == claim.id]
     return checks
-
-
-def _done(done: Mapping[str, Simulation], case: Case) -> Simulation:
-    """Finished simulation of a case."""
-    return done[_key(case)]
 
 
 def _key(case: Case) -> str:
@@ -127,7 +117,7 @@ def _call(claim: Claim, reading: Reading, **given: Any) -> Any:
     """Result of the claim's function for one reading, with ``run`` or ``table`` if it takes them."""
     function = function_of(claim)
     assert function is not None
-    taken = {name: each for name, each in given.items() if name in parameters_of(function)}
+    taken = {name: each for name, each in given.items() if name in given_to(claim)}
     return function(**taken, **(claim.arguments | reading.arguments))
 
 
@@ -135,7 +125,7 @@ def _other_readings(claim: Claim) -> Iterator[Check]:
     """Readings that the text does not favour, by the reference."""
     for reading in claim.readings:
         if not reading.favoured:
-            value = _call(claim, reading, run=exact, table=exact_solutions)
+            value = _call(claim, reading, run=exact, table=exact_table1)
             value = value[REFERENCE] if isinstance(value, dict) else float(value)
             yield check_of(claim, reading, REFERENCE, value)
 

@@ -17,11 +17,6 @@ if TYPE_CHECKING:
 AUTO = "auto"  # instead of an engine's name: the cheapest engine that can model the scene
 
 
-def _names(text: str) -> tuple[str, ...]:
-    """Names that are separated by commas."""
-    return tuple(name.strip() for name in text.split(",")) if text else ()
-
-
 @command("fig4 --engine yade", "fig4 --engine auto", "fig4 --set chain.count=60 --set run.time_step='50 ns'")
 @options.SCENE
 @options.SETTINGS
@@ -221,7 +216,7 @@ def compare(
 @click.option(
     "--quoted",
     metavar="SET,...",
-    type=_names,
+    type=lambda text: tuple(name.strip() for name in text.split(",")) if text else (),
     default="",
     help="Fit to data that the paper quotes: sets of inputs/calibration.toml, such as fig4,table1.",
 )

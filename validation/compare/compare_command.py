@@ -11,6 +11,7 @@ from validation.accuracy.budget import BUDGET_WORDS, PARTS, printed_budget
 from validation.checks import FAIL, NOT_RUN, RUN, Check, outcome, summary, table, without_run, worst_of
 from validation.compare.answer import answer
 from validation.compare.comparison import ComparedScene, run_and_compare_all
+from validation.compare.folders import moved
 from validation.compare.selection import EngineSelection, print_unmet
 
 
@@ -60,8 +61,6 @@ def _between(compared: ComparedScene, one: str, other: str) -> list[Check]:
             check.verdict == FAIL for check in compared.checks if check.quantity == RUN and check.engine in pair
         )
         return [without_run(scene, pair, "; ".join(why), FAIL if failed else NOT_RUN)]
-    from validation.compare.folders import moved  # slow import
-
     return moved(compared.runs[one].folder, compared.runs[other].folder, scene, pair)
 
 

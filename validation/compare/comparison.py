@@ -1,6 +1,6 @@
 """Runs of scenes on all engines, judged by their error budgets."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,10 +12,12 @@ from drivers.engines import in_order, load_engine
 from drivers.limits.refusal import inability
 from drivers.run.run import refuse_all, run_many
 from drivers.run.run_folder import EndedRun
+from postproc.read.motion import trace_with_state
 from validation.accuracy.assess import assess
 from validation.accuracy.budget import first_departure, kept_budget
 from validation.accuracy.plan import planned_case
 from validation.checks import FAIL, NOT_RUN, Check, without_run
+from validation.compare.law_sentence import diagnoses_of
 from validation.compare.selection import ALL_ENGINES, EngineSelection
 
 NOT_INSTALLED, REFUSED = "not installed", "refused"  # accepted reasons for a missing run
@@ -66,8 +68,7 @@ def run_and_compare_all(
         InputError: a scene is wrong, or a run would be refused and ``unsafe`` is False.
     """
     cases = [planned_case(source, *settings) for source in sources]
-    absences = [_absences(case, asked) for case in cases]
-    pairs = list(zip(cases, absences, strict=True))
+    pairs = [(case, absences(case, asked.names)) for case in cases]
     jobs = [(case, engine) for case, absent in pairs for engine in asked.names if engine not in absent]
     refuse_all([] if unsafe else jobs)
     ended = iter(run_many(jobs, runs, by_hand=True))
@@ -75,10 +76,10 @@ def run_and_compare_all(
         yield _compared(case, {name: next(ended) for name in asked.names if name not in absent}, absent, runs)
 
 
-def _absences(case: Case, asked: EngineSelection) -> dict[str, str]:
-    """Reasons why selected engines do not run a case, by engine."""
+def absences(case: Case, engines: Iterable[str]) -> dict[str, str]:
+    """Reasons why some of these engines do not run a case, by engine."""
     absent = {}
-    for engine in asked.names:
+    for engine in engines:
         if load_engine(engine).find() is None:
             absent[engine] = NOT_INSTALLED
         elif (cannot := inability(case, engine)) is not None:
@@ -92,29 +93,14 @@ def _compared(case: Case, ended: dict[str, EndedRun], absent: dict[str, str], ru
     finished = {engine: run for engine, run in assessed.items() if run.done}
     failed = {engine: run for engine, run in assessed.items() if not run.done}
     absent = absent | {engine: f"{run.record.status}: {run.record.reason}" for engine, run in failed.items()}
-    refused = {}
-    if failed:  # slow import, rarely needed
-        from postproc.read.motion import trace_with_state
-
-        refused = {engine: trace_with_state(run) for engine, run in failed.items() if run.has_forces}
+    refused = {engine: trace_with_state(run) for engine, run in failed.items() if run.has_forces}
     budgets = {engine: kept_budget(case, run) for engine, run in finished.items()}
     checks = [*missing(case, absent), *(check for budget in budgets.values() for check in budget.checks)]
     departures = {engine: budget.departure for engine, budget in budgets.items()}
     departures |= {engine: first_departure(case, engine, part) for engine, part in refused.items()}
-    diagnoses = {}
-    if any(check.verdict == FAIL for check in checks):  # slow import, rarely needed
-        from validation.compare.law_sentence import diagnoses_of
-
-        diagnoses = diagnoses_of(case, checks, finished, refused, runs)
-    return ComparedScene(
-        case,
-        finished,
-        absent,
-        checks,
-        {engine: departures[engine] for engine in in_order(departures) if departures[engine]},
-        diagnoses,
-        refused,
-    )
+    departures = {engine: departures[engine] for engine in in_order(departures) if departures[engine]}
+    diagnoses = diagnoses_of(case, checks, finished, refused, runs)
+    return ComparedScene(case, finished, absent, checks, departures, diagnoses, refused)
 
 
 def missing(case: Case, absent: dict[str, str]) -> list[Check]:

@@ -40,6 +40,7 @@ from validation.accuracy.budget import (
 )
 from validation.accuracy.motions import FIELDS, Motions, force_tolerance, motions_of
 from validation.checks import FAIL, Check, judged, table
+from validation.compare.law_sentence import law_sentence
 
 KINDS = ("peak", "later peak", "speed")  # of judged observables
 # of the largest change: rounding, horizon, coarse steps, experiments
@@ -297,8 +298,6 @@ def _times(pair: Pair) -> Iterator[str]:
         if departure := first_departure(paired.case, paired.engine, paired.trace):
             yield f"{name:<7} {departure}"
             if paired.run.has_state:
-                from validation.compare.law_sentence import law_sentence  # slow import, rarely needed
-
                 yield f"{name:<7} {law_sentence(paired.case, paired.engine, trace_with_state(paired.run))}"
 
 

@@ -79,7 +79,7 @@ def measure(options: Options) -> dict[str, Any]:
     tube = case_of(f"{scenes[0].name}-tube")
     in_tubes = [name for name in codes if inability(tube, name) is None]
     fastest = min(in_tubes or [VERLET], key=lambda name: cost_on(name).run_s(tube))
-    pairs = switches.pairs_of(asked.model_copy(update={"scene": scenes}), seeds)
+    pairs = [*switches.pairs_of(asked.model_copy(update={"scene": scenes}), seeds)]
     steps = {scene.name: [*gauge_steps.add_steps(scene, seeds)] for scene in scenes}
     varied = [each for scene in scenes[:2] for each in gauge_steps.vary(scene, seeds)]
     jobs: dict[str, list[Case]] = defaultdict(list)
@@ -287,18 +287,16 @@ def section(tables: Tables) -> dict[str, Any]:
     return {
         "short": not {scene.name for scene in read_elements().scene} <= set(effects["scene"]),
         "observables": names,
-        "effects": {scene: _rows(own, names) for scene, own in effects.groupby("scene", sort=False)},
+        "effects": {scene: [*_rows(own, names)] for scene, own in effects.groupby("scene", sort=False)},
     }
 
 
-def _rows(effects: pd.DataFrame, names: list[str]) -> list[dict[str, Any]]:
-    rows = []
+def _rows(effects: pd.DataFrame, names: list[str]) -> Iterator[dict[str, Any]]:
     for (element, engine), own in effects.groupby(["element", "engine"], sort=False):
         by_name = own.set_index("observable").reindex(names)
         cells = [_cell(change, spread) for change, spread in zip(by_name["change"], by_name["spread"], strict=True)]
         cost, ratio = f"{own['cost_ns'].iloc[0]:.3g}", f"{own['cost_ratio'].iloc[0]:.2f}"
-        rows.append({"element": element, "engine": engine, "cells": cells, "cost": cost, "ratio": ratio})
-    return rows
+        yield {"element": element, "engine": engine, "cells": cells, "cost": cost, "ratio": ratio}
 
 
 def _cell(change: float, spread: float) -> str:

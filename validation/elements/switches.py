@@ -143,15 +143,13 @@ def read_elements() -> Elements:
     return validate(Elements, read_toml(paths.ELEMENTS), paths.shown(paths.ELEMENTS))
 
 
-def pairs_of(elements: Elements, seeds: int) -> list[Variant]:
+def pairs_of(elements: Elements, seeds: int) -> Iterator[Variant]:
     """Cases without and with each element, for all scenes and seeds."""
-    pairs = []
     for subject, switch in product(elements.scene, elements.element):
         if not switch.only or subject.name in switch.only:
             count = seeds if switch.random else 1
             cases = seeded(subject, switch.without, count) + seeded(subject, switch.with_, count)
-            pairs.append(Variant(subject.name, switch.name, cases))
-    return pairs
+            yield Variant(subject.name, switch.name, cases)
 
 
 @cache

@@ -13,15 +13,14 @@ from drivers.base.tolerances import Tolerance
 from drivers.chain.case import Case
 from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import Trace
-from drivers.engines import REFERENCE, VERLET, engine_names, in_order, load_engine
-from drivers.limits.refusal import inability
+from drivers.engines import REFERENCE, VERLET, engine_names, in_order
 from drivers.run.run import refuse_all, run_many
 from drivers.run.run_folder import EndedRun
 from postproc.paper.simulate import exact
 from postproc.read.motion import trace_with_state
-from validation.chapters import Chapter, Options, Tables, rows_in
+from validation.chapters import Chapter, Tables, rows_in
 from validation.checks import FAIL, NOT_RUN, PASS, RUN, Check, judged, pass_or_fail, without_run
-from validation.compare.comparison import NOT_INSTALLED, REFUSED
+from validation.compare.comparison import absences
 from validation.independent.posed_cases import MEASURES, Expectation, Posed, pose, read_independent, unit_of
 
 IN_REPO: dict[str, Callable[[Case], Trace]] = {REFERENCE: lambda case: exact(case).trace, VERLET: verlet_of}
@@ -36,25 +35,17 @@ def judge_all(path: Path = paths.INDEPENDENT, runs: Path = paths.RUNS) -> list[C
         InputError: the file, a scene or a study is wrong, or a guard refuses a scene.
     """
     posed = [one for entry in read_independent(path) for one in pose(entry, path)]
-    absent, jobs = {}, {}
-    for one, engine in product(posed, engine_names()):
-        key = (one.entry.id, one.label, engine)
-        if load_engine(engine).find() is None:
-            absent[key] = NOT_INSTALLED
-        elif (cannot := inability(one.case, engine)) is not None:
-            absent[key] = f"{REFUSED}: {cannot}"
-        elif engine not in IN_REPO:
-            jobs[key] = (one.case, engine)
+    pairs = [*product(posed, engine_names())]
+    absent = {(one, name): why for one in posed for name, why in absences(one.case, engine_names()).items()}
+    jobs = [pair for pair in pairs if pair not in absent and pair[1] not in IN_REPO]
     # the last of equal decks is run: those that keep the state come last
-    order = sorted(jobs, key=lambda key: "state" in jobs[key][0].scene.run.record)
-    refuse_all([jobs[key] for key in order])
-    ended = dict(zip(order, run_many([jobs[key] for key in order], runs), strict=True))
+    jobs.sort(key=lambda pair: "state" in pair[0].case.scene.run.record)
+    cases = [(one.case, engine) for one, engine in jobs]
+    refuse_all(cases)
+    ended = dict(zip(jobs, run_many(cases, runs), strict=True))
     checks: list[Check] = []
-    for one, engine in product(posed, engine_names()):
-        key = (one.entry.id, one.label, engine)
-        checks += (
-            [_without(one, engine, NOT_RUN, absent[key])] if key in absent else _judged(one, engine, ended.get(key))
-        )
+    for pair in pairs:
+        checks += [_without(*pair, NOT_RUN, absent[pair])] if pair in absent else _judged(*pair, ended.get(pair))
     return checks
 
 
@@ -99,15 +90,6 @@ def _check(one: Posed, engine: str, expectation: Expectation, found: float) -> C
 
 def _without(one: Posed, engine: str, verdict: str, why: str) -> Check:
     return without_run(one.entry.id, engine, f"{one.label}: {why}" if one.label else why, verdict)
-
-
-def measure(options: Options) -> dict[str, list[Check]]:
-    """Checks of all cases.
-
-    Raises:
-        InputError: the file, a scene or a study is wrong.
-    """
-    return {"independent": judge_all(options.file, options.runs)}
 
 
 def sentences(tables: Tables) -> list[str]:
@@ -162,4 +144,11 @@ def _by_quantity(checks: Iterable[Check]) -> dict[str, dict[str, Check]]:
     return rows
 
 
-CHAPTER = Chapter("independent", "independent cases", {"independent": Check}, measure, sentences, section)
+CHAPTER = Chapter(
+    name="independent",
+    title="independent cases",
+    tables={"independent": Check},
+    measure=lambda options: {"independent": judge_all(options.file, options.runs)},
+    sentences=sentences,
+    section=section,
+)

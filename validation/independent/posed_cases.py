@@ -118,7 +118,7 @@ class Independent(Part):
     check: Annotated[tuple[Expectation, ...], Field(strict=False, min_length=1)]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Posed:
     """A case to be run, of an independent case.
 

@@ -13,6 +13,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
+import pandas as pd
 from markupsafe import Markup, escape
 
 from drivers.base import paths
@@ -25,7 +26,7 @@ from postproc.figures import captions
 from postproc.figures.table1 import printed
 from postproc.paper.strikes import READINGS
 
-TABLE, SCORED = "table1.csv", "fig3"
+TABLE, SCORED = "table1", "fig3"
 LARGE_N = 2.0  # smallest force counted among the large amplitudes of the scores
 PX_PER_PT = 1.6  # scale that makes the figures' type as large as the page's
 EXTRA_DIGITS = re.compile(r"(?<=\.\d\d)\d+")  # of a coordinate, below a hundredth of a point
@@ -91,17 +92,19 @@ def read_figures(results: Path) -> dict[str, Any]:
     Raises:
         InputError: a figure or its table is damaged.
     """
-    made, missing = [], []
-    for name, caption in captions().items():
-        if f"{name}.csv" == TABLE:
-            continue
-        if image := read_image(results / f"{name}.svg"):
-            words = {"title": caption.title, "text": set_symbols(caption.text)}
-            scores = read_scores(results) if name == SCORED else None
-            made.append({**words, "image": image, "spacetime": read_spacetime(results, name), "scores": scores})
-        else:
-            missing.append(name)
-    return {"made": made, "missing": missing}
+    images = {name: read_image(results / f"{name}.svg") for name in captions() if name != TABLE}
+    made = [
+        {
+            "title": caption.title,
+            "text": set_symbols(caption.text),
+            "image": image,
+            "spacetime": read_spacetime(results, name),
+            "scores": read_table(results, SCORED, scores_in) if name == SCORED else None,
+        }
+        for name, caption in captions().items()
+        if (image := images.get(name))
+    ]
+    return {"made": made, "missing": [name for name, image in images.items() if not image]}
 
 
 def set_symbols(caption: str) -> Markup:
@@ -114,31 +117,34 @@ def read_spacetime(results: Path, name: str) -> Image | None:
     return read_image(results / f"{name}-{SPACETIME}.svg")
 
 
-def read_scores(results: Path) -> dict[str, Any] | None:
-    """Deviation of measured from computed speeds: a row for each reading of the force and modulus; None without data.
-
-    Deviations are in per cent of the computed speed by amplitude, root mean squares in standard errors.
+def read_table(results: Path, name: str, values_in: Callable[[pd.DataFrame], Any]) -> Any:
+    """Values in the table of a figure; None without the table.
 
     Raises:
-        InputError: the figure's table is damaged.
+        InputError: the table is damaged.
     """
-    path = results / f"{SCORED}.csv"
-    if not path.exists():
-        return None
+    path, allowed = results / f"{name}.csv", f"the table that make {name} writes"
     try:
-        table = table_in(read_sealed_file(path, f"the table that make {SCORED} writes"))
-        table = table[table["source"] == "score"]
-        forces = [f"{force:g}" for force in table["force_N"].unique()]
-        rows = []
-        for reading, modulus in product(READINGS, table["modulus_MPa"].unique()):
-            own = table[(table["force_read_as"] == reading) & (table["modulus_MPa"] == modulus)]
-            large = own["force_N"] >= LARGE_N
-            rms = [np.sqrt((own["deviation_standard_errors"][which] ** 2).mean()) for which in (large, ~large)]
-            deviations = [f"{value:+.1f}" for value in own["deviation_pct"]]
-            rows.append([reading, f"{modulus:g}", *deviations, *(f"{value:.1f}" for value in rms)])
-    except (ValueError, KeyError, TypeError) as error:
-        raise InputError(paths.shown(path), "", "a damaged table", f"the table that make {SCORED} writes") from error
-    return {"forces": forces, "rows": rows, "large_N": f"{LARGE_N:g}"}
+        return values_in(table_in(read_sealed_file(path, allowed)))
+    except FileNotFoundError:
+        return None
+    except (ValueError, KeyError, TypeError) as error:  # errors of pandas are ValueErrors
+        raise InputError(paths.shown(path), "", "a damaged table", allowed) from error
+
+
+def scores_in(table: pd.DataFrame) -> dict[str, Any]:
+    """Deviation of measured from computed speeds: a row for each reading of the force and modulus.
+
+    Deviations are in per cent of the computed speed by amplitude, root mean squares in standard errors.
+    """
+    table, rows = table[table["source"] == "score"], []
+    for reading, modulus in product(READINGS, table["modulus_MPa"].unique()):
+        own = table[(table["force_read_as"] == reading) & (table["modulus_MPa"] == modulus)]
+        large = own["force_N"] >= LARGE_N
+        rms = [np.sqrt((own["deviation_standard_errors"][which] ** 2).mean()) for which in (large, ~large)]
+        deviations = [f"{value:+.1f}" for value in own["deviation_pct"]]
+        rows.append([reading, f"{modulus:g}", *deviations, *(f"{value:.1f}" for value in rms)])
+    return {"forces": [f"{force:g}" for force in table["force_N"].unique()], "rows": rows, "large_N": f"{LARGE_N:g}"}
 
 
 def read_table1(results: Path) -> dict[str, Any]:
@@ -147,18 +153,8 @@ def read_table1(results: Path) -> dict[str, Any]:
     Raises:
         InputError: the table is damaged.
     """
-    path = results / TABLE
-    if not path.exists():
+    rows = read_table(results, TABLE, lambda table: [printed(row) for row in table.to_dict("records")])
+    if rows is None:
         return {}
-    try:
-        content = read_sealed_file(path, "the table that make table1 writes")
-        rows = [printed(row) for row in table_in(content).to_dict("records")]
-    except (ValueError, KeyError, TypeError) as error:  # errors of pandas are ValueErrors
-        raise InputError(paths.shown(path), "", "a damaged table", "the table that make table1 writes") from error
-    caption = captions()["table1"]
-    return {
-        "rows": rows,
-        "title": caption.title,
-        "text": set_symbols(caption.text),
-        "spacetime": read_spacetime(results, "table1"),
-    }
+    caption, spacetime = captions()[TABLE], read_spacetime(results, TABLE)
+    return {"rows": rows, "title": caption.title, "text": set_symbols(caption.text), "spacetime": spacetime}

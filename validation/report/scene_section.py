@@ -3,7 +3,7 @@
 import math
 import shlex
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -23,9 +23,10 @@ from drivers.limits.refusal import FORCE
 from drivers.run.run_folder import RunRecord
 from drivers.scene.model import Scene
 from postproc.draw.gauge_forces import MAX_GAUGES, draw_gauge_forces, failed_label
-from postproc.draw.overlay import HEADINGS, draw_overlay, misfit_rows
+from postproc.draw.overlay import HEADINGS, draw_overlay, misfit_rows, number
 from postproc.draw.product import draw_spacetime
 from postproc.draw.style import svg_of
+from postproc.read.measured import entries_of
 from postproc.read.misfit import lay_over
 from postproc.read.observables import observe
 from postproc.read.sensors import gauges_of
@@ -98,15 +99,13 @@ def scene_row(scene: ComparedScene, runs: Path | None = None) -> ReportRow:
     return ReportRow(own.name, own.title or own.name, again, cells)
 
 
-def case_rows(independent: Mapping[str, Any]) -> list[ReportRow]:
+def case_rows(independent: Mapping[str, Any]) -> Iterator[ReportRow]:
     """Rows of the independent cases, from the section on them."""
-    rows = []
     for entry in (case["entry"] for case in independent.get("cases", [])):
         checks = [check for check in independent["checks"] if check.scene == entry.id]
         engines = in_order({check.engine for check in checks})
         cells = {engine: Cell([check for check in checks if check.engine == engine]) for engine in engines}
-        rows.append(ReportRow(entry.id, entry.title, "beads independent", cells))
-    return rows
+        yield ReportRow(entry.id, entry.title, "beads independent", cells)
 
 
 def counted(rows: Iterable[ReportRow]) -> Counter[str]:
@@ -114,16 +113,14 @@ def counted(rows: Iterable[ReportRow]) -> Counter[str]:
     return Counter(cell.verdict for row in rows for cell in row.cells.values())
 
 
-def tolerances(scenes: list[ComparedScene]) -> list[tuple[str, str, list[str], str]]:
+def tolerances(scenes: list[ComparedScene]) -> Iterator[tuple[str, str, list[str], str]]:
     """Quantity, limits, scenes and reason of every applied tolerance; limits with the same reason share a row."""
     used: dict[tuple[str, str], list[Check]] = {}
     for check in (check for scene in scenes for check in scene.checks if not math.isnan(check.limit)):
         used.setdefault((check.quantity, check.reason), []).append(check)
-    rows = []
     for (quantity, reason), found in sorted(used.items()):
-        limits = dict.fromkeys(number(choose(each.limit for each in found)) for choose in (min, max))
-        rows.append((quantity, " to ".join(limits), list(dict.fromkeys(each.scene for each in found)), reason))
-    return rows
+        limits = dict.fromkeys(number(choose(each.limit for each in found), 2) for choose in (min, max))
+        yield quantity, " to ".join(limits), list(dict.fromkeys(each.scene for each in found)), reason
 
 
 def source_of(scene: Scene) -> str:
@@ -131,11 +128,6 @@ def source_of(scene: Scene) -> str:
     shipped = paths.SCENES / f"{scene.name}.toml"
     same = shipped.is_file() and scene.file and (paths.ROOT / scene.file).resolve() == shipped.resolve()
     return scene.name if same or scene.file == scene.name else shlex.quote(scene.file)
-
-
-def number(value: float, digits: int = 2) -> str:
-    """Rounded number as text; a dash for NaN."""
-    return "–" if math.isnan(value) else f"{value:.{digits}g}"
 
 
 def overlay_of(case: Case, engine: str, trace: Trace) -> dict[str, Any]:
@@ -146,9 +138,8 @@ def overlay_of(case: Case, engine: str, trace: Trace) -> dict[str, Any]:
     """
     scene = case.scene
     overlay: dict[str, Any] = {"engine": engine, "image": None, "headings": HEADINGS, "rows": [], "problem": ""}
-    entries = {f"measured.{place}": entry for place, entry in enumerate(scene.measured)}
     try:
-        curves, found = lay_over(entries, scene.folder, scene.file, case.layout, trace)
+        curves, found = lay_over(*entries_of(scene, None, scene.file), case.layout, trace)
     except InputError as error:  # the file was read before; it does not fit the run
         return overlay | {"problem": str(error)}
     drawn = draw_overlay(case.layout, trace, engine, curves, found) if curves else None

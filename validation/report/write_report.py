@@ -172,7 +172,7 @@ def write_report(
     for name in (name for name in shown if name not in to_come):
         shown[name] = READERS[name](results) if name in READERS else read_section(name, results)
     rows = [scene_row(scene, runs) for scene in scenes]
-    cases = case_rows(shown.get("independent", {}))
+    cases = [*case_rows(shown.get("independent", {}))]
     page = deck.render(
         "report/report.html.j2",
         subject=rows[0].title if len(rows) == 1 and not sections else "Bead chains",

@@ -3,7 +3,7 @@
 Forces at rest are compared with the exact ones: at time 0 the chain is in equilibrium under the load on its top bead.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -45,6 +45,7 @@ HEIGHTS_M = (0.0, 1.0, 10.0, 100.0, 1e3, 1e4, 1e5)
 LOADS_N = tuple(10.0 ** np.arange(-8.0, 3.0, 2.0))
 COUNTS = (10, 100, 1000, 10_000, 100_000)
 COUNTS_LOAD_N = 1.0
+BY_REPOSITORY: Mapping[str, Callable[[Case], Trace]] = {VERLET: verlet_of, ADAPTIVE: exact_of}
 OVERLAPS, HEIGHTS = "in-repo, overlaps", "in-repo, heights"
 
 
@@ -92,7 +93,7 @@ def energies() -> Iterator[Energy]:
     """Energy errors of all methods over ten million steps."""
     for name, settings in following(LONG_RUNS.items(), "long runs", len(LONG_RUNS)):
         case = case_of("fig4", *settings)
-        for method, trace in _by_all(case, order_4=True).items():
+        for method, trace in _by_all(case, {VERLET: verlet_of, ORDER_4: _by_order_4, ADAPTIVE: exact_of}).items():
             yield energy_of(name, method, case, trace)
 
 
@@ -124,23 +125,17 @@ def statistics() -> Iterator[Statistic]:
             yield Statistic(method, quantity, float(blocks.mean()), float(blocks.std(ddof=1) / np.sqrt(BLOCKS)))
 
 
-def _by_all(case: Case, *, order_4: bool = False) -> dict[str, Trace]:
-    """Traces of a case by every installed code and by the in-repo integrators, in parallel."""
-
-    def by(method: str) -> Trace:
-        if method == VERLET:
-            return verlet_of(case)
-        if method == ADAPTIVE:
-            return exact_of(case)
-        if method == ORDER_4:
-            scene = case.scene
-            timing = scene.time_step_s, scene.steps_per_sample, scene.samples
-            return trace_of(case, case.sample_times_s, integrate_symplectic(arrays_of(case.chain), *timing))
-        return compute(case, method).done
-
-    methods = [VERLET, *([ORDER_4] if order_4 else []), ADAPTIVE, *installed_codes()]
-    found = dict(execute(by, methods))
+def _by_all(case: Case, in_repo: Mapping[str, Callable[[Case], Trace]] = BY_REPOSITORY) -> dict[str, Trace]:
+    """Traces of a case by in-repo integrators and by every installed code, in parallel."""
+    methods = [*in_repo, *installed_codes()]
+    found = dict(execute(lambda name: in_repo[name](case) if name in in_repo else compute(case, name).done, methods))
     return {method: found[method] for method in methods}
+
+
+def _by_order_4(case: Case) -> Trace:
+    scene = case.scene
+    timing = scene.time_step_s, scene.steps_per_sample, scene.samples
+    return trace_of(case, case.sample_times_s, integrate_symplectic(arrays_of(case.chain), *timing))
 
 
 def energy_of(scene: str, method: str, case: Case, trace: Trace) -> Energy:
@@ -176,10 +171,11 @@ def measure_rounding() -> Iterator[Rounded]:
     cases = [pressed(3, load, height) for height in HEIGHTS_M for load in LOADS_N]
     cases += [pressed(count, COUNTS_LOAD_N, 0.0) for count in COUNTS]
     for case in cases:
-        yield from in_repo(case)
+        yield rounded(case, OVERLAPS, verlet_of(case).force_N)
+        yield rounded(case, HEIGHTS, verlet_in_heights(case).force_N)
     for engine in following(codes := installed_codes(), "rounding by codes", len(codes), "code"):
         with left_out_if_failed(engine):
-            yield from [by_code(engine, case) for case in cases]
+            yield from [rounded(case, engine, compute(case, engine).done.force_N) for case in cases]
 
 
 def pressed(count: int, load_N: float, height_m: float) -> Case:
@@ -189,18 +185,8 @@ def pressed(count: int, load_N: float, height_m: float) -> Case:
     return case_of("fig4", *settings, *rest, "run.time_step=1 ns")
 
 
-def in_repo(case: Case) -> Iterator[Rounded]:
-    """Rounding errors of the in-repo scheme, in overlaps and in heights."""
-    yield _rounded(case, OVERLAPS, verlet_of(case).force_N)
-    yield _rounded(case, HEIGHTS, verlet_in_heights(case).force_N)
-
-
-def by_code(engine: str, case: Case) -> Rounded:
-    """Rounding error of a code."""
-    return _rounded(case, engine, compute(case, engine).done.force_N)
-
-
-def _rounded(case: Case, method: str, force_N: Array) -> Rounded:
+def rounded(case: Case, method: str, force_N: Array) -> Rounded:
+    """Rounding error of the forces of a method at time 0, of shape (samples, bodies)."""
     chain = case.chain
     error = np.abs(force_N[0] / chain.force_N - 1)[1:]
     return Rounded(method, chain.beads, chain.wall_height_m, float(chain.overlap_m[1]), float(error.max()))

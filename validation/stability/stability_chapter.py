@@ -17,6 +17,7 @@ from postproc.draw.style import COLUMN_IN, GREY, marker_of, pyplot
 from validation.accuracy.budget import ERROR, MODEL
 from validation.chapters import Chapter, Options, Picture, Tables, named, rows_in
 from validation.checks import FAIL, NOT_RUN, PASS, RUN, Check, judged, short
+from validation.compare.answer import listed
 from validation.stability import measured_limits, rounding_effects
 from validation.stability.extremes import NOT_ACCURATE, extremes, run_all
 from validation.stability.measured_limits import (
@@ -82,12 +83,12 @@ def judge(tables: Tables) -> Iterator[Check]:
 
 
 def _on_limits(limits: pd.DataFrame) -> Iterator[str]:
-    ratio, *methods = limits["ratio"], *sorted(limits["method"].unique())
+    ratio, methods = limits["ratio"], sorted(limits["method"].unique())
     above = int((ratio < 1).sum())
     exceeded = f"exceeded {above} times" if above else "never exceeded"
     yield (
         f"The measured limit of the time step is {ratio.min():.2f} to {ratio.max():.2f} times the predicted one, on"
-        f" {limits['scene'].nunique()} scenes by {' and '.join(filter(None, (', '.join(methods[:-1]), methods[-1])))}:"
+        f" {limits['scene'].nunique()} scenes by {listed(methods)}:"
         f" the prediction {exceeded} the measured limit ({len(ratio)} checks)."
     )
     wide = limits.pivot_table(index="scene", columns="method", values="measured_s")

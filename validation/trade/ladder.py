@@ -25,7 +25,7 @@ from drivers.run.execute import execute
 from postproc.paper.simulate import case_of
 from postproc.read.observables import of_kind
 from validation.accuracy.costs import cost_on
-from validation.accuracy.exact_motion import ENERGY, ExactMotion, errors_of, exact_motion_of, momentum_error
+from validation.accuracy.exact_motion import ENERGY, MOMENTUM, ExactMotion, errors_of, exact_motion_of
 from validation.chapters import ADAPTIVE, DONE, NOT_RUN, ORDER_4
 from validation.reference.adaptive import MIN_TOLERANCE, integrate_adaptive
 from validation.reference.symplectic import integrate_symplectic
@@ -103,14 +103,10 @@ def rungs_of(scene: str, code_shares: Sequence[float]) -> Iterator[Rung]:
     for share in SHARES:
         case = at_step(base, share, stable_s)
         for method in (*(installed_codes() if share in code_shares else ()), VERLET, ORDER_4):
-            yield Rung(scene, method, case, share, expected_loop_s(method, case))
+            forces = FORCES_OF_ORDER_4 if method == ORDER_4 else 1
+            yield Rung(scene, method, case, share, forces * cost_on(PROCESS.get(method, method)).loop_s(case))
     for tolerance in TOLERANCES:
         yield Rung(scene, ADAPTIVE, base, tolerance, cost_on(REFERENCE).loop_s(base))
-
-
-def expected_loop_s(method: str, case: Case) -> float:
-    """Expected seconds of a fixed-step loop."""
-    return FORCES_OF_ORDER_4 * cost_on(VERLET).loop_s(case) if method == ORDER_4 else cost_on(method).loop_s(case)
 
 
 def at_step(case: Case, share: float, stable_s: float) -> Case:
@@ -211,9 +207,9 @@ def errors_by_group(case: Case, trace: Trace, exact_motion: ExactMotion) -> dict
         "speed": of_kind(exact_motion.true, "speed"),
         "width": [name for name in of_kind(exact_motion.true, "width") if name.endswith("_4pct")],
     }
-    found = errors_of(case, trace, exact_motion, (FORCE, ENERGY, *chain(*groups.values())))
-    errors = {name: found[name] for name in (FORCE, ENERGY)}
-    errors["momentum"] = momentum_error(case, trace, exact_motion)
+    single = (FORCE, ENERGY, MOMENTUM)
+    found = errors_of(case, trace, exact_motion, (*single, *chain(*groups.values())))
+    errors = {name: found[name] for name in single}
     return errors | {group: max((found[name] for name in names), default=nan) for group, names in groups.items()}
 
 

@@ -177,11 +177,12 @@ def test_dissipation_that_leaves_no_train_is_an_error(
 @pytest.mark.parametrize("share", [1e-9, 0.5])
 def test_the_strip_shows_differences_of_any_size(share: float) -> None:
     case = case_of("fig4", "run.duration=30 us")
-    trace = exact(case).trace
-    other = replace(trace, force_N=trace.force_N + share * largest_change_N(trace.force_N))
+    right = exact(case)
+    force_N = right.trace.force_N + share * largest_change_N(right.trace.force_N)
+    found = {"reference": right, "b": replace(right, trace=replace(right.trace, force_N=force_N))}
     figure = pyplot().figure()
     panel = ForcePanel("a", "", AVERAGE, 1.0)
-    axes, table = draw_panel(figure, figure.add_gridspec(1, 1)[0], panel, case.layout, {"reference": trace, "b": other})
+    axes, table = draw_panel(figure, figure.add_gridspec(1, 1)[0], panel, found)
     pyplot().close(figure)
     (line,) = axes[STRIP].lines
     low, high = axes[STRIP].get_ylim()

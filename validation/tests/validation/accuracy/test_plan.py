@@ -56,7 +56,7 @@ def test_a_chaotic_motion_is_planned_as_far_as_it_is_known() -> None:
 
 
 def test_the_exact_motion_measures_its_own_error() -> None:
-    """The range stated by the docstring of ``own_error_N`` holds for a further chain with light and loose beads."""
+    """The range stated by the docstring of ``error_N`` holds for a further chain with light and loose beads."""
     gaps = "[{from_wall=3, gap_below='20 um'}, {from_wall=5, gap_below='5 um', mass='2 mg'}]"
     settings = ("gravity=", "chain.sensors=[]", "chain.count=5", f"chain.bead={gaps}", "run.sample_interval=10 us")
     case = case_of("fig4", *settings, "run.duration=0.25 ms")

@@ -12,13 +12,14 @@ from drivers.base.errors import InputError
 from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
-from drivers.chain.schemes import verlet_of
+from drivers.chain.schemes import verlet_in_heights, verlet_of
 from drivers.chain.trace import Trace
 from drivers.engines import VERLET, codes, engine_names, installed
 from drivers.limits import stable_step, trial
 from drivers.limits.energy_bounds import certainly_stable
 from drivers.limits.refusal import inability, refuse
 from drivers.limits.stable_step import predicted_limit
+from drivers.run.compute import compute
 from drivers.run.guard import reason_to_fail
 from drivers.run.run import run_case
 from validation.accuracy.plan_report import plan_report
@@ -40,7 +41,7 @@ from validation.stability.measured_limits import (
     random_case,
     sweeps,
 )
-from validation.stability.rounding_effects import SIGNIFICANCE, by_code, energy_of, in_repo, pressed
+from validation.stability.rounding_effects import SIGNIFICANCE, energy_of, pressed, rounded
 from validation.stability.stability_chapter import CHAPTER
 from validation.tests.helpers.adversarial import KINDS, adversarial_case
 from validation.tests.helpers.commands import beads
@@ -317,13 +318,13 @@ def test_a_drift_is_distinguished_from_a_random_walk() -> None:
 
 def test_heights_round_and_overlaps_do_not() -> None:
     near, far = (pressed(3, 1e-4, height) for height in (0.0, 1e3))
-    errors = {(each.method, each.height_m): each.error for case in (near, far) for each in in_repo(case)}
-    assert max(error for (method, _), error in errors.items() if "overlaps" in method) < 1e-15
-    assert errors["in-repo, heights", 1e3] > 1e3 * errors["in-repo, heights", 0.0]
+    assert max(rounded(case, "", verlet_of(case).force_N).error for case in (near, far)) < 1e-15
+    low, high = (rounded(case, "", verlet_in_heights(case).force_N).error for case in (near, far))
+    assert high > 1e3 * low
     for name in codes():
         need(name)
-        for each in (by_code(name, near), by_code(name, far)):
-            assert each.error == pytest.approx(errors["in-repo, heights", each.height_m], rel=1e-6)
+        for case, error in ((near, low), (far, high)):
+            assert rounded(case, name, compute(case, name).done.force_N).error == pytest.approx(error, rel=1e-6)
 
 
 def test_the_study_from_tables_to_the_page(tmp_path: Path, shared_runs: Path) -> None:
