@@ -6,7 +6,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from drivers.base.errors import InputProblem, refuse_any
+from drivers.base.errors import InputError, InputProblem
 from drivers.base.units import NotAllowedError
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -39,9 +39,8 @@ def validate(model: type[Model], data: object, where: str, prefix: str = "") -> 
     try:
         return model.model_validate(data)
     except ValidationError as failure:
-        problems = _problems(failure.errors(include_url=False), model, prefix)
-    refuse_any(where, problems)
-    raise AssertionError("a validation error without a problem")
+        first, *more = _problems(failure.errors(include_url=False), model, prefix)
+    raise InputError(where, *first, *more)
 
 
 def _problems(errors: Sequence[Any], model: type[BaseModel], prefix: str) -> Iterator[InputProblem]:
