@@ -11,7 +11,7 @@ from pydantic import Field, create_model
 
 from drivers.base import paths, units
 from drivers.base.errors import InputError, InputProblem, refuse_any
-from drivers.base.messages import keys_at, shorten, validate
+from drivers.base.messages import model_at, shorten, validate
 from drivers.scene.model import RIGID, Material, Part, Scene, SceneFile
 from drivers.scene.scene_rules import contradictions, problems_of_alternatives
 
@@ -114,7 +114,7 @@ def set_value(data: dict[str, Any], path: str, value: Any, where: str) -> None:
         here = here.setdefault(key, {}) if isinstance(here, dict) else here[_index(here, key, where, path)]
     if not isinstance(here, dict):
         here[_index(here, last, where, path)] = value
-    elif value != "" or not (last in here or keys == ["materials"] or last in keys_at(SceneFile, keys)):
+    elif value != "" or not (last in here or keys == ["materials"] or last in model_at(SceneFile, keys).model_fields):
         here[last] = value  # validation reports unknown keys
     else:
         here.pop(last, None)
