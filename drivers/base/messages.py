@@ -2,10 +2,12 @@
 
 from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
+from pathlib import Path
 from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
+from drivers.base import paths
 from drivers.base.errors import InputError, InputProblem
 from drivers.base.units import NotAllowedError
 
@@ -30,8 +32,8 @@ EXPECTED = {  # allowed values by the type of pydantic's error, filled in from i
 }
 
 
-def validate(model: type[Model], data: object, where: str, prefix: str = "") -> Model:
-    """Validates ``data`` as a ``model``.
+def validate(model: type[Model], data: object, where: str | Path, prefix: str = "") -> Model:
+    """Validates ``data`` as a ``model``; ``where`` is the file, or its name in messages.
 
     Raises:
         InputError: lists every problem, each with its key, the value found and those allowed.
@@ -40,7 +42,7 @@ def validate(model: type[Model], data: object, where: str, prefix: str = "") -> 
         return model.model_validate(data)
     except ValidationError as failure:
         first, *more = _problems(failure.errors(include_url=False), model, prefix)
-    raise InputError(where, *first, *more)
+    raise InputError(where if isinstance(where, str) else paths.shown(where), *first, *more)
 
 
 def _problems(errors: Sequence[Any], model: type[BaseModel], prefix: str) -> Iterator[InputProblem]:

@@ -11,6 +11,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import nullcontext
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory, TemporaryFile, gettempdir
 
@@ -37,7 +38,6 @@ PROBE_BYTES = 1 << 20  # room without which a disk counts as full
 SHORT_S = 5.0  # bound on the time of an integration that cannot be ended, typically some hundredths
 
 _server_test = threading.Lock()
-_alike: dict[tuple[str, Build], bool] = {}  # by engine and build
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ def compute(
             engine.deck_by_hand(deck or engine.render(case)).write(folder)
         return _in_memory(case, engine, limit_s, folder)
     build, deck = build or build_of(engine), deck or engine.render(case)
-    run = _by_hand if by_hand or not _serves_alike(engine, build) else _served
+    run = _by_hand if by_hand or not _serves_alike(name, build) else _served
     ended = run(case, engine, build, deck, limit_s, folder)
     for place in (folder or gettempdir(), gettempdir()) if ended.fault else ():
         _check_room(Path(place))
@@ -217,8 +217,10 @@ def _ended(case: Case, engine: Engine, outcome: EndedProcess, folder: Path, star
     return Computed(trace, fault, outcome.wall_s, outcome.cpu_s, outcome.memory_bytes, loop_s, start_s)
 
 
-def _serves_alike(engine: Engine, build: Build) -> bool:
+@cache
+def _serves_alike(name: str, build: Build) -> bool:
     """True if a build as a server gives the same bits as by hand, tested once for each build by a short run."""
+    engine = load_engine(name)
 
     def tested() -> bool:
         case = build_case(read_scene(*PROBE))
@@ -227,6 +229,4 @@ def _serves_alike(engine: Engine, build: Build) -> bool:
         return alone is not None and other is not None and digest_of(alone) == digest_of(other)
 
     with _server_test:
-        if (engine.name, build) not in _alike:
-            _alike[engine.name, build] = kept(["serves alike", engine.name, build.identity], tested)
-        return _alike[engine.name, build]
+        return bool(kept(["serves alike", name, build.identity], tested))
