@@ -2,11 +2,13 @@
 
 from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
-from typing import Any, TypeVar
+from pathlib import Path
+from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
-from drivers.base.errors import InputProblem, refuse_any
+from drivers.base import paths
+from drivers.base.errors import InputError, InputProblem
 from drivers.base.units import NotAllowedError
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -30,8 +32,8 @@ EXPECTED = {  # allowed values by the type of pydantic's error, filled in from i
 }
 
 
-def validate(model: type[Model], data: object, where: str, prefix: str = "") -> Model:
-    """Validates ``data`` as a ``model``.
+def validate(model: type[Model], data: object, where: str | Path, prefix: str = "") -> Model:
+    """Validates ``data`` as a ``model``; ``where`` is the file, or its name in messages.
 
     Raises:
         InputError: lists every problem, each with its key, the value found and those allowed.
@@ -39,9 +41,8 @@ def validate(model: type[Model], data: object, where: str, prefix: str = "") -> 
     try:
         return model.model_validate(data)
     except ValidationError as failure:
-        problems = _problems(failure.errors(include_url=False), model, prefix)
-    refuse_any(where, problems)
-    raise AssertionError("a validation error without a problem")
+        first, *more = _problems(failure.errors(include_url=False), model, prefix)
+    raise InputError(where if isinstance(where, str) else paths.shown(where), *first, *more)
 
 
 def _problems(errors: Sequence[Any], model: type[BaseModel], prefix: str) -> Iterator[InputProblem]:
@@ -56,7 +57,7 @@ def _problems(errors: Sequence[Any], model: type[BaseModel], prefix: str) -> Ite
             key = _dotted(prefix, path)
             wrong.setdefault(key, (key, *_found_and_allowed(error)))
     for table, (missing, unknown) in tables.items():
-        yield _misplaced(_dotted(prefix, table), missing, unknown, keys_at(model, table))
+        yield _misplaced(_dotted(prefix, table), missing, unknown, sorted(model_at(model, table).model_fields))
     yield from wrong.values()
 
 
@@ -105,17 +106,16 @@ def shorten(value: object) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def keys_at(model: type[BaseModel], path: Sequence[int | str]) -> list[str]:
-    """Keys that the table at ``path`` may have."""
+def model_at(model: type[BaseModel], path: Sequence[int | str]) -> type[BaseModel]:
+    """Model of the table at ``path``."""
     for part in path:
         if isinstance(part, int) or part not in model.model_fields:
             continue  # an entry of a list, or the free name of a material: of the same model
-        found = _models_in(model.model_fields[part].annotation)
-        model = found[0] if found else model
-    return sorted(model.model_fields)
+        parts = parts_of(model.model_fields[part].annotation)
+        model = next((each for each in parts if isinstance(each, type) and issubclass(each, BaseModel)), model)
+    return model
 
 
-def _models_in(annotation: Any) -> list[type[BaseModel]]:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return [annotation]
-    return [found for part in getattr(annotation, "__args__", ()) for found in _models_in(part)]
+def parts_of(annotation: Any) -> list[Any]:
+    """Annotation and all parts of which it is composed, including metadata."""
+    return [annotation, *(part for each in get_args(annotation) for part in parts_of(each))]

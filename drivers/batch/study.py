@@ -114,11 +114,11 @@ class Study:
                 place -= len(axis)
             return {}
         place = number - 1
-        chosen = []
+        chosen: Choice = {}
         for axis in reversed(self.axes):
             place, here = divmod(place, len(axis))
-            chosen.append(axis[here])
-        return {key: value for part in reversed(chosen) for key, value in part.items()}
+            chosen = axis[here] | chosen
+        return chosen
 
     def label(self, number: int) -> str:
         """Label of a case: its varied values by column."""

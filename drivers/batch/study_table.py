@@ -15,14 +15,8 @@ from drivers.batch.store import StudyRow
 from drivers.batch.study import read_study
 from drivers.batch.study_plan import StudyPlan
 
-COSTS = (
-    "start_s",
-    "engine_s",
-    "loop_s",
-    "workflow_s",
-    "reference_s",
-)  # the last one is the time of the reference, for the error
-
+# times in s; the last one is that of the reference, for the error
+COSTS = ("start_s", "engine_s", "loop_s", "workflow_s", "reference_s")
 CASES = "cases_sha256"  # attribute of the table
 FINISHED = ("done", "failed", "timeout")  # states of a row that has been run
 

@@ -43,8 +43,8 @@ def prune(
     With ``dry_run`` nothing is removed, and the runs to be removed are listed.
     """
     kept = kept_runs(runs)
-    homes = [] if scenes or settings else [runs / engine for engine in engines] or _homes(runs)
-    left = [folder for home in homes for folder in leftovers(home)]
+    homes = [runs / engine for engine in engines] or [*runs.glob("[!.]*/"), Store(runs).folder / WORK]
+    left = [] if scenes or settings else [folder for home in homes for folder in leftovers(home)]
     left_bytes = sum(map(size_below, left))
     reasons = _reasons(kept)
     selected = select(kept, scenes, engines, settings)
@@ -133,8 +133,3 @@ def _remove(group: Sequence[EndedRun]) -> list[EndedRun]:
                         else:
                             away.rename(run.folder)
     return gone
-
-
-def _homes(runs: Path) -> list[Path]:
-    """Folders that may contain workplaces."""
-    return [*runs.glob("[!.]*/"), Store(runs).folder / WORK]

@@ -6,22 +6,19 @@ from math import inf, pi, sqrt
 import numpy as np
 
 from drivers.chain.case import Case
-from drivers.scene.model import Material
 
 
 def rayleigh_time(case: Case) -> float:
     """Smallest Rayleigh time of any bead, ``pi R sqrt(rho / G) / (0.1631 nu + 0.8766)``, in s."""
-    shortest = inf
-    for radius, density, material in _balls(case):
-        shear = material.youngs_modulus / (2 * (1 + material.poisson_ratio))
-        time = pi * radius * sqrt(density / shear) / (0.1631 * material.poisson_ratio + 0.8766)
-        shortest = min(shortest, time)
-    return shortest
+    return min(
+        pi * radius * sqrt(density / (modulus / (2 * (1 + ratio)))) / (0.1631 * ratio + 0.8766)
+        for radius, density, modulus, ratio in _balls(case)
+    )
 
 
 def p_wave_time(case: Case) -> float:
     """Smallest ``R sqrt(rho / E)`` of any bead, in s, as in YADE's ``PWaveTimeStep``."""
-    return min((radius * sqrt(density / material.youngs_modulus) for radius, density, material in _balls(case)))
+    return min(radius * sqrt(density / modulus) for radius, density, modulus, _ in _balls(case))
 
 
 def hertz_time(case: Case) -> float:
@@ -43,9 +40,9 @@ def hertz_time(case: Case) -> float:
 CRITERIA = {"0.2 Rayleigh": (0.2, rayleigh_time), "0.1 Hertz": (0.1, hertz_time), "P-wave": (1.0, p_wave_time)}
 
 
-def _balls(case: Case) -> Iterator[tuple[float, float, Material]]:
-    """Radius, density and material of each distinct sphere."""
+def _balls(case: Case) -> Iterator[tuple[float, float, float, float]]:
+    """Radius, density, Young's modulus and Poisson's ratio of each distinct sphere."""
     chain = case.chain
     for name, radius, mass in sorted(set(zip(chain.materials, chain.radius_m, chain.mass_kg, strict=True))):
         if np.isfinite(radius):
-            yield float(radius), float(mass / (4 / 3 * pi * radius**3)), case.scene.materials[name]
+            yield float(radius), float(mass / (4 / 3 * pi * radius**3)), *case.scene.elastic_constants(name)

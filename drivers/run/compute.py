@@ -11,6 +11,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import nullcontext
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory, TemporaryFile, gettempdir
 
@@ -37,7 +38,6 @@ PROBE_BYTES = 1 << 20  # room without which a disk counts as full
 SHORT_S = 5.0  # bound on the time of an integration that cannot be ended, typically some hundredths
 
 _server_test = threading.Lock()
-_alike: dict[tuple[str, Build], bool] = {}  # by engine and build
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Computed:
         trace: trace; None if the run failed.
         fault: reason of a failure, with a partial trace if there is one; else None.
         wall_s, cpu_s, memory_bytes: wall and CPU time of the case, and peak memory of its process; without a folder
-            CPU time and memory are measured only of a process of its own.
+            CPU time and memory may be 0, except for a process of its own.
         loop_s: time in the code's time loop; None if the run did not finish.
         start_s: time in which a server was started for this case.
     """
@@ -106,7 +106,7 @@ def compute(
             engine.deck_by_hand(deck or engine.render(case)).write(folder)
         return _in_memory(case, engine, limit_s, folder)
     build, deck = build or build_of(engine), deck or engine.render(case)
-    run = _by_hand if by_hand or not _serves_alike(engine, build) else _served
+    run = _by_hand if by_hand or not _serves_alike(name, build) else _served
     ended = run(case, engine, build, deck, limit_s, folder)
     for place in (folder or gettempdir(), gettempdir()) if ended.fault else ():
         _check_room(Path(place))
@@ -132,7 +132,7 @@ def _in_memory(case: Case, engine: Engine, limit_s: float, folder: Path | None) 
     began, loop_s, trace, fault = time.perf_counter(), None, None, None
     cpu_s: list[float] = []
     try:
-        found, loop_s = _integrated(case, engine, limit_s, cpu_s, measured=folder is not None)
+        found, loop_s = _integrated(case, engine, limit_s, cpu_s)
         trace = checked(case, found)
     except RunError as error:
         fault = error
@@ -146,10 +146,8 @@ def _in_memory(case: Case, engine: Engine, limit_s: float, folder: Path | None) 
     return Computed(trace, fault, time.perf_counter() - began, sum(cpu_s), memory_bytes, loop_s)
 
 
-def _integrated(
-    case: Case, engine: Engine, limit_s: float, cpu_s: list[float], *, measured: bool
-) -> tuple[Trace, float]:
-    """Trace and time of the loop; ``cpu_s`` receives the CPU time if it is ``measured``, which takes system calls.
+def _integrated(case: Case, engine: Engine, limit_s: float, cpu_s: list[float]) -> tuple[Trace, float]:
+    """Trace and time of the loop; ``cpu_s`` receives the CPU time.
 
     A long integration runs in a thread, so that the time limit and Ctrl-C end it; for a short one the thread's start
     would be a third of the cost.
@@ -160,14 +158,13 @@ def _integrated(
     stop: Flag = np.zeros(1, bool)
 
     def integrate() -> tuple[Trace, float]:
-        before_s = time.thread_time() if measured else 0.0
+        before_s = time.thread_time()
         assert engine.integrate is not None
         try:
             with np.errstate(all="ignore"):  # runs that blow up are reported by the guard
                 return engine.integrate(case, stop)
         finally:
-            if measured:
-                cpu_s.append(time.thread_time() - before_s)
+            cpu_s.append(time.thread_time() - before_s)
 
     def end() -> None:
         stop[0] = True
@@ -220,8 +217,10 @@ def _ended(case: Case, engine: Engine, outcome: EndedProcess, folder: Path, star
     return Computed(trace, fault, outcome.wall_s, outcome.cpu_s, outcome.memory_bytes, loop_s, start_s)
 
 
-def _serves_alike(engine: Engine, build: Build) -> bool:
+@cache
+def _serves_alike(name: str, build: Build) -> bool:
     """True if a build as a server gives the same bits as by hand, tested once for each build by a short run."""
+    engine = load_engine(name)
 
     def tested() -> bool:
         case = build_case(read_scene(*PROBE))
@@ -230,6 +229,4 @@ def _serves_alike(engine: Engine, build: Build) -> bool:
         return alone is not None and other is not None and digest_of(alone) == digest_of(other)
 
     with _server_test:
-        if (engine.name, build) not in _alike:
-            _alike[engine.name, build] = kept(["serves alike", engine.name, build.identity], tested)
-        return _alike[engine.name, build]
+        return bool(kept(["serves alike", name, build.identity], tested))

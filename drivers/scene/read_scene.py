@@ -2,7 +2,6 @@
 
 import tomllib
 from collections.abc import Iterator
-from functools import cache
 from pathlib import Path
 from types import GenericAlias
 from typing import Any, TypeVar
@@ -11,7 +10,7 @@ from pydantic import Field, create_model
 
 from drivers.base import paths, units
 from drivers.base.errors import InputError, InputProblem, refuse_any
-from drivers.base.messages import keys_at, shorten, validate
+from drivers.base.messages import model_at, shorten, validate
 from drivers.scene.model import RIGID, Material, Part, Scene, SceneFile
 from drivers.scene.scene_rules import contradictions, problems_of_alternatives
 
@@ -114,7 +113,7 @@ def set_value(data: dict[str, Any], path: str, value: Any, where: str) -> None:
         here = here.setdefault(key, {}) if isinstance(here, dict) else here[_index(here, key, where, path)]
     if not isinstance(here, dict):
         here[_index(here, last, where, path)] = value
-    elif value != "" or not (last in here or keys == ["materials"] or last in keys_at(SceneFile, keys)):
+    elif value != "" or not (last in here or keys == ["materials"] or last in model_at(SceneFile, keys).model_fields):
         here[last] = value  # validation reports unknown keys
     else:
         here.pop(last, None)
@@ -198,7 +197,7 @@ def read_entries(path: Path, key: str, kind: type[Entry]) -> tuple[Entry, ...]:
         InputError: the file cannot be read, or is wrong.
     """
     entries: Any = (GenericAlias(tuple, (kind, ...)), Field(strict=False, min_length=1))
-    file = validate(create_model("File", __base__=Part, **{key: entries}), read_toml(path), paths.shown(path))
+    file = validate(create_model("File", __base__=Part, **{key: entries}), read_toml(path), path)
     found: tuple[Entry, ...] = getattr(file, key)
     return found
 
@@ -234,18 +233,11 @@ def _unknown_materials(file: SceneFile, library: dict[str, Any]) -> Iterator[Inp
 
 def _materials(file: SceneFile, library: dict[str, Any]) -> dict[str, Material]:
     """Materials in use by name, from the scene or, if missing there, from the library."""
-    where = _shown(paths.MATERIALS, Path.cwd())
     return {
-        name: file.materials.get(name) or validate(Material, library[name], where, f"{name}.")
+        name: file.materials.get(name) or validate(Material, library[name], paths.MATERIALS, f"{name}.")
         for name in _named_materials(file).values()
         if name in file.materials or name in library
     }
-
-
-@cache
-def _shown(path: Path, _: Path) -> str:
-    """Result of ``paths.shown``, cached because following links is slow; the second argument is the work folder."""
-    return paths.shown(path)
 
 
 def _steps_per_sample(interval_s: float, step_s: float | None) -> tuple[int, float]:

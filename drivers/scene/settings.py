@@ -3,11 +3,12 @@
 import json
 from collections.abc import Iterator, Mapping
 from functools import cache
-from typing import Any, get_args
+from typing import Any
 
 from pydantic import BaseModel
 
 from drivers.base import paths, units
+from drivers.base.messages import model_at, parts_of
 from drivers.scene.model import Material, SceneFile
 from drivers.scene.read_scene import read_toml
 
@@ -87,21 +88,10 @@ def _toml(key: str, value: Any) -> str:
 @cache
 def unit_of(key: str) -> str:
     """SI unit of a scene's key; empty if it has none."""
-    model: Any = SceneFile
-    unit = ""
-    for part in key.split("."):
-        field = model.model_fields.get(part) if model else None
-        unit = ""
-        if field is not None:  # the index of an entry and the name of a material are not fields of the model
-            parts = [*field.metadata, *_parts_of(field.annotation)]
-            unit = next((each.unit for each in parts if isinstance(each, units.InUnit)), "")
-            model = next((each for each in parts if isinstance(each, type) and issubclass(each, BaseModel)), None)
-    return unit
-
-
-def _parts_of(annotation: Any) -> list[Any]:
-    """Annotation and all parts of which it is composed, including metadata."""
-    return [annotation, *(part for each in get_args(annotation) for part in _parts_of(each))]
+    *path, last = key.split(".")
+    field = model_at(SceneFile, path).model_fields.get(last)
+    parts = [*field.metadata, *parts_of(field.annotation)] if field else []
+    return next((each.unit for each in parts if isinstance(each, units.InUnit)), "")
 
 
 def look_up(tables: Any, key: str) -> Any:

@@ -165,13 +165,11 @@ def run_main(main: Callable[[], int]) -> NoReturn:
         else:
             print(one_line("error: ", error), file=sys.stderr)
         code = 2 if isinstance(error, OSError) and error.errno in IMPOSSIBLE_NAMES else 1
-    except KeyboardInterrupt as error:
-        print(": ".join(["interrupted", *map(str, error.args)]), file=sys.stderr)
-        code = 130
-    except SystemError as error:
-        if not isinstance(error.__cause__, KeyboardInterrupt):  # inside compiled code
+    except (KeyboardInterrupt, SystemError) as error:
+        interrupt = error if isinstance(error, KeyboardInterrupt) else error.__cause__  # inside compiled code
+        if not isinstance(interrupt, KeyboardInterrupt):
             raise
-        print("interrupted", file=sys.stderr)
+        print(": ".join(["interrupted", *map(str, interrupt.args)]), file=sys.stderr)
         code = 130
     sys.exit(code)
 

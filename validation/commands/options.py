@@ -92,12 +92,9 @@ def must_be_file(option: str, path: Path | None) -> None:
     Raises:
         InputError: the path is a folder or a device, or its folder cannot be written to.
     """
-    if path is None or not path.exists():
-        must_be_folder(option, path)
-    elif not path.is_file():
+    if path and path.exists() and not path.is_file():
         raise InputError(f"{option} {path}", "", "a folder" if path.is_dir() else "a device", "a file")
-    else:
-        must_be_folder(option, path.parent)
+    must_be_folder(option, path.parent if path and path.is_file() else path)
 
 
 def one_of(engines: tuple[str, ...]) -> str:

@@ -41,12 +41,6 @@ def elastic_force(stiffness: float, overlap: float) -> float:
     return stiffness * overlap * sqrt(overlap)
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"}, forceinline=True)
-def overlap_power(overlap: float) -> float:
-    """``d^(3/2)`` of a nonnegative overlap, for kernels that multiply by the stiffness last."""
-    return overlap * sqrt(overlap)
-
-
 @njit(error_model="numpy", forceinline=True)
 def damped_force(stiffness: float, damping: float, overlap: float, closing: float) -> float:
     """``F = max(0, k d^(3/2) + C d^(1/4) d')`` of one closed contact."""

@@ -129,23 +129,20 @@ def _between(
             moved,
         )  # fmt: skip
         fx, fy, fz = fx + tx, fy + ty, fz + tz
-        mx, my, mz = ny * tz - nz * ty, nz * tx - nx * tz, nx * ty - ny * tx
-        torque[j, 0] -= over * mx
-        torque[j, 1] -= over * my
-        torque[j, 2] -= over * mz
+        _add(torque, j, -over, (ny * tz - nz * ty, nz * tx - nx * tz, nx * ty - ny * tx))
         if not wall:
-            torque[j - 1, 0] -= under * mx
-            torque[j - 1, 1] -= under * my
-            torque[j - 1, 2] -= under * mz
+            _add(torque, j - 1, -under, (ny * tz - nz * ty, nz * tx - nx * tz, nx * ty - ny * tx))
     before[0], before[1], before[2] = nx, ny, nz
     axial[j] = fz
-    force[j, 0] += fx
-    force[j, 1] += fy
-    force[j, 2] += fz
+    _add(force, j, 1.0, (fx, fy, fz))
     if not wall:
-        force[j - 1, 0] -= fx
-        force[j - 1, 1] -= fy
-        force[j - 1, 2] -= fz
+        _add(force, j - 1, -1.0, (fx, fy, fz))
+
+
+@njit(error_model="numpy", forceinline=True)
+def _add(rows: Array, j: int, factor: float, vector: Three) -> None:
+    for axis in range(3):
+        rows[j, axis] += factor * vector[axis]
 
 
 @njit(error_model="numpy", forceinline=True)
@@ -194,9 +191,7 @@ def _in_bore(
         torque[j, 2] -= arm * (nx * ty - ny * tx)
     before[0], before[1] = nx, ny
     bore[j, 0], bore[j, 1], bore[j, 2] = fx, fy, fz
-    force[j, 0] += fx
-    force[j, 1] += fy
-    force[j, 2] += fz
+    _add(force, j, 1.0, (fx, fy, fz))
 
 
 @njit(error_model="numpy", forceinline=True)

@@ -73,15 +73,7 @@ def _start(chain: HertzChain, time_step_s: float) -> "Arrays":
 
 
 def integrate_verlet_absolute(
-    chain: HertzChain,
-    height_m: Array,
-    reach_m: Array,
-    time_step_s: float,
-    steps_per_sample: int,
-    samples: int,
-    *,
-    attraction: bool = False,
-    local_damping: float = 0.0,
+    chain: HertzChain, height_m: Array, reach_m: Array, time_step_s: float, steps_per_sample: int, samples: int
 ) -> Motion:
     """Integrates as ``integrate_verlet``, with heights instead of overlaps as the state, as in the codes.
 
@@ -95,8 +87,6 @@ def integrate_verlet_absolute(
         time_step_s: As for ``integrate_verlet``.
         steps_per_sample: As for ``integrate_verlet``.
         samples: As for ``integrate_verlet``.
-        attraction: True if dissipative contacts may pull, an option of some codes.
-        local_damping: d of Cundall's non-viscous damping, ``a (1 - d sign(a v))``, an option of some codes.
 
     Returns:
         Motion with arrays of shape (samples, bodies).
@@ -107,7 +97,7 @@ def integrate_verlet_absolute(
     integrate_absolute(
         chain.mass_kg, chain.stiffness, np.array(height_m), reach_m, chain.velocity_m_s.copy(), chain.load_N,
         chain.damping, float(chain.alpha) if chain.alpha else None, np.zeros(len(reach_m) + 1),
-        np.zeros(len(reach_m)), attraction, local_damping, time_step_s, steps_per_sample,
-        motion.force_N, motion.displacement_m, motion.velocity_m_s,
+        np.zeros(len(reach_m)), time_step_s, steps_per_sample, motion.force_N, motion.displacement_m,
+        motion.velocity_m_s,
     )  # fmt: skip
     return Motion(motion.force_N, motion.displacement_m - height_m, motion.velocity_m_s)

@@ -1,11 +1,13 @@
 """Kernels of velocity Verlet; imported only for an integration, since the import loads compiled code."""
 
+from collections.abc import Callable
 from math import sqrt
+from typing import Any
 
 import numpy as np
 from numba import njit
 
-from validation.reference.contact_kernels import copy, elastic_force, overlap_power, power_force
+from validation.reference.contact_kernels import copy, elastic_force, power_force
 from validation.reference.hertz_chain import Array, Flag
 
 # velocity, overlap, force (with a 0 above the chain); constants: stiffness, kick, drop, damping (empty for an elastic
@@ -13,73 +15,60 @@ from validation.reference.hertz_chain import Array, Flag
 Arrays = tuple[Array, Array, Array, Array, Array, Array, Array, float]
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract"})
-def _sweep(
-    velocity: Array, overlap: Array, force: Array, stiffness: Array, kick: Array, drop: Array, dt: float
-) -> None:
-    """One step of all bodies, from the wall up."""
-    under, below = force[0], 0.0
-    for j in range(overlap.size):
-        above = force[j + 1]
-        here = velocity[j] + (kick[j] * (under - above) + drop[j])
-        velocity[j] = here
-        under = above
-        now = overlap[j] + dt * (below - here)
-        below = here
-        overlap[j] = now
-        closed = max(now, 0.0)
-        force[j] = stiffness[j] * overlap_power(closed)
+@njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
+def _elastic(j: int, overlap: float, _: float, arrays: Arrays) -> float:
+    """Force of contact j from its overlap and closing speed."""
+    closed = max(overlap, 0.0)
+    return float(arrays[3][j] * (closed * sqrt(closed)))
 
 
-@njit(nogil=True, error_model="numpy")
-def _sweep_damped(
-    velocity: Array, overlap: Array, force: Array, stiffness: Array, kick: Array, drop: Array,
-    damping: Array, dt: float,
-) -> None:  # fmt: skip
-    """``_sweep`` for dissipative contacts; the damping uses velocities half a step before, as in the codes."""
-    under, below = force[0], 0.0
-    for j in range(overlap.size):
-        above = force[j + 1]
-        here = velocity[j] + (kick[j] * (under - above) + drop[j])
-        velocity[j] = here
-        under = above
-        closing = below - here
-        now = overlap[j] + dt * closing
-        below = here
-        overlap[j] = now
-        root = sqrt(max(now, 0.0))
-        force[j] = max(stiffness[j] * (now * root) + damping[j] * sqrt(root) * closing, 0.0)
+@njit(error_model="numpy", forceinline=True)
+def _damped(j: int, overlap: float, closing: float, arrays: Arrays) -> float:
+    """``_elastic`` for dissipative contacts; the damping uses velocities half a step before, as in the codes."""
+    root = sqrt(max(overlap, 0.0))
+    return float(max(arrays[3][j] * (overlap * root) + arrays[6][j] * sqrt(root) * closing, 0.0))
 
 
-@njit(nogil=True, error_model="numpy")
-def _sweep_power(
-    velocity: Array, overlap: Array, force: Array, stiffness: Array, kick: Array, drop: Array,
-    damping: Array, alpha: float, dt: float,
-) -> None:  # fmt: skip
-    """``_sweep_damped`` for the velocity-power law."""
-    under, below = force[0], 0.0
-    for j in range(overlap.size):
-        above = force[j + 1]
-        here = velocity[j] + (kick[j] * (under - above) + drop[j])
-        velocity[j] = here
-        under = above
-        closing = below - here
-        now = overlap[j] + dt * closing
-        below = here
-        overlap[j] = now
-        force[j] = power_force(stiffness[j], damping[j], alpha, now, closing) if now >= 0.0 else 0.0
+@njit(error_model="numpy", forceinline=True)
+def _power(j: int, overlap: float, closing: float, arrays: Arrays) -> float:
+    """``_damped`` for the velocity-power law."""
+    return power_force(arrays[3][j], arrays[6][j], arrays[7], overlap, closing) if overlap >= 0.0 else 0.0
+
+
+def _sweep_by(law: Callable[..., float], fastmath: bool | set[str] = False) -> Any:
+    """Compiled step of all bodies by a contact law, from the wall up."""
+
+    @njit(nogil=True, error_model="numpy", fastmath=fastmath)
+    def sweep(arrays: Arrays, dt: float) -> None:
+        velocity, overlap, force, _, kick, drop = arrays[:6]
+        under, below = force[0], 0.0
+        for j in range(overlap.size):
+            above = force[j + 1]
+            here = velocity[j] + (kick[j] * (under - above) + drop[j])
+            velocity[j] = here
+            under = above
+            closing = below - here
+            now = overlap[j] + dt * closing
+            below = here
+            overlap[j] = now
+            force[j] = law(j, now, closing, arrays)
+
+    return sweep
+
+
+_sweep_elastic = _sweep_by(_elastic, {"contract"})
+_sweep_damped, _sweep_power = _sweep_by(_damped), _sweep_by(_power)
 
 
 @njit(nogil=True, error_model="numpy")
 def _step(arrays: Arrays, dt: float) -> None:
     """One step, by the law of the chain."""
-    velocity, overlap, force, stiffness, kick, drop, damping, alpha = arrays
-    if alpha > 0.0:
-        _sweep_power(velocity, overlap, force, stiffness, kick, drop, damping, alpha, dt)
-    elif damping.size:
-        _sweep_damped(velocity, overlap, force, stiffness, kick, drop, damping, dt)
+    if arrays[7] > 0.0:
+        _sweep_power(arrays, dt)
+    elif arrays[6].size:
+        _sweep_damped(arrays, dt)
     else:
-        _sweep(velocity, overlap, force, stiffness, kick, drop, dt)
+        _sweep_elastic(arrays, dt)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -135,8 +124,8 @@ def fill_samples(
 @njit(cache=True, nogil=True)
 def integrate_absolute(
     mass: Array, stiffness: Array, height: Array, reach: Array, velocity: Array, load: Array, damping: Array,
-    alpha: float | None, force: Array, net: Array, attraction: bool, local: float, dt: float, every: int,
-    forces: Array, heights: Array, velocities: Array,
+    alpha: float | None, force: Array, net: Array, dt: float, every: int, forces: Array, heights: Array,
+    velocities: Array,
 ) -> None:  # fmt: skip
     """Fills the samples of ``integrate_verlet_absolute``; alpha is None without the power law."""
     n, half = mass.size, 0.5 * dt
@@ -153,19 +142,13 @@ def integrate_absolute(
             if overlap > 0.0 and damping[j] > 0.0:
                 closing = (velocity[j - 1] if j > 0 else 0.0) - velocity[j]
                 if alpha is None:
-                    force[j] += damping[j] * sqrt(sqrt(overlap)) * closing
+                    lost = damping[j] * sqrt(sqrt(overlap)) * closing
                 else:
-                    force[j] += damping[j] * np.sign(closing) * abs(closing) ** alpha
-                if not attraction:
-                    force[j] = max(force[j], 0.0)
+                    lost = damping[j] * np.sign(closing) * abs(closing) ** alpha
+                force[j] = max(force[j] + lost, 0.0)
         for j in range(n):
             net[j] = force[j] - force[j + 1] + load[j]
-            kick = half * net[j] / mass[j] if step else 0.0
-            if local > 0.0:
-                share = 1.0 - local * np.sign(net[j] * (velocity[j] + kick))
-                net[j] *= share
-                kick *= share
-            velocity[j] += kick
+            velocity[j] += half * net[j] / mass[j] if step else 0.0
         if step % every == 0:
             copy(force, forces[step // every])
             copy(height, heights[step // every])
