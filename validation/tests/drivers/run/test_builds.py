@@ -69,7 +69,7 @@ def test_a_deck_and_its_record_carry_the_command_of_the_engines_entry(
     deck = own.render(case_of("fig4"))
     shown = own.deck_by_hand(deck)
     first = shown.files["chain.in"].partition("\n")[0]
-    assert first == "# stdbuf -oL mpirun -np 1 /opt/own/lmp -in chain.in -log none"
+    assert first == "# stdbuf -oL mpirun -np 1 /opt/own/lmp -in chain.in"
     assert [*shown.files] == [*deck.files]
     for name in codes():
         shipped = load_engine(name)
