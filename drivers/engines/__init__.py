@@ -259,7 +259,7 @@ def _words_of(error: BaseException, path: Path) -> str:
     """Error of an adapter on one line, with the last line of its file that was running, else of any file."""
     places = [place for place in extract_tb(error.__traceback__) if place.lineno]
     last = ([place for place in places if place.filename == str(path)] or places)[-1]
-    return one_line(f"{last.filename}:{last.lineno}: ", f"{type(error).__name__}: {error}")
+    return one_line(f"{Path(last.filename).name}:{last.lineno}: {type(error).__name__}: {error}")
 
 
 @cache

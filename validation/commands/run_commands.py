@@ -67,8 +67,10 @@ def run(
     failures = 0
     for name in names:
         try:
-            with counted(f"{case.scene.name} on {name}"):
-                ended = assess(run_case(case, name, runs, rerun=rerun, limit_s=time_limit), case)
+            with counted(f"running {case.scene.name} on {name}"):
+                ended = run_case(case, name, runs, rerun=rerun, limit_s=time_limit)
+            with counted(f"measuring the error of {case.scene.name} on {name}"):
+                ended = assess(ended, case)
         except (RunError, OSError) as error:
             print(f"{case.scene.name}: {name}: {error}", file=sys.stderr)
             failures += 1
