@@ -197,7 +197,10 @@ class Engine:
     def loop_seconds(self, stdout: str) -> float | None:
         """Seconds spent in the code's time loop, from its standard output; None if the run did not finish."""
         match = re.search(self.loop_pattern, stdout, re.MULTILINE)
-        return float(match.group(1)) if match else None
+        try:
+            return float(match[1]) if match else None
+        except (IndexError, TypeError, ValueError) as error:  # of an external adapter
+            raise RunError(f"loop_pattern of {self.name} finds no seconds: {error}") from error
 
 
 @cache
@@ -278,6 +281,7 @@ def _external_adapter(path: Path, where: str) -> Engine:
         engine = module.ENGINE
         if not isinstance(engine, Engine):
             raise TypeError(f"ENGINE is {type(engine).__name__}")
+        re.compile(engine.loop_pattern)
     except (Exception, SystemExit) as error:  # any error of the adapter
         raise InputError(where, "adapter", _words_of(error, path), "ENGINE = Engine(...)") from error
     functions = {name: value for name, value in vars(engine).items() if callable(value)}

@@ -299,6 +299,20 @@ def test_a_command_with_a_wrong_adapter_ends_in_one_line(
     assert beads("runs", "--prune", *runs).returncode == 0
 
 
+@pytest.mark.parametrize(
+    ("pattern", "words"),
+    [("completed", "no such group"), ("(completed)", "'completed'"), ("(completed", "error: missing \\)")],
+)
+def test_a_wrong_loop_pattern_ends_a_run_in_one_line(
+    pattern: str, words: str, engines_file: EnginesWriter, scene_file: SceneWriter, tmp_path: Path
+) -> None:
+    (tmp_path / "mine.py").write_text(f"{OWN_ADAPTER}\nENGINE = replace(ENGINE, loop_pattern={pattern!r})\n")
+    engines_file(f'[mine]\nadapter = "mine.py"\ncommand = "{sys.executable}"\n')
+    done = beads("run", scene_file(duration="20 us"), "--engine", "mine", "--runs", tmp_path / "runs")
+    assert done.returncode in (1, 2)
+    assert re.fullmatch(rf".*{words}.*\n", done.stderr)
+
+
 def test_an_error_in_a_library_names_the_line_of_the_adapter(engines_file: EnginesWriter, tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text("import json\n\njson.loads('{')\n")
     engines_file('[mine]\nadapter = "mine.py"\n')
