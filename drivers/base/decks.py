@@ -22,11 +22,13 @@ class Deck:
         files: text by file name; the first line of the main file names the command.
         command: argument vector, run inside the folder with the files.
         raw: names of the raw output files that the engine writes into that folder.
+        logs: names of further files that it writes there, which are removed unread.
     """
 
     files: Mapping[str, str]
     command: tuple[str, ...]
     raw: tuple[str, ...]
+    logs: tuple[str, ...] = ()
 
     @property
     def sha256(self) -> str:

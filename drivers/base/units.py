@@ -74,6 +74,11 @@ def to_si(text: str, unit: str) -> float:
     return float(value)
 
 
+def divided(value: float, parts: int) -> float:
+    """Part of a value, in decimal arithmetic: a twentieth of 5e-06 is 2.5e-07, not 2.5000000000000004e-07."""
+    return float(Decimal(repr(value)) / parts)
+
+
 def quantity(value: float, unit: str) -> str:
     """Text of a value in an SI unit, such as ``0.1 us``; it reads back as the same double."""
     number = Decimal(repr(value))

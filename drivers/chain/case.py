@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from drivers.base.errors import InputProblem, refuse_any
+from drivers.base.units import divided
 from drivers.chain.chain import Array, Chain, build_chain, moving_at_start
 from drivers.chain.elements import ModellingElement, choose_elements
 from drivers.scene.model import RIGID, Scene
@@ -96,7 +97,7 @@ class Case:
 
     def at(self, steps_per_sample: int) -> "Case":
         """Case with another time step."""
-        step = self.scene.run.sample_interval / steps_per_sample
+        step = divided(self.scene.run.sample_interval, steps_per_sample)
         run = self.scene.run.model_copy(update={"time_step": step})
         return replace(self, scene=self.scene.model_copy(update={"run": run, "steps_per_sample": steps_per_sample}))
 

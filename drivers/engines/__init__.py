@@ -10,7 +10,7 @@ import pkgutil
 import re
 import shlex
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import cache, wraps
@@ -20,7 +20,7 @@ from traceback import extract_tb
 from typing import Any
 
 from drivers.base.decks import Deck
-from drivers.base.errors import InputError, InputProblem, RunError
+from drivers.base.errors import InputError, InputProblem, RunError, one_line
 from drivers.base.processes import find_command
 from drivers.chain.case import Case
 from drivers.chain.elements import STRAIGHT
@@ -197,7 +197,10 @@ class Engine:
     def loop_seconds(self, stdout: str) -> float | None:
         """Seconds spent in the code's time loop, from its standard output; None if the run did not finish."""
         match = re.search(self.loop_pattern, stdout, re.MULTILINE)
-        return float(match.group(1)) if match else None
+        try:
+            return float(match[1]) if match else None
+        except (IndexError, TypeError, ValueError) as error:  # of an external adapter
+            raise RunError(f"loop_pattern of {self.name} finds no seconds: {error}") from error
 
 
 @cache
@@ -239,20 +242,27 @@ def _engine_of(name: str, entry: Entry) -> Engine:
     return replace(engine, name=name, entry=entry, how_to_get=entry.how_to_get or engine.how_to_get)
 
 
-def _guarded(function: Callable[..., Any]) -> Callable[..., Any]:
+def _guarded(function: Callable[..., Any], path: Path) -> Callable[..., Any]:
     """Wrap a function of an external adapter: any error becomes a RunError with its file and line."""
 
     @wraps(function)
     def guarded(*arguments: Any) -> Any:
         try:
-            return function(*arguments)
+            found = function(*arguments)
+            return list(found) if isinstance(found, Iterator) else found  # a generator raises errors when it is read
         except (InputError, RunError):
             raise
         except (Exception, SystemExit) as error:
-            place = extract_tb(error.__traceback__)[-1]
-            raise RunError(f"{place.filename}:{place.lineno}: {type(error).__name__}: {error}") from error
+            raise RunError(_words_of(error, path)) from error
 
     return guarded
+
+
+def _words_of(error: BaseException, path: Path) -> str:
+    """Error of an adapter on one line, with the last line of its file that was running, else of any file."""
+    places = [place for place in extract_tb(error.__traceback__) if place.lineno]
+    last = ([place for place in places if place.filename == str(path)] or places)[-1]
+    return one_line(f"{Path(last.filename).name}:{last.lineno}: {type(error).__name__}: {error}")
 
 
 @cache
@@ -271,13 +281,11 @@ def _external_adapter(path: Path, where: str) -> Engine:
         engine = module.ENGINE
         if not isinstance(engine, Engine):
             raise TypeError(f"ENGINE is {type(engine).__name__}")
+        re.compile(engine.loop_pattern)
     except (Exception, SystemExit) as error:  # any error of the adapter
-        raise InputError(
-            where, "adapter", f"{path}: {type(error).__name__}: {error}", "ENGINE = Engine(...)"
-        ) from error
-    called = ("render", "read", "partial_trace", "refusal")
-    guarded: dict[str, Any] = {name: _guarded(getattr(engine, name)) for name in called}
-    return replace(engine, **guarded)
+        raise InputError(where, "adapter", _words_of(error, path), "ENGINE = Engine(...)") from error
+    functions = {name: value for name, value in vars(engine).items() if callable(value)}
+    return replace(engine, **{name: _guarded(function, path) for name, function in functions.items()})
 
 
 def engine_names() -> list[str]:

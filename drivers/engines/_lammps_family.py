@@ -97,8 +97,8 @@ def deck_of(
     }
     templates = (f"{code.lower()}/chain.in.j2", "lammps/chain.data.j2")  # same format of data files
     files = {Path(name).stem: render_template(name, **values) for name in templates}
-    command = ("stdbuf", "-oL", program, "-in", "chain.in", "-log", "none")  # -oL keeps the last lines of an abort
-    return Deck(files, command, raw=(DUMP,))
+    command = ("stdbuf", "-oL", program, "-in", "chain.in")  # -oL keeps the last lines of an abort
+    return Deck(files, command, raw=(DUMP,), logs=(f"log.{code.lower()}",))
 
 
 def labels_of(chain: Chain) -> list[str]:

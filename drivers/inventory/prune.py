@@ -12,7 +12,7 @@ from drivers.base import paths
 from drivers.base.errors import InputError, RunError
 from drivers.base.processes import UNKNOWN_VERSION
 from drivers.batch.store import WORK, Store
-from drivers.engines import load_engine
+from drivers.engines import engine_names, load_engine
 from drivers.inventory.run_folders import UNREADABLE, batches_text, kept_runs, key_of, select, size_below, size_text
 from drivers.run.build import Build, build_of
 from drivers.run.run import run_identity
@@ -29,10 +29,11 @@ REASONS_TO_REMOVE = (UNREADABLE_RECORD, FAILED_RUN, OTHER_BUILD, OLDER_DECK)
 
 USED_RUN = "commands find them again"
 RECENT_RUN = f"ended less than {RECENT_S / 60:g} minutes ago; a command may still read them"
-ABSENT_ENGINE = "their engine is not installed, so its build is unknown"
+UNKNOWN_ENGINE = "their engine has no entry here; --engines FILE names the file with its entry"
+ABSENT_ENGINE = "their engine is not installed, or does not say its version, so its build is unknown"
 RENAMED_FOLDER = "their folders have been renamed or are links"
 IMPORTED = "imported, so no command makes them again"
-REASONS_TO_KEEP = (USED_RUN, RECENT_RUN, ABSENT_ENGINE, RENAMED_FOLDER, IMPORTED)
+REASONS_TO_KEEP = (USED_RUN, RECENT_RUN, UNKNOWN_ENGINE, ABSENT_ENGINE, RENAMED_FOLDER, IMPORTED)
 
 
 def prune(
@@ -91,7 +92,7 @@ def _reasons(kept: Sequence[EndedRun]) -> dict[Path, str]:
     return reasons | former
 
 
-def _reason(run: EndedRun, build: Build | None) -> str:
+def _reason(run: EndedRun, build: Build | str) -> str:
     if run.folder.is_symlink() or not FOLDER_NAME.fullmatch(run.folder.name):
         return RENAMED_FOLDER
     if time.time() - max((stat.st_mtime for stat in run.stats.values()), default=0.0) < RECENT_S:
@@ -102,18 +103,20 @@ def _reason(run: EndedRun, build: Build | None) -> str:
         return IMPORTED
     if run.trouble:
         return FAILED_RUN
-    if build is None:
-        return ABSENT_ENGINE
+    if isinstance(build, str):
+        return build
     present = run_identity(run.record.engine, build, run.record.deck_sha256)
     return USED_RUN if run.record.identity == present else OTHER_BUILD
 
 
-def _present_build(engine: str) -> Build | None:
-    """Installed build of an engine; None if there is none or its version is unknown."""
+def _present_build(engine: str) -> Build | str:
+    """Installed build of an engine, or the reason to keep its runs."""
+    if engine not in engine_names():
+        return UNKNOWN_ENGINE
     with suppress(InputError, RunError):
         build = build_of(load_engine(engine))
-        return build if build.version != UNKNOWN_VERSION else None
-    return None
+        return build if build.version != UNKNOWN_VERSION else ABSENT_ENGINE
+    return ABSENT_ENGINE
 
 
 def _remove(group: Sequence[EndedRun]) -> list[EndedRun]:

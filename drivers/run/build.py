@@ -18,6 +18,7 @@ from drivers.base.errors import RunError
 from drivers.base.files import digest_of_json, home_of, readable, sha256_of
 from drivers.base.kept import keep, recall
 from drivers.base.processes import UNKNOWN_VERSION
+from drivers.base.progress import counted
 from drivers.engines import Engine
 
 SCRIPT_BYTES = 100_000  # length of a script that is searched for names of files
@@ -82,7 +83,7 @@ def build_of(engine: Engine) -> Build:
         if known and known["files"] == _dates(known["files"]):
             _seen[name] = known
             return Build(command, known["version"], known["sha256"])
-        with TemporaryDirectory() as folder:
+        with counted(f"checking the build of {engine.name}"), TemporaryDirectory() as folder:
             version = engine.version_of(command, LD_DEBUG="files", LD_DEBUG_OUTPUT=f"{folder}/loaded")
             loaded = "\n".join(file.read_text(errors="replace") for file in Path(folder).iterdir())
         adapter = [engine.entry.adapter] * engine.entry.adapter.endswith(".py")

@@ -84,7 +84,7 @@ def run_case(
         alone = by_hand and not engine.in_repository
         ended = compute(case, engine_name, build=build, deck=deck, limit_s=limit_s, folder=folder, by_hand=alone)
         record = record_of_end(case, engine, build, deck, ended)
-        for raw in (folder / name for name in deck.raw):
+        for raw in (folder / name for name in (*deck.raw, *deck.logs)):
             if raw.is_dir():
                 shutil.rmtree(raw)
             else:

@@ -241,14 +241,14 @@ def _materials(file: SceneFile, library: dict[str, Any]) -> dict[str, Material]:
 
 
 def _steps_per_sample(interval_s: float, step_s: float | None) -> tuple[int, float]:
-    """Time steps per sample interval, and the time step as an exact fraction of the interval.
+    """Time steps per sample interval, and the time step as a decimal fraction of the interval.
 
     Without a time step: 1 and the interval; the step is planned later.
     """
     if step_s is None:
         return 1, interval_s
     steps = max(1, round(interval_s / step_s))
-    return steps, step_s if step_s * steps == interval_s else interval_s / steps
+    return steps, units.divided(interval_s, steps)
 
 
 def _bad_times(file: SceneFile, steps_per_sample: int, samples: float) -> Iterator[InputProblem]:

@@ -14,7 +14,6 @@ from drivers.scene.read_scene import read_toml
 
 DERIVED = ("units", "name", "steps_per_sample", "samples")  # not in scene files
 FREE_TEXT = ("source",)
-STEP = "run.time_step"
 
 
 def settings_between(scene: dict[str, Any], base: dict[str, Any]) -> dict[str, str]:
@@ -25,10 +24,7 @@ def settings_between(scene: dict[str, Any], base: dict[str, Any]) -> dict[str, s
     own = scene.get("materials", {})
     base = base | {"materials": {name: base.get("materials", {}).get(name) or _library().get(name) for name in own}}
     pair = unplanned(base), unplanned(scene)
-    changed = {key: value for key, _, value in differences(*pair) if key != "title"}
-    if isinstance(step := changed.get(STEP), float):  # stored as an exact fraction of the sample interval
-        changed[STEP] = float(f"{step:.12g}")
-    return {key: setting_text(key, value) for key, value in changed.items()}
+    return {key: setting_text(key, value) for key, _, value in differences(*pair) if key != "title"}
 
 
 def unplanned(scene: dict[str, Any]) -> dict[str, Any]:

@@ -153,8 +153,10 @@ def _chosen(label: str, chooser: Chooser, asked: dict[str, float], factor: float
 
 
 def _table(rows: list[Row], among: Collection[str]) -> Iterator[str]:
-    names = capable_engines(next(case for _, case, *_ in rows if case), among)
-    cells = [["", "time step", "error", *names]]
+    given, quantities = next((case, errors) for _, case, errors, _ in rows if case)
+    names = capable_engines(given, among)
+    error_of = f"{'largest ' * (len(quantities) > 1)}error of {', '.join(quantities)}"
+    cells = [["", "time step", error_of, *names]]
     for label, case, errors, _ in rows:
         if case:
             worst = max(errors.values())

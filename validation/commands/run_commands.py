@@ -67,8 +67,10 @@ def run(
     for name in names:  # --engine auto adds the next engine after one that fails
         by_auto = bool(asked) and name not in engines
         try:
-            with counted(f"{case.scene.name} on {name}"):
-                ended = assess(run_case(case, name, runs, rerun=rerun, limit_s=time_limit), case)
+            with counted(f"running {case.scene.name} on {name}"):
+                ended = run_case(case, name, runs, rerun=rerun, limit_s=time_limit)
+            with counted(f"measuring the error of {case.scene.name} on {name}"):
+                ended = assess(ended, case)
         except (RunError, OSError) as error:
             wrong = f": {error}"
         else:

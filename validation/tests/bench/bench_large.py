@@ -15,7 +15,9 @@ RUNS = {("lammps", 100_000): 500, ("liggghts", 100_000): 500, ("verlet", 100_000
 
 def bench_large() -> None:
     """Print a line for each run of a struck chain with 6 samples."""
-    print("\nbeads run of very long chains, 6 samples: wall seconds of the engine, of all else, memory of all processes")
+    print(
+        "\nbeads run of very long chains, 6 samples: wall seconds of the engine, of all else, memory of all processes"
+    )
     for (engine, bodies), steps in RUNS.items():
         if not installed([engine]):
             print(f"{engine}: not installed, not run")
@@ -33,4 +35,6 @@ def bench_large() -> None:
             wall_s = time.perf_counter() - began
             engine_s = record_of(Path(done.stdout.strip())).wall_s or 0.0
         most = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1e6
-        print(f"{engine:>9} {bodies:>8} bodies {engine_s:6.2f} s {wall_s - engine_s:6.2f} s, at most {most:.2f} GB so far")
+        print(
+            f"{engine:>9} {bodies:>8} bodies {engine_s:6.2f} s {wall_s - engine_s:6.2f} s, at most {most:.2f} GB so far"
+        )

@@ -120,7 +120,7 @@ def test_a_plan_is_limited_to_engines() -> None:
     said = beads("plan", "two-spheres", "--engine", "verlet").stdout
     assert re.search(r"^engine +verlet, ", said, re.MULTILINE)
     assert "other engines" not in said
-    assert re.search(r"^ +time step +error +verlet$", said, re.MULTILINE)
+    assert re.search(r"^ +time step +error of force +verlet$", said, re.MULTILINE)
     refused = beads("plan", "fig4-tube", "--engine", "reference")
     assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
 

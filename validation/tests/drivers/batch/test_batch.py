@@ -383,6 +383,20 @@ def test_a_full_disk_ends_the_batch(engine: str, study_file: StudyWriter, small_
     assert set(table(runs)["status"]) == {"done"}
 
 
+def test_a_disk_that_temporary_files_fill_during_a_run_counts_as_full(
+    stand_in: StandIn, scene_file: SceneWriter, small_disk: Path
+) -> None:
+    """As those of Open MPI, which are gone when the code has ended."""
+    need("liggghts")
+    took = small_disk / "temporary"
+    stand_in(
+        "liggghts", f'head -c 2900k /dev/zero > {took}; {shutil.which("liggghts")} "$@"; code=$?; rm {took}; exit $code'
+    )
+    done = beads("run", scene_file(duration="0.5 ms"), "--engine", "liggghts", "--runs", small_disk / "runs")
+    assert done.returncode == 1
+    assert "No space left on device" in done.stderr
+
+
 def test_status_lists_cases(study_file: StudyWriter, tmp_path: Path) -> None:
     path, runs = study_file(SPEEDS.format(2), "verlet"), tmp_path / "runs"
     assert batch(path, runs, "--slice", "2/2").returncode == 0

@@ -1,10 +1,18 @@
 """Tests of decks: snapshots of the paper's scenes; no lines for elements that a scene does not have."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from drivers.engines import codes, load_engine
+from drivers.base.decks import Deck
+from drivers.base.processes import STDOUT, run_command
+from drivers.chain.case import Case
+from drivers.chain.trace import digest_of
+from drivers.engines import codes, installed_codes, load_engine
+from drivers.run.guard import checked_trace
+from drivers.run.run import run_case
+from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import case_of
 
 SNAPSHOTS = Path(__file__).parent / "decks"
@@ -105,3 +113,44 @@ def test_each_friction_has_lines_of_its_own(rough: str, engine: str) -> None:
     assert ("slipping = contacts" in text) == between
     assert ("slipping = in_bore" in text) != between
     assert f"tangensOfFrictionAngle = {only['tube.friction']:g}" in text
+
+
+def by_hand(case: Case, engine: str, deck: Deck, folder: Path) -> str:
+    """Digest of the forces of a deck that runs in a folder."""
+    code = load_engine(engine)
+    folder.mkdir()
+    deck.write(folder)
+    outcome = run_command(code.started(deck, code.find() or ()), folder, 60, **code.environment)
+    return digest_of(checked_trace(case, code, outcome, folder))
+
+
+@pytest.mark.parametrize("scene", ["fig4", "fig4-tube"])
+def test_the_line_that_checks_the_step_works_and_changes_no_force(scene: str, tmp_path: Path) -> None:
+    need("liggghts")
+    for step, warned in (("0.5 us", False), ("5 us", True)):
+        times = ("run.duration=50 us", "run.sample_interval=5 us", f"run.time_step={step}")
+        case = case_of(scene, *times, "contact.restitution=0.8")
+        deck = load_engine("liggghts").render(case)
+        main = deck.files["chain.in"]
+        checking = replace(deck, files={**deck.files, "chain.in": main.replace("# fix check", "fix check")})
+        assert checking != deck
+        folder = tmp_path / f"checked at {step}"
+        assert by_hand(case, "liggghts", checking, folder) == by_hand(case, "liggghts", deck, tmp_path / step)
+        assert ("WARNING: time-step is" in (folder / STDOUT).read_text()) == warned
+
+
+@pytest.mark.parametrize("settings", [(), ("contact.restitution=0.8",)])
+def test_decks_without_moduli_or_with_a_tuned_one_have_no_line_that_checks_the_step(settings: tuple[str, ...]) -> None:
+    assert "check/timestep" not in load_engine("liggghts").render(case_of("fig5", *settings)).files["chain.in"]
+
+
+LOGGED = [name for name in installed_codes() if load_engine(name).render(case_of("fig4")).logs]
+
+
+@pytest.mark.parametrize("engine", LOGGED)
+def test_a_deck_by_hand_writes_a_log_and_a_run_folder_has_none(engine: str, tmp_path: Path) -> None:
+    case = case_of("fig4", "run.duration=20 us")
+    by_hand(case, engine, load_engine(engine).render(case), tmp_path / "hand")
+    (log,) = (tmp_path / "hand").glob("log.*")
+    assert "timestep" in log.read_text()
+    assert not [*run_case(case, engine, tmp_path / "runs").folder.glob("log.*")]

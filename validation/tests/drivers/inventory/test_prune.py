@@ -19,7 +19,7 @@ from drivers.run.run import run_case, run_identity
 from drivers.run.run_folder import FORCES, RECORD, EndedRun, record_of
 from drivers.run.workplaces import ABANDONED_S, ALIVE, LEASE, _machine, leased, workplace
 from validation.tests.helpers.runs import edit_record
-from validation.tests.helpers.scenes import BASE, STRIKER, WALL, case_of
+from validation.tests.helpers.scenes import BASE, STRIKER, WALL, EnginesWriter, case_of
 
 DAY_S = 86400.0
 
@@ -138,7 +138,9 @@ def test_what_cannot_be_judged_stays(runs: Path, capsys: pytest.CaptureFixture[s
     assert {"absent"} < {run.record.engine for run in kept_runs(runs)}
     assert mine.exists()
     assert (runs / VERLET / "notes").exists()
-    assert any(line.startswith("kept 1 runs (absent 1)") and "is not installed" in line for line in lines)
+    assert any(
+        line.startswith("kept 1 runs (absent 1)") and "has no entry here; --engines FILE" in line for line in lines
+    )
     assert any("their folders have been renamed" in line for line in lines)
 
 
@@ -160,6 +162,17 @@ def test_a_folder_that_cannot_be_written_to_is_named(runs: Path, monkeypatch: py
     with pytest.raises(InputError) as message:
         prune(runs, (), (), ())
     assert str(message.value) == f"runs/{VERLET}: found a read-only folder; allowed: one that can be written to"
+
+
+@pytest.mark.parametrize("command", ["no-such-program", "true"])  # "true" prints no version
+def test_runs_of_an_engine_without_a_build_stay(
+    command: str, runs: Path, engines_file: EnginesWriter, capsys: pytest.CaptureFixture[str]
+) -> None:
+    engines_file(f'[own]\nadapter = "liggghts"\ncommand = "{command}"\n')
+    copied(done(runs, VERLET), f"small-{'0' * 12}", engine="own", identity="0" * 12)
+    assert any(
+        line.startswith("kept 1 runs (own 1)") and "is not installed, or" in line for line in pruned(capsys, runs)
+    )
 
 
 def test_what_just_ended_stays(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from drivers.base import paths
-from drivers.base.errors import InputError
+from drivers.base.errors import InputError, RunError
 from drivers.base.processes import run_command
 from drivers.engines import codes, engine_names, installed, installed_codes, load_engine
 from drivers.run.build import build_of
@@ -69,7 +69,7 @@ def test_a_deck_and_its_record_carry_the_command_of_the_engines_entry(
     deck = own.render(case_of("fig4"))
     shown = own.deck_by_hand(deck)
     first = shown.files["chain.in"].partition("\n")[0]
-    assert first == "# stdbuf -oL mpirun -np 1 /opt/own/lmp -in chain.in -log none"
+    assert first == "# stdbuf -oL mpirun -np 1 /opt/own/lmp -in chain.in"
     assert [*shown.files] == [*deck.files]
     for name in codes():
         shipped = load_engine(name)
@@ -259,3 +259,62 @@ def test_a_wrong_adapter_or_file_ends_a_command_with_code_two(engines_file: Engi
         done = beads("run", "fig4", "--engines", file, "--engine", "mine")
         assert done.returncode == 2
         assert re.fullmatch(rf".*{words}.*\n", done.stderr)
+
+
+FUNCTIONS = [name for name, value in vars(load_engine("yade")).items() if callable(value)]
+WRONG = """
+def wrong(*given):
+    print("wrong")
+    {error}
+
+ENGINE = replace(ENGINE, {function}=wrong)
+"""
+
+
+@pytest.mark.parametrize(
+    "error", ["return 1 / 0", "yield 1 / 0", "raise ValueError('two\\nlines')", "raise SystemExit"]
+)
+@pytest.mark.parametrize("function", FUNCTIONS)
+def test_an_error_of_any_function_of_an_adapter_is_one_line(
+    function: str, error: str, engines_file: EnginesWriter, tmp_path: Path
+) -> None:
+    (tmp_path / "mine.py").write_text(OWN_ADAPTER + WRONG.format(error=error, function=function))
+    engines_file('[mine]\nadapter = "mine.py"\n')
+    with pytest.raises(RunError, match=r"^mine.py:10: \w+: [^\n]*$"):
+        getattr(load_engine("mine"), function)(tmp_path)
+
+
+@pytest.mark.parametrize("function", ["version", "libraries", "refusal", "render", "request", "read"])
+def test_a_command_with_a_wrong_adapter_ends_in_one_line(
+    function: str, engines_file: EnginesWriter, scene_file: SceneWriter, tmp_path: Path
+) -> None:
+    (tmp_path / "mine.py").write_text(OWN_ADAPTER + WRONG.format(error="return 1 / 0", function=function))
+    engines_file(f'[mine]\nadapter = "mine.py"\ncommand = "{sys.executable}"\n')
+    scene, runs = scene_file(duration="20 us"), ("--runs", tmp_path / "runs")
+    (tmp_path / "runs").mkdir()
+    for words in (("run", scene, "--engine", "mine", *runs), ("plan", scene, "--engine", "mine")):
+        said = beads(*words).stderr.splitlines()
+        assert [line for line in said if re.search(r"mine.py:10: ZeroDivisionError: division by zero", line)] == said
+        assert len(said) <= 1
+    assert beads("runs", "--prune", *runs).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("pattern", "words"),
+    [("completed", "no such group"), ("(completed)", "'completed'"), ("(completed", "error: missing \\)")],
+)
+def test_a_wrong_loop_pattern_ends_a_run_in_one_line(
+    pattern: str, words: str, engines_file: EnginesWriter, scene_file: SceneWriter, tmp_path: Path
+) -> None:
+    (tmp_path / "mine.py").write_text(f"{OWN_ADAPTER}\nENGINE = replace(ENGINE, loop_pattern={pattern!r})\n")
+    engines_file(f'[mine]\nadapter = "mine.py"\ncommand = "{sys.executable}"\n')
+    done = beads("run", scene_file(duration="20 us"), "--engine", "mine", "--runs", tmp_path / "runs")
+    assert done.returncode in (1, 2)
+    assert re.fullmatch(rf".*{words}.*\n", done.stderr)
+
+
+def test_an_error_in_a_library_names_the_line_of_the_adapter(engines_file: EnginesWriter, tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text("import json\n\njson.loads('{')\n")
+    engines_file('[mine]\nadapter = "mine.py"\n')
+    with pytest.raises(InputError, match=r"mine.py:3: JSONDecodeError"):
+        load_engine("mine")

@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.base.units import to_si
+from drivers.base.units import divided, to_si
 from drivers.chain.contact_law import hertz_stiffness
 from drivers.chain.elements import choose_elements
+from drivers.engines import load_engine
 from drivers.scene.model import Material
 from drivers.scene.read_scene import read_scene
 from validation.tests.helpers.scenes import SceneWriter, case_of
@@ -37,9 +38,26 @@ def test_quantities_are_the_closest_double(text: str, unit: str, value: float) -
     assert to_si(text, unit) == value
 
 
-@given(st.decimals("1e-9", "1e9", allow_nan=False).filter(lambda number: number > 0))
-def test_a_length_in_mm_is_its_decimal_over_a_thousand(number: Decimal) -> None:
-    assert to_si(f"{number} mm", "m") == float(number.scaleb(-3))
+FEW_DIGITS = st.builds(lambda digits, power: Decimal(digits).scaleb(power), st.integers(1, 10**6), st.integers(-9, 3))
+PREFIXES = {"p": -12, "n": -9, "u": -6, "m": -3, "": 0, "k": 3, "M": 6, "G": 9}
+
+
+@given(st.sampled_from([*PREFIXES]), st.sampled_from(["m", "s", "Pa", "N", "m/s"]), FEW_DIGITS)
+def test_a_quantity_is_the_double_nearest_to_its_decimal(prefix: str, unit: str, number: Decimal) -> None:
+    assert to_si(f"{number} {prefix}{unit}", unit) == float(number.scaleb(PREFIXES[prefix]))
+
+
+@given(FEW_DIGITS, st.integers(1, 10**6))
+def test_a_step_is_the_double_nearest_to_its_decimal(step: Decimal, steps: int) -> None:
+    assert divided(float(step * steps), steps) == float(step)
+
+
+@pytest.mark.parametrize("interval", ["1 us", "5 us", "10 us", "0.02 ms"])
+def test_a_step_of_a_scene_is_as_written(interval: str) -> None:
+    case = case_of("fig4", f"run.sample_interval={interval}", "run.time_step=250 ns")
+    assert case.scene.time_step_s == 2.5e-7
+    assert case.at(case.scene.steps_per_sample).scene.time_step_s == 2.5e-7
+    assert "timestep        2.5e-07\n" in load_engine("liggghts").render(case).files["chain.in"]
 
 
 def test_hertz_law_is_the_papers_equation_7() -> None:

@@ -164,11 +164,14 @@ def test_the_plan_reports_step_errors_and_engine() -> None:
         "engine",
         "ten times the error",
         "a tenth of the error",
+        "time step  error of force  ",
         "horizon",
         "stability",
     ):
         assert word in said.stdout
     assert re.search(r"at the gauges: .*wall_peak \d", said.stdout)
+    peaks = beads("plan", "fig4", "--set", FREE, "--set", "run.accuracy={wall_peak=1e-3, bead_5_peak=1e-3}")
+    assert "time step  largest error of wall_peak, bead_5_peak  " in peaks.stdout
     bounced = beads("plan", "fig4", "--set", "run.duration=20 ms")
     assert "beyond, compare energy" in bounced.stdout
 
