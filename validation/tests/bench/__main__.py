@@ -1,4 +1,4 @@
-"""``python -m validation.tests.bench``: cost of integrators, engines, long chains, batches, fits and the report, in one run."""
+"""``python -m validation.tests.bench``: cost of integrators, engines, batches, fits and the report, in one run."""
 
 from validation.tests.bench.bench import bench
 from validation.tests.bench.bench_batch import bench_batch

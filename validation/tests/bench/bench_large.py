@@ -23,8 +23,8 @@ def bench_large() -> None:
             print(f"{engine}: not installed, not run")
             continue
         interval = f"{steps / 50} us"
-        keys = (f"chain.count={bodies - 1}", f"chain.sensors=[{{ from_wall = {bodies - 9} }}]", "run.time_step=0.1 us")
-        keys += (f"run.sample_interval={interval}", f"run.duration={steps / 10} us")
+        keys = [f"chain.count={bodies - 1}", f"chain.sensors=[{{ from_wall = {bodies - 9} }}]", "run.time_step=0.1 us"]
+        keys += [f"run.sample_interval={interval}", f"run.duration={steps / 10} us"]
         with tempfile.TemporaryDirectory() as runs:
             began = time.perf_counter()
             words = [word for key in keys for word in ("--set", key)]
