@@ -284,8 +284,8 @@ def _external_adapter(path: Path, where: str) -> Engine:
         re.compile(engine.loop_pattern)
     except (Exception, SystemExit) as error:  # any error of the adapter
         raise InputError(where, "adapter", _words_of(error, path), "ENGINE = Engine(...)") from error
-    functions: dict[str, Any] = {name: value for name, value in vars(engine).items() if callable(value)}
-    return replace(engine, **{name: _guarded(function, path) for name, function in functions.items()})
+    guarded: dict[str, Any] = {name: _guarded(value, path) for name, value in vars(engine).items() if callable(value)}
+    return replace(engine, **guarded)
 
 
 def engine_names() -> list[str]:
