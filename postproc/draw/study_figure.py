@@ -214,7 +214,7 @@ def _looks(
         scale.norm = _scale(number.iloc[:, 0])
         colours = scale.to_rgba(factor * number.iloc[:, 0])
         finish_bar(axes[0].figure.colorbar(scale, ax=axes, pad=0.02, aspect=30), words)
-        axes[0].plot([], [], color=GREY, label=name)
+        axes[0].plot([], [], color=GREY, lw=1.1, label=name)
         return [{"label": name, "color": colour} for colour in colours], ""
     colours = cycle(COLOURS) if few else value_colours()(np.linspace(0, 1, len(sets)))
     entries = [_words(values, labels, named=few) or name for values in sets.to_dict("records")]

@@ -120,7 +120,7 @@ def batch(
     return run_study(request, results, place, array, dry_run=dry_run, yes=yes)
 
 
-@command("sensitivity", "speed-amplitude --x bead_5_amplitude --y speed_9_to_5 --log --power-law")
+@command("sensitivity", "speed-amplitude --x bead_5_amplitude --y speed_9_to_5 --log")
 @options.STUDY
 @options.ENGINES
 @options.RESULTS
@@ -129,7 +129,7 @@ def batch(
 @click.option("--log", is_flag=True, help="Make the axes of --x and --y logarithmic.")
 @click.option("--power-law", is_flag=True, help="Fit y = C x^n to each curve of each engine.")
 def study(study: str, results: Path, x: str, y: str, log: bool, power_law: bool) -> None:
-    """Draw the table of a finished study: curves, a tornado chart, or a column against another."""
+    """Draw the table of a finished study, or two of its columns."""
     given = {"--x": x, "--y": y, "--log": log, "--power-law": power_law}
     missing = [option for option in ("--x", "--y") if not given[option]]
     if missing and any(given.values()):
