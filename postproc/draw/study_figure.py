@@ -248,13 +248,13 @@ def _draw_power_laws(
     from scipy.stats import linregress
 
     (_, x_factor), (_, y_factor) = (_axis(labels[name], numbers[name]) for name in (x, y))
-    lines, above = [], numbers[(numbers[[x, y]] > 0).all(axis=1)]
-    points = above.groupby(["engine", *others], dropna=False)[x].nunique()
+    lines, above = [], (numbers[[x, y]] > 0).all(axis=1)
+    points = numbers[x].where(above).groupby([numbers[name] for name in ["engine", *others]], dropna=False).nunique()
     if points.min() < MIN_ROWS or len(numbers[others].drop_duplicates()) > MAX_CURVES:
         others = []
     for (engine, *_), rows in numbers.groupby(["engine", *others], dropna=False, sort=False):
         name = ", ".join(filter(None, [str(engine), _words(rows.iloc[0][others].to_dict(), labels)]))
-        own = rows.loc[rows.index.intersection(above.index)]
+        own = rows[above[rows.index]]
         if len(own) < MIN_ROWS or own[x].nunique() == 1:
             found = f"{name} has {len(own)} rows with {x} and {y} above zero"
             raise InputError("--power-law", "", found, f"at least {MIN_ROWS} rows, with different {x}")
