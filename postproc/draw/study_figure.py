@@ -1,33 +1,48 @@
-"""Figures of a study from its table: curves over the varied values, or a tornado chart of sensitivities."""
+"""Figures of studies from their tables: curves, a column against another, histograms, tornado charts."""
 
-from collections.abc import Mapping
-from itertools import product
+from collections.abc import Mapping, Sequence
+from itertools import cycle, product
 from textwrap import fill
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.cm import ScalarMappable
+from matplotlib.ticker import LogFormatter
 from pandas.api.types import is_numeric_dtype
 
 from drivers.base.errors import InputError
-from postproc.draw.power_law import draw_power_laws, make_logarithmic
+from drivers.engines import REFERENCE
 from postproc.draw.product import Product
-from postproc.draw.study_curves import COLOURS, MAX_CURVES, SEED, WRAP, baseline_of, draw_curves, swept_columns
-from postproc.draw.style import COLUMN_IN, GREY, PAGE_IN, grey_of, pyplot
+from postproc.draw.style import COLUMN_IN, GREY, PAGE_IN, finish_bar, grey_of, pyplot, value_colours
 from postproc.read.labels import Label, observable_label
 from postproc.read.observables import without_unit
 
-TEXTS = ("engine", "status", "reason")  # columns that are on no axis
+SEED = "seed"  # column of random draws, which are scatter and not an axis
+TEXTS = ["engine", "status", "reason"]  # columns that are on no axis
 LESS, MORE = "#56b4e9", "#d55e00"  # bars of a tornado chart
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "black", "#cc79a7", "#a34800", "#56b4e9")
+DASHES = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (4, 1, 1, 1)), (0, (8, 2)), (0, (3, 1, 1, 1, 1, 1)))
+MARKERS = "osD^v<>"
+LOG_RATIO = 30  # of the largest to the smallest varied value: larger ratios get a logarithmic scale
+MAX_CURVES = 8  # each with a colour of its own
+MAX_TEXT_TICKS = 60
+MAX_CHARACTERS = 24  # of a text value; of all texts on an axis, longer ones are turned
+MIN_ROWS = 3  # of a power law
 BINS = 15
 PANEL_IN, LINE_IN, TEXT_IN = 2.2, 0.16, 0.8  # heights of a panel, of a line of text, of turned texts
+WRAP = 32  # characters per line of an axis label
 CHARACTERS_PER_IN = 15
+
+
+def swept_columns(table: pd.DataFrame) -> list[str]:
+    """Columns of the varied values: between the number of the case and the engine."""
+    return [*map(str, table.loc[:, :"engine"].columns[1:-1])]
 
 
 def observable_columns(table: pd.DataFrame) -> list[str]:
     """Columns of the observables, which are the last ones."""
-    names = list(table.columns)
-    return names[names.index("force_error_share") + 1 :]
+    return list(table.loc[:, "force_error_share":].columns[1:])
 
 
 def column_of(table: pd.DataFrame, given: str, option: str, columns: Mapping[str, str], *, numbers: bool) -> str:
@@ -36,8 +51,7 @@ def column_of(table: pd.DataFrame, given: str, option: str, columns: Mapping[str
     Raises:
         InputError: The table has no such column, or it has texts although ``numbers`` are needed.
     """
-    fit = (name for name in map(str, table) if is_numeric_dtype(table[name]) or not numbers)
-    allowed = [name for name in fit if name not in TEXTS]
+    allowed = [*map(str, table.select_dtypes("number") if numbers else table.drop(columns=TEXTS))]
     names = {without_unit(name): name for name in allowed} | {**columns} | {name: name for name in allowed}
     if names.get(given) not in allowed:
         raise InputError(option, "", f'"{given}"', f"{'numbers' if numbers else 'columns'}: {', '.join(allowed)}")
@@ -45,100 +59,218 @@ def column_of(table: pd.DataFrame, given: str, option: str, columns: Mapping[str
 
 
 def draw_study(
-    table: pd.DataFrame, title: str, observables: tuple[str, ...], where: str, keys: Mapping[str, Label]
-) -> Product:
-    """A panel per observable against the varied column with most values, a line per combination of the other columns.
+    table: pd.DataFrame, title: str, names: Sequence[str], where: str, keys: Mapping[str, Label],
+    x: str = "", *, joined: bool = True, log: bool = False, fitted: bool = False,
+) -> Product:  # fmt: skip
+    """A panel per column against the varied column with most values, a line per combination of the other columns.
 
     Lines show the reference, or without it the first engine; markers show the other engines. With random draws and
-    other axes, lines join the means; random draws alone are shown as a histogram. Observables without a value get a
-    note and no panel.
-
-    Raises:
-        InputError: The table lacks an observable, one is given twice, no case is done, or no value was found.
-    """
-    _must_have(table, observables, where)
-    done, across = table[table["status"] == "done"], _longest_axis(table)
-    shown = tuple(name for name in observables if done[name].notna().any())
-    if not across or not shown:
-        raise InputError(where, "", "a varied key and a finished case are needed")
-    numbers, legend = done[["case", *swept_columns(table), "engine", *shown]], ""
-    figure, axes = _panels(shown, title, across=table[across])
-    labels = {name: observable_label(name) for name in shown} | {**keys}
-    if across == SEED:
-        _draw_scatter(axes, done)
-    else:
-        numbers, legend = draw_curves(axes, numbers, across, across, labels)
-    _finish(figure, axes, done, labels, legend)
-    notes = [f"{name}: no panel, since no run shows it" for name in observables if name not in shown]
-    return Product(figure, numbers, notes=notes)
-
-
-def draw_relation(
-    table: pd.DataFrame, title: str, x: str, y: str, keys: Mapping[str, Label],
-    *, joined: bool = True, log: bool = False, fitted: bool = False,
-) -> Product:  # fmt: skip
-    """A column of numbers against another column, with lines and markers as in ``draw_study``.
+    other axes, lines join the means; random draws alone are shown as a histogram. Columns without a value get a note
+    and no panel.
 
     Args:
         table: Table of the study.
         title: Title of the figure.
-        x: Column on the x axis.
-        y: Column on the y axis.
+        names: Columns of numbers on the y axes; observables unless ``x`` is given.
+        where: File or options that name the columns.
         keys: Labels of the varied columns.
-        joined: False for points without lines. Random draws have none.
+        x: Another column on the x axes. Lines follow the varied column with most values; random draws have no lines.
+        joined: False for points without lines.
         log: True for logarithmic axes, without the rows that are not above zero.
-        fitted: True for a power law of each engine.
+        fitted: True for power laws.
 
     Raises:
-        InputError: No finished row has both values, or too few rows have for a fit.
+        InputError: The table lacks an observable, one is given twice, no finished row has a number on both axes, or
+            too few have for a power law.
     """
-    done, swept = table[table["status"] == "done"], swept_columns(table)
-    done = done.assign(**{y: done[y].where(done[x].notna())})
-    above = (done[[x, y]] > 0).all(axis=1) if log else done[y].notna()
-    if not above.any():
-        raise InputError(f"--x {x} --y {y}", "", f"no finished row has both{', above zero' * log}")
-    figure, axes = _panels((y,), title, across=table[x])
-    labels = {name: observable_label(name) for name in (x, y)} | {**keys}
-    order = "" if SEED in swept or not joined else x if x in swept else _longest_axis(table)
-    numbers = done[list(dict.fromkeys(["case", *swept, "engine", x, y]))]
-    numbers, legend = draw_curves(axes, numbers.assign(**{y: done[y].where(above)}), x, order, labels)
-    left_out = int((done[y].notna() & ~above).sum())
-    notes = [f"{left_out} rows are not above zero, so not on logarithmic axes"] if left_out else []
-    if log:
-        make_logarithmic(axes[y])
-    if fitted:
-        factors = [labels[name].axis(float(numbers[name].abs().max()))[1] for name in (x, y)]
-        notes += draw_power_laws(axes[y], done, x, y, *factors)
-    _finish(figure, axes, done, labels, legend)
+    if not x:
+        _must_have(table, names, where)
+    done, swept = table[table["status"] == "done"].reset_index(drop=True), swept_columns(table)
+    numeric = [name for name in swept if is_numeric_dtype(table[name])]
+    axes_of_draws = [name for name in numeric if name != SEED] or numeric or swept
+    longest = max(axes_of_draws, key=lambda name: table[name].nunique(), default="")
+    across = x or longest
+    order = "" if not joined or (x and SEED in swept) else across if across in swept else longest
+    labels = {name: observable_label(name) for name in (across, *names)} | {**keys}
+    at = done.get(across, pd.Series(dtype=float))
+    texts = [] if is_numeric_dtype(at) else [_words({across: value}, labels, named=False) for value in at.unique()]
+    turned = len("".join(texts)) > MAX_CHARACTERS
+    seen = done[[*names]].where(at.notna() | bool(texts))
+    drawn = seen.where(seen > 0).where(at > 0) if log else seen
+    shown = [name for name in names if drawn[name].notna().any()]
+    if not shown:
+        lacking = f"no finished row has both{', above zero' * log}"
+        raise InputError(where, "", lacking if x else "a varied key and a finished case are needed")
+    notes = [f"{name}: no panel, since no run shows it" for name in names if name not in shown]
+    if left_out := int((seen.count() - drawn.count()).sum()):
+        notes.append(f"{left_out} rows are not above zero, so not on logarithmic axes")
+    numbers = done[[*dict.fromkeys(["case", *swept, "engine", across, *shown])]].assign(**drawn[shown])
+    counts = numbers.groupby(order or "case", dropna=False).nunique(dropna=False).max()
+    others = [name for name in swept if name not in (order, SEED) and counts[name] > 1]
+    figure, axes = _panels(shown, title, turned=turned)
+    legend, step = "", -(-len(texts) // MAX_TEXT_TICKS)
+    if order == SEED:
+        _draw_scatter(axes, numbers, labels)
+    else:
+        numbers, legend = _draw_curves(axes, numbers, across, order, others, labels)
+    for name, axis in axes.items():
+        if texts:
+            axis.set_xticks(range(0, len(texts), step), texts[::step], rotation=90 * turned, fontsize=7)
+        if log:
+            axis.set(xscale="log", yscale="log")
+            for ticks in (axis.xaxis, axis.yaxis):  # plain numbers, since powers of ten overlap within a decade
+                ticks.set_major_formatter("{x:g}")
+                ticks.set_minor_formatter(LogFormatter())
+        if fitted:
+            notes += _draw_power_laws(axis, numbers, across, name, others, labels)
+    _finish(figure, axes, seen, legend)
     return Product(figure, numbers, notes=notes)
 
 
-def _longest_axis(table: pd.DataFrame) -> str:
-    """Varied column with most values, a number if there is one, and random draws last; empty if nothing varies."""
-    swept = swept_columns(table)
-    numeric = [name for name in swept if is_numeric_dtype(table[name])]
-    names = [name for name in numeric if name != SEED] or numeric or swept
-    return max(names, key=lambda name: table[name].nunique(), default="")
+def _engines(numbers: pd.DataFrame) -> list[str]:
+    """Engines of some rows, the reference first; lines show the first one."""
+    return sorted(map(str, numbers["engine"].unique()), key=lambda engine: engine != REFERENCE)
 
 
-def _draw_scatter(axes: Mapping[str, Any], done: pd.DataFrame) -> None:
+def _axis(label: Label, values: pd.Series) -> tuple[str, float]:
+    """Label of an axis, and the factor from SI units to the unit on the axis."""
+    words, factor = label.axis(float(values.abs().max())) if is_numeric_dtype(values) else (label.words, 1.0)
+    return fill(words, WRAP), factor
+
+
+def _draw_scatter(axes: Mapping[str, Any], numbers: pd.DataFrame, labels: Mapping[str, Label]) -> None:
     """Histograms of random draws by the first engine, counts of the other engines as markers."""
+    engines = _engines(numbers)
     for name, axis in axes.items():
-        factor = observable_label(name).axis(float(done[name].abs().max()))[1]
-        edges = np.histogram_bin_edges(done[name].dropna() * factor, BINS)
-        for engine, values in done.groupby("engine", sort=False)[name]:
-            counts, _ = np.histogram(values.dropna() * factor, edges)
-            if engine == baseline_of(done):
+        words, factor = _axis(labels[name], numbers[name])
+        edges = np.histogram_bin_edges(factor * numbers[name].dropna(), BINS)
+        for engine in engines:
+            values = factor * numbers[name][numbers["engine"] == engine].dropna()
+            counts, _ = np.histogram(values, edges)
+            if engine == engines[0]:
                 axis.stairs(counts, edges, color=COLOURS[0], label=engine)
-                spread = f"{values.mean() * factor:.5g} ± {values.std() * factor:.2g}"
-                axis.set_title(f"mean ± s.d. {spread}", loc="right")
+                axis.set_title(f"mean ± s.d. {values.mean():.5g} ± {values.std():.2g}", loc="right")
             else:
-                axis.plot((edges[1:] + edges[:-1]) / 2, counts, label=engine, **grey_of(str(engine)))
-        axis.set_ylim(bottom=-0.04 * axis.get_ylim()[1])  # so that markers at 0 are not cut
+                axis.plot((edges[1:] + edges[:-1]) / 2, counts, label=engine, **grey_of(engine))
+        low = -0.04 * axis.get_ylim()[1]  # so that markers at 0 are not cut
+        axis.set(xlabel=words, ylabel="draws", ylim=(low, None))
+
+
+def _draw_curves(
+    axes: Mapping[str, Any], numbers: pd.DataFrame, x: str, order: str, others: list[str], labels: Mapping[str, Label]
+) -> tuple[pd.DataFrame, str]:
+    """Draws a line of the first engine for each combination of ``others``, and markers of engines but the reference.
+
+    Lines follow the varied column ``order``, have gaps at NaN and join the means of random draws; without ``order``,
+    and between texts, there are points only.
+
+    Returns:
+        The numbers, with means over draws, and the title of the legend.
+    """
+    first, draws = _engines(numbers)[0], bool(order) and SEED in numbers
+    means = numbers[[*axes]]
+    if draws:
+        means = numbers.groupby([order, *others, "engine"], dropna=False)[[*axes]].transform("mean")
+        numbers = numbers.join(means.add_suffix("_mean"))
+    own = numbers[numbers["engine"] == first]
+    curves = [rows for _, rows in own.groupby([*others, "engine"], dropna=False, sort=False)]
+    sets = pd.concat([rows[others].head(1) for rows in curves])
+    looks, title = _looks([*axes.values()], sets, labels, f"mean of draws, {first}" if draws else first)
+    small = {"ms": 2.0, "mew": 0.5} if len(curves) > MAX_CURVES else {}
+    plain = {"marker": "o", "ms": 3.0, "lw": 1.1}
+    line = bool(order) and is_numeric_dtype(numbers[order]) and is_numeric_dtype(numbers[x])
+    words, factor = _axis(labels[x], numbers[x])
+    places = pd.Series(pd.factorize(numbers[x], use_na_sentinel=False)[0], numbers.index)
+    at = factor * numbers[x] if is_numeric_dtype(numbers[x]) else places
+    for name, axis in axes.items():
+        label, factor = _axis(labels[name], numbers[name])
+        axis.set(xlabel=words, ylabel=label, xscale=_scale(at))
+        axis.update_datalim([(at.min(), 0), (at.max(), 0)], updatey=False)
+        for look, rows in zip(looks, curves, strict=True):
+            rows = rows.drop_duplicates(order) if draws else rows
+            y = factor * means.loc[(rows.sort_values(order) if line else rows).index, name]
+            alone = y.notna() & y.shift().isna() & y.shift(-1).isna()  # between gaps, where a line shows nothing
+            marked = np.flatnonzero(alone | (not line or x != order)).tolist()
+            form = ({} if line else {"ls": "none"}) | ({} if marked else {"marker": "None"})
+            axis.plot(at[y.index], y, markevery=marked, **plain | look | small | form)
+        for engine, rows in numbers.groupby("engine", sort=False):
+            if engine != REFERENCE:
+                axis.plot(at[rows.index], factor * rows[name], label=engine, **grey_of(str(engine)) | small)
+    return numbers, title
+
+
+def _looks(
+    axes: list[Any], sets: pd.DataFrame, labels: Mapping[str, Label], name: str
+) -> tuple[list[dict[str, Any]], str]:
+    """Plot keywords of each curve, and the title of the legend; ``sets`` has a row of varied values for each curve.
+
+    Many curves are coloured by value. Values of one number get a colour bar and the entry ``name`` in the legend; all
+    other values are entries.
+    """
+    few, number = len(sets) <= MAX_CURVES, sets.select_dtypes("number").dropna(axis="columns")
+    if not few and sets.shape[1] == number.shape[1] == 1:
+        words, factor = _axis(labels[str(number.columns[0])], number.iloc[:, 0])
+        scale: Any = ScalarMappable(cmap=value_colours())
+        scale.norm = _scale(number.iloc[:, 0])
+        colours = scale.to_rgba(factor * number.iloc[:, 0])
+        finish_bar(axes[0].figure.colorbar(scale, ax=axes, pad=0.02, aspect=30), words)
+        axes[0].plot([], [], color=GREY, lw=1.1, label=name)
+        return [{"label": name, "color": colour} for colour in colours], ""
+    colours = cycle(COLOURS) if few else value_colours()(np.linspace(0, 1, len(sets)))
+    entries = [_words(values, labels, named=few) or name for values in sets.to_dict("records")]
+    looks = zip(entries, colours, cycle(DASHES), cycle(MARKERS), strict=False)
+    title = "" if few else ", ".join(labels[str(key)].words for key in sets)
+    return [dict(zip(("label", "color", "ls", "marker"), look, strict=True)) for look in looks], title
+
+
+def _words(values: Mapping[Any, Any], labels: Mapping[str, Label], *, named: bool = True) -> str:
+    """Short text of varied values by column, with the columns if ``named``; a removed key has none."""
+    texts = {key: "none" if pd.isna(value) else labels[key].value(value) for key, value in values.items()}
+    cut = {key: f"{text[: MAX_CHARACTERS - 1]}…" for key, text in texts.items() if len(text) > MAX_CHARACTERS}
+    return ", ".join(f"{labels[key].words * named} {text}".strip() for key, text in (texts | cut).items())
+
+
+def _scale(values: pd.Series) -> str:
+    """Scale of an axis of varied values."""
+    return "log" if values.min() > 0 and values.max() / values.min() > LOG_RATIO else "linear"
+
+
+def _draw_power_laws(
+    axis: Any, numbers: pd.DataFrame, x: str, y: str, others: list[str], labels: Mapping[str, Label]
+) -> list[str]:
+    """Draws ``y = C x^n`` for each curve of each engine, by least squares of the logarithms; returns a line for each.
+
+    More than eight curves, or curves with too few points, get one for each engine.
+
+    Raises:
+        InputError: An engine has less than three rows with both columns above zero, or all at one x.
+    """
+    from scipy.stats import linregress
+
+    (_, x_factor), (_, y_factor) = (_axis(labels[name], numbers[name]) for name in (x, y))
+    lines, above = [], (numbers[[x, y]] > 0).all(axis=1)
+    points = numbers[x].where(above).groupby([numbers[name] for name in ["engine", *others]], dropna=False).nunique()
+    if points.min() < MIN_ROWS or len(numbers[others].drop_duplicates()) > MAX_CURVES:
+        others = []
+    for (engine, *_), rows in numbers.groupby(["engine", *others], dropna=False, sort=False):
+        name = ", ".join(filter(None, [str(engine), _words(rows.iloc[0][others].to_dict(), labels)]))
+        own = rows[above[rows.index]]
+        if len(own) < MIN_ROWS or own[x].nunique() == 1:
+            found = f"{name} has {len(own)} rows with {x} and {y} above zero"
+            raise InputError("--power-law", "", found, f"at least {MIN_ROWS} rows, with different {x}")
+        fit = linregress(np.log(own[x]), np.log(own[y]))
+        power, constant = f"x^{fit.slope:.4g}", np.exp(fit.intercept)
+        left = f"; {len(rows) - len(own)} left out, not seen or not above zero" if len(own) < len(rows) else ""
+        law = f"{y} = {constant:.4g} {power}, exponent {fit.slope:.4g} ± {fit.stderr:.2g}"
+        lines.append(f"{name}: {law} ({len(own)} rows{left})")
+        places = np.geomspace(own[x].min(), own[x].max(), 100)
+        look = {"color": grey_of(str(engine))["color"], "ls": (0, (6, 3)), "lw": 1.2}
+        axis.plot(x_factor * places, y_factor * constant * places**fit.slope, label=f"{name}: {power}", **look)
+    return lines
 
 
 def draw_tornado(
-    table: pd.DataFrame, title: str, observables: tuple[str, ...], where: str, keys: Mapping[str, Label]
+    table: pd.DataFrame, title: str, observables: Sequence[str], where: str, keys: Mapping[str, Label]
 ) -> Product:
     """Tornado chart: change of each observable by each input, a panel per observable; the table has all observables.
 
@@ -164,73 +296,55 @@ def draw_tornado(
                 found.append((name, given, change, share, share / change))
     columns = ["observable", "input", "input_change_share", "observable_change_share", "elasticity"]
     changes = pd.DataFrame(found, columns=columns)  # of the first engine
-    shown = tuple(name for name in observables if name in set(changes["observable"]))
+    shown = [name for name in observables if name in set(changes["observable"])]
     if not shown:
         raise InputError(where, "axis", "no number was varied in a finished case")
-    figure, axes = _panels(shown, title, columns=2, height_in=0.7 + LINE_IN * changes["input"].nunique())
+    figure, axes = _panels(shown, title, 2, 0.7 + LINE_IN * changes["input"].nunique())
     for name, axis in axes.items():
         own = changes[changes["observable"] == name]
         inputs = list(own["observable_change_share"].abs().groupby(own["input"]).max().sort_values().index)
-        colours = np.where(own["input_change_share"] > 0, MORE, LESS)
-        places = [inputs.index(given) for given in own["input"]]
-        axis.barh(places, 100 * own["observable_change_share"], color=colours, height=0.7)
+        for change, part in own.groupby((100 * own["input_change_share"]).round(6)):
+            places = [inputs.index(given) for given in part["input"]]
+            look = {"color": LESS if change < 0 else MORE, "label": f"input {change:+g} %"}
+            axis.barh(places, 100 * part["observable_change_share"], height=0.7, **look)
         axis.set_yticks(range(len(inputs)), [keys[given].words for given in inputs], fontsize=7)
         axis.axvline(0, color=GREY, lw=0.7)
         axis.set_xlabel(fill(f"change of the {observable_label(name).words} (%)", WRAP))
         axis.grid(axis="y", visible=False)
-    shares = sorted({round(100 * share, 6) for share in changes["input_change_share"]})
-    bars = [pyplot().Rectangle((0, 0), 1, 1, color=LESS if share < 0 else MORE) for share in shares]
-    _count_unseen(axes, rows)
-    _legend(figure, bars, [f"input {share:+g} %" for share in shares])
+    _finish(figure, axes, rows)
     notes = [f"{name}: no panel, since no run shows its change" for name in observables if name not in shown]
     return Product(figure, changes, notes=notes)
 
 
 def _panels(
-    names: tuple[str, ...], title: str, columns: int = 3, height_in: float = PANEL_IN, across: pd.Series | None = None
+    names: Sequence[str], title: str, columns: int = 3, height_in: float = PANEL_IN, *, turned: bool = False
 ) -> tuple[Any, dict[str, Any]]:
-    """A figure with a title, and its axes by name; its width depends on the number of panels and the texts on x."""
-    many_texts = across is not None and not is_numeric_dtype(across) and across.nunique() > MAX_CURVES
-    columns = 1 if many_texts else 2 if len(names) == 4 else min(columns, len(names))
-    width_in, rows = PAGE_IN if columns > 1 or many_texts else COLUMN_IN, -(-len(names) // columns)
+    """A figure with a title, and its axes by name; turned texts on the x axes need the width of a page."""
+    columns = 1 if turned else min(columns, 2 if len(names) == 4 else len(names))
+    width_in, rows = PAGE_IN if columns > 1 or turned else COLUMN_IN, -(-len(names) // columns)
     words = fill(title, int(CHARACTERS_PER_IN * width_in))
-    height_in = rows * (height_in + TEXT_IN * many_texts) + LINE_IN * (words.count("\n") + 2)
+    height_in = rows * (height_in + TEXT_IN * turned) + LINE_IN * (words.count("\n") + 2)
     figure = pyplot().figure(figsize=(width_in, height_in), layout="constrained")
     figure.suptitle(words, fontsize=8)
     return figure, {name: figure.add_subplot(rows, columns, place) for place, name in enumerate(names, 1)}
 
 
-def _finish(figure: Any, axes: Mapping[str, Any], done: pd.DataFrame, labels: Mapping[str, Label], title: str) -> None:
-    """Adds names of axes, the number of runs that do not show an observable, and a legend with a title."""
+def _finish(figure: Any, axes: Mapping[str, Any], rows: pd.DataFrame, title: str = "") -> None:
+    """Adds the number of rows without the value of a panel, and a legend in as many columns as fit."""
+    entries: dict[str, Any] = {}
     for name, axis in axes.items():
-        label = fill(labels[name].axis(float(done[name].abs().max()))[0], WRAP)
-        axis.set(**{"ylabel": label} if axis.get_xlabel() else {"xlabel": label, "ylabel": "draws"})
-    _count_unseen(axes, done)
-    entries = list(zip(*next(iter(axes.values())).get_legend_handles_labels(), strict=True))
-    entries.sort(key=lambda entry: entry[0].get_linestyle() == "None")  # markers last
-    handles, words = map(list, zip(*entries, strict=True))
-    _legend(figure, handles, words, title)
-
-
-def _count_unseen(axes: Mapping[str, Any], done: pd.DataFrame) -> None:
-    """Adds the number of runs that do not show an observable below the title of its panel."""
-    for name, axis in axes.items():
-        if unseen := int(done[name].isna().sum()):
-            words = f"{axis.get_title(loc='right')}\nnot seen in {unseen} of {len(done)} runs".strip()
+        if unseen := int(rows[name].isna().sum()):
+            words = f"{axis.get_title(loc='right')}\nnot seen in {unseen} of {len(rows)} runs".strip()
             axis.set_title(words, loc="right", fontsize=7)
-
-
-def _legend(figure: Any, handles: list[Any], words: list[str], title: str = "") -> None:
-    """Adds a legend below all panels, in as many columns as fit."""
-    widest = max(map(len, words)) + 7
-    columns = max(1, min(len(words), int(CHARACTERS_PER_IN * figure.get_figwidth() / widest)))
-    lines = -(-len(words) // columns) + bool(title)
-    figure.set_figheight(figure.get_figheight() + LINE_IN * lines)
+        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
+            entries.setdefault(label, handle)
+    columns = max(1, min(len(entries), int(CHARACTERS_PER_IN * figure.get_figwidth() / (max(map(len, entries)) + 7))))
+    figure.set_figheight(figure.get_figheight() + LINE_IN * (-(-len(entries) // columns) + bool(title)))
     look: dict[str, Any] = {"loc": "outside lower center", "fontsize": 7, "title": title or None, "title_fontsize": 7}
-    figure.legend(handles, words, ncols=columns, **look)
+    figure.legend(entries.values(), entries, ncols=columns, **look)
 
 
-def _must_have(table: pd.DataFrame, observables: tuple[str, ...], where: str) -> None:
+def _must_have(table: pd.DataFrame, observables: Sequence[str], where: str) -> None:
     if not observables:
         raise InputError(where, "figure", "missing key: the observables to draw")
     if len({*observables}) < len(observables):

@@ -120,16 +120,16 @@ def batch(
     return run_study(request, results, place, array, dry_run=dry_run, yes=yes)
 
 
-@command("sensitivity", "speed-amplitude --x bead_5_amplitude --y speed_9_to_5 --log --power-law")
+@command("sensitivity", "speed-amplitude --x bead_5_amplitude --y speed_9_to_5 --log")
 @options.STUDY
 @options.ENGINES
 @options.RESULTS
 @click.option("--x", metavar="COLUMN", default="", help="Draw --y against this column of the table.")
 @click.option("--y", metavar="COLUMN", default="", help="Column of numbers; a name may be without its unit.")
 @click.option("--log", is_flag=True, help="Make the axes of --x and --y logarithmic.")
-@click.option("--power-law", is_flag=True, help="Fit y = C x^n to the finished rows of each engine.")
+@click.option("--power-law", is_flag=True, help="Fit y = C x^n to each curve of each engine.")
 def study(study: str, results: Path, x: str, y: str, log: bool, power_law: bool) -> None:
-    """Draw the table of a finished study: curves, a tornado chart, or a column against another."""
+    """Draw the table of a finished study, or two of its columns."""
     given = {"--x": x, "--y": y, "--log": log, "--power-law": power_law}
     missing = [option for option in ("--x", "--y") if not given[option]]
     if missing and any(given.values()):
@@ -137,19 +137,18 @@ def study(study: str, results: Path, x: str, y: str, log: bool, power_law: bool)
     from drivers.batch.study import column_name, read_study
     from drivers.batch.study_table import read_study_table
     from postproc.draw.product import write_product
-    from postproc.draw.study_figure import column_of, draw_relation, draw_study, draw_tornado
+    from postproc.draw.study_figure import column_of, draw_study, draw_tornado
     from postproc.read.labels import key_label
 
-    found = read_study(study)
-    table = read_study_table(study, results)
+    found, table = read_study(study), read_study_table(study, results)
     columns = {name: column_name(name, key) for name, key in found.columns.items()}
     labels = {columns[name]: key_label(name, key) for name, key in found.columns.items()}
     name, title = f"{found.name}-figure", found.file.title or found.name
     if x:
         x = column_of(table, x, "--x", columns, numbers=log or power_law)
         y = column_of(table, y, "--y", columns, numbers=True)
-        name, joined = f"{found.name}-{y}-{x}-xy", not found.one_by_one
-        product = draw_relation(table, title, x, y, labels, joined=joined, log=log, fitted=power_law)
+        name, how = f"{found.name}-{y}-{x}-xy", {"joined": not found.one_by_one, "log": log, "fitted": power_law}
+        product = draw_study(table, title, (y,), f"--x {x} --y {y}", labels, x, **how)
     else:
         draw = draw_tornado if found.one_by_one else draw_study
         product = draw(table, title, found.file.figure, found.where, labels)

@@ -11,7 +11,7 @@ import pytest
 from drivers.base.errors import InputError
 from drivers.batch.study import DERIVED
 from postproc.draw.product import Product
-from postproc.draw.study_figure import draw_relation
+from postproc.draw.study_figure import draw_study
 from postproc.draw.style import COLUMN_IN, PAGE_IN, pyplot
 from postproc.read.labels import key_label
 from validation.tests.helpers.commands import beads
@@ -19,6 +19,7 @@ from validation.tests.helpers.drawn import out_of_bounds
 from validation.tests.helpers.scenes import SPEEDS, StudyWriter
 
 X, Y, SPEED = "bead_5_amplitude_N", "speed_9_to_5_m_s", "striker.speed_m_s"
+MASS = "striker.mass_kg"
 
 
 @pytest.fixture(autouse=True)
@@ -39,9 +40,8 @@ def _table(count: int = 12, engines: tuple[str, ...] = ("reference", "yade")) ->
 
 
 def _draw(table: pd.DataFrame, x: str = X, y: str = Y, **how: bool) -> Product:
-    product = draw_relation(
-        table, "Speed against force", x, y, {SPEED: key_label("striker.speed", "striker.speed")}, **how
-    )
+    labels = {SPEED: key_label("striker.speed", "striker.speed"), MASS: key_label("striker.mass", "striker.mass")}
+    product = draw_study(table, "Speed against force", (y,), f"--x {x} --y {y}", labels, x, **how)
     assert out_of_bounds(product.figure, (COLUMN_IN, PAGE_IN)) == []
     return product
 
@@ -86,6 +86,26 @@ def test_power_laws_by_engine_with_the_rows_that_are_left_out() -> None:
     assert second.endswith(" (11 rows)")
     law = next(line for line in product.figure.axes[0].lines if line.get_label() == "yade: x^0.1667")
     assert law.get_ydata() == pytest.approx(4 * law.get_xdata() ** (1 / 6), rel=1e-9)
+
+
+def test_each_curve_has_a_power_law_unless_there_are_many_or_one_has_too_few_points() -> None:
+    table = pd.concat([_table().assign(seen=1.0), _table().assign(seen=2.0)], ignore_index=True)
+    table.insert(1, MASS, table.pop("seen") * 1e-3)
+    table.loc[table[MASS] == 2e-3, Y] *= 2
+    starts = [line.partition(" x^")[0] for line in _draw(table, fitted=True).notes]
+    names = [
+        "reference, striker mass 1 g",
+        "reference, striker mass 2 g",
+        "yade, striker mass 1 g",
+        "yade, striker mass 2 g",
+    ]
+    assert sorted(starts) == [f"{name}: {Y} = {law}" for name, law in zip(names, (3, 6, 4, 8), strict=True)]
+    table.loc[table.index[26:36], Y] = np.nan
+    assert [line.partition(":")[0] for line in _draw(table, fitted=True).notes] == ["reference", "yade"]
+    table.loc[table[MASS] == 2e-3, Y] = np.nan
+    assert [line.partition(":")[0] for line in _draw(table, fitted=True).notes] == ["reference", "yade"]
+    many = pd.concat([table.assign(**{MASS: mass}) for mass in np.arange(1.0, 10.0)], ignore_index=True)
+    assert [line.partition(":")[0] for line in _draw(many, fitted=True).notes] == ["reference", "yade"]
 
 
 def test_the_standard_error_of_the_exponent_is_that_of_least_squares() -> None:
