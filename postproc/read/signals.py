@@ -60,6 +60,14 @@ def first_peak(time_s: Array, values: Array) -> Peak | None:
     return next((_peak_at(time_s, values, place) for place, _ in _maxima(values, PROMINENCE)), None)
 
 
+def peak_in(time_s: Array, values: Array, missing: str) -> Peak:
+    """The first of ``peaks``; ValueError with the text ``missing`` if there is none."""
+    peak = first_peak(time_s, values)
+    if peak is None:
+        raise ValueError(missing)
+    return peak
+
+
 def _maxima(values: Array, prominence: float) -> Iterator[tuple[int, float]]:
     """Indices of the largest samples of maxima, each with its prominence, at least this share of the signal's range."""
     span = float(np.ptp(values))

@@ -16,7 +16,7 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.contact_law import hertz_force, restitution
 from drivers.chain.trace import Trace, overlaps
-from postproc.read.signals import first_peak
+from postproc.read.signals import peak_in
 
 DURATION = 2 * sqrt(pi) * gamma(7 / 5) / gamma(9 / 10)  # in d_max / v: 2.94328
 
@@ -31,9 +31,7 @@ def measure(case: Case, trace: Trace) -> dict[str, float]:
     if trace.height_m is None or trace.velocity_m_s is None:
         raise ValueError("no state recorded; set run.record to forces and state")
     overlap = overlaps(case.chain, trace.height_m)[:, contact]
-    strongest, deepest = first_peak(trace.time_s, force), first_peak(trace.time_s, overlap)
-    if strongest is None or deepest is None:
-        raise ValueError("the force has no maximum")
+    strongest, deepest = (peak_in(trace.time_s, each, "the force has no maximum") for each in (force, overlap))
     values = {"peak_force_N": strongest.value, "peak_overlap_m": deepest.value}
     values["restitution"] = -_closing(trace.velocity_m_s[-1], contact) / _closing(trace.velocity_m_s[0], contact)
     if not case.chain.damped:

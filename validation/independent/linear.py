@@ -20,7 +20,7 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.contact_law import contact_stiffness_at
 from drivers.chain.trace import Trace
-from postproc.read.signals import first_peak
+from postproc.read.signals import peak_in
 
 UPPER_CONTACT, LOWER_CONTACT = 5, 30  # contacts below the top between which the front is timed
 LAST_TAU = 70.0  # end of the top contact's record: some twenty periods
@@ -56,9 +56,7 @@ def fit(time_s: Array, force_N: Array, order: int, last_tau: float) -> tuple[flo
     Raises:
         ValueError: there is no maximum, or the record is shorter than the fit.
     """
-    top, peak = first_maximum(order), first_peak(time_s, force_N)
-    if peak is None:
-        raise ValueError("no signal within the run")
+    top, peak = first_maximum(order), peak_in(time_s, force_N, "no signal within the run")
     rate, height = top / peak.time_s, float(response(order, np.array(top)))
     if rate * time_s[-1] < last_tau:
         raise ValueError(f"run too short: it ends at tau = {rate * time_s[-1]:.3g}, the fit at {last_tau:.3g}")

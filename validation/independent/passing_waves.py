@@ -18,7 +18,7 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain
 from drivers.chain.contact_law import hertz_force
 from drivers.chain.trace import Trace
-from postproc.read.signals import first_peak, peaks
+from postproc.read.signals import first_peak, peak_in, peaks
 from validation.reference.travelling_wave import solve_travelling_wave
 
 TOLERANCE = 1e-10  # relative, per step: errors of forces up to 1e-8 of the largest
@@ -185,9 +185,8 @@ def reflection_theory(case: Case) -> dict[str, float]:
 
 def _reflection_ratios(place: int, time_s: Array, force_N: Array) -> dict[str, float]:
     """Ratios to the first wave that passes contact ``place``."""
-    incident, wall = first_peak(time_s, force_N[:, place - 1]), first_peak(time_s, force_N[:, 0])
-    if incident is None or wall is None:
-        raise ValueError("no wave at the sensor or at the wall within run.duration")
+    missing = "no wave at the sensor or at the wall within run.duration"
+    incident, wall = (peak_in(time_s, force_N[:, column], missing) for column in (place - 1, 0))
     passing = peaks(time_s, force_N[:, place - 1], REFLECTED_PROMINENCE)
     back = [peak.value for peak in passing if peak.time_s > wall.time_s]
     if not back:

@@ -8,19 +8,22 @@ and its widths in beads. The long-wave limit (Nesterenko, Dynamics of Heterogene
 and 3) has C = (4/5)^(1/2), and B = (16/25)^(1/5).
 """
 
+from functools import partial
+
 import numpy as np
 
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 from postproc.read.sensors import sensor_average
-from postproc.read.signals import Peak, first_peak, rising_crossing
+from postproc.read.signals import Peak, peak_in, rising_crossing
 from validation.independent.passing_waves import forces_of
 from validation.reference.travelling_wave import solve_travelling_wave
 
 LONG_WAVE_BY_VELOCITY = 0.64**0.2
 WIDTHS = ((False, 0.04), (False, 0.5), (True, 0.04), (True, 0.5))  # True for a sensor's average; share of the peak
 FORMATION_CONTACTS = 30  # below the strike: there the wave differs from the exact one by 2e-9
+_peak = partial(peak_in, missing="no wave within run.duration")
 
 
 def measure(case: Case, trace: Trace) -> dict[str, float]:
@@ -68,13 +71,6 @@ def _by_quantity(
 ) -> dict[str, float]:
     below = 1 - by_velocity / LONG_WAVE_BY_VELOCITY
     return dict(zip(QUANTITIES, (strike, force, by_force, by_velocity, below, *widths), strict=True))
-
-
-def _peak(time_s: Array, values: Array) -> Peak:
-    peak = first_peak(time_s, values)
-    if peak is None:
-        raise ValueError("no wave within run.duration")
-    return peak
 
 
 def _width_s(time_s: Array, values: Array, share: float) -> float:

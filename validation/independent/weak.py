@@ -22,7 +22,7 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain
 from drivers.chain.contact_law import contact_stiffness
 from drivers.chain.trace import Trace
-from postproc.read.signals import Peak, first_peak
+from postproc.read.signals import Peak, peak_in
 
 DEPTHS = (20, 100, 450)  # of the judged amplitudes
 FIT_DEPTHS = np.arange(200, 451, 10)  # of the fitted power law: the published exponents hold there
@@ -76,15 +76,13 @@ def leading_peak(time_s: Array, signal: Array) -> Peak:
     Raises:
         ValueError: there is no maximum, or too few samples around it.
     """
-    missing = ValueError("no leading peak at this depth within the run, or run.sample_interval is too long")
-    peak = first_peak(time_s, signal)
-    if peak is None:
-        raise missing
+    missing = "no leading peak at this depth within the run, or run.sample_interval is too long"
+    peak = peak_in(time_s, signal, missing)
     low = FITTED_SHARE * signal[peak.sample]
     first = peak.sample - int(np.argmax(signal[peak.sample :: -1] < low)) + 1
     last = peak.sample + int(np.argmax(signal[peak.sample :] < low)) - 1
     if last - first < DEGREE:
-        raise missing
+        raise ValueError(missing)
     top = slice(first, last + 1)
     curve = np.polynomial.Polynomial.fit(time_s[top], signal[top], DEGREE)
     level = curve.deriv().roots()

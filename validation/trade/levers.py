@@ -5,9 +5,7 @@ from dataclasses import dataclass
 from itertools import product
 from math import nan
 
-from drivers.base.decks import Deck
 from drivers.base.progress import following
-from drivers.chain.case import Case
 from drivers.chain.schemes import exact_of, verlet_of
 from drivers.engines import installed_codes, load_engine
 from drivers.limits.criteria import rayleigh_time
@@ -97,21 +95,13 @@ def softened() -> Iterator[Lever]:
 
 
 def two_cores(scenes: Sequence[str]) -> Iterator[Lever]:
-    """Speed-up of the loop by a second core."""
+    """Speed-up of the loop by a second core, each run in a process of its own."""
     pairs = [*product(scenes, installed_codes())]
     for scene, name in following(pairs, "two cores", len(pairs)):
         case, engine = case_of(scene, "run.time_step=1 us", TWO_CORES_FOR), load_engine(name)
         if engine.on_two_cores and len(engine.find() or ()) == 1:  # the command does not set the number of cores
             with left_out_if_failed(f"{name}, two cores"):
                 deck = engine.render(case)
-                one, two = (_loop_s(case, name, each) for each in (deck, engine.on_two_cores(deck)))
+                ended = [compute(case, name, deck=each, by_hand=True) for each in (deck, engine.on_two_cores(deck))]
+                one, two = (each.loop_s or nan for each in ended if each.done)  # done raises the fault of a failed run
                 yield Lever("two cores", scene, name, "2 cores", "loop", gain=one / two)
-
-
-def _loop_s(case: Case, name: str, deck: Deck) -> float:
-    """Time of the loop in a process for this run alone, in s; RunError if it failed."""
-    ended = compute(case, name, deck=deck, by_hand=True)
-    if not ended.loop_s:
-        assert ended.fault is not None
-        raise ended.fault
-    return ended.loop_s
