@@ -14,8 +14,8 @@ from typing import Any
 from drivers.base.kept import content_of, digest_of_sources, keep, recall
 from drivers.base.processes import UNKNOWN_VERSION
 from drivers.base.tolerances import tolerance
-from drivers.batch.store import Store
-from drivers.batch.study import Study, read_study, select, value_at
+from drivers.batch.store import WORK, Store, StudyRow
+from drivers.batch.study import Study, column_name, read_study, select, value_at
 from drivers.chain.case import Case, Layout
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
@@ -25,7 +25,9 @@ from drivers.limits.energy_bounds import needed_tolerance
 from drivers.limits.refusal import inability, refuse
 from drivers.run.build import Build, build_of, names_of
 from drivers.run.run import run_identity
+from drivers.run.workplaces import leased
 
+STATES = ("done", "failed", "timeout", "stale", "claimed", "to do", "not installed")  # of a row
 CHUNK = 25  # facts of so many cases fit into one write; a worker killed between two writes would block the batch
 
 
@@ -118,6 +120,11 @@ class Batch:
         words = (f"{self.study!r}", f"{sorted(self.builds.items())}", f"{sorted(self.readers.items())}")
         return _digest("\0".join((*words, content_of((*adapters, *templates)))))
 
+    @property
+    def all_numbers(self) -> range:
+        """Numbers of all cases of the study, selected or not."""
+        return range(1, self.study.count + 1)
+
     def is_to_run(self, identity: str) -> bool:
         """True if a row is missing, or is a failure to be run again."""
         row, request = self.store.rows.get(identity), self.request
@@ -138,10 +145,8 @@ class Batch:
 
     def facts(self, number: int) -> CaseFacts:
         """Facts of a case, from the cache or computed; raises as ``computed_facts``."""
-        if number not in self.known:
-            chunk = self.chunks()[(number - 1) // CHUNK]
-            kept = self.kept_facts(chunk)
-            self.known.update(zip(chunk, kept, strict=True) if kept else {number: self.computed_facts(number)})
+        if number not in self.known and not self.recall_facts(self.chunks()[(number - 1) // CHUNK]):
+            self.known[number] = self.computed_facts(number)
         return self.known[number]
 
     def computed_facts(self, number: int) -> CaseFacts:
@@ -164,18 +169,61 @@ class Batch:
 
     def chunks(self) -> list[Sequence[int]]:
         """Numbers of all cases of the study, in chunks whose facts are kept together."""
-        numbers = range(1, self.study.count + 1)
-        return [numbers[start : start + CHUNK] for start in range(0, len(numbers), CHUNK)]
+        return [self.all_numbers[start : start + CHUNK] for start in range(0, self.study.count, CHUNK)]
 
-    def kept_facts(self, chunk: Sequence[int]) -> list[CaseFacts] | None:
-        """Facts of a chunk in the cache; None if they are not there, or something they depend on has changed."""
-        found = recall(self._key_of(chunk))
-        return found and [CaseFacts(**each) for each in found]
+    def recall_facts(self, chunk: Sequence[int]) -> bool:
+        """Read facts of a chunk from the cache; False if there are none, or something they depend on has changed."""
+        found = recall(self._key_of(chunk)) or []
+        self.known.update((number, CaseFacts(**each)) for number, each in zip(chunk, found, strict=bool(found)))
+        return bool(found)
 
     def keep_facts(self, chunk: Sequence[int]) -> list[CaseFacts]:
         """Compute and keep the facts of a chunk; raises as ``computed_facts``."""
         facts = [self.computed_facts(number) for number in chunk]
         return [CaseFacts(**each) for each in keep(self._key_of(chunk), [asdict(each) for each in facts])]
+
+    @property
+    def values(self) -> dict[str, list[Any]]:
+        """Varied values of all cases in SI units, by column with its unit."""
+        columns = [column_name(name, key) for name, key in self.study.columns.items()]
+        return {
+            name: [self.facts(number).values[place] for number in self.all_numbers]
+            for place, name in enumerate(columns)
+        }
+
+    def rows_of(self, engine: str) -> list[StudyRow | None]:
+        """Rows of an engine in the order of the cases; None for missing rows."""
+        return [self.store.rows.get(self.facts(number).identities.get(engine, "")) for number in self.all_numbers]
+
+    def todo(self) -> dict[str, list[int]]:
+        """Numbers of the selected cases to run, by engine; without engines that are not runnable."""
+        return {name: self.missing(name) for name in self.engines if name in self.runnable}
+
+    def missing(self, engine: str) -> list[int]:
+        """Numbers of the selected cases without a row of an engine, or with a failure to be run again."""
+        return [number for number in self.numbers if self.is_to_run(self.facts(number).identities[engine])]
+
+    def progress(self) -> str:
+        """Number of rows done in the whole table, as text."""
+        rows = [row for name in self.study.engines for row in self.rows_of(name)]
+        return f"{sum(row is not None and row.done for row in rows)} of {len(rows)} rows done"
+
+    def states(self) -> dict[str, dict[int, str]]:
+        """States of all cases by engine and number, as named in ``STATES``."""
+        claimed = leased(self.store.folder / WORK)
+
+        def state(name: str, number: int) -> str:
+            identity = self.facts(number).identities[name]
+            row = self.store.rows.get(identity)
+            if row is not None:
+                return row.status
+            if identity in claimed:
+                return "claimed"
+            if (self.study.name, name, self.study.label(number)) in self.store.labels:
+                return "stale"
+            return "to do" if name in self.runnable else "not installed"
+
+        return {name: {number: state(name, number) for number in self.all_numbers} for name in self.engines}
 
     def _key_of(self, chunk: Sequence[int]) -> list[Any]:
         return ["cases of a study", self.digest, chunk[0], chunk[-1]]

@@ -18,8 +18,8 @@ from drivers.base.text_table import text_table
 from drivers.base.tolerances import tolerance
 from drivers.batch.job_array import JobScript, job_script, most_tasks, parts_for, submit, waiting_for
 from drivers.batch.store import StudyRow
-from drivers.batch.study_cases import Batch, Request, opened
-from drivers.batch.study_plan import STATES, StudyPlan, expected_s, planned
+from drivers.batch.study_cases import STATES, Batch, Request, opened
+from drivers.batch.study_plan import expected_s, validate_cases
 from drivers.batch.study_rows import run_all, run_rows, run_slice
 from drivers.engines import load_engine
 from drivers.run.execute import LOCAL, Place, check_dask, get_ready
@@ -72,21 +72,21 @@ def batch(
         check_dask(place.dask)
     if not (place.dask or array or dry_run):
         get_ready(run_rows, request.plan, request.observe, request.residual)
-    plan = _planned(request, place.workers, yes=yes)
-    todo = plan.todo()
-    absent = [name for name in plan.batch.engines if name not in plan.batch.here]
+    found = _planned(request, place.workers, yes=yes)
+    todo = found.todo()
+    absent = [name for name in found.engines if name not in found.here]
     if array and absent:
         print(f"not installed here, assumed to exist in the job: {', '.join(absent)}", flush=True)
     if dry_run:
-        return _print_plan(plan, todo, place, array)
-    study, store = plan.batch.study, plan.batch.store
+        return _print_plan(found, todo, place, array)
+    study, store = found.study, found.store
     numbers = sorted({number for some in todo.values() for number in some})
     if numbers:
         awaited = {(study.name, name, study.label(n)): n for name, some in todo.items() for n in some}
         try:
-            with _following(plan.batch, awaited) as tick:
+            with _following(found, awaited) as tick:
                 if array:
-                    job = submit(_job_script(plan, todo, numbers, array))
+                    job = submit(_job_script(found, todo, numbers, array))
                     for _ in waiting_for(job) if array.wait else ():
                         tick()
                 else:
@@ -96,33 +96,33 @@ def batch(
             goes_on = "the same command continues"
             if array:
                 goes_on = "the job continues; the same command without --slurm writes the table when it has ended"
-            raise KeyboardInterrupt(f"{plan.progress()}; {goes_on}") from interrupt
+            raise KeyboardInterrupt(f"{found.progress()}; {goes_on}") from interrupt
         if array and not array.wait:
             print("when the jobs have ended, the same command without --slurm writes the table")
             return 0
         if array and absent:  # their rows may be the first of their build
             opened.cache_clear()
-            plan = _planned(request, place.workers, yes=True)
+            found = _planned(request, place.workers, yes=True)
     from drivers.batch.study_table import not_shown, unmatched, write_tables
 
     kept = None
     try:
-        for path in write_tables(plan, results):
+        for path in write_tables(found, results):
             print(paths.shown(path))
         if study.file.figure:
             there = ["--results", paths.shown(results)] if results != paths.RESULTS else []
             draw = ["beads", "study", str(request.source), *there]
             print(f"to draw the table: {shlex.join(draw)}")
-        for line in not_shown(plan):
+        for line in not_shown(found):
             print(line)
     except RunError as error:
         kept = error
-    code = _print_end(plan)
-    print(plan.progress())
+    code = _print_end(found)
+    print(found.progress())
     if kept:
         print(kept, file=sys.stderr)
         code = 1
-    for pattern in unmatched(plan):
+    for pattern in unmatched(found):
         print(f'{study.where}: observables: "{pattern}" matches no observable', file=sys.stderr)
         code = 1
     return code
@@ -144,13 +144,13 @@ def run_part(request: Request, part: int, parts: int) -> int:
 
 def status(request: Request, *, every: bool = False) -> int:
     """Print the number of rows in each state; with ``every`` also each case."""
-    plan = _planned(request, cores(), yes=True)
+    found = _planned(request, cores(), yes=True)
     if every:
-        by_engine = plan.states()
-        for number in plan.batch.numbers:
+        by_engine = found.states()
+        for number in found.numbers:
             text = ", ".join(f"{name} {states[number]}" for name, states in by_engine.items())
-            sys.stdout.write(f"{number}: {plan.batch.study.label(number)}: {text}\n")
-    _print_end(plan)
+            sys.stdout.write(f"{number}: {found.study.label(number)}: {text}\n")
+    _print_end(found)
     return 0
 
 
@@ -192,46 +192,46 @@ def show(request: Request, number: int, assess: Callable[["EndedRun", "Case"], "
     return code
 
 
-def _planned(request: Request, workers: int, *, yes: bool) -> StudyPlan:
+def _planned(request: Request, workers: int, *, yes: bool) -> Batch:
     """Read and plan a study; this validates every case."""
     found = opened(request)
     study, store = found.study, found.store
     if study.count > MAX_CASES and not yes:
         raise InputError(study.where, "axis", f"{study.count:,} cases", f"at most {MAX_CASES:,}, or --yes")
-    plan = planned(found, workers)
+    validate_cases(found, workers)
     store.refresh()
     if store.damaged:
         count, names = len(store.damaged), ", ".join(map(printable, sorted(store.damaged)[:MAX_NAMES]))
         where = f"{paths.shown(store.folder)}: {names}{', ...' * (count > MAX_NAMES)}"
         print(f"{count} damaged file{'s' * (count > 1)} in {where}: ignored, may be removed", file=sys.stderr)
-    return plan
+    return found
 
 
-def _job_script(plan: StudyPlan, todo: dict[str, list[int]], numbers: list[int], array: JobArray) -> JobScript:
+def _job_script(found: Batch, todo: dict[str, list[int]], numbers: list[int], array: JobArray) -> JobScript:
     """Script of the Slurm job array for some cases."""
-    cases, limit = len(plan.batch.numbers), most_tasks()
-    parts = min(array.parts or parts_for(cases, expected_s(plan, todo)), cases)
+    cases, limit = len(found.numbers), most_tasks()
+    parts = min(array.parts or parts_for(cases, expected_s(found, todo)), cases)
     if parts > limit:
         print(f"{parts} tasks cut to {limit}, the limit of job arrays here (MaxArraySize)")
-    return job_script(plan.batch, numbers, min(parts, limit), array.lines)
+    return job_script(found, numbers, min(parts, limit), array.lines)
 
 
-def _print_plan(plan: StudyPlan, todo: dict[str, list[int]], place: Place, array: JobArray | None) -> int:
+def _print_plan(found: Batch, todo: dict[str, list[int]], place: Place, array: JobArray | None) -> int:
     elsewhere = place.dask not in ("", LOCAL)
     workers = 1 if array or elsewhere else place.workers
-    cases = len(plan.batch.numbers)
-    print(f"{plan.batch.study.name}: {cases} case{'s' * (cases != 1)}, all valid")
+    cases = len(found.numbers)
+    print(f"{found.study.name}: {cases} case{'s' * (cases != 1)}, all valid")
     rows: list[tuple[str, str]] = []
-    for name in plan.batch.engines:
-        some, state = plan.missing(name), "not installed"
+    for name in found.engines:
+        some, state = found.missing(name), "not installed"
         if name in todo:
-            time_s = expected_s(plan, {name: some})
+            time_s = expected_s(found, {name: some})
             state = "to do, cost not measured yet" if time_s is None else f"to do, about {in_words(time_s / workers)}"
         rows.append((f"  {name}", f"{cases - len(some)} done, {len(some)} {state if some else 'to do'}"))
     print(*text_table(rows), sep="\n")
     numbers = sorted({number for some in todo.values() for number in some})
     if array:
-        script = _job_script(plan, todo, numbers or list(plan.batch.numbers), array)
+        script = _job_script(found, todo, numbers or list(found.numbers), array)
         print(f"\n{script.text}\nsbatch --parsable {shlex.quote(str(script.path))}")
         end = "nothing submitted" if numbers else "all rows are done, so without --dry-run it is not submitted"
         print(f"job array of {script.tasks} task{'s' * (script.tasks != 1)} with one worker each; {end}")
@@ -242,19 +242,19 @@ def _print_plan(plan: StudyPlan, todo: dict[str, list[int]], place: Place, array
     return 0
 
 
-def _print_end(plan: StudyPlan) -> int:
+def _print_end(found: Batch) -> int:
     """Print counts by engine, then failures; returns 1 unless all requested rows are done."""
-    limit, numbers = tolerance("warning", "force").limit, plan.batch.numbers
+    limit, numbers = tolerance("warning", "force").limit, found.numbers
     failures: list[str] = []
     code = 0
     done: list[tuple[str, str]] = []
-    for name, states in plan.states().items():
+    for name, states in found.states().items():
         counts = Counter(states[number] for number in numbers)
         done.append((name, ", ".join(f"{counts[state]} {state}" for state in STATES if counts[state])))
         code = code if counts["done"] == len(numbers) else 1
-        rows = plan.rows_of(name)
+        rows = found.rows_of(name)
         failed = [(number, row) for number in numbers if (row := rows[number - 1]) and not row.done]
-        failures += [failure_line(plan.batch.study.label(number), row) for number, row in failed]
+        failures += [failure_line(found.study.label(number), row) for number, row in failed]
         useless = sum(row is not None and row.done and (row.force_error or 0.0) > limit for row in rows)
         if useless:
             words = f"{name} warning: {useless} rows have force errors above a tenth of the largest force"

@@ -13,7 +13,7 @@ from drivers.base.files import csv_of, parquet_in, read_sealed_file, sealed_file
 from drivers.base.progress import say
 from drivers.batch.store import StudyRow
 from drivers.batch.study import read_study
-from drivers.batch.study_plan import StudyPlan
+from drivers.batch.study_cases import Batch
 
 # times in s; the last one is that of the reference, for the error
 COSTS = ("start_s", "engine_s", "loop_s", "workflow_s", "reference_s")
@@ -21,38 +21,38 @@ CASES = "cases_sha256"  # attribute of the table
 FINISHED = ("done", "failed", "timeout")  # states of a row that has been run
 
 
-def tables(plan: StudyPlan) -> tuple[pd.DataFrame, pd.DataFrame]:
+def tables(batch: Batch) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Table of the numbers, which depend on the study only, and table of the costs, which vary between runs."""
-    study = plan.batch.study
-    by_engine = {name: plan.rows_of(name) for name in study.engines}
+    study = batch.study
+    by_engine = {name: batch.rows_of(name) for name in study.engines}
     rows = [(place, name, by_engine[name][place]) for place in range(study.count) for name in study.engines]
     found = [row for _, _, row in rows]
     keys: dict[str, list[Any]] = {"case": [place + 1 for place, _, _ in rows]}
-    keys |= {name: [values[place] for place, _, _ in rows] for name, values in plan.values.items()}
+    keys |= {name: [values[place] for place, _, _ in rows] for name, values in batch.values.items()}
     keys |= {"engine": [name for _, name, _ in rows]}
-    absent = {name: "to do" if name in plan.batch.runnable else "not installed" for name in study.engines}
+    absent = {name: "to do" if name in batch.runnable else "not installed" for name in study.engines}
     numbers = keys | {
         "status": [row.status if row else absent[name] for _, name, row in rows],
         "reason": [row.reason if row else "" for row in found],
         "force_error_share": [row.force_error if row else None for row in found],
     }
     for name in _observed(found):
-        if name in plan.values:
+        if name in batch.values:
             raise InputError(study.where, "axis", f'"{name}", the name of an observable', "another name of the column")
         if any(fnmatchcase(name, glob) for glob in study.file.observables):
             numbers[name] = [row.values.get(name) if row else None for row in found]
-    work = [plan.facts[place].work for place, _, _ in rows]
+    work = [batch.facts(place + 1).work for place, _, _ in rows]
     costs = {"case": keys["case"], "engine": keys["engine"], "bodies_times_steps": work}
     costs |= {name: [row.cost[name] if row else None for row in found] for name in COSTS}
-    table = _frame(numbers, set(plan.values))
+    table = _frame(numbers, set(batch.values))
     table.attrs[CASES] = study.cases_sha256
     return table, _frame(costs, set())
 
 
-def unmatched(plan: StudyPlan) -> list[str]:
+def unmatched(batch: Batch) -> list[str]:
     """Patterns that match no observable of the rows; empty if there are no rows."""
-    names = _observed([row for engine in plan.batch.builds for row in plan.rows_of(engine)])
-    patterns = plan.batch.study.file.observables
+    names = _observed([row for engine in batch.builds for row in batch.rows_of(engine)])
+    patterns = batch.study.file.observables
     return [glob for glob in patterns if names and not any(fnmatchcase(name, glob) for name in names)]
 
 
@@ -61,22 +61,22 @@ def _observed(rows: list[StudyRow | None]) -> list[str]:
     return list(dict.fromkeys(name for row in rows if row for name in row.values))
 
 
-def not_shown(plan: StudyPlan) -> list[str]:
+def not_shown(batch: Batch) -> list[str]:
     """Lines on the observables of the table that some finished rows do not show, with the reason."""
-    study, explain = plan.batch.study, plan.batch.request.not_shown
-    rows = [row for engine in study.engines for row in plan.rows_of(engine) if row and row.done]
+    study, explain = batch.study, batch.request.not_shown
+    rows = [row for engine in study.engines for row in batch.rows_of(engine) if row and row.done]
     names = [name for name in _observed([*rows]) if any(fnmatchcase(name, glob) for glob in study.file.observables)]
     return explain(names, [row.values for row in rows]) if explain else []
 
 
-def write_tables(plan: StudyPlan, results: Path) -> list[Path]:
+def write_tables(batch: Batch, results: Path) -> list[Path]:
     """Write the tables ``STUDY`` and ``STUDY-cost`` as ``.parquet`` and ``.csv``, each atomically.
 
     Raises:
         RunError: rows are to do or not installed, and the existing table has more rows done.
     """
     results.mkdir(parents=True, exist_ok=True)
-    made, written, study = tables(plan), [], plan.batch.study
+    made, written, study = tables(batch), [], batch.study
     unfinished = not made[0]["status"].isin(FINISHED).all()
     done, done_before = _rows_done(made[0]), _rows_done_before(results / f"{study.name}.parquet")
     if unfinished and done < done_before:

@@ -6,7 +6,7 @@ from dataclasses import fields
 import pytest
 
 from drivers.base.paths import ROOT
-from drivers.batch.study_plan import STATES
+from drivers.batch.study_cases import STATES
 from drivers.engines import engine_names
 from drivers.engines._entries import EntryTable
 from drivers.run.run_folder import RunRecord

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from drivers.batch.study_cases import Batch, CaseFacts, Request, opened
-from drivers.batch.study_plan import planned
+from drivers.batch.study_plan import validate_cases
 from drivers.run.execute import EXIT_LIMIT_S
 from validation.tests.drivers.batch.test_batch import batch, stored, table_bytes
 from validation.tests.helpers.commands import BEADS, without_progress
@@ -182,10 +182,13 @@ def test_planning_survives_a_kill(study_file: StudyWriter, tmp_path: Path, monke
 
     monkeypatch.setattr(Batch, "computed_facts", facts)
     with pytest.raises(KeyboardInterrupt):
-        planned(batch, 1)
+        validate_cases(batch, 1)
     assert built == [*range(1, 41)]
     built[:] = [40]
-    plan = planned(batch, 1)
+    validate_cases(batch, 1)
     assert built == [40, *range(26, 61)]
-    assert planned(batch, 1) == plan
+    facts_before = dict(batch.known)
+    assert [*facts_before] == [*range(1, 61)]
+    validate_cases(batch, 1)
+    assert batch.known == facts_before
     assert len(built) == 36
