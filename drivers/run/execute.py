@@ -177,6 +177,7 @@ def _begin() -> None:
     """Initialize a worker process: it heeds SIGTERM alone, which its parent sends, and dies with its parent."""
     for ignored in (signal.SIGINT, signal.SIGHUP):
         signal.signal(ignored, signal.SIG_IGN)
+    tempfile.gettempdir()  # tries its folder with a file, which a signal would leave there
     signal.pthread_sigmask(signal.SIG_SETMASK, ())
     parent = multiprocessing.parent_process()
     if parent is not None:
