@@ -99,7 +99,7 @@ def read_figures(results: Path) -> dict[str, Any]:
             "text": set_symbols(caption.text),
             "image": image,
             "spacetime": read_spacetime(results, name),
-            "scores": read_table(results, SCORED, scores_in) if name == SCORED else None,
+            "scores": read_values(results, SCORED, scores_in) if name == SCORED else None,
         }
         for name, caption in captions().items()
         if (image := images.get(name))
@@ -117,7 +117,7 @@ def read_spacetime(results: Path, name: str) -> Image | None:
     return read_image(results / f"{name}-{SPACETIME}.svg")
 
 
-def read_table(results: Path, name: str, values_in: Callable[[pd.DataFrame], Any]) -> Any:
+def read_values(results: Path, name: str, values_in: Callable[[pd.DataFrame], Any]) -> Any:
     """Values in the table of a figure; None without the table.
 
     Raises:
@@ -153,7 +153,7 @@ def read_table1(results: Path) -> dict[str, Any]:
     Raises:
         InputError: the table is damaged.
     """
-    rows = read_table(results, TABLE, lambda table: [printed(row) for row in table.to_dict("records")])
+    rows = read_values(results, TABLE, lambda table: [printed(row) for row in table.to_dict("records")])
     if rows is None:
         return {}
     caption, spacetime = captions()[TABLE], read_spacetime(results, TABLE)

@@ -26,7 +26,7 @@ from validation.accuracy.budget import budget_of, first_departure
 from validation.chapters import write_frame
 from validation.checks import FAIL, NOT_RUN, PASS, share_of_limit, short
 from validation.compare.comparison import ComparedScene
-from validation.report.page_figures import SCORED, read_table, scores_in
+from validation.report.page_figures import SCORED, read_values, scores_in
 from validation.report.scene_section import scene_row, section_of
 from validation.report.write_report import claim_counts, write_report
 from validation.tests.helpers.commands import beads
@@ -173,7 +173,7 @@ def test_table_1_has_a_row_per_amplitude_and_the_figure_of_speeds_has_its_scores
         columns=["source", "force_read_as", "modulus_MPa", "force_N", "deviation_pct", "deviation_standard_errors"],
     )
     write_frame(tmp_path / "fig3.csv", pd.concat([score, pd.DataFrame({"source": ["experiment"]})]))
-    assert read_table(tmp_path, SCORED, scores_in) == {
+    assert read_values(tmp_path, SCORED, scores_in) == {
         "forces": ["5", "0.06"],
         "rows": [
             [reading, modulus, "+7.0", "+7.0", "1.5", "0.0"] for reading in READINGS for modulus in ("600", "1460")
