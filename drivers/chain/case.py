@@ -97,8 +97,8 @@ class Case:
 
     def at(self, steps_per_sample: int) -> "Case":
         """Case with another time step."""
-        step = divided(self.scene.run.sample_interval, steps_per_sample)
-        run = self.scene.run.model_copy(update={"time_step": step})
+        run = self.scene.run
+        run = run.model_copy(update={"time_step": divided(run.sample_interval, steps_per_sample)})
         return replace(self, scene=self.scene.model_copy(update={"run": run, "steps_per_sample": steps_per_sample}))
 
     def sampled_at_every(self, time_step_s: float) -> "Case":

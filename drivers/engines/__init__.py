@@ -242,13 +242,15 @@ def _engine_of(name: str, entry: Entry) -> Engine:
     return replace(engine, name=name, entry=entry, how_to_get=entry.how_to_get or engine.how_to_get)
 
 
-def _guarded(function: Callable[..., Any], path: Path) -> Callable[..., Any]:
+def _guarded(name: str, function: Callable[..., Any], path: Path) -> Callable[..., Any]:
     """Wrap a function of an external adapter: any error becomes a RunError with its file and line."""
 
     @wraps(function)
     def guarded(*arguments: Any) -> Any:
         try:
             found = function(*arguments)
+            if found is None and name not in ("refusal", "partial_trace"):
+                raise RunError(f"{path.name}: {name} returns None")
             return list(found) if isinstance(found, Iterator) else found  # a generator raises errors when it is read
         except (InputError, RunError):
             raise
@@ -259,10 +261,11 @@ def _guarded(function: Callable[..., Any], path: Path) -> Callable[..., Any]:
 
 
 def _words_of(error: BaseException, path: Path) -> str:
-    """Error of an adapter on one line, with the last line of its file that was running, else of any file."""
-    places = [place for place in extract_tb(error.__traceback__) if place.lineno]
-    last = ([place for place in places if place.filename == str(path)] or places)[-1]
-    return one_line(f"{Path(last.filename).name}:{last.lineno}: {type(error).__name__}: {error}")
+    """Error of an adapter on one line, with the last line of its file that was running, else of another file."""
+    places = [each for each in extract_tb(error.__traceback__) if each.filename[0] != "<" and each.filename != __file__]
+    last = ([each for each in places if each.filename == str(path)] or places)[-1:]
+    where = [f"{Path(each.filename).name}:{each.lineno}" for each in last] or [path.name]
+    return one_line(*where, ": ", f"{type(error).__name__}: {error}")
 
 
 @cache
@@ -284,7 +287,9 @@ def _external_adapter(path: Path, where: str) -> Engine:
         re.compile(engine.loop_pattern)
     except (Exception, SystemExit) as error:  # any error of the adapter
         raise InputError(where, "adapter", _words_of(error, path), "ENGINE = Engine(...)") from error
-    guarded: dict[str, Any] = {name: _guarded(value, path) for name, value in vars(engine).items() if callable(value)}
+    guarded: dict[str, Any] = {
+        name: _guarded(name, each, path) for name, each in vars(engine).items() if callable(each)
+    }
     return replace(engine, **guarded)
 
 

@@ -111,12 +111,11 @@ def _reason(run: EndedRun, build: Build | str) -> str:
 
 def _present_build(engine: str) -> Build | str:
     """Installed build of an engine, or the reason to keep its runs."""
-    if engine not in engine_names():
-        return UNKNOWN_ENGINE
     with suppress(InputError, RunError):
         build = build_of(load_engine(engine))
-        return build if build.version != UNKNOWN_VERSION else ABSENT_ENGINE
-    return ABSENT_ENGINE
+        if build.version != UNKNOWN_VERSION:
+            return build
+    return ABSENT_ENGINE if engine in engine_names() else UNKNOWN_ENGINE
 
 
 def _remove(group: Sequence[EndedRun]) -> list[EndedRun]:

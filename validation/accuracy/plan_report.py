@@ -155,8 +155,7 @@ def _chosen(label: str, chooser: Chooser, asked: dict[str, float], factor: float
 def _table(rows: list[Row], among: Collection[str]) -> Iterator[str]:
     given, quantities = next((case, errors) for _, case, errors, _ in rows if case)
     names = capable_engines(given, among)
-    error_of = f"{'largest ' * (len(quantities) > 1)}error of {', '.join(quantities)}"
-    cells = [["", "time step", error_of, *names]]
+    cells = [["", "time step", f"{'largest ' * (len(quantities) > 1)}error of {', '.join(quantities)}", *names]]
     for label, case, errors, _ in rows:
         if case:
             worst = max(errors.values())

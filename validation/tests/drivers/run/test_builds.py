@@ -284,6 +284,16 @@ def test_an_error_of_any_function_of_an_adapter_is_one_line(
         getattr(load_engine("mine"), function)(tmp_path)
 
 
+@pytest.mark.parametrize("function", [name for name in FUNCTIONS if name not in ("refusal", "partial_trace")])
+def test_a_function_of_an_adapter_that_returns_nothing_is_named(
+    function: str, engines_file: EnginesWriter, tmp_path: Path
+) -> None:
+    (tmp_path / "mine.py").write_text(OWN_ADAPTER + WRONG.format(error="", function=function))
+    engines_file('[mine]\nadapter = "mine.py"\n')
+    with pytest.raises(RunError, match=f"^mine.py: {function} returns None$"):
+        getattr(load_engine("mine"), function)(tmp_path)
+
+
 @pytest.mark.parametrize("function", ["version", "libraries", "refusal", "render", "request", "read"])
 def test_a_command_with_a_wrong_adapter_ends_in_one_line(
     function: str, engines_file: EnginesWriter, scene_file: SceneWriter, tmp_path: Path
@@ -313,8 +323,18 @@ def test_a_wrong_loop_pattern_ends_a_run_in_one_line(
     assert re.fullmatch(rf".*{words}.*\n", done.stderr)
 
 
-def test_an_error_in_a_library_names_the_line_of_the_adapter(engines_file: EnginesWriter, tmp_path: Path) -> None:
-    (tmp_path / "mine.py").write_text("import json\n\njson.loads('{')\n")
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("import json\n\njson.loads('{')\n", "mine.py:3: JSONDecodeError"),
+        ("A = 1", "mine.py: AttributeError: module .* no attribute 'ENGINE'"),
+        ("(", r"mine.py: SyntaxError: '\(' was never closed \(mine.py, line 1\)"),
+    ],
+)
+def test_an_adapter_that_cannot_be_loaded_is_named_with_its_line(
+    text: str, words: str, engines_file: EnginesWriter, tmp_path: Path
+) -> None:
+    (tmp_path / "mine.py").write_text(text)
     engines_file('[mine]\nadapter = "mine.py"\n')
-    with pytest.raises(InputError, match=r"mine.py:3: JSONDecodeError"):
+    with pytest.raises(InputError, match=f"found {words}"):
         load_engine("mine")
