@@ -49,7 +49,7 @@ def plan(
     Examples:
         >>> case, errors = plan("fig4", {"run.time_step": None, "run.accuracy": 1e-4})
         >>> case.scene.time_step_s, errors["force"] <= 1e-4
-        (1.6666666666666665e-07, True)
+        (1.6666666666666668e-07, True)
     """
     case = planned_case(scene, *setting_texts(settings or {}))
     if case.plan is not None:
