@@ -112,7 +112,6 @@ class Engine:
         failure_reason: function that extracts the code's own error message from its standard output and error.
         loss_message: text in the failure reason if a body left the simulated space, which means a blow-up; empty if
             the code does not check for that.
-        on_two_cores: function that changes a deck to run on two cores; None if the code cannot.
         defaults: default values of the code.
         style: style in figures; None gives the engine a style of its own.
         name, entry: set by ``load_engine``.
@@ -136,7 +135,6 @@ class Engine:
     partial_trace: Callable[[Case, Path], Trace | None] = lambda case, folder: None
     failure_reason: Callable[[str, str], str] = last_line
     loss_message: str = ""
-    on_two_cores: Callable[[Deck], Deck] | None = None
     defaults: Defaults = Defaults()
     style: Style | None = None
     libraries: Callable[[Path], Iterable[Path]] = lambda program: ()

@@ -3,7 +3,6 @@
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,12 +22,6 @@ DUMP = "chain.bin"
 PLACE, VELOCITY, SPIN = ("x", "y", "z"), ("vx", "vy", "vz"), ("omegax", "omegay", "omegaz")
 BORE_FORCE = tuple(f"f_force_tube[{axis}]" for axis in (1, 2, 3))
 FLAT_PREFIX = "flat "  # before the material's name: the type of a striker's flat face
-# lets Open MPI run as root, and on fewer cores than processes
-OPEN_MPI = (
-    "OMPI_ALLOW_RUN_AS_ROOT=1",
-    "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1",
-    "OMPI_MCA_rmaps_base_oversubscribe=1",
-)
 MAX_BODIES_IN_PAIRS = 200  # with fewer bodies, checking all pairs is faster than bins of the whole space
 
 
@@ -63,7 +56,6 @@ def member(program: str, introduction: str, radii: Callable[[Case], Array], wall
         failure_reason=failure_reason,
         loss_message="Lost atoms",
         loop_pattern=r"^Loop time of ([0-9.e+-]*[0-9]) on",
-        on_two_cores=on_two_cores,
         **own,
     )
 
@@ -147,13 +139,6 @@ def failure_reason(stdout: str, stderr: str) -> str:
     """Last line that begins with ERROR; else the last line that is not from hwloc."""
     errors = [line.strip() for line in f"{stderr}\n{stdout}".splitlines() if line.startswith("ERROR")]
     return errors[-1] if errors else last_line(stderr, stdout, ("[hwloc/",))
-
-
-def on_two_cores(deck: Deck) -> Deck:
-    """Deck with the lower and the upper half of the chain on one core each."""
-    files = {name: text.replace("boundary ", "processors      1 1 2\nboundary ") for name, text in deck.files.items()}
-    command = ("env", *OPEN_MPI, "mpirun", "-np", "2", *deck.command)
-    return replace(deck, files=files, command=command)
 
 
 def contact_kn(chain: Chain, radius_m: Array) -> Array:

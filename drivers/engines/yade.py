@@ -3,7 +3,6 @@
 import os
 import re
 from collections.abc import Iterator
-from dataclasses import replace
 from math import atan
 from pathlib import Path
 
@@ -129,7 +128,6 @@ ENGINE = Engine(
     read=read,
     failure_reason=lambda stdout, stderr: last_line(stdout, stderr, CHATTER),
     loop_pattern=r"^completed \d+ steps in ([0-9.]+) s$",
-    on_two_cores=lambda deck: replace(deck, command=("yade", "-j2", *deck.command[1:])),
     defaults=DEFAULTS,
     style=Style("#d55e00", dashes=(0, (4, 3)), marker="x", size=4.0),
 )

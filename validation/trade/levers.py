@@ -1,24 +1,18 @@
 """Levers of the trade study: other ways to save time or error, each with its effect."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import product
 from math import nan
 
 from drivers.base.progress import following
 from drivers.chain.schemes import exact_of, verlet_of
-from drivers.engines import installed_codes, load_engine
 from drivers.limits.criteria import rayleigh_time
-from drivers.run.compute import compute
 from postproc.paper.simulate import case_of
 from postproc.read.observables import of_kind
 from validation.accuracy.exact_motion import errors_of, exact_motion_of, quantities
-from validation.chapters import left_out_if_failed
 
 SOFTENING_FACTORS = (10, 100, 1000)
 FRACTIONS = (0.1, 0.2, 0.4)
-ON_TWO_CORES = ("fig4", "long-chain")
-TWO_CORES_FOR = "run.duration=0.5 ms"  # some hundred steps suffice for a ratio
 
 
 @dataclass(frozen=True)
@@ -26,7 +20,7 @@ class Lever:
     """One measurement of a lever.
 
     Attributes:
-        error: error of the quantity, as in ``accuracy.exact_motion``; NaN if the lever changes only the cost.
+        error: error of the quantity, as in ``accuracy.exact_motion``.
         gain: cost without the lever over cost with it; NaN if the lever changes only the error.
     """
 
@@ -35,13 +29,13 @@ class Lever:
     engine: str
     setting: str
     quantity: str
-    error: float = nan
+    error: float
     gain: float = nan
 
 
-def measure_levers(*, short: bool = False) -> Iterator[Lever]:
-    """Measures all levers; the short study omits the long chain."""
-    levers = (sampling(), rayleigh(), softened(), two_cores(ON_TWO_CORES[: 1 if short else 2]))
+def measure_levers() -> Iterator[Lever]:
+    """Measures all levers."""
+    levers = (sampling(), rayleigh(), softened())
     for lever in following(levers, "levers", len(levers), "lever"):
         yield from lever
 
@@ -92,16 +86,3 @@ def softened() -> Iterator[Lever]:
             for name in ("speed_9_to_5", "bead_5_amplitude", "wall_amplitude"):
                 error = abs(soft[name] * longer / hard[name] - 1)
                 yield Lever("softened modulus", "fig4", "any", f"E/{softer}, {where}", name, error, longer)
-
-
-def two_cores(scenes: Sequence[str]) -> Iterator[Lever]:
-    """Speed-up of the loop by a second core, each run in a process of its own."""
-    pairs = [*product(scenes, installed_codes())]
-    for scene, name in following(pairs, "two cores", len(pairs)):
-        case, engine = case_of(scene, "run.time_step=1 us", TWO_CORES_FOR), load_engine(name)
-        if engine.on_two_cores and len(engine.find() or ()) == 1:  # the command does not set the number of cores
-            with left_out_if_failed(f"{name}, two cores"):
-                deck = engine.render(case)
-                ended = [compute(case, name, deck=each, by_hand=True) for each in (deck, engine.on_two_cores(deck))]
-                one, two = (each.loop_s or nan for each in ended if each.done)  # done raises the fault of a failed run
-                yield Lever("two cores", scene, name, "2 cores", "loop", gain=one / two)

@@ -180,7 +180,7 @@ def measure(options: Options) -> dict[str, Any]:
     with step(chapters.named("the ladder of time steps", options), 1, 2):
         rows = run_ladder(options.budget_s or budget_s, scenes, short=short)
     with step(chapters.named("other ways to save time or error", options), 2, 2):
-        levers = [*measure_levers(short=short)]
+        levers = [*measure_levers()]
     table = chapters.frame_of(LadderRun, rows)
     return {"trade": rows, "trade-levers": levers, "trade-advice": advice(table), "trade-orders": orders(table)}
 
