@@ -1,7 +1,6 @@
 """Decks: the input files of an engine, rendered from templates that read like decks written by hand."""
 
 import hashlib
-import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -83,4 +82,4 @@ def _numbered_rows(rows: NDArray[np.float64]) -> str:
     """Lines of an array of shape (lines, numbers), each after its own number from 1; one call for very many lines."""
     numbered = np.column_stack([np.arange(1.0, len(rows) + 1), rows]).tolist()
     text = repr(numbered)[2:-2].replace("], [", "\n").replace(",", "")
-    return re.sub(r"\.0(?=\s|$)", "", text)
+    return text.replace(".0 ", " ").replace(".0\n", "\n").removesuffix(".0")
