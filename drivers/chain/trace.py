@@ -192,20 +192,18 @@ def digest_of(trace: Trace) -> str:
 
 def forces_table(trace: Trace) -> "pa.Table":
     """Table of time, contact and bore forces, energies and momentum."""
-    import pyarrow as pa
-
     columns = {"time_s": trace.time_s} | _by_body(CONTACT, trace.force_N)
     if trace.bore_friction_N is not None:
         columns[BORE_FRICTION] = trace.bore_friction_N
     if trace.bore_N is not None:
         columns |= _by_body(BORE, trace.bore_N)
-    return pa.table(columns | {name: getattr(trace, name) for name in BALANCES})
+    return _table_of(columns | {name: getattr(trace, name) for name in BALANCES})
 
 
 def trace_in(table: "pa.Table") -> Trace:
     """Trace of a table of forces, without positions and velocities; KeyError for a missing column."""
-    single = {name: _numbers(table[name]) for name in ("time_s", *BALANCES)}
-    friction = _numbers(table[BORE_FRICTION]) if BORE_FRICTION in table.column_names else None
+    single = {name: _column(table, name) for name in ("time_s", *BALANCES)}
+    friction = _column(table, BORE_FRICTION) if BORE_FRICTION in table.column_names else None
     force = _of_bodies(table, CONTACT)
     if force is None:
         raise KeyError(CONTACT)
@@ -214,8 +212,6 @@ def trace_in(table: "pa.Table") -> Trace:
 
 def state_table(trace: Trace) -> "pa.Table":
     """Table of height and velocity of each body; for three-dimensional runs x, y and spin as well."""
-    import pyarrow as pa
-
     assert trace.height_m is not None
     assert trace.velocity_m_s is not None
     columns = {"time_s": trace.time_s} | _by_body(PLACES[2], trace.height_m)
@@ -226,7 +222,7 @@ def state_table(trace: Trace) -> "pa.Table":
             columns |= _by_body(VELOCITIES[axis], trace.across_velocity_m_s[..., axis])
         for axis, spin in enumerate(SPINS):
             columns |= _by_body(spin, trace.spin_rad_s[..., axis])
-    return pa.table(columns)
+    return _table_of(columns)
 
 
 @dataclass(frozen=True)
@@ -253,17 +249,25 @@ def state_in(table: "pa.Table", bodies: int) -> State:
         across = (_of_bodies(table, name) for name in names[:2])
         return np.stack([*(np.zeros_like(along) if each is None else each for each in across), along], axis=-1)
 
-    return State(_numbers(table["time_s"]), vectors(PLACES), vectors(VELOCITIES))
+    return State(_column(table, "time_s"), vectors(PLACES), vectors(VELOCITIES))
 
 
 def _by_body(pattern: str, values: Array) -> dict[str, Any]:
-    """Columns of an array of shape (samples, bodies): one a body, numbered from the wall, or one of lists."""
+    """Columns of an array of shape (samples, bodies): one a body, numbered from the wall, or all in one."""
+    if values.shape[1] > MAX_COLUMNS:
+        return {_together(pattern): values}
+    return {pattern.format(body): column for body, column in enumerate(values.T, start=1)}
+
+
+def _table_of(columns: dict[str, Any]) -> "pa.Table":
+    """Table of arrays, of shape (samples, bodies) as lists; ``pa.array`` would import pandas, a third of a run."""
     import pyarrow as pa
 
-    bodies = values.shape[1]
-    if bodies <= MAX_COLUMNS:
-        return {pattern.format(body): column for body, column in enumerate(values.T, start=1)}
-    return {_together(pattern): pa.FixedSizeListArray.from_arrays(pa.array(np.ravel(values)), bodies)}
+    def arrow(values: Array) -> pa.Array:
+        flat = pa.Array.from_buffers(pa.float64(), values.size, [None, pa.py_buffer(np.ascontiguousarray(values))])
+        return flat if values.ndim == 1 else pa.FixedSizeListArray.from_arrays(flat, values.shape[1])
+
+    return pa.table({name: arrow(values) for name, values in columns.items()})
 
 
 def _of_bodies(table: "pa.Table", pattern: str, bodies: int = 0) -> Array | None:
@@ -273,20 +277,25 @@ def _of_bodies(table: "pa.Table", pattern: str, bodies: int = 0) -> Array | None
         KeyError: it has not as many bodies as asked for, if any are.
     """
     if _together(pattern) in table.column_names:
-        lists = table[_together(pattern)].combine_chunks()
-        found = _numbers(lists.flatten()).reshape(len(table), -1)
+        found = _numbers(table[_together(pattern)].combine_chunks().flatten()).reshape(len(table), -1)
     else:
         numbered = re.compile(pattern.format(r"\d+"))
-        columns = [_numbers(table[name]) for name in table.column_names if numbered.fullmatch(name)]
+        columns = [_column(table, name) for name in table.column_names if numbered.fullmatch(name)]
         found = np.column_stack(columns) if columns else np.zeros((0, 0))
     if bodies and found.shape[1] != bodies:
         raise KeyError(pattern)
     return found if found.size else None
 
 
-def _numbers(column: Any) -> Array:
-    """Numbers of a column; ValueError for others."""
-    return np.asarray(column.to_numpy(), dtype=float)
+def _column(table: "pa.Table", name: str) -> Array:
+    return _numbers(table[name].combine_chunks())
+
+
+def _numbers(values: Any) -> Array:
+    """Numbers of an array of Arrow, whose ``to_numpy`` would import pandas; ValueError for other values."""
+    if str(values.type) != "double" or values.null_count:
+        raise ValueError(f"values of type {values.type} with {values.null_count} missing")
+    return np.frombuffer(values.buffers()[1], dtype=float)[values.offset : values.offset + len(values)]
 
 
 def _together(pattern: str) -> str:

@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from drivers.base.files import csv_of
 from drivers.chain.case import Layout
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
@@ -101,8 +100,11 @@ def sensor_table(layout: Layout, trace: Trace) -> "pd.DataFrame":
 
 
 def signals_csv(layout: Layout, trace: Trace) -> bytes:
-    """Gauge signals as CSV, in full precision."""
-    return csv_of(sensor_table(layout, trace), index=True)
+    """Gauge signals as CSV, in full precision; written here, since pandas takes a third of a run to import."""
+    signals = {"time": trace.time_s} | sensor_signals(layout, trace)
+    rows = np.column_stack([*signals.values()]).tolist()
+    names = ["time_s", *(f"{name}_N" for name in [*signals][1:])]
+    return "".join(f"{','.join(row)}\n" for row in (names, *(map(repr, row) for row in rows))).encode()
 
 
 def high_passed(time_s: Array, signal: Array, time_constant_s: float) -> Array:
