@@ -88,7 +88,7 @@ def test_names_of_a_case_and_of_modules_exist() -> None:
     others = {"engines": ("IN_OVERLAPS",), "engines._raw_output": ("read_arrays", "read_dump", "contact_forces")}
     for module, names in others.items():
         for name in names:
-            assert f"`{name}`" in section
+            assert f"`{name}" in section
             assert hasattr(import_module(f"drivers.{module}"), name)
 
 
