@@ -13,31 +13,27 @@ from validation.reference.hertz_chain import Array, Flag
 # velocity, overlap, force (with a 0 above the chain); constants: stiffness, kick, drop, damping (empty for an elastic
 # chain), alpha (0 without the power law)
 Arrays = tuple[Array, Array, Array, Array, Array, Array, Array, float]
-STIFFNESS, DAMPING, ALPHA = 3, 6, 7  # places in it
 
 
 @njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
 def _elastic(j: int, overlap: float, _: float, arrays: Arrays) -> float:
     """Force of contact j from its overlap and closing speed."""
-    closed = max(overlap, 0.0)
-    return float(arrays[STIFFNESS][j] * (closed * sqrt(closed)))
+    stiffness, closed = arrays[3], max(overlap, 0.0)
+    return float(stiffness[j] * (closed * sqrt(closed)))
 
 
 @njit(error_model="numpy", forceinline=True)
 def _damped(j: int, overlap: float, closing: float, arrays: Arrays) -> float:
     """``_elastic`` for dissipative contacts; the damping uses velocities half a step before, as in the codes."""
-    root = sqrt(max(overlap, 0.0))
-    return float(max(arrays[STIFFNESS][j] * (overlap * root) + arrays[DAMPING][j] * sqrt(root) * closing, 0.0))
+    stiffness, damping, root = arrays[3], arrays[6], sqrt(max(overlap, 0.0))
+    return float(max(stiffness[j] * (overlap * root) + damping[j] * sqrt(root) * closing, 0.0))
 
 
 @njit(error_model="numpy", forceinline=True)
 def _power(j: int, overlap: float, closing: float, arrays: Arrays) -> float:
     """``_damped`` for the velocity-power law."""
-    return (
-        power_force(arrays[STIFFNESS][j], arrays[DAMPING][j], arrays[ALPHA], overlap, closing)
-        if overlap >= 0.0
-        else 0.0
-    )
+    stiffness, damping, alpha = arrays[3], arrays[6], arrays[7]
+    return power_force(stiffness[j], damping[j], alpha, overlap, closing) if overlap >= 0.0 else 0.0
 
 
 def _sweep_by(law: Callable[..., float], fastmath: bool | set[str] = False) -> Any:
@@ -65,12 +61,13 @@ _sweep_elastic = _sweep_by(_elastic, {"contract"})
 _sweep_damped, _sweep_power = _sweep_by(_damped), _sweep_by(_power)
 
 
-@njit(nogil=True, error_model="numpy")
+@njit(nogil=True, error_model="numpy", forceinline=True)
 def _step(arrays: Arrays, dt: float) -> None:
     """One step, by the law of the chain."""
-    if arrays[ALPHA] > 0.0:
+    damping, alpha = arrays[6:]
+    if alpha > 0.0:
         _sweep_power(arrays, dt)
-    elif arrays[DAMPING].size:
+    elif damping.size:
         _sweep_damped(arrays, dt)
     else:
         _sweep_elastic(arrays, dt)
