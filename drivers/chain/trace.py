@@ -4,7 +4,6 @@ This module defines the columns of its tables, of forces and of positions.
 """
 
 import hashlib
-import re
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -203,11 +202,13 @@ def forces_table(trace: Trace) -> "pa.Table":
 def trace_in(table: "pa.Table") -> Trace:
     """Trace of a table of forces, without positions and velocities; KeyError for a missing column."""
     single = {name: _column(table, name) for name in ("time_s", *BALANCES)}
-    friction = _column(table, BORE_FRICTION) if BORE_FRICTION in table.column_names else None
-    force = _of_bodies(table, CONTACT)
-    if force is None:
-        raise KeyError(CONTACT)
-    return Trace(force_N=force, bore_friction_N=friction, bore_N=_of_bodies(table, BORE), **single)
+    there = set(table.column_names)
+    friction = _column(table, BORE_FRICTION) if BORE_FRICTION in there else None
+    numbered = there - {_together(CONTACT), BORE_FRICTION}
+    force = _of_bodies(table, CONTACT, sum(name.startswith("contact_") for name in numbered))
+    has_bore = any(name.startswith("bore_") for name in numbered)
+    bore = _of_bodies(table, BORE, force.shape[1], optional=True) if has_bore else None
+    return Trace(force_N=force, bore_friction_N=friction, bore_N=bore, **single)
 
 
 def state_table(trace: Trace) -> "pa.Table":
@@ -244,10 +245,8 @@ def state_in(table: "pa.Table", bodies: int) -> State:
     """Positions and velocities in a table written by ``state_table``; KeyError for a missing column."""
 
     def vectors(names: tuple[str, ...]) -> Array:
-        along = _of_bodies(table, names[2], bodies)
-        assert along is not None
-        across = (_of_bodies(table, name) for name in names[:2])
-        return np.stack([*(np.zeros_like(along) if each is None else each for each in across), along], axis=-1)
+        across = (_of_bodies(table, name, bodies, optional=True) for name in names[:2])
+        return np.stack([*across, _of_bodies(table, names[2], bodies)], axis=-1)
 
     return State(_column(table, "time_s"), vectors(PLACES), vectors(VELOCITIES))
 
@@ -270,21 +269,17 @@ def _table_of(columns: dict[str, Any]) -> "pa.Table":
     return pa.table({name: arrow(values) for name, values in columns.items()})
 
 
-def _of_bodies(table: "pa.Table", pattern: str, bodies: int = 0) -> Array | None:
-    """Array of the columns that ``_by_body`` made, shape (samples, bodies); None if there are none.
+def _of_bodies(table: "pa.Table", pattern: str, bodies: int, *, optional: bool = False) -> Array:
+    """Array of the columns that ``_by_body`` made, shape (samples, bodies), with zeros for missing ``optional`` ones.
 
     Raises:
-        KeyError: it has not as many bodies as asked for, if any are.
+        KeyError, ValueError: a column is missing, or lists have another length than ``bodies``, unless that is 0.
     """
-    if _together(pattern) in table.column_names:
-        found = _numbers(table[_together(pattern)].combine_chunks().flatten()).reshape(len(table), -1)
-    else:
-        numbered = re.compile(pattern.format(r"\d+"))
-        columns = [_column(table, name) for name in table.column_names if numbered.fullmatch(name)]
-        found = np.column_stack(columns) if columns else np.zeros((0, 0))
-    if bodies and found.shape[1] != bodies:
-        raise KeyError(pattern)
-    return found if found.size else None
+    there = set(table.column_names)
+    if _together(pattern) in there:
+        return _numbers(table[_together(pattern)].combine_chunks().flatten()).reshape(len(table), bodies or -1)
+    zero, names = np.zeros(len(table)), [pattern.format(body) for body in range(1, bodies + 1)]
+    return np.column_stack([zero if optional and name not in there else _column(table, name) for name in names])
 
 
 def _column(table: "pa.Table", name: str) -> Array:

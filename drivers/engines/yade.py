@@ -10,8 +10,8 @@ import numpy as np
 
 from drivers.base.decks import Deck
 from drivers.base.decks import render as render_template
-from drivers.base.errors import InputProblem
-from drivers.base.processes import line_of
+from drivers.base.errors import InputProblem, RunError
+from drivers.base.processes import STDOUT, line_of
 from drivers.chain.case import Case
 from drivers.chain.elements import SIDEWAYS, STRAIGHT
 from drivers.chain.trace import Trace, make_trace
@@ -60,6 +60,9 @@ def read(case: Case, folder: Path) -> Trace:
     Raises:
         RunError: the file or an array is missing or incomplete.
     """
+    stdout = folder / STDOUT  # not there after a run by hand
+    if stdout.exists() and ENGINE.loop_seconds(stdout.read_text(errors="replace")) is None:
+        raise RunError("the deck's last line of output is missing: it did not run to its end")
     return _read_straight(case, folder) if case.chain.lateral is None else _read_sideways(case, folder)
 
 

@@ -43,8 +43,6 @@ def checked_trace(case: Case, engine: Engine, outcome: EndedProcess, folder: Pat
         raise RunError("; ".join(filter(None, (blown_up, f"{ending}: {words[:REASON_CHARACTERS]}"))), partial=before)
     try:
         trace = engine.read(case, folder)
-        if engine.loop_seconds((folder / STDOUT).read_text(errors="replace")) is None:
-            raise RunError("the deck's last line of output is missing: it did not run to its end")
     except RunError as error:
         error.partial = engine.partial_trace(case, folder)
         raise

@@ -232,7 +232,8 @@ def test_the_comparison_prints_departure_and_law(stand_in: StandIn, scene_file: 
     assert re.search(r"^scene +yade +departs from its scheme from 1 µs", done.stdout, re.MULTILINE)
     assert re.search(r"^scene +yade +non-viscous damping of 0\.2, ", done.stdout, re.MULTILINE)
     kept = {path.name for path in (tmp_path / "runs" / "yade").glob("scene-*/*")}
-    assert kept == {"chain.py", "run.json", "stdout.txt", "stderr.txt"}  # no part of the refused trace
+    files = {"chain.py", "run.json", "stdout.txt", "stderr.txt"}
+    assert kept == files | {"forces.parquet", "state.parquet"}  # of the refused trace, to see its fault
 
 
 def swap(engine: str, file: str, good: str, bad: str, stand_in: StandIn, tmp_path: Path) -> None:
