@@ -60,10 +60,11 @@ def read(case: Case, folder: Path) -> Trace:
     Raises:
         RunError: the file or an array is missing or incomplete.
     """
+    trace = _read_straight(case, folder) if case.chain.lateral is None else _read_sideways(case, folder)
     stdout = folder / STDOUT  # not there after a run by hand
     if stdout.exists() and ENGINE.loop_seconds(stdout.read_text(errors="replace")) is None:
         raise RunError("the deck's last line of output is missing: it did not run to its end")
-    return _read_straight(case, folder) if case.chain.lateral is None else _read_sideways(case, folder)
+    return trace
 
 
 def _read_straight(case: Case, folder: Path) -> Trace:
