@@ -1,4 +1,4 @@
-"""Uncertainty of fitted parameters: standard errors, undetermined directions, profiles, predictions."""
+"""Uncertainty of fitted parameters: standard errors, undetermined directions, profiles, contours, predictions."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -8,9 +8,11 @@ from math import hypot, inf, isfinite, nan, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.base.units import quantity
 from drivers.chain.chain import Array
-from validation.calibration.fit import CLOSE_CHANGE, Fit, chi_square_at, minimise
-from validation.calibration.problem import STEP, Datum, Problem, own_values, predicted_number
+from validation.calibration.fit import CLOSE_CHANGE, ROUGH_CHANGE, Fit, chi_square_at, minimise
+from validation.calibration.free import TRIGGER
+from validation.calibration.problem import STEP, Datum, Problem, motion_values, own_values, predicted
 
 RANGE_DEVIATION = 1 / sqrt(12)  # standard deviation of a parameter known only by its range, as a share of the range
 MIN_INFLATION = 10.0  # growth of an error by the uncertainty of the other parameters, from which it is reported
@@ -65,7 +67,7 @@ class Certainty:
 
     @property
     def inflation(self) -> Array:
-        """Each error over the error if all other parameters were known. Shape (parameters,)."""
+        """Each error divided by the error if all other parameters were known. Shape (parameters,)."""
         alone = np.linalg.norm(self.fit.jacobian, axis=0)
         return np.asarray(np.sqrt(np.diag(self.covariance)) * np.maximum(alone, 1 / RANGE_DEVIATION))
 
@@ -84,18 +86,24 @@ class Certainty:
             weakest = self._directions[1][int(np.argmin(self._directions[0]))]
             names, times = " and ".join(free[i].label for i in weak), float(self.inflation[weak].min())
             pair = f"the data barely distinguish {names}: they trade off along {self._along(weakest, weak)}"
-            yield f"{pair}; if the others were known, errors would be {times:.0f} times smaller"
+            yield f"{pair}; with all but one of them known, its error would be {times:.0f} times smaller"
 
     def _along(self, direction: Array, named: NDArray[np.intp]) -> str:
-        """Changes of the named parameters along a direction, scaled to a largest change of 10 %."""
+        """Changes of the named parameters along a direction, scaled to a largest relative change of 10 %.
+
+        A trigger has an arbitrary zero, so its change is a time.
+        """
         free, place = self.fit.problem.free, self.fit.place
-        values = [free[i].value(float(place[i])) or free[i].high for i in named]
-        slopes = [free[i].slope(float(place[i])) for i in named]
-        changes = [direction[i] * slope / value for i, slope, value in zip(named, slopes, values, strict=True)]
-        largest = changes[int(np.argmax(np.abs(changes)))]
-        return ", ".join(
-            f"{free[i].label} {10 * each / largest:+.3g} %" for i, each in zip(named, changes, strict=True)
-        )
+        changes = {i: direction[i] * free[i].slope(float(place[i])) for i in named}
+        shares = {
+            i: change / (free[i].value(float(place[i])) or free[i].high)
+            for i, change in changes.items()
+            if not free[i].key.endswith(f".{TRIGGER}")
+        }
+        scale = 0.1 / max(shares.values(), key=abs)
+        texts = {i: f"{100 * scale * share:+.3g} %" for i, share in shares.items()}
+        texts |= {i: quantity(float(f"{scale * changes[i]:.3g}"), "s") for i in changes if i not in shares}
+        return ", ".join(f"{free[i].label} {texts[i]}" for i in named)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +112,7 @@ class Profile:
 
     Attributes:
         coordinate, chi_square: Shape (points,), in the order of the coordinate.
-        places: Coordinates of all parameters at each point, shape (points, parameters).
+        places: Coordinates of all parameters at each point. Shape (points, parameters).
     """
 
     problem: Problem
@@ -161,6 +169,24 @@ def profile(fit: Fit, index: int, count: Callable[[], None] = lambda: None) -> P
     return Profile(fit.problem, index, coordinate, chi_square, places)
 
 
+def contours(fit: Fit, across: int, up: int, values: tuple[Array, Array]) -> Array:
+    """Chi-square over a grid of two parameters, with all others fitted again. Shape (values up, values across)."""
+    problem, found = fit.problem, np.full((len(values[1]), len(values[0])), nan)
+    row_start = fit.place
+    columns = sorted(range(len(values[0])), key=lambda k: abs(values[0][k] - problem.free[across].value(fit.place[across])))
+    for row in sorted(range(len(values[1])), key=lambda k: abs(values[1][k] - problem.free[up].value(fit.place[up]))):
+        place = row_start
+        for column in columns:
+            held = {
+                across: problem.free[across].coordinate(float(values[0][column])),
+                up: problem.free[up].coordinate(float(values[1][row])),
+            }
+            ends = [minimise(problem, each, held, converged=ROUGH_CHANGE) for each in (place, fit.place)]
+            place = min(ends, key=lambda end: chi_square_at(problem, end))
+            found[row, column] = chi_square_at(problem, place)
+    return found
+
+
 @dataclass(frozen=True)
 class Prediction:
     """A datum, its fitted value, and its prediction by a fit without this datum, in the unit of the observable.
@@ -170,6 +196,8 @@ class Prediction:
         off: Fitted minus measured in standard errors of the measurement; of a trace the rms.
         without, without_error: Prediction of the fit to all other data, with standard error; NaN if undetermined.
         without_off: This prediction minus measured, in standard errors of both combined.
+        without_chi_square: Chi-square of that fit.
+        without_values: Values of that fit, by label.
     """
 
     datum: Datum
@@ -179,58 +207,59 @@ class Prediction:
     without: float = nan
     without_error: float = nan
     without_off: float = nan
+    without_chi_square: float = nan
+    without_values: dict[str, float] | None = None
 
 
 def predictions(fit: Fit, *, leave_out: bool = True, count: Callable[[], None] = lambda: None) -> list[Prediction]:
-    """Prediction of each datum, fitted or not; with ``leave_out`` also by the fit without this datum."""
+    """Prediction of each datum; with ``leave_out`` also by the fit without this datum."""
     found, certainty = list[Prediction](), Certainty(fit)
     for datum in fit.problem.data:
-        value, error = _number_in_fit(fit, datum, certainty)
-        off = _off(fit.residual, datum, value)
-        if not leave_out or not datum.rows:
-            found.append(Prediction(datum, value, error, off))
-            continue
-        place = minimise(fit.problem, fit.place, left_out=datum.rows, converged=CLOSE_CHANGE)
-        rest = Fit(fit.problem, place, fit.residual, _without(fit, datum))
-        others, number = Certainty(rest), datum.number
-        if number is None or len(others.open_directions):
-            found.append(Prediction(datum, value, error, off))
+        value, error = number_in_fit(fit, datum, certainty)
+        if datum.number is None:
+            rows = fit.residual[datum.rows.start : datum.rows.stop]
+            off = float(np.sqrt(np.mean(rows**2)))
         else:
-            without, without_error = _number_in_fit(rest, datum, others)
-            both = (without - number.value) / hypot(without_error, number.error)
-            found.append(Prediction(datum, value, error, off, without, without_error, both))
+            off = (value - datum.number.value) / datum.number.error
+        shown = Prediction(datum, value, error, off)
+        found.append(_without(fit, shown) if leave_out and datum.number else shown)
         count()
     return found
 
 
-def _without(fit: Fit, datum: Datum) -> Array:
-    """Jacobian without the rows of one datum."""
+def _without(fit: Fit, shown: Prediction) -> Prediction:
+    """The prediction of a number with that by the fit to all other data."""
+    datum, number = shown.datum, shown.datum.number
+    assert number is not None
+    place = minimise(fit.problem, fit.place, left_out=datum.rows, converged=CLOSE_CHANGE)
     kept = np.setdiff1d(np.arange(fit.problem.rows), list(datum.rows))
-    return np.asarray(fit.jacobian[kept])
+    rest = Fit(fit.problem, place, fit.residual, fit.jacobian[kept])
+    others, chi_square = Certainty(rest), chi_square_at(fit.problem, place, kept)
+    values = (chi_square, fit.problem.values(place))
+    if len(others.open_directions):
+        return Prediction(datum, shown.fitted, shown.error, shown.off, nan, nan, nan, *values)
+    without, error = number_in_fit(rest, datum, others)
+    off = (without - number.value) / hypot(error, number.error)
+    return Prediction(datum, shown.fitted, shown.error, shown.off, without, error, off, *values)
 
 
-def _off(residual: Array, datum: Datum, value: float) -> float:
-    if datum.number is not None:
-        return (value - datum.number.value) / datum.number.error
-    rows = residual[datum.rows.start : datum.rows.stop]
-    return float(np.sqrt(np.mean(rows**2)))
-
-
-def _number_in_fit(fit: Fit, datum: Datum, certainty: Certainty) -> tuple[float, float]:
-    """A number in the fitted motion, with its standard error from the parameters' covariance."""
+def number_in_fit(fit: Fit, datum: Datum, certainty: Certainty) -> tuple[float, float]:
+    """A number in the fitted motion, with its standard error from the parameters' covariance; NaN for other data."""
     if datum.number is None:
         return nan, nan
     problem, number = fit.problem, datum.number
     data = next(each for each in problem.sets if each.name == datum.data_set)
+    return with_error(
+        fit, certainty, lambda place: predicted(data, number, motion_values(problem, data, place), own_values(problem, data, place))
+    )
 
-    def at(place: Array) -> float:
-        return predicted_number(data, number, own_values(problem, data, place))
 
+def with_error(fit: Fit, certainty: Certainty, at: Callable[[Array], float]) -> tuple[float, float]:
+    """Value of a function of the coordinates at a fit, with its standard error from their covariance."""
     value, slope = at(fit.place), np.zeros(len(fit.place))
     for index in range(len(slope)):
         step = np.zeros(len(fit.place))
         step[index] = STEP if fit.place[index] + STEP <= 1 else -STEP
         slopes = [(at(fit.place + each) - value) / each[index] for each in (step, -step)]
         slope[index] = next((each for each in slopes if isfinite(each)), 0.0)
-    error = sqrt(max(float(slope @ certainty.covariance @ slope), 0.0))
-    return value, error
+    return value, sqrt(max(float(slope @ certainty.covariance @ slope), 0.0))

@@ -2,8 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
+from math import hypot, sqrt
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +19,16 @@ from drivers.scene.settings import look_up, unit_of
 from postproc.paper.quoted import force_accuracy, quoted
 from postproc.paper.simulate import exact
 from postproc.read.measured import entries_of, read_measured, read_quoted
+from postproc.read.observables import describe
 from postproc.read.sensors import gauges_of
-from validation.calibration.calibration_file import QuotedNumber, calibration_file
-from validation.calibration.free import GAIN, TRIGGER, Free, around, bounds_in
-from validation.calibration.records import LEEWAY, Record, record_of
+from validation.calibration.calibration_file import Answer, QuotedNumber, QuotedSet, calibration_file
+from validation.calibration.free import GAIN, TRIGGER, Free, around, did_you_mean, stated
+from validation.calibration.records import Record, records_of
+
+LONGER = 2.0  # a run over the scene's duration, if a trigger has to be found
+SCALES = {"force": "force_scale", "speed": "speed_scale"}  # nuisance parameter of a kind of error
+READING = "reading"  # table of the keys of nuisance parameters
+CUT = f"{READING}.cut"
 
 
 @dataclass(frozen=True)
@@ -29,19 +36,17 @@ class MeasuredNumber:
     """A measured number.
 
     Attributes:
-        observable: Name of the observable in ``postproc.read.observables``.
-        value, error: Value and standard error in the observable's unit.
-        fitted: True if the number is fitted, False if it is predicted only.
-        because: Reason of an assumed error; empty for a measured one.
-        gain: Key of the entry with the gain of its gauge; empty without a gain.
+        observable: Name of an observable or of a reading, with its unit.
+        value, error: Value and standard error in the observable's unit; the error without common parts.
+        because: Reason of an assumed error; empty for a stated one.
+        divisor: Key of the parameter by which the computed number is divided; empty without one.
     """
 
     observable: str
     value: float
     error: float
-    fitted: bool = True
     because: str = ""
-    gain: str = ""
+    divisor: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,18 +74,19 @@ class DataSet:
 
     @property
     def lines(self) -> int:
-        """MeasuredNumber of coefficients of the base lines fitted to the traces."""
+        """Number of coefficients of the base lines fitted to the traces."""
         return sum(record.lines * len(record.measured.reading) for record in self.records)
-
-    def text(self, key: str, value: float) -> Any:
-        """A value as in a scene file: text with its unit, or a plain number."""
-        unit = unit_of(key)
-        return f"{value!r} {unit}" if unit else value
 
     @property
     def scene(self) -> Scene:
         """Scene made from the tables."""
         return make_scene(deepcopy(self.tables), library(), self.name, self.where)
+
+
+def text_of(key: str, value: float) -> Any:
+    """A value as in a scene file: text with its unit, or a plain number."""
+    unit = unit_of(key)
+    return f"{value!r} {unit}" if unit else value
 
 
 @cache
@@ -89,61 +95,96 @@ def library() -> dict[str, Any]:
     return read_toml(paths.MATERIALS)
 
 
-def paper_data(names: Sequence[str], settings: Sequence[str]) -> list[DataSet]:
+def paper_data(names: Sequence[str], settings: Sequence[str] = (), answers: Sequence[Answer] = ()) -> list[DataSet]:
     """Quoted data sets, with settings applied to their scenes.
 
+    Args:
+        names: Names of data sets of ``inputs/calibration.toml``.
+        settings: Settings of all scenes, such as those of a law.
+        answers: Readings of the sentences that the paper leaves open.
+
     Raises:
-        InputError: a data set or setting is unknown.
+        InputError: A data set or setting is unknown.
     """
     known, found = {each.name: each for each in calibration_file().set}, list[DataSet]()
     for name in names:
         if name not in known:
-            raise InputError("--quoted", "", name, f"comma-separated names from {', '.join(known)}")
-        each = known[name]
-        columns = [_column(number) for number in each.number]
-        skipped = {row for other, row in each.also.items() if other in names}
-        _, tables, where = scene_tables(each.scene, (*each.set, *settings))
-        _case(read_scene(each.scene, (*each.set, *settings)))
-        for row in range(max(map(len, columns))):
-            if row not in skipped:
-                numbers = tuple(column[min(row, len(column) - 1)] for column in columns)
-                label = f"{name} row {row + 1}" if max(map(len, columns)) > 1 else name
-                found.append(DataSet(label, each.scene, tables, where, numbers, each.own))
+            allowed = f"comma-separated names from {', '.join(known)}"
+            raise InputError("--quoted", "", f"{name}; {did_you_mean(name, known)}".rstrip("; "), allowed)
+        found += _rows_of(known[name], [row for other, row in known[name].also.items() if other in names], settings, answers)
     return found
 
 
-def _column(number: QuotedNumber) -> list[MeasuredNumber]:
+def _rows_of(
+    asked: QuotedSet, skipped: Sequence[int], settings: Sequence[str], answers: Sequence[Answer]
+) -> list[DataSet]:
+    """Data sets of the rows of a quoted set."""
+    changes = [setting for answer in answers for setting in answer.set.get(asked.name, ())]
+    everything = (*asked.set, *settings, *changes)
+    _, tables, where = scene_tables(asked.scene, everything)
+    _case(read_scene(asked.scene, everything))
+    columns, found = [_column(number, answers) for number in asked.number], list[DataSet]()
+    for row in range(max(map(len, columns))):
+        numbers = tuple(column[min(row, len(column) - 1)] for column in columns)
+        first = numbers[0]
+        unit = describe(first.observable).unit or first.observable.rpartition("_")[2]
+        label = f"{asked.name} {first.value:g} {unit}" if max(map(len, columns)) > 1 else asked.name
+        if row not in skipped:
+            found.append(DataSet(label, asked.scene, tables, where, numbers, asked.own))
+    return found
+
+
+def _column(number: QuotedNumber, answers: Sequence[Answer]) -> list[MeasuredNumber]:
     """Numbers of a list in ``quoted.toml``, or its single number."""
     stored = look_up(quoted(), number.quoted)
     values = stored if isinstance(stored, tuple) else (stored,)
     if not all(isinstance(value, (int, float)) for value in values):
-        raise InputError(
-            paths.shown(paths.CALIBRATION), "quoted", number.quoted, "a number of inputs/paper/quoted.toml"
-        )
-    return [
-        MeasuredNumber(
-            number.observable,
-            value * number.scale,
-            abs(value * number.scale) * _share(number.error, value),
-            number.fitted,
-            number.because,
-        )
-        for value in values
-    ]
+        allowed = "a number of inputs/paper/quoted.toml"
+        raise InputError(paths.shown(paths.CALIBRATION), "quoted", number.quoted, allowed)
+    name = next((each.read[number.observable] for each in answers if number.observable in each.read), number.observable)
+    common = {} if any(answer.independent for answer in answers) else common_errors()
+    scale, found = SCALES.get(str(number.error), ""), []
+    for place, value in enumerate(values):
+        own = sqrt(max(_share(number.error, value) ** 2 - common.get(scale, 0.0) ** 2, 0.0)) * abs(value)
+        rounding = number.rounding[place] / sqrt(3) if number.rounding and common else 0.0
+        error, divisor = hypot(own, rounding) * number.scale, f"{READING}.{scale}" if scale in common else ""
+        found.append(MeasuredNumber(name, value * number.scale, error, number.because, divisor))
+    return found
 
 
 def _share(error: str | float, value: float) -> float:
-    """Relative standard error of a quoted value."""
+    """Relative standard error of a quoted value, with its common part."""
     if error == "force":
         return force_accuracy(value)
     return quoted().accuracy_speed if error == "speed" else float(error)
+
+
+@cache
+def common_errors() -> dict[str, float]:
+    """Relative errors common to all quoted numbers of a kind, by nuisance parameter."""
+    return {key.removeprefix(f"{READING}."): free.prior for key, free in _nuisances().items() if free.prior}
+
+
+@cache
+def _nuisances() -> dict[str, Free]:
+    """Nuisance parameters of quoted numbers, by key."""
+    where, asked = paths.shown(paths.CALIBRATION), calibration_file().nuisance
+    return {f"{READING}.{each.key}": stated(f"{READING}.{each.key}={each.free}", "", where, None, None) for each in asked}
+
+
+def nuisances(sets: Sequence[DataSet], answers: Sequence[Answer] = ()) -> tuple[list[Free], dict[str, float]]:
+    """Nuisance parameters that the numbers of some data sets need, and values of those that an answer fixes."""
+    numbers = [number for data in sets for number in data.numbers]
+    needed = {number.divisor for number in numbers} | {CUT for number in numbers if "_full_width" in number.observable}
+    fixed = {f"{READING}.{key}": value for answer in answers for key, value in answer.fixed.items()}
+    return [free for key, free in _nuisances().items() if key in needed and key not in fixed], fixed
 
 
 def scene_tables(source: str, settings: Sequence[str]) -> tuple[str, dict[str, Any], str]:
     """Name, tables and file of a scene with settings applied.
 
     Raises:
-        InputError: the scene or a setting is unknown.
+        InputError: The scene or a setting is unknown.
     """
     path = find_scene(source)
     tables = read_toml(path)
@@ -152,26 +193,31 @@ def scene_tables(source: str, settings: Sequence[str]) -> tuple[str, dict[str, A
     return path.stem, tables, paths.shown(path)
 
 
-def scene_data(source: str, settings: Sequence[str], file: Path | None) -> DataSet:
+def scene_data(source: str, settings: Sequence[str] = (), file: Path | None = None) -> DataSet:
     """Data set of a scene from its ``[[measured]]`` entries, or from one file, which needs no entry.
 
     Raises:
-        InputError: there is no measured data, or the scene or its data have errors.
+        InputError: There is no measured data, or the scene or its data have errors.
     """
     name, tables, where = scene_tables(source, settings)
     scene = read_scene(source, tuple(settings))
     entries, folder, source_of_data = entries_of(scene, file, where)
     simulation = exact(_case(scene))
     gauges, names = gauges_of(simulation.case.layout), [*simulation.values]
-    numbers, records = list[MeasuredNumber](), list[Record]()
-    for key, entry in entries.items():
-        if entry.file is not None:
-            records.append(record_of(key, read_measured(entry, folder, gauges, source_of_data, key), simulation))
-        for observable, (value, error_share) in read_quoted(entry, names, source_of_data, key).items():
-            numbers.append(MeasuredNumber(observable, value, abs(value) * error_share, gain=key))
+    traces = {
+        key: read_measured(entry, folder, gauges, source_of_data, key)
+        for key, entry in entries.items()
+        if entry.file is not None
+    }
+    numbers = [
+        MeasuredNumber(observable, value, abs(value) * share, divisor=f"{key}.{GAIN}" * observable.endswith("_N"))
+        for key, entry in entries.items()
+        for observable, (value, share) in read_quoted(entry, names, source_of_data, key).items()
+    ]
+    records = records_of(traces, scene.run.duration, scene.run.sample_interval)
     tables.pop("measured", None)
-    if any(record.measured.trigger_s is None for record in records):
-        apply_setting(tables, f"run.duration={(1 + LEEWAY) * scene.run.duration!r} s")
+    if any(record.trigger_s is None for record in records):
+        apply_setting(tables, f"run.duration={LONGER * scene.run.duration!r} s")
     return DataSet(name, source, tables, where, tuple(numbers), (), tuple(records), entries)
 
 
@@ -192,29 +238,31 @@ def gauge_parameters(data: DataSet, asked: Sequence[str]) -> list[Free]:
             number may be left out or, for a file without a ``[[measured]]`` table, given as 0.
 
     Raises:
-        InputError: an option names an unknown entry or key.
+        InputError: An option names an unknown entry or key, or the trigger of an entry that shares another's.
     """
-    found, options = list[Free](), {option.partition("=")[0].strip(): option for option in asked}
-    allowed = ", ".join(f"{key}.{GAIN}" for key in data.entries) or "none, since the data set has no gauge"
+    options = {option.partition("=")[0].strip(): option for option in asked}
     if len(data.entries) == 1:
         (only,) = data.entries
         names = {f"{key}.{end}": f"{only}.{end}" for key in ("measured", "measured.0") for end in (GAIN, TRIGGER)}
-        options = {names.get(key, key): option for key, option in options.items()}
-    for key in options:
-        if key not in {f"{entry}.{end}" for entry in data.entries for end in (GAIN, TRIGGER)}:
-            raise InputError(data.where, f"--free {key}", f"unknown gauge parameter; allowed: {allowed}")
+        options = {names.get(key, key): f"{names.get(key, key)}{text[len(key) :]}" for key, text in options.items()}
     records = {record.key: record for record in data.records}
+    known = [f"{key}.{GAIN}" for key in data.entries] + [
+        f"{record.key}.{TRIGGER}" for record in data.records if record.key == record.trigger_key
+    ]
+    for key in options:
+        if key not in known:
+            allowed = ", ".join(known) or "none, since the data set has no gauge"
+            raise InputError(data.where, f"--free {key}", f"unknown gauge parameter; allowed: {allowed}")
+    found = list[Free]()
     for key, entry in data.entries.items():
-        option, record = options.get(f"{key}.{GAIN}"), records.get(key)
-        gain, uncertainty = record.measured.gain if record else 1.0, entry.gain_uncertainty
-        if option or uncertainty:
-            ends = bounds_in(option or "", "", data.where) or around(gain)
-            found.append(Free(f"{key}.{GAIN}", "", gain, ends[0], ends[1], data.name, uncertainty))
-        option = options.get(f"{key}.{TRIGGER}")
-        if record and (option or record.measured.trigger_s is None):
-            ends = bounds_in(option or "", "s", data.where) or (
-                record.trigger_s - record.leeway_s,
-                record.trigger_s + record.leeway_s,
-            )
-            found.append(Free(f"{key}.{TRIGGER}", "s", record.trigger_s, ends[0], ends[1], data.name))
+        record, name = records.get(key), f"{key}.{GAIN}"
+        gain, share = record.measured.gain if record else 1.0, entry.gain_uncertainty
+        if name in options or share:
+            free = stated(options.get(name, name), "", data.where, gain, around(gain), data.name)
+            found.append(replace(free, prior=free.prior or share * abs(gain)))
+        name = f"{key}.{TRIGGER}"
+        if name in known and record and (name in options or record.trigger_s is None):
+            text, middle_s = options.get(name, name), sum(record.window_s) / 2
+            start_s = middle_s if record.trigger_s is None else record.trigger_s
+            found.append(stated(text, "s", data.where, start_s, record.window_s, data.name))
     return found

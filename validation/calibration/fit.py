@@ -1,35 +1,31 @@
-"""Least squares: the parameters with the smallest chi-square, from several starting points."""
+"""Least squares: the parameters with the smallest chi-square, from several starting points, by lmfit."""
 
-from collections.abc import Collection, Mapping
-from contextlib import suppress
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from math import ceil, log2
-from typing import Any
+from math import ceil, inf, log, log2
 
 import numpy as np
+from lmfit import Minimizer, Parameters
 
-from drivers.base.errors import InputError, RunError
+from drivers.base.errors import RunError
 from drivers.chain.chain import Array
-from postproc.read.alignment import align
-from validation.calibration.free import TRIGGER
-from validation.calibration.problem import (
-    Problem,
-    has_motion,
-    jacobian,
-    motion_values,
-    own_values,
-    raw_residual,
-    residual,
-    simulated,
-)
+from validation.calibration.free import Free, without_effect
+from validation.calibration.problem import Problem, has_motion, jacobian, residual, scanned, with_triggers
 
-SCREENED_POINTS, DESCENTS = 16, 3  # points tried over the ranges, and descents from the best of them
+SCREENED_POINTS, DESCENTS = 8, 3  # points tried over the ranges for each parameter, and descents from the best
+MAX_NESTED = 3  # searched parameters up to which the models inside a model are fitted first
 ROUGH_CHANGE, CLOSE_CHANGE, FINE_CHANGE = 1e-3, 1e-5, 1e-8  # of chi-square or coordinates, at the end of a descent
-MAX_EVALUATIONS, MAX_ROUGH_EVALUATIONS = 60, 5  # of one descent
-SIMPLEX = 0.02  # share of a range: first size of the simplex, and distance at which an edge is looked for
-MARGIN = 1e-9  # share of a range between a bound and the start of a descent
+MAX_EVALUATIONS, MAX_ROUGH_EVALUATIONS = 60, 3  # of one descent
+MARGIN = 1e-4  # share of a range between a bound and the start of a descent: a restitution of 1 - 1e-5 has no exact motion
+APART = 0.2  # share of a range between two starts
 MIN_DISTANCE = 2e-2  # share of a range: closer minima count as one
 MAX_EXCESS = 1.0  # of chi-square, up to which another minimum is reported
+SAME = 0.1  # of chi-square: descents that end so close have reached the same minimum
+
+AT_BOUNDS = "dogbox"  # method that reaches bounds; it needs a start near the minimum
+
+Held = tuple[tuple[int, float], ...]  # coordinates of parameters that are kept constant, by index
+Ends = list[tuple[float, Array]]  # chi-square and coordinates at the ends of descents, best first
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,10 +33,11 @@ class Fit:
     """A least-squares fit.
 
     Attributes:
-        place: Coordinates of the parameters, shape (parameters,).
-        residual: Residual in standard errors, shape (rows,).
-        jacobian: Derivatives of the residual by the coordinates, shape (rows, parameters).
+        place: Coordinates of the parameters. Shape (parameters,).
+        residual: Residual in standard errors. Shape (rows,).
+        jacobian: Derivatives of the residual by the coordinates. Shape (rows, parameters).
         others: Chi-square and coordinates of further minima, up to ``MAX_EXCESS`` above the best.
+        reached, descents: Number of descents that ended at this minimum, and of all; 0 if it was known.
     """
 
     problem: Problem
@@ -48,6 +45,8 @@ class Fit:
     residual: Array
     jacobian: Array
     others: tuple[tuple[float, Array], ...] = ()
+    reached: int = 0
+    descents: int = 0
 
     @property
     def chi_square(self) -> float:
@@ -57,7 +56,17 @@ class Fit:
     @property
     def freedom(self) -> int:
         """Degrees of freedom: data minus parameters minus coefficients of the fitted base lines of traces."""
-        return self.problem.rows - len(self.place) - sum(data.lines for data in self.problem.sets)
+        return self.problem.rows - len(self.place) - self.problem.lines
+
+    @property
+    def aic(self) -> float:
+        """Akaike's criterion for known errors, chi-square plus twice the number of parameters."""
+        return self.chi_square + 2 * len(self.place)
+
+    @property
+    def bic(self) -> float:
+        """Schwarz's criterion for known errors, chi-square plus the parameters times the logarithm of the data."""
+        return self.chi_square + len(self.place) * log(self.problem.rows)
 
     @property
     def values(self) -> dict[str, float]:
@@ -65,107 +74,101 @@ class Fit:
         return self.problem.values(self.place)
 
 
-def fit(problem: Problem) -> Fit:
-    """Best of the minima found from the values of the scene and from points distributed over the ranges.
+def fit(problem: Problem, seeds: Sequence[Mapping[str, float]] = (), *, search: bool = True) -> Fit:
+    """Best of the minima found from the scene's values, points over the ranges, models inside this one, and seeds.
 
-    At each of these points the parameters of single data sets are fitted before chi-square is compared.
+    Each searched parameter is first held at the scene's value, and at the value without effect: so a model is never
+    worse than one inside it.
+
+    Args:
+        problem: Data and parameters.
+        seeds: Values of parameters by label, such as those of other fits; missing ones start without effect.
+        search: False to start at the seeds alone.
 
     Raises:
-        RunError: the exact motion cannot be computed at any of these points.
+        RunError: The exact motion cannot be computed at any of these points.
     """
-    from scipy.stats import qmc
-
-    start = problem.start
-    shared, places = _shared(problem), [start]
-    if shared:
-        draws = qmc.Sobol(len(shared), seed=0).random_base2(ceil(log2(SCREENED_POINTS)))
-        places += [_with_own(problem, _moved(start, shared, draw), shared) for draw in draws]
-    places = [place for place in places if has_motion(problem, place)]
-    if not places:
+    seeded = [with_triggers(problem, np.array([_seeded(each, seed) for each in problem.free])) for seed in seeds]
+    ends = _descents(problem, (), {}) if search else []
+    ends = sorted([*ends, *_lowered(problem, seeded, {})], key=lambda end: end[0])
+    if not ends:
         found = "the exact motion cannot be computed at the starting values or at any other point of the ranges"
         raise RunError(f"fit: {found}; narrow the bounds of --free")
-    best = sorted(places[1:], key=lambda place: chi_square_at(problem, place))[:DESCENTS]
-    rough = (minimise(problem, place, converged=ROUGH_CHANGE) for place in (places[0], *best))
-    ends = sorted(rough, key=lambda end: chi_square_at(problem, end))
-    ends[0] = refined_at_edge(problem, minimise(problem, ends[0]))
-    others = list[Array]()
-    for end in ends[1:]:
-        near = chi_square_at(problem, end) < chi_square_at(problem, ends[0]) + MAX_EXCESS
-        if near and all(np.abs(end - each).max() > MIN_DISTANCE for each in (ends[0], *others)):
-            others.append(end)
-    return fitted_at(problem, ends[0], tuple((chi_square_at(problem, each), each) for each in others))
+    best = minimise(problem, minimise(problem, ends[0][1]), method=AT_BOUNDS)
+    lowest, others = chi_square_at(problem, best), list[tuple[float, Array]]()
+    for height, end in ends[1:]:
+        distant = all(np.abs(end - each).max() > MIN_DISTANCE for each in (best, *(other for _, other in others)))
+        if height < lowest + MAX_EXCESS and distant:
+            others.append((height, end))
+    reached = sum(height < lowest + SAME + 5 * ROUGH_CHANGE * lowest for height, _ in ends)
+    return fitted_at(problem, best, tuple(others), reached, len(ends))
 
 
-def _shared(problem: Problem) -> list[int]:
-    """Indices of the parameters shared by all data sets."""
-    return [index for index, each in enumerate(problem.free) if not each.own]
+def _seeded(free: Free, seed: Mapping[str, float]) -> float:
+    """Coordinate at which a parameter starts."""
+    none = without_effect(free.key)
+    return free.coordinate(seed.get(free.label, free.start if none is None else none))
 
 
-def refined_at_edge(problem: Problem, place: Array) -> Array:
-    """Minimum near ``place``, refined by a simplex search if a datum vanishes nearby, where a descent gets stuck.
+def _descents(problem: Problem, held: Held, known: dict[frozenset[tuple[int, float]], Ends]) -> Ends:
+    """Ends of descents with some parameters held, best first; ``known`` holds those of models inside the problem."""
+    from scipy.stats import qmc
 
-    The simplex covers the shared parameters; those of single data sets are fitted at each of its points.
-    """
-    from scipy.optimize import minimize
+    if frozenset(held) in known:
+        return known[frozenset(held)]
+    kept = dict(held)
+    start = _moved(problem.start, [*kept], [*kept.values()])
+    moving = [index for index in problem.searched if index not in kept]
+    places, inside = [_with_others(problem, start, kept)], list[Array]()
+    if moving:
+        draws = qmc.Sobol(len(moving), seed=0).random_base2(ceil(log2(SCREENED_POINTS * len(moving))))
+        drawn = (_with_others(problem, _moved(start, moving, draw), kept) for draw in draws)
+        ranked = [np.array(place) for _, place in sorted((chi_square_at(problem, each), each.tolist()) for each in drawn)]
+        places += _apart(ranked, moving)
+    if len(moving) > 1 and (len(problem.searched) <= MAX_NESTED or not held):
+        for index in moving:
+            for value in _null_coordinates(problem.free[index]):
+                inside += [place for _, place in _descents(problem, (*held, (index, value)), known)[:1]]
+    ends = known[frozenset(held)] = _lowered(problem, [*places, *inside], kept)
+    return ends
 
-    shared, latest = _shared(problem), place
-    if not at_edge(problem, place):
+
+def _apart(ranked: Sequence[Array], moving: Sequence[int]) -> list[Array]:
+    """The first places that are ``APART`` from each other."""
+    found = list[Array]()
+    for place in ranked:
+        if len(found) < DESCENTS and all(np.abs((place - each)[[*moving]]).max() > APART for each in found):
+            found.append(place)
+    return found
+
+
+def _lowered(problem: Problem, places: Sequence[Array], held: Mapping[int, float]) -> Ends:
+    """Ends of descents from some places, best first; places without a motion are left out."""
+    starts = [place for place in places if has_motion(problem, place)]
+    ends = [minimise(problem, place, held, converged=ROUGH_CHANGE) for place in starts]
+    return sorted(((chi_square_at(problem, end), end) for end in ends), key=lambda end: end[0])
+
+
+def _null_coordinates(free: Free) -> list[float]:
+    """Coordinates of a parameter in the models inside the problem: the scene's value, and the value without effect."""
+    values = [free.start, *(value for value in [without_effect(free.key)] if value is not None)]
+    return sorted({free.coordinate(value) for value in values})
+
+
+def _with_others(problem: Problem, place: Array, held: Mapping[int, float]) -> Array:
+    """``place`` with all parameters fitted roughly that are not searched."""
+    if not has_motion(problem, place):
         return place
-
-    def fitted(coordinates: Array) -> Array:
-        held = dict(zip(shared, np.clip(coordinates, 0.0, 1.0).tolist(), strict=True))
-        return minimise(problem, latest, held, converged=ROUGH_CHANGE)
-
-    def height(coordinates: Array) -> float:
-        nonlocal latest
-        here = fitted(coordinates)
-        found = chi_square_at(problem, here)
-        latest = here if found <= chi_square_at(problem, latest) else latest
-        return found
-
-    corners = np.vstack([place[shared], place[shared] + SIMPLEX * np.eye(len(shared))])
-    options: Any = {"initial_simplex": corners, "xatol": 1e-3 * SIMPLEX, "fatol": 1e-3, "maxfev": 60 * len(shared)}
-    minimize(height, place[shared], method="Nelder-Mead", options=options)
-    return latest
+    kept = {index: float(place[index]) for index in problem.searched} | dict(held)
+    begun = with_triggers(problem, scanned(problem, place))
+    return minimise(problem, begun, kept, converged=ROUGH_CHANGE, tries=MAX_ROUGH_EVALUATIONS)
 
 
-def at_edge(problem: Problem, place: Array) -> bool:
-    """True if a number exists in the motion at ``place`` and is missing a short distance away."""
-    seen = ~np.isnan(raw_residual(problem, place))
-    for index in _shared(problem):
-        for step in (-SIMPLEX, SIMPLEX):
-            other = place.copy()
-            other[index] = min(max(other[index] + step, 0.0), 1.0)
-            if (seen & np.isnan(raw_residual(problem, other))).any():
-                return True
-    return False
-
-
-def _with_own(problem: Problem, place: Array, shared: list[int]) -> Array:
-    """``place`` with the parameters of single data sets fitted roughly; shared parameters stay."""
-    held = {index: float(place[index]) for index in shared}
-    return minimise(problem, aligned(problem, place), held, converged=ROUGH_CHANGE, tries=MAX_ROUGH_EVALUATIONS)
-
-
-def aligned(problem: Problem, place: Array) -> Array:
-    """``place`` with triggers from aligning the motion with the traces; a trigger stays if alignment fails."""
-    moved = place.copy()
-    for data in problem.sets:
-        simulation = simulated(data, motion_values(own_values(problem, data, place))) if data.records else None
-        if simulation is None:
-            continue
-        for record in data.records:
-            for index, free in enumerate(problem.free):
-                if (free.own, free.key) == (data.name, f"{record.key}.{TRIGGER}"):
-                    with suppress(InputError):
-                        gauges = align([record.measured], simulation.case.layout, simulation.trace)
-                        moved[index] = min(max(free.coordinate(gauges[0].trigger_s), 0.0), 1.0)
-    return moved
-
-
-def fitted_at(problem: Problem, place: Array, others: tuple[tuple[float, Array], ...] = ()) -> Fit:
+def fitted_at(
+    problem: Problem, place: Array, others: tuple[tuple[float, Array], ...] = (), reached: int = 0, descents: int = 0
+) -> Fit:
     """Fit at a known minimum."""
-    return Fit(problem, place, residual(problem, place), jacobian(problem, place), others)
+    return Fit(problem, place, residual(problem, place), jacobian(problem, place), others, reached, descents)
 
 
 def minimise(
@@ -175,50 +178,62 @@ def minimise(
     left_out: Collection[int] = (),
     converged: float = FINE_CHANGE,
     tries: int = MAX_EVALUATIONS,
+    method: str = "trf",
 ) -> Array:
-    """Coordinates of the minimum reached by a descent from ``start``; ``start`` itself where it has no motion.
+    """Coordinates of the lowest point of a descent from ``start``; ``start`` itself where it has no motion.
 
     Args:
         problem: Data and parameters.
-        start: Coordinates, shape (parameters,).
+        start: Coordinates. Shape (parameters,).
         held: Coordinates of parameters that are kept constant, by index.
         left_out: Rows of the residual to ignore.
         converged: Relative change at which the descent ends.
         tries: Largest number of evaluations.
+        method: Method of ``scipy.optimize.least_squares``.
     """
-    from scipy.optimize import least_squares
-
-    place = np.clip(start, 0.0, 1.0)
-    for index, value in (held or {}).items():
-        place[index] = value
-    moving = [index for index in range(len(place)) if index not in (held or {})]
+    held, place = held or {}, np.clip(start, 0.0, 1.0)
+    place[[*held]] = [*held.values()]
+    begun = place.copy()
+    moving = [index for index in range(len(place)) if index not in held]
     counting = np.setdiff1d(np.arange(problem.rows), list(left_out))
+    lowest, best = chi_square_at(problem, begun, counting), begun
+    place[moving] = np.clip(place[moving], MARGIN, 1 - MARGIN)
     if not moving or not counting.size or not has_motion(problem, place):
-        return place
+        return begun
 
-    def off(x: Array) -> Array:
-        return np.asarray(residual(problem, _moved(place, moving, x))[counting])
+    def coordinates(parameters: Parameters) -> Array:
+        return _moved(place, moving, np.array([parameters[f"p{index}"].value for index in moving]))
 
-    def slopes(x: Array) -> Array:
-        return np.asarray(jacobian(problem, _moved(place, moving, x), moving)[counting])
+    def off(parameters: Parameters) -> Array:
+        nonlocal lowest, best
+        here = coordinates(parameters)
+        found = residual(problem, here)[counting]
+        if found @ found < lowest:
+            lowest, best = float(found @ found), here
+        return np.asarray(found)
 
-    inside = np.clip(place[moving], MARGIN, 1 - MARGIN)
-    if not has_motion(problem, _moved(place, moving, inside)):
-        return place
-    ends: Any = {"xtol": converged, "ftol": converged, "gtol": None, "max_nfev": tries}
+    def slopes(parameters: Parameters) -> Array:
+        return np.asarray(jacobian(problem, coordinates(parameters), moving)[counting])
+
+    inside = Parameters()
+    for index in moving:
+        inside.add(f"p{index}", value=float(place[index]), min=0.0, max=1.0)
     with np.errstate(invalid="ignore", divide="ignore"):  # the slope is zero if all data are missing
-        # a point without a motion has infinite residuals, from which least_squares steps back
-        end = least_squares(off, inside, slopes, bounds=(0.0, 1.0), **ends)
-    return _moved(place, moving, end.x)
+        # a point without a motion has infinite residuals, from which least squares steps back
+        Minimizer(off, inside, scale_covar=False, calc_covar=False, nan_policy="propagate").least_squares(
+            max_nfev=2 * tries, Dfun=slopes, xtol=converged, ftol=converged, gtol=None, method=method
+        )
+    return best
 
 
-def chi_square_at(problem: Problem, place: Array) -> float:
-    """Chi-square at given coordinates."""
+def chi_square_at(problem: Problem, place: Array, rows: Array | None = None) -> float:
+    """Chi-square at given coordinates, of all or of some rows of the residual."""
     off = residual(problem, place)
+    off = off if rows is None else off[rows]
     return float(off @ off)
 
 
-def _moved(place: Array, moving: list[int], coordinates: Array) -> Array:
+def _moved(place: Array, moving: Sequence[int], coordinates: Sequence[float] | Array) -> Array:
     moved = place.copy()
-    moved[moving] = coordinates
+    moved[list(moving)] = coordinates
     return moved

@@ -2,26 +2,31 @@
 
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from math import inf, nan
 
 import numpy as np
+from scipy.interpolate import BSpline
 
 from drivers.base.errors import InputError, RunError
 from drivers.chain.case import build_case
 from drivers.chain.chain import Array
 from drivers.scene.read_scene import make_scene, set_value
 from postproc.paper.simulate import Simulation, exact
-from postproc.read.observables import describe
-from validation.calibration.data_sets import DataSet, MeasuredNumber, gauge_parameters, library
-from validation.calibration.free import GAIN, TRIGGER, Free, free_parameter
-from validation.calibration.records import Record, residual_of
+from validation.calibration.calibration_file import Answer
+from validation.calibration.data_sets import CUT, DataSet, MeasuredNumber, gauge_parameters, library, nuisances, text_of
+from validation.calibration.free import GAIN, TRIGGER, Free, did_you_mean, free_parameter
+from validation.calibration.readings import DEFAULT_CUT, read
+from validation.calibration.records import best_trigger_s, curves_of, residual_of
 
 TOLERANCE = 1e-6  # of the exact motion; observables are then accurate to 2e-9, sensitivities to 1e-4
 STEP = 1e-4  # of finite differences, as a share of a parameter's range
 MISSING_RESIDUAL = 10.0  # standard errors counted for a number that the computed motion does not have
 CACHE_SIZE = 256  # simulations
+SCANNED = 8  # values of a parameter that one data set has alone, at the start of a descent
+
+Values = tuple[tuple[str, float], ...]  # values of parameters by key
 
 
 @dataclass(frozen=True)
@@ -31,7 +36,7 @@ class Datum:
     Attributes:
         data_set: Name of the data set.
         name: Name of the observable, gauge or parameter.
-        rows: Rows of the residual; empty for a datum that is predicted only.
+        rows: Rows of the residual.
         number: The measured number, if the datum is one.
     """
 
@@ -48,11 +53,16 @@ class Datum:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Data sets and free parameters; ``data`` has the order of the rows of the residual."""
+    """Data sets and free parameters; ``data`` has the order of the rows of the residual.
+
+    Attributes:
+        fixed: Values of parameters of readings that are not free, by key.
+    """
 
     sets: tuple[DataSet, ...]
     free: tuple[Free, ...]
     data: tuple[Datum, ...]
+    fixed: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def start(self) -> Array:
@@ -61,85 +71,110 @@ class Problem:
 
     @property
     def rows(self) -> int:
-        """MeasuredNumber of residuals."""
+        """Number of residuals."""
         return sum(len(datum.rows) for datum in self.data)
+
+    @property
+    def lines(self) -> int:
+        """Number of coefficients of the base lines fitted to the traces."""
+        return sum(data.lines for data in self.sets)
+
+    @property
+    def searched(self) -> list[int]:
+        """Indices of the parameters of the motion that all data sets share and that are not known beforehand."""
+        return [i for i, each in enumerate(self.free) if each.of_motion and not each.own and not each.prior]
 
     def values(self, place: Array) -> dict[str, float]:
         """Values of the parameters at given coordinates, by label."""
         return {each.label: each.value(float(x)) for each, x in zip(self.free, place, strict=True)}
 
 
-def pose(sets: Sequence[DataSet], free: Sequence[str], own: Sequence[str] = ()) -> Problem:
+def pose(
+    sets: Sequence[DataSet], free: Sequence[str], own: Sequence[str] = (), answers: Sequence[Answer] = ()
+) -> Problem:
     """Problem from data sets and options that name free parameters, with or without bounds.
 
     Args:
         sets: Measured data.
         free: Parameters shared by all data sets; parameters of gauges belong to one data set.
         own: Parameters with a separate value for each data set, in addition to the data set's own list.
+        answers: Readings of the sentences that the paper leaves open.
 
     Raises:
-        InputError: a scene lacks an observable or a parameter, or a parameter is named twice.
-        RunError: the exact motion cannot be computed at the starting values.
+        InputError: A scene lacks an observable or a parameter, or a parameter is named twice.
+        RunError: The exact motion cannot be computed at the starting values.
     """
     gauges = [text for text in free if text.startswith("measured")]
     parameters = [free_parameter(text, sets[0].scene, sets[0].where) for text in free if text not in gauges]
     for each in sets:
         parameters += [free_parameter(text, each.scene, each.where, each.name) for text in (*each.own, *own)]
         parameters += gauge_parameters(each, gauges)
+    of_readings, fixed = nuisances(sets, answers)
+    parameters += of_readings
     labels = [parameter.label for parameter in parameters]
     for label in labels:
         if labels.count(label) > 1:
             raise InputError(sets[0].where, f"--free {label}", "twice", "each parameter once")
     data, first = list[Datum](), 0
+
+    def add(data_set: str, name: str, rows: int, number: MeasuredNumber | None = None) -> None:
+        nonlocal first
+        data.append(Datum(data_set, name, range(first, first + rows), number))
+        first += rows
+
     for each in sets:
-        seen = predicted(each, {free.key: free.start for free in parameters if free.own in ("", each.name)})
-        if each.numbers and not seen:
+        start = tuple((free.key, free.start) for free in parameters if free.own in ("", each.name) and free.of_motion)
+        if each.numbers and (simulation := simulated(each, start)) is None:
             raise RunError(f"{each.where}: the exact motion cannot be computed at the starting values")
         for number in each.numbers:
-            if number.observable not in seen:
-                raise InputError(each.where, number.observable, f"unknown observable; allowed: {', '.join(seen)}")
-            data.append(Datum(each.name, number.observable, range(first, first + number.fitted), number))
-            first += number.fitted
+            read(simulation, number.observable, DEFAULT_CUT)  # an unknown observable is refused here
+            add(each.name, number.observable, 1, number)
         for record in each.records:
             for gauge in record.measured.reading:
-                data.append(Datum(each.name, f"{record.key} {gauge}", range(first, first + record.rows)))
-                first += record.rows
+                add(each.name, f"{record.key} {gauge}", record.rows)
     for parameter in parameters:
         if parameter.prior:
-            data.append(Datum(parameter.own, parameter.key, range(first, first + 1)))
-            first += 1
-    return Problem(tuple(sets), tuple(parameters), tuple(data))
+            add(parameter.own, parameter.key, 1)
+    return Problem(tuple(sets), tuple(parameters), tuple(data), fixed)
 
 
 def own_values(problem: Problem, data: DataSet, place: Array) -> dict[str, float]:
     """Values of the parameters of a data set, by key."""
     pairs = zip(problem.free, place, strict=True)
-    return {each.key: each.value(float(x)) for each, x in pairs if each.own in ("", data.name)}
+    found = {each.key: each.value(float(x)) for each, x in pairs if each.own in ("", data.name)}
+    return found | dict(problem.fixed)
 
 
-def predicted(data: DataSet, values: Mapping[str, float]) -> dict[str, float]:
-    """Observables of a data set's scene at given parameter values; empty if the integration fails."""
-    simulation = simulated(data, motion_values(values))
-    return {} if simulation is None else dict(simulation.values)
+def motion_values(problem: Problem, data: DataSet, place: Array) -> Values:
+    """Values of the parameters of a data set on which its motion depends."""
+    pairs = zip(problem.free, place, strict=True)
+    return tuple((each.key, each.value(float(x))) for each, x in pairs if each.own in ("", data.name) and each.of_motion)
 
 
 @lru_cache(maxsize=CACHE_SIZE)
-def simulated(data: DataSet, values: tuple[tuple[str, float], ...]) -> Simulation | None:
+def simulated(data: DataSet, values: Values) -> Simulation | None:
     """Exact motion of a data set's scene at given parameter values; None if the integration fails."""
     tables = deepcopy(data.tables)
     for key, value in values:
-        set_value(tables, key, data.text(key, value), data.where)
+        set_value(tables, key, text_of(key, value), data.where)
     try:
         return exact(build_case(make_scene(tables, library(), data.name, data.where)), TOLERANCE)
     except ArithmeticError:
         return None
 
 
+@lru_cache(maxsize=CACHE_SIZE)
+def curves(data: DataSet, values: Values) -> dict[str, BSpline]:
+    """Splines of the computed gauge signals; empty if the integration fails."""
+    simulation = simulated(data, values)
+    return {} if simulation is None else curves_of(simulation)
+
+
 def has_motion(problem: Problem, place: Array) -> bool:
     """True if the coordinates are finite and the exact motion of each data set can be computed."""
     if not np.isfinite(place).all():
         return False
-    return all(simulated(each, motion_values(own_values(problem, each, place))) is not None for each in problem.sets)
+    return all(simulated(each, motion_values(problem, each, place)) is not None for each in problem.sets)
 
 
 def residual(problem: Problem, place: Array) -> Array:
@@ -176,41 +211,65 @@ def _difference(problem: Problem, place: Array, here: Array, index: int, step: f
 
 def raw_residual(problem: Problem, place: Array) -> Array:
     """Residual with NaN for numbers missing from the motion; results of each data set are cached."""
-    parts = (_of_set(data, tuple(own_values(problem, data, place).items())) for data in problem.sets)
-    return np.concatenate([*parts, _priors(problem, place)])
+    parts = [
+        _of_set(data, motion_values(problem, data, place), tuple(own_values(problem, data, place).items()))
+        for data in problem.sets
+    ]
+    pairs = zip(problem.free, place, strict=True)
+    priors = [(each.value(float(x)) - each.start) / each.prior for each, x in pairs if each.prior]
+    return np.concatenate([*parts, priors])
 
 
 @lru_cache(maxsize=CACHE_SIZE)
-def _of_set(data: DataSet, values: tuple[tuple[str, float], ...]) -> Array:
+def _of_set(data: DataSet, motion: Values, values: Values) -> Array:
+    """Residual of a data set."""
     known = dict(values)
-    offs = [(predicted_number(data, each, known) - each.value) / each.error for each in data.numbers if each.fitted]
-    return np.concatenate([offs, *(_of_record(data, record, known) for record in data.records)])
+    offs = [(predicted(data, number, motion, known) - number.value) / number.error for number in data.numbers]
+    traces, found = list[Array](), curves(data, motion) if data.records else {}
+    for record in data.records:
+        gain = known.get(f"{record.key}.{GAIN}", record.measured.gain)
+        trigger_s = known.get(f"{record.trigger_key}.{TRIGGER}", record.trigger_s)
+        for gauge in record.measured.reading:
+            assert trigger_s is not None  # given, or a free parameter
+            traces.append(
+                residual_of(record, gauge, found[gauge], gain, trigger_s) if found else np.full(record.rows, nan)
+            )
+    return np.concatenate([offs, *traces])
 
 
-def predicted_number(data: DataSet, number: MeasuredNumber, values: Mapping[str, float]) -> float:
-    """Prediction of a measured number at given parameter values; NaN if it is missing from the motion.
-
-    A force is divided by the gain of its gauge if the gain is a parameter.
-    """
-    gain = values.get(f"{number.gain}.{GAIN}", 1.0) if describe(number.observable).unit == "N" else 1.0
-    return predicted(data, values).get(number.observable, nan) / gain
-
-
-def _of_record(data: DataSet, record: Record, values: Mapping[str, float]) -> Array:
-    """Residuals of all gauges of a trace. Shape (rows,)."""
-    measured, simulation = record.measured, simulated(data, motion_values(values))
+def predicted(data: DataSet, number: MeasuredNumber, motion: Values, values: Mapping[str, float]) -> float:
+    """Prediction of a measured number at given parameter values; NaN if it is missing from the motion."""
+    simulation = simulated(data, motion)
     if simulation is None:
-        return np.full(record.rows * len(measured.reading), nan)
-    gain = values.get(f"{record.key}.{GAIN}", measured.gain)
-    trigger_s = values.get(f"{record.key}.{TRIGGER}", record.trigger_s)
-    return np.concatenate([residual_of(record, gauge, simulation, gain, trigger_s) for gauge in measured.reading])
+        return nan
+    return read(simulation, number.observable, values.get(CUT, DEFAULT_CUT)) / values.get(number.divisor, 1.0)
 
 
-def motion_values(values: Mapping[str, float]) -> tuple[tuple[str, float], ...]:
-    """Values without gains and triggers of gauges, on which the motion does not depend."""
-    return tuple((key, value) for key, value in values.items() if not key.startswith("measured"))
+def scanned(problem: Problem, place: Array) -> Array:
+    """``place`` with the best of ``SCANNED`` values of each parameter of the motion that one data set has alone."""
+    moved = place.copy()
+    for data in problem.sets:
+        for index, free in enumerate(problem.free):
+            if free.own == data.name and free.of_motion:
+                heights = []
+                for x in np.linspace(0.0, 1.0, SCANNED):
+                    moved[index] = x
+                    motion = motion_values(problem, data, moved)
+                    off = _of_set(data, motion, tuple(own_values(problem, data, moved).items()))
+                    heights.append((float(np.sum(np.nan_to_num(off, nan=MISSING_RESIDUAL) ** 2)), float(x)))
+                moved[index] = min(heights)[1]
+    return moved
 
 
-def _priors(problem: Problem, place: Array) -> Array:
-    pairs = zip(problem.free, place, strict=True)
-    return np.array([(each.value(float(x)) / each.start - 1) / each.prior for each, x in pairs if each.prior])
+def with_triggers(problem: Problem, place: Array) -> Array:
+    """``place`` with the triggers at which the motion fits the traces best."""
+    moved = place.copy()
+    for data in problem.sets:
+        found = curves(data, motion_values(problem, data, place)) if data.records else {}
+        values = own_values(problem, data, place)
+        for index, free in enumerate(problem.free):
+            if found and free.own == data.name and free.key.endswith(f".{TRIGGER}"):
+                records = [each for each in data.records if f"{each.trigger_key}.{TRIGGER}" == free.key]
+                gains = {each.key: values.get(f"{each.key}.{GAIN}", each.measured.gain) for each in records}
+                moved[index] = free.coordinate(best_trigger_s(records, found, gains))
+    return moved
