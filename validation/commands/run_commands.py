@@ -199,14 +199,28 @@ def compare(
     return compare_scenes(what, settings, runs, asked, unsafe=unsafe)
 
 
-@command("example-measured --free contact.restitution", "--quoted fig4 --free contact.restitution=0.5..1")
+@command("example-measured --free contact.restitution", "shot.toml --law elastic --law power --free striker.speed=2±1%")
 @options.scenes_argument("the scenes of --quoted")
 @click.option(
     "--free",
     metavar="KEY[=LOW..HIGH]",
     multiple=True,
-    help="Fit this key of the scene, such as contact.restitution=0.5..1; repeatable (default bounds: "
-    "inputs/calibration.toml).",
+    help="Fit this key of the scene, such as contact.restitution=0.5..1, or with prior knowledge striker.speed=2±1%; "
+    "repeatable (default bounds: inputs/calibration.toml).",
+)
+@click.option(
+    "--law",
+    "laws",
+    metavar="LAW",
+    multiple=True,
+    help="Fit this contact law of inputs/calibration.toml (elastic, viscoelastic, power); repeatable: all on the same "
+    "data, and compared.",
+)
+@click.option(
+    "--predict",
+    metavar="OBSERVABLE",
+    multiple=True,
+    help="Predict this observable, such as wall_peak or bead_8_reflected_arrival, with its error; repeatable.",
 )
 @click.option(
     "--own",
@@ -230,6 +244,8 @@ def compare(
 def fit(
     scenes: tuple[str, ...],
     free: tuple[str, ...],
+    laws: tuple[str, ...],
+    predict: tuple[str, ...],
     own: tuple[str, ...],
     measured: Path | None,
     quoted: tuple[str, ...],
@@ -244,7 +260,7 @@ def fit(
     """
     from validation.calibration.fit_command import FitRequest, run_fit
 
-    return run_fit(FitRequest(scenes, free, own, quoted, measured, settings, quick), runs, results)
+    return run_fit(FitRequest(scenes, free, own, laws, predict, quoted, measured, settings, quick), runs, results)
 
 
 @command("fig4 --engine yade", "--set 'striker.speed=*'", "--prune --dry-run")

@@ -1,0 +1,183 @@
+"""The folder ``fit-SCENE``: fitted scene, data, tables, figures and the command, for use wherever it is copied to."""
+
+import shlex
+import shutil
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from drivers.base import paths
+from drivers.base.errors import InputError
+from drivers.base.units import quantity
+from drivers.scene.read_scene import apply_setting, find_scene, read_scene, set_value
+from drivers.scene.settings import look_up
+from postproc.draw.overlay import draw_overlay
+from postproc.draw.product import write_figure, write_product
+from postproc.paper.simulate import exact
+from postproc.read.measured import MEASURED, entries_of
+from postproc.read.misfit import lay_over
+from drivers.chain.case import build_case
+from drivers.engines import REFERENCE
+from validation.calibration.calibration_file import calibration_file
+from validation.calibration.data_sets import DataSet
+from validation.calibration.draw import draw_parameters
+from validation.calibration.free import GAIN, TRIGGER
+from validation.calibration.models import settings_of
+from validation.calibration.outcome import Outcome, value_text
+from validation.calibration.rows import DatumRow, ModelRow, Parameter, PredictionRow, datum_rows, parameter_rows
+from validation.chapters import write_table
+
+if TYPE_CHECKING:
+    from validation.calibration.fit_command import FitRequest
+
+PARAMETERS, DATA, LAWS, PREDICTIONS = "parameters", "data", "laws", "predictions"
+README = "README.md"
+
+
+def write_folder(
+    request: "FitRequest",
+    outcomes: Mapping[str, Outcome],
+    rows: Sequence[ModelRow],
+    predictions: Sequence[PredictionRow],
+    results: Path,
+) -> tuple[Path, dict[str, list[Path]]]:
+    """Writes the folder, whole or not at all.
+
+    Returns:
+        The folder, and the fitted scenes by law.
+
+    Raises:
+        InputError: There is another folder of this name.
+    """
+    first = Path((*request.scenes, *request.quoted)[0]).stem
+    folder = results / f"fit-{first}".replace(" ", "-")
+    if folder.exists() and not (folder / f"{PARAMETERS}.csv").is_file():
+        raise InputError(paths.shown(folder), "", "not a folder of a fit", "another --results, or move it away")
+    results.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=results, prefix=".fit-") as temporary:
+        draft = Path(temporary) / folder.name
+        draft.mkdir()
+        parameters = [row for law, each in outcomes.items() for row in parameter_rows(law, rows[0].data, each)]
+        write_table(draft / f"{PARAMETERS}.csv", Parameter, parameters)
+        data = (row for law, each in outcomes.items() for row in datum_rows(law, rows[0].data, each))
+        write_table(draft / f"{DATA}.csv", DatumRow, data)
+        write_table(draft / f"{LAWS}.csv", ModelRow, rows)
+        write_table(draft / f"{PREDICTIONS}.csv", PredictionRow, predictions)
+        write_figure(draw_parameters(parameters), PARAMETERS, draft)
+        fitted = {law: _scenes(request, law, outcome, draft) for law, outcome in outcomes.items()}
+        (draft / README).write_text(_readme(request, folder.name, fitted), encoding="utf-8")
+        if folder.exists():
+            folder.rename(Path(temporary) / "former")
+        draft.rename(folder)
+    return folder, {law: [folder / path.name for path in own] for law, own in fitted.items()}
+
+
+def _scenes(request: "FitRequest", law: str, outcome: Outcome, folder: Path) -> list[Path]:
+    """Writes the scenes, their data and figures; returns the fitted scenes."""
+    written, sets = list[Path](), outcome.fit.problem.sets
+    ending = f"-{law.replace(' ', '-')}" if len(request.laws) > 1 else ""
+    settings = settings_of(calibration_file().law_named(law), request.settings) if law else tuple(request.settings)
+    for source in dict.fromkeys(request.scenes or [data.source for data in sets]):
+        path = find_scene(source)
+        data = next((each for each in sets if each.name == path.stem), None)
+        if data and data.entries:
+            copied = {each.file: each.file.name for each in (record.measured for record in data.records)}
+            for original, name in copied.items():
+                shutil.copyfile(original, folder / name)
+            _write_scene(folder / path.name, path, request.settings, [], _entries(data, None))
+        fitted = folder / f"fit-{path.stem}{ending}.toml"
+        _write_scene(fitted, path, settings, _values(outcome, path.stem), _entries(data, outcome) if data else None)
+        written.append(fitted)
+        if data and data.records:
+            _draw_traces(fitted, f"traces-{path.stem}{ending}")
+    return written
+
+
+def _draw_traces(fitted: Path, name: str) -> None:
+    """Draws measured traces over those of the fitted scene, with residuals."""
+    scene = read_scene(fitted)
+    case = build_case(scene)
+    trace = exact(case).trace
+    curves, found = lay_over(*entries_of(scene, None, fitted.name), case.layout, trace)[:2]
+    write_product(draw_overlay(case.layout, trace, REFERENCE, curves, found), name, fitted.parent)
+
+
+def _values(outcome: Outcome, scene: str) -> list[tuple[str, str | float, str]]:
+    """Key, value to six digits with its unit, and value with error, of each fitted key of a scene."""
+    found = []
+    for index, free in enumerate(outcome.fit.problem.free):
+        if free.own in ("", scene) and free.of_motion:
+            value = outcome.value(index)
+            error = value_text(free, value, outcome.error(index) * outcome.enlargement)
+            found.append((free.key, _rounded(value, free.unit), f"fitted: {error}"))
+    return found
+
+
+def _rounded(value: float, unit: str) -> str | float:
+    return quantity(float(f"{value:.6g}"), unit) if unit else float(f"{value:.6g}")
+
+
+def _write_scene(
+    path: Path, source: Path, settings: Sequence[str], values: Sequence[tuple[str, Any, str]], entries: Any | None
+) -> None:
+    """Writes a scene file with settings, fitted values and data, and with the comments of its source."""
+    import tomlkit
+
+    document: Any = tomlkit.parse(source.read_text(encoding="utf-8"))
+    for setting in settings:
+        apply_setting(document, setting)
+    for key, value, remark in values:
+        set_value(document, key, value, str(source))
+        if not isinstance(look_up(document, key.rpartition(".")[0]), tomlkit.items.InlineTable):
+            look_up(document, key).comment(remark)  # in an inline table it would hide the rest of the line
+    if entries is not None:
+        document[MEASURED] = entries
+    path.write_text(tomlkit.dumps(document), encoding="utf-8")
+
+
+def _entries(data: DataSet, outcome: Outcome | None) -> Any | None:
+    """``[[measured]]`` tables of a data set, with files in the same folder, and with fitted gains and triggers."""
+    import tomlkit
+
+    if not data.entries:
+        return None
+    records = {record.key: record for record in data.records}
+    fitted = {free.key: outcome.value(index) for index, free in enumerate(outcome.fit.problem.free)} if outcome else {}
+    found = tomlkit.aot()
+    for key, entry in data.entries.items():
+        values = entry.model_dump(exclude_none=True, exclude_unset=True)
+        record = records.get(key)
+        if record:
+            values["file"] = record.measured.file.name
+            trigger_s = fitted.get(f"{record.trigger_key}.{TRIGGER}", record.trigger_s)
+            if trigger_s is not None:
+                values[TRIGGER] = quantity(float(f"{trigger_s:.9g}"), "s")
+            if f"{key}.{GAIN}" in fitted:
+                values[GAIN] = f"{fitted[f'{key}.{GAIN}']:.6g} N/{record.measured.unit}"
+                if record.measured.unit == "N":
+                    values[GAIN] = float(f"{fitted[f'{key}.{GAIN}']:.6g}")
+        found.append(tomlkit.item(values))
+    return found
+
+
+def _readme(request: "FitRequest", name: str, fitted: Mapping[str, Sequence[Path]]) -> str:
+    """Contents of the folder, and the command that fits again."""
+    command = ["beads", "fit", *(Path(scene).stem + ".toml" for scene in request.scenes)]
+    if request.quoted:
+        command = ["beads", "fit", *request.scenes, "--quoted", ",".join(request.quoted)]
+    for option, given in (("--law", request.laws), ("--free", request.free), ("--own", request.own),
+                          ("--predict", request.predict), ("--set", request.settings if request.quoted else ())):
+        command += [word for each in given for word in (option, each)]
+    again = shlex.join([*command, *(["--quick"] * request.quick)])
+    scenes = [path.name for own in fitted.values() for path in own]
+    return "\n".join([
+        f"# {name}: parameters fitted to measured data", "",
+        "- `parameters.csv`, `.svg`: fitted values with errors and intervals; `data.csv`: each datum; `laws.csv`: goodness;",
+        "  `predictions.csv`: observables of the fitted motion with errors. Units are SI.",
+        f"- Fitted scenes: {', '.join(scenes)}; `traces-*`: measured and computed forces with residuals.", "",
+        "Fit again, in this folder:", "", f"    {again}", "",
+        "Compare codes on the fitted scene, and draw the traces:", "",
+        f"    beads compare {scenes[0]}", *([f"    beads overlay {scenes[0]}"] * (not request.quoted)), "",
+    ])  # fmt: skip
