@@ -14,7 +14,7 @@ from validation.calibration.problem import Problem, has_motion, jacobian, residu
 
 SCREENED_POINTS, DESCENTS = 8, 3  # points tried over the ranges for each parameter, and descents from the best
 MAX_NESTED = 3  # searched parameters up to which the models inside a model are fitted first
-ROUGH_CHANGE, CLOSE_CHANGE, FINE_CHANGE = 1e-3, 1e-5, 1e-8  # of chi-square or coordinates, at the end of a descent
+ROUGH_CHANGE, CLOSE_CHANGE, FINE_CHANGE = 1e-3, 1e-5, 1e-7  # of chi-square or coordinates, at the end of a descent
 MAX_EVALUATIONS, MAX_ROUGH_EVALUATIONS = 60, 3  # of one descent
 MARGIN = 1e-4  # share of a range between a bound and the start of a descent: a restitution of 1 - 1e-5 has no exact motion
 APART = 0.2  # share of a range between two starts
