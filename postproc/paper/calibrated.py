@@ -13,19 +13,31 @@ from postproc.paper.quoted import Positive
 
 
 class CalibratedParameter(Part):
-    """A key of a scene with its fitted value and standard error, in the SI unit of the key."""
+    """A key of a scene with its fitted value and standard error, in the SI unit of the key.
+
+    ``low`` and ``high`` bound the fits of all laws, over all readings of the paper, that hold.
+    """
 
     key: str
     unit: str = ""
     value: Positive
     error: Positive
+    low: Positive | None = None
+    high: Positive | None = None
 
 
 class Calibrated(Part):
-    """The file: a law of dissipation, the data sets it was fitted to, and the parameters found."""
+    """The file: a law of dissipation, the reading of the paper for which it was fitted, and the parameters found.
+
+    Attributes:
+        laws: laws that fit the quoted numbers in some reading.
+        missed: numbers that no such fit gives within its standard error.
+    """
 
     law: str
-    data: str
+    reading: str
+    laws: Annotated[tuple[str, ...], Field(strict=False)]
+    missed: Annotated[tuple[str, ...], Field(strict=False)] = ()
     parameter: Annotated[tuple[CalibratedParameter, ...], Field(strict=False, min_length=1)]
 
     @property

@@ -86,18 +86,30 @@ class Answer(Part):
 
 
 class Choice(Part):
-    """A question that the paper leaves open, with its answers; the first is the one taken by default."""
+    """A question that the paper leaves open, with its answers; the first is the one taken by default.
+
+    Attributes:
+        alone: True to vary it with the default answers to all other questions only.
+        quick: True to vary it in the short study.
+    """
 
     name: str
+    alone: bool = False
+    quick: bool = False
     answer: Annotated[tuple[Answer, ...], Field(strict=False, min_length=2)]
 
 
 class Law(Part):
-    """A contact law, given by settings, and the free parameters of its dissipation."""
+    """A contact law, given by settings, and the free parameters of its dissipation.
+
+    Attributes:
+        found: parameters found on the paper, by label; the short study starts there alone.
+    """
 
     name: str
     set: Texts = ()
     free: Texts = ()
+    found: dict[str, float] = Field(default_factory=dict)
 
 
 class CalibrationFile(Part):
@@ -124,10 +136,15 @@ class CalibrationFile(Part):
                 return law
         raise InputError("--law", "", name, ", ".join(law.name for law in self.law))
 
-    def combinations(self, *, single: bool = False) -> list[tuple[Answer, ...]]:
-        """All combinations of answers, the default first; with ``single`` those that differ from it in one answer."""
-        every = [*product(*(choice.answer for choice in self.choice))]
-        return [each for each in every if not single or sum(a is not b for a, b in zip(each, every[0], strict=True)) < 2]
+    def readings(self, *, quick: bool = False) -> list[tuple[Answer, ...]]:
+        """Combinations of answers, the default first; the short study varies some questions only."""
+        every = [*product(*(choice.answer if choice.quick or not quick else choice.answer[:1] for choice in self.choice))]
+        return [each for each in every if self._is_asked(each)]
+
+    def _is_asked(self, answers: tuple[Answer, ...]) -> bool:
+        """False for a combination of a question that is varied alone with another question."""
+        other = [choice for choice, each in zip(self.choice, answers, strict=True) if each is not choice.answer[0]]
+        return len(other) < 2 or not any(choice.alone for choice in other)
 
 
 @cache

@@ -88,13 +88,13 @@ def fit(problem: Problem, seeds: Sequence[Mapping[str, float]] = (), *, search: 
     Raises:
         RunError: The exact motion cannot be computed at any of these points.
     """
-    seeded = [with_triggers(problem, np.array([_seeded(each, seed) for each in problem.free])) for seed in seeds]
+    seeded = [_seeded(problem, seed) for seed in seeds]
     ends = _descents(problem, (), {}) if search else []
     ends = sorted([*ends, *_lowered(problem, seeded, {})], key=lambda end: end[0])
     if not ends:
         found = "the exact motion cannot be computed at the starting values or at any other point of the ranges"
         raise RunError(f"fit: {found}; narrow the bounds of --free")
-    best = minimise(problem, minimise(problem, ends[0][1]), method=AT_BOUNDS)
+    best = minimise(problem, minimise(problem, ends[0][1], converged=CLOSE_CHANGE), method=AT_BOUNDS)
     lowest, others = chi_square_at(problem, best), list[tuple[float, Array]]()
     for height, end in ends[1:]:
         distant = all(np.abs(end - each).max() > MIN_DISTANCE for each in (best, *(other for _, other in others)))
@@ -104,10 +104,12 @@ def fit(problem: Problem, seeds: Sequence[Mapping[str, float]] = (), *, search: 
     return fitted_at(problem, best, tuple(others), reached, len(ends))
 
 
-def _seeded(free: Free, seed: Mapping[str, float]) -> float:
-    """Coordinate at which a parameter starts."""
-    none = without_effect(free.key)
-    return free.coordinate(seed.get(free.label, free.start if none is None else none))
+def _seeded(problem: Problem, seed: Mapping[str, float]) -> Array:
+    """Coordinates of a seed; parameters that one data set has alone are fitted roughly if the seed has none."""
+    values = {free.label: without_effect(free.key) for free in problem.free} | dict(seed)
+    place = np.array([free.coordinate(free.start if (x := values[free.label]) is None else x) for free in problem.free])
+    missing = any(free.own and free.of_motion and free.label not in seed for free in problem.free)
+    return _with_others(problem, place, {}) if missing else with_triggers(problem, place)
 
 
 def _descents(problem: Problem, held: Held, known: dict[frozenset[tuple[int, float]], Ends]) -> Ends:
