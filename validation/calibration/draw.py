@@ -1,16 +1,20 @@
-"""Figures of fits: parameters with intervals."""
+"""Figures of fits: parameters with intervals, measured against fitted numbers, contours of chi-square."""
 
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from postproc.draw.style import COLUMN_IN, pyplot
-from validation.calibration.rows import Parameter
+from postproc.draw.style import COLUMN_IN, GREY, pyplot
+from validation.calibration.outcome import DatumRow, FitRow, Parameter
 
 COLOURS = ("#0072b2", "#d55e00", "#555555", "#cc79a7", "#999933", "#56b4e9")
 MARKERS = ("o", "s", "v", "D", "P", "^")
 ROW_IN, HEAD_IN = 0.55, 0.5
+KINDS = (("amplitude", "force (N)", 1.0), ("contact_force", "force (N)", 1.0), ("speed", "speed (m/s)", 1.0),
+         ("full_width", "full width (µs)", 1e6), ("decay", "decay at the wall (1/µs)", -1e-6))  # fmt: skip
+RISES = (2.30, 6.18)  # of chi-square: 68 and 95 % of two parameters
+SHIFT = 0.24  # between laws in a row
 
 
 def look_of(laws: Sequence[str]) -> dict[str, dict[str, Any]]:
@@ -40,4 +44,83 @@ def draw_parameters(rows: Sequence[Parameter]) -> Any:
     if len(labels) > 1:
         figure.legend(handles, labels, loc="outside upper left", ncols=len(labels), fontsize=7)
     figure.supxlabel("value, 68 % (thick) and 95 % interval", fontsize=8)
+    return figure
+
+
+def name_of(data_set: str, datum: str) -> str:
+    """Name of a datum: kind and, of a row, its force."""
+    kind = next((words.partition(" (")[0] for kind, words, _ in KINDS if kind in datum), datum)
+    words = {"table1": "Table 1,", "fig4": "Fig. 4", "fig5": "Fig. 5"}
+    named = " ".join(words.get(part, part) for part in data_set.removesuffix(" width").split(" "))
+    return f"{named}: {kind}"
+
+
+def draw_data(rows: Sequence[DatumRow]) -> Any:
+    """A panel for each kind of number: measured with errors, and fitted by each law with errors; default reading."""
+    shown = [row for row in rows if row.data == rows[0].data and np.isfinite(row.measured)]
+    look = look_of([row.law for row in shown])
+    kinds = [(kind, words, scale) for kind, words, scale in KINDS if any(kind in row.datum for row in shown)]
+    counts = [len({row.data_set for row in shown if kind in row.datum}) for kind, _, _ in kinds]
+    figure, axes = pyplot().subplots(
+        len(kinds), 1, figsize=(6.8, 1.2 + 0.42 * sum(counts) + 0.45 * len(kinds)), layout="constrained",
+        height_ratios=[count + 0.6 for count in counts], squeeze=False,
+    )  # fmt: skip
+    for axis, (kind, words, scale) in zip(axes[:, 0], kinds, strict=True):
+        own = [row for row in shown if kind in row.datum]
+        sets = list(dict.fromkeys(row.data_set for row in own))
+        for row in own:
+            place = sets.index(row.data_set)
+            if row.law == own[0].law:
+                axis.errorbar(row.measured * scale, place, xerr=abs(row.error * scale), fmt="ks", ms=4, lw=1.1, capsize=2)
+            offset = SHIFT * (1 + [*look].index(row.law))
+            error = row.fitted_error * abs(scale) if np.isfinite(row.fitted_error) else 0.0
+            axis.errorbar(
+                row.fitted * scale, place + offset, xerr=error, fmt=look[row.law]["marker"], color=look[row.law]["color"],
+                ms=3.5, lw=0.8, label=row.law if place == 0 else None,
+            )  # fmt: skip
+        names = [name_of(name, kind).partition(":")[0] for name in sets]
+        axis.set(yticks=range(len(sets)), yticklabels=names, ylim=(len(sets) - 0.15, -0.4), xlabel=words)
+        axis.set_xscale("log" if kind in ("amplitude", "contact_force") else "linear")
+        axis.grid(axis="x", color=GREY, lw=0.3)
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    (measured,) = axes[0, 0].plot([], [], "ks", ms=4)
+    figure.legend([measured, *handles], ["measured", *labels], loc="outside upper center", ncols=len(labels) + 1, fontsize=7)
+    return figure
+
+
+def draw_contours(rows: Sequence[Any], fits: Sequence[FitRow], parameters: Sequence[Parameter]) -> Any:
+    """Contours for each reading that was drawn, with the best point, and the best elastic chain at a restitution of 1.
+
+    Args:
+        rows: Points with ``reading``, ``modulus_Pa``, ``restitution`` and ``chi_square``.
+        fits: Fits of all readings, and ``parameters`` their parameters.
+    """
+    values = {(row.law, row.data, row.parameter.rpartition(".")[2]): row.value for row in parameters}
+    readings = list(dict.fromkeys(row.reading for row in rows))
+    look = look_of(readings)
+    figure, axis = pyplot().subplots(figsize=(5.2, 3.9), layout="constrained")
+    for reading in readings:
+        own, colour = [row for row in rows if row.reading == reading], look[reading]["color"]
+        moduli = sorted({row.modulus_Pa for row in own})
+        restitutions = sorted({row.restitution for row in own})
+        grid = np.array([row.chi_square for row in sorted(own, key=lambda row: (row.restitution, row.modulus_Pa))])
+        grid = grid.reshape(len(restitutions), len(moduli))
+        best, elastic = (
+            next(fit for fit in fits if (fit.law, fit.data) == (law, reading)) for law in ("viscoelastic", "elastic")
+        )
+        least = min(best.chi_square, float(np.nanmin(grid)))
+        levels = [least + rise for rise in RISES]
+        axis.contour(np.array(moduli) * 1e-9, restitutions, grid, levels, colors=colour, linestyles=["-", "--"], linewidths=1.2)
+        label = f"{reading}: {best.chi_square:.1f} of {best.freedom}"
+        modulus, restitution = (values["viscoelastic", reading, name] for name in ("youngs_modulus", "restitution"))
+        axis.plot(modulus * 1e-9, restitution, ls="none", ms=6, **look[reading], label=label)
+        axis.plot(
+            values["elastic", reading, "youngs_modulus"] * 1e-9, 1.0, ls="none", ms=6, mfc="none", clip_on=False, **look[reading],
+            label=f"elastic: {elastic.chi_square:.1f} of {elastic.freedom}",
+        )  # fmt: skip
+    axis.set(xscale="log", xlabel="Young's modulus (GPa)", ylabel="restitution", ylim=(min(r.restitution for r in rows), 1.0))
+    ticks = [0.3, 0.5, 0.7, 1.0, 1.5, 2.0]
+    axis.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    axis.minorticks_off()
+    figure.legend(loc="outside upper center", fontsize=7, title="chi-square; lines: 68 % (full), 95 % (dashed)", title_fontsize=7)
     return figure

@@ -1,20 +1,22 @@
 """Least squares: the parameters with the smallest chi-square, from several starting points, by lmfit."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from math import ceil, inf, log, log2
+from functools import cached_property
+from math import ceil, inf, log2, sqrt
 
 import numpy as np
 from lmfit import Minimizer, Parameters
+from numpy.typing import NDArray
 
 from drivers.base.errors import RunError
 from drivers.chain.chain import Array
 from validation.calibration.free import Free, without_effect
-from validation.calibration.problem import Problem, has_motion, jacobian, residual, scanned, with_triggers
+from validation.calibration.problem import STEP, Problem, has_motion, jacobian, residual, scanned, with_triggers
 
 SCREENED_POINTS, DESCENTS = 8, 3  # points tried over the ranges for each parameter, and descents from the best
 MAX_NESTED = 3  # searched parameters up to which the models inside a model are fitted first
-ROUGH_CHANGE, CLOSE_CHANGE, FINE_CHANGE = 1e-3, 1e-5, 1e-7  # of chi-square or coordinates, at the end of a descent
+ROUGH_CHANGE, CLOSE_CHANGE, FINE_CHANGE = 1e-3, 1e-5, 1e-6  # of chi-square or coordinates, at the end of a descent
 MAX_EVALUATIONS, MAX_ROUGH_EVALUATIONS = 60, 3  # of one descent
 MARGIN = 1e-4  # share of a range between a bound and the start of a descent: a restitution of 1 - 1e-5 has no exact motion
 APART = 0.2  # share of a range between two starts
@@ -22,6 +24,8 @@ MIN_DISTANCE = 2e-2  # share of a range: closer minima count as one
 MAX_EXCESS = 1.0  # of chi-square, up to which another minimum is reported
 SAME = 0.1  # of chi-square: descents that end so close have reached the same minimum
 
+RANGE_DEVIATION = 1 / sqrt(12)  # standard deviation of a parameter known only by its range, as a share of the range
+MIN_COMPONENT = 0.1  # of a direction, relative to its largest; smaller components are not named
 AT_BOUNDS = "dogbox"  # method that reaches bounds; it needs a start near the minimum
 
 Held = tuple[tuple[int, float], ...]  # coordinates of parameters that are kept constant, by index
@@ -30,7 +34,7 @@ Ends = list[tuple[float, Array]]  # chi-square and coordinates at the ends of de
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A least-squares fit.
+    """A least-squares fit, with the linear estimate of its uncertainty from the sensitivities at the minimum.
 
     Attributes:
         place: Coordinates of the parameters. Shape (parameters,).
@@ -59,19 +63,53 @@ class Fit:
         return self.problem.rows - len(self.place) - self.problem.lines
 
     @property
-    def aic(self) -> float:
-        """Akaike's criterion for known errors, chi-square plus twice the number of parameters."""
-        return self.chi_square + 2 * len(self.place)
-
-    @property
-    def bic(self) -> float:
-        """Schwarz's criterion for known errors, chi-square plus the parameters times the logarithm of the data."""
-        return self.chi_square + len(self.place) * log(self.problem.rows)
-
-    @property
     def values(self) -> dict[str, float]:
         """Values of the parameters, by label."""
         return self.problem.values(self.place)
+
+    @cached_property
+    def directions(self) -> tuple[Array, Array]:
+        """Singular values of the Jacobian (0 for directions without one), and its right singular vectors as rows."""
+        _, singular, directions = np.linalg.svd(self.jacobian, full_matrices=True)
+        return np.append(singular, np.zeros(len(directions) - len(singular))), directions
+
+    @property
+    def open_directions(self) -> Array:
+        """Directions along which the data do not bound the parameters within their ranges. Shape (directions, parameters)."""
+        singular, directions = self.directions
+        return np.asarray(directions[singular * RANGE_DEVIATION < 1.0])
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance of the coordinates; in open directions that of the ranges. Shape (parameters, parameters)."""
+        singular, directions = self.directions
+        variance = 1 / np.maximum(singular**2, 1 / RANGE_DEVIATION**2)
+        return np.asarray((directions.T * variance) @ directions)
+
+    @property
+    def undetermined(self) -> NDArray[np.bool_]:
+        """True for each parameter that the data do not bound within its range. Shape (parameters,)."""
+        return np.asarray(sum((named(each) for each in self.open_directions), np.zeros(len(self.place), dtype=bool)))
+
+    @property
+    def errors(self) -> Array:
+        """Standard errors of the values, inf for undetermined parameters. Shape (parameters,)."""
+        slopes = np.array([each.slope(float(x)) for each, x in zip(self.problem.free, self.place, strict=True)])
+        return np.where(self.undetermined, inf, np.abs(slopes) * np.sqrt(np.diag(self.covariance)))
+
+    def number(self, at: Callable[[Array], float]) -> tuple[float, float]:
+        """Value of a function of the coordinates, with its standard error from their covariance."""
+        value, slope = at(self.place), np.zeros(len(self.place))
+        for index, x in enumerate(self.place):
+            step = STEP if x + STEP <= 1 else -STEP
+            slope[index] = (at(_moved(self.place, [index], [x + step])) - value) / step
+        slope = np.nan_to_num(slope, nan=0.0)
+        return value, sqrt(max(float(slope @ self.covariance @ slope), 0.0))
+
+
+def named(direction: Array) -> NDArray[np.bool_]:
+    """True for each parameter that takes part in a direction. Shape (parameters,)."""
+    return np.asarray(np.abs(direction) > MIN_COMPONENT * np.abs(direction).max())
 
 
 def fit(problem: Problem, seeds: Sequence[Mapping[str, float]] = (), *, search: bool = True) -> Fit:

@@ -1,7 +1,7 @@
-"""``beads fit``: fits parameters of scenes to measured data and checks the fitted scene with codes."""
+"""``beads fit``: fits parameters of scenes to measured data, compares laws, and checks the fitted scene with codes."""
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
@@ -10,21 +10,22 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.progress import counted
 from drivers.base.text_table import text_table
-from drivers.base.units import quantity
 from drivers.chain.case import build_case
 from drivers.engines import codes
 from drivers.limits.refusal import inability
 from drivers.scene.read_scene import read_scene
+from postproc.read.observables import without_unit
 from validation.calibration.calibration_file import calibration_file
-from validation.calibration.certainty import RISES, Prediction
+from validation.calibration.certainty import RISES
 from validation.calibration.data_sets import paper_data, scene_data
 from validation.calibration.fit_folder import write_folder
-from validation.calibration.models import Model, differences, predict, settings_of, solve_all, verdict
-from validation.calibration.outcome import Outcome, interval_text, value_text
-from validation.calibration.problem import pose
-from validation.calibration.rows import ModelRow, PredictionRow, model_rows
+from validation.calibration.outcome import DatumRow, Outcome, interval_text, rounded, solve, value_text, with_error
+from validation.calibration.predict import differences, predict
+from validation.calibration.problem import Problem, pose
 from validation.compare.compare_command import compare_scenes
 from validation.compare.selection import EngineSelection
+
+DECISIVE = 6.0  # excess of Akaike's criterion: a ratio of likelihoods of 20
 
 
 @dataclass(frozen=True)
@@ -52,9 +53,13 @@ class FitRequest:
     settings: Sequence[str] = ()
     quick: bool = False
 
+    def settings_of(self, law: str) -> tuple[str, ...]:
+        """Settings of a law and of the command; the latter come last, so that ``contact.alpha=1.5`` stays."""
+        return (*(calibration_file().law_named(law).set if law else ()), *self.settings)
 
-def models_of(request: FitRequest) -> list[Model]:
-    """Laws to be fitted, each with its problem, on identical data.
+
+def problems_of(request: FitRequest) -> dict[str, Problem]:
+    """Problem of each law, on identical data.
 
     Raises:
         InputError: There are no free parameters or no measured data, or they have errors.
@@ -65,25 +70,23 @@ def models_of(request: FitRequest) -> list[Model]:
         raise InputError("fit", "--measured", "cannot be combined with --quoted")
     if not (request.scenes or request.quoted):
         raise InputError("fit", "", "no scene: name scenes with [[measured]] data, or use --quoted")
-    models = []
-    for name in request.laws or [""]:
-        law = calibration_file().law_named(name) if name else None
-        settings = settings_of(law, request.settings) if law else tuple(request.settings)
+    if len(set(request.laws)) < len(request.laws):
+        raise InputError("fit", "--law", ", ".join(request.laws), "each law once")
+    problems = dict[str, Problem]()
+    for law in request.laws or [""]:
+        settings = request.settings_of(law)
         if request.quoted:
             sets = paper_data(request.quoted, settings)
         else:
             sets = [scene_data(scene, settings, request.measured) for scene in request.scenes]
-        for repeated, times in Counter(data.name for data in sets).items():
+        for name, times in Counter(data.name for data in sets).items():
             if times > 1:
-                found = f"data set {repeated} {times} times"
-                raise InputError("fit", "", found, "each data set once; scenes need different names")
-        free = (*request.free, *(law.free if law else ()))
-        if not free and not request.own:
-            raise InputError("fit", "--free", f"the law {name} has no free parameter: name one, --free KEY")
-        models.append(Model(name, pose(sets, free, request.own)))
-    if len({model.law for model in models}) < len(models):
-        raise InputError("fit", "--law", ", ".join(request.laws), "each law once")
-    return models
+                raise InputError("fit", "", f"data set {name} {times} times", "each data set once; scenes need different names")
+        free = (*request.free, *(calibration_file().law_named(law).free if law else ()))
+        if not (free or request.own):
+            raise InputError("fit", "--free", f"the law {law} has no free parameter: name one, --free KEY")
+        problems[law] = pose(sets, free, request.own)
+    return problems
 
 
 def run_fit(request: FitRequest, runs: Path, results: Path) -> int:
@@ -92,28 +95,24 @@ def run_fit(request: FitRequest, runs: Path, results: Path) -> int:
     Raises:
         InputError: The request has errors.
     """
-    models = models_of(request)
-    number, problem = len(models[0].problem.free), models[0].problem
-    what = f"fit of {number} parameter{'s' * (number != 1)} to {counted_data(problem.rows, len(problem.data))}"
-    with counted(what, unit="fit") as count:
-        outcomes = solve_all(models, quick=request.quick, count=count)
-    data = ", ".join(each.name for each in problem.sets)
-    rows = model_rows(outcomes, data)
-    predictions = [row for law, each in outcomes.items() for row in predict(law, each, request.predict)]
-    folder, fitted = write_folder(request, outcomes, rows, predictions, results)
-    best = min(rows, key=lambda row: row.aic).law
+    problems, outcomes = problems_of(request), dict[str, Outcome]()
+    problem = next(iter(problems.values()))
+    data, number = ", ".join(each.name for each in problem.sets), len(problem.free)
+    size = f"{problem.rows} readings" if any(each.records for each in problem.sets) else f"{len(problem.data)} numbers"
+    with counted(f"fit of {number} parameter{'s' * (number != 1)} to {size}", unit="fit") as count:
+        for law, each in problems.items():  # each fit also starts from the earlier ones: a larger model is never worse
+            seeds = [outcome.fit.values for outcome in outcomes.values()]
+            outcomes[law] = solve(each, law, data, quick=request.quick, seeds=seeds, count=count)
+    predictions = [row for each in outcomes.values() for row in predict(each, request.predict)]
+    folder, fitted = write_folder(request, outcomes, predictions, results)
+    best = min(outcomes.values(), key=lambda each: each.row.aic).row.law
     try:
-        return 0 if request.quick or not fitted else _confirm(fitted[best], runs)
+        return 0 if request.quick or not fitted[best] else _confirm(fitted[best], runs)
     finally:  # last, so that it stays on screen, also after a failed run
         for law, outcome in outcomes.items():
             print(*([f"--- {law} ---"] * bool(law)), *lines(outcome), "", sep="\n")
-        print(*comparison(rows, outcomes, predictions, request.predict), sep="\n")
+        print(*comparison(outcomes, predictions), *predicted_lines(predictions, request.predict), sep="\n")
         print(paths.shown(folder), flush=True)
-
-
-def counted_data(rows: int, data: int) -> str:
-    """Number of data, and of readings if there are traces."""
-    return f"{data} numbers" if rows == data else f"{rows} readings"
 
 
 def _confirm(fitted: Sequence[Path], runs: Path) -> int:
@@ -135,43 +134,80 @@ LEGEND = (
 
 def lines(outcome: Outcome) -> Iterator[str]:
     """Lines of text with parameters, data and remarks; columns without an entry are left out."""
-    heading = ["parameter", "value", *(f"{each} interval" for each in RISES), "start"]
     rows = []
-    for index, free in enumerate(outcome.fit.problem.free):
-        value, error = outcome.value(index), outcome.error(index)
-        known = isfinite(error)
-        ends = [interval_text(free, outcome.interval(index, rise), value, error) if known else "" for rise in RISES.values()]
-        start = quantity(float(f"{free.start:.4g}"), free.unit) if free.unit else f"{free.start:.4g}"
-        if free.prior:
-            start = value_text(free, free.start, free.prior)
-        rows.append([free.label, value_text(free, value, error * outcome.enlargement), *ends, start])
-    yield from _table(heading, rows)
+    for row in outcome.parameters:
+        ends = ((row.low_68pct, row.high_68pct), (row.low_95pct, row.high_95pct))
+        start = with_error(row.start, row.prior, row.unit) if row.prior else rounded(row.start, row.unit)
+        value = value_text(row, outcome.enlargement)
+        rows.append([row.parameter, value, *(interval_text(row, each) for each in ends), start])
+    yield from _table(["parameter", "value", *(f"{each} interval" for each in RISES), "start"], rows)
     if outcome.enlargement != 1:
         times = f"{outcome.enlargement:.2g} times, by the scatter of the data"
         yield f"the errors above (not the intervals) are enlarged {times}, which the model does not explain"
     yield ""
-    heading = ["datum", "measured", "fitted", "deviation", "predicted", "deviation"]
-    cells = [[each.datum.label, *_datum_cells(each)] for each in outcome.predictions]
-    yield from _table(heading, cells)
+    cells = [[row.label, *_datum_cells(row)] for row in outcome.data]
+    yield from _table(["datum", "measured", "fitted", "deviation", "predicted", "deviation"], cells)
     yield from LEGEND if any(row[4] for row in cells) else LEGEND[:1]
     yield ""
-    yield from outcome.sentences()
+    row = outcome.row
+    chance = f", probability {row.probability:.2g}" if row.freedom > 0 else ""
+    freedom = f"{row.freedom} degrees of freedom{chance}" if row.freedom >= 0 else "fewer data than parameters"
+    yield f"chi-square {row.chi_square:.4g} with {freedom}"
+    if not outcome.explained:
+        yield "the model does not explain the data"
+    yield from row.remarks.split(". ") if row.remarks else ()
 
 
-def comparison(
-    rows: Sequence[ModelRow], outcomes: dict[str, Outcome], predictions: Sequence[PredictionRow], asked: Sequence[str]
-) -> Iterator[str]:
-    """Lines on several laws and on requested predictions."""
-    if len(rows) > 1:
-        heading = ["law", "chi-square", "freedom", "probability", "AIC", "BIC", "AIC above the best"]
-        numbers = [(row.chi_square, row.freedom, row.probability, row.aic, row.bic, row.aic_excess) for row in rows]
-        yield from text_table([heading, *([row.law, *(f"{x:.5g}" for x in each)] for row, each in zip(rows, numbers, strict=True))])
-        yield from verdict(rows, {law: each.explained for law, each in outcomes.items()})
-        yield from differences(predictions, [row.law for row in sorted(rows, key=lambda row: row.aic)])
-        yield ""
-    if asked:
-        errors = [f"{row.value:.5g} ± {row.error:.2g} {row.unit}".rstrip() for row in predictions]
-        cells = [[row.observable, row.scene, row.law, text] for row, text in zip(predictions, errors, strict=True)]
+def _datum_cells(row: DatumRow) -> list[str]:
+    """Cells of a datum: measured, fitted, deviation, predicted, deviation."""
+    off = f"{row.off:.2f}"
+    if not isfinite(row.measured):
+        return ["", "", off, "", ""]
+    without = f"{row.by_the_others:.4g} ± {row.by_the_others_error:.2g}" if isfinite(row.by_the_others) else ""
+    without_off = f"{row.by_the_others_off:.2f}" if isfinite(row.by_the_others_off) else ""
+    return [f"{row.measured:.4g} ± {row.error:.2g}", f"{row.fitted:.5g}", off, without, without_off]
+
+
+def comparison(outcomes: Mapping[str, Outcome], predictions: Sequence[DatumRow]) -> Iterator[str]:
+    """Lines on several laws: goodness of each, the best if one is, and what they predict differently."""
+    if len(outcomes) < 2:
+        return
+    rows = sorted((each.row for each in outcomes.values()), key=lambda row: row.aic)
+    best = rows[0]
+    numbers = [(r.chi_square, r.freedom, r.probability, r.aic, r.bic, r.aic - best.aic) for r in rows]
+    heading = ["law", "chi-square", "freedom", "probability", "AIC", "BIC", "AIC above the best"]
+    yield from text_table([heading, *([r.law, *(f"{x:.5g}" for x in own)] for r, own in zip(rows, numbers, strict=True))])
+    yield from verdict(outcomes)
+    yield from differences(predictions, [row.law for row in rows])
+    yield ""
+
+
+def verdict(outcomes: Mapping[str, Outcome]) -> Iterator[str]:
+    """Sentences on the laws that explain the data, and on the best of them.
+
+    Where no law does, differences of AIC are divided by the best law's chi-square per degree of freedom.
+    """
+    rows = sorted((each.row for each in outcomes.values()), key=lambda row: row.aic)
+    best, unit = rows[0], outcomes[rows[0].law].enlargement ** 2
+    for row in rows:
+        if not outcomes[row.law].explained:
+            yield f"{row.law} does not explain the data"
+    near = [row.law for row in rows if (row.aic - best.aic) / unit < DECISIVE]
+    if len(near) > 1:
+        yield f"undecided: the data do not tell {', '.join(near)} apart (AIC within {DECISIVE:g})"
+    else:
+        yield f"{best.law} is the best law: the AIC of {rows[1].law} is {(rows[1].aic - best.aic) / unit:.3g} higher"
+
+
+def predicted_lines(rows: Sequence[DatumRow], asked: Sequence[str]) -> Iterator[str]:
+    """Table of the requested predictions; nothing without one."""
+    names = {without_unit(name) for name in asked}
+    cells = [
+        [row.datum, row.data_set, row.law, with_error(row.fitted, row.fitted_error, row.unit)]
+        for row in rows
+        if without_unit(row.datum) in names
+    ]
+    if cells:
         yield from _table(["predicted", "scene", "law", "value"], sorted(cells))
         yield ""
 
@@ -180,14 +216,3 @@ def _table(heading: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     """Lines of a table; columns without an entry are left out."""
     shown = [place for place in range(len(heading)) if any(row[place] for row in rows)]
     return text_table([row[place] for place in shown] for row in (heading, *rows))
-
-
-def _datum_cells(line: Prediction) -> list[str]:
-    """Cells of a datum: measured, fitted, deviation, predicted, deviation."""
-    number = line.datum.number
-    if number is None:
-        return ["", "", f"{line.off:.2f}", "", ""]
-    measured, fitted = f"{number.value:.4g} ± {number.error:.2g}", f"{line.fitted:.5g}"
-    without = f"{line.without:.4g} ± {line.without_error:.2g}" if isfinite(line.without) else ""
-    off = f"{line.without_off:.2f}" if isfinite(line.without_off) else ""
-    return [measured, fitted, f"{line.off:.2f}", without, off]

@@ -4,13 +4,14 @@ import shlex
 import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.units import quantity
+from drivers.chain.case import build_case
+from drivers.engines import REFERENCE
 from drivers.scene.read_scene import apply_setting, find_scene, read_scene, set_value
 from drivers.scene.settings import look_up
 from postproc.draw.overlay import draw_overlay
@@ -18,15 +19,10 @@ from postproc.draw.product import write_figure, write_product
 from postproc.paper.simulate import exact
 from postproc.read.measured import MEASURED, entries_of
 from postproc.read.misfit import lay_over
-from drivers.chain.case import build_case
-from drivers.engines import REFERENCE
-from validation.calibration.calibration_file import calibration_file
 from validation.calibration.data_sets import DataSet
 from validation.calibration.draw import draw_parameters
 from validation.calibration.free import GAIN, TRIGGER
-from validation.calibration.models import settings_of
-from validation.calibration.outcome import Outcome, value_text
-from validation.calibration.rows import DatumRow, ModelRow, Parameter, PredictionRow, datum_rows, parameter_rows
+from validation.calibration.outcome import DatumRow, FitRow, Outcome, Parameter, value_text
 from validation.chapters import write_table
 
 if TYPE_CHECKING:
@@ -37,11 +33,7 @@ README = "README.md"
 
 
 def write_folder(
-    request: "FitRequest",
-    outcomes: Mapping[str, Outcome],
-    rows: Sequence[ModelRow],
-    predictions: Sequence[PredictionRow],
-    results: Path,
+    request: "FitRequest", outcomes: Mapping[str, Outcome], predictions: Sequence[DatumRow], results: Path
 ) -> tuple[Path, dict[str, list[Path]]]:
     """Writes the folder, whole or not at all.
 
@@ -59,12 +51,11 @@ def write_folder(
     with tempfile.TemporaryDirectory(dir=results, prefix=".fit-") as temporary:
         draft = Path(temporary) / folder.name
         draft.mkdir()
-        parameters = [row for law, each in outcomes.items() for row in parameter_rows(law, rows[0].data, each)]
+        parameters = [row for each in outcomes.values() for row in each.parameters]
         write_table(draft / f"{PARAMETERS}.csv", Parameter, parameters)
-        data = (row for law, each in outcomes.items() for row in datum_rows(law, rows[0].data, each))
-        write_table(draft / f"{DATA}.csv", DatumRow, data)
-        write_table(draft / f"{LAWS}.csv", ModelRow, rows)
-        write_table(draft / f"{PREDICTIONS}.csv", PredictionRow, predictions)
+        write_table(draft / f"{DATA}.csv", DatumRow, [row for each in outcomes.values() for row in each.data])
+        write_table(draft / f"{LAWS}.csv", FitRow, [each.row for each in outcomes.values()])
+        write_table(draft / f"{PREDICTIONS}.csv", DatumRow, predictions)
         write_figure(draw_parameters(parameters), PARAMETERS, draft)
         fitted = {law: _scenes(request, law, outcome, draft) for law, outcome in outcomes.items()}
         (draft / README).write_text(_readme(request, folder.name, fitted), encoding="utf-8")
@@ -78,7 +69,6 @@ def _scenes(request: "FitRequest", law: str, outcome: Outcome, folder: Path) -> 
     """Writes the scenes, their data and figures; returns the fitted scenes."""
     written, sets = list[Path](), outcome.fit.problem.sets
     ending = f"-{law.replace(' ', '-')}" if len(request.laws) > 1 else ""
-    settings = settings_of(calibration_file().law_named(law), request.settings) if law else tuple(request.settings)
     for source in dict.fromkeys(request.scenes or [data.source for data in sets]):
         path = find_scene(source)
         data = next((each for each in sets if each.name == path.stem), None)
@@ -88,7 +78,7 @@ def _scenes(request: "FitRequest", law: str, outcome: Outcome, folder: Path) -> 
                 shutil.copyfile(original, folder / name)
             _write_scene(folder / path.name, path, request.settings, [], _entries(data, None))
         fitted = folder / f"fit-{path.stem}{ending}.toml"
-        _write_scene(fitted, path, settings, _values(outcome, path.stem), _entries(data, outcome) if data else None)
+        _write_scene(fitted, path, request.settings_of(law), _values(outcome, path.stem), _entries(data, outcome) if data else None)
         written.append(fitted)
         if data and data.records:
             _draw_traces(fitted, f"traces-{path.stem}{ending}")
@@ -106,17 +96,14 @@ def _draw_traces(fitted: Path, name: str) -> None:
 
 def _values(outcome: Outcome, scene: str) -> list[tuple[str, str | float, str]]:
     """Key, value to six digits with its unit, and value with error, of each fitted key of a scene."""
-    found = []
-    for index, free in enumerate(outcome.fit.problem.free):
-        if free.own in ("", scene) and free.of_motion:
-            value = outcome.value(index)
-            error = value_text(free, value, outcome.error(index) * outcome.enlargement)
-            found.append((free.key, _rounded(value, free.unit), f"fitted: {error}"))
-    return found
+    pairs = zip(outcome.fit.problem.free, outcome.parameters, strict=True)
+    own = [(free.key, row) for free, row in pairs if free.own in ("", scene) and free.of_motion]
+    return [(key, _rounded(row), f"fitted: {value_text(row, outcome.enlargement)}") for key, row in own]
 
 
-def _rounded(value: float, unit: str) -> str | float:
-    return quantity(float(f"{value:.6g}"), unit) if unit else float(f"{value:.6g}")
+def _rounded(row: Parameter) -> str | float:
+    value = float(f"{row.value:.6g}")
+    return quantity(value, row.unit) if row.unit else value
 
 
 def _write_scene(
@@ -144,7 +131,8 @@ def _entries(data: DataSet, outcome: Outcome | None) -> Any | None:
     if not data.entries:
         return None
     records = {record.key: record for record in data.records}
-    fitted = {free.key: outcome.value(index) for index, free in enumerate(outcome.fit.problem.free)} if outcome else {}
+    label = f"{data.name}: "
+    fitted = {row.parameter.removeprefix(label): row.value for row in (outcome.parameters if outcome else ())}
     found = tomlkit.aot()
     for key, entry in data.entries.items():
         values = entry.model_dump(exclude_none=True, exclude_unset=True)

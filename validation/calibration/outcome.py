@@ -1,17 +1,17 @@
-"""Solved calibration problem: fit, uncertainty, profiles, predictions, and sentences about them."""
+"""Solved calibration problem: rows of its tables, and sentences about it."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from math import isfinite, nan, sqrt
+from dataclasses import dataclass, replace
+from math import hypot, isfinite, log, nan, sqrt
 
 import numpy as np
 
 from drivers.base.units import quantity
-from validation.calibration.certainty import RISES, Certainty, Prediction, Profile, predictions, profile
-from validation.calibration.data_sets import CUT
-from validation.calibration.fit import Fit, fit, fitted_at, minimise
-from validation.calibration.free import Free
-from validation.calibration.problem import MISSING_RESIDUAL, Problem, motion_values, own_values, simulated
+from postproc.read.observables import describe
+from validation.calibration.certainty import RISES, Point, interval, profile, trade_offs
+from validation.calibration.data_sets import CUT, DataSet, MeasuredNumber
+from validation.calibration.fit import CLOSE_CHANGE, Fit, chi_square_at, fit, fitted_at, minimise
+from validation.calibration.problem import MISSING_RESIDUAL, Datum, Problem, motion_values, own_values, predicted, simulated
 from validation.calibration.readings import DEFAULT_CUT, is_censored
 
 END_MARGIN = 1e-3  # share of a range: a parameter so close to a bound is at the end of its range
@@ -20,26 +20,91 @@ NOISE_ERROR = 0.1  # relative; twice the standard error of a noise level from ab
 MIN_GAIN = 0.01  # decrease of chi-square that makes another minimum the better one
 MAX_REFITS = 3
 MIN_PROBABILITY = 0.01  # of a chi-square; below it the model does not explain the data
+MAX_DEVIATION = 2.0  # standard errors; data with larger deviations are missed
+
+
+@dataclass(frozen=True)
+class FitRow:
+    """Goodness of a law's fit; AIC and BIC are Akaike's and Schwarz's criteria for known errors.
+
+    ``data`` names the data sets, or the reading of the paper; ``missed`` the numbers that deviate by more than
+    ``MAX_DEVIATION`` standard errors; ``remarks`` are separated by ". ".
+    """
+
+    law: str
+    data: str
+    chi_square: float
+    freedom: int
+    probability: float
+    aic: float
+    bic: float
+    missed: str
+    remarks: str
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of one fit, in the SI unit of its key; the standard error is inf if the data do not determine it.
+
+    ``start``, ``least`` and ``most`` are its starting value and bounds; ``prior`` is 0 without prior knowledge.
+    """
+
+    law: str
+    data: str
+    parameter: str
+    unit: str
+    value: float
+    error: float
+    low_68pct: float
+    high_68pct: float
+    low_95pct: float
+    high_95pct: float
+    start: float
+    least: float
+    most: float
+    prior: float
+
+
+@dataclass(frozen=True)
+class DatumRow:
+    """A datum with its fitted value and its prediction by a fit without it; NaN if there is no number.
+
+    Attributes:
+        off: Fitted minus measured in standard errors of the measurement; of a trace the rms.
+        by_the_others_off: Prediction of the fit to all other data minus measured, in standard errors of both combined.
+        chi_square_without: Chi-square of that fit.
+    """
+
+    law: str
+    data: str
+    data_set: str
+    datum: str
+    unit: str
+    measured: float
+    error: float
+    fitted: float
+    fitted_error: float
+    off: float
+    by_the_others: float = nan
+    by_the_others_error: float = nan
+    by_the_others_off: float = nan
+    chi_square_without: float = nan
+    because: str = ""
+
+    @property
+    def label(self) -> str:
+        """Name of the data set and of the datum."""
+        return f"{self.data_set}: {self.datum}" if self.data_set else self.datum
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """A fit with its uncertainty.
-
-    Attributes:
-        profiles: Profiles by label, of the searched parameters that the data determine; empty for a quick fit.
-        predictions: One prediction for each datum.
-    """
+    """A fit with the rows of its tables."""
 
     fit: Fit
-    certainty: Certainty
-    profiles: dict[str, Profile]
-    predictions: list[Prediction]
-
-    @property
-    def probability(self) -> float:
-        """Probability of a chi-square at least as large by chance; NaN without degrees of freedom."""
-        return probability_of(self.fit.chi_square, self.fit.freedom)
+    row: FitRow
+    parameters: list[Parameter]
+    data: list[DatumRow]
 
     @property
     def explained(self) -> bool:
@@ -53,72 +118,6 @@ class Outcome:
         """Factor on printed errors, from the scatter of the data: 1 if the model explains the data."""
         return 1.0 if self.explained else max(1.0, sqrt(self.fit.chi_square / self.fit.freedom))
 
-    def value(self, index: int) -> float:
-        """Fitted value of a parameter."""
-        return self.fit.problem.free[index].value(float(self.fit.place[index]))
-
-    def error(self, index: int) -> float:
-        """Standard error of a parameter; inf if the data do not determine it."""
-        return float(self.certainty.errors[index])
-
-    def interval(self, index: int, rise: float) -> tuple[float, float]:
-        """Interval of a parameter from its profile, or else from its standard error; NaN if it is undetermined."""
-        label = self.fit.problem.free[index].label
-        if label in self.profiles:
-            return self.profiles[label].interval(rise)
-        reach = sqrt(rise) * self.error(index)
-        return (self.value(index) - reach, self.value(index) + reach) if isfinite(reach) else (nan, nan)
-
-    def sentences(self) -> Iterator[str]:
-        """Sentences on the goodness of the fit, other minima and undetermined parameters."""
-        found = self.fit
-        chance = f", probability {self.probability:.2g}" if found.freedom > 0 else ""
-        counted = f"{found.freedom} degrees of freedom{chance}" if found.freedom >= 0 else "fewer data than parameters"
-        yield f"chi-square {found.chi_square:.3g} with {counted}"
-        if not self.explained:
-            times = self.enlargement
-            yield f"the model does not explain the data; their scatter gives errors {times:.2g} times larger"
-        if found.reached < 2 <= found.descents and not len(self.certainty.open_directions):
-            yield f"not sure: 1 of {found.descents} descents ended at this minimum; a better one may exist"
-        yield from self._about_numbers()
-        for free, x in zip(found.problem.free, found.place, strict=True):
-            if not END_MARGIN < x < 1 - END_MARGIN:
-                yield f"{free.label} is at the end of its range, {rounded(free, free.value(float(x)))}"
-        for chi_square, place in found.others if not len(self.certainty.open_directions) else ():
-            values = ", ".join(
-                f"{free.label} {rounded(free, free.value(float(place[i])))}" for i, free in enumerate(found.problem.free)
-            )
-            yield f"another minimum with chi-square {chi_square:.4g}: {values}"
-        yield from self.certainty.sentences()
-        for datum in found.problem.data:
-            off = found.residual[datum.rows.start : datum.rows.stop]
-            correlation = float(np.corrcoef(off[:-1], off[1:])[0, 1]) if datum.number is None and len(off) > 1 else 0.0
-            if correlation > MAX_CORRELATION:
-                problem = f"{datum.label}: neighbouring residuals have a correlation of {correlation:.2f}"
-                yield f"{problem}: they contain more than noise, and errors are larger than stated"
-        for label, each in self.profiles.items():
-            low, high = each.interval(RISES["95 %"])
-            if not (isfinite(low) and isfinite(high)):
-                sides = " and ".join(["above"] * (not isfinite(high)) + ["below"] * (not isfinite(low)))
-                yield f"the data do not bound {label} {sides} within its range"
-
-    def _about_numbers(self) -> Iterator[str]:
-        """Numbers that the fitted motion does not have, and widths of which it shows a lower bound."""
-        problem = self.fit.problem
-        for line in self.predictions:
-            number = line.datum.number
-            if number is None:
-                continue
-            if not isfinite(line.fitted):
-                counts = f"counts as {MISSING_RESIDUAL:.0f} standard errors"
-                yield f"{line.datum.label} is missing from the computed motion and {counts}"
-            gauge, width, _ = number.observable.partition("_full_width")
-            data = next(each for each in problem.sets if each.name == line.datum.data_set)
-            simulation = simulated(data, motion_values(problem, data, self.fit.place)) if width else None
-            cut = own_values(problem, data, self.fit.place).get(CUT, DEFAULT_CUT)
-            if simulation and is_censored(simulation, gauge, cut):
-                yield f"{line.datum.label} is a lower bound: the force is above the cut until the wave meets the wall"
-
 
 def probability_of(chi_square: float, freedom: int) -> float:
     """Probability of a chi-square at least as large by chance; NaN without degrees of freedom."""
@@ -129,6 +128,8 @@ def probability_of(chi_square: float, freedom: int) -> float:
 
 def solve(
     problem: Problem,
+    law: str = "",
+    reading: str = "",
     *,
     quick: bool = False,
     seeds: Sequence[Mapping[str, float]] = (),
@@ -137,51 +138,151 @@ def solve(
 ) -> Outcome:
     """Fits; unless ``quick``, also profiles each searched parameter and leaves out each number in turn.
 
-    If a profile finds a better minimum, the fit is repeated from there. ``count`` is called after each fit, point of a
-    profile and datum; ``seeds`` and ``search`` are those of ``fit``.
+    If a profile finds a better minimum, the fit is repeated from there.
+
+    Args:
+        problem: Data and parameters.
+        law: Name of the law, and ``reading`` that of the data, for the tables.
+        quick: True for the fit alone.
+        seeds: As those of ``fit``, and so ``search``.
+        count: Called after each fit, point of a profile and datum.
     """
-    found = fit(problem, seeds, search=search)
+    found, profiles = fit(problem, seeds, search=search), dict[int, list[Point]]()
     count()
-    for _ in range(MAX_REFITS):
-        undetermined = Certainty(found).undetermined
-        asked = [index for index in problem.searched if not quick and not undetermined[index]]
-        profiles = {problem.free[index].label: profile(found, index, count) for index in asked}
-        best = min(profiles.values(), key=lambda each: each.chi_square.min(), default=None)
-        if best is None or best.chi_square.min() > found.chi_square - MIN_GAIN:
+    for _ in range(0 if quick else MAX_REFITS):
+        profiles = {i: profile(found, i, count) for i in problem.searched if not found.undetermined[i]}
+        lowest = min((point for points in profiles.values() for point in points), key=lambda p: p[1], default=None)
+        if lowest is None or lowest[1] > found.chi_square - MIN_GAIN:
             break
-        place = minimise(problem, best.places[int(np.argmin(best.chi_square))])
-        found = fitted_at(problem, place, found.others, 1, found.descents)
+        found = fitted_at(problem, minimise(problem, lowest[2]), found.others, 1, found.descents)
         count()
-    return Outcome(found, Certainty(found), profiles, predictions(found, leave_out=not quick, count=count))
+    parameters = [_parameter(found, law, reading, index, profiles.get(index)) for index in range(len(problem.free))]
+    data = [_datum(found, law, reading, datum, leave_out=not quick, count=count) for datum in problem.data]
+    numbers = zip(data, problem.data, strict=True)
+    missed = [row.label for row, datum in numbers if datum.number and not abs(row.off) <= MAX_DEVIATION]
+    row = FitRow(
+        law, reading, found.chi_square, found.freedom, probability_of(found.chi_square, found.freedom),
+        found.chi_square + 2 * len(problem.free), found.chi_square + len(problem.free) * log(problem.rows),
+        "; ".join(missed), ". ".join(_remarks(found, parameters, data)),
+    )  # fmt: skip
+    return Outcome(found, row, parameters, data)
 
 
-def value_text(free: Free, value: float, error: float) -> str:
+def _parameter(found: Fit, law: str, reading: str, index: int, points: list[Point] | None) -> Parameter:
+    free, error = found.problem.free[index], float(found.errors[index])
+    known = [interval(found, index, rise, points) if isfinite(error) else (nan, nan) for rise in RISES.values()]
+    value = free.value(float(found.place[index]))
+    return Parameter(
+        law, reading, free.label, free.unit, value, error, *known[0], *known[1], free.start, free.low, free.high, free.prior
+    )
+
+
+def _datum(found: Fit, law: str, reading: str, datum: Datum, *, leave_out: bool, count: Callable[[], None]) -> DatumRow:
+    """Row of a datum; for traces and prior knowledge only the deviation in standard errors."""
+    number = datum.number
+    if number is None:
+        rows = found.residual[datum.rows.start : datum.rows.stop]
+        return DatumRow(law, reading, datum.data_set, datum.name, "", nan, nan, nan, nan, float(np.sqrt(np.mean(rows**2))))
+    value, error = _number(found, datum.data_set, number)
+    unit = describe(datum.name).unit or datum.name.rpartition("_")[2]
+    off = (value - number.value) / number.error
+    row = DatumRow(
+        law, reading, datum.data_set, datum.name, unit, number.value, number.error, value, error, off, because=number.because
+    )
+    if not leave_out:
+        return row
+    place = minimise(found.problem, found.place, left_out=datum.rows, converged=CLOSE_CHANGE)
+    kept = np.setdiff1d(np.arange(found.problem.rows), list(datum.rows))
+    rest = Fit(found.problem, place, found.residual[kept], found.jacobian[kept])
+    row = replace(row, chi_square_without=chi_square_at(found.problem, place, kept))
+    count()
+    if len(rest.open_directions):
+        return row
+    without, error = _number(rest, datum.data_set, number)
+    off = (without - number.value) / hypot(error, number.error)
+    return replace(row, by_the_others=without, by_the_others_error=error, by_the_others_off=off)
+
+
+def _number(found: Fit, data_set: str, number: MeasuredNumber) -> tuple[float, float]:
+    """A number in the fitted motion, with its standard error."""
+    problem, data = found.problem, _set(found.problem, data_set)
+    return found.number(
+        lambda place: predicted(data, number, motion_values(problem, data, place), own_values(problem, data, place))
+    )
+
+
+def _set(problem: Problem, name: str) -> DataSet:
+    return next(each for each in problem.sets if each.name == name)
+
+
+def _remarks(found: Fit, parameters: Sequence[Parameter], data: Sequence[DatumRow]) -> Iterator[str]:
+    """Sentences on other minima, undetermined parameters, and numbers that the motion does not have."""
+    problem, certain = found.problem, not len(found.open_directions)
+    if found.reached < 2 <= found.descents and certain:
+        yield f"not sure: 1 of {found.descents} descents ended at this minimum; a better one may exist"
+    for datum, row in zip(problem.data, data, strict=True):
+        if datum.number is None:
+            continue
+        if not isfinite(row.fitted):
+            yield f"{row.label} is missing from the computed motion and counts as {MISSING_RESIDUAL:.0f} standard errors"
+        gauge, width, _ = row.datum.partition("_full_width")
+        own = _set(problem, row.data_set)
+        simulation = simulated(own, motion_values(problem, own, found.place)) if width else None
+        if simulation and is_censored(simulation, gauge, own_values(problem, own, found.place).get(CUT, DEFAULT_CUT)):
+            yield f"{row.label} is a lower bound: the force is above the cut until the wave meets the wall"
+    for row, x in zip(parameters, found.place, strict=True):
+        if not END_MARGIN < x < 1 - END_MARGIN:
+            yield f"{row.parameter} is at the end of its range, {rounded(row.value, row.unit)}"
+        open_ends = [side for side, end in (("below", row.low_95pct), ("above", row.high_95pct)) if abs(end) == np.inf]
+        if open_ends:
+            yield f"the data do not bound {row.parameter} {' and '.join(open_ends)} within its range"
+    for chi_square, place in found.others if certain else ():
+        units, values = [row.unit for row in parameters], problem.values(place)
+        shown = ", ".join(f"{name} {rounded(x, unit)}" for (name, x), unit in zip(values.items(), units, strict=True))
+        yield f"another minimum with chi-square {chi_square:.4g}: {shown}"
+    yield from trade_offs(found)
+    for datum in problem.data:
+        off = found.residual[datum.rows.start : datum.rows.stop]
+        correlation = float(np.corrcoef(off[:-1], off[1:])[0, 1]) if datum.number is None and len(off) > 1 else 0.0
+        if correlation > MAX_CORRELATION:
+            words = f"{datum.label}: neighbouring residuals have a correlation of {correlation:.2f}"
+            yield f"{words}: they contain more than noise, and errors are larger than stated"
+
+
+def value_text(row: Parameter, factor: float = 1.0) -> str:
+    """Value with its error to two digits, in a suitable unit; the error is multiplied by a factor."""
+    if not isfinite(row.error):
+        return f"undetermined: {rounded(row.least, row.unit)} to {rounded(row.most, row.unit)}"
+    return with_error(row.value, row.error * factor, row.unit)
+
+
+def with_error(value: float, error: float, unit: str) -> str:
     """Value with its error to two digits, in a suitable unit."""
-    if not isfinite(error):
-        return f"undetermined: {rounded(free, free.low)} to {rounded(free, free.high)}"
-    scale, places, unit = _digits(free, value, error)
+    scale, places, unit = _digits(value, error, unit)
     return f"{value * scale:.{places}f} ± {error * scale:.{places}f} {unit}".strip()
 
 
-def interval_text(free: Free, ends: tuple[float, float], value: float, error: float) -> str:
+def interval_text(row: Parameter, ends: tuple[float, float]) -> str:
     """Interval with digits as in ``value_text``; an open side is the end of the range, in brackets."""
-    scale, places, unit = _digits(free, value, min(error, (free.high - free.low) / 10))
+    if not isfinite(row.error):
+        return ""
+    scale, places, unit = _digits(row.value, min(row.error, (row.most - row.least) / 10), row.unit)
     shown = [
         f"{end * scale:.{places}f}" if isfinite(end) else f"({limit * scale:.{places}f})"
-        for end, limit in zip(ends, (free.low, free.high), strict=True)
+        for end, limit in zip(ends, (row.least, row.most), strict=True)
     ]
     return f"{shown[0]} .. {shown[1]} {unit}".strip()
 
 
-def _digits(free: Free, value: float, error: float) -> tuple[float, int, str]:
+def _digits(value: float, error: float, unit: str) -> tuple[float, int, str]:
     """Factor from the SI unit to a suitable unit, decimal places for two digits of the error, name of the unit."""
-    scale, unit = 1.0, free.unit
+    scale = 1.0
     if unit and value:
-        amount, unit = quantity(float(f"{value:.3g}"), free.unit).split(" ", 1)
+        amount, unit = quantity(float(f"{value:.3g}"), unit).split(" ", 1)
         scale = float(amount) / float(f"{value:.3g}")
     return scale, int(np.clip(1 - np.floor(np.log10(error * scale)), 0, 12)) if error > 0 else 6, unit
 
 
-def rounded(free: Free, value: float) -> str:
+def rounded(value: float, unit: str) -> str:
     """Value to three digits, with its unit."""
-    return quantity(float(f"{value:.3g}"), free.unit) if free.unit else f"{value:.3g}"
+    return quantity(float(f"{value:.3g}"), unit) if unit else f"{value:.3g}"

@@ -185,28 +185,17 @@ def residual(problem: Problem, place: Array) -> Array:
 
 
 def jacobian(problem: Problem, place: Array, moving: Sequence[int] | None = None) -> Array:
-    """Derivatives of the residual by the coordinates ``moving``, by finite differences. Shape (rows, moving).
+    """Derivatives of the residual by the coordinates ``moving``, by differences. Shape (rows, moving).
 
-    A parameter of one data set is varied in that data set only. If a number is missing from the motion on one side, the
-    derivative is that of the other side; if it is missing on both sides, the derivative is 0.
+    The derivative of a number that is missing from the motion on one side is 0.
     """
     moving = range(len(place)) if moving is None else moving
-    here, columns = raw_residual(problem, place), np.zeros((problem.rows, len(moving)))
-    for column, index in enumerate(moving):
-        first = STEP if place[index] + STEP <= 1 else -STEP
-        slope = _difference(problem, place, here, index, first)
-        lost = np.isnan(slope)
-        if lost.any():
-            slope[lost] = _difference(problem, place, here, index, -first)[lost]
-        columns[:, column] = np.nan_to_num(slope, nan=0.0)
-    return columns
-
-
-def _difference(problem: Problem, place: Array, here: Array, index: int, step: float) -> Array:
-    """Difference quotient of the residual for a step of one coordinate."""
-    other = place.copy()
-    other[index] += step
-    return (raw_residual(problem, other) - here) / step
+    here, columns = raw_residual(problem, place), []
+    for index in moving:
+        other = place.copy()
+        other[index] += STEP if place[index] + STEP <= 1 else -STEP
+        columns.append((raw_residual(problem, other) - here) / (other[index] - place[index]))
+    return np.nan_to_num(np.column_stack(columns), nan=0.0)
 
 
 def raw_residual(problem: Problem, place: Array) -> Array:

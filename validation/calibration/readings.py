@@ -27,6 +27,8 @@ WINDOW = 0.75  # of the arrival time at the wall, after the first maximum
 POINTS = 301  # of the window
 FLOOR = 1e-3  # of the first maximum: lower forces count as this
 MAX_ROUNDS = 100  # of the expectile
+CUBIC = np.linalg.inv(np.vander(np.arange(4.0), increasing=True))  # coefficients from values at 0, 1, 2, 3
+NEWTON_STEPS = 3
 DEFAULT_CUT = 0.04  # share of the peak at which the paper cuts widths
 
 Reader = Callable[[Simulation, str, float], float]
@@ -48,15 +50,28 @@ def is_censored(simulation: Simulation, gauge: str, cut: float) -> bool:
 
 
 def time_above(time_s: Array, signal: Array, level: float, end_s: float) -> float:
-    """Time before ``end_s`` for which a signal, linear between samples, is above a level."""
+    """Time before ``end_s`` for which a signal, sampled at equal intervals, is above a level.
+
+    Crossings are those of the cubic through four samples: that of a straight line would have kinks.
+    """
     if not np.isfinite(level + end_s):
         return nan
-    inside = time_s < end_s
-    times = np.append(time_s[inside], end_s)
-    above = np.append(signal[inside], np.interp(end_s, time_s, signal)) - level
-    larger, change = np.maximum(above[1:], above[:-1]), np.abs(np.diff(above))
-    share = np.clip(larger / np.maximum(change, np.finfo(float).tiny), 0.0, 1.0)
-    return float(share @ np.diff(times))
+    above, step_s = signal - level, float(time_s[1])
+    places = np.flatnonzero((above[:-1] > 0) != (above[1:] > 0))
+    crossings = np.array([step_s * (place + _root(above, int(place))) for place in places])
+    inside = crossings[crossings < end_s]
+    ends = np.concatenate([[0.0], inside, [end_s]])
+    return float(np.diff(ends)[int(above[0] <= 0) :: 2].sum())
+
+
+def _root(values: Array, place: int) -> float:
+    """Share of the interval after a sample at which the cubic through four samples is zero, by Newton's method."""
+    first = min(max(place - 1, 0), len(values) - 4)
+    cubic = np.polynomial.Polynomial(CUBIC @ values[first : first + 4])
+    slope, share = cubic.deriv(), place - first + values[place] / (values[place] - values[place + 1])
+    for _ in range(NEWTON_STEPS):
+        share -= cubic(share) / slope(share)
+    return float(np.clip(share - (place - first), 0.0, 1.0))
 
 
 def contact_force_N(simulation: Simulation, gauge: str, cut: float) -> float:
