@@ -1,9 +1,8 @@
 """Measured traces and quoted values of a scene, read from files and texts in SI units."""
 
-import csv
 import re
-from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
 
@@ -13,18 +12,17 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.messages import shorten
 from drivers.base.units import to_si
-from drivers.batch.axes import HEADING
 from drivers.chain.chain import Array
 from drivers.scene.model import MeasuredEntry, Scene
 from postproc.read.observables import PLACEHOLDERS, describe, without_unit
+from postproc.read.scope_file import Column, ScopeFile, numbers_of, read_scope_file, row_of, unit_of
 
 MEASURED = "measured"  # key of a file's entry without a [[measured]] table; otherwise measured.0, measured.1, ...
 TIME, FORCE = "s", "N"
 READINGS = {FORCE: "force", "V": "voltage", "A": "current", "C": "charge"}
-ENDINGS = {prefix + unit for unit in (TIME, *READINGS) for prefix in ("", "k", "m", "u", "µ", "μ", "n", "p")}
+TIMES = ("time", "t", "x", "x-axis", "x_value")  # usual names of the column of time, or any unit of time
 MIN_SAMPLES = 16
 NORMAL = 1.4826  # ratio of standard to median deviation for normal noise
-SEPARATORS = {"\t": "tabs", ";": "semicolons"}
 WAY_OUT = "; or write a [[measured]] table in the scene file, see inputs/README.md"
 PULSE_MARGIN = 3.0  # standard deviations above the expected maximum of noise alone
 
@@ -54,14 +52,6 @@ class MeasuredTrace:
     drift: bool = False
     noise: float | None = None
     unit: str = FORCE
-
-
-@dataclass(frozen=True)
-class _Column:
-    place: int
-    heading: str
-    name: str  # without the unit
-    unit: str  # empty if the heading has no unit
 
 
 def entries_of(scene: Scene | None, file: Path | None, source: str) -> tuple[dict[str, MeasuredEntry], Path, str]:
@@ -111,26 +101,27 @@ def read_measured(
         found = "a folder" if path.is_dir() else "no such file"
         allowed = f"a CSV file, relative to {paths.shown(folder)}"
         raise InputError(where, f"{key}.file", f"{found}: {paths.shown(path)}", allowed)
-    columns = _columns(path)
-    time = _column(columns, entry.time or "time", path, where, f"{key}.time")
-    chosen = _gauge_columns(columns, entry, gauges, path, where, key)
-    table = _numbers(path, [time, *chosen.values()])
-    scale, _ = _unit(time, entry.time_unit, {TIME: "time"}, path, where, f"{key}.time_unit")
-    kinds = {gauge: _unit(column, entry.unit, READINGS, path, where, f"{key}.unit") for gauge, column in chosen.items()}
+    file = read_scope_file(path)
+    time = _time(file, entry, where, f"{key}.time")
+    chosen = _gauge_columns(file, entry, gauges, where, f"{key}.gauges")
+    scale, _ = _unit(time, entry.time_unit, {TIME: "time"}, file, where, f"{key}.time_unit")
+    kinds = {gauge: _unit(column, entry.unit, READINGS, file, where, f"{key}.unit") for gauge, column in chosen.items()}
     unit = next(iter(kinds.values()))[1]
     for gauge, (_, other) in kinds.items():
         if other != unit:
             found = f"{gauge} in {other} and {next(iter(kinds))} in {unit}"
             raise InputError(where, f"{key}.gauges", found, "gauges of one unit; use a [[measured]] table per unit")
-    time_s = table[0] * scale
-    _must_increase(path, time, table[0])
-    reading = {gauge: table[place] * kinds[gauge][0] for place, gauge in enumerate(chosen, 1)}
+    time_s = numbers_of(file, time) * scale
+    reading = {gauge: numbers_of(file, column) * kinds[gauge][0] for gauge, column in chosen.items()}
+    if len(time_s) < MIN_SAMPLES:
+        raise InputError(paths.shown(path), "", f"{len(time_s)} samples", f"at least {MIN_SAMPLES}")
+    _must_increase(file, time, time_s / scale)
     gain = _gain(entry, unit, where, f"{key}.gain")
     noise = None if entry.noise is None else _in_unit(entry.noise, unit, where, f"{key}.noise")
     if noise is not None and noise <= 0:
         raise InputError(where, f"{key}.noise", shorten(entry.noise), "a standard deviation above 0")
     for gauge, values in reading.items():
-        _must_show_pulse(path, chosen[gauge], values * np.sign(gain), noise)
+        _must_show_pulse(path, chosen[gauge].heading, values * np.sign(gain), noise, _opposite(entry.gain))
     return MeasuredTrace(
         file=path,
         time_s=time_s,
@@ -182,163 +173,103 @@ def read_quoted(
     return quoted
 
 
-def _columns(path: Path) -> list[_Column]:
-    """Headings of a file: its first line, apart from empty lines and comments."""
-    _, headings = next(_lines(path), (0, []))
-    if not headings:
-        raise InputError(paths.shown(path), "", "an empty file", "a row of headings and rows of numbers below")
-    columns = []
-    for place, heading in enumerate(text.strip() for text in headings):
-        bracketed = HEADING.fullmatch(heading)
-        name, unit = (bracketed["key"].strip(), bracketed["unit"] or "") if bracketed else (heading, "")
-        head, _, ending = name.rpartition("_")
-        if not unit and head and ending in ENDINGS:
-            name, unit = head, ending
-        columns.append(_Column(place, heading, name, unit))
-    return columns
-
-
-def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Lines of a CSV file with cells and without comments, each with its line number."""
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.reader(file)
-            for cells in reader:
-                if any(cell.strip() for cell in cells) and not cells[0].startswith("#"):
-                    yield reader.line_num, cells
-    except UnicodeDecodeError as error:
-        raise InputError(paths.shown(path), "", f"byte 0x{error.object[error.start]:02x}", "UTF-8 text") from error
-    except (OSError, csv.Error) as error:
-        raise InputError(paths.shown(path), "", str(error), "comma-separated values") from error
-
-
-def _column(columns: list[_Column], name: str, path: Path, where: str, key: str) -> _Column:
-    """The column with this heading, given with or without its unit."""
-    found = [column for column in columns if column.heading == name] or [c for c in columns if c.name == name]
-    if len(found) == 1:
-        return found[0]
-    headings = shorten(", ".join(column.heading for column in columns))
-    for separator, plural in SEPARATORS.items():
-        if len(columns) == 1 and separator in columns[0].heading:
-            raise InputError(paths.shown(path), "line 1", f"{plural} between the headings", "commas (CSV)")
-    problem = f'{"no" if not found else "more than one"} column "{name}" in {paths.shown(path)}'
-    raise InputError(where, key, problem, f"one of the headings of its first line: {headings}{_way_out(key)}")
-
-
 def _way_out(key: str) -> str:
     """End of a message on a file that no ``[[measured]]`` table describes; empty for a key of such a table."""
     return "" if re.match(rf"{MEASURED}\.\d", key) else WAY_OUT
 
 
+def _listed(known: Collection[str], name: str) -> str:
+    """Known names, with the one that is nearly this name."""
+    lower = {each.lower(): each for each in known}
+    alike = [f" (did you mean {lower[each]}?)" for each in get_close_matches(name.lower(), lower, 1)]
+    return ", ".join(known) + "".join(alike)
+
+
+def _column(file: ScopeFile, name: str, where: str, key: str) -> Column:
+    """The column with this heading, given with or without its unit."""
+    found = [each for each in file.columns if each.heading == name] or [c for c in file.columns if c.name == name]
+    if len(found) == 1:
+        return found[0]
+    problem = f'{"no" if not found else "more than one"} column "{name}" in {paths.shown(file.path)}'
+    allowed = f"one of the headings in line {file.line}: {_listed(_headings(file), name)}{_way_out(key)}"
+    raise InputError(where, key, problem, allowed)
+
+
+def _headings(file: ScopeFile) -> list[str]:
+    return [column.heading for column in file.columns if column.heading]
+
+
+def _time(file: ScopeFile, entry: MeasuredEntry, where: str, key: str) -> Column:
+    """The column of time: that of the entry, or one with a usual name, or the first if its unit is one of time."""
+    first = file.columns[0]
+    usual = [column for column in file.columns if column.name.lower() in TIMES or _is_time(column.name)]
+    if entry.time is None and not usual and _is_time(first.unit):
+        return first
+    if entry.time is None and len(usual) != 1:
+        found = f"missing key: {paths.shown(file.path)} has {'several columns' if usual else 'no column'} of time among"
+        raise InputError(where, key, f'{found} {", ".join(_headings(file))}; write time = "HEADING"{_way_out(key)}')
+    column = usual[0] if entry.time is None else _column(file, entry.time, where, key)
+    return column if column.unit or not _is_time(column.name) else replace(column, unit=column.name)
+
+
+def _is_time(unit: str) -> bool:
+    found = unit_of(unit)
+    return found is not None and found[1] == TIME
+
+
 def _gauge_columns(
-    columns: list[_Column], entry: MeasuredEntry, gauges: Collection[str], path: Path, where: str, key: str
-) -> dict[str, _Column]:
+    file: ScopeFile, entry: MeasuredEntry, gauges: Collection[str], where: str, key: str
+) -> dict[str, Column]:
     """The column of each measured gauge."""
-    has = ", ".join(gauges) or "none: the scene has no gauges"
-    if entry.gauges is None:
-        like_gauges = [column for column in columns if re.fullmatch(PLACEHOLDERS["gauge"], column.name)]
-        for column in like_gauges:
-            if column.name not in gauges:
-                allowed = f"gauges {has}{_way_out(key)}"
-                raise InputError(where, f"{key}.gauges", f"{column.heading} in {paths.shown(path)}", allowed)
-        if not like_gauges:
-            headings = shorten(", ".join(column.heading for column in columns))
-            allowed = f"columns named after the gauges: {has}{_way_out(key) or ', or a heading for each gauge'}"
-            raise InputError(where, f"{key}.gauges", f"headings {headings} in {paths.shown(path)}", allowed)
-        return {c.name: _column(columns, c.name, path, where, f"{key}.gauges") for c in like_gauges}
-    for gauge in entry.gauges:
-        if gauge not in gauges:
-            raise InputError(where, f"{key}.gauges.{gauge}", "an unknown gauge", has)
-    return {gauge: _column(columns, name, path, where, f"{key}.gauges.{gauge}") for gauge, name in entry.gauges.items()}
+    shown, has = paths.shown(file.path), ", ".join(gauges) or "none: the scene has no gauges"
+    if entry.gauges is not None:
+        for gauge in entry.gauges:
+            if gauge not in gauges:
+                raise InputError(where, f"{key}.{gauge}", "an unknown gauge", _listed(gauges, gauge) or has)
+        return {gauge: _column(file, name, where, f"{key}.{gauge}") for gauge, name in entry.gauges.items()}
+    named = [column for column in file.columns if re.fullmatch(PLACEHOLDERS["gauge"], column.name)]
+    for column in named:
+        if column.name not in gauges:
+            allowed = f"gauges {_listed(gauges, column.name) or has}{_way_out(key)}"
+            raise InputError(where, key, f"{column.heading} in {shown}", allowed)
+    if not named:
+        example = f'gauges = {{ {next(iter(gauges), "wall")} = "{file.columns[-1].heading}" }}'
+        found = f"missing key: {shown} has {', '.join(_headings(file))}, the scene has {has}; write {example}"
+        raise InputError(where, key, f"{found}{_way_out(key)}")
+    return {column.name: _column(file, column.name, where, key) for column in named}
 
 
-def _numbers(path: Path, columns: list[_Column]) -> list[Array]:
-    """Columns of a file as finite numbers, each of shape (samples,)."""
-    import pandas as pd
-
-    shown = paths.shown(path)
-    head, headings = next(_lines(path))
-    try:
-        table = pd.read_csv(
-            path, header=None, skiprows=head, comment="#", skipinitialspace=True, encoding="utf-8-sig", low_memory=False
-        )
-    except pd.errors.EmptyDataError:
-        table = pd.DataFrame(columns=range(len(headings)))
-    except (ValueError, OSError) as error:  # pandas' own errors are ValueErrors
-        _refuse_ragged(path)
-        raise InputError(shown, "", str(error), "comma-separated numbers below a row of headings") from error
-    if table.shape[1] != len(headings):
-        _refuse_ragged(path)
-    found = []
-    for column in columns:
-        values = table[column.place]
-        numbers = pd.to_numeric(values, errors="coerce").to_numpy(float)
-        strange = ~np.isfinite(numbers) | (values.dtype == bool)
-        if strange.any():
-            line, cells = _row(path, int(np.argmax(strange)))
-            cell = shorten(cells[column.place].strip()) if column.place < len(cells) else "no cell"
-            raise InputError(shown, f"line {line}, {column.heading}", cell, "a finite number")
-        found.append(numbers)
-    if len(table) < MIN_SAMPLES:
-        raise InputError(shown, "", f"{len(table)} samples", f"at least {MIN_SAMPLES}")
-    return found
-
-
-def _refuse_ragged(path: Path) -> None:
-    """Refuses a file for the first line whose number of cells differs from the number of headings."""
-    rows = _lines(path)
-    _, headings = next(rows)
-    for line, cells in rows:
-        if len(cells) != len(headings):
-            allowed = f"{len(headings)}, as many as headings"
-            raise InputError(paths.shown(path), f"line {line}", f"{len(cells)} cells", allowed)
-
-
-def _row(path: Path, number: int) -> tuple[int, list[str]]:
-    """Line number and cells of a row of numbers; rows are counted from 0."""
-    return next(row for place, row in enumerate(_lines(path), -1) if place == number)
-
-
-def _must_increase(path: Path, column: _Column, time: Array) -> None:
+def _must_increase(file: ScopeFile, column: Column, time: Array) -> None:
     back = np.diff(time) <= 0
     if back.any():
         place = int(np.argmax(back))
-        line, _ = _row(path, place + 1)
+        line, _ = row_of(file, place + 1)
         found = f"{time[place + 1]:.9g} after {time[place]:.9g}"
-        raise InputError(paths.shown(path), f"line {line}, {column.heading}", found, "times that increase")
+        raise InputError(paths.shown(file.path), f"line {line}, {column.heading}", found, "times that increase")
 
 
 def _unit(
-    column: _Column, stated: str | None, allowed: Mapping[str, str], path: Path, where: str, key: str
+    column: Column, stated: str | None, allowed: Mapping[str, str], file: ScopeFile, where: str, key: str
 ) -> tuple[float, str]:
-    """Factor from the unit of a column to the SI unit, and the SI unit; the heading or the entry gives the unit.
+    """Factor from the unit of a column to the SI unit, and the SI unit; the file or the entry gives the unit.
 
     Raises:
-        InputError: The unit is missing or belongs to another quantity, or heading and entry differ.
+        InputError: The unit is missing or belongs to another quantity, or file and entry differ.
     """
-    words = f"a unit of {' or '.join(allowed.values())}"
-    example = f'in the heading ("{column.name} [{"us" if TIME in allowed else "mV"}]") or as {key.rpartition(".")[2]}'
-    texts = {paths.shown(path): column.unit, where: stated or ""}
-    found = {place: _factor(text, allowed) for place, text in texts.items() if text}
-    for place, factor in found.items():
-        if factor is None:
-            named = column.heading if texts[place] == column.unit else key
-            raise InputError(place, named, f'the unit "{texts[place]}"', words)
-    factors = [factor for factor in found.values() if factor]
-    if not factors:
-        raise InputError(paths.shown(path), column.heading, f"missing unit: {words}, {example}")
-    if factors[0] != factors[-1]:
-        raise InputError(where, key, f'"{stated}" for a column "{column.heading}"', "one unit")
-    return factors[0]
-
-
-def _factor(text: str, allowed: Mapping[str, str]) -> tuple[float, str] | None:
-    for unit in allowed:
-        try:
-            return to_si(f"1 {text}", unit), unit
-        except ValueError:
-            continue
-    return None
+    shown, words, found = paths.shown(file.path), f"a unit of {' or '.join(allowed.values())}", []
+    for place, name, text in ((shown, column.heading, column.unit), (where, key, stated)):
+        if text:
+            factor, unit = unit_of(text) or (0.0, "")
+            if unit not in allowed:
+                raise InputError(place, name, f'the unit "{text}"', words)
+            found.append((factor, unit))
+    if not found:
+        example = f'{key.rpartition(".")[2]} = "{"us" if TIME in allowed else "mV"}"'
+        statement = f'missing key: "{column.heading}" in {shown} has no unit; write {words}, such as {example}'
+        raise InputError(where, key, f"{statement}{_way_out(key)}")
+    if found[0] != found[-1]:
+        raise InputError(where, key, f'"{stated}" for a column "{column.heading}" in {column.unit}', "one unit")
+    return found[0]
 
 
 def _gain(entry: MeasuredEntry, unit: str, where: str, key: str) -> float:
@@ -346,10 +277,13 @@ def _gain(entry: MeasuredEntry, unit: str, where: str, key: str) -> float:
     if unit == FORCE:
         gain = 1.0 if entry.gain is None else _plain(entry.gain, where, key)
     elif entry.gain is None:
-        found = f'missing key: readings in {unit} need a gain such as "2.1 N/{unit}"{_way_out(key)}'
+        found = f'missing key: readings in {unit} need a gain such as gain = "2.1 N/{unit}"{_way_out(key)}'
         raise InputError(where, key, found)
     else:
-        gain = _in_unit(entry.gain, f"N/{unit}", where, key)
+        try:
+            gain = 1 / to_si(str(entry.gain), f"{unit}/N")  # as data sheets of gauges give it
+        except (ValueError, ZeroDivisionError):
+            gain = _in_unit(entry.gain, f"N/{unit}", where, key)
     if gain == 0:
         raise InputError(where, key, "0", "a gain other than 0; a negative gain inverts the trace")
     return gain
@@ -374,7 +308,15 @@ def _plain(stated: str | float, where: str, key: str) -> float:
     return float(stated)
 
 
-def _must_show_pulse(path: Path, column: _Column, values: Array, noise: float | None) -> None:
+def _opposite(gain: str | float | None) -> str:
+    """A gain as in a scene file, with the sign changed."""
+    if isinstance(gain, str):
+        text = gain.strip()
+        return f'"{text[1:] if text.startswith("-") else "-" + text.removeprefix("+")}"'
+    return f"{-1 if gain is None else -gain:g}"
+
+
+def _must_show_pulse(path: Path, heading: str, values: Array, noise: float | None, opposite: str) -> None:
     """Refuses readings without a maximum above the noise.
 
     If no noise is given, it is estimated from second differences, which remove slow changes.
@@ -385,5 +327,5 @@ def _must_show_pulse(path: Path, column: _Column, values: Array, noise: float | 
     limit = (np.sqrt(2 * np.log(len(values))) + PULSE_MARGIN) * deviation
     if not risen.max() > limit:
         found = "a constant" if not np.ptp(values) else "no pulse: nothing rises above noise"
-        inverted = "; a negative gain inverts the trace" * bool(-risen.min() > limit)
-        raise InputError(paths.shown(path), column.heading, found, f"readings with a pulse{inverted}")
+        inverted = f"; a negative gain inverts the trace: gain = {opposite}" * bool(-risen.min() > limit)
+        raise InputError(paths.shown(path), heading, found, f"readings with a pulse{inverted}")
