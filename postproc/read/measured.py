@@ -15,15 +15,14 @@ from drivers.base.units import to_si
 from drivers.chain.chain import Array
 from drivers.scene.model import MeasuredEntry, Scene
 from postproc.read.observables import PLACEHOLDERS, describe, without_unit
-from postproc.read.scope_file import Column, ScopeFile, numbers_of, read_scope_file, row_of, unit_of
+from postproc.read.scope_file import UNITS, Column, ScopeFile, numbers_of, read_scope_file, unit_of
 
 MEASURED = "measured"  # key of a file's entry without a [[measured]] table; otherwise measured.0, measured.1, ...
 TIME, FORCE = "s", "N"
-READINGS = {FORCE: "force", "V": "voltage", "A": "current", "C": "charge"}
+READINGS = {unit: quantity for unit, quantity in UNITS.items() if unit != TIME}
 TIMES = ("time", "t", "x", "x-axis", "x_value")  # usual names of the column of time, or any unit of time
 MIN_SAMPLES = 16
 NORMAL = 1.4826  # ratio of standard to median deviation for normal noise
-WAY_OUT = "; or write a [[measured]] table in the scene file, see inputs/README.md"
 PULSE_MARGIN = 3.0  # standard deviations above the expected maximum of noise alone
 
 
@@ -115,13 +114,17 @@ def read_measured(
     reading = {gauge: numbers_of(file, column) * kinds[gauge][0] for gauge, column in chosen.items()}
     if len(time_s) < MIN_SAMPLES:
         raise InputError(paths.shown(path), "", f"{len(time_s)} samples", f"at least {MIN_SAMPLES}")
-    _must_increase(file, time, time_s / scale)
+    back = np.flatnonzero(np.diff(time_s) <= 0)
+    if back.size:
+        found = "{1:.9g} after {0:.9g}".format(*time_s[back[0] : back[0] + 2] / scale)
+        line = f"line {file.cells.index[back[0] + 1]}, {time.heading}"
+        raise InputError(paths.shown(path), line, found, "times that increase")
     gain = _gain(entry, unit, where, f"{key}.gain")
-    noise = None if entry.noise is None else _in_unit(entry.noise, unit, where, f"{key}.noise")
+    noise = None if entry.noise is None else _number(entry.noise, unit, where, f"{key}.noise")
     if noise is not None and noise <= 0:
         raise InputError(where, f"{key}.noise", shorten(entry.noise), "a standard deviation above 0")
     for gauge, values in reading.items():
-        _must_show_pulse(path, chosen[gauge].heading, values * np.sign(gain), noise, _opposite(entry.gain))
+        _must_show_pulse(path, chosen[gauge].heading, values * np.sign(gain), noise, entry.gain or 1)
     return MeasuredTrace(
         file=path,
         time_s=time_s,
@@ -129,7 +132,7 @@ def read_measured(
         gain=gain,
         gain_uncertainty=entry.gain_uncertainty,
         trigger_s=entry.trigger,
-        baseline=None if entry.baseline is None else _in_unit(entry.baseline, unit, where, f"{key}.baseline"),
+        baseline=None if entry.baseline is None else _number(entry.baseline, unit, where, f"{key}.baseline"),
         drift=entry.drift,
         noise=noise,
         unit=unit,
@@ -160,22 +163,15 @@ def read_quoted(
     for stated, value in (entry.values or {}).items():
         place, name = f"{key}.values.{stated}", known.get(without_unit(stated))
         if name is None:
-            alike = get_close_matches(without_unit(stated), known) or list(known)
-            raise InputError(where, place, "an unknown observable", ", ".join(alike))
+            raise InputError(where, place, "an unknown observable", _listed(known, without_unit(stated)))
         if name in quoted:
             raise InputError(where, place, f"{without_unit(name)} twice", "each observable once")
         unit = describe(name).unit
-        plain = unit in ("", "share", "diameters")
-        number = _plain(value, where, place) if plain else _in_unit(value, unit, where, place)
+        number = _number(value, "" if unit in ("share", "diameters") else unit, where, place)
         if number == 0:
             raise InputError(where, place, shorten(value), "a value other than 0, since its error is relative")
         quoted[name] = number, (entry.errors or {})[stated]
     return quoted
-
-
-def _way_out(key: str) -> str:
-    """End of a message on a file that no ``[[measured]]`` table describes; empty for a key of such a table."""
-    return "" if re.match(rf"{MEASURED}\.\d", key) else WAY_OUT
 
 
 def _listed(known: Collection[str], name: str) -> str:
@@ -185,67 +181,49 @@ def _listed(known: Collection[str], name: str) -> str:
     return ", ".join(known) + "".join(alike)
 
 
-def _column(file: ScopeFile, name: str, where: str, key: str) -> Column:
-    """The column with this heading, given with or without its unit."""
-    found = [each for each in file.columns if each.heading == name] or [c for c in file.columns if c.name == name]
-    if len(found) == 1:
-        return found[0]
-    problem = f'{"no" if not found else "more than one"} column "{name}" in {paths.shown(file.path)}'
-    allowed = f"one of the headings in line {file.line}: {_listed(_headings(file), name)}{_way_out(key)}"
-    raise InputError(where, key, problem, allowed)
-
-
 def _headings(file: ScopeFile) -> list[str]:
     return [column.heading for column in file.columns if column.heading]
 
 
+def _column(file: ScopeFile, name: str, where: str, key: str) -> Column:
+    """The column with this heading, given with or without its unit."""
+    found = [each for each in file.columns if each.heading == name] or [c for c in file.columns if c.name == name]
+    if len(found) != 1:
+        problem = f'{"more than one" if found else "no"} column "{name}" in {paths.shown(file.path)}'
+        allowed = f"one of the headings in line {file.line}: {_listed(_headings(file), name)}"
+        raise InputError(where, key, problem, allowed)
+    return found[0]
+
+
 def _time(file: ScopeFile, entry: MeasuredEntry, where: str, key: str) -> Column:
     """The column of time: that of the entry, or one with a usual name, or the first if its unit is one of time."""
-    first = file.columns[0]
-    usual = [column for column in file.columns if column.name.lower() in TIMES or _is_time(column.name)]
-    if entry.time is None and not usual and _is_time(first.unit):
-        return first
-    if entry.time is None and len(usual) != 1:
-        found = f"missing key: {paths.shown(file.path)} has {'several columns' if usual else 'no column'} of time among"
-        raise InputError(where, key, f'{found} {", ".join(_headings(file))}; write time = "HEADING"{_way_out(key)}')
-    column = usual[0] if entry.time is None else _column(file, entry.time, where, key)
-    return column if column.unit or not _is_time(column.name) else replace(column, unit=column.name)
-
-
-def _is_time(unit: str) -> bool:
-    found = unit_of(unit)
-    return found is not None and found[1] == TIME
+    found = [column for column in file.columns if column.name.lower() in TIMES]
+    found = found or [column for column in file.columns if unit_of(column.name)[1] == TIME]
+    found = found or [column for column in file.columns[:1] if unit_of(column.unit)[1] == TIME]
+    if entry.time is not None:
+        found = [_column(file, entry.time, where, key)]
+    elif len(found) != 1:
+        headings = f"{paths.shown(file.path)} has headings {', '.join(_headings(file))}"
+        example = f'time = "{(found or file.columns)[0].heading}"'
+        raise InputError(where, key, f"missing key: {headings}; name the column of time in [[measured]]: {example}")
+    return replace(found[0], unit=found[0].unit or (found[0].name if unit_of(found[0].name)[1] == TIME else ""))
 
 
 def _gauge_columns(
     file: ScopeFile, entry: MeasuredEntry, gauges: Collection[str], where: str, key: str
 ) -> dict[str, Column]:
     """The column of each measured gauge."""
-    shown, has = paths.shown(file.path), ", ".join(gauges) or "none: the scene has no gauges"
-    if entry.gauges is not None:
-        for gauge in entry.gauges:
-            if gauge not in gauges:
-                raise InputError(where, f"{key}.{gauge}", "an unknown gauge", _listed(gauges, gauge) or has)
-        return {gauge: _column(file, name, where, f"{key}.{gauge}") for gauge, name in entry.gauges.items()}
-    named = [column for column in file.columns if re.fullmatch(PLACEHOLDERS["gauge"], column.name)]
-    for column in named:
-        if column.name not in gauges:
-            allowed = f"gauges {_listed(gauges, column.name) or has}{_way_out(key)}"
-            raise InputError(where, key, f"{column.heading} in {shown}", allowed)
-    if not named:
-        example = f'gauges = {{ {next(iter(gauges), "wall")} = "{file.columns[-1].heading}" }}'
-        found = f"missing key: {shown} has {', '.join(_headings(file))}, the scene has {has}; write {example}"
-        raise InputError(where, key, f"{found}{_way_out(key)}")
-    return {column.name: _column(file, column.name, where, key) for column in named}
-
-
-def _must_increase(file: ScopeFile, column: Column, time: Array) -> None:
-    back = np.diff(time) <= 0
-    if back.any():
-        place = int(np.argmax(back))
-        line, _ = row_of(file, place + 1)
-        found = f"{time[place + 1]:.9g} after {time[place]:.9g}"
-        raise InputError(paths.shown(file.path), f"line {line}, {column.heading}", found, "times that increase")
+    shown, headings = paths.shown(file.path), _headings(file)
+    chosen = entry.gauges or {c.name: c.name for c in file.columns if re.fullmatch(PLACEHOLDERS["gauge"], c.name)}
+    for gauge, name in chosen.items():
+        if gauge not in gauges:
+            allowed = _listed(gauges, gauge) or "none: the scene has no gauges"
+            raise InputError(where, f"{key}.{gauge}", f'an unknown gauge for "{name}" in {shown}', allowed)
+    if not chosen:
+        example = f'gauges = {{ {next(iter(gauges), "wall")} = "{headings[:2][-1]}" }}'
+        has = f"{shown} has headings {', '.join(headings)}, the scene has gauges {', '.join(gauges) or 'none'}"
+        raise InputError(where, key, f"missing key: {has}; write in [[measured]] {example}")
+    return {gauge: _column(file, name, where, f"{key}.{gauge}") for gauge, name in chosen.items()}
 
 
 def _unit(
@@ -259,14 +237,13 @@ def _unit(
     shown, words, found = paths.shown(file.path), f"a unit of {' or '.join(allowed.values())}", []
     for place, name, text in ((shown, column.heading, column.unit), (where, key, stated)):
         if text:
-            factor, unit = unit_of(text) or (0.0, "")
-            if unit not in allowed:
+            found.append(unit_of(text))
+            if found[-1][1] not in allowed:
                 raise InputError(place, name, f'the unit "{text}"', words)
-            found.append((factor, unit))
     if not found:
         example = f'{key.rpartition(".")[2]} = "{"us" if TIME in allowed else "mV"}"'
-        statement = f'missing key: "{column.heading}" in {shown} has no unit; write {words}, such as {example}'
-        raise InputError(where, key, f"{statement}{_way_out(key)}")
+        statement = f'missing key: "{column.heading}" in {shown} has no unit; write in [[measured]] {example}'
+        raise InputError(where, key, f"{statement}, or another {words[2:]}")
     if found[0] != found[-1]:
         raise InputError(where, key, f'"{stated}" for a column "{column.heading}" in {column.unit}', "one unit")
     return found[0]
@@ -275,22 +252,26 @@ def _unit(
 def _gain(entry: MeasuredEntry, unit: str, where: str, key: str) -> float:
     """Newtons per SI unit of the readings."""
     if unit == FORCE:
-        gain = 1.0 if entry.gain is None else _plain(entry.gain, where, key)
+        gain = _number(1.0 if entry.gain is None else entry.gain, "", where, key)
     elif entry.gain is None:
-        found = f'missing key: readings in {unit} need a gain such as gain = "2.1 N/{unit}"{_way_out(key)}'
-        raise InputError(where, key, found)
+        example = f'such as gain = "2.1 N/{unit}" or "0.5 {unit}/N"'
+        raise InputError(where, key, f"missing key: readings in {unit} need a gain in [[measured]], {example}")
     else:
         try:
             gain = 1 / to_si(str(entry.gain), f"{unit}/N")  # as data sheets of gauges give it
         except (ValueError, ZeroDivisionError):
-            gain = _in_unit(entry.gain, f"N/{unit}", where, key)
+            gain = _number(entry.gain, f"N/{unit}", where, key)
     if gain == 0:
         raise InputError(where, key, "0", "a gain other than 0; a negative gain inverts the trace")
     return gain
 
 
-def _in_unit(stated: str | float, unit: str, where: str, key: str) -> float:
-    """A stated value in an SI unit."""
+def _number(stated: str | float, unit: str, where: str, key: str) -> float:
+    """A stated value in an SI unit, or a plain number."""
+    if not unit:
+        if isinstance(stated, str):
+            raise InputError(where, key, shorten(stated), "a plain number")
+        return float(stated)
     if isinstance(stated, str):
         try:
             return to_si(stated, unit)
@@ -302,21 +283,7 @@ def _in_unit(stated: str | float, unit: str, where: str, key: str) -> float:
     raise InputError(where, key, shorten(stated), f'{allowed} such as "2 {unit}"')
 
 
-def _plain(stated: str | float, where: str, key: str) -> float:
-    if isinstance(stated, str):
-        raise InputError(where, key, shorten(stated), "a plain number")
-    return float(stated)
-
-
-def _opposite(gain: str | float | None) -> str:
-    """A gain as in a scene file, with the sign changed."""
-    if isinstance(gain, str):
-        text = gain.strip()
-        return f'"{text[1:] if text.startswith("-") else "-" + text.removeprefix("+")}"'
-    return f"{-1 if gain is None else -gain:g}"
-
-
-def _must_show_pulse(path: Path, heading: str, values: Array, noise: float | None, opposite: str) -> None:
+def _must_show_pulse(path: Path, heading: str, values: Array, noise: float | None, gain: str | float) -> None:
     """Refuses readings without a maximum above the noise.
 
     If no noise is given, it is estimated from second differences, which remove slow changes.
@@ -327,5 +294,7 @@ def _must_show_pulse(path: Path, heading: str, values: Array, noise: float | Non
     limit = (np.sqrt(2 * np.log(len(values))) + PULSE_MARGIN) * deviation
     if not risen.max() > limit:
         found = "a constant" if not np.ptp(values) else "no pulse: nothing rises above noise"
-        inverted = f"; a negative gain inverts the trace: gain = {opposite}" * bool(-risen.min() > limit)
+        opposite = ("-" + str(gain).strip(" +")).replace("--", "")
+        factor = f'"{opposite}"' if isinstance(gain, str) else opposite
+        inverted = f"; a negative gain inverts the trace: gain = {factor}" * bool(-risen.min() > limit)
         raise InputError(paths.shown(path), heading, found, f"readings with a pulse{inverted}")
