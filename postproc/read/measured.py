@@ -20,7 +20,7 @@ from postproc.read.scope_file import UNITS, Column, ScopeFile, numbers_of, read_
 MEASURED = "measured"  # key of a file's entry without a [[measured]] table; otherwise measured.0, measured.1, ...
 TIME, FORCE = "s", "N"
 READINGS = {unit: quantity for unit, quantity in UNITS.items() if unit != TIME}
-TIMES = ("time", "t", "x", "x-axis", "x_value")  # usual names of the column of time, or any unit of time
+TIMES = ("time", "t", "x", "x-axis", "x_value", "second", "seconds", "sec", "s", "ms", "us", "µs", "ns")
 MIN_SAMPLES = 16
 NORMAL = 1.4826  # ratio of standard to median deviation for normal noise
 PULSE_MARGIN = 3.0  # standard deviations above the expected maximum of noise alone
@@ -197,16 +197,15 @@ def _column(file: ScopeFile, name: str, where: str, key: str) -> Column:
 
 def _time(file: ScopeFile, entry: MeasuredEntry, where: str, key: str) -> Column:
     """The column of time: that of the entry, or one with a usual name, or the first if its unit is one of time."""
-    found = [column for column in file.columns if column.name.lower() in TIMES]
-    found = found or [column for column in file.columns if unit_of(column.name)[1] == TIME]
-    found = found or [column for column in file.columns[:1] if unit_of(column.unit)[1] == TIME]
+    named = [column for column in file.columns if column.name.lower() in TIMES]
+    found = named if len(named) == 1 else [c for c in named or file.columns[:1] if unit_of(c.unit)[1] == TIME]
     if entry.time is not None:
         found = [_column(file, entry.time, where, key)]
     elif len(found) != 1:
         headings = f"{paths.shown(file.path)} has headings {', '.join(_headings(file))}"
         example = f'time = "{(found or file.columns)[0].heading}"'
         raise InputError(where, key, f"missing key: {headings}; name the column of time in [[measured]]: {example}")
-    return replace(found[0], unit=found[0].unit or (found[0].name if unit_of(found[0].name)[1] == TIME else ""))
+    return replace(found[0], unit=found[0].unit or found[0].name * (unit_of(found[0].name)[1] == TIME))
 
 
 def _gauge_columns(
@@ -220,7 +219,10 @@ def _gauge_columns(
             allowed = _listed(gauges, gauge) or "none: the scene has no gauges"
             raise InputError(where, f"{key}.{gauge}", f'an unknown gauge for "{name}" in {shown}', allowed)
     if not chosen:
-        example = f'gauges = {{ {next(iter(gauges), "wall")} = "{headings[:2][-1]}" }}'
+        alike = [
+            (gauge, c.heading) for gauge in gauges for c in file.columns if get_close_matches(gauge, [c.name.lower()])
+        ]
+        example = 'gauges = {{ {} = "{}" }}'.format(*[*alike, (next(iter(gauges), "wall"), headings[:2][-1])][0])
         has = f"{shown} has headings {', '.join(headings)}, the scene has gauges {', '.join(gauges) or 'none'}"
         raise InputError(where, key, f"missing key: {has}; write in [[measured]] {example}")
     return {gauge: _column(file, name, where, f"{key}.{gauge}") for gauge, name in chosen.items()}

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 UNITS = {"s": "time", "N": "force", "V": "voltage", "A": "current", "C": "charge"}
 ENDINGS = "|".join(prefix + unit for unit in UNITS for prefix in ("", *"kmuµμnp"))  # of headings such as time_us
 HEADING = re.compile(rf"(.+?)\s*(?:[\[(]([^\[\]()]+)[\])]|(?:_|/\s*)({ENDINGS}))")
-UNIT_WORD = re.compile("(?:volt|sec|second|newton|amp|ampere|coulomb)s?$", re.IGNORECASE)
+UNIT_WORD = re.compile("(?<!M)(?:volt|sec|second|newton|amp|ampere|coulomb)s?$", re.IGNORECASE)
 BRACKETS = "[]() "
 # with thousands separators, and words that are no finite numbers: to tell rows of numbers from text
 NUMBER = re.compile(r"[+−-]?(?:\.?\d[\d.,'’\s]*(?<![,'’\s])(?:[ed][+-]?\d+)?|nan|inf(?:inity)?|∞)", re.IGNORECASE)
@@ -91,14 +91,13 @@ def read_scope_file(path: Path) -> ScopeFile:
     fits = [(*_fit(list(_rows(head, separator))), separator) for separator in SEPARATORS]
     _, above, block, separator = max(fits, key=lambda fit: (bool(fit[1]), fit[0]))
     if not block:
-        found = "no rows of two or more numbers" if text.strip() else "an empty file"
+        found = f"no rows of two or more numbers in the first {HEAD} lines" if text.strip() else "an empty file"
         raise InputError(shown, "", found, "headings, and below them numbers with commas or semicolons between cells")
     start, decimal = block[0][0], _decimal(block, separator, shown)
     if not above:
         raise InputError(shown, f"line {start}", "no headings above the numbers", "a row of headings, without #")
     (line, headings), units = above[0], above[-1][1] if len(above) > 1 else []
     columns = tuple(_column(*cells) for cells in enumerate(zip_longest(headings, units, fillvalue="")))
-    found = f"more than {len(columns)} cells"
     try:
         cells = pd.read_csv(
             io.StringIO(text.split("\n", start - 1)[-1]),
@@ -111,19 +110,18 @@ def read_scope_file(path: Path) -> ScopeFile:
             na_values=[""],
             low_memory=False,
         ).dropna(how="all")
-        extra = np.flatnonzero(cells.iloc[:, len(columns) :].notna().any(axis=1))
-        bad = int(cells.index[extra[0]]) if extra.size else None
-        if cells.shape[1] < len(columns):
-            bad, found = 0, f"fewer than {len(columns)} cells"
+        cells.index += start
+        longer = cells.index[cells.iloc[:, len(columns) :].notna().any(axis=1)].tolist()
     except pd.errors.ParserError as error:
-        longer = re.search(r"in line (\d+)", str(error))
-        bad = int(longer[1]) - 1 if longer else 0
-        found = found if longer else "a quotation mark that is not closed, here or below"
-    if bad is not None:
-        hint = "; decimal commas need semicolons between cells" * (separator == "," and "more" in found)
-        raise InputError(shown, f"line {start + bad}", found, f"as many cells as headings in line {line}{hint}")
-    cells.index += start
-    return ScopeFile(path, line, columns, cells, decimal)
+        place = re.search(r"in line (\d+)", str(error))
+        if place is None:
+            raise InputError(shown, f"line {start}", "a quotation mark without its end, here or below") from error
+        longer = [start - 1 + int(place[1])]
+    if longer:
+        allowed = f"{len(columns)}, as many as headings in line {line}"
+        hint = "; decimal commas need semicolons between cells" * (separator == ",")
+        raise InputError(shown, f"line {longer[0]}", f"more than {len(columns)} cells", f"{allowed}{hint}")
+    return ScopeFile(path, line, columns, cells.reindex(columns=range(len(columns))), decimal)
 
 
 def numbers_of(file: ScopeFile, column: Column) -> Array:
@@ -189,12 +187,14 @@ def _fit(rows: list[Row]) -> tuple[float, list[Row], list[Row]]:
     if not any(weights):
         return 0.0, [], []
     run = runs[weights.index(max(weights))]
+    share = sum(counts[place] for place in run) / sum(bool(cell) for place in run for cell in rows[place][1])
     above, block = rows[max(0, run[0] - 2) : run[0]], rows[run[0] : run[-1] + 1]
     if len(above) == 2 and not (len(above[0][1]) >= len(above[1][1]) and _are_units(above[1][1])):
         above = above[1:]
-    if above and len(above[0][1]) < 2:
-        above = []
-    return sum(counts[place] for place in run) / sum(bool(cell) for _, cells in block for cell in cells), above, block
+    if not above or len(above[0][1]) < 2:
+        return share, [], block
+    first = next(place for place, (_, cells) in enumerate(rows) if cells == above[0][1])  # headings may be repeated
+    return share, rows[first : first + len(above)], rows[first + len(above) : run[-1] + 1]
 
 
 def _are_units(cells: list[str]) -> bool:
@@ -221,10 +221,10 @@ def _column(place: int, cells: tuple[str, str]) -> Column:
 def _decimal(block: list[Row], separator: str, shown: str) -> str:
     """Decimal mark of a block; refuses commas, and points with semicolons, that may separate thousands."""
     numbers = [(line, cell) for line, cells in block for cell in cells if NUMBER.fullmatch(cell)]
-    points, commas = ([(line, cell) for line, cell in numbers if mark in cell] for mark in ".,")
+    points, commas = ([each for each in numbers if re.search(rf"\{mark}[^.,]*$", each[1])] for mark in ".,")
     decimal, marked = (",", commas) if commas and not points else (".", points)
     if marked and (decimal == "," or separator == ";") and all(THOUSANDS.fullmatch(cell) for _, cell in marked):
         line, cell = marked[0]
-        allowed = f"no thousands separators; decimals that are not all of three digits, such as {cell}0"
+        allowed = f"numbers without thousands separators, decimals not all of three digits, such as {cell}0"
         raise InputError(shown, f"line {line}", f'"{cell}", thousands or decimals', allowed)
     return decimal
