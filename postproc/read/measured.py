@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Collection, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -105,11 +106,10 @@ def read_measured(
     chosen = _gauge_columns(file, entry, gauges, where, f"{key}.gauges")
     scale, _ = _unit(time, entry.time_unit, {TIME: "time"}, file, where, f"{key}.time_unit")
     kinds = {gauge: _unit(column, entry.unit, READINGS, file, where, f"{key}.unit") for gauge, column in chosen.items()}
-    unit = next(iter(kinds.values()))[1]
-    for gauge, (_, other) in kinds.items():
-        if other != unit:
-            found = f"{gauge} in {other} and {next(iter(kinds))} in {unit}"
-            raise InputError(where, f"{key}.gauges", found, "gauges of one unit; use a [[measured]] table per unit")
+    unit, *others = sorted({unit for _, unit in kinds.values()})
+    if others:
+        found = f"readings in {' and '.join([unit, *others])}"
+        raise InputError(where, f"{key}.gauges", found, "gauges of one unit; use a [[measured]] table per unit")
     time_s = numbers_of(file, time) * scale
     reading = {gauge: numbers_of(file, column) * kinds[gauge][0] for gauge, column in chosen.items()}
     if len(time_s) < MIN_SAMPLES:
@@ -181,16 +181,12 @@ def _listed(known: Collection[str], name: str) -> str:
     return ", ".join(known) + "".join(alike)
 
 
-def _headings(file: ScopeFile) -> list[str]:
-    return [column.heading for column in file.columns if column.heading]
-
-
 def _column(file: ScopeFile, name: str, where: str, key: str) -> Column:
     """The column with this heading, given with or without its unit."""
     found = [each for each in file.columns if each.heading == name] or [c for c in file.columns if c.name == name]
     if len(found) != 1:
         problem = f'{"more than one" if found else "no"} column "{name}" in {paths.shown(file.path)}'
-        allowed = f"one of the headings in line {file.line}: {_listed(_headings(file), name)}"
+        allowed = f"a heading in line {file.line} that is there once: {_listed(file.headings, '' if found else name)}"
         raise InputError(where, key, problem, allowed)
     return found[0]
 
@@ -202,9 +198,9 @@ def _time(file: ScopeFile, entry: MeasuredEntry, where: str, key: str) -> Column
     if entry.time is not None:
         found = [_column(file, entry.time, where, key)]
     elif len(found) != 1:
-        headings = f"{paths.shown(file.path)} has headings {', '.join(_headings(file))}"
+        has = f"{paths.shown(file.path)} has headings {', '.join(file.headings)} in line {file.line}"
         example = f'time = "{(found or file.columns)[0].heading}"'
-        raise InputError(where, key, f"missing key: {headings}; name the column of time in [[measured]]: {example}")
+        raise InputError(where, key, f"missing key: {has}; name that of time in [[measured]], such as {example}")
     return replace(found[0], unit=found[0].unit or found[0].name * (unit_of(found[0].name)[1] == TIME))
 
 
@@ -212,19 +208,20 @@ def _gauge_columns(
     file: ScopeFile, entry: MeasuredEntry, gauges: Collection[str], where: str, key: str
 ) -> dict[str, Column]:
     """The column of each measured gauge."""
-    shown, headings = paths.shown(file.path), _headings(file)
+    shown = paths.shown(file.path)
     chosen = entry.gauges or {c.name: c.name for c in file.columns if re.fullmatch(PLACEHOLDERS["gauge"], c.name)}
     for gauge, name in chosen.items():
         if gauge not in gauges:
             allowed = _listed(gauges, gauge) or "none: the scene has no gauges"
             raise InputError(where, f"{key}.{gauge}", f'an unknown gauge for "{name}" in {shown}', allowed)
     if not chosen:
-        alike = [
-            (gauge, c.heading) for gauge in gauges for c in file.columns if get_close_matches(gauge, [c.name.lower()])
-        ]
-        example = 'gauges = {{ {} = "{}" }}'.format(*[*alike, (next(iter(gauges), "wall"), headings[:2][-1])][0])
-        has = f"{shown} has headings {', '.join(headings)}, the scene has gauges {', '.join(gauges) or 'none'}"
-        raise InputError(where, key, f"missing key: {has}; write in [[measured]] {example}")
+        pairs = [(gauge, heading) for gauge in gauges for heading in get_close_matches(gauge, file.headings)]
+        gauge, heading = next(iter(pairs), (next(iter(gauges), "wall"), file.headings[:2][-1]))
+        has = f"{shown} has headings {', '.join(file.headings)} in line {file.line}, the scene has"
+        example = (
+            f'{", ".join(gauges) or "no gauges"}; write in [[measured]], such as gauges = {{ {gauge} = "{heading}" }}'
+        )
+        raise InputError(where, key, f"missing key: {has} {example}")
     return {gauge: _column(file, name, where, f"{key}.{gauge}") for gauge, name in chosen.items()}
 
 
@@ -236,19 +233,17 @@ def _unit(
     Raises:
         InputError: The unit is missing or belongs to another quantity, or file and entry differ.
     """
-    shown, words, found = paths.shown(file.path), f"a unit of {' or '.join(allowed.values())}", []
-    for place, name, text in ((shown, column.heading, column.unit), (where, key, stated)):
-        if text:
-            found.append(unit_of(text))
-            if found[-1][1] not in allowed:
-                raise InputError(place, name, f'the unit "{text}"', words)
-    if not found:
-        example = f'{key.rpartition(".")[2]} = "{"us" if TIME in allowed else "mV"}"'
-        statement = f'missing key: "{column.heading}" in {shown} has no unit; write in [[measured]] {example}'
-        raise InputError(where, key, f"{statement}, or another {words[2:]}")
-    if found[0] != found[-1]:
-        raise InputError(where, key, f'"{stated}" for a column "{column.heading}" in {column.unit}', "one unit")
-    return found[0]
+    texts = [text for text in (column.unit, stated) if text]
+    words, name = " or ".join(allowed.values()), f'"{column.heading}" in {paths.shown(file.path)}'
+    if not texts:
+        example = f'{key.rpartition(".")[2]} = "{"us" if TIME in allowed else "mV"}" or another unit of {words}'
+        raise InputError(where, key, f"missing key: {name} has no unit; write in [[measured]], such as {example}")
+    for text in texts:
+        if unit_of(text)[1] not in allowed:
+            raise InputError(where, key, f'the unit "{text}" for {name}', f"a unit of {words}")
+    if len({unit_of(text) for text in texts}) > 1:
+        raise InputError(where, key, f"the units {' and '.join(texts)} for {name}", "one unit")
+    return unit_of(texts[0])
 
 
 def _gain(entry: MeasuredEntry, unit: str, where: str, key: str) -> float:
@@ -270,19 +265,14 @@ def _gain(entry: MeasuredEntry, unit: str, where: str, key: str) -> float:
 
 def _number(stated: str | float, unit: str, where: str, key: str) -> float:
     """A stated value in an SI unit, or a plain number."""
-    if not unit:
-        if isinstance(stated, str):
-            raise InputError(where, key, shorten(stated), "a plain number")
+    if not unit and not isinstance(stated, str):
         return float(stated)
-    if isinstance(stated, str):
-        try:
+    if unit and isinstance(stated, str):
+        with suppress(ValueError):
             return to_si(stated, unit)
-        except ValueError:
-            pass
     unit = unit.replace("1/", "") + "^-1" * unit.startswith("1/")  # texts of units begin with a letter
-    _, _, other = str(stated).partition(" ")
-    allowed = f"a number in {unit}, not in {other[:20]}," if other else "a number with its unit,"
-    raise InputError(where, key, shorten(stated), f'{allowed} such as "2 {unit}"')
+    allowed = f'a number in {unit}, such as "2 {unit}"' if unit else "a plain number"
+    raise InputError(where, key, shorten(stated), allowed)
 
 
 def _must_show_pulse(path: Path, heading: str, values: Array, noise: float | None, gain: str | float) -> None:

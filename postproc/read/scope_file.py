@@ -33,7 +33,6 @@ BRACKETS = "[]() "
 # with thousands separators, and words that are no finite numbers: to tell rows of numbers from text
 NUMBER = re.compile(r"[+−-]?(?:\.?\d[\d.,'’\s]*(?<![,'’\s])(?:[ed][+-]?\d+)?|nan|inf(?:inity)?|∞)", re.IGNORECASE)
 THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(?:[.,]\d{3})+")
-BINARY = re.compile("[\x00-\x08\x0e-\x1f]")
 SEPARATORS = "\t; ,"  # the first of those that fit equally well
 HEAD = 1000  # lines from which separator, decimal mark and headings are found
 BLOCK = 16  # rows of numbers, more than the title lines have
@@ -64,6 +63,11 @@ class ScopeFile:
     cells: "pd.DataFrame"
     decimal: str
 
+    @property
+    def headings(self) -> list[str]:
+        """All headings that are not empty."""
+        return [column.heading for column in self.columns if column.heading]
+
 
 @cache
 def unit_of(text: str) -> tuple[float, str]:
@@ -81,8 +85,8 @@ def read_scope_file(path: Path) -> ScopeFile:
     """Columns of a file.
 
     Raises:
-        InputError: The file is not text, has no headings above rows of numbers or rows of another length, or its
-            decimal marks may be thousands separators.
+        InputError: The file has no headings above rows of numbers, rows that are longer than the headings, or decimal
+            marks that may be thousands separators.
     """
     import pandas as pd
 
@@ -92,7 +96,7 @@ def read_scope_file(path: Path) -> ScopeFile:
     _, above, block, separator = max(fits, key=lambda fit: (bool(fit[1]), fit[0]))
     if not block:
         found = f"no rows of two or more numbers in the first {HEAD} lines" if text.strip() else "an empty file"
-        raise InputError(shown, "", found, "headings, and below them numbers with commas or semicolons between cells")
+        raise InputError(shown, "", found, "CSV text with numbers below a row of headings, not a workbook")
     start, decimal = block[0][0], _decimal(block, separator, shown)
     if not above:
         raise InputError(shown, f"line {start}", "no headings above the numbers", "a row of headings, without #")
@@ -158,9 +162,6 @@ def _text(path: Path) -> str:
         text = data.decode("utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
     except UnicodeDecodeError:
         text = data.decode("latin-1")
-    if binary := BINARY.search(text):
-        found = f"character 0x{ord(binary[0]):02x}, not text"
-        raise InputError(paths.shown(path), "", found, "a CSV file; export a workbook or a binary waveform as CSV")
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     return re.sub(r"^[ \t]*#.*$", "", text, flags=re.MULTILINE) if "#" in text else text
 
@@ -210,12 +211,9 @@ def _column(place: int, cells: tuple[str, str]) -> Column:
     heading, below = cells[0], cells[1].strip(BRACKETS)
     match = HEADING.fullmatch(heading)
     name, own = (match[1], match[2] or match[3]) if match else (heading, "")
-    if not below or below == own:
-        return Column(place, heading, name, own)
-    one, other = unit_of(own), unit_of(below)
-    if one[1] and one[1] == other[1]:
-        return Column(place, heading, name, below if one == other else f"{own} and {below}")
-    return Column(place, heading, name if match and match[2] else heading, below)
+    one, other = unit_of(own if below else ""), unit_of(below)
+    differ = one != other and one[1] == other[1]
+    return Column(place, heading, name, f"{own} and {below}" if differ else below or own)
 
 
 def _decimal(block: list[Row], separator: str, shown: str) -> str:
