@@ -198,9 +198,9 @@ def _time(file: ScopeFile, entry: MeasuredEntry, where: str, key: str) -> Column
     if entry.time is not None:
         found = [_column(file, entry.time, where, key)]
     elif len(found) != 1:
-        has = f"{paths.shown(file.path)} has headings {', '.join(file.headings)} in line {file.line}"
-        example = f'time = "{(found or file.columns)[0].heading}"'
-        raise InputError(where, key, f"missing key: {has}; name that of time in [[measured]], such as {example}")
+        allowed = f'one column "time"; or in [[measured]], such as time = "{(found or file.columns)[0].heading}"'
+        headings = f"headings {', '.join(file.headings)} in line {file.line} of {paths.shown(file.path)}"
+        raise InputError(where, key, headings, allowed)
     return replace(found[0], unit=found[0].unit or found[0].name * (unit_of(found[0].name)[1] == TIME))
 
 
@@ -217,11 +217,8 @@ def _gauge_columns(
     if not chosen:
         pairs = [(gauge, heading) for gauge in gauges for heading in get_close_matches(gauge, file.headings)]
         gauge, heading = next(iter(pairs), (next(iter(gauges), "wall"), file.headings[:2][-1]))
-        has = f"{shown} has headings {', '.join(file.headings)} in line {file.line}, the scene has"
-        example = (
-            f'{", ".join(gauges) or "no gauges"}; write in [[measured]], such as gauges = {{ {gauge} = "{heading}" }}'
-        )
-        raise InputError(where, key, f"missing key: {has} {example}")
+        allowed = f'the gauges {", ".join(gauges)}; or in [[measured]], such as gauges = {{ {gauge} = "{heading}" }}'
+        raise InputError(where, key, f"headings {', '.join(file.headings)} in line {file.line} of {shown}", allowed)
     return {gauge: _column(file, name, where, f"{key}.{gauge}") for gauge, name in chosen.items()}
 
 

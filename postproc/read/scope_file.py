@@ -199,11 +199,9 @@ def _fit(rows: list[Row]) -> tuple[float, list[Row], list[Row]]:
 
 
 def _are_units(cells: list[str]) -> bool:
-    """True if all cells are in brackets, or most are units, one of them of time."""
-    filled = [cell for cell in cells if cell]
-    units = [unit for _, unit in map(unit_of, filled) if unit]
-    in_brackets = all(cell[0] in BRACKETS and cell[-1] in BRACKETS for cell in filled)
-    return in_brackets or (2 * len(units) > len(filled) and "s" in units)
+    """True if most cells are units or in brackets, one of them a unit of time."""
+    units = [unit_of(cell)[1] or cell[0] in BRACKETS for cell in cells if cell]
+    return "s" in units and 2 * sum(map(bool, units)) > len(units)
 
 
 def _column(place: int, cells: tuple[str, str]) -> Column:
