@@ -218,7 +218,7 @@ def _decimal(block: list[Row], separator: str, shown: str) -> str:
     """Decimal mark of a block; refuses commas, and points with semicolons, that may separate thousands."""
     numbers = [(line, cell) for line, cells in block for cell in cells if NUMBER.fullmatch(cell)]
     points, commas = ([each for each in numbers if re.search(rf"\{mark}[^.,]*$", each[1])] for mark in ".,")
-    decimal, marked = (",", commas) if commas and not points else (".", points)
+    decimal, marked = (",", commas) if commas and len(commas) >= len(points) else (".", points)
     if marked and (decimal == "," or separator == ";") and all(THOUSANDS.fullmatch(cell) for _, cell in marked):
         line, cell = marked[0]
         allowed = f"numbers without thousands separators, decimals not all of three digits, such as {cell}0"
