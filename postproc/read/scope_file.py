@@ -95,7 +95,9 @@ def read_scope_file(path: Path) -> ScopeFile:
     fits = [(*_fit(list(_rows(head, separator))), separator) for separator in SEPARATORS]
     _, above, block, separator = max(fits, key=lambda fit: (bool(fit[1]), fit[0]))
     if not block:
-        found = f"no rows of two or more numbers in the first {HEAD} lines" if text.strip() else "an empty file"
+        found = (
+            f"no rows of numbers in two or more columns in the first {HEAD} lines" if text.strip() else "an empty file"
+        )
         raise InputError(shown, "", found, "CSV text with numbers below a row of headings, not a workbook")
     start, decimal = block[0][0], _decimal(block, separator, shown)
     if not above:
@@ -184,9 +186,10 @@ def _fit(rows: list[Row]) -> tuple[float, list[Row], list[Row]]:
     """Share of numbers among the cells of the first block of numbers; the rows of headings and units; the block."""
     counts = [sum(bool(NUMBER.fullmatch(cell)) for cell in cells) for _, cells in rows]
     runs = [list(run) for _, run in groupby(range(len(rows)), lambda place: counts[place] > 0)]
-    weights = [min(BLOCK, sum(counts[place] > 1 for place in run)) for run in runs]
-    if not any(weights):
+    table = [any(counts[place] and len(rows[place][1]) > 1 for place in run) for run in runs]
+    if not any(table):
         return 0.0, [], []
+    weights = [(min(BLOCK, sum(counts[place] > 1 for place in run)), has) for run, has in zip(runs, table, strict=True)]
     run = runs[weights.index(max(weights))]
     share = sum(counts[place] for place in run) / sum(bool(cell) for place in run for cell in rows[place][1])
     above, block = rows[max(0, run[0] - 2) : run[0]], rows[run[0] : run[-1] + 1]

@@ -230,15 +230,15 @@ def must_refuse(scene: Path, settings: list[str], *parts: str) -> None:
     [
         (b"", "an empty file"),
         (b"\n\n# nothing\n", "an empty file"),
-        (b"time_us,wall_N\n", "no rows of two or more numbers"),
-        (b"wall_N\n" + b"1\n" * 20, "no rows of two or more numbers"),
-        (b"time_us|wall_N\n" + b"1|2\n" * 20, "no rows of two or more numbers"),
+        (b"time_us,wall_N\n", "no rows of numbers"),
+        (b"wall_N\n" + b"1\n" * 20, "no rows of numbers"),
+        (b"time_us|wall_N\n" + b"1|2\n" * 20, "no rows of numbers"),
         (b"time_us,wall_N\n" + b"".join(b"%d,%d\n" % (i, i) for i in range(15)), "15 samples"),
         (b"time_us,wall_N\n" + b"".join(b"%d,3\n" % i for i in range(99)), "a constant"),
         (b"time_us,x,wall_N\n" + b"".join(b"%d,3\n" % i for i in range(99)), '""'),
         (b"time_us;wall_N\n" + b"".join(b"%d;2,04%d\n" % (i, i % 9) for i in range(99)), '"2,040", thousands'),
-        (b"\x89PNG\r\n\x1a\n\x00\x00", "no rows of two or more numbers"),
-        (b"time_us,wall_N\n1,\x00\n", ""),
+        (b"\x89PNG\r\n\x1a\n\x00\x00", "no rows of numbers"),
+        (b"time_us,wall_N\n1,x\n", '"x"'),
     ],
 )
 def test_a_file_that_is_no_table_is_named(scene: Path, content: bytes, found: str) -> None:
