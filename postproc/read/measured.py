@@ -16,7 +16,7 @@ from drivers.base.units import to_si
 from drivers.chain.chain import Array
 from drivers.scene.model import MeasuredEntry, Scene
 from postproc.read.observables import PLACEHOLDERS, describe, without_unit
-from postproc.read.scope_file import UNITS, Column, ScopeFile, numbers_of, read_scope_file, unit_of
+from postproc.read.scope_file import UNITS, Column, numbers_of, read_scope_file, unit_of
 
 MEASURED = "measured"  # key of a file's entry without a [[measured]] table; otherwise measured.0, measured.1, ...
 TIME, FORCE = "s", "N"
@@ -101,30 +101,30 @@ def read_measured(
         found = "a folder" if path.is_dir() else "no such file"
         allowed = f"a CSV file, relative to {paths.shown(folder)}"
         raise InputError(where, f"{key}.file", f"{found}: {paths.shown(path)}", allowed)
-    file = read_scope_file(path)
-    time = _time(file, entry, where, f"{key}.time")
-    chosen = _gauge_columns(file, entry, gauges, where, f"{key}.gauges")
-    scale, _ = _unit(time, entry.time_unit, {TIME: "time"}, file, where, f"{key}.time_unit")
-    kinds = {gauge: _unit(column, entry.unit, READINGS, file, where, f"{key}.unit") for gauge, column in chosen.items()}
+    columns = read_scope_file(path)
+    time = _time(columns, entry, where, f"{key}.time")
+    chosen = _gauge_columns(columns, entry, gauges, where, f"{key}.gauges")
+    scale, _ = _unit(time, entry.time_unit, {TIME: "time"}, where, f"{key}.time_unit")
+    kinds = {gauge: _unit(column, entry.unit, READINGS, where, f"{key}.unit") for gauge, column in chosen.items()}
     unit, *others = sorted({unit for _, unit in kinds.values()})
     if others:
         found = f"readings in {' and '.join([unit, *others])}"
         raise InputError(where, f"{key}.gauges", found, "gauges of one unit; use a [[measured]] table per unit")
-    time_s = numbers_of(file, time) * scale
-    reading = {gauge: numbers_of(file, column) * kinds[gauge][0] for gauge, column in chosen.items()}
+    time_s = numbers_of(time) * scale
+    reading = {gauge: numbers_of(column) * kinds[gauge][0] for gauge, column in chosen.items()}
     if len(time_s) < MIN_SAMPLES:
         raise InputError(paths.shown(path), "", f"{len(time_s)} samples", f"at least {MIN_SAMPLES}")
     back = np.flatnonzero(np.diff(time_s) <= 0)
     if back.size:
         found = "{1:.9g} after {0:.9g}".format(*time_s[back[0] : back[0] + 2] / scale)
-        line = f"line {file.cells.index[back[0] + 1]}, {time.heading}"
-        raise InputError(paths.shown(path), line, found, "times that increase")
+        line = f"line {time.cells.index[back[0] + 1]}, {time.heading}"
+        raise InputError(time.file, line, found, "times that increase")
     gain = _gain(entry, unit, where, f"{key}.gain")
     noise = None if entry.noise is None else _number(entry.noise, unit, where, f"{key}.noise")
     if noise is not None and noise <= 0:
         raise InputError(where, f"{key}.noise", shorten(entry.noise), "a standard deviation above 0")
     for gauge, values in reading.items():
-        _must_show_pulse(path, chosen[gauge].heading, values * np.sign(gain), noise, entry.gain or 1)
+        _must_show_pulse(chosen[gauge], values * np.sign(gain), noise, entry.gain or 1)
     return MeasuredTrace(
         file=path,
         time_s=time_s,
@@ -181,57 +181,59 @@ def _listed(known: Collection[str], name: str) -> str:
     return ", ".join(known) + "".join(alike)
 
 
-def _column(file: ScopeFile, name: str, where: str, key: str) -> Column:
+def _column(columns: list[Column], name: str, where: str, key: str) -> Column:
     """The column with this heading, given with or without its unit."""
-    found = [each for each in file.columns if each.heading == name] or [c for c in file.columns if c.name == name]
+    found = [column for column in columns if column.heading == name] or [c for c in columns if c.name == name]
     if len(found) != 1:
-        problem = f'{"more than one" if found else "no"} column "{name}" in {paths.shown(file.path)}'
-        allowed = f"a heading in line {file.line} that is there once: {_listed(file.headings, '' if found else name)}"
-        raise InputError(where, key, problem, allowed)
+        headings = _listed([column.heading for column in columns], "" if found else name)
+        problem = f'{"more than one" if found else "no"} column "{name}" in {columns[0].file}'
+        raise InputError(where, key, problem, f"a heading in line {columns[0].line} that is there once: {headings}")
     return found[0]
 
 
-def _time(file: ScopeFile, entry: MeasuredEntry, where: str, key: str) -> Column:
+def _no_column(columns: list[Column], allowed: str, where: str, key: str) -> InputError:
+    headings = ", ".join(column.heading for column in columns)
+    return InputError(where, key, f"headings {headings} in line {columns[0].line} of {columns[0].file}", allowed)
+
+
+def _time(columns: list[Column], entry: MeasuredEntry, where: str, key: str) -> Column:
     """The column of time: that of the entry, or one with a usual name, or the first if its unit is one of time."""
-    named = [column for column in file.columns if column.name.lower() in TIMES]
-    found = named if len(named) == 1 else [c for c in named or file.columns[:1] if unit_of(c.unit)[1] == TIME]
+    named = [column for column in columns if column.name.lower() in TIMES]
+    found = named if len(named) == 1 else [column for column in named or columns[:1] if unit_of(column.unit)[1] == TIME]
     if entry.time is not None:
-        found = [_column(file, entry.time, where, key)]
+        found = [_column(columns, entry.time, where, key)]
     elif len(found) != 1:
-        allowed = f'one column "time"; or in [[measured]], such as time = "{(found or file.columns)[0].heading}"'
-        headings = f"headings {', '.join(file.headings)} in line {file.line} of {paths.shown(file.path)}"
-        raise InputError(where, key, headings, allowed)
+        allowed = f'one column "time"; or in [[measured]], such as time = "{(found or columns)[0].heading}"'
+        raise _no_column(columns, allowed, where, key)
     return replace(found[0], unit=found[0].unit or found[0].name * (unit_of(found[0].name)[1] == TIME))
 
 
 def _gauge_columns(
-    file: ScopeFile, entry: MeasuredEntry, gauges: Collection[str], where: str, key: str
+    columns: list[Column], entry: MeasuredEntry, gauges: Collection[str], where: str, key: str
 ) -> dict[str, Column]:
     """The column of each measured gauge."""
-    shown = paths.shown(file.path)
-    chosen = entry.gauges or {c.name: c.name for c in file.columns if re.fullmatch(PLACEHOLDERS["gauge"], c.name)}
+    chosen = entry.gauges or {c.name: c.name for c in columns if re.fullmatch(PLACEHOLDERS["gauge"], c.name)}
     for gauge, name in chosen.items():
         if gauge not in gauges:
             allowed = _listed(gauges, gauge) or "none: the scene has no gauges"
-            raise InputError(where, f"{key}.{gauge}", f'an unknown gauge for "{name}" in {shown}', allowed)
+            raise InputError(where, f"{key}.{gauge}", f'an unknown gauge for "{name}" in {columns[0].file}', allowed)
     if not chosen:
-        pairs = [(gauge, heading) for gauge in gauges for heading in get_close_matches(gauge, file.headings)]
-        gauge, heading = next(iter(pairs), (next(iter(gauges), "wall"), file.headings[:2][-1]))
+        headings = [column.heading for column in columns]
+        pairs = [(gauge, heading) for gauge in gauges for heading in get_close_matches(gauge, headings)]
+        gauge, heading = next(iter(pairs), (next(iter(gauges), "wall"), headings[1]))
         allowed = f'the gauges {", ".join(gauges)}; or in [[measured]], such as gauges = {{ {gauge} = "{heading}" }}'
-        raise InputError(where, key, f"headings {', '.join(file.headings)} in line {file.line} of {shown}", allowed)
-    return {gauge: _column(file, name, where, f"{key}.{gauge}") for gauge, name in chosen.items()}
+        raise _no_column(columns, allowed, where, key)
+    return {gauge: _column(columns, name, where, f"{key}.{gauge}") for gauge, name in chosen.items()}
 
 
-def _unit(
-    column: Column, stated: str | None, allowed: Mapping[str, str], file: ScopeFile, where: str, key: str
-) -> tuple[float, str]:
+def _unit(column: Column, stated: str | None, allowed: Mapping[str, str], where: str, key: str) -> tuple[float, str]:
     """Factor from the unit of a column to the SI unit, and the SI unit; the file or the entry gives the unit.
 
     Raises:
         InputError: The unit is missing or belongs to another quantity, or file and entry differ.
     """
     texts = [text for text in (column.unit, stated) if text]
-    words, name = " or ".join(allowed.values()), f'"{column.heading}" in {paths.shown(file.path)}'
+    words, name = " or ".join(allowed.values()), f'"{column.heading}" in {column.file}'
     if not texts:
         example = f'{key.rpartition(".")[2]} = "{"us" if TIME in allowed else "mV"}" or another unit of {words}'
         raise InputError(where, key, f"missing key: {name} has no unit; write in [[measured]], such as {example}")
@@ -272,7 +274,7 @@ def _number(stated: str | float, unit: str, where: str, key: str) -> float:
     raise InputError(where, key, shorten(stated), allowed)
 
 
-def _must_show_pulse(path: Path, heading: str, values: Array, noise: float | None, gain: str | float) -> None:
+def _must_show_pulse(column: Column, values: Array, noise: float | None, gain: str | float) -> None:
     """Refuses readings without a maximum above the noise.
 
     If no noise is given, it is estimated from second differences, which remove slow changes.
@@ -286,4 +288,4 @@ def _must_show_pulse(path: Path, heading: str, values: Array, noise: float | Non
         opposite = ("-" + str(gain).strip(" +")).replace("--", "")
         factor = f'"{opposite}"' if isinstance(gain, str) else opposite
         inverted = f"; a negative gain inverts the trace: gain = {factor}" * bool(-risen.min() > limit)
-        raise InputError(paths.shown(path), heading, found, f"readings with a pulse{inverted}")
+        raise InputError(column.file, column.heading, found, f"readings with a pulse{inverted}")

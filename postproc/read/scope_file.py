@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cache
 from itertools import groupby, zip_longest
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -40,33 +40,23 @@ BLOCK = 16  # rows of numbers, more than the title lines have
 Row = tuple[int, list[str]]  # line, cells
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Column:
-    """Column by its place from 0, its heading, and name and unit in the heading or below; an empty unit if none."""
+    """A column of a file.
 
-    place: int
+    Attributes:
+        file: File as messages name it; ``line``: line of its headings.
+        heading: Heading; ``name``: heading without the unit; ``unit``: unit in the heading or below, empty if none.
+        cells: Cells by line: numbers, or if some are no numbers text with ``decimal`` as decimal mark.
+    """
+
+    file: str
+    line: int
     heading: str
     name: str
     unit: str
-
-
-@dataclass(frozen=True, eq=False)
-class ScopeFile:
-    """Columns of a file, the line of their headings, and the cells below by line.
-
-    Cells are numbers in columns of numbers alone, otherwise text with ``decimal`` as decimal mark.
-    """
-
-    path: Path
-    line: int
-    columns: tuple[Column, ...]
-    cells: "pd.DataFrame"
+    cells: "pd.Series[Any]"
     decimal: str
-
-    @property
-    def headings(self) -> list[str]:
-        """All headings that are not empty."""
-        return [column.heading for column in self.columns if column.heading]
 
 
 @cache
@@ -81,7 +71,7 @@ def unit_of(text: str) -> tuple[float, str]:
     return 0.0, ""
 
 
-def read_scope_file(path: Path) -> ScopeFile:
+def read_scope_file(path: Path) -> list[Column]:
     """Columns of a file.
 
     Raises:
@@ -103,7 +93,7 @@ def read_scope_file(path: Path) -> ScopeFile:
     if not above:
         raise InputError(shown, f"line {start}", "no headings above the numbers", "a row of headings, without #")
     (line, headings), units = above[0], above[-1][1] if len(above) > 1 else []
-    columns = tuple(_column(*cells) for cells in enumerate(zip_longest(headings, units, fillvalue="")))
+    width = len(headings)
     try:
         cells = pd.read_csv(
             io.StringIO(text.split("\n", start - 1)[-1]),
@@ -117,20 +107,24 @@ def read_scope_file(path: Path) -> ScopeFile:
             low_memory=False,
         ).dropna(how="all")
         cells.index += start
-        longer = cells.index[cells.iloc[:, len(columns) :].notna().any(axis=1)].tolist()
+        longer = cells.index[cells.iloc[:, width:].notna().any(axis=1)].tolist()
     except pd.errors.ParserError as error:
         place = re.search(r"in line (\d+)", str(error))
         if place is None:
             raise InputError(shown, f"line {start}", "a quotation mark without its end, here or below") from error
         longer = [start - 1 + int(place[1])]
     if longer:
-        allowed = f"{len(columns)}, as many as headings in line {line}"
+        allowed = f"{width}, as many as headings in line {line}"
         hint = "; decimal commas need semicolons between cells" * (separator == ",")
-        raise InputError(shown, f"line {longer[0]}", f"more than {len(columns)} cells", f"{allowed}{hint}")
-    return ScopeFile(path, line, columns, cells.reindex(columns=range(len(columns))), decimal)
+        raise InputError(shown, f"line {longer[0]}", f"more than {width} cells", f"{allowed}{hint}")
+    cells = cells.reindex(columns=range(width))  # the last columns may be empty
+    return [
+        Column(shown, line, heading, *_name_and_unit(heading, below), cells[place], decimal)
+        for place, (heading, below) in enumerate(zip_longest(headings, units, fillvalue=""))
+    ]
 
 
-def numbers_of(file: ScopeFile, column: Column) -> Array:
+def numbers_of(column: Column) -> Array:
     """Finite numbers of a column. Shape (rows,).
 
     Raises:
@@ -138,19 +132,19 @@ def numbers_of(file: ScopeFile, column: Column) -> Array:
     """
     import pandas as pd
 
-    cells = file.cells[column.place]
+    cells = column.cells
     if cells.dtype.kind in "iuf":
         numbers = cells.to_numpy(float)
     else:
-        points = {} if file.decimal == "." else {ord("."): "x", ord(","): "."}
+        points = {} if column.decimal == "." else {ord("."): "x", ord(","): "."}
         numbers = pd.to_numeric(cells.astype(str).str.translate(points), errors="coerce").to_numpy(float)
     finite = np.isfinite(numbers)
     if not finite.all():
         place = int(np.argmin(finite))
         cell = "" if pd.isna(cells.iloc[place]) else str(cells.iloc[place])
-        marks = f', decimals with "{file.decimal}", no thousands separators' * bool(re.search(r"\d[.,'’\s]\d", cell))
+        marks = f', decimals with "{column.decimal}", no thousands separators' * bool(re.search(r"\d[.,'’\s]\d", cell))
         key = f"line {cells.index[place]}, {column.heading}"
-        raise InputError(paths.shown(file.path), key, shorten(cell), f"a finite number{marks}")
+        raise InputError(column.file, key, shorten(cell), f"a finite number{marks}")
     return numbers
 
 
@@ -207,14 +201,13 @@ def _are_units(cells: list[str]) -> bool:
     return "s" in units and 2 * sum(map(bool, units)) > len(units)
 
 
-def _column(place: int, cells: tuple[str, str]) -> Column:
-    """Column with a heading and a unit below it, or none; two units of one kind make an unknown one."""
-    heading, below = cells[0], cells[1].strip(BRACKETS)
-    match = HEADING.fullmatch(heading)
+def _name_and_unit(heading: str, below: str) -> tuple[str, str]:
+    """Heading without its unit, and the unit in it or below it; two units of one kind make an unknown one."""
+    match, below = HEADING.fullmatch(heading), below.strip(BRACKETS)
     name, own = (match[1], match[2] or match[3]) if match else (heading, "")
     one, other = unit_of(own if below else ""), unit_of(below)
     differ = one != other and one[1] == other[1]
-    return Column(place, heading, name, f"{own} and {below}" if differ else below or own)
+    return name, f"{own} and {below}" if differ else below or own
 
 
 def _decimal(block: list[Row], separator: str, shown: str) -> str:
