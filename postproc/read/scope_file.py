@@ -78,46 +78,22 @@ def read_scope_file(path: Path) -> list[Column]:
         InputError: The file has no headings above rows of numbers, rows that are longer than the headings, or decimal
             marks that may be thousands separators.
     """
-    import pandas as pd
-
     text, shown = _text(path), paths.shown(path)
     head = "\n".join(text.split("\n", HEAD)[:HEAD])
     fits = [(*_fit(list(_rows(head, separator))), separator) for separator in SEPARATORS]
     _, above, block, separator = max(fits, key=lambda fit: (bool(fit[1]), fit[0]))
     if not block:
-        found = (
-            f"no rows of numbers in two or more columns in the first {HEAD} lines" if text.strip() else "an empty file"
-        )
+        found = f"no table of numbers in the first {HEAD} lines" if text.strip() else "an empty file"
         raise InputError(shown, "", found, "CSV text with numbers below a row of headings, not a workbook")
-    start, decimal = block[0][0], _decimal(block, separator, shown)
     if not above:
-        raise InputError(shown, f"line {start}", "no headings above the numbers", "a row of headings, without #")
-    (line, headings), units = above[0], above[-1][1] if len(above) > 1 else []
-    width = len(headings)
-    try:
-        cells = pd.read_csv(
-            io.StringIO(text.split("\n", start - 1)[-1]),
-            sep=r"\s+" if separator == " " else separator,
-            decimal=decimal,
-            header=None,
-            skipinitialspace=True,
-            skip_blank_lines=False,  # the index counts lines
-            keep_default_na=False,
-            na_values=[""],
-            low_memory=False,
-        ).dropna(how="all")
-        cells.index += start
-        longer = cells.index[cells.iloc[:, width:].notna().any(axis=1)].tolist()
-    except pd.errors.ParserError as error:
-        place = re.search(r"in line (\d+)", str(error))
-        if place is None:
-            raise InputError(shown, f"line {start}", "a quotation mark without its end, here or below") from error
-        longer = [start - 1 + int(place[1])]
+        raise InputError(shown, f"line {block[0][0]}", "no headings above the numbers", "a row of headings, without #")
+    (line, headings), (last, units) = above[0], (*above, (above[0][0], []))[1]
+    decimal = _decimal(block, separator, shown)
+    cells, longer = _cells(text, last, len(headings), separator, decimal)
     if longer:
-        allowed = f"{width}, as many as headings in line {line}"
+        allowed = f"{len(headings)}, as many as headings in line {line}, and quotation marks in pairs"
         hint = "; decimal commas need semicolons between cells" * (separator == ",")
-        raise InputError(shown, f"line {longer[0]}", f"more than {width} cells", f"{allowed}{hint}")
-    cells = cells.reindex(columns=range(width))  # the last columns may be empty
+        raise InputError(shown, f"line {longer}", f"more than {len(headings)} cells", f"{allowed}{hint}")
     return [
         Column(shown, line, heading, *_name_and_unit(heading, below), cells[place], decimal)
         for place, (heading, below) in enumerate(zip_longest(headings, units, fillvalue=""))
@@ -199,6 +175,33 @@ def _are_units(cells: list[str]) -> bool:
     """True if most cells are units or in brackets, one of them a unit of time."""
     units = [unit_of(cell)[1] or cell[0] in BRACKETS for cell in cells if cell]
     return "s" in units and 2 * sum(map(bool, units)) > len(units)
+
+
+def _cells(text: str, last: int, width: int, separator: str, decimal: str) -> tuple["pd.DataFrame", int]:
+    """Cells below a line in as many columns as headings, by line; the line of the first longer row, or 0."""
+    import pandas as pd
+
+    below = text.split("\n", last)[-1]
+    blank = next(re.finditer(r"(?:[ \t]*\n)*", below)).end()
+    start = last + 1 + below.count("\n", 0, blank)
+    try:
+        cells = pd.read_csv(
+            io.StringIO(below[blank:]),
+            sep=r"\s+" if separator == " " else separator,
+            decimal=decimal,
+            header=None,
+            skipinitialspace=True,
+            skip_blank_lines=False,  # the index counts lines
+            keep_default_na=False,
+            na_values=[""],
+            low_memory=False,
+        ).dropna(how="all")
+    except pd.errors.ParserError as error:  # too many cells, or a quotation mark without its end
+        place = re.search(r"in line (\d+)", str(error))
+        return pd.DataFrame(), start - 1 + int(place[1] if place else 1)
+    cells.index += start
+    longer = cells.index[cells.iloc[:, width:].notna().any(axis=1)].tolist()
+    return cells.reindex(columns=range(width)), longer[0] if longer else 0
 
 
 def _name_and_unit(heading: str, below: str) -> tuple[str, str]:

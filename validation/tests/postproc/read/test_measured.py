@@ -185,7 +185,8 @@ BAD_FILES = [
     ({"at_9_0": "7.5"}, [], "trace.csv", "line 11, time_us", "7.5 after 8", "times that increase"),
     ({"at_9_1": "1,2"}, [], "trace.csv", "line 11", "more than 2 cells", "2, as many as"),
     ({"at_0_1": "1,2"}, [], "trace.csv", "line 2", "more than 2 cells", "2, as many as"),
-    ({"at_9_1": '"1'}, [], "trace.csv", "line 2", "a quotation mark without its end", ""),
+    ({"at_9_1": '"1'}, [], "trace.csv", "line 2", "more than 2 cells", "quotation marks in pairs"),
+    ({"at_0_1": '"1', "at_1_0": '"1"'}, [], "trace.csv", "line 2", "more than 2 cells", "quotation marks in pairs"),
 ]  # fmt: skip
 
 
@@ -230,14 +231,14 @@ def must_refuse(scene: Path, settings: list[str], *parts: str) -> None:
     [
         (b"", "an empty file"),
         (b"\n\n# nothing\n", "an empty file"),
-        (b"time_us,wall_N\n", "no rows of numbers"),
-        (b"wall_N\n" + b"1\n" * 20, "no rows of numbers"),
-        (b"time_us|wall_N\n" + b"1|2\n" * 20, "no rows of numbers"),
+        (b"time_us,wall_N\n", "no table of numbers"),
+        (b"wall_N\n" + b"1\n" * 20, "no table of numbers"),
+        (b"time_us|wall_N\n" + b"1|2\n" * 20, "no table of numbers"),
         (b"time_us,wall_N\n" + b"".join(b"%d,%d\n" % (i, i) for i in range(15)), "15 samples"),
         (b"time_us,wall_N\n" + b"".join(b"%d,3\n" % i for i in range(99)), "a constant"),
         (b"time_us,x,wall_N\n" + b"".join(b"%d,3\n" % i for i in range(99)), '""'),
         (b"time_us;wall_N\n" + b"".join(b"%d;2,04%d\n" % (i, i % 9) for i in range(99)), '"2,040", thousands'),
-        (b"\x89PNG\r\n\x1a\n\x00\x00", "no rows of numbers"),
+        (b"\x89PNG\r\n\x1a\n\x00\x00", "no table of numbers"),
         (b"time_us,wall_N\n1,x\n", '"x"'),
     ],
 )
