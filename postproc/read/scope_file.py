@@ -183,13 +183,14 @@ def _cells(text: str, last: int, width: int, separator: str, decimal: str) -> tu
 
     below = text.split("\n", last)[-1]
     blank = next(re.finditer(r"(?:[ \t]*\n)*", below)).end()
-    start = last + 1 + below.count("\n", 0, blank)
+    start, sep = last + 1 + below.count("\n", 0, blank), r"\s+" if separator == " " else separator
+    first = re.split(sep, below[blank:].partition("\n")[0])
     try:
         cells = pd.read_csv(
             io.StringIO(below[blank:]),
-            sep=r"\s+" if separator == " " else separator,
+            sep=sep,
             decimal=decimal,
-            header=None,
+            names=range(max(width, len(first))),
             skipinitialspace=True,
             skip_blank_lines=False,  # the index counts lines
             keep_default_na=False,
@@ -201,7 +202,7 @@ def _cells(text: str, last: int, width: int, separator: str, decimal: str) -> tu
         return pd.DataFrame(), start - 1 + int(place[1] if place else 1)
     cells.index += start
     longer = cells.index[cells.iloc[:, width:].notna().any(axis=1)].tolist()
-    return cells.reindex(columns=range(width)), longer[0] if longer else 0
+    return cells, longer[0] if longer else 0
 
 
 def _name_and_unit(heading: str, below: str) -> tuple[str, str]:
