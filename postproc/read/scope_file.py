@@ -184,13 +184,13 @@ def _cells(text: str, last: int, width: int, separator: str, decimal: str) -> tu
     below = text.split("\n", last)[-1]
     blank = next(re.finditer(r"(?:[ \t]*\n)*", below)).end()
     start, sep = last + 1 + below.count("\n", 0, blank), r"\s+" if separator == " " else separator
-    first = re.split(sep, below[blank:].partition("\n")[0])
     try:
+        first = pd.read_csv(io.StringIO(below[blank:]), sep=sep, header=None, nrows=1, skipinitialspace=True)
         cells = pd.read_csv(
             io.StringIO(below[blank:]),
             sep=sep,
             decimal=decimal,
-            names=range(max(width, len(first))),
+            names=range(max(width, first.shape[1])),
             skipinitialspace=True,
             skip_blank_lines=False,  # the index counts lines
             keep_default_na=False,
