@@ -188,11 +188,11 @@ class MeasuredEntry(Part):
     Decks, runs and run records do not depend on it. Gauges with different ``gain`` need separate entries.
 
     Attributes:
-        file: CSV file with a row of headings; the path is relative to the scene file.
-        time: heading of the time column, with or without the unit; default ``time``.
+        file: CSV file with headings; the path is relative to the scene file.
+        time: heading of the time column, with or without the unit; default: found by its name or unit.
         gauges: heading by gauge, such as ``wall``; default: the columns named after gauges.
-        time_unit, unit: units of columns whose headings contain no unit.
-        gain: force per reading; default 1 for columns in a unit of force.
+        time_unit, unit: units of columns for which the file names none.
+        gain: force per reading, or reading per force; default 1 for columns in a unit of force.
         gain_uncertainty: relative standard error of the gain.
         trigger: time in the file at which the striker touches the chain; default: found by alignment.
         baseline: reading at rest; default: found from quiet samples.

@@ -1,9 +1,9 @@
 """Measured traces and quoted values of a scene, read from files and texts in SI units."""
 
-import csv
 import re
-from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
 
@@ -13,19 +13,17 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.messages import shorten
 from drivers.base.units import to_si
-from drivers.batch.axes import HEADING
 from drivers.chain.chain import Array
 from drivers.scene.model import MeasuredEntry, Scene
 from postproc.read.observables import PLACEHOLDERS, describe, without_unit
+from postproc.read.scope_file import UNITS, Column, numbers_of, read_scope_file, unit_of
 
 MEASURED = "measured"  # key of a file's entry without a [[measured]] table; otherwise measured.0, measured.1, ...
 TIME, FORCE = "s", "N"
-READINGS = {FORCE: "force", "V": "voltage", "A": "current", "C": "charge"}
-ENDINGS = {prefix + unit for unit in (TIME, *READINGS) for prefix in ("", "k", "m", "u", "µ", "μ", "n", "p")}
+READINGS = {unit: quantity for unit, quantity in UNITS.items() if unit != TIME}
+TIMES = ("time", "t", "x", "x-axis", "x_value", "second", "seconds", "sec", "s", "ms", "us", "µs", "ns")
 MIN_SAMPLES = 16
 NORMAL = 1.4826  # ratio of standard to median deviation for normal noise
-SEPARATORS = {"\t": "tabs", ";": "semicolons"}
-WAY_OUT = "; or write a [[measured]] table in the scene file, see inputs/README.md"
 PULSE_MARGIN = 3.0  # standard deviations above the expected maximum of noise alone
 
 
@@ -54,14 +52,6 @@ class MeasuredTrace:
     drift: bool = False
     noise: float | None = None
     unit: str = FORCE
-
-
-@dataclass(frozen=True)
-class _Column:
-    place: int
-    heading: str
-    name: str  # without the unit
-    unit: str  # empty if the heading has no unit
 
 
 def entries_of(scene: Scene | None, file: Path | None, source: str) -> tuple[dict[str, MeasuredEntry], Path, str]:
@@ -111,26 +101,30 @@ def read_measured(
         found = "a folder" if path.is_dir() else "no such file"
         allowed = f"a CSV file, relative to {paths.shown(folder)}"
         raise InputError(where, f"{key}.file", f"{found}: {paths.shown(path)}", allowed)
-    columns = _columns(path)
-    time = _column(columns, entry.time or "time", path, where, f"{key}.time")
-    chosen = _gauge_columns(columns, entry, gauges, path, where, key)
-    table = _numbers(path, [time, *chosen.values()])
-    scale, _ = _unit(time, entry.time_unit, {TIME: "time"}, path, where, f"{key}.time_unit")
-    kinds = {gauge: _unit(column, entry.unit, READINGS, path, where, f"{key}.unit") for gauge, column in chosen.items()}
-    unit = next(iter(kinds.values()))[1]
-    for gauge, (_, other) in kinds.items():
-        if other != unit:
-            found = f"{gauge} in {other} and {next(iter(kinds))} in {unit}"
-            raise InputError(where, f"{key}.gauges", found, "gauges of one unit; use a [[measured]] table per unit")
-    time_s = table[0] * scale
-    _must_increase(path, time, table[0])
-    reading = {gauge: table[place] * kinds[gauge][0] for place, gauge in enumerate(chosen, 1)}
+    columns = read_scope_file(path)
+    time = _time(columns, entry, where, f"{key}.time")
+    chosen = _gauge_columns(columns, entry, gauges, where, f"{key}.gauges")
+    scale, _ = _unit(time, entry.time_unit, {TIME: "time"}, where, f"{key}.time_unit")
+    kinds = {gauge: _unit(column, entry.unit, READINGS, where, f"{key}.unit") for gauge, column in chosen.items()}
+    unit, *others = sorted({unit for _, unit in kinds.values()})
+    if others:
+        found = f"readings in {' and '.join([unit, *others])}"
+        raise InputError(where, f"{key}.gauges", found, "gauges of one unit; use a [[measured]] table per unit")
+    time_s = numbers_of(time) * scale
+    reading = {gauge: numbers_of(column) * kinds[gauge][0] for gauge, column in chosen.items()}
+    if len(time_s) < MIN_SAMPLES:
+        raise InputError(paths.shown(path), "", f"{len(time_s)} samples", f"at least {MIN_SAMPLES}")
+    back = np.flatnonzero(np.diff(time_s) <= 0)
+    if back.size:
+        found = "{1:.9g} after {0:.9g}".format(*time_s[back[0] : back[0] + 2] / scale)
+        line = f"line {time.cells.index[back[0] + 1]}, {time.heading}"
+        raise InputError(time.file, line, found, "times that increase")
     gain = _gain(entry, unit, where, f"{key}.gain")
-    noise = None if entry.noise is None else _in_unit(entry.noise, unit, where, f"{key}.noise")
+    noise = None if entry.noise is None else _number(entry.noise, unit, where, f"{key}.noise")
     if noise is not None and noise <= 0:
         raise InputError(where, f"{key}.noise", shorten(entry.noise), "a standard deviation above 0")
     for gauge, values in reading.items():
-        _must_show_pulse(path, chosen[gauge], values * np.sign(gain), noise)
+        _must_show_pulse(chosen[gauge], values * np.sign(gain), noise, entry.gain or 1)
     return MeasuredTrace(
         file=path,
         time_s=time_s,
@@ -138,7 +132,7 @@ def read_measured(
         gain=gain,
         gain_uncertainty=entry.gain_uncertainty,
         trigger_s=entry.trigger,
-        baseline=None if entry.baseline is None else _in_unit(entry.baseline, unit, where, f"{key}.baseline"),
+        baseline=None if entry.baseline is None else _number(entry.baseline, unit, where, f"{key}.baseline"),
         drift=entry.drift,
         noise=noise,
         unit=unit,
@@ -169,212 +163,118 @@ def read_quoted(
     for stated, value in (entry.values or {}).items():
         place, name = f"{key}.values.{stated}", known.get(without_unit(stated))
         if name is None:
-            alike = get_close_matches(without_unit(stated), known) or list(known)
-            raise InputError(where, place, "an unknown observable", ", ".join(alike))
+            raise InputError(where, place, "an unknown observable", _listed(known, without_unit(stated)))
         if name in quoted:
             raise InputError(where, place, f"{without_unit(name)} twice", "each observable once")
         unit = describe(name).unit
-        plain = unit in ("", "share", "diameters")
-        number = _plain(value, where, place) if plain else _in_unit(value, unit, where, place)
+        number = _number(value, "" if unit in ("share", "diameters") else unit, where, place)
         if number == 0:
             raise InputError(where, place, shorten(value), "a value other than 0, since its error is relative")
         quoted[name] = number, (entry.errors or {})[stated]
     return quoted
 
 
-def _columns(path: Path) -> list[_Column]:
-    """Headings of a file: its first line, apart from empty lines and comments."""
-    _, headings = next(_lines(path), (0, []))
-    if not headings:
-        raise InputError(paths.shown(path), "", "an empty file", "a row of headings and rows of numbers below")
-    columns = []
-    for place, heading in enumerate(text.strip() for text in headings):
-        bracketed = HEADING.fullmatch(heading)
-        name, unit = (bracketed["key"].strip(), bracketed["unit"] or "") if bracketed else (heading, "")
-        head, _, ending = name.rpartition("_")
-        if not unit and head and ending in ENDINGS:
-            name, unit = head, ending
-        columns.append(_Column(place, heading, name, unit))
-    return columns
+def _listed(known: Collection[str], name: str) -> str:
+    """Known names, with the one that is nearly this name."""
+    lower = {each.lower(): each for each in known}
+    alike = [f" (did you mean {lower[each]}?)" for each in get_close_matches(name.lower(), lower, 1)]
+    return ", ".join(known) + "".join(alike)
 
 
-def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Lines of a CSV file with cells and without comments, each with its line number."""
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.reader(file)
-            for cells in reader:
-                if any(cell.strip() for cell in cells) and not cells[0].startswith("#"):
-                    yield reader.line_num, cells
-    except UnicodeDecodeError as error:
-        raise InputError(paths.shown(path), "", f"byte 0x{error.object[error.start]:02x}", "UTF-8 text") from error
-    except (OSError, csv.Error) as error:
-        raise InputError(paths.shown(path), "", str(error), "comma-separated values") from error
-
-
-def _column(columns: list[_Column], name: str, path: Path, where: str, key: str) -> _Column:
+def _column(columns: list[Column], name: str, where: str, key: str) -> Column:
     """The column with this heading, given with or without its unit."""
     found = [column for column in columns if column.heading == name] or [c for c in columns if c.name == name]
-    if len(found) == 1:
-        return found[0]
-    headings = shorten(", ".join(column.heading for column in columns))
-    for separator, plural in SEPARATORS.items():
-        if len(columns) == 1 and separator in columns[0].heading:
-            raise InputError(paths.shown(path), "line 1", f"{plural} between the headings", "commas (CSV)")
-    problem = f'{"no" if not found else "more than one"} column "{name}" in {paths.shown(path)}'
-    raise InputError(where, key, problem, f"one of the headings of its first line: {headings}{_way_out(key)}")
+    if len(found) != 1:
+        headings = _listed([column.heading for column in columns], "" if found else name)
+        problem = f'{"more than one" if found else "no"} column "{name}" in {columns[0].file}'
+        raise InputError(where, key, problem, f"a heading in line {columns[0].line} that is there once: {headings}")
+    return found[0]
 
 
-def _way_out(key: str) -> str:
-    """End of a message on a file that no ``[[measured]]`` table describes; empty for a key of such a table."""
-    return "" if re.match(rf"{MEASURED}\.\d", key) else WAY_OUT
+def _no_column(columns: list[Column], allowed: str, where: str, key: str) -> InputError:
+    headings = ", ".join(column.heading for column in columns)
+    return InputError(where, key, f"headings {headings} in line {columns[0].line} of {columns[0].file}", allowed)
+
+
+def _time(columns: list[Column], entry: MeasuredEntry, where: str, key: str) -> Column:
+    """The column of time: that of the entry, or one with a usual name, or the first if its unit is one of time."""
+    named = [column for column in columns if column.name.lower() in TIMES]
+    found = named if len(named) == 1 else [column for column in named or columns[:1] if unit_of(column.unit)[1] == TIME]
+    if entry.time is not None:
+        found = [_column(columns, entry.time, where, key)]
+    elif len(found) != 1:
+        allowed = f'one column "time"; or in [[measured]], such as time = "{(found or columns)[0].heading}"'
+        raise _no_column(columns, allowed, where, key)
+    return replace(found[0], unit=found[0].unit or found[0].name * (unit_of(found[0].name)[1] == TIME))
 
 
 def _gauge_columns(
-    columns: list[_Column], entry: MeasuredEntry, gauges: Collection[str], path: Path, where: str, key: str
-) -> dict[str, _Column]:
+    columns: list[Column], entry: MeasuredEntry, gauges: Collection[str], where: str, key: str
+) -> dict[str, Column]:
     """The column of each measured gauge."""
-    has = ", ".join(gauges) or "none: the scene has no gauges"
-    if entry.gauges is None:
-        like_gauges = [column for column in columns if re.fullmatch(PLACEHOLDERS["gauge"], column.name)]
-        for column in like_gauges:
-            if column.name not in gauges:
-                allowed = f"gauges {has}{_way_out(key)}"
-                raise InputError(where, f"{key}.gauges", f"{column.heading} in {paths.shown(path)}", allowed)
-        if not like_gauges:
-            headings = shorten(", ".join(column.heading for column in columns))
-            allowed = f"columns named after the gauges: {has}{_way_out(key) or ', or a heading for each gauge'}"
-            raise InputError(where, f"{key}.gauges", f"headings {headings} in {paths.shown(path)}", allowed)
-        return {c.name: _column(columns, c.name, path, where, f"{key}.gauges") for c in like_gauges}
-    for gauge in entry.gauges:
+    chosen = entry.gauges or {c.name: c.name for c in columns if re.fullmatch(PLACEHOLDERS["gauge"], c.name)}
+    for gauge, name in chosen.items():
         if gauge not in gauges:
-            raise InputError(where, f"{key}.gauges.{gauge}", "an unknown gauge", has)
-    return {gauge: _column(columns, name, path, where, f"{key}.gauges.{gauge}") for gauge, name in entry.gauges.items()}
+            allowed = _listed(gauges, gauge) or "none: the scene has no gauges"
+            raise InputError(where, f"{key}.{gauge}", f'an unknown gauge for "{name}" in {columns[0].file}', allowed)
+    if not chosen:
+        headings = [column.heading for column in columns]
+        pairs = [(gauge, heading) for gauge in gauges for heading in get_close_matches(gauge, headings)]
+        gauge, heading = next(iter(pairs), (next(iter(gauges), "wall"), headings[1]))
+        allowed = f'the gauges {", ".join(gauges)}; or in [[measured]], such as gauges = {{ {gauge} = "{heading}" }}'
+        raise _no_column(columns, allowed, where, key)
+    return {gauge: _column(columns, name, where, f"{key}.{gauge}") for gauge, name in chosen.items()}
 
 
-def _numbers(path: Path, columns: list[_Column]) -> list[Array]:
-    """Columns of a file as finite numbers, each of shape (samples,)."""
-    import pandas as pd
-
-    shown = paths.shown(path)
-    head, headings = next(_lines(path))
-    try:
-        table = pd.read_csv(
-            path, header=None, skiprows=head, comment="#", skipinitialspace=True, encoding="utf-8-sig", low_memory=False
-        )
-    except pd.errors.EmptyDataError:
-        table = pd.DataFrame(columns=range(len(headings)))
-    except (ValueError, OSError) as error:  # pandas' own errors are ValueErrors
-        _refuse_ragged(path)
-        raise InputError(shown, "", str(error), "comma-separated numbers below a row of headings") from error
-    if table.shape[1] != len(headings):
-        _refuse_ragged(path)
-    found = []
-    for column in columns:
-        values = table[column.place]
-        numbers = pd.to_numeric(values, errors="coerce").to_numpy(float)
-        strange = ~np.isfinite(numbers) | (values.dtype == bool)
-        if strange.any():
-            line, cells = _row(path, int(np.argmax(strange)))
-            cell = shorten(cells[column.place].strip()) if column.place < len(cells) else "no cell"
-            raise InputError(shown, f"line {line}, {column.heading}", cell, "a finite number")
-        found.append(numbers)
-    if len(table) < MIN_SAMPLES:
-        raise InputError(shown, "", f"{len(table)} samples", f"at least {MIN_SAMPLES}")
-    return found
-
-
-def _refuse_ragged(path: Path) -> None:
-    """Refuses a file for the first line whose number of cells differs from the number of headings."""
-    rows = _lines(path)
-    _, headings = next(rows)
-    for line, cells in rows:
-        if len(cells) != len(headings):
-            allowed = f"{len(headings)}, as many as headings"
-            raise InputError(paths.shown(path), f"line {line}", f"{len(cells)} cells", allowed)
-
-
-def _row(path: Path, number: int) -> tuple[int, list[str]]:
-    """Line number and cells of a row of numbers; rows are counted from 0."""
-    return next(row for place, row in enumerate(_lines(path), -1) if place == number)
-
-
-def _must_increase(path: Path, column: _Column, time: Array) -> None:
-    back = np.diff(time) <= 0
-    if back.any():
-        place = int(np.argmax(back))
-        line, _ = _row(path, place + 1)
-        found = f"{time[place + 1]:.9g} after {time[place]:.9g}"
-        raise InputError(paths.shown(path), f"line {line}, {column.heading}", found, "times that increase")
-
-
-def _unit(
-    column: _Column, stated: str | None, allowed: Mapping[str, str], path: Path, where: str, key: str
-) -> tuple[float, str]:
-    """Factor from the unit of a column to the SI unit, and the SI unit; the heading or the entry gives the unit.
+def _unit(column: Column, stated: str | None, allowed: Mapping[str, str], where: str, key: str) -> tuple[float, str]:
+    """Factor from the unit of a column to the SI unit, and the SI unit; the file or the entry gives the unit.
 
     Raises:
-        InputError: The unit is missing or belongs to another quantity, or heading and entry differ.
+        InputError: The unit is missing or belongs to another quantity, or file and entry differ.
     """
-    words = f"a unit of {' or '.join(allowed.values())}"
-    example = f'in the heading ("{column.name} [{"us" if TIME in allowed else "mV"}]") or as {key.rpartition(".")[2]}'
-    texts = {paths.shown(path): column.unit, where: stated or ""}
-    found = {place: _factor(text, allowed) for place, text in texts.items() if text}
-    for place, factor in found.items():
-        if factor is None:
-            named = column.heading if texts[place] == column.unit else key
-            raise InputError(place, named, f'the unit "{texts[place]}"', words)
-    factors = [factor for factor in found.values() if factor]
-    if not factors:
-        raise InputError(paths.shown(path), column.heading, f"missing unit: {words}, {example}")
-    if factors[0] != factors[-1]:
-        raise InputError(where, key, f'"{stated}" for a column "{column.heading}"', "one unit")
-    return factors[0]
-
-
-def _factor(text: str, allowed: Mapping[str, str]) -> tuple[float, str] | None:
-    for unit in allowed:
-        try:
-            return to_si(f"1 {text}", unit), unit
-        except ValueError:
-            continue
-    return None
+    texts = [text for text in (column.unit, stated) if text]
+    words, name = " or ".join(allowed.values()), f'"{column.heading}" in {column.file}'
+    if not texts:
+        example = f'{key.rpartition(".")[2]} = "{"us" if TIME in allowed else "mV"}" or another unit of {words}'
+        raise InputError(where, key, f"missing key: {name} has no unit; write in [[measured]], such as {example}")
+    for text in texts:
+        if unit_of(text)[1] not in allowed:
+            raise InputError(where, key, f'the unit "{text}" for {name}', f"a unit of {words}")
+    if len({unit_of(text) for text in texts}) > 1:
+        raise InputError(where, key, f"the units {' and '.join(texts)} for {name}", "one unit")
+    return unit_of(texts[0])
 
 
 def _gain(entry: MeasuredEntry, unit: str, where: str, key: str) -> float:
     """Newtons per SI unit of the readings."""
     if unit == FORCE:
-        gain = 1.0 if entry.gain is None else _plain(entry.gain, where, key)
+        gain = _number(1.0 if entry.gain is None else entry.gain, "", where, key)
     elif entry.gain is None:
-        found = f'missing key: readings in {unit} need a gain such as "2.1 N/{unit}"{_way_out(key)}'
-        raise InputError(where, key, found)
+        example = f'such as gain = "2.1 N/{unit}" or "0.5 {unit}/N"'
+        raise InputError(where, key, f"missing key: readings in {unit} need a gain in [[measured]], {example}")
     else:
-        gain = _in_unit(entry.gain, f"N/{unit}", where, key)
+        try:
+            gain = 1 / to_si(str(entry.gain), f"{unit}/N")  # as data sheets of gauges give it
+        except (ValueError, ZeroDivisionError):
+            gain = _number(entry.gain, f"N/{unit}", where, key)
     if gain == 0:
         raise InputError(where, key, "0", "a gain other than 0; a negative gain inverts the trace")
     return gain
 
 
-def _in_unit(stated: str | float, unit: str, where: str, key: str) -> float:
-    """A stated value in an SI unit."""
-    if isinstance(stated, str):
-        try:
+def _number(stated: str | float, unit: str, where: str, key: str) -> float:
+    """A stated value in an SI unit, or a plain number."""
+    if not unit and not isinstance(stated, str):
+        return float(stated)
+    if unit and isinstance(stated, str):
+        with suppress(ValueError):
             return to_si(stated, unit)
-        except ValueError:
-            pass
     unit = unit.replace("1/", "") + "^-1" * unit.startswith("1/")  # texts of units begin with a letter
-    _, _, other = str(stated).partition(" ")
-    allowed = f"a number in {unit}, not in {other[:20]}," if other else "a number with its unit,"
-    raise InputError(where, key, shorten(stated), f'{allowed} such as "2 {unit}"')
+    allowed = f'a number in {unit}, such as "2 {unit}"' if unit else "a plain number"
+    raise InputError(where, key, shorten(stated), allowed)
 
 
-def _plain(stated: str | float, where: str, key: str) -> float:
-    if isinstance(stated, str):
-        raise InputError(where, key, shorten(stated), "a plain number")
-    return float(stated)
-
-
-def _must_show_pulse(path: Path, column: _Column, values: Array, noise: float | None) -> None:
+def _must_show_pulse(column: Column, values: Array, noise: float | None, gain: str | float) -> None:
     """Refuses readings without a maximum above the noise.
 
     If no noise is given, it is estimated from second differences, which remove slow changes.
@@ -385,5 +285,7 @@ def _must_show_pulse(path: Path, column: _Column, values: Array, noise: float | 
     limit = (np.sqrt(2 * np.log(len(values))) + PULSE_MARGIN) * deviation
     if not risen.max() > limit:
         found = "a constant" if not np.ptp(values) else "no pulse: nothing rises above noise"
-        inverted = "; a negative gain inverts the trace" * bool(-risen.min() > limit)
-        raise InputError(paths.shown(path), column.heading, found, f"readings with a pulse{inverted}")
+        opposite = ("-" + str(gain).strip(" +")).replace("--", "")
+        factor = f'"{opposite}"' if isinstance(gain, str) else opposite
+        inverted = f"; a negative gain inverts the trace: gain = {factor}" * bool(-risen.min() > limit)
+        raise InputError(column.file, column.heading, found, f"readings with a pulse{inverted}")

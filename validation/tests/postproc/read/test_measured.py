@@ -25,14 +25,26 @@ ENTRY = '[[measured]]\nfile = "trace.csv"\n'
 SENSORS = "sensors = [{ from_wall = 3 }]"
 
 
-def written(folder: Path, header: str = "time_us,wall_N", **columns: object) -> Path:
-    """Writes a file with a pulse below a row of headings; ``at_ROW_COLUMN`` replaces a cell."""
-    rows = [list(map(str, row)) for row in zip(TIME_US, *[PULSE] * header.count(","), strict=True)]
-    for change, text in columns.items():
+def written(
+    folder: Path, header: str = "time_us,wall_N", style: str = ",.", encoding: str = "utf-8", **cells: object
+) -> Path:
+    """Writes a file with a pulse below headings.
+
+    Args:
+        folder: Folder of the file.
+        header: Lines above the numbers, the last with as many cells as columns.
+        style: Separator and decimal mark, as the first two characters; further ones are appended to each row.
+        encoding: Encoding of the file.
+        **cells: ``at_ROW_COLUMN`` replaces a cell.
+    """
+    separator, decimal, tail = style[0], style[1], style[2:]
+    columns = header.strip().rpartition("\n")[2].replace(" [", "[").rstrip(separator).count(separator)
+    rows = [[str(x).replace(".", decimal) for x in row] for row in zip(TIME_US, *[PULSE] * columns, strict=True)]
+    for change, text in cells.items():
         _, row, column = change.split("_")
         rows[int(row)][int(column)] = str(text)
     path = folder / "trace.csv"
-    path.write_text("\n".join([header, *map(",".join, rows)]) + "\n")
+    path.write_text("\n".join([header, *(separator.join(row) + tail for row in rows), ""]), encoding, newline="")
     return path
 
 
@@ -48,22 +60,41 @@ def scene(scene_file: SceneWriter) -> Path:
     return path
 
 
-@pytest.mark.parametrize(
-    ("header", "keys"),
-    [
-        ("time_us,wall_N", ""),
-        ("time [us],wall [N]", ""),
-        ("time_µs,wall_N", ""),
-        ('"time [us]",CH1 [V]', 'gauges = { wall = "CH1" }\ngain = "1 N/V"'),
-        ("t,CH1 [V]", 'time = "t"\ntime_unit = "us"\ngauges = { wall = "CH1 [V]" }\ngain = "0.001 N/mV"'),
-        ("t_us,CH1_V,CH2_V", 'time = "t"\ngauges = { wall = "CH1_V" }\ngain = "1 kN/kV"'),
-        ("t_us,CH1,other_s", 'time = "t_us"\nunit = "N"\ngauges = { wall = "CH1" }\ngain = 1'),
-        ("# of an oscilloscope\n\ntime_us,wall_N", ""),
-        ("\ufefftime_us, wall_N", ""),
-    ],
-)
-def test_units_come_from_headings_or_keys(scene: Path, header: str, keys: str) -> None:
-    written(scene.parent, header)
+WALL = 'gauges = { wall = "CH1" }\n'
+VOLTS = f'{WALL}gain = "1 N/V"'
+KEYSIGHT = 'gauges = { wall = "1" }\ngain = "1 N/V"'
+PICO = 'gauges = { wall = "Channel A" }\ngain = "1 kN/V"'
+TEKTRONIX = "Model,TBS1102\nRecord Length,2500\nSample Interval,4e-7\n\nVertical Scale,0.5,0.2\n,\n"
+# header, style, encoding, keys of the entry
+FILES = [
+    ("time_us,wall_N", ",.", "utf-8", ""),
+    ("time [us],wall [N]", ",.", "utf-8", ""),
+    ("time (us) , wall (N)", ",.", "utf-8", ""),
+    ("Time/us,wall/N,,CH1 [V]", ",.", "utf-8", ""),
+    ("time_µs,wall_N", ",.", "latin-1", ""),
+    ("time (µs)\twall (N)", "\t.", "utf-16", ""),
+    ("\ufefftime_us, wall_N", ",.", "utf-8", ""),
+    ('"time [us]","CH1 [V]"', ",.", "utf-8", VOLTS),
+    ("T [us],CH1 [V]", ",.", "utf-8", f'{WALL}gain = "0.001 N/mV"'),
+    ("t,CH1 [V]", ",.", "utf-8", 'time_unit = "us"\ngauges = { wall = "CH1 [V]" }\ngain = "0.001 V/mN"'),
+    ("t_us,CH1_V,CH2_V", ",.", "utf-8", 'time = "t"\ngauges = { wall = "CH1_V" }\ngain = "1 kV/kN"'),
+    ("Shot [us],CH1,other_s", ",.", "utf-8", f'{WALL}unit = "N"\ngain = 1'),
+    ("time_us,wall_N,time", ",.", "utf-8", ""),
+    ("us;CH1", ";,", "utf-8", f'{WALL}unit = "N"'),
+    ("# of an oscilloscope\n\ntime_us;wall_N;", ";,;", "utf-8", ""),
+    ("sep=;\ntime_us; wall_N", ";.", "utf-8", ""),
+    ("Shot 12, PTFE chain\nof 1 May\n\ntime_us\twall_N", "\t,", "utf-8", ""),
+    ("time [us] wall [N]", " .", "utf-8", ""),
+    (f"{TEKTRONIX}TIME,CH1\nmicroseconds,Volts", ",.", "utf-8", VOLTS),
+    ("x-axis,1\nusec,Volt", ",.\r", "utf-8", KEYSIGHT),
+    ("Time;Channel A;Other\n(us);(mV);()\n", ";,", "utf-8-sig", PICO),
+    ("time (us),wall_N\nus,N,", ",.,", "utf-8", ""),
+]
+
+
+@pytest.mark.parametrize(("header", "style", "encoding", "keys"), FILES)
+def test_files_are_read_as_they_are(scene: Path, header: str, style: str, encoding: str, keys: str) -> None:
+    written(scene.parent, header, style, encoding)
     scene.write_text(scene.read_text() + keys)
     trace = read(scene)
     assert np.allclose(trace.time_s, TIME_US * 1e-6, rtol=1e-12)
@@ -107,18 +138,27 @@ BAD_FILES = [
     ({}, ["time=t"], "scene.toml", "measured.0.time", 'no column "t"', "time_us, wall_N"),
     ({}, ["gauges={wall='CH1'}"], "scene.toml", "measured.0.gauges.wall", 'no column "CH1"', "time_us, wall_N"),
     ({}, ["gauges={bead_9='wall'}"], "scene.toml", "measured.0.gauges.bead_9", "an unknown gauge", "bead_3, wall"),
-    ({"header": "time_us,bead_9_N"}, [], "scene.toml", "measured.0.gauges", "bead_9_N", "bead_3, wall"),
-    ({"header": "time_us,CH1_N"}, [], "scene.toml", "measured.0.gauges", "time_us, CH1_N", "bead_3, wall"),
+    ({}, ["gauges={bead3='wall'}"], "scene.toml", "measured.0.gauges.bead3", "gauge", "(did you mean bead_3?)"),
+    ({"header": "time_us,bead_9_N"}, [], "scene.toml", "measured.0.gauges.bead_9", "bead_9", "bead_3, wall"),
+    ({"header": "time_us,CH1_N"}, [], "scene.toml", "measured.0.gauges", "CH1_N", 'gauges = { bead_3 = "CH1_N" }'),
+    ({"header": "time_us,Wall_N"}, [], "scene.toml", "measured.0.gauges", "Wall_N", 'gauges = { wall = "Wall_N" }'),
+    ({"header": "time_us,CH1_N"}, ["gauges={wall='Ch 1'}"], "scene.toml", "wall", '"Ch 1"', "did you mean CH1_N?"),
     ({"header": "time_us,wall_N,wall"}, ["gauges={wall='wall_x'}"], "scene.toml", "wall", 'no column "wall_x"', "wall"),
     ({"header": "time_us,wall_N,wall_V"}, [], "scene.toml", "measured.0.gauges", "more than one", "wall_V"),
-    ({"header": "time_N,wall_N"}, [], "trace.csv", "time_N", '"N"', "a unit of time"),
-    ({"header": "time,wall_N"}, [], "trace.csv", "time", "as time_unit", ""),
+    ({"header": "Time (s),time (s),wall_N"}, [], "scene.toml", "measured.0.time", "time (s)", 'time = "Time (s)"'),
+    ({"header": "shot,wall_N"}, [], "scene.toml", "measured.0.time", "shot, wall_N", 'time = "shot"'),
+    ({"header": "time_N,wall_N"}, [], "scene.toml", "measured.0.time_unit", '"N" for "time_N"', "a unit of time"),
+    ({"header": "time,wall_N"}, [], "scene.toml", "measured.0.time_unit", 'time_unit = "us"', ""),
     ({"header": "time,wall_N"}, ["time_unit=N"], "scene.toml", "measured.0.time_unit", '"N"', "a unit of time"),
-    ({}, ["time_unit=ms"], "scene.toml", "measured.0.time_unit", '"ms" for a column "time_us"', "one unit"),
-    ({"header": "time_us,wall_us"}, [], "trace.csv", "wall_us", '"us"', "a unit of force or voltage"),
-    ({"header": "time_us,wall [parrots]"}, [], "trace.csv", "wall", '"parrots"', "a unit of force"),
-    ({"header": "time_us,wall"}, [], "trace.csv", "wall", "or as unit", ""),
-    ({"header": "time_us,wall_V"}, [], "scene.toml", "measured.0.gain", 'such as "2.1 N/V"', ""),
+    ({"header": "time (us),wall\nms,N"}, [], "scene.toml", "measured.0.time_unit", '"us and ms"', "a unit of time"),
+    ({}, ["time_unit=ms"], "scene.toml", "measured.0.time_unit", 'us and ms for "time_us"', "one unit"),
+    ({"header": "time_us,wall_us"}, [], "scene.toml", "measured.0.unit", '"us"', "a unit of force or voltage"),
+    ({"header": "time_us,wall [parrots]"}, [], "scene.toml", "measured.0.unit", '"parrots"', "a unit of force"),
+    ({"header": "time_us,wall"}, [], "scene.toml", "measured.0.unit", 'unit = "mV"', ""),
+    ({"header": "time_us,wall_V"}, [], "scene.toml", "measured.0.gain", 'gain = "2.1 N/V"', ""),
+    ({"header": "time_us,wall_V"}, ["gain=-2 N/V"], "trace.csv", "wall_V", "no pulse", 'the trace: gain = "2 N/V"'),
+    ({}, ["gain=-2"], "trace.csv", "wall_N", "no pulse", "the trace: gain = 2"),
+    ({}, ["gain=2 kN/N"], "scene.toml", "measured.0.gain", "2 kN/N", "a plain number"),
     ({"header": "time_us,wall_V"}, ["gain=2"], "scene.toml", "measured.0.gain", "2", "N/V"),
     ({"header": "time_us,wall_V"}, ["gain=2 N/A"], "scene.toml", "measured.0.gain", "2 N/A", "N/V"),
     ({}, ["gain=2 N/V"], "scene.toml", "measured.0.gain", "2 N/V", "a plain number"),
@@ -127,21 +167,26 @@ BAD_FILES = [
     ({}, ["baseline=2"], "scene.toml", "measured.0.baseline", "2", "2 N"),
     ({}, ["noise=0 N"], "scene.toml", "measured.0.noise", "0 N", "above 0"),
     ({}, ["noise=2 N"], "trace.csv", "wall_N", "nothing rises above noise", "a pulse"),
-    ({"header": "time_us,wall_N,bead_3_V"}, ["gain=2"], "scene.toml", "0.gauges", "bead_3 in V", "of one unit"),
+    ({"header": "time_us,wall_N,bead_3_V"}, ["gain=2"], "scene.toml", "0.gauges", "in N and V", "of one unit"),
     ({"at_5_1": "x"}, [], "trace.csv", "line 7, wall_N", '"x"', "a finite number"),
     ({"at_5_1": ""}, [], "trace.csv", "line 7, wall_N", '""', "a finite number"),
     ({"at_5_1": "nan"}, [], "trace.csv", "line 7, wall_N", "nan", "a finite number"),
     ({"at_63_0": "inf"}, [], "trace.csv", "line 65, time_us", "inf", "a finite number"),
-    ({"at_5_1": "1e999"}, [], "trace.csv", "line 7, wall_N", "1e999", "a finite number"),
-    ({"at_5_1": '"0,5"'}, [], "trace.csv", "line 7, wall_N", "0,5", "a finite number"),
+    ({"at_5_1": "1e999"}, [], "trace.csv", "line 7, wall_N", "inf", "a finite number"),
+    ({"at_5_1": '"0,5"'}, [], "trace.csv", "line 7, wall_N", "0,5", 'decimals with "."'),
+    ({"at_5_1": '"1,234.5"'}, [], "trace.csv", "line 7, wall_N", "1,234.5", "no thousands separators"),
+    ({"header": "time_us;wall_N", "style": ";,", "at_5_1": "1.234,5"}, [], "trace.csv", "line 7", "1.23", "thousands"),
+    ({"header": "time_us;wall_N", "style": ";,", "at_5_1": "1.234"}, [], "trace.csv", "line 7", "1.23", "thousands"),
+    ({"style": ",,"}, [], "trace.csv", "line 2", "more than 2 cells", "decimal commas need semicolons"),
+    ({"at_5_0": "time_us", "at_5_1": "wall_N"}, [], "trace.csv", "line 7, time_us", "time_us", "a finite number"),
+    ({"header": "# time_us,wall_N"}, [], "trace.csv", "line 2", "no headings", "without #"),
+    ({"header": "Record Length,2500"}, [], "trace.csv", "line 1", "no headings", "without #"),
     ({"at_9_0": "8"}, [], "trace.csv", "line 11, time_us", "8 after 8", "times that increase"),
     ({"at_9_0": "7.5"}, [], "trace.csv", "line 11, time_us", "7.5 after 8", "times that increase"),
-    ({"at_9_1": "1,2"}, [], "trace.csv", "line 11", "3 cells", "2, as many as"),
-    ({"at_0_1": "1,2"}, [], "trace.csv", "line 2", "3 cells", "2, as many as"),
-    ({"header": "Model,TBS1102\ntime_us,wall_N"}, [], "scene.toml", "measured.0.time", '"time"', "Model, TBS1102"),
-    ({"header": "time_us;wall_N"}, [], "trace.csv", "line 1", "semicolons", "commas"),
-    ({"header": "time_us\twall_N"}, [], "trace.csv", "line 1", "tabs", "commas"),
-    ({"header": "time_us,wall_V"}, ["gain=3 V/N"], "scene.toml", "gain", "3 V/N", "in N/V, not in V/N"),
+    ({"at_9_1": "1,2"}, [], "trace.csv", "line 11", "more than 2 cells", "2, as many as"),
+    ({"at_0_1": "1,2"}, [], "trace.csv", "line 2", "more than 2 cells", "2, as many as"),
+    ({"at_9_1": '"1'}, [], "trace.csv", "line 2", "more than 2 cells", "quotation marks in pairs"),
+    ({"at_0_1": '"1', "at_1_0": '"1"'}, [], "trace.csv", "line 2", "more than 2 cells", "quotation marks in pairs"),
 ]  # fmt: skip
 
 
@@ -156,10 +201,10 @@ def test_a_bad_file_is_named(
 @pytest.mark.parametrize(
     ("header", "start"),
     [
-        ("time [us],CH1 [mV]", 'measured.gauges: found headings "time [us], CH1 [mV]'),
-        ("time [us],bead_9 [N]", "measured.gauges: found bead_9 [N]"),
+        ("time [us],CH1 [mV]", "measured.gauges: found headings time [us], CH1 [mV]"),
         ("time [us],wall [mV]", "measured.gain: missing key"),
-        ("t [us],wall [N]", 'measured.time: found no column "time"'),
+        ("time [us],wall", "measured.unit: missing key"),
+        ("shot [mm],wall [N]", "measured.time: found headings shot [mm], wall [N]"),
     ],
 )
 def test_messages_on_a_file_alone_name_the_measured_table(tmp_path: Path, header: str, start: str) -> None:
@@ -167,9 +212,7 @@ def test_messages_on_a_file_alone_name_the_measured_table(tmp_path: Path, header
     with pytest.raises(InputError) as caught:
         read_measured(entry, Path(), ("bead_3", "wall"), "--measured trace.csv")
     assert start in str(caught.value)
-    assert "".join(caught.value.args[2:4]).endswith(
-        "or write a [[measured]] table in the scene file, see inputs/README.md"
-    )
+    assert "in [[measured]], such as " in str(caught.value)
 
 
 def must_refuse(scene: Path, settings: list[str], *parts: str) -> None:
@@ -188,14 +231,15 @@ def must_refuse(scene: Path, settings: list[str], *parts: str) -> None:
     [
         (b"", "an empty file"),
         (b"\n\n# nothing\n", "an empty file"),
-        (b"time_us,wall_N\n", "0 samples"),
+        (b"time_us,wall_N\n", "no table of numbers"),
+        (b"wall_N\n" + b"1\n" * 20, "no table of numbers"),
+        (b"time_us|wall_N\n" + b"1|2\n" * 20, "no table of numbers"),
         (b"time_us,wall_N\n" + b"".join(b"%d,%d\n" % (i, i) for i in range(15)), "15 samples"),
         (b"time_us,wall_N\n" + b"".join(b"%d,3\n" % i for i in range(99)), "a constant"),
-        (b"time_us,wall_N,x\n" + b"".join(b"%d,3\n" % i for i in range(99)), "2 cells"),
-        (b"time_us,wall_N\nseconds,newtons\n" + b"".join(b"%d,3\n" % i for i in range(99)), '"seconds"'),
-        (b"\x89PNG\r\n\x1a\n\x00\x00", "byte 0x89"),
-        (b"time_us,wall_N\n1,\x00\n", ""),
-        ("time_µs,wall_N\n".encode("latin-1") + b"1,1\n" * 20, "byte 0xb5"),
+        (b"time_us,x,wall_N\n" + b"".join(b"%d,3\n" % i for i in range(99)), '""'),
+        (b"time_us;wall_N\n" + b"".join(b"%d;2,04%d\n" % (i, i % 9) for i in range(99)), '"2,040", thousands'),
+        (b"\x89PNG\r\n\x1a\n\x00\x00", "no table of numbers"),
+        (b"time_us,wall_N\n1,x\n", '"x"'),
     ],
 )
 def test_a_file_that_is_no_table_is_named(scene: Path, content: bytes, found: str) -> None:

@@ -283,7 +283,7 @@ def test_the_data_are_those_of_the_named_scene_whatever_the_record_is_called(
         (("fig4",), "fig4: measured: no measured data: add a [[measured]] table"),
         pytest.param(("fig4", "--measured", "none.csv"), "no such file", marks=pytest.mark.long),
         (("fig4", "--measured", made_up_trace.FILE), "measured.gauges: found headings"),
-        (("example-measured", "--set", "measured.0.gain=2 V/N"), "measured.0.gain: found"),
+        (("example-measured", "--set", "measured.0.gain=2 N/A"), "measured.0.gain: found"),
         pytest.param(("example-measured", "--set", "measured.0.trigger=9 ms"), "triggers", marks=pytest.mark.long),
         pytest.param(
             ("fig4-tube", "--set", "measured=[{file='x.csv'}]"),
