@@ -85,7 +85,7 @@ def quantity(value: float, unit: str) -> str:
     if unit == "kg":
         number, unit = number.scaleb(3), "g"
     elif unit in PREFIXED and number:
-        power = (number.adjusted() + 1) // 3 * 3
+        power = min((number.adjusted() + 1) // 3 * 3, max(PREFIXES))
         power = power if power in PREFIXES else 0
         number, unit = number.scaleb(-power), PREFIXES[power] + unit
     digits = "f" if abs(number.adjusted()) <= 6 else "g"

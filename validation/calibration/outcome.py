@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import hypot, isfinite, log, nan, sqrt
+from math import hypot, isfinite, isnan, log, nan, sqrt
 
 import numpy as np
 
@@ -263,8 +263,8 @@ def with_error(value: float, error: float, unit: str) -> str:
 
 
 def interval_text(row: Parameter, ends: tuple[float, float]) -> str:
-    """Interval with digits as in ``value_text``; an open side is the end of the range, in brackets."""
-    if not isfinite(row.error):
+    """Interval with digits as in ``value_text``; an open side is the end of the range, in brackets; empty for NaN."""
+    if isnan(ends[0]):
         return ""
     scale, places, unit = _digits(row.value, min(row.error, (row.most - row.least) / 10), row.unit)
     shown = [

@@ -1,0 +1,89 @@
+"""``beads fit``: laws compared, predictions, and the folder that can be sent."""
+
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.scene.read_scene import read_scene
+from validation.tests.helpers.commands import beads
+from validation.tests.validation.calibration.test_fit import MODULUS, RESTITUTION, made_up
+
+FREE = ("--free", MODULUS, "--free", RESTITUTION)
+
+
+def test_quoted_numbers_give_a_folder_without_traces(tmp_path: Path) -> None:
+    done = beads("fit", "fig4", *FREE, "--quoted", "fig4", "--quick", "--results", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "1.01 ± 0.30 GPa" in done.stdout
+    names = {path.name for path in (tmp_path / "fit-fig4").glob("[!.]*")}
+    tables = {f"{name}.csv" for name in ("parameters", "data", "laws", "predictions")}
+    assert names == {"README.md", "fit-fig4.toml", "parameters.png", "parameters.svg"} | tables
+
+
+def test_a_folder_works_wherever_it_is_copied_to(tmp_path: Path) -> None:
+    """Its scenes read their data from it, its command fits again, and overlay takes the fitted scene."""
+    done = beads(
+        "fit", "example-measured", *FREE, "--quick", "--set", "contact.friction=0.1", "--results", tmp_path / "first"
+    )
+    assert done.returncode == 0, done.stderr
+    sent = tmp_path / "sent" / "folder"
+    shutil.copytree(tmp_path / "first" / "fit-example-measured", sent)
+    shutil.rmtree(tmp_path / "first")
+    fitted = read_scene(sent / "fit-example-measured.toml")
+    assert {entry.file for entry in fitted.measured if entry.file} == {"example-measured.csv"}
+    assert {entry.trigger for entry in fitted.measured if entry.file} == {40e-6}
+    assert fitted.contact.friction == 0.1
+    assert fitted.materials["ptfe"].youngs_modulus == pytest.approx(1.35e9, rel=5e-3)
+    text = (sent / "fit-example-measured.toml").read_text(encoding="utf-8")
+    assert "# INVENTED readings" in text
+    assert "# fitted: 1.351" in text
+    (command,) = (line for line in (sent / "README.md").read_text().splitlines() if line.startswith("    beads fit"))
+    here = Path.cwd()
+    try:
+        os.chdir(sent)
+        again = beads(*command.replace("'", "").split()[1:], "--results", tmp_path / "again")
+        over = beads("overlay", "fit-example-measured.toml", "--results", tmp_path / "over")
+    finally:
+        os.chdir(here)
+    assert again.stdout.splitlines()[:4] == done.stdout.splitlines()[:4]
+    assert over.returncode == 0, over.stderr
+
+
+def test_a_value_in_an_inline_table_is_replaced_there(tmp_path: Path) -> None:
+    """A comment inside an inline table is invalid TOML."""
+    free = ("--free", "chain.sensors.0.mass", "--free", RESTITUTION)
+    assert beads("fit", "--quoted", "fig4", *free, "--quick", "--results", tmp_path).returncode == 0
+    assert read_scene(tmp_path / "fit-fig4" / "fit-fig4.toml").chain.sensors[0].mass != 1.16e-4
+
+
+def test_another_folder_of_the_name_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "fit-fig4").mkdir()
+    (tmp_path / "fit-fig4" / "notes.txt").touch()
+    done = beads("fit", "fig4", *FREE, "--quoted", "fig4", "--quick", "--results", tmp_path)
+    assert done.returncode == 2
+    assert "not a folder of a fit" in done.stderr
+    assert [path.name for path in tmp_path.rglob("*.*")] == ["notes.txt"]
+
+
+def test_laws_are_compared_on_the_same_data(tmp_path: Path) -> None:
+    """The trace is viscoelastic: elastic beads do not explain it, and the laws differ in the reflected wave."""
+    trace = made_up(tmp_path / "trace.csv", noise=0.01)
+    laws = [word for law in ("elastic", "viscoelastic") for word in ("--law", law)]
+    asked = ("--predict", "bead_8_reflected_arrival", "--predict", "wall_peak_N")
+    done = beads(
+        "fit", "fig4", "--measured", trace, "--free", MODULUS, *laws, *asked, "--quick", "--results", tmp_path
+    )
+    assert done.returncode == 0, done.stderr
+    assert "elastic does not explain the data" in done.stdout
+    assert "viscoelastic is the best law" in done.stdout
+    assert "viscoelastic and elastic differ in fig4: " in done.stdout
+    predicted = [line.split() for line in done.stdout.splitlines() if line.startswith(("bead_8_reflected", "wall_peak_N"))]
+    assert [line[2] for line in predicted] == ["elastic", "viscoelastic"] * 2
+    names = {path.name for path in (tmp_path / "fit-fig4").glob("fit-*.toml")}
+    assert names == {"fit-fig4-elastic.toml", "fit-fig4-viscoelastic.toml"}
+    table = np.genfromtxt(tmp_path / "fit-fig4" / "laws.csv", delimiter=",", names=True, dtype=None, encoding="utf-8")
+    assert table["law"].tolist() == ["elastic", "viscoelastic"]
+    assert table["freedom"][0] == table["freedom"][1] + 1
