@@ -1,45 +1,45 @@
 """Measured quantities with their standard errors, compared with the computed ones.
 
-A measured pulse is read from a quintic regression spline through its readings, a low-pass that is linear in the
-readings. Knots are placed after equal numbers of readings. Their number minimises the generalised cross-validation
-
-    n RSS / (n - p)^2,
-
-with n readings and p coefficients (Wahba, Spline Models for Observational Data, 4.3), and is then multiplied by
-``KNOT_FACTOR``. Peaks and crossings are found on the run's clock as for a computed trace (``postproc.read.signals``).
-Their standard errors are the spreads over ``DRAWS`` draws of the spline with the white noise of the quiet readings and
-errors of the baseline added. Errors of the gain and of a fitted trigger are independent and added in quadrature.
-Quantities are named as in ``postproc.read.observables``; all forces are above rest.
+A measured pulse is read from a regression spline through its readings (``postproc.read.smooth``). Peaks and crossings
+are found on the run's clock as for a computed trace (``postproc.read.signals``). Their standard errors are the spreads
+over ``DRAWS`` draws of the spline with white noise and errors of the baseline added. Errors of the gain and of a fitted
+trigger are independent and added in quadrature. Quantities are named as in ``postproc.read.observables``; all forces
+are above rest.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import hypot, nan
+from itertools import pairwise
+from math import hypot, log10, nan
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import BSpline, make_lsq_spline
+from scipy.interpolate import make_lsq_spline
+from scipy.signal import correlate
 
+from drivers.base import paths
 from drivers.chain.case import Layout
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 from drivers.scene.model import MeasuredEntry
 from postproc.read.alignment import AlignedGauge, align, check_length
-from postproc.read.measured import read_measured, read_quoted
+from postproc.read.measured import FORCE, read_measured, read_quoted
 from postproc.read.observables import LEVELS, observe
 from postproc.read.sensors import gauges_of
-from postproc.read.signals import Peak, peaks, rising_crossing
+from postproc.read.signals import peaks, rising_crossing
+from postproc.read.smooth import DEGREE, knots_of
 
 LEVEL = LEVELS[1]  # share of the peak at which the duration is cut
+LEVEL_NAME = f"{100 * LEVEL:g}pct"
+PULSE = "amplitude_N", "arrival_s", f"duration_{LEVEL_NAME}_s"
 DRAWS, SEED = 200, 1
 NOISE_FACTOR = 8.0  # prominence of a pulse, over the noise of the spline
 MIN_PROMINENCE = 0.005  # of a pulse, as a share of the signal's range
-DEGREE = 5
-KNOT_FACTOR = 1.5  # more knots than the minimum asks for, so that smoothing errors are small compared with the noise
-KNOT_RATIO = 1.25  # of the numbers of knots of consecutive trials
 MIN_DRAWS_SHARE = 0.9  # share of the draws that must show a quantity
 QUOTED = "quoted"
-LEVEL_NAME = f"{100 * LEVEL:g}pct"
+SMALLER = {3: "m", 6: "u"}  # prefixes of units that are mistaken for others, by powers of ten
+WITHIN = 5.0  # factor between measured and computed forces apart from such a power
+INVERTED = 1.5  # smallest ratio of the negative to the positive extremum of the cross-correlation
 
 
 @dataclass(frozen=True)
@@ -77,63 +77,44 @@ class Misfit:
 
 @dataclass(frozen=True, eq=False)
 class SmoothForce:
-    """A gauge with its regression spline at the sample times of the run; arrays of shape (samples,)."""
+    """A gauge with its regression spline at the sample times of the run.
+
+    Attributes:
+        time_s: Sample times of the run within the readings. Shape (samples,).
+        drawn_N: Smoothed forces, first of the readings, then with draws of noise and baseline. Shape (samples,
+            1 + DRAWS).
+    """
 
     gauge: AlignedGauge
     time_s: Array
-    force_N: Array
-    error_N: Array  # standard error by noise and baseline
-    draws_N: Array  # deviations in the draws of noise and baseline. Shape (samples, DRAWS)
+    drawn_N: Array
 
+    @property
+    def force_N(self) -> Array:
+        """Smoothed force. Shape (samples,)."""
+        return self.drawn_N[:, 0]
 
-@dataclass(frozen=True)
-class _Pulse:
-    """First pulse of a gauge, and the same in the draws of noise; arrays of shape (DRAWS,)."""
-
-    amplitude_N: float
-    arrival_s: float
-    duration_s: float
-    amplitudes_N: Array
-    arrivals_s: Array
-    durations_s: Array
+    @property
+    def error_N(self) -> Array:
+        """Standard error by noise and baseline. Shape (samples,)."""
+        return np.asarray(self.drawn_N[:, 1:].std(axis=1))
 
 
 def smooth(gauge: AlignedGauge, run: Trace) -> SmoothForce:
     """Regression spline of a gauge on the run's clock, over the range of its readings."""
     time_s = run.time_s[(run.time_s >= gauge.time_s[0]) & (run.time_s <= gauge.time_s[-1])]
     random = np.random.default_rng([SEED, *gauge.gauge.encode()])
-    noise_N = random.normal(0.0, gauge.noise_N, (len(gauge.time_s), DRAWS))
-    rest_N = np.interp(time_s, gauge.time_s, gauge.rest_error_N)[:, np.newaxis] * random.normal(0.0, 1.0, DRAWS)
-    knots = _knots(gauge.time_s, gauge.force_N)
-    force_N = make_lsq_spline(gauge.time_s, gauge.force_N, knots, DEGREE)(time_s)
-    draws_N = make_lsq_spline(gauge.time_s, noise_N, knots, DEGREE)(time_s) + rest_N
-    return SmoothForce(gauge, time_s, np.asarray(force_N), draws_N.std(axis=1), draws_N)
-
-
-def _knots(time_s: Array, force_N: Array) -> Array:
-    """Knots of the spline: ``KNOT_FACTOR`` times as many as minimise the generalised cross-validation."""
-    readings = len(time_s)
-    most = readings // 2 - DEGREE - 1
-    counts = sorted({min(int(4 * KNOT_RATIO**power), most) for power in range(40)})
-    scores = []
-    for count in counts:
-        knots = _spread_knots(time_s, count)
-        curve: BSpline = make_lsq_spline(time_s, force_N, knots, DEGREE)
-        squares = float(np.sum((force_N - curve(time_s)) ** 2))
-        scores.append(squares / (readings - count - DEGREE - 1) ** 2)
-    return _spread_knots(time_s, min(round(KNOT_FACTOR * counts[int(np.argmin(scores))]), most))
-
-
-def _spread_knots(time_s: Array, count: int) -> Array:
-    """Knots at both ends and ``count`` inner knots, each after an equal number of readings."""
-    inner = time_s[np.linspace(0, len(time_s) - 1, count + 2).round().astype(int)[1:-1]]
-    return np.concatenate([[time_s[0]] * (DEGREE + 1), inner, [time_s[-1]] * (DEGREE + 1)])
+    force_N = np.tile(gauge.force_N[:, np.newaxis], 1 + DRAWS)
+    force_N[:, 1:] += random.normal(0.0, gauge.noise_N, (len(gauge.time_s), DRAWS))
+    drawn_N = make_lsq_spline(gauge.time_s, force_N, knots_of(gauge.time_s, gauge.force_N), DEGREE)(time_s)
+    drawn_N[:, 1:] += np.outer(np.interp(time_s, gauge.time_s, gauge.rest_error_N), random.normal(0.0, 1.0, DRAWS))
+    return SmoothForce(gauge, time_s, drawn_N)
 
 
 def lay_over(
     entries: Mapping[str, MeasuredEntry], folder: Path, where: str, layout: Layout, run: Trace
-) -> tuple[list[SmoothForce], list[Misfit]]:
-    """Measured gauges on a run's clock in the order of the scene, and all misfits.
+) -> tuple[list[SmoothForce], list[Misfit], list[str]]:
+    """Measured gauges on a run's clock in the order of the scene, all misfits, and remarks on data that hardly fit.
 
     Args:
         entries: Entries by their keys in the scene, such as ``measured.0``.
@@ -146,19 +127,44 @@ def lay_over(
         InputError: An entry or its file is wrong, or does not fit the run.
     """
     gauges, names = gauges_of(layout), list(observe(layout, run, LEVELS))
-    traces = [read_measured(entry, folder, gauges, where, key) for key, entry in entries.items() if entry.file]
-    quoted = {
-        name: value
-        for key, entry in entries.items()
-        if entry.values
-        for name, value in read_quoted(entry, names, where, key).items()
-    }
-    aligned = align(traces, layout, run)
-    triggers = {each.file: each.trigger_s for each in aligned}
-    for trace in traces:
-        check_length(trace, triggers[trace.file], float(run.time_s[-1]))
-    curves = [smooth(gauge, run) for gauge in aligned]
-    return curves, misfits(curves, layout, run, quoted)
+    traces = {key: read_measured(each, folder, gauges, where, key) for key, each in entries.items() if each.file}
+    quoted = dict(pair for key, each in entries.items() for pair in read_quoted(each, names, where, key).items())
+    curves = [smooth(gauge, run) for gauge in align(list(traces.values()), layout, run)]
+    remarks = []
+    for key, trace in traces.items():
+        own = [curve for curve in curves if curve.gauge.trace is trace]
+        onsets_s = {curve.gauge.gauge: curve.gauge.onset_s for curve in own}
+        remarks.append(check_length(trace, own[0].gauge.trigger_s, float(run.time_s[-1]), onsets_s))
+        remarks += [gain_remark(curve, key) for curve in own]
+    return curves, misfits(curves, layout, run, quoted), [*dict.fromkeys(filter(None, remarks))]
+
+
+def gain_remark(curve: SmoothForce, key: str) -> str:
+    """Sentence on a gain with a wrong sign or a wrong power of ten, with a gain that fits; empty otherwise.
+
+    Args:
+        curve: Smoothed gauge.
+        key: Key of its entry in the scene, such as ``measured.0``.
+    """
+    gauge, trace = curve.gauge, curve.gauge.trace
+    pair = curve.force_N, np.interp(curve.time_s, gauge.time_s, gauge.computed_N)
+    measured_N, computed_N = (force_N - np.median(force_N) for force_N in pair)
+    largest_N, expected_N = (float(np.abs(force_N).max()) for force_N in (measured_N, computed_N))
+    if gauge.time_s[-1] <= gauge.onset_s or largest_N < NOISE_FACTOR * np.median(curve.error_N):
+        return ""  # no wave to judge by
+    both = correlate(measured_N, computed_N, method="fft")
+    sign, power = -1 if -both.min() > INVERTED * both.max() else 1, 3 * round(log10(largest_N / expected_N) / 3)
+    if abs(power) not in SMALLER or not 1 / WITHIN < largest_N / expected_N / 10.0**power < WITHIN:
+        power = 0
+    found = ["readings are inverted"] * (sign < 0)
+    if power:
+        units = (SMALLER[abs(power)] + trace.unit, trace.unit)[:: 1 if power > 0 else -1]
+        found.append(f"readings are about {10.0**power:g} times the computed force: {' read as '.join(units)}?")
+    if not found:
+        return ""
+    fit = f"{sign * trace.gain / 10.0**power:g}"
+    stated = fit if trace.unit == FORCE else f'"{fit} N/{trace.unit}"'
+    return f"{paths.shown(trace.file)}: {gauge.gauge} {', '.join(found)} {key}.gain = {stated} fits"
 
 
 def misfits(
@@ -178,8 +184,8 @@ def misfits(
         quoted: Quoted values with their relative standard errors by observable.
     """
     computed, found = observe(layout, run, LEVELS), list[Misfit]()
-    for file in dict.fromkeys(curve.gauge.file for curve in curves):
-        own = {curve.gauge.gauge: curve for curve in curves if curve.gauge.file == file}
+    for file in dict.fromkeys(curve.gauge.trace.file for curve in curves):
+        own = {curve.gauge.gauge: curve for curve in curves if curve.gauge.trace.file == file}
         durations = {name: computed[f"{name}_duration_{LEVEL_NAME}_s"] for name in own}
         pulses = {name: _pulse(curve, durations[name]) for name, curve in own.items()}
         for name, curve in own.items():
@@ -194,66 +200,58 @@ def misfits(
     return found
 
 
-def _of_pulse(gauge: AlignedGauge, pulse: _Pulse, computed: Mapping[str, float]) -> list[Misfit]:
-    amplitude, arrival, duration = (
-        f"{gauge.gauge}_{ending}" for ending in ("amplitude_N", "arrival_s", f"duration_{LEVEL_NAME}_s")
-    )
-    gain = gauge.gain_uncertainty * abs(pulse.amplitude_N)
-    late = hypot(_spread(pulse.arrivals_s), gauge.trigger_error_s)
-    source = gauge.file.name
+def _of_pulse(gauge: AlignedGauge, pulse: Array, computed: Mapping[str, float]) -> list[Misfit]:
+    """Amplitude, arrival and duration of the first pulse."""
+    gain, trigger_s = gauge.trace.gain_uncertainty * abs(pulse[0, 0]), gauge.trigger_error_s
+    names, source = [f"{gauge.gauge}_{ending}" for ending in PULSE], gauge.trace.file.name
     return [
-        Misfit(amplitude, source, pulse.amplitude_N, _spread(pulse.amplitudes_N), gain, computed[amplitude]),
-        Misfit(arrival, source, pulse.arrival_s, late, 0.0, computed[arrival]),
-        Misfit(duration, source, pulse.duration_s, _spread(pulse.durations_s), 0.0, computed[duration]),
+        Misfit(name, source, float(values[0]), hypot(_spread(values[1:]), shift), by_gain, computed[name])
+        for name, values, shift, by_gain in zip(names, pulse.T, (0, trigger_s, 0), (gain, 0, 0), strict=True)
     ]
 
 
 def _of_all_readings(gauge: AlignedGauge, values: Mapping[str, float]) -> list[Misfit]:
     """Impulse by the trapezoidal rule, correlation, root mean square of the residual, and baseline."""
-    weights = np.zeros(len(gauge.time_s))
-    weights[1:] += np.diff(gauge.time_s) / 2
-    weights[:-1] += np.diff(gauge.time_s) / 2
+    weights = np.convolve(np.diff(gauge.time_s), [0.5, 0.5])
     measured, computed = float(weights @ gauge.force_N), float(weights @ gauge.computed_N)
     noise = hypot(gauge.noise_N * float(np.linalg.norm(weights)), float(weights @ gauge.rest_error_N))
-    name, source = gauge.gauge, gauge.file.name
+    name, source = gauge.gauge, gauge.trace.file.name
     peak_N = values[f"{name}_amplitude_N"]
     rms_N = float(np.sqrt(np.mean((gauge.force_N - gauge.computed_N) ** 2)))
     correlation = float(np.corrcoef(gauge.force_N, gauge.computed_N)[0, 1])
     return [
-        Misfit(f"{name}_impulse_N_s", source, measured, noise, gauge.gain_uncertainty * abs(measured), computed),
+        Misfit(f"{name}_impulse_N_s", source, measured, noise, gauge.trace.gain_uncertainty * abs(measured), computed),
         Misfit(f"{name}_correlation", source, correlation, nan, 0.0, nan),
         Misfit(f"{name}_residual_rms_N", source, rms_N, gauge.noise_N, 0.0, nan),
         Misfit(f"{name}_residual_rms_share", source, rms_N / peak_N, gauge.noise_N / peak_N, 0.0, nan),
-        Misfit(f"{name}_baseline_{gauge.unit}", source, gauge.baseline, gauge.baseline_error, 0.0, nan),
+        Misfit(f"{name}_baseline_{gauge.trace.unit}", source, gauge.baseline, gauge.baseline_error, 0.0, nan),
     ]
 
 
-def _pulse(curve: SmoothForce, duration_s: float) -> _Pulse:
-    """First pulse of a smoothed gauge; NaN for quantities that it does not show.
+def _pulse(curve: SmoothForce, duration_s: float) -> Array:
+    """Amplitude, arrival and duration of the first pulse in the readings and in each draw; NaN if not shown.
 
     Args:
         curve: Smoothed gauge.
         duration_s: Duration of the computed pulse, the window in which draws are evaluated.
+
+    Returns:
+        Values of shape (1 + DRAWS, 3).
     """
-    time_s, force_N = curve.time_s, curve.force_N
-    span_N = float(np.ptp(force_N))
+    time_s, span_N = curve.time_s, float(np.ptp(curve.force_N))
     prominence = max(NOISE_FACTOR * float(np.median(curve.error_N)) / span_N, MIN_PROMINENCE) if span_N else 1.0
-    first = next((peak for peak in peaks(time_s, force_N, min(prominence, 1.0)) if peak.value > 0), None)
+    first = next((peak for peak in peaks(time_s, curve.force_N, min(prominence, 1.0)) if peak.value > 0), None)
     if first is None:
-        nothing = np.full(DRAWS, nan)
-        return _Pulse(nan, nan, nan, nothing, nothing, nothing)
+        return np.full((1 + DRAWS, 3), nan)
     if not duration_s > 0:
         duration_s = first.time_s - float(time_s[0])
     around = (time_s > first.time_s - 1.5 * duration_s) & (time_s < first.time_s + duration_s / 4)
-    read = [_read(time_s[around], (force_N + draw)[around]) for draw in curve.draws_N.T]
-    amplitudes, arrivals, durations = np.array(read).T
-    edge_s = rising_crossing(time_s, force_N, LEVEL * first.value, first)
-    return _Pulse(first.value, first.time_s, 2 * (first.time_s - edge_s), amplitudes, arrivals, durations)
+    return np.array([_read(time_s[around], force_N) for force_N in curve.drawn_N[around].T])
 
 
 def _read(time_s: Array, force_N: Array) -> tuple[float, float, float]:
     """Amplitude, arrival and duration of the largest maximum."""
-    found: Peak | None = max(peaks(time_s, force_N), key=lambda peak: peak.value, default=None)
+    found = max(peaks(time_s, force_N), key=lambda peak: peak.value, default=None)
     if found is None:
         return nan, nan, nan
     edge_s = rising_crossing(time_s, force_N, LEVEL * found.value, found)
@@ -266,18 +264,13 @@ def _spread(draws: Array) -> float:
     return float(shown.std()) if len(shown) > MIN_DRAWS_SHARE * DRAWS else nan
 
 
-def _speeds(layout: Layout, pulses: Mapping[str, _Pulse], source: str, computed: Mapping[str, float]) -> list[Misfit]:
+def _speeds(layout: Layout, pulses: Mapping[str, Array], source: str, computed: Mapping[str, float]) -> list[Misfit]:
     """Peak-to-peak speeds between neighbouring sensors that are both in the file."""
     found = []
-    for upper, lower in zip(layout.sensors[:-1], layout.sensors[1:], strict=True):
-        first, second = (pulses.get(f"bead_{sensor.from_wall}") for sensor in (upper, lower))
-        if first is None or second is None:
-            continue
-        path_m = upper.height_m - lower.height_m
-        travel_s = second.arrival_s - first.arrival_s
-        name = f"speed_{upper.from_wall}_to_{lower.from_wall}_m_s"
-        speed = path_m / travel_s if travel_s > 0 else nan
-        found.append(
-            Misfit(name, source, speed, _spread(path_m / (second.arrivals_s - first.arrivals_s)), 0.0, computed[name])
-        )
+    for upper, lower in pairwise(layout.sensors):
+        if {f"bead_{upper.from_wall}", f"bead_{lower.from_wall}"} <= pulses.keys():
+            travel_s = pulses[f"bead_{lower.from_wall}"][:, 1] - pulses[f"bead_{upper.from_wall}"][:, 1]
+            speeds = (upper.height_m - lower.height_m) / np.where(travel_s > 0, travel_s, nan)
+            name = f"speed_{upper.from_wall}_to_{lower.from_wall}_m_s"
+            found.append(Misfit(name, source, float(speeds[0]), _spread(speeds[1:]), 0.0, computed[name]))
     return found
