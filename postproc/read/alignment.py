@@ -154,9 +154,8 @@ def _must_have_unit(trace: MeasuredTrace, end_s: float) -> None:
     length_s = float(trace.time_s[-1] - trace.time_s[0])
     power = 3 * round(np.log10(length_s / end_s) / 3)
     if not 1 / MAX_RATIO <= length_s / end_s <= MAX_RATIO:
-        unit = f"a unit of time {10 ** abs(power):g} times {'smaller' if power > 0 else 'larger'}"
-        example = "us for ms" if power > 0 else "ms for us"
-        allowed = f"about the run's {end_s:.3g} s (run.duration); {unit}, such as {example}, would fit"
+        units = ("us", "ms" if abs(power) == 3 else "s")[:: 1 if power > 0 else -1]
+        allowed = f"about the run's {end_s:.3g} s (run.duration); is the unit of time {' rather than '.join(units)}?"
         raise InputError(paths.shown(trace.file), "time", f"a record of {length_s:.3g} s", allowed)
 
 

@@ -135,7 +135,10 @@ def lay_over(
         own = [curve for curve in curves if curve.gauge.trace is trace]
         onsets_s = {curve.gauge.gauge: curve.gauge.onset_s for curve in own}
         remarks.append(check_length(trace, own[0].gauge.trigger_s, float(run.time_s[-1]), onsets_s))
-        remarks += [gain_remark(curve, key) for curve in own]
+        on_gain = {curve.gauge.gauge: gain_remark(curve, key) for curve in own}
+        for words in filter(None, dict.fromkeys(on_gain.values())):
+            named = ", ".join(gauge for gauge in on_gain if on_gain[gauge] == words)
+            remarks.append(f"{paths.shown(trace.file)}: {named}: {words}")
     return curves, misfits(curves, layout, run, quoted), [*dict.fromkeys(filter(None, remarks))]
 
 
@@ -150,7 +153,7 @@ def gain_remark(curve: SmoothForce, key: str) -> str:
     pair = curve.force_N, np.interp(curve.time_s, gauge.time_s, gauge.computed_N)
     measured_N, computed_N = (force_N - np.median(force_N) for force_N in pair)
     largest_N, expected_N = (float(np.abs(force_N).max()) for force_N in (measured_N, computed_N))
-    if gauge.time_s[-1] <= gauge.onset_s or largest_N < NOISE_FACTOR * np.median(curve.error_N):
+    if gauge.time_s[-1] <= gauge.onset_s or largest_N <= NOISE_FACTOR * np.median(curve.error_N):
         return ""  # no wave to judge by
     both = correlate(measured_N, computed_N, method="fft")
     sign, power = -1 if -both.min() > INVERTED * both.max() else 1, 3 * round(log10(largest_N / expected_N) / 3)
@@ -159,12 +162,12 @@ def gain_remark(curve: SmoothForce, key: str) -> str:
     found = ["readings are inverted"] * (sign < 0)
     if power:
         units = (SMALLER[abs(power)] + trace.unit, trace.unit)[:: 1 if power > 0 else -1]
-        found.append(f"readings are about {10.0**power:g} times the computed force: {' read as '.join(units)}?")
+        found.append(f"readings are about {10.0**power:g} times the computed force ({' read as '.join(units)}?)")
     if not found:
         return ""
     fit = f"{sign * trace.gain / 10.0**power:g}"
     stated = fit if trace.unit == FORCE else f'"{fit} N/{trace.unit}"'
-    return f"{paths.shown(trace.file)}: {gauge.gauge} {', '.join(found)} {key}.gain = {stated} fits"
+    return f"{' and '.join(found)}: {key}.gain = {stated} fits"
 
 
 def misfits(
