@@ -181,7 +181,7 @@ def _channel(trace: MeasuredTrace, coarse: MeasuredTrace, gauge: str, signal: Ar
 
 def _aligned(channels: list[_Channel], step_s: float) -> list[AlignedGauge]:
     """The gauges of one file."""
-    given = {channel.trace.trigger_s for channel in channels} - {None}
+    given = {channel.trace.trigger_s for channel in channels if channel.trace.trigger_s is not None}
     if len(given) > 1:
         found = f"triggers {' and '.join(f'{each:g} s' for each in given)}"
         raise InputError(paths.shown(channels[0].trace.file), "", found, "one trigger per file")
@@ -234,8 +234,12 @@ def _rest(channel: _Channel, trigger_s: float | None) -> tuple[Array, Array]:
     reading = channel.reading - computed
     design = np.vander((time_s - time_s.mean()) / float(np.ptp(time_s)), 1 + trace.drift, increasing=True)
     start = np.linalg.lstsq(design[quiet], reading[quiet], rcond=None)[0]
-    robust = least_squares(lambda x: (design @ x - reading)[quiet] / channel.noise, start, loss="cauchy")
-    level, kept = design @ robust.x, quiet
+    scaled, target = design[quiet] / channel.noise, reading[quiet] / channel.noise
+
+    def off(coefficients: Array) -> Array:
+        return np.asarray(scaled @ coefficients - target)
+
+    level, kept = design @ least_squares(off, start, loss="cauchy").x, quiet
     width = max(2, round(channel.width_s / float(np.median(np.diff(time_s)))))
     for _ in range(ROUNDS):
         running = np.abs(uniform_filter1d(reading - level, width // 2))
@@ -278,7 +282,7 @@ def _refined(channels: list[_Channel], near_s: float, step_s: float) -> tuple[fl
         return np.concatenate([((c.change(trigger_s) - force) / noise)[counts] for c, force, noise, counts in parts])
 
     best = least_squares(off, [0.0], "3-point", (-SEARCH_STEPS, SEARCH_STEPS), xtol=1e-9)
-    return near_s + float(best.x[0]) * step_s, step_s / float(np.linalg.norm(best.jac))
+    return near_s + float(best.x[0]) * step_s, step_s / float(np.linalg.norm(np.asarray(best.jac)))
 
 
 def _must_overlap(channels: list[_Channel], trigger_s: float) -> None:

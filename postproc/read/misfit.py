@@ -1,10 +1,10 @@
 """Measured quantities with their standard errors, compared with the computed ones.
 
 A measured pulse is read from a regression spline through its readings (``postproc.read.smooth``). Peaks and crossings
-are found on the run's clock as for a computed trace (``postproc.read.signals``). Their standard errors are the spreads
-over ``DRAWS`` draws of the spline with white noise and errors of the baseline added. Errors of the gain and of a fitted
-trigger are independent and added in quadrature. Quantities are named as in ``postproc.read.observables``; all forces
-are above rest.
+are found on the run's clock as for a computed trace (``postproc.read.signals``). Their standard errors are to first
+order in the white noise of the readings and the error of the baseline. Errors of the gain and of a fitted trigger are
+independent and added in quadrature. Quantities are named as in ``postproc.read.observables``; all forces are above
+rest.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,7 +14,7 @@ from math import hypot, log10, nan
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import make_lsq_spline
+from scipy.interpolate import BSpline, make_lsq_spline
 from scipy.signal import correlate
 
 from drivers.base import paths
@@ -31,15 +31,15 @@ from postproc.read.smooth import DEGREE, knots_of
 
 LEVEL = LEVELS[1]  # share of the peak at which the duration is cut
 LEVEL_NAME = f"{100 * LEVEL:g}pct"
-PULSE = "amplitude_N", "arrival_s", f"duration_{LEVEL_NAME}_s"
-DRAWS, SEED = 200, 1
+AMPLITUDE, ARRIVAL, DURATION = "amplitude_N", "arrival_s", f"duration_{LEVEL_NAME}_s"
 NOISE_FACTOR = 8.0  # prominence of a pulse, over the noise of the spline
 MIN_PROMINENCE = 0.005  # of a pulse, as a share of the signal's range
-MIN_DRAWS_SHARE = 0.9  # share of the draws that must show a quantity
 QUOTED = "quoted"
 SMALLER = {3: "m", 6: "u"}  # prefixes of units that are mistaken for others, by powers of ten
 WITHIN = 5.0  # factor between measured and computed forces apart from such a power
 INVERTED = 1.5  # smallest ratio of the negative to the positive extremum of the cross-correlation
+
+_Pulse = Mapping[str, tuple[float, float]]  # amplitude, arrival and duration with their errors by noise
 
 
 @dataclass(frozen=True)
@@ -77,38 +77,36 @@ class Misfit:
 
 @dataclass(frozen=True, eq=False)
 class SmoothForce:
-    """A gauge with its regression spline at the sample times of the run.
+    """A gauge with its regression spline.
 
     Attributes:
+        curve: Regression spline of the force.
+        errors: Independent parts of its standard error by noise and baseline, as a spline with a value for each part.
         time_s: Sample times of the run within the readings. Shape (samples,).
-        drawn_N: Smoothed forces, first of the readings, then with draws of noise and baseline. Shape (samples,
-            1 + DRAWS).
+        force_N: Force at these times, and its standard error ``error_N``. Shape (samples,).
     """
 
     gauge: AlignedGauge
+    curve: BSpline
+    errors: BSpline
     time_s: Array
-    drawn_N: Array
-
-    @property
-    def force_N(self) -> Array:
-        """Smoothed force. Shape (samples,)."""
-        return self.drawn_N[:, 0]
-
-    @property
-    def error_N(self) -> Array:
-        """Standard error by noise and baseline. Shape (samples,)."""
-        return np.asarray(self.drawn_N[:, 1:].std(axis=1))
+    force_N: Array
+    error_N: Array
 
 
 def smooth(gauge: AlignedGauge, run: Trace) -> SmoothForce:
     """Regression spline of a gauge on the run's clock, over the range of its readings."""
     time_s = run.time_s[(run.time_s >= gauge.time_s[0]) & (run.time_s <= gauge.time_s[-1])]
-    random = np.random.default_rng([SEED, *gauge.gauge.encode()])
-    force_N = np.tile(gauge.force_N[:, np.newaxis], 1 + DRAWS)
-    force_N[:, 1:] += random.normal(0.0, gauge.noise_N, (len(gauge.time_s), DRAWS))
-    drawn_N = make_lsq_spline(gauge.time_s, force_N, knots_of(gauge.time_s, gauge.force_N), DEGREE)(time_s)
-    drawn_N[:, 1:] += np.outer(np.interp(time_s, gauge.time_s, gauge.rest_error_N), random.normal(0.0, 1.0, DRAWS))
-    return SmoothForce(gauge, time_s, drawn_N)
+    knots = knots_of(gauge.time_s, gauge.force_N)
+    both = np.column_stack([gauge.force_N, gauge.rest_error_N])
+    force, rest = make_lsq_spline(gauge.time_s, both, knots, DEGREE).c.T
+    design = BSpline.design_matrix(gauge.time_s, knots, DEGREE)
+    root = np.linalg.cholesky((design.T @ design).toarray())  # covariance of coefficients: noise^2 (root root^T)^-1
+    curve = BSpline(knots, force, DEGREE)
+    errors = BSpline(knots, np.column_stack([gauge.noise_N * np.linalg.inv(root).T, rest]), DEGREE)
+    nodes = np.unique(knots)
+    error_N = np.interp(time_s, nodes, np.linalg.norm(errors(nodes), axis=1))
+    return SmoothForce(gauge, curve, errors, time_s, curve(time_s), error_N)
 
 
 def lay_over(
@@ -189,10 +187,9 @@ def misfits(
     computed, found = observe(layout, run, LEVELS), list[Misfit]()
     for file in dict.fromkeys(curve.gauge.trace.file for curve in curves):
         own = {curve.gauge.gauge: curve for curve in curves if curve.gauge.trace.file == file}
-        durations = {name: computed[f"{name}_duration_{LEVEL_NAME}_s"] for name in own}
-        pulses = {name: _pulse(curve, durations[name]) for name, curve in own.items()}
+        pulses = {name: _pulse(curve) for name, curve in own.items()}
         for name, curve in own.items():
-            found += [*_of_pulse(curve.gauge, pulses[name], computed), *_of_all_readings(curve.gauge, computed)]
+            found += _of_gauge(curve.gauge, pulses[name], computed)
         found += _speeds(layout, pulses, file.name, computed)
         gauge = next(iter(own.values())).gauge
         found.append(Misfit("trigger_s", file.name, gauge.trigger_s, gauge.trigger_error_s, 0.0, nan))
@@ -203,27 +200,23 @@ def misfits(
     return found
 
 
-def _of_pulse(gauge: AlignedGauge, pulse: Array, computed: Mapping[str, float]) -> list[Misfit]:
-    """Amplitude, arrival and duration of the first pulse."""
-    gain, trigger_s = gauge.trace.gain_uncertainty * abs(pulse[0, 0]), gauge.trigger_error_s
-    names, source = [f"{gauge.gauge}_{ending}" for ending in PULSE], gauge.trace.file.name
-    return [
-        Misfit(name, source, float(values[0]), hypot(_spread(values[1:]), shift), by_gain, computed[name])
-        for name, values, shift, by_gain in zip(names, pulse.T, (0, trigger_s, 0), (gain, 0, 0), strict=True)
-    ]
-
-
-def _of_all_readings(gauge: AlignedGauge, values: Mapping[str, float]) -> list[Misfit]:
-    """Impulse by the trapezoidal rule, correlation, root mean square of the residual, and baseline."""
+def _of_gauge(gauge: AlignedGauge, pulse: _Pulse, values: Mapping[str, float]) -> list[Misfit]:
+    """First pulse; impulse by the trapezoidal rule, correlation, root mean square of the residual, and baseline."""
     weights = np.convolve(np.diff(gauge.time_s), [0.5, 0.5])
     measured, computed = float(weights @ gauge.force_N), float(weights @ gauge.computed_N)
     noise = hypot(gauge.noise_N * float(np.linalg.norm(weights)), float(weights @ gauge.rest_error_N))
-    name, source = gauge.gauge, gauge.trace.file.name
+    name, source, gain = gauge.gauge, gauge.trace.file.name, gauge.trace.gain_uncertainty
     peak_N = values[f"{name}_amplitude_N"]
     rms_N = float(np.sqrt(np.mean((gauge.force_N - gauge.computed_N) ** 2)))
     correlation = float(np.corrcoef(gauge.force_N, gauge.computed_N)[0, 1])
+    late, by_gain = {ARRIVAL: gauge.trigger_error_s}, {AMPLITUDE: gain * abs(pulse[AMPLITUDE][0])}
     return [
-        Misfit(f"{name}_impulse_N_s", source, measured, noise, gauge.trace.gain_uncertainty * abs(measured), computed),
+        *(
+            Misfit(quantity, source, value, hypot(error, late.get(part, 0.0)), by_gain.get(part, 0.0), values[quantity])
+            for part, (value, error) in pulse.items()
+            for quantity in [f"{name}_{part}"]
+        ),
+        Misfit(f"{name}_impulse_N_s", source, measured, noise, gain * abs(measured), computed),
         Misfit(f"{name}_correlation", source, correlation, nan, 0.0, nan),
         Misfit(f"{name}_residual_rms_N", source, rms_N, gauge.noise_N, 0.0, nan),
         Misfit(f"{name}_residual_rms_share", source, rms_N / peak_N, gauge.noise_N / peak_N, 0.0, nan),
@@ -231,49 +224,38 @@ def _of_all_readings(gauge: AlignedGauge, values: Mapping[str, float]) -> list[M
     ]
 
 
-def _pulse(curve: SmoothForce, duration_s: float) -> Array:
-    """Amplitude, arrival and duration of the first pulse in the readings and in each draw; NaN if not shown.
+def _pulse(curve: SmoothForce) -> _Pulse:
+    """First pulse of a smoothed gauge with errors to first order in the noise; NaN for quantities not shown.
 
-    Args:
-        curve: Smoothed gauge.
-        duration_s: Duration of the computed pulse, the window in which draws are evaluated.
-
-    Returns:
-        Values of shape (1 + DRAWS, 3).
+    The arrival t and the edge e are zeros of F'(t) and F(e) - ``LEVEL`` F(t), so an error f of F moves them by
+    -f'(t)/F''(t) and -(f(e) - ``LEVEL`` f(t))/F'(e).
     """
     time_s, span_N = curve.time_s, float(np.ptp(curve.force_N))
     prominence = max(NOISE_FACTOR * float(np.median(curve.error_N)) / span_N, MIN_PROMINENCE) if span_N else 1.0
     first = next((peak for peak in peaks(time_s, curve.force_N, min(prominence, 1.0)) if peak.value > 0), None)
     if first is None:
-        return np.full((1 + DRAWS, 3), nan)
-    if not duration_s > 0:
-        duration_s = first.time_s - float(time_s[0])
-    around = (time_s > first.time_s - 1.5 * duration_s) & (time_s < first.time_s + duration_s / 4)
-    return np.array([_read(time_s[around], force_N) for force_N in curve.drawn_N[around].T])
+        return dict.fromkeys((AMPLITUDE, ARRIVAL, DURATION), (nan, nan))
+    edge_s = rising_crossing(time_s, curve.force_N, LEVEL * first.value, first)
+    peak, error, norm = first.time_s, curve.errors, np.linalg.norm
+    late = error(peak, 1) / curve.curve(peak, 2)
+    early = (error(edge_s) - LEVEL * error(peak)) / curve.curve(edge_s, 1)
+    return {
+        AMPLITUDE: (first.value, float(norm(error(peak)))),
+        ARRIVAL: (peak, float(norm(late))),
+        DURATION: (2 * (peak - edge_s), 2 * float(norm(late - early))),
+    }
 
 
-def _read(time_s: Array, force_N: Array) -> tuple[float, float, float]:
-    """Amplitude, arrival and duration of the largest maximum."""
-    found = max(peaks(time_s, force_N), key=lambda peak: peak.value, default=None)
-    if found is None:
-        return nan, nan, nan
-    edge_s = rising_crossing(time_s, force_N, LEVEL * found.value, found)
-    return found.value, found.time_s, 2 * (found.time_s - edge_s)
-
-
-def _spread(draws: Array) -> float:
-    """Standard deviation of draws; NaN if too few show the quantity."""
-    shown = draws[np.isfinite(draws)]
-    return float(shown.std()) if len(shown) > MIN_DRAWS_SHARE * DRAWS else nan
-
-
-def _speeds(layout: Layout, pulses: Mapping[str, Array], source: str, computed: Mapping[str, float]) -> list[Misfit]:
+def _speeds(layout: Layout, pulses: Mapping[str, _Pulse], source: str, computed: Mapping[str, float]) -> list[Misfit]:
     """Peak-to-peak speeds between neighbouring sensors that are both in the file."""
     found = []
     for upper, lower in pairwise(layout.sensors):
-        if {f"bead_{upper.from_wall}", f"bead_{lower.from_wall}"} <= pulses.keys():
-            travel_s = pulses[f"bead_{lower.from_wall}"][:, 1] - pulses[f"bead_{upper.from_wall}"][:, 1]
-            speeds = (upper.height_m - lower.height_m) / np.where(travel_s > 0, travel_s, nan)
+        names = [f"bead_{sensor.from_wall}" for sensor in (upper, lower)]
+        if pulses.keys() >= {*names}:
+            (first_s, first_error_s), (second_s, second_error_s) = (pulses[name][ARRIVAL] for name in names)
+            travel_s = second_s - first_s if second_s > first_s else nan
+            speed = (upper.height_m - lower.height_m) / travel_s
+            error = speed * hypot(first_error_s, second_error_s) / travel_s
             name = f"speed_{upper.from_wall}_to_{lower.from_wall}_m_s"
-            found.append(Misfit(name, source, float(speeds[0]), _spread(speeds[1:]), 0.0, computed[name]))
+            found.append(Misfit(name, source, speed, error, 0.0, computed[name]))
     return found
