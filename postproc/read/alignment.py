@@ -233,12 +233,12 @@ def _rest(channel: _Channel, trigger_s: float | None) -> tuple[Array, Array]:
         raise InputError(paths.shown(trace.file), "", few, allowed)
     reading = channel.reading - computed
     design = np.vander((time_s - time_s.mean()) / float(np.ptp(time_s)), 1 + trace.drift, increasing=True)
-    start = np.linalg.lstsq(design[quiet], reading[quiet], rcond=None)[0]
     scaled, target = design[quiet] / channel.noise, reading[quiet] / channel.noise
 
     def off(coefficients: Array) -> Array:
         return np.asarray(scaled @ coefficients - target)
 
+    start = np.linalg.lstsq(scaled, target, rcond=None)[0]
     level, kept = design @ least_squares(off, start, loss="cauchy").x, quiet
     width = max(2, round(channel.width_s / float(np.median(np.diff(time_s)))))
     for _ in range(ROUNDS):
@@ -288,12 +288,10 @@ def _refined(channels: list[_Channel], near_s: float, step_s: float) -> tuple[fl
 def _must_overlap(channels: list[_Channel], trigger_s: float) -> None:
     """Refuses a record with too few readings within the run, or without readings after the first computed onset."""
     first = min(channels, key=lambda channel: channel.onset_s)
-    clock_s, shown = first.time_s - trigger_s, paths.shown(first.trace.file)
+    clock_s = first.time_s - trigger_s
     inside = int(np.sum((clock_s >= 0) & (clock_s <= first.end_s)))
-    spanned = f"from {clock_s[0] * 1e6:.6g} to {clock_s[-1] * 1e6:.6g} us after the trigger"
-    if inside < MIN_SAMPLES:
-        allowed = f"at least {MIN_SAMPLES} readings within the run, 0 to {first.end_s * 1e6:.6g} us"
-        raise InputError(shown, "", f"{inside} readings {spanned}", allowed)
-    if clock_s[-1] <= first.onset_s:
-        allowed = f"readings after {first.onset_s * 1e6:.6g} us, when the wave reaches {first.gauge}"
-        raise InputError(shown, "", f"readings {spanned}", allowed)
+    if inside < MIN_SAMPLES or clock_s[-1] <= first.onset_s:
+        found = f"{inside} readings from {clock_s[0] * 1e6:.6g} to {clock_s[-1] * 1e6:.6g} us after the trigger"
+        wave = f"also after {first.onset_s * 1e6:.6g} us, when the wave reaches {first.gauge}"
+        allowed = f"at least {MIN_SAMPLES} readings within the run, 0 to {first.end_s * 1e6:.6g} us, {wave}"
+        raise InputError(paths.shown(first.trace.file), "", found, allowed)

@@ -30,8 +30,8 @@ from postproc.read.signals import peaks, rising_crossing
 from postproc.read.smooth import DEGREE, knots_of
 
 LEVEL = LEVELS[1]  # share of the peak at which the duration is cut
-LEVEL_NAME = f"{100 * LEVEL:g}pct"
-AMPLITUDE, ARRIVAL, DURATION = "amplitude_N", "arrival_s", f"duration_{LEVEL_NAME}_s"
+AMPLITUDE, ARRIVAL, DURATION = "amplitude_N", "arrival_s", f"duration_{100 * LEVEL:g}pct_s"
+IMPULSE = "impulse_N_s"
 NOISE_FACTOR = 8.0  # prominence of a pulse, over the noise of the spline
 MIN_PROMINENCE = 0.005  # of a pulse, as a share of the signal's range
 QUOTED = "quoted"
@@ -99,7 +99,7 @@ def smooth(gauge: AlignedGauge, run: Trace) -> SmoothForce:
     time_s = run.time_s[(run.time_s >= gauge.time_s[0]) & (run.time_s <= gauge.time_s[-1])]
     knots = knots_of(gauge.time_s, gauge.force_N)
     both = np.column_stack([gauge.force_N, gauge.rest_error_N])
-    force, rest = make_lsq_spline(gauge.time_s, both, knots, DEGREE).c.T
+    force, rest = np.asarray(make_lsq_spline(gauge.time_s, both, knots, DEGREE).c.T)
     design = BSpline.design_matrix(gauge.time_s, knots, DEGREE)
     root = np.linalg.cholesky((design.T @ design).toarray())  # covariance of coefficients: noise^2 (root root^T)^-1
     curve = BSpline(knots, force, DEGREE)
@@ -205,22 +205,25 @@ def _of_gauge(gauge: AlignedGauge, pulse: _Pulse, values: Mapping[str, float]) -
     weights = np.convolve(np.diff(gauge.time_s), [0.5, 0.5])
     measured, computed = float(weights @ gauge.force_N), float(weights @ gauge.computed_N)
     noise = hypot(gauge.noise_N * float(np.linalg.norm(weights)), float(weights @ gauge.rest_error_N))
-    name, source, gain = gauge.gauge, gauge.trace.file.name, gauge.trace.gain_uncertainty
-    peak_N = values[f"{name}_amplitude_N"]
+    name, (arrival_s, error_s) = gauge.gauge, pulse[ARRIVAL]
+    peak_N = values[f"{name}_{AMPLITUDE}"]
     rms_N = float(np.sqrt(np.mean((gauge.force_N - gauge.computed_N) ** 2)))
     correlation = float(np.corrcoef(gauge.force_N, gauge.computed_N)[0, 1])
-    late, by_gain = {ARRIVAL: gauge.trigger_error_s}, {AMPLITUDE: gain * abs(pulse[AMPLITUDE][0])}
+    rows = {
+        AMPLITUDE: pulse[AMPLITUDE],
+        ARRIVAL: (arrival_s, hypot(error_s, gauge.trigger_error_s)),
+        DURATION: pulse[DURATION],
+        IMPULSE: (measured, noise),
+        "correlation": (correlation, nan),
+        "residual_rms_N": (rms_N, gauge.noise_N),
+        "residual_rms_share": (rms_N / peak_N, gauge.noise_N / peak_N),
+        f"baseline_{gauge.trace.unit}": (gauge.baseline, gauge.baseline_error),
+    }
+    known = {part: values[f"{name}_{part}"] for part in pulse} | {IMPULSE: computed}
+    gain, source = dict.fromkeys((AMPLITUDE, IMPULSE), gauge.trace.gain_uncertainty), gauge.trace.file.name
     return [
-        *(
-            Misfit(quantity, source, value, hypot(error, late.get(part, 0.0)), by_gain.get(part, 0.0), values[quantity])
-            for part, (value, error) in pulse.items()
-            for quantity in [f"{name}_{part}"]
-        ),
-        Misfit(f"{name}_impulse_N_s", source, measured, noise, gain * abs(measured), computed),
-        Misfit(f"{name}_correlation", source, correlation, nan, 0.0, nan),
-        Misfit(f"{name}_residual_rms_N", source, rms_N, gauge.noise_N, 0.0, nan),
-        Misfit(f"{name}_residual_rms_share", source, rms_N / peak_N, gauge.noise_N / peak_N, 0.0, nan),
-        Misfit(f"{name}_baseline_{gauge.trace.unit}", source, gauge.baseline, gauge.baseline_error, 0.0, nan),
+        Misfit(f"{name}_{part}", source, value, error, gain.get(part, 0.0) * abs(value), known.get(part, nan))
+        for part, (value, error) in rows.items()
     ]
 
 
