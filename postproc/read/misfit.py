@@ -133,25 +133,25 @@ def lay_over(
         own = [curve for curve in curves if curve.gauge.trace is trace]
         onsets_s = {curve.gauge.gauge: curve.gauge.onset_s for curve in own}
         remarks.append(check_length(trace, own[0].gauge.trigger_s, float(run.time_s[-1]), onsets_s))
-        on_gain = {curve.gauge.gauge: gain_remark(curve, key) for curve in own}
+        on_gain = {curve.gauge.gauge: gain_remark(curve.gauge, key) for curve in own}
         for words in filter(None, dict.fromkeys(on_gain.values())):
             named = ", ".join(gauge for gauge in on_gain if on_gain[gauge] == words)
             remarks.append(f"{paths.shown(trace.file)}: {named}: {words}")
     return curves, misfits(curves, layout, run, quoted), [*dict.fromkeys(filter(None, remarks))]
 
 
-def gain_remark(curve: SmoothForce, key: str) -> str:
+def gain_remark(gauge: AlignedGauge, key: str) -> str:
     """Sentence on a gain with a wrong sign or a wrong power of ten, with a gain that fits; empty otherwise.
 
     Args:
-        curve: Smoothed gauge.
+        gauge: Gauge on the run's clock.
         key: Key of its entry in the scene, such as ``measured.0``.
     """
-    gauge, trace = curve.gauge, curve.gauge.trace
-    pair = curve.force_N, np.interp(curve.time_s, gauge.time_s, gauge.computed_N)
-    measured_N, computed_N = (force_N - np.median(force_N) for force_N in pair)
+    trace, grid_s = gauge.trace, np.linspace(gauge.time_s[0], gauge.time_s[-1], len(gauge.time_s))
+    both_N = [np.interp(grid_s, gauge.time_s, force_N) for force_N in (gauge.force_N, gauge.computed_N)]
+    measured_N, computed_N = (force_N - np.median(force_N) for force_N in both_N)
     largest_N, expected_N = (float(np.abs(force_N).max()) for force_N in (measured_N, computed_N))
-    if gauge.time_s[-1] <= gauge.onset_s or largest_N <= NOISE_FACTOR * np.median(curve.error_N):
+    if gauge.time_s[-1] <= gauge.onset_s or largest_N <= NOISE_FACTOR * gauge.noise_N:
         return ""  # no wave to judge by
     both = correlate(measured_N, computed_N, method="fft")
     sign, power = -1 if -both.min() > INVERTED * both.max() else 1, 3 * round(log10(largest_N / expected_N) / 3)

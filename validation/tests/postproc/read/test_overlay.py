@@ -239,7 +239,7 @@ def test_data_that_hardly_fit_are_remarked_on(
         onsets_s = {gauge.gauge: gauge.onset_s for gauge in gauges}
         said = check_length(trace, gauges[0].trigger_s, float(base.trace.time_s[-1]), onsets_s)
         assert (length in said) if length else not said
-        remarks = [gain_remark(smooth(gauge, base.trace), "measured.0") for gauge in gauges]
+        remarks = [gain_remark(gauge, "measured.0") for gauge in gauges]
         if gain == GAIN:
             assert remarks == [""] * 3
             assert on_gain in said
