@@ -58,9 +58,10 @@ def draw_overlay(
         strip.set_ylabel("residual\n(N)")
         strip.margins(y=0.15)
     grid[-1, 0].set_xlabel("time since impact (µs)")
-    handles = {
-        label: handle for axis in grid[:, 0] for handle, label in zip(*axis.get_legend_handles_labels(), strict=True)
-    }
+    handles = dict[str, Any]()
+    for axis in grid[:, 0]:
+        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
+            handles.setdefault(label, handle)
     figure.legend(handles.values(), handles.keys(), loc="outside upper left", markerscale=4, ncols=1)
     figure.align_ylabels()
     return Product(figure, misfit_table(found))
