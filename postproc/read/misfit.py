@@ -36,7 +36,7 @@ NOISE_FACTOR = 8.0  # prominence of a pulse, over the noise of the spline
 MIN_PROMINENCE = 0.005  # of a pulse, as a share of the signal's range
 QUOTED = "quoted"
 SMALLER = {3: "m", 6: "u"}  # prefixes of units that are mistaken for others, by powers of ten
-WITHIN = 5.0  # factor between measured and computed forces apart from such a power
+MAX_FACTOR = 5.0  # factor between measured and computed forces apart from such a power
 INVERTED = 1.5  # smallest ratio of the negative to the positive extremum of the cross-correlation
 
 _Pulse = Mapping[str, tuple[float, float]]  # amplitude, arrival and duration with their errors by noise
@@ -112,7 +112,7 @@ def smooth(gauge: AlignedGauge, run: Trace) -> SmoothForce:
 def lay_over(
     entries: Mapping[str, MeasuredEntry], folder: Path, where: str, layout: Layout, run: Trace
 ) -> tuple[list[SmoothForce], list[Misfit], list[str]]:
-    """Measured gauges on a run's clock in the order of the scene, all misfits, and remarks on data that hardly fit.
+    """Measured gauges on a run's clock in the order of the scene, all misfits, and remarks on lengths and gains.
 
     Args:
         entries: Entries by their keys in the scene, such as ``measured.0``.
@@ -155,7 +155,7 @@ def gain_remark(gauge: AlignedGauge, key: str) -> str:
         return ""  # no wave to judge by
     both = correlate(measured_N, computed_N, method="fft")
     sign, power = -1 if -both.min() > INVERTED * both.max() else 1, 3 * round(log10(largest_N / expected_N) / 3)
-    if abs(power) not in SMALLER or not 1 / WITHIN < largest_N / expected_N / 10.0**power < WITHIN:
+    if abs(power) not in SMALLER or not 1 / MAX_FACTOR < largest_N / expected_N / 10.0**power < MAX_FACTOR:
         power = 0
     found = ["readings are inverted"] * (sign < 0)
     if power:

@@ -134,7 +134,7 @@ def overlay_of(case: Case, engine: str, trace: Trace) -> dict[str, Any]:
     """Overlay of a scene's measured traces or quoted values on the run of an engine.
 
     ``image`` is None if only values are quoted, ``rows`` has a row for each quantity under ``headings``, ``remarks``
-    are sentences on data that hardly fit, and ``problem`` says why the traces do not fit the run; else it is empty.
+    are sentences on lengths and gains, and ``problem`` says why the traces do not fit the run; else it is empty.
     """
     scene = case.scene
     overlay: dict[str, Any] = {"engine": engine, "image": None, "headings": HEADINGS}

@@ -228,7 +228,7 @@ def test_a_wrong_unit_of_time_is_named(base: Simulation, factor: float, unit: st
     ],
 )
 @pytest.mark.parametrize("noise", [0.01, 0.1])
-def test_data_that_hardly_fit_are_remarked_on(
+def test_remarks_name_lengths_and_gains(
     base: Simulation, other: Simulation, stop_us: float, gain: float, length: str, on_gain: str, noise: float
 ) -> None:
     """Also for a motion of another shape, with the trigger given or found."""
