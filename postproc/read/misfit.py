@@ -99,7 +99,7 @@ def smooth(gauge: AlignedGauge, run: Trace) -> SmoothForce:
     time_s = run.time_s[(run.time_s >= gauge.time_s[0]) & (run.time_s <= gauge.time_s[-1])]
     knots = knots_of(gauge.time_s, gauge.force_N)
     both = np.column_stack([gauge.force_N, gauge.rest_error_N])
-    force, rest = np.asarray(make_lsq_spline(gauge.time_s, both, knots, DEGREE).c.T)
+    force, rest = np.asarray(make_lsq_spline(gauge.time_s, both, knots, DEGREE, method="norm-eq").c.T)
     design = BSpline.design_matrix(gauge.time_s, knots, DEGREE)
     root = np.linalg.cholesky((design.T @ design).toarray())  # covariance of coefficients: noise^2 (root root^T)^-1
     curve = BSpline(knots, force, DEGREE)

@@ -63,7 +63,7 @@ def knots_of(time_s: Array, values: Array) -> Array:
 
 def _squares(time_s: Array, values: Array, knots: Array) -> float:
     """Sum of the squares of the residual of a regression spline."""
-    curve: BSpline = make_lsq_spline(time_s, values, knots, DEGREE)
+    curve: BSpline = make_lsq_spline(time_s, values, knots, DEGREE, method="norm-eq")
     return float(np.sum((values - curve(time_s)) ** 2))
 
 
