@@ -112,6 +112,9 @@ def align(traces: Sequence[MeasuredTrace], layout: Layout, run: Trace) -> list[A
     for trace in traces:
         _must_have_unit(trace, float(run.time_s[-1]))
         coarse = averaged(trace, float(run.time_s[1]))
+        if len(coarse.time_s) < MIN_SAMPLES:
+            found = f"{len(coarse.time_s)} readings after averaging over half a sample interval of the run"
+            raise InputError(paths.shown(trace.file), "", found, f"at least {MIN_SAMPLES}")
         files[trace.file.resolve()] += [_channel(trace, coarse, name, signals[name], run) for name in trace.reading]
     return [aligned for channels in files.values() for aligned in _aligned(channels, float(run.time_s[1]))]
 

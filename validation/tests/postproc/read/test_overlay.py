@@ -213,6 +213,9 @@ def test_a_wrong_unit_of_time_is_named(base: Simulation, factor: float, unit: st
     trace = measured(base)
     with pytest.raises(InputError, match=f"is the unit of time {unit}?"):
         align([replace(trace, time_s=factor * trace.time_s)], base.case.layout, base.trace)
+    brief = measured(base, times_s=np.append(np.arange(400) * 1e-8, 500e-6))
+    with pytest.raises(InputError, match="found 8 readings after averaging"):
+        align([brief], base.case.layout, base.trace)
 
 
 @pytest.mark.parametrize(
