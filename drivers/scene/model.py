@@ -197,7 +197,7 @@ class MeasuredEntry(Part):
         trigger: time in the file at which the striker touches the chain; default: found by alignment.
         baseline: reading at rest; default: found from quiet samples.
         drift: True if the baseline is a straight line through quiet samples.
-        noise: standard deviation of a reading; default: standard deviation of quiet samples.
+        noise: standard deviation of a reading; default: of the readings about a smooth curve.
         values: quoted numbers by observable, with or without the unit in the observable's name.
         errors: relative standard error of each value.
         source: origin of the data, free text.

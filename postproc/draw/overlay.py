@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from math import isnan
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,8 @@ from postproc.read.misfit import Misfit, SmoothForce
 from postproc.read.sensors import gauges_of, sensor_signals
 
 STRIP_IN = 0.62  # height of a panel of residuals
-HEAD_IN, FOOT_IN = 0.45, 0.4
+HEAD_IN, FOOT_IN = 0.75, 0.4
+LINE = 46  # characters in a line of a title or label
 BAND = 2.0  # standard errors on either side
 MAX_READINGS = 4000  # drawn readings of a gauge
 COLOURS = ("#333333", "#88572c", "#5b3a8c", "#2c6e49")  # of the files, in their order
@@ -41,24 +43,26 @@ def draw_overlay(
         len(heights), 1, sharex=True, figsize=(COLUMN_IN, HEAD_IN + FOOT_IN + sum(heights)), height_ratios=heights,
         squeeze=False, layout="constrained",
     )  # fmt: skip
-    files = list(dict.fromkeys(curve.gauge.file for curve in curves))
+    files = list(dict.fromkeys(curve.gauge.trace.file for curve in curves))
     signals, line = sensor_signals(layout, run), line_of(engine)
     for place, gauge in enumerate(gauges):
         force, strip = grid[2 * place, 0], grid[2 * place + 1, 0]
         computed = signals[gauge] - signals[gauge][0]
         for curve in (curve for curve in curves if curve.gauge.gauge == gauge):
-            colour = COLOURS[files.index(curve.gauge.file) % len(COLOURS)]
+            colour = COLOURS[files.index(curve.gauge.trace.file) % len(COLOURS)]
             _draw_gauge(force, strip, curve, np.interp(curve.time_s, run.time_s, computed), colour)
         force.plot(run.time_s * MICRO, computed, color=line.colour, lw=1.3, label=f"computed ({engine})")
-        force.set_title(gauge_title(layout, gauge), loc="left")
+        force.set_title(fill(gauge_title(layout, gauge), LINE), loc="left")
         force.set(ylabel="force above\nrest (N)", xlim=(0, float(run.time_s[-1]) * MICRO))
         strip.axhline(0, color=line.colour, lw=0.8)
         strip.set_ylabel("residual\n(N)")
         strip.margins(y=0.15)
     grid[-1, 0].set_xlabel("time since impact (µs)")
-    handles, labels = grid[0, 0].get_legend_handles_labels()
-    named = dict(zip(labels, handles, strict=True))
-    figure.legend(named.values(), named.keys(), loc="outside upper left", markerscale=4, ncols=1)
+    handles = dict[str, Any]()
+    for axis in grid[:, 0]:
+        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
+            handles.setdefault(label, handle)
+    figure.legend(handles.values(), handles.keys(), loc="outside upper left", markerscale=4, ncols=1)
     figure.align_ylabels()
     return Product(figure, misfit_table(found))
 
@@ -68,12 +72,13 @@ def _draw_gauge(force: Any, strip: Any, curve: SmoothForce, computed_N: Any, col
     gauge, every = curve.gauge, -(-len(curve.gauge.time_s) // MAX_READINGS)
     force.plot(
         gauge.time_s[::every] * MICRO, gauge.force_N[::every], ls="none", marker=".", ms=2.0, mew=0, alpha=0.75,
-        color=colour, label=f"measured ({gauge.file.name})",
+        color=colour, label=fill(f"measured ({gauge.trace.file.name})", LINE),
     )  # fmt: skip
     left_N, time_us = curve.force_N - computed_N, curve.time_s * MICRO
     band_N = BAND * curve.error_N
-    strip.fill_between(time_us, left_N - band_N, left_N + band_N, color=colour, alpha=0.25, lw=0)
-    strip.plot(time_us, left_N, color=colour, lw=0.8)
+    strip.plot(time_us, left_N, color=colour, lw=0.8, label="residual: smoothed readings minus computed")
+    band = f"{BAND:g} standard errors by noise and baseline"
+    strip.fill_between(time_us, left_N - band_N, left_N + band_N, color=colour, alpha=0.25, lw=0, label=band)
 
 
 def misfit_table(found: Sequence[Misfit]) -> pd.DataFrame:

@@ -5,25 +5,23 @@ The model of the reading y of a gauge at the time t of its file is
     gain (y(t) - b(t)) = F(t - t0) - F(0) + noise,
 
 with the signal F of the computed gauge, the trigger t0, the baseline b (constant or a straight line) and white noise.
-Baseline and noise come from quiet readings: before the impact, or while the computed gauge is below ``QUIET_SHARE`` of
-its peak. Outliers are removed, since a measured pulse may come at another time than the computed one. All gauges of a
-file have one trigger. If it is not given, it is the maximum of the cross-correlation with the computed signals on a
-common grid, refined by least squares weighted by noise. Its standard error covers noise alone: if the shapes differ,
-arrival times are only as good as the model.
+The noise depends on the readings alone (``smooth.noise_of``). The baseline comes from quiet readings: before the
+impact, or while the computed gauge is below ``QUIET_SHARE`` of its peak. Outliers are removed, since a measured pulse
+may come at another time than the computed one. All gauges of a file have one trigger. If it is not given, it is the
+extremum of the cross-correlation with the computed signals on a common grid, refined by least squares weighted by
+noise. Its standard error covers noise alone: if the shapes differ, arrival times are only as good as the model.
 """
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BSpline, make_interp_spline
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
-from scipy.optimize import minimize_scalar
-from scipy.signal import correlate
-from scipy.stats import siegelslopes
+from scipy.optimize import least_squares
+from scipy.signal import correlate, peak_widths
 
 from drivers.base import paths
 from drivers.base.errors import InputError
@@ -32,18 +30,16 @@ from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 from postproc.read.measured import MIN_SAMPLES, NORMAL, MeasuredTrace
 from postproc.read.sensors import sensor_signals
+from postproc.read.smooth import block_means, noise_of, rounding_of
 
 QUIET_SHARE = 0.01  # of the computed peak: below it a gauge is quiet
 MIN_QUIET = 8  # readings for a baseline
 CLIP = 4.0  # standard deviations from the baseline: readings and running means beyond are outliers
-MAX_MEANS = 200  # block means of quiet readings for the first straight line
-MAX_ROUNDS = 30  # of removing outliers
+ROUNDS = 5  # of removing outliers
 REACH = 2  # pulse widths around an outlier that are removed with it
-PASSES = 3  # alternating fits of baseline and trigger
-LENGTH_RANGE = 0.75, 1.5  # of a record after the impact, relative to the run
+SLACK = 0.25  # share of the run by which a record may be longer or shorter without a remark
+MAX_RATIO = 100.0  # of the lengths of record and run: beyond, the unit of time is wrong
 SEARCH_STEPS = 20  # grid steps around the best correlation, for the least squares
-
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,25 +49,25 @@ class AlignedGauge:
     Readings closer together than half a sample interval of the run are averaged in blocks.
 
     Attributes:
+        trace: Trace with the gauge, as read.
+        onset_s: Time since the impact at which the computed wave reaches the gauge.
         time_s: Times since the impact of the readings within the run. Shape (readings,).
         force_N: Readings as forces, baseline subtracted and gain applied. Shape (readings,).
         computed_N: Force of the run at these times. Shape (readings,).
         noise_N: Standard deviation of one of these readings.
         rest_error_N: Standard error of the baseline at each reading. Shape (readings,).
-        gain_uncertainty: Relative standard error common to all forces.
-        baseline: Reading at rest at time 0, in ``unit``; ``baseline_error``: its standard error.
+        baseline: Reading at rest at time 0, in the unit of the trace; ``baseline_error``: its standard error.
         trigger_s: Time of the impact in the file; ``trigger_error_s``: its standard error, 0 if the trigger is given.
     """
 
-    file: Path
+    trace: MeasuredTrace
     gauge: str
+    onset_s: float
     time_s: Array
     force_N: Array
     computed_N: Array
     noise_N: float
     rest_error_N: Array
-    gain_uncertainty: float
-    unit: str
     baseline: float
     baseline_error: float
     trigger_s: float
@@ -80,25 +76,23 @@ class AlignedGauge:
 
 @dataclass(frozen=True, eq=False)
 class _Channel:
-    """A gauge of a file, averaged in blocks."""
+    """A gauge of a file, averaged in blocks, and the computed gauge."""
 
     trace: MeasuredTrace
     gauge: str
     time_s: Array
     reading: Array
-    noise: float | None  # standard deviation of a block
-    resolution: float  # rounding error of a block
+    noise: float  # standard deviation of a block
     width_s: float  # width of the computed pulse at half of its peak
+    peak_N: float  # largest change of the computed force
+    onset_s: float
     curve: BSpline  # computed change of the force
+    end_s: float  # of the run
 
-
-@dataclass(frozen=True, eq=False)
-class _Rest:
-    """Baseline, its standard error and the noise around it; arrays of shape (readings,)."""
-
-    level: Array
-    error: Array
-    noise: float
+    def change(self, trigger_s: float) -> Array:
+        """Computed change of force, 0 before the impact and constant after the end of the run. Shape (readings,)."""
+        clock_s = self.time_s - trigger_s
+        return np.where(clock_s < 0, 0.0, self.curve(np.clip(clock_s, 0, self.end_s)))
 
 
 def align(traces: Sequence[MeasuredTrace], layout: Layout, run: Trace) -> list[AlignedGauge]:
@@ -110,238 +104,197 @@ def align(traces: Sequence[MeasuredTrace], layout: Layout, run: Trace) -> list[A
         run: Computed trace.
 
     Raises:
-        InputError: A record has too few readings within the run, ends before the first pulse, states two triggers, or
-            has too few quiet readings for a baseline that is not given.
+        InputError: A record is ``MAX_RATIO`` times longer or shorter than the run, has too few readings within it, ends
+            before the first pulse, states two triggers, or has too few quiet readings for a baseline that is not given.
     """
     signals = {name: signal - signal[0] for name, signal in sensor_signals(layout, run).items()}
-    curves = {name: make_interp_spline(run.time_s, signal, k=5) for name, signal in signals.items()}
-    step_s, end_s = float(run.time_s[1]), float(run.time_s[-1])
     files: dict[Path, list[_Channel]] = defaultdict(list)
     for trace in traces:
-        for gauge in trace.reading:
-            if not np.ptp(signals[gauge]):
-                raise InputError(paths.shown(trace.file), gauge, "the gauge stays at rest in the run")
-            width_s = _width(np.abs(signals[gauge])) * step_s
-            files[trace.file.resolve()].append(_channel(trace, gauge, curves[gauge], width_s, step_s))
-    return [aligned for channels in files.values() for aligned in _aligned(channels, step_s, end_s)]
+        _must_have_unit(trace, float(run.time_s[-1]))
+        coarse = averaged(trace, float(run.time_s[1]))
+        if len(coarse.time_s) < MIN_SAMPLES:
+            found = f"{len(coarse.time_s)} readings after averaging over half a sample interval of the run"
+            raise InputError(paths.shown(trace.file), "", found, f"at least {MIN_SAMPLES}")
+        files[trace.file.resolve()] += [_channel(trace, coarse, name, signals[name], run) for name in trace.reading]
+    return [aligned for channels in files.values() for aligned in _aligned(channels, float(run.time_s[1]))]
 
 
 def averaged(trace: MeasuredTrace, step_s: float) -> MeasuredTrace:
     """The trace averaged in blocks if it has more than two readings in a time ``step_s``; noise is scaled to match."""
     block = max(1, int(step_s / 2 / float(np.median(np.diff(trace.time_s)))))
-    whole = len(trace.time_s) // block * block
-
-    def means(values: Array) -> Array:
-        return np.asarray(values[:whole].reshape(-1, block).mean(axis=1))
-
-    reading = {gauge: means(values) for gauge, values in trace.reading.items()}
+    reading = {gauge: block_means(values, block) for gauge, values in trace.reading.items()}
     noise = None if trace.noise is None else trace.noise / block**0.5
-    return replace(trace, time_s=means(trace.time_s), reading=reading, noise=noise)
+    return replace(trace, time_s=block_means(trace.time_s, block), reading=reading, noise=noise)
 
 
-def check_length(trace: MeasuredTrace, trigger_s: float, end_s: float) -> None:
-    """Refuses a record that lasts much shorter or longer after the impact than the run.
+def check_length(
+    trace: MeasuredTrace, trigger_s: float, end_s: float, onsets_s: Mapping[str, float] | None = None
+) -> str:
+    """Sentence on the part of a record or run that is not compared; empty if both end at about the same time.
 
-    Raises:
-        InputError: The length is out of range; the usual cause is a wrong unit of time.
+    Args:
+        trace: Measured trace.
+        trigger_s: Time of the impact in its file.
+        end_s: Duration of the run.
+        onsets_s: Times since the impact at which the computed wave reaches the gauges.
     """
-    length_s, (lowest, highest) = float(trace.time_s[-1]) - trigger_s, LENGTH_RANGE
-    if not lowest * end_s <= length_s <= highest * end_s:
-        how = "found" if trace.trigger_s is None else "given"
-        found = f"{max(length_s, 0.0) * 1e6:.4g} us after an impact {how} at {trigger_s * 1e6:.4g} us"
-        allowed = f"{lowest:g} to {highest:g} times the run's {end_s * 1e6:.4g} us (run.duration)"
-        raise InputError(paths.shown(trace.file), "time", found, allowed)
+    start, stop = (1e3 * (float(time_s) - trigger_s) for time_s in trace.time_s[[0, -1]])
+    shown, end = paths.shown(trace.file), 1e3 * end_s
+    if stop > (1 + SLACK) * end:
+        after = f"{stop - end:.3g} ms of readings after it are not compared (run.duration)"
+        return f"{shown}: the run ends {end:.3g} ms after the impact: {after}"
+    missing = [(0.0, start)] * (start > SLACK * end) + [(stop, end)] * (stop < (1 - SLACK) * end)
+    if not missing:
+        return ""
+    late = [gauge for gauge, onset_s in (onsets_s or {}).items() if 1e3 * onset_s >= stop]
+    unreached = f", so the wave does not reach {', '.join(late)}" if late else ""
+    gaps = " and ".join(f"from {first:.3g} to {last:.3g} ms" for first, last in missing)
+    return f"{shown}: no readings {gaps} after the impact, of the run's {end:.3g} ms{unreached}"
 
 
-def _width(signal: Array) -> int:
-    """Number of samples around the maximum of a signal at which it is above half of the maximum."""
-    place, below = int(np.argmax(signal)), signal <= signal.max() / 2
-    before, after = np.flatnonzero(below[:place]), np.flatnonzero(below[place:])
-    return (place + int(after[0]) if after.size else len(signal)) - (int(before[-1]) if before.size else 0)
+def _must_have_unit(trace: MeasuredTrace, end_s: float) -> None:
+    """Refuses a record that is much longer or shorter than the run."""
+    length_s = float(trace.time_s[-1] - trace.time_s[0])
+    power = 3 * round(np.log10(length_s / end_s) / 3)
+    if not 1 / MAX_RATIO <= length_s / end_s <= MAX_RATIO:
+        units = ("us", "ms" if abs(power) == 3 else "s")[:: 1 if power > 0 else -1]
+        allowed = f"about the run's {end_s:.3g} s (run.duration); is the unit of time {' rather than '.join(units)}?"
+        raise InputError(paths.shown(trace.file), "time", f"a record of {length_s:.3g} s", allowed)
 
 
-def _channel(trace: MeasuredTrace, gauge: str, curve: BSpline, width_s: float, step_s: float) -> _Channel:
-    """Readings of a gauge, averaged in blocks if there are more than two in a sample interval of the run."""
-    coarse, levels = averaged(trace, step_s), np.diff(np.unique(trace.reading[gauge]))
-    block = len(trace.time_s) // len(coarse.time_s)
-    resolution = float(levels.min()) / float(np.sqrt(12 * block))
-    return _Channel(trace, gauge, coarse.time_s, coarse.reading[gauge], coarse.noise, resolution, width_s, curve)
+def _channel(trace: MeasuredTrace, coarse: MeasuredTrace, gauge: str, signal: Array, run: Trace) -> _Channel:
+    """A gauge with readings averaged in blocks if there are more than two in a sample interval of the run."""
+    if not np.ptp(signal):
+        raise InputError(paths.shown(trace.file), gauge, "the gauge stays at rest in the run")
+    size, reading = np.abs(signal), coarse.reading[gauge]
+    rounding = rounding_of(trace.reading[gauge]) * (len(reading) / len(trace.time_s)) ** 0.5
+    return _Channel(
+        trace=trace,
+        gauge=gauge,
+        time_s=coarse.time_s,
+        reading=reading,
+        noise=coarse.noise or max(noise_of(coarse.time_s, reading), rounding),
+        width_s=float(peak_widths(np.pad(size, 1), [np.argmax(size) + 1])[0][0] * run.time_s[1]),
+        peak_N=float(size.max()),
+        onset_s=float(run.time_s[np.argmax(size > QUIET_SHARE * size.max())]),
+        curve=make_interp_spline(run.time_s, signal, k=5),
+        end_s=float(run.time_s[-1]),
+    )
 
 
-def _aligned(channels: list[_Channel], step_s: float, end_s: float) -> list[AlignedGauge]:
+def _aligned(channels: list[_Channel], step_s: float) -> list[AlignedGauge]:
     """The gauges of one file."""
-    first, shown = channels[0], paths.shown(channels[0].trace.file)
-    interval_s = float(np.median(np.diff(first.time_s)))
-    if end_s < MIN_SAMPLES * interval_s:
-        found, allowed = f"readings every {interval_s:.3g} s", f"at least {MIN_SAMPLES} in the run's {end_s:.3g} s"
-        raise InputError(shown, "", found, allowed)
-    given = {channel.trace.trigger_s for channel in channels} - {None}
+    given = {channel.trace.trigger_s for channel in channels if channel.trace.trigger_s is not None}
     if len(given) > 1:
-        raise InputError(shown, "", f"triggers {' and '.join(f'{each:g} s' for each in given)}", "one trigger per file")
-    trigger_s, error_s = given.pop() if given else None, 0.0
-    if trigger_s is None:
-        rests = [_rest(c, np.ones(len(c.time_s), dtype=bool), np.zeros(len(c.time_s))) for c in channels]
-        trigger_s = _correlated(channels, rests, step_s, end_s)
-        for _ in range(PASSES):
-            rests = [_rest(channel, *_quiet(channel, trigger_s, end_s)) for channel in channels]
-            trigger_s, error_s = _refined(channels, rests, trigger_s, step_s, end_s)
-    _must_overlap(channels, trigger_s, end_s)
-    rests = [_rest(channel, *_quiet(channel, trigger_s, end_s)) for channel in channels]
-    return [_gauge(channel, rest, trigger_s, error_s, end_s) for channel, rest in zip(channels, rests, strict=True)]
+        found = f"triggers {' and '.join(f'{each:g} s' for each in given)}"
+        raise InputError(paths.shown(channels[0].trace.file), "", found, "one trigger per file")
+    trigger_s, error_s = (given.pop(), 0.0) if given else _refined(channels, _correlated(channels, step_s), step_s)
+    _must_overlap(channels, trigger_s)
+    return [_gauge(channel, trigger_s, error_s) for channel in channels]
 
 
-def _gauge(channel: _Channel, rest: _Rest, trigger_s: float, error_s: float, end_s: float) -> AlignedGauge:
-    trace, clock_s = channel.trace, channel.time_s - trigger_s
-    inside = (clock_s >= 0) & (clock_s <= end_s)
+def _gauge(channel: _Channel, trigger_s: float, error_s: float) -> AlignedGauge:
+    clock_s, gain = channel.time_s - trigger_s, channel.trace.gain
+    level, error = _rest(channel, trigger_s)
+    inside = (clock_s >= 0) & (clock_s <= channel.end_s)
     return AlignedGauge(
-        file=trace.file,
+        trace=channel.trace,
         gauge=channel.gauge,
+        onset_s=channel.onset_s,
         time_s=clock_s[inside],
-        force_N=trace.gain * (channel.reading - rest.level)[inside],
+        force_N=gain * (channel.reading - level)[inside],
         computed_N=channel.curve(clock_s[inside]),
-        noise_N=abs(trace.gain) * rest.noise,
-        rest_error_N=abs(trace.gain) * rest.error[inside],
-        gain_uncertainty=trace.gain_uncertainty,
-        unit=trace.unit,
-        baseline=float(np.interp(trigger_s, channel.time_s, rest.level)),
-        baseline_error=float(np.interp(trigger_s, channel.time_s, rest.error)),
+        noise_N=abs(gain) * channel.noise,
+        rest_error_N=abs(gain) * error[inside],
+        baseline=float(np.interp(0, clock_s, level)),
+        baseline_error=float(np.interp(0, clock_s, error)),
         trigger_s=trigger_s,
         trigger_error_s=error_s,
     )
 
 
-def _change(channel: _Channel, clock_s: Array, end_s: float, derivative: int = 0) -> Array:
-    """Computed change of force, 0 before the impact and constant after the end of the run. Shape (readings,)."""
-    value = channel.curve(np.clip(clock_s, 0, end_s), derivative)
-    return np.where((clock_s < 0) | ((clock_s > end_s) & (derivative > 0)), 0.0, value)
+def _rest(channel: _Channel, trigger_s: float | None) -> tuple[Array, Array]:
+    """Baseline and its standard error, by least squares of quiet readings without outliers. Both of shape (readings,).
 
-
-def _quiet(channel: _Channel, trigger_s: float, end_s: float) -> tuple[Mask, Array]:
-    """Mask of the quiet readings, and the computed reading above rest. Both of shape (readings,)."""
-    clock_s = channel.time_s - trigger_s
-    change = _change(channel, clock_s, end_s)
-    return (np.abs(change) < QUIET_SHARE * _peak(channel, end_s)) & (clock_s <= end_s), change / channel.trace.gain
-
-
-def _peak(channel: _Channel, end_s: float) -> float:
-    """Largest change of the computed gauge."""
-    knots = channel.curve.t
-    return float(np.abs(channel.curve(knots[(knots >= 0) & (knots <= end_s)])).max())
-
-
-def _rest(channel: _Channel, quiet: Mask, computed: Array) -> _Rest:
-    """Baseline and noise of quiet readings by least squares, repeated without outliers until none is left.
-
-    The small computed reading is subtracted first; its mean size counts as an error of the baseline.
+    The small computed reading is subtracted first; its mean size counts as an error. Without a trigger all readings
+    count as quiet. The first baseline has Cauchy's loss, which pulses change little.
 
     Raises:
         InputError: There are too few quiet readings.
     """
-    trace, time_s, reading = channel.trace, channel.time_s, channel.reading - computed
-    if quiet.sum() < MIN_QUIET and (trace.baseline is None or channel.noise is None):
+    trace, time_s = channel.trace, channel.time_s
+    if trace.baseline is not None:
+        return np.full(len(time_s), trace.baseline), np.zeros(len(time_s))
+    computed, quiet = np.zeros(len(time_s)), np.ones(len(time_s), dtype=bool)
+    if trigger_s is not None:
+        change = channel.change(trigger_s)
+        computed = change / trace.gain
+        quiet = (np.abs(change) < QUIET_SHARE * channel.peak_N) & (time_s <= trigger_s + channel.end_s)
+    if quiet.sum() < MIN_QUIET:
         few = f"{int(quiet.sum())} quiet readings of {channel.gauge}"
-        allowed = f"at least {MIN_QUIET} before the pulse, or baseline and noise in the scene"
+        allowed = f"at least {MIN_QUIET} before the pulse, or a baseline in the scene"
         raise InputError(paths.shown(trace.file), "", few, allowed)
-    powers = 1 + (trace.drift and trace.baseline is None)
-    design = np.vander((time_s - time_s.mean()) / float(np.ptp(time_s)), powers, increasing=True)
+    reading = channel.reading - computed
+    design = np.vander((time_s - time_s.mean()) / float(np.ptp(time_s)), 1 + trace.drift, increasing=True)
+    scaled, target = design[quiet] / channel.noise, reading[quiet] / channel.noise
+
+    def off(coefficients: Array) -> Array:
+        return np.asarray(scaled @ coefficients - target)
+
+    start = np.linalg.lstsq(scaled, target, rcond=None)[0]
+    level, kept = design @ least_squares(off, start, loss="cauchy").x, quiet
     width = max(2, round(channel.width_s / float(np.median(np.diff(time_s)))))
-    level, kept = _first_level(trace, time_s, reading, quiet), quiet
-    for _ in range(MAX_ROUNDS):
-        off = reading - level
-        running, deviation = uniform_filter1d(off, width // 2), _deviation(off, kept, channel.resolution)
-        pulse = np.abs(running) > CLIP * _deviation(running, kept, deviation / float(np.sqrt(width // 2)))
-        now = quiet & (np.abs(off) <= CLIP * deviation) & ~maximum_filter1d(pulse, 2 * REACH * width + 1)
+    for _ in range(ROUNDS):
+        running = np.abs(uniform_filter1d(reading - level, width // 2))
+        spread = max(NORMAL * float(np.median(running[kept])), channel.noise / (width // 2) ** 0.5)
+        pulse = maximum_filter1d(running > CLIP * spread, 2 * REACH * width + 1)
+        now = quiet & (np.abs(reading - level) <= CLIP * channel.noise) & ~pulse
         if now.sum() < max(MIN_QUIET, kept.sum() / 3):  # too few remain for a baseline
             break
-        settled, kept = np.array_equal(now, kept), now
-        if trace.baseline is None:
-            level = design @ np.linalg.lstsq(design[kept], reading[kept], rcond=None)[0]
-        if settled:
-            break
-    samples = int(kept.sum())
-    found = float(np.sqrt(np.sum((reading - level)[kept] ** 2) / max(samples - powers, 1)))
-    noise = channel.noise if channel.noise is not None else max(found, channel.resolution)
-    error = np.zeros(len(time_s))
-    if trace.baseline is None and samples > powers:
-        inverse = np.linalg.inv(design[kept].T @ design[kept])
-        error = noise * np.sqrt(np.einsum("ij,jk,ik->i", design, inverse, design))
-        error = np.hypot(error, float(np.abs(computed[kept]).mean()))
-    return _Rest(level, error, noise)
+        level, kept = design @ np.linalg.lstsq(design[now], reading[now], rcond=None)[0], now
+    inverse = np.linalg.inv(design[kept].T @ design[kept])
+    error = channel.noise * np.sqrt(np.einsum("ij,jk,ik->i", design, inverse, design))
+    return level, np.hypot(error, float(np.abs(computed[kept]).mean()))
 
 
-def _first_level(trace: MeasuredTrace, time_s: Array, reading: Array, quiet: Mask) -> Array:
-    """First baseline, robust against pulses in less than half of the quiet readings. Shape (readings,)."""
-    if trace.baseline is not None or not quiet.any():
-        return np.full(len(time_s), trace.baseline or 0.0)
-    if not trace.drift:
-        return np.full(len(time_s), np.median(reading[quiet]))
-    places = np.array_split(np.flatnonzero(quiet), min(MAX_MEANS, int(quiet.sum())))
-    means = np.array([(time_s[place].mean(), reading[place].mean()) for place in places])
-    slope, start = siegelslopes(means[:, 1], means[:, 0])
-    return np.asarray(start + slope * time_s)
-
-
-def _deviation(values: Array, kept: Mask, least: float) -> float:
-    """Standard deviation about zero of the readings kept, from their median, which outliers do not affect."""
-    return max(NORMAL * float(np.median(np.abs(values[kept]))) if kept.any() else 0.0, least)
-
-
-def _correlated(channels: list[_Channel], rests: list[_Rest], step_s: float, end_s: float) -> float:
-    """Trigger with the largest cross-correlation, on a grid of the run's sample interval."""
+def _correlated(channels: list[_Channel], step_s: float) -> float:
+    """Trigger with the largest cross-correlation of either sign, on a grid of the run's sample interval."""
     start_s = min(float(channel.time_s[0]) for channel in channels)
     stop_s = max(float(channel.time_s[-1]) for channel in channels)
-    grid_s, run_s = np.arange(start_s, stop_s + step_s / 2, step_s), np.arange(0, end_s + step_s / 2, step_s)
-    total: Array | None = None
-    for channel, rest in zip(channels, rests, strict=True):
-        measured = np.interp(grid_s, channel.time_s, channel.trace.gain * (channel.reading - rest.level))
-        weighted = _change(channel, run_s, end_s) / (channel.trace.gain * rest.noise) ** 2
-        found = correlate(measured, weighted, mode="full", method="fft")
-        total = found if total is None else total + found
-    assert total is not None
-    return start_s + (int(np.argmax(total)) - (len(run_s) - 1)) * step_s
-
-
-def _refined(
-    channels: list[_Channel], rests: list[_Rest], near_s: float, step_s: float, end_s: float
-) -> tuple[float, float]:
-    """Trigger by least squares near a first guess, with its standard error by noise.
-
-    With the weighted sum of squares S, it is the standard error of ``S'``, ``2 sqrt(sum (F'/noise)^2)``, over ``S''``.
-    """
-    both = [*zip(channels, rests, strict=True)]
-    forces = [(c.trace.gain * (c.reading - rest.level), abs(c.trace.gain) * rest.noise) for c, rest in both]
-    compared = [c.time_s - near_s <= end_s - SEARCH_STEPS * step_s for c in channels]
-
-    def squares(trigger_s: float) -> float:
-        return sum(
-            float(np.sum(((force - _change(c, c.time_s - trigger_s, end_s)) / noise)[inside] ** 2))
-            for c, (force, noise), inside in zip(channels, forces, compared, strict=True)
-        )
-
-    tried = near_s + np.arange(-SEARCH_STEPS, SEARCH_STEPS + 1) * step_s
-    best = float(tried[int(np.argmin([squares(float(each)) for each in tried]))])
-    bounds = (best - step_s, best + step_s)
-    trigger_s = float(minimize_scalar(squares, bounds=bounds, method="bounded", options={"xatol": 1e-7 * step_s}).x)
-    variance, curvature = 0.0, 0.0
-    for c, (force, noise), inside in zip(channels, forces, compared, strict=True):
-        change, slope, bend = (_change(c, c.time_s - trigger_s, end_s, order)[inside] / noise for order in (0, 1, 2))
-        variance += float(np.sum(slope**2))
-        curvature += float(np.sum(slope**2 - (force[inside] / noise - change) * bend))
-    return trigger_s, float(np.sqrt(variance)) / curvature if curvature > 0 else float("nan")
-
-
-def _must_overlap(channels: list[_Channel], trigger_s: float, end_s: float) -> None:
-    """Refuses a record with too few readings within the run, or without readings after the first computed onset."""
+    grid_s = np.arange(start_s, stop_s + step_s / 2, step_s)
+    run_s = np.arange(0, channels[0].end_s + step_s / 2, step_s)
+    total = np.zeros(len(grid_s) + len(run_s) - 1)
     for channel in channels:
-        clock_s, shown = channel.time_s - trigger_s, paths.shown(channel.trace.file)
-        inside = int(np.sum((clock_s >= 0) & (clock_s <= end_s)))
-        spanned = f"from {clock_s[0] * 1e6:.6g} to {clock_s[-1] * 1e6:.6g} us after the trigger"
-        if inside < MIN_SAMPLES:
-            allowed = f"at least {MIN_SAMPLES} readings within the run, 0 to {end_s * 1e6:.6g} us"
-            raise InputError(shown, "", f"{inside} readings {spanned}", allowed)
-        times = np.linspace(0, end_s, 4 * len(channel.curve.t))
-        risen = np.abs(channel.curve(times)) > QUIET_SHARE * _peak(channel, end_s)
-        onset_s = float(times[int(np.argmax(risen))])
-        if clock_s[-1] <= onset_s:
-            allowed = f"readings after {onset_s * 1e6:.6g} us, when the wave reaches {channel.gauge}"
-            raise InputError(shown, "", f"readings {spanned}", allowed)
+        force_N = channel.trace.gain * (channel.reading - _rest(channel, None)[0])
+        weighted = channel.curve(run_s) / (channel.trace.gain * channel.noise) ** 2
+        total += correlate(np.interp(grid_s, channel.time_s, force_N), weighted, mode="full", method="fft")
+    return start_s + (int(np.argmax(np.abs(total))) - (len(run_s) - 1)) * step_s
+
+
+def _refined(channels: list[_Channel], near_s: float, step_s: float) -> tuple[float, float]:
+    """Trigger by least squares near a first guess, with its standard error by noise; inverted gauges are turned."""
+    parts = []
+    for c in channels:
+        force_N = c.trace.gain * (c.reading - _rest(c, near_s)[0])
+        counts = c.time_s - near_s <= c.end_s - SEARCH_STEPS * step_s
+        turned = np.sign(force_N[counts] @ c.change(near_s)[counts])
+        parts.append((c, turned * force_N, abs(c.trace.gain) * c.noise, counts))
+
+    def off(place: Array) -> Array:
+        trigger_s = near_s + float(place[0]) * step_s
+        return np.concatenate([((c.change(trigger_s) - force) / noise)[counts] for c, force, noise, counts in parts])
+
+    best = least_squares(off, [0.0], "3-point", (-SEARCH_STEPS, SEARCH_STEPS), xtol=1e-9)
+    return near_s + float(best.x[0]) * step_s, step_s / float(np.linalg.norm(np.asarray(best.jac)))
+
+
+def _must_overlap(channels: list[_Channel], trigger_s: float) -> None:
+    """Refuses a record with too few readings within the run, or without readings after the first computed onset."""
+    first = min(channels, key=lambda channel: channel.onset_s)
+    clock_s = first.time_s - trigger_s
+    inside = int(np.sum((clock_s >= 0) & (clock_s <= first.end_s)))
+    if inside < MIN_SAMPLES or clock_s[-1] <= first.onset_s:
+        found = f"{inside} readings from {clock_s[0] * 1e6:.6g} to {clock_s[-1] * 1e6:.6g} us after the trigger"
+        wave = f"also after {first.onset_s * 1e6:.6g} us, when the wave reaches {first.gauge}"
+        allowed = f"at least {MIN_SAMPLES} readings within the run, 0 to {first.end_s * 1e6:.6g} us, {wave}"
+        raise InputError(paths.shown(first.trace.file), "", found, allowed)

@@ -1,45 +1,45 @@
 """Measured quantities with their standard errors, compared with the computed ones.
 
-A measured pulse is read from a quintic regression spline through its readings, a low-pass that is linear in the
-readings. Knots are placed after equal numbers of readings. Their number minimises the generalised cross-validation
-
-    n RSS / (n - p)^2,
-
-with n readings and p coefficients (Wahba, Spline Models for Observational Data, 4.3), and is then multiplied by
-``KNOT_FACTOR``. Peaks and crossings are found on the run's clock as for a computed trace (``postproc.read.signals``).
-Their standard errors are the spreads over ``DRAWS`` draws of the spline with the white noise of the quiet readings and
-errors of the baseline added. Errors of the gain and of a fitted trigger are independent and added in quadrature.
-Quantities are named as in ``postproc.read.observables``; all forces are above rest.
+A measured pulse is read from a regression spline through its readings (``postproc.read.smooth``). Peaks and crossings
+are found on the run's clock as for a computed trace (``postproc.read.signals``). Their standard errors are to first
+order in the white noise of the readings and the error of the baseline. Errors of the gain and of a fitted trigger are
+independent and added in quadrature. Quantities are named as in ``postproc.read.observables``; all forces are above
+rest.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import hypot, nan
+from itertools import pairwise
+from math import hypot, log10, nan
 from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import BSpline, make_lsq_spline
+from scipy.signal import correlate
 
+from drivers.base import paths
 from drivers.chain.case import Layout
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 from drivers.scene.model import MeasuredEntry
 from postproc.read.alignment import AlignedGauge, align, check_length
-from postproc.read.measured import read_measured, read_quoted
+from postproc.read.measured import FORCE, read_measured, read_quoted
 from postproc.read.observables import LEVELS, observe
 from postproc.read.sensors import gauges_of
-from postproc.read.signals import Peak, peaks, rising_crossing
+from postproc.read.signals import peaks, rising_crossing
+from postproc.read.smooth import DEGREE, knots_of
 
 LEVEL = LEVELS[1]  # share of the peak at which the duration is cut
-DRAWS, SEED = 200, 1
+AMPLITUDE, ARRIVAL, DURATION = "amplitude_N", "arrival_s", f"duration_{100 * LEVEL:g}pct_s"
+IMPULSE = "impulse_N_s"
 NOISE_FACTOR = 8.0  # prominence of a pulse, over the noise of the spline
 MIN_PROMINENCE = 0.005  # of a pulse, as a share of the signal's range
-DEGREE = 5
-KNOT_FACTOR = 1.5  # more knots than the minimum asks for, so that smoothing errors are small compared with the noise
-KNOT_RATIO = 1.25  # of the numbers of knots of consecutive trials
-MIN_DRAWS_SHARE = 0.9  # share of the draws that must show a quantity
 QUOTED = "quoted"
-LEVEL_NAME = f"{100 * LEVEL:g}pct"
+SMALLER = {3: "m", 6: "u"}  # prefixes of units that are mistaken for others, by powers of ten
+MAX_FACTOR = 5.0  # factor between measured and computed forces apart from such a power
+INVERTED = 1.5  # smallest ratio of the negative to the positive extremum of the cross-correlation
+
+_Pulse = Mapping[str, tuple[float, float]]  # amplitude, arrival and duration with their errors by noise
 
 
 @dataclass(frozen=True)
@@ -77,63 +77,42 @@ class Misfit:
 
 @dataclass(frozen=True, eq=False)
 class SmoothForce:
-    """A gauge with its regression spline at the sample times of the run; arrays of shape (samples,)."""
+    """A gauge with its regression spline.
+
+    Attributes:
+        curve: Regression spline of the force.
+        errors: Independent parts of its standard error by noise and baseline, as a spline with a value for each part.
+        time_s: Sample times of the run within the readings. Shape (samples,).
+        force_N: Force at these times, and its standard error ``error_N``. Shape (samples,).
+    """
 
     gauge: AlignedGauge
+    curve: BSpline
+    errors: BSpline
     time_s: Array
     force_N: Array
-    error_N: Array  # standard error by noise and baseline
-    draws_N: Array  # deviations in the draws of noise and baseline. Shape (samples, DRAWS)
-
-
-@dataclass(frozen=True)
-class _Pulse:
-    """First pulse of a gauge, and the same in the draws of noise; arrays of shape (DRAWS,)."""
-
-    amplitude_N: float
-    arrival_s: float
-    duration_s: float
-    amplitudes_N: Array
-    arrivals_s: Array
-    durations_s: Array
+    error_N: Array
 
 
 def smooth(gauge: AlignedGauge, run: Trace) -> SmoothForce:
     """Regression spline of a gauge on the run's clock, over the range of its readings."""
     time_s = run.time_s[(run.time_s >= gauge.time_s[0]) & (run.time_s <= gauge.time_s[-1])]
-    random = np.random.default_rng([SEED, *gauge.gauge.encode()])
-    noise_N = random.normal(0.0, gauge.noise_N, (len(gauge.time_s), DRAWS))
-    rest_N = np.interp(time_s, gauge.time_s, gauge.rest_error_N)[:, np.newaxis] * random.normal(0.0, 1.0, DRAWS)
-    knots = _knots(gauge.time_s, gauge.force_N)
-    force_N = make_lsq_spline(gauge.time_s, gauge.force_N, knots, DEGREE)(time_s)
-    draws_N = make_lsq_spline(gauge.time_s, noise_N, knots, DEGREE)(time_s) + rest_N
-    return SmoothForce(gauge, time_s, np.asarray(force_N), draws_N.std(axis=1), draws_N)
-
-
-def _knots(time_s: Array, force_N: Array) -> Array:
-    """Knots of the spline: ``KNOT_FACTOR`` times as many as minimise the generalised cross-validation."""
-    readings = len(time_s)
-    most = readings // 2 - DEGREE - 1
-    counts = sorted({min(int(4 * KNOT_RATIO**power), most) for power in range(40)})
-    scores = []
-    for count in counts:
-        knots = _spread_knots(time_s, count)
-        curve: BSpline = make_lsq_spline(time_s, force_N, knots, DEGREE)
-        squares = float(np.sum((force_N - curve(time_s)) ** 2))
-        scores.append(squares / (readings - count - DEGREE - 1) ** 2)
-    return _spread_knots(time_s, min(round(KNOT_FACTOR * counts[int(np.argmin(scores))]), most))
-
-
-def _spread_knots(time_s: Array, count: int) -> Array:
-    """Knots at both ends and ``count`` inner knots, each after an equal number of readings."""
-    inner = time_s[np.linspace(0, len(time_s) - 1, count + 2).round().astype(int)[1:-1]]
-    return np.concatenate([[time_s[0]] * (DEGREE + 1), inner, [time_s[-1]] * (DEGREE + 1)])
+    knots = knots_of(gauge.time_s, gauge.force_N)
+    both = np.column_stack([gauge.force_N, gauge.rest_error_N])
+    force, rest = np.asarray(make_lsq_spline(gauge.time_s, both, knots, DEGREE, method="norm-eq").c.T)
+    design = BSpline.design_matrix(gauge.time_s, knots, DEGREE)
+    root = np.linalg.cholesky((design.T @ design).toarray())  # covariance of coefficients: noise^2 (root root^T)^-1
+    curve = BSpline(knots, force, DEGREE)
+    errors = BSpline(knots, np.column_stack([gauge.noise_N * np.linalg.inv(root).T, rest]), DEGREE)
+    nodes = np.unique(knots)
+    error_N = np.interp(time_s, nodes, np.linalg.norm(errors(nodes), axis=1))
+    return SmoothForce(gauge, curve, errors, time_s, curve(time_s), error_N)
 
 
 def lay_over(
     entries: Mapping[str, MeasuredEntry], folder: Path, where: str, layout: Layout, run: Trace
-) -> tuple[list[SmoothForce], list[Misfit]]:
-    """Measured gauges on a run's clock in the order of the scene, and all misfits.
+) -> tuple[list[SmoothForce], list[Misfit], list[str]]:
+    """Measured gauges on a run's clock in the order of the scene, all misfits, and remarks on lengths and gains.
 
     Args:
         entries: Entries by their keys in the scene, such as ``measured.0``.
@@ -146,19 +125,47 @@ def lay_over(
         InputError: An entry or its file is wrong, or does not fit the run.
     """
     gauges, names = gauges_of(layout), list(observe(layout, run, LEVELS))
-    traces = [read_measured(entry, folder, gauges, where, key) for key, entry in entries.items() if entry.file]
-    quoted = {
-        name: value
-        for key, entry in entries.items()
-        if entry.values
-        for name, value in read_quoted(entry, names, where, key).items()
-    }
-    aligned = align(traces, layout, run)
-    triggers = {each.file: each.trigger_s for each in aligned}
-    for trace in traces:
-        check_length(trace, triggers[trace.file], float(run.time_s[-1]))
-    curves = [smooth(gauge, run) for gauge in aligned]
-    return curves, misfits(curves, layout, run, quoted)
+    traces = {key: read_measured(each, folder, gauges, where, key) for key, each in entries.items() if each.file}
+    quoted = dict(pair for key, each in entries.items() for pair in read_quoted(each, names, where, key).items())
+    curves = [smooth(gauge, run) for gauge in align(list(traces.values()), layout, run)]
+    remarks = []
+    for key, trace in traces.items():
+        own = [curve for curve in curves if curve.gauge.trace is trace]
+        onsets_s = {curve.gauge.gauge: curve.gauge.onset_s for curve in own}
+        remarks.append(check_length(trace, own[0].gauge.trigger_s, float(run.time_s[-1]), onsets_s))
+        on_gain = {curve.gauge.gauge: gain_remark(curve.gauge, key) for curve in own}
+        for words in filter(None, dict.fromkeys(on_gain.values())):
+            named = ", ".join(gauge for gauge in on_gain if on_gain[gauge] == words)
+            remarks.append(f"{paths.shown(trace.file)}: {named}: {words}")
+    return curves, misfits(curves, layout, run, quoted), [*dict.fromkeys(filter(None, remarks))]
+
+
+def gain_remark(gauge: AlignedGauge, key: str) -> str:
+    """Sentence on a gain with a wrong sign or a wrong power of ten, with a gain that fits; empty otherwise.
+
+    Args:
+        gauge: Gauge on the run's clock.
+        key: Key of its entry in the scene, such as ``measured.0``.
+    """
+    trace, grid_s = gauge.trace, np.linspace(gauge.time_s[0], gauge.time_s[-1], len(gauge.time_s))
+    both_N = [np.interp(grid_s, gauge.time_s, force_N) for force_N in (gauge.force_N, gauge.computed_N)]
+    measured_N, computed_N = (force_N - np.median(force_N) for force_N in both_N)
+    largest_N, expected_N = (float(np.abs(force_N).max()) for force_N in (measured_N, computed_N))
+    if gauge.time_s[-1] <= gauge.onset_s or largest_N <= NOISE_FACTOR * gauge.noise_N:
+        return ""  # no wave to judge by
+    both = correlate(measured_N, computed_N, method="fft")
+    sign, power = -1 if -both.min() > INVERTED * both.max() else 1, 3 * round(log10(largest_N / expected_N) / 3)
+    if abs(power) not in SMALLER or not 1 / MAX_FACTOR < largest_N / expected_N / 10.0**power < MAX_FACTOR:
+        power = 0
+    found = ["readings are inverted"] * (sign < 0)
+    if power:
+        units = (SMALLER[abs(power)] + trace.unit, trace.unit)[:: 1 if power > 0 else -1]
+        found.append(f"readings are about {10.0**power:g} times the computed force ({' read as '.join(units)}?)")
+    if not found:
+        return ""
+    fit = f"{sign * trace.gain / 10.0**power:g}"
+    stated = fit if trace.unit == FORCE else f'"{fit} N/{trace.unit}"'
+    return f"{' and '.join(found)}: {key}.gain = {stated} fits"
 
 
 def misfits(
@@ -178,12 +185,11 @@ def misfits(
         quoted: Quoted values with their relative standard errors by observable.
     """
     computed, found = observe(layout, run, LEVELS), list[Misfit]()
-    for file in dict.fromkeys(curve.gauge.file for curve in curves):
-        own = {curve.gauge.gauge: curve for curve in curves if curve.gauge.file == file}
-        durations = {name: computed[f"{name}_duration_{LEVEL_NAME}_s"] for name in own}
-        pulses = {name: _pulse(curve, durations[name]) for name, curve in own.items()}
+    for file in dict.fromkeys(curve.gauge.trace.file for curve in curves):
+        own = {curve.gauge.gauge: curve for curve in curves if curve.gauge.trace.file == file}
+        pulses = {name: _pulse(curve) for name, curve in own.items()}
         for name, curve in own.items():
-            found += [*_of_pulse(curve.gauge, pulses[name], computed), *_of_all_readings(curve.gauge, computed)]
+            found += _of_gauge(curve.gauge, pulses[name], computed)
         found += _speeds(layout, pulses, file.name, computed)
         gauge = next(iter(own.values())).gauge
         found.append(Misfit("trigger_s", file.name, gauge.trigger_s, gauge.trigger_error_s, 0.0, nan))
@@ -194,90 +200,65 @@ def misfits(
     return found
 
 
-def _of_pulse(gauge: AlignedGauge, pulse: _Pulse, computed: Mapping[str, float]) -> list[Misfit]:
-    amplitude, arrival, duration = (
-        f"{gauge.gauge}_{ending}" for ending in ("amplitude_N", "arrival_s", f"duration_{LEVEL_NAME}_s")
-    )
-    gain = gauge.gain_uncertainty * abs(pulse.amplitude_N)
-    late = hypot(_spread(pulse.arrivals_s), gauge.trigger_error_s)
-    source = gauge.file.name
-    return [
-        Misfit(amplitude, source, pulse.amplitude_N, _spread(pulse.amplitudes_N), gain, computed[amplitude]),
-        Misfit(arrival, source, pulse.arrival_s, late, 0.0, computed[arrival]),
-        Misfit(duration, source, pulse.duration_s, _spread(pulse.durations_s), 0.0, computed[duration]),
-    ]
-
-
-def _of_all_readings(gauge: AlignedGauge, values: Mapping[str, float]) -> list[Misfit]:
-    """Impulse by the trapezoidal rule, correlation, root mean square of the residual, and baseline."""
-    weights = np.zeros(len(gauge.time_s))
-    weights[1:] += np.diff(gauge.time_s) / 2
-    weights[:-1] += np.diff(gauge.time_s) / 2
+def _of_gauge(gauge: AlignedGauge, pulse: _Pulse, values: Mapping[str, float]) -> list[Misfit]:
+    """First pulse; impulse by the trapezoidal rule, correlation, root mean square of the residual, and baseline."""
+    weights = np.convolve(np.diff(gauge.time_s), [0.5, 0.5])
     measured, computed = float(weights @ gauge.force_N), float(weights @ gauge.computed_N)
     noise = hypot(gauge.noise_N * float(np.linalg.norm(weights)), float(weights @ gauge.rest_error_N))
-    name, source = gauge.gauge, gauge.file.name
-    peak_N = values[f"{name}_amplitude_N"]
+    name, (arrival_s, error_s) = gauge.gauge, pulse[ARRIVAL]
+    peak_N = values[f"{name}_{AMPLITUDE}"]
     rms_N = float(np.sqrt(np.mean((gauge.force_N - gauge.computed_N) ** 2)))
     correlation = float(np.corrcoef(gauge.force_N, gauge.computed_N)[0, 1])
+    rows = {
+        AMPLITUDE: pulse[AMPLITUDE],
+        ARRIVAL: (arrival_s, hypot(error_s, gauge.trigger_error_s)),
+        DURATION: pulse[DURATION],
+        IMPULSE: (measured, noise),
+        "correlation": (correlation, nan),
+        "residual_rms_N": (rms_N, gauge.noise_N),
+        "residual_rms_share": (rms_N / peak_N, gauge.noise_N / peak_N),
+        f"baseline_{gauge.trace.unit}": (gauge.baseline, gauge.baseline_error),
+    }
+    known = {part: values[f"{name}_{part}"] for part in pulse} | {IMPULSE: computed}
+    gain, source = dict.fromkeys((AMPLITUDE, IMPULSE), gauge.trace.gain_uncertainty), gauge.trace.file.name
     return [
-        Misfit(f"{name}_impulse_N_s", source, measured, noise, gauge.gain_uncertainty * abs(measured), computed),
-        Misfit(f"{name}_correlation", source, correlation, nan, 0.0, nan),
-        Misfit(f"{name}_residual_rms_N", source, rms_N, gauge.noise_N, 0.0, nan),
-        Misfit(f"{name}_residual_rms_share", source, rms_N / peak_N, gauge.noise_N / peak_N, 0.0, nan),
-        Misfit(f"{name}_baseline_{gauge.unit}", source, gauge.baseline, gauge.baseline_error, 0.0, nan),
+        Misfit(f"{name}_{part}", source, value, error, gain.get(part, 0.0) * abs(value), known.get(part, nan))
+        for part, (value, error) in rows.items()
     ]
 
 
-def _pulse(curve: SmoothForce, duration_s: float) -> _Pulse:
-    """First pulse of a smoothed gauge; NaN for quantities that it does not show.
+def _pulse(curve: SmoothForce) -> _Pulse:
+    """First pulse of a smoothed gauge with errors to first order in the noise; NaN for quantities not shown.
 
-    Args:
-        curve: Smoothed gauge.
-        duration_s: Duration of the computed pulse, the window in which draws are evaluated.
+    The arrival t and the edge e are zeros of F'(t) and F(e) - ``LEVEL`` F(t), so an error f of F moves them by
+    -f'(t)/F''(t) and -(f(e) - ``LEVEL`` f(t))/F'(e).
     """
-    time_s, force_N = curve.time_s, curve.force_N
-    span_N = float(np.ptp(force_N))
+    time_s, span_N = curve.time_s, float(np.ptp(curve.force_N))
     prominence = max(NOISE_FACTOR * float(np.median(curve.error_N)) / span_N, MIN_PROMINENCE) if span_N else 1.0
-    first = next((peak for peak in peaks(time_s, force_N, min(prominence, 1.0)) if peak.value > 0), None)
+    first = next((peak for peak in peaks(time_s, curve.force_N, min(prominence, 1.0)) if peak.value > 0), None)
     if first is None:
-        nothing = np.full(DRAWS, nan)
-        return _Pulse(nan, nan, nan, nothing, nothing, nothing)
-    if not duration_s > 0:
-        duration_s = first.time_s - float(time_s[0])
-    around = (time_s > first.time_s - 1.5 * duration_s) & (time_s < first.time_s + duration_s / 4)
-    read = [_read(time_s[around], (force_N + draw)[around]) for draw in curve.draws_N.T]
-    amplitudes, arrivals, durations = np.array(read).T
-    edge_s = rising_crossing(time_s, force_N, LEVEL * first.value, first)
-    return _Pulse(first.value, first.time_s, 2 * (first.time_s - edge_s), amplitudes, arrivals, durations)
-
-
-def _read(time_s: Array, force_N: Array) -> tuple[float, float, float]:
-    """Amplitude, arrival and duration of the largest maximum."""
-    found: Peak | None = max(peaks(time_s, force_N), key=lambda peak: peak.value, default=None)
-    if found is None:
-        return nan, nan, nan
-    edge_s = rising_crossing(time_s, force_N, LEVEL * found.value, found)
-    return found.value, found.time_s, 2 * (found.time_s - edge_s)
-
-
-def _spread(draws: Array) -> float:
-    """Standard deviation of draws; NaN if too few show the quantity."""
-    shown = draws[np.isfinite(draws)]
-    return float(shown.std()) if len(shown) > MIN_DRAWS_SHARE * DRAWS else nan
+        return dict.fromkeys((AMPLITUDE, ARRIVAL, DURATION), (nan, nan))
+    edge_s = rising_crossing(time_s, curve.force_N, LEVEL * first.value, first)
+    peak, error, norm = first.time_s, curve.errors, np.linalg.norm
+    late = error(peak, 1) / curve.curve(peak, 2)
+    early = (error(edge_s) - LEVEL * error(peak)) / curve.curve(edge_s, 1)
+    return {
+        AMPLITUDE: (first.value, float(norm(error(peak)))),
+        ARRIVAL: (peak, float(norm(late))),
+        DURATION: (2 * (peak - edge_s), 2 * float(norm(late - early))),
+    }
 
 
 def _speeds(layout: Layout, pulses: Mapping[str, _Pulse], source: str, computed: Mapping[str, float]) -> list[Misfit]:
     """Peak-to-peak speeds between neighbouring sensors that are both in the file."""
     found = []
-    for upper, lower in zip(layout.sensors[:-1], layout.sensors[1:], strict=True):
-        first, second = (pulses.get(f"bead_{sensor.from_wall}") for sensor in (upper, lower))
-        if first is None or second is None:
-            continue
-        path_m = upper.height_m - lower.height_m
-        travel_s = second.arrival_s - first.arrival_s
-        name = f"speed_{upper.from_wall}_to_{lower.from_wall}_m_s"
-        speed = path_m / travel_s if travel_s > 0 else nan
-        found.append(
-            Misfit(name, source, speed, _spread(path_m / (second.arrivals_s - first.arrivals_s)), 0.0, computed[name])
-        )
+    for upper, lower in pairwise(layout.sensors):
+        names = [f"bead_{sensor.from_wall}" for sensor in (upper, lower)]
+        if pulses.keys() >= {*names}:
+            (first_s, first_error_s), (second_s, second_error_s) = (pulses[name][ARRIVAL] for name in names)
+            travel_s = second_s - first_s if second_s > first_s else nan
+            speed = (upper.height_m - lower.height_m) / travel_s
+            error = speed * hypot(first_error_s, second_error_s) / travel_s
+            name = f"speed_{upper.from_wall}_to_{lower.from_wall}_m_s"
+            found.append(Misfit(name, source, speed, error, 0.0, computed[name]))
     return found

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.kept import kept
 from drivers.base.text_table import text_table
@@ -18,8 +19,10 @@ from drivers.limits.criteria import CRITERIA
 from drivers.limits.refusal import FORCE, inability, refuse_depth
 from drivers.limits.stable_step import predicted_limit
 from drivers.limits.trial import failure, first_failure_s
+from postproc.read.measured import read_traces
 from postproc.read.observables import of_kind
 from postproc.read.residual import is_at_rest
+from postproc.read.sensors import gauges_of
 from validation.accuracy.budget import AT_REST_NOTE
 from validation.accuracy.costs import cost_on
 from validation.accuracy.exact_motion import errors_of
@@ -40,9 +43,11 @@ def plan_report(source: str | Path, settings: tuple[str, ...] = (), among: Colle
     """Lines of the report, for a scene with an accuracy or a time step, on all engines or those ``among``.
 
     Raises:
-        InputError: the scene or its accuracy is wrong, an overlap exceeds a radius, or an engine cannot model it.
+        InputError: the scene, its accuracy or a measured file is wrong, an overlap exceeds a radius, or an engine
+            cannot model it.
     """
     case = planned_case(source, *settings)
+    traces = read_traces(case.scene, gauges_of(case.layout))
     refuse_depth(case)
     for error in (inability(case, name) for name in among):
         if error:
@@ -53,6 +58,8 @@ def plan_report(source: str | Path, settings: tuple[str, ...] = (), among: Colle
     report = _straight if case.chain.lateral is None else _three_dimensional
     lines = kept(["plan", scenes, engines, there], lambda: [*report(case, among)])
     yield from (f"{case.scene.name}: {case.summary}", *lines)
+    for trace in traces:
+        yield f"measured   {paths.shown(trace.file)}: {len(trace.time_s)} readings of {', '.join(trace.reading)}"
 
 
 def _straight(case: Case, among: Collection[str]) -> Iterator[str]:

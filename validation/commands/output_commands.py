@@ -85,9 +85,11 @@ def overlay(run: str, settings: tuple[str, ...], measured: Path | None, runs: Pa
         scene, layout, trace, engine = case.scene, case.layout, exact(case).trace, REFERENCE
         name = f"overlay-{scene.name}"
     entries, folder, where = entries_of(scene, measured, run)
-    curves, found = lay_over(entries, folder, where, layout, trace)
+    curves, found, remarks = lay_over(entries, folder, where, layout, trace)
     drawn = write_product(draw_overlay(layout, trace, engine, curves, found), name, results) if curves else ()
     print(*text_table([HEADINGS, *misfit_rows(found)]), sep="\n")
+    for remark in remarks:
+        print(remark, file=sys.stderr)
     for path in drawn:
         print(paths.shown(path))
 

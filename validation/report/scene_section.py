@@ -133,17 +133,19 @@ def source_of(scene: Scene) -> str:
 def overlay_of(case: Case, engine: str, trace: Trace) -> dict[str, Any]:
     """Overlay of a scene's measured traces or quoted values on the run of an engine.
 
-    ``image`` is None if only values are quoted, ``rows`` has a row for each quantity under ``headings``, and
-    ``problem`` says why the measured traces do not fit the run; else it is empty.
+    ``image`` is None if only values are quoted, ``rows`` has a row for each quantity under ``headings``, ``remarks``
+    are sentences on lengths and gains, and ``problem`` says why the traces do not fit the run; else it is empty.
     """
     scene = case.scene
-    overlay: dict[str, Any] = {"engine": engine, "image": None, "headings": HEADINGS, "rows": [], "problem": ""}
+    overlay: dict[str, Any] = {"engine": engine, "image": None, "headings": HEADINGS}
+    overlay |= {"rows": [], "remarks": [], "problem": ""}
     try:
-        curves, found = lay_over(*entries_of(scene, None, scene.file), case.layout, trace)
+        curves, found, remarks = lay_over(*entries_of(scene, None, scene.file), case.layout, trace)
     except InputError as error:  # the file was read before; it does not fit the run
         return overlay | {"problem": str(error)}
     drawn = draw_overlay(case.layout, trace, engine, curves, found) if curves else None
-    return overlay | {"image": image_of(svg_of(drawn.figure)) if drawn else None, "rows": misfit_rows(found)}
+    image = image_of(svg_of(drawn.figure)) if drawn else None
+    return overlay | {"image": image, "rows": misfit_rows(found), "remarks": remarks}
 
 
 FORCE_RANGE = 2.0  # largest drawn force of a failed run, over the largest force of the finished runs

@@ -1,4 +1,4 @@
-"""Measured traces compared with computed ones: triggers, baselines, pulses with errors, refused records."""
+"""Measured traces compared with computed ones: triggers, baselines, pulses with errors, remarks, refused records."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -14,11 +14,13 @@ from drivers.chain.trace import Trace
 from drivers.run.run import run_case
 from drivers.run.run_folder import FORCES
 from postproc.paper.simulate import Simulation, case_of, exact
-from postproc.read.alignment import AlignedGauge, align
+from postproc.read.alignment import AlignedGauge, align, check_length
 from postproc.read.measured import MeasuredTrace
-from postproc.read.misfit import Misfit, misfits, smooth
+from postproc.read.misfit import Misfit, gain_remark, misfits, smooth
 from postproc.read.observables import observe
 from postproc.read.sensors import sensor_signals
+from postproc.read.smooth import noise_of
+from validation.report.scene_section import overlay_of
 from validation.tests.helpers import made_up_trace
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import edit_record
@@ -112,6 +114,18 @@ def test_errors_are_small_for_little_noise(base: Simulation) -> None:
         assert rows[f"{gauge}_correlation"].measured > 0.998
 
 
+@pytest.mark.parametrize("noise", [0.005, 0.02, 0.1])
+@pytest.mark.parametrize(("readings", "spread"), [(100, 0.2), (200, 0.08), (1000, 0.04), (100_000, 0.015)])
+def test_noise_is_found_from_the_readings_alone(base: Simulation, readings: int, spread: float, noise: float) -> None:
+    times_s, ratios = np.linspace(0, TRIGGER_S + float(base.trace.time_s[-1]), readings), []
+    for seed in range(10 if readings <= 1000 else 1):
+        for gauge, reading in measured(base, noise, seed, times_s=times_s).reading.items():
+            ratios.append(noise_of(times_s, reading) * GAIN / (noise * base.values[f"{gauge}_amplitude_N"]))
+    assert np.mean(ratios) == pytest.approx(1, abs=0.04)
+    assert np.std(ratios) < spread
+    assert noise_of(times_s, np.round(reading, 1)) >= 0.999 * 0.1 / 12**0.5
+
+
 def test_readings_without_noise_give_the_observables_of_the_run(base: Simulation) -> None:
     gauges, rows = found_in(measured(base), base)
     assert rows["trigger_s"].measured == pytest.approx(TRIGGER_S, abs=1e-9)
@@ -177,7 +191,7 @@ def cut(trace: MeasuredTrace, start_s: float, stop_s: float) -> MeasuredTrace:
         (0, 900, 1, -1000, "0 readings from 1000"),
         (0, 900, 1, 890, "11 readings from -890"),
         (0, 300, 1, 123.456, "us after the trigger"),
-        (0, 900, 60, None, "readings every 6e-05 s"),
+        (0, 900, 60, None, "13 readings from -123"),
         (400, 900, 1, 123.456, "0 quiet readings of bead_9"),
     ],
 )
@@ -192,6 +206,48 @@ def test_records_that_cannot_be_compared_are_named(
     assert caught.value.args[0].endswith("shot.csv")
     assert found in caught.value.args[2]
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1e-6, "s rather than us"), (100, "us rather than ms")])
+def test_a_wrong_unit_of_time_is_named(base: Simulation, factor: float, unit: str) -> None:
+    trace = measured(base)
+    with pytest.raises(InputError, match=f"is the unit of time {unit}?"):
+        align([replace(trace, time_s=factor * trace.time_s)], base.case.layout, base.trace)
+    brief = measured(base, times_s=np.append(np.arange(400) * 1e-8, 500e-6))
+    with pytest.raises(InputError, match="found 8 readings after averaging"):
+        align([brief], base.case.layout, base.trace)
+
+
+@pytest.mark.parametrize(
+    ("stop_us", "gain", "length", "on_gain"),
+    [
+        (1100, GAIN, "", ""),
+        (9000, GAIN, "shot.csv: the run ends 0.8 ms after the impact: 8.0", ""),
+        (600, GAIN, "no readings from 0.4", "of the run's 0.8 ms, so the wave does not reach wall"),
+        (1100, -GAIN, "", 'readings are inverted: measured.0.gain = "2.1 N/V" fits'),
+        (1100, GAIN * 700, "", '1000 times the computed force (mV read as V?): measured.0.gain = "1.47 N/V" fits'),
+        (1100, GAIN * 1e6, "", "1e+06 times the computed force (uV read as V?): measured.0.gain"),
+        (1100, -GAIN / 3e3, "", "inverted and readings are about 0.001 times the computed force (V read as mV?)"),
+    ],
+)
+@pytest.mark.parametrize("noise", [0.01, 0.1])
+def test_remarks_name_lengths_and_gains(
+    base: Simulation, other: Simulation, stop_us: float, gain: float, length: str, on_gain: str, noise: float
+) -> None:
+    """Also for a motion of another shape, with the trigger given or found."""
+    times_s = np.arange(0, stop_us * 1e-6, 1e-6)
+    for made, trigger_s in ((base, None), (base, TRIGGER_S), (other, None), (other, TRIGGER_S)):
+        trace = replace(measured(made, noise, times_s=times_s), gain=gain, trigger_s=trigger_s)
+        gauges = align([trace], base.case.layout, base.trace)
+        onsets_s = {gauge.gauge: gauge.onset_s for gauge in gauges}
+        said = check_length(trace, gauges[0].trigger_s, float(base.trace.time_s[-1]), onsets_s)
+        assert (length in said) if length else not said
+        remarks = [gain_remark(gauge, "measured.0") for gauge in gauges]
+        if gain == GAIN:
+            assert remarks == [""] * 3
+            assert on_gain in said
+        else:
+            assert all(on_gain in remark for remark in remarks[:1])
 
 
 def test_a_gauge_that_no_wave_reaches_is_named(base: Simulation) -> None:
@@ -240,6 +296,26 @@ def test_the_command_compares_the_example_with_the_exact_motion(tmp_path: Path) 
     judged = [row["difference_in_errors"] for (_, origin), row in now.items() if origin == source]
     assert np.nanmax(np.abs(judged)) < 4.0
     assert np.isfinite(judged).sum() == 13
+
+
+def test_remarks_are_printed_and_reported(tmp_path: Path) -> None:
+    settings = "run.duration=0.6 ms", "measured.0.gain=2100 N/V"
+    code, _, wrong = overlay("example-measured", "--results", tmp_path, *(f"--set={each}" for each in settings))
+    assert code == 0
+    length, gain = wrong.splitlines()
+    assert "the run ends 0.6 ms after the impact: 0.178 ms of readings after it are not compared" in length
+    assert "bead_9, bead_5: readings are about 1000 times the computed force (mV read as V?): measured.0.gain" in gain
+    made = exact(case_of("example-measured", *settings))
+    assert overlay_of(made.case, "reference", made.trace)["remarks"] == [length, gain]
+
+
+def test_the_plan_reads_the_measured_files() -> None:
+    said = beads("plan", "example-measured")
+    assert "measured   inputs/measured/example-measured.csv: 410 readings of bead_9, bead_5\n" in said.stdout
+    for setting, problem in (("file=none.csv", "no such file"), ("gain=2 V", "measured.0.gain: found")):
+        refused = beads("plan", "example-measured", f"--set=measured.0.{setting}")
+        assert (refused.returncode, refused.stdout) == (2, "")
+        assert problem in refused.stderr
 
 
 @pytest.mark.long
