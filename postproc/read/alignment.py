@@ -110,7 +110,7 @@ def align(traces: Sequence[MeasuredTrace], layout: Layout, run: Trace) -> list[A
     signals = {name: signal - signal[0] for name, signal in sensor_signals(layout, run).items()}
     files: dict[Path, list[_Channel]] = defaultdict(list)
     for trace in traces:
-        _must_have_unit(trace, float(run.time_s[-1]))
+        must_have_unit(trace, float(run.time_s[-1]))
         coarse = averaged(trace, float(run.time_s[1]))
         if len(coarse.time_s) < MIN_SAMPLES:
             found = f"{len(coarse.time_s)} readings after averaging over half a sample interval of the run"
@@ -152,7 +152,7 @@ def check_length(
     return f"{shown}: no readings {gaps} after the impact, of the run's {end:.3g} ms{unreached}"
 
 
-def _must_have_unit(trace: MeasuredTrace, end_s: float) -> None:
+def must_have_unit(trace: MeasuredTrace, end_s: float) -> None:
     """Refuses a record that is much longer or shorter than the run."""
     length_s = float(trace.time_s[-1] - trace.time_s[0])
     power = 3 * round(np.log10(length_s / end_s) / 3)

@@ -1,4 +1,4 @@
-"""Calibration on the paper's experiments: what survives all readings of what the paper leaves open, and what does not."""
+"""Calibration on the paper's experiments: conclusions that hold for all readings of what the paper leaves open."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from math import isfinite
@@ -6,13 +6,20 @@ from typing import Any
 
 from drivers.base import paths
 from drivers.base.tolerances import tolerance
-from postproc.paper.calibrated import calibrated
 from postproc.draw.overlay import number
+from postproc.paper.calibrated import calibrated
 from validation.calibration.calibration_file import calibration_file
 from validation.calibration.draw import draw_contours, draw_data, name_of
 from validation.calibration.outcome import MAX_DEVIATION, DatumRow, FitRow, Parameter, value_text
 from validation.calibration.study import (
-    CONTOURS, DATA, FITS, MODULUS, NOT_FITTED, PARAMETERS, ContourRow, reading_of, study,
+    CONTOURS,
+    DATA,
+    FITS,
+    MODULUS,
+    NOT_FITTED,
+    PARAMETERS,
+    ContourRow,
+    study,
 )  # fmt: skip
 from validation.chapters import Chapter, Options, Picture, Tables, rows_in
 from validation.checks import FAIL, Check, judged, without_run
@@ -50,7 +57,9 @@ def sentences(tables: Tables) -> Iterator[str]:
     yield from conclusions(tables)
     parameters = _parameters(tables)
     for row in (row for row in rows_in(tables[FITS], FitRow) if row.data == DEFAULT):
-        goodness = f"chi-square {row.chi_square:.3g} with {row.freedom} degrees of freedom, probability {row.probability:.2g}"
+        goodness = (
+            f"chi-square {row.chi_square:.3g} with {row.freedom} degrees of freedom, probability {row.probability:.2g}"
+        )
         missed = f"missed: {row.missed}" if row.missed else "no number is missed"
         yield f"{row.law}: {', '.join(_texts(parameters[row.law, row.data]))}; {goodness}; {missed}"
 
@@ -72,7 +81,8 @@ def conclusions(tables: Tables) -> Iterator[str]:
         own = [parameters[each.law, each.data] for each in fitting if each.law == law]
         if own and all(any(row.parameter == GAUGES for row in each) for each in own):
             yield f"{law} fits only with the electronics of the gauges"
-    yield f"missed by more than one standard error in every fit that holds: {', '.join(missed_by_all(tables)) or 'none'}"
+    missed = ", ".join(missed_by_all(tables)) or "none"
+    yield f"missed by more than one standard error in every fit that holds: {missed}"
 
 
 def missed_by_all(tables: Tables) -> list[str]:
@@ -104,7 +114,9 @@ def judge(tables: Tables) -> Iterator[Check]:
 def section(tables: Tables) -> Mapping[str, Any]:
     """Conclusions, a row for each law and reading, the numbers of the default reading, and remarks."""
     rows, parameters = rows_in(tables[FITS], FitRow), _parameters(tables)
-    shown = [row for row in rows_in(tables[DATA], DatumRow) if row.data == DEFAULT and row.unit + row.because + row.data_set]
+    shown = [
+        row for row in rows_in(tables[DATA], DatumRow) if row.data == DEFAULT and row.unit + row.because + row.data_set
+    ]
     numbers: dict[str, list[DatumRow]] = {}
     for row in shown:
         numbers.setdefault(name_of(row.data_set, row.datum), []).append(row)

@@ -17,7 +17,7 @@ Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
 class Range(Part):
-    """Range of a parameter; quantities are text such as "1 GPa". With the value ``none`` the parameter has no effect."""
+    """Range of a parameter; quantities are text such as "1 GPa". At the value ``none`` it has no effect."""
 
     low: str | float
     high: str | float
@@ -138,7 +138,9 @@ class CalibrationFile(Part):
 
     def readings(self, *, quick: bool = False) -> list[tuple[Answer, ...]]:
         """Combinations of answers, the default first; the short study varies some questions only."""
-        every = [*product(*(choice.answer if choice.quick or not quick else choice.answer[:1] for choice in self.choice))]
+        every = [
+            *product(*(choice.answer if choice.quick or not quick else choice.answer[:1] for choice in self.choice))
+        ]
         return [each for each in every if self._is_asked(each)]
 
     def _is_asked(self, answers: tuple[Answer, ...]) -> bool:

@@ -35,9 +35,13 @@ def trade_offs(fit: Fit) -> Iterator[str]:
     weak = np.flatnonzero((inflation > MIN_INFLATION) & ~fit.undetermined)
     if len(weak) > 1:
         singular, directions = fit.directions
-        names, along = " and ".join(free[i].label for i in weak), _along(fit, directions[int(np.argmin(singular))], weak)
+        names, along = (
+            " and ".join(free[i].label for i in weak),
+            _along(fit, directions[int(np.argmin(singular))], weak),
+        )
         yield f"the data barely distinguish {names}: they trade off along {along}"
-        yield f"each of them would have an error at least {float(inflation[weak].min()):.0f} times smaller, if all others were known"
+        times = f"{float(inflation[weak].min()):.0f} times smaller"
+        yield f"each of them would have an error at least {times} if all others were known"
 
 
 def _along(fit: Fit, direction: Array, members: NDArray[np.intp]) -> str:
@@ -56,7 +60,7 @@ def _along(fit: Fit, direction: Array, members: NDArray[np.intp]) -> str:
 
 
 def profile(fit: Fit, index: int, count: Callable[[], None] = lambda: None) -> list[Point]:
-    """Smallest chi-square along one parameter with all others fitted, from the minimum outwards to ``MAX_RISE``."""
+    """Smallest chi-square along one parameter, all others fitted, from the minimum to a rise of ``MAX_RISE``."""
     stride = min(STRIDE * sqrt(fit.covariance[index, index]), 1 / MAX_POINTS)
     along = fit.covariance[index] / fit.covariance[index, index]
     points = [(float(fit.place[index]), fit.chi_square, fit.place)]
@@ -65,7 +69,7 @@ def profile(fit: Fit, index: int, count: Callable[[], None] = lambda: None) -> l
         for number in range(1, MAX_POINTS + 1):
             grown = sign * stride * (1 + (number > MAX_POINTS // 2))
             target = min(max(float(place[index]) + grown, 0.0), 1.0)
-            if target == place[index] or points[-1][1] - fit.chi_square > MAX_RISE and number > 1:
+            if target == place[index] or (points[-1][1] - fit.chi_square > MAX_RISE and number > 1):
                 break
             guess = place + along * (target - place[index])
             place = minimise(fit.problem, guess, {index: target}, converged=CLOSE_CHANGE)
@@ -77,8 +81,8 @@ def profile(fit: Fit, index: int, count: Callable[[], None] = lambda: None) -> l
 def interval(fit: Fit, index: int, rise: float, points: list[Point] | None = None) -> tuple[float, float]:
     """Values of a parameter at which chi-square has risen by ``rise``.
 
-    Without a profile they follow from the standard error; with one, a side is -inf or inf if chi-square does not rise so
-    far within the range.
+    Without a profile they follow from the standard error; with one, a side is -inf or inf if chi-square does not rise
+    so far within the range.
     """
     free = fit.problem.free[index]
     if points is None:
@@ -99,8 +103,13 @@ def contours(fit: Fit, across: int, up: int, values: tuple[Array, Array]) -> Arr
     problem, grid = fit.problem, np.empty((len(values[1]), len(values[0])))
     for row, high in enumerate(values[1]):
         place = fit.place
-        for column in sorted(range(len(values[0])), key=lambda k: abs(values[0][k] - problem.free[across].value(fit.place[across]))):
-            held = {across: problem.free[across].coordinate(float(values[0][column])), up: problem.free[up].coordinate(float(high))}
+        for column in sorted(
+            range(len(values[0])), key=lambda k: abs(values[0][k] - problem.free[across].value(fit.place[across]))
+        ):
+            held = {
+                across: problem.free[across].coordinate(float(values[0][column])),
+                up: problem.free[up].coordinate(float(high)),
+            }
             ends = [minimise(problem, each, held, converged=ROUGH_CHANGE) for each in (place, fit.place)]
             heights = [chi_square_at(problem, end) for end in ends]
             place, grid[row, column] = ends[int(np.argmin(heights))], min(heights)

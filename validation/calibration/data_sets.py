@@ -111,7 +111,9 @@ def paper_data(names: Sequence[str], settings: Sequence[str] = (), answers: Sequ
         if name not in known:
             allowed = f"comma-separated names from {', '.join(known)}"
             raise InputError("--quoted", "", f"{name}; {did_you_mean(name, known)}".rstrip("; "), allowed)
-        found += _rows_of(known[name], [row for other, row in known[name].also.items() if other in names], settings, answers)
+        found += _rows_of(
+            known[name], [row for other, row in known[name].also.items() if other in names], settings, answers
+        )
     return found
 
 
@@ -169,7 +171,9 @@ def common_errors() -> dict[str, float]:
 def _nuisances() -> dict[str, Free]:
     """Nuisance parameters of quoted numbers, by key."""
     where, asked = paths.shown(paths.CALIBRATION), calibration_file().nuisance
-    return {f"{READING}.{each.key}": stated(f"{READING}.{each.key}={each.free}", "", where, None, None) for each in asked}
+    return {
+        f"{READING}.{each.key}": stated(f"{READING}.{each.key}={each.free}", "", where, None, None) for each in asked
+    }
 
 
 def nuisances(sets: Sequence[DataSet], answers: Sequence[Answer] = ()) -> tuple[list[Free], dict[str, float]]:

@@ -13,6 +13,7 @@ MARKERS = ("o", "s", "v", "D", "P", "^")
 ROW_IN, HEAD_IN = 0.55, 0.5
 KINDS = (("amplitude", "force (N)", 1.0), ("contact_force", "force (N)", 1.0), ("speed", "speed (m/s)", 1.0),
          ("full_width", "full width (µs)", 1e6), ("decay", "decay at the wall (1/µs)", -1e-6))  # fmt: skip
+MODULUS = "youngs_modulus"
 RISES = (2.30, 6.18)  # of chi-square: 68 and 95 % of two parameters
 SHIFT = 0.24  # between laws in a row
 
@@ -25,7 +26,10 @@ def look_of(laws: Sequence[str]) -> dict[str, dict[str, Any]]:
 def draw_parameters(rows: Sequence[Parameter]) -> Any:
     """A panel for each parameter: value, 68 % (thick) and 95 % interval (thin) of each law."""
     shown = [row for row in rows if np.isfinite(row.error)]
-    names, look = list(dict.fromkeys(row.parameter for row in shown)) or ["none determined"], look_of([r.law for r in rows])
+    names, look = (
+        list(dict.fromkeys(row.parameter for row in shown)) or ["none determined"],
+        look_of([r.law for r in rows]),
+    )
     height = HEAD_IN + len(names) * (ROW_IN + 0.12 * len(look))
     figure, axes = pyplot().subplots(len(names), 1, figsize=(COLUMN_IN, height), squeeze=False, layout="constrained")
     for axis, name in zip(axes[:, 0], names, strict=True):
@@ -71,20 +75,23 @@ def draw_data(rows: Sequence[DatumRow]) -> Any:
         for row in own:
             place = sets.index(row.data_set)
             if row.law == own[0].law:
-                axis.errorbar(row.measured * scale, place, xerr=abs(row.error * scale), fmt="ks", ms=4, lw=1.1, capsize=2)
+                axis.errorbar(
+                    row.measured * scale, place, xerr=abs(row.error * scale), fmt="ks", ms=4, lw=1.1, capsize=2
+                )
             offset = SHIFT * (1 + [*look].index(row.law))
+            style = {"ls": "none", "ms": 3.5, "elinewidth": 0.8} | look[row.law]
             error = row.fitted_error * abs(scale) if np.isfinite(row.fitted_error) else 0.0
-            axis.errorbar(
-                row.fitted * scale, place + offset, xerr=error, fmt=look[row.law]["marker"], color=look[row.law]["color"],
-                ms=3.5, lw=0.8, label=row.law if place == 0 else None,
-            )  # fmt: skip
+            label = row.law if place == 0 else None
+            axis.errorbar(row.fitted * scale, place + offset, xerr=error, label=label, **style)
         names = [name_of(name, kind).partition(":")[0] for name in sets]
         axis.set(yticks=range(len(sets)), yticklabels=names, ylim=(len(sets) - 0.15, -0.4), xlabel=words)
         axis.set_xscale("log" if kind in ("amplitude", "contact_force") else "linear")
         axis.grid(axis="x", color=GREY, lw=0.3)
     handles, labels = axes[0, 0].get_legend_handles_labels()
     (measured,) = axes[0, 0].plot([], [], "ks", ms=4)
-    figure.legend([measured, *handles], ["measured", *labels], loc="outside upper center", ncols=len(labels) + 1, fontsize=7)
+    figure.legend(
+        [measured, *handles], ["measured", *labels], loc="outside upper center", ncols=len(labels) + 1, fontsize=7
+    )
     return figure
 
 
@@ -93,7 +100,8 @@ def draw_contours(rows: Sequence[Any], fits: Sequence[FitRow], parameters: Seque
 
     Args:
         rows: Points with ``reading``, ``modulus_Pa``, ``restitution`` and ``chi_square``.
-        fits: Fits of all readings, and ``parameters`` their parameters.
+        fits: Fits of all readings.
+        parameters: Parameters of these fits.
     """
     values = {(row.law, row.data, row.parameter.rpartition(".")[2]): row.value for row in parameters}
     readings = list(dict.fromkeys(row.reading for row in rows))
@@ -110,17 +118,21 @@ def draw_contours(rows: Sequence[Any], fits: Sequence[FitRow], parameters: Seque
         )
         least = min(best.chi_square, float(np.nanmin(grid)))
         levels = [least + rise for rise in RISES]
-        axis.contour(np.array(moduli) * 1e-9, restitutions, grid, levels, colors=colour, linestyles=["-", "--"], linewidths=1.2)
+        axis.contour(
+            np.array(moduli) * 1e-9, restitutions, grid, levels, colors=colour, linestyles=["-", "--"], linewidths=1.2
+        )
         label = f"{reading}: {best.chi_square:.1f} of {best.freedom}"
-        modulus, restitution = (values["viscoelastic", reading, name] for name in ("youngs_modulus", "restitution"))
+        modulus, restitution = (values["viscoelastic", reading, name] for name in (MODULUS, "restitution"))
         axis.plot(modulus * 1e-9, restitution, ls="none", ms=6, **look[reading], label=label)
-        axis.plot(
-            values["elastic", reading, "youngs_modulus"] * 1e-9, 1.0, ls="none", ms=6, mfc="none", clip_on=False, **look[reading],
-            label=f"elastic: {elastic.chi_square:.1f} of {elastic.freedom}",
-        )  # fmt: skip
-    axis.set(xscale="log", xlabel="Young's modulus (GPa)", ylabel="restitution", ylim=(min(r.restitution for r in rows), 1.0))
+        label, modulus = f"elastic: {elastic.chi_square:.1f} of {elastic.freedom}", values["elastic", reading, MODULUS]
+        axis.plot(modulus * 1e-9, 1.0, ls="none", ms=6, mfc="none", clip_on=False, **look[reading], label=label)
+    axis.set(
+        xscale="log", xlabel="Young's modulus (GPa)", ylabel="restitution", ylim=(min(r.restitution for r in rows), 1.0)
+    )
     ticks = [0.3, 0.5, 0.7, 1.0, 1.5, 2.0]
     axis.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     axis.minorticks_off()
-    figure.legend(loc="outside upper center", fontsize=7, title="chi-square; lines: 68 % (full), 95 % (dashed)", title_fontsize=7)
+    figure.legend(
+        loc="outside upper center", fontsize=7, title="chi-square; lines: 68 % (full), 95 % (dashed)", title_fontsize=7
+    )
     return figure

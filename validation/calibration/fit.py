@@ -18,7 +18,9 @@ SCREENED_POINTS, DESCENTS = 8, 3  # points tried over the ranges for each parame
 MAX_NESTED = 3  # searched parameters up to which the models inside a model are fitted first
 ROUGH_CHANGE, CLOSE_CHANGE, FINE_CHANGE = 1e-3, 1e-5, 1e-6  # of chi-square or coordinates, at the end of a descent
 MAX_EVALUATIONS, MAX_ROUGH_EVALUATIONS = 60, 3  # of one descent
-MARGIN = 1e-4  # share of a range between a bound and the start of a descent: a restitution of 1 - 1e-5 has no exact motion
+MARGIN = (
+    1e-4  # share of a range between a bound and the start of a descent: a restitution of 1 - 1e-5 has no exact motion
+)
 APART = 0.2  # share of a range between two starts
 MIN_DISTANCE = 2e-2  # share of a range: closer minima count as one
 MAX_EXCESS = 1.0  # of chi-square, up to which another minimum is reported
@@ -75,7 +77,7 @@ class Fit:
 
     @property
     def open_directions(self) -> Array:
-        """Directions along which the data do not bound the parameters within their ranges. Shape (directions, parameters)."""
+        """Directions in which the data do not bound the parameters. Shape (directions, parameters)."""
         singular, directions = self.directions
         return np.asarray(directions[singular * RANGE_DEVIATION < 1.0])
 
@@ -163,7 +165,9 @@ def _descents(problem: Problem, held: Held, known: dict[frozenset[tuple[int, flo
     if moving:
         draws = qmc.Sobol(len(moving), seed=0).random_base2(ceil(log2(SCREENED_POINTS * len(moving))))
         drawn = (_with_others(problem, _moved(start, moving, draw), kept) for draw in draws)
-        ranked = [np.array(place) for _, place in sorted((chi_square_at(problem, each), each.tolist()) for each in drawn)]
+        ranked = [
+            np.array(place) for _, place in sorted((chi_square_at(problem, each), each.tolist()) for each in drawn)
+        ]
         places += _apart(ranked, moving)
     if len(moving) > 1 and (len(problem.searched) <= MAX_NESTED or not held):
         for index in moving:

@@ -81,7 +81,9 @@ def problems_of(request: FitRequest) -> dict[str, Problem]:
             sets = [scene_data(scene, settings, request.measured) for scene in request.scenes]
         for name, times in Counter(data.name for data in sets).items():
             if times > 1:
-                raise InputError("fit", "", f"data set {name} {times} times", "each data set once; scenes need different names")
+                raise InputError(
+                    "fit", "", f"data set {name} {times} times", "each data set once; scenes need different names"
+                )
         free = (*request.free, *(calibration_file().law_named(law).free if law else ()))
         if not (free or request.own):
             raise InputError("fit", "--free", f"the law {law} has no free parameter: name one, --free KEY")
@@ -104,7 +106,7 @@ def run_fit(request: FitRequest, runs: Path, results: Path) -> int:
             seeds = [outcome.fit.values for outcome in outcomes.values()]
             outcomes[law] = solve(each, law, data, quick=request.quick, seeds=seeds, count=count)
     predictions = [row for each in outcomes.values() for row in predict(each, request.predict)]
-    folder, fitted = write_folder(request, outcomes, predictions, results)
+    folder, fitted, remarks = write_folder(request, outcomes, predictions, results)
     best = min(outcomes.values(), key=lambda each: each.row.aic).row.law
     try:
         return 0 if request.quick or not fitted[best] else _confirm(fitted[best], runs)
@@ -112,7 +114,7 @@ def run_fit(request: FitRequest, runs: Path, results: Path) -> int:
         for law, outcome in outcomes.items():
             print(*([f"--- {law} ---"] * bool(law)), *lines(outcome), "", sep="\n")
         print(*comparison(outcomes, predictions), *predicted_lines(predictions, request.predict), sep="\n")
-        print(paths.shown(folder), flush=True)
+        print(*remarks, paths.shown(folder), sep="\n", flush=True)
 
 
 def _confirm(fitted: Sequence[Path], runs: Path) -> int:
@@ -149,13 +151,13 @@ def lines(outcome: Outcome) -> Iterator[str]:
     yield from _table(["datum", "measured", "fitted", "deviation", "predicted", "deviation"], cells)
     yield from LEGEND if any(row[4] for row in cells) else LEGEND[:1]
     yield ""
-    row = outcome.row
-    chance = f", probability {row.probability:.2g}" if row.freedom > 0 else ""
-    freedom = f"{row.freedom} degrees of freedom{chance}" if row.freedom >= 0 else "fewer data than parameters"
-    yield f"chi-square {row.chi_square:.4g} with {freedom}"
+    found = outcome.row
+    chance = f", probability {found.probability:.2g}" if found.freedom > 0 else ""
+    freedom = f"{found.freedom} degrees of freedom{chance}" if found.freedom >= 0 else "fewer data than parameters"
+    yield f"chi-square {found.chi_square:.4g} with {freedom}"
     if not outcome.explained:
         yield "the model does not explain the data"
-    yield from row.remarks.split(". ") if row.remarks else ()
+    yield from found.remarks.split(". ") if found.remarks else ()
 
 
 def _datum_cells(row: DatumRow) -> list[str]:
@@ -176,7 +178,9 @@ def comparison(outcomes: Mapping[str, Outcome], predictions: Sequence[DatumRow])
     best = rows[0]
     numbers = [(r.chi_square, r.freedom, r.probability, r.aic, r.bic, r.aic - best.aic) for r in rows]
     heading = ["law", "chi-square", "freedom", "probability", "AIC", "BIC", "AIC above the best"]
-    yield from text_table([heading, *([r.law, *(f"{x:.5g}" for x in own)] for r, own in zip(rows, numbers, strict=True))])
+    yield from text_table(
+        [heading, *([r.law, *(f"{x:.5g}" for x in own)] for r, own in zip(rows, numbers, strict=True))]
+    )
     yield from verdict(outcomes)
     yield from differences(predictions, [row.law for row in rows])
     yield ""

@@ -34,11 +34,11 @@ README = "README.md"
 
 def write_folder(
     request: "FitRequest", outcomes: Mapping[str, Outcome], predictions: Sequence[DatumRow], results: Path
-) -> tuple[Path, dict[str, list[Path]]]:
+) -> tuple[Path, dict[str, list[Path]], list[str]]:
     """Writes the folder, whole or not at all.
 
     Returns:
-        The folder, and the fitted scenes by law.
+        The folder, the fitted scenes by law, and remarks on the traces.
 
     Raises:
         InputError: There is another folder of this name.
@@ -57,17 +57,21 @@ def write_folder(
         write_table(draft / f"{LAWS}.csv", FitRow, [each.row for each in outcomes.values()])
         write_table(draft / f"{PREDICTIONS}.csv", DatumRow, predictions)
         write_figure(draw_parameters(parameters), PARAMETERS, draft)
-        fitted = {law: _scenes(request, law, outcome, draft) for law, outcome in outcomes.items()}
+        fitted, remarks = dict[str, list[Path]](), list[str]()
+        for law, outcome in outcomes.items():
+            fitted[law], said = _scenes(request, law, outcome, draft)
+            remarks += said
         (draft / README).write_text(_readme(request, folder.name, fitted), encoding="utf-8")
         if folder.exists():
             folder.rename(Path(temporary) / "former")
         draft.rename(folder)
-    return folder, {law: [folder / path.name for path in own] for law, own in fitted.items()}
+    scenes = {law: [folder / path.name for path in own] for law, own in fitted.items()}
+    return folder, scenes, list(dict.fromkeys(remarks))
 
 
-def _scenes(request: "FitRequest", law: str, outcome: Outcome, folder: Path) -> list[Path]:
-    """Writes the scenes, their data and figures; returns the fitted scenes."""
-    written, sets = list[Path](), outcome.fit.problem.sets
+def _scenes(request: "FitRequest", law: str, outcome: Outcome, folder: Path) -> tuple[list[Path], list[str]]:
+    """Writes the scenes, their data and figures; returns the fitted scenes, and remarks on the traces."""
+    written, remarks, sets = list[Path](), list[str](), outcome.fit.problem.sets
     ending = f"-{law.replace(' ', '-')}" if len(request.laws) > 1 else ""
     for source in dict.fromkeys(request.scenes or [data.source for data in sets]):
         path = find_scene(source)
@@ -78,20 +82,27 @@ def _scenes(request: "FitRequest", law: str, outcome: Outcome, folder: Path) -> 
                 shutil.copyfile(original, folder / name)
             _write_scene(folder / path.name, path, request.settings, [], _entries(data, None))
         fitted = folder / f"fit-{path.stem}{ending}.toml"
-        _write_scene(fitted, path, request.settings_of(law), _values(outcome, path.stem), _entries(data, outcome) if data else None)
+        _write_scene(
+            fitted,
+            path,
+            request.settings_of(law),
+            _values(outcome, path.stem),
+            _entries(data, outcome) if data else None,
+        )
         written.append(fitted)
         if data and data.records:
-            _draw_traces(fitted, f"traces-{path.stem}{ending}")
-    return written
+            remarks += _draw_traces(fitted, f"traces-{path.stem}{ending}")
+    return written, remarks
 
 
-def _draw_traces(fitted: Path, name: str) -> None:
-    """Draws measured traces over those of the fitted scene, with residuals."""
+def _draw_traces(fitted: Path, name: str) -> list[str]:
+    """Draws measured traces over those of the fitted scene, with residuals; returns remarks on them."""
     scene = read_scene(fitted)
     case = build_case(scene)
     trace = exact(case).trace
-    curves, found = lay_over(*entries_of(scene, None, fitted.name), case.layout, trace)[:2]
+    curves, found, remarks = lay_over(*entries_of(scene, None, fitted.name), case.layout, trace)
     write_product(draw_overlay(case.layout, trace, REFERENCE, curves, found), name, fitted.parent)
+    return remarks
 
 
 def _values(outcome: Outcome, scene: str) -> list[tuple[str, str | float, str]]:
@@ -155,14 +166,19 @@ def _readme(request: "FitRequest", name: str, fitted: Mapping[str, Sequence[Path
     command = ["beads", "fit", *(Path(scene).stem + ".toml" for scene in request.scenes)]
     if request.quoted:
         command = ["beads", "fit", *request.scenes, "--quoted", ",".join(request.quoted)]
-    for option, given in (("--law", request.laws), ("--free", request.free), ("--own", request.own),
-                          ("--predict", request.predict), ("--set", request.settings if request.quoted else ())):
+    for option, given in (
+        ("--law", request.laws),
+        ("--free", request.free),
+        ("--own", request.own),
+        ("--predict", request.predict),
+        ("--set", request.settings if request.quoted else ()),
+    ):
         command += [word for each in given for word in (option, each)]
     again = shlex.join([*command, *(["--quick"] * request.quick)])
     scenes = [path.name for own in fitted.values() for path in own]
     return "\n".join([
         f"# {name}: parameters fitted to measured data", "",
-        "- `parameters.csv`, `.svg`: fitted values with errors and intervals; `data.csv`: each datum; `laws.csv`: goodness;",
+        "- `parameters.csv`, `.svg`: values with errors and intervals; `data.csv`: each datum; `laws.csv`: goodness;",
         "  `predictions.csv`: observables of the fitted motion with errors. Units are SI.",
         f"- Fitted scenes: {', '.join(scenes)}; `traces-*`: measured and computed forces with residuals.", "",
         "Fit again, in this folder:", "", f"    {again}", "",

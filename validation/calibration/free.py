@@ -87,7 +87,10 @@ def free_parameter(text: str, scene: Scene, where: str, own: str = "") -> Free:
     physics = key.split(".")[0] not in NUMERICAL_KEYS and not isinstance(found, (bool, int, str))
     if not physics or not (isinstance(found, float) or (found is None and (unit or known))):
         if found is None:
-            hint = did_you_mean(key, [*_numbers_in(scene.model_dump()), *calibration_file().range]) or "allowed: a key of the scene with a physical number"
+            hint = (
+                did_you_mean(key, [*_numbers_in(scene.model_dump()), *calibration_file().range])
+                or "allowed: a key of the scene with a physical number"
+            )
             raise InputError(where, f"--free {key}", f"unknown key; {hint}")
         raise InputError(where, f"--free {key}", repr(found), "a key of the scene with a physical number")
     if found is None and known and known.start is not None:

@@ -11,7 +11,15 @@ from postproc.read.observables import describe
 from validation.calibration.certainty import RISES, Point, interval, profile, trade_offs
 from validation.calibration.data_sets import CUT, DataSet, MeasuredNumber
 from validation.calibration.fit import CLOSE_CHANGE, Fit, chi_square_at, fit, fitted_at, minimise
-from validation.calibration.problem import MISSING_RESIDUAL, Datum, Problem, motion_values, own_values, predicted, simulated
+from validation.calibration.problem import (
+    MISSING_RESIDUAL,
+    Datum,
+    Problem,
+    motion_values,
+    own_values,
+    predicted,
+    simulated,
+)
 from validation.calibration.readings import DEFAULT_CUT, is_censored
 
 END_MARGIN = 1e-3  # share of a range: a parameter so close to a bound is at the end of its range
@@ -142,9 +150,11 @@ def solve(
 
     Args:
         problem: Data and parameters.
-        law: Name of the law, and ``reading`` that of the data, for the tables.
+        law: Name of the law, for the tables.
+        reading: Name of the data, for the tables.
         quick: True for the fit alone.
-        seeds: As those of ``fit``, and so ``search``.
+        seeds: As those of ``fit``.
+        search: As that of ``fit``.
         count: Called after each fit, point of a profile and datum.
     """
     found, profiles = fit(problem, seeds, search=search), dict[int, list[Point]]()
@@ -173,7 +183,18 @@ def _parameter(found: Fit, law: str, reading: str, index: int, points: list[Poin
     known = [interval(found, index, rise, points) if isfinite(error) else (nan, nan) for rise in RISES.values()]
     value = free.value(float(found.place[index]))
     return Parameter(
-        law, reading, free.label, free.unit, value, error, *known[0], *known[1], free.start, free.low, free.high, free.prior
+        law,
+        reading,
+        free.label,
+        free.unit,
+        value,
+        error,
+        *known[0],
+        *known[1],
+        free.start,
+        free.low,
+        free.high,
+        free.prior,
     )
 
 
@@ -182,12 +203,24 @@ def _datum(found: Fit, law: str, reading: str, datum: Datum, *, leave_out: bool,
     number = datum.number
     if number is None:
         rows = found.residual[datum.rows.start : datum.rows.stop]
-        return DatumRow(law, reading, datum.data_set, datum.name, "", nan, nan, nan, nan, float(np.sqrt(np.mean(rows**2))))
+        return DatumRow(
+            law, reading, datum.data_set, datum.name, "", nan, nan, nan, nan, float(np.sqrt(np.mean(rows**2)))
+        )
     value, error = _number(found, datum.data_set, number)
     unit = describe(datum.name).unit or datum.name.rpartition("_")[2]
     off = (value - number.value) / number.error
     row = DatumRow(
-        law, reading, datum.data_set, datum.name, unit, number.value, number.error, value, error, off, because=number.because
+        law,
+        reading,
+        datum.data_set,
+        datum.name,
+        unit,
+        number.value,
+        number.error,
+        value,
+        error,
+        off,
+        because=number.because,
     )
     if not leave_out:
         return row
@@ -220,16 +253,17 @@ def _remarks(found: Fit, parameters: Sequence[Parameter], data: Sequence[DatumRo
     problem, certain = found.problem, not len(found.open_directions)
     if found.reached < 2 <= found.descents and certain:
         yield f"not sure: 1 of {found.descents} descents ended at this minimum; a better one may exist"
-    for datum, row in zip(problem.data, data, strict=True):
+    for datum, line in zip(problem.data, data, strict=True):
         if datum.number is None:
             continue
-        if not isfinite(row.fitted):
-            yield f"{row.label} is missing from the computed motion and counts as {MISSING_RESIDUAL:.0f} standard errors"
-        gauge, width, _ = row.datum.partition("_full_width")
-        own = _set(problem, row.data_set)
+        if not isfinite(line.fitted):
+            counts = f"counts as {MISSING_RESIDUAL:.0f} standard errors"
+            yield f"{line.label} is missing from the computed motion and {counts}"
+        gauge, width, _ = line.datum.partition("_full_width")
+        own = _set(problem, line.data_set)
         simulation = simulated(own, motion_values(problem, own, found.place)) if width else None
         if simulation and is_censored(simulation, gauge, own_values(problem, own, found.place).get(CUT, DEFAULT_CUT)):
-            yield f"{row.label} is a lower bound: the force is above the cut until the wave meets the wall"
+            yield f"{line.label} is a lower bound: the force is above the cut until the wave meets the wall"
     for row, x in zip(parameters, found.place, strict=True):
         if not END_MARGIN < x < 1 - END_MARGIN:
             yield f"{row.parameter} is at the end of its range, {rounded(row.value, row.unit)}"

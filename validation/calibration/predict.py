@@ -38,9 +38,7 @@ def predict(outcome: Outcome, names: Sequence[str]) -> list[DatumRow]:
         for name in dict.fromkeys(own[without_unit(each)] for each in (*names, *every) if without_unit(each) in own):
             value, error = outcome.fit.number(partial(_observable, problem, data, shown, name))
             row = outcome.row
-            found.append(
-                DatumRow(row.law, row.data, data.name, name, describe(name).unit, nan, nan, value, error, nan)
-            )
+            found.append(DatumRow(row.law, row.data, data.name, name, describe(name).unit, nan, nan, value, error, nan))
         known |= own
     for name in names:
         if without_unit(name) not in known:

@@ -16,7 +16,7 @@ from drivers.scene.read_scene import make_scene, set_value
 from postproc.paper.simulate import Simulation, exact
 from validation.calibration.calibration_file import Answer
 from validation.calibration.data_sets import CUT, DataSet, MeasuredNumber, gauge_parameters, library, nuisances, text_of
-from validation.calibration.free import GAIN, TRIGGER, Free, did_you_mean, free_parameter
+from validation.calibration.free import GAIN, TRIGGER, Free, free_parameter
 from validation.calibration.readings import DEFAULT_CUT, read
 from validation.calibration.records import best_trigger_s, curves_of, residual_of
 
@@ -124,7 +124,8 @@ def pose(
 
     for each in sets:
         start = tuple((free.key, free.start) for free in parameters if free.own in ("", each.name) and free.of_motion)
-        if each.numbers and (simulation := simulated(each, start)) is None:
+        simulation = simulated(each, start)
+        if simulation is None:
             raise RunError(f"{each.where}: the exact motion cannot be computed at the starting values")
         for number in each.numbers:
             read(simulation, number.observable, DEFAULT_CUT)  # an unknown observable is refused here
@@ -148,7 +149,9 @@ def own_values(problem: Problem, data: DataSet, place: Array) -> dict[str, float
 def motion_values(problem: Problem, data: DataSet, place: Array) -> Values:
     """Values of the parameters of a data set on which its motion depends."""
     pairs = zip(problem.free, place, strict=True)
-    return tuple((each.key, each.value(float(x))) for each, x in pairs if each.own in ("", data.name) and each.of_motion)
+    return tuple(
+        (each.key, each.value(float(x))) for each, x in pairs if each.own in ("", data.name) and each.of_motion
+    )
 
 
 @lru_cache(maxsize=CACHE_SIZE)
@@ -195,7 +198,7 @@ def jacobian(problem: Problem, place: Array, moving: Sequence[int] | None = None
         other = place.copy()
         other[index] += STEP if place[index] + STEP <= 1 else -STEP
         columns.append((raw_residual(problem, other) - here) / (other[index] - place[index]))
-    return np.nan_to_num(np.column_stack(columns), nan=0.0)
+    return np.asarray(np.nan_to_num(np.column_stack(columns), nan=0.0))
 
 
 def raw_residual(problem: Problem, place: Array) -> Array:

@@ -3,12 +3,13 @@
 Observables of ``postproc.read.observables`` follow the printed paper: a duration is twice the rise, an envelope passes
 through a list of maxima. A duration of that kind cannot fail, and a list of maxima changes by jumps. Here
 
-- the full width at a cut is the time for which the gauge is above this share of its peak before the wave reaches the
-  wall. If the force has not fallen so low until then, the width is censored: this time is its lower bound;
+- the full width at a cut is the time for which the gauge is above this share of its peak before the wave reaches
+  the wall. If the force has not fallen so low until then, the width is censored: this time is its lower bound;
 - the decay at the wall is the rate of the lowest exponential above the force, from the first maximum at t1 until
-  1.75 t1, which is the third maximum of the elastic chain of Fig. 5. It is the expectile of ``log F`` with the asymmetry
-  ``ABOVE`` (Newey & Powell, Econometrica 55, 819): a least-squares line on which a point above it weighs
-  ``ABOVE / (1 - ABOVE)`` times as much as one below. The elastic chain of 1.46 GPa gives -0.00590 per us (paper: -0.0059).
+  1.75 t1, which is the third maximum of the elastic chain of Fig. 5. It is the expectile of ``log F`` with the
+  asymmetry ``ABOVE`` (Newey & Powell, Econometrica 55, 819): a least-squares line on which a point above it weighs
+  ``ABOVE / (1 - ABOVE)`` times as much as one below. The elastic chain of 1.46 GPa gives -0.00590 per us, the paper
+  -0.0059.
 """
 
 from collections.abc import Callable

@@ -16,7 +16,7 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.chain.chain import Array
 from postproc.paper.simulate import Simulation
-from postproc.read.alignment import averaged
+from postproc.read.alignment import averaged, must_have_unit
 from postproc.read.measured import MIN_SAMPLES, MeasuredTrace
 from postproc.read.sensors import sensor_signals
 from postproc.read.smooth import noise_of
@@ -27,7 +27,8 @@ class Record:
     """A measured trace as data to be fitted.
 
     Attributes:
-        key: Key of its entry in the scene, such as ``measured.0``; ``trigger_key``: of the entry whose trigger it shares.
+        key: Key of its entry in the scene, such as ``measured.0``.
+        trigger_key: Key of the entry whose trigger it shares.
         trigger_s: Time of the impact in the file; None if it has to be found.
         window_s: Range of a trigger to be found.
         noise: Standard deviation of a reading, by gauge.
@@ -69,10 +70,12 @@ def records_of(traces: Mapping[str, MeasuredTrace], duration_s: float, step_s: f
         step_s: Sample interval of the run; closer readings are averaged.
 
     Raises:
-        InputError: Entries of one file state different triggers, or too few readings count.
+        InputError: Entries of one file state different triggers, a record is some hundred times longer or shorter than
+            the run, or too few readings count.
     """
     groups: dict[Path, list[str]] = {}
     for key, trace in traces.items():
+        must_have_unit(trace, duration_s)
         groups.setdefault(trace.file.resolve(), []).append(key)
     found = []
     for keys in groups.values():
@@ -80,14 +83,14 @@ def records_of(traces: Mapping[str, MeasuredTrace], duration_s: float, step_s: f
         shown = paths.shown(traces[keys[0]].file)
         given = sorted({trace.trigger_s for trace in own.values() if trace.trigger_s is not None})
         if len(given) > 1:
-            raise InputError(shown, "", f"triggers {' and '.join(f'{each:g} s' for each in given)}", "one trigger per file")
+            raise InputError(
+                shown, "", f"triggers {' and '.join(f'{each:g} s' for each in given)}", "one trigger per file"
+            )
         rise_s = min(_first_rise_s(trace, gauge) for trace in own.values() for gauge in trace.reading)
         trigger_s = given[0] if given else None
         end_s = (rise_s if trigger_s is None else trigger_s) + duration_s
         for key, trace in own.items():
-            noise = {
-                gauge: trace.noise or noise_of(trace.time_s, reading) for gauge, reading in trace.reading.items()
-            }
+            noise = {gauge: trace.noise or noise_of(trace.time_s, reading) for gauge, reading in trace.reading.items()}
             counts = trace.time_s <= end_s
             if counts.sum() < MIN_SAMPLES:
                 raise InputError(shown, "", f"{counts.sum()} readings within the run", f"at least {MIN_SAMPLES}")
@@ -149,7 +152,9 @@ def best_trigger_s(records: Sequence[Record], curves: Mapping[str, BSpline], gai
         )
 
     places = np.linspace(low, high, 65)
-    while places[1] - places[0] > (high - low) / 1000:  # the residual has one broad minimum around each alignment of pulses
+    while (
+        places[1] - places[0] > (high - low) / 1000
+    ):  # the residual has one broad minimum around each alignment of pulses
         best = float(places[int(np.argmin([chi_square(float(each)) for each in places]))])
         reach = 2 * (places[1] - places[0])
         places = np.linspace(max(best - reach, low), min(best + reach, high), 17)

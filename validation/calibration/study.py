@@ -1,4 +1,4 @@
-"""The fits of ``make calibration``: each law on the paper's quoted data, for every reading of what the paper leaves open."""
+"""The fits of ``make calibration``: each law on the paper's numbers, for all readings of what the paper leaves open."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -164,8 +164,18 @@ def _fig5(simulation: Simulation) -> Iterator[Number]:
         shape, at = incident_pulse(time, signals[f"bead_{bead}"] - signals[f"bead_{bead}"][0]), f"at bead {bead}"
         if shape is not None:
             yield f"Fig. 5: incident pulse {at}, rise", "us", paper.fig5_incident_rise_us, shape.rise_s * 1e6
-            yield f"Fig. 5: incident pulse {at}, decay", "1/us", paper.fig5_incident_decay_per_us, shape.decay_per_s * 1e-6
-            yield f"Fig. 5: incident pulse {at}, duration", "us", paper.fig5_incident_duration_us, shape.duration_s * 1e6
+            yield (
+                f"Fig. 5: incident pulse {at}, decay",
+                "1/us",
+                paper.fig5_incident_decay_per_us,
+                shape.decay_per_s * 1e-6,
+            )
+            yield (
+                f"Fig. 5: incident pulse {at}, duration",
+                "us",
+                paper.fig5_incident_duration_us,
+                shape.duration_s * 1e6,
+            )
 
 
 def _fig4(simulation: Simulation) -> Iterator[Number]:

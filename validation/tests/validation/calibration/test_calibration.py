@@ -1,73 +1,181 @@
-"""The calibration study: laws fitted to the quoted data, its tables, sentences, figures and section."""
+"""The calibration on the paper: continuous readings, choices, conclusions, figures and section."""
 
 import re
 from collections.abc import Mapping
 from math import inf, nan
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pandas as pd
 import pytest
 
 from postproc.paper.calibrated import calibrated
-from validation.calibration import calibration_chapter
-from validation.calibration.calibration_chapter import CHAPTER, DATA, MAIN, PROFILES, REMARKS, judge, sentences
+from postproc.paper.simulate import Simulation, case_of, exact
+from validation.calibration.calibration_chapter import CHAPTER, conclusions, figures, judge, sentences
 from validation.calibration.calibration_file import calibration_file
-from validation.calibration.data_sets import paper_data
-from validation.calibration.laws import fit_one
-from validation.calibration.problem import MISSING_RESIDUAL, jacobian, pose, residual
-from validation.calibration.rows import Parameter
+from validation.calibration.data_sets import nuisances, paper_data
+from validation.calibration.outcome import DatumRow, FitRow, Parameter
+from validation.calibration.problem import pose
+from validation.calibration.readings import decay_per_s, full_width_s, is_censored, read, time_above
+from validation.calibration.study import CONTOURS, DATA, FITS, PARAMETERS, ContourRow, fit_law, reading_of, study
 from validation.chapters import frame_of, read_section, write_chapter
 from validation.checks import FAIL, Check
+
+LONG = "run.duration=2.4 ms"
+
+
+def motion(scene: str, *settings: str) -> Simulation:
+    return exact(case_of(scene, LONG, *settings), 1e-6)
 
 
 def failed(tables: Mapping[str, pd.DataFrame]) -> list[Check]:
     return [check for check in judge(tables) if check.verdict == FAIL]
 
 
-def test_fits_to_fig_4_give_tables_sentences_and_figures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = calibration_file()
-    monkeypatch.setattr(
-        calibration_chapter, "calibration_file", lambda: whole.model_copy(update={"selections": ("fig4",)})
-    )
-    laws = [law for law in whole.law if law.name in ("elastic theory", "viscoelastic")]
-    parts = zip(*(fit_one(law, "fig4", False) for law in laws), strict=True)
-    rows = {name: [row for each in part for row in each] for name, part in zip(CHAPTER.tables, parts, strict=True)}
-    assert [*rows] == [MAIN, DATA, PROFILES, REMARKS]
-    theory, fitted = sentences(write_chapter(CHAPTER, rows, tmp_path))
-    assert "deviations in standard errors: fig4: force +9.2, fig4: speed +2.7" in theory
-    assert "ptfe.youngs_modulus 1.01 ± 0.29 GPa (95 %: 0.54 .. 1.70 GPa); contact.restitution 0.729 ± 0.096" in fitted
-    section = read_section("calibration", tmp_path)
-    assert [fit["verdict"] for fit in section["summary"]] == ["no fit", "no test"]
-    assert len(section["figures"]) == 2
-    envelopes = {line["name"]: line["cells"][0][0] for line in section["data"] if "envelope through" in line["name"]}
-    assert [float(value) for value in envelopes.values()] == pytest.approx([-0.0065, -0.0060, -0.0049], abs=6e-5)
+def test_the_decay_of_the_elastic_chain_is_that_of_the_paper() -> None:
+    """-0.0059 per us, which the paper computes; electronics of 1 ms alone move it to -0.0072."""
+    assert decay_per_s(motion("fig5"), "wall", nan) == pytest.approx(-0.0059e6, rel=3e-3)
+    with_gauges = motion("fig5", "sensor.time_constant=1 ms")
+    assert decay_per_s(with_gauges, "wall", nan) == pytest.approx(-0.0072e6, rel=1e-2)
+
+
+@pytest.mark.parametrize(("scene", "name"), [("fig5", "wall_decay_per_s"), ("fig4", "bead_5_full_width_s")])
+def test_readings_change_continuously_where_maxima_vanish(scene: str, name: str) -> None:
+    """From 0.95 to 0.75 the third maximum of Fig. 5 vanishes, and the pulse of Fig. 4 stays above the cut."""
+    values = [read(motion(scene, f"contact.restitution={e!r}"), name, 0.04) for e in np.linspace(0.95, 0.75, 41)]
+    steps = np.abs(np.diff(values))
+    assert steps.max() < 0.12 * (max(values) - min(values))
+
+
+def test_a_width_is_the_time_above_the_cut_or_its_lower_bound() -> None:
+    """At a restitution of 0.8 the force at bead 5 is above 4 % until the wave meets the wall."""
+    elastic, damped = motion("fig4"), motion("fig4", "contact.restitution=0.8")
+    assert not is_censored(elastic, "bead_5", 0.04)
+    assert full_width_s(elastic, "bead_5", 0.04) == pytest.approx(elastic.values["bead_5_duration_4pct_s"], rel=0.05)
+    assert is_censored(damped, "bead_5", 0.04)
+    assert full_width_s(damped, "bead_5", 0.04) > 1.5 * damped.values["bead_5_duration_4pct_s"]
+    time = np.arange(0.0, 100.0)
+    assert time_above(time, np.sin(time / 7), 0.3, 90.0) == pytest.approx(14 * (np.pi - 2 * np.arcsin(0.3)), abs=2e-3)
+
+
+def test_the_contact_force_is_beta_times_the_average_above_the_static_load() -> None:
+    """Eq. (6), and behind electronics the same factor of a smaller reading."""
+    plain, behind = motion("fig4"), motion("fig4", "sensor.time_constant=1 ms")
+    contact = plain.trace.force_N[:, 9]
+    assert read(plain, "bead_9_contact_force_N", nan) == pytest.approx(contact.max(), rel=1e-3)
+    share = behind.values["bead_9_amplitude_N"] / plain.values["bead_9_amplitude_N"]
+    found = read(behind, "bead_9_contact_force_N", nan) - contact[0]
+    assert found == pytest.approx(share * (contact.max() - contact[0]), rel=1e-3)
 
 
 def test_an_experiment_counts_once() -> None:
     """Row 2 of Table 1 is the wave of Fig. 4."""
-    assert len(paper_data(["table1"], ())) == 5
-    names = [each.name for each in paper_data(["fig4", "table1"], ())]
-    assert names == ["fig4", "table1 row 1", "table1 row 3", "table1 row 4", "table1 row 5"]
+    assert len(paper_data(["table1"])) == 5
+    names = [each.name for each in paper_data(["fig4", "table1"])]
+    assert names == ["fig4", "table1 5 N", "table1 0.6 N", "table1 0.1 N", "table1 0.06 N"]
 
 
-def test_every_quoted_number_has_an_error_with_a_reason() -> None:
-    """Errors are stated by the paper or assumed for a given reason."""
-    for data in paper_data(["fig4", "table1", "fig5"], ()):
-        for number in data.numbers:
-            assert number.error > 0
-            assert number.because or number.observable in ("bead_9_amplitude_N", "speed_9_to_5_m_s")
+def test_errors_are_those_of_the_paper_in_common_and_own_parts() -> None:
+    """At 5 N all of the 15 % is common, apart from rounding; of the speed's 10 % it is 1 mm for each gauge."""
+    (fig4, first, *_), (free, fixed) = paper_data(["fig4", "table1"]), nuisances(paper_data(["fig4", "table1"]))
+    assert [each.key for each in free] == ["reading.force_scale", "reading.speed_scale", "reading.cut"]
+    assert [each.prior for each in free] == pytest.approx([0.15, 0.074, 0.0])
+    assert not fixed
+    assert first.numbers[0].error == pytest.approx(0.5 / 3**0.5)
+    assert np.hypot(fig4.numbers[1].error / 152, 0.074) == pytest.approx(0.10)
+    independent = next(a for c in calibration_file().choice for a in c.answer if a.independent)
+    alone = paper_data(["table1"], (), [independent])
+    assert alone[0].numbers[0].error == pytest.approx(0.15 * 5)
+    assert not pose(alone, (), answers=[independent]).free[-1].key.endswith("scale")
+
+
+def test_every_assumed_error_has_a_reason() -> None:
+    for each in (number for asked in calibration_file().set for number in asked.number):
+        assert isinstance(each.error, str) or each.because
+
+
+def test_readings_are_all_combinations_of_the_answers() -> None:
+    """Four questions in all combinations, the fifth alone; the short study varies the electronics."""
+    readings = [reading_of(each) for each in calibration_file().readings()]
+    assert len(readings) == len(set(readings)) == 25
+    assert readings[0] == "default"
+    assert sum("errors" in each for each in readings) == 1
+    quick = [reading_of(each) for each in calibration_file().readings(quick=True)]
+    assert quick == ["default", "electronics: RC about 1 ms"]
+
+
+def rows(law: str, reading: str, probability: float, modulus_Pa: float, off: float, *more: str) -> dict[str, list[Any]]:
+    """Made-up rows of a fit with one number."""
+    ends = (nan, nan, nan, nan)
+    found = [
+        Parameter(law, reading, key, "Pa", modulus_Pa, 0.1 * modulus_Pa, *ends, 1e9, 1e8, 1e10, 0.0)
+        for key in ("materials.ptfe.youngs_modulus", *more)
+    ]
+    return {
+        FITS: [FitRow(law, reading, 10.0, 10, probability, 14.0, 16.0, "", "")],
+        PARAMETERS: found,
+        DATA: [DatumRow(law, reading, "table1 5 N", "bead_9_amplitude_N", "N", 5.0, 0.5, 5.0, 0.1, off)],
+    }
+
+
+def tables_of(*fits: dict[str, list[Any]]) -> dict[str, pd.DataFrame]:
+    return {
+        name: frame_of(kind, [row for each in fits for row in each.get(name, ())])
+        for name, kind in CHAPTER.tables.items()
+    }
+
+
+def test_conclusions_are_what_all_fits_that_hold_have_in_common() -> None:
+    gauges = "sensor.time_constant"
+    said = [*conclusions(tables_of(
+        rows("elastic", "default", 0.01, 2e9, 0.0), rows("elastic", "RC", 0.5, 0.5e9, -1.5, gauges),
+        rows("power", "default", 0.06, 1e9, 3.0), rows("power", "RC", 0.2, 0.8e9, 1.2, gauges),
+    ))]  # fmt: skip
+    assert said == [
+        "of 2 readings of the paper, laws fit (probability above 0.05): elastic in 1, power in 2",
+        "Young's modulus of the fits that hold, with their errors: 0.45 to 1.10 GPa",
+        "elastic fits only with the electronics of the gauges",
+        "missed by more than one standard error in every fit that holds: Table 1, 5 N: force (1.2 to 3.0)",
+    ]
+    (none,) = conclusions(tables_of(rows("elastic", "default", 0.01, 2e9, 0.0)))
+    assert none == "no law fits in any of 1 readings of the paper"
+
+
+def test_the_short_study_gives_tables_sentences_figures_and_the_parameters_of_the_figures(tmp_path: Path) -> None:
+    found = study(quick=True)
+    tables = write_chapter(CHAPTER, found, tmp_path)
+    assert len(tables[FITS]) == 6
+    fits = {(row.law, row.data): row for row in found[FITS]}
+    assert fits["viscoelastic", "default"].chi_square == pytest.approx(14.18, abs=0.05)
+    assert fits["elastic", "default"].probability < 1e-6
+    assert fits["elastic", "electronics: RC about 1 ms"].probability > 0.05
+    for reading in ("default", "electronics: RC about 1 ms"):  # a larger law is never worse
+        chi = [fits[law, reading].chi_square for law in ("elastic", "viscoelastic", "power")]
+        assert max(chi) == chi[0]
+    assert any(line.startswith("elastic: youngs modulus 1.0") for line in sentences(tables))
+    assert failed(tables) == []  # the figures are drawn with this fit
+    section = read_section("calibration", tmp_path)
+    assert len(section["fits"]) == 6
+    assert section["numbers"]["Fig. 4: force"]["power"].measured == 2.0
+    assert len(section["figures"]) == 1
+    points = [
+        ContourRow(reading, modulus, e, 14 + (modulus / 1e9 - 0.8) ** 2 * 100 + (e - 0.9) ** 2 * 5e3)
+        for reading in ("default",) for e in np.linspace(0.8, 1, 5) for modulus in np.geomspace(0.3e9, 2e9, 5)
+    ]  # fmt: skip
+    drawn = figures(dict(tables) | {CONTOURS: frame_of(ContourRow, points)})[CONTOURS].draw
+    assert drawn is not None
+    assert len(drawn().axes[0].collections) == 1
 
 
 @pytest.mark.long
-def test_dissipation_and_a_softer_bead_explain_all_quoted_data() -> None:
-    """The best fit lies where the third maximum at the wall is about to vanish; a descent alone ends above it."""
-    (law,) = [law for law in calibration_file().law if law.name == "viscoelastic"]
-    parameters, data, _, remarks = fit_one(law, "fig4, table1, fig5", True)
-    assert parameters[0].chi_square == pytest.approx(7.54, abs=0.1)
-    assert parameters[0].value == pytest.approx(0.785e9, rel=0.02)
-    assert all(abs(row.off) < 2 for row in data if row.counts)
-    assert any("lies at this edge" in remark.sentence for remark in remarks)
-    assert failed({MAIN: frame_of(Parameter, parameters)}) == []  # the figures are drawn with this fit
+@pytest.mark.timeout(600)
+def test_a_search_from_the_scene_ends_at_the_stored_parameters() -> None:
+    """The descents of the full study, without the parameters found before."""
+    file = calibration_file()
+    outcome = fit_law(file.law_named("viscoelastic"), file.readings()[0])
+    assert outcome.fit.reached > 1
+    assert failed(tables_of({PARAMETERS: outcome.parameters})) == []
 
 
 def test_a_fit_that_differs_from_the_parameters_of_the_figures_is_a_failure() -> None:
@@ -75,33 +183,20 @@ def test_a_fit_that_differs_from_the_parameters_of_the_figures_is_a_failure() ->
     file = calibrated()
 
     def changed(**by_errors: float) -> list[Check]:
-        fits = (
+        fits = [
             Parameter(
-                file.law, file.data, each.key, each.unit, each.value + by_errors.get("value", 0.0) * each.error,
-                each.error * (1 + by_errors.get("error", 0.0)), nan, nan, nan, nan, 1.0, 1, 0.5,
+                file.law, file.reading, each.key, each.unit, each.value + by_errors.get("value", 0.0) * each.error,
+                each.error * (1 + by_errors.get("error", 0.0)), nan, nan, nan, nan, 1.0, 0.1, 10.0, 0.0,
             )
             for each in file.parameter
-        )  # fmt: skip
-        return failed({MAIN: frame_of(Parameter, fits)})
+        ]  # fmt: skip
+        return failed(tables_of({PARAMETERS: fits}))
 
     assert changed(value=0.09) == changed(error=-0.09) == []
-    for checks in (
-        changed(value=0.11),
-        changed(value=-0.11),
-        changed(error=0.11),
-        changed(value=nan),
-        changed(error=inf),
-    ):
-        assert len(checks) == len(file.parameter)
+    for change in ({"value": 0.11}, {"value": -0.11}, {"error": 0.11}, {"value": nan}, {"error": inf}):
+        assert len(changed(**change)) == len(file.parameter)
     check = changed(value=0.11)[0]
     assert (check.scene, check.quantity) == ("inputs/paper/calibrated.toml", "materials.ptfe.youngs_modulus")
-    assert re.match(r"7.845e\+08 ± .* Pa; the fit gives 7.9178e\+08 ± 6.62e\+07 Pa", check.where)
-    check = failed({MAIN: frame_of(Parameter, ())})[0]
-    assert (check.engine, check.where) == ("viscoelastic", f"{file.parameter[0].key}: no fit to fig4, table1, fig5")
-
-
-def test_a_missing_number_counts_ten_standard_errors_and_has_no_slope() -> None:
-    """At restitution 0.73 Fig. 5 has no third maximum at the wall, and so no envelope."""
-    problem = pose(paper_data(["fig5"], ("contact.restitution=0.73",)), ("contact.restitution",))
-    assert residual(problem, problem.start) == [MISSING_RESIDUAL]
-    assert not jacobian(problem, problem.start).any()
+    assert re.match(r".* ± .* Pa; the fit gives .* ± .* Pa", check.where)
+    check = failed(tables_of())[0]
+    assert (check.engine, check.where) == ("viscoelastic", f"{file.parameter[0].key}: no fit")

@@ -19,10 +19,16 @@ from validation.calibration.certainty import interval, profile, trade_offs
 from validation.calibration.data_sets import DataSet, MeasuredNumber, gauge_parameters, paper_data, scene_data
 from validation.calibration.fit import Fit, fit, fitted_at
 from validation.calibration.fit_command import LEGEND, lines
-from validation.calibration.free import Free, free_parameter
+from validation.calibration.free import free_parameter
 from validation.calibration.outcome import Outcome, Parameter, interval_text, solve, value_text
 from validation.calibration.problem import (
-    MISSING_RESIDUAL, Problem, jacobian, motion_values, pose, residual, simulated,
+    MISSING_RESIDUAL,
+    Problem,
+    jacobian,
+    motion_values,
+    pose,
+    residual,
+    simulated,
 )  # fmt: skip
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.scenes import SceneWriter
@@ -170,7 +176,9 @@ def test_a_larger_law_is_never_worse_than_one_inside_it(tmp_path: Path) -> None:
 def test_laws_are_compared_by_the_same_readings_from_any_start(tmp_path: Path) -> None:
     trace = made_up(tmp_path / "trace.csv")
     records = [
-        scene_data("fig4", (*LAWS[law], f"{MODULUS}={start} GPa"), trace).records[0] for law in LAWS for start in (0.5, 2.0)
+        scene_data("fig4", (*LAWS[law], f"{MODULUS}={start} GPa"), trace).records[0]
+        for law in LAWS
+        for start in (0.5, 2.0)
     ]
     for record in records[1:]:
         assert (record.noise, record.window_s, record.rows) == (records[0].noise, records[0].window_s, records[0].rows)
@@ -191,10 +199,12 @@ def test_gauges_of_one_file_share_their_trigger(tmp_path: Path) -> None:
 
 
 def test_a_long_record_counts_until_the_end_of_the_run(tmp_path: Path) -> None:
-    """The wave reaches the first gauge at 0.29 ms; without a trigger, readings count from there for the run's duration."""
+    """Without a trigger, readings count for the run's duration after the first rise, at 0.29 ms."""
     trace = made_up(tmp_path / "trace.csv")
     entry = f"measured=[{{ file = '{trace}', trigger = '40 us' }}]"
-    given, found = (scene_data("fig4", ("run.duration=0.5 ms", *more), file) for more, file in (((entry,), None), ((), trace)))
+    given, found = (
+        scene_data("fig4", ("run.duration=0.5 ms", *more), file) for more, file in (((entry,), None), ((), trace))
+    )
     assert given.records[0].rows == 541
     assert found.records[0].rows > 541
 
@@ -284,7 +294,8 @@ def test_prior_knowledge_keeps_a_parameter_near_its_value() -> None:
 )
 def test_prior_knowledge_is_a_value_with_an_error(text: str, value: float, error: float) -> None:
     found = free_parameter(text, read_scene("fig4"), "here")
-    assert (found.start, found.prior) == (pytest.approx(value), pytest.approx(error))
+    assert found.start == pytest.approx(value)
+    assert found.prior == pytest.approx(error)
     assert found.low < value < found.high
 
 
@@ -355,10 +366,16 @@ def test_a_parameter_without_a_value_or_a_range_needs_bounds() -> None:
         (["fig4"], "--free"),
         (["--free", RESTITUTION], "no scene"),
         (["fig4", "--free", RESTITUTION], "add a [[measured]] table to the scene file, or give --measured"),
-        (["fig4", "--free", RESTITUTION, "--quoted", "fig9"], "did you mean fig5?; allowed: comma-separated names from"),
+        (
+            ["fig4", "--free", RESTITUTION, "--quoted", "fig9"],
+            "did you mean fig5?; allowed: comma-separated names from",
+        ),
         (["fig4", "--law", "plastic", "--quoted", "fig4"], "elastic, viscoelastic, power"),
         (["fig4", "--law", "elastic", "--quoted", "fig4"], "no free parameter"),
-        (["fig4", "--free", RESTITUTION, "--quoted", "fig4", "--quick", "--predict", "wall_paek"], "did you mean wall_peak?"),
+        (
+            ["fig4", "--free", RESTITUTION, "--quoted", "fig4", "--quick", "--predict", "wall_paek"],
+            "did you mean wall_peak?",
+        ),
         (["fig4", "--free", RESTITUTION, "--quoted", "fig4,fig4"], "each data set once"),
         (["fig4", "--free", RESTITUTION, "--quoted", "fig4", "--measured", "x.csv"], "cannot be combined"),
         (["fig4", "--free", RESTITUTION, "--measured", "nowhere.csv"], "found no such file"),
