@@ -22,12 +22,11 @@ from drivers.chain.case import Layout
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 from drivers.scene.model import MeasuredEntry
-from postproc.read.alignment import AlignedGauge, align, check_length
+from postproc.read.alignment import DEGREE, AlignedGauge, align, check_length, knots_of
 from postproc.read.measured import FORCE, read_measured, read_quoted
 from postproc.read.observables import LEVELS, observe
 from postproc.read.sensors import gauges_of
 from postproc.read.signals import peaks, rising_crossing
-from postproc.read.smooth import DEGREE, knots_of
 
 LEVEL = LEVELS[1]  # share of the peak at which the duration is cut
 AMPLITUDE, ARRIVAL, DURATION = "amplitude_N", "arrival_s", f"duration_{100 * LEVEL:g}pct_s"

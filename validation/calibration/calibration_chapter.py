@@ -11,7 +11,7 @@ from postproc.paper.calibrated import calibrated
 from validation.calibration.calibration_file import calibration_file
 from validation.calibration.draw import draw_contours, draw_data, name_of
 from validation.calibration.outcome import MAX_DEVIATION, DatumRow, FitRow, Parameter, value_text
-from validation.calibration.study import (
+from validation.calibration.paper_fits import (
     CONTOURS,
     DATA,
     FITS,

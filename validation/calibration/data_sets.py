@@ -23,7 +23,7 @@ from postproc.read.observables import describe
 from postproc.read.sensors import gauges_of
 from validation.calibration.calibration_file import Answer, QuotedNumber, QuotedSet, calibration_file
 from validation.calibration.free import GAIN, TRIGGER, Free, around, did_you_mean, stated
-from validation.calibration.records import Record, records_of
+from validation.calibration.readings import Record, records_of
 
 LONGER = 2.0  # a run over the scene's duration, if a trigger has to be found
 SCALES = {"force": "force_scale", "speed": "speed_scale"}  # nuisance parameter of a kind of error

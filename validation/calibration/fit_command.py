@@ -1,9 +1,12 @@
 """``beads fit``: fits parameters of scenes to measured data, compares laws, and checks the fitted scene with codes."""
 
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from math import isfinite
+from copy import deepcopy
+from dataclasses import replace
+from functools import partial
+from math import hypot, isfinite, nan
 from pathlib import Path
 
 from drivers.base import paths
@@ -11,51 +14,24 @@ from drivers.base.errors import InputError
 from drivers.base.progress import counted
 from drivers.base.text_table import text_table
 from drivers.chain.case import build_case
+from drivers.chain.chain import Array
 from drivers.engines import codes
 from drivers.limits.refusal import inability
 from drivers.scene.read_scene import read_scene
-from postproc.read.observables import without_unit
+from postproc.read.observables import describe, without_unit
 from validation.calibration.calibration_file import calibration_file
-from validation.calibration.certainty import RISES
-from validation.calibration.data_sets import paper_data, scene_data
-from validation.calibration.fit_folder import write_folder
+from validation.calibration.data_sets import DataSet, paper_data, scene_data
+from validation.calibration.fit import RISES
+from validation.calibration.fit_folder import FitRequest, write_folder
+from validation.calibration.free import did_you_mean
 from validation.calibration.outcome import DatumRow, Outcome, interval_text, rounded, solve, value_text, with_error
-from validation.calibration.predict import differences, predict
-from validation.calibration.problem import Problem, pose
+from validation.calibration.problem import Problem, motion_values, pose, simulated
 from validation.compare.compare_command import compare_scenes
 from validation.compare.selection import EngineSelection
 
 DECISIVE = 6.0  # excess of Akaike's criterion: a ratio of likelihoods of 20
-
-
-@dataclass(frozen=True)
-class FitRequest:
-    """Arguments of the command.
-
-    Attributes:
-        scenes: Names or files of scenes with measured data.
-        free, own: Options ``--free`` and ``--own``: keys with or without bounds.
-        laws: Names of laws of ``inputs/calibration.toml``, with their own free parameters; none for that of the scene.
-        predict: Observables to predict.
-        quoted: Names of data sets of the paper.
-        measured: CSV file that replaces the files of the scene.
-        settings: Settings applied to the scenes.
-        quick: True to omit profiles, left-out data and runs of codes.
-    """
-
-    scenes: Sequence[str]
-    free: Sequence[str] = ()
-    own: Sequence[str] = ()
-    laws: Sequence[str] = ()
-    predict: Sequence[str] = ()
-    quoted: Sequence[str] = ()
-    measured: Path | None = None
-    settings: Sequence[str] = ()
-    quick: bool = False
-
-    def settings_of(self, law: str) -> tuple[str, ...]:
-        """Settings of a law and of the command; the latter come last, so that ``contact.alpha=1.5`` stays."""
-        return (*(calibration_file().law_named(law).set if law else ()), *self.settings)
+MIN_SHARE = 0.01  # relative difference of two predictions that is worth an experiment
+MOST_LISTED = 4
 
 
 def problems_of(request: FitRequest) -> dict[str, Problem]:
@@ -198,7 +174,7 @@ def verdict(outcomes: Mapping[str, Outcome]) -> Iterator[str]:
             yield f"{row.law} does not explain the data"
     near = [row.law for row in rows if (row.aic - best.aic) / unit < DECISIVE]
     if len(near) > 1:
-        yield f"undecided: the data do not tell {', '.join(near)} apart (AIC within {DECISIVE:g})"
+        yield f"undecided: the data do not distinguish {', '.join(near)} (AIC within {DECISIVE:g})"
     else:
         yield f"{best.law} is the best law: the AIC of {rows[1].law} is {(rows[1].aic - best.aic) / unit:.3g} higher"
 
@@ -220,3 +196,64 @@ def _table(heading: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     """Lines of a table; columns without an entry are left out."""
     shown = [place for place in range(len(heading)) if any(row[place] for row in rows)]
     return text_table([row[place] for place in shown] for row in (heading, *rows))
+
+
+def predict(outcome: Outcome, names: Sequence[str]) -> list[DatumRow]:
+    """Observables of each data set in the fitted motion; a gauge is added at a bead without a sensor.
+
+    Args:
+        outcome: The fit.
+        names: Observables, with or without their units, in addition to all observables of waves.
+
+    Raises:
+        InputError: No scene shows an observable.
+    """
+    found, problem, known = list[DatumRow](), outcome.fit.problem, dict[str, str]()
+    for data in problem.sets:
+        shown = _with_gauges(data, names)
+        simulation = simulated(shown, motion_values(problem, data, outcome.fit.place))
+        own = {without_unit(name): name for name in simulation.values} if simulation else {}
+        every = [name for name in own if describe(name).of_wave]
+        for name in dict.fromkeys(own[without_unit(each)] for each in (*names, *every) if without_unit(each) in own):
+            value, error = outcome.fit.number(partial(_observable, problem, data, shown, name))
+            row = outcome.row
+            found.append(DatumRow(row.law, row.data, data.name, name, describe(name).unit, nan, nan, value, error, nan))
+        known |= own
+    for name in names:
+        if without_unit(name) not in known:
+            hint = did_you_mean(without_unit(name), known) or f"allowed: {', '.join(known)}"
+            raise InputError(problem.sets[0].where, f"--predict {name}", f"unknown observable; {hint}")
+    return found
+
+
+def _with_gauges(data: DataSet, names: Sequence[str]) -> DataSet:
+    """Data set with a sensor at each named bead that has none; a sensor without a mass changes nothing."""
+    tables = deepcopy(data.tables)
+    sensors = tables["chain"].setdefault("sensors", [])
+    asked = {int(found[1]) for name in names if (found := re.match(r"bead_(\d+)_", name))}
+    new = asked - {sensor["from_wall"] for sensor in sensors}
+    sensors.extend({"from_wall": bead} for bead in new)
+    sensors.sort(key=lambda sensor: -sensor["from_wall"])
+    return replace(data, tables=tables) if new else data
+
+
+def _observable(problem: Problem, data: DataSet, shown: DataSet, name: str, place: Array) -> float:
+    """An observable at given coordinates."""
+    simulation = simulated(shown, motion_values(problem, data, place))
+    return simulation.values[name] if simulation else nan
+
+
+def differences(rows: Sequence[DatumRow], laws: Sequence[str]) -> Iterator[str]:
+    """Sentences on the observables that the first law and another predict most differently, in their errors."""
+    first, *others = laws
+    for other in others:
+        two = {row.label: row for row in rows if row.law == other}
+        pairs = [(row, two[row.label]) for row in rows if row.law == first and row.label in two]
+        found = [
+            (abs(b.fitted - a.fitted) / max(hypot(a.fitted_error, b.fitted_error), 1e-300), a, b)
+            for a, b in pairs
+            if isfinite(a.fitted + b.fitted) and abs(b.fitted - a.fitted) > MIN_SHARE * abs(a.fitted)
+        ]
+        for errors, a, b in sorted(found, key=lambda each: -each[0])[:MOST_LISTED]:
+            pair = f"{a.fitted:.4g} against {b.fitted:.4g} {a.unit}".rstrip()
+            yield f"{first} and {other} differ in {a.label}: {pair}, {errors:.1f} standard errors"

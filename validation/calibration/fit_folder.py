@@ -1,11 +1,12 @@
-"""The folder ``fit-SCENE``: fitted scene, data, tables, figures and the command, for use wherever it is copied to."""
+"""The folder ``fit-SCENE``, which can be sent: fitted scene, data, tables, figures and the command that fits again."""
 
 import shlex
 import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from drivers.base import paths
 from drivers.base.errors import InputError
@@ -19,21 +20,49 @@ from postproc.draw.product import write_figure, write_product
 from postproc.paper.simulate import exact
 from postproc.read.measured import MEASURED, entries_of
 from postproc.read.misfit import lay_over
+from validation.calibration.calibration_file import calibration_file
 from validation.calibration.data_sets import DataSet
 from validation.calibration.draw import draw_parameters
 from validation.calibration.free import GAIN, TRIGGER
 from validation.calibration.outcome import DatumRow, FitRow, Outcome, Parameter, value_text
 from validation.chapters import write_table
 
-if TYPE_CHECKING:
-    from validation.calibration.fit_command import FitRequest
-
 PARAMETERS, DATA, LAWS, PREDICTIONS = "parameters", "data", "laws", "predictions"
 README = "README.md"
 
 
+@dataclass(frozen=True)
+class FitRequest:
+    """Arguments of the command.
+
+    Attributes:
+        scenes: Names or files of scenes with measured data.
+        free, own: Options ``--free`` and ``--own``: keys with or without bounds.
+        laws: Names of laws of ``inputs/calibration.toml``, with their own free parameters; none for that of the scene.
+        predict: Observables to predict.
+        quoted: Names of data sets of the paper.
+        measured: CSV file that replaces the files of the scene.
+        settings: Settings applied to the scenes.
+        quick: True to omit profiles, left-out data and runs of codes.
+    """
+
+    scenes: Sequence[str]
+    free: Sequence[str] = ()
+    own: Sequence[str] = ()
+    laws: Sequence[str] = ()
+    predict: Sequence[str] = ()
+    quoted: Sequence[str] = ()
+    measured: Path | None = None
+    settings: Sequence[str] = ()
+    quick: bool = False
+
+    def settings_of(self, law: str) -> tuple[str, ...]:
+        """Settings of a law and of the command; those of the command come last, so that ``contact.alpha=1.5`` stays."""
+        return (*(calibration_file().law_named(law).set if law else ()), *self.settings)
+
+
 def write_folder(
-    request: "FitRequest", outcomes: Mapping[str, Outcome], predictions: Sequence[DatumRow], results: Path
+    request: FitRequest, outcomes: Mapping[str, Outcome], predictions: Sequence[DatumRow], results: Path
 ) -> tuple[Path, dict[str, list[Path]], list[str]]:
     """Writes the folder, whole or not at all.
 
@@ -69,7 +98,7 @@ def write_folder(
     return folder, scenes, list(dict.fromkeys(remarks))
 
 
-def _scenes(request: "FitRequest", law: str, outcome: Outcome, folder: Path) -> tuple[list[Path], list[str]]:
+def _scenes(request: FitRequest, law: str, outcome: Outcome, folder: Path) -> tuple[list[Path], list[str]]:
     """Writes the scenes, their data and figures; returns the fitted scenes, and remarks on the traces."""
     written, remarks, sets = list[Path](), list[str](), outcome.fit.problem.sets
     ending = f"-{law.replace(' ', '-')}" if len(request.laws) > 1 else ""
@@ -161,7 +190,7 @@ def _entries(data: DataSet, outcome: Outcome | None) -> Any | None:
     return found
 
 
-def _readme(request: "FitRequest", name: str, fitted: Mapping[str, Sequence[Path]]) -> str:
+def _readme(request: FitRequest, name: str, fitted: Mapping[str, Sequence[Path]]) -> str:
     """Contents of the folder, and the command that fits again."""
     command = ["beads", "fit", *(Path(scene).stem + ".toml" for scene in request.scenes)]
     if request.quoted:

@@ -8,9 +8,20 @@ import numpy as np
 
 from drivers.base.units import quantity
 from postproc.read.observables import describe
-from validation.calibration.certainty import RISES, Point, interval, profile, trade_offs
 from validation.calibration.data_sets import CUT, DataSet, MeasuredNumber
-from validation.calibration.fit import CLOSE_CHANGE, Fit, chi_square_at, fit, fitted_at, minimise
+from validation.calibration.fit import (
+    CLOSE_CHANGE,
+    RISES,
+    Fit,
+    Point,
+    chi_square_at,
+    fit,
+    fitted_at,
+    interval,
+    minimise,
+    profile,
+    trade_offs,
+)
 from validation.calibration.problem import (
     MISSING_RESIDUAL,
     Datum,

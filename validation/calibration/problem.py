@@ -17,8 +17,7 @@ from postproc.paper.simulate import Simulation, exact
 from validation.calibration.calibration_file import Answer
 from validation.calibration.data_sets import CUT, DataSet, MeasuredNumber, gauge_parameters, library, nuisances, text_of
 from validation.calibration.free import GAIN, TRIGGER, Free, free_parameter
-from validation.calibration.readings import DEFAULT_CUT, read
-from validation.calibration.records import best_trigger_s, curves_of, residual_of
+from validation.calibration.readings import DEFAULT_CUT, best_trigger_s, curves_of, read, residual_of
 
 TOLERANCE = 1e-6  # of the exact motion; observables are then accurate to 2e-9, sensitivities to 1e-4
 STEP = 1e-4  # of finite differences, as a share of a parameter's range

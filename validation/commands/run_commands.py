@@ -258,7 +258,8 @@ def fit(
 
     The data are the [[measured]] tables of the scenes, or those that --measured or --quoted name.
     """
-    from validation.calibration.fit_command import FitRequest, run_fit
+    from validation.calibration.fit_command import run_fit
+    from validation.calibration.fit_folder import FitRequest
 
     return run_fit(FitRequest(scenes, free, own, laws, predict, quoted, measured, settings, quick), runs, results)
 

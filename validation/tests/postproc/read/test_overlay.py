@@ -14,12 +14,11 @@ from drivers.chain.trace import Trace
 from drivers.run.run import run_case
 from drivers.run.run_folder import FORCES
 from postproc.paper.simulate import Simulation, case_of, exact
-from postproc.read.alignment import AlignedGauge, align, check_length
+from postproc.read.alignment import AlignedGauge, align, check_length, noise_of
 from postproc.read.measured import MeasuredTrace
 from postproc.read.misfit import Misfit, gain_remark, misfits, smooth
 from postproc.read.observables import observe
 from postproc.read.sensors import sensor_signals
-from postproc.read.smooth import noise_of
 from validation.report.scene_section import overlay_of
 from validation.tests.helpers import made_up_trace
 from validation.tests.helpers.commands import beads

@@ -16,17 +16,17 @@ from validation.calibration.calibration_chapter import CHAPTER, conclusions, fig
 from validation.calibration.calibration_file import calibration_file
 from validation.calibration.data_sets import nuisances, paper_data
 from validation.calibration.outcome import DatumRow, FitRow, Parameter
+from validation.calibration.paper_fits import CONTOURS, DATA, FITS, PARAMETERS, ContourRow, fit_law, reading_of, study
 from validation.calibration.problem import pose
 from validation.calibration.readings import decay_per_s, full_width_s, is_censored, read, time_above
-from validation.calibration.study import CONTOURS, DATA, FITS, PARAMETERS, ContourRow, fit_law, reading_of, study
 from validation.chapters import frame_of, read_section, write_chapter
 from validation.checks import FAIL, Check
 
-LONG = "run.duration=2.4 ms"
+DURATION = "run.duration=2.4 ms"
 
 
 def motion(scene: str, *settings: str) -> Simulation:
-    return exact(case_of(scene, LONG, *settings), 1e-6)
+    return exact(case_of(scene, DURATION, *settings), 1e-6)
 
 
 def failed(tables: Mapping[str, pd.DataFrame]) -> list[Check]:
@@ -43,9 +43,17 @@ def test_the_decay_of_the_elastic_chain_is_that_of_the_paper() -> None:
 @pytest.mark.parametrize(("scene", "name"), [("fig5", "wall_decay_per_s"), ("fig4", "bead_5_full_width_s")])
 def test_readings_change_continuously_where_maxima_vanish(scene: str, name: str) -> None:
     """From 0.95 to 0.75 the third maximum of Fig. 5 vanishes, and the pulse of Fig. 4 stays above the cut."""
-    values = [read(motion(scene, f"contact.restitution={e!r}"), name, 0.04) for e in np.linspace(0.95, 0.75, 41)]
-    steps = np.abs(np.diff(values))
-    assert steps.max() < 0.12 * (max(values) - min(values))
+
+    def at(restitution: float) -> float:
+        return read(motion(scene, f"contact.restitution={float(restitution)!r}"), name, 0.04)
+
+    places = [float(e) for e in np.linspace(0.75, 0.95, 11)]
+    values = [at(e) for e in places]
+    for _ in range(12):  # the steepest interval is halved: a jump would keep its height
+        steep = int(np.argmax(np.abs(np.diff(values))))
+        middle = (places[steep] + places[steep + 1]) / 2
+        places, values = [places[steep], middle, places[steep + 1]], [values[steep], at(middle), values[steep + 1]]
+    assert np.abs(np.diff(values)).max() < 0.01 * abs(values[0])
 
 
 def test_a_width_is_the_time_above_the_cut_or_its_lower_bound() -> None:
@@ -54,7 +62,7 @@ def test_a_width_is_the_time_above_the_cut_or_its_lower_bound() -> None:
     assert not is_censored(elastic, "bead_5", 0.04)
     assert full_width_s(elastic, "bead_5", 0.04) == pytest.approx(elastic.values["bead_5_duration_4pct_s"], rel=0.05)
     assert is_censored(damped, "bead_5", 0.04)
-    assert full_width_s(damped, "bead_5", 0.04) > 1.5 * damped.values["bead_5_duration_4pct_s"]
+    assert full_width_s(damped, "bead_5", 0.04) > 1.4 * damped.values["bead_5_duration_4pct_s"]
     time = np.arange(0.0, 100.0)
     assert time_above(time, np.sin(time / 7), 0.3, 90.0) == pytest.approx(14 * (np.pi - 2 * np.arcsin(0.3)), abs=2e-3)
 
@@ -62,7 +70,7 @@ def test_a_width_is_the_time_above_the_cut_or_its_lower_bound() -> None:
 def test_the_contact_force_is_beta_times_the_average_above_the_static_load() -> None:
     """Eq. (6), and behind electronics the same factor of a smaller reading."""
     plain, behind = motion("fig4"), motion("fig4", "sensor.time_constant=1 ms")
-    contact = plain.trace.force_N[:, 9]
+    contact = plain.trace.force_N[:600, 9]  # until the reflected wave
     assert read(plain, "bead_9_contact_force_N", nan) == pytest.approx(contact.max(), rel=1e-3)
     share = behind.values["bead_9_amplitude_N"] / plain.values["bead_9_amplitude_N"]
     found = read(behind, "bead_9_contact_force_N", nan) - contact[0]

@@ -14,10 +14,8 @@ from drivers.scene.read_scene import read_scene
 from postproc.paper.simulate import Simulation, case_of, exact
 from postproc.read.alignment import averaged
 from postproc.read.sensors import sensor_signals
-from validation.calibration.calibration_file import calibration_file
-from validation.calibration.certainty import interval, profile, trade_offs
 from validation.calibration.data_sets import DataSet, MeasuredNumber, gauge_parameters, paper_data, scene_data
-from validation.calibration.fit import Fit, fit, fitted_at
+from validation.calibration.fit import Fit, fit, fitted_at, interval, profile, trade_offs
 from validation.calibration.fit_command import LEGEND, lines
 from validation.calibration.free import free_parameter
 from validation.calibration.outcome import Outcome, Parameter, interval_text, solve, value_text
@@ -58,12 +56,6 @@ def made_up(
 def parameter(outcome: Outcome, ending: str) -> Parameter:
     """The row of the parameter whose label has this ending."""
     return next(row for row in outcome.parameters if row.parameter.endswith(ending))
-
-
-def of_law(law: str, trace: Path) -> Problem:
-    """Fit of modulus and law to a trace of Fig. 4."""
-    asked = calibration_file().law_named(law)
-    return pose([scene_data("fig4", asked.set, trace)], (MODULUS, *asked.free))
 
 
 def observed(found: Fit, data: DataSet) -> dict[str, float]:
@@ -109,104 +101,6 @@ def test_sensitivities_agree_with_wider_central_differences() -> None:
         step[index] = 1e-3
         central = (residual(problem, place + step) - residual(problem, place - step)) / 2e-3
         np.testing.assert_allclose(jacobian(problem, place)[:, index], central, rtol=2e-3)
-
-
-def test_a_fit_to_a_trace_recovers_its_parameters(tmp_path: Path) -> None:
-    data = scene_data("fig4", (), made_up(tmp_path / "trace.csv"))
-    outcome = solve(pose([data], (MODULUS, RESTITUTION)))
-    for key, true in (TRUE | {"measured.trigger": 40e-6}).items():
-        row = parameter(outcome, key)
-        assert abs(row.value - true) < 3 * row.error, key
-        assert row.low_95pct < true < row.high_95pct
-    row = parameter(outcome, MODULUS)
-    assert row.error < 3e-3 * TRUE[MODULUS]
-    assert outcome.explained
-    assert outcome.fit.chi_square == pytest.approx(outcome.fit.freedom, rel=0.2)
-    assert (row.high_95pct - row.low_95pct) / 2 == pytest.approx(1.96 * row.error, rel=0.05)
-
-
-LAWS = {
-    "elastic": ("contact.restitution=",),
-    "viscoelastic": ("contact.restitution=0.9",),
-    "power": ("contact.dissipation=power", "contact.gamma=2"),
-}
-
-
-@pytest.mark.long
-@pytest.mark.timeout(900)
-@pytest.mark.parametrize("law", LAWS)
-def test_intervals_contain_the_truth_in_90_to_99_of_100_repeats(law: str, tmp_path: Path) -> None:
-    """Noise of 5 %: 95 of 100 draws within 1.96 standard errors, and chi-square is that of noise."""
-    inside, chi_square = dict[str, int](), []
-    for seed in range(100):
-        settings = (f"{MODULUS}=1.1 GPa", *LAWS[law])
-        problem = of_law(law, made_up(tmp_path / "trace.csv", settings=settings, noise=0.05, seed=seed))
-        found = fit(problem, [{MODULUS: 1.1e9, RESTITUTION: 0.9, "contact.gamma": 2.0}], search=False)
-        chi_square.append(found.chi_square / found.freedom)
-        true = {MODULUS: 1.1e9, RESTITUTION: 0.9, "contact.gamma": 2.0, "trigger": 40e-6}
-        for free, value, error in zip(problem.free, found.values.values(), found.errors, strict=True):
-            name = free.key.rpartition(".")[2]
-            hit = abs(value - next(true[key] for key in true if key.endswith(name))) < 1.96 * error
-            inside[name] = inside.get(name, 0) + bool(hit)
-    assert 90 <= min(inside.values()) <= max(inside.values()) <= 99, inside
-    assert np.mean(chi_square) == pytest.approx(1.0, abs=0.02)
-
-
-@pytest.mark.long
-@pytest.mark.timeout(600)
-@pytest.mark.parametrize("truth", ["viscoelastic", "power"])
-def test_the_right_law_has_the_smallest_chi_square_where_noise_lets_it(truth: str, tmp_path: Path) -> None:
-    """At 0.5 % noise the other law is refused; at 20 % the data do not tell them apart."""
-    settings, other = (f"{MODULUS}=1.1 GPa", *LAWS[truth]), {"viscoelastic": "power", "power": "viscoelastic"}[truth]
-    for noise, decided in ((0.005, True), (0.2, False)):
-        trace = made_up(tmp_path / "trace.csv", settings=settings, noise=noise)
-        right, wrong = (fit(of_law(law, trace)) for law in (truth, other))
-        assert right.problem.rows == wrong.problem.rows
-        excess = wrong.chi_square - right.chi_square
-        assert excess > 100 if decided else abs(excess) < 6, (noise, excess)
-
-
-def test_a_larger_law_is_never_worse_than_one_inside_it(tmp_path: Path) -> None:
-    """Elastic truth: the restitution ends at 1, and the power law at gamma = 0."""
-    trace = made_up(tmp_path / "trace.csv", settings=(f"{MODULUS}=1.1 GPa",), gauges=["bead_9"], noise=0.1)
-    elastic, viscoelastic, power = (fit(of_law(law, trace)).chi_square for law in LAWS)
-    assert max(viscoelastic, power) <= elastic + 0.01  # of 800: fits end at changes of 1e-6
-
-
-def test_laws_are_compared_by_the_same_readings_from_any_start(tmp_path: Path) -> None:
-    trace = made_up(tmp_path / "trace.csv")
-    records = [
-        scene_data("fig4", (*LAWS[law], f"{MODULUS}={start} GPa"), trace).records[0]
-        for law in LAWS
-        for start in (0.5, 2.0)
-    ]
-    for record in records[1:]:
-        assert (record.noise, record.window_s, record.rows) == (records[0].noise, records[0].window_s, records[0].rows)
-
-
-def test_gauges_of_one_file_share_their_trigger(tmp_path: Path) -> None:
-    trace = made_up(tmp_path / "trace.csv")
-    entry = "{{ file = '{}', gauges = {{ {} = '{}_N' }}, gain_uncertainty = 0.05 }}"
-    setting = f"measured=[{', '.join(entry.format(trace, gauge, gauge) for gauge in ('bead_9', 'bead_5'))}]"
-    outcome = solve(pose([scene_data("fig4", (setting,))], (MODULUS, RESTITUTION)), quick=True)
-    assert [row.parameter for row in outcome.parameters if "trigger" in row.parameter] == ["fig4: measured.0.trigger"]
-    for key, true in (TRUE | {"measured.0.gain": 1.0, "measured.1.gain": 1.0, "measured.0.trigger": 40e-6}).items():
-        row = parameter(outcome, key)
-        assert abs(row.value - true) < 3 * row.error, key
-    (_, both) = (f"measured.{place}.trigger={time} us" for place, time in enumerate((40, 41)))
-    with pytest.raises(InputError, match="one trigger per file"):
-        scene_data("fig4", (setting, "measured.0.trigger=40 us", both))
-
-
-def test_a_long_record_counts_until_the_end_of_the_run(tmp_path: Path) -> None:
-    """Without a trigger, readings count for the run's duration after the first rise, at 0.29 ms."""
-    trace = made_up(tmp_path / "trace.csv")
-    entry = f"measured=[{{ file = '{trace}', trigger = '40 us' }}]"
-    given, found = (
-        scene_data("fig4", ("run.duration=0.5 ms", *more), file) for more, file in (((entry,), None), ((), trace))
-    )
-    assert given.records[0].rows == 541
-    assert found.records[0].rows > 541
 
 
 def quoting(scene_file: SceneWriter, values: str, errors: str) -> Path:

@@ -16,8 +16,8 @@ from postproc.read.observables import LATER_PROMINENCE
 from postproc.read.sensors import sensor_signals
 from postproc.read.signals import incident_pulse, peaks, train_envelope
 from validation.calibration.calibration_file import Answer, Law, calibration_file
-from validation.calibration.certainty import contours
 from validation.calibration.data_sets import paper_data
+from validation.calibration.fit import contours
 from validation.calibration.outcome import DatumRow, Outcome, solve
 from validation.calibration.problem import motion_values, pose, simulated
 
