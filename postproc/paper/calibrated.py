@@ -22,8 +22,8 @@ class CalibratedParameter(Part):
     unit: str = ""
     value: Positive
     error: Positive
-    low: Positive | None = None
-    high: Positive | None = None
+    low: Positive
+    high: Positive
 
 
 class Calibrated(Part):
@@ -31,13 +31,13 @@ class Calibrated(Part):
 
     Attributes:
         laws: laws that fit the quoted numbers in some reading.
-        missed: numbers that no such fit gives within its standard error.
+        missed: numbers that most of these fits miss by more than a standard error.
     """
 
     law: str
     reading: str
     laws: Annotated[tuple[str, ...], Field(strict=False)]
-    missed: Annotated[tuple[str, ...], Field(strict=False)] = ()
+    missed: Annotated[tuple[str, ...], Field(strict=False)]
     parameter: Annotated[tuple[CalibratedParameter, ...], Field(strict=False, min_length=1)]
 
     @property

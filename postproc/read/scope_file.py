@@ -30,7 +30,7 @@ ENDINGS = "|".join(prefix + unit for unit in UNITS for prefix in ("", *"kmuµμn
 HEADING = re.compile(rf"(.+?)\s*(?:[\[(]([^\[\]()]+)[\])]|(?:_|/\s*)({ENDINGS}))")
 UNIT_WORD = re.compile("(?<!M)(?:volt|sec|second|newton|amp|ampere|coulomb)s?$", re.IGNORECASE)
 BRACKETS = "[]() "
-# with thousands separators, and words that are no finite numbers: to tell rows of numbers from text
+# with thousands separators, and words that are no finite numbers: to distinguish rows of numbers from text
 NUMBER = re.compile(r"[+−-]?(?:\.?\d[\d.,'’\s]*(?<![,'’\s])(?:[ed][+-]?\d+)?|nan|inf(?:inity)?|∞)", re.IGNORECASE)
 THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(?:[.,]\d{3})+")
 SEPARATORS = "\t; ,"  # the first of those that fit equally well
@@ -86,7 +86,7 @@ def read_scope_file(path: Path) -> list[Column]:
         found = f"no table of numbers in the first {HEAD} lines" if text.strip() else "an empty file"
         raise InputError(shown, "", found, "CSV text with numbers below a row of headings, not a workbook")
     if not above:
-        raise InputError(shown, f"line {block[0][0]}", "no headings above the numbers", "a row of headings, without #")
+        raise InputError(shown, f"line {block[0][0]}", "numbers without headings", "a row of headings above them, without #")
     (line, headings), (last, units) = above[0], (*above, (above[0][0], []))[1]
     decimal = _decimal(block, separator, shown)
     cells, longer = _cells(text, last, len(headings), separator, decimal)

@@ -23,7 +23,7 @@ from validation.calibration.problem import motion_values, pose, simulated
 
 MODULUS = "materials.ptfe.youngs_modulus"
 RESTITUTION, CONTOUR_LAW = "contact.restitution", "viscoelastic"  # of the contours, with the modulus
-MODULI_PA, RESTITUTIONS = np.geomspace(0.3e9, 2.4e9, 15), np.linspace(0.8, 1.0, 11)
+MODULI_PA, RESTITUTIONS = np.geomspace(0.3e9, 1.6e9, 15), np.linspace(0.82, 1.0, 19)
 MAXIMA = (2, 3, 4)  # numbers of maxima for an envelope
 TOP = "chain.sensors=[{ from_wall = 11 }, { from_wall = 10 }]"  # Fig. 5, sensors where the pulse enters
 FITS, PARAMETERS, DATA = "calibration", "calibration-parameters", "calibration-data"
