@@ -86,7 +86,9 @@ def read_scope_file(path: Path) -> list[Column]:
         found = f"no table of numbers in the first {HEAD} lines" if text.strip() else "an empty file"
         raise InputError(shown, "", found, "CSV text with numbers below a row of headings, not a workbook")
     if not above:
-        raise InputError(shown, f"line {block[0][0]}", "numbers without headings", "a row of headings above them, without #")
+        raise InputError(
+            shown, f"line {block[0][0]}", "numbers without headings", "a row of headings above them, without #"
+        )
     (line, headings), (last, units) = above[0], (*above, (above[0][0], []))[1]
     decimal = _decimal(block, separator, shown)
     cells, longer = _cells(text, last, len(headings), separator, decimal)

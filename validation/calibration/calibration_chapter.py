@@ -72,7 +72,8 @@ def conclusions(tables: Tables) -> Iterator[str]:
         yield f"no law fits in any of {len(readings)} readings of the paper"
         return
     counts = [f"{law} in {sum(row.law == law for row in fitting)}" for law in _laws(rows)]
-    yield f"of {len(readings)} readings of the paper, laws fit (probability above {MIN_PROBABILITY:g}): {', '.join(counts)}"
+    least = f"(probability above {MIN_PROBABILITY:g})"
+    yield f"of {len(readings)} readings of the paper, laws fit {least}: {', '.join(counts)}"
     low, high = bounds(tables, MODULUS)
     yield f"Young's modulus of the fits that hold, with their errors: {low * 1e-9:.2f} to {high * 1e-9:.2f} GPa"
     for law in _laws(fitting):
@@ -128,8 +129,8 @@ def judge(tables: Tables) -> Iterator[Check]:
         if len({fit.data for fit in fits}) == len(calibration_file().readings()):
             changes += [new - old for new, old in zip(bounds(tables, each.key), (each.low, each.high), strict=True)]
         drift = max(map(abs, changes)) / each.error
-        found, stored = (f"{one.value:.5g} ± {one.error:.3g} {each.unit}".rstrip() for one in (row, each))
-        place = f"{stored}; the fit gives {found}"
+        given, stored = (f"{one.value:.5g} ± {one.error:.3g} {each.unit}".rstrip() for one in (row, each))
+        place = f"{stored}; the fit gives {given}"
         yield judged(where, file.law, each.key, drift, tolerance("calibration", "stored"), place)
 
 

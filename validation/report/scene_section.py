@@ -130,15 +130,21 @@ def source_of(scene: Scene) -> str:
     return scene.name if same or scene.file == scene.name else shlex.quote(scene.file)
 
 
+FITTED_PARAMETERS = "parameters.svg"  # in the folder of a fit
+
+
 def overlay_of(case: Case, engine: str, trace: Trace) -> dict[str, Any]:
     """Overlay of a scene's measured traces or quoted values on the run of an engine.
 
     ``image`` is None if only values are quoted, ``rows`` has a row for each quantity under ``headings``, ``remarks``
     are sentences on lengths and gains, and ``problem`` says why the traces do not fit the run; else it is empty.
+    ``parameters`` is the figure of fitted parameters in the folder of a scene that ``beads fit`` wrote, else None.
     """
     scene = case.scene
     overlay: dict[str, Any] = {"engine": engine, "image": None, "headings": HEADINGS}
-    overlay |= {"rows": [], "remarks": [], "problem": ""}
+    figure = scene.folder / FITTED_PARAMETERS if scene.name.startswith("fit-") else None
+    parameters = image_of(figure.read_text(encoding="utf-8")) if figure and figure.is_file() else None
+    overlay |= {"rows": [], "remarks": [], "problem": "", "parameters": parameters}
     try:
         curves, found, remarks = lay_over(*entries_of(scene, None, scene.file), case.layout, trace)
     except InputError as error:  # the file was read before; it does not fit the run

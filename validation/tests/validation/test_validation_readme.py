@@ -110,4 +110,6 @@ def test_restitution() -> None:
 def test_constants_and_calibrated_values() -> None:
     assert f"c = {solve_travelling_wave().speed_by_force:.4f} k^(1/3)" in TEXT
     modulus, restitution_ = (each.value for each in calibrated().parameter)
+    bounds = calibrated().parameter[0]
+    assert f"{bounds.low * 1e-9:.2f} to {bounds.high * 1e-9:.2f} GPa" in " ".join(TEXT.split())
     assert f"({modulus * 1e-9:.2f} GPa, restitution {restitution_:.2f})" in " ".join(TEXT.split())
