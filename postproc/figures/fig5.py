@@ -10,7 +10,7 @@ envelope through all four of the train, exp(-0.0049 t); through the first two it
 bead without dissipation, and of the top bead with dissipation. Dotted: the pulse described in the text, with a rise in
 50 µs, a decay of exp(-0.0185 t) and an end after 370 µs; it is drawn from the impact on, with a straight rise to the
 height of the elastic pulse. Computed, in this order: rise from 2 % of the peak 31, 53 and 40 µs, decay to half of the
-peak -0.0125, -0.0174 and -0.0103 per µs, end after 404, 438 and 673 µs. Strips: differences between codes and
+peak -0.0125, -0.0174 and -0.0105 per µs, end after 404, 438 and 652 µs. Strips: differences between codes and
 reference as in Fig. 4.
 """
 

@@ -4,9 +4,9 @@ Force on the wall below 18 PTFE beads of 2.38 mm, struck at 0.89 m/s by a steel 
 a PTFE ball of 4.76 mm and 0.123 g (c, d). (a) and (c): with the dissipation of Fig. 4(a), which is fitted to
 experiments on beads of 4.76 mm only. Brown text is the paper's description of its measured curves, which are not
 available: a leading solitary wave with an oscillatory tail in (a), an oscillatory "shock" with a delayed splitting
-into solitary waves in (c). Computed: between the first two maxima the force falls to 0.48 of the second maximum in (a)
-and to 0.51 of it in (c). (b) and (d): without dissipation, at 1.46 GPa, as in the paper: trains of solitary waves,
-without force between the first two. The leading wave is 0.41 times as high in (a) as in (b), and 0.50 times as high in
+into solitary waves in (c). Computed: between the first two maxima the force falls to 0.29 of the second maximum in (a)
+and to 0.38 of it in (c). (b) and (d): without dissipation, at 1.46 GPa, as in the paper: trains of solitary waves,
+without force between the first two. The leading wave is 0.46 times as high in (a) as in (b), and 0.54 times as high in
 (c) as in (d). Strips: differences between codes and reference as in Fig. 4.
 """
 
