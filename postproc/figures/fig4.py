@@ -8,8 +8,8 @@ restitution of 0.885 at every contact: one of several fits to the numbers that t
 wave of about 2 N (level; computed above the static force: 2.85 N) and 164 µs (bar; computed at 4 % of the peak: 144
 µs); a speed of 152 m/s from the 9th to the 5th bead (slanted line from the time of the computed peak; computed: 147
 m/s) and a similar speed to the wall; a reflected wave in the 9th bead that is significantly smaller than the incident
-wave (arrow from the height of the incident wave; computed: 0.70 of it). (b) Computed without dissipation, at 1.46 GPa, as
-in the paper: 5.33 N, 99 µs, 193 m/s, 0.99. Strips: largest difference δF between a code and the reference over all
+wave (arrow from the height of the incident wave; computed: 0.70 of it). (b) Computed without dissipation, at 1.46 GPa,
+as in the paper: 5.33 N, 99 µs, 193 m/s, 0.99. Strips: largest difference δF between a code and the reference over all
 contacts, relative to the largest change of force. It is larger in (a), where the truncation error of the codes is of
 first order in their time step of 0.1 µs.
 """

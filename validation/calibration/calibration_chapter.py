@@ -49,7 +49,13 @@ def _parameters(tables: Tables) -> dict[tuple[str, str], list[Parameter]]:
 
 def _texts(rows: Sequence[Parameter]) -> list[str]:
     """Parameters with their errors, by the last part of their keys."""
-    return [f"{row.parameter.rpartition('.')[2].replace('_', ' ')} {value_text(row)}" for row in rows]
+    names = [row.parameter.rpartition(".")[2].replace("_", " ").replace("youngs", "Young's") for row in rows]
+    return [f"{name} {value_text(row)}" for name, row in zip(names, rows, strict=True)]
+
+
+def _missed(row: FitRow) -> str:
+    """Names of the numbers that a fit misses."""
+    return "; ".join(name_of(*label.split(": ")) for label in row.missed.split("; ") if label)
 
 
 def sentences(tables: Tables) -> Iterator[str]:
@@ -60,7 +66,7 @@ def sentences(tables: Tables) -> Iterator[str]:
         goodness = (
             f"chi-square {row.chi_square:.3g} with {row.freedom} degrees of freedom, probability {row.probability:.2g}"
         )
-        missed = f"missed: {row.missed}" if row.missed else "no number is missed"
+        missed = f"missed: {_missed(row)}" if row.missed else "no number is missed"
         yield f"{row.law}: {', '.join(_texts(parameters[row.law, row.data]))}; {goodness}; {missed}"
 
 
@@ -146,7 +152,13 @@ def section(tables: Tables) -> Mapping[str, Any]:
     return {
         "conclusions": list(conclusions(tables)),
         "fits": [
-            {"row": row, "fits": _holds(row), "parameters": _texts(parameters[row.law, row.data])} for row in rows
+            {
+                "row": row,
+                "fits": _holds(row),
+                "parameters": _texts(parameters[row.law, row.data]),
+                "missed": _missed(row),
+            }
+            for row in rows
         ],
         "default": DEFAULT,
         "choices": calibration_file().choice,

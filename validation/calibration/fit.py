@@ -177,7 +177,7 @@ def _descents(problem: Problem, held: Held, known: dict[frozenset[tuple[int, flo
             np.array(place) for _, place in sorted((chi_square_at(problem, each), each.tolist()) for each in drawn)
         ]
         places += _apart(ranked, moving)
-    if len(moving) > 1 and (len(problem.searched) <= MAX_NESTED or not held):
+    if len(problem.searched) <= MAX_NESTED or not held:
         for index in moving:
             for value in _null_coordinates(problem.free[index]):
                 inside += [place for _, place in _descents(problem, (*held, (index, value)), known)[:1]]

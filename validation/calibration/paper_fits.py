@@ -65,26 +65,21 @@ def study(*, quick: bool = False) -> dict[str, list[Any]]:
     readings, laws = asked.readings(quick=quick), asked.law
     if quick:
         known = {law.name: law.found for law in laws}
-        done = _in_parallel(partial(_fit_laws, laws, known), readings, "readings")
+        done = _in_parallel(partial(_fit_laws, laws, known), readings, "reading")
     else:
-        first = _in_parallel(partial(_fit_thoroughly, readings[0]), laws, "laws")
+        first = _in_parallel(partial(_fit_thoroughly, readings[0]), laws, "law")
         known = {each[FITS][0].law: {row.parameter: row.value for row in each[PARAMETERS]} for each in first}
         drawn = [each for each in readings if reading_of(each) in DRAWN]
-        done = [*first, *_in_parallel(partial(_fit_laws, laws, known), readings[1:], "readings")]
-        done += _in_parallel(partial(_contours, known[CONTOUR_LAW]), drawn, "contours")
+        done = [*first, *_in_parallel(partial(_fit_laws, laws, known), readings[1:], "reading")]
+        done += _in_parallel(partial(_contours, known[CONTOUR_LAW]), drawn, "contour")
     return {name: [row for each in done for row in each.get(name, ())] for name in TABLES}
 
 
 def _in_parallel(work: Callable[[Any], Rows], items: Sequence[Any], what: str) -> list[Rows]:
     """Results of all items, in their order; the last are begun first, since larger laws take longer."""
-    numbered = list(enumerate(items))[::-1]
-    found = following(execute(partial(_numbered, work), numbered, Place(processes=True)), what, len(items), "item")
-    results = {item[0]: result for item, result in found}
-    return [results[place] for place in range(len(items))]
-
-
-def _numbered(work: Callable[[Any], Rows], item: tuple[int, Any]) -> Rows:
-    return work(item[1])
+    found = following(execute(work, items[::-1], Place(processes=True)), what, len(items), what)
+    results = {id(item): result for item, result in found}
+    return [results[id(item)] for item in items]
 
 
 def _fit_thoroughly(answers: Sequence[Answer], law: Law) -> Rows:

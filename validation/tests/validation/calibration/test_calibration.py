@@ -161,7 +161,7 @@ def test_the_short_study_gives_tables_sentences_figures_and_the_parameters_of_th
     for reading in ("default", "electronics: RC about 1 ms"):  # a larger law is never worse
         chi = [fits[law, reading].chi_square for law in ("elastic", "viscoelastic", "power")]
         assert max(chi) == chi[0]
-    assert any(line.startswith("elastic: youngs modulus 1.0") for line in sentences(tables))
+    assert any(line.startswith("elastic: Young's modulus 1.0") for line in sentences(tables))
     assert failed(tables) == []  # the figures are drawn with this fit
     section = read_section("calibration", tmp_path)
     assert len(section["fits"]) == 6
