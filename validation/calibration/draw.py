@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from drivers.base.units import quantity
 from postproc.draw.style import COLUMN_IN, GREY, pyplot
 from validation.calibration.outcome import DatumRow, FitRow, Parameter
 
@@ -26,29 +27,38 @@ def look_of(laws: Sequence[str]) -> dict[str, dict[str, Any]]:
 def draw_parameters(rows: Sequence[Parameter]) -> Any:
     """A panel for each parameter: value, 68 % (thick) and 95 % interval (thin) of each law."""
     shown = [row for row in rows if np.isfinite(row.error)]
-    names, look = (
-        list(dict.fromkeys(row.parameter for row in shown)) or ["none determined"],
-        look_of([r.law for r in rows]),
-    )
+    names, look = list(dict.fromkeys(row.parameter for row in shown)) or [""], look_of([row.law for row in rows])
     height = HEAD_IN + len(names) * (ROW_IN + 0.12 * len(look))
     figure, axes = pyplot().subplots(len(names), 1, figsize=(COLUMN_IN, height), squeeze=False, layout="constrained")
     for axis, name in zip(axes[:, 0], names, strict=True):
         own = [row for row in shown if row.parameter == name]
+        unit, scale = _unit_of(own)
         for place, row in enumerate(own):
             colour = look[row.law]["color"]
             for low, high, width in ((row.low_95pct, row.high_95pct, 0.9), (row.low_68pct, row.high_68pct, 2.6)):
-                ends = max(low, row.least), min(high, row.most)  # an open interval ends with the range
+                ends = max(low, row.least) * scale, min(high, row.most) * scale  # an open interval ends with the range
                 axis.plot(ends, [place, place], color=colour, lw=width, solid_capstyle="butt")
-            axis.plot(row.value, place, ls="none", ms=5, **look[row.law], label=row.law or None)
-        unit = f" ({own[0].unit})" if own and own[0].unit else ""
-        axis.set_title(f"{name.removeprefix('materials.')}{unit}", loc="left", fontsize=8)
+            axis.plot(row.value * scale, place, ls="none", ms=5, **look[row.law], label=row.law or None)
+        axis.set_title(
+            f"{name.removeprefix('materials.') or 'no parameter is determined'}{unit}", loc="left", fontsize=8
+        )
         axis.set(yticks=[], ylim=(len(own) - 0.4, -0.6))
+        axis.locator_params(axis="x", nbins=5)
         axis.ticklabel_format(axis="x", useOffset=False)
     handles, labels = axes[0, 0].get_legend_handles_labels()
     if len(labels) > 1:
         figure.legend(handles, labels, loc="outside upper left", ncols=len(labels), fontsize=7)
     figure.supxlabel("value, 68 % (thick) and 95 % interval", fontsize=8)
     return figure
+
+
+def _unit_of(rows: Sequence[Parameter]) -> tuple[str, float]:
+    """Unit of a parameter in brackets, and the factor from its SI unit."""
+    if not (rows and rows[0].unit and rows[0].value):
+        return "", 1.0
+    value = float(f"{rows[0].value:.3g}")
+    amount, unit = quantity(value, rows[0].unit).split(" ", 1)
+    return f" ({unit})", float(amount) / value
 
 
 def name_of(data_set: str, datum: str) -> str:
