@@ -61,6 +61,7 @@ class DataSet:
         own: Keys of free parameters of this data set alone.
         records: Measured traces.
         entries: ``[[measured]]`` tables by key, such as ``measured.0``.
+        duration: Duration of the scene's run; that of the tables is longer if a trigger has to be found.
     """
 
     name: str
@@ -71,6 +72,7 @@ class DataSet:
     own: tuple[str, ...] = ()
     records: tuple[Record, ...] = ()
     entries: Mapping[str, MeasuredEntry] = field(default_factory=dict)
+    duration: str = ""
 
     @property
     def lines(self) -> int:
@@ -220,9 +222,10 @@ def scene_data(source: str, settings: Sequence[str] = (), file: Path | None = No
     ]
     records = records_of(traces, scene.run.duration, scene.run.sample_interval)
     tables.pop("measured", None)
+    duration = tables["run"]["duration"]
     if any(record.trigger_s is None for record in records):
         apply_setting(tables, f"run.duration={LONGER * scene.run.duration!r} s")
-    return DataSet(name, source, tables, where, tuple(numbers), (), tuple(records), entries)
+    return DataSet(name, source, tables, where, tuple(numbers), (), tuple(records), entries, duration)
 
 
 def _case(scene: Scene) -> Case:

@@ -210,7 +210,7 @@ def predict(outcome: Outcome, names: Sequence[str]) -> list[DatumRow]:
     """
     found, problem, known = list[DatumRow](), outcome.fit.problem, dict[str, str]()
     for data in problem.sets:
-        shown = _with_gauges(data, names)
+        shown = _as_run(data, names)
         simulation = simulated(shown, motion_values(problem, data, outcome.fit.place))
         own = {without_unit(name): name for name in simulation.values} if simulation else {}
         every = [name for name in own if describe(name).of_wave]
@@ -226,15 +226,16 @@ def predict(outcome: Outcome, names: Sequence[str]) -> list[DatumRow]:
     return found
 
 
-def _with_gauges(data: DataSet, names: Sequence[str]) -> DataSet:
-    """Data set with a sensor at each named bead that has none; a sensor without a mass changes nothing."""
+def _as_run(data: DataSet, names: Sequence[str]) -> DataSet:
+    """Data set as the scene runs, with a sensor at each named bead; one without a mass changes nothing."""
     tables = deepcopy(data.tables)
+    tables["run"]["duration"] = data.duration or tables["run"]["duration"]
     sensors = tables["chain"].setdefault("sensors", [])
     asked = {int(found[1]) for name in names if (found := re.match(r"bead_(\d+)_", name))}
     new = asked - {sensor["from_wall"] for sensor in sensors}
     sensors.extend({"from_wall": bead} for bead in new)
     sensors.sort(key=lambda sensor: -sensor["from_wall"])
-    return replace(data, tables=tables) if new else data
+    return replace(data, tables=tables)
 
 
 def _observable(problem: Problem, data: DataSet, shown: DataSet, name: str, place: Array) -> float:
