@@ -60,11 +60,23 @@ def problems_of(request: FitRequest) -> dict[str, Problem]:
                 raise InputError(
                     "fit", "", f"data set {name} {times} times", "each data set once; scenes need different names"
                 )
-        free = (*request.free, *(calibration_file().law_named(law).free if law else ()))
+        free = _free_of(request, law)
         if not (free or request.own):
             raise InputError("fit", "--free", f"the law {law} has no free parameter: name one, --free KEY")
         problems[law] = pose(sets, free, request.own)
     return problems
+
+
+def _free_of(request: FitRequest, law: str) -> list[str]:
+    """Free parameters of a law; bounds of the request replace those of a parameter that a law has."""
+    asked = {text.partition("=")[0].strip(): text for text in request.free}
+    if len(asked) < len(request.free):
+        raise InputError("fit", "--free", ", ".join(request.free), "each parameter once")
+    of_laws = {name: calibration_file().law_named(name).free for name in request.laws}
+    own = of_laws.get(law, ())
+    others = {key for keys in of_laws.values() for key in keys} - {*own}
+    kept = [text for key, text in asked.items() if key not in others]
+    return [*kept, *(key for key in own if key not in asked)]
 
 
 def run_fit(request: FitRequest, runs: Path, results: Path) -> int:
@@ -172,6 +184,8 @@ def verdict(outcomes: Mapping[str, Outcome]) -> Iterator[str]:
     for row in rows:
         if not outcomes[row.law].explained:
             yield f"{row.law} does not explain the data"
+        for end in (each for each in row.remarks.split(". ") if "end of its range" in each):
+            yield f"{row.law}: {end}"
     near = [row.law for row in rows if (row.aic - best.aic) / unit < DECISIVE]
     if len(near) > 1:
         yield f"undecided: the data do not distinguish {', '.join(near)} (AIC within {DECISIVE:g})"

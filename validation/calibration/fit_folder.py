@@ -95,7 +95,8 @@ def write_folder(
             folder.rename(Path(temporary) / "former")
         draft.rename(folder)
     scenes = {law: [folder / path.name for path in own] for law, own in fitted.items()}
-    return folder, scenes, list(dict.fromkeys(remarks))
+    texts = dict.fromkeys(remark.replace(paths.shown(draft), paths.shown(folder)) for remark in remarks)
+    return folder, scenes, list(texts)
 
 
 def _scenes(request: FitRequest, law: str, outcome: Outcome, folder: Path) -> tuple[list[Path], list[str]]:
@@ -129,7 +130,10 @@ def _draw_traces(fitted: Path, name: str) -> list[str]:
     scene = read_scene(fitted)
     case = build_case(scene)
     trace = exact(case).trace
-    curves, found, remarks = lay_over(*entries_of(scene, None, fitted.name), case.layout, trace)
+    try:
+        curves, found, remarks = lay_over(*entries_of(scene, None, fitted.name), case.layout, trace)
+    except InputError as error:  # the fit needs no quiet readings, the figure does
+        return [f"no figure of the traces: {error}"]
     write_product(draw_overlay(case.layout, trace, REFERENCE, curves, found), name, fitted.parent)
     return remarks
 
