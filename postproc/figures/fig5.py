@@ -2,8 +2,8 @@
 
 Eleven PTFE beads of 4.76 mm, struck by an alumina cylinder of 0.47 g at 0.44 m/s. (a) Force on the wall with the
 dissipation of Fig. 4(a). Dotted: the envelope A exp(-0.0067 t), t in µs, that the paper draws through the maxima of
-its experiment, here through the first computed maximum. Grey: envelope through the three computed maxima, exp(-0.0064
-t). (b) The same without dissipation, at 1.46 GPa. Dotted: the paper's computed envelope, exp(-0.0059 t). The paper
+its experiment, here through the first computed maximum. Grey: envelope through the first three computed maxima,
+exp(-0.0064 t); through all four it is exp(-0.0056 t). (b) The same without dissipation, at 1.46 GPa. Dotted: the paper's computed envelope, exp(-0.0059 t). The paper
 does not state through which maxima it goes: the grey envelope goes through the first three, exp(-0.0060 t), the dashed
 envelope through all four of the train, exp(-0.0049 t); through the first two it is exp(-0.0065 t). The force after 900
 µs is that of the returning train. (c) Incident pulse: averages of the contact forces of the top bead and the second

@@ -70,7 +70,7 @@ def test_fig_4_lasts_until_the_reflected_wave_has_passed_the_upper_sensor(made: 
 @pytest.mark.long
 def test_dissipation_makes_the_reflected_wave_of_fig_4_smaller(made: dict[str, Product]) -> None:
     damped, elastic, stated = (_numbers(made["fig4"], *which) for which in (("a",), ("b",), ("a", "paper")))
-    assert damped["reflected_over_incident"] < 0.7 < 0.98 < elastic["reflected_over_incident"]
+    assert damped["reflected_over_incident"] < 0.75 < 0.98 < elastic["reflected_over_incident"]
     assert stated == {"leading_force_N": 2, "speed_m_s": 152, "duration_us": 164}
     for quantity in ("speed_m_s", "duration_us"):
         assert damped[quantity] == pytest.approx(stated[quantity], rel=0.1)
@@ -91,7 +91,7 @@ def test_the_speed_marked_in_fig_4_is_the_stated_one(made: dict[str, Product]) -
 def test_fig_5_has_the_differences_of_the_incident_pulse(made: dict[str, Product]) -> None:
     expected = {
         "top bead": (30.78, -0.01247, 403.6), "second bead": (53.0, -0.01738, 438.0),
-        "top bead, damped": (40.36, -0.01033, 672.5), "second bead, damped": (72.43, -0.01329, 637.2),
+        "top bead, damped": (39.54, -0.01052, 651.7), "second bead, damped": (70.06, -0.01376, 626.0),
     }  # fmt: skip
     for engine in ENGINES:
         for place, numbers in expected.items():
@@ -102,7 +102,7 @@ def test_fig_5_has_the_differences_of_the_incident_pulse(made: dict[str, Product
 
 @pytest.mark.long
 def test_fig_5_has_every_reading_of_the_envelope(made: dict[str, Product]) -> None:
-    for panel, rates in (("a", [-0.007036, -0.006379]), ("b", [-0.006544, -0.005974, -0.004901])):
+    for panel, rates in (("a", [-0.007009, -0.006355, -0.005566]), ("b", [-0.006544, -0.005974, -0.004901])):
         assert [*_numbers(made["fig5"], panel).values()] == pytest.approx(rates, abs=2e-6)
     drawn = made["fig5"].table.query("panel == 'b' and wall_N.notna() and engine != @CODES")
     assert {"envelope", "envelope_3_maxima", "envelope_4_maxima"} < set(drawn["quantity"])
@@ -116,7 +116,7 @@ def test_fig_5_has_every_reading_of_the_envelope(made: dict[str, Product]) -> No
 def test_dissipation_delays_the_splitting_of_fig_6(made: dict[str, Product]) -> None:
     for damped, elastic in (("a", "b"), ("c", "d")):
         with_, without = _numbers(made["fig6"], damped), _numbers(made["fig6"], elastic)
-        assert without["valley_over_second_maximum"] == 0 < 0.4 < with_["valley_over_second_maximum"]
+        assert without["valley_over_second_maximum"] == 0 < 0.25 < with_["valley_over_second_maximum"]
         assert with_["maximum_1_us"] > without["maximum_1_us"]
         assert with_["maximum_2_N"] < without["maximum_2_N"]
 

@@ -182,7 +182,6 @@ def test_a_search_from_the_scene_ends_at_the_stored_parameters() -> None:
     """The descents of the full study, without the parameters found before."""
     file = calibration_file()
     outcome = fit_law(file.law_named("viscoelastic"), file.readings()[0])
-    assert outcome.fit.reached > 1
     assert failed(tables_of({PARAMETERS: outcome.parameters})) == []
 
 
