@@ -1,17 +1,17 @@
 """Fig. 5: a train of solitary waves from a heavy striker.
 
 Eleven PTFE beads of 4.76 mm, struck by an alumina cylinder of 0.47 g at 0.44 m/s. (a) Force on the wall with the
-dissipation of Fig. 4(a). Dotted: the envelope A exp(-0.0067 t), t in µs, that the paper draws through the maxima of
-its experiment, here through the first computed maximum. Grey: envelope through the first three computed maxima,
-exp(-0.0064 t); through all four it is exp(-0.0056 t). (b) The same without dissipation, at 1.46 GPa. Dotted: the paper's computed envelope, exp(-0.0059 t). The paper
-does not state through which maxima it goes: the grey envelope goes through the first three, exp(-0.0060 t), the dashed
-envelope through all four of the train, exp(-0.0049 t); through the first two it is exp(-0.0065 t). The force after 900
-µs is that of the returning train. (c) Incident pulse: averages of the contact forces of the top bead and the second
-bead without dissipation, and of the top bead with dissipation. Dotted: the pulse described in the text, with a rise in
-50 µs, a decay of exp(-0.0185 t) and an end after 370 µs; it is drawn from the impact on, with a straight rise to the
-height of the elastic pulse. Computed, in this order: rise from 2 % of the peak 31, 53 and 40 µs, decay to half of the
-peak -0.0125, -0.0174 and -0.0105 per µs, end after 404, 438 and 652 µs. Strips: differences between codes and
-reference as in Fig. 4.
+dissipation of Fig. 4(a). Dotted: the envelope A exp(-0.0067 t), t in µs, that the paper draws through the maxima of its
+experiment, here through the first computed maximum. Grey: envelope through the first three computed maxima, exp(-0.0064
+t); through all four it is exp(-0.0056 t). (b) The same without dissipation, at 1.46 GPa. Dotted: the paper's computed
+envelope, exp(-0.0059 t). The paper does not state through which maxima it goes: the grey envelope goes through the
+first three, exp(-0.0060 t), the dashed envelope through all four of the train, exp(-0.0049 t); through the first two it
+is exp(-0.0065 t). The force after 900 µs is that of the returning train. (c) Incident pulse: averages of the contact
+forces of the top bead and the second bead without dissipation, and of the top bead with dissipation. Dotted: the pulse
+described in the text, with a rise in 50 µs, a decay of exp(-0.0185 t) and an end after 370 µs; it is drawn from the
+impact on, with a straight rise to the height of the elastic pulse. Computed, in this order: rise from 2 % of the peak
+31, 53 and 40 µs, decay to half of the peak -0.0125, -0.0174 and -0.0105 per µs, end after 404, 438 and 652 µs. Strips:
+differences between codes and reference as in Fig. 4.
 """
 
 from collections.abc import Mapping

@@ -64,7 +64,7 @@ class FitRequest:
 def write_folder(
     request: FitRequest, outcomes: Mapping[str, Outcome], predictions: Sequence[DatumRow], results: Path
 ) -> tuple[Path, dict[str, list[Path]], list[str]]:
-    """Writes the folder, whole or not at all.
+    """Writes the folder when all its files are made; files of an earlier fit are replaced, others stay.
 
     Returns:
         The folder, the fitted scenes by law, and remarks on the traces.
@@ -73,6 +73,7 @@ def write_folder(
         InputError: There is another folder of this name.
     """
     first = Path((*request.scenes, *request.quoted)[0]).stem
+    results = results.resolve()  # the current folder may be that of the fit
     folder = results / f"fit-{first}".replace(" ", "-")
     if folder.exists() and not (folder / f"{PARAMETERS}.csv").is_file():
         raise InputError(paths.shown(folder), "", "not a folder of a fit", "another --results, or move it away")
@@ -91,9 +92,12 @@ def write_folder(
             fitted[law], said = _scenes(request, law, outcome, draft)
             remarks += said
         (draft / README).write_text(_readme(request, folder.name, fitted), encoding="utf-8")
-        if folder.exists():
-            folder.rename(Path(temporary) / "former")
-        draft.rename(folder)
+        for former in (*folder.glob("fit-*.toml"), *folder.glob("traces-*")):
+            former.unlink()
+        for path in (path for path in sorted(draft.rglob("*")) if path.is_file()):
+            target = folder / path.relative_to(draft)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            path.replace(target)
     scenes = {law: [folder / path.name for path in own] for law, own in fitted.items()}
     texts = dict.fromkeys(remark.replace(paths.shown(draft), paths.shown(folder)) for remark in remarks)
     return folder, scenes, list(texts)
@@ -106,23 +110,34 @@ def _scenes(request: FitRequest, law: str, outcome: Outcome, folder: Path) -> tu
     for source in dict.fromkeys(request.scenes or [data.source for data in sets]):
         path = find_scene(source)
         data = next((each for each in sets if each.name == path.stem), None)
+        copies = _copied(data, folder) if data else {}
         if data and data.entries:
-            copied = {each.file: each.file.name for each in (record.measured for record in data.records)}
-            for original, name in copied.items():
-                shutil.copyfile(original, folder / name)
-            _write_scene(folder / path.name, path, request.settings, [], _entries(data, None))
+            _write_scene(folder / path.name, path, request.settings, [], _entries(data, copies, None))
         fitted = folder / f"fit-{path.stem}{ending}.toml"
         _write_scene(
             fitted,
             path,
             request.settings_of(law),
             _values(outcome, path.stem),
-            _entries(data, outcome) if data else None,
+            _entries(data, copies, outcome) if data else None,
         )
         written.append(fitted)
         if data and data.records:
             remarks += _draw_traces(fitted, f"traces-{path.stem}{ending}")
     return written, remarks
+
+
+def _copied(data: DataSet, folder: Path) -> dict[Path, str]:
+    """Copies the measured files of a data set; their new paths, relative to the folder, by file."""
+    found = dict[Path, str]()
+    for file in dict.fromkeys(record.measured.file for record in data.records):
+        target = folder / DATA / file.name
+        while target.exists():  # a file of the same name from another folder
+            target = target.with_stem(f"{target.stem}-other")
+        target.parent.mkdir(exist_ok=True)
+        shutil.copyfile(file, target)
+        found[file] = str(target.relative_to(folder))
+    return found
 
 
 def _draw_traces(fitted: Path, name: str) -> list[str]:
@@ -168,8 +183,8 @@ def _write_scene(
     path.write_text(tomlkit.dumps(document), encoding="utf-8")
 
 
-def _entries(data: DataSet, outcome: Outcome | None) -> Any | None:
-    """``[[measured]]`` tables of a data set, with files in the same folder, and with fitted gains and triggers."""
+def _entries(data: DataSet, copies: Mapping[Path, str], outcome: Outcome | None) -> Any | None:
+    """``[[measured]]`` tables of a data set, with copied files, and with fitted gains and triggers."""
     import tomlkit
 
     if not data.entries:
@@ -182,7 +197,7 @@ def _entries(data: DataSet, outcome: Outcome | None) -> Any | None:
         values = entry.model_dump(exclude_none=True, exclude_unset=True)
         record = records.get(key)
         if record:
-            values["file"] = record.measured.file.name
+            values["file"] = copies[record.measured.file]
             trigger_s = fitted.get(f"{record.trigger_key}.{TRIGGER}", record.trigger_s)
             if trigger_s is not None:
                 values[TRIGGER] = quantity(float(f"{trigger_s:.9g}"), "s")
@@ -207,7 +222,7 @@ def _readme(request: FitRequest, name: str, fitted: Mapping[str, Sequence[Path]]
         ("--set", request.settings if request.quoted else ()),
     ):
         command += [word for each in given for word in (option, each)]
-    again = shlex.join([*command, *(["--quick"] * request.quick)])
+    again = shlex.join([*command, *(["--quick"] * request.quick), "--results", "again"])
     scenes = [path.name for own in fitted.values() for path in own]
     return "\n".join([
         f"# {name}: parameters fitted to measured data", "",

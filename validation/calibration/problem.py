@@ -114,6 +114,8 @@ def pose(
     for label in labels:
         if labels.count(label) > 1:
             raise InputError(sets[0].where, f"--free {label}", "twice", "each parameter once")
+    for each in sets:
+        _refuse_ends(each, [free for free in parameters if free.own in ("", each.name) and free.of_motion])
     data, first = list[Datum](), 0
 
     def add(data_set: str, name: str, rows: int, number: MeasuredNumber | None = None) -> None:
@@ -136,6 +138,15 @@ def pose(
         if parameter.prior:
             add(parameter.own, parameter.key, 1)
     return Problem(tuple(sets), tuple(parameters), tuple(data), fixed)
+
+
+def _refuse_ends(data: DataSet, free: Sequence[Free]) -> None:
+    """Refuses bounds that are no values of a scene, such as a restitution of 2."""
+    for each in free:
+        for value in (each.low, each.high):
+            tables = deepcopy(data.tables)
+            set_value(tables, each.key, text_of(each.key, value), data.where)
+            make_scene(tables, library(), data.name, f"--free {each.key}")
 
 
 def own_values(problem: Problem, data: DataSet, place: Array) -> dict[str, float]:

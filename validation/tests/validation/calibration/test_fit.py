@@ -229,6 +229,7 @@ def test_values_have_the_digits_of_their_errors() -> None:
         (f"{MODULUS}=1 GPa", "1 GPa"),
         (f"{MODULUS}=2 GPa..1 GPa", "2e+09..1e+09"),
         (f"{MODULUS}=1 N..2 N", "1 N"),
+        (f"{RESTITUTION}=0.5..2", "contact.restitution: found 2"),
         ("measured.0.gain", "unknown gauge parameter"),
         ("contact.alpha", 'contact.dissipation = "viscoelastic"'),
     ],

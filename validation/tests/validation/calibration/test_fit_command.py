@@ -33,7 +33,7 @@ def test_a_folder_works_wherever_it_is_copied_to(tmp_path: Path) -> None:
     shutil.copytree(tmp_path / "first" / "fit-example-measured", sent)
     shutil.rmtree(tmp_path / "first")
     fitted = read_scene(sent / "fit-example-measured.toml")
-    assert {entry.file for entry in fitted.measured if entry.file} == {"example-measured.csv"}
+    assert {entry.file for entry in fitted.measured if entry.file} == {"data/example-measured.csv"}
     assert {entry.trigger for entry in fitted.measured if entry.file} == {40e-6}
     assert fitted.contact.friction == 0.1
     assert fitted.materials["ptfe"].youngs_modulus == pytest.approx(1.35e9, rel=5e-3)
@@ -87,3 +87,19 @@ def test_laws_are_compared_on_the_same_data(tmp_path: Path) -> None:
     table = pd.read_csv(tmp_path / "fit-fig4" / "laws.csv")
     assert table["law"].tolist() == ["elastic", "viscoelastic"]
     assert table["freedom"][0] == table["freedom"][1] + 1
+
+
+def test_a_second_fit_replaces_the_files_of_the_first_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also from inside the folder, with a data file that is named like a table."""
+    trace, folder = made_up(tmp_path / "data.csv", noise=0.01), tmp_path / "results" / "fit-fig4"
+    fit = ("fit", "fig4", "--measured", trace, "--free", MODULUS, "--quick")
+    laws = ("--law", "elastic", "--law", "viscoelastic")
+    assert beads(*fit, *laws, "--results", tmp_path / "results").returncode == 0
+    assert (folder / "data" / "data.csv").read_bytes() == trace.read_bytes()
+    (folder / "notes.txt").touch()
+    monkeypatch.chdir(folder)
+    done = beads("fit", "fig4.toml", "--free", MODULUS, "--quick", "--results", "..")
+    assert done.returncode == 0, done.stderr
+    assert [path.name for path in folder.glob("fit-*.toml")] == ["fit-fig4.toml"]
+    assert (folder / "notes.txt").is_file()
+    assert (folder / "data" / "data.csv").read_bytes() == trace.read_bytes()
