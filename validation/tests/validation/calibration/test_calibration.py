@@ -150,6 +150,7 @@ def test_conclusions_are_what_all_fits_that_hold_have_in_common() -> None:
     assert none == "no law fits in any of 1 readings of the paper"
 
 
+@pytest.mark.long
 def test_the_short_study_gives_tables_sentences_figures_and_the_parameters_of_the_figures(tmp_path: Path) -> None:
     found = study(quick=True)
     tables = write_chapter(CHAPTER, found, tmp_path)
