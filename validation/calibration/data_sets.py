@@ -199,8 +199,16 @@ def scene_tables(source: str, settings: Sequence[str]) -> tuple[str, dict[str, A
     return path.stem, tables, paths.shown(path)
 
 
-def scene_data(source: str, settings: Sequence[str] = (), file: Path | None = None) -> DataSet:
+def scene_data(
+    source: str, settings: Sequence[str] = (), file: Path | None = None, *, free_trigger: bool = False
+) -> DataSet:
     """Data set of a scene from its ``[[measured]]`` entries, or from one file, which needs no entry.
+
+    Args:
+        source: Name of the scene or path of its file.
+        settings: Settings applied to the scene.
+        file: Measured file that replaces those of the scene.
+        free_trigger: True if a stated trigger is free.
 
     Raises:
         InputError: There is no measured data, or the scene or its data have errors.
@@ -223,7 +231,7 @@ def scene_data(source: str, settings: Sequence[str] = (), file: Path | None = No
     records = records_of(traces, scene.run.duration, scene.run.sample_interval)
     tables.pop("measured", None)
     duration = tables["run"]["duration"]
-    if any(record.trigger_s is None for record in records):
+    if free_trigger or any(record.trigger_s is None for record in records):
         apply_setting(tables, f"run.duration={LONGER * scene.run.duration!r} s")
     return DataSet(name, source, tables, where, tuple(numbers), (), tuple(records), entries, duration)
 
@@ -266,7 +274,8 @@ def gauge_parameters(data: DataSet, asked: Sequence[str]) -> list[Free]:
         gain, share = record.measured.gain if record else 1.0, entry.gain_uncertainty
         if name in options or share:
             free = stated(options.get(name, name), "", data.where, gain, around(gain), data.name)
-            found.append(replace(free, prior=free.prior or share * abs(gain)))
+            unit = f"N/{record.measured.unit}" if record and record.measured.unit != "N" else ""
+            found.append(replace(free, prior=free.prior or share * abs(gain), unit=unit))
         name = f"{key}.{TRIGGER}"
         if name in known and record and (name in options or record.trigger_s is None):
             text, middle_s = options.get(name, name), sum(record.window_s) / 2

@@ -358,7 +358,7 @@ def interval(fit: Fit, index: int, rise: float, points: list[Point] | None = Non
     free = fit.problem.free[index]
     if points is None:
         value, reach = free.value(float(fit.place[index])), sqrt(rise) * float(fit.errors[index])
-        return value - reach, value + reach
+        return max(value - reach, free.low), min(value + reach, free.high)
     coordinate, chi_square = (np.array(column) for column in list(zip(*points, strict=True))[:2])
     best, ends = int(np.argmin(chi_square)), []
     for side, none in ((slice(best, None, -1), -inf), (slice(best, None), inf)):

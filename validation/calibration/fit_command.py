@@ -22,8 +22,8 @@ from postproc.read.observables import describe, without_unit
 from validation.calibration.calibration_file import calibration_file
 from validation.calibration.data_sets import DataSet, paper_data, scene_data
 from validation.calibration.fit import RISES
-from validation.calibration.fit_folder import FitRequest, write_folder
-from validation.calibration.free import did_you_mean
+from validation.calibration.fit_folder import FitRequest, folder_of, write_folder
+from validation.calibration.free import TRIGGER, did_you_mean
 from validation.calibration.outcome import DatumRow, Outcome, interval_text, rounded, solve, value_text, with_error
 from validation.calibration.problem import Problem, motion_values, pose, simulated
 from validation.compare.compare_command import compare_scenes
@@ -54,7 +54,8 @@ def problems_of(request: FitRequest) -> dict[str, Problem]:
         if request.quoted:
             sets = paper_data(request.quoted, settings)
         else:
-            sets = [scene_data(scene, settings, request.measured) for scene in request.scenes]
+            freed = any(text.partition("=")[0].strip().endswith(f".{TRIGGER}") for text in request.free)
+            sets = [scene_data(each, settings, request.measured, free_trigger=freed) for each in request.scenes]
         for name, times in Counter(data.name for data in sets).items():
             if times > 1:
                 raise InputError(
@@ -89,6 +90,8 @@ def run_fit(request: FitRequest, runs: Path, results: Path) -> int:
     problem = next(iter(problems.values()))
     data, number = ", ".join(each.name for each in problem.sets), len(problem.free)
     size = f"{problem.rows} readings" if any(each.records for each in problem.sets) else f"{len(problem.data)} numbers"
+    folder_of(request, results)
+    refuse_unknown(problem, request.predict)
     with counted(f"fit of {number} parameter{'s' * (number != 1)} to {size}", unit="fit") as count:
         for law, each in problems.items():  # each fit also starts from the earlier ones: a larger model is never worse
             seeds = [outcome.fit.values for outcome in outcomes.values()]
@@ -218,11 +221,8 @@ def predict(outcome: Outcome, names: Sequence[str]) -> list[DatumRow]:
     Args:
         outcome: The fit.
         names: Observables, with or without their units, in addition to all observables of waves.
-
-    Raises:
-        InputError: No scene shows an observable.
     """
-    found, problem, known = list[DatumRow](), outcome.fit.problem, dict[str, str]()
+    found, problem = list[DatumRow](), outcome.fit.problem
     for data in problem.sets:
         shown = _as_run(data, names)
         simulation = simulated(shown, motion_values(problem, data, outcome.fit.place))
@@ -232,12 +232,23 @@ def predict(outcome: Outcome, names: Sequence[str]) -> list[DatumRow]:
             value, error = outcome.fit.number(partial(_observable, problem, data, shown, name))
             row = outcome.row
             found.append(DatumRow(row.law, row.data, data.name, name, describe(name).unit, nan, nan, value, error, nan))
-        known |= own
+    return found
+
+
+def refuse_unknown(problem: Problem, names: Sequence[str]) -> None:
+    """Refuses names that are no observable of any scene.
+
+    Raises:
+        InputError: A name is unknown.
+    """
+    known = set[str]()
+    for data in problem.sets if names else ():
+        simulation = simulated(_as_run(data, names), motion_values(problem, data, problem.start))
+        known |= {without_unit(name) for name in simulation.values} if simulation else set()
     for name in names:
         if without_unit(name) not in known:
-            hint = did_you_mean(without_unit(name), known) or f"allowed: {', '.join(known)}"
+            hint = did_you_mean(without_unit(name), known) or f"allowed: {', '.join(sorted(known))}"
             raise InputError(problem.sets[0].where, f"--predict {name}", f"unknown observable; {hint}")
-    return found
 
 
 def _as_run(data: DataSet, names: Sequence[str]) -> DataSet:

@@ -61,6 +61,19 @@ class FitRequest:
         return (*(calibration_file().law_named(law).set if law else ()), *self.settings)
 
 
+def folder_of(request: FitRequest, results: Path) -> Path:
+    """Folder of a fit.
+
+    Raises:
+        InputError: There is another folder of this name.
+    """
+    first = Path((*request.scenes, *request.quoted)[0]).stem
+    folder = results.resolve() / f"fit-{first}".replace(" ", "-")  # the current folder may be that of the fit
+    if folder.exists() and not (folder / f"{PARAMETERS}.csv").is_file():
+        raise InputError(paths.shown(folder), "", "not a folder of a fit", "another --results, or move it away")
+    return folder
+
+
 def write_folder(
     request: FitRequest, outcomes: Mapping[str, Outcome], predictions: Sequence[DatumRow], results: Path
 ) -> tuple[Path, dict[str, list[Path]], list[str]]:
@@ -68,15 +81,9 @@ def write_folder(
 
     Returns:
         The folder, the fitted scenes by law, and remarks on the traces.
-
-    Raises:
-        InputError: There is another folder of this name.
     """
-    first = Path((*request.scenes, *request.quoted)[0]).stem
-    results = results.resolve()  # the current folder may be that of the fit
-    folder = results / f"fit-{first}".replace(" ", "-")
-    if folder.exists() and not (folder / f"{PARAMETERS}.csv").is_file():
-        raise InputError(paths.shown(folder), "", "not a folder of a fit", "another --results, or move it away")
+    folder = folder_of(request, results)
+    results = folder.parent
     results.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=results, prefix=".fit-") as temporary:
         draft = Path(temporary) / folder.name
@@ -191,7 +198,8 @@ def _entries(data: DataSet, copies: Mapping[Path, str], outcome: Outcome | None)
         return None
     records = {record.key: record for record in data.records}
     label = f"{data.name}: "
-    fitted = {row.parameter.removeprefix(label): row.value for row in (outcome.parameters if outcome else ())}
+    rows = {row.parameter.removeprefix(label): row for row in (outcome.parameters if outcome else ())}
+    fitted = {name: row.value for name, row in rows.items()}
     found = tomlkit.aot()
     for key, entry in data.entries.items():
         values = entry.model_dump(exclude_none=True, exclude_unset=True)
@@ -202,6 +210,8 @@ def _entries(data: DataSet, copies: Mapping[Path, str], outcome: Outcome | None)
             if trigger_s is not None:
                 values[TRIGGER] = quantity(float(f"{trigger_s:.9g}"), "s")
             if f"{key}.{GAIN}" in fitted:
+                error = abs(rows[f"{key}.{GAIN}"].error / fitted[f"{key}.{GAIN}"])
+                values["gain_uncertainty"] = float(f"{error:.2g}") if error < 1 else entry.gain_uncertainty
                 values[GAIN] = f"{fitted[f'{key}.{GAIN}']:.6g} N/{record.measured.unit}"
                 if record.measured.unit == "N":
                     values[GAIN] = float(f"{fitted[f'{key}.{GAIN}']:.6g}")

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from difflib import get_close_matches
-from math import exp, log
+from math import exp, inf, log
 from typing import Any
 
 from drivers.base import paths, units
@@ -126,8 +126,13 @@ def stated(
         return Free(key, unit, sum(usual) / 2 if start is None else min(max(start, low), high), low, high, own)
     if prior := PRIOR.fullmatch(rest):
         value, error = _known_value(prior, unit, where, key)
+        if unit and not re.search("[A-Za-z]", rest) and start and not 0.1 <= value / start <= 10:
+            raise InputError(
+                where, name, f"{rest}, that is {value:g} {unit}", f"a value near {start:g} {unit}, or a unit"
+            )
         low = value - REACH * error if not 0 < value <= REACH * error else value / (2 * FACTOR)
-        return Free(key, unit, value, low, value + REACH * error, own, error)
+        high, ends = value + REACH * error, usual if usual and usual[0] <= value <= usual[1] else (low, inf)
+        return Free(key, unit, value, max(low, ends[0]), min(high, ends[1]), own, error)
     first, dots, last = (part.strip() for part in rest.partition(".."))
     if not dots:
         allowed = "bounds such as 0.5 GPa..2 GPa, or a value with its error such as 1 GPa±5%"

@@ -110,10 +110,10 @@ def pose(
         parameters += gauge_parameters(each, gauges)
     of_readings, fixed = nuisances(sets, answers)
     parameters += of_readings
-    labels = [parameter.label for parameter in parameters]
-    for label in labels:
-        if labels.count(label) > 1:
-            raise InputError(sets[0].where, f"--free {label}", "twice", "each parameter once")
+    names = [(parameter.key, parameter.own) for parameter in parameters]
+    for key, own_set in names:
+        if names.count((key, own_set)) > 1 or (own_set and (key, "") in names):
+            raise InputError(sets[0].where, f"--free {key}", "twice", "each parameter once")
     for each in sets:
         _refuse_ends(each, [free for free in parameters if free.own in ("", each.name) and free.of_motion])
     data, first = list[Datum](), 0
@@ -254,19 +254,20 @@ def scanned(problem: Problem, place: Array) -> Array:
         for index, free in enumerate(problem.free):
             if free.own == data.name and free.of_motion:
                 heights = []
-                for x in np.linspace(0.0, 1.0, SCANNED):
+                for x in (place[index], *np.linspace(0.0, 1.0, SCANNED)):
                     moved[index] = x
-                    motion = motion_values(problem, data, moved)
-                    off = _of_set(data, motion, tuple(own_values(problem, data, moved).items()))
+                    here = with_triggers(problem, moved, [data])
+                    motion = motion_values(problem, data, here)
+                    off = _of_set(data, motion, tuple(own_values(problem, data, here).items()))
                     heights.append((float(np.sum(np.nan_to_num(off, nan=MISSING_RESIDUAL) ** 2)), float(x)))
                 moved[index] = min(heights)[1]
     return moved
 
 
-def with_triggers(problem: Problem, place: Array) -> Array:
-    """``place`` with the triggers at which the motion fits the traces best."""
+def with_triggers(problem: Problem, place: Array, sets: Sequence[DataSet] | None = None) -> Array:
+    """``place`` with the triggers of all or of some data sets at which the motion fits the traces best."""
     moved = place.copy()
-    for data in problem.sets:
+    for data in problem.sets if sets is None else sets:
         found = curves(data, motion_values(problem, data, place)) if data.records else {}
         values = own_values(problem, data, place)
         for index, free in enumerate(problem.free):

@@ -203,6 +203,9 @@ def records_of(traces: Mapping[str, MeasuredTrace], duration_s: float, step_s: f
             )
         rise_s = min(_first_rise_s(trace, gauge) for trace in own.values() for gauge in trace.reading)
         trigger_s = given[0] if given else None
+        if trigger_s is not None and trigger_s >= own[keys[0]].time_s[-1]:
+            found_s = f"{trigger_s:g} s, after the last reading at {own[keys[0]].time_s[-1]:g} s"
+            raise InputError(shown, "trigger", found_s, "a time before the pulses")
         end_s = (rise_s if trigger_s is None else trigger_s) + duration_s
         for key, trace in own.items():
             noise = {gauge: trace.noise or noise_of(trace.time_s, reading) for gauge, reading in trace.reading.items()}

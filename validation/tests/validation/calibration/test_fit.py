@@ -184,6 +184,7 @@ def test_prior_knowledge_keeps_a_parameter_near_its_value() -> None:
         ("chain.diameter=9.525±0.005 mm", 9.525e-3, 5e-6),
         ("chain.diameter=9.525 mm +- 5 um", 9.525e-3, 5e-6),
         (f"{RESTITUTION}=0.9+/-0.02", 0.9, 0.02),
+        (f"{RESTITUTION}=0.97±0.01", 0.97, 0.01),
     ],
 )
 def test_prior_knowledge_is_a_value_with_an_error(text: str, value: float, error: float) -> None:
@@ -226,6 +227,7 @@ def test_values_have_the_digits_of_their_errors() -> None:
         ("contact.bounce", "unknown key"),
         ("contact.restitutoin", "did you mean contact.restitution?"),
         (f"{MODULUS}=1 GPa±0%", "an error above 0"),
+        (f"{MODULUS}=70±5", "or a unit"),
         (f"{MODULUS}=1 GPa", "1 GPa"),
         (f"{MODULUS}=2 GPa..1 GPa", "2e+09..1e+09"),
         (f"{MODULUS}=1 N..2 N", "1 N"),

@@ -117,3 +117,23 @@ def test_a_long_record_counts_until_the_end_of_the_run(tmp_path: Path) -> None:
     )
     assert given.records[0].rows == 541
     assert found.records[0].rows > 541
+
+
+def test_a_parameter_of_one_data_set_is_found_with_its_trigger(tmp_path: Path) -> None:
+    """With one scene, a parameter of its own is the same model as a shared one."""
+    trace, keys = made_up(tmp_path / "trace.csv"), (RESTITUTION,)
+    shared = fit(pose([scene_data("fig4", ("striker.speed=1 m/s",), trace)], ("striker.speed", *keys)))
+    own = fit(pose([scene_data("fig4", ("striker.speed=1 m/s",), trace)], keys, ("striker.speed",)))
+    assert own.chi_square == pytest.approx(shared.chi_square, rel=1e-4)
+
+
+def test_a_stated_trigger_may_be_free(tmp_path: Path) -> None:
+    """Stated 10 us late; the run ends with the record, so its motion is computed for longer."""
+    setting = f"measured=[{{ file = '{made_up(tmp_path / 'trace.csv')}', trigger = '50 us' }}]"
+    outcome = solve(
+        pose([scene_data("fig4", (setting,), free_trigger=True)], (MODULUS, RESTITUTION, "measured.trigger")),
+        quick=True,
+    )
+    for key, true in (TRUE | {"trigger": 40e-6}).items():
+        row = parameter(outcome, key)
+        assert abs(row.value - true) < 3 * row.error, key
