@@ -26,6 +26,7 @@ CODE = "lammps"
 def test_a_served_run_equals_one_in_its_own_process(engine: str, scene_file: SceneWriter, tmp_path: Path) -> None:
     need(engine)
     cases = [case_of(scene_file(), f"striker.speed={speed} m/s") for speed in (1, 2, 3)]
+    end_all()  # an idle session keeps the memory of the cases of other tests
     served = run_many([(case, engine) for case in cases], tmp_path / "served")
     for case, one in zip(cases, served, strict=True):
         alone = run_case(case, engine, tmp_path / "alone")
