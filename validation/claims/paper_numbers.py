@@ -77,9 +77,8 @@ def _of_materials() -> dict[str, float]:
     """Statements on moduli, masses, and the contact at 5 N."""
     p, paper, density = ptfe_beads(), quoted(), _density("ptfe")
     small = theory.particles_of(case_of("fig6b"))
-    (radius_m, peak_Pa), (small_radius_m, small_peak_Pa) = (
-        theory.hertz_contact(each, CONTACT_N) for each in (p, small)
-    )
+    radius_m, peak_Pa = theory.hertz_contact(p, CONTACT_N)
+    small_radius_m, small_peak_Pa = theory.hertz_contact(small, CONTACT_N)
     bulk_speeds = paper.ptfe_hugoniot_m_s, paper.ptfe_ultrasound_m_s
     stiff, soft = (theory.bulk_modulus_to_youngs(speed, p.poisson_ratio, density) for speed in bulk_speeds)
     strain = peak_Pa / p.youngs_modulus_Pa
@@ -104,7 +103,7 @@ def _of_materials() -> dict[str, float]:
         "contact-depth": radius_m * MICRO,
         "contact-strain-rate": strain / (paper.table1.measured_duration_us[0] / MICRO),
         "contact-radius": small_radius_m / radius_m,
-        "contact-by-size": small_Pa / peak_Pa,
+        "contact-by-size": small_peak_Pa / peak_Pa,
     }
 
 
