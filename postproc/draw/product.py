@@ -102,7 +102,7 @@ def draw_spacetime(chains: Mapping[str, Trace], width_in: float = COLUMN_IN) -> 
         axis.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=5, min_n_ticks=1))
         axis.set_title(title, loc="left")
         bar = figure.colorbar(image, ax=axis, pad=0.02, aspect=16, ticks=MaxNLocator(nbins=5))
-        finish_bar(bar, "force (N); grey: none")
+        finish_bar(bar, "force (N), square-root scale;\ngrey: none")
         table = pd.DataFrame(force_N.T, columns=[f"contact_{number:.0f}_N" for number in contact])
         table.insert(0, "time_s", time_s)
         table.insert(0, "chain", title)

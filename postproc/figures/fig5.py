@@ -1,17 +1,11 @@
 """Fig. 5: a train of solitary waves from a heavy striker.
 
-Eleven PTFE beads of 4.76 mm, struck by an alumina cylinder of 0.47 g at 0.44 m/s. (a) Force on the wall with the
-dissipation of Fig. 4(a). Dotted: the envelope A exp(-0.0067 t), t in µs, that the paper draws through the maxima of its
-experiment, here through the first computed maximum. Grey: envelope through the first three computed maxima, exp(-0.0064
-t); through all four it is exp(-0.0056 t). (b) The same without dissipation, at 1.46 GPa. Dotted: the paper's computed
-envelope, exp(-0.0059 t). The paper does not state through which maxima it goes: the grey envelope goes through the
-first three, exp(-0.0060 t), the dashed envelope through all four of the train, exp(-0.0049 t); through the first two it
-is exp(-0.0065 t). The force after 900 µs is that of the returning train. (c) Incident pulse: averages of the contact
-forces of the top bead and the second bead without dissipation, and of the top bead with dissipation. Dotted: the pulse
-described in the text, with a rise in 50 µs, a decay of exp(-0.0185 t) and an end after 370 µs; it is drawn from the
-impact on, with a straight rise to the height of the elastic pulse. Computed, in this order: rise from 2 % of the peak
-31, 53 and 40 µs, decay to half of the peak -0.0125, -0.0174 and -0.0105 per µs, end after 404, 438 and 652 µs. Strips:
-differences between codes and reference as in Fig. 4.
+Four times a bead's mass makes a train of four waves. The elastic envelope through its first three maxima decays at
+-0.0060 per µs, as printed (-0.0059).
+
+Eleven beads, alumina cylinder of 0.47 g at 0.44 m/s. (a) Wall, with the dissipation of Fig. 4(a): -0.0064 per µs;
+measured -0.0067. (b) Elastic, 1.46 GPa; after 900 µs the returning train. (c) Mean of the contact forces of the top two
+beads. Quoted: rise 50 µs, decay -0.0185 per µs, end at 370 µs. Computed, top bead: 31, -0.0125, 404.
 """
 
 from collections.abc import Mapping
@@ -25,8 +19,8 @@ import pandas as pd
 from drivers.base.errors import InputError
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
-from postproc.draw.stack import STRIP, ForcePanel, draw_curve, draw_panel, name_codes
-from postproc.draw.style import AVERAGE, DAMPED, MICRO, PAGE_IN, QUOTED, letter_panel, pyplot
+from postproc.draw.stack import ForcePanel, draw_curve, draw_row, name_codes
+from postproc.draw.style import AVERAGE, DAMPED, GREY, MICRO, PAGE_IN, QUOTED, letter_panel, pyplot
 from postproc.paper.calibrated import calibrated
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import Simulation, case_of, simulate
@@ -44,15 +38,15 @@ from postproc.read.signals import (
 
 WALL = "wall"
 PANELS = (
-    ForcePanel("a", "with dissipation", DAMPED | {"ls": "-"}, 1.0, gauges=(WALL,)),
-    ForcePanel("b", "elastic", AVERAGE, 1.0, gauges=(WALL,)),
+    ForcePanel("a", "with dissipation: fit", DAMPED | {"ls": "-"}),
+    ForcePanel("b", "elastic", AVERAGE),
 )
+STEP_N = 1.0
 PLACES = ("top bead", "second bead")  # of the incident pulse
 DAMPED_SUFFIX = ", damped"  # to a place in the chain with dissipation
 SECOND_BEAD = AVERAGE | {"color": "#0072b2", "ls": (0, (6, 1.5, 1, 1.5))}
-FITTED = {"color": "#777777", "lw": 0.8}
-# numbers of maxima in the envelopes, for different readings of the paper's sentence, and styles of the drawn ones
-MAXIMA: dict[int, dict[str, Any]] = {2: {}, 3: FITTED, 4: FITTED | {"ls": (0, (5, 2))}}
+MAXIMA = (2, ENVELOPE_MAXIMA, 4)  # of envelopes: the paper does not state through which maxima its own go
+ENVELOPE: dict[str, Any] = {"color": GREY, "lw": 0.9, "ls": (0, (5, 2))}
 EXTENSION_S = 1e-4  # of envelopes after the last maximum
 ENTRANCE_S = 4.2e-4
 POINTS = 60  # per curve
@@ -68,20 +62,18 @@ def make(runs: Path) -> Product:
     shapes = [{engine: _shape(one) for engine, one in own.items()} for own in found]
     paper = quoted()
     figure = pyplot().figure(figsize=(PAGE_IN, 3.0), layout="constrained")
-    grid, tables, chains, walls = figure.add_gridspec(1, 3, width_ratios=[1.15, 1.15, 1]), [], {}, []
+    grid = figure.add_gridspec(1, 3, width_ratios=[1.15, 1.15, 1])
+    axes, tables = draw_row(figure, [grid[0], grid[1]], PANELS, found, STEP_N, gauges=(WALL,))
     rates = paper.fig5_measured_envelope_per_us, paper.fig5_computed_envelope_per_us
     for place, (panel, rate) in enumerate(zip(PANELS, rates, strict=True)):
-        axes, drawn = draw_panel(figure, grid[place], panel, found[place])
-        lines = _draw_envelopes(axes[WALL], shapes[place][REFERENCE], rate)
-        tables.append(pd.concat([drawn, lines, _envelopes(shapes[place], rate)]).assign(panel=panel.letter))
-        chains[f"({panel.letter}) {panel.words}"] = found[place][REFERENCE].trace
-        walls.append(axes[WALL])
-    walls[0].set_ylim(walls[1].get_ylim())  # same scale of force
+        line = _draw_envelope(axes[place][WALL], shapes[place][REFERENCE], rate)
+        tables[place] = pd.concat([tables[place], line, _envelopes(shapes[place], rate)]).assign(panel=panel.letter)
+    chains = {f"({panel.letter}) {panel.words}": own[REFERENCE].trace for panel, own in zip(PANELS, found, strict=True)}
     entrance = figure.add_subplot(grid[2])
     letter_panel(entrance, "c", "incident pulse")
     damped, elastic = (own[REFERENCE] for own in found)
     tables += [each.assign(panel="c") for each in (_draw_entrance(entrance, damped, elastic), _pulses(*shapes))]
-    name_codes(figure, axes[STRIP])
+    name_codes(figure, axes)
     return Product(figure, pd.concat(tables, ignore_index=True), chains)
 
 
@@ -139,22 +131,21 @@ def _pulses(damped: dict[str, Shape], elastic: dict[str, Shape]) -> pd.DataFrame
     return pd.DataFrame(rows, columns=["engine", "place", "quantity", "value"])
 
 
-def _draw_envelopes(axis: Any, shape: Shape, quoted_per_us: float) -> pd.DataFrame:
-    """Draws the envelopes of ``MAXIMA``, and the quoted envelope through the first maximum."""
-    first, tables = shape.first, []
-    time_s = np.linspace(first.time_s, shape.last_s + EXTENSION_S, POINTS)
-    for count, curve in shape.envelopes.items():
-        if look := MAXIMA[count]:
-            force_N = curve.amplitude_N * np.exp(curve.rate_per_s * time_s)
-            tables.append(draw_curve(axis, REFERENCE, f"envelope_{count}_maxima", time_s, WALL, force_N, **look))
-    force_N = first.value * np.exp(quoted_per_us * MICRO * (time_s - first.time_s))
-    tables.append(draw_curve(axis, "paper", "envelope", time_s, WALL, force_N, **QUOTED))
-    mark = POINTS // 8
-    axis.text(
-        time_s[mark] * MICRO, force_N[mark], f"  {quoted_per_us:g}/µs".replace("-", "\N{MINUS SIGN}"),
-        color=QUOTED["color"], fontsize=7, va="bottom",
-    )  # fmt: skip
-    return pd.concat(tables)
+def _draw_envelope(axis: Any, shape: Shape, quoted_per_us: float) -> pd.DataFrame:
+    """Draws the envelope through the first three maxima, labelled with its rate and that of the paper.
+
+    The envelope with the paper's rate would lie within the width of a line beside it.
+    """
+    curve = shape.envelopes[ENVELOPE_MAXIMA]
+    time_s = np.linspace(shape.first.time_s, shape.last_s + EXTENSION_S, POINTS)
+    force_N = curve.amplitude_N * np.exp(curve.rate_per_s * time_s)
+    for row, (words, rate, colour) in enumerate(
+        (("", curve.rate_per_s / MICRO, GREY), ("paper: ", quoted_per_us, QUOTED["color"]))
+    ):
+        text = f"{words}{rate:.4f}/µs".replace("-", "\N{MINUS SIGN}")
+        place = (time_s[POINTS // 8] * MICRO, force_N[POINTS // 8])
+        axis.annotate(text, place, (6, 8 - 9 * row), textcoords="offset points", color=colour, fontsize=7)
+    return draw_curve(axis, REFERENCE, f"envelope_{ENVELOPE_MAXIMA}_maxima", time_s, WALL, force_N, **ENVELOPE)
 
 
 def _draw_entrance(axis: Any, damped: Simulation, elastic: Simulation) -> pd.DataFrame:
@@ -171,7 +162,7 @@ def _draw_entrance(axis: Any, damped: Simulation, elastic: Simulation) -> pd.Dat
     after_us = np.linspace(0, paper.fig5_incident_duration_us - paper.fig5_incident_rise_us, POINTS)
     time_s = np.concatenate([[0.0], paper.fig5_incident_rise_us + after_us]) / MICRO
     force_N = np.concatenate([[0.0], top_N * np.exp(paper.fig5_incident_decay_per_us * after_us)])
-    tables.append(draw_curve(axis, "paper", "as quoted", time_s, "average", force_N, label="as quoted", **QUOTED))
+    tables.append(draw_curve(axis, "paper", "as quoted", time_s, "average", force_N, label="as quoted; straight rise\nand height: ours", **QUOTED))
     axis.legend(loc="upper right", handlelength=1.8, fontsize=7)
     axis.set(xlim=(0, ENTRANCE_S * MICRO), ylim=(0, 1.1 * top_N), xlabel="time since impact (µs)", ylabel="force (N)")
     return pd.concat(tables)

@@ -1,25 +1,25 @@
 """Fig. 6: smaller beads under a steel and a PTFE ball.
 
-Force on the wall below 18 PTFE beads of 2.38 mm, struck at 0.89 m/s by a steel ball of 2 mm and 0.036 g (a, b) and by
-a PTFE ball of 4.76 mm and 0.123 g (c, d). (a) and (c): with the dissipation of Fig. 4(a), which is fitted to
-experiments on beads of 4.76 mm only. Brown text is the paper's description of its measured curves, which are not
-available: a leading solitary wave with an oscillatory tail in (a), an oscillatory "shock" with a delayed splitting
-into solitary waves in (c). Computed: between the first two maxima the force falls to 0.29 of the second maximum in (a)
-and to 0.38 of it in (c). (b) and (d): without dissipation, at 1.46 GPa, as in the paper: trains of solitary waves,
-without force between the first two. The leading wave is 0.46 times as high in (a) as in (b), and 0.54 times as high in
-(c) as in (d). Strips: differences between codes and reference as in Fig. 4.
+Dissipation fitted to beads of 4.76 mm lowers the leading wave on beads of 2.38 mm 2.2 times in (a) and 1.9 times in
+(c), and delays the splitting.
+
+Wall below 18 PTFE beads, struck at 0.89 m/s by a steel ball of 0.036 g (a, b) and a PTFE ball of 0.123 g (c, d). Between
+its first two maxima the force falls to 0.29 (a) and 0.38 (c) of the second, with dissipation; to zero (b, d) without.
+Brown: the paper's words on its measured curves.
 """
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from drivers.base.errors import InputError
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
-from postproc.draw.stack import STRIP, ForcePanel, draw_panel, name_codes
-from postproc.draw.style import AVERAGE, DAMPED, MICRO, PAGE_IN, QUOTED, pyplot
+from postproc.draw.stack import ForcePanel, draw_curve, draw_row, name_codes
+from postproc.draw.style import AVERAGE, DAMPED, GREY, MICRO, PAGE_IN, QUOTED, pyplot
 from postproc.paper.calibrated import calibrated
 from postproc.paper.simulate import Simulation, case_of, simulate
 from postproc.read.observables import LATER_PROMINENCE
@@ -27,14 +27,16 @@ from postproc.read.signals import Peak, peaks
 
 SCENES = ("fig6b", "fig6d")
 UNTIL_PASSED = "run.duration=0.62 ms"  # until the train has reached the wall, before it returns
+HALF_LEVEL_S = 4e-5
+LEVEL: dict[str, Any] = {"color": GREY, "ls": (0, (3, 2)), "lw": 0.9}
 DAMPING, ELASTIC = DAMPED | {"ls": "-"}, AVERAGE
 PANELS = (
-    ForcePanel("a", "2 mm steel ball, with dissipation", DAMPING, 0.5),
-    ForcePanel("b", "2 mm steel ball, elastic", ELASTIC, 0.5),
-    ForcePanel("c", "4.76 mm PTFE ball, with dissipation", DAMPING, 1.0),
-    ForcePanel("d", "4.76 mm PTFE ball, elastic", ELASTIC, 1.0),
+    ForcePanel("a", "2 mm steel ball, with dissipation: fit", DAMPING),
+    ForcePanel("b", "2 mm steel ball, elastic", ELASTIC),
+    ForcePanel("c", "4.76 mm PTFE ball, with dissipation: fit", DAMPING),
+    ForcePanel("d", "4.76 mm PTFE ball, elastic", ELASTIC),
 )
-
+STEP_N = 1.0
 DESCRIPTIONS = {"a": ("leading wave", "oscillatory tail"), "c": ("", "oscillatory shock")}  # of the first two maxima
 
 
@@ -43,16 +45,29 @@ def make(runs: Path) -> Product:
     cases = [case_of(scene, UNTIL_PASSED, *law) for scene in SCENES for law in (calibrated().settings, ())]
     found = simulate(cases, runs)
     figure = pyplot().figure(figsize=(PAGE_IN, 4.8), layout="constrained")
-    grid, tables, chains = figure.add_gridspec(2, 2), [], {}
+    grid, axes, tables = figure.add_gridspec(2, 2), [], []
+    for row in (slice(0, 2), slice(2, 4)):
+        drawn, numbers = draw_row(figure, [grid[place] for place in range(4)[row]], PANELS[row], found[row], STEP_N)
+        damped, elastic = found[row]
+        numbers[0] = pd.concat([numbers[0], _draw_loss(drawn[0]["wall"], damped[REFERENCE], elastic[REFERENCE])])
+        axes, tables = axes + drawn, tables + numbers
     for place, (panel, own) in enumerate(zip(PANELS, found, strict=True)):
-        axes, drawn = draw_panel(figure, grid[place], panel, own)
         for peak, words in zip(_first_maxima(own[REFERENCE]), DESCRIPTIONS.get(panel.letter, ("", "")), strict=True):
-            look = {"color": QUOTED["color"], "fontsize": 7}
-            axes["wall"].annotate(words, (peak.time_s * MICRO, peak.value), (6, 2), textcoords="offset points", **look)
-        tables.append(pd.concat([drawn, _numbers(own)]).assign(panel=panel.letter))
-        chains[f"({panel.letter}) {panel.words}"] = own[REFERENCE].trace
-    name_codes(figure, axes[STRIP])
+            look = {"color": QUOTED["color"], "fontsize": 7, "textcoords": "offset points"}
+            axes[place]["wall"].annotate(words, (peak.time_s * MICRO, peak.value), (6, 2), **look)
+        tables[place] = pd.concat([tables[place], _numbers(own)]).assign(panel=panel.letter)
+    name_codes(figure, axes)
+    chains = {f"({panel.letter}) {panel.words}": own[REFERENCE].trace for panel, own in zip(PANELS, found, strict=True)}
     return Product(figure, pd.concat(tables, ignore_index=True), chains)
+
+
+def _draw_loss(axis: Any, damped: Simulation, elastic: Simulation) -> pd.DataFrame:
+    """Draws the height of the leading wave without dissipation, with its ratio to the height with dissipation."""
+    (first, _), (higher, _) = _first_maxima(damped), _first_maxima(elastic)
+    reach_s = first.time_s + np.array([-HALF_LEVEL_S, HALF_LEVEL_S])
+    words = f"elastic: {higher.value / first.value:.1f} times as high"
+    axis.annotate(words, (reach_s[1] * MICRO, higher.value), (4, 0), textcoords="offset points", va="center", fontsize=7)
+    return draw_curve(axis, REFERENCE, "elastic_maximum_1_N", reach_s, "wall", [higher.value] * 2, **LEVEL)
 
 
 def _first_maxima(one: Simulation) -> tuple[Peak, Peak]:
