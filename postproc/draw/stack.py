@@ -106,10 +106,7 @@ def _draw_strip(axis: Any, traces: Mapping[str, Trace]) -> pd.DataFrame:
     found, time_s = residuals(traces, REFERENCE), traces[REFERENCE].time_s
     every = max(len(time_s) // STRIP_POINTS, 1)
     starts = np.arange(0, len(time_s) - every + 1, every)
-    largest = {
-        code: np.maximum.reduceat(share, starts)
-        for code, share in found.items()
-    }
+    largest = {code: np.maximum.reduceat(share, starts) for code, share in found.items()}
     everything = np.concatenate([*largest.values(), STRIP_RANGE])
     low, high = everything[everything > 0].min(), everything.max()
     axis.set(yscale="log", ylim=(low / STRIP_ROOM, high * STRIP_ROOM), xlabel="time since impact (µs)")

@@ -44,6 +44,7 @@ SENSOR = 5  # bead of Fig. 4's chain shown in (b)
 HALF_RANGE_S = 90e-6  # of (b), around the peak
 FORCES = {"F1_N": FIRST, "F2_N": SECOND, "average_N": AVERAGE}
 
+
 def make(runs: Path) -> Product:
     """Runs Fig. 4's scene for (b) and strikes on a precompressed chain for (c)."""
     figure, axes = pyplot().subplots(
@@ -172,12 +173,12 @@ def _draw_beta(axis: Any, waves: pd.DataFrame, points: pd.DataFrame) -> None:
     limit = waves[waves["modulus_MPa"].isna()]
     first = waves[waves["modulus_MPa"] == waves["modulus_MPa"].min()]
     axis.plot(limit["force_over_static"], limit["beta"], color=GREY, lw=0.8, ls=(0, (4, 3)))
-    axis.plot(first["force_over_static"], first["beta"], **AVERAGE, label="travelling wave")
+    axis.plot(first["force_over_static"], first["beta"], **AVERAGE)
     axis.set(xscale="log", xlabel=r"$F_m\,/\,F_0$", ylabel=r"$\beta$", xlim=(1, 1.6e4), ylim=(1.0, 1.45))
     axis.text(1.1, limit["beta"].iloc[0], f"no static force: {limit['beta'].iloc[0]:.3f}", color=GREY, va="bottom")
+    axis.text(40, 1.27, "exact travelling wave")
     own = {str(code): some for code, some in points.groupby("engine") if code != REFERENCE}
     draw_codes(axis, {code: (some["force_over_static"], some["beta"]) for code, some in own.items()})
     early = points[~points["solitary"].astype(bool)].head(1)
     for x, y in zip(early["force_over_static"], early["beta"], strict=True):
         axis.annotate("not yet solitary", (x, y), (6, -3), textcoords="offset points", color=GREY)
-    axis.legend(loc="lower right")

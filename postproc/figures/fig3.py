@@ -31,7 +31,7 @@ PRINTED = {600.0: 1, 1460.0: 5}  # number of the first curve of a modulus in the
 COLOURS = {600.0: "#0072b2", 1000.0: "#009e73", 1460.0: "#d55e00"}
 THEORY: dict[str, Any] = {"lw": 2.6, "ls": (0, (1.4, 1.1)), "alpha": 0.45}
 CHAIN: dict[str, Any] = {"lw": 0.9, "ls": "-"}
-XLIM_N = (0.012, 130)
+XLIM_N = (0.010, 140)
 DEVIATION = "speed_off_reference_share"
 
 
@@ -80,7 +80,7 @@ def make(runs: Path) -> Product:
     by_code = {str(code): own for code, own in points.groupby("engine") if code != REFERENCE}
     draw_codes(axis, {code: (own["force_N"], own["speed_m_s"]) for code, own in by_code.items()}, 3.5)
     _draw_experiment(axis, experiment)
-    off = f"codes: deviation of speeds\nup to {points[DEVIATION].abs().max():.0e}".replace("e-0", "e-")
+    off = f"speeds of the codes:\n{points[DEVIATION].abs().max():.1e} off at most".replace("e-0", "e-")
     if by_code:
         axis.text(0.98, 0.02, off, transform=axis.transAxes, ha="right", color=GREY)
     axis.legend(loc="upper left", handlelength=1.8, labelspacing=0.3)
@@ -141,9 +141,10 @@ def _theory(curves: list[SpeedCurve], points: pd.DataFrame) -> pd.DataFrame:
 def _experiment() -> pd.DataFrame:
     """Measured points of Table 1 at the contact force that Eq. (6) gives for the averages of the sensors."""
     points, static = strikes.measured_points(), strikes.static_force(case_of("table1"))
-    average, beta = points["force_N"].to_numpy(), np.array([_beta(each, static) for each in points["force_N"]])
-    found = {"force_N": contact_force(beta, average, static), "force_error_N": beta * points["force_error_N"]}
-    return points.assign(**found, sensor_amplitude_N=average, static_N=static)
+    average, beta = points["force_N"], [_beta(each, static) for each in points["force_N"]]
+    force_N = [contact_force(factor, each, static) for factor, each in zip(beta, average, strict=True)]
+    error_N = beta * points["force_error_N"]
+    return points.assign(force_N=force_N, force_error_N=error_N, sensor_amplitude_N=average, static_N=static)
 
 
 def _beta(average_N: float, static_N: float) -> float:
@@ -179,8 +180,9 @@ def _draw_curves(axis: Any, curves: list[SpeedCurve], points: pd.DataFrame, theo
 
 def _draw_experiment(axis: Any, experiment: pd.DataFrame) -> None:
     """Draws dots with thin bars of the stated accuracy and thick bars of the error by the sensor positions."""
+    words = "experiment, by Eq. (6)"
     dots: dict[str, Any] = {"fmt": "o", "color": "black", "ms": 3.5, "zorder": 5, "capsize": 1.5}
     axis.errorbar(experiment["force_N"], experiment["speed_m_s"], xerr=experiment["force_error_N"],
-                  yerr=experiment["speed_error_m_s"], elinewidth=0.7, label="experiment, by Eq. (6)", **dots)  # fmt: skip
+                  yerr=experiment["speed_error_m_s"], elinewidth=0.7, label=words, **dots)  # fmt: skip
     axis.errorbar(experiment["force_N"], experiment["speed_m_s"], yerr=experiment["speed_error_by_position_m_s"],
                   elinewidth=2, **(dots | {"capsize": 0}))  # fmt: skip

@@ -19,7 +19,7 @@ from matplotlib.patches import ConnectionPatch
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
 from postproc.draw.stack import ForcePanel, draw_curve, draw_row, name_codes
-from postproc.draw.style import AVERAGE, DAMPED, GREY, MICRO, PAGE_IN, QUOTED, pyplot
+from postproc.draw.style import AVERAGE, DAMPED, MICRO, PAGE_IN, QUOTED, pyplot
 from postproc.paper.calibrated import calibrated
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import UNTIL_REFLECTED, Simulation, case_of, simulate
@@ -39,15 +39,14 @@ def make(runs: Path) -> Product:
     """Runs the scene of Fig. 4 with the calibrated dissipation and without dissipation."""
     cases = [case_of("fig4", UNTIL_DAMPED_REFLECTED, *calibrated().settings), case_of("fig4", UNTIL_REFLECTED)]
     found = simulate(cases, runs)
-    figure = pyplot().figure(figsize=(PAGE_IN, 4.4), layout="constrained")
+    figure = pyplot().figure(figsize=(PAGE_IN, 4.9), layout="constrained")
     durations = [case.scene.run.duration for case in cases]  # same time scale in both panels
     grid = figure.add_gridspec(1, 2, width_ratios=durations)
     axes, tables = draw_row(figure, grid, PANELS, found, STEP_N, strip=STRIP_SHARE)
     for place, (panel, own) in enumerate(zip(PANELS, found, strict=True)):
-        marks = [_draw_reflected(axes[place], own[REFERENCE])]
-        if panel.letter == "a":
-            marks.append(_draw_quoted(figure, axes[place], own[REFERENCE]))
-        tables[place] = pd.concat([tables[place], *marks, _numbers(own)]).assign(panel=panel.letter)
+        _name_reflected(axes[place], own[REFERENCE])
+        marks = _draw_quoted(figure, axes[place], own[REFERENCE]) if panel.letter == "a" else pd.DataFrame()
+        tables[place] = pd.concat([tables[place], marks, _numbers(own)]).assign(panel=panel.letter)
     name_codes(figure, axes)
     chains = {f"({panel.letter}) {panel.words}": own[REFERENCE].trace for panel, own in zip(PANELS, found, strict=True)}
     return Product(figure, pd.concat(tables, ignore_index=True), chains)
@@ -68,19 +67,12 @@ def _numbers(found: dict[str, Simulation]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["engine", "quantity", "value"])
 
 
-def _draw_reflected(axes: dict[str, Any], one: Simulation) -> pd.DataFrame:
-    """Draws an arrow from the height of the incident to that of the reflected wave in the upper bead, with the ratio.
-
-    Both heights are from the static force before the incident wave.
-    """
+def _name_reflected(axes: dict[str, Any], one: Simulation) -> None:
+    """Names the height of the reflected wave in the upper bead, between both waves."""
     values, gauge = one.values, f"bead_{sensor_pair(one.case)[0]}"
-    incident_N, reflected_N = values[f"{gauge}_amplitude_N"], values[f"{gauge}_reflected_amplitude_N"]
-    time_s, static_N = values[f"{gauge}_reflected_arrival_s"], values[f"{gauge}_static_N"]
-    heights = static_N + incident_N, static_N + reflected_N
-    look = {"color": GREY, "lw": 0.8, "marker": "v", "markevery": [1], "ms": 3}
-    words = f"reflected: {reflected_N / incident_N:.2f} of incident"
-    axes[gauge].text(time_s * MICRO - 70, heights[1], words, fontsize=7, ha="right", va="top")
-    return draw_curve(axes[gauge], REFERENCE, "reflected_over_incident", (time_s, time_s), gauge, heights, **look)
+    share = values[f"{gauge}_reflected_amplitude_N"] / values[f"{gauge}_amplitude_N"]
+    middle_s = (values[f"{gauge}_arrival_s"] + values[f"{gauge}_reflected_arrival_s"]) / 2
+    axes[gauge].text(middle_s * MICRO, 0.8, f"reflected:\n{share:.2f} of incident", fontsize=7, ha="center")
 
 
 def _draw_quoted(figure: Any, axes: dict[str, Any], one: Simulation) -> pd.DataFrame:
@@ -101,17 +93,25 @@ def _draw_quoted(figure: Any, axes: dict[str, Any], one: Simulation) -> pd.DataF
     for gauge in (above, below):
         level = values[f"{gauge}_arrival_s"] + np.array([-reach_s, reach_s])
         marks.append(draw_curve(axes[gauge], "paper", names[0], level, gauge, (level_N, level_N), **QUOTED))
-    axes[above].text((start_s - 1.08 * reach_s) * MICRO, level_N, f"{level_N:g} N", ha="right", va="center", **BROWN)
+    axes[above].text(
+        (start_s - 1.08 * reach_s) * MICRO, level_N, f"paper: {level_N:g} N", ha="right", va="center", **BROWN
+    )
     places = {above: height[upper - 1], below: height[lower - 1], "wall": 0.0}
     passes_s = {gauge: start_s + (places[above] - place) / paper.fig4_speed_m_s for gauge, place in places.items()}
     for gauge, time_s in passes_s.items():
-        marks.append(draw_curve(axes[gauge], "paper", names[1], [time_s], gauge, [0.0], **QUOTED | {"marker": "o", "ms": 3}))
+        marks.append(
+            draw_curve(axes[gauge], "paper", names[1], [time_s], gauge, [0.0], **QUOTED | {"marker": "o", "ms": 3})
+        )
     for first, second in pairwise(passes_s):
         start, end = ((passes_s[gauge] * MICRO, 0.0) for gauge in (first, second))
         line = ConnectionPatch(start, end, "data", "data", axesA=axes[first], axesB=axes[second], **QUOTED)
         figure.add_artist(line)
-    speed = f"{paper.fig4_speed_m_s:g} m/s"
+    speed = f"paper: {paper.fig4_speed_m_s:g} m/s"
     axes["wall"].text(passes_s[below] * MICRO, 0.6 * values["wall_peak_N"], speed, ha="right", **BROWN)
-    back_s, peak_N = values[f"{above}_reflected_arrival_s"], values[f"{above}_peak_N"]
-    axes[above].text(back_s * MICRO + 12, peak_N, "paper: significantly smaller", ha="center", va="bottom", **BROWN)
+    back_s, end_s = values[f"{above}_reflected_arrival_s"], one.trace.time_s[-1]
+    heights = values[f"{above}_peak_N"], values[f"{above}_reflected_amplitude_N"] + values[f"{above}_static_N"]
+    arrow = {"color": QUOTED["color"], "lw": 0.8, "marker": "v", "markevery": [1], "ms": 3}
+    marks.append(draw_curve(axes[above], "paper", "smaller", (back_s, back_s), above, heights, **arrow))
+    words = "paper: significantly smaller"
+    axes[above].text(end_s * MICRO, heights[0] + 0.2, words, ha="right", va="bottom", **BROWN)
     return pd.concat(marks)

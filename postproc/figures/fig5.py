@@ -139,12 +139,11 @@ def _draw_envelope(axis: Any, shape: Shape, quoted_per_us: float) -> pd.DataFram
     curve = shape.envelopes[ENVELOPE_MAXIMA]
     time_s = np.linspace(shape.first.time_s, shape.last_s + EXTENSION_S, POINTS)
     force_N = curve.amplitude_N * np.exp(curve.rate_per_s * time_s)
-    for row, (words, rate, colour) in enumerate(
-        (("", curve.rate_per_s / MICRO, GREY), ("paper: ", quoted_per_us, QUOTED["color"]))
-    ):
-        text = f"{words}{rate:.4f}/µs".replace("-", "\N{MINUS SIGN}")
-        place = (time_s[POINTS // 8] * MICRO, force_N[POINTS // 8])
-        axis.annotate(text, place, (6, 8 - 9 * row), textcoords="offset points", color=colour, fontsize=7)
+    texts = [f"{words}{rate:.4f}/µs".replace("-", "\N{MINUS SIGN}")
+             for words, rate in (("", curve.rate_per_s / MICRO), ("paper: ", quoted_per_us))]  # fmt: skip
+    place, look = (axis.get_xlim()[1], 0.75 * shape.first.value), {"textcoords": "offset points", "ha": "right"}
+    for text, up, colour in zip(texts, (9, 0), (GREY, QUOTED["color"]), strict=True):
+        axis.annotate(text, place, (-2, up), color=colour, fontsize=7, **look)
     return draw_curve(axis, REFERENCE, f"envelope_{ENVELOPE_MAXIMA}_maxima", time_s, WALL, force_N, **ENVELOPE)
 
 
@@ -162,7 +161,18 @@ def _draw_entrance(axis: Any, damped: Simulation, elastic: Simulation) -> pd.Dat
     after_us = np.linspace(0, paper.fig5_incident_duration_us - paper.fig5_incident_rise_us, POINTS)
     time_s = np.concatenate([[0.0], paper.fig5_incident_rise_us + after_us]) / MICRO
     force_N = np.concatenate([[0.0], top_N * np.exp(paper.fig5_incident_decay_per_us * after_us)])
-    tables.append(draw_curve(axis, "paper", "as quoted", time_s, "average", force_N, label="as quoted; straight rise\nand height: ours", **QUOTED))
+    tables.append(
+        draw_curve(
+            axis,
+            "paper",
+            "as quoted",
+            time_s,
+            "average",
+            force_N,
+            label="as quoted; straight rise\nand height: ours",
+            **QUOTED,
+        )
+    )
     axis.legend(loc="upper right", handlelength=1.8, fontsize=7)
     axis.set(xlim=(0, ENTRANCE_S * MICRO), ylim=(0, 1.1 * top_N), xlabel="time since impact (µs)", ylabel="force (N)")
     return pd.concat(tables)

@@ -16,7 +16,6 @@ import pandas as pd
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
 from postproc.draw.style import PAGE_IN, pyplot
-from postproc.paper.quoted import quoted
 from postproc.paper.strikes import COLUMNS, MEASURED, SPREAD, exact_table1, solve_table1
 
 SPEED, WIDTH = "$V_s$\n(m/s)", "$L/2R$"
