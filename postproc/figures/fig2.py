@@ -1,7 +1,7 @@
 """Fig. 2: forces on a sensor bead and coefficient β.
 
-Averaging lowers the peak of the force and lengthens the pulse. Without static force the peak of a contact is 1.414
-times that of the average; β falls to 1 in linear waves.
+The average of the two contact forces has a lower and longer pulse than each. Without static force its peak is 1.414
+times lower; in linear waves β is 1.
 
 (a) Forces on the parts of the particle. (b) Contact forces F_1, F_2 and their average, which the gauge measures, while
 the wave of Fig. 4(b) passes bead 5. (c) β of Eq. (6) against the contact force F_m (static part F_0 included): exact
@@ -116,8 +116,9 @@ def _draw_forces(axis: Any, forces: pd.DataFrame) -> None:
     axis.set(xlabel="time since impact (µs)", ylabel="force (N)", ylim=(-0.4, 1.35 * float(exact["F1_N"].max())))
     tops = {name: int(np.argmax(exact[name])) for name in FORCES}
     own = {str(code): some for code, some in forces.groupby("engine") if code != REFERENCE}
-    points = {code: [some[name].iloc[top] for name, top in tops.items()] for code, some in own.items()}
-    draw_codes(axis, {code: (time_us[[*tops.values()]], force_N) for code, force_N in points.items()})
+    for name, top in tops.items():
+        once = {} if name == "F1_N" else {"label": "_"}  # one entry of the legend
+        draw_codes(axis, {code: (time_us[[top]], some[name].iloc[[top]]) for code, some in own.items()}, **once)
     for name, label, side in (("F1_N", "$F_1$", -1), ("F2_N", "$F_2$", 1)):
         axis.annotate(label, (time_us[tops[name]], exact[name].iloc[tops[name]]), xytext=(9 * side, 2),
                       textcoords="offset points", ha="center", va="bottom")  # fmt: skip
