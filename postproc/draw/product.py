@@ -4,7 +4,7 @@ A spacetime diagram shows the contact forces against time and contact: a wave is
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +33,10 @@ class Product:
     table: pd.DataFrame  # the plotted numbers, units in the column names
     chains: Mapping[str, Trace] = field(default_factory=dict)  # traces by title, for a spacetime diagram
     notes: Sequence[str] = ()  # lines to print
+
+    def with_rows(self, *tables: pd.DataFrame) -> "Product":
+        """The product with more rows in its table."""
+        return replace(self, table=pd.concat([self.table, *tables], ignore_index=True))
 
 
 def write_product(product: Product, name: str, folder: Path) -> list[Path]:

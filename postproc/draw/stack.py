@@ -1,6 +1,6 @@
 """Gauge forces of chains in stacked panels, with the differences between engines below."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +11,7 @@ from drivers.chain.case import Layout
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE
+from postproc.draw.product import Product
 from postproc.draw.style import GREY, MICRO, draw_codes, drawing_order, letter_panel, pyplot
 from postproc.paper.simulate import Simulation
 from postproc.read.residual import residual
@@ -35,35 +36,46 @@ class ForcePanel:
     look: Mapping[str, Any]
 
 
-def draw_row(
+def draw_pairs(
     figure: Any,
-    cells: Sequence[Any],
+    cells: Iterable[Any],
     panels: Sequence[ForcePanel],
     found: Sequence[Mapping[str, Simulation]],
+    numbers: Callable[[Simulation], Mapping[str, float]],
     step_N: float,
     gauges: tuple[str, ...] = (),
     strip: float = 0.22,
-) -> tuple[list[dict[str, Any]], list[pd.DataFrame]]:
-    """Stacked gauge forces of the reference by panel, on one scale, and the codes' differences from it in strips.
+) -> tuple[list[dict[str, Any]], Product]:
+    """Stacked gauge forces of the reference, on one scale in each pair of panels, and the codes' differences in strips.
 
     Args:
         figure: A matplotlib figure.
         cells: Cells of the figure's grid, one for each panel.
-        panels: Titles and styles.
+        panels: Titles and styles; the first two are a pair, and so on.
         found: Simulations by engine, for each panel.
+        numbers: Function that computes further numbers of a simulation by name, for the table.
         step_N: Force between two grid lines.
         gauges: Drawn gauges; empty for all.
         strip: Height of a strip, as a share of the height of the gauges above it.
 
     Returns:
-        For each panel its axes by gauge in the order in which a wave meets them, then the axes of the strip; for each
-        panel the table of all drawn numbers.
+        For each panel its axes by gauge in the order in which a wave meets them, then the axes of the strip; the figure
+        with all drawn numbers and those of ``numbers``.
     """
-    exact = [sensor_signals(own[REFERENCE].case.layout, own[REFERENCE].trace) for own in found]
-    names = gauges or tuple(exact[0])
-    tops = {name: max(float(signals[name].max()) for signals in exact) + ROOM * step_N for name in names}
-    drawn = [_draw_panel(figure, *each, tops, step_N, strip) for each in zip(cells, panels, found, strict=True)]
-    return [axes for axes, _ in drawn], [table for _, table in drawn]
+    axes, tables, tops = [], [], dict[str, float]()
+    for place, (cell, panel, own) in enumerate(zip(cells, panels, found, strict=True)):
+        if place % 2 == 0:
+            pair = [sensor_signals(each[REFERENCE].case.layout, each[REFERENCE].trace) for each in found[place:][:2]]
+            names = gauges or tuple(pair[0])
+            tops = {name: max(float(signals[name].max()) for signals in pair) + ROOM * step_N for name in names}
+        drawn, table = _draw_panel(figure, cell, panel, own, tops, step_N, strip)
+        rows = [(engine, *number) for engine, one in own.items() for number in numbers(one).items()]
+        further = pd.DataFrame(rows, columns=["engine", "quantity", "value"])
+        axes.append(drawn)
+        tables.append(pd.concat([table, further]).assign(panel=panel.letter))
+    _name_codes(figure, [drawn[STRIP] for drawn in axes])
+    chains = {f"({panel.letter}) {panel.words}": own[REFERENCE].trace for panel, own in zip(panels, found, strict=True)}
+    return axes, Product(figure, pd.concat(tables, ignore_index=True), chains)
 
 
 def _draw_panel(
@@ -75,7 +87,7 @@ def _draw_panel(
     step_N: float,
     strip: float,
 ) -> tuple[dict[str, Any], pd.DataFrame]:
-    """Draws a panel of ``draw_row`` up to the force in ``tops`` by gauge."""
+    """Draws a panel of ``draw_pairs`` up to the force in ``tops`` by gauge."""
     traces = {engine: one.trace for engine, one in found.items()}
     signals = {engine: sensor_signals(one.case.layout, one.trace) for engine, one in found.items()}
     time_us, bottom = traces[REFERENCE].time_s * MICRO, -ROOM * step_N
@@ -98,7 +110,7 @@ def _draw_panel(
     for engine, own in signals.items():
         columns = {"engine": engine, "time_s": traces[engine].time_s} | {f"{name}_N": own[name] for name in tops}
         tables.append(pd.DataFrame(columns | {RESIDUAL: residual(traces[engine], traces[REFERENCE])}))
-    return axes, pd.concat(tables).assign(panel=panel.letter)
+    return axes, pd.concat(tables)
 
 
 def _draw_strip(axis: Any, traces: Mapping[str, Trace]) -> pd.DataFrame:
@@ -131,14 +143,18 @@ def draw_curve(
     return pd.DataFrame({"engine": engine, "quantity": words, "time_s": time_s, f"{gauge}_N": force_N})
 
 
-def name_codes(figure: Any, axes: Sequence[Mapping[str, Any]]) -> None:
-    """Adds one legend for the markers of the strips of all panels, below the figure."""
-    lines = {line.get_label(): line for panel in axes for line in panel[STRIP].lines}
+def quoted_rows(panel: str, **values: float) -> pd.DataFrame:
+    """Rows of a table with numbers that the paper states."""
+    columns = {"panel": panel, "engine": "paper", "quantity": [*values], "value": [*values.values()]}
+    return pd.DataFrame(columns)
+
+
+def _name_codes(figure: Any, strips: Sequence[Any]) -> None:
+    """Adds one legend for the markers of all strips, below the figure."""
+    lines = {line.get_label(): line for axis in strips for line in axis.lines}
     if lines:
-        figure.legend(
-            lines.values(), lines, loc="outside lower center", ncols=6, handletextpad=0.1, title=STRIP_WORDS,
-            title_fontsize=8,
-        )  # fmt: skip
+        look = {"ncols": 6, "handletextpad": 0.1, "title": STRIP_WORDS, "title_fontsize": 8}
+        figure.legend(lines.values(), lines, loc="outside lower center", **look)
 
 
 def gauge_title(layout: Layout, gauge: str) -> str:

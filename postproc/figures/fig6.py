@@ -8,7 +8,6 @@ first two maxima the force falls to 0.29 and 0.38 of the second. (b), (d) Elasti
 the paper's words on its measured curves.
 """
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ import pandas as pd
 from drivers.base.errors import InputError
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
-from postproc.draw.stack import ForcePanel, draw_curve, draw_row, name_codes
+from postproc.draw.stack import ForcePanel, draw_curve, draw_pairs
 from postproc.draw.style import AVERAGE, DAMPED, GREY, MICRO, PAGE_IN, QUOTED, pyplot
 from postproc.paper.calibrated import calibrated
 from postproc.paper.simulate import Simulation, case_of, simulate
@@ -37,7 +36,8 @@ PANELS = (
     ForcePanel("d", "4.76 mm PTFE ball, elastic", ELASTIC),
 )
 STEP_N = 1.0
-DESCRIPTIONS = {"a": ("leading wave", "oscillatory tail"), "c": ("", "oscillatory shock")}  # of the first two maxima
+# of the first two maxima in the panels with dissipation, by place
+DESCRIPTIONS = {0: ("leading wave", "oscillatory tail"), 2: ("", "oscillatory shock")}
 
 
 def make(runs: Path) -> Product:
@@ -45,24 +45,15 @@ def make(runs: Path) -> Product:
     cases = [case_of(scene, UNTIL_PASSED, *law) for scene in SCENES for law in (calibrated().settings, ())]
     found = simulate(cases, runs)
     figure = pyplot().figure(figsize=(PAGE_IN, 4.8), layout="constrained")
-    grid = figure.add_gridspec(2, 2)
-    rows = [
-        draw_row(figure, [grid[first], grid[first + 1]], PANELS[first : first + 2], found[first : first + 2], STEP_N)
-        for first in (0, 2)
-    ]
-    axes, tables = [each for row, _ in rows for each in row], [each for _, row in rows for each in row]
-    for place, (panel, own) in enumerate(zip(PANELS, found, strict=True)):
-        wall, maxima = axes[place]["wall"], _first_maxima(own[REFERENCE])
-        for peak, words in zip(maxima, DESCRIPTIONS.get(panel.letter, ("", "")), strict=True):
-            look = {"color": QUOTED["color"], "fontsize": 7, "textcoords": "offset points"}
+    axes, product = draw_pairs(figure, figure.add_gridspec(2, 2), PANELS, found, _numbers, STEP_N)
+    maxima, losses = [_first_maxima(own[REFERENCE]) for own in found], []
+    for place, described in DESCRIPTIONS.items():
+        wall, look = axes[place]["wall"], {"color": QUOTED["color"], "fontsize": 7, "textcoords": "offset points"}
+        for peak, words in zip(maxima[place], described, strict=True):
             wall.annotate(words, (peak.time_s * MICRO, peak.value), (6, 2), **look)
-        loss = pd.DataFrame()
-        if panel.look is DAMPING:
-            loss = _draw_loss(wall, maxima[0], _first_maxima(found[place + 1][REFERENCE])[0])
-        tables[place] = pd.concat([tables[place], loss, _numbers(own)]).assign(panel=panel.letter)
-    name_codes(figure, axes)
-    chains = {f"({panel.letter}) {panel.words}": own[REFERENCE].trace for panel, own in zip(PANELS, found, strict=True)}
-    return Product(figure, pd.concat(tables, ignore_index=True), chains)
+        loss = _draw_loss(wall, maxima[place][0], maxima[place + 1][0])
+        losses.append(loss.assign(panel=PANELS[place].letter))
+    return product.with_rows(*losses)
 
 
 def _draw_loss(axis: Any, damped: Peak, elastic: Peak) -> pd.DataFrame:
@@ -86,13 +77,12 @@ def _first_maxima(one: Simulation) -> tuple[Peak, Peak]:
     return found[0], found[1]
 
 
-def _numbers(found: Mapping[str, Simulation]) -> pd.DataFrame:
-    """Heights and times of the first two maxima, and the smallest force between them over the second maximum."""
-    rows = []
-    for engine, one in found.items():
-        first, second = _first_maxima(one)
-        for number, peak in enumerate((first, second), 1):
-            rows += [(engine, f"maximum_{number}_N", peak.value), (engine, f"maximum_{number}_us", peak.time_s * MICRO)]
-        valley_N = float(one.trace.force_N[first.sample : second.sample + 1, 0].min())
-        rows.append((engine, "valley_over_second_maximum", valley_N / second.value))
-    return pd.DataFrame(rows, columns=["engine", "quantity", "value"])
+def _numbers(one: Simulation) -> dict[str, float]:
+    """Heights and times of the first two maxima, and the smallest force between them divided by the second maximum."""
+    first, second = _first_maxima(one)
+    valley_N = float(one.trace.force_N[first.sample : second.sample + 1, 0].min())
+    return {
+        "maximum_1_N": first.value, "maximum_1_us": first.time_s * MICRO,
+        "maximum_2_N": second.value, "maximum_2_us": second.time_s * MICRO,
+        "valley_over_second_maximum": valley_N / second.value,
+    }  # fmt: skip
