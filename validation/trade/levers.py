@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from math import nan
 
-from drivers.base.progress import following
 from drivers.chain.schemes import exact_of, verlet_of
 from drivers.limits.criteria import rayleigh_time
 from postproc.paper.simulate import case_of
@@ -21,12 +20,11 @@ class Lever:
 
     Attributes:
         error: error of the quantity, as in ``accuracy.exact_motion``.
-        gain: cost without the lever over cost with it; NaN if the lever changes only the error.
+        gain: cost without the lever divided by cost with it; NaN if the lever changes only the error.
     """
 
     lever: str
     scene: str
-    engine: str
     setting: str
     quantity: str
     error: float
@@ -35,9 +33,9 @@ class Lever:
 
 def measure_levers() -> Iterator[Lever]:
     """Measures all levers."""
-    levers = (sampling(), rayleigh(), softened())
-    for lever in following(levers, "levers", len(levers), "lever"):
-        yield from lever
+    yield from sampling()
+    yield from rayleigh()
+    yield from softened()
 
 
 def sampling() -> Iterator[Lever]:
@@ -48,7 +46,7 @@ def sampling() -> Iterator[Lever]:
         seen = quantities(case, exact_of(case, 1e-12))
         for name in ("bead_5_peak", "wall_peak", "wall_arrival", "speed_9_to_5"):
             error = abs(seen[name] / fine.true[name] - 1)
-            yield Lever("sampling interval", "fig4", "any", interval, name, error)
+            yield Lever("sampling interval", "fig4", interval.replace("u", "µ"), name, error)
 
 
 def rayleigh() -> Iterator[Lever]:
@@ -62,7 +60,7 @@ def rayleigh() -> Iterator[Lever]:
             true = exact_motion.true
             names = ["force", *(name for name in of_kind(true, "peak", "speed") if not name.startswith("bead"))]
             for name, error in errors_of(case, verlet_of(case), exact_motion, names).items():
-                yield Lever("Rayleigh fraction", scene, "any", f"{fraction:g} of it", name, error)
+                yield Lever("share of the Rayleigh time", scene, f"{fraction:g}", name, error)
 
 
 def softened() -> Iterator[Lever]:
@@ -85,4 +83,4 @@ def softened() -> Iterator[Lever]:
             where = "with gravity" if gravity else "without gravity"
             for name in ("speed_9_to_5", "bead_5_amplitude", "wall_amplitude"):
                 error = abs(soft[name] * longer / hard[name] - 1)
-                yield Lever("softened modulus", "fig4", "any", f"E/{softer}, {where}", name, error, longer)
+                yield Lever("softened modulus", "fig4", f"E/{softer}, {where}", name, error, longer)
