@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
-from math import ceil, inf
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -151,7 +151,9 @@ def sentences(tables: Tables) -> list[str]:
 
 def _usual(advised: pd.DataFrame, scene: str) -> pd.DataFrame:
     """Runs of a scene that keep a usual error of the force, cheapest first."""
-    kept = np.isclose(advised["error_at_most"], TYPICAL) & (advised["scene"] == scene) & (advised["quantity"] == "force")
+    kept = (
+        np.isclose(advised["error_at_most"], TYPICAL) & (advised["scene"] == scene) & (advised["quantity"] == "force")
+    )
     return advised[kept].sort_values("loop_s", kind="stable")
 
 
