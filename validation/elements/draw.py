@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from postproc.draw.style import GREY, PAGE_IN, QUOTED, marker_of, pyplot, text_color
 from postproc.paper.quoted import quoted
@@ -99,7 +100,10 @@ def draw_effects(effects: pd.DataFrame) -> Any:
     right.plot([], [], ls="", label="codes that agree", **DOT)
     right.axvline(1.0, color=GREY, lw=0.8)
     left.set(xscale="log", xlabel=f"largest relative change, all scenes ({MIN_CHANGE:.0e} or less: none)")
-    right.set(xscale="log", xlabel="time of a step with / without")
+    right.set(xscale="log", xlabel="time with / without the element")
+    right.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    right.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    right.xaxis.set_minor_formatter(NullFormatter())
     labels = [f"variant: {name}" if name in variants else name for name in names]
     left.set_yticks(range(len(names)), labels)
     left.invert_yaxis()

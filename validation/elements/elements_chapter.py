@@ -57,8 +57,7 @@ def measure(options: Options) -> dict[str, Any]:
             *switches.accuracies_kept(scenes[0].name, engines, runs),
         ],
         "elements-between": switches.compare_codes(scenes, seeds, in_tubes, found),
-        "oscilloscope": gauge_steps.rows_of(chain.from_iterable(steps.values()), fastest, found),
-        "oscilloscope-ranges": gauge_steps.rows_of(varied, fastest, found),
+        "oscilloscope": gauge_steps.rows_of(chain(*steps.values(), varied), fastest, found),
         **{f"oscilloscope-{name}": draw_oscilloscope(name, own) for name, own in shown.items()},
     }
 
@@ -66,8 +65,7 @@ def measure(options: Options) -> dict[str, Any]:
 def judge(tables: Tables) -> Iterator[Check]:
     """Do the codes agree in the tube without friction, until the wave reaches the wall?"""
     between = tables["elements-between"]
-    without_friction = between[between["friction"] == switches.WITHOUT_FRICTION].drop_duplicates(["scene", "codes"])
-    for row in without_friction.to_dict("records"):
+    for row in between[between["friction"] == switches.WITHOUT_FRICTION].to_dict("records"):
         codes, limit = str(row["codes"]).replace(" ", " and "), tolerance("elements", "codes")
         yield judged(row["scene"], codes, "forces in the tube", row["before_wall"], limit, "before the wall")
 
@@ -78,7 +76,7 @@ def sentences(tables: Tables) -> list[str]:
     return [
         *_on_effects(tables["elements"]),
         *_on_gap(tables["oscilloscope"]),
-        *_on_codes(tables["elements-between"]),
+        _on_codes(tables["elements-between"]),
         f"Elements that straight chains omit, and those that an accuracy omits: {summary(checks)}.",
     ]
 
@@ -92,7 +90,7 @@ def _on_effects(effects: pd.DataFrame) -> Iterator[str]:
 def _on_gap(numbers: pd.DataFrame) -> Iterator[str]:
     """Share of the gap between the elastic line and the experiment that each step explains, of the first quote."""
     for quote in quotes()[:1]:
-        steps = _means(quote, numbers).set_index("step")["mean"]
+        steps = _means(quote, numbers[numbers["value"] == ""]).set_index("step")["mean"]
         if ELASTIC in steps.index:
             shares = ", ".join(f"{step} {_share(quote, steps[ELASTIC], steps[step])}" for step in steps.index[1:])
             yield (
@@ -111,13 +109,12 @@ def _share(quote: Quote, elastic: float, mean: float) -> str:
     return _percent((mean - elastic) / (quote.value - elastic))
 
 
-def _on_codes(between: pd.DataFrame) -> Iterator[str]:
-    compared = between[between["seeds"] > 0]
-    if not between.empty:
-        worst = compared.groupby("friction", sort=False)["before_wall"].max()
-        said = ", ".join(f"{short(value)} {friction}" for friction, value in worst.items())
-        said = f"differ by at most {said}, until the wave reaches the wall" if said else between["observable"].iloc[0]
-        yield f"The codes in the tube: {said}."
+def _on_codes(between: pd.DataFrame) -> str:
+    worst = between.groupby("friction", sort=False)["before_wall"].max()
+    said = ", ".join(f"{short(value)} {friction}" for friction, value in worst.items())
+    if not said:
+        return "Codes in the tube: not compared, as fewer than two installed codes model tubes."
+    return f"Codes in the tube differ, until the wave reaches the wall, by at most {said}."
 
 
 def _percent(share: float) -> str:
@@ -144,7 +141,7 @@ def section(tables: Tables) -> dict[str, Any]:
         "observables": observables,
         "effects": {scene: [*effect_rows(own, observables)] for scene, own in effects.groupby("scene", sort=False)},
         "quotes": [f"{quote.scene}: {quote.words}, {quote.unit}" for quote in quoted_here],
-        "steps": [*_step_rows(quoted_here, tables["oscilloscope"], tables["oscilloscope-ranges"])],
+        "steps": [*_step_rows(quoted_here, tables["oscilloscope"])],
         "between": [*_between_rows(tables["elements-between"])],
     }
 
@@ -169,11 +166,11 @@ def _change(change: float, spread: float) -> str:
     return f"{100 * change:+.2g}" + (f" ± {100 * spread:.1g}" if spread > ROUNDING * abs(change) else "")
 
 
-def _step_rows(shown: Sequence[Quote], numbers: pd.DataFrame, ranges: pd.DataFrame) -> Iterator[list[str]]:
+def _step_rows(shown: Sequence[Quote], numbers: pd.DataFrame) -> Iterator[list[str]]:
     """Quoted observables by step and by value of a parameter, each with its share of the gap to the experiment."""
     rows: dict[str, list[str]] = {"experiment": [f"{quote.about}{quote.value:g}" for quote in shown]}
     for place, quote in enumerate(shown):
-        own = _means(quote, pd.concat([numbers, ranges]))
+        own = _means(quote, numbers)
         elastic = own.loc[own["step"] == ELASTIC, "mean"].iloc[0]
         for row in own.itertuples():
             name = f"{row.step} {row.value}".rstrip()
@@ -186,11 +183,10 @@ def _step_rows(shown: Sequence[Quote], numbers: pd.DataFrame, ranges: pd.DataFra
 
 def _between_rows(between: pd.DataFrame) -> Iterator[list[str]]:
     """A row for each scene, friction and pair of codes: differences, and the wall peaks of both."""
-    for row in between[between["observable"] == "wall peak"].itertuples():
-        parted = "never" if pd.isna(row.earliest_parted_s) else f"{row.earliest_parted_s * 1e6:.0f}"
-        peaks = (_pm(row.first_mean, row.first_spread), _pm(row.second_mean, row.second_spread))
-        codes = str(row.codes).replace(" ", " and ")
-        yield [f"{row.scene} {row.friction}, {codes}", short(row.before_wall), parted, *peaks, f"{row.same:.2g}"]
+    for row in rows_in(between, switches.Between):
+        parted = "never" if np.isnan(row.parted_s) else f"{row.parted_s * 1e6:.0f}"
+        peaks = (_pm(row.first_peak_N, row.first_spread_N), _pm(row.second_peak_N, row.second_spread_N))
+        yield [f"{row.scene} {row.friction}, {row.codes.replace(' ', ' and ')}", short(row.before_wall), parted, *peaks]
 
 
 def _pm(mean: float, spread: float) -> str:
@@ -205,7 +201,6 @@ CHAPTER = Chapter(
         "elements-checks": Check,
         "elements-between": switches.Between,
         "oscilloscope": gauge_steps.StepRow,
-        "oscilloscope-ranges": gauge_steps.StepRow,
     },
     measure=measure,
     sentences=sentences,

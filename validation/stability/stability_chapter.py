@@ -13,7 +13,7 @@ from drivers.base.tolerances import tolerance
 from drivers.engines import VERLET, codes
 from drivers.limits.criteria import CRITERIA
 from drivers.limits.refusal import FORCE
-from postproc.draw.style import GREY, PAGE_IN, marker_of, pyplot
+from postproc.draw.style import COLUMN_IN, PAGE_IN, marker_of, pyplot
 from validation.accuracy.budget import ERROR
 from validation.chapters import Chapter, Options, Picture, Tables, named, rows_in
 from validation.checks import FAIL, NOT_RUN, PASS, RUN, Check, judged, short
@@ -37,9 +37,10 @@ LONG_PARTS: dict[str, Part] = {
     "stability-statistics": ("means beyond the horizon", rounding_effects.statistics),
     "stability-rounding": ("rounding of heights", rounding_effects.measure_rounding),
 }
-LINES = (("#cc79a7", "-"), ("#e69f00", (0, (5, 1.5))), ("#0072b2", (0, (1, 1))))  # of the criteria
+COLOURS = ("#cc79a7", "#e69f00", "#0072b2")
 COINCIDING: dict[str, Any] = {"marker": "o", "ms": 3.5, "mfc": "none", "color": "black"}  # several methods
-DASHES = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (4, 1, 1, 1)))
+SAME = 5e-3  # methods that differ by less are drawn as one
+DASHES = ("-", (0, (5, 1.5)), (0, (1, 1)))
 
 
 def measure(options: Options) -> dict[str, Any]:
@@ -134,7 +135,7 @@ def draw_limits(limits: pd.DataFrame) -> Any:
         x, limit = verlet["value"], verlet["measured_s"]
         axis.fill_between(x, verlet["bad_s"] / limit, 1.0, color="0.85", lw=0, label="stable, but more than 10 % wrong")
         axis.axhline(1.0, color="black", lw=0.8)
-        for key, label, (colour, dashes) in zip(CRITERION_KEYS, CRITERIA, LINES, strict=True):
+        for key, label, colour, dashes in zip(CRITERION_KEYS, CRITERIA, COLOURS, DASHES, strict=True):
             axis.plot(x, verlet[key] / limit, color=colour, ls=dashes, lw=1.2, label=label)
         for methods, own in _coinciding(part, "value", "measured_s", list(limits["method"].unique())):
             share, mark = own["predicted_s"] / own["measured_s"], COINCIDING if methods[1:] else marker_of(methods[0])
@@ -152,45 +153,48 @@ def _coinciding(table: pd.DataFrame, x: str, y: str, methods: list[str]) -> Iter
     columns = {method: table[table["method"] == method].set_index(x)[y].sort_index() for method in left}
     while left:
         same = [
-            name for name in left if np.allclose(columns[name], columns[left[0]], rtol=1e-6, atol=0, equal_nan=True)
+            name for name in left if np.allclose(columns[name], columns[left[0]], rtol=SAME, atol=0, equal_nan=True)
         ]
         yield same, table[table["method"] == left[0]]
         left = [name for name in left if name not in same]
 
 
 def draw_horizons(horizons: pd.DataFrame) -> Any:
-    """Draws the time until pairs of methods differ by 1 %, against the time step."""
-    figure, axis = pyplot().subplots(figsize=(PAGE_IN, 2.8), layout="constrained")
-    pairs = horizons.sort_values("time_step_s").groupby(["one", "other"], sort=False)
-    for place, ((one, other), part) in enumerate(pairs):
-        until, look = (
-            part["until_s"].fillna(part["duration_s"]),
-            {"ls": DASHES[place % 4], "marker": "os^vDPX"[place % 7]},
-        )
-        axis.plot(part["time_step_s"] * 1e6, until * 1e3, ms=3.5, lw=1, label=f"{one} and {other}", **look)
+    """Draws the time until pairs of methods differ by 1 %, against the time step; pairs of one kind look the same."""
+    kinds = {"two codes": DASHES[0], "a code and verlet": DASHES[1], "verlet and reference": DASHES[2]}
+    figure, axis = pyplot().subplots(figsize=(COLUMN_IN, 2.6), layout="constrained")
+    for (_, other), part in horizons.sort_values("time_step_s").groupby(["one", "other"]):
+        kind = [*kinds][0 if other in codes() else 1 if other == VERLET else 2]
+        until_s = part["until_s"].fillna(part["duration_s"])
+        axis.plot(part["time_step_s"] * 1e6, until_s * 1e3, lw=1, label=kind, ls=kinds[kind], color="black")
     axis.set(xscale="log", xlabel="time step, µs", ylabel="agree to 1 % until, ms")
     axis.set_ylim(bottom=0)
-    figure.legend(fontsize=7, loc="outside right upper")
+    handles = dict(zip(*axis.get_legend_handles_labels()[::-1], strict=True))
+    axis.legend(handles.values(), handles.keys(), fontsize=7)
     return figure
 
 
 def draw_rounding(rounding: pd.DataFrame) -> Any:
     """Draws the relative error of a contact force against the overlap, for walls at several heights."""
     figure, axis = pyplot().subplots(figsize=(PAGE_IN, 3.0), layout="constrained")
-    few = rounding[rounding["beads"] == rounding["beads"].min()]
-    overlaps_m, heights = (np.array(sorted(few[name].unique())) for name in ("overlap_m", "height_m"))
-    engines = [name for name in codes() if (few["method"] == name).any()]
+    by_codes = rounding[rounding["method"].isin(codes())]
+    overlaps_m, heights = (np.array(sorted(rounding[name].unique())) for name in ("overlap_m", "height_m"))
     colours = pyplot().get_cmap("viridis")(0.9 * np.arange(len(heights)) / max(len(heights) - 1, 1))
-    for colour, height in zip(colours, heights, strict=True):
-        for engine in engines:
-            own = few[(few["method"] == engine) & (few["height_m"] == height)]
-            axis.plot(own["overlap_m"], own["error"], ls="", **marker_of(engine) | {"color": colour})
-        bound = 1.5 * np.spacing(max(height, 0.01)) / overlaps_m
-        axis.plot(overlaps_m, bound, lw=0.8, color=colour, label=f"wall at {height:g} m")
-    for engine in engines:
-        axis.plot([], [], ls="", label=engine, **marker_of(engine) | {"color": GREY})
+    for colour, height in zip(colours[::-1], heights[::-1], strict=True):
+        axis.plot(overlaps_m, 1.5 * np.spacing(max(height, 0.01)) / overlaps_m, lw=0.8, color=colour)
+        own = by_codes[by_codes["height_m"] == height]
+        for methods, points in _coinciding(own, "overlap_m", "error", list(by_codes["method"].unique())):
+            mark = COINCIDING if methods[1:] else marker_of(methods[0])
+            some = "" if len(methods) == by_codes["method"].nunique() else f", {listed(methods)}"
+            axis.plot(
+                points["overlap_m"],
+                points["error"],
+                ls="",
+                label=f"wall at {height:g} m{some}",
+                **mark | {"color": colour},
+            )
     axis.set(xscale="log", yscale="log", xlabel="overlap, m", ylabel="relative error of the force")
-    axis.set_title("lines: 3/2 of a unit in the last place, divided by the overlap", fontsize=7)
+    axis.set_title("circles: all codes; lines: 3/2 of a unit in the last place, divided by the overlap", fontsize=7)
     figure.legend(fontsize=7, loc="outside right upper")
     return figure
 

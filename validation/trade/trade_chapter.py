@@ -1,9 +1,9 @@
-"""The trade study: errors against cost, orders of convergence, advice, a figure."""
+"""The trade study: errors against cost, advice, a figure."""
 
+from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
-from itertools import product
 from math import inf
 from typing import Any
 
@@ -11,11 +11,9 @@ import numpy as np
 import pandas as pd
 from matplotlib.ticker import EngFormatter
 
-from drivers.base.progress import step
-from drivers.chain.chain import Array
 from drivers.engines import VERLET, codes, in_order
 from postproc.draw.style import PAGE_IN, line_of, pyplot
-from validation.chapters import Chapter, Options, Picture, Tables, frame_of, named
+from validation.chapters import Chapter, Options, Picture, Tables, frame_of
 from validation.checks import short
 from validation.trade.ladder import (
     BUDGET_S,
@@ -28,14 +26,12 @@ from validation.trade.ladder import (
     engine_of,
     run_ladder,
 )
-from validation.trade.levers import Lever, measure_levers
+from validation.trade.softening import Softened, soften
 
 TARGETS = tuple(10.0**-k for k in range(2, 9))
 SHOWN_TARGETS = TARGETS[::2]
 TYPICAL = 1e-4  # error of the force in sentences
-ORDER_SPREAD = 0.15  # largest deviation of the order between neighbouring steps, within a straight range
-MIN_POINTS = 3  # of a straight range
-MAX_ERROR = 0.1  # larger errors show no order
+STRAIGHT = 0.11  # of the stability limit: below, errors are small enough to show an order
 QUANTITIES = {
     "force": "force trace",
     "sensor_peak": "sensor peak",
@@ -47,23 +43,6 @@ QUANTITIES = {
     "momentum": "momentum",
 }
 LOOK = {"color": "#777777", "ls": (0, (2, 1)), "marker": "P"}  # of ``ORDER_4``, which is no engine
-
-
-@dataclass(frozen=True)
-class Order:
-    """Order of convergence over the longest straight range.
-
-    Attributes:
-        order: slope of log error over log step.
-        from_share, to_share: largest and smallest step of the range, divided by the stability limit.
-    """
-
-    scene: str
-    method: str
-    quantity: str
-    order: float
-    from_share: float
-    to_share: float
 
 
 @dataclass(frozen=True)
@@ -84,28 +63,15 @@ def done(rows: pd.DataFrame) -> pd.DataFrame:
     return rows[rows["status"] == DONE].sort_values("share_of_limit")
 
 
-def orders(rows: pd.DataFrame) -> Iterator[Order]:
-    """Orders of all fixed-step methods in all quantities that have a straight range."""
-    fixed = done(rows).dropna(subset=["time_step_s"])[::-1]
-    for (scene, method), own in fixed.groupby(["scene", "method"], sort=False):
-        for quantity in QUANTITIES:
-            good = own[(own[quantity] > 0) & (own[quantity] <= MAX_ERROR)]
-            steps, errors = (np.log(good[name].to_numpy()) for name in ("time_step_s", quantity))
-            first, last = _straight(steps, errors)
-            if last - first >= MIN_POINTS - 1:
-                order = float(np.polyfit(steps[first : last + 1], errors[first : last + 1], 1)[0])
-                ends = good["share_of_limit"].iloc[[first, last]]
-                yield Order(str(scene), str(method), quantity, order, *(float(share) for share in ends))
-
-
-def _straight(steps: Array, errors: Array) -> tuple[int, int]:
-    """Both ends of the longest range in which the order is the same between neighbouring steps; of logarithms."""
-    local = np.diff(errors) / np.diff(steps)
-    first = last = 0
-    for start, end in product(range(len(local)), range(1, len(local) + 1)):
-        if end - start > last - first and np.ptp(local[start:end]) <= 2 * ORDER_SPREAD:
-            first, last = start, end
-    return first, last
+def orders(rows: pd.DataFrame) -> dict[str, tuple[float, float]]:
+    """Smallest and largest order of convergence of the force over the scenes, by method of second order."""
+    fixed = done(rows).dropna(subset=["time_step_s"])
+    straight = fixed[(fixed["share_of_limit"] < STRAIGHT) & (fixed["method"] != ORDER_4)]
+    found: dict[str, list[float]] = defaultdict(list)
+    for (method, _), own in straight.groupby(["method", "scene"], sort=False):
+        if len(own) > 1:
+            found[str(method)].append(float(np.polyfit(np.log(own["time_step_s"]), np.log(own["force"]), 1)[0]))
+    return {method: (min(slopes), max(slopes)) for method, slopes in found.items()}
 
 
 def advice(rows: pd.DataFrame) -> Iterator[Advice]:
@@ -122,30 +88,24 @@ def advice(rows: pd.DataFrame) -> Iterator[Advice]:
 
 
 def measure(options: Options) -> dict[str, Any]:
-    """Measures ladder and levers; derives advice and orders."""
+    """Measures the ladder and softened beads; derives advice."""
     budget_s, scenes = (SHORT_BUDGET_S, SHORT_SCENES) if options.quick else (BUDGET_S, SCENES)
-    with step(named("the ladder of time steps", options), 1, 2):
-        rows = run_ladder(options.budget_s or budget_s, scenes, short=options.quick)
-    with step(named("other ways to save time or error", options), 2, 2):
-        levers = [*measure_levers()]
-    table = frame_of(LadderRun, rows)
-    return {"trade": rows, "trade-levers": levers, "trade-advice": advice(table), "trade-orders": orders(table)}
+    rows = run_ladder(options.budget_s or budget_s, scenes, short=options.quick)
+    return {"trade": rows, "trade-advice": advice(frame_of(LadderRun, rows)), "trade-softening": soften()}
 
 
 def sentences(tables: Tables) -> list[str]:
     """Cost of a usual error on the first scene, start-up times, orders of convergence of the force."""
-    rows, advised, found = tables["trade"], tables["trade-advice"], tables["trade-orders"]
+    rows, advised = tables["trade"], tables["trade-advice"]
     scene = rows["scene"].iloc[0]
     costs = [f"{_time(row['loop_s'])} by {row['method']}" for row in _usual(advised, scene).to_dict("records")]
     starts = done(rows)[["method", "start_s"]].drop_duplicates().sort_values("start_s", kind="stable")
     engines = starts[starts["method"] == starts["method"].map(engine_of)]
-    ranges = found[found["quantity"] == "force"].groupby("method", sort=False)["order"].agg(["min", "max"])
+    ranges = ", ".join(f"{low:.2f} to {high:.2f} by {name}" for name, (low, high) in orders(rows).items())
     return [
         f"{scene}, error of the force at most {TYPICAL:.0e}: the time loop takes {', '.join(costs)}.",
         f"A process of its own takes {', '.join(f'{_time(s)} ({name})' for name, s in engines.to_numpy())} to start.",
-        "Order of convergence of the force: "
-        + ", ".join(f"{method} {low:.2f} to {high:.2f}" for method, low, high in ranges.itertuples())
-        + f" ({ORDER_4} keeps its order only while no contact opens or closes).",
+        f"Orders of convergence of the force: {ranges}.",
     ]
 
 
@@ -187,17 +147,17 @@ def draw_trade(rows: pd.DataFrame) -> Any:
 
 
 def section(tables: Tables) -> dict[str, Any]:
-    """Time steps that keep an error: all quantities of the first scene, the force of the others; and the levers.
+    """Time steps that keep an error: all quantities of the first scene, the force of the others; and softened beads.
 
     The steps are those of ``verlet``, the scheme of the codes.
     """
-    rows, advised, levers = tables["trade"], tables["trade-advice"], tables["trade-levers"]
+    rows, advised, softened = tables["trade"], tables["trade-advice"], tables["trade-softening"]
     first, *others = rows["scene"].unique()
     by_verlet = advised[advised["method"] == VERLET]
     steps_s = by_verlet.pivot(index=["scene", "quantity"], columns="error_at_most", values="time_step_s")
     chosen = [*((first, quantity) for quantity in QUANTITIES), *((scene, "force") for scene in others)]
     shown = steps_s.reindex(pd.MultiIndex.from_tuples(chosen), columns=SHOWN_TARGETS)
-    worst = levers.groupby(["lever", "setting"], sort=False)[["error", "gain"]].max()
+    worst = softened.groupby("setting", sort=False)[["error", "gain"]].max()
     return {
         "short": not set(SCENES) <= set(rows["scene"]),
         "targets": [f"{target:.0e}" for target in SHOWN_TARGETS],
@@ -205,10 +165,7 @@ def section(tables: Tables) -> dict[str, Any]:
             [f"{scene}, {QUANTITIES[quantity]}", *map(_time, kept_s), _cheapest_code(advised, scene)]
             for (scene, quantity), *kept_s in shown.itertuples()
         ],
-        "levers": [
-            [f"{lever}: {setting}", short(error), f"{gain:.1f}" if pd.notna(gain) else None]
-            for (lever, setting), error, gain in worst.itertuples()
-        ],
+        "softened": [[setting, short(error), f"{gain:.1f}"] for setting, error, gain in worst.itertuples()],
     }
 
 
@@ -226,7 +183,7 @@ def _time(seconds: float) -> str:
 CHAPTER = Chapter(
     name="trade",
     title="cost of accuracy",
-    tables={"trade": LadderRun, "trade-levers": Lever, "trade-advice": Advice, "trade-orders": Order},
+    tables={"trade": LadderRun, "trade-advice": Advice, "trade-softening": Softened},
     measure=measure,
     sentences=sentences,
     figures=figures,

@@ -317,7 +317,7 @@ def test_a_drift_is_distinguished_from_a_random_walk() -> None:
 
 
 def test_heights_round_and_overlaps_do_not() -> None:
-    near, far = (pressed(3, 1e-4, height) for height in (0.0, 1e3))
+    near, far = (pressed(1e-4, height) for height in (0.0, 1e3))
     assert max(rounded(case, "", verlet_of(case).force_N).error for case in (near, far)) < 1e-15
     low, high = (rounded(case, "", verlet_in_heights(case).force_N).error for case in (near, far))
     assert high > 1e3 * low
