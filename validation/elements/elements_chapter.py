@@ -18,13 +18,13 @@ from validation.accuracy.costs import cost_on
 from validation.chapters import Chapter, Options, Picture, Tables, rows_in
 from validation.checks import Check, judged, short, summary
 from validation.elements import gauge_steps, switches
-from validation.elements.draw import Quote, draw_effects, draw_oscilloscope, largest_effects, quotes
+from validation.elements.effect_figures import Quote, draw_effects, draw_oscilloscope, largest_effects, quotes
 from validation.elements.gauge_steps import ELASTIC
 from validation.elements.switches import read_elements, runs_of
 
 REPEATS = 3  # further runs for costs, except in the short study
 ROUNDING = 1e-6  # of a mean: a smaller spread counts as none
-NAMED = 3  # elements in a sentence
+MAX_ELEMENTS = 3  # in a sentence
 
 
 def measure(options: Options) -> dict[str, Any]:
@@ -82,7 +82,7 @@ def sentences(tables: Tables) -> list[str]:
 
 
 def _on_effects(effects: pd.DataFrame) -> Iterator[str]:
-    sizes = largest_effects(effects).groupby("element")["size"].max().nlargest(NAMED)
+    sizes = largest_effects(effects).groupby("element")["size"].max().nlargest(MAX_ELEMENTS)
     if not sizes.empty:
         yield f"Largest changes: {', '.join(f'{name} {_percent(size)}' for name, size in sizes.items())}."
 
@@ -146,7 +146,7 @@ def section(tables: Tables) -> dict[str, Any]:
     }
 
 
-def effect_rows(effects: pd.DataFrame, observables: Sequence[str]) -> Iterator[list[str]]:
+def effect_rows(effects: pd.DataFrame, observables: list[str]) -> Iterator[list[str]]:
     """A row for each element: changes in per cent, of codes that agree together."""
     for element, own in effects.groupby("element", sort=False):
         engines: dict[tuple[str, ...], list[str]] = defaultdict(list)
@@ -171,12 +171,12 @@ def _step_rows(shown: Sequence[Quote], numbers: pd.DataFrame) -> Iterator[list[s
     rows: dict[str, list[str]] = {"experiment": [f"{quote.about}{quote.value:g}" for quote in shown]}
     for place, quote in enumerate(shown):
         own = _means(quote, numbers)
-        elastic = own.loc[own["step"] == ELASTIC, "mean"].iloc[0]
-        for row in own.itertuples():
-            name = f"{row.step} {row.value}".rstrip()
-            cells = rows.setdefault(name, ["–"] * len(shown))
-            share = "" if row.step == ELASTIC else f" ({_share(quote, elastic, row.mean)})"
-            cells[place] = f"{row.mean:.3g}{share}" if np.isfinite(row.mean) else "–"
+        elastic = float(own.loc[own["step"] == ELASTIC, "mean"].iloc[0])
+        for row in rows_in(own, gauge_steps.StepRow):
+            cells = rows.setdefault(f"{row.step} {row.value}".rstrip(), ["–"] * len(shown))
+            if np.isfinite(row.mean):
+                share = "" if row.step == ELASTIC else f" ({_share(quote, elastic, row.mean)})"
+                cells[place] = f"{row.mean:.3g}{share}"
     for name, cells in rows.items():
         yield [name, *cells]
 

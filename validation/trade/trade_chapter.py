@@ -80,11 +80,9 @@ def advice(rows: pd.DataFrame) -> Iterator[Advice]:
         for quantity in QUANTITIES:
             largest = own[quantity].fillna(inf).cummax()  # so that no error is small by chance
             for target in TARGETS:
-                good = own[largest <= target]
-                if not good.empty:
-                    best = good.loc[good["loop_s"].idxmin()]
-                    numbers = (float(best[name]) for name in ("time_step_s", "loop_s", quantity))
-                    yield Advice(str(scene), quantity, target, str(method), *numbers)
+                good = own[largest <= target].nsmallest(1, "loop_s")
+                for step_s, loop_s, error in good[["time_step_s", "loop_s", quantity]].itertuples(index=False):
+                    yield Advice(str(scene), quantity, target, str(method), step_s, loop_s, error)
 
 
 def measure(options: Options) -> dict[str, Any]:
