@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 Row = TypeVar("Row", bound="DataclassInstance")
-CHAPTERS = ("independent", "claims", "trade", "stability", "elements", "calibration")
+CHAPTERS = ("claims", "trade", "stability", "elements", "calibration")
 ORDER_4, ADAPTIVE = "order 4", "adaptive"  # in-repo methods that are no engines
 DONE, FAILED, NOT_RUN = "done", "failed", "not run"  # status of a run
 Tables = Mapping[str, pd.DataFrame]
