@@ -79,7 +79,7 @@ def test_trade_takes_any_number_of_codes(count: int, install: Installer, tmp_pat
     section = read_section("trade", tmp_path / "results")
     assert section["advice"][0][-1] in (names or ["–"])
     for name in names:
-        assert f" by {name}" in section["sentences"][0]
+        assert f"({name})" in section["sentences"][1]
         assert f">{name}<" in (tmp_path / "results" / "trade.svg").read_text()
 
 
