@@ -1,8 +1,8 @@
 """Switches of elements: effects and costs, omitted elements, and the codes in the tube.
 
 Every scene runs with and without each element of ``inputs/elements.toml`` on the codes. Elements that straight chains
-always omit must change nothing: such a chain runs again with lateral freedom, tube and friction. Elements that an
-accuracy omits must not cost more than this accuracy. In the tube the codes are compared seed by seed.
+always omit must change nothing: such a chain runs again with lateral freedom, tube and friction. In the tube the codes
+are compared seed by seed.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import cache
 from itertools import chain, combinations, product
 from math import inf, isfinite, nan
-from pathlib import Path
 
 import numpy as np
 from pydantic import Field
@@ -18,18 +17,15 @@ from pydantic import Field
 from drivers.base import paths
 from drivers.base.messages import validate
 from drivers.base.progress import following
-from drivers.base.tolerances import Tolerance, tolerance
+from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.limits.refusal import inability
 from drivers.run.compute import compute
-from drivers.run.run import run_all_done
 from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml
 from postproc.paper.simulate import Simulation, case_of
 from postproc.read.residual import parted_s, residual
-from validation.accuracy.assess import assess
-from validation.accuracy.plan import planned_case
 from validation.checks import Check, judged
 
 SCATTER = "scatter"  # in a setting: replaced by the scene's value
@@ -76,16 +72,6 @@ class Elements(Part):
 
 FRICTIONLESS = ("contact.friction=0", "tube.friction=0")
 STRAIGHT = Side(tube=True, set=("chain.lateral_offset=0 um",))
-# accuracies that omit some elements of a scene with the settings OMISSIBLE
-ACCURACIES = (
-    "{ wall_peak = 1e-1 }",
-    "{ wall_peak = 3e-2 }",
-    "{ wall_peak = 1e-2, speed_9_to_5 = 1e-2 }",
-    "{ wall_peak = 1e-3 }",
-    "1e-2",
-)
-OMISSIBLE = ("chain.mass_scatter=0.0008 g", "contact.restitution=0.995", "chain.precompression=1 mN")
-
 OMITTED = "elements that straight chains omit"
 DIFFERENCE_LEVEL = 1e-2  # of the largest change
 WITHOUT_FRICTION = "without friction"
@@ -260,22 +246,6 @@ def omitted_effects(subjects: Iterable[SwitchedScene], engines: Iterable[str], f
         one, other = (found[case, engine].trace for case in straight(subject))
         change, place = float(residual(other, one).max()), "straight chain against one with lateral freedom in its tube"
         yield judged(subject.name, engine, OMITTED, change, tolerance("elements", "nothing"), place)
-
-
-def accuracies_kept(scene: str, engines: Iterable[str], runs: Path) -> Iterator[Check]:
-    """Do runs keep the accuracies that omit elements? Errors against the exact motion with all elements."""
-    for accuracy in following(ACCURACIES, "accuracies", len(ACCURACIES)):
-        case = planned_case(scene, *OMISSIBLE, "run.time_step=", f"run.accuracy={accuracy}")
-        jobs = [(case, engine) for engine in engines]
-        for (_, engine), ended in zip(jobs, run_all_done(jobs, runs), strict=True):
-            kept = assess(ended, case).record.accuracy
-            assert kept is not None
-            worst = max(kept, key=lambda name: kept[name]["measured"] / kept[name]["asked"])
-            omitted = (each for each in case.elements if not each.modelled and each.reason.startswith("left out"))
-            names = ", ".join(each.name for each in omitted) or "nothing"
-            asked = Tolerance(kept[worst]["asked"], f"accuracy {accuracy}")
-            place = f"accuracy {accuracy}, without {names}, at {case.scene.time_step_s * 1e6:.4g} µs"
-            yield judged(scene, engine, worst, kept[worst]["measured"], asked, place)
 
 
 def in_tube(subject: SwitchedScene, seeds: int) -> dict[str, list[Case]]:

@@ -101,7 +101,7 @@ def sentences(tables: Tables) -> list[str]:
     engines = starts[starts["method"] == starts["method"].map(engine_of)]
     ranges = ", ".join(f"{low:.2f} to {high:.2f} by {name}" for name, (low, high) in orders(rows).items())
     return [
-        f"{scene}, error of the force at most {TYPICAL:.0e}: the time loop takes {', '.join(costs)}.",
+        f"{scene}, error of the force at most {_power(TYPICAL)}: the time loop takes {', '.join(costs)}.",
         f"A process of its own takes {', '.join(f'{_time(s)} ({name})' for name, s in engines.to_numpy())} to start.",
         f"Orders of convergence of the force: {ranges}.",
     ]
@@ -158,7 +158,7 @@ def section(tables: Tables) -> dict[str, Any]:
     worst = softened.groupby("setting", sort=False)[["error", "gain"]].max()
     return {
         "short": not set(SCENES) <= set(rows["scene"]),
-        "targets": [f"{target:.0e}" for target in SHOWN_TARGETS],
+        "targets": [_power(target) for target in SHOWN_TARGETS],
         "advice": [
             [f"{scene}, {QUANTITIES[quantity]}", *map(_time, kept_s), _cheapest_code(advised, scene)]
             for (scene, quantity), *kept_s in shown.itertuples()
@@ -171,6 +171,10 @@ def _cheapest_code(advised: pd.DataFrame, scene: str) -> str:
     """Code with the shortest loop at a usual error of the force."""
     by_codes = [name for name in _usual(advised, scene)["method"] if name in codes()]
     return by_codes[0] if by_codes else "–"
+
+
+def _power(error: float) -> str:
+    return f"1e{round(np.log10(error))}"
 
 
 def _time(seconds: float) -> str:

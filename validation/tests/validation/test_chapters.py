@@ -14,12 +14,11 @@ from drivers.base import paths
 from drivers.chain.case import Case
 from drivers.chain.elements import SIDEWAYS
 from drivers.engines import installed_codes, load_engine
-from drivers.run.run import run_all_done
 from postproc.paper.simulate import Simulation, run_codes
 from validation.chapters import CHAPTERS, Options, frame_of, load_chapter, read_section, write_chapter
 from validation.commands.beads import BEADS
 from validation.compare.answer import listed
-from validation.elements import elements_chapter, gauge_steps, switches
+from validation.elements import elements_chapter, gauge_steps
 from validation.elements.switches import read_elements
 from validation.stability.extremes import Extreme, run_all
 from validation.stability.measured_limits import SHIPPED, MeasuredChain, measure_limits, sweeps
@@ -108,10 +107,6 @@ def on_verlet(monkeypatch: pytest.MonkeyPatch, shared_runs: Path) -> None:
         return {name: [replace(run, engine=name) for run in own] for name, own in done.items()}
 
     monkeypatch.setattr(elements_chapter, "run_codes", run_all)
-    monkeypatch.setattr(
-        switches, "run_all_done", lambda jobs, _: run_all_done([(case, "verlet") for case, _ in jobs], shared_runs)
-    )
-    monkeypatch.setattr(switches, "ACCURACIES", switches.ACCURACIES[:1])
     monkeypatch.setattr(
         gauge_steps, "RANGES", {"restitution": (gauge_steps.TUBE, ("contact.restitution={0}",), (0.9,))}
     )

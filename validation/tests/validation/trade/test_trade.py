@@ -77,7 +77,7 @@ def test_a_small_ladder_on_real_engines(tmp_path: Path) -> None:
 
     write_chapter(CHAPTER, {"trade": rows, "trade-advice": advice(found), "trade-softening": soften()}, tmp_path)
     section = read_section("trade", tmp_path)
-    assert section["sentences"][0].startswith("fig5, error of the force at most 1e-04: the time loop takes ")
+    assert section["sentences"][0].startswith("fig5, error of the force at most 1e-4: the time loop takes ")
     assert section["advice"][0][0] == "fig5, force trace"
     assert len(section["figures"]) == 1
     (tmp_path / "trade.csv").write_text("scene,method\nfig5,yade\n")
