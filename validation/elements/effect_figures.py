@@ -152,7 +152,7 @@ def _mark(axis: Any, quote: Quote | None) -> None:
     if quote:
         axis.axhline(quote.value, **QUOTED)
         words, place = f"experiment: {quote.about}{quote.value:g} {quote.unit}", axis.get_yaxis_transform()
-        axis.text(0.02, quote.value, words, transform=place, fontsize=7, color=text_color(QUOTED["color"]), va="bottom")
+        axis.text(0.02, quote.value, words, transform=place, fontsize=7, color=text_color(QUOTED["color"]), va="top")
 
 
 def _panels(shown: Mapping[str, Sequence[Simulation]], upper: str, lower: str) -> Iterator[tuple[str, str, list[Any]]]:

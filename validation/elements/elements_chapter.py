@@ -89,10 +89,11 @@ def _on_gap(numbers: pd.DataFrame) -> Iterator[str]:
     for quote in quotes()[:1]:
         steps = _means(quote, numbers[numbers["value"] == ""]).set_index("step")["mean"]
         if ELASTIC in steps.index:
-            shares = ", ".join(f"{step} {_share(quote, steps[ELASTIC], steps[step])}" for step in steps.index[1:])
+            shares = (steps - steps[ELASTIC]) / (quote.value - steps[ELASTIC])
+            explained = ", ".join(f"{step} {_percent(shares[step])}" for step in steps.index[1:])
             yield (
                 f"{quote.scene}, {quote.words}: {steps[ELASTIC]:.3g} {quote.unit} on the elastic line,"
-                f" {quote.about}{quote.value:g} {quote.unit} in the experiment; of this gap explains: {shares}."
+                f" {quote.about}{quote.value:g} {quote.unit} in the experiment; of this gap explains: {explained}."
             )
 
 
@@ -100,10 +101,6 @@ def _means(quote: Quote, numbers: pd.DataFrame) -> pd.DataFrame:
     """Rows of a quoted observable, with the means in the unit of the quote."""
     own = numbers[(numbers["scene"] == quote.scene) & (numbers["observable"] == quote.observable)]
     return own.assign(mean=quote.scale * own["mean"])
-
-
-def _share(quote: Quote, elastic: float, mean: float) -> str:
-    return _percent((mean - elastic) / (quote.value - elastic))
 
 
 def _on_codes(between: pd.DataFrame) -> str:
@@ -164,16 +161,13 @@ def _change(change: float, spread: float) -> str:
 
 
 def _step_rows(shown: Sequence[Quote], numbers: pd.DataFrame) -> Iterator[list[str]]:
-    """Quoted observables by step and by value of a parameter, each with its share of the gap to the experiment."""
+    """Quoted observables of the experiment, by step and by value of a parameter."""
     rows: dict[str, list[str]] = {"experiment": [f"{quote.about}{quote.value:g}" for quote in shown]}
     for place, quote in enumerate(shown):
-        own = _means(quote, numbers)
-        elastic = float(own.loc[own["step"] == ELASTIC, "mean"].iloc[0])
-        for row in rows_in(own, gauge_steps.StepRow):
+        for row in rows_in(_means(quote, numbers), gauge_steps.StepRow):
             cells = rows.setdefault(f"{row.step} {row.value}".rstrip(), ["–"] * len(shown))
             if np.isfinite(row.mean):
-                share = "" if row.step == ELASTIC else f" ({_share(quote, elastic, row.mean)})"
-                cells[place] = f"{row.mean:.3g}{share}"
+                cells[place] = f"{row.mean:.3g}"
     for name, cells in rows.items():
         yield [name, *cells]
 
