@@ -119,7 +119,7 @@ def figures(tables: Tables) -> dict[str, Picture]:
     """Effects with costs, and for each scene the gauges, drawn while measuring."""
     effects = tables["elements"]
     title = "Largest change by each element, and its cost"
-    words = "gauge signals, step by step from the elastic line to the electronics, and the fit"
+    words = "gauge signals, step by step from the elastic line to the experiment"
     return {"elements": Picture(title, partial(draw_effects, effects))} | {
         f"oscilloscope-{scene}": Picture(f"{scene}: {words}", None) for scene in effects["scene"].unique()
     }

@@ -1,7 +1,7 @@
 """The stability study: limits of the time step, scenes at the edge, long runs, rounding of heights."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from typing import Any
 
@@ -213,13 +213,10 @@ def section(tables: Tables) -> dict[str, Any]:
             for scene, part in edge.groupby("scene", sort=False)
         ],
         "energy": [
-            [f"{row.scene}, {row.method}", f"{row.largest:.1e}", f"{row.drift:.1e} ± {row.drift_error:.0e}"]
+            [f"{row.scene}, {row.method}", short(row.largest), f"{short(row.drift)} ± {short(row.drift_error)}"]
             for row in _rows(tables, "stability-energy", rounding_effects.Energy)
         ],
-        "means": [
-            [f"{row.quantity}, {row.method}", f"{row.mean:.4g} ± {row.error:.1g}"]
-            for row in _rows(tables, "stability-statistics", rounding_effects.Statistic)
-        ],
+        "means": _mean_rows(_rows(tables, "stability-statistics", rounding_effects.Statistic)),
     }
 
 
@@ -227,17 +224,24 @@ def _rows(tables: Tables, name: str, kind: type[Any]) -> list[Any]:
     return rows_in(tables[name], kind) if name in tables else []
 
 
+def _mean_rows(means: Sequence[rounding_effects.Statistic]) -> list[list[str]]:
+    """A row for each quantity, after the names of the methods."""
+    rows: dict[str, list[str]] = {"quantity": list(dict.fromkeys(mean.method for mean in means))}
+    for mean in means:
+        rows.setdefault(mean.quantity, []).append(f"{mean.mean:.3g} ± {mean.error:.1g}")
+    return [[name, *cells] for name, cells in rows.items()] if means else []
+
+
 def _limit_row(scene: str, by_method: pd.DataFrame) -> list[str]:
     """Predicted and measured limits of a scene in µs, and usual criteria divided by Verlet's limit."""
     verlet: dict[Any, Any] = by_method.loc[VERLET].to_dict()
-    measured = {_micro(step_s): method for method, step_s in by_method["measured_s"].items()}
-    limit = " / ".join(measured if len(measured) == 1 else (f"{step} {method}" for step, method in measured.items()))
+    ends = dict.fromkeys(_micro(step_s) for step_s in (by_method["measured_s"].min(), by_method["measured_s"].max()))
     shares = [verlet[key] / verlet["measured_s"] for key in CRITERION_KEYS]
     band = verlet["bad_s"] / verlet["measured_s"]
     return [
         scene,
         _micro(verlet["predicted_s"]),
-        limit,
+        " to ".join(ends),
         _micro(verlet["bad_s"]),
         *(_judged(each, band) for each in shares),
     ]
