@@ -347,7 +347,7 @@ def test_the_study_from_tables_to_the_page(tmp_path: Path, shared_runs: Path) ->
     page = (tmp_path / "report.html").read_text()
     assert "beads &lt;b&gt;" in page
     assert "Stability limits of the time step" in page
-    assert "the short study, <code>make stability</code> makes the full one" in page
+    assert "<code>make stability</code> makes the full one" in page
     table = tables["stability"]
     table["ratio"] = 0.99
     assert len(CHAPTER.failed(tables)) == len(table)
