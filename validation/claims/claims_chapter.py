@@ -32,7 +32,7 @@ from validation.claims.judged import (
     quantity_of,
 )
 
-AGAIN = "run make claims"
+REMEDY = "run make claims"
 RELATIONS = {"equals": "", "at most": "≤ ", "at least": "≥ "}
 JudgedClaim = tuple[Claim, list[Check]]
 GROUPS: dict[
@@ -103,7 +103,7 @@ def checks_in(tables: Tables) -> tuple[list[JudgedClaim], list[Check]]:
     for name, claim in claims.items():
         known = {quantity_of(claim, reading) for reading in claim.readings or [claim.favoured]}
         if {check.quantity for check in found[name] if check.engine == REFERENCE} != known:
-            raise InputError("claims.csv", "scene", f"other claims than in {paths.shown(paths.CLAIMS)}; {AGAIN}")
+            raise InputError("claims.csv", "scene", f"other claims than in {paths.shown(paths.CLAIMS)}; {REMEDY}")
     return [(claim, found[name]) for name, claim in claims.items()], cases
 
 
@@ -163,7 +163,7 @@ def section(tables: Tables) -> dict[str, Any]:
     """
     (judged, checks), entries = checks_in(tables), read_independent()
     if not judged or list(dict.fromkeys(check.scene for check in checks)) != [entry.id for entry in entries]:
-        raise InputError("claims.csv", "scene", f"other claims or cases than the shipped ones; {AGAIN}")
+        raise InputError("claims.csv", "scene", f"other claims or cases than the shipped ones; {REMEDY}")
     physics = [each for each in judged if each[0].kind != ARITHMETIC]
     return {
         "headline": headline(judged),
