@@ -24,7 +24,7 @@ LIBRARIES = ("numpy", "scipy", "numba")
 CPUS = Path("/proc/cpuinfo")
 
 
-def made_with(scenes: list[ComparedScene], command: str) -> dict[str, Any]:
+def made_with(scenes: Sequence[ComparedScene], command: str) -> dict[str, Any]:
     """Date, command, commit, engines, libraries and machine of a report."""
     made = provenance()
     records = {name: run.record for scene in scenes for name, run in scene.runs.items()}
@@ -52,10 +52,9 @@ def made_with(scenes: list[ComparedScene], command: str) -> dict[str, Any]:
     }
 
 
-def when_made(results: Path) -> dict[str, dict[str, str]]:
-    """File and date of each table of a results folder, by its name."""
-    tables = (path for path in results.glob("*.csv") if path.is_file())
-    return {path.name: {"file": paths.shown(path), "date": _utc(path.stat().st_mtime)} for path in tables}
+def when_made(results: Path) -> list[tuple[str, str]]:
+    """File and date of each table of a results folder."""
+    return [(paths.shown(path), _utc(path.stat().st_mtime)) for path in sorted(results.glob("*.csv"))]
 
 
 def _utc(seconds: float) -> str:
@@ -82,9 +81,9 @@ SCENES, CASES = "scenes", "independent"  # keys
 
 def as_json(
     made: dict[str, Any],
-    scenes: list[ComparedScene],
-    rows: list[ReportRow],
-    cases: list[ReportRow],
+    scenes: Sequence[ComparedScene],
+    rows: Sequence[ReportRow],
+    cases: Sequence[ReportRow],
     unmet: Mapping[str, str],
     to_come: Sequence[str],
 ) -> str:
