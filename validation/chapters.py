@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import pandas as pd
 
 from drivers.base import paths
-from drivers.base.errors import InputError, RunError
+from drivers.base.errors import RunError
 from drivers.base.files import csv_of, read_sealed_file, remove_sealed_file, sealed_file, sha256_of, table_in
 from drivers.base.kept import content_of, keep, recall
 from drivers.base.progress import counted, say
@@ -25,7 +25,7 @@ from drivers.engines._entries import entry_files
 from postproc.draw.product import write_figure, write_product
 from postproc.figures import make_figure
 from validation.checks import FAIL, Check, table
-from validation.report.page_figures import read_image
+from validation.report.page_figures import read_image, refused_if_damaged
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -72,17 +72,6 @@ def rows_in(table: pd.DataFrame, kind: type[Row]) -> list[Row]:
     """Rows of a table from ``read_table``, equal to the rows that were written."""
     names = [field.name for field in fields(kind)]
     return [kind(**{name: record[name] for name in names}) for record in table.to_dict("records")]
-
-
-@contextmanager
-def refused_if_damaged(path: Path, target: str) -> Iterator[None]:
-    """Turns errors of reading or using a table into an InputError that names the make target."""
-    try:
-        yield
-    except FileNotFoundError as error:
-        raise InputError(paths.shown(path), "", f"file not found; make {target} writes it") from error
-    except (ValueError, LookupError, TypeError, AttributeError) as error:  # pandas raises ValueErrors
-        raise InputError(paths.shown(path), "", f"damaged table ({error}); make {target} writes it again") from error
 
 
 @dataclass(frozen=True)
@@ -241,6 +230,7 @@ def read_section(name: str, results: Path) -> dict[str, Any]:
         return {}
     tables = chapter.read(results)
     with refused_if_damaged(main, name):
-        images = [(each.title, read_image(results / f"{stem}.svg")) for stem, each in chapter.figures(tables).items()]
-        figures = [(title, image) for title, image in images if title and image]
+        pictures = {stem: each.title for stem, each in chapter.figures(tables).items() if each.title}
+        images = ((title, read_image(results / f"{stem}.svg", name)) for stem, title in pictures.items())
+        figures = [(title, image) for title, image in images if image]
         return {"sentences": list(chapter.sentences(tables)), "figures": figures, **chapter.section(tables)}

@@ -1,5 +1,6 @@
 """Commands of the report and its chapters, and of the paper's figures."""
 
+import shlex
 import sys
 from pathlib import Path
 from typing import Any
@@ -41,11 +42,14 @@ def report(
     allow_missing: bool,
 ) -> int:
     """Write the report page and its checks as JSON."""
+    from drivers.engines._entries import engines_again
     from validation.compare.selection import selected
     from validation.report.write_report import report as write
 
+    words = sys.argv[1:] if "--engines" in sys.argv else [*sys.argv[1:], *engines_again()]
+    asked = selected(engines, required, allow_missing=allow_missing)
     given = None if runs == paths.RUNS else runs
-    return write([*scenes], out, given, selected(engines, required, allow_missing=allow_missing), studies=studies)
+    return write(scenes, out, given, asked, shlex.join(["beads", *words]), studies=studies)
 
 
 class _Figures(click.Command):

@@ -5,7 +5,8 @@ A browser runs no script of an SVG inside an ``<img>`` and loads nothing from ou
 
 import re
 from base64 import b64encode
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -22,20 +23,15 @@ from drivers.base.files import read_sealed_file, table_in
 from postproc.draw.product import SPACETIME
 from postproc.figures import Caption, captions
 from postproc.figures.table1 import printed
-from postproc.paper.strikes import READINGS
 
 TABLE, SCORED = "table1", "fig3"
 LARGE_N = 2.0  # smallest force counted among the large amplitudes of the scores
-COMPUTED = (Markup("V<sub>s</sub>, m/s"), "L/2R at 0.2 %", "L/2R at 4 %")
-TABLE_HEADINGS = (
-    Markup("F<sub>m</sub>, N"), "duration, µs", COMPUTED[0], "L/2R", *COMPUTED, *COMPUTED, "deviation of codes"
-)  # fmt: skip
-TABLE_GROUPS = (("", 1), ("experiment", 3), ("paper", 3), ("exact", 3), ("", 1))
 PX_PER_PT = 1.6  # scale that makes the figures' type as large as the page's
-EXTRA_DIGITS = re.compile(r"(?<=\.\d\d)\d+")  # of a coordinate, below a hundredth of a point
-TAG = re.compile(r"<[^>]*>")
-BLANKS = re.compile(r"\s+")
 SUBSCRIPT = re.compile(r"\b([^\W_])_(\w)\b")  # symbols in captions, such as F_m
+SPEED = Markup("V<sub>s</sub>, m/s")
+COMPUTED = (SPEED, "L/2R at 0.2 %", "L/2R at 4 %")
+TABLE_HEADINGS = (Markup("F<sub>m</sub>, N"), "duration, µs", SPEED, "L/2R", *COMPUTED, *COMPUTED, "deviation of codes")
+TABLE_GROUPS = (("", 1), ("experiment", 3), ("paper", 3), ("exact", 3), ("", 1))
 
 
 @dataclass(frozen=True)
@@ -46,34 +42,41 @@ class Image:
     width_px: int
 
 
+@contextmanager
+def refused_if_damaged(path: Path, target: str) -> Iterator[None]:
+    """Turns errors of reading or using a file into an InputError that names the make target."""
+    try:
+        yield
+    except FileNotFoundError as error:
+        raise InputError(paths.shown(path), "", f"file not found; make {target} writes it") from error
+    except (ValueError, LookupError, TypeError, AttributeError) as error:  # errors of pandas and of XML among them
+        raise InputError(paths.shown(path), "", f"damaged file ({error}); make {target} writes it again") from error
+
+
 def image_of(svg: str) -> Image:
-    """Image of an SVG written by matplotlib, with coordinates rounded to a hundredth of a point.
+    """Image of an SVG written by matplotlib.
 
     Raises:
         ValueError: the text is not an SVG with a width in points.
     """
     try:
-        root = ElementTree.fromstring(svg.encode())
+        width = ElementTree.fromstring(svg.encode()).attrib.get("width", "")
     except ElementTree.ParseError as error:
         raise ValueError(str(error)) from error
-    small = TAG.sub(lambda tag: BLANKS.sub(" ", EXTRA_DIGITS.sub("", tag[0])), svg)
-    address = f"data:image/svg+xml;base64,{b64encode(small.encode()).decode()}"
-    return Image(address, round(PX_PER_PT * float(root.attrib.get("width", "").removesuffix("pt"))))
+    address = f"data:image/svg+xml;base64,{b64encode(svg.encode()).decode()}"
+    return Image(address, round(PX_PER_PT * float(width.removesuffix("pt"))))
 
 
-def read_image(path: Path) -> Image | None:
-    """Image of a figure's file; None if the file does not exist.
+def read_image(path: Path, target: str) -> Image | None:
+    """Image of a figure's file, written by ``make target``; None if the file does not exist.
 
     Raises:
         InputError: the file is not an SVG figure.
     """
-    allowed = "an SVG as make figures or a study writes it"
-    try:
-        return image_of(read_sealed_file(path, allowed).decode())
-    except FileNotFoundError:
+    if not path.exists():
         return None
-    except ValueError as error:
-        raise InputError(paths.shown(path), "", f"a damaged figure ({error})", allowed) from error
+    with refused_if_damaged(path, target):
+        return image_of(read_sealed_file(path, f"the figure that make {target} writes").decode())
 
 
 def read_figures(results: Path, to_come: Collection[str] = ()) -> dict[str, Any]:
@@ -97,8 +100,8 @@ def _read_figure(results: Path, name: str, caption: Caption) -> dict[str, Any]:
         "title": caption.title,
         "shows": set_symbols(getattr(caption, "shows", "")),
         "text": set_symbols(caption.text),
-        "image": read_image(results / f"{name}.svg") if name != TABLE else None,
-        "spacetime": read_image(results / f"{name}-{SPACETIME}.svg"),
+        "image": read_image(results / f"{name}.svg", name) if name != TABLE else None,
+        "spacetime": read_image(results / f"{name}-{SPACETIME}.svg", name),
         "scores": read_values(results, SCORED, scores_in) if name == SCORED else None,
         "rows": read_values(results, TABLE, rows_in) if name == TABLE else None,
         "headings": TABLE_HEADINGS,
@@ -117,13 +120,11 @@ def read_values(results: Path, name: str, values_in: Callable[[pd.DataFrame], An
     Raises:
         InputError: the table is damaged.
     """
-    path, allowed = results / f"{name}.csv", f"the table that make {name} writes"
-    try:
-        return values_in(table_in(read_sealed_file(path, allowed)))
-    except FileNotFoundError:
+    path = results / f"{name}.csv"
+    if not path.exists():
         return None
-    except (ValueError, KeyError, TypeError) as error:  # errors of pandas are ValueErrors
-        raise InputError(paths.shown(path), "", "a damaged table", allowed) from error
+    with refused_if_damaged(path, name):
+        return values_in(table_in(read_sealed_file(path, f"the table that make {name} writes")))
 
 
 def rows_in(table: pd.DataFrame) -> list[list[str]]:
@@ -132,12 +133,12 @@ def rows_in(table: pd.DataFrame) -> list[list[str]]:
 
 
 def scores_in(table: pd.DataFrame) -> dict[str, Any]:
-    """Deviation of measured from computed speeds: a row for each reading of the force and modulus.
+    """Deviation of measured from computed speeds: a row for each reading of the force and modulus, with headings.
 
     Deviations are in per cent of the computed speed by amplitude, root mean squares in standard errors.
     """
     table, rows = table[table["source"] == "score"], []
-    for reading, modulus in product(READINGS, table["modulus_MPa"].unique()):
+    for reading, modulus in product(table["force_read_as"].unique(), table["modulus_MPa"].unique()):
         own = table[(table["force_read_as"] == reading) & (table["modulus_MPa"] == modulus)]
         large = own["force_N"] >= LARGE_N
         rms = [np.sqrt((own["deviation_standard_errors"][which] ** 2).mean()) for which in (large, ~large)]

@@ -1,7 +1,6 @@
 """``beads report``: run and compare scenes, and write the page with its JSON file."""
 
 import re
-import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
@@ -16,8 +15,7 @@ from drivers.base.errors import InputError, RunError
 from drivers.base.files import whole_file
 from drivers.base.progress import say, step
 from drivers.chain.case import build_case
-from drivers.engines import in_order
-from drivers.engines._entries import engines_again
+from drivers.engines import in_order, load_engine
 from drivers.scene.read_scene import read_scene
 from postproc.figures import captions
 from postproc.read.measured import read_traces
@@ -33,7 +31,7 @@ from validation.chapters import (
     write_paper_figure,
 )
 from validation.checks import FAIL, NOT_RUN, PASS, Check, short, table
-from validation.compare.answer import answer
+from validation.compare.answer import answer, display_name, listed
 from validation.compare.comparison import ComparedScene, run_and_compare_all
 from validation.compare.selection import EngineSelection, print_unmet
 from validation.report.machine_readable import as_json, made_with, when_made
@@ -42,7 +40,6 @@ from validation.report.scene_section import counted, failures_in, section_of, to
 
 SUBJECT = "Strongly nonlinear waves in a chain of Teflon beads"
 PAPER = ("fig4", "fig5", "fig6b", "fig6d")
-MAKE_COMMAND = "make report"
 POWER = re.compile(r"\d[\d.]*e[+-]?\d+")  # number with a power of ten
 SHORT = ("calibration", "trade", "stability", "elements")  # chapters that are made in their short form
 
@@ -59,14 +56,21 @@ SECTIONS = {
 
 
 def report(
-    sources: list[str], out: Path | None, runs: Path | None, asked: EngineSelection, *, studies: bool = False
+    sources: Sequence[str],
+    out: Path | None,
+    runs: Path | None,
+    asked: EngineSelection,
+    command: str = "",
+    *,
+    studies: bool = False,
 ) -> int:
     """Run and compare scenes, and write the report; with ``studies`` also make what of its parts is not up to date.
 
     Parts are the figures and the table of the paper, and the chapters. Chapters are made in their short form, claims
     in full; existing tables of other chapters are kept. Without named scenes the report is on the paper's scenes, with
     its parts; a report on named scenes has none unless ``studies`` are asked for. The exit code is 1 if a verdict
-    fails, a part fails or misses a requirement, or a required engine did not run.
+    fails, a part fails or misses a requirement, or a required engine did not run. The page names the ``command`` that
+    makes it.
 
     Raises:
         InputError: a scene is wrong, two scenes have one name, or the page has the name of a JSON file.
@@ -82,8 +86,7 @@ def report(
         if scene.measured:  # report wrong files before any run
             read_traces(scene, gauges_of(build_case(scene).layout))
     to_come = [name for name in (*captions(), *CHAPTERS) if studies and not _made(name, page.parent)]
-    steps, command = 1 + len(to_come), _command(sources, out, runs, asked, studies=studies)
-    sections = tuple(SECTIONS) if studies or not sources else ()
+    steps, sections = 1 + len(to_come), tuple(SECTIONS) if studies or not sources else ()
     with step("scenes on all engines, compared", 1, steps):
         compared = [*run_and_compare_all(sources or PAPER, runs=folder, asked=asked)]
         absent = {engine: why for scene in reversed(compared) for engine, why in scene.absent.items()}
@@ -126,7 +129,7 @@ def _made(part: str, results: Path) -> bool:
     figure = part in captions()
     main = results / f"{part if figure else load_chapter(part).main_table}.csv"
     try:
-        there = bool(read_image(main.with_suffix(".svg")) if figure else read_section(part, results))
+        there = bool(read_image(main.with_suffix(".svg"), part) if figure else read_section(part, results))
     except InputError as error:
         say(str(error))
         return False
@@ -143,21 +146,10 @@ def _announce(page: Path, counts: Counter[str], to_come: Sequence[str]) -> None:
     print(line + (f"; to come: {', '.join(to_come)}" if to_come else ""), flush=True)
 
 
-def _command(sources: list[str], out: Path | None, runs: Path | None, asked: EngineSelection, *, studies: bool) -> str:
-    """Command that makes the same page again; ``make report`` requires engines as well."""
-    given = [("--out", out), ("--runs", runs), *(("--engine", name) for name in asked.engines)]
-    options = [str(word) for option in given if option[1] is not None for word in option] + engines_again()
-    options += ["--allow-missing"] * asked.allow_missing + ["--studies"] * (studies and bool(options))
-    if not sources and not options:
-        return MAKE_COMMAND
-    options += [word for name in asked.require for word in ("--require", name)]
-    return shlex.join(["beads", "report", *sources, *options])
-
-
 def write_report(
     scenes: Sequence[ComparedScene],
     path: Path,
-    command: str = MAKE_COMMAND,
+    command: str = "",
     runs: Path | None = None,
     unmet: Mapping[str, str] | None = None,
     to_come: Sequence[str] = (),
@@ -168,7 +160,7 @@ def write_report(
     Args:
         scenes: compared scenes; each has a section.
         path: of the page; figures and chapters are read from its folder.
-        command: makes the page again.
+        command: made the page.
         runs: folder of the run folders if not the default.
         unmet: messages on required engines without a run.
         to_come: names of figures and chapters that are being made; they are not read, since they are outdated.
@@ -193,6 +185,7 @@ def write_report(
         "report/report.html.j2",
         subject=SUBJECT if sections else f"{' and '.join(row.title for row in rows)}: do the codes agree?",
         answer=" ".join(answer(scenes, verdicts)),
+        codes=listed([display_name(name) for name in engines if not load_engine(name).in_repository]),
         claims=claims,
         failures=failures_in((*rows, *cases)),
         made=made,
