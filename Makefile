@@ -16,7 +16,7 @@ FIGURES := $(patsubst postproc/figures/%.py,%,$(wildcard postproc/figures/[a-z]*
 SOURCES := $(shell find inputs templates drivers postproc validation -type f \
   -not -path '*/tests/*' -not -path '*/__pycache__/*')
 MADE_FROM := $(SOURCES) $(ENTRIES) .venv/.ready .venv/.engines
-MEASURED := claims trade stability elements independent calibration
+MEASURED := claims trade stability elements calibration
 BUDGET := 300
 AS_ROOT := $(if $(filter 0,$(shell id -u)),,sudo)
 APT := $(if $(shell command -v apt-get),$(if $(AS_ROOT),$(shell command -v sudo),yes))
@@ -41,7 +41,7 @@ engines: ## install LIGGGHTS, YADE and LAMMPS if missing
 figures: .venv/.ready .venv/.engines ## draw all figures and Table 1 of the paper
 	@$(MAKE) --no-print-directory -j 2 $(FIGURES)
 
-claims: ## compute and judge every statement of the paper
+claims: ## judge the paper's statements, engines by published numbers
 
 trade: ## measure error against cost; BUDGET=300 seconds of runs
 
@@ -50,8 +50,6 @@ stability: ## measure stable steps, extremes, long runs, rounding
 elements: ## measure effect and cost of each modelling element
 
 calibration: ## fit contact laws to the paper's experiments
-
-independent: ## judge engines by published numbers and theory
 
 study: .venv/.ready .venv/.engines ## run and draw a study: make study STUDY=sensitivity
 	@test -n "$(STUDY)" || { echo "STUDY is missing: make study STUDY=$(firstword $(STUDIES)); studies: $(STUDIES)"; exit 2; }
@@ -107,7 +105,7 @@ REQUIRED = $(if $(APT),$(CODES),$(shell cat .venv/.engines))
 NEWS = $(shell find results -maxdepth 1 \( -name '*.csv' -o -name '*.svg' \) -newer results/.report 2>/dev/null)
 results/.report: $(MADE_FROM) $(if $(wildcard results/report.html),$(if $(NEWS),FORCE),FORCE)
 	$(BEADS) report --studies $(REQUIRED:%=--require %)
-	@touch $@ results/.claims results/.independent
+	@touch $@ results/.claims
 
 # the stamp holds the path of the checkout, since a moved one needs its command and its "activate" again
 MOVED = $(subst x$(CURDIR),,x$(shell cat .venv/.ready 2>/dev/null))

@@ -193,7 +193,7 @@ class PulseShape:
 
     rise_s: float  # from the onset to the first maximum
     decay_per_s: float  # rate of the exponential from the maximum to half of it; NaN if the pulse never falls to half
-    duration_s: float  # from the onset until the pulse first falls below the onset level, or until the reflected wave
+    duration_s: float  # until the pulse first falls below the onset level; NaN if the reflected wave comes first
 
 
 def incident_pulse(time_s: Array, signal: Array, onset_share: float = ONSET) -> PulseShape | None:
@@ -216,5 +216,5 @@ def incident_pulse(time_s: Array, signal: Array, onset_share: float = ONSET) -> 
     half = int(np.argmax(falling < first.value / 2))
     rate = np.polyfit(after[:half], np.log(falling[:half]), 1)[0] if half > 1 else np.nan
     quiet = falling < onset_share * first.value
-    end = int(np.argmax(quiet)) if quiet.any() else int(np.argmin(falling))
-    return PulseShape(first.time_s - onset, float(rate), float(after[end]) - onset)
+    end = float(after[np.argmax(quiet)]) if quiet.any() else np.nan
+    return PulseShape(first.time_s - onset, float(rate), end - onset)

@@ -1,1 +1,1 @@
-"""Quantitative statements of the paper, computed; ``inputs/paper/claims.toml`` names the function of each."""
+"""Published numbers against computed ones: the paper's statements, and cases beyond the paper."""

@@ -7,7 +7,6 @@ import pandas as pd
 
 from drivers.base.errors import InputError
 from drivers.chain.case import Case
-from postproc.paper import theory
 from postproc.paper.simulate import Simulation, case_of
 from postproc.paper.strikes import sensor_amplitude, strike_for, striker_speed
 from postproc.read.signals import Peak, envelope, peaks
@@ -56,11 +55,6 @@ def heavy_strike(run: Run, *settings: str) -> Simulation:
     """Fig. 5's striker on sixty beads without gravity."""
     chain = ("gravity=", "chain.count=60", "run.duration=2.4 ms", *COARSE)
     return run(case_of("fig5", *chain, *settings))
-
-
-def ptfe_beads() -> theory.Particles:
-    """The paper's beads of 4.76 mm, E = 1.46 GPa."""
-    return theory.particles_of(case_of("table1"))
 
 
 def rate_through(train: list[Peak], maxima: float) -> float:

@@ -14,20 +14,11 @@ from drivers.base.messages import shorten, validate
 from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml
 from postproc.paper.quoted import quoted
-from validation.claims import dissipation, equations, materials, single_waves, trains
+from validation.claims import dissipation, equations, single_waves, trains
+from validation.claims.paper_numbers import paper_numbers
 
-MODULES = {
-    "equations": equations,
-    "materials": materials,
-    "single_waves": single_waves,
-    "trains": trains,
-    "dissipation": dissipation,
-}
-KINDS = {  # in the order of the report
-    "physics": "can fail on physics",
-    "exact": "exact by similarity or by construction",
-    "arithmetic": "arithmetic of the paper's own numbers",
-}
+MODULES = {"equations": equations, "single_waves": single_waves, "trains": trains, "dissipation": dissipation}
+PHYSICS, FITTED, CERTAIN, ARITHMETIC = "physics", "fitted", "certain", "arithmetic"  # kinds, in the order of the report
 
 Arguments = dict[str, float | str]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -39,7 +30,7 @@ class Reading(Part):
     Attributes:
         words: the reading, in a few words.
         arguments: arguments of the claim's function, in addition to those of the claim.
-        favoured: reason why the text favours this reading; empty for the others.
+        favoured: reason why this reading is judged; empty for the others.
     """
 
     words: str
@@ -59,8 +50,8 @@ class Claim(Part):
     id: str
     where: str
     quote: str
-    kind: Literal["physics", "exact", "arithmetic"]
-    compute: str
+    kind: Literal["physics", "fitted", "certain", "arithmetic"]
+    compute: str = ""
     arguments: Arguments = Field(default_factory=dict)
     how: str = ""
     quoted: Finite
@@ -69,6 +60,7 @@ class Claim(Part):
     within: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     because: str = ""
     explained: str = ""
+    cause: str = ""
     ours: bool = False
     readings: Readings = ()
     shared_readings: str = ""
@@ -100,30 +92,34 @@ class Untested(Part):
 
 
 class ClaimsFile(Part):
-    """The file ``inputs/paper/claims.toml``: shared readings, claims, untested statements."""
+    """The file ``inputs/paper/claims.toml``: shared readings, causes of differences, claims, untested statements."""
 
     readings: dict[str, Readings] = Field(default_factory=dict)
+    causes: dict[str, str] = Field(default_factory=dict)
     claim: Annotated[tuple[Claim, ...], Field(strict=False, min_length=1)]
     untested: Annotated[tuple[Untested, ...], Field(strict=False)] = ()
 
 
 def read_claims(path: Path = paths.CLAIMS) -> ClaimsFile:
-    """Reads the file; shared readings are put into each claim.
+    """Reads the file; rows of a ``[[group]]`` are claims with the group's keys, and shared readings go into each claim.
 
     Raises:
         InputError: anything in the file is wrong, such as a claim without a function.
     """
-    where = paths.shown(path)
-    file = validate(ClaimsFile, read_toml(path), where)
+    where, given = paths.shown(path), read_toml(path)
+    for group in given.pop("group", []):
+        given["claim"] = [*given.get("claim", []), *(group | row for row in group.pop("rows", []))]
+    file = validate(ClaimsFile, given, where)
     counts = Counter(claim.id for claim in file.claim)
     for claim in file.claim:
         if counts[claim.id] > 1:
             raise InputError(where, f"claim {claim.id}", "id used twice")
-        if claim.shared_readings not in {"", *file.readings}:
-            allowed = f"one of [readings]: {', '.join(file.readings) or 'none'}"
-            raise InputError(
-                where, f"claim {claim.id}: shared_readings", f'"{shorten(claim.shared_readings)}"', allowed
-            )
+        for key, value, known in (
+            ("shared_readings", claim.shared_readings, file.readings),
+            ("cause", claim.cause, file.causes),
+        ):
+            if value not in {"", *known}:
+                raise InputError(where, f"claim {claim.id}: {key}", f'"{shorten(value)}"', ", ".join(known) or "none")
     claims = tuple(
         claim.model_copy(update={"readings": file.readings.get(claim.shared_readings, claim.readings)})
         for claim in file.claim
@@ -136,10 +132,14 @@ def read_claims(path: Path = paths.CLAIMS) -> ClaimsFile:
 def _check(claim: Claim, where: str) -> None:
     """Raises an InputError if a claim cannot be computed or judged."""
     key = f"claim {claim.id}"
-    if function_of(claim) is None:
+    if claim.kind == ARITHMETIC:
+        if claim.id not in paper_numbers():
+            raise InputError(where, key, "no value of this id in validation/claims/paper_numbers.py")
+    elif function_of(claim) is None:
         raise InputError(where, f"{key}: compute", shorten(claim.compute), f"module.function of {', '.join(MODULES)}")
-    for reading in claim.readings or (PLAIN_READING,):
-        _check_arguments(claim, claim.arguments | reading.arguments, where)
+    else:
+        for reading in claim.readings or (PLAIN_READING,):
+            _check_arguments(claim, claim.arguments | reading.arguments, where)
     if claim.relation == "equals" and claim.within is None:
         raise InputError(where, key, "missing key within, the tolerance")
     if not claim.because:

@@ -1,22 +1,24 @@
-"""The study of the paper's statements: computed, judged, reported.
+"""The study of published numbers: the paper's statements, and cases beyond the paper; computed, judged, reported.
 
-A claim names the function that computes it, ``module.function`` in ``validation/claims``, and its ``arguments``. A
+A claim of the paper names the function that computes it, ``module.function`` in this folder, and its ``arguments``. A
 function with the parameter ``run`` is computed on every engine, one with ``table`` from Table 1 as every engine solves
-it; other functions use no simulated chain. If a sentence can be read in several ways, the reading that the text favours
-is judged, and the reference computes the others as well.
+it; other functions use no simulated chain. If a sentence can be read in several ways, one reading is judged, and the
+reference computes the others as well. A case beyond the paper names a scene and a measure of ``measures/``.
 """
 
 from collections import Counter
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from math import isnan
 from typing import Any
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.engines import REFERENCE, in_order
-from validation.chapters import Chapter, Tables, rows_in
-from validation.checks import FAIL, Check, table
-from validation.claims.claim import KINDS, Claim, read_claims
+from drivers.engines import REFERENCE
+from validation.chapters import Chapter, Options, Tables, rows_in
+from validation.checks import FAIL, NOT_RUN, PASS, RUN, Check, outcome, pass_or_fail, share_of_limit, table
+from validation.claims.cases import MEASURES, Independent, read_independent, unit_of
+from validation.claims.claim import ARITHMETIC, CERTAIN, FITTED, PHYSICS, Claim, read_claims
 from validation.claims.judged import (
     DIFFERS,
     REPRODUCED,
@@ -25,102 +27,223 @@ from validation.claims.judged import (
     favoured,
     hangs,
     how_computed,
-    judge_all,
+    judge_cases,
+    judge_claims,
     quantity_of,
 )
 
+AGAIN = "run make claims"
 RELATIONS = {"equals": "", "at most": "≤ ", "at least": "≥ "}
+JudgedClaim = tuple[Claim, list[Check]]
+GROUPS: dict[
+    tuple[str, bool], str
+] = {  # descriptions of kinds, by kind and by whether the criterion is ours; in the order of the report
+    (PHYSICS, False): "can fail on physics, by a number or a direction of the paper",
+    (PHYSICS, True): "can fail on physics, by our criterion for the paper's words",
+    (FITTED, False): "by a law whose parameters were fitted to the same numbers",
+    (CERTAIN, False): "true by similarity, construction or a bound: these check the simulations",
+    (ARITHMETIC, False): "arithmetic of the paper's own numbers",
+}
 
 
-def checks_in(tables: Tables) -> list[tuple[Claim, list[Check]]]:
-    """Claims of ``inputs/paper/claims.toml`` with their checks.
+@dataclass(frozen=True)
+class Statement:
+    """A row of the section: a quantity, the published value, the value found, and the reason of the verdict.
+
+    Attributes:
+        where: place in the paper, or source of a case.
+        words: the sentence of the paper, or the quantity.
+        how: description of the computed value.
+        marks: remarks on the judgement, such as "our criterion".
+        readings: other readings of the sentence, each with its value and verdict.
+    """
+
+    id: str
+    where: str
+    words: str
+    how: str
+    published: str
+    found: str
+    verdict: str
+    why: str
+    marks: tuple[str, ...] = ()
+    readings: tuple[tuple[str, str, str], ...] = ()
+
+
+def measure(options: Options) -> dict[str, Any]:
+    """Judges the paper's claims and the shipped cases; with a file of own cases, these alone."""
+    own = options.file != paths.INDEPENDENT
+    claims = [] if own else judge_claims(options.runs)
+    return {"claims": [*claims, *judge_cases(options.file, options.runs)]}
+
+
+def checks_in(tables: Tables) -> tuple[list[JudgedClaim], list[Check]]:
+    """Claims of the paper with their checks, none if the table holds own cases alone; and checks of cases.
 
     Raises:
         InputError: the table holds other claims, readings or verdicts.
     """
-    rows, claims = rows_in(tables["claims"], Check), read_claims().claim
-    judged = [(claim, [row for row in rows if row.scene == claim.id]) for claim in claims]
-    others = InputError("claims.csv", "scene", f"other claims than in {paths.shown(paths.CLAIMS)}; run make claims")
-    if {row.scene for row in rows} != {claim.id for claim in claims}:
-        raise others
-    for claim, checks in judged:
+    claims = {claim.id: claim for claim in read_claims().claim}
+    found: dict[str, list[Check]] = {name: [] for name in claims}
+    cases: list[Check] = []
+    for check in rows_in(tables["claims"], Check):
+        claim = claims.get(check.scene)
+        if claim:
+            right = check_of(claim, claim.favoured, check.engine, check.found).verdict
+        elif isnan(check.limit):
+            right = NOT_RUN if check.verdict == NOT_RUN else FAIL
+        else:
+            right = pass_or_fail(check.value, check.limit)
+        if check.verdict != right:
+            wrong = f"{check.verdict} of {check.scene} on {check.engine}: {check.value:g}, allowed {check.limit:g}"
+            raise InputError("claims.csv", "verdict", wrong, f"{right}; run make claims")
+        (found[claim.id] if claim else cases).append(check)
+    if not any(found.values()):
+        return [], cases
+    for name, claim in claims.items():
         known = {quantity_of(claim, reading) for reading in claim.readings or [claim.favoured]}
-        if {check.quantity for check in checks if check.engine == REFERENCE} != known:
-            raise others
-        for check in checks:
-            verdict = check_of(claim, claim.favoured, check.engine, check.found).verdict
-            if check.verdict != verdict:
-                allowed = f"{verdict}, the verdict of make claims"
-                raise InputError("claims.csv", f"{claim.id}: verdict", check.verdict, allowed)
-    return judged
+        if {check.quantity for check in found[name] if check.engine == REFERENCE} != known:
+            raise InputError("claims.csv", "scene", f"other claims than in {paths.shown(paths.CLAIMS)}; {AGAIN}")
+    return [(claim, found[name]) for name, claim in claims.items()], cases
 
 
 def sentences(tables: Tables) -> list[str]:
     """Statements that differ, and counts of the verdicts."""
-    judged = checks_in(tables)
-    checks = [favoured(claim, checks)[REFERENCE] for claim, checks in judged]
-    return [
-        *table([check for check in checks if check.verdict == DIFFERS]),
-        *(f"{words}: {good} reproduced, {bad} differ" for words, good, bad in _counts(judged)),
-        f"{sum(hangs(checks) for _, checks in judged)} verdicts depend on the reading of a sentence",
-        f"{len(read_claims().untested)} statements are not tested (reasons in the report)",
-    ]
+    judged, cases = checks_in(tables)
+    counts = Counter(check.verdict for check in cases)
+    lines = [f"cases beyond the paper: {counts[PASS]} passed, {counts[FAIL]} failed, {counts[NOT_RUN]} not run"]
+    if judged:
+        checks = [favoured(*each)[REFERENCE] for each in judged]
+        lines += table([check for check in checks if check.verdict == DIFFERS])
+        lines += [f"{words}: {good} reproduced, {bad} differ" for words, good, bad in _counts(judged)]
+        lines += [headline(judged), misfit(judged)]
+    return lines
 
 
-def _counts(judged: list[tuple[Claim, list[Check]]]) -> list[tuple[str, int, int]]:
-    """By kind: its description, the number of reproduced and of differing statements."""
-    counts: Counter[tuple[str, str]] = Counter(
-        (claim.kind, favoured(claim, checks)[REFERENCE].verdict) for claim, checks in judged
+def headline(judged: Sequence[JudgedClaim]) -> str:
+    """Number of reproduced statements among those that can fail on physics."""
+    verdicts = Counter(verdict_of(each) for each in judged if each[0].kind == PHYSICS)
+    good, whole = verdicts[REPRODUCED], verdicts.total()
+    return f"{good} of {whole} statements of the paper that can fail on physics are reproduced."
+
+
+def misfit(judged: Sequence[JudgedClaim]) -> str:
+    """Causes of the differences among statements that can fail on physics, each with its number of statements."""
+    off = [each[0] for each in judged if each[0].kind == PHYSICS and verdict_of(each) == DIFFERS]
+    counts, causes = Counter(claim.cause for claim in off), read_claims().causes
+    parts = [f"{causes.get(cause, 'other causes')} ({count})" for cause, count in counts.most_common()]
+    return f"{len(off)} differ: {'; '.join(parts)}." if off else ""
+
+
+def verdict_of(judged: JudgedClaim) -> str:
+    """Verdict of a claim: of the reference, in the favoured reading."""
+    return favoured(*judged)[REFERENCE].verdict
+
+
+def _counts(judged: Iterable[JudgedClaim]) -> list[tuple[str, int, int]]:
+    """By group: its description, the number of reproduced and of differing statements."""
+    counts: Counter[tuple[str, bool, str]] = Counter(
+        (each[0].kind, each[0].kind == PHYSICS and each[0].ours, verdict_of(each)) for each in judged
     )
-    return [(words, counts[kind, REPRODUCED], counts[kind, DIFFERS]) for kind, words in KINDS.items()]
+    return [(words, counts[*group, REPRODUCED], counts[*group, DIFFERS]) for group, words in GROUPS.items()]
 
 
 def judge(tables: Tables) -> Iterator[Check]:
     """Failures: claims with an unexplained difference, an unneeded explanation, or engines that disagree."""
-    for claim, checks in checks_in(tables):
+    for claim, checks in checks_in(tables)[0]:
         if fault := fault_of(claim, checks):
             yield replace(favoured(claim, checks)[REFERENCE], where=fault, verdict=FAIL)
 
 
 def section(tables: Tables) -> dict[str, Any]:
-    """Claims by verdict with their readings, untested statements, engines, and counts."""
-    judged = checks_in(tables)
-    rows: dict[str, list[dict[str, Any]]] = {verdict: [] for verdict in (DIFFERS, REPRODUCED)}
-    for claim, checks in judged:
-        rows[favoured(claim, checks)[REFERENCE].verdict].append(_cells(claim, checks))
+    """Statements by verdict, those of arithmetic apart; cases with their statements; headline, counts, untested.
+
+    Raises:
+        InputError: the table lacks the paper's claims or a shipped case.
+    """
+    (judged, checks), entries = checks_in(tables), read_independent()
+    if not judged or list(dict.fromkeys(check.scene for check in checks)) != [entry.id for entry in entries]:
+        raise InputError("claims.csv", "scene", f"other claims or cases than the shipped ones; {AGAIN}")
+    physics = [each for each in judged if each[0].kind != ARITHMETIC]
     return {
-        "rows": rows,
-        "engines": in_order({check.engine for _, checks in judged for check in checks}),
-        "untested": read_claims().untested,
+        "headline": headline(judged),
+        "misfit": misfit(judged),
         "counts": _counts(judged),
-        "hanging": sum(hangs(checks) for _, checks in judged),
+        "hanging": sum(hangs(own) for _, own in judged),
+        "without_code": sum(len(favoured(*each)) == 1 for each in judged if each[0].kind == PHYSICS),
+        DIFFERS: [_statement(*each) for each in physics if verdict_of(each) == DIFFERS],
+        REPRODUCED: [_statement(*each) for each in physics if verdict_of(each) == REPRODUCED],
+        ARITHMETIC: [_statement(*each) for each in judged if each[0].kind == ARITHMETIC],
+        "untested": read_claims().untested,
+        "cases": [
+            (entry, *_of_case(entry, [check for check in checks if check.scene == entry.id])) for entry in entries
+        ],
+        "checks": checks,
     }
 
 
-def _cells(claim: Claim, checks: list[Check]) -> dict[str, Any]:
+def _statement(claim: Claim, checks: list[Check]) -> Statement:
     # eight digits for a tight tolerance, else four
     digits = 8 if 0 < claim.limit < 1e-4 * abs(claim.quoted) else 4
     exact = {check.quantity: check for check in checks if check.engine == REFERENCE}
-    readings = [(reading, exact[quantity_of(claim, reading)]) for reading in claim.readings]
-    return {
-        "claim": claim,
-        "ours": "our criterion" if claim.ours else "",
-        "kind": KINDS[claim.kind],
-        "quoted": f"{RELATIONS[claim.relation]}{claim.quoted:.8g}",
-        "within": f"± {claim.within:g}" if claim.relation == "equals" else "",
-        "computed": f"{exact[quantity_of(claim, claim.favoured)].found:.{digits}g}",
-        "why": claim.explained or claim.because,
-        "how": how_computed(claim),
-        "hangs": hangs(checks),
-        "readings": [(reading, f"{check.found:.{digits}g}", check.verdict) for reading, check in readings],
-    }
+    judged = exact[quantity_of(claim, claim.favoured)]
+    within = f" ± {claim.within:g}" if claim.relation == "equals" else ""
+    shown = {key: "–" if isnan(check.found) else f"{check.found:.{digits}g}" for key, check in exact.items()}
+    return Statement(
+        claim.id,
+        claim.where,
+        claim.quote,
+        how_computed(claim),
+        f"{RELATIONS[claim.relation]}{claim.quoted:.8g}{within} {claim.unit}".rstrip(),
+        shown[judged.quantity],
+        judged.verdict,
+        claim.explained or claim.because,
+        tuple(
+            words
+            for words, said in (
+                ("our criterion", claim.ours),
+                ("fitted", claim.kind == FITTED),
+                ("depends on the reading", hangs(checks)),
+            )
+            if said
+        ),
+        tuple(
+            (f"{reading.words}{', judged' * bool(reading.favoured)}", shown[name], exact[name].verdict)
+            for reading in claim.readings
+            for name in [quantity_of(claim, reading)]
+        ),
+    )
+
+
+def _of_case(entry: Independent, checks: Sequence[Check]) -> tuple[str, list[Statement]]:
+    """Verdict on a case, and a row for each number, with the value of the engine furthest from it, and failed run."""
+    by_quantity: dict[str, list[Check]] = {}
+    for check in checks:
+        by_quantity.setdefault(f"{check.engine}: run" if check.quantity == RUN else check.quantity, []).append(check)
+    rows = []
+    for quantity, own in by_quantity.items():
+        worst, name = max(own, key=share_of_limit), quantity.partition(" against ")[0]
+        measured = not isnan(worst.limit)
+        rows.append(
+            Statement(
+                entry.id,
+                worst.where.partition(": ")[2] if measured else "",
+                MEASURES[entry.measure].quantities.get(name, name),
+                f"by {worst.engine}",
+                f"{worst.expected:.7g} {unit_of(name)}".rstrip() if measured else "",
+                f"{worst.found:.7g}" if measured else "",
+                outcome(own),
+                f"error {worst.value:.1e}, allowed {worst.limit:g}: {worst.reason}" if measured else worst.where,
+            )
+        )
+    return outcome(checks), rows
 
 
 CHAPTER = Chapter(
     name="claims",
-    title="statements of the paper",
+    title="published numbers",
     tables={"claims": Check},
-    measure=lambda options: {"claims": judge_all(options.runs)},
+    measure=measure,
     sentences=sentences,
     section=section,
     judge=judge,

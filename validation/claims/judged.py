@@ -1,23 +1,35 @@
-"""Judged claims: each computed on the engines that its function takes, in the favoured reading."""
+"""Judged numbers: the paper's claims, and cases beyond the paper, each on all engines that it takes."""
 
 import inspect
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache, partial
+from itertools import product
+from math import isnan, nan
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 from drivers.base import paths
+from drivers.base.tolerances import Tolerance
 from drivers.chain.case import Case
-from drivers.engines import REFERENCE
+from drivers.chain.schemes import verlet_of
+from drivers.chain.trace import Trace
+from drivers.engines import REFERENCE, VERLET, engine_names
 from drivers.run.execute import side_by_side
+from drivers.run.run import refuse_all, run_many
+from drivers.run.run_folder import EndedRun
 from postproc.paper.simulate import Simulation, exact, run_codes_on
 from postproc.paper.strikes import READINGS, exact_table1, sensor_amplitude, solve_table1
-from validation.checks import Check
-from validation.claims.claim import Claim, Reading, function_of, given_to, read_claims
+from postproc.read.motion import trace_with_state
+from validation.checks import FAIL, NOT_RUN, Check, judged, without_run
+from validation.claims.cases import MEASURES, Expectation, Posed, pose, read_independent, unit_of
+from validation.claims.claim import ARITHMETIC, Claim, Reading, function_of, given_to, read_claims
+from validation.claims.paper_numbers import paper_numbers
+from validation.compare.comparison import absences
 
 REPRODUCED, DIFFERS = "reproduced", "differs"
+IN_REPO: dict[str, Callable[[Case], Trace]] = {REFERENCE: lambda case: exact(case).trace, VERLET: verlet_of}
 
 
 def check_of(claim: Claim, reading: Reading, engine: str, value: float) -> Check:
@@ -32,7 +44,8 @@ def check_of(claim: Claim, reading: Reading, engine: str, value: float) -> Check
 
 def quantity_of(claim: Claim, reading: Reading) -> str:
     """Function of a claim, with the reading of the sentence if there are several."""
-    return f"{claim.compute} ({reading.words})" if reading.words else claim.compute
+    computed = claim.compute or claim.kind
+    return f"{computed} ({reading.words})" if reading.words else computed
 
 
 def favoured(claim: Claim, checks: Iterable[Check]) -> dict[str, Check]:
@@ -47,18 +60,18 @@ def hangs(checks: Iterable[Check]) -> bool:
 
 def fault_of(claim: Claim, checks: Sequence[Check]) -> str:
     """Fault of a claim: a difference without an explanation, the reverse, or engines that disagree; else empty."""
-    judged = favoured(claim, checks)
-    check = judged[REFERENCE]
+    by_engine = favoured(claim, checks)
+    check = by_engine[REFERENCE]
     if check.verdict == DIFFERS and not claim.explained:
         return f"differs without an explanation: {check.found:.6g}, quoted {claim.quoted:g}"
     if check.verdict == REPRODUCED and claim.explained:
         return "is reproduced, but a difference is explained"
-    other = [engine for engine, each in judged.items() if each.verdict != check.verdict]
+    other = [engine for engine, each in by_engine.items() if each.verdict != check.verdict]
     return f"{', '.join(other)} disagree with the reference" if other else ""
 
 
-def judge_all(runs: Path = paths.RUNS) -> list[Check]:
-    """Computes and judges every claim; claims on simulated chains on every engine.
+def judge_claims(runs: Path = paths.RUNS) -> list[Check]:
+    """Computes and judges every claim of the paper; claims on simulated chains on every engine.
 
     Table 1 is solved while the reference computes the simulated claims. The codes then run the same cases, while the
     reference computes the other readings.
@@ -81,7 +94,8 @@ def judge_all(runs: Path = paths.RUNS) -> list[Check]:
 
     def values_with(**given: Any) -> dict[str, Any]:
         """Values of claims whose functions take just these of ``run`` and ``table``."""
-        return {claim.id: _call(claim, claim.favoured, **given) for claim in claims if given_to(claim) == set(given)}
+        own = [claim for claim in claims if claim.kind != ARITHMETIC and given_to(claim) == set(given)]
+        return {claim.id: _call(claim, claim.favoured, **given) for claim in own}
 
     def on_codes() -> dict[str, dict[str, Any]]:
         """Values by code of the claims on simulated chains."""
@@ -93,7 +107,7 @@ def judge_all(runs: Path = paths.RUNS) -> list[Check]:
 
     def others() -> tuple[dict[str, Any], list[Check]]:
         """Values of claims that take neither, and the other readings of all claims by the reference."""
-        return values_with(), [check for claim in claims for check in _other_readings(claim)]
+        return values_with() | paper_numbers(), [check for claim in claims for check in _other_readings(claim)]
 
     first: dict[str, Any] = {"table": partial(values_with, table=solved), "run": partial(values_with, run=noted)}
     second: dict[str, Any] = {"codes": on_codes, "others": others}
@@ -122,7 +136,7 @@ def _call(claim: Claim, reading: Reading, **given: Any) -> Any:
 
 
 def _other_readings(claim: Claim) -> Iterator[Check]:
-    """Readings that the text does not favour, by the reference."""
+    """Readings that are not judged, by the reference."""
     for reading in claim.readings:
         if not reading.favoured:
             value = _call(claim, reading, run=exact, table=exact_table1)
@@ -132,5 +146,71 @@ def _other_readings(claim: Claim) -> Iterator[Check]:
 
 def how_computed(claim: Claim) -> str:
     """Description of the computed quantity: the claim's, or the first sentence of its function."""
-    text = claim.how or inspect.getdoc(function_of(claim)) or ""
-    return " ".join(text.partition("\n\n")[0].replace("``", "").split())
+    text = claim.how or inspect.getdoc(function_of(claim) or "") or ""
+    return "" if claim.kind == ARITHMETIC else " ".join(text.partition("\n\n")[0].replace("``", "").split())
+
+
+def judge_cases(path: Path = paths.INDEPENDENT, runs: Path = paths.RUNS) -> list[Check]:
+    """Runs the cases, codes in parallel and finished runs reused, and checks every number of every engine.
+
+    The scene of a check is the id of its case.
+
+    Raises:
+        InputError: the file, a scene or a study is wrong, or a guard refuses a scene.
+    """
+    posed = [one for entry in read_independent(path) for one in pose(entry, path)]
+    pairs = [*product(posed, engine_names())]
+    absent = {(one, name): why for one in posed for name, why in absences(one.case, engine_names()).items()}
+    jobs = [pair for pair in pairs if pair not in absent and pair[1] not in IN_REPO]
+    # the last of equal decks is run: those that keep the state come last
+    jobs.sort(key=lambda pair: "state" in pair[0].case.scene.run.record)
+    cases = [(one.case, engine) for one, engine in jobs]
+    refuse_all(cases)
+    ended = dict(zip(jobs, run_many(cases, runs), strict=True))
+    checks: list[Check] = []
+    for pair in pairs:
+        checks += [_without(*pair, NOT_RUN, absent[pair])] if pair in absent else _judged(*pair, ended.get(pair))
+    return checks
+
+
+def _judged(one: Posed, engine: str, ended: EndedRun | None) -> Iterator[Check]:
+    """Checks of the numbers of a run, or of an in-repo motion."""
+    if ended is not None and not ended.done:
+        yield _without(one, engine, FAIL, f"{ended.record.status}: {ended.record.reason}")
+        return
+    try:
+        trace = IN_REPO[engine](one.case) if ended is None else _trace_of(one.case, ended)
+        values = MEASURES[one.entry.measure].measure(one.case, trace)
+    except (ValueError, ArithmeticError, IndexError) as error:  # the run does not show the quantities
+        yield _without(one, engine, FAIL, str(error))
+        return
+    for expectation in one.entry.check:
+        yield _check(one, engine, expectation, values.get(expectation.quantity, nan))
+
+
+def _trace_of(case: Case, run: EndedRun) -> Trace:
+    """Trace of a run, with the state if the case asks for it: another case may have the same run and record it."""
+    return trace_with_state(run) if "state" in case.scene.run.record else run.trace
+
+
+def _check(one: Posed, engine: str, expectation: Expectation, found: float) -> Check:
+    """Check of a number, with the found and the expected value and its source in ``where``."""
+    theory = expectation.expected is None
+    expected = one.theory[expectation.quantity] if expectation.expected is None else expectation.expected
+    unit = unit_of(expectation.quantity) and f" {unit_of(expectation.quantity)}"
+    source = MEASURES[one.entry.measure].source if theory else one.entry.source
+    where = f"found {found:.8g}{unit}" if not isnan(found) else "not visible in the run"
+    label = f" ({one.label})" if one.label else ""
+    check = judged(
+        one.entry.id,
+        engine,
+        f"{expectation.quantity} against {expectation.against}{label}",
+        expectation.error(found, expected),
+        Tolerance(expectation.limit, expectation.reason),
+        f"{where}, expected {expected:.8g}{unit}: {source}",
+    )
+    return Check(**vars(check) | {"found": found, "expected": expected})
+
+
+def _without(one: Posed, engine: str, verdict: str, why: str) -> Check:
+    return without_run(one.entry.id, engine, f"{one.label}: {why}" if one.label else why, verdict)

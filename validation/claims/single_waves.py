@@ -8,7 +8,6 @@ from postproc.paper import theory
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import UNTIL_REFLECTED, Simulation, case_of, exact
 from postproc.paper.strikes import (
-    READINGS,
     contact_peak,
     deviations,
     engines_of,
@@ -157,8 +156,8 @@ def single_wave(run: Run) -> float:
     return train[1].value / train[0].value if len(train) > 1 else 0.0
 
 
-def collision(run: Run, beads: float, seen: str) -> float:
-    """Secondary wave over the original waves after two equal waves met, as a force or as a velocity, no gravity.
+def collision(run: Run, beads: float, seen: str, away: float) -> float:
+    """Secondary wave divided by the original waves that met, some contacts away, as a force or as a velocity.
 
     The waves meet at a contact if the number of beads is even, else at a bead.
     """
@@ -166,7 +165,7 @@ def collision(run: Run, beads: float, seen: str) -> float:
     ends = f"chain.bead=[{{ from_wall = 1, velocity = '1 m/s' }}, {{ from_wall = {count}, velocity = '-1 m/s' }}]"
     chain = ("striker=", f"chain.count={count}", "chain.sensors=[]", ends, "run.duration=2.6 ms", *COARSE)
     one = run(case_of("table1", *UNCOMPRESSED, *chain))
-    place = count - 20
+    place = (count + 1) // 2 + round(away)
     if seen == "force":
         found = waves(one, place + 1, at_least=3, prominence=1e-3)  # from above, from below, and the secondary one
         return found[2].value / found[0].value
@@ -183,19 +182,19 @@ def solved(table: SolvedTable, force_N: float, column: str, beads: float, force_
     return {engine: row[f"{engine}_{column}"] for engine in engines_of(rows)}
 
 
-def misfit(modulus_MPa: float, forces: str, force_is: str = "contact force") -> float:
-    """Deviation of measured from simulated speeds, root mean square over some forces, per cent."""
-    return float(100 * np.sqrt((deviations(modulus_MPa, READINGS[force_is])[ROWS[forces]] ** 2).mean()))
+def misfit(modulus_MPa: float, forces: str) -> float:
+    """Deviation of measured from simulated speeds at equal averages of the gauges, root mean square, per cent."""
+    return float(100 * np.sqrt((deviations(modulus_MPa, sensor_amplitude)[ROWS[forces]] ** 2).mean()))
 
 
-def nearest(forces: str, force_is: str) -> float:
+def misfit_ratio(modulus_MPa: float, other_MPa: float, forces: str) -> float:
+    """Deviation of measured from simulated speeds for one modulus divided by that for another, over some forces."""
+    return misfit(modulus_MPa, forces) / misfit(other_MPa, forces)
+
+
+def nearest(forces: str) -> float:
     """Modulus for which simulated speeds agree best with the measured ones, MPa."""
-    return min(quoted().ptfe_moduli_MPa, key=lambda modulus: misfit(modulus, forces, force_is))
-
-
-def softer_is_worse() -> float:
-    """Deviation of measured from simulated speed at 5 N for 400 MPa, over the same for 600 MPa."""
-    return float(deviations(400, contact_peak)[0] / deviations(600, contact_peak)[0])
+    return min(quoted().ptfe_moduli_MPa, key=lambda modulus: misfit(modulus, forces))
 
 
 def width_by_diameter(run: Run) -> float:

@@ -89,7 +89,7 @@ def entrance(run: Run, number: str, times: float, bead: float, onset: float = ON
     shape = incident_pulse(one.trace.time_s, reading - reading[0], onset)
     if shape is None:
         raise InputError(one.case.scene.file, "run.duration", "a run without the reflected wave", "a longer run")
-    return float(getattr(shape, number) * times)
+    return float(getattr(shape, number) * times)  # NaN for the duration of a pulse that does not end
 
 
 def decay_ratio(run: Run, bead: float, maxima: float) -> float:
@@ -108,10 +108,37 @@ def oscillations(run: Run) -> float:
 
 
 def leading_speed(run: Run) -> float:
-    """Speed of the front of a long impact over that of the solitary wave of its peak force, ten beads on."""
+    """Speed of the front of a long impact divided by that of the solitary wave of its peak force, ten beads on."""
     one = _long_impact(run)
-    above, below = (waves(one, contact)[0] for contact in (35, 25))
     particles, wave = theory.particles_of(one.case), solve_travelling_wave()
     solitary = wave.speed_by_force * particles.stiffness ** (1 / 3) * particles.mass_kg**-0.5
-    peak = (above.value * below.value) ** 0.5
-    return float(10 / (below.time_s - above.time_s) / (solitary * peak ** (1 / 6)))
+    speed, peak_N = _front(one, 35)
+    return float(speed / (solitary * peak_N ** (1 / 6)))
+
+
+def leading_speed_weak(run: Run) -> float:
+    """Speed of the front of a long weak impact above that of sound, divided by that of the KdV soliton of its height.
+
+    340 beads below a striker of 1 kg and 0.1 m/s on a chain under 2 N. The soliton has ``V = c_0 [1 + (xi_m - xi_0) /
+    (12 xi_0)]``.
+    """
+    chain = ("chain.count=400", "chain.precompression=2 N", "striker.speed=0.1 m/s", "run.duration=9.5 ms")
+    one = heavy_strike(run, "striker.mass=1 kg", *chain, "run.time_step=1 us", "run.sample_interval=5 us")
+    static_N, particles = float(one.case.chain.precompression_N), theory.particles_of(one.case)
+    speed, peak_N = _front(one, 65)
+    strain_above = particles.strain(peak_N) / particles.strain(static_N) - 1
+    sound = theory.sound_speed(particles, static_N) / particles.diameter_m
+    return float((speed / sound - 1) / (strain_above / 12))
+
+
+def _front(one: Simulation, contact: int) -> tuple[float, float]:
+    """Speed of the first wave over the ten beads below a contact, beads per second, and its mean peak force, N."""
+    above, below = (waves(one, each)[0] for each in (contact, contact - 10))
+    return 10 / (below.time_s - above.time_s), (above.value * below.value) ** 0.5
+
+
+def static_at_wall(scene: str) -> float:
+    """Static force on the wall divided by the weight of a scene's beads."""
+    case = case_of(scene)
+    weight = float(case.chain.mass_kg[: case.chain.beads].sum()) * case.scene.gravity
+    return float(case.chain.force_N[0]) / weight

@@ -121,11 +121,20 @@ BUDGET = click.option(
     help="Engine time of all runs together (default: 300 s; 30 s with --quick).",
 )
 CASES_FILE = click.option(
-    "--file", metavar="FILE", type=Path, help="File with the cases (default: inputs/independent.toml)."
+    "--file",
+    metavar="FILE",
+    type=Path,
+    help="Judge the cases of a file alone (default: all claims and inputs/independent.toml).",
 )
 QUICK = ("", "--quick")
 CHAPTER_COMMANDS = (
-    _chapter("claims", "Compute and judge every quantitative statement of the paper.", (options.RUNS,)),
+    _chapter(
+        "claims",
+        "Judge the paper's statements, and engines by published numbers.",
+        (CASES_FILE, options.RUNS),
+        "",
+        "--file my-cases.toml",
+    ),
     _chapter(
         "trade",
         "Measure error against cost for all engines and time steps.",
@@ -140,12 +149,5 @@ CHAPTER_COMMANDS = (
         *QUICK,
     ),
     _chapter("elements", "Measure effect and cost of each modelling element.", (options.QUICK, options.RUNS), *QUICK),
-    _chapter(
-        "independent",
-        "Judge the engines by published numbers and theory.",
-        (CASES_FILE, options.RUNS),
-        "",
-        "--file my-cases.toml",
-    ),
     _chapter("calibration", "Fit parameters of each contact law to the paper's experiments.", (options.QUICK,), *QUICK),
 )

@@ -100,6 +100,17 @@ def scene_row(scene: ComparedScene, runs: Path | None = None) -> ReportRow:
     return ReportRow(own.name, own.title or own.name, again, cells)
 
 
+def case_rows(claims: Mapping[str, Any]) -> list[ReportRow]:
+    """Rows of the cases beyond the paper, from the section on statements and cases."""
+    rows = []
+    for entry, *_ in claims.get("cases", []):
+        checks = [check for check in claims["checks"] if check.scene == entry.id]
+        engines = in_order({check.engine for check in checks})
+        cells = {engine: Cell([check for check in checks if check.engine == engine]) for engine in engines}
+        rows.append(ReportRow(entry.id, entry.title, "beads claims", cells))
+    return rows
+
+
 def counted(rows: Iterable[ReportRow]) -> Counter[str]:
     """Numbers of cells that passed, failed and were not run."""
     return Counter(cell.verdict for row in rows for cell in row.cells.values())

@@ -36,7 +36,7 @@ from validation.compare.comparison import ComparedScene, run_and_compare_all
 from validation.compare.selection import EngineSelection, print_unmet
 from validation.report.machine_readable import as_json, made_with, when_made
 from validation.report.page_figures import read_figures, read_image
-from validation.report.scene_section import counted, failures_in, section_of, tolerances
+from validation.report.scene_section import case_rows, counted, failures_in, section_of, tolerances
 
 SUBJECT = "Strongly nonlinear waves in a chain of Teflon beads"
 PAPER = ("fig4", "fig5", "fig6b", "fig6d")
@@ -176,7 +176,7 @@ def write_report(
     made = made_with(scenes, command)
     sections = {name: _section(name, results, to_come) for name in names}
     claims = sections.get("claims")
-    cases = claims.get("cases", []) if claims else []
+    cases = case_rows(claims or {})
     about = [section_of(scene, runs) for scene in scenes]
     rows = [each["row"] for each in about]
     engines = in_order(engine for row in (*rows, *cases) for engine in row.cells)

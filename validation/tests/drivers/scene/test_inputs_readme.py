@@ -21,9 +21,9 @@ from drivers.scene.read_scene import make_scene, read_entries, read_scene, read_
 from drivers.scene.settings import unit_of
 from validation.accuracy.costs import Cost
 from validation.calibration.calibration_file import CalibrationFile, Range
+from validation.claims.cases import MEASURES, Independent, read_independent
 from validation.claims.claim import ClaimsFile, read_claims
 from validation.elements.switches import Elements
-from validation.independent.posed_cases import MEASURES, Independent, read_independent
 from validation.stability.extremes import Extreme
 from validation.tests.engine.candidate import case_with, kit
 from validation.tests.helpers.readme import command_lines, parse
@@ -191,7 +191,7 @@ def key_cells(heading: str) -> set[str]:
 
 def test_every_key_of_the_other_files_has_a_row() -> None:
     assert key_cells("Engines") == {*_entries.EntryTable.model_fields}
-    assert key_cells("Independent cases") == {*keys(Independent, "case.")}
+    assert key_cells("Cases beyond the paper") == {*keys(Independent, "case.")}
     claims = {key for key in keys(ClaimsFile) if not key.startswith("readings.")}
     assert key_cells("The paper") == claims | {"claim.readings", "claim.shared_readings"}
     ranges = {f"range.KEY.{key}" for key in Range.model_fields}
@@ -210,7 +210,7 @@ def test_every_key_of_the_other_files_has_a_row() -> None:
         f"variant.{key}" for each in kit()["variant"] for key in each
     }
     assert set(re.findall(r"`([^`]+)`", SECTIONS["Costs"])) >= {*Cost.__dataclass_fields__}
-    assert all(f"`{name}`" in SECTIONS["Independent cases"] for name in MEASURES)
+    assert all(f"`{name}`" in SECTIONS["Cases beyond the paper"] for name in MEASURES)
 
 
 def test_every_kind_of_tolerance_is_listed() -> None:

@@ -5,6 +5,7 @@ import pytest
 
 from postproc.paper import theory
 from validation.claims import equations
+from validation.claims.paper_numbers import paper_numbers
 from validation.reference import travelling_wave
 from validation.reference.adaptive import integrate_adaptive
 from validation.reference.hertz_chain import HertzChain
@@ -124,7 +125,7 @@ def test_gauge_faces_sum_to_the_contact_forces() -> None:
     first, second = np.array([3.0, 1.0]), np.array([1.0, 2.0])
     third, fourth = theory.sensor_forces(first, second, 0.023 / 0.116)
     assert third + fourth == pytest.approx(first + second)
-    assert (third - fourth) == pytest.approx((first - second) * equations.sensor_share(), rel=1e-12)
+    assert (third - fourth) == pytest.approx((first - second) * paper_numbers()["eq5-share"], rel=1e-12)
 
 
 def test_the_contact_at_5_N() -> None:

@@ -15,8 +15,8 @@ from drivers.engines import engine_names
 from validation.accuracy.budget import first_departure
 from validation.chapters import write_table
 from validation.checks import FAIL, PASS, Check
+from validation.claims.cases import read_independent
 from validation.compare.comparison import ComparedScene
-from validation.independent.posed_cases import read_independent
 from validation.report.write_report import write_report
 from validation.tests.helpers.browser import (
     PRINTED_HIGH_PX,

@@ -16,8 +16,8 @@ from drivers.base.files import sealed_file
 from postproc.draw.style import pyplot, svg_of
 from validation.chapters import write_table
 from validation.checks import FAIL, NOT_RUN, PASS, Check, without_run
+from validation.claims.cases import read_independent
 from validation.compare.comparison import ComparedScene
-from validation.independent.posed_cases import read_independent
 from validation.report.machine_readable import cpu_name
 from validation.report.page_figures import image_of
 from validation.report.write_report import write_report

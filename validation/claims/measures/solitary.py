@@ -17,7 +17,7 @@ from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 from postproc.read.sensors import sensor_average
 from postproc.read.signals import Peak, peak_in, rising_crossing
-from validation.independent.passing_waves import forces_of
+from validation.claims.measures.passing_waves import forces_of
 from validation.reference.travelling_wave import solve_travelling_wave
 
 LONG_WAVE_BY_VELOCITY = 0.64**0.2

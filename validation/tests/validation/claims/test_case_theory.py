@@ -1,4 +1,4 @@
-"""Theories of the independent cases, against quadrature, each other and what they do not depend on."""
+"""Theories of the cases beyond the paper, against quadrature, each other and what they do not depend on."""
 
 import math
 
@@ -9,9 +9,9 @@ from scipy.interpolate import CubicSpline
 
 from postproc.paper.simulate import exact
 from postproc.read.signals import first_peak
-from validation.independent import passing_waves
-from validation.independent.impact import DURATION
-from validation.independent.posed_cases import MEASURES
+from validation.claims.cases import MEASURES
+from validation.claims.measures import passing_waves
+from validation.claims.measures.impact import DURATION
 from validation.reference.travelling_wave import solve_travelling_wave
 from validation.tests.helpers.scenes import case_of
 

@@ -1,4 +1,4 @@
-"""Independent cases: their file, their theory, their verdicts, and that what is wrong turns red."""
+"""Cases beyond the paper: their file, their verdicts, and errors that turn red."""
 
 import math
 from collections import Counter
@@ -16,10 +16,10 @@ from drivers.engines import codes
 from postproc.paper.simulate import exact
 from validation.chapters import read_section, read_table, rows_in, write_table
 from validation.checks import FAIL, NOT_RUN, PASS, RUN, Check, without_run
-from validation.independent.independent_chapter import IN_REPO, judge_all
-from validation.independent.posed_cases import MEASURES, Posed, pose, read_independent, unit_of
-from validation.report.write_report import write_report
+from validation.claims.cases import MEASURES, Posed, pose, read_independent, unit_of
+from validation.claims.judged import IN_REPO, judge_cases
 from validation.tests.helpers.commands import assert_in_order, beads
+from validation.tests.helpers.published import published_checks
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import EnginesWriter, StandIn
 
@@ -96,7 +96,7 @@ def test_a_wrong_file_is_named_in_one_line(tmp_path: Path, text: str, found: str
 def test_a_wrong_file_ends_the_command_with_code_two(tmp_path: Path) -> None:
     (tmp_path / "cases.toml").write_text(CASE.replace("10697.0", '"a lot"'))
     where = [f"--{name}" for name in ("results", "runs")]
-    done = beads("independent", "--file", tmp_path / "cases.toml", where[0], tmp_path / "r", where[1], tmp_path / "q")
+    done = beads("claims", "--file", tmp_path / "cases.toml", where[0], tmp_path / "r", where[1], tmp_path / "q")
     assert done.returncode == 2
     assert len(done.stderr.strip().splitlines()) == 1
     assert "case.0.check.0.expected" in done.stderr
@@ -128,23 +128,23 @@ def test_the_command_on_two_cases(cheap: Path, shared_runs: Path, tmp_path: Path
     for code in codes():
         need(code)
     where = ("--file", cheap, "--results", tmp_path / "results", "--runs", shared_runs)
-    done = beads("independent", *where)
+    done = beads("claims", *where)
     assert done.returncode == 0, done.stderr
-    lines = rows_in(read_table(tmp_path / "results" / "independent.csv", Check, "independent"), Check)
+    lines = rows_in(read_table(tmp_path / "results" / "claims.csv", Check, "claims"), Check)
     assert {line.verdict for line in lines} == {PASS}
     per_engine = Counter(line.engine for line in lines)
     assert set(per_engine) >= {"reference", "verlet", *codes()}
     assert set(per_engine.values()) == {14}  # seven numbers a case
-    assert f"{len(lines)} passed, 0 failed, 0 not run" in done.stdout
+    assert f"cases beyond the paper: {len(lines)} passed, 0 failed, 0 not run" in done.stdout
 
     before = sorted(shared_runs.rglob("run.json"))
     changed = {path: path.stat().st_mtime_ns for path in before}
     cheap.write_text(cheap.read_text().replace("expected = 10697.0", "expected = 10698.0"))  # printed: 10.697 kN
-    done = beads("independent", *where)
+    done = beads("claims", *where)
     assert done.returncode == 1
     red = [
         line
-        for line in rows_in(read_table(tmp_path / "results" / "independent.csv", Check, "independent"), Check)
+        for line in rows_in(read_table(tmp_path / "results" / "claims.csv", Check, "claims"), Check)
         if line.verdict == FAIL
     ]
     assert {(line.scene, line.quantity) for line in red} == {("two-glass-spheres", "peak_force_N against quoted")}
@@ -167,7 +167,7 @@ def test_a_soft_wall_in_one_engine_is_red_there_alone(
 
     monkeypatch.setitem(IN_REPO, "verlet", soft)
     cheap.write_text(shipped("aluminium-on-plane"))
-    lines = judge_all(cheap, shared_runs)
+    lines = judge_cases(cheap, shared_runs)
     red = {line.quantity.partition(" ")[0] for line in lines if line.verdict == FAIL}
     assert {line.engine for line in lines if line.verdict == FAIL} == {"verlet"}
     assert red == {"peak_force_N", "peak_overlap_m", "duration_s"}  # a softer wall gives all of the speed back
@@ -181,7 +181,7 @@ def test_forces_of_one_in_a_hundred_million_more_are_red(
         return replace(trace, force_N=trace.force_N * (1 + 1e-8))
 
     monkeypatch.setitem(IN_REPO, "reference", stronger)
-    lines = judge_all(cheap, shared_runs)
+    lines = judge_cases(cheap, shared_runs)
     red = [line for line in lines if line.verdict == FAIL]
     assert {(line.engine, line.quantity) for line in red} == {("reference", "peak_force_N against theory")}
 
@@ -189,7 +189,7 @@ def test_forces_of_one_in_a_hundred_million_more_are_red(
 def test_an_engine_that_breaks_fails_with_its_words(tmp_path: Path, cheap: Path, stand_in: StandIn) -> None:
     stand_in("yade", "echo the wheel came off >&2; exit 3\n")
     cheap.write_text(shipped("aluminium-on-plane"))
-    lines = [line for line in judge_all(cheap, tmp_path / "runs") if line.engine == "yade"]
+    lines = [line for line in judge_cases(cheap, tmp_path / "runs") if line.engine == "yade"]
     assert [(line.quantity, line.verdict) for line in lines] == [(RUN, FAIL)]
     assert "the wheel came off" in lines[0].where
 
@@ -200,8 +200,8 @@ def test_an_engine_that_is_not_there_or_refuses_is_not_run(
     need("liggghts")
     engines_file('[yade]\ncommand = "no-such-program"')
     text = shipped("aluminium-on-plane").replace("measure =", 'set = ["contact.restitution=0.1"]\nmeasure =')
-    cheap.write_text(text[: text.index("[[case.check]]")] + CHECK.format("restitution").replace("1e-6", "1e-3"))
-    lines = {line.engine: line for line in judge_all(cheap, tmp_path / "runs")}
+    cheap.write_text(text[: text.index("check = [")] + CHECK.format("restitution").replace("1e-6", "1e-3"))
+    lines = {line.engine: line for line in judge_cases(cheap, tmp_path / "runs")}
     assert lines["yade"].verdict == lines["liggghts"].verdict == NOT_RUN
     assert lines["yade"].where == "not installed"
     assert "contact.restitution" in lines["liggghts"].where
@@ -215,7 +215,7 @@ def test_a_case_without_state_does_not_take_it_from_another(tmp_path: Path) -> N
     both = CASE + CASE.replace('"glass"', '"bare"').replace("scene =", "set = ['run.record=[\"forces\"]']\nscene =")
     path = tmp_path / "both.toml"
     path.write_text(both)
-    found = {(line.scene, line.engine): line for line in judge_all(path, tmp_path / "runs")}
+    found = {(line.scene, line.engine): line for line in judge_cases(path, tmp_path / "runs")}
     for code in codes():
         assert found["glass", code].verdict == PASS
         assert (found["bare", code].verdict, found["bare", code].where[:18]) == (FAIL, "no state recorded;")
@@ -224,83 +224,52 @@ def test_a_case_without_state_does_not_take_it_from_another(tmp_path: Path) -> N
 # ---- table and section
 
 
-def whole_table() -> list[Check]:
-    """Checks of every shipped case, as if the engines had hit every number."""
-    return [
-        Check(
-            entry.id,
-            engine,
-            f"{check.quantity} against {check.against}",
-            1e-13,
-            check.limit,
-            check.reason,
-            "found 1, expected 1: somebody",
-            PASS,
-            1.0 + 1e-13,
-            1.0,
-        )
-        for entry in read_independent()
-        for engine in ("liggghts", "reference", "yade")
-        for check in entry.check
-    ]
+def write(checks: list[Check], folder: Path) -> None:
+    write_table(folder / "claims.csv", Check, checks)
 
 
 def test_the_table_comes_back_as_it_was_written(tmp_path: Path) -> None:
-    checks = whole_table()
-    checks[0] = replace(checks[0], where='a "word", and\nanother', found=0.1 + 0.2)
-    write_table(tmp_path / "independent.csv", Check, checks)
-    assert rows_in(read_table(tmp_path / "independent.csv", Check, "independent"), Check) == checks
-    assert read_section("independent", tmp_path)["checks"] == checks
-    assert read_section("independent", tmp_path / "nowhere") == {}
-
-
-@pytest.mark.parametrize("text", ["", "id,title\na,b\n", "\x00", "id\n"])
-def test_a_damaged_table_is_reported(tmp_path: Path, text: str) -> None:
-    (tmp_path / "independent.csv").write_text(text)
-    with pytest.raises(InputError, match=r"independent\.csv.*make independent"):
-        read_section("independent", tmp_path)
+    checks = published_checks()
+    checks[-1] = replace(checks[-1], where='a "word", and\nanother', found=0.1 + 0.2)
+    write(checks, tmp_path)
+    assert rows_in(read_table(tmp_path / "claims.csv", Check, "claims"), Check) == checks
+    assert read_section("claims", tmp_path)["checks"][-1] == checks[-1]
+    assert read_section("claims", tmp_path / "nowhere") == {}
 
 
 @pytest.mark.parametrize("change", [{"value": 5.0}, {"value": math.nan}, {"verdict": FAIL}])
 def test_a_verdict_that_disagrees_with_its_numbers_is_reported(change: dict[str, Any], tmp_path: Path) -> None:
-    lines = whole_table()
-    write_table(tmp_path / "independent.csv", Check, [replace(lines[0], **change), *lines[1:]])
+    lines = published_checks()
+    write([*lines[:-1], replace(lines[-1], **change)], tmp_path)
     with pytest.raises(InputError, match=r"verdict: found (pass|fail) of"):
-        read_section("independent", tmp_path)
+        read_section("claims", tmp_path)
 
 
-def test_a_table_of_other_cases_is_reported(tmp_path: Path) -> None:
-    write_table(tmp_path / "independent.csv", Check, whole_table()[:3])
-    with pytest.raises(InputError, match="other cases"):
-        read_section("independent", tmp_path)
+def test_a_table_without_a_case_is_reported(tmp_path: Path) -> None:
+    last = published_checks()[-1].scene
+    write([check for check in published_checks() if check.scene != last], tmp_path)
+    with pytest.raises(InputError, match="other claims or cases"):
+        read_section("claims", tmp_path)
 
 
-def test_the_section_has_engines_as_columns_and_says_why(tmp_path: Path) -> None:
-    assert read_section("independent", tmp_path) == {}
-    checks = whole_table()
-    first = checks[0].scene
-    lost = [check for check in checks if (check.scene, check.engine) == (first, "yade")]
-    kept = [check for check in checks if check not in lost]
-    broken = without_run(first, "yade", "it blew up", FAIL)
-    write_table(tmp_path / "independent.csv", Check, [*kept[:1], broken, *kept[1:]])
-    section = read_section("independent", tmp_path)
-    assert section["engines"] == ["liggghts", "yade", "reference"]
-    assert section["counts"] == {PASS: len(kept), FAIL: 1}
-    case = section["cases"][0]
-    assert case["entry"].id == first
-    assert len(case["rows"]) == len(lost) + 1
-    words, one, row = case["rows"][0]
-    assert words == MEASURES["impact"].quantities[one.quantity.partition(" ")[0]]
-    assert row["liggghts"] == one == replace(row["reference"], engine="liggghts")
-    assert case["rows"][-1][2]["yade"].where == "it blew up"
-    write_report([], tmp_path / "report.html")
-    page = (tmp_path / "report.html").read_text()
-    assert "it blew up" in page
-    assert "error 1.0e-13" in page
+def test_a_row_has_the_value_furthest_from_the_published_one_and_a_failed_run_its_words(tmp_path: Path) -> None:
+    checks = published_checks()
+    first = next(check for check in checks if check.scene == "two-glass-spheres")
+    worst = replace(first, engine="yade", value=0.9 * first.limit, found=1.25)
+    checks = [worst if (check.scene, check.engine, check.quantity) == (first.scene, "yade", first.quantity) else check
+              for check in checks if (check.scene, check.engine) != ("two-limestone-spheres", "yade")]  # fmt: skip
+    checks.append(without_run("two-limestone-spheres", "yade", "it blew up", FAIL))
+    write(sorted(checks, key=lambda check: check.scene == "x"), tmp_path)
+    cases = {entry.id: (verdict, rows) for entry, verdict, rows in read_section("claims", tmp_path)["cases"]}
+    verdict, rows = cases["two-glass-spheres"]
+    assert (verdict, rows[0].found, rows[0].how) == (PASS, "1.25", "by yade")
+    assert rows[0].words == MEASURES["impact"].quantities["peak_force_N"]
+    verdict, rows = cases["two-limestone-spheres"]
+    assert (verdict, rows[-1].verdict, rows[-1].why) == (FAIL, FAIL, "it blew up")
 
 
 @pytest.mark.long
 def test_all_cases_pass_on_all_engines(shared_runs: Path) -> None:
     for code in codes():
         need(code)
-    assert [line for line in judge_all(runs=shared_runs) if line.verdict != PASS] == []
+    assert [line for line in judge_cases(runs=shared_runs) if line.verdict != PASS] == []

@@ -1,4 +1,4 @@
-"""Independent cases of small signals and of waves that meet: theories, measures, and what turns them red."""
+"""Cases of small signals and of waves that meet: theories, measures, and what turns them red."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -19,9 +19,9 @@ from drivers.engines import installed_codes
 from drivers.run.run import run_case
 from drivers.scene.read_scene import read_scene
 from postproc.read.motion import trace_with_state
-from validation.independent import linear, weak
-from validation.independent.independent_chapter import IN_REPO
-from validation.independent.posed_cases import MEASURES, Independent, pose, read_independent
+from validation.claims.cases import MEASURES, Independent, pose, read_independent
+from validation.claims.judged import IN_REPO
+from validation.claims.measures import linear, weak
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import case_of
 

@@ -1,4 +1,4 @@
-"""Reads ``inputs/independent.toml``: cases, their measures and their checks.
+"""Cases beyond the paper, ``inputs/independent.toml``: scenes whose numbers are published or follow from a theory.
 
 To add a measure, write its two functions and a line in ``MEASURES``.
 """
@@ -21,7 +21,7 @@ from drivers.chain.trace import Trace
 from drivers.scene.model import Name, Part
 from drivers.scene.read_scene import apply_setting, read_entries
 from validation.accuracy.plan import plan_case, planned_case
-from validation.independent import impact, linear, passing_waves, solitary, weak
+from validation.claims.measures import impact, linear, passing_waves, solitary, weak
 
 UNITS = (("_m_s", "m/s"), ("_N", "N"), ("_Hz", "Hz"), ("_s", "s"), ("_m", "m"), ("_diameters", "diameters"))
 
@@ -147,9 +147,7 @@ def read_independent(path: Path = paths.INDEPENDENT) -> tuple[Independent, ...]:
         key = f"case {entry.id}"
         if counts[entry.id] > 1:
             raise InputError(where, key, "id used twice")
-        if (entry.scene is None) == (entry.study is None):
-            found = "missing key scene or study" if entry.scene is None else "keys scene and study; give one of them"
-            raise InputError(where, key, found)
+        _exactly_one(where, key, entry, "scene", "study")
         if entry.measure not in MEASURES:
             raise InputError(where, f"{key}: measure", shorten(entry.measure), ", ".join(sorted(MEASURES)))
         known, same = MEASURES[entry.measure].quantities, Counter((each.quantity, each.against) for each in entry.check)
@@ -157,16 +155,21 @@ def read_independent(path: Path = paths.INDEPENDENT) -> tuple[Independent, ...]:
             place = f"{key}: check {check.quantity}"
             if check.quantity not in known:
                 raise InputError(where, f"{key}: check.quantity", shorten(check.quantity), ", ".join(sorted(known)))
-            if (check.within is None) == (check.absolute is None):
-                missing = "missing key within or absolute"
-                found = missing if check.within is None else "keys within and absolute; give one of them"
-                raise InputError(where, place, found)
+            _exactly_one(where, place, check, "within", "absolute")
             if check.expected == 0 and check.within is not None:
                 raise InputError(where, place, "within with expected = 0: no error is relative to 0; give absolute")
             if same[check.quantity, check.against] > 1:
                 allowed = "each quantity once with expected and once without"
                 raise InputError(where, place, "check given twice", allowed)
     return entries
+
+
+def _exactly_one(where: str, place: str, part: Part, *names: str) -> None:
+    given = [name for name in names if getattr(part, name) is not None]
+    if not given:
+        raise InputError(where, place, f"missing key {' or '.join(names)}")
+    if len(given) > 1:
+        raise InputError(where, place, f"keys {' and '.join(names)}; give one of them")
 
 
 def pose(entry: Independent, path: Path = paths.INDEPENDENT) -> list[Posed]:

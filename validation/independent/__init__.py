@@ -1,1 +1,0 @@
-"""Cases beyond the paper, judged by published numbers, closed forms and exact waves, independent of all engines."""
