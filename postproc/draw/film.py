@@ -105,7 +105,7 @@ def sheet(film: Film, title: str) -> Product:
         axis.text(i * pitch, axis.get_ylim()[0], f"{time_s * MICRO:.0f} µs", ha="center", va="top", fontsize=7)
     bar_in = min(2.0, height_in)
     bar = figure.colorbar(_colours(film), cax=_axis(figure, (WIDTH_IN + 0.2, 0.35, 0.1, bar_in), framed=True))
-    finish_bar(bar, "mean of the contact forces (N);\ngrey: none")
+    finish_bar(bar, "mean of the contact forces (N),\nsquare-root scale; grey: none")
     figure.text(0.1 / (WIDTH_IN + 0.9), 1 - 0.05 / page_in, "\n".join(words), va="top")
     bodies = film.force_N.shape[1]
     return Product(figure, pd.DataFrame({

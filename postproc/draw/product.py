@@ -4,7 +4,7 @@ A spacetime diagram shows the contact forces against time and contact: a wave is
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +33,10 @@ class Product:
     table: pd.DataFrame  # the plotted numbers, units in the column names
     chains: Mapping[str, Trace] = field(default_factory=dict)  # traces by title, for a spacetime diagram
     notes: Sequence[str] = ()  # lines to print
+
+    def with_rows(self, *tables: pd.DataFrame) -> "Product":
+        """The product with more rows in its table."""
+        return replace(self, table=pd.concat([self.table, *tables], ignore_index=True))
 
 
 def write_product(product: Product, name: str, folder: Path) -> list[Path]:
@@ -102,7 +106,7 @@ def draw_spacetime(chains: Mapping[str, Trace], width_in: float = COLUMN_IN) -> 
         axis.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=5, min_n_ticks=1))
         axis.set_title(title, loc="left")
         bar = figure.colorbar(image, ax=axis, pad=0.02, aspect=16, ticks=MaxNLocator(nbins=5))
-        finish_bar(bar, "force (N); grey: none")
+        finish_bar(bar, "force (N), square-root scale;\ngrey: none")
         table = pd.DataFrame(force_N.T, columns=[f"contact_{number:.0f}_N" for number in contact])
         table.insert(0, "time_s", time_s)
         table.insert(0, "chain", title)

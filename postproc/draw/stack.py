@@ -1,6 +1,6 @@
-"""Gauge forces of a chain in stacked panels, with the differences between engines below."""
+"""Gauge forces of chains in stacked panels, with the differences between engines below."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,105 +11,128 @@ from drivers.chain.case import Layout
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE
-from postproc.draw.style import GREY, MICRO, drawing_order, grey_of, letter_panel, pyplot
+from postproc.draw.product import Product
+from postproc.draw.style import GREY, MICRO, draw_codes, drawing_order, letter_panel, pyplot
 from postproc.paper.simulate import Simulation
 from postproc.read.residual import residual
 from postproc.read.sensors import sensor_signals
 
 GAUGE_IN = 1.126  # height of a panel
 STRIP, RESIDUAL = "strip", "residual_to_reference_share"
-STRIP_POINTS = 12  # markers of each code
-STRIP_RANGE, STRIP_TICKS = (1e-7, 1e-2), (1e-6, 1e-3)
+STRIP_POINTS, STRIP_SIZE = 24, 2.5  # markers of a code, and their size
+STRIP_RANGE, STRIP_TICKS = (3e-7, 3e-3), (1e-6, 1e-3)
 STRIP_ROOM = 3.0  # factor of room beyond the smallest and largest value of a strip
+STRIP_WORDS = r"$\delta F$: largest difference from the exact motion in any contact, as a share of the largest change"
 ROOM = 0.3  # steps of the grid below and above curves
 LABEL_AT = 0.012  # position of a label, as a share of the time axis
 
 
 @dataclass(frozen=True)
 class ForcePanel:
-    """A panel of forces in a figure of the paper.
-
-    Attributes:
-        letter, words: Title of the panel.
-        look: Plot keywords of the curves.
-        step_N: Force between two grid lines.
-        gauges: Drawn gauges; empty for all.
-        room: Free grid steps above the curves, for marks.
-        strip: Height of the strip below, as a share of the height of the gauges.
-    """
+    """Title and plot keywords of a panel of forces in a figure of the paper."""
 
     letter: str
     words: str
     look: Mapping[str, Any]
-    step_N: float
-    gauges: tuple[str, ...] = ()
-    room: float = ROOM
-    strip: float = 0.3
 
 
-def draw_panel(
-    figure: Any, cell: Any, panel: ForcePanel, found: Mapping[str, Simulation]
-) -> tuple[dict[str, Any], pd.DataFrame]:
-    """Stacked gauge forces of the reference on one scale of force, and the codes' differences from it in a strip.
+def draw_pairs(
+    figure: Any,
+    cells: Iterable[Any],
+    panels: Sequence[ForcePanel],
+    found: Sequence[Mapping[str, Simulation]],
+    numbers: Callable[[Simulation], Mapping[str, float]],
+    step_N: float,
+    gauges: tuple[str, ...] = (),
+    strip: float = 0.22,
+) -> tuple[list[dict[str, Any]], Product]:
+    """Stacked gauge forces of the reference, on one scale in each pair of panels, and the codes' differences in strips.
 
     Args:
         figure: A matplotlib figure.
-        cell: Cell of the figure's grid.
-        panel: Title and style of the panel.
-        found: Simulations of a case by engine.
+        cells: Cells of the figure's grid, one for each panel.
+        panels: Titles and styles; the first two are a pair, and so on.
+        found: Simulations by engine, for each panel.
+        numbers: Function that computes further numbers of a simulation by name, for the table.
+        step_N: Force between two grid lines.
+        gauges: Drawn gauges; empty for all.
+        strip: Height of a strip, as a share of the height of the gauges above it.
 
     Returns:
-        Axes by gauge in the order in which a wave meets them, then the axes of the strip; table of all drawn numbers.
+        For each panel its axes by gauge in the order in which a wave meets them, then the axes of the strip; the figure
+        with all drawn numbers and those of ``numbers``.
     """
+    axes, tables, tops = [], [], dict[str, float]()
+    for place, (cell, panel, own) in enumerate(zip(cells, panels, found, strict=True)):
+        if place % 2 == 0:
+            pair = [sensor_signals(each[REFERENCE].case.layout, each[REFERENCE].trace) for each in found[place:][:2]]
+            names = gauges or tuple(pair[0])
+            tops = {name: max(float(signals[name].max()) for signals in pair) + ROOM * step_N for name in names}
+        drawn, table = _draw_panel(figure, cell, panel, own, tops, step_N, strip)
+        rows = [(engine, *number) for engine, one in own.items() for number in numbers(one).items()]
+        further = pd.DataFrame(rows, columns=["engine", "quantity", "value"])
+        axes.append(drawn)
+        tables.append(pd.concat([table, further]).assign(panel=panel.letter))
+    _name_codes(figure, [drawn[STRIP] for drawn in axes])
+    chains = {f"({panel.letter}) {panel.words}": own[REFERENCE].trace for panel, own in zip(panels, found, strict=True)}
+    return axes, Product(figure, pd.concat(tables, ignore_index=True), chains)
+
+
+def _draw_panel(
+    figure: Any,
+    cell: Any,
+    panel: ForcePanel,
+    found: Mapping[str, Simulation],
+    tops: Mapping[str, float],
+    step_N: float,
+    strip: float,
+) -> tuple[dict[str, Any], pd.DataFrame]:
+    """Draws a panel of ``draw_pairs`` up to the force in ``tops`` by gauge."""
     traces = {engine: one.trace for engine, one in found.items()}
     signals = {engine: sensor_signals(one.case.layout, one.trace) for engine, one in found.items()}
-    names = panel.gauges or tuple(signals[REFERENCE])
-    step_N, time_us = panel.step_N, traces[REFERENCE].time_s * MICRO
-    limits = [(-ROOM * step_N, float(signals[REFERENCE][name].max()) + panel.room * step_N) for name in names]
-    heights = [top - bottom for bottom, top in limits]
-    rows = cell.subgridspec(len(names) + 1, 1, height_ratios=[*heights, panel.strip * sum(heights)], hspace=0)
-    axes = [figure.add_subplot(rows[place]) for place in range(len(names))]
-    for axis, name, limit in zip(axes, names, limits, strict=True):
+    time_us, bottom = traces[REFERENCE].time_s * MICRO, -ROOM * step_N
+    heights = [top - bottom for top in tops.values()]
+    rows = cell.subgridspec(len(tops) + 1, 1, height_ratios=[*heights, strip * sum(heights)], hspace=0)
+    axes = {name: figure.add_subplot(rows[place]) for place, name in enumerate(tops)}
+    for name, axis in axes.items():
         axis.plot(time_us, signals[REFERENCE][name], **panel.look)
-        axis.set(xlim=(0, time_us[-1]), ylim=limit)
+        axis.set(xlim=(0, time_us[-1]), ylim=(bottom, tops[name]))
         axis.yaxis.set_major_locator(pyplot().MultipleLocator(step_N))
         axis.tick_params(axis="x", length=0, labelbottom=False)
         axis.spines["bottom"].set_visible(False)
-        if len(names) > 1:
+        if len(tops) > 1:
             axis.text(LABEL_AT * time_us[-1], 0.25 * step_N, name.replace("_", " "), va="bottom")
-    letter_panel(axes[0], panel.letter, panel.words)
-    axes[len(axes) // 2].set_ylabel("force (N)")
-    strip = figure.add_subplot(rows[-1], sharex=axes[0])
-    tables = [_draw_strip(strip, traces)]
+    stacked = [*axes.values()]
+    letter_panel(stacked[0], panel.letter, panel.words)
+    stacked[len(stacked) // 2].set_ylabel("force (N)")
+    axes[STRIP] = figure.add_subplot(rows[-1], sharex=stacked[0])
+    tables = [_draw_strip(axes[STRIP], traces)]
     for engine, own in signals.items():
-        columns = {"engine": engine, "time_s": traces[engine].time_s} | {f"{name}_N": own[name] for name in names}
+        columns = {"engine": engine, "time_s": traces[engine].time_s} | {f"{name}_N": own[name] for name in tops}
         tables.append(pd.DataFrame(columns | {RESIDUAL: residual(traces[engine], traces[REFERENCE])}))
-    return dict(zip((*names, STRIP), (*axes, strip), strict=True)), pd.concat(tables).assign(panel=panel.letter)
+    return axes, pd.concat(tables)
 
 
 def _draw_strip(axis: Any, traces: Mapping[str, Trace]) -> pd.DataFrame:
-    """Largest difference of each code from the reference in equal intervals of time, as a grey marker in the middle.
-
-    The intervals of the codes are staggered, so that equal differences stay visible.
-    """
-    tables = [pd.DataFrame()]
-    found = residuals(traces, REFERENCE)
-    for place, (engine, share) in enumerate(found.items()):
-        every = max(len(share) // STRIP_POINTS, 1)
-        starts = np.arange(place * every // len(found), len(share) - every + 1, every)
-        largest = np.array([share[start : start + every].max() for start in starts])
-        middle_s = traces[engine].time_s[starts + every // 2]
-        axis.plot(middle_s * MICRO, largest, label=engine, **grey_of(engine) | {"ms": 3, "mew": 0.8})
-        tables.append(pd.DataFrame({"engine": engine, "quantity": STRIP, "time_s": middle_s, RESIDUAL: largest}))
-    if not found:
-        axis.text(0.5, 0.5, "no code", transform=axis.transAxes, ha="center", va="center", color=GREY)
-    low, high = STRIP_RANGE
-    if found:
-        low, high = min(low, axis.dataLim.minposy / STRIP_ROOM), max(high, axis.dataLim.y1 * STRIP_ROOM)
-    axis.set(yscale="log", ylim=(low, high), xlabel="time since impact (µs)", ylabel=r"$\delta F$")
+    """Largest difference of each code from the reference in equal intervals of time, as a marker in the middle."""
+    found, time_s = residuals(traces, REFERENCE), traces[REFERENCE].time_s
+    every = max(len(time_s) // STRIP_POINTS, 1)
+    starts = np.arange(0, len(time_s) - every + 1, every)
+    largest = {code: np.maximum.reduceat(share, starts) for code, share in found.items()}
+    everything = np.concatenate([*largest.values(), STRIP_RANGE])
+    low, high = everything[everything > 0].min(), everything.max()
+    axis.set(yscale="log", ylim=(low / STRIP_ROOM, high * STRIP_ROOM), xlabel="time since impact (µs)")
+    axis.set_ylabel(r"$\delta F$")
     axis.set_yticks(STRIP_TICKS)
     axis.minorticks_off()
-    return pd.concat(tables)
+    if not found:
+        axis.text(0.5, 0.5, "no code", transform=axis.transAxes, ha="center", va="center", color=GREY)
+    middle_s = time_s[starts + every // 2]
+    draw_codes(axis, {code: (middle_s * MICRO, share) for code, share in largest.items()}, STRIP_SIZE)
+    return pd.concat([pd.DataFrame()] + [
+        pd.DataFrame({"engine": code, "quantity": STRIP, "time_s": middle_s, RESIDUAL: share})
+        for code, share in largest.items()
+    ])  # fmt: skip
 
 
 def draw_curve(
@@ -120,10 +143,18 @@ def draw_curve(
     return pd.DataFrame({"engine": engine, "quantity": words, "time_s": time_s, f"{gauge}_N": force_N})
 
 
-def name_codes(figure: Any, strip: Any) -> None:
+def quoted_rows(panel: str, **values: float) -> pd.DataFrame:
+    """Rows of a table with numbers that the paper states."""
+    columns = {"panel": panel, "engine": "paper", "quantity": [*values], "value": [*values.values()]}
+    return pd.DataFrame(columns)
+
+
+def _name_codes(figure: Any, strips: Sequence[Any]) -> None:
     """Adds one legend for the markers of all strips, below the figure."""
-    if strip.lines:
-        figure.legend(*strip.get_legend_handles_labels(), loc="outside lower center", ncols=6, handletextpad=0.1)
+    lines = {line.get_label(): line for axis in strips for line in axis.lines}
+    if lines:
+        look = {"ncols": 6, "handletextpad": 0.1, "title": STRIP_WORDS, "title_fontsize": 8}
+        figure.legend(lines.values(), lines, loc="outside lower center", **look)
 
 
 def gauge_title(layout: Layout, gauge: str) -> str:

@@ -1,5 +1,6 @@
 """Style of figures: one colour per engine in all figures (Okabe-Ito palette, safe for the colour-blind)."""
 
+from collections.abc import Mapping
 from functools import cache
 from io import StringIO
 from typing import Any
@@ -20,6 +21,7 @@ AVERAGE: dict[str, Any] = {"color": "black", "ls": "-", "lw": 1.2}  # mean of bo
 DAMPED: dict[str, Any] = {"color": "#009e73", "ls": (0, (3, 1)), "lw": 1.2}  # the same with dissipation
 QUOTED: dict[str, Any] = {"color": "#a34800", "ls": (0, (1, 1.2)), "lw": 1.0}  # levels and rates stated in the paper
 GREYS = ("#222222", "#666666", "#999999")  # codes in figures whose colours are quantities
+ALIKE: dict[str, Any] = {"marker": "o", "mfc": "none", "mew": 0.8, "color": GREYS[0], "ls": "none"}  # equal codes
 # styles of engines without a style of their own and of further builds of a code, in the order of their names
 EXTRA_STYLES = (
     Style("#882255", dashes=(0, (5, 1, 1, 1, 1, 1)), marker="p"),
@@ -56,6 +58,30 @@ def grey_of(engine: str) -> dict[str, Any]:
     codes = [name for name in engine_names() if name != REFERENCE]
     level = GREYS[codes.index(engine) % len(GREYS)] if engine in codes else GREYS[0]
     return marker_of(engine) | {"color": level, "ls": "none"}
+
+
+def draw_codes(axis: Any, points: Mapping[str, tuple[Any, Any]], size: float = 4.0, **look: Any) -> None:
+    """Draws points of codes in grey, and one open circle for codes that coincide within half of its size.
+
+    Args:
+        axis: Axes with their final limits and scales.
+        points: x and y by code.
+        size: Size of the markers in points.
+        look: Further plot keywords.
+    """
+    near_px, groups = size / 2 * axis.figure.dpi / 72, dict[str, list[str]]()
+    places = {code: axis.transData.transform(np.transpose(own)) for code, own in points.items()}
+    for code, place in places.items():
+        near = (first for first in groups if np.abs(place - places[first]).max(initial=0.0) < near_px)
+        groups.setdefault(next(near, code), []).append(code)
+    for first, group in groups.items():
+        form = ALIKE if len(group) > 1 else grey_of(first)
+        axis.plot(*points[first], **form | {"ms": size, "label": ", ".join(map(_title, group))} | look)
+
+
+def _title(engine: str) -> str:
+    """Name of an engine in print: that of a code in capitals, that of a further build as it is."""
+    return engine.upper() if load_engine(engine).entry.adapter == engine else engine
 
 
 def text_color(color: str) -> tuple[float, ...]:

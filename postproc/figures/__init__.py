@@ -1,6 +1,6 @@
 """The paper's figures and its table: one module each, found by its file.
 
-The docstring of a module is the caption of the figure: the title in the first line, then the panels by letter. Its
+The docstring of a module is the caption of the figure, in three paragraphs: title, finding, panels by letter. Its
 function ``make(runs)`` runs the missing simulations and returns a ``Product``.
 """
 
@@ -17,9 +17,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Caption:
-    """Title and text of a figure."""
+    """Words of a figure: its title, the finding that it shows, and the caption proper."""
 
     title: str
+    shows: str
     text: str
 
 
@@ -29,8 +30,8 @@ def captions() -> dict[str, Caption]:
     found = {}
     for file in sorted(Path(__file__).parent.glob("[a-z]*.py")):
         words = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
-        title, _, text = words.partition("\n")
-        found[file.stem] = Caption(title.rstrip("."), " ".join(text.split()))
+        title, shows, text = (" ".join(part.split()) for part in words.split("\n\n"))
+        found[file.stem] = Caption(title.rstrip("."), shows, text)
     return found
 
 

@@ -1,14 +1,11 @@
 """Fig. 1: experimental set-up and sensor bead.
 
-(a) Chain of 21 PTFE beads (diameter 4.76 mm, 0.1226 g) in a PTFE tube (inner diameter 5 mm), struck by a PTFE bead at
-2 m/s. Gauges (orange) are embedded in the 9th and the 5th bead from the wall and lie under a brass plate of 1 mm on a
-long steel rod (wave guide), whose other end is embedded in a steel block; an oscilloscope records all three. Beads,
-striker, bore, gauges in beads and the thickness of the brass plate are to scale. The paper states no dimensions of the
-wall gauge, the rod and the block, and no thickness or length of the tube: these are drawn freely, and the rod is cut.
-(b) Particle with an embedded sensor: a plate of lead zirconate titanate with nickel electrodes, of side 3 mm and
-thickness 0.5 mm, mass m = 0.023 g, glued between two PTFE caps of total mass 2M = 0.093 g, 0.116 g in all. The plate
-is to scale. The paper does not state how the caps are cut: they are drawn so that the particle keeps the bead's
-diameter of 4.76 mm.
+A chain in a tube, struck from above. Gauges in two beads and below the chain record a wave, its speed and its
+reflection.
+
+(a) 21 PTFE beads (4.76 mm, 0.1226 g) in a PTFE tube (inner diameter 5 mm), struck by a PTFE bead at 2 m/s. To scale,
+except for sizes that the paper does not state: wall gauge, rod, block, tube wall. (b) Sensor bead, 0.116 g with glue:
+lead zirconate titanate between two PTFE caps, whose cut is not stated.
 """
 
 from dataclasses import dataclass

@@ -1,14 +1,11 @@
 """Fig. 2: forces on a sensor bead and coefficient β.
 
-(a) Forces on the parts of the particle: F_1 and F_2 on its contacts, F_3 and F_4 on the faces of the gauge of mass m
-between two caps of mass M. (b) Forces against time in the solitary wave that passes bead 5 of the chain of Fig. 4 (E =
-1.46 GPa): contact above (F_1, dashed), contact below (F_2, dash-dotted) and their average (solid), which the gauge
-measures. (c) Coefficient β of Eq. (6), the peak of the dynamic contact force over the peak of the dynamic average,
-against the amplitude F_m (static part included) over the static force F_0. Solid line: exact travelling wave of the
-discrete chain; dashed line: its limit without static force. For linear waves β is 1. Lines in (b) and (c) are computed
-by the reference, grey markers by the codes. The markers of (c) are strikes on 60 beads under the static force of Table
-1 with E = 600, 1000 and 1460 MPa, which coincide. Pale markers are pulses whose amplitude still changes by more than
-0.1 % over ten beads: they are not yet solitary waves. The paper prints these panels without numbers to compare with.
+The average of the two contact forces has a lower and longer pulse than each. Without static force its peak is 1.414
+times lower; in linear waves β is 1.
+
+(a) Forces on the parts of the particle. (b) Contact forces F_1, F_2 and their average, which the gauge measures, while
+the wave of Fig. 4(b) passes bead 5. (c) β of Eq. (6) against the contact force F_m (static part F_0 included): exact
+travelling wave, and strikes on 60 beads of 600 and 1460 MPa, which coincide.
 """
 
 from pathlib import Path
@@ -27,27 +24,25 @@ from postproc.draw.style import (
     GREY,
     MICRO,
     SECOND,
-    drawing_order,
-    grey_of,
+    draw_codes,
     letter_panel,
     pyplot,
 )
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import UNTIL_REFLECTED, case_of, simulate
 from postproc.paper.strikes import contact_peak, sensor_amplitude, sensor_pair, static_force, strike_for
+from postproc.paper.theory import particles_of, precompressed_speed
 from postproc.read.sensors import sensor_average
-from validation.reference.travelling_wave import solve_at_amplitude, solve_travelling_wave
+from validation.reference.travelling_wave import solve_at_speed, solve_travelling_wave
 
-CURVE = np.geomspace(1.1, 1e4, 31)  # F_m / F_0 of the travelling waves
+CURVE = np.geomspace(1.1, 1.1e4, 31)  # F_m / F_0 that the travelling waves have by Eq. (4), and to a few per cent
 STRIKES = (2.0, 10.0, 100.0, 1e3, 1e4)  # of the simulations
 CHAIN = ("chain.count=60", "chain.sensors=[{ from_wall = 20 }, { from_wall = 10 }]", "gravity=")
 STEADY_CHANGE = 1e-3  # largest relative change of a solitary wave's amplitude between the sensors
 ARROW = {"arrowstyle": "-|>"}
 SENSOR = 5  # bead of Fig. 4's chain shown in (b)
 HALF_RANGE_S = 90e-6  # of (b), around the peak
-MARKER_INTERVAL = 27  # samples between the markers of a code
 FORCES = {"F1_N": FIRST, "F2_N": SECOND, "average_N": AVERAGE}
-PALE_ALPHA = 0.15  # three markers overlap
 
 
 def make(runs: Path) -> Product:
@@ -63,17 +58,22 @@ def make(runs: Path) -> Product:
         letter_panel(axis, letter)
     # dependence on the modulus: (largest - smallest) / mean over the moduli, by engine and amplitude
     both = pd.concat([waves, points], ignore_index=True)
-    both["force_over_static"] = both["force_over_static"].map(lambda value: float(f"{value:.3g}"))
-    beta = both.groupby(["engine", "force_over_static"], sort=False)["beta"]
-    spread = ((beta.max() - beta.min()) / beta.mean()).reset_index(name="beta_spread_over_moduli_share")
-    tables = [forces, waves, points, spread.assign(panel="c, all moduli")]
+    place = both.groupby(["engine", "modulus_MPa"]).cumcount()
+    grouped = both[both["modulus_MPa"].notna()].groupby(["engine", place], sort=False)
+    beta, ratio = grouped["beta"], grouped["force_over_static"].mean()
+    share = (beta.max() - beta.min()) / beta.mean()
+    spread = pd.DataFrame({"force_over_static": ratio, "beta_spread_over_moduli_share": share})
+    tables = [forces, waves, points, spread.reset_index("engine").assign(panel="c, all moduli")]
     return Product(figure, pd.concat(tables, ignore_index=True))
 
 
 def _chains() -> dict[float, tuple[str, ...]]:
-    """Settings of the precompressed chain by modulus in MPa, with the static force of Table 1 between the sensors."""
-    pressed = (*CHAIN, f"chain.precompression={static_force(case_of('table1'))!r} N")
-    return {modulus: (*pressed, f"materials.ptfe.youngs_modulus={modulus} MPa") for modulus in quoted().ptfe_moduli_MPa}
+    """Settings of the precompressed chain for the smallest and the largest modulus of the paper, by modulus in MPa.
+
+    The static force is that of Table 1 between the sensors.
+    """
+    pressed, moduli = (*CHAIN, f"chain.precompression={static_force(case_of('table1'))!r} N"), quoted().ptfe_moduli_MPa
+    return {each: (*pressed, f"materials.ptfe.youngs_modulus={each} MPa") for each in (min(moduli), max(moduli))}
 
 
 def _draw_free_body(axis: Any) -> None:
@@ -108,25 +108,23 @@ def _forces(runs: Path) -> pd.DataFrame:
 
 
 def _draw_forces(axis: Any, forces: pd.DataFrame) -> None:
-    """Draws labelled lines of the reference, and markers of the codes at staggered samples."""
+    """Draws labelled lines of the reference, and markers of the codes at the maxima."""
     exact = forces[forces["engine"] == REFERENCE]
     time_us = exact["time_s"].to_numpy() * MICRO
     for name, look in FORCES.items():
         axis.plot(time_us, exact[name], **look)
-    codes = drawing_order([str(name) for name in forces["engine"].unique() if name != REFERENCE])
-    for place, code in enumerate(codes):
-        own = forces[forces["engine"] == code].iloc[place * MARKER_INTERVAL // len(codes) :: MARKER_INTERVAL]
-        for name in FORCES:
-            drawn = axis.plot(own["time_s"] * MICRO, own[name], **grey_of(code))
-        drawn[0].set_label(code)
+    axis.set(xlabel="time since impact (µs)", ylabel="force (N)", ylim=(-0.4, 1.35 * float(exact["F1_N"].max())))
+    tops = {name: int(np.argmax(exact[name])) for name in FORCES}
+    own = {str(code): some for code, some in forces.groupby("engine") if code != REFERENCE}
+    for name, top in tops.items():
+        once = {} if name == "F1_N" else {"label": "_"}  # one entry of the legend
+        draw_codes(axis, {code: (time_us[[top]], some[name].iloc[[top]]) for code, some in own.items()}, **once)
     for name, label, side in (("F1_N", "$F_1$", -1), ("F2_N", "$F_2$", 1)):
-        top = int(np.argmax(exact[name]))
-        axis.annotate(label, (time_us[top], exact[name].iloc[top]), xytext=(9 * side, 2), textcoords="offset points",
-                      ha="center", va="bottom")  # fmt: skip
+        axis.annotate(label, (time_us[tops[name]], exact[name].iloc[tops[name]]), xytext=(9 * side, 2),
+                      textcoords="offset points", ha="center", va="bottom")  # fmt: skip
     rise = int(np.argmax(exact["average_N"] > 0.3 * exact["average_N"].max()))
     axis.annotate(r"$(F_1 + F_2)/2$", (time_us[rise], exact["average_N"].iloc[rise]), xytext=(-24, 8), ha="right",
                   textcoords="offset points", arrowprops={"arrowstyle": "-", "lw": 0.5, "shrinkB": 0})  # fmt: skip
-    axis.set(xlabel="time since impact (µs)", ylabel="force (N)", ylim=(-0.4, 1.18 * float(exact["F1_N"].max())))
     axis.legend(loc="upper right", handlelength=1.0)
 
 
@@ -134,11 +132,14 @@ def _waves() -> pd.DataFrame:
     """Beta of the travelling wave for each modulus, computed in SI units, so that equal values are a result."""
     tables = []
     for modulus, settings in _chains().items():
-        chain = case_of("table1", *settings).chain
+        case = case_of("table1", *settings)
+        chain, particles = case.chain, particles_of(case)
         stiffness, mass, static = float(chain.stiffness[1]), float(chain.mass_kg[0]), chain.precompression_N
-        beta = [solve_at_amplitude(stiffness, mass, static, ratio - 1).beta for ratio in CURVE]
+        speeds = [precompressed_speed(particles, ratio * static, static) / particles.diameter_m for ratio in CURVE]
+        waves = [solve_at_speed(stiffness, mass, static, beads_per_s) for beads_per_s in speeds]
         columns = {"panel": "c", "engine": "travelling wave", "modulus_MPa": modulus}
-        tables.append(pd.DataFrame(columns | {"force_over_static": CURVE, "beta": beta}))
+        numbers = {"force_over_static": [1 + wave.amplitude for wave in waves], "beta": [wave.beta for wave in waves]}
+        tables.append(pd.DataFrame(columns | numbers))
     limit = {"panel": "c", "engine": "travelling wave without static force"}
     ends = pd.DataFrame({"force_over_static": CURVE[[0, -1]], "beta": solve_travelling_wave().contact_over_average})
     return pd.concat([*tables, ends.assign(**limit)], ignore_index=True)
@@ -166,14 +167,19 @@ def _points(runs: Path) -> pd.DataFrame:
 
 
 def _draw_beta(axis: Any, waves: pd.DataFrame, points: pd.DataFrame) -> None:
-    """Draws one line, since those of all moduli coincide, and the codes' strikes on the chains of all moduli."""
+    """Draws one line, since those of both moduli coincide, and the codes' strikes on the chains of both.
+
+    A pulse whose amplitude changes by more than ``STEADY_CHANGE`` over ten beads is not yet a solitary wave.
+    """
     limit = waves[waves["modulus_MPa"].isna()]
     first = waves[waves["modulus_MPa"] == waves["modulus_MPa"].min()]
     axis.plot(limit["force_over_static"], limit["beta"], color=GREY, lw=0.8, ls=(0, (4, 3)))
     axis.plot(first["force_over_static"], first["beta"], **AVERAGE)
-    for code in drawing_order([str(name) for name in points["engine"].unique() if name != REFERENCE]):
-        own = points[points["engine"] == code]
-        for solitary in (True, False):
-            some = own[own["solitary"] == solitary]
-            axis.plot(some["force_over_static"], some["beta"], alpha=1.0 if solitary else PALE_ALPHA, **grey_of(code))
     axis.set(xscale="log", xlabel=r"$F_m\,/\,F_0$", ylabel=r"$\beta$", xlim=(1, 1.6e4), ylim=(1.0, 1.45))
+    axis.text(1.1, limit["beta"].iloc[0], f"no static force: {limit['beta'].iloc[0]:.3f}", color=GREY, va="bottom")
+    axis.text(40, 1.27, "exact travelling wave")
+    own = {str(code): some for code, some in points.groupby("engine") if code != REFERENCE}
+    draw_codes(axis, {code: (some["force_over_static"], some["beta"]) for code, some in own.items()})
+    early = points[~points["solitary"].astype(bool)].head(1)
+    for x, y in zip(early["force_over_static"], early["beta"], strict=True):
+        axis.annotate("not yet solitary", (x, y), (6, -3), textcoords="offset points", color=GREY)

@@ -1,21 +1,14 @@
 """Fig. 5: a train of solitary waves from a heavy striker.
 
-Eleven PTFE beads of 4.76 mm, struck by an alumina cylinder of 0.47 g at 0.44 m/s. (a) Force on the wall with the
-dissipation of Fig. 4(a). Dotted: the envelope A exp(-0.0067 t), t in µs, that the paper draws through the maxima of its
-experiment, here through the first computed maximum. Grey: envelope through the first three computed maxima, exp(-0.0064
-t); through all four it is exp(-0.0056 t). (b) The same without dissipation, at 1.46 GPa. Dotted: the paper's computed
-envelope, exp(-0.0059 t). The paper does not state through which maxima it goes: the grey envelope goes through the
-first three, exp(-0.0060 t), the dashed envelope through all four of the train, exp(-0.0049 t); through the first two it
-is exp(-0.0065 t). The force after 900 µs is that of the returning train. (c) Incident pulse: averages of the contact
-forces of the top bead and the second bead without dissipation, and of the top bead with dissipation. Dotted: the pulse
-described in the text, with a rise in 50 µs, a decay of exp(-0.0185 t) and an end after 370 µs; it is drawn from the
-impact on, with a straight rise to the height of the elastic pulse. Computed, in this order: rise from 2 % of the peak
-31, 53 and 40 µs, decay to half of the peak -0.0125, -0.0174 and -0.0105 per µs, end after 404, 438 and 652 µs. Strips:
-differences between codes and reference as in Fig. 4.
+Four times a bead's mass makes a train of four waves. The printed envelope of the elastic train (-0.0059 per µs) goes
+through three maxima (-0.0060), not four (-0.0049).
+
+Wall below eleven beads, struck by alumina of 0.47 g at 0.44 m/s. (a) Dissipation of Fig. 4(a): -0.0064 per µs; measured
+-0.0067. (b) Elastic, 1.46 GPa; after 900 µs the returning train. (c) Mean contact forces of the top two beads. Quoted:
+rise 50 µs, decay -0.0185 per µs, end at 370 µs. Computed, top bead: 31, -0.0125, 404.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +18,8 @@ import pandas as pd
 from drivers.base.errors import InputError
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
-from postproc.draw.stack import STRIP, ForcePanel, draw_curve, draw_panel, name_codes
-from postproc.draw.style import AVERAGE, DAMPED, MICRO, PAGE_IN, QUOTED, letter_panel, pyplot
+from postproc.draw.stack import ForcePanel, draw_curve, draw_pairs, quoted_rows
+from postproc.draw.style import AVERAGE, DAMPED, GREY, MICRO, PAGE_IN, QUOTED, letter_panel, pyplot
 from postproc.paper.calibrated import calibrated
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import Simulation, case_of, simulate
@@ -36,7 +29,6 @@ from postproc.read.signals import (
     ENVELOPE_MAXIMA,
     Envelope,
     Peak,
-    PulseShape,
     incident_pulse,
     peaks,
     train_envelope,
@@ -44,16 +36,15 @@ from postproc.read.signals import (
 
 WALL = "wall"
 PANELS = (
-    ForcePanel("a", "with dissipation", DAMPED | {"ls": "-"}, 1.0, gauges=(WALL,)),
-    ForcePanel("b", "elastic", AVERAGE, 1.0, gauges=(WALL,)),
+    ForcePanel("a", "with dissipation: fit", DAMPED | {"ls": "-"}),
+    ForcePanel("b", "elastic", AVERAGE),
 )
+STEP_N = 1.0
 PLACES = ("top bead", "second bead")  # of the incident pulse
-DAMPED_SUFFIX = ", damped"  # to a place in the chain with dissipation
 SECOND_BEAD = AVERAGE | {"color": "#0072b2", "ls": (0, (6, 1.5, 1, 1.5))}
-FITTED = {"color": "#777777", "lw": 0.8}
-# numbers of maxima in the envelopes, for different readings of the paper's sentence, and styles of the drawn ones
-MAXIMA: dict[int, dict[str, Any]] = {2: {}, 3: FITTED, 4: FITTED | {"ls": (0, (5, 2))}}
-EXTENSION_S = 1e-4  # of envelopes after the last maximum
+MAXIMA = (2, ENVELOPE_MAXIMA, 4)  # of envelopes: the paper does not state through which maxima its own go
+ENVELOPE: dict[str, Any] = {"color": GREY, "lw": 0.9, "ls": (0, (5, 2))}
+EXTENSION_S = 2e-4  # of the envelope after its last maximum
 ENTRANCE_S = 4.2e-4
 POINTS = 60  # per curve
 
@@ -64,114 +55,106 @@ def make(runs: Path) -> Product:
     # gauges without a mass of their own do not change the run
     gauges = f"chain.sensors=[{{ from_wall = {top} }}, {{ from_wall = {top - 1} }}]"
     cases = [case_of("fig5", gauges, *calibrated().settings), case_of("fig5", gauges)]
-    found = simulate(cases, runs)
-    shapes = [{engine: _shape(one) for engine, one in own.items()} for own in found]
-    paper = quoted()
+    found, paper = simulate(cases, runs), quoted()
     figure = pyplot().figure(figsize=(PAGE_IN, 3.0), layout="constrained")
-    grid, tables, chains, walls = figure.add_gridspec(1, 3, width_ratios=[1.15, 1.15, 1]), [], {}, []
-    rates = paper.fig5_measured_envelope_per_us, paper.fig5_computed_envelope_per_us
-    for place, (panel, rate) in enumerate(zip(PANELS, rates, strict=True)):
-        axes, drawn = draw_panel(figure, grid[place], panel, found[place])
-        lines = _draw_envelopes(axes[WALL], shapes[place][REFERENCE], rate)
-        tables.append(pd.concat([drawn, lines, _envelopes(shapes[place], rate)]).assign(panel=panel.letter))
-        chains[f"({panel.letter}) {panel.words}"] = found[place][REFERENCE].trace
-        walls.append(axes[WALL])
-    walls[0].set_ylim(walls[1].get_ylim())  # same scale of force
-    entrance = figure.add_subplot(grid[2])
-    letter_panel(entrance, "c", "incident pulse")
+    grid = figure.add_gridspec(1, 3, width_ratios=[1.15, 1.15, 1])
+    axes, product = draw_pairs(figure, [grid[0], grid[1]], PANELS, found, _numbers, STEP_N, gauges=(WALL,))
     damped, elastic = (own[REFERENCE] for own in found)
-    tables += [each.assign(panel="c") for each in (_draw_entrance(entrance, damped, elastic), _pulses(*shapes))]
-    name_codes(figure, axes[STRIP])
-    return Product(figure, pd.concat(tables, ignore_index=True), chains)
+    entrance = _draw_entrance(figure.add_subplot(grid[2]), damped, elastic).assign(panel="c")
+    rates = paper.fig5_measured_envelope_per_us, paper.fig5_computed_envelope_per_us
+    envelopes = [
+        _draw_envelope(drawn[WALL], one, rate).assign(panel=panel.letter)
+        for drawn, one, rate, panel in zip(axes, (damped, elastic), rates, PANELS, strict=True)
+    ]
+    return product.with_rows(entrance, *envelopes, *_stated())
 
 
-@dataclass(frozen=True)
-class Shape:
-    """Train at the wall, and incident pulse in each of ``PLACES``."""
-
-    first: Peak  # first maximum of the train
-    last_s: float  # time of the last maximum in an envelope
-    envelopes: Mapping[int, Envelope]  # by number of maxima
-    entrance: tuple[PulseShape, ...]
-
-
-def _shape(one: Simulation) -> Shape:
-    """Shapes of the signals of Fig. 5.
+def _train(one: Simulation) -> tuple[list[Peak], dict[int, Envelope]]:
+    """Maxima at the wall, and envelopes by number of maxima.
 
     Raises:
-        InputError: The scene ends too early.
+        InputError: There are too few maxima.
     """
-    time_s, signals = one.trace.time_s, sensor_signals(one.case.layout, one.trace)
-    *upper, wall = signals.values()
+    time_s, wall = one.trace.time_s, one.trace.force_N[:, 0]
     maxima = [
         replace(peak, value=peak.value + float(wall[0])) for peak in peaks(time_s, wall - wall[0], LATER_PROMINENCE)
     ]
     envelopes = {count: curve for count in MAXIMA if (curve := train_envelope(maxima, count))}
-    pulses = [incident_pulse(time_s, force - force[0]) for force in upper]
-    entrance = tuple(pulse for pulse in pulses if pulse is not None)
-    if ENVELOPE_MAXIMA not in envelopes or len(entrance) < len(PLACES):
-        found = f"fewer than {ENVELOPE_MAXIMA} maxima at the wall, or no wave back at the top"
-        raise InputError(one.case.scene.file, "run.duration", found, "until the wave is back, and weaker dissipation")
-    return Shape(maxima[0], maxima[max(envelopes) - 1].time_s, envelopes, entrance)
+    if ENVELOPE_MAXIMA not in envelopes:
+        raise _too_short(one, f"fewer than {ENVELOPE_MAXIMA} maxima at the wall")
+    return maxima, envelopes
 
 
-def _envelopes(shapes: dict[str, Shape], quoted_per_us: float) -> pd.DataFrame:
-    """Table of the rates of the envelopes through the first maxima of the train, per µs."""
-    rows = [("paper", "envelope_per_us", quoted_per_us)]
-    for engine, shape in shapes.items():
-        for count, curve in shape.envelopes.items():
-            rows.append((engine, f"envelope_{count}_maxima_per_us", curve.rate_per_s / MICRO))
-    return pd.DataFrame(rows, columns=["engine", "quantity", "value"])
+def _too_short(one: Simulation, found: str) -> InputError:
+    return InputError(one.case.scene.file, "run.duration", found, "until the wave is back, and weaker dissipation")
 
 
-def _pulses(damped: dict[str, Shape], elastic: dict[str, Shape]) -> pd.DataFrame:
-    """Table of rise, decay and duration of the incident pulse with and without dissipation, by place."""
-    paper, names = quoted(), ("rise_us", "decay_per_us", "duration_us")
-    incident = (paper.fig5_incident_rise_us, paper.fig5_incident_decay_per_us, paper.fig5_incident_duration_us)
-    rows: list[tuple[str, str, str, float]] = [
-        ("paper", "entrance", *pair) for pair in zip(names, incident, strict=True)
-    ]
-    for engine in damped:
-        for shape, more in ((elastic[engine], ""), (damped[engine], DAMPED_SUFFIX)):
-            for place, pulse in zip(PLACES, shape.entrance, strict=True):
-                values = (pulse.rise_s * MICRO, pulse.decay_per_s / MICRO, pulse.duration_s * MICRO)
-                rows += [(engine, place + more, *pair) for pair in zip(names, values, strict=True)]
-    return pd.DataFrame(rows, columns=["engine", "place", "quantity", "value"])
+def _numbers(one: Simulation) -> dict[str, float]:
+    """Rates of the envelopes through the first maxima of the train; rise, decay and duration of the incident pulse.
+
+    Raises:
+        InputError: The scene ends too early.
+    """
+    numbers = {f"envelope_{count}_maxima_per_us": curve.rate_per_s / MICRO for count, curve in _train(one)[1].items()}
+    time_s, signals = one.trace.time_s, sensor_signals(one.case.layout, one.trace)
+    for words, signal in zip(PLACES, signals.values(), strict=False):
+        pulse, place = incident_pulse(time_s, signal - signal[0]), words.replace(" ", "_")
+        if pulse is None:
+            raise _too_short(one, "no wave back at the top")
+        numbers |= {f"{place}_rise_us": pulse.rise_s * MICRO, f"{place}_decay_per_us": pulse.decay_per_s / MICRO,
+                    f"{place}_duration_us": pulse.duration_s * MICRO}  # fmt: skip
+    return numbers
 
 
-def _draw_envelopes(axis: Any, shape: Shape, quoted_per_us: float) -> pd.DataFrame:
-    """Draws the envelopes of ``MAXIMA``, and the quoted envelope through the first maximum."""
-    first, tables = shape.first, []
-    time_s = np.linspace(first.time_s, shape.last_s + EXTENSION_S, POINTS)
-    for count, curve in shape.envelopes.items():
-        if look := MAXIMA[count]:
-            force_N = curve.amplitude_N * np.exp(curve.rate_per_s * time_s)
-            tables.append(draw_curve(axis, REFERENCE, f"envelope_{count}_maxima", time_s, WALL, force_N, **look))
-    force_N = first.value * np.exp(quoted_per_us * MICRO * (time_s - first.time_s))
-    tables.append(draw_curve(axis, "paper", "envelope", time_s, WALL, force_N, **QUOTED))
-    mark = POINTS // 8
-    axis.text(
-        time_s[mark] * MICRO, force_N[mark], f"  {quoted_per_us:g}/µs".replace("-", "\N{MINUS SIGN}"),
-        color=QUOTED["color"], fontsize=7, va="bottom",
-    )  # fmt: skip
-    return pd.concat(tables)
+def _stated() -> list[pd.DataFrame]:
+    """Numbers of the paper by panel."""
+    paper = quoted()
+    return [
+        quoted_rows("a", envelope_per_us=paper.fig5_measured_envelope_per_us),
+        quoted_rows("b", envelope_per_us=paper.fig5_computed_envelope_per_us),
+        quoted_rows("c", rise_us=paper.fig5_incident_rise_us, decay_per_us=paper.fig5_incident_decay_per_us,
+                    duration_us=paper.fig5_incident_duration_us),
+    ]  # fmt: skip
+
+
+def _draw_envelope(axis: Any, one: Simulation, quoted_per_us: float) -> pd.DataFrame:
+    """Draws the envelope through the first three maxima, labelled with its rate and that of the paper.
+
+    The envelope with the paper's rate would lie within the width of a line beside it.
+    """
+    maxima, envelopes = _train(one)
+    first, last, curve = maxima[0], maxima[ENVELOPE_MAXIMA - 1], envelopes[ENVELOPE_MAXIMA]
+    time_s = np.linspace(first.time_s, last.time_s + EXTENSION_S, POINTS)
+    force_N = curve.amplitude_N * np.exp(curve.rate_per_s * time_s)
+    look: dict[str, Any] = {"textcoords": "offset points", "ha": "right", "fontsize": 7}
+    for words, rate, up, colour in (
+        ("", curve.rate_per_s / MICRO, 9, GREY), ("paper: ", quoted_per_us, 0, QUOTED["color"])
+    ):  # fmt: skip
+        text = f"{words}{rate:.4f}/µs".replace("-", "\N{MINUS SIGN}")
+        axis.annotate(text, (axis.get_xlim()[1], 0.75 * first.value), (-2, up), color=colour, **look)
+    return draw_curve(axis, REFERENCE, f"envelope_{ENVELOPE_MAXIMA}_maxima", time_s, WALL, force_N, **ENVELOPE)
 
 
 def _draw_entrance(axis: Any, damped: Simulation, elastic: Simulation) -> pd.DataFrame:
     """Draws averages of the two uppermost beads, and the quoted pulse with the height of the elastic pulse."""
     paper, upper = quoted(), [f"bead_{sensor.from_wall}" for sensor in elastic.case.layout.sensors]
+    letter_panel(axis, "c", "incident pulse")
     tables = []
-    looks = ((elastic, 0, AVERAGE), (elastic, 1, SECOND_BEAD), (damped, 0, DAMPED))
-    for one, place, look in looks:
+    for one, place, more, look in (
+        (elastic, 0, "", AVERAGE),
+        (elastic, 1, "", SECOND_BEAD),
+        (damped, 0, ", damped", DAMPED),
+    ):
         shown = one.trace.time_s <= ENTRANCE_S
         time_s, force_N = one.trace.time_s[shown], sensor_signals(one.case.layout, one.trace)[upper[place]][shown]
-        words = PLACES[place] + DAMPED_SUFFIX * (one is damped)
+        words = PLACES[place] + more
         tables.append(draw_curve(axis, REFERENCE, words, time_s, "average", force_N, label=words, **look))
     top_N = float(tables[0]["average_N"].max())
     after_us = np.linspace(0, paper.fig5_incident_duration_us - paper.fig5_incident_rise_us, POINTS)
     time_s = np.concatenate([[0.0], paper.fig5_incident_rise_us + after_us]) / MICRO
     force_N = np.concatenate([[0.0], top_N * np.exp(paper.fig5_incident_decay_per_us * after_us)])
-    tables.append(draw_curve(axis, "paper", "as quoted", time_s, "average", force_N, label="as quoted", **QUOTED))
+    look = QUOTED | {"label": "as quoted; straight rise\nand height: ours"}
+    tables.append(draw_curve(axis, "paper", "as quoted", time_s, "average", force_N, **look))
     axis.legend(loc="upper right", handlelength=1.8, fontsize=7)
     axis.set(xlim=(0, ENTRANCE_S * MICRO), ylim=(0, 1.1 * top_N), xlabel="time since impact (µs)", ylabel="force (N)")
     return pd.concat(tables)

@@ -1,25 +1,24 @@
 """Fig. 6: smaller beads under a steel and a PTFE ball.
 
-Force on the wall below 18 PTFE beads of 2.38 mm, struck at 0.89 m/s by a steel ball of 2 mm and 0.036 g (a, b) and by
-a PTFE ball of 4.76 mm and 0.123 g (c, d). (a) and (c): with the dissipation of Fig. 4(a), which is fitted to
-experiments on beads of 4.76 mm only. Brown text is the paper's description of its measured curves, which are not
-available: a leading solitary wave with an oscillatory tail in (a), an oscillatory "shock" with a delayed splitting
-into solitary waves in (c). Computed: between the first two maxima the force falls to 0.29 of the second maximum in (a)
-and to 0.38 of it in (c). (b) and (d): without dissipation, at 1.46 GPa, as in the paper: trains of solitary waves,
-without force between the first two. The leading wave is 0.46 times as high in (a) as in (b), and 0.54 times as high in
-(c) as in (d). Strips: differences between codes and reference as in Fig. 4.
+Dissipation, fitted to beads of 4.76 mm only, divides the leading wave on beads of 2.38 mm by 2.2 in (a) and by 1.8 in
+(c), and delays the splitting.
+
+Wall below 18 PTFE beads, struck at 0.89 m/s (a) by a steel ball, (c) by a PTFE ball, with dissipation: between the
+first two maxima the force falls to 0.29 and 0.38 of the second. (b), (d) Elastic, 1.46 GPa: it falls to zero. Brown:
+the paper's words on its measured curves.
 """
 
-from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from drivers.base.errors import InputError
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
-from postproc.draw.stack import STRIP, ForcePanel, draw_panel, name_codes
-from postproc.draw.style import AVERAGE, DAMPED, MICRO, PAGE_IN, QUOTED, pyplot
+from postproc.draw.stack import ForcePanel, draw_curve, draw_pairs
+from postproc.draw.style import AVERAGE, DAMPED, GREY, MICRO, PAGE_IN, QUOTED, pyplot
 from postproc.paper.calibrated import calibrated
 from postproc.paper.simulate import Simulation, case_of, simulate
 from postproc.read.observables import LATER_PROMINENCE
@@ -27,15 +26,18 @@ from postproc.read.signals import Peak, peaks
 
 SCENES = ("fig6b", "fig6d")
 UNTIL_PASSED = "run.duration=0.62 ms"  # until the train has reached the wall, before it returns
+HALF_LEVEL_S = 4e-5
+LEVEL: dict[str, Any] = {"color": GREY, "ls": (0, (3, 2)), "lw": 0.9}
 DAMPING, ELASTIC = DAMPED | {"ls": "-"}, AVERAGE
 PANELS = (
-    ForcePanel("a", "2 mm steel ball, with dissipation", DAMPING, 0.5),
-    ForcePanel("b", "2 mm steel ball, elastic", ELASTIC, 0.5),
-    ForcePanel("c", "4.76 mm PTFE ball, with dissipation", DAMPING, 1.0),
-    ForcePanel("d", "4.76 mm PTFE ball, elastic", ELASTIC, 1.0),
+    ForcePanel("a", "2 mm steel ball, with dissipation: fit", DAMPING),
+    ForcePanel("b", "2 mm steel ball, elastic", ELASTIC),
+    ForcePanel("c", "4.76 mm PTFE ball, with dissipation: fit", DAMPING),
+    ForcePanel("d", "4.76 mm PTFE ball, elastic", ELASTIC),
 )
-
-DESCRIPTIONS = {"a": ("leading wave", "oscillatory tail"), "c": ("", "oscillatory shock")}  # of the first two maxima
+STEP_N = 1.0
+# of the first two maxima in the panels with dissipation, by place
+DESCRIPTIONS = {0: ("leading wave", "oscillatory tail"), 2: ("", "oscillatory shock")}
 
 
 def make(runs: Path) -> Product:
@@ -43,16 +45,23 @@ def make(runs: Path) -> Product:
     cases = [case_of(scene, UNTIL_PASSED, *law) for scene in SCENES for law in (calibrated().settings, ())]
     found = simulate(cases, runs)
     figure = pyplot().figure(figsize=(PAGE_IN, 4.8), layout="constrained")
-    grid, tables, chains = figure.add_gridspec(2, 2), [], {}
-    for place, (panel, own) in enumerate(zip(PANELS, found, strict=True)):
-        axes, drawn = draw_panel(figure, grid[place], panel, own)
-        for peak, words in zip(_first_maxima(own[REFERENCE]), DESCRIPTIONS.get(panel.letter, ("", "")), strict=True):
-            look = {"color": QUOTED["color"], "fontsize": 7}
-            axes["wall"].annotate(words, (peak.time_s * MICRO, peak.value), (6, 2), textcoords="offset points", **look)
-        tables.append(pd.concat([drawn, _numbers(own)]).assign(panel=panel.letter))
-        chains[f"({panel.letter}) {panel.words}"] = own[REFERENCE].trace
-    name_codes(figure, axes[STRIP])
-    return Product(figure, pd.concat(tables, ignore_index=True), chains)
+    axes, product = draw_pairs(figure, figure.add_gridspec(2, 2), PANELS, found, _numbers, STEP_N)
+    maxima, losses = [_first_maxima(own[REFERENCE]) for own in found], []
+    for place, described in DESCRIPTIONS.items():
+        wall, look = axes[place]["wall"], {"color": QUOTED["color"], "fontsize": 7, "textcoords": "offset points"}
+        for peak, words in zip(maxima[place], described, strict=True):
+            wall.annotate(words, (peak.time_s * MICRO, peak.value), (6, 2), **look)
+        loss = _draw_loss(wall, maxima[place][0], maxima[place + 1][0])
+        losses.append(loss.assign(panel=PANELS[place].letter))
+    return product.with_rows(*losses)
+
+
+def _draw_loss(axis: Any, damped: Peak, elastic: Peak) -> pd.DataFrame:
+    """Draws the height of the leading wave without dissipation, with its ratio to the height with dissipation."""
+    reach_s = damped.time_s + np.array([-HALF_LEVEL_S, HALF_LEVEL_S])
+    words = f"elastic: {elastic.value / damped.value:.1f} times as high"
+    axis.text(reach_s[0] * MICRO - 10, elastic.value, words, ha="right", va="center", fontsize=7)
+    return draw_curve(axis, REFERENCE, "elastic_maximum_1_N", reach_s, "wall", [elastic.value] * 2, **LEVEL)
 
 
 def _first_maxima(one: Simulation) -> tuple[Peak, Peak]:
@@ -68,13 +77,12 @@ def _first_maxima(one: Simulation) -> tuple[Peak, Peak]:
     return found[0], found[1]
 
 
-def _numbers(found: Mapping[str, Simulation]) -> pd.DataFrame:
-    """Heights and times of the first two maxima, and the smallest force between them over the second maximum."""
-    rows = []
-    for engine, one in found.items():
-        first, second = _first_maxima(one)
-        for number, peak in enumerate((first, second), 1):
-            rows += [(engine, f"maximum_{number}_N", peak.value), (engine, f"maximum_{number}_us", peak.time_s * MICRO)]
-        valley_N = float(one.trace.force_N[first.sample : second.sample + 1, 0].min())
-        rows.append((engine, "valley_over_second_maximum", valley_N / second.value))
-    return pd.DataFrame(rows, columns=["engine", "quantity", "value"])
+def _numbers(one: Simulation) -> dict[str, float]:
+    """Heights and times of the first two maxima, and the smallest force between them divided by the second maximum."""
+    first, second = _first_maxima(one)
+    valley_N = float(one.trace.force_N[first.sample : second.sample + 1, 0].min())
+    return {
+        "maximum_1_N": first.value, "maximum_1_us": first.time_s * MICRO,
+        "maximum_2_N": second.value, "maximum_2_us": second.time_s * MICRO,
+        "valley_over_second_maximum": valley_N / second.value,
+    }  # fmt: skip

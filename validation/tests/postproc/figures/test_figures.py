@@ -14,17 +14,19 @@ from drivers.engines import codes, installed_codes, missing_codes
 from postproc.draw.product import Product, write_product
 from postproc.draw.style import COLUMN_IN, PAGE_IN
 from postproc.figures import captions, make_figure
+from postproc.figures.table1 import equals_printed
 from postproc.paper.calibrated import calibrated
 from postproc.paper.quoted import quoted
-from postproc.paper.strikes import contact_peak, strike_for
+from postproc.paper.strikes import contact_peak, sensor_amplitude, strike_for
 from postproc.read.signals import Peak, envelope, incident_pulse
+from validation.reference.travelling_wave import solve_at_amplitude
 from validation.tests.helpers.commands import beads, beads_process
 from validation.tests.helpers.drawn import lettered_axes, not_in_table, out_of_bounds
 from validation.tests.helpers.runs import need
 
 CODES = codes()
 ENGINES = (*CODES, "reference")
-CHAINS = ("fig3", "fig4", "fig5", "fig6", "table1")  # figures with a spacetime diagram
+CHAINS = ("fig3", "fig4", "fig5", "fig6")  # figures with a spacetime diagram
 
 
 READERS = {"QUOTED": quoted, "CALIBRATED": calibrated}
@@ -117,10 +119,56 @@ def test_table_1_has_the_printed_numbers(made: dict[str, Product]) -> None:
 
 
 @pytest.mark.long
+def test_the_caption_of_table_1_counts_the_numbers_that_equal_the_printed_ones(made: dict[str, Product]) -> None:
+    rows = made["table1"].table.to_dict("records")
+    short, long = (sum(sum(equals_printed(row, of)) for row in rows) for of in ("reference", "exact_21"))
+    shows = captions()["table1"].shows
+    assert (f"20 beads and the striker: {short} of 15" in shows, f"{long} do" in shows) == (True, True)
+
+
+@pytest.mark.long
+def test_numbers_are_rounded_before_they_are_compared() -> None:
+    row = dict.fromkeys(("computed_speed_m_s", "exact_speed_m_s"), 103) | {
+        "computed_width_0.2pct_diameters": 4.3, "exact_width_0.2pct_diameters": 4.3538,
+        "computed_width_4pct_diameters": 4.0, "exact_width_4pct_diameters": 3.951,
+    }  # fmt: skip
+    assert equals_printed(row, "exact") == [True, False, True]
+
+
+@pytest.mark.long
+def test_fig_3_draws_the_experiment_at_the_contact_force_of_eq_6(made: dict[str, Product]) -> None:
+    dots = made["fig3"].table.query("source == 'experiment'")
+    assert [*dots["sensor_amplitude_N"]] == [*quoted().table1.force_N]
+    beta = (dots["force_N"] - dots["static_N"]) / dots["sensor_amplitude_N"]
+    for force_N, own, static_N in zip(dots["force_N"], beta, dots["static_N"], strict=True):
+        assert solve_at_amplitude(2.0, 3.0, static_N, force_N / static_N - 1).beta == pytest.approx(own, rel=1e-4)
+    strike = strike_for(5.0, sensor_amplitude)
+    assert contact_peak(strike) == pytest.approx(float(dots["force_N"].iloc[0]), rel=2e-3)
+
+
+@pytest.mark.long
+def test_the_caption_of_fig_3_has_the_largest_deviation_of_theory(made: dict[str, Product]) -> None:
+    table, same = made["fig3"].table, ["modulus_MPa", "gravity", "force_N"]
+    table = table.assign(force_N=table["force_N"].map(lambda force: float(f"{force:.6g}")))
+    chain, theory = table[table["engine"] == "reference"], table[table["source"].str.startswith("Eq.")]
+    both = chain.merge(theory, on=same)
+    assert len(both) == 3 * 13 + 2 * 4
+    largest = 100 * (both["speed_m_s_y"] / both["speed_m_s_x"] - 1).abs().max()
+    assert f"within {largest:.1f} %" in captions()["fig3"].shows
+
+
+@pytest.mark.long
+def test_the_caption_of_fig_2_has_the_limit_of_beta(made: dict[str, Product]) -> None:
+    table = made["fig2"].table
+    limit = table[table["engine"] == "travelling wave without static force"]["beta"].iloc[0]
+    assert f"{limit:.3f} times" in captions()["fig2"].shows
+
+
+@pytest.mark.long
 def test_beta_does_not_depend_on_the_modulus_and_runs_lie_on_the_curve(made: dict[str, Product]) -> None:
     table = made["fig2"].table
     spread = table[table["panel"] == "c, all moduli"]["beta_spread_over_moduli_share"]
-    assert len(spread) > 40
+    assert len(spread) == 31 + 5 * len(ENGINES)
     assert spread.max() < 1e-4  # the paper says < 1 %; by similarity there is none, and the codes' step adds little
     table = table[table["panel"] != "c, all moduli"]
     waves = table[table["engine"] == "travelling wave"]
@@ -129,7 +177,7 @@ def test_beta_does_not_depend_on_the_modulus_and_runs_lie_on_the_curve(made: dic
     points = table[(table["panel"] == "c") & ~table["engine"].str.startswith("travelling wave")]
     assert set(points["engine"]) == set(ENGINES)
     solitary = points[points["solitary"].astype(bool)]
-    assert len(solitary) >= 3 * 3 * len(ENGINES)
+    assert len(solitary) >= 2 * 4 * len(ENGINES)
     assert len(solitary) < len(points)  # the pulse of a weak strike is no solitary wave
     one = waves[waves["modulus_MPa"] == 600]
     on_curve = np.interp(np.log(solitary["force_over_static"]), np.log(one["force_over_static"]), one["beta"])
@@ -150,7 +198,7 @@ def test_speeds_follow_the_theory_without_gravity_and_exceed_it_with(made: dict[
         assert slope == pytest.approx(1 / 6, abs=1e-5)
     for code in CODES:
         own = table[table["engine"] == code].merge(exact, on="striker_m_s")
-        assert len(own) == 6 * 4
+        assert len(own) == 5 * 4
         assert (own["speed_m_s_x"] / own["speed_m_s_y"] - 1).abs().max() < 1e-5
         assert np.array_equal(own["speed_m_s_x"] / own["speed_m_s_y"] - 1, own["speed_off_reference_share_x"])
     heavy = exact[exact["gravity"].astype(bool)].merge(bare, on=["modulus_MPa", "force_N"])
@@ -209,7 +257,7 @@ def test_a_figure_without_an_engine_says_so(tmp_path: Path, monkeypatch: pytest.
 def test_a_figure_of_the_reference_alone(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     product = make_figure(name, tmp_path / "runs")
-    assert len(write_product(product, name, tmp_path / "out")) == 6  # with the spacetime diagram
+    assert len(write_product(product, name, tmp_path / "out")) == 6 if name in CHAINS else 3
 
 
 @pytest.mark.parametrize(
