@@ -22,16 +22,16 @@ from drivers.base.errors import InputError
 from drivers.base.files import read_sealed_file, table_in
 from postproc.draw.product import SPACETIME
 from postproc.figures import Caption, captions
-from postproc.figures.table1 import printed
+from postproc.figures.table1 import GROUPS, printed
 
 TABLE, SCORED = "table1", "fig3"
 LARGE_N = 2.0  # smallest force counted among the large amplitudes of the scores
 PX_PER_PT = 1.6  # scale that makes the figures' type as large as the page's
 SUBSCRIPT = re.compile(r"\b([^\W_])_(\w)\b")  # symbols in captions, such as F_m
 SPEED = Markup("V<sub>s</sub>, m/s")
-COMPUTED = (SPEED, "L/2R at 0.2 %", "L/2R at 4 %")
-TABLE_HEADINGS = (Markup("F<sub>m</sub>, N"), "duration, µs", SPEED, "L/2R", *COMPUTED, *COMPUTED, "deviation of codes")
-TABLE_GROUPS = (("", 1), ("experiment", 3), ("paper", 3), ("exact", 3), ("", 1))
+COMPUTED = (SPEED, "L/2R, 0.2 %", "L/2R, 4 %")
+TABLE_HEADINGS = (Markup("F<sub>m</sub>, N"), "duration, µs", SPEED, "L/2R", *COMPUTED * 3, "deviation of codes")
+TABLE_GROUPS = (("", 1), *((words, last - first + 1) for words, first, last in GROUPS), ("", 1))
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ def read_figures(results: Path, to_come: Collection[str] = ()) -> dict[str, Any]
 def _read_figure(results: Path, name: str, caption: Caption) -> dict[str, Any]:
     return {
         "title": caption.title,
-        "shows": set_symbols(getattr(caption, "shows", "")),
+        "shows": set_symbols(caption.shows),
         "text": set_symbols(caption.text),
         "image": read_image(results / f"{name}.svg", name) if name != TABLE else None,
         "spacetime": read_image(results / f"{name}-{SPACETIME}.svg", name),
@@ -127,8 +127,8 @@ def read_values(results: Path, name: str, values_in: Callable[[pd.DataFrame], An
         return values_in(table_in(read_sealed_file(path, f"the table that make {name} writes")))
 
 
-def rows_in(table: pd.DataFrame) -> list[list[str]]:
-    """Texts of the rows of Table 1."""
+def rows_in(table: pd.DataFrame) -> list[list[tuple[str, bool]]]:
+    """Texts of the rows of Table 1, each with True if it is bold."""
     return [printed(row) for row in table.to_dict("records")]
 
 
