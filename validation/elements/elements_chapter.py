@@ -1,8 +1,7 @@
 """The study of elements: effects and costs, omitted elements, and the gap between elastic theory and experiment."""
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import chain, product
 from typing import Any
@@ -14,59 +13,18 @@ from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
 from drivers.engines import VERLET, installed_codes
 from drivers.limits.refusal import inability
-from postproc.draw.style import GREY, line_of, pyplot
-from postproc.paper.quoted import quoted
-from postproc.paper.simulate import Simulation, case_of, run_codes
-from postproc.read.sensors import sensor_signals
+from postproc.paper.simulate import case_of, run_codes
 from validation.accuracy.costs import cost_on
 from validation.chapters import Chapter, Options, Picture, Tables, rows_in
-from validation.checks import Check, judged, summary
+from validation.checks import Check, judged, short, summary
 from validation.elements import gauge_steps, switches
-from validation.elements.gauge_steps import STEPS
+from validation.elements.effect_figures import Quote, draw_effects, draw_oscilloscope, largest_effects, quotes
+from validation.elements.gauge_steps import ELASTIC
 from validation.elements.switches import read_elements, runs_of
 
 REPEATS = 3  # further runs for costs, except in the short study
 ROUNDING = 1e-6  # of a mean: a smaller spread counts as none
-ELASTIC, *ADDED = STEPS
-MIN_CHANGE = 1e-6  # smaller changes are drawn here
-SHAPES = "os^vDPX<>ph*d1234+x"
-DRAWN_OBSERVABLES = {
-    "sensor peak": ("bead_{upper}_peak_N", 1.0, "N"),
-    "speed": ("speed_{upper}_to_{lower}_m_s", 1.0, "m/s"),
-    "wall peak": ("wall_peak_N", 1.0, "N"),
-    "wall envelope": ("wall_envelope_per_s", 1e-6, "per µs"),
-}
-
-
-@dataclass(frozen=True)
-class Quote:
-    """Number that the paper quotes from its experiment on a scene.
-
-    Attributes:
-        words: name of the quantity in sentences.
-        scale: factor from the observable's unit to ``unit``.
-        value: quoted value in ``unit``.
-        about: text before the value in figures.
-    """
-
-    scene: str
-    observable: str
-    words: str
-    unit: str
-    scale: float
-    value: float
-    about: str = ""
-
-
-def quotes() -> list[Quote]:
-    """Numbers that the paper quotes of its experiments."""
-    paper = quoted()
-    envelope = paper.fig5_measured_envelope_per_us
-    return [
-        Quote("fig4", "bead_9_peak_N", "leading force", "N", 1.0, paper.fig4_leading_force_N, "about "),
-        Quote("fig4", "speed_9_to_5_m_s", "speed", "m/s", 1.0, paper.fig4_speed_m_s),
-        Quote("fig5", "wall_envelope_per_s", "wall envelope", "per µs", 1e-6, envelope),
-    ]
+MAX_ELEMENTS = 3  # in a sentence
 
 
 def measure(options: Options) -> dict[str, Any]:
@@ -99,97 +57,64 @@ def measure(options: Options) -> dict[str, Any]:
             *switches.accuracies_kept(scenes[0].name, engines, runs),
         ],
         "elements-between": switches.compare_codes(scenes, seeds, in_tubes, found),
-        "oscilloscope": gauge_steps.rows_of(chain.from_iterable(steps.values()), fastest, found),
-        "oscilloscope-ranges": gauge_steps.rows_of(varied, fastest, found),
+        "oscilloscope": gauge_steps.rows_of(chain(*steps.values(), varied), fastest, found),
         **{f"oscilloscope-{name}": draw_oscilloscope(name, own) for name, own in shown.items()},
     }
-
-
-def sentences(tables: Tables) -> list[str]:
-    """Findings; the effects themselves are in the table."""
-    checks = rows_in(tables["elements-checks"], Check)
-    gaps = (_on_gap(quote, tables["oscilloscope"], tables["oscilloscope-ranges"]) for quote in quotes())
-    return [
-        f"Elements that straight chains omit, and those that an accuracy omits: {summary(checks)}.",
-        *_on_variants(tables["elements"]),
-        *_on_codes(tables["elements-between"]),
-        *chain.from_iterable(gaps),
-    ]
 
 
 def judge(tables: Tables) -> Iterator[Check]:
     """Do the codes agree in the tube without friction, until the wave reaches the wall?"""
     between = tables["elements-between"]
-    without_friction = between[between["friction"] == switches.WITHOUT_FRICTION].drop_duplicates(["scene", "codes"])
-    for row in without_friction.to_dict("records"):
+    for row in between[between["friction"] == switches.WITHOUT_FRICTION].to_dict("records"):
         codes, limit = str(row["codes"]).replace(" ", " and "), tolerance("elements", "codes")
         yield judged(row["scene"], codes, "forces in the tube", row["before_wall"], limit, "before the wall")
 
 
-def _on_variants(effects: pd.DataFrame) -> Iterator[str]:
-    """Uncertainty of an effect: its spread over seeds and over the variants of the element."""
-    variants = {each.name: each.of for each in read_elements().element if each.of}
-    peaks = effects[effects["observable"] == "wall peak"].groupby(["scene", "element"], sort=False)
-    means = 100 * peaks[["change", "spread"]].mean()  # over the codes
-    for element in dict.fromkeys(variants.values()):
-        for scene in dict.fromkeys(scene for scene, name in means.index if name == element):
-            own = means.loc[scene]
-            others = [f"{row['change']:+.2g} ({name})" for name, row in own.iterrows() if variants.get(name) == element]
-            change, spread = own.loc[element]
+def sentences(tables: Tables) -> list[str]:
+    """Largest effects, the gap to the experiment, the codes in the tube, omitted elements: a sentence each."""
+    checks = rows_in(tables["elements-checks"], Check)
+    return [
+        *_on_effects(tables["elements"]),
+        *_on_gap(tables["oscilloscope"]),
+        _on_codes(tables["elements-between"]),
+        f"Elements that straight chains omit, and those that an accuracy omits: {summary(checks)}.",
+    ]
+
+
+def _on_effects(effects: pd.DataFrame) -> Iterator[str]:
+    sizes = largest_effects(effects).groupby("element")["size"].max().nlargest(MAX_ELEMENTS)
+    if not sizes.empty:
+        yield f"Largest changes: {', '.join(f'{name} {_percent(size)}' for name, size in sizes.items())}."
+
+
+def _on_gap(numbers: pd.DataFrame) -> Iterator[str]:
+    """Share of the gap between the elastic line and the experiment that each step explains, of the first quote."""
+    for quote in quotes()[:1]:
+        steps = _means(quote, numbers[numbers["value"] == ""]).set_index("step")["mean"]
+        if ELASTIC in steps.index:
+            shares = ", ".join(f"{step} {_share(quote, steps[ELASTIC], steps[step])}" for step in steps.index[1:])
             yield (
-                f"{scene}, {element}: changes the wall peak by {change:+.2g} %, with a spread over seeds of"
-                f" {spread:.1g} %; variants by {', '.join(others)}."
+                f"{quote.scene}, {quote.words}: {steps[ELASTIC]:.3g} {quote.unit} on the elastic line,"
+                f" {quote.about}{quote.value:g} {quote.unit} in the experiment; of this gap explains: {shares}."
             )
 
 
-def _on_codes(between: pd.DataFrame) -> Iterator[str]:
-    for (scene, friction, codes), rows in between.groupby(["scene", "friction", "codes"], sort=False):
-        row = rows.iloc[0]
-        if not row["seeds"]:
-            yield f"Codes in the tube: {row['observable']}."
-            continue
-        differ = "never by 1 %"
-        if pd.notna(row["earliest_parted_s"]):
-            median = f"{row['median_parted_s'] * 1e6:.0f} µs" if pd.notna(row["median_parted_s"]) else "never"
-            differ = f"by 1 % from {row['earliest_parted_s'] * 1e6:.0f} µs on (median {median})"
-        wall = rows[rows["observable"] == "wall peak"].iloc[0]
-        first, second = (_pm(wall[f"{each}_mean"], wall[f"{each}_spread"]) for each in ("first", "second"))
-        difference = f"difference {wall['second_mean'] / wall['first_mean'] - 1:+.1e}"
-        remark = f"{difference}; equal distributions: p = {wall['same']:.2g}"
-        if max(wall["first_spread"], wall["second_spread"]) < ROUNDING * wall["first_mean"]:  # seeds change nothing
-            remark = f"{difference}, the same for every seed"
-        yield (
-            f"{scene} {friction}, {str(codes).replace(' ', ' and ')}, {row['seeds']} seeds: the codes differ by at most"
-            f" {row['before_wall']:.1e} until the wave reaches the wall, {differ}. Wall peak {first} and {second} N"
-            f" ({remark})."
-        )
+def _means(quote: Quote, numbers: pd.DataFrame) -> pd.DataFrame:
+    """Rows of a quoted observable, with the means in the unit of the quote."""
+    own = numbers[(numbers["scene"] == quote.scene) & (numbers["observable"] == quote.observable)]
+    return own.assign(mean=quote.scale * own["mean"])
 
 
-def _on_gap(quote: Quote, numbers: pd.DataFrame, ranges: pd.DataFrame) -> Iterator[str]:
-    """Share of the gap between the elastic line and the experiment that each step explains."""
-    own, varied = (
-        table[(table["scene"] == quote.scene) & (table["observable"] == quote.observable)]
-        for table in (numbers, ranges)
-    )
-    steps = own.set_index("step")
-    if ELASTIC not in steps.index:
-        return
-    mean, spread = quote.scale * steps["mean"], quote.scale * steps["spread"]
-    elastic = mean[ELASTIC]
-    shares = (mean - elastic) / (quote.value - elastic)
-    parts = [f"{step} {_pm(mean[step], spread[step])} ({_percent(shares[step])})" for step in ADDED]
-    yield (
-        f"{quote.scene}, {quote.words}: elastic line {elastic:.4g} {quote.unit}, experiment {quote.value:g}; with each"
-        f" step added to those before (share of the gap): {', '.join(parts)}."
-    )
-    for name, rows in varied.groupby("step", sort=False):
-        shares = (quote.scale * rows["mean"] - elastic) / (quote.value - elastic)
-        values = ", ".join(f"{value}: {_percent(share)}" for value, share in zip(rows["value"], shares, strict=True))
-        yield f"{quote.scene}, {quote.words}: share of the gap, {name} {values}."
+def _share(quote: Quote, elastic: float, mean: float) -> str:
+    return _percent((mean - elastic) / (quote.value - elastic))
 
 
-def _pm(mean: float, spread: float) -> str:
-    return f"{mean:.4g} ± {spread:.1g}" if spread > ROUNDING * abs(mean) else f"{mean:.4g}"
+def _on_codes(between: pd.DataFrame) -> str:
+    worst = between.groupby("friction", sort=False)["before_wall"].max()
+    said = ", ".join(f"{short(value)} {friction}" for friction, value in worst.items())
+    if not said:
+        return "Codes in the tube: not compared, as fewer than two installed codes model tubes."
+    return f"Codes in the tube differ, until the wave reaches the wall, by at most {said}."
 
 
 def _percent(share: float) -> str:
@@ -197,112 +122,75 @@ def _percent(share: float) -> str:
 
 
 def figures(tables: Tables) -> dict[str, Picture]:
-    """Effects against cost, and for each scene the gauges, drawn while measuring."""
-    effects, numbers = tables["elements"], tables["oscilloscope"]
-    words = "gauge signals, step by step from the elastic line to the electronics"
-    return {"elements": Picture("Effect of each element against its cost", partial(draw_effects, effects))} | {
-        f"oscilloscope-{scene}": Picture(f"{scene}: {words}", None, numbers[numbers["scene"] == scene])
-        for scene in effects["scene"].unique()
+    """Effects with costs, and for each scene the gauges, drawn while measuring."""
+    effects = tables["elements"]
+    title = "Largest change by each element, and its cost"
+    words = "gauge signals, step by step from the elastic line to the electronics, and the fit"
+    return {"elements": Picture(title, partial(draw_effects, effects))} | {
+        f"oscilloscope-{scene}": Picture(f"{scene}: {words}", None) for scene in effects["scene"].unique()
     }
-
-
-def draw_effects(effects: pd.DataFrame) -> Any:
-    """Draws the largest change of an observable over the scenes against the cost of the element, a point per code."""
-    figure, axis = pyplot().subplots(figsize=(7.0, 4.2))
-    worst = effects.assign(size=effects["change"].abs()).groupby(["element", "engine"], sort=False)
-    table = worst.agg(size=("size", "max"), cost=("cost_ratio", "median")).reset_index()
-    for shape, (element, rows) in zip(SHAPES * 2, table.groupby("element", sort=False), strict=False):
-        for _, row in rows.iterrows():
-            colour = line_of(row["engine"]).colour
-            axis.plot(max(row["size"], MIN_CHANGE), row["cost"], shape, ms=6, mfc="none", mec=colour, mew=1.2)
-        axis.plot([], [], shape, ms=6, mfc="none", mec=GREY, label=element)
-    for engine in table["engine"].unique():
-        axis.plot([], [], "-", color=line_of(engine).colour, lw=2, label=engine)
-    axis.set(xscale="log", yscale="log", ylabel="time per body and step, with over without the element")
-    axis.set_xlabel("largest relative change of speed, peaks, width or arrival, over all scenes")
-    axis.axhline(1.0, color=GREY, lw=0.6)
-    axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=7)
-    return figure
-
-
-def draw_oscilloscope(scene: str, shown: Mapping[str, Sequence[Simulation]]) -> Any:
-    """Draws the gauges of a scene against time for all steps; to the right observables with the paper's values.
-
-    Args:
-        scene: name of the scene.
-        shown: runs by step, one per seed.
-    """
-    plt = pyplot()
-    colours = plt.get_cmap("viridis")(np.linspace(0.0, 0.8, len(STEPS)))
-    signals = {
-        step: [sensor_signals(run.case.layout, run.trace) for run in runs]  # by seed, then by gauge
-        for step, runs in shown.items()
-    }
-    gauges = list(signals[ELASTIC][0])
-    numbers = _numbers(shown, *(gauge.removeprefix("bead_") for gauge in gauges[:2]))
-    figure = plt.figure(figsize=(7.2, 1.55 * len(gauges) + 0.6), layout="constrained")
-    left, right = figure.subfigures(1, 2, width_ratios=(3, 2))
-    axes = np.atleast_1d(left.subplots(len(gauges), 1, sharex=True))
-    for axis, gauge in zip(axes, gauges, strict=True):
-        for colour, (step, seeds) in zip(colours, signals.items(), strict=True):
-            force_N = np.array([by_gauge[gauge] for by_gauge in seeds])
-            mean, spread = force_N.mean(axis=0), force_N.std(axis=0)
-            time = shown[step][0].case.sample_times_s * 1e6
-            axis.fill_between(time, mean - spread, mean + spread, color=colour, alpha=0.25, lw=0)
-            axis.plot(time, mean, color=colour, lw=1.0, label=step)
-        axis.set_ylabel(f"{gauge.replace('_', ' ')}, N")
-    axes[-1].set_xlabel("time, µs")
-    panels = np.atleast_1d(right.subplots(len(numbers), 1, sharex=True))
-    for axis, (name, (label, values)) in zip(panels, numbers.items(), strict=True):
-        for place, (colour, each) in enumerate(zip(colours, values, strict=True)):
-            axis.errorbar(place, each.mean(), yerr=each.std(), fmt="o", ms=4, color=colour, capsize=2)
-        for quote in (quote for quote in quotes() if (quote.scene, quote.observable) == (scene, name)):
-            axis.axhline(quote.value, color=GREY, lw=0.8, ls="--")
-            words, place = f"experiment: {quote.about}{quote.value:g} {quote.unit}", axis.get_yaxis_transform()
-            axis.text(0.02, quote.value, words, transform=place, fontsize=6, color=GREY, va="bottom")
-        axis.set_ylabel(label)
-        axis.margins(x=0.15, y=0.25)
-    panels[-1].set_xticks(range(len(shown)), list(shown), rotation=35, ha="right", fontsize=7)
-    for colour, tick in zip(colours, panels[-1].get_xticklabels(), strict=True):
-        tick.set_color(0.55 * colour[:3])  # text needs more contrast than lines
-        tick.set_fontweight("bold")
-    return figure
-
-
-def _numbers(shown: Mapping[str, Sequence[Simulation]], upper: str, lower: str) -> dict[str, tuple[str, list[Any]]]:
-    """Labels and values by step, shape (seeds,), of the drawn observables that the scene shows."""
-    found = {}
-    for words, (pattern, scale, unit) in DRAWN_OBSERVABLES.items():
-        name = pattern.format(upper=upper, lower=lower)
-        values = [scale * np.array([run.values[name] for run in runs]) for runs in shown.values()]
-        if any(np.isfinite(each.mean()) for each in values):
-            found[name] = (f"{words}\n{unit}", values)
-    return found
 
 
 def section(tables: Tables) -> dict[str, Any]:
-    """Effects by scene; True for the short study."""
+    """Rows of tables: effects by scene, steps to the experiment, codes in the tube; True for the short study."""
     effects = tables["elements"]
-    names = list(effects["observable"].unique())
+    observables = list(effects["observable"].unique())
+    quoted_here = [quote for quote in quotes() if quote.scene in set(effects["scene"])]
     return {
         "short": not {scene.name for scene in read_elements().scene} <= set(effects["scene"]),
-        "observables": names,
-        "effects": {scene: [*_rows(own, names)] for scene, own in effects.groupby("scene", sort=False)},
+        "observables": observables,
+        "effects": {scene: [*effect_rows(own, observables)] for scene, own in effects.groupby("scene", sort=False)},
+        "quotes": [f"{quote.scene}: {quote.words}, {quote.unit}" for quote in quoted_here],
+        "steps": [*_step_rows(quoted_here, tables["oscilloscope"])],
+        "between": [*_between_rows(tables["elements-between"])],
     }
 
 
-def _rows(effects: pd.DataFrame, names: list[str]) -> Iterator[dict[str, Any]]:
-    for (element, engine), own in effects.groupby(["element", "engine"], sort=False):
-        by_name = own.set_index("observable").reindex(names)
-        cells = [_cell(change, spread) for change, spread in zip(by_name["change"], by_name["spread"], strict=True)]
-        cost, ratio = f"{own['cost_ns'].iloc[0]:.3g}", f"{own['cost_ratio'].iloc[0]:.2f}"
-        yield {"element": element, "engine": engine, "cells": cells, "cost": cost, "ratio": ratio}
+def effect_rows(effects: pd.DataFrame, observables: list[str]) -> Iterator[list[str]]:
+    """A row for each element: changes in per cent, of codes that agree together."""
+    for element, own in effects.groupby("element", sort=False):
+        engines: dict[tuple[str, ...], list[str]] = defaultdict(list)
+        for engine, rows in own.groupby("engine", sort=False):
+            by_name = rows.set_index("observable").reindex(observables)
+            cells = tuple(map(_change, by_name["change"], by_name["spread"]))
+            engines[cells].append(str(engine))
+        for cells, names in engines.items():
+            yield [f"{element} ({', '.join(names)})" if len(engines) > 1 else str(element), *cells]
 
 
-def _cell(change: float, spread: float) -> str:
+def _change(change: float, spread: float) -> str:
     if pd.isna(change):
         return "–"
-    return f"{100 * change:+.3g}" + (f" ± {100 * spread:.1g}" if pd.notna(spread) else "")
+    if abs(change) < ROUNDING:
+        return "0"
+    return f"{100 * change:+.2g}" + (f" ± {100 * spread:.1g}" if spread > ROUNDING * abs(change) else "")
+
+
+def _step_rows(shown: Sequence[Quote], numbers: pd.DataFrame) -> Iterator[list[str]]:
+    """Quoted observables by step and by value of a parameter, each with its share of the gap to the experiment."""
+    rows: dict[str, list[str]] = {"experiment": [f"{quote.about}{quote.value:g}" for quote in shown]}
+    for place, quote in enumerate(shown):
+        own = _means(quote, numbers)
+        elastic = float(own.loc[own["step"] == ELASTIC, "mean"].iloc[0])
+        for row in rows_in(own, gauge_steps.StepRow):
+            cells = rows.setdefault(f"{row.step} {row.value}".rstrip(), ["–"] * len(shown))
+            if np.isfinite(row.mean):
+                share = "" if row.step == ELASTIC else f" ({_share(quote, elastic, row.mean)})"
+                cells[place] = f"{row.mean:.3g}{share}"
+    for name, cells in rows.items():
+        yield [name, *cells]
+
+
+def _between_rows(between: pd.DataFrame) -> Iterator[list[str]]:
+    """A row for each scene, friction and pair of codes: differences, and the wall peaks of both."""
+    for row in rows_in(between, switches.Between):
+        parted = "never" if np.isnan(row.parted_s) else f"{row.parted_s * 1e6:.0f}"
+        peaks = (_pm(row.first_peak_N, row.first_spread_N), _pm(row.second_peak_N, row.second_spread_N))
+        yield [f"{row.scene} {row.friction}, {row.codes.replace(' ', ' and ')}", short(row.before_wall), parted, *peaks]
+
+
+def _pm(mean: float, spread: float) -> str:
+    return f"{mean:.4g} ± {spread:.1g}" if spread > ROUNDING * abs(mean) else f"{mean:.4g}"
 
 
 CHAPTER = Chapter(
@@ -313,7 +201,6 @@ CHAPTER = Chapter(
         "elements-checks": Check,
         "elements-between": switches.Between,
         "oscilloscope": gauge_steps.StepRow,
-        "oscilloscope-ranges": gauge_steps.StepRow,
     },
     measure=measure,
     sentences=sentences,

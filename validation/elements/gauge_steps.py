@@ -1,27 +1,34 @@
-"""Gauge signals, step by step from the elastic line to the experiment: tube, friction, restitution, electronics."""
+"""Gauge signals, step by step from the elastic line to the experiment: tube, restitution, electronics; and the fit."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
-from validation.elements.switches import FRICTIONLESS, Found, Side, SwitchedScene, Variant, runs_of, seeded, spread_of
+from postproc.paper.calibrated import calibrated
+from validation.elements.switches import Found, Side, SwitchedScene, Variant, runs_of, seeded, spread_of
 
 RESTITUTION = "contact.restitution=0.9"
 GAUGE = "sensor.time_constant=1 ms"  # RC of about 1e3 us, as the paper has it
-# each step includes the steps before
-STEPS = {
-    "elastic line": Side(),
-    "tube": Side(tube=True, set=FRICTIONLESS),
-    "friction 0.05": Side(tube=True),
-    "restitution 0.9": Side(tube=True, set=(RESTITUTION,)),
-    "gauge of 1 ms": Side(tube=True, set=(RESTITUTION, GAUGE)),
-}
+ELASTIC, TUBE, DAMPED, FITTED = "elastic line", "tube with friction 0.05", "restitution 0.9", "fit"
 # by parameter: its step, its settings, values over the known range
 RANGES = {
-    "friction": ("friction 0.05", ("tube.friction={0}", "contact.friction={0}"), (0.0, 0.04, 0.1)),
-    "restitution": ("restitution 0.9", ("contact.restitution={0}",), (1.0, 0.95, 0.9, 0.8, 0.7)),
+    "friction": (TUBE, ("tube.friction={0}", "contact.friction={0}"), (0.0, 0.04, 0.1)),
+    "restitution": (DAMPED, ("contact.restitution={0}",), (1.0, 0.95, 0.9, 0.8, 0.7)),
 }
+
+
+@cache
+def gauge_steps() -> dict[str, Side]:
+    """Settings by step; each includes the steps before, except the fit, a straight chain with fitted parameters."""
+    return {
+        ELASTIC: Side(),
+        TUBE: Side(tube=True),
+        DAMPED: Side(tube=True, set=(RESTITUTION,)),
+        "gauge of 1 ms": Side(tube=True, set=(RESTITUTION, GAUGE)),
+        FITTED: Side(set=calibrated().settings),
+    }
 
 
 @dataclass(frozen=True)
@@ -38,8 +45,8 @@ class StepRow:
 
 
 def add_steps(subject: SwitchedScene, seeds: int) -> Iterator[Variant]:
-    """Variants of a scene, one per step; the elastic line does not depend on the seed."""
-    for step, side in STEPS.items():
+    """Variants of a scene, one per step; straight chains do not depend on the seed."""
+    for step, side in gauge_steps().items():
         yield Variant(subject.name, step, seeded(subject, side, seeds if side.tube else 1))
 
 
@@ -47,8 +54,8 @@ def vary(subject: SwitchedScene, seeds: int) -> Iterator[Variant]:
     """Variants of a scene, one per value of each parameter."""
     for name, (step, settings, values) in RANGES.items():
         for value in values:
-            cases = seeded(subject, STEPS[step], seeds, *(setting.format(value) for setting in settings))
-            yield Variant(subject.name, name, cases, f"{value:g}")
+            changed = (setting.format(value) for setting in settings)
+            yield Variant(subject.name, name, seeded(subject, gauge_steps()[step], seeds, *changed), f"{value:g}")
 
 
 def rows_of(variants: Iterable[Variant], engine: str, found: Found) -> Iterator[StepRow]:

@@ -2,20 +2,18 @@
 
 Every scene runs with and without each element of ``inputs/elements.toml`` on the codes. Elements that straight chains
 always omit must change nothing: such a chain runs again with lateral freedom, tube and friction. Elements that an
-accuracy omits must not cost more than this accuracy. In the tube the codes are compared seed by seed and as
-distributions.
+accuracy omits must not cost more than this accuracy. In the tube the codes are compared seed by seed.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from itertools import combinations, product
-from math import inf, nan
+from itertools import chain, combinations, product
+from math import inf, isfinite, nan
 from pathlib import Path
 
 import numpy as np
 from pydantic import Field
-from scipy.stats import ks_2samp
 
 from drivers.base import paths
 from drivers.base.messages import validate
@@ -229,28 +227,26 @@ def _costs(pairs: Sequence[Variant], engine: str, repeats: int, found: Found) ->
 
 @dataclass(frozen=True)
 class Between:
-    """Two codes on a scene in the tube; one row without seeds if fewer than two codes model tubes.
+    """Two codes on a scene in the tube.
 
     Attributes:
-        before_wall: largest force difference until the wave reaches the wall, over the largest change, of all seeds.
-        earliest_parted_s, median_parted_s: time at which the difference passes 1 %, over the seeds; NaN if never.
-        first_mean, first_spread, second_mean, second_spread: of the observable, by code.
-        same: probability that equal distributions give so different samples (Kolmogorov and Smirnov).
+        before_wall: largest force difference until the wave reaches the wall, divided by the largest change, of all
+            seeds.
+        parted_s: earliest time of all seeds at which the difference passes 1 %; NaN if it never does.
+        first_peak_N, first_spread_N, second_peak_N, second_spread_N: mean and standard deviation over the seeds of the
+            peak at the wall, by code.
     """
 
     scene: str
     friction: str
     codes: str
     seeds: int
-    before_wall: float = nan
-    earliest_parted_s: float = nan
-    median_parted_s: float = nan
-    observable: str = "not compared: fewer than two installed codes model tubes"
-    first_mean: float = nan
-    first_spread: float = nan
-    second_mean: float = nan
-    second_spread: float = nan
-    same: float = nan
+    before_wall: float
+    parted_s: float
+    first_peak_N: float
+    first_spread_N: float
+    second_peak_N: float
+    second_spread_N: float
 
 
 def straight(subject: SwitchedScene) -> list[Case]:
@@ -291,24 +287,19 @@ def compare_codes(
     subjects: Iterable[SwitchedScene], seeds: int, codes: Sequence[str], found: Found
 ) -> Iterator[Between]:
     """Comparison of every two codes on all scenes in the tube."""
-    if len(codes) < 2:
-        yield Between("any", "any", " ".join(codes), 0)
-        return
     for subject in subjects:
         for friction, cases in in_tube(subject, seeds).items():
             for pair in combinations(codes, 2):
                 one, other = ([found[case, code] for case in cases] for code in pair)
-                yield from _compared(subject.name, friction, one, other)
+                yield _compared(subject.name, friction, one, other)
 
 
-def _compared(scene: str, friction: str, first: list[Simulation], second: list[Simulation]) -> Iterator[Between]:
+def _compared(scene: str, friction: str, first: list[Simulation], second: list[Simulation]) -> Between:
     pairs = [(one.trace, other.trace, one.values["wall_arrival_s"]) for one, other in zip(first, second, strict=True)]
     before = max(float(residual(other, one)[one.time_s < arrival_s].max()) for one, other, arrival_s in pairs)
-    parted = np.nan_to_num([parted_s(other, one, DIFFERENCE_LEVEL) for one, other, _ in pairs], nan=np.inf)
-    earliest, median = (float(value) if np.isfinite(value) else nan for value in (parted.min(), np.median(parted)))
-    for word, name in observables_of(first[0].case).items():
-        one, other = (np.array([run.values[name] for run in runs]) for runs in (first, second))
-        yield Between(
-            scene, friction, f"{first[0].engine} {second[0].engine}", len(first), before, earliest, median, word,
-            *spread_of(one), *spread_of(other), float(ks_2samp(one, other).pvalue),
-        )  # fmt: skip
+    earliest_s = min(float(np.nan_to_num(parted_s(other, one, DIFFERENCE_LEVEL), nan=inf)) for one, other, _ in pairs)
+    peaks_N = (spread_of(np.array([run.values["wall_peak_N"] for run in runs])) for runs in (first, second))
+    codes = f"{first[0].engine} {second[0].engine}"
+    return Between(
+        scene, friction, codes, len(first), before, earliest_s if isfinite(earliest_s) else nan, *chain(*peaks_N)
+    )

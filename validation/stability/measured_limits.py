@@ -36,16 +36,16 @@ BASE = "fig4"
 # by axis label: key of the scene, unit, values
 SWEEPS = {
     "striker speed, m/s": ("striker.speed", "m/s", np.geomspace(1e-6, 50, 12)),
-    "Young's modulus, Pa": ("materials.ptfe.youngs_modulus", "Pa", np.geomspace(1e6, 1e12, 9)),
-    "striker over bead mass": ("striker.mass", "kg", 0.1226e-3 * np.geomspace(1e-3, 1e3, 9)),
-    "Young's modulus of the wall, Pa": ("materials.brass.youngs_modulus", "Pa", np.geomspace(1e6, 1e13, 8)),
+    "modulus of beads, Pa": ("materials.ptfe.youngs_modulus", "Pa", np.geomspace(1e6, 1e12, 9)),
+    "striker mass / bead mass": ("striker.mass", "kg", 0.1226e-3 * np.geomspace(1e-3, 1e3, 9)),
+    "modulus of the wall, Pa": ("materials.brass.youngs_modulus", "Pa", np.geomspace(1e6, 1e13, 8)),
 }
 BEAD_KG = 0.1226e-3
 DENSITY = 2200.0  # kg/m^3, of beads of random scenes
-TRAVERSE = 45.0  # duration of a sweep's scene over the limit: the wave reaches the wall and returns
-UNSTABLE_GAIN, BAD_GAIN = 1.0, 0.1  # energy gained over the energy put in; the guard fails a run beyond the first
+TRAVERSE = 45.0  # duration of a sweep's scene in predicted limits: the wave reaches the wall and returns
+UNSTABLE_GAIN, BAD_GAIN = 1.0, 0.1  # energy gained / energy put in; the guard fails a run beyond the first
 FINENESS = 0.01  # relative step of the scan
-LOWEST, HIGHEST = 0.15, 2.5  # scanned range, over the predicted limit
+LOWEST, HIGHEST = 0.15, 2.5  # scanned range, in predicted limits
 CODE_LOWEST = 0.9  # start of the scan of a code that does not blow up where Verlet does
 SHARES = np.exp(np.arange(np.log(LOWEST), np.log(HIGHEST), np.log1p(FINENESS)))
 CRITERION_KEYS = ("rayleigh_s", "hertz_s", "p_wave_s")
@@ -152,7 +152,7 @@ class Limit:
         predicted_s: predicted limit, a lower bound.
         measured_s: smallest scanned step at which the energy blows up; NaN if none does.
         bad_s: smallest scanned step at which the energy gains a tenth of the energy put in; NaN if none was found.
-        ratio: measured over predicted limit.
+        ratio: measured limit divided by the predicted one.
         rayleigh_s, hertz_s, p_wave_s: steps of usual criteria (``drivers.limits.criteria.CRITERIA``).
         steps: number of steps of the run at the limit.
     """
@@ -192,9 +192,9 @@ def measure_limits(subjects: Sequence[MeasuredChain], names: Sequence[str] | Non
 
 
 def gain(case: Case, trace: Trace) -> float:
-    """Largest energy gain over the energy that the scene puts in; inf if values are not finite.
+    """Largest energy gain divided by the energy that the scene puts in; inf if values are not finite.
 
-    For a free chain over the kinetic energy at time 0, since loads move the chain as a whole.
+    For a free chain divided by the kinetic energy at time 0, since loads move the chain as a whole.
     """
     change = np.nan_to_num(trace.total_energy_J - trace.total_energy_J[0], nan=np.inf)
     kinetic = 0.0 if case.chain.wall else float(trace.kinetic_energy_J[0])

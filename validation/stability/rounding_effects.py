@@ -3,7 +3,7 @@
 Forces at rest are compared with the exact ones: at time 0 the chain is in equilibrium under the load on its top bead.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -11,17 +11,16 @@ import numpy as np
 
 from drivers.base.progress import following
 from drivers.chain.case import Case
-from drivers.chain.chain import Array, arrays_of, energy_put_in
-from drivers.chain.schemes import exact_of, trace_of, verlet_in_heights, verlet_of
+from drivers.chain.chain import Array, energy_put_in
+from drivers.chain.schemes import verlet_in_heights, verlet_of
 from drivers.chain.trace import Trace
-from drivers.engines import VERLET, installed_codes
+from drivers.engines import REFERENCE, VERLET, installed_codes
 from drivers.run.compute import compute
 from drivers.run.execute import execute
 from drivers.run.guard import energy_error
 from postproc.paper.simulate import case_of
 from postproc.read.residual import parted_s
-from validation.chapters import ADAPTIVE, ORDER_4, left_out_if_failed
-from validation.reference.symplectic import integrate_symplectic
+from validation.chapters import left_out_if_failed
 
 # five beads that bounce under gravity, and five that are pressed together so that no contact opens
 FIVE_BEADS = (
@@ -43,15 +42,13 @@ BLOCKS = 20  # of a run, for standard errors
 SIGNIFICANCE = 3.0  # standard errors of a drift
 HEIGHTS_M = (0.0, 1.0, 10.0, 100.0, 1e3, 1e4, 1e5)
 LOADS_N = tuple(10.0 ** np.arange(-8.0, 3.0, 2.0))
-COUNTS = (10, 100, 1000, 10_000, 100_000)
-COUNTS_LOAD_N = 1.0
-BY_REPOSITORY: Mapping[str, Callable[[Case], Trace]] = {VERLET: verlet_of, ADAPTIVE: exact_of}
+BEADS = 3
 OVERLAPS, HEIGHTS = "in-repo, overlaps", "in-repo, heights"
 
 
 @dataclass(frozen=True)
 class Energy:
-    """Energy error of a long run, over the energy that the scene puts in.
+    """Energy error of a long run, divided by the energy that the scene puts in.
 
     Attributes:
         largest: largest error of all samples.
@@ -90,11 +87,11 @@ class Statistic:
 
 
 def energies() -> Iterator[Energy]:
-    """Energy errors of all methods over ten million steps."""
+    """Energy errors of all engines over ten million steps."""
     for name, settings in following(LONG_RUNS.items(), "long runs", len(LONG_RUNS)):
         case = case_of("fig4", *settings)
-        for method, trace in _by_all(case, {VERLET: verlet_of, ORDER_4: _by_order_4, ADAPTIVE: exact_of}).items():
-            yield energy_of(name, method, case, trace)
+        for engine, trace in _by_all(case).items():
+            yield energy_of(name, engine, case, trace)
 
 
 def horizons() -> Iterator[Horizon]:
@@ -103,39 +100,33 @@ def horizons() -> Iterator[Horizon]:
     for step in following(HORIZON_STEPS_US, "time steps", len(HORIZON_STEPS_US), "step"):
         case = case_of(BOUNCING, *HORIZON, f"run.time_step={step} us")
         traces = _by_all(case)
-        for one, other in (*combinations(names, 2), *((name, VERLET) for name in names), (VERLET, ADAPTIVE)):
+        for one, other in (*combinations(names, 2), *((name, VERLET) for name in names), (VERLET, REFERENCE)):
             until_s = parted_s(traces[one], traces[other], AGREEMENT)
             yield Horizon(case.scene.time_step_s, one, other, until_s, float(case.sample_times_s[-1]))
 
 
 def statistics() -> Iterator[Statistic]:
-    """Means that agree beyond the horizon: wall force over weight, kinetic energy, energy gained."""
+    """Means that agree beyond the horizon: wall force, kinetic energy, energy gained."""
     case = case_of(BOUNCING, *STATISTICS)
     weight = float(np.abs(case.chain.load_N).sum())
     put_in = energy_put_in(case.chain, float(case.sample_times_s[-1]))
     for method, trace in _by_all(case).items():
         late = trace.time_s >= STATISTICS_FROM_S
         means = {
-            "wall force over weight": trace.force_N[late, 0] / weight,
-            "kinetic energy over that at time 0": trace.kinetic_energy_J[late] / trace.kinetic_energy_J[0],
-            "energy gained over what was put in": (trace.total_energy_J[late] - trace.total_energy_J[0]) / put_in,
+            "wall force / weight": trace.force_N[late, 0] / weight,
+            "kinetic energy / that at time 0": trace.kinetic_energy_J[late] / trace.kinetic_energy_J[0],
+            "energy gained / energy put in": (trace.total_energy_J[late] - trace.total_energy_J[0]) / put_in,
         }
         for quantity, values in means.items():
             blocks = np.array([block.mean() for block in np.array_split(values, BLOCKS)])
             yield Statistic(method, quantity, float(blocks.mean()), float(blocks.std(ddof=1) / np.sqrt(BLOCKS)))
 
 
-def _by_all(case: Case, in_repo: Mapping[str, Callable[[Case], Trace]] = BY_REPOSITORY) -> dict[str, Trace]:
-    """Traces of a case by in-repo integrators and by every installed code, in parallel."""
-    methods = [*in_repo, *installed_codes()]
-    found = dict(execute(lambda name: in_repo[name](case) if name in in_repo else compute(case, name).done, methods))
-    return {method: found[method] for method in methods}
-
-
-def _by_order_4(case: Case) -> Trace:
-    scene = case.scene
-    timing = scene.time_step_s, scene.steps_per_sample, scene.samples
-    return trace_of(case, case.sample_times_s, integrate_symplectic(arrays_of(case.chain), *timing))
+def _by_all(case: Case) -> dict[str, Trace]:
+    """Traces of a case by the in-repo engines and by every installed code, in parallel."""
+    engines = [VERLET, REFERENCE, *installed_codes()]
+    found = dict(execute(lambda name: compute(case, name).done, engines))
+    return {name: found[name] for name in engines}
 
 
 def energy_of(scene: str, method: str, case: Case, trace: Trace) -> Energy:
@@ -160,16 +151,14 @@ class Rounded:
     """
 
     method: str
-    beads: int
     height_m: float
     overlap_m: float
     error: float
 
 
 def measure_rounding() -> Iterator[Rounded]:
-    """Errors against height and overlap, then against the number of beads."""
-    cases = [pressed(3, load, height) for height in HEIGHTS_M for load in LOADS_N]
-    cases += [pressed(count, COUNTS_LOAD_N, 0.0) for count in COUNTS]
+    """Errors against height and overlap."""
+    cases = [pressed(load, height) for height in HEIGHTS_M for load in LOADS_N]
     for case in cases:
         yield rounded(case, OVERLAPS, verlet_of(case).force_N)
         yield rounded(case, HEIGHTS, verlet_in_heights(case).force_N)
@@ -178,10 +167,10 @@ def measure_rounding() -> Iterator[Rounded]:
             yield from [rounded(case, engine, compute(case, engine).done.force_N) for case in cases]
 
 
-def pressed(count: int, load_N: float, height_m: float) -> Case:
-    """Chain at rest, pressed from above."""
+def pressed(load_N: float, height_m: float) -> Case:
+    """Short chain at rest, pressed from above."""
     rest = ("striker=", "gravity=", "chain.sensors=[]", "run.duration=1 ns", "run.sample_interval=1 ns")
-    settings = (f"chain.count={count}", f"chain.precompression={load_N:g} N", f"chain.origin={height_m:g} m")
+    settings = (f"chain.count={BEADS}", f"chain.precompression={load_N:g} N", f"chain.origin={height_m:g} m")
     return case_of("fig4", *settings, *rest, "run.time_step=1 ns")
 
 
@@ -189,4 +178,4 @@ def rounded(case: Case, method: str, force_N: Array) -> Rounded:
     """Rounding error of the forces of a method at time 0, of shape (samples, bodies)."""
     chain = case.chain
     error = np.abs(force_N[0] / chain.force_N - 1)[1:]
-    return Rounded(method, chain.beads, chain.wall_height_m, float(chain.overlap_m[1]), float(error.max()))
+    return Rounded(method, chain.wall_height_m, float(chain.overlap_m[1]), float(error.max()))

@@ -13,8 +13,8 @@ from drivers.base.tolerances import tolerance
 from drivers.engines import VERLET, codes
 from drivers.limits.criteria import CRITERIA
 from drivers.limits.refusal import FORCE
-from postproc.draw.style import COLUMN_IN, GREY, marker_of, pyplot
-from validation.accuracy.budget import ERROR, MODEL
+from postproc.draw.style import COLUMN_IN, PAGE_IN, marker_of, pyplot
+from validation.accuracy.budget import ERROR
 from validation.chapters import Chapter, Options, Picture, Tables, named, rows_in
 from validation.checks import FAIL, NOT_RUN, PASS, RUN, Check, judged, short
 from validation.compare.answer import listed
@@ -37,8 +37,10 @@ LONG_PARTS: dict[str, Part] = {
     "stability-statistics": ("means beyond the horizon", rounding_effects.statistics),
     "stability-rounding": ("rounding of heights", rounding_effects.measure_rounding),
 }
-SMALL_STEP_SHARE = 0.1  # of the measured limit: smaller steps serve accuracy, not stability
-COLOURS = ("#cc79a7", "#e69f00", "#56b4e9")
+COLOURS = ("#cc79a7", "#e69f00", "#0072b2")
+COINCIDING: dict[str, Any] = {"marker": "o", "ms": 3.5, "mfc": "none", "color": "black"}  # several methods
+SAME = 5e-3  # methods that differ by less are drawn as one
+DASHES = ("-", (0, (5, 1.5)), (0, (1, 1)))
 
 
 def measure(options: Options) -> dict[str, Any]:
@@ -59,18 +61,6 @@ def measure(options: Options) -> dict[str, Any]:
     return rows
 
 
-def sentences(tables: Tables) -> list[str]:
-    """Findings that no table or figure of the page shows."""
-    said = {
-        "stability": _on_limits,
-        "stability-extremes": _on_extremes,
-        "stability-energy": _on_energy,
-        "stability-statistics": _on_statistics,
-        "stability-rounding": _on_rounding,
-    }
-    return [line for name, write in said.items() if name in tables for line in write(tables[name])]
-
-
 def judge(tables: Tables) -> Iterator[Check]:
     """Are predicted limits of the time step safe, and for the judged groups close to the measured ones?"""
     safe, close = tolerance("stability", "predicted"), tolerance("stability", "measured")
@@ -82,72 +72,50 @@ def judge(tables: Tables) -> Iterator[Check]:
             yield judged(*name, "limit: measured / predicted", row.ratio, close, where)
 
 
-def _on_limits(limits: pd.DataFrame) -> Iterator[str]:
+def sentences(tables: Tables) -> list[str]:
+    """Limits, extreme scenes and long runs in a sentence each."""
+    said = [_on_limits(tables["stability"]), _on_extremes(tables["stability-extremes"])]
+    return [*said, _on_energy(tables["stability-energy"])] if "stability-energy" in tables else said
+
+
+def _on_limits(limits: pd.DataFrame) -> str:
     ratio, methods = limits["ratio"], sorted(limits["method"].unique())
     above = int((ratio < 1).sum())
-    exceeded = f"exceeded {above} times" if above else "never exceeded"
-    yield (
-        f"The measured limit of the time step is {ratio.min():.2f} to {ratio.max():.2f} times the predicted one, on"
-        f" {limits['scene'].nunique()} scenes by {listed(methods)}:"
-        f" the prediction {exceeded} the measured limit ({len(ratio)} checks)."
-    )
+    exceeded = f"exceeds it {above} times" if above else "never exceeds it"
     wide = limits.pivot_table(index="scene", columns="method", values="measured_s")
-    others = wide.drop(columns=VERLET)
-    if len(others.columns):
-        same = int((others.sub(wide[VERLET], axis=0).abs().max(axis=1) < 1e-9 * wide[VERLET]).sum())
-        yield f"Codes and verlet become unstable at the same step of the scan on {same} of {len(wide)} scenes."
-    bounces = limits[(limits["method"] == VERLET) & (limits["group"] == BOUNCING)]
-    if not bounces.empty:
-        said = [
-            f"{row['scene']}: {row['measured_s'] * 1e6:.3g} µs, {row['ratio']:.2f} of the prediction"
-            for _, row in bounces.iterrows()
-        ]
-        yield f"The limit falls with the number of impacts, as their errors add up: {'; '.join(said)}."
+    same = int((wide.sub(wide[VERLET], axis=0).abs().max(axis=1) < 1e-9 * wide[VERLET]).sum())
+    return (
+        f"The measured limit of the time step is {ratio.min():.2f} to {ratio.max():.2f} times the predicted one, which"
+        f" {exceeded} ({len(ratio)} checks); {listed(methods)} become unstable at the same step of the scan on {same}"
+        f" of {len(wide)} scenes."
+    )
 
 
-def _on_extremes(edge: pd.DataFrame) -> Iterator[str]:
-    for engine, part in edge.groupby("engine", sort=False):
-        scenes = [verdicts for _, verdicts in part.groupby("scene", sort=False)]
-        counts = Counter(_outcome(checks) for checks in scenes)
-        said = ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
-        yield f"{len(scenes)} extreme scenes by {engine}: {said}."
+def _on_extremes(edge: pd.DataFrame) -> str:
+    outcomes = [_outcome(checks) for _, checks in edge.groupby(["scene", "engine"], sort=False)]
+    said = ", ".join(f"{count} {verdict}" for verdict, count in Counter(outcomes).items())
+    return f"{edge['scene'].nunique()} extreme scenes on {edge['engine'].nunique()} engines: {said}."
+
+
+def _on_energy(energy: pd.DataFrame) -> str:
+    drifting = energy[energy["drift"].abs() > rounding_effects.SIGNIFICANCE * energy["drift_error"]]
+    names = [f"{row['method']}, {row['scene']}: {row['drift']:.1e}" for _, row in drifting.iterrows()]
+    return (
+        f"Over {energy['steps'].max():.0e} steps the energy errs by at most {energy['largest'].max():.1e} of what was"
+        f" put in, and drifts in {len(drifting)} of {len(energy)} runs{f' ({listed(names)})' if names else ''}."
+    )
 
 
 def _outcome(checks: pd.DataFrame) -> str:
-    """Outcome of a scene on an engine: failed, not right, not run, not accurate (by the general ceilings), or pass."""
+    """Outcome of a scene on an engine; not accurate means an error above a general ceiling."""
     found = {*checks["verdict"]}
-    if FAIL in found:
-        return "failed" if (checks["quantity"] == RUN).any() else "not right"
-    return next((verdict for verdict in (NOT_RUN, NOT_ACCURATE) if verdict in found), PASS)
-
-
-def _on_energy(energy: pd.DataFrame) -> Iterator[str]:
-    for scene, part in energy.groupby("scene", sort=False):
-        said = []
-        for _, row in part.iterrows():
-            drift = f"{row['drift']:.1e} ± {row['drift_error']:.0e}"
-            drifts = abs(row["drift"]) > rounding_effects.SIGNIFICANCE * row["drift_error"]
-            moves = f"drifts by {drift}" if drifts else f"does not drift ({drift})"
-            said.append(f"{row['method']} has errors up to {row['largest']:.1e} and {moves}")
-        yield f"Energy over {part['steps'].iloc[0]:.0e} steps, {scene}: {'; '.join(said)}."
-
-
-def _on_statistics(statistics: pd.DataFrame) -> Iterator[str]:
-    for quantity, part in statistics.groupby("quantity", sort=False):
-        said = ", ".join(f"{row['method']} {row['mean']:.3g} ± {row['error']:.1g}" for _, row in part.iterrows())
-        yield f"Beyond the horizon, mean {quantity}: {said}."
-
-
-def _on_rounding(rounding: pd.DataFrame) -> Iterator[str]:
-    many = rounding[rounding["beads"] == rounding["beads"].max()]
-    said = ", ".join(f"{row['method']} {row['error']:.0e}" for _, row in many.iterrows())
-    yield f"Rounding error in a chain of {int(many['beads'].iloc[0]):,} beads under 1 N: {said}."
+    return next((verdict for verdict in (FAIL, NOT_RUN, NOT_ACCURATE) if verdict in found), PASS)
 
 
 def figures(tables: Tables) -> dict[str, Picture]:
     """Figures of the existing tables."""
     drawn = {
-        "limits": ("stability", draw_limits, "Predicted limit and usual criteria over the measured limit"),
+        "limits": ("stability", draw_limits, "Predicted limit and usual criteria, divided by the measured limit"),
         "horizons": ("stability-horizons", draw_horizons, "Time until two methods differ by 1 %, by time step"),
         "rounding": ("stability-rounding", draw_rounding, "Relative error of a contact force against the overlap"),
     }
@@ -159,106 +127,141 @@ def figures(tables: Tables) -> dict[str, Picture]:
 
 
 def draw_limits(limits: pd.DataFrame) -> Any:
-    """Draws the predicted limit and usual criteria over the measured limit, along each sweep."""
-    figure, grid = pyplot().subplots(2, 2, figsize=(2 * COLUMN_IN, 5.6), sharey=True, layout="constrained")
-    for axis, group in zip(grid.flat, SWEEPS, strict=True):
+    """Draws the predicted limit and usual criteria, divided by the measured limit, along each sweep."""
+    figure, grid = pyplot().subplots(1, 4, figsize=(PAGE_IN, 2.6), sharey=True, layout="constrained")
+    for axis, group in zip(grid, SWEEPS, strict=True):
         part = limits[limits["group"] == group].sort_values("value")
         verlet = part[part["method"] == VERLET]
         x, limit = verlet["value"], verlet["measured_s"]
         axis.fill_between(x, verlet["bad_s"] / limit, 1.0, color="0.85", lw=0, label="stable, but more than 10 % wrong")
         axis.axhline(1.0, color="black", lw=0.8)
-        for key, label, colour in zip(CRITERION_KEYS, CRITERIA, COLOURS, strict=True):
-            axis.plot(x, verlet[key] / limit, color=colour, lw=1.0, label=label)
-        for method, own in part.groupby("method"):
-            share = own["predicted_s"] / own["measured_s"]
-            axis.plot(own["value"], share, ls="", label=f"predicted, {method}", **marker_of(str(method)))
+        for key, label, colour, dashes in zip(CRITERION_KEYS, CRITERIA, COLOURS, DASHES, strict=True):
+            axis.plot(x, verlet[key] / limit, color=colour, ls=dashes, lw=1.2, label=label)
+        for methods, own in _coinciding(part, "value", "measured_s", list(limits["method"].unique())):
+            share, mark = own["predicted_s"] / own["measured_s"], COINCIDING if methods[1:] else marker_of(methods[0])
+            axis.plot(own["value"], share, ls="", label=f"predicted: {listed(methods)}", **mark)
         axis.set(xscale="log", yscale="log", xlabel=group)
-    for axis in grid[:, 0]:
-        axis.set_ylabel("step / measured limit")
-    figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize="x-small")
+    grid[0].set_ylabel("step / measured limit")
+    handles = {label: handle for axis in grid for handle, label in zip(*axis.get_legend_handles_labels(), strict=True)}
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=5, fontsize=7)
     return figure
 
 
+def _coinciding(table: pd.DataFrame, x: str, y: str, methods: list[str]) -> Iterator[tuple[list[str], pd.DataFrame]]:
+    """Methods with equal values, with the rows of the first of them: they are drawn as one."""
+    left = [method for method in methods if (table["method"] == method).any()]
+    columns = {method: table[table["method"] == method].set_index(x)[y].sort_index() for method in left}
+    while left:
+        same = [
+            name for name in left if np.allclose(columns[name], columns[left[0]], rtol=SAME, atol=0, equal_nan=True)
+        ]
+        yield same, table[table["method"] == left[0]]
+        left = [name for name in left if name not in same]
+
+
 def draw_horizons(horizons: pd.DataFrame) -> Any:
-    """Draws the time until pairs of methods differ by 1 %, against the time step."""
-    figure, axis = pyplot().subplots(figsize=(COLUMN_IN * 1.4, 2.8), layout="constrained")
-    for (one, other), part in horizons.sort_values("time_step_s").groupby(["one", "other"], sort=False):
-        until = part["until_s"].fillna(part["duration_s"])
-        axis.plot(part["time_step_s"] * 1e6, until * 1e3, marker="o", ms=3, lw=1, label=f"{one} and {other}")
+    """Draws the time until pairs of methods differ by 1 %, against the time step; pairs of one kind look the same."""
+    kinds = {"two codes": DASHES[0], "a code and verlet": DASHES[1], "verlet and reference": DASHES[2]}
+    figure, axis = pyplot().subplots(figsize=(COLUMN_IN, 2.6), layout="constrained")
+    for (_, other), part in horizons.sort_values("time_step_s").groupby(["one", "other"]):
+        kind = [*kinds][0 if other in codes() else 1 if other == VERLET else 2]
+        until_s = part["until_s"].fillna(part["duration_s"])
+        axis.plot(part["time_step_s"] * 1e6, until_s * 1e3, lw=1, label=kind, ls=kinds[kind], color="black")
     axis.set(xscale="log", xlabel="time step, µs", ylabel="agree to 1 % until, ms")
     axis.set_ylim(bottom=0)
-    axis.legend(fontsize="x-small")
+    handles = dict(zip(*axis.get_legend_handles_labels()[::-1], strict=True))
+    axis.legend(handles.values(), handles.keys(), fontsize=7)
     return figure
 
 
 def draw_rounding(rounding: pd.DataFrame) -> Any:
     """Draws the relative error of a contact force against the overlap, for walls at several heights."""
-    figure, axis = pyplot().subplots(figsize=(COLUMN_IN * 1.7, 3.0), layout="constrained")
-    few = rounding[rounding["beads"] == rounding["beads"].min()]
-    overlaps_m, heights = (np.array(sorted(few[name].unique())) for name in ("overlap_m", "height_m"))
-    engines = [name for name in codes() if (few["method"] == name).any()]
+    figure, axis = pyplot().subplots(figsize=(PAGE_IN, 3.0), layout="constrained")
+    by_codes = rounding[rounding["method"].isin(codes())]
+    overlaps_m, heights = (np.array(sorted(rounding[name].unique())) for name in ("overlap_m", "height_m"))
     colours = pyplot().get_cmap("viridis")(0.9 * np.arange(len(heights)) / max(len(heights) - 1, 1))
-    for colour, height in zip(colours, heights, strict=True):
-        for engine in engines:
-            own = few[(few["method"] == engine) & (few["height_m"] == height)]
-            axis.plot(own["overlap_m"], own["error"], ls="", **marker_of(engine) | {"color": colour})
-        bound = 1.5 * np.spacing(max(height, 0.01)) / overlaps_m
-        axis.plot(overlaps_m, bound, lw=0.8, color=colour, label=f"wall at {height:g} m")
-    for engine in engines:
-        axis.plot([], [], ls="", label=engine, **marker_of(engine) | {"color": GREY})
+    for colour, height in zip(colours[::-1], heights[::-1], strict=True):
+        axis.plot(overlaps_m, 1.5 * np.spacing(max(height, 0.01)) / overlaps_m, lw=0.8, color=colour)
+        own = by_codes[by_codes["height_m"] == height]
+        for methods, points in _coinciding(own, "overlap_m", "error", list(by_codes["method"].unique())):
+            mark = COINCIDING if methods[1:] else marker_of(methods[0])
+            some = "" if len(methods) == by_codes["method"].nunique() else f", {listed(methods)}"
+            axis.plot(
+                points["overlap_m"],
+                points["error"],
+                ls="",
+                label=f"wall at {height:g} m{some}",
+                **mark | {"color": colour},
+            )
     axis.set(xscale="log", yscale="log", xlabel="overlap, m", ylabel="relative error of the force")
-    axis.set_title("lines: 3/2 of a unit in the last place over the overlap", fontsize="x-small")
-    figure.legend(fontsize="x-small", loc="outside right upper")
+    axis.set_title("circles: all codes; lines: 3/2 of a unit in the last place, divided by the overlap", fontsize=7)
+    figure.legend(fontsize=7, loc="outside right upper")
     return figure
 
 
 def section(tables: Tables) -> dict[str, Any]:
-    """Limits of the shipped scenes with usual criteria, verdicts of extreme scenes, and True for the short study."""
+    """Rows of tables: limits with usual criteria, outcomes of extreme scenes, energies and means of long runs."""
     limits, edge = tables["stability"], tables["stability-extremes"]
-    methods = list(limits["method"].unique())
-    own = limits[limits["group"] == SHIPPED].groupby("scene", sort=False)
+    listed_groups = limits[limits["group"].isin([SHIPPED, BOUNCING])].groupby("scene", sort=False)
     return {
         "short": not LONG_PARTS.keys() <= tables.keys(),
         "criteria": list(CRITERIA),
-        "methods": methods,
-        "limits": [{"scene": scene, **_limits(part.set_index("method"), methods)} for scene, part in own],
+        "limits": [_limit_row(str(scene), part.set_index("method")) for scene, part in listed_groups],
         "engines": list(edge["engine"].unique()),
         "extremes": [
-            (scene, [_cell(checks) for _, checks in part.groupby("engine", sort=False)])
+            [scene, *(_cell(checks) for _, checks in part.groupby("engine", sort=False))]
             for scene, part in edge.groupby("scene", sort=False)
+        ],
+        "energy": [
+            [f"{row.scene}, {row.method}", f"{row.largest:.1e}", f"{row.drift:.1e} ± {row.drift_error:.0e}"]
+            for row in _rows(tables, "stability-energy", rounding_effects.Energy)
+        ],
+        "means": [
+            [f"{row.quantity}, {row.method}", f"{row.mean:.4g} ± {row.error:.1g}"]
+            for row in _rows(tables, "stability-statistics", rounding_effects.Statistic)
         ],
     }
 
 
-def _limits(by_method: pd.DataFrame, methods: list[str]) -> dict[str, Any]:
-    """Predicted and measured limits of a scene, and usual criteria over Verlet's limit."""
+def _rows(tables: Tables, name: str, kind: type[Any]) -> list[Any]:
+    return rows_in(tables[name], kind) if name in tables else []
+
+
+def _limit_row(scene: str, by_method: pd.DataFrame) -> list[str]:
+    """Predicted and measured limits of a scene in µs, and usual criteria divided by Verlet's limit."""
     verlet: dict[Any, Any] = by_method.loc[VERLET].to_dict()
+    measured = {_micro(step_s): method for method, step_s in by_method["measured_s"].items()}
+    limit = " / ".join(measured if len(measured) == 1 else (f"{step} {method}" for step, method in measured.items()))
     shares = [verlet[key] / verlet["measured_s"] for key in CRITERION_KEYS]
     band = verlet["bad_s"] / verlet["measured_s"]
-    return {
-        "predicted": _micro(verlet["predicted_s"]),
-        "measured": [_micro(step_s) for step_s in by_method["measured_s"].reindex(methods)],
-        "bad": _micro(verlet["bad_s"]),
-        "criteria": [(f"{share:.2f}", _judged(share, band)) for share in shares],
-    }
+    return [
+        scene,
+        _micro(verlet["predicted_s"]),
+        limit,
+        _micro(verlet["bad_s"]),
+        *(_judged(each, band) for each in shares),
+    ]
 
 
 def _judged(share: float, band: float) -> str:
-    if share > 1:
-        return "unstable"
-    return "more than 10 % wrong" if share > band else "below a tenth" if share < SMALL_STEP_SHARE else "safe"
+    return f"{share:.2f}" + (" unstable" if share > 1 else " wrong by 10 %" if share > band else "")
 
 
 def _micro(seconds: float) -> str:
     return f"{seconds * 1e6:.4g}" if pd.notna(seconds) else "–"
 
 
-def _cell(checks: pd.DataFrame) -> tuple[str, str, list[str]]:
-    """Outcome of a scene on an engine, the reason for a missing run, and its errors of the force: whole and model."""
-    missing = checks[checks["quantity"] == RUN]["where"]
-    forces = {row["quantity"]: short(row["value"]) for _, row in checks.iterrows()}
-    numbers = [forces[f"{kind}: {FORCE}"] for kind in (ERROR, MODEL) if f"{kind}: {FORCE}" in forces]
-    return _outcome(checks), missing.iloc[0] if len(missing) else "", numbers
+def _cell(checks: pd.DataFrame) -> dict[str, str]:
+    """Outcome of a scene on an engine, its error of the force, and the reason for a missing run."""
+    missing, forces = (
+        checks[checks["quantity"] == RUN]["where"],
+        checks[checks["quantity"] == f"{ERROR}: {FORCE}"]["value"],
+    )
+    return {
+        "verdict": _outcome(checks),
+        "number": short(forces.iloc[0]) if len(forces) else "",
+        "reason": missing.iloc[0] if len(missing) else "",
+    }
 
 
 CHAPTER = Chapter(

@@ -20,13 +20,12 @@ from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, VERLET, installed_codes
 from drivers.limits.refusal import FORCE
 from drivers.limits.stable_step import predicted_limit
-from drivers.run.compute import Computed, compute
+from drivers.run.compute import compute
 from drivers.run.execute import execute
 from postproc.paper.simulate import case_of
 from postproc.read.observables import of_kind
 from validation.accuracy.costs import cost_on
 from validation.accuracy.exact_motion import ENERGY, MOMENTUM, ExactMotion, errors_of, exact_motion_of
-from validation.chapters import ADAPTIVE, DONE, NOT_RUN, ORDER_4
 from validation.reference.adaptive import MIN_TOLERANCE, integrate_adaptive
 from validation.reference.symplectic import integrate_symplectic
 from validation.reference.velocity_verlet import integrate_verlet
@@ -35,14 +34,16 @@ SCENES = ("fig4", "fig5", "fig6b", "fig6d", "low-amplitude", "steel-chain", "lon
 SHORT_SCENES = SCENES[:-1]  # without the thousand beads, which take half of the time
 SHARES = tuple(10 ** (-k / 3) for k in range(13))  # of the predicted stability limit
 TOLERANCES = (*(10.0**-k for k in range(2, 12)), MIN_TOLERANCE)
+ORDER_4 = "order 4"  # in-repo scheme that is no engine
+IN_REPO = (VERLET, ORDER_4, REFERENCE)
+FIXED_STEP = {VERLET: integrate_verlet, ORDER_4: integrate_symplectic}
 FORCES_OF_ORDER_4 = 4  # evaluations per step
 BUDGET_S, SHORT_BUDGET_S = 300.0, 30.0  # of engine time for the whole ladder
 MAX_RUN_SHARE = 0.04  # of the budget, for a single run
 REPEATS, SHORT_RUN_S = 3, 0.03  # shorter runs are timed as the best of several
 CODE_STRIDE = 3  # codes take every third step of the short ladder
-PROCESS = {ADAPTIVE: REFERENCE, ORDER_4: VERLET, VERLET: VERLET}  # engine whose start-up time a method has
+DONE, NOT_RUN = "done", "not run"
 Samples = tuple[str, float, int]  # scene, sample interval in s, number of samples
-FIXED_STEP = {VERLET: integrate_verlet, ORDER_4: integrate_symplectic}
 
 
 @dataclass(frozen=True)
@@ -50,9 +51,9 @@ class Rung:
     """One run of the ladder.
 
     Attributes:
-        method: an engine, or an integrator of this repository.
+        method: an engine, or ``ORDER_4``.
         case: case with the time step and the samples of this run.
-        share: time step over the predicted stability limit; for ``ADAPTIVE`` the tolerance.
+        share: time step divided by the predicted stability limit; for ``reference`` the tolerance.
         expected_s: expected time of the loop.
     """
 
@@ -68,10 +69,10 @@ class LadderRun:
     """One measurement; errors as in ``accuracy.exact_motion``, NaN if the scene does not show a quantity.
 
     Attributes:
-        share_of_limit: time step over the predicted stability limit; for the adaptive integrator its tolerance.
+        time_step_s: time step; NaN for ``reference``.
+        share_of_limit: time step divided by the predicted stability limit; for ``reference`` its tolerance.
         loop_s: CPU time of the time loop, on one core.
-        wall_s: time of a process for this run alone, with start-up.
-        in_session_s: time of the case in a process that runs many.
+        start_s: time of a process of the engine outside its loop.
         status: ``done``, ``failed``, or ``not run`` with the reason.
     """
 
@@ -79,11 +80,8 @@ class LadderRun:
     method: str
     time_step_s: float
     share_of_limit: float
-    steps: int
-    bodies: int
     loop_s: float = nan
-    wall_s: float = nan
-    in_session_s: float = nan
+    start_s: float = nan
     force: float = nan
     sensor_peak: float = nan
     wall_peak: float = nan
@@ -97,16 +95,21 @@ class LadderRun:
 
 
 def rungs_of(scene: str, code_shares: Sequence[float]) -> Iterator[Rung]:
-    """Runs of a scene: in-repo methods at all steps, codes at some, the adaptive integrator at all tolerances."""
+    """Runs of a scene: in-repo schemes at all steps, codes at some, ``reference`` at all tolerances."""
     base = case_of(scene)
     stable_s = predicted_limit(base.chain, float(base.sample_times_s[-1]))
     for share in SHARES:
         case = at_step(base, share, stable_s)
         for method in (*(installed_codes() if share in code_shares else ()), VERLET, ORDER_4):
             forces = FORCES_OF_ORDER_4 if method == ORDER_4 else 1
-            yield Rung(scene, method, case, share, forces * cost_on(PROCESS.get(method, method)).loop_s(case))
+            yield Rung(scene, method, case, share, forces * cost_on(engine_of(method)).loop_s(case))
     for tolerance in TOLERANCES:
-        yield Rung(scene, ADAPTIVE, base, tolerance, cost_on(REFERENCE).loop_s(base))
+        yield Rung(scene, REFERENCE, base, tolerance, cost_on(REFERENCE).loop_s(base))
+
+
+def engine_of(method: str) -> str:
+    """Engine whose process a method needs."""
+    return VERLET if method == ORDER_4 else method
 
 
 def at_step(case: Case, share: float, stable_s: float) -> Case:
@@ -136,14 +139,14 @@ def run_ladder(budget_s: float, scenes: Sequence[str], *, short: bool = False) -
     for rung in kept:
         groups[rung.scene, rung.method].append(rung)
     longest_first = sorted(groups, key=lambda key: -sum(rung.expected_s for rung in groups[key]))
-    engines = dict.fromkeys(PROCESS.get(rung.method, rung.method) for rung in kept)
+    engines = dict.fromkeys(engine_of(rung.method) for rung in kept)
     with counted("runs at all steps", len(kept)) as count:
         start_s = dict(execute(partial(start_up, case_of(scenes[0])), engines))
         sampled = {_samples_of(rung): rung.case for rung in kept}
         exact = dict(execute(lambda samples: exact_motion_of(sampled[samples]), sampled))
         under_way = execute(lambda key: [*_rows_of(groups[key], start_s, exact, count)], longest_first)
         rows = [row for _, part in under_way for row in part]
-    methods = [*installed_codes(), VERLET, ORDER_4, ADAPTIVE]
+    methods = [*installed_codes(), *IN_REPO]
     rows.sort(key=lambda row: (scenes.index(row.scene), methods.index(row.method)))
     return rows + [_row(rung, status=NOT_RUN, reason=f"its loop would take {rung.expected_s:.0f} s") for rung in left]
 
@@ -155,47 +158,45 @@ def _samples_of(rung: Rung) -> Samples:
 
 def _rows_of(
     rungs: Sequence[Rung],
-    start_s: dict[str, float],
+    start_s: Mapping[str, float],
     exact: Mapping[Samples, ExactMotion],
     count: Callable[[], None],
 ) -> Iterator[LadderRun]:
     """Rows of one scene by one method, one run after the other."""
-    method = rungs[0].method
     for rung in rungs:
-        repeats = range(REPEATS if rung.expected_s < SHORT_RUN_S else 1)
-        runs = [_in_repo(rung) if method in PROCESS else compute(rung.case, method) for _ in repeats]
         try:
-            trace = [run.done for run in runs][-1]
-            loop_s, case_s = min(run.loop_s or 0.0 for run in runs), min(run.wall_s for run in runs)
-            wall_s = start_s[PROCESS.get(method, method)] + case_s
-            times = {"loop_s": loop_s, "wall_s": wall_s, "in_session_s": case_s}
-            yield _row(rung, **times, **errors_by_group(rung.case, trace, exact[_samples_of(rung)]))
+            runs = [_timed(rung) for _ in range(REPEATS if rung.expected_s < SHORT_RUN_S else 1)]
+            times = {"loop_s": min(loop_s for _, loop_s in runs), "start_s": start_s[engine_of(rung.method)]}
+            yield _row(rung, **times, **errors_by_group(rung.case, runs[-1][0], exact[_samples_of(rung)]))
         except RunError as error:
             yield _row(rung, status=error.status, reason=str(error))
         count()
 
 
-def _in_repo(rung: Rung) -> Computed:
-    """Run by an in-repo integrator, without the guard."""
-    case, chain, scene = rung.case, arrays_of(rung.case.chain), rung.case.scene
-    began = time.perf_counter()
-    if rung.method == ADAPTIVE:
+def _timed(rung: Rung) -> tuple[Trace, float]:
+    """Trace of a rung and the time of its loop in s; in-repo schemes run without the guard.
+
+    Raises:
+        RunError: the run failed.
+    """
+    case, scene = rung.case, rung.case.scene
+    if rung.method not in IN_REPO:
+        ended = compute(case, rung.method)
+        return ended.done, ended.loop_s or 0.0
+    chain, began = arrays_of(case.chain), time.perf_counter()
+    if rung.method == REFERENCE:
         motion = integrate_adaptive(chain, case.sample_times_s, rung.share)
     else:
         motion = FIXED_STEP[rung.method](chain, scene.time_step_s, scene.steps_per_sample, scene.samples)
     loop_s = time.perf_counter() - began
-    fault, trace = None, None
-    if np.isfinite(motion.force_N).all():
-        trace = trace_of(case, case.sample_times_s, motion)
-    else:
-        fault = RunError("the motion is not finite: the time step is too large")
-    return Computed(trace, fault, loop_s, loop_s, 0, loop_s)
+    if not np.isfinite(motion.force_N).all():
+        raise RunError("the motion is not finite: the time step is too large")
+    return trace_of(case, case.sample_times_s, motion), loop_s
 
 
 def _row(rung: Rung, **measured: Any) -> LadderRun:
-    fixed = rung.method != ADAPTIVE
-    step_s, steps = (rung.case.scene.time_step_s, rung.case.scene.steps) if fixed else (nan, 0)
-    return LadderRun(rung.scene, rung.method, step_s, rung.share, steps, rung.case.chain.bodies, **measured)
+    step_s = nan if rung.method == REFERENCE else rung.case.scene.time_step_s
+    return LadderRun(rung.scene, rung.method, step_s, rung.share, **measured)
 
 
 def errors_by_group(case: Case, trace: Trace, exact_motion: ExactMotion) -> dict[str, float]:

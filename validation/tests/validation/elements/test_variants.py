@@ -1,7 +1,8 @@
-"""Uncertainty of an effect: variants of an element, in addition to the spread over seeds."""
+"""Effects of elements: their order, their variants, codes that agree."""
 
 from validation.chapters import frame_of
-from validation.elements.elements_chapter import CHAPTER, sentences
+from validation.elements.effect_figures import largest_effects
+from validation.elements.elements_chapter import effect_rows
 from validation.elements.switches import Effect, read_elements
 
 
@@ -15,14 +16,22 @@ def test_variants_are_of_an_existing_element() -> None:
         assert each.without.tube == elements[each.of].without.tube
 
 
-def test_effects_are_given_with_their_spread_and_their_variants() -> None:
-    changes = {"tube": -0.08, "tube of 5.2 mm": -0.23, "tube of 4.9 mm": -0.03, "gravity": -0.01}
-    rows = [
-        Effect("fig4", name, engine, "wall peak", 16.0, 16.0 * (1 + change), change, 5e-4, 6, 100.0, 1.0)
-        for name, change in changes.items()
-        for engine in ("one", "other")
+def effect(name: str, engine: str, change: float) -> Effect:
+    return Effect("fig4", name, engine, "wall peak", 16.0, 16.0 * (1 + change), change, 5e-4, 6, 100.0, 1.0)
+
+
+def test_codes_that_agree_share_a_row() -> None:
+    rows = [effect("tube", engine, -0.08) for engine in ("one", "other")]
+    rows += [effect("rotation", "one", -0.05), effect("rotation", "other", -0.04), effect("gravity", "one", 1e-15)]
+    assert [*effect_rows(frame_of(Effect, rows), ["wall peak"])] == [
+        ["tube", "-8 ± 0.05"],
+        ["rotation (one)", "-5 ± 0.05"],
+        ["rotation (other)", "-4 ± 0.05"],
+        ["gravity", "0"],
     ]
-    tables = {name: frame_of(kind, rows if name == "elements" else []) for name, kind in CHAPTER.tables.items()}
-    said = next(line for line in sentences(tables) if line.startswith("fig4, tube:"))
-    assert "by -8 %, with a spread over seeds of 0.05 %" in said
-    assert said.endswith("-23 (tube of 5.2 mm), -3 (tube of 4.9 mm).")
+
+
+def test_variants_follow_their_element_and_elements_their_size() -> None:
+    changes = {"gravity": -0.03, "tube of 5.2 mm": -0.23, "tube": -0.08, "restitution 0.9": -0.5}
+    effects = frame_of(Effect, [effect(name, "one", change) for name, change in changes.items()])
+    assert list(largest_effects(effects)["element"]) == ["restitution 0.9", "tube", "tube of 5.2 mm", "gravity"]
