@@ -125,9 +125,7 @@ def test_a_report_on_named_scenes_is_on_these_scenes_alone(grow: Grow, parts: Pa
 
 
 @pytest.mark.parametrize("name", ["fig1", "trade"])
-def test_parts_made_before_an_interrupt_are_not_made_again(
-    name: str, parts: Parts, grow: Grow, tmp_path: Path
-) -> None:
+def test_parts_made_before_an_interrupt_are_not_made_again(name: str, parts: Parts, grow: Grow, tmp_path: Path) -> None:
     def interrupt() -> None:
         raise KeyboardInterrupt
 
@@ -201,9 +199,7 @@ def test_a_chapter_is_complete_with_its_main_table(parts: Parts, grow: Grow, tmp
     assert parts.made == [*PARTS, "trade"]
 
 
-def test_every_call_reports_a_missed_requirement(
-    parts: Parts, grow: Grow, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_every_call_reports_a_missed_requirement(parts: Parts, grow: Grow, capsys: pytest.CaptureFixture[str]) -> None:
     parts.failed = [without_run("fig4", "yade", "the limit is wrong", FAIL)]
     for _ in range(2):
         assert grow() == 1
