@@ -201,6 +201,7 @@ def write_chapter(chapter: Chapter, measured: Mapping[str, Any], results: Path) 
     for name in chapter.tables:
         if name == chapter.main_table or name not in tables:
             remove_sealed_file(results / f"{name}.csv")
+    results.mkdir(parents=True, exist_ok=True)
     pictures = chapter.figures(tables)
     for name, picture in pictures.items():
         write_figure(picture.draw() if picture.draw else measured[name], name, results)

@@ -23,7 +23,7 @@ from drivers.engines._entries import engines_again
 from drivers.limits.refusal import FORCE
 from drivers.run.run_folder import RunRecord
 from drivers.scene.model import Scene
-from postproc.draw.gauge_forces import MAX_GAUGES, draw_gauge_forces, failed_label
+from postproc.draw.gauge_forces import MAX_GAUGES, draw_gauge_forces
 from postproc.draw.overlay import HEADINGS, draw_overlay, misfit_rows, number
 from postproc.draw.product import draw_spacetime
 from postproc.draw.style import svg_of
@@ -189,7 +189,7 @@ def section_of(scene: ComparedScene, runs: Path | None = None) -> dict[str, Any]
         left_out: number of gauges without a panel.
         overlay: measured traces over the exact motion, or over the first engine without it; None without traces.
         chain: forces of all contacts in space and time; None if no run finished.
-        departures: engines, and when their runs first depart from their schemes.
+        departures: engine, and when its run first departs from its scheme.
         budget: quantity, engine, and the whole error followed by its parts.
         observables: name, and the value of each run.
         elements: name, "in" or "out", and the reason.
@@ -218,7 +218,7 @@ def section_of(scene: ComparedScene, runs: Path | None = None) -> dict[str, Any]
         "left_out": max(0, len(gauges_of(case.layout)) - MAX_GAUGES),
         "overlay": overlay_of(case, shown, trace) if trace and case.scene.measured else None,
         "chain": image_of(svg_of(draw_spacetime({shown: trace}).figure)) if trace else None,
-        "departures": _departures(scene),
+        "departures": list(scene.departures.items()),
         "budget": sorted(budget, key=lambda line: order.index(line[0])),
         "observables": [(name, *(number(values[name], 6) for values in observed)) for name in (observed or [{}])[0]],
         "elements": [(each.name, "in" if each.modelled else "out", each.reason) for each in case.elements],
@@ -232,7 +232,7 @@ def section_of(scene: ComparedScene, runs: Path | None = None) -> dict[str, Any]
 
 
 def _timing(scene: ComparedScene) -> str:
-    """Time step, numbers of steps and samples, share of the stable step, and computing time, in words."""
+    """Time step, numbers of steps and samples, share of the stable step, and computing time, as a sentence."""
     own, records = scene.case.scene, [run.record for run in scene.runs.values()]
     words = f"time step {own.time_step_s * 1e6:g} µs, {own.steps} steps, {own.samples} samples"
     for limit_s in [record.step_limit_s for record in records if record.step_limit_s][:1]:
@@ -269,11 +269,3 @@ def part_in_range(case: Case, failed: Trace, finished: Mapping[str, Trace]) -> T
     force_N = np.full((len(case.sample_times_s), failed.force_N.shape[1]), np.nan)
     force_N[: len(in_range)][in_range] = failed.force_N[in_range]
     return replace(failed, time_s=case.sample_times_s, force_N=force_N)
-
-
-def _departures(scene: ComparedScene) -> list[tuple[str, str]]:
-    """Engines that depart from their schemes in the same way, with a sentence."""
-    groups: dict[str, list[str]] = {}
-    for engine, departure in scene.departures.items():
-        groups.setdefault(departure, []).append(failed_label(engine) if engine in scene.refused else engine)
-    return [(", ".join(same), departure) for departure, same in groups.items()]

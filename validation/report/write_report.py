@@ -41,7 +41,7 @@ from validation.report.scene_section import case_rows, counted, failures_in, sec
 SUBJECT = "Strongly nonlinear waves in a chain of Teflon beads"
 PAPER = ("fig4", "fig5", "fig6b", "fig6d")
 POWER = re.compile(r"\d[\d.]*e[+-]?\d+")  # number with a power of ten
-SHORT = ("calibration", "trade", "stability", "elements")  # chapters that are made in their short form
+QUICK_CHAPTERS = ("calibration", "trade", "stability", "elements")  # chapters that are made in their short form
 
 # link and heading of each section of the paper's page, by the name of its template; all but the first are chapters
 FIGURES = "figures"
@@ -95,7 +95,7 @@ def report(
     _announce(page, counts, to_come)
     failed = False
     for number, name in enumerate([*to_come], 2):
-        options = Options(page.parent, folder, quick=name in SHORT)
+        options = Options(page.parent, folder, quick=name in QUICK_CHAPTERS)
         with step(named(_title(name), options), number, steps):
             try:
                 _make(name, options)
@@ -133,7 +133,7 @@ def _made(part: str, results: Path) -> bool:
     except InputError as error:
         say(str(error))
         return False
-    return there and (part in SHORT or up_to_date(main))
+    return there and (part in QUICK_CHAPTERS or up_to_date(main))
 
 
 def _failed(name: str, results: Path) -> Sequence[Check]:
