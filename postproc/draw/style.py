@@ -21,7 +21,7 @@ AVERAGE: dict[str, Any] = {"color": "black", "ls": "-", "lw": 1.2}  # mean of bo
 DAMPED: dict[str, Any] = {"color": "#009e73", "ls": (0, (3, 1)), "lw": 1.2}  # the same with dissipation
 QUOTED: dict[str, Any] = {"color": "#a34800", "ls": (0, (1, 1.2)), "lw": 1.0}  # levels and rates stated in the paper
 GREYS = ("#222222", "#666666", "#999999")  # codes in figures whose colours are quantities
-ALIKE: dict[str, Any] = {"marker": "o", "mfc": "none", "mew": 0.8, "color": GREYS[0], "ls": "none"}  # equal codes
+CIRCLE: dict[str, Any] = {"marker": "o", "mfc": "none", "mew": 0.8, "color": GREYS[0], "ls": "none"}  # equal codes
 # styles of engines without a style of their own and of further builds of a code, in the order of their names
 EXTRA_STYLES = (
     Style("#882255", dashes=(0, (5, 1, 1, 1, 1, 1)), marker="p"),
@@ -75,7 +75,7 @@ def draw_codes(axis: Any, points: Mapping[str, tuple[Any, Any]], size: float = 4
         near = (first for first in groups if np.abs(place - places[first]).max(initial=0.0) < near_px)
         groups.setdefault(next(near, code), []).append(code)
     for first, group in groups.items():
-        form = ALIKE if len(group) > 1 else grey_of(first)
+        form = CIRCLE if len(group) > 1 else grey_of(first)
         axis.plot(*points[first], **form | {"ms": size, "label": ", ".join(map(_title, group))} | look)
 
 

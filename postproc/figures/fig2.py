@@ -5,7 +5,7 @@ times lower; in linear waves β is 1.
 
 (a) Forces on the parts of the particle. (b) Contact forces F_1, F_2 and their average, which the gauge measures, while
 the wave of Fig. 4(b) passes bead 5. (c) β of Eq. (6) against the contact force F_m (static part F_0 included): exact
-travelling wave, and strikes on 60 beads of 600 and 1460 MPa, which coincide.
+travelling wave, by similarity the same for any modulus, and strikes on 60 beads.
 """
 
 from pathlib import Path
@@ -17,18 +17,7 @@ from matplotlib.patches import Rectangle, Wedge
 
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
-from postproc.draw.style import (
-    AVERAGE,
-    COLUMN_IN,
-    FIRST,
-    GREY,
-    MICRO,
-    SECOND,
-    draw_codes,
-    letter_panel,
-    pyplot,
-)
-from postproc.paper.quoted import quoted
+from postproc.draw.style import AVERAGE, COLUMN_IN, FIRST, GREY, MICRO, SECOND, draw_codes, letter_panel, pyplot
 from postproc.paper.simulate import UNTIL_REFLECTED, case_of, simulate
 from postproc.paper.strikes import contact_peak, sensor_amplitude, sensor_pair, static_force, strike_for
 from postproc.paper.theory import particles_of, precompressed_speed
@@ -36,6 +25,7 @@ from postproc.read.sensors import sensor_average
 from validation.reference.travelling_wave import solve_at_speed, solve_travelling_wave
 
 CURVE = np.geomspace(1.1, 1.1e4, 31)  # F_m / F_0 that the travelling waves have by Eq. (4), and to a few per cent
+WAVE = "travelling wave"
 STRIKES = (2.0, 10.0, 100.0, 1e3, 1e4)  # of the simulations
 CHAIN = ("chain.count=60", "chain.sensors=[{ from_wall = 20 }, { from_wall = 10 }]", "gravity=")
 STEADY_CHANGE = 1e-3  # largest relative change of a solitary wave's amplitude between the sensors
@@ -56,24 +46,12 @@ def make(runs: Path) -> Product:
     _draw_beta(axes[2], waves, points)
     for axis, letter in zip(axes, "abc", strict=True):
         letter_panel(axis, letter)
-    # dependence on the modulus: (largest - smallest) / mean over the moduli, by engine and amplitude
-    both = pd.concat([waves, points], ignore_index=True)
-    place = both.groupby(["engine", "modulus_MPa"]).cumcount()
-    grouped = both[both["modulus_MPa"].notna()].groupby(["engine", place], sort=False)
-    beta, ratio = grouped["beta"], grouped["force_over_static"].mean()
-    share = (beta.max() - beta.min()) / beta.mean()
-    spread = pd.DataFrame({"force_over_static": ratio, "beta_spread_over_moduli_share": share})
-    tables = [forces, waves, points, spread.reset_index("engine").assign(panel="c, all moduli")]
-    return Product(figure, pd.concat(tables, ignore_index=True))
+    return Product(figure, pd.concat([forces, waves, points], ignore_index=True))
 
 
-def _chains() -> dict[float, tuple[str, ...]]:
-    """Settings of the precompressed chain for the smallest and the largest modulus of the paper, by modulus in MPa.
-
-    The static force is that of Table 1 between the sensors.
-    """
-    pressed, moduli = (*CHAIN, f"chain.precompression={static_force(case_of('table1'))!r} N"), quoted().ptfe_moduli_MPa
-    return {each: (*pressed, f"materials.ptfe.youngs_modulus={each} MPa") for each in (min(moduli), max(moduli))}
+def _chain() -> tuple[str, ...]:
+    """Settings of the precompressed chain, with the static force of Table 1 between the sensors."""
+    return (*CHAIN, f"chain.precompression={static_force(case_of('table1'))!r} N")
 
 
 def _draw_free_body(axis: Any) -> None:
@@ -114,52 +92,45 @@ def _draw_forces(axis: Any, forces: pd.DataFrame) -> None:
     for name, look in FORCES.items():
         axis.plot(time_us, exact[name], **look)
     axis.set(xlabel="time since impact (µs)", ylabel="force (N)", ylim=(-0.4, 1.35 * float(exact["F1_N"].max())))
-    tops = {name: int(np.argmax(exact[name])) for name in FORCES}
-    own = {str(code): some for code, some in forces.groupby("engine") if code != REFERENCE}
-    for name, top in tops.items():
-        once = {} if name == "F1_N" else {"label": "_"}  # one entry of the legend
-        draw_codes(axis, {code: (time_us[[top]], some[name].iloc[[top]]) for code, some in own.items()}, **once)
+    average = exact["average_N"].to_numpy()
+    rise, *_, fall = np.flatnonzero(average > 0.3 * average.max())
+    seen = [int(rise), int(average.argmax()), int(fall)]
+    own = {str(code): some.iloc[seen] for code, some in forces.groupby("engine") if code != REFERENCE}
+    draw_codes(axis, {code: (some["time_s"] * MICRO, some["average_N"]) for code, some in own.items()})
     for name, label, side in (("F1_N", "$F_1$", -1), ("F2_N", "$F_2$", 1)):
-        axis.annotate(label, (time_us[tops[name]], exact[name].iloc[tops[name]]), xytext=(9 * side, 2),
-                      textcoords="offset points", ha="center", va="bottom")  # fmt: skip
-    rise = int(np.argmax(exact["average_N"] > 0.3 * exact["average_N"].max()))
-    axis.annotate(r"$(F_1 + F_2)/2$", (time_us[rise], exact["average_N"].iloc[rise]), xytext=(-24, 8), ha="right",
-                  textcoords="offset points", arrowprops={"arrowstyle": "-", "lw": 0.5, "shrinkB": 0})  # fmt: skip
+        top = int(np.argmax(exact[name]))
+        axis.annotate(label, (time_us[top], exact[name].iloc[top]), xytext=(9 * side, 2), textcoords="offset points",
+                      ha="center", va="bottom")  # fmt: skip
+    axis.annotate(r"$(F_1 + F_2)/2$", (time_us[rise], average[rise]), xytext=(-24, 8), ha="right",
+                  textcoords="offset points", arrowprops={"arrowstyle": "-", "lw": 0.5, "shrinkB": 4})  # fmt: skip
     axis.legend(loc="upper right", handlelength=1.0)
 
 
 def _waves() -> pd.DataFrame:
-    """Beta of the travelling wave for each modulus, computed in SI units, so that equal values are a result."""
-    tables = []
-    for modulus, settings in _chains().items():
-        case = case_of("table1", *settings)
-        chain, particles = case.chain, particles_of(case)
-        stiffness, mass, static = float(chain.stiffness[1]), float(chain.mass_kg[0]), chain.precompression_N
-        speeds = [precompressed_speed(particles, ratio * static, static) / particles.diameter_m for ratio in CURVE]
-        waves = [solve_at_speed(stiffness, mass, static, beads_per_s) for beads_per_s in speeds]
-        columns = {"panel": "c", "engine": "travelling wave", "modulus_MPa": modulus}
-        numbers = {"force_over_static": [1 + wave.amplitude for wave in waves], "beta": [wave.beta for wave in waves]}
-        tables.append(pd.DataFrame(columns | numbers))
-    limit = {"panel": "c", "engine": "travelling wave without static force"}
-    ends = pd.DataFrame({"force_over_static": CURVE[[0, -1]], "beta": solve_travelling_wave().contact_over_average})
-    return pd.concat([*tables, ends.assign(**limit)], ignore_index=True)
+    """Beta of the travelling wave."""
+    case = case_of("table1", *_chain())
+    chain, particles = case.chain, particles_of(case)
+    stiffness, mass, static = float(chain.stiffness[1]), float(chain.mass_kg[0]), chain.precompression_N
+    speeds = [precompressed_speed(particles, ratio * static, static) / particles.diameter_m for ratio in CURVE]
+    waves = [solve_at_speed(stiffness, mass, static, beads_per_s) for beads_per_s in speeds]
+    found = pd.DataFrame({"force_over_static": [1 + wave.amplitude for wave in waves],
+                          "beta": [wave.beta for wave in waves], "engine": WAVE})  # fmt: skip
+    limit = solve_travelling_wave().contact_over_average
+    bare = pd.DataFrame({"force_over_static": CURVE[[0, -1]], "beta": limit, "engine": f"{WAVE} without static force"})
+    return pd.concat([found, bare]).assign(panel="c")
 
 
 def _points(runs: Path) -> pd.DataFrame:
     """Beta from full simulations by every engine."""
-    cases = {}
-    for modulus, settings in _chains().items():
-        static = static_force(case_of("table1", *settings))
-        for ratio in STRIKES:
-            cases[modulus, ratio] = strike_for(ratio * static, contact_peak, *settings).case
-    rows, found = [], simulate(list(cases.values()), runs)
-    for engine in found[0]:
-        for (modulus, _), by_engine in zip(cases, found, strict=True):
-            one = by_engine[engine]
+    chain, rows = _chain(), []
+    static = static_force(case_of("table1", *chain))
+    cases = [strike_for(ratio * static, contact_peak, *chain).case for ratio in STRIKES]
+    for found in simulate(cases, runs):
+        for engine, one in found.items():
             upper, lower = (one.values[f"bead_{bead}_amplitude_N"] for bead in sensor_pair(one.case))
-            peak, static = contact_peak(one), static_force(one.case)
+            peak = contact_peak(one)
             rows.append({
-                "panel": "c", "engine": engine, "modulus_MPa": modulus, "force_over_static": peak / static,
+                "panel": "c", "engine": engine, "force_over_static": peak / static,
                 "beta": (peak - static) / sensor_amplitude(one), "change_between_sensors": lower / upper - 1,
                 "solitary": abs(lower / upper - 1) < STEADY_CHANGE,
             })  # fmt: skip
@@ -167,19 +138,18 @@ def _points(runs: Path) -> pd.DataFrame:
 
 
 def _draw_beta(axis: Any, waves: pd.DataFrame, points: pd.DataFrame) -> None:
-    """Draws one line, since those of both moduli coincide, and the codes' strikes on the chains of both.
+    """Draws the travelling wave and the codes' strikes.
 
     A pulse whose amplitude changes by more than ``STEADY_CHANGE`` over ten beads is not yet a solitary wave.
     """
-    limit = waves[waves["modulus_MPa"].isna()]
-    first = waves[waves["modulus_MPa"] == waves["modulus_MPa"].min()]
+    limit, waves = (waves[(waves["engine"] == WAVE) == pressed] for pressed in (False, True))
     axis.plot(limit["force_over_static"], limit["beta"], color=GREY, lw=0.8, ls=(0, (4, 3)))
-    axis.plot(first["force_over_static"], first["beta"], **AVERAGE)
+    axis.plot(waves["force_over_static"], waves["beta"], **AVERAGE)
     axis.set(xscale="log", xlabel=r"$F_m\,/\,F_0$", ylabel=r"$\beta$", xlim=(1, 1.6e4), ylim=(1.0, 1.45))
     axis.text(1.1, limit["beta"].iloc[0], f"no static force: {limit['beta'].iloc[0]:.3f}", color=GREY, va="bottom")
     axis.text(40, 1.27, "exact travelling wave")
     own = {str(code): some for code, some in points.groupby("engine") if code != REFERENCE}
     draw_codes(axis, {code: (some["force_over_static"], some["beta"]) for code, some in own.items()})
-    early = points[~points["solitary"].astype(bool)].head(1)
+    early = points[~points["solitary"]].head(1)
     for x, y in zip(early["force_over_static"], early["beta"], strict=True):
         axis.annotate("not yet solitary", (x, y), (6, -3), textcoords="offset points", color=GREY)

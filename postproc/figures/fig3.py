@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from drivers.chain.chain import Array
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
 from postproc.draw.style import COLUMN_IN, GREY, draw_codes, pyplot, text_color
@@ -64,8 +63,9 @@ def make(runs: Path) -> Product:
     curves = [SpeedCurve(modulus, True) for modulus in quoted().ptfe_moduli_MPa]
     curves += [SpeedCurve(modulus, False) for modulus in PRINTED]
     exact = {
-        curve: [strikes.strike_for(force, strikes.contact_peak, *curve.settings) for force in _forces(curve)]
+        (curve, force): strikes.strike_for(force, strikes.contact_peak, *curve.settings)
         for curve in curves
+        for force in (FORCES_N if curve.gravity else BY_CODES)
     }
     points = _points(exact, runs)
     theory = _theory(curves, points)
@@ -87,29 +87,16 @@ def make(runs: Path) -> Product:
     tables = [points, theory, experiment.assign(source="experiment"), score.assign(source="score")]
     stiffest = max(curves)
     title = f"{stiffest.modulus_MPa:g} MPa, with gravity ({REFERENCE})"
-    chains = {f"{FORCES_N[i]:g} N, {title}": exact[stiffest][i].trace for i in (0, -1)}
+    chains = {f"{FORCES_N[i]:g} N, {title}": exact[stiffest, FORCES_N[i]].trace for i in (0, -1)}
     return Product(figure, pd.concat(tables, ignore_index=True), chains)
 
 
-def _forces(curve: SpeedCurve) -> Array:
-    """Amplitudes of the simulations of a curve, N."""
-    return FORCES_N if curve.gravity else BY_CODES
-
-
-def _points(exact: dict[SpeedCurve, list[Simulation]], runs: Path) -> pd.DataFrame:
+def _points(exact: dict[tuple[SpeedCurve, float], Simulation], runs: Path) -> pd.DataFrame:
     """Table of strikes, a row per strike and engine."""
-    chosen = [
-        (curve, simulation.case)
-        for curve, some in exact.items()
-        for force, simulation in zip(_forces(curve), some, strict=True)
-        if force in BY_CODES
-    ]
-    found = [
-        (curve, one)
-        for simulations in run_codes_on([case for _, case in chosen], runs).values()
-        for (curve, _), one in zip(chosen, simulations, strict=True)
-    ]
-    found += [(curve, one) for curve, some in exact.items() for one in some]
+    chosen = [(curve, force) for curve, force in exact if force in BY_CODES]
+    found = [(curve, one) for (curve, _), one in exact.items()]
+    for simulations in run_codes_on([exact[key].case for key in chosen], runs).values():
+        found += [(curve, one) for (curve, _), one in zip(chosen, simulations, strict=True)]
     table = pd.DataFrame([
         {
             "source": "simulated", "engine": one.engine, "curve": curve.number + 1,

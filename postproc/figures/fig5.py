@@ -120,7 +120,7 @@ def _stated() -> list[pd.DataFrame]:
 def _draw_envelope(axis: Any, one: Simulation, quoted_per_us: float) -> pd.DataFrame:
     """Draws the envelope through the first three maxima, labelled with its rate and that of the paper.
 
-    The envelope with the paper's rate would lie within the width of a line beside it.
+    The envelope with the paper's rate would differ by about the width of a line.
     """
     maxima, envelopes = _train(one)
     first, last, curve = maxima[0], maxima[ENVELOPE_MAXIMA - 1], envelopes[ENVELOPE_MAXIMA]

@@ -30,7 +30,7 @@ ROW_IN, HEAD = 0.19, 3.2  # height of a row in inches, height of the headings in
 
 def make(runs: Path) -> Product:
     """Solves for the striker speeds by the reference and by each code, with 21 beads by the reference alone."""
-    longer = exact_table1(f"chain.count={LONGER}", "average of the sensors")
+    longer = exact_table1(f"chain.count={LONGER}")
     more = {f"{EXACT_LONGER}_{name}": longer[f"{REFERENCE}_{name}"] for name in COLUMNS}
     table = solve_table1(runs).assign(**more)
     return Product(_draw(table), table)

@@ -8,11 +8,11 @@ import pandas as pd
 from drivers.base.errors import InputError
 from drivers.chain.case import Case
 from postproc.paper.simulate import Simulation, case_of
-from postproc.paper.strikes import sensor_amplitude, strike_for, striker_speed
+from postproc.paper.strikes import Amplitude, sensor_amplitude, strike_for, striker_speed
 from postproc.read.signals import Peak, envelope, peaks
 
 Run = Callable[[Case], Simulation]
-SolvedTable = Callable[[str, str], pd.DataFrame]  # Table 1 for a setting of its scene and a reading of its force
+SolvedTable = Callable[[str, Amplitude], pd.DataFrame]  # Table 1 for a setting of its scene, a reading of its force
 
 UNCOMPRESSED = ("gravity=", "wall=")
 LONG_DURATION = "run.duration=2 ms"

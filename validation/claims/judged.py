@@ -20,7 +20,7 @@ from drivers.run.execute import side_by_side
 from drivers.run.run import refuse_all, run_many
 from drivers.run.run_folder import EndedRun
 from postproc.paper.simulate import Simulation, exact, run_codes_on
-from postproc.paper.strikes import READINGS, exact_table1, sensor_amplitude, solve_table1
+from postproc.paper.strikes import Amplitude, exact_table1, sensor_amplitude, solve_table1
 from postproc.read.motion import trace_with_state
 from validation.checks import FAIL, NOT_RUN, Check, judged, without_run
 from validation.claims.cases import MEASURES, Expectation, Posed, pose, read_independent, unit_of
@@ -83,10 +83,8 @@ def judge_claims(runs: Path = paths.RUNS) -> list[Check]:
     asked: dict[str, Case] = {}
 
     @cache
-    def solved(setting: str, force_is: str) -> pd.DataFrame:
-        if READINGS[force_is] is not sensor_amplitude:
-            return exact_table1(setting, force_is)
-        return solve_table1(runs, setting)
+    def solved(setting: str, amplitude: Amplitude) -> pd.DataFrame:
+        return solve_table1(runs, setting) if amplitude is sensor_amplitude else exact_table1(setting, amplitude)
 
     def noted(case: Case) -> Simulation:
         asked[_key(case)] = case
