@@ -8,7 +8,6 @@ from base64 import b64encode
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import product
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -133,20 +132,19 @@ def rows_in(table: pd.DataFrame) -> list[list[tuple[str, bool]]]:
 
 
 def scores_in(table: pd.DataFrame) -> dict[str, Any]:
-    """Deviation of measured from computed speeds: a row for each reading of the force and modulus, with headings.
+    """Deviation of measured from computed speeds: a row for each modulus, with headings.
 
     Deviations are in per cent of the computed speed by amplitude, root mean squares in standard errors.
     """
     table, rows = table[table["source"] == "score"], []
-    for reading, modulus in product(table["force_read_as"].unique(), table["modulus_MPa"].unique()):
-        own = table[(table["force_read_as"] == reading) & (table["modulus_MPa"] == modulus)]
+    for modulus, own in table.groupby("modulus_MPa"):
         large = own["force_N"] >= LARGE_N
         rms = [np.sqrt((own["deviation_standard_errors"][which] ** 2).mean()) for which in (large, ~large)]
         deviations = [f"{value:+.1f}" for value in own["deviation_pct"]]
-        rows.append([reading, f"{modulus:g}", *deviations, *(f"{value:.1f}" for value in rms)])
+        rows.append([f"{modulus:g}", *deviations, *(f"{value:.1f}" for value in rms)])
     at = [f"{force:g} N" for force in table["force_N"].unique()]
     return {
-        "headings": ["force read as", "E, MPa", *at, f"from {LARGE_N:g} N", "below"],
-        "groups": [("", 2), ("measured minus computed speed, %, at", len(at)), ("rms, standard errors", 2)],
+        "headings": ["E, MPa", *at, f"from {LARGE_N:g} N", "below"],
+        "groups": [("", 1), ("measured minus computed speed, %, at", len(at)), ("rms, standard errors", 2)],
         "rows": rows,
     }
