@@ -105,7 +105,7 @@ REQUIRED = $(if $(APT),$(CODES),$(shell cat .venv/.engines))
 NEWS = $(shell find results -maxdepth 1 \( -name '*.csv' -o -name '*.svg' \) -newer results/.report 2>/dev/null)
 results/.report: $(MADE_FROM) $(if $(wildcard results/report.html),$(if $(NEWS),FORCE),FORCE)
 	$(BEADS) report --studies $(REQUIRED:%=--require %)
-	@touch $@ results/.claims
+	@touch $@ $(addprefix results/.,claims $(FIGURES))
 
 # the stamp holds the path of the checkout, since a moved one needs its command and its "activate" again
 MOVED = $(subst x$(CURDIR),,x$(shell cat .venv/.ready 2>/dev/null))

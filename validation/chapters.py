@@ -16,21 +16,22 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import pandas as pd
 
 from drivers.base import paths
-from drivers.base.errors import InputError, RunError
+from drivers.base.errors import RunError
 from drivers.base.files import csv_of, read_sealed_file, remove_sealed_file, sealed_file, sha256_of, table_in
 from drivers.base.kept import content_of, keep, recall
 from drivers.base.progress import counted, say
-from drivers.engines import missing_codes
+from drivers.engines import installed_codes, missing_codes
 from drivers.engines._entries import entry_files
-from postproc.draw.product import write_figure
+from postproc.draw.product import write_figure, write_product
+from postproc.figures import make_figure
 from validation.checks import FAIL, Check, table
-from validation.report.page_figures import read_image, stored_or_drawn
+from validation.report.page_figures import read_image, refused_if_damaged
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 Row = TypeVar("Row", bound="DataclassInstance")
-CHAPTERS = ("claims", "trade", "stability", "elements", "calibration")
+CHAPTERS = ("claims", "calibration", "trade", "stability", "elements")
 ORDER_4, ADAPTIVE = "order 4", "adaptive"  # in-repo methods that are no engines
 DONE, FAILED, NOT_RUN = "done", "failed", "not run"  # status of a run
 Tables = Mapping[str, pd.DataFrame]
@@ -38,8 +39,8 @@ Tables = Mapping[str, pd.DataFrame]
 
 def frame_of(kind: type[Row], rows: Iterable[Row]) -> pd.DataFrame:
     """Rows as a table with one column per field, also if there are no rows."""
-    rows = list(rows)
-    return pd.DataFrame({field.name: [getattr(row, field.name) for row in rows] for field in fields(kind)})
+    rows, types = list(rows), {field.name: field.type for field in fields(kind)}
+    return pd.DataFrame({name: [getattr(row, name) for row in rows] for name in types}).astype(types)
 
 
 def write_table(path: Path, kind: type[Row], rows: Iterable[Row]) -> None:
@@ -71,17 +72,6 @@ def rows_in(table: pd.DataFrame, kind: type[Row]) -> list[Row]:
     """Rows of a table from ``read_table``, equal to the rows that were written."""
     names = [field.name for field in fields(kind)]
     return [kind(**{name: record[name] for name in names}) for record in table.to_dict("records")]
-
-
-@contextmanager
-def refused_if_damaged(path: Path, target: str) -> Iterator[None]:
-    """Turns errors of reading or using a table into an InputError that names the make target."""
-    try:
-        yield
-    except FileNotFoundError as error:
-        raise InputError(paths.shown(path), "", f"file not found; make {target} writes it") from error
-    except (ValueError, LookupError, TypeError, AttributeError) as error:  # pandas raises ValueErrors
-        raise InputError(paths.shown(path), "", f"damaged table ({error}); make {target} writes it again") from error
 
 
 @dataclass(frozen=True)
@@ -193,24 +183,25 @@ def named(what: str, options: Options) -> str:
     return f"{what}, short study" if options.quick else what
 
 
-def up_to_date(chapter: Chapter, results: Path) -> bool:
-    """True if the first table is as it was written since the last change of a source or of the engines' entries."""
-    return (results / f"{chapter.main_table}.csv").exists() and recall(_key_of(chapter, results)) is not None
+def up_to_date(main_table: Path) -> bool:
+    """True if the table of a chapter or figure was written since the last change of a source or of the engines."""
+    return main_table.exists() and recall(_key_of(main_table)) is not None
 
 
-def _key_of(chapter: Chapter, results: Path) -> list[str]:
-    return ["chapter", chapter.name, sha256_of(results / f"{chapter.main_table}.csv"), content_of(entry_files())]
+def _key_of(main_table: Path) -> list[str]:
+    return ["made", main_table.stem, sha256_of(main_table), content_of(entry_files()), *installed_codes()]
 
 
 def write_chapter(chapter: Chapter, measured: Mapping[str, Any], results: Path) -> Tables:
-    """Writes tables and figures, deletes files of earlier runs that are no longer made, and returns the tables."""
-    rows = {name: list(measured[name]) for name in chapter.tables if name in measured}
-    for name, kind in chapter.tables.items():
-        if name in rows:
-            write_table(results / f"{name}.csv", kind, rows[name])
-        else:
+    """Writes figures and tables, deletes files of earlier runs that are no longer made, and returns the tables.
+
+    The main table is deleted first and written last: without it the chapter is not made.
+    """
+    tables = {name: frame_of(kind, measured[name]) for name, kind in chapter.tables.items() if name in measured}
+    for name in chapter.tables:
+        if name == chapter.main_table or name not in tables:
             remove_sealed_file(results / f"{name}.csv")
-    tables = chapter.read(results)
+    results.mkdir(parents=True, exist_ok=True)
     pictures = chapter.figures(tables)
     for name, picture in pictures.items():
         write_figure(picture.draw() if picture.draw else measured[name], name, results)
@@ -219,8 +210,17 @@ def write_chapter(chapter: Chapter, measured: Mapping[str, Any], results: Path) 
     for path in (*results.glob(f"{chapter.name}-*.svg"), *results.glob(f"{chapter.name}-*.png")):
         if path.stem not in pictures:
             remove_sealed_file(path)
-    keep(_key_of(chapter, results), True)
+    for name, frame in reversed(tables.items()):
+        write_frame(results / f"{name}.csv", frame)
+    keep(_key_of(results / f"{chapter.main_table}.csv"), True)
     return tables
+
+
+def write_paper_figure(name: str, runs: Path, results: Path) -> list[Path]:
+    """Makes a figure of the paper with its runs, and returns the written files."""
+    written = write_product(make_figure(name, runs), name, results)
+    keep(_key_of(written[0]), True)
+    return written
 
 
 def read_section(name: str, results: Path) -> dict[str, Any]:
@@ -231,10 +231,7 @@ def read_section(name: str, results: Path) -> dict[str, Any]:
         return {}
     tables = chapter.read(results)
     with refused_if_damaged(main, name):
-        figures = []
-        for stem, picture in chapter.figures(tables).items():
-            stored = results / f"{stem}.svg"
-            image = stored_or_drawn(stored, main, picture.draw) if picture.draw else read_image(stored)
-            if picture.title and image:
-                figures.append((picture.title, image))
+        pictures = {stem: each.title for stem, each in chapter.figures(tables).items() if each.title}
+        images = ((title, read_image(results / f"{stem}.svg", name)) for stem, title in pictures.items())
+        figures = [(title, image) for title, image in images if image]
         return {"sentences": list(chapter.sentences(tables)), "figures": figures, **chapter.section(tables)}

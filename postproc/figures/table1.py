@@ -50,22 +50,26 @@ def _draw(table: pd.DataFrame) -> Any:
     for height, width in ((-HEAD, 1.0), (-0.5, 0.6), (len(table) - 0.4, 1.0)):
         axis.axhline(height, color="black", lw=width, clip_on=False)
     for line, row in enumerate(table.to_dict("records")):
-        *cells, off = printed(row)
-        bold = [False] * 7 + [*equals_printed(row, REFERENCE), *equals_printed(row, EXACT_LONGER)] + [False]
-        for place, (cell, equal) in enumerate(zip([*cells, *_exact(row, EXACT_LONGER), off], bold, strict=True)):
-            axis.text(place, line, cell, ha="center", va="center", weight="bold" if equal else "normal")
+        for place, (cell, bold) in enumerate(printed(row)):
+            axis.text(place, line, cell, ha="center", va="center", weight="bold" if bold else "normal")
     return figure
 
 
-def printed(row: dict[Any, Any]) -> list[str]:
+def printed(row: dict[Any, Any]) -> list[tuple[str, bool]]:
     """Texts of a row: the paper's numbers with its digits, the exact numbers with one digit more.
+
+    Each with True for an exact number that equals the paper's when rounded to its digits.
 
     Raises:
         KeyError: The table lacks a number.
     """
     measured = [f"{row[f'measured_{name}']:g}" for name in MEASURED]
     off = f"{row[SPREAD]:.0e}".replace("e-0", "e-") if row[SPREAD] >= 0 else "–"
-    return [f"{row['force_N']:g}", *measured, *_paper(row), *_exact(row, REFERENCE), off]
+    exact = [
+        pair for of in (REFERENCE, EXACT_LONGER) for pair in zip(_exact(row, of), equals_printed(row, of), strict=True)
+    ]
+    plain = [(cell, False) for cell in (f"{row['force_N']:g}", *measured, *_paper(row))]
+    return [*plain, *exact, (off, False)]
 
 
 def _paper(row: dict[Any, Any]) -> list[str]:

@@ -1,5 +1,6 @@
 """Commands of the report and its chapters, and of the paper's figures."""
 
+import shlex
 import sys
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from validation.commands.options import Decorator, checked, command, must_be_fil
 @click.option(
     "--studies",
     is_flag=True,
-    help="Write the page first, then run the studies and add them; short studies where no table exists.",
+    help="Write the page first, then make figures and studies and add them; short studies where no table exists.",
 )
 @click.option(
     "--out",
@@ -41,11 +42,14 @@ def report(
     allow_missing: bool,
 ) -> int:
     """Write the report page and its checks as JSON."""
+    from drivers.engines._entries import engines_again
     from validation.compare.selection import selected
     from validation.report.write_report import report as write
 
+    words = sys.argv[1:] if "--engines" in sys.argv else [*sys.argv[1:], *engines_again()]
+    asked = selected(engines, required, allow_missing=allow_missing)
     given = None if runs == paths.RUNS else runs
-    return write([*scenes], out, given, selected(engines, required, allow_missing=allow_missing), studies=studies)
+    return write(scenes, out, given, asked, shlex.join(["beads", *words]), studies=studies)
 
 
 class _Figures(click.Command):
@@ -76,14 +80,13 @@ def figures(names: tuple[str, ...], runs: Path, results: Path) -> int:
             raise InputError("figures", "", f'"{name}"', ", ".join(titles))
     from drivers.base.progress import step
     from drivers.engines import missing_codes
-    from postproc.draw.product import write_product
-    from postproc.figures import make_figure
+    from validation.chapters import write_paper_figure
 
     chosen = list(dict.fromkeys(names)) or [*titles]
     for number, name in enumerate(chosen, 1):  # a failed figure does not stop the others
         try:
             with step(f"{name}: {titles[name]}", number, len(chosen)):
-                written = write_product(make_figure(name, runs), name, results)
+                written = write_paper_figure(name, runs, results)
         except (RunError, InputError) as error:
             print(f"{name}: {error}", file=sys.stderr)
             code = max(code, 2 if isinstance(error, InputError) else 1)

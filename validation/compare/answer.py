@@ -50,7 +50,7 @@ def display_name(engine: str) -> str:
 
 def listed(words: Sequence[str]) -> str:
     """Words with commas, and "and" before the last."""
-    return " and ".join(filter(None, (", ".join(words[:-1]), words[-1])))
+    return " and ".join(filter(None, (", ".join(words[:-1]), *words[-1:])))
 
 
 def _agreement(scenes: Sequence[ComparedScene], checks: Iterable[Check], engines: list[str]) -> str:

@@ -5,7 +5,7 @@ import os
 import platform
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
@@ -16,7 +16,7 @@ from pydantic import TypeAdapter
 from drivers.base import paths
 from drivers.engines import in_order
 from drivers.run.run import provenance
-from validation.checks import FAIL, NOT_RUN, PASS, Check
+from validation.checks import FAIL, NOT_RUN, PASS
 from validation.compare.comparison import ComparedScene
 from validation.report.scene_section import ReportRow, counted, source_of
 
@@ -24,7 +24,7 @@ LIBRARIES = ("numpy", "scipy", "numba")
 CPUS = Path("/proc/cpuinfo")
 
 
-def made_with(scenes: list[ComparedScene], command: str) -> dict[str, Any]:
+def made_with(scenes: Sequence[ComparedScene], command: str) -> dict[str, Any]:
     """Date, command, commit, engines, libraries and machine of a report."""
     made = provenance()
     records = {name: run.record for scene in scenes for name, run in scene.runs.items()}
@@ -52,10 +52,9 @@ def made_with(scenes: list[ComparedScene], command: str) -> dict[str, Any]:
     }
 
 
-def when_made(results: Path) -> dict[str, dict[str, str]]:
-    """File and date of each table of a results folder, by its name."""
-    tables = (path for path in results.glob("*.csv") if path.is_file())
-    return {path.name: {"file": paths.shown(path), "date": _utc(path.stat().st_mtime)} for path in tables}
+def when_made(results: Path) -> list[tuple[str, str]]:
+    """File and date of each table of a results folder."""
+    return [(paths.shown(path), _utc(path.stat().st_mtime)) for path in sorted(results.glob("*.csv"))]
 
 
 def _utc(seconds: float) -> str:
@@ -73,32 +72,27 @@ def cpu_name(file: Path = CPUS) -> str:
 
 
 SCHEMA = 2
-RECORDED = ("status", "engine_version", "executable", "build_sha256", "deck_sha256",
-         "commit", "dirty", "host", "time_step_s", "steps", "bodies",
-         "wall_s", "cpu_s", "loop_s", "memory_bytes", "step_limit_s", "warnings", "error_budget",
-         "error_note", "exact_to", "exact_until_s")  # fmt: skip
+LEFT_OUT = ("scene", "layout", "elements", "files")  # of the record of a run
 SCENES, CASES = "scenes", "independent"  # keys
 
 
 def as_json(
     made: dict[str, Any],
-    scenes: list[ComparedScene],
-    rows: list[ReportRow],
-    cases: list[ReportRow],
+    scenes: Sequence[ComparedScene],
+    rows: Sequence[ReportRow],
+    cases: Sequence[ReportRow],
     unmet: Mapping[str, str],
     to_come: Sequence[str],
 ) -> str:
     """Report as JSON, with the names of chapters still to come; NaN and infinities become null."""
+    checks = Counter(check.verdict for row in (*rows, *cases) for cell in row.cells.values() for check in cell.checks)
+    counts = {SCENES: counted(rows), CASES: counted(cases), "checks": checks}
     data = {
         "schema_version": SCHEMA,
         "made_with": made,
         "unmet": unmet,
         "to_come": to_come,
-        "counts": {
-            SCENES: _counts(counted(rows)),
-            CASES: _counts(counted(cases)),
-            "checks": _counts(Counter(check.verdict for row in (*rows, *cases) for check in _checks(row))),
-        },
+        "counts": {key: {kind: found[kind] for kind in (PASS, FAIL, NOT_RUN)} for key, found in counts.items()},
         SCENES: [_scene(scene, row) for scene, row in zip(scenes, rows, strict=True)],
         CASES: [_row(row) for row in cases],
     }
@@ -106,46 +100,34 @@ def as_json(
     return f"{text.decode()}\n"
 
 
-def _counts(found: Counter[str]) -> dict[str, int]:
-    return {kind: found[kind] for kind in (PASS, FAIL, NOT_RUN)}
-
-
-def _checks(row: ReportRow) -> list[Check]:
-    return [check for cell in row.cells.values() for check in cell.checks]
-
-
 def _scene(scene: ComparedScene, row: ReportRow) -> dict[str, Any]:
-    case = scene.case
-    found = _row(row) | {
-        "summary": case.summary,
-        "source": source_of(case.scene),
-        "time_step_s": case.scene.time_step_s,
-        "elements": [asdict(element) for element in case.elements],
-    }
+    case, found = scene.case, _row(row)
     for engine, own in found["engines"].items():
         if engine in scene.runs:
             run = scene.runs[engine]
-            own["run"] = {"folder": paths.shown(run.folder)} | {name: getattr(run.record, name) for name in RECORDED}
+            own["run"] = {"folder": paths.shown(run.folder)} | _without(asdict(run.record), LEFT_OUT)
         own["departure"] = scene.departures.get(engine)
-    return found
+    return found | {
+        "summary": case.summary,
+        "source": source_of(case.scene),
+        "time_step_s": case.scene.time_step_s,
+        "elements": case.elements,
+    }
 
 
 def _row(row: ReportRow) -> dict[str, Any]:
-    return {
-        "name": row.name,
-        "title": row.title,
-        "command": row.again,
-        "engines": {
-            engine: {
-                "verdict": cell.verdict,
-                "note": cell.note,
-                "worst": cell.worst.quantity if cell.worst else None,
-                "diagnosis": cell.diagnosis or None,
-                "checks": [
-                    {key: value for key, value in asdict(each).items() if key not in ("scene", "engine")}
-                    for each in cell.checks
-                ],
-            }
-            for engine, cell in row.cells.items()
-        },
+    engines = {
+        engine: {
+            "verdict": cell.verdict,
+            "note": cell.note,
+            "worst": cell.worst.quantity if cell.worst else None,
+            "diagnosis": cell.diagnosis or None,
+            "checks": [_without(asdict(each), ("scene", "engine")) for each in cell.checks],
+        }
+        for engine, cell in row.cells.items()
     }
+    return {"name": row.name, "title": row.title, "command": row.again, "engines": engines}
+
+
+def _without(values: dict[str, Any], names: Collection[str]) -> dict[str, Any]:
+    return {name: value for name, value in values.items() if name not in names}

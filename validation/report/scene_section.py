@@ -3,7 +3,7 @@
 import math
 import shlex
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -14,6 +14,7 @@ import numpy as np
 from drivers.base import paths
 from drivers.base.decks import Deck
 from drivers.base.errors import InputError
+from drivers.base.progress import in_words
 from drivers.chain.case import Case
 from drivers.chain.contact_law import hertz_force
 from drivers.chain.trace import Trace
@@ -22,7 +23,7 @@ from drivers.engines._entries import engines_again
 from drivers.limits.refusal import FORCE
 from drivers.run.run_folder import RunRecord
 from drivers.scene.model import Scene
-from postproc.draw.gauge_forces import MAX_GAUGES, draw_gauge_forces, failed_label
+from postproc.draw.gauge_forces import MAX_GAUGES, draw_gauge_forces
 from postproc.draw.overlay import HEADINGS, draw_overlay, misfit_rows, number
 from postproc.draw.product import draw_spacetime
 from postproc.draw.style import svg_of
@@ -40,7 +41,7 @@ EXACT_FORCE = f"{ERROR}: {FORCE}"  # quantity of a check
 
 @dataclass(frozen=True)
 class Cell:
-    """Checks of one engine on one scene or independent case.
+    """Checks of one engine on one scene or case.
 
     Attributes:
         record: of the judged run; None without one.
@@ -79,7 +80,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class ReportRow:
-    """A scene or an independent case on all engines; the command ``again`` prints more details."""
+    """A scene or a case on all engines; the command ``again`` prints more details."""
 
     name: str
     title: str
@@ -99,13 +100,15 @@ def scene_row(scene: ComparedScene, runs: Path | None = None) -> ReportRow:
     return ReportRow(own.name, own.title or own.name, again, cells)
 
 
-def case_rows(independent: Mapping[str, Any]) -> Iterator[ReportRow]:
-    """Rows of the independent cases, from the section on them."""
-    for entry in (case["entry"] for case in independent.get("cases", [])):
-        checks = [check for check in independent["checks"] if check.scene == entry.id]
+def case_rows(claims: Mapping[str, Any]) -> list[ReportRow]:
+    """Rows of the cases beyond the paper, from the section on statements and cases."""
+    rows = []
+    for entry, *_ in claims.get("cases", []):
+        checks = [check for check in claims["checks"] if check.scene == entry.id]
         engines = in_order({check.engine for check in checks})
         cells = {engine: Cell([check for check in checks if check.engine == engine]) for engine in engines}
-        yield ReportRow(entry.id, entry.title, "beads independent", cells)
+        rows.append(ReportRow(entry.id, entry.title, "beads claims", cells))
+    return rows
 
 
 def counted(rows: Iterable[ReportRow]) -> Counter[str]:
@@ -113,14 +116,26 @@ def counted(rows: Iterable[ReportRow]) -> Counter[str]:
     return Counter(cell.verdict for row in rows for cell in row.cells.values())
 
 
-def tolerances(scenes: list[ComparedScene]) -> Iterator[tuple[str, str, list[str], str]]:
+def failures_in(rows: Iterable[ReportRow]) -> list[tuple[ReportRow, str, Cell]]:
+    """Row, engine and cell of each failure."""
+    return [(row, engine, cell) for row in rows for engine, cell in row.cells.items() if cell.verdict == FAIL]
+
+
+def tolerances(scenes: Iterable[ComparedScene]) -> list[tuple[str, str, str, str]]:
     """Quantity, limits, scenes and reason of every applied tolerance; limits with the same reason share a row."""
     used: dict[tuple[str, str], list[Check]] = {}
     for check in (check for scene in scenes for check in scene.checks if not math.isnan(check.limit)):
         used.setdefault((check.quantity, check.reason), []).append(check)
-    for (quantity, reason), found in sorted(used.items()):
-        limits = dict.fromkeys(number(choose(each.limit for each in found), 2) for choose in (min, max))
-        yield quantity, " to ".join(limits), list(dict.fromkeys(each.scene for each in found)), reason
+    return [
+        (quantity, _limits_of(found), ", ".join(dict.fromkeys(each.scene for each in found)), reason)
+        for (quantity, reason), found in sorted(used.items())
+    ]
+
+
+def _limits_of(checks: Iterable[Check]) -> str:
+    """Limit of checks, or the smallest and the largest."""
+    limits = [check.limit for check in checks]
+    return " to ".join(dict.fromkeys(number(limit, 2) for limit in (min(limits), max(limits))))
 
 
 def source_of(scene: Scene) -> str:
@@ -157,56 +172,56 @@ def overlay_of(case: Case, engine: str, trace: Trace) -> dict[str, Any]:
 FORCE_RANGE = 2.0  # largest drawn force of a failed run, over the largest force of the finished runs
 
 
-def section_of(scene: ComparedScene, row: ReportRow) -> dict[str, Any]:
+@cache  # the page is written after each step
+def section_of(scene: ComparedScene, runs: Path | None = None) -> dict[str, Any]:
     """Values of the page's section on a compared scene; lists are in the order of the page.
 
     Args:
         scene: the compared scene.
-        row: its row of the verdict table.
+        runs: folder of its run folders if not the default.
 
     Returns:
-        row, case: the row and the case.
+        row, case: row of the table of verdicts, and the case.
         runs: finished runs by engine.
         timing: time step, samples and stability in a sentence.
-        judged: quantity, and the check of each finished run or None.
+        judged: quantity, the check of each finished run or None, and the limits.
         forces: forces on the gauges and differences; None without a trace, or without both a gauge and a second engine.
         left_out: number of gauges without a panel.
         overlay: measured traces over the exact motion, or over the first engine without it; None without traces.
         chain: forces of all contacts in space and time; None if no run finished.
-        departures: engines, and when their runs first depart from their schemes.
+        departures: engine, and when its run first departs from its scheme.
         budget: quantity, engine, and the whole error followed by its parts.
         observables: name, and the value of each run.
+        elements: name, "in" or "out", and the reason.
         decks: engine, file and text, of finished codes and of all failed engines.
     """
-    case = scene.case
-    runs = {engine: scene.runs[engine] for engine in in_order(scene.runs)}
-    observed = [observe(run.layout, run.trace) for run in runs.values()]
-    shown = _shown(scene)
-    checks = {(check.quantity, check.engine): check for check in scene.checks if check.engine in runs}
-    quantities = dict.fromkeys(quantity for quantity, _ in checks)
+    case, row = scene.case, scene_row(scene, runs)
+    finished = {engine: scene.runs[engine] for engine in in_order(scene.runs)}
+    observed = [observe(run.layout, run.trace) for run in finished.values()]
+    shown = REFERENCE if REFERENCE in finished else next(iter(finished), "")
+    trace = finished[shown].trace if shown else None
+    checks = {(check.quantity, check.engine): check for check in scene.checks if check.engine in finished}
+    judged = {quantity: [checks.get((quantity, engine)) for engine in finished] for quantity, _ in checks}
     budget = [
-        (part["quantity"], engine, [short(part[key]) for key in PARTS])
-        for engine, run in runs.items()
+        (part["quantity"], engine, *(short(part[key]) for key in PARTS))
+        for engine, run in finished.items()
         for part in run.record.error_budget or ()
     ]
-    step_s = case.scene.time_step_s
-    timing = f"time step {step_s * 1e6:g} µs, {case.scene.steps} steps, {case.scene.samples} samples"
-    if limits := [run.record.step_limit_s for run in scene.runs.values() if run.record.step_limit_s]:
-        timing += f"; stable up to {limits[0] * 1e6:.3g} µs, this run uses {100 * step_s / limits[0]:.2g} % of that"
-    order = list(dict.fromkeys(quantity for quantity, _, _ in budget))
+    order = list(dict.fromkeys(quantity for quantity, *_ in budget))
     return {
         "row": row,
         "case": case,
-        "runs": runs,
-        "timing": timing,
-        "judged": [(name, [checks.get((name, engine)) for engine in runs]) for name in quantities],
-        "forces": forces_picture(scene),
+        "runs": finished,
+        "timing": _timing(scene),
+        "judged": [(name, *own, _limits_of(filter(None, own))) for name, own in judged.items()],
+        "forces": _forces_picture(scene),
         "left_out": max(0, len(gauges_of(case.layout)) - MAX_GAUGES),
-        "overlay": overlay_of(case, shown, runs[shown].trace) if runs and case.scene.measured else None,
-        "chain": _chain_picture(scene),
-        "departures": _departures(scene),
+        "overlay": overlay_of(case, shown, trace) if trace and case.scene.measured else None,
+        "chain": image_of(svg_of(draw_spacetime({shown: trace}).figure)) if trace else None,
+        "departures": list(scene.departures.items()),
         "budget": sorted(budget, key=lambda line: order.index(line[0])),
-        "observables": [(name, [number(values[name], 6) for values in observed]) for name in (observed or [{}])[0]],
+        "observables": [(name, *(number(values[name], 6) for values in observed)) for name in (observed or [{}])[0]],
+        "elements": [(each.name, "in" if each.modelled else "out", each.reason) for each in case.elements],
         "decks": [
             (engine, file, text)
             for engine, cell in row.cells.items()
@@ -216,27 +231,22 @@ def section_of(scene: ComparedScene, row: ReportRow) -> dict[str, Any]:
     }
 
 
-def _shown(scene: ComparedScene) -> str:
-    """Engine whose run is shown alone: the exact motion, else the first engine; empty if no run finished."""
-    return REFERENCE if REFERENCE in scene.runs else next(iter(in_order(scene.runs)), "")
+def _timing(scene: ComparedScene) -> str:
+    """Time step, numbers of steps and samples, share of the stable step, and computing time, as a sentence."""
+    own, records = scene.case.scene, [run.record for run in scene.runs.values()]
+    words = f"time step {own.time_step_s * 1e6:g} µs, {own.steps} steps, {own.samples} samples"
+    for limit_s in [record.step_limit_s for record in records if record.step_limit_s][:1]:
+        words += f"; stable up to {limit_s * 1e6:.3g} µs, this run uses {100 * own.time_step_s / limit_s:.2g} % of that"
+    loops = [f"{record.engine} {in_words(record.loop_s)}" for record in records if record.loop_s is not None]
+    return words + (f"; computing time: {', '.join(loops)}" if loops else "")
 
 
-@cache  # the page is written after each chapter
-def forces_picture(scene: ComparedScene, gauges: int = MAX_GAUGES) -> Image | None:
+def _forces_picture(scene: ComparedScene) -> Image | None:
     """Forces on the gauges and differences; None without a trace, or without both a gauge and a second engine."""
     traces = {engine: scene.runs[engine].trace for engine in in_order(scene.runs)}
     refused = {engine: part_in_range(scene.case, scene.refused[engine], traces) for engine in in_order(scene.refused)}
-    if not (traces or refused):
-        return None
-    figure = draw_gauge_forces(scene.case.layout, traces, refused, gauges)
+    figure = draw_gauge_forces(scene.case.layout, traces, refused) if traces or refused else None
     return image_of(svg_of(figure)) if figure else None
-
-
-@cache
-def _chain_picture(scene: ComparedScene) -> Image | None:
-    """Forces of all contacts in space and time; None if no run finished."""
-    shown = _shown(scene)
-    return image_of(svg_of(draw_spacetime({shown: scene.runs[shown].trace}).figure)) if shown else None
 
 
 def _written_deck(case: Case, name: str) -> Deck:
@@ -259,11 +269,3 @@ def part_in_range(case: Case, failed: Trace, finished: Mapping[str, Trace]) -> T
     force_N = np.full((len(case.sample_times_s), failed.force_N.shape[1]), np.nan)
     force_N[: len(in_range)][in_range] = failed.force_N[in_range]
     return replace(failed, time_s=case.sample_times_s, force_N=force_N)
-
-
-def _departures(scene: ComparedScene) -> list[tuple[str, str]]:
-    """Engines that depart from their schemes in the same way, with a sentence."""
-    groups: dict[str, list[str]] = {}
-    for engine, departure in scene.departures.items():
-        groups.setdefault(departure, []).append(failed_label(engine) if engine in scene.refused else engine)
-    return [(", ".join(same), departure) for departure, same in groups.items()]

@@ -1,7 +1,6 @@
 """``beads report``: run and compare scenes, and write the page with its JSON file."""
 
 import re
-import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
@@ -14,57 +13,64 @@ from drivers.base import decks as deck
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
 from drivers.base.files import whole_file
-from drivers.base.progress import in_words, say, step
+from drivers.base.progress import say, step
 from drivers.chain.case import build_case
-from drivers.engines import in_order
-from drivers.engines._entries import engines_again
+from drivers.engines import in_order, load_engine
 from drivers.scene.read_scene import read_scene
+from postproc.figures import captions
 from postproc.read.measured import read_traces
 from postproc.read.sensors import gauges_of
-from validation.chapters import CHAPTERS, Options, load_chapter, named, read_section, up_to_date, write_chapter
+from validation.chapters import (
+    CHAPTERS,
+    Options,
+    load_chapter,
+    named,
+    read_section,
+    up_to_date,
+    write_chapter,
+    write_paper_figure,
+)
 from validation.checks import FAIL, NOT_RUN, PASS, Check, short, table
-from validation.compare.answer import answer
+from validation.compare.answer import answer, display_name, listed
 from validation.compare.comparison import ComparedScene, run_and_compare_all
 from validation.compare.selection import EngineSelection, print_unmet
 from validation.report.machine_readable import as_json, made_with, when_made
-from validation.report.page_figures import read_figures, read_table1
-from validation.report.scene_section import (
-    case_rows,
-    counted,
-    forces_picture,
-    scene_row,
-    section_of,
-    tolerances,
-)
+from validation.report.page_figures import read_figures, read_image
+from validation.report.scene_section import case_rows, counted, failures_in, section_of, tolerances
 
+SUBJECT = "Strongly nonlinear waves in a chain of Teflon beads"
 PAPER = ("fig4", "fig5", "fig6b", "fig6d")
-MAKE_COMMAND = "make report"
 POWER = re.compile(r"\d[\d.]*e[+-]?\d+")  # number with a power of ten
-NO_SHORT_FORM = ("independent", "claims")  # chapters that are always made in full
+QUICK_CHAPTERS = ("calibration", "trade", "stability", "elements")  # chapters that are made in their short form
 
-# link and heading of each section, by the name of its template, table and ``make`` target
+# link and heading of each section of the paper's page, by the name of its template; all but the first are chapters
+FIGURES = "figures"
 SECTIONS = {
-    "independent": ("Independent cases", "Independent cases: are the codes right beyond the paper?"),
-    "table1": ("Table 1", "Table 1 of the paper"),
-    "claims": ("Claims", "The paper's statements, computed"),
-    "figures": ("Figures", "The paper's figures, computed"),
+    FIGURES: ("Figures", "The paper's figures and Table 1, computed"),
+    "claims": ("Statements", "The paper's statements, computed"),
+    "calibration": ("Experiment", "The experiment: fitted contact laws"),
     "trade": ("Cost of accuracy", "Cost of accuracy"),
     "stability": ("Stability", "Stability limits of the time step"),
     "elements": ("Elements", "Effects of the modelled elements"),
-    "calibration": ("Calibration", "Parameters fitted to the experiments"),
 }
-READERS = {"table1": read_table1, "figures": read_figures}  # sections that belong to no chapter
 
 
 def report(
-    sources: list[str], out: Path | None, runs: Path | None, asked: EngineSelection, *, studies: bool = False
+    sources: Sequence[str],
+    out: Path | None,
+    runs: Path | None,
+    asked: EngineSelection,
+    command: str = "",
+    *,
+    studies: bool = False,
 ) -> int:
-    """Run and compare scenes, and write the report; with ``studies`` also make the chapters that are not up to date.
+    """Run and compare scenes, and write the report; with ``studies`` also make what of its parts is not up to date.
 
-    Chapters are made in their short form, claims and independent cases in full; existing tables of other chapters are
-    kept. Without named scenes the report is on the paper's scenes, with its chapters; a report on named scenes has
-    none unless ``studies`` are asked for. The exit code is 1 if a verdict fails, a chapter misses a requirement, or a
-    required engine did not run.
+    Parts are the figures and the table of the paper, and the chapters. Chapters are made in their short form, claims
+    in full; existing tables of other chapters are kept. Without named scenes the report is on the paper's scenes, with
+    its parts; a report on named scenes has none unless ``studies`` are asked for. The exit code is 1 if a verdict
+    fails, a part fails or misses a requirement, or a required engine did not run. The page names the ``command`` that
+    makes it.
 
     Raises:
         InputError: a scene is wrong, two scenes have one name, or the page has the name of a JSON file.
@@ -79,9 +85,8 @@ def report(
     for scene in scenes:
         if scene.measured:  # report wrong files before any run
             read_traces(scene, gauges_of(build_case(scene).layout))
-    to_come = [name for name in CHAPTERS if studies and not _made(name, page.parent)]
-    steps, command = 1 + len(to_come), _command(sources, out, runs, asked, studies=studies)
-    sections = tuple(SECTIONS) if studies or not sources else ()
+    to_come = [name for name in (*captions(), *CHAPTERS) if studies and not _made(name, page.parent)]
+    steps, sections = 1 + len(to_come), tuple(SECTIONS) if studies or not sources else ()
     with step("scenes on all engines, compared", 1, steps):
         compared = [*run_and_compare_all(sources or PAPER, runs=folder, asked=asked)]
         absent = {engine: why for scene in reversed(compared) for engine, why in scene.absent.items()}
@@ -90,11 +95,11 @@ def report(
     _announce(page, counts, to_come)
     failed = False
     for number, name in enumerate([*to_come], 2):
-        chapter, options = load_chapter(name), Options(page.parent, folder, quick=name not in NO_SHORT_FORM)
-        with step(named(chapter.title, options), number, steps):
+        options = Options(page.parent, folder, quick=name in QUICK_CHAPTERS)
+        with step(named(_title(name), options), number, steps):
             try:
-                write_chapter(chapter, chapter.measure(options), page.parent)
-            except RunError as error:  # continue with the other chapters
+                _make(name, options)
+            except (RunError, InputError) as error:  # continue with the other parts
                 say(f"{name}: {error}")
                 failed = True
             to_come.remove(name)
@@ -106,17 +111,29 @@ def report(
     return 1 if print_unmet(unmet) or counts[FAIL] or missed or failed else 0
 
 
-def _made(name: str, results: Path) -> bool:
-    """True if a chapter is up to date; an existing table counts for a chapter with a short form."""
-    chapter = load_chapter(name)
-    if not (results / f"{chapter.main_table}.csv").exists():
-        return False
+def _title(part: str) -> str:
+    return captions()[part].title if part in captions() else load_chapter(part).title
+
+
+def _make(part: str, options: Options) -> None:
+    """Make a figure or a chapter."""
+    if part in captions():
+        write_paper_figure(part, options.runs, options.results)
+    else:
+        chapter = load_chapter(part)
+        write_chapter(chapter, chapter.measure(options), options.results)
+
+
+def _made(part: str, results: Path) -> bool:
+    """True if a figure or a chapter is up to date; an existing table counts for a chapter with a short form."""
+    figure = part in captions()
+    main = results / f"{part if figure else load_chapter(part).main_table}.csv"
     try:
-        chapter.read(results)
+        there = bool(read_image(main.with_suffix(".svg"), part) if figure else read_section(part, results))
     except InputError as error:
         say(str(error))
         return False
-    return name not in NO_SHORT_FORM or up_to_date(chapter, results)
+    return there and (part in QUICK_CHAPTERS or up_to_date(main))
 
 
 def _failed(name: str, results: Path) -> Sequence[Check]:
@@ -129,36 +146,25 @@ def _announce(page: Path, counts: Counter[str], to_come: Sequence[str]) -> None:
     print(line + (f"; to come: {', '.join(to_come)}" if to_come else ""), flush=True)
 
 
-def _command(sources: list[str], out: Path | None, runs: Path | None, asked: EngineSelection, *, studies: bool) -> str:
-    """Command that makes the same page again; ``make report`` requires engines as well."""
-    given = [("--out", out), ("--runs", runs), *(("--engine", name) for name in asked.engines)]
-    options = [str(word) for option in given if option[1] is not None for word in option] + engines_again()
-    options += ["--allow-missing"] * asked.allow_missing + ["--studies"] * (studies and bool(options))
-    if not sources and not options:
-        return MAKE_COMMAND
-    options += [word for name in asked.require for word in ("--require", name)]
-    return shlex.join(["beads", "report", *sources, *options])
-
-
 def write_report(
-    scenes: list[ComparedScene],
+    scenes: Sequence[ComparedScene],
     path: Path,
-    command: str = MAKE_COMMAND,
+    command: str = "",
     runs: Path | None = None,
     unmet: Mapping[str, str] | None = None,
     to_come: Sequence[str] = (),
-    sections: Sequence[str] = tuple(SECTIONS),
+    names: Sequence[str] = tuple(SECTIONS),
 ) -> Counter[str]:
     """Write the page, and next to it JSON with its name; no file is replaced before both are written.
 
     Args:
         scenes: compared scenes; each has a section.
-        path: of the page; chapters are read from tables in its folder.
-        command: makes the page again.
+        path: of the page; figures and chapters are read from its folder.
+        command: made the page.
         runs: folder of the run folders if not the default.
         unmet: messages on required engines without a run.
-        to_come: names of chapters that are being made.
-        sections: names of the sections that follow the scenes.
+        to_come: names of figures and chapters that are being made; they are not read, since they are outdated.
+        names: names of the sections on the paper; none for a page on the scenes alone.
 
     Returns:
         Numbers of pairs of a scene or independent case and an engine that passed, failed and were not run.
@@ -166,46 +172,38 @@ def write_report(
     Raises:
         InputError: a table or a figure in the folder is damaged.
     """
-    results = path.parent
+    results, unmet = path.parent, unmet or {}
     made = made_with(scenes, command)
-    shown: dict[str, Any] = {name: {} for name in sections}  # a chapter to come is not read: its tables are outdated
-    for name in (name for name in shown if name not in to_come):
-        shown[name] = READERS[name](results) if name in READERS else read_section(name, results)
-    rows = [scene_row(scene, runs) for scene in scenes]
-    cases = [*case_rows(shown.get("independent", {}))]
+    sections = {name: _section(name, results, to_come) for name in names}
+    claims = sections.get("claims")
+    cases = case_rows(claims or {})
+    about = [section_of(scene, runs) for scene in scenes]
+    rows = [each["row"] for each in about]
+    engines = in_order(engine for row in (*rows, *cases) for engine in row.cells)
+    verdicts = {row.name: {name: cell.verdict for name, cell in row.cells.items()} for row in cases}
     page = deck.render(
         "report/report.html.j2",
-        subject=rows[0].title if len(rows) == 1 and not sections else "Bead chains",
-        answer=unbroken(
-            " ".join(
-                answer(scenes, {row.name: {name: cell.verdict for name, cell in row.cells.items()} for row in cases})
-            )
-        ),
-        claims=claim_counts(shown.get("claims", {})),
+        subject=SUBJECT if sections else f"{' and '.join(row.title for row in rows)}: do the codes agree?",
+        answer=" ".join(answer(scenes, verdicts)),
+        codes=listed([display_name(name) for name in engines if not load_engine(name).in_repository]),
+        claims=claims,
+        failures=failures_in((*rows, *cases)),
         made=made,
-        unmet=unmet or {},
+        builds=[(name, build["version"], build["command"], build["sha256"]) for name, build in made["engines"].items()],
+        unmet=unmet,
         to_come=to_come,
-        rows=rows,
-        cases=cases,
-        engines=in_order(engine for row in (*rows, *cases) for engine in row.cells),
-        reasons=list(dict.fromkeys(cell.worst.reason for row in rows for cell in row.cells.values() if cell.worst)),
+        verdicts=[(row.name, *map(row.cells.get, engines)) for row in rows],
+        engines=engines,
         counts=counted(rows),
-        case_counts=counted(cases),
-        case_checks=sum(len(cell.checks) for row in cases for cell in row.cells.values()),
         tolerances=tolerances(scenes),
-        scenes=[section_of(scene, row) for scene, row in zip(scenes, rows, strict=True)],
-        brief=forces_picture(scenes[0], gauges=1) if scenes else None,
-        sections=[(name, *SECTIONS[name], section) for name, section in shown.items()],
-        dates=when_made(results),
+        scenes=about,
+        sections=[(name, *SECTIONS[name], section) for name, section in sections.items()],
+        dates=when_made(results) if sections else [],
         short=short,
-        in_words=in_words,
         unbroken=unbroken,
         shown=paths.shown,
     )
-    texts = {
-        path: page,
-        path.with_suffix(".json"): as_json(made, scenes, rows, cases, unmet or {}, to_come),
-    }
+    texts = {path: page, path.with_suffix(".json"): as_json(made, scenes, rows, cases, unmet, to_come)}
     results.mkdir(parents=True, exist_ok=True)
     with ExitStack() as drafts:
         for file, text in texts.items():
@@ -213,14 +211,12 @@ def write_report(
     return counted((*rows, *cases))
 
 
+def _section(name: str, results: Path, to_come: Sequence[str]) -> dict[str, Any]:
+    if name == FIGURES:
+        return read_figures(results, to_come)
+    return {} if name in to_come else read_section(name, results)
+
+
 def unbroken(text: str) -> Markup:
     """Text whose numbers with a power of ten are kept on one line."""
     return Markup(POWER.sub(r'<span class="number">\g<0></span>', str(escape(text))))
-
-
-def claim_counts(claims: Mapping[str, Any]) -> dict[str, int]:
-    """Numbers of the paper's statements that are reproduced, differ and are not tested; empty without the chapter."""
-    if not claims:
-        return {}
-    counts = {verdict: len(rows) for verdict, rows in claims["rows"].items()}
-    return counts | {"untested": len(claims["untested"])}

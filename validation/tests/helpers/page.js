@@ -63,13 +63,10 @@ function cutOff() {
   }).map(name);
 }
 
-// boxes that scroll sideways without a shade at their edges or a note above
-function scrollsUnmarked() {
-  return elements("body *:not(svg *)").filter((each) => {
-    const scrolls = getComputedStyle(each).overflowX === "auto" && each.scrollWidth > each.clientWidth + 1;
-    return scrolls && !getComputedStyle(each).backgroundImage.includes("gradient")
-      && getComputedStyle(each, "::before").content === "none";
-  }).map(name);
+// boxes that scroll sideways, except some
+function scrolling(except) {
+  return elements("body *:not(svg *)").filter((each) => !each.matches(except)
+    && getComputedStyle(each).overflowX !== "visible" && each.scrollWidth > each.clientWidth + 1).map(name);
 }
 
 // elements larger than a sheet, which have to break
@@ -95,7 +92,7 @@ function colliding() {
   for (const picture of elements("svg")) {
     const texts = [...picture.querySelectorAll("text")].filter(visible).filter((each) => Math.abs(each.getScreenCTM().b) < 1e-6).map((each) => [each.textContent.trim(), boxes(each)]);
     texts.forEach(([words, ones], i) => {
-      if (!picture.closest(".broad") && ones.some((one) => one.right > document.scrollingElement.clientWidth + 1 || one.left < -1)) wrong.push(`${words} past the edge`);
+      if (ones.some((one) => one.right > document.scrollingElement.clientWidth + 1 || one.left < -1)) wrong.push(`${words} past the edge`);
       for (const [others, other] of texts.slice(i + 1)) {
         if (ones.some((one) => other.some((box) => overlap(one, box)))) wrong.push(`${words} on ${others}`);
       }

@@ -49,12 +49,12 @@ def test_a_table_without_rows_keeps_its_columns(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "found"),
     [
-        (b"", "damaged table"),
+        (b"", "damaged file"),
         (b"name,steps,value\na,1,2\n", "no column good"),
         (b"name,steps,value,good\na,1,two,True\n", "could not convert string to float: 'two'"),
-        (b"name,steps,value,good\na,,2,True\n", "damaged table"),
-        (b"name,steps,value,good\na,1,2,True,5,6\nb,1\n", "damaged table"),
-        (b"\xff\xfe\x00", "damaged table"),
+        (b"name,steps,value,good\na,,2,True\n", "damaged file"),
+        (b"name,steps,value,good\na,1,2,True,5,6\nb,1\n", "damaged file"),
+        (b"\xff\xfe\x00", "damaged file"),
     ],
 )
 def test_a_damaged_table_is_named_with_the_target_that_writes_it(tmp_path: Path, content: bytes, found: str) -> None:

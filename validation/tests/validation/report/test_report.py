@@ -19,16 +19,16 @@ from drivers.base.errors import InputError
 from drivers.base.files import SEALS, sealed_file
 from drivers.chain.trace import until
 from drivers.run.run import provenance
+from postproc.figures.table1 import EXACT_LONGER
 from postproc.paper.quoted import quoted
-from postproc.paper.strikes import COLUMNS, READINGS, SPREAD
+from postproc.paper.strikes import COLUMNS, SPREAD
 from postproc.read.run_tables import errors
 from validation.accuracy.budget import budget_of, first_departure
 from validation.chapters import write_frame
 from validation.checks import FAIL, NOT_RUN, PASS, share_of_limit, short
 from validation.compare.comparison import ComparedScene
-from validation.report.page_figures import SCORED, read_values, scores_in
 from validation.report.scene_section import scene_row, section_of
-from validation.report.write_report import claim_counts, write_report
+from validation.report.write_report import write_report
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import blown_up, checks_of, finished
 from validation.tests.helpers.scenes import SceneWriter, case_of
@@ -57,50 +57,50 @@ def test_the_page_stands_alone(compared: ComparedScene, tmp_path: Path) -> None:
     page = Page(text)
     assert page.addresses
     assert all(address.startswith(("#", "data:")) for address in page.addresses)
-    # the gauges on the first screen and in the section, and the whole chain
-    assert (page.tags["img"], page.tags["figure"]) == (3, 3)
+    assert (page.tags["img"], page.tags["figure"]) == (2, 2)
     assert sum(label.startswith(("Gauge forces", "Force in every contact")) for label in page.labels) == 2
-    assert "ERROR &lt;b&gt;&amp;" in text
-    assert text.index('class="verdicts"') < text.index("<section")
     assert re.search(r"2 passed.*1 failed.*1 not run", text, re.DOTALL)
 
 
-def test_failed_runs_and_differing_statements_are_explained_next_to_each_other(
-    compared: ComparedScene, tmp_path: Path
-) -> None:
+def test_the_paper_comes_first_and_the_codes_last(compared: ComparedScene, tmp_path: Path) -> None:
     text = page_of(compared, tmp_path)
-    assert "A run <b>fails</b> if" in text
-    assert "A statement <b>differs</b> if" not in text  # no claims were computed
-    section = {"rows": {"differs": [1], "reproduced": [1, 2]}, "untested": []}
-    assert claim_counts(section) == {"differs": 1, "reproduced": 2, "untested": 0}
+    ids = re.findall(r'<(?:header|section) id="([^"]*)"', text)
+    assert ids == ["answer", "figures", "claims", "calibration", "trade", "stability", "elements", "codes", "made"]
+    assert re.findall(r'<li><a href="#([^"]*)"', text) == ids
+    codes = text[text.index('<section id="codes"') : text.index('<section id="made"')]
+    assert codes.index('aria-label="Verdicts"') < codes.index('<details class="scene"')
 
 
-def test_the_first_screen_names_the_check_closest_to_its_limit_and_the_reason_of_the_limit(
-    compared: ComparedScene, tmp_path: Path
-) -> None:
+def test_how_the_page_was_made_is_its_end(compared: ComparedScene, tmp_path: Path) -> None:
     write_report([compared], tmp_path / "report.html", "make it again")
     text = (tmp_path / "report.html").read_text()
-    first = text[: text.index("<section")]
-    (row,) = [scene_row(compared)]
-    worst = row.cells["verlet"].worst
-    assert worst is not None
-    assert max(map(share_of_limit, compared.of_engine("verlet"))) == share_of_limit(worst)
-    for words in (worst.quantity, short(worst.value), short(worst.limit), worst.reason,
-                  "make it again", platform.node(), "numpy", provenance()["commit"][:12]):  # fmt: skip
-        assert words in html.unescape(first), words
+    end = text[text.index('<section id="made"') :]
+    for words in ("make it again", platform.node(), "numpy", provenance()["commit"][:12]):
+        assert words in html.unescape(end), words
 
 
-def test_a_failed_row_has_a_diagnosis_and_a_command_for_details(compared: ComparedScene, tmp_path: Path) -> None:
+def test_a_failure_is_named_first_with_its_diagnosis_and_a_command_for_details(
+    compared: ComparedScene, tmp_path: Path
+) -> None:
     sick = late(compared)
+    (row,) = [scene_row(sick)]
+    worst = row.cells["yade"].worst
+    assert worst is not None
+    assert max(map(share_of_limit, sick.of_engine("yade"))) == share_of_limit(worst)
     counts = write_report([sick], tmp_path / "report.html")
     assert counts[FAIL] == 1
     text = (tmp_path / "report.html").read_text()
-    first = text[: text.index("<section")]
-    assert '<tr class="miss">' in first
-    assert "yade fails." in first
+    first = text[text.index('class="failures"') : text.index('class="lead"')]
+    assert "yade fails on scene." in first
     assert "matches forces a sample &lt;late&gt;" in first
     assert f"beads compare {compared.case.scene.file}" in first
-    assert '<tr class="miss">' not in page_of(replace(sick, checks=[], diagnoses={}), tmp_path)
+    for words in (worst.quantity, short(worst.value), short(worst.limit), worst.where):
+        assert words in html.unescape(first), words
+    assert re.findall(r'<details class="scene"[^>]*( open)>', text) == [" open"]
+    well = page_of(replace(sick, checks=[], diagnoses={}), tmp_path)
+    assert 'class="failures"' not in well
+    assert re.findall(r'<details class="scene"[^>]*( open)>', well) == []
+    assert "ERROR &lt;b&gt;&amp;" in page_of(compared, tmp_path)  # a failed run
 
 
 def test_the_partial_trace_of_a_failed_run_is_shown(compared: ComparedScene, tmp_path: Path) -> None:
@@ -111,10 +111,9 @@ def test_the_partial_trace_of_a_failed_run_is_shown(compared: ComparedScene, tmp
     departures = {"yade": first_departure(compared.case, "yade", refused["yade"])}
     checks = checks_of(compared.case, compared.runs, absent)
     sick = replace(compared, absent=absent, checks=checks, departures=departures, refused=refused)
-    section = section_of(sick, scene_row(sick))
+    section = section_of(sick)
     assert section["forces"]
-    words = dict(section["departures"])
-    assert words == {"yade (failed)": departures["yade"]}
+    assert section["departures"] == [*departures.items()]
     assert {engine for engine, _, _ in section["decks"]} == {"yade", "liggghts"}
     assert list(section["runs"]) == ["reference", "verlet"]  # observables are of finished runs alone
     counts = write_report([sick], tmp_path / "report.html")
@@ -125,7 +124,7 @@ def test_the_partial_trace_of_a_failed_run_is_shown(compared: ComparedScene, tmp
 
 
 def test_a_failed_run_without_a_trace_has_its_deck(compared: ComparedScene) -> None:
-    section = section_of(compared, scene_row(compared))
+    section = section_of(compared)
     assert [(engine, file) for engine, file, _ in section["decks"]] == [("yade", "chain.py")]
     assert "hertzian=True" in section["decks"][0][2]
 
@@ -155,39 +154,31 @@ def test_the_command_for_details_finds_the_same_runs(compared: ComparedScene, tm
 def test_missing_studies_are_named_with_their_command(tmp_path: Path) -> None:
     write_report([], tmp_path / "report.html")
     text = (tmp_path / "report.html").read_text()
-    for target in ("independent", "table1", "claims", "figures", "trade", "stability", "elements"):
+    for target in ("table1", "claims", "fig3", "trade", "stability", "elements", "calibration"):
         assert f"<code>make {target}</code>" in text, target
 
 
 def test_table_1_has_a_row_per_amplitude_and_the_figure_of_speeds_has_its_scores(tmp_path: Path) -> None:
     table = quoted().table1.frame
     exact = {f"reference_{name}": table[f"computed_{name}"] * (1 + 1e-3) for name in COLUMNS}
-    write_frame(tmp_path / "table1.csv", table.assign(**exact, **{SPREAD: 4.2e-6}))
+    longer = {f"{EXACT_LONGER}_{name}": table[f"computed_{name}"] for name in COLUMNS}
+    write_frame(tmp_path / "table1.csv", table.assign(**exact, **longer, **{SPREAD: 4.2e-6}))
     score = pd.DataFrame(
-        [
-            ("score", reading, modulus, force, 7.04, -0.3 * force)
-            for reading in READINGS
-            for modulus in (600.0, 1460.0)
-            for force in (5.0, 0.06)
-        ],
-        columns=["source", "force_read_as", "modulus_MPa", "force_N", "deviation_pct", "deviation_standard_errors"],
+        [("score", modulus, force, 7.04, -0.3 * force) for modulus in (600.0, 1460.0) for force in (5.0, 0.06)],
+        columns=["source", "modulus_MPa", "force_N", "deviation_pct", "deviation_standard_errors"],
     )
     write_frame(tmp_path / "fig3.csv", pd.concat([score, pd.DataFrame({"source": ["experiment"]})]))
-    assert read_values(tmp_path, SCORED, scores_in) == {
-        "forces": ["5", "0.06"],
-        "rows": [
-            [reading, modulus, "+7.0", "+7.0", "1.5", "0.0"] for reading in READINGS for modulus in ("600", "1460")
-        ],
-        "large_N": "2",
-    }
     with sealed_file(tmp_path / "fig3.svg") as draft:
         draft.write_text('<svg xmlns="http://www.w3.org/2000/svg" width="252pt" height="10pt"></svg>')
     write_report([], tmp_path / "report.html")
     text = (tmp_path / "report.html").read_text()
     shown = [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row) for row in re.findall(r"<tr>(<th scope=.row.*?)</tr>", text)]
-    assert ["5", "153", "168", "5.4", "190", "5.4", "4.0", "190.2", "5.41", "4.00", "4e-6"] in shown
-    assert [len(row) for row in shown].count(11) == len(table)
-    assert ["contact force", "600", "+7.0", "+7.0", "1.5", "0.0"] in shown
+    equal = [f"<b>{cell}</b>" for cell in ("190.2", "5.41", "4.00", "190.0", "5.40", "4.00")]
+    assert ["5", "153", "168", "5.4", "190", "5.4", "4.0", *equal, "4e-6"] in shown
+    assert [len(row) for row in shown].count(14) == len(table)
+    scores = [[modulus, "+7.0", "+7.0", "1.5", "0.0"] for modulus in ("600", "1460")]
+    assert [row for row in shown if len(row) == 5] == scores
+    assert 'data-label="measured minus computed speed, %, at 5 N"' in text
     assert "F<sub>m</sub>" in text
     write_frame(tmp_path / "fig3.csv", pd.DataFrame({"source": ["score"], "force_N": [1]}))
     with pytest.raises(InputError, match=r"fig3\.csv"):
@@ -195,7 +186,7 @@ def test_table_1_has_a_row_per_amplitude_and_the_figure_of_speeds_has_its_scores
 
 
 @pytest.mark.parametrize(
-    ("file", "content"), [("table1.csv", "force_N\n1"), ("fig4.svg", "<svg><g></svg>"), ("independent.csv", "id\n1")]
+    ("file", "content"), [("table1.csv", "force_N\n1"), ("fig4.svg", "<svg><g></svg>"), ("claims.csv", "id\n1")]
 )
 def test_a_damaged_file_is_named_in_one_line(file: str, content: str, tmp_path: Path) -> None:
     (tmp_path / file).write_text(content)

@@ -2,26 +2,22 @@
 
 import json
 import re
-from base64 import b64decode
 from collections import Counter
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import pytest
 
 from drivers.base.files import sealed_file
-from postproc.draw.style import pyplot, svg_of
 from validation.chapters import write_table
 from validation.checks import FAIL, NOT_RUN, PASS, Check, without_run
-from validation.claims.cases import read_independent
 from validation.compare.comparison import ComparedScene
 from validation.report.machine_readable import cpu_name
-from validation.report.page_figures import image_of
 from validation.report.write_report import write_report
 from validation.tests.helpers.commands import beads
+from validation.tests.helpers.published import published_checks
 from validation.tests.helpers.runs import checks_of, finished
 from validation.tests.helpers.scenes import SceneWriter, case_of
 
@@ -29,7 +25,7 @@ HOSTILE = """</script><script>throw 1</script><b>&'"{{ 7 * 7 }}]]>\x1b[31m\x00""
 
 
 class Table(HTMLParser):
-    """Cells of the page's verdict tables, and all tags."""
+    """Scene, engine and verdict of the cells of the page's table of verdicts; and all tags."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -44,22 +40,15 @@ class Table(HTMLParser):
         own = dict(attrs)
         if tag == "table":
             self.inside = "verdicts" in (own.get("class") or "").split()
-        if tag == "th" and self.inside:
-            self.row, self.heading = "", own.get("scope") == "row"
-        if tag == "td":
-            self.engine = own.get("data-label") or ""
-        if tag == "b" and self.inside and self.engine:
+        if tag in ("th", "td") and self.inside:
+            self.engine, self.heading = own.get("data-label") or "", own.get("scope") == "row"
+            self.row = "" if self.heading else self.row
+        if tag == "b" and self.inside:
             self.found.append((self.row, self.engine, (own.get("class") or "").replace("-", " ")))
 
     def handle_data(self, data: str) -> None:
-        if self.heading:
+        if self.inside and self.heading:
             self.row += data.strip()
-
-    def handle_endtag(self, tag: str) -> None:
-        if tag == "th":
-            self.heading = False
-        if tag == "table":
-            self.inside = False
 
 
 @pytest.fixture
@@ -75,28 +64,35 @@ def hostile(scene_file: SceneWriter, shared_runs: Path) -> ComparedScene:
 
 @pytest.fixture
 def written(hostile: ComparedScene, tmp_path: Path) -> tuple[str, dict[str, Any]]:
-    """Page and JSON of the hostile scene and of independent cases, one of which fails."""
+    """Page and JSON of the hostile scene and of cases beyond the paper, one of which fails."""
     folder = tmp_path / "results"
-    checks = [check_of(entry.id, engine) for entry in read_independent() for engine in ("yade", "reference")]
-    checks[0] = replace(checks[0], verdict=FAIL, value=0.5)
-    checks[2] = without_run(checks[2].scene, checks[2].engine, "not installed", NOT_RUN)
-    write_table(folder / "independent.csv", Check, checks)
+    *checks, second, last = published_checks(("yade", "reference"))
+    failed = replace(second, verdict=FAIL, value=2 * second.limit)
+    absent = without_run(last.scene, last.engine, "not installed", NOT_RUN)
+    write_table(folder / "claims.csv", Check, [*checks, failed, absent])
     write_report([hostile], folder / "report.html", HOSTILE)
     page, data = (
         (folder / "report.html").read_text(),
         json.loads((folder / "report.json").read_text(), parse_constant=no),
     )
-    assert sorted(path.name for path in folder.glob("[!.]*")) == ["independent.csv", "report.html", "report.json"]
+    assert sorted(path.name for path in folder.glob("[!.]*")) == ["claims.csv", "report.html", "report.json"]
     return page, data
 
 
 def test_the_same_verdicts_in_both(written: tuple[str, dict[str, Any]]) -> None:
     page, data = written
-    shown = set(Table(page).found)
+
+    def in_json(kind: str) -> set[tuple[str, str, str]]:
+        cells = ((row["name"], engine, cell) for row in data[kind] for engine, cell in row["engines"].items())
+        return {(name, engine, cell["verdict"]) for name, engine, cell in cells}
+
+    assert set(Table(page).found) == in_json("scenes")
+    found = in_json("scenes") | in_json("independent")
+    assert {verdict for _, _, verdict in found} == {PASS, FAIL, NOT_RUN}
+    first = page[page.index('class="failures"') : page.index('class="lead"')]
+    failed = re.findall(r"✗ (\S+) fails on (\S+)\.</b>", first)
+    assert sorted(failed) == sorted((engine, name) for name, engine, verdict in found if verdict == FAIL)
     rows = [row for kind in ("scenes", "independent") for row in data[kind]]
-    in_json = {(row["name"], engine, cell["verdict"]) for row in rows for engine, cell in row["engines"].items()}
-    assert shown == in_json
-    assert {verdict for _, _, verdict in in_json} == {PASS, FAIL, NOT_RUN}
     single = Counter(check["verdict"] for row in rows for cell in row["engines"].values() for check in cell["checks"])
     assert Counter({PASS: 0} | data["counts"]["checks"]) == single
 
@@ -106,7 +102,7 @@ def test_hostile_texts_stay_texts(written: tuple[str, dict[str, Any]]) -> None:
     assert Table(page).tags["script"] == 1  # the script that opens folded parts
     assert "<script>throw" not in page
     assert "</script><b>" not in page
-    assert "49" not in re.findall(r"<h2>(.*?)</h2>", page)[0]
+    assert "49" not in re.findall(r"<summary><h3>(.*?)</h3>", page)[0]
     assert data["scenes"][0]["engines"]["yade"]["diagnosis"] == f"matches {HOSTILE}"
 
 
@@ -131,28 +127,6 @@ def test_no_file_is_replaced_unless_both_are_written(hostile: ComparedScene, tmp
         write_report([hostile], tmp_path / "report.html")
     assert (tmp_path / "report.html").read_text() == "old"
     assert sorted(path.name for path in tmp_path.iterdir() if path.suffix != ".toml") == ["report.html", "report.json"]
-
-
-def test_a_picture_is_its_file_with_rounded_coordinates() -> None:
-    """Texts keep their digits; images in the file, clipping, hatches and symbols stay."""
-    figure, axis = pyplot().subplots(figsize=(2, 2))
-    axis.plot(range(200), [x % 7 for x in range(200)], "o", label="once = 3.14159 < url(http://example.org)")
-    axis.imshow([[0, 1], [1, 0]])
-    axis.bar([0, 1], [1, 2], hatch="//")
-    axis.legend()
-    text = svg_of(figure)
-    picture = image_of(text)
-    kind, _, data = picture.address.partition(",")
-    assert kind == "data:image/svg+xml;base64"
-    shown = b64decode(data).decode()
-    whole, small = ElementTree.fromstring(text), ElementTree.fromstring(shown)
-    assert [each.tag for each in small.iter()] == [each.tag for each in whole.iter()]
-    assert "once = 3.14159 &lt; url(http://example.org)" in shown
-    assert len(shown) < 0.95 * len(text)
-    for each, own in zip(whole.iter(), small.iter(), strict=True):
-        for name in ("x", "y"):
-            assert float(own.get(name, 0)) == pytest.approx(float(each.get(name, 0)), abs=0.01)
-    assert picture.width_px == round(1.6 * float(whole.attrib["width"].removesuffix("pt")))
 
 
 def test_a_hostile_figure_is_bytes_in_the_page(tmp_path: Path) -> None:
@@ -189,12 +163,6 @@ def test_a_processor_has_a_name(tmp_path: Path) -> None:
     file.write_text("processor : 0\nmodel name : Some Chip: fast\n")
     assert cpu_name(file) == "Some Chip: fast"
     assert cpu_name(tmp_path / "none")
-
-
-def check_of(case: str, engine: str) -> Check:
-    """Check of an independent case that passes."""
-    reason = "a reason of some length"
-    return Check(case, engine, "peak_force_N against theory", 0.0, 0.1, reason, "found 1 N: a source", PASS, 1.0, 1.0)
 
 
 def no(constant: str) -> None:
