@@ -32,8 +32,6 @@ if TYPE_CHECKING:
 
 Row = TypeVar("Row", bound="DataclassInstance")
 CHAPTERS = ("claims", "calibration", "trade", "stability", "elements")
-ORDER_4, ADAPTIVE = "order 4", "adaptive"  # in-repo methods that are no engines
-DONE, FAILED, NOT_RUN = "done", "failed", "not run"  # status of a run
 Tables = Mapping[str, pd.DataFrame]
 
 

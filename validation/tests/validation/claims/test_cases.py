@@ -19,9 +19,9 @@ from validation.checks import FAIL, NOT_RUN, PASS, RUN, Check, without_run
 from validation.claims.cases import MEASURES, Posed, pose, read_independent, unit_of
 from validation.claims.judged import IN_REPO, judge_cases
 from validation.tests.helpers.commands import assert_in_order, beads
-from validation.tests.validation.claims.published import published_checks
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import EnginesWriter, StandIn
+from validation.tests.validation.claims.published import published_checks
 
 CASE = """
 [[case]]

@@ -31,8 +31,8 @@ from validation.claims.judged import (
 )
 from validation.claims.paper_numbers import paper_numbers
 from validation.report.write_report import write_report
-from validation.tests.validation.claims.published import published_checks
 from validation.tests.helpers.runs import need
+from validation.tests.validation.claims.published import published_checks
 
 pytestmark = pytest.mark.long
 

@@ -32,9 +32,9 @@ from validation.tests.helpers.browser import (
     view,
 )
 from validation.tests.helpers.commands import beads
-from validation.tests.helpers.published import published_checks
 from validation.tests.helpers.runs import blown_up, checks_of, finished, run_and_compare
 from validation.tests.helpers.scenes import BASE, STRIKER, WALL, case_of
+from validation.tests.validation.claims.published import published_checks
 
 pytestmark = pytest.mark.page
 

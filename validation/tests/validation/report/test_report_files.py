@@ -17,9 +17,9 @@ from validation.compare.comparison import ComparedScene
 from validation.report.machine_readable import cpu_name
 from validation.report.write_report import write_report
 from validation.tests.helpers.commands import beads
-from validation.tests.helpers.published import published_checks
 from validation.tests.helpers.runs import checks_of, finished
 from validation.tests.helpers.scenes import SceneWriter, case_of
+from validation.tests.validation.claims.published import published_checks
 
 HOSTILE = """</script><script>throw 1</script><b>&'"{{ 7 * 7 }}]]>\x1b[31m\x00"""
 
