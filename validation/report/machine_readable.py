@@ -53,8 +53,8 @@ def made_with(scenes: Sequence[ComparedScene], command: str) -> dict[str, Any]:
 
 
 def when_made(results: Path) -> list[tuple[str, str]]:
-    """File and date of each table of a results folder."""
-    return [(paths.shown(path), _utc(path.stat().st_mtime)) for path in sorted(results.glob("*.csv"))]
+    """Name and date of each table of a results folder."""
+    return [(path.name, _utc(path.stat().st_mtime)) for path in sorted(results.glob("*.csv"))]
 
 
 def _utc(seconds: float) -> str:
