@@ -315,7 +315,7 @@ def test_the_page_shows_every_verdict(judged: list[JudgedClaim], tmp_path: Path)
     page = html.unescape((tmp_path / "report.html").read_text())
     for each in judged:
         assert each[0].quote in page, each[0].id
-    assert "Our criterion" in page
+    assert "our criterion" in page
     assert "depends on the reading" in page.lower()
     for untested in read_claims().untested:
         assert untested.reason in page
