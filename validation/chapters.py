@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 Row = TypeVar("Row", bound="DataclassInstance")
 CHAPTERS = ("claims", "calibration", "trade", "stability", "elements")
 Tables = Mapping[str, pd.DataFrame]
+Picture = tuple[str, Callable[[], Any] | None]  # heading in the report, and the function that draws the figure
 
 
 def frame_of(kind: type[Row], rows: Iterable[Row]) -> pd.DataFrame:
@@ -90,21 +91,6 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Picture:
-    """Figure of a chapter, stored as SVG and PNG.
-
-    Attributes:
-        title: heading in the report; empty for a figure that the report leaves out.
-        draw: draws the figure from the tables; None if ``measure`` returns the figure itself.
-        numbers: plotted numbers, stored as CSV with the figure; None to store none.
-    """
-
-    title: str
-    draw: Callable[[], Any] | None
-    numbers: pd.DataFrame | None = None
-
-
-@dataclass(frozen=True)
 class Chapter:
     """A chapter, from its runs to its section of the report; tables and figures have the names of their files.
 
@@ -114,7 +100,7 @@ class Chapter:
         measure: runs everything; returns rows by table, and figures that cannot be drawn from the tables.
         sentences: findings, computed from the tables.
         section: values for the report's template, in addition to sentences and figures.
-        figures: pictures by name.
+        figures: heading of each figure and the function that draws it, by name; None if ``measure`` returns the figure.
         judge: checks computed from the tables, besides the checks that tables hold.
         optional: tables that the short form does not write.
     """
@@ -201,10 +187,8 @@ def write_chapter(chapter: Chapter, measured: Mapping[str, Any], results: Path) 
             remove_sealed_file(results / f"{name}.csv")
     results.mkdir(parents=True, exist_ok=True)
     pictures = chapter.figures(tables)
-    for name, picture in pictures.items():
-        write_figure(picture.draw() if picture.draw else measured[name], name, results)
-        if picture.numbers is not None:
-            write_frame(results / f"{name}.csv", picture.numbers)
+    for name, (_, draw) in pictures.items():
+        write_figure(draw() if draw else measured[name], name, results)
     for path in (*results.glob(f"{chapter.name}-*.svg"), *results.glob(f"{chapter.name}-*.png")):
         if path.stem not in pictures:
             remove_sealed_file(path)
@@ -229,7 +213,7 @@ def read_section(name: str, results: Path) -> dict[str, Any]:
         return {}
     tables = chapter.read(results)
     with refused_if_damaged(main, name):
-        pictures = {stem: each.title for stem, each in chapter.figures(tables).items() if each.title}
-        images = ((title, read_image(results / f"{stem}.svg", name)) for stem, title in pictures.items())
+        drawn = chapter.figures(tables).items()
+        images = [(title, read_image(results / f"{stem}.svg", name)) for stem, (title, _) in drawn]
         figures = [(title, image) for title, image in images if image]
         return {"sentences": list(chapter.sentences(tables)), "figures": figures, **chapter.section(tables)}

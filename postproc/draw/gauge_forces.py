@@ -13,22 +13,19 @@ from postproc.read.sensors import sensor_signals
 
 WIDTH_IN = 4.2  # legible on a phone
 PANEL_IN = 0.92  # two panels, text and verdicts fit on the first screen of the report
-MAX_GAUGES = 4  # panels; the table of observables has all gauges
+MAX_GAUGES = 4  # panels of forces; the table of observables has all gauges
 LEGEND_COLUMNS = 3
 
 
-def draw_gauge_forces(
-    layout: Layout, traces: Mapping[str, Trace], failed: Mapping[str, Trace], gauges: int = MAX_GAUGES
-) -> Any:
+def draw_gauge_forces(layout: Layout, traces: Mapping[str, Trace], failed: Mapping[str, Trace]) -> Any:
     """Draws a panel for each gauge, and a panel of the largest difference over all contacts.
 
-    Differences are from the exact motion and from velocity Verlet; without both, from the first engine.
+    Of many gauges those closest to the wall are drawn. Differences are from the exact motion and from velocity Verlet; without both, from the first engine.
 
     Args:
         layout: Layout of the chain.
         traces: Traces by engine, of equal sample times; at least one, here or in ``failed``.
         failed: Partial traces of failed runs by engine, at the same times.
-        gauges: Largest number of panels of forces; the gauges closest to the wall are drawn.
 
     Returns:
         The figure; None without a gauge and without a difference.
@@ -36,7 +33,7 @@ def draw_gauge_forces(
     everything = {**traces, **failed}
     labels = {engine: failed_label(engine) if engine in failed else engine for engine in drawing_order([*everything])}
     signals = {engine: sensor_signals(layout, trace) for engine, trace in everything.items()}
-    names = [*next(iter(signals.values()))][-gauges:]
+    names = [*next(iter(signals.values()))][-MAX_GAUGES:]
     baselines = [name for name in (REFERENCE, VERLET) if name in traces] or [*traces][:1]
     found = {baseline: residuals(everything, baseline) for baseline in baselines}
     found = {baseline: shares for baseline, shares in found.items() if shares}

@@ -189,12 +189,14 @@ def section(tables: Tables) -> Mapping[str, Any]:
 def figures(tables: Tables) -> dict[str, Picture]:
     """Measured against fitted numbers, and contours of chi-square."""
     data = [row for row in rows_in(tables[DATA], DatumRow) if row.data == DEFAULT and row.data_set != NOT_FITTED]
-    found = {FITS: Picture("Measured and fitted numbers, with the errors of both", lambda: draw_data(data))}
+    found: dict[str, Picture] = {
+        FITS: ("Measured and fitted numbers, with the errors of both", lambda: draw_data(data))
+    }
     if len(tables[CONTOURS]):
         points, fits = rows_in(tables[CONTOURS], ContourRow), rows_in(tables[FITS], FitRow)
         caption = "Chi-square of the viscoelastic law over modulus and restitution; 1 is elastic"
         parameters = rows_in(tables[PARAMETERS], Parameter)
-        found[CONTOURS] = Picture(caption, lambda: draw_contours(points, fits, parameters))
+        found[CONTOURS] = (caption, lambda: draw_contours(points, fits, parameters))
     return found
 
 

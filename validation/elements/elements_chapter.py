@@ -120,8 +120,8 @@ def figures(tables: Tables) -> dict[str, Picture]:
     effects = tables["elements"]
     title = "Largest change by each element, and its cost"
     words = "gauge signals, step by step from the elastic line to the experiment"
-    return {"elements": Picture(title, partial(draw_effects, effects))} | {
-        f"oscilloscope-{scene}": Picture(f"{scene}: {words}", None) for scene in effects["scene"].unique()
+    return {"elements": (title, partial(draw_effects, effects))} | {
+        f"oscilloscope-{scene}": (f"{scene}: {words}", None) for scene in effects["scene"].unique()
     }
 
 

@@ -120,7 +120,7 @@ def figures(tables: Tables) -> dict[str, Picture]:
         "rounding": ("stability-rounding", draw_rounding, "Relative error of a contact force against the overlap"),
     }
     return {
-        f"stability-{name}": Picture(title, partial(draw, tables[table]))
+        f"stability-{name}": (title, partial(draw, tables[table]))
         for name, (table, draw, title) in drawn.items()
         if table in tables
     }

@@ -118,7 +118,7 @@ def _usual(advised: pd.DataFrame, scene: str) -> pd.DataFrame:
 def figures(tables: Tables) -> dict[str, Picture]:
     """Error of the force against time, for all scenes."""
     words = "Largest error of the force against the time of the loop, by scene"
-    return {"trade": Picture(words, partial(draw_trade, tables["trade"]))}
+    return {"trade": (words, partial(draw_trade, tables["trade"]))}
 
 
 def draw_trade(rows: pd.DataFrame) -> Any:

@@ -172,7 +172,7 @@ def test_the_short_study_gives_tables_sentences_figures_and_the_parameters_of_th
         ContourRow(reading, modulus, e, 14 + (modulus / 1e9 - 0.8) ** 2 * 100 + (e - 0.9) ** 2 * 5e3)
         for reading in ("default",) for e in np.linspace(0.8, 1, 5) for modulus in np.geomspace(0.3e9, 2e9, 5)
     ]  # fmt: skip
-    drawn = figures(dict(tables) | {CONTOURS: frame_of(ContourRow, points)})[CONTOURS].draw
+    drawn = figures(dict(tables) | {CONTOURS: frame_of(ContourRow, points)})[CONTOURS][1]
     assert drawn is not None
     assert len(drawn().axes[0].collections) == 1
 
