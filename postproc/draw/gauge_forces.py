@@ -20,7 +20,8 @@ LEGEND_COLUMNS = 3
 def draw_gauge_forces(layout: Layout, traces: Mapping[str, Trace], failed: Mapping[str, Trace]) -> Any:
     """Draws a panel for each gauge, and a panel of the largest difference over all contacts.
 
-    Of many gauges those closest to the wall are drawn. Differences are from the exact motion and from velocity Verlet; without both, from the first engine.
+    Of many gauges those closest to the wall are drawn. Differences are from the exact motion and from velocity Verlet;
+    without both, from the first engine.
 
     Args:
         layout: Layout of the chain.
