@@ -106,7 +106,7 @@ def test_the_file_for_programs_has_unmet_requirements(command: Command, tmp_path
     assert command("report", "--require", required) == 1
     data = json.loads((tmp_path / "out" / "page.json").read_text())
     assert data["unmet"].keys() == {required}
-    assert data["made_with"]["command"].endswith(f" --engines {tmp_path}/own-engines.toml --require {required}")
+    assert data["made_with"]["command"].endswith(f" --require {required} --engines {tmp_path}/own-engines.toml")
     assert data["scenes"][0]["command"].endswith(f" --engines {tmp_path}/own-engines.toml")
     page = (tmp_path / "out" / "page.html").read_text().replace("&#39;", "'")
     assert data["unmet"][required] in page
