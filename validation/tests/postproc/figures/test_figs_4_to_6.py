@@ -90,8 +90,9 @@ def test_the_speed_marked_in_fig_4_is_the_stated_one(made: dict[str, Product]) -
 @pytest.mark.long
 def test_fig_5_has_the_differences_of_the_incident_pulse(made: dict[str, Product]) -> None:
     expected = {
-        "b": (30.78, -0.01247, 403.6, 53.0, -0.01738, 438.0), "a": (39.54, -0.01052, 651.7, 70.06, -0.01376, 626.0),
-    }  # fmt: skip
+        "b": (30.78, -0.01247, 403.6, 53.0, -0.01738, 438.0),
+        "a": (39.54, -0.01052, 70.06, -0.01376),  # with dissipation the pulse does not end before the reflected wave
+    }
     for engine in ENGINES:
         for panel, numbers in expected.items():
             assert [*_numbers(made["fig5"], panel, engine).values()][3:] == pytest.approx(numbers, rel=2e-3)
