@@ -4,8 +4,8 @@ The printed computed numbers fit 20 beads and the striker: 12 of 15 equal the ex
 below the striker 6 do.
 
 F_m: peak of the sensors' average above its static value; each engine solves for the striker speed that gives it.
-Experiment and paper as printed; E = 1.46 GPa, under gravity. Widths L/2R at 0.2 % and 4 % of the peak. Deviation of
-codes: largest of any of the three numbers from the exact ones of 20 beads.
+Experiment and paper's calculation as printed; E = 1.46 GPa, under gravity. Widths L/2R: twice the front half, from
+0.2 % or 4 % of the peak. Deviation of codes: the largest, from the exact numbers of 20 beads.
 """
 
 from pathlib import Path
@@ -24,7 +24,7 @@ DIGITS = (0, 1, 1)  # decimals of the paper's computed numbers
 LONGER = 21  # beads below the striker in the other reading of the paper's chain
 EXACT_LONGER = f"exact_{LONGER}"
 # heading, first and last column
-GROUPS = (("experiment", 1, 3), ("paper", 4, 6), ("exact, 20 beads", 7, 9), ("exact, 21 beads", 10, 12))
+GROUPS = (("experiment", 1, 3), ("paper, computed", 4, 6), ("exact, 20 beads", 7, 9), ("exact, 21 beads", 10, 12))
 ROW_IN, HEAD = 0.19, 3.2  # height of a row in inches, height of the headings in rows
 
 

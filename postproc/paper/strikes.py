@@ -223,18 +223,18 @@ def measured_points() -> pd.DataFrame:
 
 
 @cache
-def _simulated(force_N: float, modulus_MPa: float) -> tuple[float, float]:
+def _simulated(force_N: float, modulus_MPa: float, amplitude: Amplitude = sensor_amplitude) -> tuple[float, float]:
     """Speed between the sensors in m/s at an amplitude, and its logarithmic derivative by the amplitude."""
-    one = strike_for(force_N, sensor_amplitude, f"materials.ptfe.youngs_modulus={modulus_MPa} MPa")
+    one = strike_for(force_N, amplitude, f"materials.ptfe.youngs_modulus={modulus_MPa} MPa")
     other = exact(_struck_at(one.case, -SPEED_RATIO * float(one.case.chain.velocity_m_s[-1])))
     speed, faster = speed_between_sensors(one), speed_between_sensors(other)
-    return speed, float(np.log(faster / speed) / np.log(sensor_amplitude(other) / sensor_amplitude(one)))
+    return speed, float(np.log(faster / speed) / np.log(amplitude(other) / amplitude(one)))
 
 
-def deviations(modulus_MPa: float) -> Array:
-    """Relative deviation of the measured from the simulated speed. Shape (amplitudes,)."""
+def deviations(modulus_MPa: float, amplitude: Amplitude = sensor_amplitude) -> Array:
+    """Relative deviation of the measured from the simulated speed at equal amplitudes. Shape (amplitudes,)."""
     points = measured_points()
-    simulated = np.array([_simulated(force, modulus_MPa)[0] for force in points["force_N"]])
+    simulated = np.array([_simulated(force, modulus_MPa, amplitude)[0] for force in points["force_N"]])
     return np.asarray(points["speed_m_s"].to_numpy() / simulated - 1)
 
 

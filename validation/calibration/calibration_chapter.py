@@ -163,7 +163,8 @@ def section(tables: Tables) -> Mapping[str, Any]:
     ]
     numbers: dict[str, list[DatumRow]] = {}
     for row in shown:
-        numbers.setdefault(name_of(row.data_set, row.datum), []).append(row)
+        name = row.datum if row.data_set == NOT_FITTED else name_of(row.data_set, row.datum)
+        numbers.setdefault(name, []).append(row)
     return {
         "short": not _full(rows),
         "conclusions": list(conclusions(tables)) if _full(rows) else stored_conclusions(),

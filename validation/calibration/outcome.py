@@ -219,6 +219,7 @@ def _datum(found: Fit, law: str, reading: str, datum: Datum, *, leave_out: bool,
         )
     value, error = _number(found, datum.data_set, number)
     unit = describe(datum.name).unit or datum.name.rpartition("_")[2]
+    unit = f"1/{unit}" if datum.name.endswith(f"_per_{unit}") else unit
     off = (value - number.value) / number.error
     row = DatumRow(
         law,

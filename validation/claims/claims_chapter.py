@@ -33,6 +33,7 @@ from validation.claims.judged import (
 )
 
 REMEDY = "run make claims"
+VERDICTS = (REPRODUCED, DIFFERS)
 RELATIONS = {"equals": "", "at most": "≤ ", "at least": "≥ "}
 JudgedClaim = tuple[Claim, list[Check]]
 GROUPS: dict[
@@ -40,7 +41,7 @@ GROUPS: dict[
 ] = {  # descriptions of kinds, by kind and by whether the criterion is ours; in the order of the report
     (PHYSICS, False): "can fail on physics, by a number or a direction of the paper",
     (PHYSICS, True): "can fail on physics, by our criterion for the paper's words",
-    (FITTED, False): "by a law whose parameters were fitted to the same numbers",
+    (FITTED, False): "decided by the fitted law of dissipation: by its form, or by a fit to the same numbers",
     (CERTAIN, False): "true by similarity, construction or a bound: these check the simulations",
     (ARITHMETIC, False): "arithmetic of the paper's own numbers",
 }
@@ -73,6 +74,9 @@ class Statement:
 def measure(options: Options) -> dict[str, Any]:
     """Judges the paper's claims and the shipped cases; with a file of own cases, these alone."""
     own = options.file != paths.INDEPENDENT
+    for entry in read_independent(options.file):
+        if entry.id in {claim.id for claim in read_claims().claim}:
+            raise InputError(paths.shown(options.file), f"case {entry.id}", "the id of a statement of the paper")
     claims = [] if own else judge_claims(options.runs)
     return {"claims": [*claims, *judge_cases(options.file, options.runs)]}
 
@@ -122,9 +126,15 @@ def sentences(tables: Tables) -> list[str]:
 
 def headline(judged: Sequence[JudgedClaim]) -> str:
     """Number of reproduced statements among those that can fail on physics."""
-    verdicts = Counter(verdict_of(each) for each in judged if each[0].kind == PHYSICS)
-    good, whole = verdicts[REPRODUCED], verdicts.total()
-    return f"{good} of {whole} statements of the paper that can fail on physics are reproduced."
+    counts = Counter((each[0].ours, verdict_of(each)) for each in judged if each[0].kind == PHYSICS)
+    (good, whole), (theirs, all_theirs), (ours, all_ours) = (
+        (sum(counts[own, REPRODUCED] for own in owners), sum(counts[own, each] for own in owners for each in VERDICTS))
+        for owners in ((False, True), (False,), (True,))
+    )
+    return (
+        f"{good} of {whole} statements of the paper that can fail on physics are reproduced: {theirs} of {all_theirs}"
+        f" by a number or direction of the paper, {ours} of {all_ours} by our criterion for its words."
+    )
 
 
 def misfit(judged: Sequence[JudgedClaim]) -> str:
@@ -132,7 +142,7 @@ def misfit(judged: Sequence[JudgedClaim]) -> str:
     off = [each[0] for each in judged if each[0].kind == PHYSICS and verdict_of(each) == DIFFERS]
     counts, causes = Counter(claim.cause for claim in off), read_claims().causes
     parts = [f"{causes.get(cause, 'other causes')} ({count})" for cause, count in counts.most_common()]
-    return f"{len(off)} differ: {'; '.join(parts)}." if off else ""
+    return f"{len(off)} statements differ: {'; '.join(parts)}." if off else ""
 
 
 def verdict_of(judged: JudgedClaim) -> str:
@@ -202,7 +212,7 @@ def _statement(claim: Claim, checks: list[Check]) -> Statement:
             words
             for words, said in (
                 ("our criterion", claim.ours),
-                ("fitted", claim.kind == FITTED),
+                ("by the fitted law", claim.kind == FITTED),
                 ("depends on the reading", hangs(checks)),
             )
             if said

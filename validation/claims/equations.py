@@ -70,9 +70,9 @@ def width_at_half(amplitude: float) -> float:
     return float(np.ptp(wave.place[wave.force_N > wave.force_N.max() / 2]))
 
 
-def averaged_width() -> float:
-    """Width of the averaged force at 0.2 % of its peak, in diameters."""
-    return solve_travelling_wave().width(0.002, averaged=True)
+def wave_width(of: str) -> float:
+    """Width of the exact wave at 0.2 % of its peak, of the averaged or of the contact force, in diameters."""
+    return solve_travelling_wave().width(0.002, averaged=of == "average")
 
 
 def averaging_lowers() -> float:
@@ -82,7 +82,7 @@ def averaging_lowers() -> float:
 
 def averaging_widens() -> float:
     """Width of the averaged force at 0.2 % divided by that of the contact force."""
-    return averaged_width() / solve_travelling_wave().width(0.002, averaged=False)
+    return wave_width("average") / wave_width("contact")
 
 
 def energy_in_five(outer_share: float) -> float:

@@ -183,19 +183,19 @@ def solved(table: SolvedTable, force_N: float, column: str, beads: float, force_
     return {engine: row[f"{engine}_{column}"] for engine in engines_of(rows)}
 
 
-def misfit(modulus_MPa: float, forces: str) -> float:
-    """Deviation of measured from simulated speeds at equal averages of the gauges, root mean square, per cent."""
-    return float(100 * np.sqrt((deviations(modulus_MPa)[ROWS[forces]] ** 2).mean()))
+def misfit(modulus_MPa: float, forces: str, force_is: str) -> float:
+    """Deviation of measured from simulated speeds at equal amplitudes, root mean square over some forces, per cent."""
+    return float(100 * np.sqrt((deviations(modulus_MPa, READINGS[force_is])[ROWS[forces]] ** 2).mean()))
 
 
-def misfit_ratio(modulus_MPa: float, other_MPa: float, forces: str) -> float:
+def misfit_ratio(modulus_MPa: float, other_MPa: float, forces: str, force_is: str = "average of the sensors") -> float:
     """Deviation of measured from simulated speeds for one modulus divided by that for another, over some forces."""
-    return misfit(modulus_MPa, forces) / misfit(other_MPa, forces)
+    return misfit(modulus_MPa, forces, force_is) / misfit(other_MPa, forces, force_is)
 
 
-def nearest(forces: str) -> float:
+def nearest(forces: str, force_is: str) -> float:
     """Modulus for which simulated speeds agree best with the measured ones, MPa."""
-    return min(quoted().ptfe_moduli_MPa, key=lambda modulus: misfit(modulus, forces))
+    return min(quoted().ptfe_moduli_MPa, key=lambda modulus: misfit(modulus, forces, force_is))
 
 
 def width_by_diameter(run: Run) -> float:

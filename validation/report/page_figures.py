@@ -49,7 +49,8 @@ def refused_if_damaged(path: Path, target: str) -> Iterator[None]:
     except FileNotFoundError as error:
         raise InputError(paths.shown(path), "", f"file not found; make {target} writes it") from error
     except (ValueError, LookupError, TypeError, AttributeError) as error:  # errors of pandas and of XML among them
-        raise InputError(paths.shown(path), "", f"damaged file ({error}); make {target} writes it again") from error
+        found = f"damaged file, or one of another version ({error}); make {target} writes it again"
+        raise InputError(paths.shown(path), "", found) from error
 
 
 def image_of(svg: str) -> Image:

@@ -148,36 +148,43 @@ def source_of(scene: Scene) -> str:
 FITTED_PARAMETERS = "parameters.svg"  # in the folder of a fit
 
 
-def overlay_of(case: Case, engine: str, trace: Trace) -> dict[str, Any]:
+def overlay_of(case: Case, engine: str, trace: Trace, results: Path) -> dict[str, Any]:
     """Overlay of a scene's measured traces or quoted values on the run of an engine.
 
     ``image`` is None if only values are quoted, ``rows`` has a row for each quantity under ``headings``, ``remarks``
     are sentences on lengths and gains, and ``problem`` says why the traces do not fit the run; else it is empty.
-    ``parameters`` is the figure of fitted parameters in the folder of a scene that ``beads fit`` wrote, else None.
+    ``far`` is the misfit that is largest in standard errors, or None. ``parameters`` is the figure of fitted
+    parameters, and ``fitted`` the scene of the fit, if ``beads fit`` wrote this scene or one for it in ``results``.
     """
     scene = case.scene
     overlay: dict[str, Any] = {"engine": engine, "image": None, "headings": HEADINGS}
-    figure = scene.folder / FITTED_PARAMETERS if scene.name.startswith("fit-") else None
-    parameters = image_of(figure.read_text(encoding="utf-8")) if figure and figure.is_file() else None
-    overlay |= {"rows": [], "remarks": [], "problem": "", "parameters": parameters}
+    own = scene.name.startswith("fit-")
+    fit = scene.folder if own else results / f"fit-{scene.name}"
+    figure, fitted = fit / FITTED_PARAMETERS, fit / f"fit-{scene.name}.toml"
+    parameters = image_of(figure.read_text(encoding="utf-8")) if figure.is_file() else None
+    fitted_scene = paths.shown(fitted) if parameters and not own else ""
+    overlay |= {"rows": [], "remarks": [], "problem": "", "far": None, "parameters": parameters, "fitted": fitted_scene}
     try:
         curves, found, remarks = lay_over(*entries_of(scene, None, scene.file), case.layout, trace)
     except InputError as error:  # the file was read before; it does not fit the run
         return overlay | {"problem": str(error)}
     drawn = draw_overlay(case.layout, trace, engine, curves, found) if curves else None
     image = image_of(svg_of(drawn.figure)) if drawn else None
-    return overlay | {"image": image, "rows": misfit_rows(found), "remarks": remarks}
+    known = [each for each in found if not math.isnan(each.errors_off)]
+    far = max(known, key=lambda each: abs(each.errors_off), default=None)
+    return overlay | {"image": image, "rows": misfit_rows(found), "remarks": remarks, "far": far}
 
 
 FORCE_RANGE = 2.0  # largest drawn force of a failed run, over the largest force of the finished runs
 
 
 @cache  # the page is written after each step
-def section_of(scene: ComparedScene, runs: Path | None = None) -> dict[str, Any]:
+def section_of(scene: ComparedScene, results: Path, runs: Path | None = None) -> dict[str, Any]:
     """Values of the page's section on a compared scene; lists are in the order of the page.
 
     Args:
         scene: the compared scene.
+        results: folder of the page.
         runs: folder of its run folders if not the default.
 
     Returns:
@@ -216,7 +223,7 @@ def section_of(scene: ComparedScene, runs: Path | None = None) -> dict[str, Any]
         "judged": [(name, *own, _limits_of(filter(None, own))) for name, own in judged.items()],
         "forces": _forces_picture(scene),
         "left_out": max(0, len(gauges_of(case.layout)) - MAX_GAUGES),
-        "overlay": overlay_of(case, shown, trace) if trace and case.scene.measured else None,
+        "overlay": overlay_of(case, shown, trace, results) if trace and case.scene.measured else None,
         "chain": image_of(svg_of(draw_spacetime({shown: trace}).figure)) if trace else None,
         "departures": list(scene.departures.items()),
         "budget": sorted(budget, key=lambda line: order.index(line[0])),

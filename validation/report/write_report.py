@@ -82,11 +82,14 @@ def report(
     names = Counter(scene.name for scene in scenes)
     for name in (name for name, count in names.items() if count > 1):
         raise InputError("report", "", f"two scenes named {name}", "scenes of different names")
-    for scene in scenes:
-        if scene.measured:  # report wrong files before any run
+    sections = tuple(SECTIONS) if studies or not sources else ()
+    for scene in scenes:  # wrong files are reported before any run
+        if scene.measured:
             read_traces(scene, gauges_of(build_case(scene).layout))
+    for name in () if studies else sections:
+        _section(name, page.parent, ())
     to_come = [name for name in (*captions(), *CHAPTERS) if studies and not _made(name, page.parent)]
-    steps, sections = 1 + len(to_come), tuple(SECTIONS) if studies or not sources else ()
+    steps = 1 + len(to_come)
     with step("scenes on all engines, compared", 1, steps):
         compared = [*run_and_compare_all(sources or PAPER, runs=folder, asked=asked)]
         absent = {engine: why for scene in reversed(compared) for engine, why in scene.absent.items()}
@@ -99,7 +102,7 @@ def report(
         with step(named(_title(name), options), number, steps):
             try:
                 _make(name, options)
-            except (RunError, InputError) as error:  # continue with the other parts
+            except (RunError, InputError, OSError) as error:  # continue with the other parts
                 say(f"{name}: {error}")
                 failed = True
             to_come.remove(name)
@@ -130,10 +133,10 @@ def _made(part: str, results: Path) -> bool:
     main = results / f"{part if figure else load_chapter(part).main_table}.csv"
     try:
         there = bool(read_image(main.with_suffix(".svg"), part) if figure else read_section(part, results))
-    except InputError as error:
+        return there and (part in QUICK_CHAPTERS or up_to_date(main))
+    except (InputError, OSError) as error:  # such as a folder in place of a file
         say(str(error))
         return False
-    return there and (part in QUICK_CHAPTERS or up_to_date(main))
 
 
 def _failed(name: str, results: Path) -> Sequence[Check]:
@@ -177,7 +180,7 @@ def write_report(
     sections = {name: _section(name, results, to_come) for name in names}
     claims = sections.get("claims")
     cases = case_rows(claims or {})
-    about = [section_of(scene, runs) for scene in scenes]
+    about = [section_of(scene, results, runs) for scene in scenes]
     rows = [each["row"] for each in about]
     engines = in_order(engine for row in (*rows, *cases) for engine in row.cells)
     verdicts = {row.name: {name: cell.verdict for name, cell in row.cells.items()} for row in cases}

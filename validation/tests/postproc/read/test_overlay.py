@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 from scipy.interpolate import make_interp_spline
 
+from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.chain.trace import Trace
 from drivers.run.run import run_case
@@ -305,7 +306,7 @@ def test_remarks_are_printed_and_reported(tmp_path: Path) -> None:
     assert "the run ends 0.6 ms after the impact: 0.178 ms of readings after it are not compared" in length
     assert "bead_9, bead_5: readings are about 1000 times the computed force (mV read as V?): measured.0.gain" in gain
     made = exact(case_of("example-measured", *settings))
-    assert overlay_of(made.case, "reference", made.trace)["remarks"] == [length, gain]
+    assert overlay_of(made.case, "reference", made.trace, paths.RESULTS)["remarks"] == [length, gain]
 
 
 def test_the_plan_reads_the_measured_files() -> None:

@@ -226,7 +226,6 @@ def test_numbers_quoted_twice_are_the_same() -> None:
     paper = quoted()
     assert claims["fig4-force"] == paper.fig4_leading_force_N
     assert claims["fig4-speed"] == paper.fig4_speed_m_s
-    assert claims["fig4-duration"] == paper.fig4_duration_us
     assert claims["fig5-envelope"] == paper.fig5_computed_envelope_per_us
     assert claims["fig5-rise"] == paper.fig5_incident_rise_us
     assert claims["fig5-decay"] == paper.fig5_incident_decay_per_us
@@ -249,7 +248,7 @@ def test_readings_are_shown_where_the_verdict_hangs_on_them(judged: list[JudgedC
     }
     envelope = by_id["fig5-envelope"]
     assert [round(check.found, 4) for check in envelope] == [-0.006, -0.0049, -0.0065]
-    assert [check.verdict for check in envelope] == [REPRODUCED, DIFFERS, DIFFERS]
+    assert {check.verdict for check in envelope} == {DIFFERS}
     assert [check.verdict for check in by_id["table1-5N-speed"]] == [REPRODUCED, REPRODUCED, DIFFERS]
     assert hangs(by_id["fig5-rise"])
     collision = [round(check.found, 3) for check in by_id["collision-secondary"]]
@@ -265,7 +264,7 @@ def test_the_printed_numbers_choose_twenty_beads(judged: list[JudgedClaim]) -> N
         reading.words for whole, checks in table1 for reading in whole.readings for check in checks
         if check.engine == "reference" and check.quantity.endswith(f"({reading.words})") and check.verdict == REPRODUCED
     )  # fmt: skip
-    assert hits["20 beads and the striker"] == 12
+    assert hits["20 beads and the striker, widths twice the front half"] == 12
     assert hits["21 beads below the striker"] == 6
 
 
@@ -273,7 +272,7 @@ def test_the_headline_counts_only_statements_that_can_fail_on_physics(judged: li
     physics = [each for each in judged if each[0].kind == PHYSICS]
     off = [each for each in physics if verdict_of(*each) == DIFFERS]
     assert headline(judged).startswith(f"{len(physics) - len(off)} of {len(physics)} statements")
-    assert misfit(judged).startswith(f"{len(off)} differ: ")
+    assert misfit(judged).startswith(f"{len(off)} statements differ: ")
     assert {each[0].cause for each in off} == set(read_claims().causes)
 
 

@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.files import SEALS, sealed_file
 from drivers.chain.trace import until
@@ -111,7 +112,7 @@ def test_the_partial_trace_of_a_failed_run_is_shown(compared: ComparedScene, tmp
     departures = {"yade": first_departure(compared.case, "yade", refused["yade"])}
     checks = checks_of(compared.case, compared.runs, absent)
     sick = replace(compared, absent=absent, checks=checks, departures=departures, refused=refused)
-    section = section_of(sick)
+    section = section_of(sick, paths.RESULTS)
     assert section["forces"]
     assert section["departures"] == [*departures.items()]
     assert {engine for engine, _, _ in section["decks"]} == {"yade", "liggghts"}
@@ -124,7 +125,7 @@ def test_the_partial_trace_of_a_failed_run_is_shown(compared: ComparedScene, tmp
 
 
 def test_a_failed_run_without_a_trace_has_its_deck(compared: ComparedScene) -> None:
-    section = section_of(compared)
+    section = section_of(compared, paths.RESULTS)
     assert [(engine, file) for engine, file, _ in section["decks"]] == [("yade", "chain.py")]
     assert "hertzian=True" in section["decks"][0][2]
 
