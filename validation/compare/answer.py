@@ -59,7 +59,7 @@ def _agreement(scenes: Sequence[ComparedScene], checks: Iterable[Check], engines
     same = [c.value for c in forces if c.quantity == f"{MODEL}: {FORCE}" and not _in_repository(c.engine)]
     exact = [c.value for c in forces if c.quantity == f"{ERROR}: {FORCE}"]
     steps = "at this time step" if len(scenes) == 1 else "at their time steps"
-    parts = [f"with the same scheme to {short(max(same))}"] if same else []
+    parts = [f"with velocity Verlet at the same step to {short(max(same))}"] if same else []
     parts += [f"with the exact motion to {short(max(exact))} {steps}"] if exact else []
     if not parts:
         return ""

@@ -54,14 +54,16 @@ def test_the_first_sentence_answers_the_question(compared: ComparedScene) -> Non
     exact = max(check.value for check in compared.checks if check.quantity == "error: force")
     end = f"with the exact motion to {short(exact)} at this time step"
     (first,) = sentences({})
-    assert first.startswith(f"Yes: the forces of YADE agree with the same scheme to 0.0 and {end}, for ")
+    assert first.startswith(
+        f"Yes: the forces of YADE agree with velocity Verlet at the same step to 0.0 and {end}, for "
+    )
     assert first.endswith("s of computing per run.")
     first, last = sentences({"liggghts": "not installed"})
     assert first.startswith("Yes: the forces of YADE agree")
     assert last == "LIGGGHTS did not run on scene."
     first, second = sentences({"liggghts": "failed: exit code 1"})
     assert first == "No: LIGGGHTS fails on scene."
-    assert second.startswith("Otherwise, the forces of YADE agree with the same scheme to 0.0")
+    assert second.startswith("Otherwise, the forces of YADE agree with velocity Verlet at the same step to 0.0")
     first, second = sentences({"liggghts": "failed: exit code 1", "lammps": "failed: exit code 1"})
     assert first == "No: LAMMPS and LIGGGHTS fail on scene."
     first, second, _ = sentences({"liggghts": "not installed"}, code=False)
