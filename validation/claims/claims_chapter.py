@@ -33,7 +33,6 @@ from validation.claims.judged import (
 )
 
 REMEDY = "run make claims"
-VERDICTS = (REPRODUCED, DIFFERS)
 RELATIONS = {"equals": "", "at most": "≤ ", "at least": "≥ "}
 JudgedClaim = tuple[Claim, list[Check]]
 GROUPS: dict[
@@ -56,7 +55,7 @@ class Statement:
         words: the sentence of the paper, or the quantity.
         how: description of the computed value.
         marks: remarks on the judgement, such as "our criterion".
-        readings: other readings of the sentence, each with its value and verdict.
+        readings: ways to read the sentence, each with its value and verdict.
     """
 
     id: str
@@ -73,10 +72,12 @@ class Statement:
 
 def measure(options: Options) -> dict[str, Any]:
     """Judges the paper's claims and the shipped cases; with a file of own cases, these alone."""
-    own = options.file != paths.INDEPENDENT
+    own, taken = options.file != paths.INDEPENDENT, {claim.id for claim in read_claims().claim}
     for entry in read_independent(options.file):
-        if entry.id in {claim.id for claim in read_claims().claim}:
-            raise InputError(paths.shown(options.file), f"case {entry.id}", "the id of a statement of the paper")
+        if entry.id in taken:
+            raise InputError(
+                paths.shown(options.file), f"case {entry.id}", "the id of a statement of the paper", "another id"
+            )
     claims = [] if own else judge_claims(options.runs)
     return {"claims": [*claims, *judge_cases(options.file, options.runs)]}
 
@@ -126,14 +127,11 @@ def sentences(tables: Tables) -> list[str]:
 
 def headline(judged: Sequence[JudgedClaim]) -> str:
     """Number of reproduced statements among those that can fail on physics."""
-    counts = Counter((each[0].ours, verdict_of(each)) for each in judged if each[0].kind == PHYSICS)
-    (good, whole), (theirs, all_theirs), (ours, all_ours) = (
-        (sum(counts[own, REPRODUCED] for own in owners), sum(counts[own, each] for own in owners for each in VERDICTS))
-        for owners in ((False, True), (False,), (True,))
-    )
+    (_, theirs, off), (_, ours, ours_off), *_ = _counts(judged)  # the groups that can fail on physics
     return (
-        f"{good} of {whole} statements of the paper that can fail on physics are reproduced: {theirs} of {all_theirs}"
-        f" by a number or direction of the paper, {ours} of {all_ours} by our criterion for its words."
+        f"{theirs + ours} of {theirs + off + ours + ours_off} statements of the paper that can fail on physics are"
+        f" reproduced: {theirs} of {theirs + off} by a number or direction of the paper, {ours} of {ours + ours_off} by"
+        " our criterion for its words."
     )
 
 

@@ -14,9 +14,10 @@ from drivers.chain.case import Case
 from drivers.chain.trace import Trace
 from drivers.engines import codes
 from postproc.paper.simulate import exact
-from validation.chapters import read_section, read_table, rows_in, write_table
+from validation.chapters import Options, read_section, read_table, rows_in, write_table
 from validation.checks import FAIL, NOT_RUN, PASS, RUN, Check, without_run
 from validation.claims.cases import MEASURES, Posed, pose, read_independent, unit_of
+from validation.claims.claims_chapter import measure
 from validation.claims.judged import IN_REPO, judge_cases
 from validation.tests.helpers.commands import assert_in_order, beads
 from validation.tests.helpers.runs import need
@@ -101,6 +102,13 @@ def test_a_wrong_file_ends_the_command_with_code_two(tmp_path: Path) -> None:
     assert len(done.stderr.strip().splitlines()) == 1
     assert "case.0.check.0.expected" in done.stderr
     assert [each.name for each in tmp_path.iterdir()] == ["cases.toml"]
+
+
+def test_an_own_case_with_the_id_of_a_statement_is_refused_before_a_run(tmp_path: Path) -> None:
+    (tmp_path / "cases.toml").write_text(CASE.replace('"glass"', '"supersonic"'))
+    with pytest.raises(InputError, match="case supersonic: found the id of a statement"):
+        measure(Options(file=tmp_path / "cases.toml", runs=tmp_path / "runs"))
+    assert not (tmp_path / "runs").exists()
 
 
 def test_the_shipped_cases_use_every_measure_and_quote_measurements() -> None:

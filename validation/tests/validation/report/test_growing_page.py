@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from drivers.base import kept, paths
-from drivers.base.errors import RunError
+from drivers.base.errors import InputError, RunError
 from postproc.draw.product import Product
 from postproc.draw.style import pyplot
 from postproc.figures import Caption
@@ -170,6 +170,30 @@ def test_damaged_files_are_made_again_with_one_line(
     lines = [line for line in capsys.readouterr().err.splitlines() if file.name in line]
     assert len(lines) == 1
     assert "altered since it was written" in lines[0]
+
+
+def test_a_folder_in_place_of_a_table_stops_its_part_alone(
+    parts: Parts, grow: Grow, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "results" / "fig1.csv").mkdir(parents=True)
+    assert grow() == 1
+    assert parts.made == [*PARTS]
+    assert "fig1: [Errno" in capsys.readouterr().err
+    assert to_come(tmp_path) == []
+    assert grow() == 1  # the others are not made again
+    assert parts.made == [*PARTS, "fig1"]
+
+
+def test_a_damaged_figure_is_named_before_any_run(
+    parts: Parts, grow: Grow, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert grow() == 0
+    file = tmp_path / "results" / "fig1.svg"
+    file.write_text(file.read_text().replace("1", "2"))
+    monkeypatch.setattr(write_report, "run_and_compare_all", lambda *_, **__: pytest.fail("runs"))
+    with pytest.raises(InputError, match=r"fig1\.svg"):
+        report([], tmp_path / "results" / "report.html", None, EngineSelection(), "make it")
+    assert parts.made == [*PARTS]
 
 
 @pytest.mark.parametrize("name", ["fig1", "claims"])

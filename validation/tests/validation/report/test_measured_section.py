@@ -1,5 +1,6 @@
 """Section of the page on measured traces, for scenes that have some."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -38,10 +39,12 @@ def test_a_scene_with_measured_traces_shows_them(scene: Path, tmp_path: Path) ->
     assert code == 0
     assert HEADING not in without
     assert "wall_impulse_N_s" not in without
+    assert "Do the measurements fit?" not in without
     scene.write_text(text + ENTRY + QUOTED)
     code, page, _ = report(scene, runs)
     assert code == 0
     assert page.count(HEADING) == 1
+    assert re.search(r"Do the measurements fit\?.*is the furthest, [\d.e+]+ standard errors", page)
     assert page.count("data:image/svg") == without.count("data:image/svg") + 1
     for words in ("wall_amplitude_N", "wall_impulse_N_s", "shot.csv", "quoted"):
         assert words in page.split(HEADING)[1].split("</section>")[0]
