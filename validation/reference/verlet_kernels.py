@@ -126,8 +126,8 @@ def fill_samples(
 @njit(cache=True, nogil=True)
 def integrate_absolute(
     mass: Array, stiffness: Array, height: Array, reach: Array, velocity: Array, load: Array, damping: Array,
-    alpha: float | None, overlap_power: float, force: Array, net: Array, dt: float, every: int, forces: Array, heights: Array,
-    velocities: Array,
+    alpha: float | None, overlap_power: float, force: Array, net: Array, dt: float, every: int, forces: Array,
+    heights: Array, velocities: Array,
 ) -> None:  # fmt: skip
     """Fills the samples of ``integrate_verlet_absolute``; alpha is None without the power law."""
     n, half = mass.size, 0.5 * dt
