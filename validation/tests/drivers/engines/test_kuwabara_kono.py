@@ -22,12 +22,12 @@ from validation.tests.helpers.runs import finished, need
 from validation.tests.helpers.scenes import case_of
 
 LAW = ("contact.dissipation=kuwabara-kono", "contact.relaxation=2 us")
-PRESSED = "chain.bead=[{from_wall=20, velocity='-0.5 m/s'}]"  # beads that move and are pressed at time 0
+MOVING_BEADS = "chain.bead=[{from_wall=20, velocity='-0.5 m/s'}]"  # beads that move and are pressed at time 0
 SCENES = {
     "sensor beads of another mass": ("fig4",),
     "flat striker": ("fig5", "run.duration=0.5 ms"),
     "two materials": ("fig6b",),
-    "pressed and moving": ("fig4", "striker=", "chain.precompression=2 N", PRESSED),
+    "pressed and moving": ("fig4", "striker=", "chain.precompression=2 N", MOVING_BEADS),
     "free chain": ("fig4", "wall=", "gravity="),
 }
 
