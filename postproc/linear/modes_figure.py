@@ -117,10 +117,8 @@ def _end_of_linear_theory(case: Case) -> Iterator[str]:
 def _draw_dispersion(axis: Any, bands: list[Bands]) -> None:
     letter_panel(axis, "a")
     for each, dashes in zip(bands, ("-", "--"), strict=False):
-        label = f"{each.force_N:.3g} N"
-        for band in range(each.frequency_Hz.shape[1]):
-            axis.plot(each.phase / np.pi, each.frequency_Hz[:, band] / 1e3, dashes, color="#0072b2", label=label)
-            label = None
+        lines = axis.plot(each.phase / np.pi, each.frequency_Hz / 1e3, dashes, color="#0072b2")
+        lines[0].set_label(f"{each.force_N:.3g} N")
     axis.set(xlabel="phase per cell / π", ylabel="frequency (kHz)", xlim=(0, 1), ylim=(0, None))
     if bands:
         axis.legend(title="static force", frameon=False)
