@@ -24,9 +24,11 @@ from drivers.chain.contact_law import (
     hertz_stiffness,
     restitution,
 )
+from drivers.chain.drives import drive_of
 from drivers.chain.lateral import Bore, Lateral
 from drivers.chain.masses import bead_masses, sphere_mass
 from drivers.scene.model import Contact, Scene
+from validation.reference.drive import Drive
 from validation.reference.hertz_chain import ENERGY_SHARE, HertzChain, TubeChain, dissipative_force
 
 Array = NDArray[np.float64]
@@ -57,6 +59,7 @@ class Chain:
         gamma: coefficient of the power law of dissipation, in N (s/m)^alpha; else 0.
         alpha: exponent of the power law; else 0.
         lateral: additional properties of a three-dimensional chain; None for a straight chain.
+        drive: force of time on a body, or its motion; its velocity at time 0 is that of the drive. None: no drive.
     """
 
     materials: tuple[str, ...]
@@ -75,6 +78,7 @@ class Chain:
     gamma: float = 0.0
     alpha: float = 0.0
     lateral: Lateral | None = None
+    drive: Drive | None = None
 
     @property
     def bodies(self) -> int:
@@ -186,7 +190,7 @@ class Chain:
 
     @cached_property
     def acceleration_m_s2(self) -> Array:
-        """Accelerations at time 0; exactly zero for beads in equilibrium. Shape (bodies,)."""
+        """Accelerations at time 0 without a drive; exactly zero for beads in equilibrium. Shape (bodies,)."""
         return self._net(self.force_N) / self.mass_kg
 
     @property
@@ -235,6 +239,9 @@ def build_chain(scene: Scene) -> Chain:
         radii.append(inf if striker.diameter is None else striker.diameter / 2)
         masses.append(striker.mass or sphere_mass(scene, striker.material, 2 * radii[-1]))
         velocity[-1] = -striker.speed
+    drive = drive_of(scene)
+    if drive is not None and drive.prescribed:
+        velocity[drive.body] = drive.at(np.zeros(1))[1][0]
     mass, radius = np.array(masses), np.array(radii)
 
     stiffness = stiffness_by(hertz_stiffness, scene, materials, radius)
@@ -260,6 +267,7 @@ def build_chain(scene: Scene) -> Chain:
         damping_ratio=_damping_ratio(scene.contact),
         gamma=scene.contact.gamma or 0.0,
         alpha=(scene.contact.alpha or ALPHA) if scene.contact.gamma else 0.0,
+        drive=drive,
     )
 
 
@@ -273,7 +281,7 @@ def _damping_ratio(contact: Contact) -> float:
 def arrays_of(chain: Chain) -> HertzChain:
     """Straight chain as input of the integrators."""
     arrays = (chain.mass_kg, chain.stiffness, chain.overlap_m, chain.velocity_m_s, chain.load_N, chain.damping)
-    return HertzChain(*arrays, chain.alpha)
+    return HertzChain(*arrays, chain.alpha, chain.drive)
 
 
 def tube_arrays_of(chain: Chain) -> TubeChain:

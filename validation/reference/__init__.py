@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from validation.reference.drive import Drive
 from validation.reference.hertz_chain import TUBE_KEYS, Array, Flag, HertzChain, Motion, TubeChain, TubeMotion
 
 
@@ -39,7 +40,11 @@ def _straight(values: dict[str, Any], samples: int, stop: Flag | None) -> Motion
     keys = ("mass_kg", "stiffness_N_m-3/2", "overlap_m", "velocity_m_s", "load_N")
     damping = values.get("gamma_N_(s/m)^alpha", values.get("damping_N_s_m-5/4", []))
     mass, stiffness, overlap, velocity, load = (values[key] for key in keys)
-    chain = HertzChain(mass, stiffness, overlap, velocity, load, damping, values.get("alpha", 0.0))
+    drive = None
+    if "drive" in values:
+        prescribed = values["drive"] == "displacement of the body"
+        drive = Drive(values["driven_body"] - 1, prescribed, values["drive_segments"])
+    chain = HertzChain(mass, stiffness, overlap, velocity, load, damping, values.get("alpha", 0.0), drive)
     if values["method"] == "verlet":
         from validation.reference.velocity_verlet import integrate_verlet
 
