@@ -24,7 +24,7 @@ from drivers.chain.contact_law import (
     hertz_stiffness,
     restitution,
 )
-from drivers.chain.drives import drive_of
+from drivers.chain.drives import drive_of, energy_with_drive
 from drivers.chain.lateral import Bore, Lateral
 from drivers.chain.masses import bead_masses, sphere_mass
 from drivers.scene.model import Contact, Scene
@@ -312,7 +312,8 @@ def tube_arrays_of(chain: Chain) -> TubeChain:
 def energy_put_in(chain: Chain, duration_s: float) -> float:
     """Energy in J that can turn into motion; if nothing moves, the Hertz energy at rest.
 
-    Sum of the kinetic energy at time 0, the work of loads while gaps close, and the work of unbalanced loads. The Hertz
+    Sum of the kinetic energy at time 0, the work of loads while gaps close, the work of unbalanced loads, and a bound
+    on the work of a drive. The Hertz
     energy of an equilibrium is not included, and neither is the common fall of a free chain, whose beads are pressed
     together only by differences of their accelerations.
     """
@@ -324,7 +325,8 @@ def energy_put_in(chain: Chain, duration_s: float) -> float:
     else:
         falling = float(np.abs(chain.load_N) @ np.cumsum(np.maximum(-chain.overlap_m, 0.0)))
     hertz = ENERGY_SHARE * float(chain.elastic_N @ np.maximum(chain.overlap_m, 0.0))
-    return kinetic + falling + _settling(chain) or hertz
+    put_in = kinetic + falling + _settling(chain)
+    return (put_in if chain.drive is None else energy_with_drive(chain, put_in, hertz, duration_s)) or hertz
 
 
 def moving_at_start(chain: Chain) -> float:

@@ -12,13 +12,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from drivers.scene.model import Scene, StoredDrive
-from validation.reference.drive import COLUMNS, SAME_TIME, SINES, Drive
+from validation.reference.drive import COLUMNS, SAME_TIME, SINES, Array, Drive
 
 if TYPE_CHECKING:
     from drivers.chain.case import Case
+    from drivers.chain.chain import Chain
 
 Sine = tuple[float, float, float, float]  # amplitude, phase in rad, angular frequency in rad/s, its rate in rad/s^2
 Segment = tuple[float, float, float, Sequence[Sine]]  # beginning since the start in s, value, rate, sines
+SUMMED = 20_001  # times at which a drive is summed up
 ROUNDED = 1e-12  # of the amplitude: a smaller value at the end of a wave is 0
 
 
@@ -147,3 +149,31 @@ def pieces_of(case: "Case") -> list[Piece]:
             sines = [row[place : place + 4] for place in SINES if row[place]]
             pieces.append(Piece(first, until, *row[:3], sines))
     return pieces
+
+
+def energy_with_drive(chain: "Chain", start_J: float, hertz_J: float, duration_s: float) -> float:
+    """Upper bound on the energy that can turn into motion, with the work of the drive.
+
+    A force f on a body of mass m does work at a rate of at most ``|f| sqrt(2 E / m)``, so that ``sqrt(E)`` grows by at
+    most ``integral of |f| / sqrt(2 m)``. A contact with the energy E has a force of at most ``c E^(3/5)`` with
+    ``c = k^(2/5) (5/2)^(3/5)``, so that a displacement u makes ``E^(2/5)`` grow by at most
+    ``(2/5) c integral of |u'|``; here E includes the Hertz energy at rest.
+
+    Args:
+        chain: the chain, with a drive.
+        start_J: energy put in without the drive.
+        hertz_J: Hertz energy at time 0.
+        duration_s: duration of the run.
+    """
+    drive = chain.drive
+    assert drive is not None
+    mass = float(chain.mass_kg[drive.body])
+    kinks = drive.segments[:, 0]
+    times = np.union1d(np.linspace(0.0, duration_s, SUMMED), kinks[kinks < duration_s])
+    value, rate, _ = drive.at(times)
+    if not drive.prescribed:
+        return float((np.sqrt(start_J) + np.trapezoid(np.abs(value), times) / np.sqrt(2 * mass)) ** 2)
+    loaded = float(np.abs(chain.load_N).sum() * np.ptp(value))
+    forced = chain.stiffness[drive.body : drive.body + 2].max() ** 0.4 * 2.5**0.6
+    root = (start_J + hertz_J + loaded) ** 0.4 + 0.4 * forced * np.trapezoid(np.abs(rate), times)
+    return float(root**2.5 + 0.5 * mass * (rate**2).max())
