@@ -33,6 +33,8 @@ def refusal(case: Case) -> InputProblem | None:
     if not chain.damping_ratio or not moving.any():
         return None
     found = f"bead {int(np.argmax(moving)) + 1} pressed and moving at time 0"
+    if chain.drive is not None and chain.drive.prescribed and chain.velocity_m_s[chain.drive.body]:
+        return "drive.start", found, "a later start, or contacts that are elastic"
     return "chain.bead", found, "no such velocities, or contacts that are elastic"
 
 
@@ -83,7 +85,7 @@ def _read_straight(case: Case, folder: Path) -> Trace:
     load = loads_N(chain.load_N, chain.drive, case.sample_times_s)
     acceleration = (force - np.column_stack([force[:, 1:], none]) + load) / chain.mass_kg
     if chain.drive is not None and chain.drive.prescribed:
-        acceleration[:, chain.drive.body] = 0.0  # its velocity is set at the time of the forces
+        acceleration[:, chain.drive.body] *= 2.0  # its velocity was set at the time of the forces, a step before
     height = arrays["height"] - step * arrays["velocity"]
     velocity = arrays["velocity"] - 0.5 * step * acceleration
     return make_trace(chain, case.sample_times_s, force, height, velocity)
