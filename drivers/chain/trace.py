@@ -72,6 +72,15 @@ def part_of(trace: Trace, chosen: slice) -> Trace:
     return replace(trace, **{name: values[chosen] for name, values in vars(trace).items() if values is not None})
 
 
+def every_of(chain: Chain, trace: Trace, step: int) -> Trace:
+    """Every ``step``-th sample of a trace with velocities, with the work of a drive from these samples alone."""
+    part = part_of(trace, slice(None, None, step))
+    if part.drive_work_J is None or part.velocity_m_s is None:
+        return part
+    columns = drive_columns(chain, part.time_s, part.force_N, part.velocity_m_s)
+    return replace(part, total_energy_J=part.total_energy_J + part.drive_work_J - columns["drive_work_J"], **columns)
+
+
 def until(trace: Trace, samples: int) -> Trace:
     """First samples of a trace."""
     return part_of(trace, slice(samples))
