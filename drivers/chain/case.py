@@ -159,7 +159,7 @@ class Case:
         if chain.drive is not None:
             words += f"; {drive_words(self.scene)}"
         if chain.damped:
-            words += f"; {chain.dissipation}"
+            words += f"; {chain.law.description}"
         return words
 
 

@@ -53,9 +53,7 @@ def drive_columns(chain: "Chain", time_s: Array, force_N: Array, velocity_m_s: A
 
 def work_error_J(chain: "Chain", time_s: Array, force_N: Array, velocity_m_s: Array) -> float:
     """Error of the work by the distance of samples: the largest difference if every other sample is left out."""
-    fine, coarse = (
-        drive_columns(chain, time_s[::every], force_N[::every], velocity_m_s[::every]) for every in (1, 2)
-    )
+    fine, coarse = (drive_columns(chain, time_s[::every], force_N[::every], velocity_m_s[::every]) for every in (1, 2))
     return float(np.abs(fine["drive_work_J"][::2] - coarse["drive_work_J"]).max()) if fine else 0.0
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from drivers.scene.model import Scene, StoredDrive
-from validation.reference.drive import COLUMNS, SAME_TIME, SINES, Array, Drive
+from validation.reference.drive import COLUMNS, SAME_TIME, SINES, Drive
 
 if TYPE_CHECKING:
     from drivers.chain.case import Case
@@ -104,7 +104,11 @@ def drive_words(scene: Scene) -> str:
     table = scene.drive
     if table is None:
         return ""
-    body = "the striker" if (table.from_wall or scene.bodies) > scene.chain.count else f"bead {table.from_wall or scene.bodies}"
+    body = (
+        "the striker"
+        if (table.from_wall or scene.bodies) > scene.chain.count
+        else f"bead {table.from_wall or scene.bodies}"
+    )
     what, size = ("displacement", table.displacement) if table.prescribed else ("force", table.force)
     words = f"{body} is driven by a {what}"
     words += f" of {size:g} {'m' if table.prescribed else 'N'}" if size is not None else ""
@@ -147,7 +151,7 @@ def pieces_of(case: "Case") -> list[Piece]:
     for first, until, row in zip(firsts, untils, drive.segments.tolist(), strict=True):
         if first <= until:
             sines = [row[place : place + 4] for place in SINES if row[place]]
-            pieces.append(Piece(first, until, *row[:3], sines))
+            pieces.append(Piece(first, until, row[0], row[1], row[2], sines))
     return pieces
 
 

@@ -10,10 +10,13 @@ from drivers.chain.chain import Chain
 from drivers.chain.drives import drive_words
 from drivers.chain.lateral import Lateral
 from drivers.chain.masses import bead_mass
+from drivers.laws.viscoelastic import Viscoelastic
 from drivers.scene.model import RIGID, Scene
 
 # elements of straight chains, and further elements of three-dimensional chains
-STRAIGHT = frozenset({"gravity", "wall", "striker", "precompression", "sensor masses", "mass scatter", "damping", "drive"})
+STRAIGHT = frozenset(
+    {"gravity", "wall", "striker", "precompression", "sensor masses", "mass scatter", "damping", "drive"}
+)
 SIDEWAYS = frozenset({"lateral freedom", "tube", "friction", "rotation"})
 Row = tuple[str, object, str | None, str]  # name, value (false: not modelled), reason if modelled, reason if not
 NONE = "the scene has none"
@@ -36,7 +39,9 @@ def choose_elements(scene: Scene, chain: Chain) -> tuple[ModellingElement, ...]:
     wall = "rigid half-space" if chain.wall == RIGID else f"half-space of {chain.wall}"
     shape = "flat face" if striker and striker.shape == "flat" else "sphere"
     alike = "sensor beads weigh as much as the others" if scene.chain.sensors else "no bead carries a sensor"
-    damped = chain.dissipation + (f", by a damping ratio of {chain.damping_ratio:.6g}" if chain.damping_ratio else "")
+    damped = chain.law.description
+    if isinstance(chain.law, Viscoelastic):
+        damped += f", by a damping ratio of {chain.law.damping_ratio:.6g}"
     table = [
         ("gravity", scene.gravity, f"{scene.gravity:g} m/s^2", NONE),
         ("wall", chain.wall, f"{wall}, Hertz law with R* = R", "a free chain"),

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from validation.reference.drive import SAME_TIME, Drive, wave
+from validation.reference.drive import COLUMNS, SAME_TIME, Drive, wave
 from validation.reference.hertz_chain import (
     ENERGY_SHARE,
     EXPONENT,
@@ -77,9 +77,13 @@ def _fill(
     n, drive = chain.mass_kg.size, chain.drive
     inverse_mass, acceleration = 1.0 / chain.mass_kg, chain.load_N / chain.mass_kg
     bodies: tuple[Any, ...] = (inverse_mass, chain.stiffness, np.zeros(0) if chain.elastic else chain.damping)
-    bodies = (*bodies, acceleration, *((float(chain.alpha), np.zeros(n)) if chain.alpha else ()))
+    bodies = (
+        *bodies,
+        acceleration,
+        *((float(chain.alpha), np.zeros(n)) if chain.alpha else (float(chain.overlap_power),)),
+    )
     if drive is None:
-        undriven = (np.zeros(0), np.zeros(2), 0, False, 0.0)
+        undriven = (False, np.zeros(COLUMNS), np.zeros(2), 0, False, 0.0)
         return bool(fill_states(states, start, time_s, (*bodies, undriven), tolerance, scale, first, stop))
     constant = float(acceleration[drive.body])
     if drive.prescribed:
@@ -94,7 +98,7 @@ def _fill(
         if times[-1] < end - begin:
             times = np.append(times, end - begin)
         part = np.empty((times.size, start.size))
-        driven = (segment, np.zeros(2), drive.body, drive.prescribed, constant)
+        driven = (True, segment, np.zeros(2), drive.body, drive.prescribed, constant)
         if not fill_states(part, start, times, (*bodies, driven), tolerance, scale, min(first, end - begin), stop):
             return False
         states[first_sample:beyond], start = part[1 : 1 + beyond - first_sample], part[-1].copy()
@@ -104,7 +108,8 @@ def _fill(
 def scales(chain: HertzChain, duration_s: float) -> tuple[float, float]:
     """Scales of overlap and speed for errors: the values that the available energy can produce.
 
-    This energy is the kinetic and elastic energy at time 0, the work of the loads while gaps close, and that of a drive.
+    This energy is the kinetic and elastic energy at time 0, the work of the loads while gaps close, and the work of a
+    drive.
     """
     energy = 0.5 * float(chain.mass_kg @ chain.velocity_m_s**2)
     energy += ENERGY_SHARE * float(chain.stiffness @ np.maximum(chain.overlap_m, 0.0) ** (1 + EXPONENT))
@@ -131,4 +136,5 @@ def _typical_work(chain: HertzChain, drive: Drive, duration_s: float) -> float:
     if drive.prescribed:
         return 0.5 * mass * float(np.abs(rate).max()) ** 2 + ENERGY_SHARE * stiffest * largest ** (1 + EXPONENT)
     free = float(np.trapezoid(np.abs(value), times)) ** 2 / (2 * mass)
-    return min(free, largest * (largest / stiffest) ** (1 / EXPONENT)) if stiffest else free
+    held = largest * (largest / stiffest) ** (1 / EXPONENT) if stiffest else free
+    return float(min(free, held))

@@ -122,10 +122,10 @@ WEIGHTS = np.take_along_axis(FORMULAS, TERMS, axis=1)
 TERMS[WEIGHTS == 0] = 0
 COUNTS = np.count_nonzero(FORMULAS, axis=1)
 ROUNDING = 0.5**53  # relative rounding error of a double
-# inverse masses, stiffness, damping (empty for an elastic chain), acceleration by the loads alone; with the power law
-# also alpha, and for each contact 1 if it may exert a force in the present step, else 0; last the segment of the drive
-# (empty without one), times of the last event and of the next one since the segment's beginning, body, True if it
-# moves as prescribed (with an inverse mass of 0), and its acceleration by the constant load
+# inverse masses, stiffness, damping (empty for an elastic chain), acceleration by the loads alone, power of the overlap
+# in damping; with the power law alpha in its place, and for each contact 1 if it may exert a force in the present step;
+# last the drive: True if there is one, its segment, times of the last and of the next event since the segment begins,
+# body, True if it moves as prescribed (with an inverse mass of 0), acceleration by its constant load
 Bodies = tuple[Any, ...]
 POWER_LAW_LENGTH = 7  # length of Bodies with the power law; numba compiles a kernel for each of the two lengths
 
@@ -137,7 +137,7 @@ def slope(state: Array, stretch: float, result: Array, bodies: Bodies) -> None:
     if len(bodies) == POWER_LAW_LENGTH:
         _slope_power(state, stretch, result, bodies)
         return
-    inverse_mass, stiffness, damping, acceleration = bodies[:4]
+    inverse_mass, stiffness, damping, acceleration, overlap_power = bodies[:5]
     n = inverse_mass.size
     velocity, closing, force = state[n:], result[:n], result[n:]
     closing[0] = -velocity[0]
@@ -145,7 +145,10 @@ def slope(state: Array, stretch: float, result: Array, bodies: Bodies) -> None:
         closing[j] = velocity[j - 1] - velocity[j]
     if damping.size:
         for j in range(n):
-            force[j] = damped_force(stiffness[j], damping[j], state[j], closing[j]) if state[j] > 0.0 else 0.0
+            if state[j] > 0.0:
+                force[j] = damped_force(stiffness[j], damping[j], overlap_power, state[j], closing[j])
+            else:
+                force[j] = 0.0
     else:
         for j in range(n):
             force[j] = elastic_force(stiffness[j], state[j] if state[j] > 0.0 else 0.0)
@@ -185,8 +188,8 @@ def stretch_at(s: float, power: float) -> float:
 @njit(error_model="numpy", forceinline=True)
 def drive_until(elapsed: float, bodies: Bodies) -> None:
     """Sets the acceleration of the driven body without contact forces, at a time since the last event."""
-    segment, clock, body, prescribed, constant = bodies[-1]
-    if segment.size:
+    if bodies[-1][0]:
+        _, segment, clock, body, prescribed, constant = bodies[-1]
         value, _, bend = segment_value(segment, clock[0] + elapsed)
         bodies[3][body] = bend if prescribed else constant + value * bodies[0][body]
 
@@ -195,7 +198,7 @@ def drive_until(elapsed: float, bodies: Bodies) -> None:
 def elapsed_at(s: float, power: float, bodies: Bodies) -> float:
     """Time since the last event; with a negative power, s counts back from the next event."""
     raised = s * s * s * s if abs(power) == 4.0 else s * s
-    return raised if power > 0.0 else float(bodies[-1][1][1]) - raised
+    return raised if power > 0.0 else float(bodies[-1][2][1]) - raised
 
 
 @njit(error_model="numpy")
@@ -214,7 +217,7 @@ def weigh(formula: int | np.int64, h: float, slopes: Array, result: Array) -> No
 @njit(error_model="numpy")
 def step(state: Array, s: float, h: float, power: float, slopes: Array, end: Array, bodies: Bodies) -> None:
     """Takes one step from s to s + h; writes values and their rounding errors to ``end``, stages to ``slopes``."""
-    start, result = state[0], end[0]
+    start, result, driven = state[0], end[0], bodies[-1][0]
     stretch = stretch_at(s, power)
     for i in range(start.size):
         slopes[0, i] = stretch * state[2, i]
@@ -222,7 +225,8 @@ def step(state: Array, s: float, h: float, power: float, slopes: Array, end: Arr
         weigh(stage, h, slopes, result)
         for i in range(start.size):
             result[i] += start[i]
-        drive_until(elapsed_at(s + C[stage] * h, power, bodies), bodies)
+        if driven:
+            drive_until(elapsed_at(s + C[stage] * h, power, bodies), bodies)
         slope(result, stretch_at(s + C[stage] * h, power), slopes[stage], bodies)
     weigh(np.int64(END), h, slopes, end[1])  # a literal would make numba compile it again
     for i in range(start.size):
@@ -242,7 +246,8 @@ def error(
     The allowed error of a velocity is at least the effect of rounding errors of the body's forces in the step. It
     exceeds the tolerance for light bodies between large, nearly equal forces; shorter steps would not lower it.
     """
-    drive_until(elapsed_at(s_end, power, bodies), bodies)
+    if bodies[-1][0]:
+        drive_until(elapsed_at(s_end, power, bodies), bodies)
     slope(end[0], 1.0, end[2], bodies)
     stretch, largest, n = stretch_at(s_end, power), 0.0, scale.size // 2
     rounding = ROUNDING * abs(h * stretch) / tolerance
@@ -287,7 +292,8 @@ def prepare_dense(
         weigh(row, h, slopes, work)
         for i in range(start.size):
             work[i] += start[i]
-        drive_until(elapsed_at(s + C[row] * h, power, bodies), bodies)
+        if bodies[-1][0]:
+            drive_until(elapsed_at(s + C[row] * h, power, bodies), bodies)
         slope(work, stretch_at(s + C[row] * h, power), slopes[row], bodies)
     for i in range(start.size):
         change = end[i] - start[i]

@@ -13,6 +13,7 @@ from drivers.chain.chain import arrays_of
 from drivers.chain.schemes import heights_and_reach, trace_of, verlet_of
 from drivers.chain.trace import energy_error_J
 from drivers.engines import codes
+from drivers.laws.power import Power
 from drivers.limits.refusal import inability
 from postproc.read.observables import observe
 from validation.accuracy.exact_motion import exact_motion_of
@@ -203,7 +204,7 @@ def random_limits(numbers: range) -> list[float]:
         impact_N = (1.25 * chain.reduced_mass_kg.min() * speed**2) ** 0.6 * chain.stiffness.max() ** 0.4
         gamma = float(impact_N * 10 ** draw.uniform(-3, 0.3) / speed**alpha)
         subjects.append(
-            MeasuredChain(RANDOM, case.scene.name, replace(case, chain=replace(chain, gamma=gamma, alpha=alpha)))
+            MeasuredChain(RANDOM, case.scene.name, replace(case, chain=replace(chain, law=Power(gamma, alpha))))
         )
     return [limit.ratio for limit in measure_limits(subjects, ())]
 
