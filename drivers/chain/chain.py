@@ -25,8 +25,7 @@ from drivers.chain.lateral import Bore, Lateral
 from drivers.chain.masses import bead_masses, sphere_mass
 from drivers.laws.law import ELASTIC, Law
 from drivers.scene.model import Scene
-from validation.reference.drive import Drive
-from validation.reference.hertz_chain import ENERGY_SHARE, HertzChain, TubeChain
+from validation.reference.hertz_chain import ENERGY_SHARE, Drive, HertzChain, TubeChain
 
 Array = NDArray[np.float64]
 LEVEL_M = 10.0  # radius of a sphere that replaces a flat face; its slope is 1e-5 at 0.1 mm off the axis
@@ -303,7 +302,10 @@ def energy_put_in(chain: Chain, duration_s: float) -> float:
         falling = float(np.abs(chain.load_N) @ np.cumsum(np.maximum(-chain.overlap_m, 0.0)))
     hertz = ENERGY_SHARE * float(chain.elastic_N @ np.maximum(chain.overlap_m, 0.0))
     put_in = kinetic + falling + _settling(chain)
-    return (put_in if chain.drive is None else energy_with_drive(chain, put_in, hertz, duration_s)) or hertz
+    if chain.drive is not None:
+        arrays = chain.mass_kg, chain.stiffness, chain.load_N
+        put_in = energy_with_drive(chain.drive, arrays, put_in, hertz, duration_s)
+    return put_in or hertz
 
 
 def moving_at_start(chain: Chain) -> float:

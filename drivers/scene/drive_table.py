@@ -112,7 +112,7 @@ def _points(path: Path) -> tuple[str, list[tuple[float, float]]]:
     table = [(n, line) for n, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith("#")]
     rows = [(n, [cell.strip() for cell in cells]) for n, line in table for cells in csv.reader([line])]
     if not rows:
-        raise InputError(shown, "", "no line", HEADINGS)
+        raise InputError(shown, "", "an empty file", HEADINGS)
     (first, headings), *rest = rows
     words = [heading.partition("_") for heading in headings]
     names = [name for name, _, _ in words]
