@@ -36,7 +36,8 @@ class Drive:
 
     All wave forms are tables of segments. With ``tau = t - t_i`` after the beginning t_i of segment i, the value is
     ``w = c0 + c1 tau + sum of A_m sin(phi_m + omega_m tau + beta_m tau^2 / 2)`` with three sines, until the next
-    segment begins; the last one has no end. A sine under a Hann window is three sines, a chirp has beta, a polygon has c0, c1.
+    segment begins; the last one has no end. A sine under a Hann window is three sines, a chirp has beta, a polygon has
+    c0 and c1.
 
     Attributes:
         body: index of the body, from 0 for the lowest.

@@ -41,6 +41,7 @@ SCENE_TABLES: dict[str, tuple[str, type[BaseModel]]] = {
     "`[wall]`": ("wall", model.Wall),
     "`[tube]`": ("tube", model.Tube),
     "`[contact]`": ("contact", model.Contact),
+    "`[drive]`": ("drive", model.DriveTable),
     "`[sensor]`": ("sensor", model.Gauge),
     "`[materials.NAME]`": ("materials.ptfe", model.Material),
     "`[run]`": ("run", model.Run),
