@@ -3,7 +3,8 @@
 Beads are counted from the wall, as in the paper: bead 1 rests on the wall.
 """
 
-from math import isfinite
+import re
+from math import cos, isfinite, pi
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -16,6 +17,9 @@ from drivers.laws.law import Law
 from drivers.laws.viscoelastic import Viscoelastic
 
 MAX_BEADS = 1_000_000
+RANGE = re.compile(r" *([0-9]{1,9}) *(?:- *([0-9]{1,9}) *)?")
+MAX_IN_RANGE = 100_000
+HORIZONTAL = pi / 2 * (1 - 1e-12)
 RIGID = "rigid"
 RIGID_PA = 1e40  # modulus of a rigid wall in decks: its part of 1/E* is below rounding
 
@@ -35,6 +39,40 @@ def _accuracy(value: object) -> object:
 
 
 Accuracy = Annotated[float | dict[str, float], BeforeValidator(_accuracy)]
+
+
+def _places(value: object) -> list[object]:
+    """Beads of a ``from_wall``: one number, a range such as ``"5-9"``, or a list of both."""
+    if isinstance(value, list | tuple):
+        return [place for each in value for place in _places(each)]
+    if isinstance(value, str) and (ends := RANGE.fullmatch(value)):
+        first, last = int(ends[1]), int(ends[2] or ends[1])
+        if 1 <= first <= last <= MAX_IN_RANGE:
+            return [*range(first, last + 1)]
+    return [value]  # refused by the type of the key, unless it is a number
+
+
+def _one_entry_a_bead(value: object) -> object:
+    """Entries with one ``from_wall`` each. Further beads of a range come last: other entries keep their index."""
+    if not isinstance(value, list | tuple):
+        return value
+    first, further = list[object](), list[object]()
+    for entry in value:
+        places = _places(entry.get("from_wall")) if isinstance(entry, dict) and "from_wall" in entry else []
+        entries = [entry | {"from_wall": place} for place in places] if isinstance(entry, dict) else []
+        first += entries[:1] or [entry]
+        further += entries[1:]
+    return [*first, *further]
+
+
+def _place(value: object) -> object:
+    if isinstance(value, str | list | tuple):
+        raise units.NotAllowedError(f'a bead such as 5, a range such as "5-9", up to {MAX_IN_RANGE}, or a list of them')
+    return value
+
+
+Place = Annotated[FromWall, BeforeValidator(_place)]
+ByBead = BeforeValidator(_one_entry_a_bead)
 
 
 def _number_with_unit(value: object) -> object:
@@ -81,7 +119,7 @@ class Material(Part):
 class Sensor(Part):
     """Bead with a force gauge; the default of ``mass`` is the mass of the other beads."""
 
-    from_wall: FromWall
+    from_wall: Place
     mass: units.Mass | None = None
 
 
@@ -92,7 +130,7 @@ class Bead(Part):
     ``lateral_velocity`` is perpendicular to the axis.
     """
 
-    from_wall: FromWall
+    from_wall: Place
     diameter: units.Length | None = None
     mass: units.Mass | None = None
     material: Name | None = None
@@ -101,19 +139,53 @@ class Bead(Part):
     lateral_velocity: units.Velocity | None = None
 
 
+class Member(Part):
+    """Bead of a pattern; the defaults of its properties are those of the chain."""
+
+    material: Name | None = None
+    diameter: units.Length | None = None
+    mass: units.Mass | None = None
+
+
 class ChainTable(Part):
-    """Beads of the chain."""
+    """Beads of the chain.
+
+    A ``pattern`` is repeated from the wall. With ``taper`` each bead has this share of the diameter of the bead below;
+    with ``taper_to`` diameters change linearly to that of the top bead. A mass given for the chain or for a member is
+    that of a bead of its full diameter: tapered beads have its density. ``angle`` is that of the axis to the vertical.
+    """
 
     count: Annotated[int, Field(ge=0, le=MAX_BEADS)]
     material: Name
     diameter: units.Length
     mass: units.Mass | None = None
-    sensors: tuple[Sensor, ...] = Field(default=(), strict=False)
-    bead: tuple[Bead, ...] = Field(default=(), strict=False)
+    pattern: tuple[Member, ...] | None = Field(default=None, strict=False, min_length=1)
+    taper: Annotated[float, Field(gt=0, le=10, allow_inf_nan=False)] | None = None
+    taper_to: units.Length | None = None
+    angle: units.Angle | None = None
+    sensors: Annotated[tuple[Sensor, ...], ByBead] = Field(default=(), strict=False)
+    bead: Annotated[tuple[Bead, ...], ByBead] = Field(default=(), strict=False)
     precompression: units.Force = 0.0
     mass_scatter: units.MassSpread = 0.0
     lateral_offset: units.Gap | None = None
     origin: units.Height = 0.0
+
+    @property
+    def members(self) -> tuple[Member, ...]:
+        """Members of the pattern, with the material and diameter of each; one without a pattern."""
+        defaults = {"material": self.material, "diameter": self.diameter}
+        return tuple(
+            member.model_copy(update={key: getattr(member, key) or value for key, value in defaults.items()})
+            for member in self.pattern or (Member(mass=self.mass),)
+        )
+
+    def taper_at(self, from_wall: Any) -> Any:
+        """Diameter of a bead, or of an array of beads, divided by that of its member without taper."""
+        if self.taper is not None:
+            return self.taper ** (from_wall - 1.0)
+        if self.taper_to is not None:
+            return 1.0 + (self.taper_to / self.diameter - 1.0) * (from_wall - 1.0) / max(self.count - 1, 1)
+        return 0.0 * from_wall + 1.0
 
 
 class Striker(Part):
@@ -194,7 +266,7 @@ class DriveTable(Part):
     duration: units.Duration | None = None
     frequency: units.Frequency | None = None
     end_frequency: units.Frequency | None = None
-    cycles: Annotated[float, Field(gt=0, le=1e9, allow_inf_nan=False)] | None = None
+    cycles: Annotated[float, Field(ge=1e-9, le=1e9, allow_inf_nan=False)] | None = None
     window: Literal["none", "hann"] | None = None
     file: Text | None = Field(default=None, exclude=True)
 
@@ -320,6 +392,12 @@ class Scene(SceneFile):
     def bodies(self) -> int:
         """Number of beads, plus one for the striker if present."""
         return self.chain.count + (self.striker is not None)
+
+    @property
+    def axial_gravity(self) -> float:
+        """Acceleration of gravity along the axis in m/s^2; none in a horizontal chain."""
+        angle = self.chain.angle or 0.0
+        return self.gravity * (cos(angle) if angle < HORIZONTAL else 0.0)
 
     @property
     def three_dimensional(self) -> bool:
