@@ -1,7 +1,7 @@
 """Wave forms of drives as tables of segments (``Drive`` of ``validation.reference``), and the energy that they put in.
 
 Before ``drive.start`` a drive is 0; after its end it holds its last value, and a half-sine returns to 0. A new form is
-a function here, an entry of ``FORMS``, and its keys in ``drivers.scene.drive_table`` and the model.
+a function here, an entry of ``FORMS``, and its keys in ``drivers.scene.drive_table`` and ``drive_rules``.
 """
 
 from collections.abc import Callable, Sequence
@@ -10,7 +10,8 @@ from math import ceil, inf, pi
 
 import numpy as np
 
-from drivers.scene.model import Scene, StoredDrive
+from drivers.scene.drive_table import StoredDrive
+from drivers.scene.model import Scene
 from validation.reference.hertz_chain import COLUMNS, SAME_TIME, SINES, Array, Drive
 
 Sine = tuple[float, float, float, float]  # amplitude, phase in rad, angular frequency in rad/s, its rate in rad/s^2

@@ -8,23 +8,21 @@ from math import cos, isfinite, pi
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints, create_model
+from pydantic import BeforeValidator, Field, create_model
 
 from drivers.base import units
-from drivers.base.errors import CONTROL
 from drivers.laws import LAWS
 from drivers.laws.law import Law
 from drivers.laws.viscoelastic import Viscoelastic
+from drivers.scene.drive_table import DriveTable, StoredDrive
+from drivers.scene.part import MAX_BEADS, FromWall, Name, Part, Text, Title
 
-MAX_BEADS = 1_000_000
 RANGE = re.compile(r" *([0-9]{1,9}) *(?:- *([0-9]{1,9}) *)?")
 MAX_IN_RANGE = 100_000
 HORIZONTAL = pi / 2 * (1 - 1e-12)
 RIGID = "rigid"
 RIGID_PA = 1e40  # modulus of a rigid wall in decks: its part of 1/E* is below rounding
 
-Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=60)]
-FromWall = Annotated[int, Field(ge=1, le=MAX_BEADS)]
 PoissonRatio = Annotated[float, Field(ge=0, lt=0.5, allow_inf_nan=False)]
 Friction = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
 
@@ -84,22 +82,6 @@ def _number_with_unit(value: object) -> object:
 
 NumberWithUnit = Annotated[str | float, BeforeValidator(_number_with_unit)]  # postproc converts it to SI units
 Fraction = Annotated[float, Field(ge=0, lt=1)]
-
-
-def _plain_text(value: str) -> str:
-    if CONTROL.search(value):
-        raise units.NotAllowedError("text without control characters")
-    return value
-
-
-Title = Annotated[str, AfterValidator(_plain_text)]
-Text = Annotated[str, StringConstraints(min_length=1, max_length=1000), AfterValidator(_plain_text)]
-
-
-class Part(BaseModel):
-    """Table of the scene file: frozen, strict, no unknown keys."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
 
 class Material(Part):
@@ -249,39 +231,6 @@ else:
     _keys: dict[str, Any] = {key: (kind | None, None) for law in LAWS.values() for key, kind in law.keys.items()}
     _name = (Literal[tuple(LAWS)], Viscoelastic.name)
     Contact = create_model("Contact", __base__=ContactTable, __module__=__name__, dissipation=_name, **_keys)
-
-
-class DriveTable(Part):
-    """Drive of one body by a force or, as by a piezo, by its displacement; both are upwards positive.
-
-    The amplitude is ``force`` or ``displacement``; ``drivers.chain.drives`` defines the wave forms. Times in a file
-    count from ``start``; runs depend on its contents (``StoredDrive``), not on its name.
-    """
-
-    form: Literal["sine", "half-sine", "step", "ramp", "chirp", "file"]
-    force: units.SignedForce | None = None
-    displacement: units.Displacement | None = None
-    from_wall: FromWall | None = None
-    start: units.StartTime = 0.0
-    duration: units.Duration | None = None
-    frequency: units.Frequency | None = None
-    end_frequency: units.Frequency | None = None
-    cycles: Annotated[float, Field(ge=1e-9, le=1e9, allow_inf_nan=False)] | None = None
-    window: Literal["none", "hann"] | None = None
-    file: Text | None = Field(default=None, exclude=True)
-
-
-class StoredDrive(DriveTable):
-    """Drive with the points of its file, at least two: times, and either forces or displacements."""
-
-    time_s: tuple[float, ...] = Field(default=(), strict=False)
-    force_N: tuple[float, ...] = Field(default=(), strict=False)
-    displacement_m: tuple[float, ...] = Field(default=(), strict=False)
-
-    @property
-    def prescribed(self) -> bool:
-        """True if the displacement of the body is given."""
-        return self.displacement is not None or bool(self.displacement_m)
 
 
 class Gauge(Part):

@@ -6,7 +6,7 @@ from contextlib import suppress
 from drivers.base.errors import InputProblem
 from drivers.base.messages import shorten
 from drivers.laws import LAWS
-from drivers.scene.drive_table import drive_contradictions, drive_problems
+from drivers.scene.drive_rules import drive_contradictions, drive_problems
 from drivers.scene.model import RIGID, Bead, ChainTable, Contact, MeasuredEntry, Scene, SceneFile, Sensor
 
 LEAST_M, MOST_M = 1e-9, 1e3  # diameters of beads
