@@ -158,7 +158,7 @@ class ChainTable(Part):
         defaults = {"material": self.material, "diameter": self.diameter}
         return tuple(
             member.model_copy(update={key: getattr(member, key) or value for key, value in defaults.items()})
-            for member in self.pattern or (Member(mass=self.mass),)
+            for member in self.pattern or (Member.model_construct(mass=self.mass),)
         )
 
     def taper_at(self, from_wall: Any) -> Any:
