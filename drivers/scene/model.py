@@ -8,23 +8,21 @@ from math import cos, isfinite, pi
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints, create_model
+from pydantic import BeforeValidator, Field, create_model
 
 from drivers.base import units
-from drivers.base.errors import CONTROL
 from drivers.laws import LAWS
 from drivers.laws.law import Law
 from drivers.laws.viscoelastic import Viscoelastic
+from drivers.scene.drive_table import DriveTable, StoredDrive
+from drivers.scene.part import MAX_BEADS, FromWall, Name, Part, Text, Title
 
-MAX_BEADS = 1_000_000
 RANGE = re.compile(r" *([0-9]{1,9}) *(?:- *([0-9]{1,9}) *)?")
 MAX_IN_RANGE = 100_000
 HORIZONTAL = pi / 2 * (1 - 1e-12)
 RIGID = "rigid"
 RIGID_PA = 1e40  # modulus of a rigid wall in decks: its part of 1/E* is below rounding
 
-Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=60)]
-FromWall = Annotated[int, Field(ge=1, le=MAX_BEADS)]
 PoissonRatio = Annotated[float, Field(ge=0, lt=0.5, allow_inf_nan=False)]
 Friction = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
 
@@ -84,22 +82,6 @@ def _number_with_unit(value: object) -> object:
 
 NumberWithUnit = Annotated[str | float, BeforeValidator(_number_with_unit)]  # postproc converts it to SI units
 Fraction = Annotated[float, Field(ge=0, lt=1)]
-
-
-def _plain_text(value: str) -> str:
-    if CONTROL.search(value):
-        raise units.NotAllowedError("text without control characters")
-    return value
-
-
-Title = Annotated[str, AfterValidator(_plain_text)]
-Text = Annotated[str, StringConstraints(min_length=1, max_length=1000), AfterValidator(_plain_text)]
-
-
-class Part(BaseModel):
-    """Table of the scene file: frozen, strict, no unknown keys."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
 
 class Material(Part):
@@ -315,6 +297,7 @@ class SceneFile(Part):
     wall: Wall | None = None
     tube: Tube | None = None
     contact: Contact = Contact(dissipation=Viscoelastic.name)
+    drive: DriveTable | None = None
     sensor: Gauge | None = None
     materials: dict[Name, Material] = Field(default_factory=dict)
     run: Run
@@ -329,6 +312,7 @@ class Scene(SceneFile):
 
     Attributes:
         name: name of the scene file without the suffix.
+        drive: drive with the points of its file.
         file: scene file as named in messages.
         folder: folder of the scene file; paths in the scene file are relative to this folder.
         steps_per_sample: time steps per sample interval.
@@ -336,6 +320,7 @@ class Scene(SceneFile):
     """
 
     name: str
+    drive: StoredDrive | None = None
     file: str = Field(exclude=True)
     folder: Path = Field(default=Path(), exclude=True)
     steps_per_sample: int

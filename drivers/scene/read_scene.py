@@ -11,7 +11,9 @@ from pydantic import Field, create_model
 from drivers.base import paths, units
 from drivers.base.errors import InputError, InputProblem, refuse_any
 from drivers.base.messages import model_at, shorten, validate
-from drivers.scene.model import RIGID, Bead, Material, Member, Part, Scene, SceneFile
+from drivers.scene.drive_rules import with_points
+from drivers.scene.model import RIGID, Bead, Material, Member, Scene, SceneFile
+from drivers.scene.part import Part
 from drivers.scene.scene_rules import contradictions, problems_of_alternatives
 
 NAME_RULE = "a name of letters, digits, '-', '_' and '.', beginning with a letter or digit"
@@ -64,6 +66,7 @@ def make_scene(data: dict[str, Any], library: dict[str, Any], name: str, where: 
         **{key: getattr(file, key) for key in SceneFile.model_fields}
         | {
             "materials": _materials(file, library),
+            "drive": file.drive and with_points(file.drive, folder, where),
             "run": file.run.model_copy(update={"time_step": time_step}),
             "name": name,
             "file": where,
