@@ -5,7 +5,7 @@ part. All drawn parts are to scale.
 """
 
 from dataclasses import dataclass
-from math import degrees, inf, pi
+from math import inf, pi
 from textwrap import fill
 from typing import Any
 
@@ -132,18 +132,18 @@ def _beads(scene: Scene) -> list[str]:
         for place in [i] if table.taper_at(count) == 1 or i == last else [i, last - (last - i) % len(table.members)]:
             size += f"{' to ' * bool(size)}{_mm(float(beads.diameter_m[place]))}"
             mass += f"{' to ' * bool(mass)}{1e3 * beads.mass_kg[place]:.4g}"
-        lines += [f"{member.material}, ⌀ {size}", f"{mass} g{' each' * (count > 1)}"]
+        lines += [f"{member.material or table.material}, ⌀ {size}", f"{mass} g{' each' * (count > 1)}"]
     return lines
 
 
 def _lean(figure: Any, axis: Any, scene: Scene) -> None:
     """Turns the picture by the angle of the chain, to the left, with an arrow along gravity."""
-    angle = scene.chain.angle or 0.0
+    angle_deg = scene.chain.angle or 0.0
     (left, right), (low, high) = axis.get_xlim(), axis.get_ylim()
-    turn = Affine2D().rotate(angle)
+    turn = Affine2D().rotate_deg(angle_deg)
     for artist in [*axis.patches, *axis.lines, *axis.texts]:
         if isinstance(artist, Text):
-            artist.set(rotation=degrees(angle), rotation_mode="anchor", transform_rotates_text=False)
+            artist.set(rotation=angle_deg, rotation_mode="anchor", transform_rotates_text=False)
         artist.set_transform(turn + axis.transData)
         if isinstance(artist, Annotation):
             artist.xycoords = artist.anncoords = turn + axis.transData
