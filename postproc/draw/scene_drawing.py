@@ -124,15 +124,15 @@ def draw_scene(scene: Scene, chain: Chain) -> tuple[Any, pd.DataFrame]:
 
 def _beads(scene: Scene) -> list[str]:
     """Lines of the label of the beads: material, diameter and mass of each member of the pattern."""
-    table, beads = scene.chain, ordinary_beads(scene)
-    count, last = table.count, table.count - 1
-    lines = [f"{count} bead{'s' * (count > 1)}" + (" in turn" if len(table.members) > 1 else "")]
-    for i, member in enumerate(table.members):
-        size, mass = 2 * [""]
-        for place in [i] if table.taper_at(count) == 1 or i == last else [i, last - (last - i) % len(table.members)]:
-            size += f"{' to ' * bool(size)}{_mm(float(beads.diameter_m[place]))}"
-            mass += f"{' to ' * bool(mass)}{1e3 * beads.mass_kg[place]:.4g}"
-        lines += [f"{member.material or table.material}, ⌀ {size}", f"{mass} g{' each' * (count > 1)}"]
+    beads, count, period = ordinary_beads(scene), scene.chain.count, len(scene.chain.members)
+    counted = f"{count} {'beads' if count > 1 else 'bead'}"
+    lines = [f"{counted} in turn:"] if period > 1 else []
+    for first in range(period):
+        ends = first, first + (count - 1 - first) // period * period  # they differ in a taper
+        sizes = dict.fromkeys(_mm(float(beads.diameter_m[i])) for i in ends)
+        masses = dict.fromkeys(f"{1e3 * beads.mass_kg[i]:.4g}" for i in ends)
+        lines.append(beads.materials[first] if period > 1 else f"{counted} of {beads.materials[first]}")
+        lines += [f"⌀ {' to '.join(sizes)}", f"{' to '.join(masses)} g each"]
     return lines
 
 

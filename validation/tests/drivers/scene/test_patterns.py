@@ -71,7 +71,7 @@ def test_a_leaning_chain_feels_the_part_of_gravity_along_its_axis() -> None:
     for engine in codes():
         one, other = (load_engine(engine).render(each).files for each in (flat, case_of("fig4", "gravity=")))
         for name in one:
-            assert one[name].replace("; no gravity along the axis", "") == other[name]
+            assert one[name].replace("; leaning by 90 deg", "") == other[name]
     assert "leaning by 60 deg: gravity along the axis 4.905 m/s^2" in leaning.summary
 
 
@@ -122,7 +122,7 @@ def test_accuracy_asked_is_accuracy_kept(number: int) -> None:
         ("chain.bead=[{from_wall='20-30', mass='1 g'}]", "chain.bead.0.from_wall: found 22; allowed: 1 to 21"),
         (
             "chain.bead=[{from_wall=1}, {from_wall='2-9', mass='1 m'}]",
-            ': chain.bead.1.mass: found "1 m"; allowed: a mass',
+            ': chain.bead.1.mass: found "1 m"; allowed',
         ),
         ("chain.bead=[{from_wall='2-9', mas='1 g'}]", ": chain.bead.0.mas: unknown key; did you mean mass?"),
         ("chain.bead=[{from_wall='2-9', material='wood'}]", ': chain.bead.0.material: found "wood"; allowed: alumina'),
