@@ -221,8 +221,8 @@ def _named_materials(file: SceneFile) -> dict[str, str]:
     lists: dict[str, tuple[Bead | Member, ...]] = {"bead": file.chain.bead, "pattern": file.chain.pattern or ()}
     for what, entries in lists.items():
         for i, each in enumerate(entries):
-            index = each.entry if isinstance(each, Bead) else i
-            named |= {f"chain.{what}.{index}.material": each.material} if each.material else {}
+            if each.material:
+                named[f"chain.{what}.{each.entry if isinstance(each, Bead) else i}.material"] = each.material
     for part in ("striker", "wall", "tube"):
         table = getattr(file, part)
         if table is not None:
