@@ -157,8 +157,8 @@ class Case:
             shape = "flat face" if striker.shape == "flat" else "sphere"
             words += f", struck by a {shape} of {striker.material} at {striker.speed:g} m/s"
         if self.scene.chain.angle:
-            axial = f": gravity along the axis {chain.gravity_m_s2:.4g} m/s^2" if chain.gravity_m_s2 else ""
-            words += f"; leaning by {self.scene.chain.angle:g} deg{axial}"
+            leaning = f"leaning by {self.scene.chain.angle:g} deg"
+            words += f"; {leaning}: z is the axis, gravity along it {chain.gravity_m_s2:.4g} m/s^2"
         if chain.drive is not None:
             words += f"; {drive_words(self.scene)}"
         if chain.damped:
