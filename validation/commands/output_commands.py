@@ -1,4 +1,4 @@
-"""Commands that read or draw one run: ``observables``, ``overlay``, ``spacetime``, ``film``, ``vtk``."""
+"""Commands that read or draw one run: ``observables``, ``overlay``, ``spacetime``, ``energy``, ``film``, ``vtk``."""
 
 import json
 import sys
@@ -105,6 +105,60 @@ def spacetime(run: str, runs: Path, results: Path) -> None:
 
     opened, name, title = _open("spacetime", run, runs)
     for path in write_product(draw_spacetime({title: opened.trace}, width_in=6.4), name, results):
+        print(paths.shown(path))
+
+
+def _bodies(text: str) -> tuple[int, int]:
+    """Reader of a range of bodies, such as 5-9, or one body."""
+    low, dash, high = text.partition("-")
+    ends = (low, high) if dash else (low, low)
+    if not all(end.isascii() and end.isdigit() and len(end) < 9 for end in ends):
+        raise click.BadParameter(f"found {text}; allowed: a body, such as 9, or a range of bodies, such as 5-9")
+    return int(ends[0]), int(ends[1])
+
+
+@command("verlet:fig4", "verlet:fig4 --beads 1-5 --beads 6-21")
+@options.RUN
+@click.option(
+    "--beads",
+    "ranges",
+    metavar="A-B",
+    multiple=True,
+    type=_bodies,
+    help="Energy of the bodies A to B, counted from the wall, the striker last; repeatable.",
+)
+@options.ENGINES
+@options.RUNS_READ
+@options.RESULTS
+def energy(run: str, ranges: tuple[tuple[int, int], ...], runs: Path, results: Path) -> None:
+    """Draw the energy of each bead of a run (needs recorded positions)."""
+    from postproc.draw.product import write_product
+    from postproc.energy.energies import range_energy, run_energies
+    from postproc.energy.energy_figure import draw_energies, write_energies
+
+    opened, name, title = _open("energy", run, runs)
+    energies = run_energies(opened)
+    found = [range_energy(energies, *each) for each in ranges]
+    sums = {
+        "kinetic": energies.kinetic_J.sum(axis=1),
+        "elastic": energies.elastic_J.sum(axis=1),
+        "potential of the net load": energies.load_J.sum(axis=1),
+        "dissipated": energies.dissipated_J.sum(axis=1),
+    }
+    balance = sum(sums.values())
+    rows = [(each, f"{values[0]:.6g}", f"{values[-1]:.6g}") for each, values in (sums | {"sum": balance}).items()]
+    print(*text_table([("energy (J)", "at time 0", "at the end"), *rows]), sep="\n")
+    if found:
+        heads = ("bodies", "largest (J)", "at (s)", "share at the end", "left at (s)")
+        lines = [
+            (f"{each.lowest}-{each.highest}", f"{each.largest_J:.6g}", f"{each.largest_s:.6g}", f"{each.share:.6g}",
+             "not left" if isnan(each.left_s) else f"{each.left_s:.6g}")
+            for each in found
+        ]  # fmt: skip
+        print(*text_table([heads, *lines]), sep="\n")
+    written = write_product(draw_energies(energies, found, title), name, results)
+    write_energies(energies, results / f"{name}.parquet")
+    for path in (*written, results / f"{name}.parquet"):
         print(paths.shown(path))
 
 

@@ -1,0 +1,60 @@
+"""Figure and tables of the energies of a run: each body against time, and sums of the chain and of ranges."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from drivers.base.files import sealed_file
+from drivers.chain.trace import numbered_table
+from drivers.run.run_folder import COMPRESSED
+from postproc.draw.product import Product, Quantity, draw_cells
+from postproc.draw.style import AVERAGE, DAMPED, FIRST, GREYS, MICRO, SECOND, pyplot
+from postproc.energy.energies import Energies, RangeEnergy
+
+SIZE_IN = (6.4, 4.6)
+KINETIC, ELASTIC, DISSIPATED = "body_{}_kinetic_J", "contact_{}_elastic_J", "contact_{}_dissipated_J"
+LOAD, PASSED, BODY = "body_{}_load_J", "body_{}_passed_J", "body_{}_energy_J"
+RANGE_DASHES = ("-", "--", ":", "-.")
+
+
+def draw_energies(energies: Energies, ranges: Sequence[RangeEnergy], title: str) -> Product:
+    """Energy of each body against time, and below it the sums of all bodies and contacts, and of ranges of bodies.
+
+    The table holds the largest energy of a body in each drawn cell.
+    """
+    from matplotlib.ticker import EngFormatter
+
+    joules = EngFormatter("J")
+    figure, axes = pyplot().subplots(2, 1, figsize=SIZE_IN, sharex=True, layout="constrained")
+    table = draw_cells(axes[0], title, energies.time_s, energies.body_J, Quantity(BODY, "body", "energy", joules))
+    time_us = energies.time_s * MICRO
+    sums = {
+        "kinetic": (energies.kinetic_J, FIRST),
+        "elastic": (energies.elastic_J, SECOND),
+        "potential of the net load": (energies.load_J, {"color": GREYS[1], "lw": 0.8}),
+        "dissipated": (energies.dissipated_J, DAMPED),
+    }
+    for words, (values, look) in sums.items():
+        if values.any():
+            axes[1].plot(time_us, values.sum(axis=1), label=words, **look)
+    for place, own in enumerate(ranges):
+        look = AVERAGE | {"ls": RANGE_DASHES[place % len(RANGE_DASHES)]}
+        axes[1].plot(time_us, own.energy_J, label=f"bodies {own.lowest} to {own.highest}", **look)
+    axes[1].yaxis.set_major_formatter(joules)
+    axes[1].set(xlim=(0, time_us[-1]), xlabel="time since impact (µs)", ylabel="energy")
+    figure.legend(*axes[1].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    return Product(figure, table)
+
+
+def write_energies(energies: Energies, path: Path) -> None:
+    """Write the energies of all bodies and contacts at all samples as a Parquet file, whole or not at all."""
+    from pyarrow.parquet import write_table
+
+    columns = {
+        KINETIC: energies.kinetic_J,
+        LOAD: energies.load_J,
+        ELASTIC: energies.elastic_J,
+        DISSIPATED: energies.dissipated_J,
+        PASSED: energies.passed_J,
+    }
+    with sealed_file(path) as draft:
+        write_table(numbered_table(energies.time_s, columns), draft, **COMPRESSED)
