@@ -10,6 +10,7 @@ from validation.tests.helpers.scenes import case_of
 
 SCENES = (
     ("fig4",), ("fig5", "contact.restitution=0.9"), ("fig5", "sensor.time_constant=1 ms"), ("steel-chain", "wall="),
+    ("fig6d", "chain.sensors=[{from_wall=14}, {from_wall=8}]", "run.duration=0.6 ms"),
 )  # fmt: skip
 
 
