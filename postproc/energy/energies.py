@@ -60,33 +60,15 @@ class Energies:
         return np.asarray(self.kinetic_J + self.load_J + below + above)
 
     @property
-    def total_J(self) -> Array:
-        """Energy of all bodies. Shape (samples,)."""
-        return np.asarray((self.kinetic_J + self.load_J + self.elastic_J).sum(axis=1))
-
-
-@dataclass(frozen=True)
-class RangeEnergy:
-    """Energy of a range of bodies.
-
-    Attributes:
-        lowest: lowest body, counted from the wall.
-        highest: highest body.
-        energy_J: energy of the bodies. Shape (samples,).
-        largest_J: its largest value.
-        largest_s: time of the largest value.
-        share: share of the energy of all bodies at the end of the run; NaN if they have none.
-        left_s: first time, after half of the largest value has been reached, at which at most ``LEFT_SHARE`` of it is
-            left; NaN if the energy stays until the end of the run.
-    """
-
-    lowest: int
-    highest: int
-    energy_J: Array
-    largest_J: float
-    largest_s: float
-    share: float
-    left_s: float
+    def sums_J(self) -> dict[str, Array]:
+        """Sums of all bodies and contacts by name, each of shape (samples,)."""
+        parts = {
+            "kinetic": self.kinetic_J,
+            "elastic": self.elastic_J,
+            "potential of the net load": self.load_J,
+            "dissipated": self.dissipated_J,
+        }
+        return {name: values.sum(axis=1) for name, values in parts.items()}
 
 
 def run_energies(run: EndedRun) -> Energies:
@@ -128,8 +110,8 @@ def energies_of(chain: Chain, trace: Trace) -> Energies:
     )
 
 
-def range_energy(energies: Energies, lowest: int, highest: int) -> RangeEnergy:
-    """Energy of the bodies from ``lowest`` to ``highest``, counted from the wall, both included.
+def range_energy_J(energies: Energies, lowest: int, highest: int) -> Array:
+    """Energy of the bodies from ``lowest`` to ``highest``, counted from the wall, both included. Shape (samples,).
 
     Raises:
         InputError: the chain has no such bodies.
@@ -137,19 +119,27 @@ def range_energy(energies: Energies, lowest: int, highest: int) -> RangeEnergy:
     bodies = energies.kinetic_J.shape[1]
     if not 1 <= lowest <= highest <= bodies:
         raise InputError("--beads", "", f"{lowest}-{highest}", f"a range from 1 to {bodies}, such as 1-{bodies}")
-    energy = energies.body_J[:, lowest - 1 : highest].sum(axis=1)
-    top, total = int(np.argmax(energy)), float(energies.total_J[-1])
+    return np.asarray(energies.body_J[:, lowest - 1 : highest].sum(axis=1))
+
+
+def range_numbers(energies: Energies, lowest: int, highest: int) -> dict[str, float]:
+    """Numbers of a range of bodies by name, with the unit at the end.
+
+    These are the largest energy and its time; the share of the energy of all bodies at the end; the first time, after
+    half of the largest energy has been reached, at which ``LEFT_SHARE`` of it is left, NaN if it stays until the end;
+    and the largest energy that the lowest body has passed downwards.
+    """
+    energy = range_energy_J(energies, lowest, highest)
+    top, all_J = int(np.argmax(energy)), float(energies.body_J[-1].sum())
     entered = int(np.argmax(energy >= energy[top] / 2))
     left = energy[entered:] <= LEFT_SHARE * energy[top]
-    return RangeEnergy(
-        lowest=lowest,
-        highest=highest,
-        energy_J=energy,
-        largest_J=float(energy[top]),
-        largest_s=float(energies.time_s[top]),
-        share=float(energy[-1]) / total if total else np.nan,
-        left_s=float(energies.time_s[entered + int(np.argmax(left))]) if left.any() else np.nan,
-    )
+    return {
+        "largest_J": float(energy[top]),
+        "largest_s": float(energies.time_s[top]),
+        "share_at_end": float(energy[-1]) / all_J if all_J else np.nan,
+        "left_s": float(energies.time_s[entered + int(np.argmax(left))]) if left.any() else np.nan,
+        "passed_J": float(energies.passed_J[:, lowest - 1].max()),
+    }
 
 
 def _integrals(time_s: Array, power_W: Array) -> Array:

@@ -19,16 +19,7 @@ from drivers.chain.case import Layout
 from drivers.chain.trace import Trace, energy_error_J
 from postproc.read.residual import is_at_rest
 from postproc.read.sensors import going_up, sensor_signals
-from postproc.read.signals import (
-    ENVELOPE_MAXIMA,
-    ONSET,
-    integral,
-    lowest_between,
-    peaks,
-    pulses,
-    rising_crossing,
-    train_envelope,
-)
+from postproc.read.signals import ENVELOPE_MAXIMA, ONSET, integral, peaks, pulses, rising_crossing, train_envelope
 
 LEVELS = (0.002, 0.04)  # shares of the peak at which the paper's Table 1 cuts the width
 WALL_REST_SHARE = 1e-14  # of the largest force: smaller changes at the wall are rounding
@@ -40,7 +31,10 @@ WIDTH = ("the wave speed from the gauge above is not seen", "such gauge with ano
 ECHO = ("no pulse goes up after the wall's first one before the end of the run; at bead 1 never", "such gauge and wall")
 MAXIMUM = ("the wall shows no such maximum before the end of the run", "wall")
 SECOND = ("fewer than two pulses that do not go up come before the reflected wave", "such gauge")
-LOSS = ("each contact between beads, or with the wall, that carries a load at time 0 keeps it", "contact that carries a load at time 0")
+LOSS = (
+    "each contact between beads, or with the wall, that carries a load at time 0 keeps it",
+    "contact that carries a load at time 0",
+)
 TRAIN = ("fewer than three maxima at the wall are above 0, or one interval is more than twice the other", "wall")
 SPEED = ("a first pulse is missing or goes up, or that of the lower gauge is not later", "such neighbouring gauges")
 RATIO = (f"{SPEED[0]}; or the lower gauge is at bead 1 above a wall", SPEED[1])
@@ -80,9 +74,7 @@ OBSERVABLES = (
     Observable("{gauge}_pulses", "", "count", "pulses at {gauge}", of_wave=False),
     Observable("{gauge}_second_amplitude", "N", "second amplitude", "second amplitude at {gauge}", gaps=SECOND),
     Observable("{gauge}_second_arrival", "s", "second arrival", "second arrival time at {gauge}", gaps=SECOND),
-    Observable(  # 0 if contacts open: a relative error has no meaning
-        "{gauge}_valley", "N", "valley", "lowest force before the second pulse at {gauge}", of_wave=False, gaps=SECOND
-    ),
+    Observable("{gauge}_valley", "N", "valley", "force between pulses 1 and 2 at {gauge}", of_wave=False, gaps=SECOND),
     Observable("{gauge}_reflected_amplitude", "N", "reflected amplitude", "reflected amplitude at {gauge}", gaps=ECHO),
     Observable("{gauge}_reflected_arrival", "s", "reflected arrival", "reflected arrival time at {gauge}", gaps=ECHO),
     Observable("wall_peak_{number}", "N", "later peak", "force maximum {number} at the wall", gaps=MAXIMUM),
@@ -193,7 +185,7 @@ def observe(layout: Layout, trace: Trace, levels: tuple[float, ...] = LEVELS) ->
         one, two = passing[:2] if len(passing) > 1 else (None, None)
         values[f"{name}_second_amplitude_N"] = two.value if two else np.nan
         values[f"{name}_second_arrival_s"] = two.time_s if two else np.nan
-        values[f"{name}_valley_N"] = lowest_between(time, signals[name], one, two) if one and two else np.nan
+        values[f"{name}_valley_N"] = float(signals[name][one.sample : two.sample].min()) if one and two else np.nan
         if layout.wall:
             values[f"{name}_reflected_amplitude_N"] = back.value if back else np.nan
             values[f"{name}_reflected_arrival_s"] = back.time_s if back else np.nan

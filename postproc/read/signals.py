@@ -105,12 +105,6 @@ def rising_crossing(time_s: Array, values: Array, level: float, before: Peak) ->
     return float(time_s[start] + share * _spacing(time_s))
 
 
-def lowest_between(time_s: Array, values: Array, first: Peak, second: Peak) -> float:
-    """Lowest value of a signal between two of its maxima."""
-    place = first.sample + int(np.argmin(values[first.sample : second.sample + 1]))
-    return -_peak_at(time_s, -values, place).value
-
-
 def _spacing(time_s: Array) -> float:
     return float(time_s[-1] - time_s[0]) / (len(time_s) - 1)
 

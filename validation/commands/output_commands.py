@@ -133,32 +133,22 @@ def _bodies(text: str) -> tuple[int, int]:
 def energy(run: str, ranges: tuple[tuple[int, int], ...], runs: Path, results: Path) -> None:
     """Draw the energy of each bead of a run (needs recorded positions)."""
     from postproc.draw.product import write_product
-    from postproc.energy.energies import range_energy, run_energies
+    from postproc.energy.energies import range_numbers, run_energies
     from postproc.energy.energy_figure import draw_energies, write_energies
 
     opened, name, title = _open("energy", run, runs)
     energies = run_energies(opened)
-    found = [range_energy(energies, *each) for each in ranges]
-    sums = {
-        "kinetic": energies.kinetic_J.sum(axis=1),
-        "elastic": energies.elastic_J.sum(axis=1),
-        "potential of the net load": energies.load_J.sum(axis=1),
-        "dissipated": energies.dissipated_J.sum(axis=1),
-    }
-    balance = sum(sums.values())
-    rows = [(each, f"{values[0]:.6g}", f"{values[-1]:.6g}") for each, values in (sums | {"sum": balance}).items()]
+    numbers = {f"{low}-{high}": range_numbers(energies, low, high) for low, high in ranges}
+    sums = energies.sums_J | {"sum": sum(energies.sums_J.values())}
+    rows = [(each, f"{values[0]:.6g}", f"{values[-1]:.6g}") for each, values in sums.items()]
     print(*text_table([("energy (J)", "at time 0", "at the end"), *rows]), sep="\n")
-    if found:
-        heads = ("bodies", "largest (J)", "at (s)", "share at the end", "left at (s)")
-        lines = [
-            (f"{each.lowest}-{each.highest}", f"{each.largest_J:.6g}", f"{each.largest_s:.6g}", f"{each.share:.6g}",
-             "not left" if isnan(each.left_s) else f"{each.left_s:.6g}")
-            for each in found
-        ]  # fmt: skip
-        print(*text_table([heads, *lines]), sep="\n")
-    written = write_product(draw_energies(energies, found, title), name, results)
-    write_energies(energies, results / f"{name}.parquet")
-    for path in (*written, results / f"{name}.parquet"):
+    lines = [(bodies, *(f"{value:.6g}" for value in own.values())) for bodies, own in numbers.items()]
+    if numbers:
+        print(*text_table([("bodies", *next(iter(numbers.values()))), *lines]), sep="\n")
+    table = results / f"{name}.parquet"
+    written = write_product(draw_energies(energies, ranges, title), name, results)
+    write_energies(energies, table)
+    for path in (*written, table):
         print(paths.shown(path))
 
 

@@ -136,8 +136,8 @@ def defined(case: Case, trace: Trace, gauges: dict[str, Array]) -> dict[str, flo
         signal, pair = gauges[name] - gauges[name][0], train[:2]
         values[f"{name}_second_amplitude_N"] = pair[1].height if len(pair) == 2 else nan
         values[f"{name}_second_arrival_s"] = pair[1].time_s if len(pair) == 2 else nan
-        low = min(range(pair[0].sample, pair[1].sample), key=lambda k, s=signal: s[k]) if len(pair) == 2 else 0
-        values[f"{name}_valley_N"] = -highest(time, -signal, low)[1] if len(pair) == 2 else nan
+        between = signal[pair[0].sample : pair[1].sample + 1] if len(pair) == 2 else [nan]
+        values[f"{name}_valley_N"] = min(between)
     bonds = force[:, :-1] if case.layout.striker else force
     held = [column for column in bonds.T if column[0] > 1e-9 * largest_N]
     if held:
