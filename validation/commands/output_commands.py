@@ -131,7 +131,7 @@ def _bodies(text: str) -> tuple[int, int]:
 @options.RUNS_READ
 @options.RESULTS
 def energy(run: str, ranges: tuple[tuple[int, int], ...], runs: Path, results: Path) -> None:
-    """Draw the energy of each bead of a run (needs recorded positions)."""
+    """Draw the energy of each bead (needs recorded positions)."""
     from postproc.draw.product import write_product
     from postproc.energy.energies import range_numbers, run_energies
     from postproc.energy.energy_figure import draw_energies, write_energies
@@ -139,7 +139,8 @@ def energy(run: str, ranges: tuple[tuple[int, int], ...], runs: Path, results: P
     opened, name, title = _open("energy", run, runs)
     energies = run_energies(opened)
     numbers = {f"{low}-{high}": range_numbers(energies, low, high) for low, high in ranges}
-    sums = energies.sums_J | {"sum": sum(energies.sums_J.values())}
+    sums = energies.sums_J
+    sums |= {"sum": energies.body_J.sum(axis=1) + sums["dissipated"]}
     rows = [(each, f"{values[0]:.6g}", f"{values[-1]:.6g}") for each, values in sums.items()]
     print(*text_table([("energy (J)", "at time 0", "at the end"), *rows]), sep="\n")
     lines = [(bodies, *(f"{value:.6g}" for value in own.values())) for bodies, own in numbers.items()]

@@ -16,8 +16,8 @@ from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import SceneWriter, case_of
 
 WITH_STATE = 'run.record=["forces", "state"]'
-PRESSED = ("chain.precompression=10 N", "striker.speed=1 cm/s")
-ELASTIC = [("fig4",), ("fig4", "wall="), ("fig4", "wall=", "gravity="), ("fig4", *PRESSED), ("steel-chain",)]
+LOAD = ("chain.precompression=10 N", "striker.speed=1 cm/s")
+ELASTIC = [("fig4",), ("fig4", "wall="), ("fig4", "wall=", "gravity="), ("fig4", *LOAD), ("steel-chain",)]
 DAMPED = {  # measured errors of the dissipated energy, relative to the largest kinetic energy, times 1.5
     ("fig4", "contact.restitution=0.9"): 6.2e-4,
     ("fig4", "contact.restitution=0.9", "run.sample_interval=0.5 us"): 3e-4,
