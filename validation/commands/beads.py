@@ -44,6 +44,7 @@ SECTIONS = {
         output_commands.observables,
         output_commands.spacetime,
         output_commands.spectrum,
+        output_commands.energy,
         output_commands.film,
         output_commands.vtk,
     ),
