@@ -170,8 +170,8 @@ def _si(option: str, text: str, unit: str) -> float:
         value = to_si(text, unit)
     except ValueError as error:
         raise InputError("beads spectrum", option, f'"{text}"', f"a quantity in {unit}, such as 1 k{unit}") from error
-    if value < 0:
-        raise InputError("beads spectrum", option, f'"{text}"', "zero or more")
+    if value < 0 or (value == 0 and unit == "Hz"):
+        raise InputError("beads spectrum", option, f'"{text}"', "zero or more" if unit == "s" else "above zero")
     return value
 
 
