@@ -20,11 +20,12 @@ from drivers.chain.contact_law import (
     hertz_overlap,
     hertz_stiffness,
 )
+from drivers.chain.drives import drive_of, energy_with_drive
 from drivers.chain.lateral import Bore, Lateral
-from drivers.chain.masses import bead_masses, sphere_mass
+from drivers.chain.masses import beads_of, sphere_mass
 from drivers.laws.law import ELASTIC, Law
 from drivers.scene.model import Scene
-from validation.reference.hertz_chain import ENERGY_SHARE, HertzChain, TubeChain
+from validation.reference.hertz_chain import ENERGY_SHARE, Drive, HertzChain, TubeChain
 
 Array = NDArray[np.float64]
 LEVEL_M = 10.0  # radius of a sphere that replaces a flat face; its slope is 1e-5 at 0.1 mm off the axis
@@ -48,10 +49,11 @@ class Chain:
         beads: number of beads.
         wall: material of the wall; None for a free chain.
         wall_height_m: height of the wall, or of bead 1's lowest point in a free chain.
-        gravity_m_s2: acceleration of gravity.
+        gravity_m_s2: acceleration of gravity along the axis.
         precompression_N: constant force downwards on the top bead.
         law: contact law.
         lateral: additional properties of a three-dimensional chain; None for a straight chain.
+        drive: force of time on a body, or its motion; its velocity at time 0 is that of the drive. None: no drive.
     """
 
     materials: tuple[str, ...]
@@ -68,6 +70,7 @@ class Chain:
     precompression_N: float
     law: Law = ELASTIC
     lateral: Lateral | None = None
+    drive: Drive | None = None
 
     @property
     def bodies(self) -> int:
@@ -171,7 +174,7 @@ class Chain:
 
     @cached_property
     def acceleration_m_s2(self) -> Array:
-        """Accelerations at time 0; exactly zero for beads in equilibrium. Shape (bodies,)."""
+        """Accelerations at time 0 without a drive; exactly zero for beads in equilibrium. Shape (bodies,)."""
         return self._net(self.force_N) / self.mass_kg
 
     @property
@@ -205,25 +208,24 @@ def build_chain(scene: Scene) -> Chain:
     """
     table = scene.chain
     count, striker = table.count, scene.striker
-    materials = [table.material] * count
-    diameters = np.full(count, table.diameter)
+    beads = beads_of(scene)
     velocity = np.zeros(scene.bodies)
     for bead in table.bead:
-        materials[bead.from_wall - 1] = bead.material or table.material
-        diameters[bead.from_wall - 1] = bead.diameter or table.diameter
         velocity[bead.from_wall - 1] = bead.velocity or 0.0
     gaps = {bead.from_wall: bead.gap_below for bead in table.bead if bead.gap_below is not None}
-    radii = [*(diameters / 2)]
-    masses = [*bead_masses(scene, materials, diameters)]
+    materials, radii, masses = [*beads.materials], [*(beads.diameter_m / 2)], [*beads.mass_kg]
     if striker is not None:
         materials.append(striker.material)
         radii.append(inf if striker.diameter is None else striker.diameter / 2)
         masses.append(striker.mass or sphere_mass(scene, striker.material, 2 * radii[-1]))
         velocity[-1] = -striker.speed
+    drive = drive_of(scene)
+    if drive is not None and drive.prescribed:
+        velocity[drive.body] = drive.at(np.zeros(1))[1][0]
     mass, radius = np.array(masses), np.array(radii)
 
     stiffness = stiffness_by(hertz_stiffness, scene, materials, radius)
-    load = -scene.gravity * mass
+    load = -scene.axial_gravity * mass
     if count:
         load[count - 1] -= table.precompression
     overlap = _overlaps(stiffness, load[:count], gaps, resting=scene.wall is not None)
@@ -240,16 +242,17 @@ def build_chain(scene: Scene) -> Chain:
         beads=count,
         wall=scene.wall.material if scene.wall else None,
         wall_height_m=table.origin,
-        gravity_m_s2=scene.gravity,
+        gravity_m_s2=scene.axial_gravity,
         precompression_N=table.precompression,
         law=scene.contact.law,
+        drive=drive,
     )
 
 
 def arrays_of(chain: Chain) -> HertzChain:
     """Straight chain as input of the integrators."""
     arrays = (chain.mass_kg, chain.stiffness, chain.overlap_m, chain.velocity_m_s, chain.load_N, chain.damping)
-    return HertzChain(*arrays, chain.law.alpha, chain.law.overlap_power)
+    return HertzChain(*arrays, chain.law.alpha, chain.law.overlap_power, chain.drive)
 
 
 def tube_arrays_of(chain: Chain) -> TubeChain:
@@ -281,7 +284,8 @@ def tube_arrays_of(chain: Chain) -> TubeChain:
 def energy_put_in(chain: Chain, duration_s: float) -> float:
     """Energy in J that can turn into motion; if nothing moves, the Hertz energy at rest.
 
-    Sum of the kinetic energy at time 0, the work of loads while gaps close, and the work of unbalanced loads. The Hertz
+    Sum of the kinetic energy at time 0, the work of loads while gaps close, the work of unbalanced loads, and a bound
+    on the work of a drive. The Hertz
     energy of an equilibrium is not included, and neither is the common fall of a free chain, whose beads are pressed
     together only by differences of their accelerations.
     """
@@ -293,7 +297,11 @@ def energy_put_in(chain: Chain, duration_s: float) -> float:
     else:
         falling = float(np.abs(chain.load_N) @ np.cumsum(np.maximum(-chain.overlap_m, 0.0)))
     hertz = ENERGY_SHARE * float(chain.elastic_N @ np.maximum(chain.overlap_m, 0.0))
-    return kinetic + falling + _settling(chain) or hertz
+    put_in = kinetic + falling + _settling(chain)
+    if chain.drive is not None:
+        arrays = chain.mass_kg, chain.stiffness, chain.load_N
+        put_in = energy_with_drive(chain.drive, arrays, put_in, hertz, duration_s)
+    return put_in or hertz
 
 
 def moving_at_start(chain: Chain) -> float:

@@ -5,11 +5,12 @@ import multiprocessing
 import sys
 from math import sqrt
 from pathlib import Path
+from typing import Any
 
 from numba import config, njit
 from numba.core import event
 
-from validation.reference.hertz_chain import Array
+from validation.reference.hertz_chain import SAME_TIME, Array, wave
 
 # numba notices changes in a function's own file only, not in files of called functions: one cache folder per state
 HOME = Path(__file__).parent
@@ -77,3 +78,17 @@ def copy(source: Array, target: Array) -> None:
     """``target[:] = source`` as a loop: the assignment itself takes three seconds to compile."""
     for i in range(target.size):
         target[i] = source[i]
+
+
+segment_value: Any = njit(error_model="numpy")(wave)
+
+
+@njit(error_model="numpy")
+def drive_value(segments: Array, time: float) -> tuple[float, float, float]:
+    """Value, rate and second derivative of a drive (``validation.reference.hertz_chain``) at one time."""
+    low, high = 0, len(segments)
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if segments[middle, 0] <= time * SAME_TIME else (low, middle)
+    value, rate, bend = segment_value(segments[low], time - segments[low, 0])
+    return value, rate, bend
