@@ -52,14 +52,15 @@ def spectrum_of(time_s: Array, signal: Array, window: str = "hann") -> Spectrum:
 def spectrogram_of(time_s: Array, signal: Array, window: str = "hann") -> tuple[Array, Array, Array]:
     """Times, frequencies and amplitudes of a spectrogram, from windows of a ``PARTS``th of the record that overlap.
 
-    Shapes (times,), (frequencies,), (frequencies, times).
+    Frequencies between those of the window are interpolated by zeros after its samples. Shapes (times,),
+    (frequencies,), (frequencies, times).
     """
     from scipy.signal import spectrogram
 
-    length = max(len(signal) // PARTS, 8)
+    length = min(max(len(signal) // PARTS, 8), len(signal))
     frequency, time, power = spectrogram(
-        signal - signal.mean(), _rate_Hz(time_s), window=window, nperseg=min(length, len(signal)),
-        noverlap=min(length, len(signal)) * 3 // 4, detrend=False, scaling="spectrum",
+        signal - signal.mean(), _rate_Hz(time_s), window=window, nperseg=length, noverlap=length * 3 // 4,
+        nfft=8 * length, detrend=False, scaling="spectrum",
     )  # fmt: skip
     return np.asarray(time) + float(time_s[0]), np.asarray(frequency), np.sqrt(2 * np.asarray(power))
 

@@ -15,7 +15,7 @@ from postproc.draw.product import Product
 from postproc.draw.style import PAGE_IN, letter_panel, pyplot, value_colours
 from postproc.linear.modes import Bands, bands_of, static_forces_N
 from postproc.linear.modes_figure import shade_bands
-from postproc.linear.spectra import Harmonic, Spectrum, harmonics_of, spectrogram_of, spectrum_of, transfer_of
+from postproc.linear.spectra import PARTS, Harmonic, Spectrum, harmonics_of, spectrogram_of, spectrum_of, transfer_of
 from postproc.read.sensors import sensor_signals
 
 DRIVE = "drive"  # name of the drive among the signals
@@ -154,7 +154,8 @@ def _lines(found: Analysis) -> Iterator[str]:
     time, spectrum = found.time_s, found.spectra[found.target]
     yield (
         f"{len(time)} samples from {time[0]:g} to {time[-1]:g} s, window {found.window}, "
-        f"resolution {spectrum.resolution_Hz:.5g} Hz, up to {spectrum.frequency_Hz[-1]:.5g} Hz"
+        f"resolution {spectrum.resolution_Hz:.5g} Hz, {PARTS} times that in the spectrogram, "
+        f"up to {spectrum.frequency_Hz[-1]:.5g} Hz"
     )
     for name, each in found.spectra.items():
         place = int(np.argmax(each.amplitude))

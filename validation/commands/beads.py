@@ -43,8 +43,8 @@ SECTIONS = {
     "a run": (
         output_commands.observables,
         output_commands.spacetime,
-        output_commands.energy,
         output_commands.spectrum,
+        output_commands.energy,
         output_commands.film,
         output_commands.vtk,
     ),

@@ -1,4 +1,4 @@
-"""Commands that read or draw one run, such as ``observables``, ``spacetime``, ``energy``, ``film``."""
+"""Commands that read or draw one run: ``observables``, ``overlay``, ``spacetime``, ``spectrum``, ``energy`` ..."""
 
 import json
 import sys
@@ -108,53 +108,6 @@ def spacetime(run: str, runs: Path, results: Path) -> None:
         print(paths.shown(path))
 
 
-def _bodies(text: str) -> tuple[int, int]:
-    """Reader of a range of bodies, such as 5-9, or one body."""
-    low, dash, high = text.partition("-")
-    ends = (low, high) if dash else (low, low)
-    if not all(end.isascii() and end.isdigit() and len(end) < 9 for end in ends):
-        raise click.BadParameter(f"found {text}; allowed: a body, such as 9, or a range of bodies, such as 5-9")
-    return int(ends[0]), int(ends[1])
-
-
-@command("verlet:fig4", "verlet:fig4 --beads 1-5 --beads 6-21")
-@options.RUN
-@click.option(
-    "--beads",
-    "ranges",
-    metavar="A-B",
-    multiple=True,
-    type=_bodies,
-    help="Energy of the bodies A to B, counted from the wall, the striker last; repeatable.",
-)
-@options.ENGINES
-@options.RUNS_READ
-@options.RESULTS
-def energy(run: str, ranges: tuple[tuple[int, int], ...], runs: Path, results: Path) -> None:
-    """Draw the energy of each bead (needs recorded positions)."""
-    from postproc.draw.product import write_product
-    from postproc.energy.energies import range_numbers, run_energies
-    from postproc.energy.energy_figure import draw_energies, write_energies
-
-    opened, name, title = _open("energy", run, runs)
-    energies = run_energies(opened)
-    numbers = {f"{low}-{high}": range_numbers(energies, low, high) for low, high in ranges}
-    sums = energies.sums_J
-    if opened.trace.drive_work_J is not None:
-        sums["work of the drive, negative"] = 0 - opened.trace.drive_work_J
-    sums["sum"] = sum(sums.values(), start=0 * energies.time_s)
-    rows = [(each, f"{values[0]:.6g}", f"{values[-1]:.6g}") for each, values in sums.items()]
-    print(*text_table([("energy (J)", "at time 0", "at the end"), *rows]), sep="\n")
-    lines = [(bodies, *(f"{value:.6g}" for value in own.values())) for bodies, own in numbers.items()]
-    if numbers:
-        print(*text_table([("bodies", *next(iter(numbers.values()))), *lines]), sep="\n")
-    table = results / f"{name}.parquet"
-    written = write_product(draw_energies(energies, ranges, title), name, results)
-    write_energies(energies, table)
-    for path in (*written, table):
-        print(paths.shown(path))
-
-
 @command("yade:driven-steel", "yade:driven-steel --from bead_15 --to wall --since '0.2 ms'")
 @options.RUN
 @click.option(
@@ -220,6 +173,53 @@ def _si(option: str, text: str, unit: str) -> float:
     if value < 0:
         raise InputError("beads spectrum", option, f'"{text}"', "zero or more")
     return value
+
+
+def _bodies(text: str) -> tuple[int, int]:
+    """Reader of a range of bodies, such as 5-9, or one body."""
+    low, dash, high = text.partition("-")
+    ends = (low, high) if dash else (low, low)
+    if not all(end.isascii() and end.isdigit() and len(end) < 9 for end in ends):
+        raise click.BadParameter(f"found {text}; allowed: a body, such as 9, or a range of bodies, such as 5-9")
+    return int(ends[0]), int(ends[1])
+
+
+@command("verlet:fig4", "verlet:fig4 --beads 1-5 --beads 6-21")
+@options.RUN
+@click.option(
+    "--beads",
+    "ranges",
+    metavar="A-B",
+    multiple=True,
+    type=_bodies,
+    help="Energy of the bodies A to B, counted from the wall, the striker last; repeatable.",
+)
+@options.ENGINES
+@options.RUNS_READ
+@options.RESULTS
+def energy(run: str, ranges: tuple[tuple[int, int], ...], runs: Path, results: Path) -> None:
+    """Draw the energy of each bead (needs recorded positions)."""
+    from postproc.draw.product import write_product
+    from postproc.energy.energies import range_numbers, run_energies
+    from postproc.energy.energy_figure import draw_energies, write_energies
+
+    opened, name, title = _open("energy", run, runs)
+    energies = run_energies(opened)
+    numbers = {f"{low}-{high}": range_numbers(energies, low, high) for low, high in ranges}
+    sums = energies.sums_J
+    if opened.trace.drive_work_J is not None:
+        sums["work of the drive, negative"] = 0 - opened.trace.drive_work_J
+    sums["sum"] = sum(sums.values(), start=0 * energies.time_s)
+    rows = [(each, f"{values[0]:.6g}", f"{values[-1]:.6g}") for each, values in sums.items()]
+    print(*text_table([("energy (J)", "at time 0", "at the end"), *rows]), sep="\n")
+    lines = [(bodies, *(f"{value:.6g}" for value in own.values())) for bodies, own in numbers.items()]
+    if numbers:
+        print(*text_table([("bodies", *next(iter(numbers.values()))), *lines]), sep="\n")
+    table = results / f"{name}.parquet"
+    written = write_product(draw_energies(energies, ranges, title), name, results)
+    write_energies(energies, table)
+    for path in (*written, table):
+        print(paths.shown(path))
 
 
 @command("yade:fig4-tube --sideways 10")
