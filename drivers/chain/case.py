@@ -156,7 +156,7 @@ class Case:
             shape = "flat face" if striker.shape == "flat" else "sphere"
             words += f", struck by a {shape} of {striker.material} at {striker.speed:g} m/s"
         if chain.damped:
-            words += f"; {chain.dissipation}"
+            words += f"; {chain.law.description}"
         return words
 
 

@@ -14,20 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.chain.contact_law import (
-    ALPHA,
     ContactStiffness,
     contact_stiffness,
-    damping_coefficient,
-    damping_ratio,
     hertz_force,
     hertz_overlap,
     hertz_stiffness,
-    restitution,
 )
 from drivers.chain.lateral import Bore, Lateral
 from drivers.chain.masses import bead_masses, sphere_mass
-from drivers.scene.model import Contact, Scene
-from validation.reference.hertz_chain import ENERGY_SHARE, HertzChain, TubeChain, dissipative_force
+from drivers.laws.law import ELASTIC, Law
+from drivers.scene.model import Scene
+from validation.reference.hertz_chain import ENERGY_SHARE, HertzChain, TubeChain
 
 Array = NDArray[np.float64]
 LEVEL_M = 10.0  # radius of a sphere that replaces a flat face; its slope is 1e-5 at 0.1 mm off the axis
@@ -53,9 +50,7 @@ class Chain:
         wall_height_m: height of the wall, or of bead 1's lowest point in a free chain.
         gravity_m_s2: acceleration of gravity.
         precompression_N: constant force downwards on the top bead.
-        damping_ratio: B of ``drivers.chain.contact_law``; 0 for elastic contacts and the power law.
-        gamma: coefficient of the power law of dissipation, in N (s/m)^alpha; else 0.
-        alpha: exponent of the power law; else 0.
+        law: contact law.
         lateral: additional properties of a three-dimensional chain; None for a straight chain.
     """
 
@@ -71,9 +66,7 @@ class Chain:
     wall_height_m: float
     gravity_m_s2: float
     precompression_N: float
-    damping_ratio: float = 0.0
-    gamma: float = 0.0
-    alpha: float = 0.0
+    law: Law = ELASTIC
     lateral: Lateral | None = None
 
     @property
@@ -89,14 +82,7 @@ class Chain:
     @property
     def damped(self) -> bool:
         """True if contacts dissipate energy in impacts."""
-        return self.damping_ratio > 0 or self.gamma > 0
-
-    @property
-    def dissipation(self) -> str:
-        """Description of the dissipation."""
-        if self.gamma:
-            return f"dissipative force of {self.gamma:.6g} N (s/m)^a times closing speed^a, a = {self.alpha:.6g}"
-        return f"impacts have a restitution of {restitution(self.damping_ratio):.6g}"
+        return self.law.damped
 
     @property
     def slips(self) -> bool:
@@ -112,15 +98,16 @@ class Chain:
     def height_m(self) -> Array:
         """Heights of the centres at time 0 (of a flat striker: its face). Shape (bodies,).
 
-        Damped bodies that just touch start with a gap of a few rounding errors, since the viscoelastic force grows as
-        overlap^(1/4). With the power law, closing bodies start with an overlap of that size, since they have a force.
+        Damped bodies that just touch start with a gap of a few rounding errors, since the dissipative force grows as
+        a small power of the overlap. With the power law, closing bodies start with an overlap of that size, since they
+        have a force.
         """
         radius = self.sphere_radius_m
         below = np.concatenate([[0.0], radius[:-1]])
         height = np.asarray(self.wall_height_m + np.cumsum((below + radius - self.overlap_m) * self.axial_share))
         if self.damped:
             touching = ((self.overlap_m == 0) & (self.stiffness > 0)).astype(int)
-            apart = np.where((self.closing_m_s > 0) & (self.alpha > 0), -touching, touching)
+            apart = np.where((self.closing_m_s > 0) & (self.law.alpha > 0), -touching, touching)
             height = height + 4 * np.cumsum(apart) * np.spacing(np.abs(height).max())
         return height
 
@@ -163,7 +150,7 @@ class Chain:
         elastic = self.elastic_N
         if not self.damped:
             return elastic
-        lost = dissipative_force(self.damping, self.alpha, self.overlap_m, self.closing_m_s)
+        lost = self.law.force(self.damping, self.overlap_m, self.closing_m_s)
         return np.asarray(np.maximum(elastic + lost * self.axial_share, 0.0))
 
     @cached_property
@@ -179,10 +166,8 @@ class Chain:
 
     @cached_property
     def damping(self) -> Array:
-        """C of each contact in ``F = max(0, k d^(3/2) + C d^(1/4) d')``, N s m^-5/4; gamma for the power law."""
-        if self.gamma:
-            return np.where(self.stiffness > 0, self.gamma, 0.0)
-        return damping_coefficient(self.damping_ratio, self.stiffness, self.reduced_mass_kg)
+        """Coefficient C of the dissipative force of each contact (``drivers.laws.law``). Shape (bodies,)."""
+        return self.law.coefficient(self.stiffness, self.reduced_mass_kg)
 
     @cached_property
     def acceleration_m_s2(self) -> Array:
@@ -257,23 +242,14 @@ def build_chain(scene: Scene) -> Chain:
         wall_height_m=table.origin,
         gravity_m_s2=scene.gravity,
         precompression_N=table.precompression,
-        damping_ratio=_damping_ratio(scene.contact),
-        gamma=scene.contact.gamma or 0.0,
-        alpha=(scene.contact.alpha or ALPHA) if scene.contact.gamma else 0.0,
+        law=scene.contact.law,
     )
-
-
-def _damping_ratio(contact: Contact) -> float:
-    """Damping ratio of a scene's contacts, given or computed from the restitution."""
-    if contact.damping_ratio is not None:
-        return contact.damping_ratio
-    return 0.0 if contact.restitution is None else damping_ratio(contact.restitution)
 
 
 def arrays_of(chain: Chain) -> HertzChain:
     """Straight chain as input of the integrators."""
     arrays = (chain.mass_kg, chain.stiffness, chain.overlap_m, chain.velocity_m_s, chain.load_N, chain.damping)
-    return HertzChain(*arrays, chain.alpha)
+    return HertzChain(*arrays, chain.law.alpha, chain.law.overlap_power)
 
 
 def tube_arrays_of(chain: Chain) -> TubeChain:
@@ -297,6 +273,7 @@ def tube_arrays_of(chain: Chain) -> TubeChain:
         bore_m=bore.radius_m if bore else 0.0,
         bore_friction=bore.friction if bore else 0.0,
         turns=lateral.turns,
+        overlap_power=chain.law.overlap_power,
     )
 
 

@@ -1,25 +1,11 @@
-"""Contact law of all engines: elastic force, stiffness, energy, dissipation and restitution.
+"""Hertz's elastic contact: stiffness, force, overlap, energy; the laws of dissipation are in ``drivers.laws``.
 
-``F = max(0, k d^(3/2) + 2 B sqrt(m* K) d')`` with the tangent stiffness ``K = (3/2) k d^(1/2)``, the reduced mass
-``1/m* = 1/m1 + 1/m2`` (at the wall the bead's own mass) and the damping ratio B (Tsuji, Tanaka and Ishida, Powder
-Technol. 71:239, 1992; without attraction). In ``u ~ d^(5/4)`` and a rescaled time an impact is a linear oscillator with
-the damping ratio ``zeta = sqrt(6/5) B``; the impact ends when the acceleration is zero (Schwager and Poeschel, Granular
-Matter 9:465, 2007, for a linear spring). So the restitution depends only on B, not on speed, size or modulus:
-
-``e = exp(-2 a / tan(a))`` with ``cos(a) = zeta``; for zeta > 1 ``e = exp(-2 a / tanh(a))`` with ``cosh(a) = zeta``.
-
-The power law of dissipation is ``F = max(0, k d^(3/2) + gamma sgn(d') |d'|^alpha)`` for d >= 0, with the same gamma and
-alpha for all contacts (Carretero-Gonzalez, Khatri, Porter, Kevrekidis and Daraio, Phys. Rev. Lett. 102:024102, 2009;
-alpha = 1.75 for steel, brass and PTFE). The force jumps by ``gamma v^alpha`` when a contact closes at speed v, and the
-restitution depends on the speed.
-
-Functions of overlap, force and energy accept one contact or arrays of contacts. Dissipative forces are computed by
-``validation.reference.hertz_chain.dissipative_force`` and, compiled, in ``validation.reference.contact_kernels``.
+Functions of overlap, force and energy accept one contact or arrays of contacts.
 """
 
 from collections.abc import Callable
 from functools import cache
-from math import acos, acosh, cosh, exp, log, pi, sqrt
+from math import pi, sqrt
 from typing import Any, TypeVar
 
 import numpy as np
@@ -30,9 +16,6 @@ from validation.reference.hertz_chain import ENERGY_SHARE, EXPONENT, Array
 Value = TypeVar("Value", float, Array)  # stiffnesses of type Any are also floats or Arrays
 # k or k_t of a contact, from material and radius of both bodies
 ContactStiffness = Callable[[Material | None, float, Material | None, float], float]
-
-ZETA_1 = sqrt(5 / 6)  # damping ratio B at which zeta is 1
-ALPHA = 1.75  # default of the power law
 
 
 def hertz_stiffness(first: Material | None, radius_1_m: float, second: Material | None, radius_2_m: float) -> float:
@@ -150,44 +133,3 @@ def overlap_of_energy(stiffness: Value, energy_J: float) -> Value:
     """Overlap at which a contact has the elastic energy E, ``d = (5 E / (2 k))^(2/5)``, in m."""
     overlap: Value = ((1 + EXPONENT) * energy_J / stiffness) ** ENERGY_SHARE
     return overlap
-
-
-def damping_coefficient(damping_ratio: float, stiffness: Array, reduced_mass_kg: Array) -> Array:
-    """Coefficient ``C = 2 B sqrt((3/2) k m*)`` in ``F = max(0, k d^(3/2) + C d^(1/4) d')``, in N s m^-5/4."""
-    return np.asarray(2 * damping_ratio * np.sqrt(EXPONENT * stiffness * reduced_mass_kg))
-
-
-def restitution(damping_ratio: float) -> float:
-    """Restitution of an impact of two free bodies; 1 for a damping ratio of 0."""
-    zeta = damping_ratio / ZETA_1
-    root = sqrt(abs(1 - zeta) * (1 + zeta))
-    if root == 0:
-        return exp(-2)
-    return exp(-2 * (acos(zeta) if zeta < 1 else acosh(zeta)) * zeta / root)
-
-
-@cache
-def damping_ratio(wanted: float) -> float:
-    """Damping ratio B of an impact with the restitution ``wanted``, above 0 and at most 1."""
-    from scipy.optimize import brentq
-
-    loss = -log(wanted)
-    if loss == 0:
-        return 0.0
-    most = ZETA_1 * cosh(loss / 2) * (1 + 1e-12)
-    return float(brentq(lambda ratio: log(restitution(ratio)) + loss, 0.0, most, xtol=1e-300, rtol=1e-15))
-
-
-def restitution_with_attraction(damping_ratio: float) -> float:
-    """Restitution ``e' = exp(-pi zeta / sqrt(1 - zeta^2))`` of the law with attractive forces; 0 for zeta >= 1.
-
-    LIGGGHTS takes e' with and without ``limitForce``: ``zeta = |ln e'| / sqrt(ln(e')^2 + pi^2)``.
-    """
-    zeta = damping_ratio / ZETA_1
-    return exp(-pi * zeta / sqrt((1 - zeta) * (1 + zeta))) if zeta < 1 else 0.0
-
-
-def damping_ratio_with_attraction(wanted: float) -> float:
-    """Damping ratio B of a restitution e' of the law with attractive forces."""
-    loss = -log(wanted)
-    return ZETA_1 * loss / sqrt(loss**2 + pi**2)

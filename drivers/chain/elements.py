@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from drivers.chain.chain import Chain
 from drivers.chain.lateral import Lateral
 from drivers.chain.masses import bead_mass
+from drivers.laws.viscoelastic import Viscoelastic
 from drivers.scene.model import RIGID, Scene
 
 # elements of straight chains, and further elements of three-dimensional chains
@@ -35,7 +36,9 @@ def choose_elements(scene: Scene, chain: Chain) -> tuple[ModellingElement, ...]:
     wall = "rigid half-space" if chain.wall == RIGID else f"half-space of {chain.wall}"
     shape = "flat face" if striker and striker.shape == "flat" else "sphere"
     alike = "sensor beads weigh as much as the others" if scene.chain.sensors else "no bead carries a sensor"
-    damped = chain.dissipation + (f", by a damping ratio of {chain.damping_ratio:.6g}" if chain.damping_ratio else "")
+    damped = chain.law.description
+    if isinstance(chain.law, Viscoelastic):
+        damped += f", by a damping ratio of {chain.law.damping_ratio:.6g}"
     table = [
         ("gravity", scene.gravity, f"{scene.gravity:g} m/s^2", NONE),
         ("wall", chain.wall, f"{wall}, Hertz law with R* = R", "a free chain"),

@@ -88,7 +88,7 @@ def heights_and_reach(case: Case) -> tuple[Array, Array]:
     """
     chain = case.chain
     flat = np.isinf(chain.radius_m)
-    face = sphere_for_face(case.scene, chain)[0] if flat.any() and chain.damping_ratio else 0.0
+    face = sphere_for_face(case.scene, chain)[0] if flat.any() and chain.damped and not chain.law.alpha else 0.0
     radius = np.where(flat, face, chain.radius_m)
     reach = radius + np.concatenate([[chain.wall_height_m], radius[:-1]])
     return np.asarray(chain.height_m + np.where(flat, face, 0.0)), np.asarray(reach)

@@ -26,7 +26,7 @@ from drivers.chain.case import Case
 from drivers.chain.elements import STRAIGHT
 from drivers.chain.trace import Trace
 from drivers.engines._entries import Entry, entries
-from drivers.scene.model import VISCOELASTIC
+from drivers.laws.viscoelastic import Viscoelastic
 from validation.reference.hertz_chain import Flag
 
 REFERENCE, VERLET = "reference", "verlet"  # in-repo engines: exact motion, and the scheme of the codes
@@ -104,7 +104,7 @@ class Engine:
         scheme: integration scheme, one of the constants above. Velocity Verlet uses the closing speed of half a step
             before for damping, and at time 0 the one of time 0.
         shear: ``TOTAL`` or ``INCREMENTAL`` friction in three dimensions.
-        dissipation: laws of dissipation that it models, as named in scenes.
+        dissipation: laws of dissipation that it models, as named in scenes; a shipped code asks the laws.
         models: modelling elements (``drivers.chain.elements``) that it models.
         variables: environment variables that it needs, with their values.
         refusal: function that returns key, found and allowed of a case that the engine cannot run; else None.
@@ -128,7 +128,7 @@ class Engine:
     integrate: Callable[[Case, Flag], tuple[Trace, float]] | None = None
     scheme: str = IN_HEIGHTS
     shear: str = TOTAL
-    dissipation: frozenset[str] = frozenset({VISCOELASTIC})
+    dissipation: frozenset[str] = frozenset({Viscoelastic.name})
     models: frozenset[str] = STRAIGHT
     variables: Mapping[str, str] = field(default_factory=dict)
     refusal: Callable[[Case], InputProblem | None] = lambda case: None

@@ -14,15 +14,15 @@ from drivers.base import paths
 from drivers.base.decks import Deck
 from drivers.base.kept import content_of
 from drivers.chain.case import Case
-from drivers.chain.chain import tube_arrays_of
+from drivers.chain.chain import Chain, tube_arrays_of
 from drivers.chain.schemes import trace_of
 from drivers.chain.trace import Trace, make_trace
 from drivers.engines import Engine
 from drivers.engines._raw_output import read_arrays
-from drivers.scene.model import POWER, VISCOELASTIC
+from drivers.laws import LAWS
 from validation import reference
 from validation.reference import integrate_deck
-from validation.reference.hertz_chain import TUBE_KEYS, Flag, Motion
+from validation.reference.hertz_chain import TUBE_KEYS, VISCOELASTIC_POWER, Flag, Motion
 
 COMMAND = ("python", "-m", reference.__name__, "chain.json")
 COLUMNS = 13  # three-dimensional chain: axial force; bore force, position, velocity and spin with three each
@@ -53,8 +53,7 @@ def _values(case: Case, method: str, timing: Values) -> Values:
         "overlap_m": chain.overlap_m,
         "velocity_m_s": chain.velocity_m_s,
         "load_N": chain.load_N,
-        **({"damping_N_s_m-5/4": chain.damping} if chain.damping_ratio else {}),
-        **({"gamma_N_(s/m)^alpha": chain.damping, "alpha": chain.alpha} if chain.gamma else {}),
+        **_dissipation(chain),
         "height_m": chain.height_m,  # not integrated, but used for the trace
         "diameter_m": [None if np.isinf(radius) else 2 * radius for radius in chain.radius_m],
     }
@@ -62,6 +61,18 @@ def _values(case: Case, method: str, timing: Values) -> Values:
         arrays = tube_arrays_of(chain)
         values |= {key: getattr(arrays, field) for field, key in TUBE_KEYS.items()}
     return values
+
+
+def _dissipation(chain: Chain) -> Values:
+    """Coefficients of the dissipative force, with its exponent of speed or of overlap unless that is 1/4."""
+    if not chain.damped:
+        return {}
+    if chain.law.alpha:
+        return {"gamma_N_(s/m)^alpha": chain.damping, "alpha": chain.law.alpha}
+    power = chain.law.overlap_power
+    if power == VISCOELASTIC_POWER:
+        return {"damping_N_s_m-5/4": chain.damping}
+    return {"damping_N_s_m-(1+p)": chain.damping, "overlap_power": power}
 
 
 def read(case: Case, folder: Path) -> Trace:
@@ -121,7 +132,7 @@ def in_repository_engine(method: str, timing: Callable[[Case], Values], **own: A
         program="python",
         version=version,
         variables={"PYTHONPATH": str(paths.ROOT)},
-        dissipation=frozenset({VISCOELASTIC, POWER}),
+        dissipation=frozenset(LAWS),
         render=render,
         integrate=integrate,
         server=Deck({}, (*COMMAND[:-1], "-"), raw=()),  # reads requests from stdin

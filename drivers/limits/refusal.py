@@ -53,7 +53,7 @@ def inability(case: Case, engine: str) -> InputError | None:
         found = f'"{engine}" for a scene with {", ".join(missing)}'
         allowed = f"an engine that models it: {able}" if able else "none, since no engine models the scene"
         return InputError(case.scene.file, "", found, allowed)
-    law = case.scene.contact.dissipation
+    law = case.chain.law.name
     if case.chain.damped and law not in interface.dissipation:
         allowed = " or ".join(f'"{each}"' for each in sorted(interface.dissipation))
         return InputError(case.scene.file, "contact.dissipation", f'"{law}"', f"on {engine} {allowed}")

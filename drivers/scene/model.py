@@ -5,19 +5,19 @@ Beads are counted from the wall, as in the paper: bead 1 rests on the wall.
 
 from math import isfinite
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints, create_model
 
 from drivers.base import units
 from drivers.base.errors import CONTROL
+from drivers.laws import LAWS
+from drivers.laws.law import Law
+from drivers.laws.viscoelastic import Viscoelastic
 
 MAX_BEADS = 1_000_000
 RIGID = "rigid"
 RIGID_PA = 1e40  # modulus of a rigid wall in decks: its part of 1/E* is below rounding
-VISCOELASTIC: Final = "viscoelastic"
-POWER: Final = "power"
-MIN_RESTITUTION, MAX_DAMPING_RATIO = 1e-4, 50.0  # about equivalent; with stronger damping bodies stick together
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=60)]
 FromWall = Annotated[int, Field(ge=1, le=MAX_BEADS)]
@@ -144,26 +144,39 @@ class Tube(Part):
     top: units.Height | None = None
 
 
-class Contact(Part):
-    """Dissipation and friction of contacts.
+class ContactTable(Part):
+    """Friction of contacts, and their law of dissipation (``drivers.laws``) with its keys.
 
-    Contacts are elastic by default. With ``dissipation = "viscoelastic"`` either ``restitution`` (of an impact) or
-    ``damping_ratio`` (B of ``drivers.chain.contact_law``) makes them dissipative; with ``dissipation = "power"``
-    ``gamma`` in N (s/m)^alpha does, and the default of ``alpha`` is 1.75. With ``rotation = false`` beads do not spin.
+    Contacts are elastic by default. With ``rotation = false`` beads do not spin.
     """
 
-    dissipation: Literal["viscoelastic", "power"] = VISCOELASTIC
-    restitution: Annotated[float, Field(ge=MIN_RESTITUTION, le=1, allow_inf_nan=False)] | None = None
-    damping_ratio: Annotated[float, Field(ge=0, le=MAX_DAMPING_RATIO)] | None = None
-    gamma: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = None
-    alpha: Annotated[float, Field(ge=1, le=3)] | None = None
+    dissipation: str
     friction: Friction = 0.0
     rotation: bool = True
 
     @property
+    def given(self) -> dict[str, float]:
+        """Keys of laws of dissipation that the scene gives."""
+        values = {key: getattr(self, key) for law in LAWS.values() for key in law.keys}
+        return {key: value for key, value in values.items() if value is not None}
+
+    @property
+    def law(self) -> Law:
+        """Contact law."""
+        return LAWS[self.dissipation].of(self.given)
+
+    @property
     def elastic(self) -> "Contact":
         """This contact without dissipation."""
-        return Contact(friction=self.friction, rotation=self.rotation)
+        return self.model_copy(update=dict.fromkeys(self.given) | {"dissipation": Viscoelastic.name})
+
+
+if TYPE_CHECKING:
+    Contact = ContactTable
+else:
+    _keys: dict[str, Any] = {key: (kind | None, None) for law in LAWS.values() for key, kind in law.keys.items()}
+    _name = (Literal[tuple(LAWS)], Viscoelastic.name)
+    Contact = create_model("Contact", __base__=ContactTable, __module__=__name__, dissipation=_name, **_keys)
 
 
 class Gauge(Part):
@@ -229,7 +242,7 @@ class SceneFile(Part):
     striker: Striker | None = None
     wall: Wall | None = None
     tube: Tube | None = None
-    contact: Contact = Contact()
+    contact: Contact = Contact(dissipation=Viscoelastic.name)
     sensor: Gauge | None = None
     materials: dict[Name, Material] = Field(default_factory=dict)
     run: Run

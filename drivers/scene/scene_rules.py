@@ -4,10 +4,10 @@ from collections.abc import Iterator
 
 from drivers.base.errors import InputProblem
 from drivers.base.messages import shorten
-from drivers.scene.model import POWER, RIGID, VISCOELASTIC, Bead, Contact, MeasuredEntry, Scene, SceneFile, Sensor
+from drivers.laws import LAWS
+from drivers.scene.model import RIGID, Bead, Contact, MeasuredEntry, Scene, SceneFile, Sensor
 
 PLAY_TOLERANCE = 1e-6  # relative; for rounding of the difference of two diameters
-LAWS = {VISCOELASTIC: ("restitution", "damping_ratio"), POWER: ("gamma", "alpha")}  # keys by law of dissipation
 
 
 def problems_of_alternatives(file: SceneFile) -> Iterator[InputProblem]:
@@ -24,17 +24,14 @@ def problems_of_alternatives(file: SceneFile) -> Iterator[InputProblem]:
 
 
 def _dissipation(contact: Contact) -> Iterator[InputProblem]:
-    """Problems with the keys of the dissipation laws."""
-    given = {law: [key for key in keys if getattr(contact, key) is not None] for law, keys in LAWS.items()}
-    for law, keys in given.items():
-        if law != contact.dissipation:
-            for key in keys:
-                found = f'{getattr(contact, key):g} with contact.dissipation = "{contact.dissipation}"'
-                yield f"contact.{key}", found, f'this key only with contact.dissipation = "{law}"'
-    if len(given[VISCOELASTIC]) == 2:
-        yield "contact", "both restitution and damping_ratio", "one of the two; each determines the other"
-    if contact.dissipation == POWER and contact.gamma is None:
-        yield "contact.gamma", "missing key; give a number of 0 or more, in N (s/m)^alpha", ""
+    """Problems with the keys of the laws of dissipation."""
+    chosen, given = LAWS[contact.dissipation], contact.given
+    for key, value in given.items():
+        if key not in chosen.keys:
+            found = f'{value:g} with contact.dissipation = "{contact.dissipation}"'
+            law = next(law.name for law in LAWS.values() if key in law.keys)
+            yield f"contact.{key}", found, f'this key only with contact.dissipation = "{law}"'
+    yield from chosen.problems({key: value for key, value in given.items() if key in chosen.keys})
 
 
 def _measured_choices(measured: MeasuredEntry, key: str) -> Iterator[InputProblem]:
@@ -123,9 +120,10 @@ def _striker_contradictions(scene: Scene) -> Iterator[InputProblem]:
 def _tube_contradictions(scene: Scene, widest: float) -> Iterator[InputProblem]:
     """Problems with the keys of a three-dimensional scene."""
     chain, tube, offset = scene.chain, scene.tube, scene.chain.lateral_offset
-    if scene.contact.gamma:
-        allowed = '"viscoelastic"; the power law is modelled for straight chains only'
-        yield "contact.dissipation", '"power" for beads that move sideways', allowed
+    law = scene.contact.law
+    if not law.sideways:
+        allowed = '"viscoelastic"; the other laws are modelled for straight chains only'
+        yield "contact.dissipation", f'"{law.name}" for beads that move sideways', allowed
     if scene.run.accuracy is not None:
         allowed = "a run.time_step; errors are predicted for straight chains only"
         yield "run.accuracy", "an accuracy for beads that move sideways", allowed

@@ -3,7 +3,7 @@
 With the overlap d_j of each contact from the recorded heights, the closing speed d_j' and the recorded forces F_j:
 
 * stiffness and damping: least squares of ``F_j = k_j d_j^(3/2) + C_j x_j + b_j`` over the samples at which contact j
-  is closed, with ``x = d^(1/4) d'``, or ``sgn(d') |d'|^alpha`` for the power law;
+  is closed, with ``x`` of the contact law, such as ``d^(1/4) d'``;
 * masses and loads: least squares of ``m_j (v_j - v_j(0)) = L_j t + integral of (F_j - F_{j+1} - b_j + b_{j+1})``;
 * clock: least squares of ``z_j - z_j(0) = q integral of v_j + s (v_j - v_j(0))`` over all bodies, with q the time
   between samples divided by the scene's, and s the time by which recorded velocities are late;
@@ -20,10 +20,9 @@ import numpy as np
 
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain, furthest_m
-from drivers.chain.contact_law import damping_coefficient
 from drivers.chain.trace import Trace, overlaps
+from drivers.laws.viscoelastic import Viscoelastic
 from postproc.read.signals import integral
-from validation.reference.hertz_chain import dissipative_force
 
 MIN_SAMPLES = 12
 FIT_SAMPLES = 500  # evenly spread samples are enough for a fit
@@ -131,8 +130,8 @@ def _fit(columns: list[Array], target: Array, samples: int = FIT_SAMPLES) -> tup
 
 def _contacts(chain: Chain, overlap_m: Array, closing_m_s: Array, force_N: Array) -> tuple[list[LawRow], Array]:
     """Stiffness and damping of each contact, and the constant part of its force in N. Shape (bodies,)."""
-    unit = chain.damping if chain.damped else damping_coefficient(1.0, chain.stiffness, chain.reduced_mass_kg)
-    lossy = dissipative_force(unit, chain.alpha, overlap_m, closing_m_s)
+    law = chain.law if chain.damped else Viscoelastic(1.0)
+    lossy = law.force(law.coefficient(chain.stiffness, chain.reduced_mass_kg), overlap_m, closing_m_s)
     rows, offset = [], np.zeros(chain.bodies)
     for j in np.flatnonzero(chain.stiffness):
         closed = (overlap_m[:, j] > 0) & (force_N[:, j] != 0)

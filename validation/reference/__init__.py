@@ -2,14 +2,25 @@
 
 This folder imports no other package of the project. Equations of motion, u positive upwards:
 ``m_j u_j'' = F_j - F_{j+1} + load_j`` with ``F_j = k_j overlap_j^(3/2)`` (the paper's Eq. 7) for elastic contacts and
-``F_j = max(0, k_j overlap_j^(3/2) + C_j overlap_j^(1/4) d overlap_j/dt)`` for dissipative contacts.
+``F_j = max(0, k_j overlap_j^(3/2) + C_j overlap_j^p d overlap_j/dt)`` for dissipative contacts.
 """
 
 from typing import Any
 
 import numpy as np
 
-from validation.reference.hertz_chain import TUBE_KEYS, Array, Flag, HertzChain, Motion, TubeChain, TubeMotion
+from validation.reference.hertz_chain import (
+    TUBE_KEYS,
+    VISCOELASTIC_POWER,
+    Array,
+    Flag,
+    HertzChain,
+    Motion,
+    TubeChain,
+    TubeMotion,
+)
+
+DAMPING_KEYS = ("gamma_N_(s/m)^alpha", "damping_N_s_m-5/4", "damping_N_s_m-(1+p)")
 
 
 def integrate_deck(values: dict[str, Any], stop: Flag | None = None, samples: int = 0) -> list[Array]:
@@ -37,9 +48,10 @@ def integrate_deck(values: dict[str, Any], stop: Flag | None = None, samples: in
 
 def _straight(values: dict[str, Any], samples: int, stop: Flag | None) -> Motion:
     keys = ("mass_kg", "stiffness_N_m-3/2", "overlap_m", "velocity_m_s", "load_N")
-    damping = values.get("gamma_N_(s/m)^alpha", values.get("damping_N_s_m-5/4", []))
+    damping: Any = next((values[key] for key in DAMPING_KEYS if key in values), [])
     mass, stiffness, overlap, velocity, load = (values[key] for key in keys)
-    chain = HertzChain(mass, stiffness, overlap, velocity, load, damping, values.get("alpha", 0.0))
+    powers = values.get("alpha", 0.0), values.get("overlap_power", VISCOELASTIC_POWER)
+    chain = HertzChain(mass, stiffness, overlap, velocity, load, damping, *powers)
     if values["method"] == "verlet":
         from validation.reference.velocity_verlet import integrate_verlet
 

@@ -57,8 +57,7 @@ def integrate_adaptive(
     start, scale = np.concatenate([chain.overlap_m, chain.velocity_m_s]), np.repeat([overlap_scale, speed_scale], n)
     damping = np.zeros(0) if chain.elastic else chain.damping
     bodies: tuple[Any, ...] = (1.0 / chain.mass_kg, chain.stiffness, damping, chain.load_N / chain.mass_kg)
-    if chain.alpha:
-        bodies = (*bodies, float(chain.alpha), np.zeros(n))
+    bodies += (float(chain.alpha), np.zeros(n)) if chain.alpha else (float(chain.overlap_power),)
     first = FIRST_STEP * overlap_scale / speed_scale
     stop = np.zeros(1, bool) if stop is None else stop
     states = np.empty((time_s.size, start.size))

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from validation.reference.contact_kernels import copy
+from validation.reference.contact_kernels import copy, root_raised
 from validation.reference.dop853 import (
     POWER_LAW_LENGTH,
     ROWS,
@@ -167,7 +167,7 @@ def _first_event(
         if before >= 0.0 and damping.size and damping[j] > 0.0:
             if j == last:
                 continue
-            before, after = _grip(start, j, stiffness[j], damping[j]), _grip(end, j, stiffness[j], damping[j])
+            before, after = _grip(start, j, bodies), _grip(end, j, bodies)
             tiny = EVENT_OVERLAP * damping[j] * scale[n]
         if before * after < 0.0 and (abs(before) > tiny or abs(after) > tiny):
             share = before / (before - after)
@@ -202,10 +202,11 @@ def _refined(share: float, contact: int, start: Array, end: Array, s: float, len
 
 
 @njit(error_model="numpy")
-def _grip(state: Array, contact: int, stiffness: float, damping: float) -> float:
-    """``k d^(5/4) + C d'``, negative after a closed dissipative contact has released."""
+def _grip(state: Array, contact: int, bodies: Bodies) -> float:
+    """``k d^(3/2 - p) + C d'``, negative after a closed dissipative contact has released."""
     overlap = max(state[contact], 0.0)
-    return float(stiffness * overlap * sqrt(sqrt(overlap)) + damping * closing_speed(state, contact))
+    spring = bodies[1][contact] * overlap * root_raised(sqrt(overlap), 0.5 - bodies[4])
+    return float(spring + bodies[2][contact] * closing_speed(state, contact))
 
 
 @njit(error_model="numpy")
@@ -247,11 +248,10 @@ def _step_to_event(
             slope(end[0], 1.0, end[2], bodies)
             value, rate = passing(end[0], end[2], event, state[0, contact] < 0.0, bodies)
         elif closed and damped:
-            stiffness, damping = bodies[1][contact], bodies[2][contact]
             slope(end[0], 1.0, end[2], bodies)
-            value = _grip(end[0], contact, stiffness, damping)
-            rate *= 1.25 * stiffness * max(end[0, contact], 0.0) ** 0.25
-            rate += damping * closing_speed(end[2], contact)
+            value = _grip(end[0], contact, bodies)
+            rate *= (1.5 - bodies[4]) * bodies[1][contact] * max(end[0, contact], 0.0) ** (0.5 - bodies[4])
+            rate += bodies[2][contact] * closing_speed(end[2], contact)
         if rate == 0.0 and len(bodies) != POWER_LAW_LENGTH:
             break
         change = -value / rate

@@ -122,8 +122,8 @@ WEIGHTS = np.take_along_axis(FORMULAS, TERMS, axis=1)
 TERMS[WEIGHTS == 0] = 0
 COUNTS = np.count_nonzero(FORMULAS, axis=1)
 ROUNDING = 0.5**53  # relative rounding error of a double
-# inverse masses, stiffness, damping (empty for an elastic chain), acceleration by the loads alone; with the power law
-# also alpha, and for each contact 1 if it may exert a force in the present step, else 0
+# inverse masses, stiffness, damping (empty for an elastic chain), acceleration by the loads alone, power of the overlap
+# in damping; with the power law alpha in its place, and for each contact 1 if it may exert a force in the present step
 Bodies = tuple[Any, ...]
 POWER_LAW_LENGTH = 6  # length of Bodies with the power law; numba compiles a kernel for each of the two lengths
 
@@ -135,7 +135,7 @@ def slope(state: Array, stretch: float, result: Array, bodies: Bodies) -> None:
     if len(bodies) == POWER_LAW_LENGTH:
         _slope_power(state, stretch, result, bodies)
         return
-    inverse_mass, stiffness, damping, acceleration = bodies[:4]
+    inverse_mass, stiffness, damping, acceleration, overlap_power = bodies[:5]
     n = inverse_mass.size
     velocity, closing, force = state[n:], result[:n], result[n:]
     closing[0] = -velocity[0]
@@ -143,7 +143,10 @@ def slope(state: Array, stretch: float, result: Array, bodies: Bodies) -> None:
         closing[j] = velocity[j - 1] - velocity[j]
     if damping.size:
         for j in range(n):
-            force[j] = damped_force(stiffness[j], damping[j], state[j], closing[j]) if state[j] > 0.0 else 0.0
+            if state[j] > 0.0:
+                force[j] = damped_force(stiffness[j], damping[j], overlap_power, state[j], closing[j])
+            else:
+                force[j] = 0.0
     else:
         for j in range(n):
             force[j] = elastic_force(stiffness[j], state[j] if state[j] > 0.0 else 0.0)

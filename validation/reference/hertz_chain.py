@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Flag = NDArray[np.bool_]  # shape (1,); another thread sets it to end an integration, whose result then has no meaning
 EXPONENT = 3 / 2  # exponent of the overlap in Hertz's law
+VISCOELASTIC_POWER = 1 / 4  # exponent of the overlap in the viscoelastic damping force
 ENERGY_SHARE = 1 / (1 + EXPONENT)  # elastic energy over force times overlap
 
 
@@ -36,12 +37,13 @@ class HertzChain:
             cancellation.
         velocity_m_s: Velocity at time 0, upwards positive.
         load_N: Constant force on each body, upwards positive.
-        damping: C of each contact in ``F = max(0, k overlap^(3/2) + C overlap^(1/4) d overlap/dt)``; default 0.
+        damping: C of each contact in ``F = max(0, k overlap^(3/2) + C overlap^p d overlap/dt)``; default 0.
         alpha: Exponent of the velocity-power law (``dissipative_force``), with gamma in ``damping``; 0: the law above.
+        overlap_power: p of the law above, above 0 and at most 1/2; without meaning for the velocity-power law.
 
     Raises:
         ValueError: an array has a wrong shape or values that are not finite; a mass is not above zero; a stiffness or
-            damping is below zero; alpha is between 0 and 1; with alpha, a contact has no gamma.
+            damping is below zero; alpha is between 0 and 1; with alpha, a contact has no gamma; p is out of range.
     """
 
     mass_kg: Array
@@ -51,15 +53,18 @@ class HertzChain:
     load_N: Array
     damping: Array = field(default_factory=lambda: np.zeros(0))
     alpha: float = 0.0
+    overlap_power: float = VISCOELASTIC_POWER
 
     def __post_init__(self) -> None:
         if not np.size(self.damping):
             object.__setattr__(self, "damping", np.zeros(np.shape(self.mass_kg)))
         for name in self.__dataclass_fields__:
-            if name != "alpha":
+            if name not in ("alpha", "overlap_power"):
                 object.__setattr__(self, name, _checked(name, getattr(self, name), (np.size(self.mass_kg),)))
         if self.alpha and not 1 <= self.alpha < np.inf:
             raise ValueError(f"alpha: {self.alpha}, expected 0, or 1 or more")
+        if not 0 < self.overlap_power <= 1 / 2:
+            raise ValueError(f"overlap_power: {self.overlap_power}, expected above 0 and at most 1/2")
         if self.alpha and (self.damping[self.stiffness > 0] == 0).any():
             raise ValueError("damping: 0 at a contact, expected a gamma above zero at each contact")
 
@@ -107,7 +112,7 @@ class TubeChain:
         mass_kg: Mass of each body.
         radius_m: Radius; inf for a flat striker, which moves along the axis only.
         stiffness: k of each contact in ``F = k overlap^(3/2)``; 0 for a missing contact (first contact without a wall).
-        damping: C of each contact in ``F = max(0, k overlap^(3/2) + C overlap^(1/4) d overlap/dt)``.
+        damping: C of each contact in ``F = max(0, k overlap^(3/2) + C overlap^p d overlap/dt)``.
         shear: k_t of each contact: a shear displacement ds adds the force ``k_t sqrt(overlap) ds``.
         load_N: Constant force on each body along the axis, upwards positive.
         bore_stiffness: k of each body's elastic contact with the bore; 0 for a body outside the tube.
@@ -119,6 +124,7 @@ class TubeChain:
         bore_m: Radius of the bore.
         bore_friction: Coefficient of friction with the bore.
         turns: True if friction turns the bodies.
+        overlap_power: p of the damping force.
 
     Raises:
         ValueError: an array has a wrong shape or values that are not finite; a mass or radius is not above zero.
@@ -139,6 +145,7 @@ class TubeChain:
     bore_m: float
     bore_friction: float
     turns: bool = True
+    overlap_power: float = VISCOELASTIC_POWER
 
     def __post_init__(self) -> None:
         bodies = np.size(self.mass_kg)
@@ -209,15 +216,17 @@ def hertz_force(stiffness: Array, overlap_m: Array) -> Array:
     return np.asarray(stiffness * closed * np.sqrt(closed))
 
 
-def dissipative_force(damping: Array, alpha: float, overlap_m: Array, closing_m_s: Array) -> Array:
+def dissipative_force(
+    damping: Array, alpha: float, overlap_power: float, overlap_m: Array, closing_m_s: Array
+) -> Array:
     """Dissipative force of a contact, to be added to the Hertz force (the sum is then limited to 0 and above).
 
-    It is ``C d^(1/4) d'`` without alpha, and ``gamma sgn(d') |d'|^alpha`` for d >= 0 with alpha (Carretero-Gonzalez
+    It is ``C d^p d'`` without alpha, and ``gamma sgn(d') |d'|^alpha`` for d >= 0 with alpha (Carretero-Gonzalez
     et al., Phys. Rev. Lett. 102, 024102, 2009); ``damping`` is C or gamma in N (s/m)^alpha. The force of the power law
     jumps when a contact closes; at that instant (d = 0, d' > 0) the result is the value after the jump.
     """
     if not alpha:
-        return np.asarray(damping * np.maximum(overlap_m, 0.0) ** 0.25 * closing_m_s)
+        return np.asarray(damping * np.maximum(overlap_m, 0.0) ** overlap_power * closing_m_s)
     power = np.sign(closing_m_s) * np.abs(closing_m_s) ** alpha
     return np.asarray(np.where(overlap_m >= 0.0, damping * power, 0.0))
 
@@ -231,7 +240,8 @@ def contact_force(chain: HertzChain, overlap_m: Array, velocity_m_s: Array) -> A
     if chain.elastic:
         return elastic
     closing = np.concatenate([np.zeros_like(velocity_m_s[..., :1]), velocity_m_s[..., :-1]], axis=-1) - velocity_m_s
-    return np.asarray(np.maximum(elastic + dissipative_force(chain.damping, chain.alpha, overlap_m, closing), 0.0))
+    law = chain.damping, chain.alpha, chain.overlap_power
+    return np.asarray(np.maximum(elastic + dissipative_force(*law, overlap_m, closing), 0.0))
 
 
 def displacements(chain: HertzChain, overlap_m: Array) -> Array:

@@ -45,7 +45,8 @@ def integrate_tube(
     n = chain.mass_kg.size
     bodies = (chain.mass_kg, chain.radius_m, chain.stiffness, chain.damping, chain.shear, chain.load_N,
               chain.bore_stiffness, chain.bore_shear)  # fmt: skip
-    numbers = (float(chain.wall_m), float(chain.friction), float(chain.bore_m), float(chain.bore_friction))
+    numbers = (float(chain.wall_m), float(chain.friction), float(chain.bore_m), float(chain.bore_friction),
+               float(chain.overlap_power))  # fmt: skip
     turning = np.isfinite(chain.radius_m) & chain.turns
     inertia = np.where(turning, 0.4 * chain.mass_kg * chain.radius_m**2, np.inf)
     rows, flat = partial(np.zeros, (n, 3)), partial(np.zeros, n)

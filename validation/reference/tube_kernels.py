@@ -11,8 +11,8 @@ from validation.reference.hertz_chain import Array, Flag
 Three = tuple[float, float, float]
 # mass, radius, stiffness, damping, shear, load; contact with the bore: stiffness, shear
 Bodies = tuple[Array, Array, Array, Array, Array, Array, Array, Array]
-# height of the wall, friction between bodies, radius of the bore, friction with the bore
-Numbers = tuple[float, float, float, float]
+# height of the wall, friction between bodies, radius of the bore, friction with the bore, power of overlap in damping
+Numbers = tuple[float, float, float, float, float]
 # place, velocity, spin, force, torque, force of the bore, axial force of the contact under each body
 State = tuple[Array, Array, Array, Array, Array, Array, Array]
 # stored vectors of contacts and of bore contacts, normals of both at the previous step
@@ -113,7 +113,7 @@ def _between(
         return
     root = sqrt(overlap)
     if damping[j] > 0.0:
-        normal = damped_force(stiffness[j], damping[j], overlap, closing)
+        normal = damped_force(stiffness[j], damping[j], numbers[4], overlap, closing)
     else:
         normal = elastic_force(stiffness[j], overlap)
     fx, fy, fz = nx * normal, ny * normal, nz * normal

@@ -69,7 +69,8 @@ def _start(chain: HertzChain, time_step_s: float) -> "Arrays":
     velocity = chain.velocity_m_s - 0.5 * time_step_s * acceleration
     kick, drop = time_step_s / chain.mass_kg, time_step_s * chain.load_N / chain.mass_kg
     damping = np.zeros(0) if chain.elastic else chain.damping
-    return velocity, chain.overlap_m.copy(), force, chain.stiffness, kick, drop, damping, float(chain.alpha)
+    law = damping, float(chain.alpha), float(chain.overlap_power)
+    return velocity, chain.overlap_m.copy(), force, chain.stiffness, kick, drop, *law
 
 
 def integrate_verlet_absolute(
@@ -96,8 +97,8 @@ def integrate_verlet_absolute(
     motion = Motion(*(np.empty((samples, chain.mass_kg.size)) for _ in range(3)))
     integrate_absolute(
         chain.mass_kg, chain.stiffness, np.array(height_m), reach_m, chain.velocity_m_s.copy(), chain.load_N,
-        chain.damping, float(chain.alpha) if chain.alpha else None, np.zeros(len(reach_m) + 1),
-        np.zeros(len(reach_m)), time_step_s, steps_per_sample, motion.force_N, motion.displacement_m,
-        motion.velocity_m_s,
+        chain.damping, float(chain.alpha) if chain.alpha else None, float(chain.overlap_power),
+        np.zeros(len(reach_m) + 1), np.zeros(len(reach_m)), time_step_s, steps_per_sample, motion.force_N,
+        motion.displacement_m, motion.velocity_m_s,
     )  # fmt: skip
     return Motion(motion.force_N, motion.displacement_m - height_m, motion.velocity_m_s)

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from validation.reference.contact_kernels import copy, elastic_force, power_force
+from validation.reference.contact_kernels import copy, elastic_force, power_force, root_raised
 from validation.reference.hertz_chain import Array, Flag
 
 # velocity, overlap, force (with a 0 above the chain); constants: stiffness, kick, drop, damping (empty for an elastic
-# chain), alpha (0 without the power law)
-Arrays = tuple[Array, Array, Array, Array, Array, Array, Array, float]
+# chain), alpha (0 without the power law), power of the overlap in damping
+Arrays = tuple[Array, Array, Array, Array, Array, Array, Array, float, float]
 
 
 @njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
@@ -26,7 +26,7 @@ def _elastic(j: int, overlap: float, _: float, arrays: Arrays) -> float:
 def _damped(j: int, overlap: float, closing: float, arrays: Arrays) -> float:
     """``_elastic`` for dissipative contacts; the damping uses velocities half a step before, as in the codes."""
     stiffness, damping, root = arrays[3], arrays[6], sqrt(max(overlap, 0.0))
-    return float(max(stiffness[j] * (overlap * root) + damping[j] * sqrt(root) * closing, 0.0))
+    return float(max(stiffness[j] * (overlap * root) + damping[j] * root_raised(root, arrays[8]) * closing, 0.0))
 
 
 @njit(error_model="numpy", forceinline=True)
@@ -64,7 +64,7 @@ _sweep_damped, _sweep_power = _sweep_by(_damped), _sweep_by(_power)
 @njit(nogil=True, error_model="numpy", forceinline=True)
 def _step(arrays: Arrays, dt: float) -> None:
     """One step, by the law of the chain."""
-    damping, alpha = arrays[6:]
+    damping, alpha = arrays[6:8]
     if alpha > 0.0:
         _sweep_power(arrays, dt)
     elif damping.size:
@@ -126,8 +126,8 @@ def fill_samples(
 @njit(cache=True, nogil=True)
 def integrate_absolute(
     mass: Array, stiffness: Array, height: Array, reach: Array, velocity: Array, load: Array, damping: Array,
-    alpha: float | None, force: Array, net: Array, dt: float, every: int, forces: Array, heights: Array,
-    velocities: Array,
+    alpha: float | None, overlap_power: float, force: Array, net: Array, dt: float, every: int, forces: Array,
+    heights: Array, velocities: Array,
 ) -> None:  # fmt: skip
     """Fills the samples of ``integrate_verlet_absolute``; alpha is None without the power law."""
     n, half = mass.size, 0.5 * dt
@@ -144,7 +144,7 @@ def integrate_absolute(
             if overlap > 0.0 and damping[j] > 0.0:
                 closing = (velocity[j - 1] if j > 0 else 0.0) - velocity[j]
                 if alpha is None:
-                    lost = damping[j] * sqrt(sqrt(overlap)) * closing
+                    lost = damping[j] * root_raised(sqrt(overlap), overlap_power) * closing
                 else:
                     lost = damping[j] * np.sign(closing) * abs(closing) ** alpha
                 force[j] = max(force[j] + lost, 0.0)

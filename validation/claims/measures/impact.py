@@ -14,8 +14,9 @@ import numpy as np
 
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
-from drivers.chain.contact_law import hertz_force, restitution
+from drivers.chain.contact_law import hertz_force
 from drivers.chain.trace import Trace, overlaps
+from drivers.laws.viscoelastic import Viscoelastic, restitution
 from postproc.read.signals import peak_in
 
 DURATION = 2 * sqrt(pi) * gamma(7 / 5) / gamma(9 / 10)  # in d_max / v: 2.94328
@@ -59,8 +60,8 @@ def theory(case: Case) -> dict[str, float]:
     chain, contact = case.chain, case.chain.bodies - 1
     if np.count_nonzero(chain.stiffness) != 1 or chain.load_N.any():
         raise ValueError("a case with loads or with more than one contact")
-    if chain.damping_ratio:
-        return {"restitution": restitution(chain.damping_ratio)}
+    if isinstance(chain.law, Viscoelastic):
+        return {"restitution": restitution(chain.law.damping_ratio)}
     speed = _closing(chain.velocity_m_s, contact)
     mass, stiffness = float(chain.reduced_mass_kg[contact]), float(chain.stiffness[contact])
     deepest = (5 * mass * speed**2 / (4 * stiffness)) ** 0.4

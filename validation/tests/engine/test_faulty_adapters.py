@@ -19,6 +19,7 @@ from drivers.chain.case import Case
 from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import Trace
 from drivers.engines import Engine, load_engine
+from drivers.laws.viscoelastic import Viscoelastic
 from validation.tests.engine.candidate import MINE, STAND_INS
 from validation.tests.helpers.commands import beads, beads_process
 from validation.tests.helpers.scenes import EnginesWriter
@@ -62,7 +63,9 @@ def stiffer(case: Case, factor: float = 1 + 1e-6) -> Case:
 
 
 def less_damped(case: Case) -> Case:
-    return replace(case, chain=replace(case.chain, damping_ratio=0.99 * case.chain.damping_ratio))
+    law = case.chain.law
+    assert isinstance(law, Viscoelastic)
+    return replace(case, chain=replace(case.chain, law=replace(law, damping_ratio=0.99 * law.damping_ratio)))
 
 
 def on_earth(case: Case) -> Case:

@@ -1,4 +1,4 @@
-"""Independent integrator for chains with the power law of damping.
+"""Independent integrator for chains with the power law of damping, or with damping ``C d^p d'``.
 
 It shares nothing with ``validation.reference``: scipy's DOP853 at a relative tolerance of 1e-13, restarted where a
 contact closes, lets go (zero force), holds again, or where its closing speed changes sign. Between these events the
@@ -27,10 +27,11 @@ class ByPower:
         length = (1.25 * chain.mass_kg.max() * speed**2 / chain.stiffness.max()) ** 0.4
         self.time = length / speed
         self.force = chain.mass_kg.max() * speed**2 / length
-        self.n, self.alpha = chain.mass_kg.size, chain.alpha
+        self.n, self.alpha, power = chain.mass_kg.size, chain.alpha or 1.0, 0.0 if chain.alpha else chain.overlap_power
+        self.power = power
         self.mass, self.load = chain.mass_kg / chain.mass_kg.max(), chain.load_N / self.force
         self.k = chain.stiffness * length**1.5 / self.force
-        self.gamma = chain.damping * speed**self.alpha / self.force
+        self.gamma = chain.damping * speed**self.alpha * length**power / self.force
         self.now = 0.0
         self.state = np.concatenate([chain.overlap_m / length, chain.velocity_m_s / speed])
         overlap, closing = self.state[: self.n], self.closing(self.state)
@@ -43,11 +44,9 @@ class ByPower:
 
     def raw(self, state: Array) -> Array:
         """Forces of contacts if all were closed and could pull."""
-        closing = self.closing(state)
-        return np.asarray(
-            self.k * np.maximum(state[: self.n], 0) ** 1.5
-            + self.gamma * np.sign(closing) * np.abs(closing) ** self.alpha
-        )
+        closing, overlap = self.closing(state), np.maximum(state[: self.n], 0)
+        lost = overlap**self.power * np.sign(closing) * np.abs(closing) ** self.alpha
+        return np.asarray(self.k * overlap**1.5 + self.gamma * lost)
 
     def rate(self, _: float, state: Array) -> Array:
         force = np.where((self.mode == HOLDS) & (self.k > 0), self.raw(state), 0.0)

@@ -6,8 +6,8 @@ from math import acos, exp, sqrt, tan
 import pytest
 
 from drivers.base import paths
-from drivers.chain.contact_law import damping_ratio, restitution, restitution_with_attraction
 from drivers.chain.schemes import verlet_of
+from drivers.laws.viscoelastic import damping_ratio, restitution, restitution_with_attraction
 from drivers.limits.stable_step import predicted_limit
 from postproc.paper.calibrated import calibrated
 from validation.accuracy.exact_motion import errors_of, exact_motion_of

@@ -13,9 +13,9 @@ from scipy.integrate import solve_ivp
 from drivers.base.errors import InputError
 from drivers.base.tolerances import tolerance
 from drivers.chain.chain import Array, arrays_of
-from drivers.chain.contact_law import damping_ratio, restitution, restitution_with_attraction
 from drivers.chain.schemes import verlet_of
 from drivers.engines import codes, engine_names, load_engine
+from drivers.laws.viscoelastic import damping_ratio, restitution, restitution_with_attraction
 from drivers.limits.energy_bounds import certainly_stable, late_damping
 from drivers.limits.refusal import inability
 from drivers.limits.stable_step import linear_limit, predicted_limit

@@ -16,6 +16,7 @@ from drivers.chain.chain import Array
 from drivers.chain.schemes import verlet_in_heights, verlet_of
 from drivers.chain.trace import Trace, until
 from drivers.engines import REFERENCE, VERLET
+from drivers.laws.power import Power
 from postproc.read.residual import residual
 from validation.accuracy import motions as module
 from validation.accuracy.budget import PARTS, Budget, budget_of, first_departure
@@ -97,7 +98,7 @@ def test_right_runs_of_random_scenes_are_right_at_any_sampling(number: int, law:
     """Forces that jump, flat maxima and coarse samples make no difference by rounding a fault."""
     case = random_case(number, accuracy=1e-4)
     if law:
-        case = replace(case, chain=replace(case.chain, damping_ratio=0.0, gamma=0.05, alpha=2.5))
+        case = replace(case, chain=replace(case.chain, law=Power(0.05, 2.5)))
     coarse = case.sampled_at_every(case.scene.time_step_s)
     for each in (case, coarse):
         each = replace(each, plan=None, full=None)

@@ -7,7 +7,8 @@ from math import inf, pi
 import numpy as np
 import pytest
 
-from drivers.chain.contact_law import damping_ratio_with_attraction, hertz_stiffness, mindlin_stiffness
+from drivers.chain.contact_law import hertz_stiffness, mindlin_stiffness
+from drivers.laws.viscoelastic import damping_ratio_with_attraction
 from drivers.scene.model import Material
 from validation.tests.helpers import oblique_impact as oblique
 from validation.tests.helpers.oblique_impact import (

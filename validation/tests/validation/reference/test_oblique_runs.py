@@ -99,7 +99,9 @@ def contact_of(case: Case) -> ObliqueContact:
     assert chain.lateral is not None
     stiffness, shear = float(chain.stiffness[0]), float(chain.lateral.shear_stiffness[0])
     friction = case.scene.contact.friction
-    return ObliqueContact(RADIUS_M, float(chain.mass_kg[0]), stiffness, shear, friction, chain.damping_ratio)
+    return ObliqueContact(
+        RADIUS_M, float(chain.mass_kg[0]), stiffness, shear, friction, getattr(chain.law, "damping_ratio", 0.0)
+    )
 
 
 def rebound_by(law: TangentialLaw, case: Case) -> Motion:

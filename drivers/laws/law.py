@@ -1,0 +1,90 @@
+"""Interface of a contact law: Hertz's elastic force, which every law shares, and a dissipative force.
+
+The force is ``F = max(0, k d^(3/2) + C d^p d')`` of the overlap d and the closing speed d', or with an exponent alpha
+``F = max(0, k d^(3/2) + C sgn(d') |d'|^alpha)`` for d >= 0. Its elastic part is in ``drivers.chain.contact_law``, its
+integration in ``validation.reference``. To add a law of this form, write a module of this package with one class; its
+texts for the codes go into the class, and a comment for the reader of a deck into the templates.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from drivers.base.errors import InputProblem
+from validation.reference.hertz_chain import VISCOELASTIC_POWER, Array, dissipative_force
+
+
+@dataclass(frozen=True)
+class Law:
+    """Elastic contacts; base of the laws of dissipation.
+
+    Attributes:
+        name: value of ``contact.dissipation`` in a scene.
+        keys: types of the law's keys in the table ``[contact]``, with their units and ranges.
+        overlap_power: p of the dissipative force.
+        codes: text that a code needs for the law, by code.
+        cannot: reason why a code cannot model the law, by code.
+        by_mass: True if ``lammps`` depends on the reduced mass.
+        sideways: True if beads that move sideways are modelled.
+    """
+
+    name: ClassVar[str] = "elastic"
+    keys: ClassVar[Mapping[str, Any]] = {}
+    overlap_power: ClassVar[float] = VISCOELASTIC_POWER
+    codes: ClassVar[Mapping[str, str]] = {"lammps": "velocity"}
+    cannot: ClassVar[Mapping[str, str]] = {}
+    by_mass: ClassVar[bool] = False
+    sideways: ClassVar[bool] = True
+
+    @classmethod
+    def problems(cls, given: Mapping[str, float]) -> Iterator[InputProblem]:
+        """Problems with the keys of the law that a scene gives."""
+        yield from ()
+
+    @classmethod
+    def of(cls, given: Mapping[str, float]) -> "Law":
+        """Law of the keys that a scene gives."""
+        return cls(**given)
+
+    @property
+    def damped(self) -> bool:
+        """True if contacts dissipate energy."""
+        return False
+
+    @property
+    def alpha(self) -> float:
+        """Exponent of the closing speed; 0 for a force proportional to it."""
+        return 0.0
+
+    @property
+    def description(self) -> str:
+        """Description of the dissipation."""
+        return "impacts have a restitution of 1"
+
+    def coefficient(self, stiffness: Array, reduced_mass_kg: Array) -> Array:
+        """C of each contact, in N s^a m^-(a+p) with alpha a. Shape (contacts,)."""
+        return np.zeros(len(stiffness))
+
+    def slope(self, spring_N_m: Array, reduced_mass_kg: Array, speed_m_s: Array) -> Array:
+        """Slope ``dF/dd'`` of the dissipative force at a tangent stiffness and a speed, in N s/m. Shape (contacts,)."""
+        return np.zeros(len(spring_N_m))
+
+    def force(self, coefficient: Array, overlap_m: Array, closing_m_s: Array) -> Array:
+        """Dissipative force in N, before the sum with the elastic force is limited to 0 and above."""
+        return dissipative_force(coefficient, self.alpha, self.overlap_power, overlap_m, closing_m_s)
+
+    def lammps(self, kn: float, reduced_mass_kg: float) -> float:
+        """Damping coefficient of LAMMPS for a pair of types with ``F = kn sqrt(R*) d^(3/2)`` and a reduced mass."""
+        return 0.0
+
+    def refusal(self, code: str) -> InputProblem | None:
+        """Key, found and allowed if a code cannot model the law; else None."""
+        if not self.damped or code in self.codes:
+            return None
+        reason = self.cannot.get(code, "the law has no text for this code")
+        return "contact.dissipation", f'"{self.name}"', f"another law, since {reason}"
+
+
+ELASTIC = Law()

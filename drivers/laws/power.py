@@ -1,0 +1,84 @@
+"""Power law: ``F = max(0, k d^(3/2) + gamma sgn(d') |d'|^alpha)`` for d >= 0, with the same gamma for all contacts.
+
+Carretero-Gonzalez, Khatri, Porter, Kevrekidis and Daraio, Phys. Rev. Lett. 102:024102, 2009: alpha = 1.75 for steel,
+brass and PTFE; with alpha = 1 it is a linear dashpot. The force jumps by ``gamma v^alpha`` when a contact closes at
+speed v, and the restitution depends on the speed.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from pydantic import Field
+
+from drivers.base.errors import InputProblem
+from drivers.laws.law import ELASTIC, Law
+from validation.reference.hertz_chain import Array
+
+ALPHA = 1.75  # default
+
+
+@dataclass(frozen=True)
+class Power(Law):
+    """Dissipative force by a power of the closing speed; gamma in N (s/m)^alpha."""
+
+    gamma: float
+    exponent: float = ALPHA
+
+    name: ClassVar[str] = "power"
+    keys: ClassVar[Mapping[str, Any]] = {
+        "gamma": Annotated[float, Field(ge=0, allow_inf_nan=False)],
+        "alpha": Annotated[float, Field(ge=1, le=3)],
+    }
+    codes: ClassVar[Mapping[str, str]] = {
+        "lammps": "velocity limit_damping",
+        "yade": "damping * copysign(abs(closing) ** alpha, closing)",
+    }
+    cannot: ClassVar[Mapping[str, str]] = {"liggghts": "it has no such damping and runs no code in its loop"}
+    sideways: ClassVar[bool] = False
+
+    @classmethod
+    def problems(cls, given: Mapping[str, float]) -> Iterator[InputProblem]:
+        """Problem of a missing gamma."""
+        if "gamma" not in given:
+            yield "contact.gamma", "missing key; give a number of 0 or more, in N (s/m)^alpha", ""
+
+    @classmethod
+    def of(cls, given: Mapping[str, float]) -> Law:
+        """Law of the keys ``gamma`` and ``alpha``; elastic without gamma."""
+        return cls(given["gamma"], given.get("alpha", ALPHA)) if given.get("gamma") else ELASTIC
+
+    @property
+    def damped(self) -> bool:
+        """True, as gamma is above 0."""
+        return True
+
+    @property
+    def alpha(self) -> float:
+        """Exponent of the closing speed."""
+        return self.exponent
+
+    @property
+    def description(self) -> str:
+        """Description of the dissipation."""
+        return f"dissipative force of {self.gamma:.6g} N (s/m)^a times closing speed^a, a = {self.alpha:.6g}"
+
+    def coefficient(self, stiffness: Array, reduced_mass_kg: Array) -> Array:
+        """Gamma at each contact. Shape (contacts,)."""
+        return np.where(stiffness > 0, self.gamma, 0.0)
+
+    def slope(self, spring_N_m: Array, reduced_mass_kg: Array, speed_m_s: Array) -> Array:
+        """``gamma alpha |d'|^(alpha - 1)``; 0 at a missing contact."""
+        there = (spring_N_m > 0) & (speed_m_s > 0)
+        return np.where(there, self.gamma * self.alpha * speed_m_s ** (self.alpha - 1), 0.0)
+
+    def lammps(self, kn: float, reduced_mass_kg: float) -> float:
+        """Gamma: LAMMPS' ``damping velocity`` is a linear dashpot."""
+        return self.gamma
+
+    def refusal(self, code: str) -> InputProblem | None:
+        """Refuse other exponents than 1 on LAMMPS."""
+        if code == "lammps" and self.alpha != 1:
+            return "contact.alpha", f"{self.alpha:g}", '1, or contact.dissipation = "viscoelastic"'
+        return super().refusal(code)
