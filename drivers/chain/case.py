@@ -10,6 +10,7 @@ import numpy as np
 from drivers.base.errors import InputProblem, refuse_any
 from drivers.base.units import divided
 from drivers.chain.chain import Array, Chain, build_chain, moving_at_start
+from drivers.chain.drives import drive_words
 from drivers.chain.elements import ModellingElement, choose_elements
 from drivers.scene.model import RIGID, Scene
 from validation.reference.adaptive import MIN_TOLERANCE
@@ -155,6 +156,8 @@ class Case:
         if striker is not None:
             shape = "flat face" if striker.shape == "flat" else "sphere"
             words += f", struck by a {shape} of {striker.material} at {striker.speed:g} m/s"
+        if chain.drive is not None:
+            words += f"; {drive_words(self.scene)}"
         if chain.damped:
             words += f"; {chain.law.description}"
         return words

@@ -20,10 +20,12 @@ from drivers.chain.contact_law import (
     hertz_overlap,
     hertz_stiffness,
 )
+from drivers.chain.drives import drive_of, energy_with_drive
 from drivers.chain.lateral import Bore, Lateral
 from drivers.chain.masses import bead_masses, sphere_mass
 from drivers.laws.law import ELASTIC, Law
 from drivers.scene.model import Scene
+from validation.reference.drive import Drive
 from validation.reference.hertz_chain import ENERGY_SHARE, HertzChain, TubeChain
 
 Array = NDArray[np.float64]
@@ -52,6 +54,7 @@ class Chain:
         precompression_N: constant force downwards on the top bead.
         law: contact law.
         lateral: additional properties of a three-dimensional chain; None for a straight chain.
+        drive: force of time on a body, or its motion; its velocity at time 0 is that of the drive. None: no drive.
     """
 
     materials: tuple[str, ...]
@@ -68,6 +71,7 @@ class Chain:
     precompression_N: float
     law: Law = ELASTIC
     lateral: Lateral | None = None
+    drive: Drive | None = None
 
     @property
     def bodies(self) -> int:
@@ -171,7 +175,7 @@ class Chain:
 
     @cached_property
     def acceleration_m_s2(self) -> Array:
-        """Accelerations at time 0; exactly zero for beads in equilibrium. Shape (bodies,)."""
+        """Accelerations at time 0 without a drive; exactly zero for beads in equilibrium. Shape (bodies,)."""
         return self._net(self.force_N) / self.mass_kg
 
     @property
@@ -220,6 +224,9 @@ def build_chain(scene: Scene) -> Chain:
         radii.append(inf if striker.diameter is None else striker.diameter / 2)
         masses.append(striker.mass or sphere_mass(scene, striker.material, 2 * radii[-1]))
         velocity[-1] = -striker.speed
+    drive = drive_of(scene)
+    if drive is not None and drive.prescribed:
+        velocity[drive.body] = drive.at(np.zeros(1))[1][0]
     mass, radius = np.array(masses), np.array(radii)
 
     stiffness = stiffness_by(hertz_stiffness, scene, materials, radius)
@@ -243,13 +250,14 @@ def build_chain(scene: Scene) -> Chain:
         gravity_m_s2=scene.gravity,
         precompression_N=table.precompression,
         law=scene.contact.law,
+        drive=drive,
     )
 
 
 def arrays_of(chain: Chain) -> HertzChain:
     """Straight chain as input of the integrators."""
     arrays = (chain.mass_kg, chain.stiffness, chain.overlap_m, chain.velocity_m_s, chain.load_N, chain.damping)
-    return HertzChain(*arrays, chain.law.alpha, chain.law.overlap_power)
+    return HertzChain(*arrays, chain.law.alpha, chain.law.overlap_power, chain.drive)
 
 
 def tube_arrays_of(chain: Chain) -> TubeChain:
@@ -281,7 +289,8 @@ def tube_arrays_of(chain: Chain) -> TubeChain:
 def energy_put_in(chain: Chain, duration_s: float) -> float:
     """Energy in J that can turn into motion; if nothing moves, the Hertz energy at rest.
 
-    Sum of the kinetic energy at time 0, the work of loads while gaps close, and the work of unbalanced loads. The Hertz
+    Sum of the kinetic energy at time 0, the work of loads while gaps close, the work of unbalanced loads, and a bound
+    on the work of a drive. The Hertz
     energy of an equilibrium is not included, and neither is the common fall of a free chain, whose beads are pressed
     together only by differences of their accelerations.
     """
@@ -293,7 +302,8 @@ def energy_put_in(chain: Chain, duration_s: float) -> float:
     else:
         falling = float(np.abs(chain.load_N) @ np.cumsum(np.maximum(-chain.overlap_m, 0.0)))
     hertz = ENERGY_SHARE * float(chain.elastic_N @ np.maximum(chain.overlap_m, 0.0))
-    return kinetic + falling + _settling(chain) or hertz
+    put_in = kinetic + falling + _settling(chain)
+    return (put_in if chain.drive is None else energy_with_drive(chain, put_in, hertz, duration_s)) or hertz
 
 
 def moving_at_start(chain: Chain) -> float:

@@ -7,13 +7,16 @@ touch the tube, slip or turn.
 from dataclasses import dataclass
 
 from drivers.chain.chain import Chain
+from drivers.chain.drives import drive_words
 from drivers.chain.lateral import Lateral
 from drivers.chain.masses import bead_mass
 from drivers.laws.viscoelastic import Viscoelastic
 from drivers.scene.model import RIGID, Scene
 
 # elements of straight chains, and further elements of three-dimensional chains
-STRAIGHT = frozenset({"gravity", "wall", "striker", "precompression", "sensor masses", "mass scatter", "damping"})
+STRAIGHT = frozenset(
+    {"gravity", "wall", "striker", "precompression", "sensor masses", "mass scatter", "damping", "drive"}
+)
 SIDEWAYS = frozenset({"lateral freedom", "tube", "friction", "rotation"})
 Row = tuple[str, object, str | None, str]  # name, value (false: not modelled), reason if modelled, reason if not
 NONE = "the scene has none"
@@ -48,6 +51,7 @@ def choose_elements(scene: Scene, chain: Chain) -> tuple[ModellingElement, ...]:
         ("mass scatter", scatter, f"standard deviation {scatter:g} kg, seed {scene.seed}", NONE),
         *(_straight(scene) if chain.lateral is None else _sideways(scene, chain.lateral)),
         ("damping", chain.damped, damped, "restitution 1: contacts are elastic"),
+        ("drive", chain.drive, drive_words(scene), NONE),
     ]
     return tuple(
         ModellingElement(name, bool(there), str(why if there else why_not)) for name, there, why, why_not in table

@@ -11,6 +11,7 @@ import numpy as np
 
 from drivers.chain.chain import Array, Chain
 from drivers.chain.contact_law import hertz_energy, hertz_energy_beyond_tangent
+from drivers.chain.drive_work import drive_columns
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -19,6 +20,7 @@ MAX_COLUMNS = 2000  # bodies with columns of their own; those of longer chains s
 CACHED_VALUES = 100_000  # values of an array that stay in a processor's cache
 CONTACT, BORE, BORE_FRICTION = "contact_{}_N", "bore_{}_N", "bore_friction_N"
 BALANCES = ("kinetic_energy_J", "total_energy_J", "momentum_N_s")
+DRIVE = ("drive_N", "drive_work_J", "drive_impulse_N_s")
 PLACES = ("body_{}_x_m", "body_{}_y_m", "body_{}_height_m")
 VELOCITIES = ("body_{}_x_velocity_m_s", "body_{}_y_velocity_m_s", "body_{}_velocity_m_s")
 SPINS = ("body_{}_spin_x_rad_s", "body_{}_spin_y_rad_s", "body_{}_spin_z_rad_s")
@@ -26,7 +28,7 @@ SPINS = ("body_{}_spin_x_rad_s", "body_{}_spin_y_rad_s", "body_{}_spin_z_rad_s")
 
 @dataclass(frozen=True)
 class Trace:
-    """Samples of a run, all at the same times; the last four are None for straight chains, and if not kept.
+    """Samples of a run, all at the same times; the last seven are None for straight chains, and if not kept.
 
     Attributes:
         time_s: sample times. Shape (samples,).
@@ -34,7 +36,7 @@ class Trace:
             j-1 is contact j, below body j.
         kinetic_energy_J: kinetic energy of all bodies. Shape (samples,).
         total_energy_J: kinetic energy, and the change of Hertz energy and of the potential of weight and
-            precompression since time 0. Shape (samples,).
+            precompression since time 0, without the work of a drive. Shape (samples,).
         momentum_N_s: momentum of all bodies, upwards positive. Shape (samples,).
         height_m: heights of the centres, or of a flat striker's face. Shape (samples, bodies); None if not kept.
         velocity_m_s: velocities, upwards positive. Shape (samples, bodies); None if not kept.
@@ -44,6 +46,8 @@ class Trace:
         across_velocity_m_s: x and y velocities. Shape (samples, bodies, 2).
         spin_rad_s: spin about x, y and z. Shape (samples, bodies, 3).
         bore_N: force of the bore on each body, towards the axis. Shape (samples, bodies).
+        drive_N, drive_work_J, drive_impulse_N_s: force of the drive on its body, upwards positive, its work and its
+            impulse since time 0 (``drivers.chain.drive_work``). Shape (samples,); None without a drive.
     """
 
     time_s: Array
@@ -58,11 +62,23 @@ class Trace:
     across_velocity_m_s: Array | None = None
     spin_rad_s: Array | None = None
     bore_N: Array | None = None
+    drive_N: Array | None = None
+    drive_work_J: Array | None = None
+    drive_impulse_N_s: Array | None = None
 
 
 def part_of(trace: Trace, chosen: slice) -> Trace:
     """Selected samples of a trace, all columns."""
     return replace(trace, **{name: values[chosen] for name, values in vars(trace).items() if values is not None})
+
+
+def every_of(chain: Chain, trace: Trace, step: int) -> Trace:
+    """Every ``step``-th sample of a trace with velocities, with the work of a drive from these samples alone."""
+    part = part_of(trace, slice(None, None, step))
+    if part.drive_work_J is None or part.velocity_m_s is None:
+        return part
+    columns = drive_columns(chain, part.time_s, part.force_N, part.velocity_m_s)
+    return replace(part, total_energy_J=part.total_energy_J + part.drive_work_J - columns["drive_work_J"], **columns)
 
 
 def until(trace: Trace, samples: int) -> Trace:
@@ -127,6 +143,8 @@ def make_trace(
             moved = height - chain.height_m if displacement_m is None else displacement_m
             potential = potential_energy_change(chain, moved)
             kinetic = 0.5 * (upward**2 @ chain.mass_kg)
+            more = drive_columns(chain, time_s, force_N, upward)
+            potential = potential - more.get("drive_work_J", 0.0)
         momentum = upward @ chain.mass_kg
     return Trace(time_s, force_N, kinetic, kinetic + potential, momentum, height, upward, **more)
 
@@ -196,6 +214,7 @@ def forces_table(trace: Trace) -> "pa.Table":
         columns[BORE_FRICTION] = trace.bore_friction_N
     if trace.bore_N is not None:
         columns |= _by_body(BORE, trace.bore_N)
+    columns |= {name: getattr(trace, name) for name in DRIVE if getattr(trace, name) is not None}
     return _table_of(columns | {name: getattr(trace, name) for name in BALANCES})
 
 
@@ -204,6 +223,7 @@ def trace_in(table: "pa.Table") -> Trace:
     single = {name: _column(table, name) for name in ("time_s", *BALANCES)}
     there = set(table.column_names)
     friction = _column(table, BORE_FRICTION) if BORE_FRICTION in there else None
+    single |= {name: _column(table, name) for name in DRIVE if name in there}
     numbered = there - {_together(CONTACT), BORE_FRICTION}
     force = _of_bodies(table, CONTACT, sum(name.startswith("contact_") for name in numbered))
     has_bore = any(name.startswith("bore_") for name in numbered)

@@ -22,6 +22,7 @@ from drivers.engines._raw_output import read_arrays
 from drivers.laws import LAWS
 from validation import reference
 from validation.reference import integrate_deck
+from validation.reference.drive import Drive
 from validation.reference.hertz_chain import TUBE_KEYS, VISCOELASTIC_POWER, Flag, Motion
 
 COMMAND = ("python", "-m", reference.__name__, "chain.json")
@@ -54,6 +55,7 @@ def _values(case: Case, method: str, timing: Values) -> Values:
         "velocity_m_s": chain.velocity_m_s,
         "load_N": chain.load_N,
         **_dissipation(chain),
+        **_drive_values(chain.drive),
         "height_m": chain.height_m,  # not integrated, but used for the trace
         "diameter_m": [None if np.isinf(radius) else 2 * radius for radius in chain.radius_m],
     }
@@ -61,6 +63,14 @@ def _values(case: Case, method: str, timing: Values) -> Values:
         arrays = tube_arrays_of(chain)
         values |= {key: getattr(arrays, field) for field, key in TUBE_KEYS.items()}
     return values
+
+
+def _drive_values(drive: Drive | None) -> Values:
+    """Values of a drive: the body, the given quantity, and the segments (``validation.reference.drive``)."""
+    if drive is None:
+        return {}
+    given = "displacement of" if drive.prescribed else "force on"
+    return {"driven_body": drive.body + 1, "drive": f"{given} the body", "drive_segments": drive.segments}
 
 
 def _dissipation(chain: Chain) -> Values:
@@ -96,7 +106,7 @@ def _trace(case: Case, columns: Any) -> Trace:
 
 def _integrated(values: Values, stop: Flag) -> tuple[Any, float]:
     """Columns of the output and the time of the loop in s, without that of loading or compiling it."""
-    kind = f"{values['method']} {'place_m' in values} {'alpha' in values}"
+    kind = f"{values['method']} {'place_m' in values} {'alpha' in values} {'drive' in values}"
     with _loading:
         if kind not in _loaded:
             integrate_deck(values | {"steps_per_sample": 1}, stop, samples=2)

@@ -13,9 +13,11 @@ from drivers.base.decks import render as render_template
 from drivers.base.processes import line_of
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain
+from drivers.chain.drives import drive_words, pieces_of
 from drivers.chain.trace import Trace, make_trace
 from drivers.engines import Engine, last_line
 from drivers.engines._raw_output import contact_forces, read_dump, read_partial_dump
+from validation.reference.drive import loads_N
 
 DUMP = "chain.bin"
 # columns of three-dimensional chains; the force of the wall has another name in each code
@@ -86,6 +88,8 @@ def deck_of(
         "types": [name.strip() for name in types],
         "binned": chain.bodies > MAX_BODIES_IN_PAIRS,
         "columns": _columns(case, wall_force),
+        "pieces": pieces_of(case),
+        "drive_words": drive_words(case.scene),
     }
     templates = (f"{code.lower()}/chain.in.j2", "lammps/chain.data.j2")  # same format of data files
     files = {Path(name).stem: render_template(name, **values) for name in templates}
@@ -163,7 +167,7 @@ def _trace(case: Case, radius_m: Array, found: dict[str, Array], wall_force: str
     chain, height = case.chain, found["z"] - above_face(case.chain, radius_m)
     times = case.sample_times_s[: len(height)]
     if chain.lateral is None:
-        return make_trace(chain, times, _axial_forces(chain, found, wall_force), height, found["vz"])
+        return make_trace(chain, times, _axial_forces(chain, times, found, wall_force), height, found["vz"])
 
     def vectors(names: tuple[str, ...]) -> Array:
         return np.stack([found[name] for name in names], axis=2)
@@ -171,15 +175,17 @@ def _trace(case: Case, radius_m: Array, found: dict[str, Array], wall_force: str
     place, velocity = vectors(PLACE), vectors(VELOCITY)
     spin, bore = (vectors(names) if names[0] in found else None for names in (SPIN, BORE_FORCE))
     place[:, :, 2] = height
-    force = _axial_forces(chain, found, wall_force, None if bore is None else bore[:, :, 2])
+    force = _axial_forces(chain, times, found, wall_force, None if bore is None else bore[:, :, 2])
     return make_trace(chain, times, force, place, velocity, spin, bore)
 
 
-def _axial_forces(chain: Chain, found: dict[str, Array], wall_force: str, bore_N: Array | None = None) -> Array:
+def _axial_forces(
+    chain: Chain, time_s: Array, found: dict[str, Array], wall_force: str, bore_N: Array | None = None
+) -> Array:
     """Contact forces from the columns ``fz``, the total force on a bead, and ``wall_force`` of a dump.
 
     They follow from the wall's force F_1 upwards: ``F_{j+1} = F_j - fz_j + load_j + bore_j``.
     """
-    on_bodies = found["fz"] - chain.load_N
+    on_bodies = found["fz"] - loads_N(chain.load_N, chain.drive, time_s)
     lowest = found[wall_force][:, 0] if chain.wall else np.zeros(len(on_bodies))
     return contact_forces(lowest, on_bodies if bore_N is None else on_bodies - bore_N)

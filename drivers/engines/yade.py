@@ -13,12 +13,14 @@ from drivers.base.decks import render as render_template
 from drivers.base.errors import InputProblem, RunError
 from drivers.base.processes import STDOUT, line_of
 from drivers.chain.case import Case
+from drivers.chain.drives import drive_words, pieces_of
 from drivers.chain.elements import SIDEWAYS, STRAIGHT
 from drivers.chain.trace import Trace, make_trace
 from drivers.engines import INCREMENTAL, Defaults, Engine, Style, last_line
 from drivers.engines._raw_output import contact_forces, read_arrays
 from drivers.laws import LAWS
 from drivers.laws.viscoelastic import Viscoelastic
+from validation.reference.drive import loads_N
 
 COMMAND = ("yade", "-n", "-x", "chain.py")
 # defaults of FrictMat and NewtonIntegrator (2023.02a); walls have R* = R/2 by default
@@ -36,13 +38,16 @@ def refusal(case: Case) -> InputProblem | None:
     if not isinstance(chain.law, Viscoelastic) or not moving.any():
         return chain.law.refusal("yade")
     found = f"bead {int(np.argmax(moving)) + 1} pressed and moving at time 0"
+    if chain.drive is not None and chain.drive.prescribed and chain.velocity_m_s[chain.drive.body]:
+        return "drive.start", found, "a later start, or contacts that are elastic"
     return "chain.bead", found, "no such velocities, or contacts that are elastic"
 
 
 def render(case: Case) -> Deck:
     """Render ``chain.py``; velocities are given half a step before time 0, as YADE's leapfrog needs them."""
     chain, early = case.chain, case.chain.velocity_xyz_m_s
-    early[:, 2] -= 0.5 * case.scene.time_step_s * chain.acceleration_m_s2
+    driven_N = np.ravel(loads_N(chain.load_N, chain.drive, np.zeros(1))) - chain.load_N
+    early[:, 2] -= 0.5 * case.scene.time_step_s * (chain.acceleration_m_s2 + driven_N / chain.mass_kg)
     bodies = list(zip(chain.place_m, chain.radius_m, chain.mass_kg, early, chain.materials, strict=True))
     labels = dict.fromkeys([*chain.materials, *([chain.wall] if chain.wall else [])])
     text = render_template(
@@ -51,6 +56,8 @@ def render(case: Case) -> Deck:
         face=bodies.pop() if np.isinf(chain.radius_m[-1]) else None,
         spheres=bodies,
         materials=[(name, *case.scene.elastic_constants(name)) for name in labels],
+        pieces=pieces_of(case),
+        drive_words=drive_words(case.scene),
         friction_angle=atan(chain.lateral.friction) if chain.lateral else 0.0,
         own_law=chain.damped and not isinstance(chain.law, Viscoelastic),
     )
@@ -81,7 +88,10 @@ def _read_straight(case: Case, folder: Path) -> Trace:
     arrays = read_arrays(folder / "chain.npz", shapes)
     none = np.zeros(samples)
     force = arrays["force"] if chain.wall else np.column_stack([none, arrays["force"]])
-    acceleration = (force - np.column_stack([force[:, 1:], none]) + chain.load_N) / chain.mass_kg
+    load = loads_N(chain.load_N, chain.drive, case.sample_times_s)
+    acceleration = (force - np.column_stack([force[:, 1:], none]) + load) / chain.mass_kg
+    if chain.drive is not None and chain.drive.prescribed:
+        acceleration[:, chain.drive.body] *= 2.0  # its velocity was set at the time of the forces, a step before
     height = arrays["height"] - step * arrays["velocity"]
     velocity = arrays["velocity"] - 0.5 * step * acceleration
     return make_trace(chain, case.sample_times_s, force, height, velocity)

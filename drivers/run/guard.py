@@ -14,6 +14,7 @@ from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain, energy_put_in, furthest_m
 from drivers.chain.contact_law import hertz_energy, hertz_force
+from drivers.chain.drive_work import work_error_J
 from drivers.chain.trace import Trace, energy_error_J
 from drivers.engines import Engine
 from drivers.limits.energy_bounds import share_at_most
@@ -177,23 +178,32 @@ def not_modelled(chain: Chain, trace: Trace) -> str | None:
 def energy_error(chain: Chain, trace: Trace) -> Array:
     """Energy error (``drivers.chain.trace.energy_error_J``) over the energy put in. Shape (samples,)."""
     change = energy_error_J(trace.total_energy_J, damped=chain.damped, slips=chain.slips)
-    scale = energy_put_in(chain, float(trace.time_s[-1]))
+    scale = energy_scale_J(chain, trace)
     if scale:
         return np.asarray(change / scale)
     rounded = ROUNDINGS * float(np.spacing(furthest_m(chain)))  # overlap by rounding of bodies that just touch
     return np.asarray(np.where(change > hertz_energy(chain.stiffness.sum(), rounded), np.inf, 0.0))
 
 
+def energy_scale_J(chain: Chain, trace: Trace) -> float:
+    """Energy put in; that of a drive is the one really there, as its bound may be many times larger."""
+    bound = energy_put_in(chain, float(trace.time_s[-1]))
+    if trace.drive_work_J is None:
+        return bound
+    return min(float(max(np.abs(trace.drive_work_J).max(), trace.kinetic_energy_J.max())) or bound, bound)
+
+
 def explained_energy(case: Case, trace: Trace) -> float:
     """Largest ``energy_error`` explained by velocity Verlet at the case's step and by rounding.
 
     The truncation error scales as the square of the step over the stability limit, and grows as a random walk with the
-    number of impacts. Heights are rounded at every step; the net force on a body does work along this rounding.
+    number of impacts. Heights are rounded at every step; the net force on a body does work along this rounding. The
+    work of a drive has an error by the distance of samples.
     """
     chain, duration = case.chain, float(case.sample_times_s[-1])
     share, impacts = share_at_most(chain, duration, case.scene.time_step_s)
     share = min(share, 1.0)
-    scale = energy_put_in(chain, duration) or 1.0
+    scale = energy_scale_J(chain, trace) or 1.0
     rounded = float(np.spacing(furthest_m(chain)))
     with np.errstate(over="ignore", invalid="ignore"):  # runs that blew up
         net = trace.force_N + chain.load_N
@@ -203,6 +213,8 @@ def explained_energy(case: Case, trace: Trace) -> float:
         )
         walked *= sqrt(case.scene.steps + 1)
         rounding = rounded * (tolerance("guard", "rounding").limit * walked + held) / scale
+        if trace.velocity_m_s is not None:
+            rounding += work_error_J(chain, trace.time_s, trace.force_N, trace.velocity_m_s) / scale
     walk = 1 + tolerance("guard", "impacts").limit * sqrt(impacts)
     friction = tolerance("guard", "friction").limit if chain.slips else 0.0
     truncation = min(tolerance("guard", "energy").limit * share**2 * walk, 1.0)

@@ -179,6 +179,39 @@ else:
     Contact = create_model("Contact", __base__=ContactTable, __module__=__name__, dissipation=_name, **_keys)
 
 
+class DriveTable(Part):
+    """Drive of one body by a force or, as by a piezo, by its displacement; both are upwards positive.
+
+    The amplitude is ``force`` or ``displacement``; ``drivers.chain.drives`` defines the wave forms. Times in a file
+    count from ``start``; runs depend on its contents (``StoredDrive``), not on its name.
+    """
+
+    form: Literal["sine", "half-sine", "step", "ramp", "chirp", "file"]
+    force: units.SignedForce | None = None
+    displacement: units.Displacement | None = None
+    from_wall: FromWall | None = None
+    start: units.StartTime = 0.0
+    duration: units.Duration | None = None
+    frequency: units.Frequency | None = None
+    end_frequency: units.Frequency | None = None
+    cycles: Annotated[float, Field(gt=0, le=1e9, allow_inf_nan=False)] | None = None
+    window: Literal["none", "hann"] | None = None
+    file: Text | None = Field(default=None, exclude=True)
+
+
+class StoredDrive(DriveTable):
+    """Drive with the points of its file, at least two: times, and either forces or displacements."""
+
+    time_s: tuple[float, ...] = Field(default=(), strict=False)
+    force_N: tuple[float, ...] = Field(default=(), strict=False)
+    displacement_m: tuple[float, ...] = Field(default=(), strict=False)
+
+    @property
+    def prescribed(self) -> bool:
+        """True if the displacement of the body is given."""
+        return self.displacement is not None or bool(self.displacement_m)
+
+
 class Gauge(Part):
     """Electronics of all gauges, including the wall gauge: a first-order high-pass, in post-processing only."""
 
@@ -243,6 +276,7 @@ class SceneFile(Part):
     wall: Wall | None = None
     tube: Tube | None = None
     contact: Contact = Contact(dissipation=Viscoelastic.name)
+    drive: DriveTable | None = None
     sensor: Gauge | None = None
     materials: dict[Name, Material] = Field(default_factory=dict)
     run: Run
@@ -257,6 +291,7 @@ class Scene(SceneFile):
 
     Attributes:
         name: name of the scene file without the suffix.
+        drive: drive with the points of its file.
         file: scene file as named in messages.
         folder: folder of the scene file; paths in the scene file are relative to this folder.
         steps_per_sample: time steps per sample interval.
@@ -264,6 +299,7 @@ class Scene(SceneFile):
     """
 
     name: str
+    drive: StoredDrive | None = None
     file: str = Field(exclude=True)
     folder: Path = Field(default=Path(), exclude=True)
     steps_per_sample: int

@@ -11,6 +11,7 @@ from pydantic import Field, create_model
 from drivers.base import paths, units
 from drivers.base.errors import InputError, InputProblem, refuse_any
 from drivers.base.messages import model_at, shorten, validate
+from drivers.scene.drive_table import with_points
 from drivers.scene.model import RIGID, Material, Part, Scene, SceneFile
 from drivers.scene.scene_rules import contradictions, problems_of_alternatives
 
@@ -64,6 +65,7 @@ def make_scene(data: dict[str, Any], library: dict[str, Any], name: str, where: 
         **{key: getattr(file, key) for key in SceneFile.model_fields}
         | {
             "materials": _materials(file, library),
+            "drive": file.drive and with_points(file.drive, folder, where),
             "run": file.run.model_copy(update={"time_step": time_step}),
             "name": name,
             "file": where,

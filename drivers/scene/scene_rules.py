@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from drivers.base.errors import InputProblem
 from drivers.base.messages import shorten
 from drivers.laws import LAWS
+from drivers.scene.drive_table import drive_contradictions, drive_problems
 from drivers.scene.model import RIGID, Bead, Contact, MeasuredEntry, Scene, SceneFile, Sensor
 
 PLAY_TOLERANCE = 1e-6  # relative; for rounding of the difference of two diameters
@@ -19,6 +20,8 @@ def problems_of_alternatives(file: SceneFile) -> Iterator[InputProblem]:
         found = "no time_step and no accuracy" if run.time_step is None else "both time_step and accuracy"
         yield "run", found, "exactly one of the two"
     yield from _dissipation(file.contact)
+    if file.drive is not None:
+        yield from drive_problems(file.drive)
     for i, measured in enumerate(file.measured):
         yield from _measured_choices(measured, f"measured.{i}")
 
@@ -96,6 +99,7 @@ def contradictions(scene: Scene) -> Iterator[InputProblem]:
     widest = max([chain.diameter, *(bead.diameter for bead in chain.bead if bead.diameter)])
     if tube is not None and count and tube.inner_diameter < widest:
         yield "tube.inner_diameter", f"{tube.inner_diameter:g} m", f"at least the largest bead diameter, {widest:g} m"
+    yield from drive_contradictions(scene)
     if scene.three_dimensional:
         yield from _tube_contradictions(scene, widest)
 

@@ -228,6 +228,8 @@ def _balances(layout: Layout, trace: Trace) -> dict[str, float]:
     if trace.bore_friction_N is not None:
         net = net + trace.bore_friction_N
     impulse, coarse = integral(time, net), integral(time[::2], net[::2])
+    if trace.drive_impulse_N_s is not None:
+        momentum = momentum - trace.drive_impulse_N_s
     wall_N, largest_N = trace.force_N[:, 0], float(np.abs(trace.force_N).max())
     changed = np.abs(wall_N - wall_N[0]) > WALL_REST_SHARE * largest_N
     quiet = slice(0, int(np.argmax(changed)) if changed.any() else len(wall_N))

@@ -81,6 +81,8 @@ def measure_law(case: Case, trace: Trace, step_s: float) -> list[LawRow]:
     chain = case.chain
     if chain.lateral is not None:
         raise ValueError("only straight chains are measured")
+    if chain.drive is not None:
+        raise ValueError("only chains without a drive are measured")
     if chain.bodies > MAX_BODIES:
         raise ValueError(f"more than {MAX_BODIES} bodies")
     if trace.height_m is None or trace.velocity_m_s is None:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from validation.reference.drive import Drive
 from validation.reference.hertz_chain import (
     TUBE_KEYS,
     VISCOELASTIC_POWER,
@@ -51,7 +52,11 @@ def _straight(values: dict[str, Any], samples: int, stop: Flag | None) -> Motion
     damping: Any = next((values[key] for key in DAMPING_KEYS if key in values), [])
     mass, stiffness, overlap, velocity, load = (values[key] for key in keys)
     powers = values.get("alpha", 0.0), values.get("overlap_power", VISCOELASTIC_POWER)
-    chain = HertzChain(mass, stiffness, overlap, velocity, load, damping, *powers)
+    drive = None
+    if "drive" in values:
+        prescribed = values["drive"] == "displacement of the body"
+        drive = Drive(values["driven_body"] - 1, prescribed, values["drive_segments"])
+    chain = HertzChain(mass, stiffness, overlap, velocity, load, damping, *powers, drive)
     if values["method"] == "verlet":
         from validation.reference.velocity_verlet import integrate_verlet
 

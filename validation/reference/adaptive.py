@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from validation.reference.drive import COLUMNS, SAME_TIME, Drive, wave
 from validation.reference.hertz_chain import (
     ENERGY_SHARE,
     EXPONENT,
@@ -27,6 +28,7 @@ from validation.reference.hertz_chain import (
 MIN_TOLERANCE = 1e-12  # attainable in double precision with a margin: the smallest measured errors are near 1e-14
 LOCAL_SHARE = 0.002  # local over requested tolerance: light or loose beads amplify errors about a thousandfold
 FIRST_STEP = 1e-3  # share of the time scale
+SCALE_TIMES = 2001  # times at which a drive is looked at, for scales of errors only
 
 
 def integrate_adaptive(
@@ -50,28 +52,64 @@ def integrate_adaptive(
         raise ValueError("time_s: not finite")
     if not MIN_TOLERANCE <= tolerance < 1:
         raise ValueError(f"tolerance: {tolerance:g}, expected from {MIN_TOLERANCE:g} to below 1")
-    from validation.reference.adaptive_kernels import fill_states
-
     n = chain.mass_kg.size
     overlap_scale, speed_scale = scales(chain, float(time_s[-1]))
     start, scale = np.concatenate([chain.overlap_m, chain.velocity_m_s]), np.repeat([overlap_scale, speed_scale], n)
-    damping = np.zeros(0) if chain.elastic else chain.damping
-    bodies: tuple[Any, ...] = (1.0 / chain.mass_kg, chain.stiffness, damping, chain.load_N / chain.mass_kg)
-    bodies += (float(chain.alpha), np.zeros(n)) if chain.alpha else (float(chain.overlap_power),)
     first = FIRST_STEP * overlap_scale / speed_scale
     stop = np.zeros(1, bool) if stop is None else stop
     states = np.empty((time_s.size, start.size))
-    done = fill_states(states, start, time_s, bodies, LOCAL_SHARE * tolerance, scale, first, stop)
+    done = _fill(states, start, time_s, chain, LOCAL_SHARE * tolerance, scale, first, stop)
     if not done or not np.isfinite(states).all():
         raise ArithmeticError("the adaptive reference cannot integrate this motion: its steps become too small")
     overlap, velocity = np.ascontiguousarray(states[:, :n]), np.ascontiguousarray(states[:, n:])
+    if chain.drive is not None and chain.drive.prescribed:
+        velocity[:, chain.drive.body] = chain.drive.at(time_s)[1]  # after a kink
     return Motion(contact_force(chain, overlap, velocity), displacements(chain, overlap), velocity)
+
+
+def _fill(
+    states: Array, start: Array, time_s: Array, chain: HertzChain, tolerance: float, scale: Array, first: float,
+    stop: Flag,
+) -> bool:  # fmt: skip
+    """Fills states as ``fill_states`` does, from kink to kink of a drive; the time of each part begins at 0."""
+    from validation.reference.adaptive_kernels import fill_states
+
+    n, drive = chain.mass_kg.size, chain.drive
+    inverse_mass, acceleration = 1.0 / chain.mass_kg, chain.load_N / chain.mass_kg
+    bodies: tuple[Any, ...] = (inverse_mass, chain.stiffness, np.zeros(0) if chain.elastic else chain.damping)
+    bodies = (
+        *bodies,
+        acceleration,
+        *((float(chain.alpha), np.zeros(n)) if chain.alpha else (float(chain.overlap_power),)),
+    )
+    if drive is None:
+        undriven = (False, np.zeros(COLUMNS), np.zeros(2), 0, False, 0.0)
+        return bool(fill_states(states, start, time_s, (*bodies, undriven), tolerance, scale, first, stop))
+    constant = float(acceleration[drive.body])
+    if drive.prescribed:
+        inverse_mass[drive.body] = 0.0
+    states[0] = start
+    begins = drive.segments[drive.segments[:, 0] * SAME_TIME < time_s[-1], 0]
+    for segment, begin, end in zip(drive.segments, begins, [*begins[1:], time_s[-1]], strict=False):
+        first_sample, beyond = np.searchsorted(time_s, np.array([begin, end]) * SAME_TIME, side="right")
+        if drive.prescribed:
+            start[n + drive.body] = wave(segment, 0.0)[1]
+        times = np.concatenate([[0.0], time_s[first_sample:beyond] - begin])
+        if times[-1] < end - begin:
+            times = np.append(times, end - begin)
+        part = np.empty((times.size, start.size))
+        driven = (True, segment, np.zeros(2), drive.body, drive.prescribed, constant)
+        if not fill_states(part, start, times, (*bodies, driven), tolerance, scale, min(first, end - begin), stop):
+            return False
+        states[first_sample:beyond], start = part[1 : 1 + beyond - first_sample], part[-1].copy()
+    return True
 
 
 def scales(chain: HertzChain, duration_s: float) -> tuple[float, float]:
     """Scales of overlap and speed for errors: the values that the available energy can produce.
 
-    This energy is the kinetic and elastic energy at time 0 and the work of the loads while gaps close.
+    This energy is the kinetic and elastic energy at time 0, the work of the loads while gaps close, and the work of a
+    drive.
     """
     energy = 0.5 * float(chain.mass_kg @ chain.velocity_m_s**2)
     energy += ENERGY_SHARE * float(chain.stiffness @ np.maximum(chain.overlap_m, 0.0) ** (1 + EXPONENT))
@@ -79,7 +117,24 @@ def scales(chain: HertzChain, duration_s: float) -> tuple[float, float]:
         np.cumsum(np.maximum(-chain.overlap_m, 0.0)), np.abs(chain.load_N) / chain.mass_kg * duration_s**2
     )
     energy += float(np.abs(chain.load_N) @ fallen)
+    if chain.drive is not None:
+        energy += _typical_work(chain, chain.drive, duration_s)
     if energy == 0.0:  # all bodies are at rest, or all fall together
         energy = float((chain.load_N**2 / chain.mass_kg).sum()) * duration_s**2 or 1e-300
     stiffest = float(chain.stiffness.max()) or 1.0
     return ((1 + EXPONENT) * energy / stiffest) ** ENERGY_SHARE, sqrt(2.0 * energy / float(chain.mass_kg.max()))
+
+
+def _typical_work(chain: HertzChain, drive: Drive, duration_s: float) -> float:
+    """Energy in J that a drive gives to its body at once, by its largest value and speed: no bound, but a scale.
+
+    A force F moves a free body by its impulse, and a body held by the stiffest contact by an overlap with the force F.
+    """
+    times = np.linspace(0.0, duration_s, SCALE_TIMES)
+    value, rate, _ = drive.at(times)
+    largest, mass, stiffest = float(np.abs(value).max()), float(chain.mass_kg[drive.body]), float(chain.stiffness.max())
+    if drive.prescribed:
+        return 0.5 * mass * float(np.abs(rate).max()) ** 2 + ENERGY_SHARE * stiffest * largest ** (1 + EXPONENT)
+    free = float(np.trapezoid(np.abs(value), times)) ** 2 / (2 * mass)
+    held = largest * (largest / stiffest) ** (1 / EXPONENT) if stiffest else free
+    return float(min(free, held))

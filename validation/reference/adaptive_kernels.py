@@ -11,6 +11,7 @@ from validation.reference.dop853 import (
     POWER_LAW_LENGTH,
     ROWS,
     Bodies,
+    drive_until,
     error,
     evaluate_dense,
     prepare_dense,
@@ -70,6 +71,7 @@ def _fill(
     dense_enough = power == 2.0 or tolerance >= DENSE_LIMIT
     if len(bodies) == POWER_LAW_LENGTH:
         first_holds(state[0], bodies)
+    drive_until(0.0, bodies)
     slope(state[0], 1.0, state[2], bodies)
     nobody: Any = np.int64(-1)  # a literal would make numba compile the called functions again
     since, rest = 0.0, 0.0  # the sum is the time of the last event, from which other times are counted
@@ -85,6 +87,7 @@ def _fill(
         step(state, s, length, power, slopes, end, bodies)
         event, share = _first_event(state[0], end[0], bodies, scale, tolerance, elapsed, target, last, nobody)
         if share < 0.0:
+            drive_until(elapsed, bodies)
             slope(state[0], 1.0, state[2], bodies)
             rejected += 1
             h *= 0.5
@@ -130,12 +133,14 @@ def _fill(
             if switches and end[0, contact] <= scale[0] * EVENT_OVERLAP:  # only rounding: move it to row 1
                 end[1, contact] += end[0, contact]
                 end[0, contact] = 0.0
+            drive_until(target, bodies)
             slope(end[0], 1.0, end[2], bodies)
             further = target + rest
             later = since + further
             kept = later - since
             rest = (since - (later - kept)) + (further - kept)
             since = later
+            bodies[-1][2][0] = since + rest
             s, h = 0.0, _root(target - elapsed, power) if target > elapsed else h
         else:
             s, h = s_end, length * step_factor(e)
@@ -242,8 +247,10 @@ def _step_to_event(
         if backwards > 0.0:
             begin, stretch = _root(guess - elapsed, backwards), -backwards
             length = -begin
+            bodies[-1][2][1] = guess
         step(state, begin, length, stretch, slopes, end, bodies)
         value, rate = end[0, contact], closing_speed(end[0], contact)
+        drive_until(guess, bodies)
         if len(bodies) == POWER_LAW_LENGTH:
             slope(end[0], 1.0, end[2], bodies)
             value, rate = passing(end[0], end[2], event, state[0, contact] < 0.0, bodies)

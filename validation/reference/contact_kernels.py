@@ -5,10 +5,12 @@ import multiprocessing
 import sys
 from math import sqrt
 from pathlib import Path
+from typing import Any
 
 from numba import config, njit
 from numba.core import event
 
+from validation.reference.drive import SAME_TIME, wave
 from validation.reference.hertz_chain import Array
 
 # numba notices changes in a function's own file only, not in files of called functions: one cache folder per state
@@ -77,3 +79,17 @@ def copy(source: Array, target: Array) -> None:
     """``target[:] = source`` as a loop: the assignment itself takes three seconds to compile."""
     for i in range(target.size):
         target[i] = source[i]
+
+
+segment_value: Any = njit(error_model="numpy")(wave)
+
+
+@njit(error_model="numpy")
+def drive_value(segments: Array, time: float) -> tuple[float, float, float]:
+    """Value, rate and second derivative of a drive (``validation.reference.drive``) at one time."""
+    low, high = 0, len(segments)
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if segments[middle, 0] <= time * SAME_TIME else (low, middle)
+    value, rate, bend = segment_value(segments[low], time - segments[low, 0])
+    return value, rate, bend

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from validation.reference.contact_kernels import damped_force, elastic_force, power_force
+from validation.reference.contact_kernels import damped_force, elastic_force, power_force, segment_value
 from validation.reference.hertz_chain import Array
 
 STAGES = 12
@@ -123,9 +123,11 @@ TERMS[WEIGHTS == 0] = 0
 COUNTS = np.count_nonzero(FORMULAS, axis=1)
 ROUNDING = 0.5**53  # relative rounding error of a double
 # inverse masses, stiffness, damping (empty for an elastic chain), acceleration by the loads alone, power of the overlap
-# in damping; with the power law alpha in its place, and for each contact 1 if it may exert a force in the present step
+# in damping; with the power law alpha in its place, and for each contact 1 if it may exert a force in the present step;
+# last the drive: True if there is one, its segment, times of the last and of the next event since the segment begins,
+# body, True if it moves as prescribed (with an inverse mass of 0), acceleration by its constant load
 Bodies = tuple[Any, ...]
-POWER_LAW_LENGTH = 6  # length of Bodies with the power law; numba compiles a kernel for each of the two lengths
+POWER_LAW_LENGTH = 7  # length of Bodies with the power law; numba compiles a kernel for each of the two lengths
 
 
 # inlined, since reference counts of its arguments would take a fifth of a small chain's time
@@ -160,7 +162,7 @@ def slope(state: Array, stretch: float, result: Array, bodies: Bodies) -> None:
 @njit(error_model="numpy")
 def _slope_power(state: Array, stretch: float, result: Array, bodies: Bodies) -> None:
     """``slope`` for the power law; it is smooth, as the contacts with a force stay the same within a step."""
-    inverse_mass, stiffness, gamma, acceleration, alpha, holds = bodies
+    inverse_mass, stiffness, gamma, acceleration, alpha, holds = bodies[:6]
     n = inverse_mass.size
     below, force_below = 0.0, 0.0
     for j in range(n):
@@ -183,6 +185,22 @@ def stretch_at(s: float, power: float) -> float:
     return power * s * s * s if abs(power) == 4.0 else power * s
 
 
+@njit(error_model="numpy", forceinline=True)
+def drive_until(elapsed: float, bodies: Bodies) -> None:
+    """Sets the acceleration of the driven body without contact forces, at a time since the last event."""
+    if bodies[-1][0]:
+        _, segment, clock, body, prescribed, constant = bodies[-1]
+        value, _, bend = segment_value(segment, clock[0] + elapsed)
+        bodies[3][body] = bend if prescribed else constant + value * bodies[0][body]
+
+
+@njit(error_model="numpy", forceinline=True)
+def elapsed_at(s: float, power: float, bodies: Bodies) -> float:
+    """Time since the last event; with a negative power, s counts back from the next event."""
+    raised = s * s * s * s if abs(power) == 4.0 else s * s
+    return raised if power > 0.0 else float(bodies[-1][2][1]) - raised
+
+
 @njit(error_model="numpy")
 def weigh(formula: int | np.int64, h: float, slopes: Array, result: Array) -> None:
     """Writes ``h * FORMULAS[formula] @ slopes`` to ``result``, in blocks of four rows."""
@@ -199,7 +217,7 @@ def weigh(formula: int | np.int64, h: float, slopes: Array, result: Array) -> No
 @njit(error_model="numpy")
 def step(state: Array, s: float, h: float, power: float, slopes: Array, end: Array, bodies: Bodies) -> None:
     """Takes one step from s to s + h; writes values and their rounding errors to ``end``, stages to ``slopes``."""
-    start, result = state[0], end[0]
+    start, result, driven = state[0], end[0], bodies[-1][0]
     stretch = stretch_at(s, power)
     for i in range(start.size):
         slopes[0, i] = stretch * state[2, i]
@@ -207,6 +225,8 @@ def step(state: Array, s: float, h: float, power: float, slopes: Array, end: Arr
         weigh(stage, h, slopes, result)
         for i in range(start.size):
             result[i] += start[i]
+        if driven:
+            drive_until(elapsed_at(s + C[stage] * h, power, bodies), bodies)
         slope(result, stretch_at(s + C[stage] * h, power), slopes[stage], bodies)
     weigh(np.int64(END), h, slopes, end[1])  # a literal would make numba compile it again
     for i in range(start.size):
@@ -226,6 +246,8 @@ def error(
     The allowed error of a velocity is at least the effect of rounding errors of the body's forces in the step. It
     exceeds the tolerance for light bodies between large, nearly equal forces; shorter steps would not lower it.
     """
+    if bodies[-1][0]:
+        drive_until(elapsed_at(s_end, power, bodies), bodies)
     slope(end[0], 1.0, end[2], bodies)
     stretch, largest, n = stretch_at(s_end, power), 0.0, scale.size // 2
     rounding = ROUNDING * abs(h * stretch) / tolerance
@@ -270,6 +292,8 @@ def prepare_dense(
         weigh(row, h, slopes, work)
         for i in range(start.size):
             work[i] += start[i]
+        if bodies[-1][0]:
+            drive_until(elapsed_at(s + C[row] * h, power, bodies), bodies)
         slope(work, stretch_at(s + C[row] * h, power), slopes[row], bodies)
     for i in range(start.size):
         change = end[i] - start[i]

@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from validation.reference.drive import Drive
+
 Array = NDArray[np.float64]
 Flag = NDArray[np.bool_]  # shape (1,); another thread sets it to end an integration, whose result then has no meaning
 EXPONENT = 3 / 2  # exponent of the overlap in Hertz's law
@@ -40,10 +42,13 @@ class HertzChain:
         damping: C of each contact in ``F = max(0, k overlap^(3/2) + C overlap^p d overlap/dt)``; default 0.
         alpha: Exponent of the velocity-power law (``dissipative_force``), with gamma in ``damping``; 0: the law above.
         overlap_power: p of the law above, above 0 and at most 1/2; without meaning for the velocity-power law.
+        drive: Force of time on a body, added to its load, or motion of a body; its velocity at time 0 is that of the
+            drive. None: no drive.
 
     Raises:
         ValueError: an array has a wrong shape or values that are not finite; a mass is not above zero; a stiffness or
-            damping is below zero; alpha is between 0 and 1; with alpha, a contact has no gamma; p is out of range.
+            damping is below zero; alpha is between 0 and 1; with alpha, a contact has no gamma; p is out of range; the
+            driven body is not there.
     """
 
     mass_kg: Array
@@ -54,12 +59,13 @@ class HertzChain:
     damping: Array = field(default_factory=lambda: np.zeros(0))
     alpha: float = 0.0
     overlap_power: float = VISCOELASTIC_POWER
+    drive: Drive | None = None
 
     def __post_init__(self) -> None:
         if not np.size(self.damping):
             object.__setattr__(self, "damping", np.zeros(np.shape(self.mass_kg)))
         for name in self.__dataclass_fields__:
-            if name not in ("alpha", "overlap_power"):
+            if name not in ("alpha", "overlap_power", "drive"):
                 object.__setattr__(self, name, _checked(name, getattr(self, name), (np.size(self.mass_kg),)))
         if self.alpha and not 1 <= self.alpha < np.inf:
             raise ValueError(f"alpha: {self.alpha}, expected 0, or 1 or more")
@@ -67,6 +73,11 @@ class HertzChain:
             raise ValueError(f"overlap_power: {self.overlap_power}, expected above 0 and at most 1/2")
         if self.alpha and (self.damping[self.stiffness > 0] == 0).any():
             raise ValueError("damping: 0 at a contact, expected a gamma above zero at each contact")
+        if self.drive is not None:
+            if not 0 <= self.drive.body < self.mass_kg.size:
+                raise ValueError(f"drive: body {self.drive.body}, expected 0 to {self.mass_kg.size - 1}")
+            if self.drive.prescribed:
+                self.velocity_m_s[self.drive.body] = self.drive.at(np.zeros(1))[1][0]
 
     @property
     def elastic(self) -> bool:

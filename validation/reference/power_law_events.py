@@ -57,7 +57,7 @@ def first_power_event(
     ``RETRY`` asks for a shorter step: either several events of one contact fall into the step, or ``holds`` disagreed
     with the state at the start beyond rounding and has been corrected.
     """
-    inverse_mass, stiffness, gamma, _, alpha, holds = bodies
+    inverse_mass, stiffness, gamma, _, alpha, holds = bodies[:6]
     n = stiffness.size
     first, where = NO_EVENT
     dead, still = DEAD_BAND * scale[0], DEAD_BAND * scale[n]

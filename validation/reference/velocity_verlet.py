@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from validation.reference.drive import COLUMNS, loads_N
 from validation.reference.hertz_chain import (
     Array,
     Extremes,
@@ -20,7 +21,7 @@ from validation.reference.hertz_chain import (
 )
 
 if TYPE_CHECKING:
-    from validation.reference.verlet_kernels import Arrays
+    from validation.reference.verlet_kernels import Arrays, DriveArrays
 
 UNINTERRUPTED = 5_000_000  # bodies times steps between two looks for a signal
 
@@ -42,7 +43,8 @@ def integrate_verlet(
     motion = Motion(*(np.empty((samples, chain.mass_kg.size)) for _ in range(3)))
     kept = (motion.force_N, motion.displacement_m, motion.velocity_m_s)
     stop = np.zeros(1, bool) if stop is None else stop
-    fill_samples(arrays, time_step_s, steps_per_sample, half_kick, chain.load_N, *kept, stop)
+    drive = _drive(chain, *arrays[4:6], half_kick)
+    fill_samples(arrays, drive, time_step_s, steps_per_sample, half_kick, chain.load_N.copy(), *kept, stop)
     return Motion(motion.force_N, displacements(chain, motion.displacement_m), motion.velocity_m_s)
 
 
@@ -54,10 +56,10 @@ def follow_verlet(chain: HertzChain, time_step_s: float, steps: int) -> Extremes
     reduced = 1 / (inverse + np.append(0.0, inverse[:-1]))
     # rows of one array: separate ones may all begin at the same place of a page and then share few lines of the cache
     rows = np.vstack([0.5 * time_step_s * inverse, chain.load_N, reduced, np.zeros((6, inverse.size))])
-    chunk = max(1, UNINTERRUPTED // inverse.size)
+    chunk, drive = max(1, UNINTERRUPTED // inverse.size), _drive(chain, *arrays[4:6], rows[0])
     for start in range(0, steps + 1, chunk):
         times = min(chunk, steps + 1 - start)
-        follow(arrays, time_step_s, times, *rows[:8])
+        follow(arrays, drive, time_step_s, start, times, *rows[:8])
     *_, overlap, closing, impacts, speed, nothing = rows
     return Extremes(overlap, closing, nothing, nothing, impacts, speed)
 
@@ -65,12 +67,24 @@ def follow_verlet(chain: HertzChain, time_step_s: float, steps: int) -> Extremes
 def _start(chain: HertzChain, time_step_s: float) -> "Arrays":
     """Arrays of the kernels (``Arrays``), with velocities half a step before time 0 and force 0 above the chain."""
     force = np.append(contact_force(chain, chain.overlap_m, chain.velocity_m_s), 0.0)
-    acceleration = (force[:-1] - force[1:] + chain.load_N) / chain.mass_kg
+    load = np.ravel(loads_N(chain.load_N, chain.drive, np.zeros(1)))
+    acceleration = (force[:-1] - force[1:] + load) / chain.mass_kg
     velocity = chain.velocity_m_s - 0.5 * time_step_s * acceleration
     kick, drop = time_step_s / chain.mass_kg, time_step_s * chain.load_N / chain.mass_kg
     damping = np.zeros(0) if chain.elastic else chain.damping
     law = damping, float(chain.alpha), float(chain.overlap_power)
     return velocity, chain.overlap_m.copy(), force, chain.stiffness, kick, drop, *law
+
+
+def _drive(chain: HertzChain, *kicks: Array) -> "DriveArrays":
+    """Drive of the kernels; forces do not kick a body that moves as prescribed."""
+    drive = chain.drive
+    if drive is None:
+        return np.zeros((0, COLUMNS)), 0, False, 0.0
+    if drive.prescribed:
+        for kick in kicks:
+            kick[drive.body] = 0.0
+    return drive.segments, drive.body, drive.prescribed, float(chain.load_N[drive.body])
 
 
 def integrate_verlet_absolute(
@@ -96,8 +110,8 @@ def integrate_verlet_absolute(
 
     motion = Motion(*(np.empty((samples, chain.mass_kg.size)) for _ in range(3)))
     integrate_absolute(
-        chain.mass_kg, chain.stiffness, np.array(height_m), reach_m, chain.velocity_m_s.copy(), chain.load_N,
-        chain.damping, float(chain.alpha) if chain.alpha else None, float(chain.overlap_power),
+        _drive(chain), chain.mass_kg, chain.stiffness, np.array(height_m), reach_m, chain.velocity_m_s.copy(),
+        chain.load_N.copy(), chain.damping, float(chain.alpha) if chain.alpha else None, float(chain.overlap_power),
         np.zeros(len(reach_m) + 1), np.zeros(len(reach_m)), time_step_s, steps_per_sample, motion.force_N,
         motion.displacement_m, motion.velocity_m_s,
     )  # fmt: skip

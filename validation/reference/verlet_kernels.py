@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from validation.reference.contact_kernels import copy, elastic_force, power_force, root_raised
+from validation.reference.contact_kernels import copy, drive_value, elastic_force, power_force, root_raised
 from validation.reference.hertz_chain import Array, Flag
 
 # velocity, overlap, force (with a 0 above the chain); constants: stiffness, kick, drop, damping (empty for an elastic
 # chain), alpha (0 without the power law), power of the overlap in damping
 Arrays = tuple[Array, Array, Array, Array, Array, Array, Array, float, float]
+DriveArrays = tuple[Array, int, bool, float]  # segments (none without a drive), body, prescribed, constant load
 
 
 @njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
@@ -73,18 +74,45 @@ def _step(arrays: Arrays, dt: float) -> None:
         _sweep_elastic(arrays, dt)
 
 
+@njit(nogil=True, error_model="numpy")
+def _drive(arrays: Arrays, drive: DriveArrays, load: Array, dt: float, step: int) -> float:
+    """Sets the load of a driven body, or its velocity until the next step; returns the rate of the drive.
+
+    As in the codes, the damping at a body that moves as prescribed takes the rate at the time of the forces.
+    """
+    velocity, overlap, force, _, kick, drop, damping, alpha = arrays[:8]
+    segments, body, prescribed, constant = drive
+    value, rate, _ = drive_value(segments, step * dt)
+    if not prescribed:
+        load[body] = constant + value
+        drop[body] = kick[body] * load[body]
+        return rate
+    if step > 0 and (damping.size or alpha > 0.0):
+        velocity[body] = rate
+        for j in range(body, min(body + 2, overlap.size)):
+            closing = (velocity[j - 1] if j > 0 else 0.0) - velocity[j]
+            if alpha > 0.0:
+                force[j] = _power(j, overlap[j], closing, arrays)
+            else:
+                force[j] = _damped(j, overlap[j], closing, arrays)
+    velocity[body] = (drive_value(segments, (step + 1) * dt)[0] - value) / dt
+    return rate
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def follow(
-    arrays: Arrays, dt: float, times: int, half_kick: Array, load: Array, reduced: Array, approach: Array,
-    overlaps: Array, closings: Array, impacts: Array, speeds: Array,
+    arrays: Arrays, drive: DriveArrays, dt: float, begin: int, times: int, half_kick: Array, load: Array,
+    reduced: Array, approach: Array, overlaps: Array, closings: Array, impacts: Array, speeds: Array,
 ) -> None:  # fmt: skip
-    """Updates the extremes by the state at some times, each followed by a step.
+    """Updates the extremes by the state at some times from step ``begin`` on, each followed by a step.
 
     With the power law, bodies that just touch may have a force. A contact that touches at time 0 makes no impact.
     ``approach`` holds the closing speeds one step before of contacts with a gap; else 0.
     """
     velocity, overlap, force, stiffness = arrays[:4]
-    for _ in range(times):
+    for step in range(begin, begin + times):
+        if drive[0].size:
+            _drive(arrays, drive, load, dt, step)
         below = 0.0
         for j in range(overlap.size):
             here = velocity[j] + half_kick[j] * (force[j] - force[j + 1] + load[j])
@@ -107,35 +135,51 @@ def follow(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def fill_samples(
-    arrays: Arrays, dt: float, every: int, half_kick: Array, load: Array,
+    arrays: Arrays, drive: DriveArrays, dt: float, every: int, half_kick: Array, load: Array,
     forces: Array, overlaps: Array, velocities: Array, stop: Flag,
 ) -> None:  # fmt: skip
     """Fills the samples, the first with the initial state; velocities are shifted to the time of the forces."""
     velocity, overlap, force = arrays[:3]
+    step, driven, rate = 0, drive[0].size > 0, 0.0
+    if driven:
+        rate = _drive(arrays, drive, load, dt, step)
     for sample in range(len(forces)):
         for _ in range(every if sample else 0):
             if stop[0]:
                 return
             _step(arrays, dt)
+            step += 1
+            if driven:
+                rate = _drive(arrays, drive, load, dt, step)
         for j in range(overlap.size):
             forces[sample, j] = force[j]
             overlaps[sample, j] = overlap[j]
             velocities[sample, j] = velocity[j] + half_kick[j] * (force[j] - force[j + 1] + load[j])
+        if driven and drive[2]:
+            velocities[sample, drive[1]] = rate
 
 
 @njit(cache=True, nogil=True)
 def integrate_absolute(
-    mass: Array, stiffness: Array, height: Array, reach: Array, velocity: Array, load: Array, damping: Array,
-    alpha: float | None, overlap_power: float, force: Array, net: Array, dt: float, every: int, forces: Array,
-    heights: Array, velocities: Array,
+    drive: DriveArrays, mass: Array, stiffness: Array, height: Array, reach: Array, velocity: Array, load: Array,
+    damping: Array, alpha: float | None, overlap_power: float, force: Array, net: Array, dt: float, every: int,
+    forces: Array, heights: Array, velocities: Array,
 ) -> None:  # fmt: skip
     """Fills the samples of ``integrate_verlet_absolute``; alpha is None without the power law."""
     n, half = mass.size, 0.5 * dt
+    segments, body, prescribed, constant = drive
+    start = height[body]
     for step in range((len(forces) - 1) * every + 1):
         if step:
             for j in range(n):
                 velocity[j] += half * net[j] / mass[j]
                 height[j] += dt * velocity[j]
+        if segments.size:
+            value, rate, _ = drive_value(segments, step * dt)
+            if prescribed:
+                height[body], velocity[body] = start + value, rate
+            else:
+                load[body] = constant + value
         below = 0.0
         for j in range(n):
             overlap = reach[j] - (height[j] - below)
@@ -149,7 +193,7 @@ def integrate_absolute(
                     lost = damping[j] * np.sign(closing) * abs(closing) ** alpha
                 force[j] = max(force[j] + lost, 0.0)
         for j in range(n):
-            net[j] = force[j] - force[j + 1] + load[j]
+            net[j] = force[j] - force[j + 1] + load[j] if j != body or not prescribed else 0.0
             velocity[j] += half * net[j] / mass[j] if step else 0.0
         if step % every == 0:
             copy(force, forces[step // every])
