@@ -21,9 +21,27 @@ from drivers.chain.trace import Trace
 from drivers.scene.model import Name, Part
 from drivers.scene.read_scene import apply_setting, read_entries
 from validation.accuracy.plan import plan_case, planned_case
-from validation.claims.measures import bands, impact, linear, passing_waves, precompressed, solitary, unequal, weak
+from validation.claims.measures import (
+    bands,
+    driven,
+    impact,
+    linear,
+    passing_waves,
+    precompressed,
+    solitary,
+    unequal,
+    weak,
+)
 
-UNITS = (("_m_s", "m/s"), ("_N", "N"), ("_Hz", "Hz"), ("_s", "s"), ("_m", "m"), ("_diameters", "diameters"))
+UNITS = (
+    ("_m_s", "m/s"),
+    ("_N", "N"),
+    ("_Hz", "Hz"),
+    ("_s", "s"),
+    ("_m", "m"),
+    ("_rad", "rad"),
+    ("_diameters", "diameters"),
+)
 
 
 @dataclass(frozen=True)
@@ -58,6 +76,7 @@ MEASURES = {
         unequal.DECORATED,
         "the exact wave of the effective chain: mass M + m, stiffness k / 2^(3/2)",
     ),
+    "driven": Measure(driven.measure, driven.theory, driven.QUANTITIES, driven.SOURCE),
     "impact": Measure(impact.measure, impact.theory, impact.QUANTITIES, impact.SOURCE),
     "impurity": Measure(
         unequal.impurity, unequal.impurity_theory, unequal.IMPURITY, "modes of the linearised finite chain"
