@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from math import sqrt
+from math import degrees, sqrt
 from typing import Any
 
 import numpy as np
@@ -156,6 +156,8 @@ class Case:
         if striker is not None:
             shape = "flat face" if striker.shape == "flat" else "sphere"
             words += f", struck by a {shape} of {striker.material} at {striker.speed:g} m/s"
+        if self.scene.chain.angle:
+            words += f"; leaning by {degrees(self.scene.chain.angle):.6g} deg"
         if chain.drive is not None:
             words += f"; {drive_words(self.scene)}"
         if chain.damped:

@@ -22,11 +22,10 @@ from drivers.chain.contact_law import (
 )
 from drivers.chain.drives import drive_of, energy_with_drive
 from drivers.chain.lateral import Bore, Lateral
-from drivers.chain.masses import bead_masses, sphere_mass
+from drivers.chain.masses import beads_of, sphere_mass
 from drivers.laws.law import ELASTIC, Law
 from drivers.scene.model import Scene
-from validation.reference.drive import Drive
-from validation.reference.hertz_chain import ENERGY_SHARE, HertzChain, TubeChain
+from validation.reference.hertz_chain import ENERGY_SHARE, Drive, HertzChain, TubeChain
 
 Array = NDArray[np.float64]
 LEVEL_M = 10.0  # radius of a sphere that replaces a flat face; its slope is 1e-5 at 0.1 mm off the axis
@@ -50,7 +49,7 @@ class Chain:
         beads: number of beads.
         wall: material of the wall; None for a free chain.
         wall_height_m: height of the wall, or of bead 1's lowest point in a free chain.
-        gravity_m_s2: acceleration of gravity.
+        gravity_m_s2: acceleration of gravity along the axis.
         precompression_N: constant force downwards on the top bead.
         law: contact law.
         lateral: additional properties of a three-dimensional chain; None for a straight chain.
@@ -209,16 +208,12 @@ def build_chain(scene: Scene) -> Chain:
     """
     table = scene.chain
     count, striker = table.count, scene.striker
-    materials = [table.material] * count
-    diameters = np.full(count, table.diameter)
+    beads = beads_of(scene)
     velocity = np.zeros(scene.bodies)
     for bead in table.bead:
-        materials[bead.from_wall - 1] = bead.material or table.material
-        diameters[bead.from_wall - 1] = bead.diameter or table.diameter
         velocity[bead.from_wall - 1] = bead.velocity or 0.0
     gaps = {bead.from_wall: bead.gap_below for bead in table.bead if bead.gap_below is not None}
-    radii = [*(diameters / 2)]
-    masses = [*bead_masses(scene, materials, diameters)]
+    materials, radii, masses = [*beads.materials], [*(beads.diameter_m / 2)], [*beads.mass_kg]
     if striker is not None:
         materials.append(striker.material)
         radii.append(inf if striker.diameter is None else striker.diameter / 2)
@@ -230,7 +225,7 @@ def build_chain(scene: Scene) -> Chain:
     mass, radius = np.array(masses), np.array(radii)
 
     stiffness = stiffness_by(hertz_stiffness, scene, materials, radius)
-    load = -scene.gravity * mass
+    load = -scene.axial_gravity * mass
     if count:
         load[count - 1] -= table.precompression
     overlap = _overlaps(stiffness, load[:count], gaps, resting=scene.wall is not None)
@@ -247,7 +242,7 @@ def build_chain(scene: Scene) -> Chain:
         beads=count,
         wall=scene.wall.material if scene.wall else None,
         wall_height_m=table.origin,
-        gravity_m_s2=scene.gravity,
+        gravity_m_s2=scene.axial_gravity,
         precompression_N=table.precompression,
         law=scene.contact.law,
         drive=drive,
@@ -303,7 +298,10 @@ def energy_put_in(chain: Chain, duration_s: float) -> float:
         falling = float(np.abs(chain.load_N) @ np.cumsum(np.maximum(-chain.overlap_m, 0.0)))
     hertz = ENERGY_SHARE * float(chain.elastic_N @ np.maximum(chain.overlap_m, 0.0))
     put_in = kinetic + falling + _settling(chain)
-    return (put_in if chain.drive is None else energy_with_drive(chain, put_in, hertz, duration_s)) or hertz
+    if chain.drive is not None:
+        arrays = chain.mass_kg, chain.stiffness, chain.load_N
+        put_in = energy_with_drive(chain.drive, arrays, put_in, hertz, duration_s)
+    return put_in or hertz
 
 
 def moving_at_start(chain: Chain) -> float:

@@ -9,19 +9,15 @@ cross kinks and periods of the drive exactly. With the net force N of contacts a
   impulse ``m (u' - u'(0)) - integral of N``.
 """
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from validation.reference.drive import SAME_TIME, Array, Drive
-
-if TYPE_CHECKING:
-    from drivers.chain.chain import Chain
+from drivers.chain.chain import Chain
+from validation.reference.hertz_chain import SAME_TIME, Array, Drive
 
 GAUSS = np.polynomial.legendre.leggauss(6)
 
 
-def drive_columns(chain: "Chain", time_s: Array, force_N: Array, velocity_m_s: Array) -> dict[str, Array]:
+def drive_columns(chain: Chain, time_s: Array, force_N: Array, velocity_m_s: Array) -> dict[str, Array]:
     """Force of the drive on its body, its work and its impulse since time 0, each of shape (samples,).
 
     Args:
@@ -51,7 +47,7 @@ def drive_columns(chain: "Chain", time_s: Array, force_N: Array, velocity_m_s: A
     return {"drive_N": value, "drive_work_J": work, "drive_impulse_N_s": impulse}
 
 
-def work_error_J(chain: "Chain", time_s: Array, force_N: Array, velocity_m_s: Array) -> float:
+def work_error_J(chain: Chain, time_s: Array, force_N: Array, velocity_m_s: Array) -> float:
     """Error of the work by the distance of samples: the largest difference if every other sample is left out."""
     fine, coarse = (drive_columns(chain, time_s[::every], force_N[::every], velocity_m_s[::every]) for every in (1, 2))
     return float(np.abs(fine["drive_work_J"][::2] - coarse["drive_work_J"]).max()) if fine else 0.0

@@ -1,22 +1,18 @@
-"""Wave forms of drives as tables of segments (``validation.reference.drive``), and the energy that a drive puts in.
+"""Wave forms of drives as tables of segments (``Drive`` of ``validation.reference``), and the energy that they put in.
 
 Before ``drive.start`` a drive is 0; after its end it holds its last value, and a half-sine returns to 0. A new form is
-a function here, an entry of ``FORMS``, and its keys in ``drivers.scene.drive_table`` and the model.
+a function here, an entry of ``FORMS``, and its keys in ``drivers.scene.drive_table`` and ``drive_rules``.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import ceil, inf, pi
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from drivers.scene.model import Scene, StoredDrive
-from validation.reference.drive import COLUMNS, SAME_TIME, SINES, Drive
-
-if TYPE_CHECKING:
-    from drivers.chain.case import Case
-    from drivers.chain.chain import Chain
+from drivers.scene.drive_table import StoredDrive
+from drivers.scene.model import Scene
+from validation.reference.hertz_chain import COLUMNS, SAME_TIME, SINES, Array, Drive
 
 Sine = tuple[float, float, float, float]  # amplitude, phase in rad, angular frequency in rad/s, its rate in rad/s^2
 Segment = tuple[float, float, float, Sequence[Sine]]  # beginning since the start in s, value, rate, sines
@@ -122,7 +118,7 @@ def drive_words(scene: Scene) -> str:
 
 
 @dataclass(frozen=True)
-class Piece:
+class SegmentSteps:
     """Segment of a drive as decks have it.
 
     Attributes:
@@ -140,22 +136,23 @@ class Piece:
     sines: list[list[float]]
 
 
-def pieces_of(case: "Case") -> list[Piece]:
+def pieces_of(drive: Drive | None, time_step_s: float, steps: int) -> list[SegmentSteps]:
     """Segments with at least one step of a run; empty without a drive."""
-    drive, scene = case.chain.drive, case.scene
     if drive is None:
         return []
-    firsts = [ceil(begin / (scene.time_step_s * SAME_TIME)) for begin in drive.segments[:, 0].tolist()]
-    untils = [min(first - 1, scene.steps) for first in [*firsts[1:], scene.steps + 1]]
+    firsts = [ceil(begin / (time_step_s * SAME_TIME)) for begin in drive.segments[:, 0].tolist()]
+    untils = [min(first - 1, steps) for first in [*firsts[1:], steps + 1]]
     pieces = []
     for first, until, row in zip(firsts, untils, drive.segments.tolist(), strict=True):
         if first <= until:
             sines = [row[place : place + 4] for place in SINES if row[place]]
-            pieces.append(Piece(first, until, row[0], row[1], row[2], sines))
+            pieces.append(SegmentSteps(first, until, row[0], row[1], row[2], sines))
     return pieces
 
 
-def energy_with_drive(chain: "Chain", start_J: float, hertz_J: float, duration_s: float) -> float:
+def energy_with_drive(
+    drive: Drive, chain: tuple[Array, Array, Array], start_J: float, hertz_J: float, duration_s: float
+) -> float:
     """Upper bound on the energy that can turn into motion, with the work of the drive.
 
     A force f on a body of mass m does work at a rate of at most ``|f| sqrt(2 E / m)``, so that ``sqrt(E)`` grows by at
@@ -164,20 +161,20 @@ def energy_with_drive(chain: "Chain", start_J: float, hertz_J: float, duration_s
     ``(2/5) c integral of |u'|``; here E includes the Hertz energy at rest.
 
     Args:
-        chain: the chain, with a drive.
+        drive: the drive.
+        chain: masses, stiffnesses of the contacts and constant loads of all bodies.
         start_J: energy put in without the drive.
         hertz_J: Hertz energy at time 0.
         duration_s: duration of the run.
     """
-    drive = chain.drive
-    assert drive is not None
-    mass = float(chain.mass_kg[drive.body])
+    mass_kg, stiffness, load_N = chain
+    mass = float(mass_kg[drive.body])
     kinks = drive.segments[:, 0]
     times = np.union1d(np.linspace(0.0, duration_s, SUMMED), kinks[kinks < duration_s])
     value, rate, _ = drive.at(times)
     if not drive.prescribed:
         return float((np.sqrt(start_J) + np.trapezoid(np.abs(value), times) / np.sqrt(2 * mass)) ** 2)
-    loaded = float(np.abs(chain.load_N).sum() * np.ptp(value))
-    forced = chain.stiffness[drive.body : drive.body + 2].max() ** 0.4 * 2.5**0.6
+    loaded = float(np.abs(load_N).sum() * np.ptp(value))
+    forced = stiffness[drive.body : drive.body + 2].max() ** 0.4 * 2.5**0.6
     root = (start_J + hertz_J + loaded) ** 0.4 + 0.4 * forced * np.trapezoid(np.abs(rate), times)
     return float(root**2.5 + 0.5 * mass * (rate**2).max())

@@ -5,11 +5,14 @@ touch the tube, slip or turn.
 """
 
 from dataclasses import dataclass
+from math import degrees
+
+import numpy as np
 
 from drivers.chain.chain import Chain
 from drivers.chain.drives import drive_words
 from drivers.chain.lateral import Lateral
-from drivers.chain.masses import bead_mass
+from drivers.chain.masses import ordinary_beads
 from drivers.laws.viscoelastic import Viscoelastic
 from drivers.scene.model import RIGID, Scene
 
@@ -34,8 +37,11 @@ class ModellingElement:
 def choose_elements(scene: Scene, chain: Chain) -> tuple[ModellingElement, ...]:
     """Modelling elements of a scene, each modelled or left out, with the reason."""
     striker, scatter = scene.striker, scene.chain.mass_scatter
-    ordinary = bead_mass(scene) if scene.chain.sensors else None
-    unlike = len([sensor for sensor in scene.chain.sensors if sensor.mass not in (None, ordinary)])
+    ordinary = ordinary_beads(scene).mass_kg if scene.chain.sensors else np.zeros(0)
+    unlike = len([each for each in scene.chain.sensors if each.mass not in (None, ordinary[each.from_wall - 1])])
+    angle = degrees(scene.chain.angle or 0.0)
+    leaning = f"{scene.axial_gravity:g} m/s^2 along the axis, which leans by {angle:.6g} deg"
+    across = "horizontal chain: gravity acts across the axis, along which alone the beads move"
     wall = "rigid half-space" if chain.wall == RIGID else f"half-space of {chain.wall}"
     shape = "flat face" if striker and striker.shape == "flat" else "sphere"
     alike = "sensor beads weigh as much as the others" if scene.chain.sensors else "no bead carries a sensor"
@@ -43,7 +49,12 @@ def choose_elements(scene: Scene, chain: Chain) -> tuple[ModellingElement, ...]:
     if isinstance(chain.law, Viscoelastic):
         damped += f", by a damping ratio of {chain.law.damping_ratio:.6g}"
     table = [
-        ("gravity", scene.gravity, f"{scene.gravity:g} m/s^2", NONE),
+        (
+            "gravity",
+            scene.axial_gravity,
+            leaning if angle else f"{scene.gravity:g} m/s^2",
+            across if scene.gravity else NONE,
+        ),
         ("wall", chain.wall, f"{wall}, Hertz law with R* = R", "a free chain"),
         ("striker", striker, striker and f"{shape} of {striker.material} at {striker.speed:g} m/s", NONE),
         ("precompression", chain.precompression_N, f"{chain.precompression_N:g} N on the top bead", NONE),

@@ -1,36 +1,69 @@
-"""Masses of beads: given, or computed from diameter and density, with or without scatter."""
+"""Material, diameter and mass of each bead; masses are given or computed from the density, with or without scatter."""
 
+from dataclasses import dataclass
 from math import pi
 
 import numpy as np
 
-from drivers.scene.model import Scene
+from drivers.scene.model import Member, Scene
 from validation.reference.hertz_chain import Array
 
 
-def bead_masses(scene: Scene, materials: list[str], diameters: Array) -> Array:
-    """Masses of all beads in kg, shape (beads,).
+@dataclass(frozen=True)
+class Beads:
+    """Material, diameter and mass of each bead; arrays of shape (beads,)."""
 
-    A mass given for one bead is used without scatter. Other beads have the mass of the chain, or, with a diameter or
-    material of their own, the mass computed from the density; the scatter is added to these masses.
+    materials: list[str]
+    diameter_m: Array
+    mass_kg: Array
+
+
+def ordinary_beads(scene: Scene) -> Beads:
+    """Beads by the keys of the chain, its pattern and its taper, without ``[[chain.bead]]``, sensors and scatter."""
+    table, members = scene.chain, scene.chain.members
+    member, taper = np.arange(table.count) % len(members), table.taper_at(np.arange(1.0, table.count + 1))
+    materials = [each.material or table.material for each in members]
+    diameters = [each.diameter or table.diameter for each in members]
+    masses = [each.mass or bead_mass(scene, each) for each in members] if table.count else [0.0]
+    return Beads(
+        [materials[place] for place in member.tolist()],
+        np.array(diameters)[member] * taper,
+        np.array(masses)[member] * taper**3,
+    )
+
+
+def beads_of(scene: Scene) -> Beads:
+    """All beads of a scene.
+
+    A mass given for one bead is used without scatter. Other beads have the mass of the chain or of their member in the
+    pattern or, with a diameter or material of their own, the mass computed from the density; the scatter is added to
+    these masses.
     """
-    table = scene.chain
+    table, beads = scene.chain, ordinary_beads(scene)
     given = {sensor.from_wall: sensor.mass for sensor in table.sensors if sensor.mass is not None}
     given |= {bead.from_wall: bead.mass for bead in table.bead if bead.mass is not None}
-    masses = np.full(table.count, bead_mass(scene) if table.count else 0.0)
+    materials, diameters, masses = beads.materials, beads.diameter_m, beads.mass_kg
     for bead in table.bead:
-        by_density = bead.material is not None or bead.diameter is not None
-        if by_density and bead.from_wall not in given:
-            place = bead.from_wall - 1
+        place = bead.from_wall - 1
+        materials[place] = bead.material or materials[place]
+        diameters[place] = bead.diameter or diameters[place]
+        if (bead.material is not None or bead.diameter is not None) and bead.from_wall not in given:
             masses[place] = sphere_mass(scene, materials[place], diameters[place])
     if table.mass_scatter:  # drawn for all beads, so that a mass given for one bead does not change other masses
-        masses += np.random.default_rng(scene.seed).normal(0.0, table.mass_scatter, table.count)
-    return np.array([given.get(place, mass) for place, mass in enumerate(masses.tolist(), start=1)])
+        masses = masses + np.random.default_rng(scene.seed).normal(0.0, table.mass_scatter, table.count)
+    for from_wall, mass in given.items():
+        masses[from_wall - 1] = mass
+    return Beads(materials, diameters, masses)
 
 
-def bead_mass(scene: Scene) -> float:
-    """Mass of an ordinary bead in kg, given or computed from the density."""
-    return scene.chain.mass or sphere_mass(scene, scene.chain.material, scene.chain.diameter)
+def bead_mass(scene: Scene, member: Member | None = None) -> float:
+    """Mass of an ordinary bead, or of a member of the pattern without a mass, in kg."""
+    table = scene.chain
+    material = (member and member.material) or table.material
+    diameter = (member and member.diameter) or table.diameter
+    if table.mass is not None and (material, diameter) == (table.material, table.diameter):
+        return table.mass
+    return sphere_mass(scene, material, diameter)
 
 
 def sphere_mass(scene: Scene, material: str, diameter_m: float) -> float:

@@ -22,8 +22,7 @@ from drivers.engines._raw_output import read_arrays
 from drivers.laws import LAWS
 from validation import reference
 from validation.reference import integrate_deck
-from validation.reference.drive import Drive
-from validation.reference.hertz_chain import TUBE_KEYS, VISCOELASTIC_POWER, Flag, Motion
+from validation.reference.hertz_chain import TUBE_KEYS, VISCOELASTIC_POWER, Drive, Flag, Motion
 
 COMMAND = ("python", "-m", reference.__name__, "chain.json")
 COLUMNS = 13  # three-dimensional chain: axial force; bore force, position, velocity and spin with three each
@@ -66,7 +65,7 @@ def _values(case: Case, method: str, timing: Values) -> Values:
 
 
 def _drive_values(drive: Drive | None) -> Values:
-    """Values of a drive: the body, the given quantity, and the segments (``validation.reference.drive``)."""
+    """Values of a drive: the body, the given quantity, and the segments (``validation.reference.hertz_chain``)."""
     if drive is None:
         return {}
     given = "displacement of" if drive.prescribed else "force on"

@@ -17,7 +17,7 @@ from drivers.chain.drives import drive_words, pieces_of
 from drivers.chain.trace import Trace, make_trace
 from drivers.engines import Engine, last_line
 from drivers.engines._raw_output import contact_forces, read_dump, read_partial_dump
-from validation.reference.drive import loads_N
+from validation.reference.hertz_chain import loads_N
 
 DUMP = "chain.bin"
 # columns of three-dimensional chains; the force of the wall has another name in each code
@@ -88,7 +88,7 @@ def deck_of(
         "types": [name.strip() for name in types],
         "binned": chain.bodies > MAX_BODIES_IN_PAIRS,
         "columns": _columns(case, wall_force),
-        "pieces": pieces_of(case),
+        "pieces": pieces_of(chain.drive, case.scene.time_step_s, case.scene.steps),
         "drive_words": drive_words(case.scene),
     }
     templates = (f"{code.lower()}/chain.in.j2", "lammps/chain.data.j2")  # same format of data files

@@ -20,7 +20,7 @@ from drivers.engines import INCREMENTAL, Defaults, Engine, Style, last_line
 from drivers.engines._raw_output import contact_forces, read_arrays
 from drivers.laws import LAWS
 from drivers.laws.viscoelastic import Viscoelastic
-from validation.reference.drive import loads_N
+from validation.reference.hertz_chain import loads_N
 
 COMMAND = ("yade", "-n", "-x", "chain.py")
 # defaults of FrictMat and NewtonIntegrator (2023.02a); walls have R* = R/2 by default
@@ -56,7 +56,7 @@ def render(case: Case) -> Deck:
         face=bodies.pop() if np.isinf(chain.radius_m[-1]) else None,
         spheres=bodies,
         materials=[(name, *case.scene.elastic_constants(name)) for name in labels],
-        pieces=pieces_of(case),
+        pieces=pieces_of(chain.drive, case.scene.time_step_s, case.scene.steps),
         drive_words=drive_words(case.scene),
         friction_angle=atan(chain.lateral.friction) if chain.lateral else 0.0,
         own_law=chain.damped and not isinstance(chain.law, Viscoelastic),

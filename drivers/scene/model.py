@@ -3,24 +3,26 @@
 Beads are counted from the wall, as in the paper: bead 1 rests on the wall.
 """
 
-from math import isfinite
+import re
+from math import cos, isfinite, pi
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, StringConstraints, create_model
+from pydantic import BeforeValidator, Field, create_model
 
 from drivers.base import units
-from drivers.base.errors import CONTROL
 from drivers.laws import LAWS
 from drivers.laws.law import Law
 from drivers.laws.viscoelastic import Viscoelastic
+from drivers.scene.drive_table import DriveTable, StoredDrive
+from drivers.scene.part import MAX_BEADS, FromWall, Name, Part, Text, Title
 
-MAX_BEADS = 1_000_000
+RANGE = re.compile(r" *([0-9]{1,9}) *(?:- *([0-9]{1,9}) *)?")
+MAX_IN_RANGE = 100_000
+HORIZONTAL = pi / 2 * (1 - 1e-12)
 RIGID = "rigid"
 RIGID_PA = 1e40  # modulus of a rigid wall in decks: its part of 1/E* is below rounding
 
-Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=60)]
-FromWall = Annotated[int, Field(ge=1, le=MAX_BEADS)]
 PoissonRatio = Annotated[float, Field(ge=0, lt=0.5, allow_inf_nan=False)]
 Friction = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
 
@@ -37,6 +39,40 @@ def _accuracy(value: object) -> object:
 Accuracy = Annotated[float | dict[str, float], BeforeValidator(_accuracy)]
 
 
+def _places(value: object) -> list[object]:
+    """Beads of a ``from_wall``: one number, a range such as ``"5-9"``, or a list of both."""
+    if isinstance(value, list | tuple):
+        return [place for each in value for place in _places(each)]
+    if isinstance(value, str) and (ends := RANGE.fullmatch(value)):
+        first, last = int(ends[1]), int(ends[2] or ends[1])
+        if 1 <= first <= last <= MAX_IN_RANGE:
+            return [*range(first, last + 1)]
+    return [value]  # refused by the type of the key, unless it is a number
+
+
+def _one_entry_a_bead(value: object) -> object:
+    """Entries with one ``from_wall`` each. Further beads of a range come last: other entries keep their index."""
+    if not isinstance(value, list | tuple):
+        return value
+    first, further = list[object](), list[object]()
+    for entry in value:
+        places = _places(entry.get("from_wall")) if isinstance(entry, dict) and "from_wall" in entry else []
+        entries = [entry | {"from_wall": place} for place in places] if isinstance(entry, dict) else []
+        first += entries[:1] or [entry]
+        further += entries[1:]
+    return [*first, *further]
+
+
+def _place(value: object) -> object:
+    if isinstance(value, str | list | tuple):
+        raise units.NotAllowedError(f'a bead such as 5, a range such as "5-9", up to {MAX_IN_RANGE}, or a list of them')
+    return value
+
+
+Place = Annotated[FromWall, BeforeValidator(_place)]
+ByBead = BeforeValidator(_one_entry_a_bead)
+
+
 def _number_with_unit(value: object) -> object:
     plain = isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
     if not plain and not (isinstance(value, str) and units.NUMBER_AND_UNIT.fullmatch(value)):
@@ -46,22 +82,6 @@ def _number_with_unit(value: object) -> object:
 
 NumberWithUnit = Annotated[str | float, BeforeValidator(_number_with_unit)]  # postproc converts it to SI units
 Fraction = Annotated[float, Field(ge=0, lt=1)]
-
-
-def _plain_text(value: str) -> str:
-    if CONTROL.search(value):
-        raise units.NotAllowedError("text without control characters")
-    return value
-
-
-Title = Annotated[str, AfterValidator(_plain_text)]
-Text = Annotated[str, StringConstraints(min_length=1, max_length=1000), AfterValidator(_plain_text)]
-
-
-class Part(BaseModel):
-    """Table of the scene file: frozen, strict, no unknown keys."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
 
 class Material(Part):
@@ -81,7 +101,7 @@ class Material(Part):
 class Sensor(Part):
     """Bead with a force gauge; the default of ``mass`` is the mass of the other beads."""
 
-    from_wall: FromWall
+    from_wall: Place
     mass: units.Mass | None = None
 
 
@@ -92,7 +112,7 @@ class Bead(Part):
     ``lateral_velocity`` is perpendicular to the axis.
     """
 
-    from_wall: FromWall
+    from_wall: Place
     diameter: units.Length | None = None
     mass: units.Mass | None = None
     material: Name | None = None
@@ -101,19 +121,53 @@ class Bead(Part):
     lateral_velocity: units.Velocity | None = None
 
 
+class Member(Part):
+    """Bead of a pattern; the defaults of its properties are those of the chain."""
+
+    material: Name | None = None
+    diameter: units.Length | None = None
+    mass: units.Mass | None = None
+
+
 class ChainTable(Part):
-    """Beads of the chain."""
+    """Beads of the chain.
+
+    A ``pattern`` is repeated from the wall. With ``taper`` each bead has this share of the diameter of the bead below;
+    with ``taper_to`` diameters change linearly to that of the top bead. A mass given for the chain or for a member is
+    that of a bead of its full diameter: tapered beads have its density. ``angle`` is that of the axis to the vertical.
+    """
 
     count: Annotated[int, Field(ge=0, le=MAX_BEADS)]
     material: Name
     diameter: units.Length
     mass: units.Mass | None = None
-    sensors: tuple[Sensor, ...] = Field(default=(), strict=False)
-    bead: tuple[Bead, ...] = Field(default=(), strict=False)
+    pattern: tuple[Member, ...] | None = Field(default=None, strict=False, min_length=1)
+    taper: Annotated[float, Field(gt=0, le=10, allow_inf_nan=False)] | None = None
+    taper_to: units.Length | None = None
+    angle: units.Angle | None = None
+    sensors: Annotated[tuple[Sensor, ...], ByBead] = Field(default=(), strict=False)
+    bead: Annotated[tuple[Bead, ...], ByBead] = Field(default=(), strict=False)
     precompression: units.Force = 0.0
     mass_scatter: units.MassSpread = 0.0
     lateral_offset: units.Gap | None = None
     origin: units.Height = 0.0
+
+    @property
+    def members(self) -> tuple[Member, ...]:
+        """Members of the pattern, with the material and diameter of each; one without a pattern."""
+        defaults = {"material": self.material, "diameter": self.diameter}
+        return tuple(
+            member.model_copy(update={key: getattr(member, key) or value for key, value in defaults.items()})
+            for member in self.pattern or (Member.model_construct(mass=self.mass),)
+        )
+
+    def taper_at(self, from_wall: Any) -> Any:
+        """Diameter of a bead, or of an array of beads, divided by that of its member without taper."""
+        if self.taper is not None:
+            return self.taper ** (from_wall - 1.0)
+        if self.taper_to is not None:
+            return 1.0 + (self.taper_to / self.diameter - 1.0) * (from_wall - 1.0) / max(self.count - 1, 1)
+        return 0.0 * from_wall + 1.0
 
 
 class Striker(Part):
@@ -177,39 +231,6 @@ else:
     _keys: dict[str, Any] = {key: (kind | None, None) for law in LAWS.values() for key, kind in law.keys.items()}
     _name = (Literal[tuple(LAWS)], Viscoelastic.name)
     Contact = create_model("Contact", __base__=ContactTable, __module__=__name__, dissipation=_name, **_keys)
-
-
-class DriveTable(Part):
-    """Drive of one body by a force or, as by a piezo, by its displacement; both are upwards positive.
-
-    The amplitude is ``force`` or ``displacement``; ``drivers.chain.drives`` defines the wave forms. Times in a file
-    count from ``start``; runs depend on its contents (``StoredDrive``), not on its name.
-    """
-
-    form: Literal["sine", "half-sine", "step", "ramp", "chirp", "file"]
-    force: units.SignedForce | None = None
-    displacement: units.Displacement | None = None
-    from_wall: FromWall | None = None
-    start: units.StartTime = 0.0
-    duration: units.Duration | None = None
-    frequency: units.Frequency | None = None
-    end_frequency: units.Frequency | None = None
-    cycles: Annotated[float, Field(gt=0, le=1e9, allow_inf_nan=False)] | None = None
-    window: Literal["none", "hann"] | None = None
-    file: Text | None = Field(default=None, exclude=True)
-
-
-class StoredDrive(DriveTable):
-    """Drive with the points of its file, at least two: times, and either forces or displacements."""
-
-    time_s: tuple[float, ...] = Field(default=(), strict=False)
-    force_N: tuple[float, ...] = Field(default=(), strict=False)
-    displacement_m: tuple[float, ...] = Field(default=(), strict=False)
-
-    @property
-    def prescribed(self) -> bool:
-        """True if the displacement of the body is given."""
-        return self.displacement is not None or bool(self.displacement_m)
 
 
 class Gauge(Part):
@@ -320,6 +341,12 @@ class Scene(SceneFile):
     def bodies(self) -> int:
         """Number of beads, plus one for the striker if present."""
         return self.chain.count + (self.striker is not None)
+
+    @property
+    def axial_gravity(self) -> float:
+        """Acceleration of gravity along the axis in m/s^2; none in a horizontal chain."""
+        angle = self.chain.angle or 0.0
+        return self.gravity * (cos(angle) if angle < HORIZONTAL else 0.0)
 
     @property
     def three_dimensional(self) -> bool:

@@ -11,8 +11,9 @@ from pydantic import Field, create_model
 from drivers.base import paths, units
 from drivers.base.errors import InputError, InputProblem, refuse_any
 from drivers.base.messages import model_at, shorten, validate
-from drivers.scene.drive_table import with_points
-from drivers.scene.model import RIGID, Material, Part, Scene, SceneFile
+from drivers.scene.drive_rules import with_points
+from drivers.scene.model import RIGID, Bead, Material, Member, Scene, SceneFile
+from drivers.scene.part import Part
 from drivers.scene.scene_rules import contradictions, problems_of_alternatives
 
 NAME_RULE = "a name of letters, digits, '-', '_' and '.', beginning with a letter or digit"
@@ -217,7 +218,9 @@ def _complete_own_materials(data: dict[str, Any], library: dict[str, Any]) -> No
 def _named_materials(file: SceneFile) -> dict[str, str]:
     """Names of the materials in use, by key of the scene."""
     named = {"chain.material": file.chain.material}
-    named |= {f"chain.bead.{i}.material": bead.material for i, bead in enumerate(file.chain.bead) if bead.material}
+    lists: dict[str, tuple[Bead | Member, ...]] = {"bead": file.chain.bead, "pattern": file.chain.pattern or ()}
+    for what, entries in lists.items():
+        named |= {f"chain.{what}.{i}.material": each.material for i, each in enumerate(entries) if each.material}
     for part in ("striker", "wall", "tube"):
         table = getattr(file, part)
         if table is not None:

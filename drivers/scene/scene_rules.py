@@ -1,13 +1,15 @@
 """Rules for combinations of keys of a scene; rules for single values are in the model."""
 
 from collections.abc import Iterator
+from contextlib import suppress
 
 from drivers.base.errors import InputProblem
 from drivers.base.messages import shorten
 from drivers.laws import LAWS
-from drivers.scene.drive_table import drive_contradictions, drive_problems
-from drivers.scene.model import RIGID, Bead, Contact, MeasuredEntry, Scene, SceneFile, Sensor
+from drivers.scene.drive_rules import drive_contradictions, drive_problems
+from drivers.scene.model import RIGID, Bead, ChainTable, Contact, MeasuredEntry, Scene, SceneFile, Sensor
 
+LEAST_M, MOST_M = 1e-9, 1e3  # diameters of beads
 PLAY_TOLERANCE = 1e-6  # relative; for rounding of the difference of two diameters
 
 
@@ -74,6 +76,7 @@ def contradictions(scene: Scene) -> Iterator[InputProblem]:
             if entry.from_wall > count:
                 allowed = f"1 to {count}, the beads of the chain" if count else "no entry, as the chain has no beads"
                 yield key, str(entry.from_wall), allowed
+                break  # a range may have many more
             if entry.from_wall in places:
                 yield key, f"{entry.from_wall} twice", "each bead once"
             places.add(entry.from_wall)
@@ -89,19 +92,51 @@ def contradictions(scene: Scene) -> Iterator[InputProblem]:
             yield "chain.precompression", f"{chain.precompression:g} N", "0 N, as the chain has no beads"
     if striker is not None:
         yield from _striker_contradictions(scene)
-    if count and chain.mass is None and scene.materials[chain.material].density is None:
-        yield "chain.mass", f"missing key; give a mass, or a density in [materials.{chain.material}]", ""
-    for i, bead in enumerate(chain.bead):
-        by_density = bead.mass is None and (bead.material is not None or bead.diameter is not None)
-        material = bead.material or chain.material
-        if by_density and scene.materials[material].density is None:
-            yield f"chain.bead.{i}.mass", f"missing key; give a mass, or a density in [materials.{material}]", ""
-    widest = max([chain.diameter, *(bead.diameter for bead in chain.bead if bead.diameter)])
+    yield from _missing_densities(scene)
+    yield from _pattern_contradictions(chain)
+    tapers = chain.taper_at(1), chain.taper_at(count)
+    widest = max(member.diameter or 0.0 for member in chain.members) * max(tapers)
+    widest = max([widest, *(bead.diameter for bead in chain.bead if bead.diameter)])
     if tube is not None and count and tube.inner_diameter < widest:
         yield "tube.inner_diameter", f"{tube.inner_diameter:g} m", f"at least the largest bead diameter, {widest:g} m"
     yield from drive_contradictions(scene)
     if scene.three_dimensional:
         yield from _tube_contradictions(scene, widest)
+
+
+def _missing_densities(scene: Scene) -> Iterator[InputProblem]:
+    """Problems with beads that have neither a mass nor a density."""
+    chain, ordinary = scene.chain, (scene.chain.material, scene.chain.diameter)
+    lists = {f"chain.pattern.{i}.": member for i, member in enumerate(chain.members)} if chain.pattern else {}
+    wanted = {"chain.": chain.material} if chain.count and chain.mass is None and not chain.pattern else {}
+    for key, member in lists.items():
+        unlike = (member.material, member.diameter) != ordinary
+        if member.mass is None and (chain.mass is None or unlike):
+            wanted[key] = member.material or chain.material
+    for i, bead in enumerate(chain.bead):
+        if bead.mass is None and (bead.material is not None or bead.diameter is not None):
+            member = chain.members[(bead.from_wall - 1) % len(chain.members)]
+            wanted[f"chain.bead.{i}."] = bead.material or member.material or chain.material
+    for key, material in wanted.items():
+        if scene.materials[material].density is None:
+            yield f"{key}mass", f"missing key; give a mass, or a density in [materials.{material}]", ""
+
+
+def _pattern_contradictions(chain: ChainTable) -> Iterator[InputProblem]:
+    """Problems with the keys of a pattern and of a taper."""
+    if chain.taper is not None and chain.taper_to is not None:
+        yield "chain.taper", "both taper and taper_to", "one of the two"
+    if chain.taper_to is not None and any(member.diameter for member in chain.pattern or ()):
+        yield "chain.taper_to", f"{chain.taper_to:g} m for a pattern with diameters", "chain.taper"
+    if chain.pattern and len(chain.pattern) > max(chain.count, 1):
+        yield "chain.pattern", f"{len(chain.pattern)} members", f"at most {chain.count}, the beads of the chain"
+    if chain.taper is not None:
+        with suppress(OverflowError):
+            last = chain.diameter * chain.taper_at(max(chain.count, 1))
+            if LEAST_M <= last <= MOST_M:
+                return
+        found = f"{chain.taper:g}, with which the top bead has no diameter from {LEAST_M:g} to {MOST_M:g} m"
+        yield "chain.taper", found, "a ratio closer to 1, or fewer beads"
 
 
 def _striker_contradictions(scene: Scene) -> Iterator[InputProblem]:
@@ -124,6 +159,9 @@ def _striker_contradictions(scene: Scene) -> Iterator[InputProblem]:
 def _tube_contradictions(scene: Scene, widest: float) -> Iterator[InputProblem]:
     """Problems with the keys of a three-dimensional scene."""
     chain, tube, offset = scene.chain, scene.tube, scene.chain.lateral_offset
+    if chain.angle:
+        allowed = "an upright chain, as beads that move sideways would fall across the axis"
+        yield "chain.angle", f"{chain.angle:g} rad for beads that move sideways", allowed
     law = scene.contact.law
     if not law.sideways:
         allowed = '"viscoelastic"; the other laws are modelled for straight chains only'

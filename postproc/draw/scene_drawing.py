@@ -68,6 +68,9 @@ def draw_scene(scene: Scene, chain: Chain) -> tuple[Any, pd.DataFrame]:
         axis.add_patch(Circle((0, at), radius, facecolor=colour, **OUTLINE))
         if i in sensors:
             axis.add_patch(Rectangle((-0.95 * radius, at - 0.1 * radius), 1.9 * radius, 0.2 * radius, color=PLATE))
+        if chain.drive is not None and i == chain.drive.body:
+            ends = (0, at - 0.8 * radius), (0, at + 0.8 * radius)
+            axis.annotate("", *ends, arrowprops={"arrowstyle": "<|-|>", "color": "black", "lw": 0.8})
         if i in sketch.special:
             label = fill(sketch.special[i], WRAP)
             below = max(at, below + 0.022 * height * (label.count("\n") + 1))  # labels do not overlap
@@ -123,6 +126,9 @@ def _sketch(scene: Scene, chain: Chain) -> Sketch:
         own += [f"⌀ {_mm(odd.diameter)}"] if odd.diameter else []
         own += [f"{odd.velocity:+.3g} m/s"] if odd.velocity else []
         own += [f"gap of {_mm(odd.gap_below)} below"] if odd.gap_below else []
+    if scene.drive is not None and chain.drive is not None and chain.drive.body < chain.beads:
+        what = "displacement" if scene.drive.prescribed else "force"
+        words.setdefault(chain.drive.body, []).append(f"driven by a {what} ({scene.drive.form})")
     special = {i: f"bead {i + 1}: {', '.join([*own, f'{1e3 * chain.mass_kg[i]:.4g} g'])}" for i, own in words.items()}
     kept = set(range(chain.bodies))
     if chain.beads > MAX_BEADS:

@@ -22,7 +22,7 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.limits.refusal import inability
 from drivers.run.compute import compute
-from drivers.scene.model import Part
+from drivers.scene.part import Part
 from drivers.scene.read_scene import read_toml
 from postproc.paper.simulate import Simulation, case_of
 from postproc.read.residual import parted_s, residual

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from validation.reference.drive import Drive
 from validation.reference.hertz_chain import (
     TUBE_KEYS,
     VISCOELASTIC_POWER,
     Array,
+    Drive,
     Flag,
     HertzChain,
     Motion,

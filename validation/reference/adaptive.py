@@ -13,16 +13,19 @@ from typing import Any
 
 import numpy as np
 
-from validation.reference.drive import COLUMNS, SAME_TIME, Drive, wave
 from validation.reference.hertz_chain import (
+    COLUMNS,
     ENERGY_SHARE,
     EXPONENT,
+    SAME_TIME,
     Array,
+    Drive,
     Flag,
     HertzChain,
     Motion,
     contact_force,
     displacements,
+    wave,
 )
 
 MIN_TOLERANCE = 1e-12  # attainable in double precision with a margin: the smallest measured errors are near 1e-14
@@ -126,7 +129,7 @@ def scales(chain: HertzChain, duration_s: float) -> tuple[float, float]:
 
 
 def _typical_work(chain: HertzChain, drive: Drive, duration_s: float) -> float:
-    """Energy in J that a drive gives to its body at once, by its largest value and speed: no bound, but a scale.
+    """Energy in J that a drive gives to its body, by its largest value and speed: no bound, but a scale.
 
     A force F moves a free body by its impulse, and a body held by the stiffest contact by an overlap with the force F.
     """
@@ -134,7 +137,7 @@ def _typical_work(chain: HertzChain, drive: Drive, duration_s: float) -> float:
     value, rate, _ = drive.at(times)
     largest, mass, stiffest = float(np.abs(value).max()), float(chain.mass_kg[drive.body]), float(chain.stiffness.max())
     if drive.prescribed:
-        return 0.5 * mass * float(np.abs(rate).max()) ** 2 + ENERGY_SHARE * stiffest * largest ** (1 + EXPONENT)
+        return float(0.5 * mass * (rate**2).max() + ENERGY_SHARE * stiffest * largest ** (1 + EXPONENT))
     free = float(np.trapezoid(np.abs(value), times)) ** 2 / (2 * mass)
     held = largest * (largest / stiffest) ** (1 / EXPONENT) if stiffest else free
     return float(min(free, held))

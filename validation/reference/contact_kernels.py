@@ -10,8 +10,7 @@ from typing import Any
 from numba import config, njit
 from numba.core import event
 
-from validation.reference.drive import SAME_TIME, wave
-from validation.reference.hertz_chain import Array
+from validation.reference.hertz_chain import SAME_TIME, Array, wave
 
 # numba notices changes in a function's own file only, not in files of called functions: one cache folder per state
 HOME = Path(__file__).parent
@@ -86,7 +85,7 @@ segment_value: Any = njit(error_model="numpy")(wave)
 
 @njit(error_model="numpy")
 def drive_value(segments: Array, time: float) -> tuple[float, float, float]:
-    """Value, rate and second derivative of a drive (``validation.reference.drive``) at one time."""
+    """Value, rate and second derivative of a drive (``validation.reference.hertz_chain``) at one time."""
     low, high = 0, len(segments)
     while high - low > 1:
         middle = (low + high) // 2

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from validation.reference.drive import COLUMNS, loads_N
 from validation.reference.hertz_chain import (
+    COLUMNS,
     Array,
     Extremes,
     Flag,
@@ -18,6 +18,7 @@ from validation.reference.hertz_chain import (
     check_timing,
     contact_force,
     displacements,
+    loads_N,
 )
 
 if TYPE_CHECKING:

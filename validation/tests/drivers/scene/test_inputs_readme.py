@@ -17,6 +17,8 @@ from drivers.batch.axes import Axis
 from drivers.batch.study import StudyFile, read_study
 from drivers.engines import _entries
 from drivers.scene import model
+from drivers.scene.drive_table import DriveTable
+from drivers.scene.part import Part
 from drivers.scene.read_scene import make_scene, read_entries, read_scene, read_toml
 from drivers.scene.settings import unit_of
 from validation.accuracy.costs import Cost
@@ -41,6 +43,7 @@ SCENE_TABLES: dict[str, tuple[str, type[BaseModel]]] = {
     "`[wall]`": ("wall", model.Wall),
     "`[tube]`": ("tube", model.Tube),
     "`[contact]`": ("contact", model.Contact),
+    "`[drive]`": ("drive", DriveTable),
     "`[sensor]`": ("sensor", model.Gauge),
     "`[materials.NAME]`": ("materials.ptfe", model.Material),
     "`[run]`": ("run", model.Run),
@@ -116,7 +119,7 @@ def test_rows_agree_with_the_model(path: str, kind: type[BaseModel], row: dict[s
     if value is not None:
         read = adapter(field).validate_python(tuple(value) if isinstance(value, list) else value)
         assert read == field.get_default(call_default_factory=True)
-    elif not field.is_required() and not issubclass(type(field.default), model.Part):
+    elif not field.is_required() and not issubclass(type(field.default), Part):
         assert not field.get_default(call_default_factory=True)
     example = literal(row["example"])
     assert example is not None or "table" in row["range"]

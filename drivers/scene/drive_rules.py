@@ -1,0 +1,139 @@
+"""Rules for the table ``[drive]`` of a scene, and the reader of its file."""
+
+import csv
+from collections.abc import Iterator
+from itertools import pairwise
+from math import isfinite
+from pathlib import Path
+
+from drivers.base import paths
+from drivers.base.errors import InputError, InputProblem
+from drivers.base.messages import shorten
+from drivers.base.units import to_si
+from drivers.scene.drive_table import DriveTable, StoredDrive
+from drivers.scene.model import Scene
+
+# keys by form: needed ones, then optional ones; other keys are refused
+KEYS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "sine": (("frequency",), ("cycles", "window")),
+    "half-sine": (("duration",), ()),
+    "step": ((), ()),
+    "ramp": (("duration",), ()),
+    "chirp": (("frequency", "end_frequency", "duration"), ("window",)),
+    "file": (("file",), ()),
+}
+AMPLITUDES = ("force", "displacement")
+UNITS = {"time": "s", "force": "N", "displacement": "m"}  # first words of headings
+HEADINGS = "two headings with units, such as time_us,force_mN or time_us,displacement_nm"
+MAX_POINTS = 100_000
+
+
+def drive_problems(drive: DriveTable) -> Iterator[InputProblem]:
+    """Problems with the keys of a drive."""
+    needed, optional = KEYS[drive.form]
+    given = [key for key in AMPLITUDES if getattr(drive, key) is not None]
+    wanted = "no amplitude, since the file has values" if drive.form == "file" else "exactly one of the two"
+    if len(given) != (drive.form != "file"):
+        yield "drive", " and ".join(given) or "no force and no displacement", wanted
+    for key in sorted({key for keys in KEYS.values() for part in keys for key in part} - {*needed, *optional}):
+        if getattr(drive, key) is not None:
+            forms = " or ".join(f'"{form}"' for form, keys in KEYS.items() if key in (*keys[0], *keys[1]))
+            yield f"drive.{key}", f'this key with drive.form = "{drive.form}"', f"this key only with {forms}"
+    for key in needed:
+        if getattr(drive, key) is None:
+            yield f"drive.{key}", f'missing key; drive.form = "{drive.form}" needs it', ""
+    if drive.form == "sine" and drive.window == "hann" and drive.cycles is None:
+        yield "drive.cycles", "missing key; a window needs a number of cycles", ""
+    if drive.form == "step" and drive.displacement is not None:
+        yield "drive.form", '"step" of a displacement, a motion of infinite speed', '"ramp" with a drive.duration'
+
+
+def drive_contradictions(scene: Scene) -> Iterator[InputProblem]:
+    """Problems of a drive with other keys of its scene."""
+    drive, count = scene.drive, scene.chain.count
+    if drive is None:
+        return
+    if scene.three_dimensional:
+        yield "drive", "a drive of beads that move sideways", "a drive of a straight chain"
+    if drive.from_wall is not None and drive.from_wall > count:
+        allowed = f"1 to {count}, the beads of the chain" if count else "no such key, as the chain has no beads"
+        yield "drive.from_wall", str(drive.from_wall), allowed
+    if drive.prescribed and drive.from_wall is None and scene.striker is not None:
+        yield "drive", "a displacement of the striker, which has a speed", "drive.from_wall of a bead, or a force"
+    for i, bead in enumerate(scene.chain.bead):
+        if drive.prescribed and bead.velocity is not None and bead.from_wall == (drive.from_wall or count):
+            yield f"chain.bead.{i}.velocity", "a velocity of a bead with a prescribed displacement", "no velocity"
+    highest = 1 / (2 * scene.run.sample_interval)
+    for key in ("frequency", "end_frequency"):
+        frequency = getattr(drive, key)
+        if frequency is not None and frequency > highest:
+            allowed = f"at most {highest:g} Hz, a period of two run.sample_interval"
+            yield f"drive.{key}", f"{frequency:g} Hz", allowed
+
+
+def with_points(drive: DriveTable, folder: Path, where: str) -> StoredDrive:
+    """Drive with the points of its file, if it has one.
+
+    Args:
+        drive: table of the scene.
+        folder: folder of the scene file.
+        where: scene as messages name it.
+
+    Raises:
+        InputError: the file is missing or has no such table of numbers, times do not increase from 0 on, or a first
+            displacement is not 0.
+    """
+    values = {key: getattr(drive, key) for key in DriveTable.model_fields}
+    if drive.file is None:
+        return StoredDrive.model_construct(**values)
+    path = folder / drive.file
+    if not path.is_file():
+        found = f"{'a folder' if path.is_dir() else 'no such file'}: {paths.shown(path)}"
+        raise InputError(where, "drive.file", found, f"a CSV file, relative to {paths.shown(folder)}")
+    kind, points = _points(path)
+    shown, (time_s, value) = paths.shown(path), zip(*points, strict=True)
+    for before, after in pairwise(time_s):
+        if after <= before:
+            raise InputError(shown, "time", f"{after:g} s after {before:g} s", "times that increase")
+    if time_s[0] < 0:
+        raise InputError(shown, "time", f"{time_s[0]:g} s", "times of 0 or more, which count from drive.start")
+    if kind == "displacement" and value[0] != 0:
+        raise InputError(shown, kind, f"{value[0]:g} m first", "0 first, the displacement at time 0")
+    values["time_s"], values["force_N" if kind == "force" else "displacement_m"] = time_s, value
+    return StoredDrive.model_construct(**values)
+
+
+def _points(path: Path) -> tuple[str, list[tuple[float, float]]]:
+    """Quantity of a file, force or displacement, and its times and values in SI units; lines with # are comments."""
+    shown = paths.shown(path)
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, ValueError) as error:
+        raise InputError(shown, "", f"a file that cannot be read: {error}", "CSV text in UTF-8") from error
+    table = [(n, line) for n, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith("#")]
+    rows = [(n, [cell.strip() for cell in cells]) for n, line in table for cells in csv.reader([line])]
+    if not rows:
+        raise InputError(shown, "", "an empty file", HEADINGS)
+    (first, headings), *rest = rows
+    words = [heading.partition("_") for heading in headings]
+    names = [name for name, _, _ in words]
+    if names not in (["time", "force"], ["time", "displacement"]):
+        raise InputError(shown, f"line {first}", shorten(",".join(headings)), HEADINGS)
+    factors = []
+    for heading, (name, _, unit) in zip(headings, words, strict=True):
+        try:
+            factors.append(to_si(f"1 {unit}", UNITS[name]))
+        except ValueError as error:
+            raise InputError(shown, f"line {first}", f'"{heading}"', f"{name}_ with a unit of {name}") from error
+    if not 2 <= len(rest) <= MAX_POINTS:
+        raise InputError(shown, "", f"{len(rest)} rows of numbers", f"2 to {MAX_POINTS:,} rows")
+    points = []
+    for n, cells in rest:
+        try:
+            time, value = (float(cell) for cell in cells)
+        except ValueError as error:
+            raise InputError(shown, f"line {n}", shorten(",".join(cells)), "two numbers") from error
+        if not (isfinite(time) and isfinite(value) and abs(time * factors[0]) <= 1e9 and abs(value) <= 1e30):
+            raise InputError(shown, f"line {n}", shorten(",".join(cells)), "two finite numbers")
+        points.append((time * factors[0], value * factors[1]))
+    return names[1], points
