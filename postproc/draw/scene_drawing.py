@@ -5,16 +5,18 @@ part. All drawn parts are to scale.
 """
 
 from dataclasses import dataclass
-from math import inf, pi
+from math import degrees, inf, pi
 from textwrap import fill
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.patches import Circle, Rectangle
+from matplotlib.text import Annotation, Text
+from matplotlib.transforms import Affine2D
 
 from drivers.chain.chain import Array, Chain
-from drivers.chain.masses import bead_mass
+from drivers.chain.masses import ordinary_beads
 from drivers.scene.model import RIGID, Scene
 from postproc.draw.style import COLUMN_IN, GREY, pyplot
 
@@ -23,7 +25,8 @@ ENDS, AROUND, SPECIAL = 8, 2, 8  # beads of a longer chain: at each end, next to
 WIDE_GAP, LONGEST_STRIKER, WIDEST_TUBE = 6.0, 4.0, 5.0  # in diameters of the neighbouring beads
 MAX_HEIGHT_IN = 7.0
 WRAP = 26  # characters per line of a label
-BEAD, SENSOR, PLATE, OTHER, STRIKER = "#f2f2f2", "#e69f00", "#7f4f00", "#bfe3d5", "#cfe3f2"
+SENSOR, PLATE, OTHER, STRIKER = "#e69f00", "#7f4f00", "#bfe3d5", "#cfe3f2"
+MEMBERS = ("#f2f2f2", "#bdbdbd", "#e3d5ea", "#969696")  # of a pattern, in turn
 WALL, TUBE = "#c9b27c", "#dddddd"
 OUTLINE: dict[str, Any] = {"edgecolor": "black", "lw": 0.6}
 
@@ -64,7 +67,8 @@ def draw_scene(scene: Scene, chain: Chain) -> tuple[Any, pd.DataFrame]:
     sensors, below = {sensor.from_wall - 1 for sensor in scene.chain.sensors}, -inf
     for i in beads:
         radius, at = sketch.radius_m[i], sketch.height_m[i]
-        colour = SENSOR if i in sensors else OTHER if i in sketch.special else BEAD
+        plain = OTHER if i in sketch.special else MEMBERS[i % len(scene.chain.members) % len(MEMBERS)]
+        colour = SENSOR if i in sensors else plain
         axis.add_patch(Circle((0, at), radius, facecolor=colour, **OUTLINE))
         if i in sensors:
             axis.add_patch(Rectangle((-0.95 * radius, at - 0.1 * radius), 1.9 * radius, 0.2 * radius, color=PLATE))
@@ -94,9 +98,7 @@ def draw_scene(scene: Scene, chain: Chain) -> tuple[Any, pd.DataFrame]:
         arrow = {"arrowstyle": "-|>", "color": "black"}
         axis.annotate("", (0, end + 0.1 * (sketch.high_m - end)), (0, sketch.high_m), arrowprops=arrow)
     if chain.beads:
-        plural = "beads" if chain.beads > 1 else "bead"
-        beads_words = (f"{chain.beads} {plural} of {scene.chain.material}", f"⌀ {_mm(scene.chain.diameter)}")
-        words = [*beads_words, f"{1e3 * bead_mass(scene):.4g} g each", *words]
+        words = [*_beads(scene), *words]
     if words:
         middle = (sketch.high_m + chain.wall_height_m) / 2
         text = "\n".join(fill(line, 20) for line in "\n".join(words).split("\n"))
@@ -107,6 +109,8 @@ def draw_scene(scene: Scene, chain: Chain) -> tuple[Any, pd.DataFrame]:
     left, base = -0.78 * half, (chain.wall_height_m if chain.wall else sketch.low_m) + 0.02 * height
     axis.plot([left, left + length], [base, base], color="black", lw=1.5, solid_capstyle="butt")
     axis.text(left, base + 0.008 * height, _mm(length), ha="left", va="bottom")
+    if scene.chain.angle:
+        _lean(figure, axis, scene)
     drawn = sketch.bodies
     return figure, pd.DataFrame({
         "body": [i + 1 for i in drawn],
@@ -116,6 +120,41 @@ def draw_scene(scene: Scene, chain: Chain) -> tuple[Any, pd.DataFrame]:
         "diameter_m": np.where(np.isinf(chain.radius_m[drawn]), np.nan, 2 * chain.radius_m[drawn]),
         "mass_kg": chain.mass_kg[drawn], "velocity_m_s": chain.velocity_m_s[drawn],
     })  # fmt: skip
+
+
+def _beads(scene: Scene) -> list[str]:
+    """Lines of the label of the beads: material, diameter and mass of each member of the pattern."""
+    table, beads = scene.chain, ordinary_beads(scene)
+    count, last = table.count, table.count - 1
+    lines = [f"{count} bead{'s' * (count > 1)}" + (" in turn" if len(table.members) > 1 else "")]
+    for i, member in enumerate(table.members):
+        size, mass = 2 * [""]
+        for place in [i] if table.taper_at(count) == 1 or i == last else [i, last - (last - i) % len(table.members)]:
+            size += f"{' to ' * bool(size)}{_mm(float(beads.diameter_m[place]))}"
+            mass += f"{' to ' * bool(mass)}{1e3 * beads.mass_kg[place]:.4g}"
+        lines += [f"{member.material}, ⌀ {size}", f"{mass} g{' each' * (count > 1)}"]
+    return lines
+
+
+def _lean(figure: Any, axis: Any, scene: Scene) -> None:
+    """Turns the picture by the angle of the chain, to the left, with an arrow along gravity."""
+    angle = scene.chain.angle or 0.0
+    (left, right), (low, high) = axis.get_xlim(), axis.get_ylim()
+    turn = Affine2D().rotate(angle)
+    for artist in [*axis.patches, *axis.lines, *axis.texts]:
+        if isinstance(artist, Text):
+            artist.set(rotation=degrees(angle), rotation_mode="anchor", transform_rotates_text=False)
+        artist.set_transform(turn + axis.transData)
+        if isinstance(artist, Annotation):
+            artist.xycoords = artist.anncoords = turn + axis.transData
+    corners = turn.transform([(x, y) for x in (left, right) for y in (low, high)])
+    (x_low, y_low), (x_high, y_high) = corners.min(axis=0), corners.max(axis=0)
+    axis.set(xlim=(x_low, x_high), ylim=(y_low, y_high))
+    scale_in = figure.get_figwidth() / (right - left)
+    figure.set_size_inches(scale_in * (x_high - x_low), scale_in * (y_high - y_low))
+    if scene.gravity:
+        size = {"xycoords": "axes fraction", "textcoords": "axes fraction", "ha": "center", "va": "bottom"}
+        axis.annotate("g", (0.95, 0.80), (0.95, 0.95), arrowprops={"arrowstyle": "-|>", "color": "black"}, **size)
 
 
 def _sketch(scene: Scene, chain: Chain) -> Sketch:
