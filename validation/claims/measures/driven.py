@@ -16,7 +16,7 @@ from scipy.signal.windows import kaiser
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
-from validation.claims.measures.readings import sensor_places
+from validation.claims.measures.first_waves import sensor_places
 from validation.claims.measures.weak import modes
 
 SHAPE = 20.0  # beta of the window

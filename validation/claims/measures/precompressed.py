@@ -13,7 +13,7 @@ from math import sqrt
 
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace
-from validation.claims.measures.readings import first_wave, sensor_places
+from validation.claims.measures.first_waves import first_wave, sensor_places
 from validation.reference.travelling_wave import solve_at_amplitude, solve_travelling_wave, sound_speed
 
 

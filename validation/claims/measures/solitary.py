@@ -15,8 +15,8 @@ from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 from postproc.read.sensors import sensor_average
 from postproc.read.signals import Peak, rising_crossing
+from validation.claims.measures.first_waves import first_wave, sensor_places, velocity_down
 from validation.claims.measures.passing_waves import forces_of
-from validation.claims.measures.readings import first_wave, sensor_places, velocity_down
 from validation.reference.travelling_wave import solve_travelling_wave
 
 LONG_WAVE_BY_VELOCITY = 0.64**0.2

@@ -1,8 +1,8 @@
 """Waves in chains of unequal beads: tapered, decorated with light beads, and with one impurity.
 
 Tapered: successive binary collisions pass the velocity from bead to bead by ``v_(k+1)/v_k = 2/(1 + m_(k+1)/m_k)``
-(binary collision approximation: Harbola, Rosas, Esposito and Lindenberg, Phys. Rev. E 80, 031303, 2009). It exceeds the
-true decay or growth by a share of the order of the taper.
+(binary collision approximation: Harbola, Rosas, Esposito and Lindenberg, Phys. Rev. E 80, 031303, 2009). The logarithm
+is accurate to a share of the order of the taper.
 
 Decorated: light beads m between heavy beads M follow without inertia, so a wave is that of a chain of heavy beads with
 a renormalised mass and interaction (Harbola, Rosas, Romero and Lindenberg, arXiv:0909.2627): M + m, and two Hertz
@@ -22,7 +22,7 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.contact_law import contact_stiffness
 from drivers.chain.trace import Trace
-from validation.claims.measures.readings import first_wave, sensor_places, velocity_down
+from validation.claims.measures.first_waves import first_wave, sensor_places, velocity_down
 from validation.claims.measures.weak import motion_by_modes
 from validation.reference.travelling_wave import solve_travelling_wave
 

@@ -23,7 +23,7 @@ from drivers.chain.chain import Array, Chain
 from drivers.chain.contact_law import contact_stiffness
 from drivers.chain.trace import Trace
 from postproc.read.signals import Peak, peak_in
-from validation.claims.measures.readings import velocity_down
+from validation.claims.measures.first_waves import velocity_down
 
 DEPTHS = (20, 100, 450)  # of the judged amplitudes
 FIT_DEPTHS = np.arange(200, 451, 10)  # of the fitted power law: the published exponents hold there
@@ -56,7 +56,7 @@ def modes(chain: Chain) -> tuple[Array, Array, Array]:
     root, spring = np.sqrt(chain.mass_kg), contact_stiffness(chain.stiffness, chain.overlap_m)
     diagonal = (spring + np.append(spring[1:], 0.0)) / chain.mass_kg
     squares, vectors = eigh_tridiagonal(diagonal, -spring[1:] / (root[1:] * root[:-1]))
-    return np.sqrt(squares), vectors, spring
+    return np.sqrt(np.asarray(squares, dtype=float)), np.asarray(vectors, dtype=float), spring
 
 
 def motion_by_modes(chain: Chain, time_s: Array, bodies: NDArray[np.int_]) -> tuple[Array, Array]:

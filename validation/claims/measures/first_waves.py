@@ -1,4 +1,4 @@
-"""Readings of a run that several measures share."""
+"""The first wave of a run, as several measures read it: places, velocities, peaks."""
 
 from functools import partial
 
