@@ -193,10 +193,13 @@ class Engine:
         return self.version(("env", *variables, *command) if variables else command)
 
     def loop_seconds(self, stdout: str) -> float | None:
-        """Seconds spent in the code's time loop, from its standard output; None if the run did not finish."""
-        match = re.search(self.loop_pattern, stdout, re.MULTILINE)
+        """Seconds spent in the code's time loop, from its standard output; None if the run did not finish.
+
+        A deck with several runs of the code has a line for each.
+        """
+        matches = list(re.finditer(self.loop_pattern, stdout, re.MULTILINE))
         try:
-            return float(match[1]) if match else None
+            return sum(float(match[1]) for match in matches) if matches else None
         except (IndexError, TypeError, ValueError) as error:  # of an external adapter
             raise RunError(f"loop_pattern of {self.name} finds no seconds: {error}") from error
 

@@ -63,6 +63,8 @@ def drive_contradictions(scene: Scene) -> Iterator[InputProblem]:
     for i, bead in enumerate(scene.chain.bead):
         if drive.prescribed and bead.velocity is not None and bead.from_wall == (drive.from_wall or count):
             yield f"chain.bead.{i}.velocity", "a velocity of a bead with a prescribed displacement", "no velocity"
+    if drive.start >= scene.run.duration:
+        yield "drive.start", f"{drive.start:g} s", f"below run.duration, {scene.run.duration:g} s"
     highest = 1 / (2 * scene.run.sample_interval)
     for key in ("frequency", "end_frequency"):
         frequency = getattr(drive, key)

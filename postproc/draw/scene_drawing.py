@@ -25,8 +25,8 @@ ENDS, AROUND, SPECIAL = 8, 2, 8  # beads of a longer chain: at each end, next to
 WIDE_GAP, LONGEST_STRIKER, WIDEST_TUBE = 6.0, 4.0, 5.0  # in diameters of the neighbouring beads
 MAX_HEIGHT_IN = 7.0
 WRAP = 26  # characters per line of a label
-SENSOR, PLATE, OTHER, STRIKER = "#e69f00", "#7f4f00", "#bfe3d5", "#cfe3f2"
-MEMBERS = ("#f2f2f2", "#bdbdbd", "#e3d5ea", "#969696")  # of a pattern, in turn
+BEAD, SENSOR, PLATE, OTHER, STRIKER = "#f2f2f2", "#e69f00", "#7f4f00", "#bfe3d5", "#cfe3f2"
+MEMBERS = (BEAD, "#bdbdbd", "#e3d5ea", "#969696")  # of a pattern, in turn
 WALL, TUBE = "#c9b27c", "#dddddd"
 OUTLINE: dict[str, Any] = {"edgecolor": "black", "lw": 0.6}
 

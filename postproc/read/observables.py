@@ -220,7 +220,7 @@ def _balances(layout: Layout, trace: Trace) -> dict[str, float]:
     """Energy and momentum, and their deviation from conservation; with damping the largest gain of energy.
 
     Before the wave reaches the wall the force on the wall is static, so the exact momentum needs no integral. The
-    imbalance over all times is |p - p(0) - impulse of wall and loads|. Its sampling share is the change of the impulse
+    imbalance over all times is |p - p(0) - impulse of wall, loads and drive|. Its sampling share is the change of the impulse
     if only every other sample is integrated.
     """
     time, energy, momentum = trace.time_s, trace.total_energy_J, trace.momentum_N_s
@@ -228,12 +228,11 @@ def _balances(layout: Layout, trace: Trace) -> dict[str, float]:
     if trace.bore_friction_N is not None:
         net = net + trace.bore_friction_N
     impulse, coarse = integral(time, net), integral(time[::2], net[::2])
-    if trace.drive_impulse_N_s is not None:
-        momentum = momentum - trace.drive_impulse_N_s
+    undriven = momentum if trace.drive_impulse_N_s is None else momentum - trace.drive_impulse_N_s
     wall_N, largest_N = trace.force_N[:, 0], float(np.abs(trace.force_N).max())
     changed = np.abs(wall_N - wall_N[0]) > WALL_REST_SHARE * largest_N
     quiet = slice(0, int(np.argmax(changed)) if changed.any() else len(wall_N))
-    steady = np.abs(momentum - momentum[0] - net[0] * time)[quiet]
+    steady = np.abs(undriven - undriven[0] - net[0] * time)[quiet]
     loads = abs(layout.load_N) * float(time[-1]) if is_at_rest(trace.force_N) else 0.0
     scale = max(float(np.abs(momentum).max()), layout.moving_N_s, loads) or 1.0
     drift = energy_error_J(energy, damped=layout.damped, slips=layout.slips)
@@ -243,7 +242,7 @@ def _balances(layout: Layout, trace: Trace) -> dict[str, float]:
         **({"energy_lost_J": float(energy[0] - energy[-1])} if layout.damped or layout.slips else {}),
         "momentum_start_N_s": float(momentum[0]),
         "momentum_end_N_s": float(momentum[-1]),
-        "impulse_imbalance_share": float(np.abs(momentum - momentum[0] - impulse).max()) / scale,
+        "impulse_imbalance_share": float(np.abs(undriven - undriven[0] - impulse).max()) / scale,
         "momentum_error_before_wall_share": float(steady.max()) / scale,
         "energy_error_before_wall_J": float(drift[quiet].max()),
         "impulse_sampling_share": float(np.abs(impulse[::2] - coarse).max()) / scale,

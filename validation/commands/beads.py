@@ -36,6 +36,7 @@ SECTIONS = {
         scene_commands.scenes,
         scene_commands.plan,
         scene_commands.draw,
+        scene_commands.modes,
         run_commands.run,
         run_commands.compare,
     ),

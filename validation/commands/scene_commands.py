@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from drivers.base import paths
+from drivers.base.errors import InputError
 from drivers.base.text_table import text_table
 from validation.commands import options
 from validation.commands.options import checked, command, must_be_folder, one_of
@@ -53,6 +54,33 @@ def draw(scene: str, settings: tuple[str, ...], results: Path) -> None:
 
     case = planned_case(scene, *settings)
     for path in write_product(Product(*draw_scene(case.scene, case.chain)), f"scene-{case.scene.name}", results):
+        print(paths.shown(path))
+
+
+@command("steel-chain --set chain.precompression='10 N'", "dimer")
+@options.SCENE
+@options.SETTINGS
+@options.ENGINES
+@options.RESULTS
+def modes(scene: str, settings: tuple[str, ...], results: Path) -> None:
+    """Draw the linear modes of a scene, and print bands and sound speed."""
+    from postproc.draw.product import write_product
+    from postproc.linear.modes import MAX_BEADS
+    from postproc.linear.modes_figure import modes_product
+    from validation.accuracy.plan import planned_case
+
+    case = planned_case(scene, *settings)
+    beads = case.chain.beads
+    if not 0 < beads <= MAX_BEADS:
+        raise InputError(case.scene.file, "chain.count", f"{beads}", f"from 1 to {MAX_BEADS} beads for modes")
+    try:
+        product = modes_product(case)
+    except ValueError as error:
+        print(f"{case.scene.name}: {error}")
+        return
+    for line in product.notes:
+        print(line)
+    for path in write_product(product, f"modes-{case.scene.name}", results):
         print(paths.shown(path))
 
 

@@ -50,6 +50,7 @@ def test_every_observable_is_defined_and_no_other() -> None:
 
 def test_every_column_of_a_run_is_described_and_no_other(shared_runs: Path) -> None:
     folder = finished(case_of("fig4-tube", *TUBE), "verlet", shared_runs).folder
+    driven = finished(case_of("driven-steel", "run.duration=20 us"), "verlet", shared_runs).folder
     tables: dict[str, Callable[[Path], pd.DataFrame]] = {
         FORCES: pd.read_parquet,
         STATE: pd.read_parquet,
@@ -57,6 +58,7 @@ def test_every_column_of_a_run_is_described_and_no_other(shared_runs: Path) -> N
     }
     for file, read in tables.items():
         columns = {pattern_of(str(column)) for column in read(folder / file).columns}
+        columns |= {name for name in pd.read_parquet(driven / FORCES).columns if file == FORCES and "drive" in name}
         assert set(names_in_table(f"`{file}`, one row per sample")) == columns, file
 
 

@@ -1,0 +1,1 @@
+"""Linear theory of a chain, and spectra of runs."""
