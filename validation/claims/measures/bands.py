@@ -14,7 +14,7 @@ from scipy.signal.windows import blackmanharris
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
-from validation.claims.measures.weak import modes
+from postproc.linear.modes import modes_of
 
 PADDING = 4  # length of the transformed record over that of the samples
 FLOOR = 1e-6  # share of the largest power: above rounding and sums of frequencies, below every rung mode
@@ -47,7 +47,7 @@ def measure(_: Case, trace: Trace) -> dict[str, float]:
 
 def theory(case: Case) -> dict[str, float]:
     """The same of the modes of the chain's springs and masses."""
-    return _edges(modes(case.chain)[0] / (2 * np.pi))
+    return _edges(modes_of(case.chain).frequency_Hz)
 
 
 def _edges(frequency_Hz: Array) -> dict[str, float]:

@@ -16,8 +16,8 @@ from scipy.signal.windows import kaiser
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
+from postproc.linear.modes import modes_of, springs_N_m
 from validation.claims.measures.first_waves import sensor_places
-from validation.claims.measures.weak import modes
 
 SHAPE = 20.0  # beta of the window
 CYCLES = 6.5  # half width of its main lobe, in cycles over the record: sqrt(1 + (beta / pi)^2); sidelobes below 1e-7
@@ -34,9 +34,10 @@ def measure(case: Case, trace: Trace) -> dict[str, float]:
 def theory(case: Case) -> dict[str, float]:
     """The same of the linear equations; ValueError if the record does not separate the drive from the nearest mode."""
     chain, (_, omega) = case.chain, _sine(case)
-    frequency, _, spring = modes(chain)
+    spring = springs_N_m(chain)
     assert chain.drive is not None
-    if np.abs(frequency - omega).min() * case.scene.run.duration < 2 * pi * CYCLES:
+    nearest_Hz = np.abs(modes_of(chain).frequency_Hz - omega / (2 * pi)).min()
+    if nearest_Hz * case.scene.run.duration < CYCLES:
         raise ValueError("run.duration: too short to separate the drive's frequency from that of the nearest mode")
     beside = -spring[1:]
     diagonal = spring + np.append(spring[1:], 0.0) - omega**2 * chain.mass_kg

@@ -16,12 +16,11 @@ front of duration h^(1/6) the peak tends to ``h^(-1/12 - 11/60) = h^(-4/15)``, t
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import eigh_tridiagonal
 
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain
-from drivers.chain.contact_law import contact_stiffness
 from drivers.chain.trace import Trace
+from postproc.linear.modes import modes_of, springs_N_m
 from postproc.read.signals import Peak, peak_in
 from validation.claims.measures.first_waves import velocity_down
 
@@ -44,21 +43,6 @@ def theory(case: Case) -> dict[str, float]:
     return _values(case.sample_times_s, -velocity, force)
 
 
-def modes(chain: Chain) -> tuple[Array, Array, Array]:
-    """Modes about equilibrium of a straight chain with all contacts closed.
-
-    ``m_j u_j'' = K_j (u_j-1 - u_j) - K_j+1 (u_j - u_j+1)``: a symmetric tridiagonal matrix for ``sqrt(m) u``.
-
-    Returns:
-        Angular frequencies, ascending, in rad/s, shape (bodies,); eigenvectors of sqrt(m) u as columns, shape (bodies,
-        bodies); contact stiffnesses K in N/m, shape (bodies,).
-    """
-    root, spring = np.sqrt(chain.mass_kg), contact_stiffness(chain.stiffness, chain.overlap_m)
-    diagonal = (spring + np.append(spring[1:], 0.0)) / chain.mass_kg
-    squares, vectors = eigh_tridiagonal(diagonal, -spring[1:] / (root[1:] * root[:-1]))
-    return np.sqrt(np.asarray(squares, dtype=float)), np.asarray(vectors, dtype=float), spring
-
-
 def motion_by_modes(chain: Chain, time_s: Array, bodies: NDArray[np.int_]) -> tuple[Array, Array]:
     """Small motions about equilibrium from the velocities at time 0, as a sum of modes.
 
@@ -71,10 +55,9 @@ def motion_by_modes(chain: Chain, time_s: Array, bodies: NDArray[np.int_]) -> tu
         Upward velocities of these bodies, and forces of the contacts below them above the static forces. Shape
         (samples, wanted), each.
     """
-    frequency, vectors, spring = modes(chain)
-    root = np.sqrt(chain.mass_kg)
-    part = vectors.T @ (root * chain.velocity_m_s)
-    shape = vectors / root[:, np.newaxis]
+    modes, mass, spring = modes_of(chain), chain.mass_kg, springs_N_m(chain)
+    frequency, shape = 2 * np.pi * modes.frequency_Hz, modes.shape
+    part = shape.T @ (mass * chain.velocity_m_s) / (mass @ shape**2)
     shortened = np.diff(shape, axis=0, prepend=0.0)[bodies] * spring[bodies, np.newaxis]
     phase = np.outer(time_s, frequency)
     return (np.cos(phase) * part) @ shape[bodies].T, -(np.sin(phase) * (part / frequency)) @ shortened.T
