@@ -3,8 +3,8 @@
 Under a weak force ``A e^(i Omega t)`` the displacements ``u e^(i Omega t)`` solve ``(K - Omega^2 M) u = A``,
 with the masses M and the tridiagonal matrix K of the contact stiffnesses. A start from rest leaves free motions in an
 elastic chain, at the frequencies of its modes: a Kaiser window over the whole record takes them out, the harmonics and
-the shift of the mean as well. The finite amplitude changes a transfer function by a share of the order of
-``(A / F_0)^2``.
+the shift of the mean as well. The finite amplitude A adds shares of the order of ``(A / F_0)^2``, and of ``A / F_0`` at
+sums and differences of the modes' frequencies, of which some lie near the drive's.
 """
 
 from math import pi
@@ -20,7 +20,7 @@ from postproc.linear.modes import modes_of, springs_N_m
 from validation.claims.measures.first_waves import sensor_places
 
 SHAPE = 20.0  # beta of the window
-CYCLES = 6.5  # half width of its main lobe, in cycles over the record: sqrt(1 + (beta / pi)^2); sidelobes below 1e-7
+CYCLES = 6.5  # half width of its main lobe, in cycles over the record: sqrt(1 + (beta / pi)^2); sidelobes below 2e-8
 
 
 def measure(case: Case, trace: Trace) -> dict[str, float]:

@@ -9,9 +9,9 @@ a renormalised mass and interaction (Harbola, Rosas, Romero and Lindenberg, arXi
 contacts in series, ``k / 2^(3/2)``. The error is of the order of m/M.
 
 Impurity: a bead of mass ``(1 + e) m`` in a precompressed chain transmits ``1/(1 + e^2 tan^2(q/2))`` of the energy of
-small waves with the wavenumber q per bead (closed form: Martinez, Yasuda, Kim,
-Kevrekidis, Porter and Yang, arXiv:1602.08651). A struck bead puts equal energy into all q, so ``1/(1 + |e|)`` of what
-goes towards the impurity passes it.
+small waves with the wavenumber q per bead (closed forms: Martinez, Yasuda, Kim, Kevrekidis, Porter and Yang,
+arXiv:1602.08651). A struck bead puts equal energy into all q, so its mean over q from 0 to pi, ``1/(1 + |e|)``, is the
+share that passes of what goes towards the impurity.
 """
 
 from math import log

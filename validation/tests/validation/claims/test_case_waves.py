@@ -182,9 +182,9 @@ def test_a_theory_of_other_chains_is_refused(name: str, settings: list[str], wor
 
 
 def test_lines_are_found_between_the_samples_of_a_spectrum() -> None:
-    time, true = np.arange(4000) * 1e-5, np.array([1234.5, 1467.8, 9876.54])
+    time, true = np.linspace(0.0, 0.04, 4000, endpoint=False), np.array([1234.5, 1467.8, 9876.54])
     phases = 2 * np.pi * np.outer(time, true) + np.array([0.3, 1.0, 2.0])
-    signal = np.asarray(np.sin(phases) @ np.array([[1.0], [0.02], [0.01]]), dtype=np.float64)
+    signal = np.sin(phases) @ np.array([[1.0], [0.02], [0.01]])
     assert bands.lines_Hz(time, signal) == pytest.approx(true, rel=5e-6)
 
 
