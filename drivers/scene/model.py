@@ -142,7 +142,7 @@ class ChainTable(Part):
     diameter: units.Length
     mass: units.Mass | None = None
     pattern: tuple[Member, ...] | None = Field(default=None, strict=False, min_length=1)
-    taper: Annotated[float, Field(gt=0, le=10, allow_inf_nan=False)] | None = None
+    taper: Annotated[float, Field(ge=0.01, le=10, allow_inf_nan=False)] | None = None
     taper_to: units.Length | None = None
     angle: units.Angle | None = None
     sensors: Annotated[tuple[Sensor, ...], ByBead] = Field(default=(), strict=False)
