@@ -4,76 +4,68 @@ Before ``drive.start`` a drive is 0; after its end it holds its last value, and 
 a function here, an entry of ``FORMS``, and its keys in ``drivers.scene.drive_table`` and ``drive_rules``.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from math import ceil, inf, pi
+from typing import NamedTuple
 
 import numpy as np
 
-from drivers.scene.drive_table import StoredDrive
+from drivers.base.units import quantity
+from drivers.scene.drive_table import DriveTable, StoredDrive
 from drivers.scene.model import Scene
+from drivers.scene.settings import unit_of
 from validation.reference.hertz_chain import COLUMNS, SAME_TIME, SINES, Array, Drive
 
-Sine = tuple[float, float, float, float]  # amplitude, phase in rad, angular frequency in rad/s, its rate in rad/s^2
-Segment = tuple[float, float, float, Sequence[Sine]]  # beginning since the start in s, value, rate, sines
 SUMMED = 20_001  # times at which a drive is summed up
 ROUNDED = 1e-12  # of the amplitude: a smaller value at the end of a wave is 0
 
 
-def _step(amplitude: float, _: StoredDrive) -> list[Segment]:
-    return [(0.0, amplitude, 0.0, ())]
+def _segment(begin_s: float, value: float = 0.0, rate: float = 0.0, *sines: float) -> list[float]:
+    """Row of a table of segments; for each sine amplitude, phase, angular frequency and its rate."""
+    return [begin_s, value, rate, *sines, *[0.0] * (COLUMNS - 3 - len(sines))]
 
 
-def _ramp(amplitude: float, table: StoredDrive) -> list[Segment]:
-    assert table.duration is not None
-    return [(0.0, 0.0, amplitude / table.duration, ()), (table.duration, amplitude, 0.0, ())]
+def _step(amplitude: float, _: StoredDrive) -> list[list[float]]:
+    return [_segment(0.0, amplitude)]
 
 
-def _half_sine(amplitude: float, table: StoredDrive) -> list[Segment]:
-    assert table.duration is not None
-    return [(0.0, 0.0, 0.0, [(amplitude, 0.0, pi / table.duration, 0.0)]), (table.duration, 0.0, 0.0, ())]
+def _ramp(amplitude: float, table: StoredDrive) -> list[list[float]]:
+    duration = table.duration or inf
+    return [_segment(0.0, 0.0, amplitude / duration), _segment(duration, amplitude)]
 
 
-def _sine(amplitude: float, table: StoredDrive) -> list[Segment]:
-    assert table.frequency is not None
-    duration = table.cycles / table.frequency if table.cycles else inf
-    return _wave(amplitude, 2 * pi * table.frequency, 0.0, duration, windowed=table.window == "hann")
+def _half_sine(amplitude: float, table: StoredDrive) -> list[list[float]]:
+    duration = table.duration or inf
+    return [_segment(0.0, 0.0, 0.0, amplitude, 0.0, pi / duration, 0.0), _segment(duration)]
 
 
-def _chirp(amplitude: float, table: StoredDrive) -> list[Segment]:
-    """Sine whose frequency changes at a constant rate."""
-    assert table.frequency is not None
-    assert table.end_frequency is not None
-    assert table.duration is not None
-    sweep = 2 * pi * (table.end_frequency - table.frequency) / table.duration
-    return _wave(amplitude, 2 * pi * table.frequency, sweep, table.duration, windowed=table.window == "hann")
+def _sine(amplitude: float, table: StoredDrive) -> list[list[float]]:
+    """Sine, or chirp: its frequency changes at a constant rate."""
+    first = table.frequency or inf
+    duration = table.duration or (table.cycles / first if table.cycles else inf)
+    turning, sweep = 2 * pi * first, 2 * pi * ((table.end_frequency or first) - first) / duration
+    if table.window == "hann":  # (1 - cos(2 pi tau / duration)) / 2 makes it a sum of three
+        sides = [(-amplitude / 4, 0.0, turning + shift, sweep) for shift in (2 * pi / duration, -2 * pi / duration)]
+        return [_segment(0.0, 0.0, 0.0, amplitude / 2, 0.0, turning, sweep, *sides[0], *sides[1]), _segment(duration)]
+    angle = duration * (turning + 0.5 * sweep * duration) if duration < inf else 0.0
+    left = float(np.sin(angle))
+    end = amplitude * left if abs(left) > ROUNDED * (1 + angle) else 0.0
+    return [_segment(0.0, 0.0, 0.0, amplitude, 0.0, turning, sweep), _segment(duration, end)]
 
 
-def _wave(amplitude: float, turning: float, sweep: float, duration: float, *, windowed: bool) -> list[Segment]:
-    """Sine until its end; the Hann window ``(1 - cos(2 pi tau / duration)) / 2`` makes it a sum of three."""
-    if not windowed:
-        angle = duration * (turning + 0.5 * sweep * duration) if np.isfinite(duration) else 0.0
-        left = float(np.sin(angle))
-        end = (duration, amplitude * left if abs(left) > ROUNDED * (1 + angle) else 0.0, 0.0, ())
-        return [(0.0, 0.0, 0.0, [(amplitude, 0.0, turning, sweep)]), end]
-    aside = 2 * pi / duration
-    sides: list[Sine] = [(-amplitude / 4, 0.0, turning + shift, sweep) for shift in (aside, -aside)]
-    return [(0.0, 0.0, 0.0, [(amplitude / 2, 0.0, turning, sweep), *sides]), (duration, 0.0, 0.0, ())]
-
-
-def _polygon(_: float, table: StoredDrive) -> list[Segment]:
+def _polygon(_: float, table: StoredDrive) -> list[list[float]]:
     """Straight lines between the points of a file."""
-    times, values = np.array(table.time_s), np.array(table.force_N or table.displacement_m)
-    rates = np.append(np.diff(values) / np.diff(times), 0.0)
-    return [(time, value, rate, ()) for time, value, rate in zip(times, values, rates, strict=True)]
+    values = np.array(table.force_N or table.displacement_m)
+    rates = np.append(np.diff(values) / np.diff(table.time_s), 0.0)
+    return [_segment(*row) for row in zip(table.time_s, values, rates, strict=True)]
 
 
-FORMS: dict[str, Callable[[float, StoredDrive], list[Segment]]] = {
+FORMS: dict[str, Callable[[float, StoredDrive], list[list[float]]]] = {
     "sine": _sine,
     "half-sine": _half_sine,
     "step": _step,
     "ramp": _ramp,
-    "chirp": _chirp,
+    "chirp": _sine,
     "file": _polygon,
 }
 
@@ -84,49 +76,29 @@ def drive_of(scene: Scene) -> Drive | None:
     if table is None:
         return None
     amplitude = table.displacement if table.prescribed else table.force
-    segments = [each for each in FORMS[table.form](amplitude or 0.0, table) if each[0] < inf]
-    if table.start + segments[0][0] > 0:
-        segments.insert(0, (-table.start, 0.0, 0.0, ()))
-    rows = np.zeros((len(segments), COLUMNS))
-    for row, (begin, value, rate, sines) in zip(rows, segments, strict=True):
-        row[:3] = table.start + begin, value, rate
-        for place, sine in zip(SINES, sines, strict=False):
-            row[place : place + 4] = sine
+    rows = np.array([row for row in FORMS[table.form](amplitude or 0.0, table) if row[0] < inf])
+    rows[:, 0] += table.start
+    if rows[0, 0] > 0:
+        rows = np.vstack([_segment(0.0), rows])
     return Drive((table.from_wall or scene.bodies) - 1, table.prescribed, rows)
 
 
 def drive_words(scene: Scene) -> str:
-    """Description of a drive, such as ``bead 20 is driven by a force of 0.5 N, sine of 5000 Hz``; else empty."""
+    """Description of a drive, such as ``drive of bead 20: form sine, force 0.5 N, frequency 5 kHz``; else empty."""
     table = scene.drive
     if table is None:
         return ""
-    body = (
-        "the striker"
-        if (table.from_wall or scene.bodies) > scene.chain.count
-        else f"bead {table.from_wall or scene.bodies}"
-    )
-    what, size = ("displacement", table.displacement) if table.prescribed else ("force", table.force)
-    words = f"{body} is driven by a {what}"
-    words += f" of {size:g} {'m' if table.prescribed else 'N'}" if size is not None else ""
-    frequency = "" if table.frequency is None else f" of {table.frequency:g} Hz"
-    frequency += "" if table.end_frequency is None else f" to {table.end_frequency:g} Hz"
-    cycles = "" if table.cycles is None else f", {table.cycles:g} cycles"
-    lasts = "" if table.duration is None else f" in {table.duration:g} s"
-    window = " with a Hann window" if table.window == "hann" else ""
-    points = f" of {len(table.time_s)} points" if table.time_s else ""
-    return f"{words}, {table.form}{frequency}{points}{cycles}{lasts}{window}, from {table.start:g} s"
+    place = table.from_wall or scene.bodies
+    words = [f"drive of {'the striker' if place > scene.chain.count else f'bead {place}'}: form {table.form}"]
+    for key in sorted(DriveTable.model_fields.keys() - {"form", "from_wall", "file"}):
+        value, unit = getattr(table, key), unit_of(f"drive.{key}")
+        if value is not None:
+            words.append(f"{key.replace('_', ' ')} {quantity(value, unit) if unit else value}")
+    return ", ".join([*words, *([f"{len(table.time_s)} points"] if table.time_s else [])])
 
 
-@dataclass(frozen=True)
-class SegmentSteps:
-    """Segment of a drive as decks have it.
-
-    Attributes:
-        first: first step in the segment; ``until``: last step, or that of the run.
-        begin_s: time from which the segment's time tau counts.
-        value, rate: value at tau = 0, and its rate without the sines.
-        sines: amplitude, phase, angular frequency and its rate of each sine.
-    """
+class SegmentSteps(NamedTuple):
+    """Steps of a run in one segment, and the segment as decks have it: time, value and rate at its beginning, sines."""
 
     first: int
     until: int

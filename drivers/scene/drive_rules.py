@@ -1,9 +1,7 @@
 """Rules for the table ``[drive]`` of a scene, and the reader of its file."""
 
-import csv
 from collections.abc import Iterator
-from itertools import pairwise
-from math import isfinite
+from math import nan
 from pathlib import Path
 
 from drivers.base import paths
@@ -23,7 +21,9 @@ KEYS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "file": (("file",), ()),
 }
 AMPLITUDES = ("force", "displacement")
-UNITS = {"time": "s", "force": "N", "displacement": "m"}  # first words of headings
+VALUES = {"force": "force_N", "displacement": "displacement_m"}  # first words of headings and keys of stored values
+SI = {"time": "s", "force": "N", "displacement": "m"}
+LEAST_S, LARGEST = 1e-300, 1e9  # in SI units
 HEADINGS = "two headings with units, such as time_us,force_mN or time_us,displacement_nm"
 MAX_POINTS = 100_000
 
@@ -65,12 +65,6 @@ def drive_contradictions(scene: Scene) -> Iterator[InputProblem]:
             yield f"chain.bead.{i}.velocity", "a velocity of a bead with a prescribed displacement", "no velocity"
     if drive.start >= scene.run.duration:
         yield "drive.start", f"{drive.start:g} s", f"below run.duration, {scene.run.duration:g} s"
-    highest = 1 / (2 * scene.run.sample_interval)
-    for key in ("frequency", "end_frequency"):
-        frequency = getattr(drive, key)
-        if frequency is not None and frequency > highest:
-            allowed = f"at most {highest:g} Hz, a period of two run.sample_interval"
-            yield f"drive.{key}", f"{frequency:g} Hz", allowed
 
 
 def with_points(drive: DriveTable, folder: Path, where: str) -> StoredDrive:
@@ -86,56 +80,44 @@ def with_points(drive: DriveTable, folder: Path, where: str) -> StoredDrive:
             displacement is not 0.
     """
     values = {key: getattr(drive, key) for key in DriveTable.model_fields}
-    if drive.file is None:
-        return StoredDrive.model_construct(**values)
-    path = folder / drive.file
-    if not path.is_file():
-        found = f"{'a folder' if path.is_dir() else 'no such file'}: {paths.shown(path)}"
-        raise InputError(where, "drive.file", found, f"a CSV file, relative to {paths.shown(folder)}")
-    kind, points = _points(path)
-    shown, (time_s, value) = paths.shown(path), zip(*points, strict=True)
-    for before, after in pairwise(time_s):
-        if after <= before:
-            raise InputError(shown, "time", f"{after:g} s after {before:g} s", "times that increase")
-    if time_s[0] < 0:
-        raise InputError(shown, "time", f"{time_s[0]:g} s", "times of 0 or more, which count from drive.start")
-    if kind == "displacement" and value[0] != 0:
-        raise InputError(shown, kind, f"{value[0]:g} m first", "0 first, the displacement at time 0")
-    values["time_s"], values["force_N" if kind == "force" else "displacement_m"] = time_s, value
+    if drive.file is not None:
+        path = folder / drive.file
+        if not path.is_file():
+            found = f"{'a folder' if path.is_dir() else 'no such file'}: {paths.shown(path)}"
+            raise InputError(where, "drive.file", found, f"a CSV file, relative to {paths.shown(folder)}")
+        values |= _points(path)
     return StoredDrive.model_construct(**values)
 
 
-def _points(path: Path) -> tuple[str, list[tuple[float, float]]]:
-    """Quantity of a file, force or displacement, and its times and values in SI units; lines with # are comments."""
+def _points(path: Path) -> dict[str, tuple[float, ...]]:
+    """Times and values of a file by key of ``StoredDrive``, in SI units; lines with # are comments."""
     shown = paths.shown(path)
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, ValueError) as error:
         raise InputError(shown, "", f"a file that cannot be read: {error}", "CSV text in UTF-8") from error
-    table = [(n, line) for n, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith("#")]
-    rows = [(n, [cell.strip() for cell in cells]) for n, line in table for cells in csv.reader([line])]
-    if not rows:
-        raise InputError(shown, "", "an empty file", HEADINGS)
-    (first, headings), *rest = rows
-    words = [heading.partition("_") for heading in headings]
-    names = [name for name, _, _ in words]
-    if names not in (["time", "force"], ["time", "displacement"]):
-        raise InputError(shown, f"line {first}", shorten(",".join(headings)), HEADINGS)
-    factors = []
-    for heading, (name, _, unit) in zip(headings, words, strict=True):
+    rows = [(n, line.split(",")) for n, line in enumerate(lines, 1) if line.strip() and not line.startswith("#")]
+    headings = [tuple(cell.strip().partition("_")[::2]) for cell in rows[0][1]] if rows else []
+    name = next((key for key in VALUES if [word for word, _ in headings] == ["time", key]), None)
+    if name is None:
+        raise InputError(shown, "line 1", shorten(lines[0] if lines else ""), HEADINGS)
+    try:
+        factors = [to_si(f"1 {unit}", SI[word]) for word, unit in headings]
+    except ValueError as error:
+        raise InputError(shown, f"line {rows[0][0]}", shorten(lines[rows[0][0] - 1]), HEADINGS) from error
+    if not 2 < len(rows) <= MAX_POINTS:
+        raise InputError(shown, "", f"{len(rows) - 1} rows of numbers", f"2 to {MAX_POINTS:,} rows")
+    points, last = list[tuple[float, float]](), -LEAST_S
+    for n, cells in rows[1:]:
         try:
-            factors.append(to_si(f"1 {unit}", UNITS[name]))
-        except ValueError as error:
-            raise InputError(shown, f"line {first}", f'"{heading}"', f"{name}_ with a unit of {name}") from error
-    if not 2 <= len(rest) <= MAX_POINTS:
-        raise InputError(shown, "", f"{len(rest)} rows of numbers", f"2 to {MAX_POINTS:,} rows")
-    points = []
-    for n, cells in rest:
-        try:
-            time, value = (float(cell) for cell in cells)
-        except ValueError as error:
-            raise InputError(shown, f"line {n}", shorten(",".join(cells)), "two numbers") from error
-        if not (isfinite(time) and isfinite(value) and abs(time * factors[0]) <= 1e9 and abs(value) <= 1e30):
-            raise InputError(shown, f"line {n}", shorten(",".join(cells)), "two finite numbers")
-        points.append((time * factors[0], value * factors[1]))
-    return names[1], points
+            time, value = (float(cell) * factor for cell, factor in zip(cells, factors, strict=True))
+        except ValueError:
+            time = value = nan
+        if not (last < time < LARGEST and abs(value) < LARGEST):
+            raise InputError(shown, f"line {n}", shorten(",".join(cells)), "two numbers, times that increase from 0")
+        points.append((time, value))
+        last = time
+    if name == "displacement" and points[0][1] != 0:
+        raise InputError(shown, name, f"{points[0][1]:g} m first", "0 first, the displacement at time 0")
+    times, values = zip(*points, strict=True)
+    return {"time_s": times, VALUES[name]: values}

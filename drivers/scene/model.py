@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Field, create_model
 
 from drivers.base import units
 from drivers.laws import LAWS
-from drivers.laws.law import Law
+from drivers.laws.law import ContactLaw
 from drivers.laws.viscoelastic import Viscoelastic
 from drivers.scene.bead_entries import ByBead, InOneList, OfBead
 from drivers.scene.drive_table import DriveTable, StoredDrive
@@ -103,7 +103,7 @@ class ChainTable(Part):
     diameter: units.Length
     mass: units.Mass | None = None
     pattern: tuple[Member, ...] | None = Field(default=None, strict=False)
-    taper: Annotated[float, Field(ge=0.1, le=10, allow_inf_nan=False)] | None = None
+    taper: Annotated[float, Field(ge=0.01, le=10, allow_inf_nan=False)] | None = None
     taper_to: units.Length | None = None
     angle: units.Angle | None = None
     sensors: Annotated[tuple[Annotated[Sensor, ByBead], ...], InOneList] = Field(default=(), strict=False)
@@ -176,7 +176,7 @@ class ContactTable(Part):
         return {key: value for key, value in values.items() if value is not None}
 
     @property
-    def law(self) -> Law:
+    def law(self) -> ContactLaw:
         """Contact law."""
         return LAWS[self.dissipation].of(self.given)
 
