@@ -114,9 +114,7 @@ def _points(path: Path) -> dict[str, tuple[float, ...]]:
         except ValueError:
             time = value = nan
         if not (last < time < LARGEST and abs(value) < LARGEST):
-            raise InputError(
-                shown, f"line {n}", shorten(",".join(cells)), "two numbers, with times that increase from 0"
-            )
+            raise InputError(shown, f"line {n}", shorten(",".join(cells)), "two numbers, times that increase from 0")
         points.append((time, value))
         last = time
     if name == "displacement" and points[0][1] != 0:

@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, Field, create_model
 
 from drivers.base import units
 from drivers.laws import LAWS
-from drivers.laws.law import Law
+from drivers.laws.law import ContactLaw
 from drivers.laws.viscoelastic import Viscoelastic
 from drivers.scene.drive_table import DriveTable, StoredDrive
 from drivers.scene.part import MAX_BEADS, FromWall, Name, Part, Text, Title
@@ -215,7 +215,7 @@ class ContactTable(Part):
         return {key: value for key, value in values.items() if value is not None}
 
     @property
-    def law(self) -> Law:
+    def law(self) -> ContactLaw:
         """Contact law."""
         return LAWS[self.dissipation].of(self.given)
 

@@ -248,8 +248,8 @@ def _balances(layout: Layout, trace: Trace) -> dict[str, float]:
     """Energy and momentum, and their deviation from conservation; with damping the largest gain of energy.
 
     Before the wave reaches the wall the force on the wall is static, so the exact momentum needs no integral. The
-    imbalance over all times is |p - p(0) - impulse of wall, loads and drive|. Its sampling share is the change of the impulse
-    if only every other sample is integrated.
+    imbalance over all times is |p - p(0) - impulse of wall, loads and drive|. Its sampling share is the change of the
+    impulse if only every other sample is integrated.
     """
     time, energy, momentum = trace.time_s, trace.total_energy_J, trace.momentum_N_s
     net = layout.load_N + (trace.force_N[:, 0] if layout.wall else np.zeros_like(time))

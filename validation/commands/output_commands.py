@@ -170,8 +170,8 @@ def _si(option: str, text: str, unit: str) -> float:
         value = to_si(text, unit)
     except ValueError as error:
         raise InputError("beads spectrum", option, f'"{text}"', f"a quantity in {unit}, such as 1 k{unit}") from error
-    if value < 0:
-        raise InputError("beads spectrum", option, f'"{text}"', "zero or more")
+    if value < 0 or (value == 0 and unit == "Hz"):
+        raise InputError("beads spectrum", option, f'"{text}"', "zero or more" if unit == "s" else "above zero")
     return value
 
 
@@ -207,7 +207,9 @@ def energy(run: str, ranges: tuple[tuple[int, int], ...], runs: Path, results: P
     energies = run_energies(opened)
     numbers = {f"{low}-{high}": range_numbers(energies, low, high) for low, high in ranges}
     sums = energies.sums_J
-    sums |= {"sum": energies.body_J.sum(axis=1) + sums["dissipated"]}
+    if opened.trace.drive_work_J is not None:
+        sums["work of the drive, negative"] = 0 - opened.trace.drive_work_J
+    sums["sum"] = sum(sums.values(), start=0 * energies.time_s)
     rows = [(each, f"{values[0]:.6g}", f"{values[-1]:.6g}") for each, values in sums.items()]
     print(*text_table([("energy (J)", "at time 0", "at the end"), *rows]), sep="\n")
     lines = [(bodies, *(f"{value:.6g}" for value in own.values())) for bodies, own in numbers.items()]

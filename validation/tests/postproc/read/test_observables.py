@@ -82,9 +82,8 @@ def test_the_second_wave_of_a_train_has_its_known_share_of_the_first(mass: str, 
 
 
 def test_a_strong_wave_opens_contacts_behind_it_and_a_weak_one_does_not() -> None:
-    strong, weak = (
-        case_of("fig4", f"striker.speed={speed}", "chain.precompression=1 N") for speed in ("2 m/s", "1 cm/s")
-    )
+    strong = case_of("fig4")
+    weak = case_of("fig4", "striker.speed=1 cm/s", "chain.precompression=1 N")
     assert 0 < observe(strong.layout, exact(strong).trace)["contact_loss_s"] < 8e-4
     assert isnan(observe(weak.layout, exact(weak).trace)["contact_loss_s"])
 

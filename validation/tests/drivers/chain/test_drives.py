@@ -1,0 +1,154 @@
+"""Wave forms of drives, the work and the balances that follow from samples, and wrong drives of scenes."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.base.errors import InputError
+from drivers.chain.chain import energy_put_in
+from drivers.chain.drive_work import work_error_J
+from drivers.chain.drives import drive_of, pieces_of
+from drivers.chain.schemes import exact_of, verlet_of
+from drivers.engines import load_engine
+from drivers.run.guard import checked
+from drivers.run.run_folder import in_si
+from drivers.scene.read_scene import stored_scene
+from postproc.read.observables import observe
+from validation.tests.helpers.scenes import case_of
+
+SCENE = "driven-steel"
+BARE = ("drive.frequency=", "drive.cycles=", "drive.window=", "drive.force=")
+SINE = ("drive.window=", "drive.force=2 N", "drive.start=10 us")
+PUSH = ("drive.force=", "drive.displacement=-200 nm")
+HALF = (*BARE, "drive.form=half-sine", "drive.duration=50 us", "drive.displacement=-200 nm")
+TIMES_S = np.array([0.0, 9.9e-6, 1e-5, 3e-5, 6e-5, 1e-4, 9e-4])
+TAU_S = TIMES_S - 1e-5
+
+
+def value_of(*settings: str) -> np.ndarray:
+    found = drive_of(case_of(SCENE, *settings).scene)
+    assert found is not None
+    return found.at(TIMES_S)[0]
+
+
+def test_values_of_the_wave_forms() -> None:
+    sine = 2 * np.sin(2 * np.pi * 8e3 * TAU_S) * (TAU_S >= 0)
+    window = (1 - np.cos(2 * np.pi * TAU_S / 1e-4)) / 2 * (TAU_S <= 1e-4)
+    other = (*BARE, "drive.start=10 us", "drive.force=2 N", "drive.duration=0.1 ms")
+    chirp = ("drive.form=chirp", "drive.frequency=8 kHz", "drive.end_frequency=12 kHz")
+    swept = 2 * np.sin(2 * np.pi * (8e3 * TAU_S + 2e7 * TAU_S**2)) * (TAU_S >= 0)
+    expected = {
+        (*SINE, "drive.cycles="): sine,
+        (*SINE, "drive.cycles=0.25"): np.where(TAU_S < 0.25 / 8e3, sine, 2.0),
+        (*SINE, "drive.cycles=0.8", "drive.window=hann"): sine * window,
+        (*other, "drive.form=half-sine"): 2 * np.sin(np.pi * TAU_S / 1e-4) * (TAU_S >= 0) * (TAU_S < 1e-4),
+        (*other[:-1], "drive.form=step"): 2.0 * (TAU_S >= 0),
+        (*other, "drive.form=ramp"): 2 * np.clip(TAU_S / 1e-4, 0, 1),
+        (*other, *chirp): np.where(TAU_S < 1e-4, swept, 0.0),
+        (*other, *chirp, "drive.window=hann"): swept * window,
+    }
+    for settings, values in expected.items():
+        np.testing.assert_allclose(value_of(*settings), values, atol=1e-12, err_msg=str(settings))
+
+
+def test_points_of_a_file_are_stored_and_its_name_is_not(tmp_path: Path) -> None:
+    text = "# piezo\ntime_us,force_mN\n20,0\n50, 3000\n90,1000\n"
+    for name in ("one.csv", "other.csv"):
+        (tmp_path / name).write_text(text)
+    settings = (*BARE, "drive.form=file", "drive.start=10 us")
+    one, other = (case_of(SCENE, *settings, f"drive.file={tmp_path / name}") for name in ("one.csv", "other.csv"))
+    np.testing.assert_allclose(value_of(*settings, f"drive.file={tmp_path}/one.csv"), [0, 0, 0, 0, 3, 1, 1], atol=1e-12)
+    assert load_engine("lammps").render(one).sha256 == load_engine("lammps").render(other).sha256
+    assert in_si(one.scene) == in_si(other.scene) == in_si(stored_scene(in_si(one.scene)))
+    (tmp_path / "one.csv").write_text(text.replace("3000", "3001"))
+    assert in_si(case_of(SCENE, *settings, f"drive.file={tmp_path}/one.csv").scene) != in_si(other.scene)
+    assert "drive" not in in_si(case_of("fig4").scene)
+
+
+def test_steps_of_the_segments() -> None:
+    drive = drive_of(case_of(SCENE, *SINE, "drive.cycles=2.41").scene)
+    pieces = pieces_of(drive, 1e-7, 10_000)
+    assert [(piece.first, piece.until) for piece in pieces] == [(0, 99), (100, 3112), (3113, 10_000)]
+    assert [piece.until for piece in pieces_of(drive, 1e-7, 50)] == [50]
+
+
+@pytest.mark.parametrize(
+    "settings", [(), PUSH, HALF, (*HALF, "drive.from_wall=7"), ("drive.from_wall=1",), (*PUSH, "wall=", "gravity=")]
+)
+def test_energy_and_momentum_balance_with_the_work_of_the_drive(settings: tuple[str, ...]) -> None:
+    case = case_of(SCENE, *settings)
+    for trace in (exact_of(case), verlet_of(case)):
+        assert trace.drive_work_J is not None
+        assert trace.velocity_m_s is not None
+        work = float(np.abs(trace.drive_work_J).max())
+        error = work_error_J(case.chain, trace.time_s, trace.force_N, trace.velocity_m_s)
+        assert np.ptp(trace.total_energy_J) < 4e-5 * work
+        assert error < 1e-3 * work
+        assert observe(case.layout, trace)["impulse_imbalance_share"] < 1e-5
+        checked(case, trace)
+        assert trace.kinetic_energy_J.max() < energy_put_in(case.chain, 1e-3) < 2e4 * work
+
+
+def test_the_guard_allows_for_coarse_samples_and_sees_a_wrong_force() -> None:
+    coarse = case_of(SCENE, *HALF, "run.sample_interval=20 us")
+    checked(coarse, verlet_of(coarse))
+    case = case_of(SCENE)
+    trace = verlet_of(case)
+    assert trace.drive_work_J is not None
+    wrong = replace(trace, total_energy_J=trace.total_energy_J + 1e-3 * trace.drive_work_J)
+    with pytest.raises(Exception, match="the energy is off by"):
+        checked(case, wrong)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        (("drive.frequency=0 Hz",), 'found "0 Hz"; allowed: a frequency above zero'),
+        (("drive.frequency=8 kN",), 'found "8 kN"; allowed: a frequency'),
+        (("drive.cycles=0",), "drive.cycles: found 0"),
+        (("drive.cycles=nan",), "a finite number"),
+        (("drive.cycles=",), "a window needs a number of cycles"),
+        (("drive.force=1e400 N",), "from -1e.09 to 1e.09 N"),
+        (("drive.force=2",), "with its unit"),
+        (("drive.force=",), "no force and no displacement"),
+        (("drive.displacement=1 nm",), "force and displacement; allowed: exactly one"),
+        (("drive.duration=1 us",), 'only with "half-sine" or "ramp" or "chirp"'),
+        (("drive.from_wall=21",), "1 to 20, the beads of the chain"),
+        (("drive.start=1 s",), "below run.duration"),
+        (("drive.time_s=[0.0]",), "unknown key"),
+        ((*BARE, "drive.form=step", "drive.displacement=1 nm"), '"ramp" with a drive.duration'),
+        ((*BARE, "drive.form=file"), "drive.file: missing key"),
+        ((*PUSH, "chain.bead=[{from_wall=20, velocity='1 m/s'}]"), "chain.bead.0.velocity"),
+        ((*PUSH, "striker={material='steel', diameter='9 mm', speed='1 m/s'}"), "drive.from_wall of a bead"),
+        (("chain.bead=[{from_wall=3, lateral_velocity='1 m/s'}]",), "a drive of a straight chain"),
+    ],
+)
+def test_wrong_drives(settings: tuple[str, ...], message: str) -> None:
+    with pytest.raises(InputError, match=message) as refused:
+        case_of(SCENE, *settings)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "two headings with units"),
+        ("time,force\n0,1\n1,2\n", "two headings with units"),
+        ("time_us,force_nm\n0,1\n1,2\n", "two headings with units"),
+        ("time_us,force_mN\n", "found 0 rows"),
+        ("time_us,force_mN\n0,1\n", "found 1 rows"),
+        ("time_us,force_mN\n0,1\n2,3\n2,4\n", 'line 4: found "2,4"'),
+        ("time_us,force_mN\n-1,1\n2,3\n", 'line 2: found "-1,1"'),
+        ("time_us,force_mN\n0,1\n2,nan\n", 'line 3: found "2,nan"'),
+        ("time_us,force_mN\n0,1e400\n2,3\n", 'line 2: found "0,1e400"'),
+        ("time_us,displacement_nm\n0,1\n2,3\n", "0 first, the displacement at time 0"),
+    ],
+)
+def test_wrong_files(text: str, message: str, tmp_path: Path) -> None:
+    (tmp_path / "points.csv").write_text(text)
+    with pytest.raises(InputError, match=message):
+        case_of(SCENE, *BARE, "drive.form=file", f"drive.file={tmp_path / 'points.csv'}")
+    with pytest.raises(InputError, match="no such file"):
+        case_of(SCENE, *BARE, "drive.form=file", f"drive.file={tmp_path / 'none.csv'}")
