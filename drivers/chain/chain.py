@@ -23,7 +23,7 @@ from drivers.chain.contact_law import (
 from drivers.chain.drives import drive_of, energy_with_drive
 from drivers.chain.lateral import Bore, Lateral
 from drivers.chain.masses import beads_of, sphere_mass
-from drivers.laws.law import ELASTIC, Law
+from drivers.laws.law import ELASTIC, ContactLaw
 from drivers.scene.model import Scene
 from validation.reference.hertz_chain import ENERGY_SHARE, Drive, HertzChain, TubeChain
 
@@ -68,7 +68,7 @@ class Chain:
     wall_height_m: float
     gravity_m_s2: float
     precompression_N: float
-    law: Law = ELASTIC
+    law: ContactLaw = ELASTIC
     lateral: Lateral | None = None
     drive: Drive | None = None
 

@@ -4,6 +4,7 @@ This module defines the columns of its tables, of forces and of positions.
 """
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -244,6 +245,12 @@ def state_table(trace: Trace) -> "pa.Table":
         for axis, spin in enumerate(SPINS):
             columns |= _by_body(spin, trace.spin_rad_s[..., axis])
     return _table_of(columns)
+
+
+def numbered_table(time_s: Array, columns: Mapping[str, Array]) -> "pa.Table":
+    """Table of time and of arrays of shape (samples, bodies), by the patterns of their columns."""
+    numbered = [_by_body(pattern, values) for pattern, values in columns.items()]
+    return _table_of({"time_s": time_s} | {name: column for each in numbered for name, column in each.items()})
 
 
 @dataclass(frozen=True)

@@ -12,12 +12,12 @@ import numpy as np
 
 from drivers.base import units
 from drivers.base.errors import InputProblem
-from drivers.laws.law import Law
+from drivers.laws.law import ContactLaw
 from validation.reference.hertz_chain import EXPONENT, Array
 
 
 @dataclass(frozen=True)
-class KuwabaraKono(Law):
+class KuwabaraKono(ContactLaw):
     """Dissipative force proportional to ``sqrt(d) d'``, by the relaxation time A in s."""
 
     relaxation: float

@@ -17,7 +17,7 @@ from validation.reference.hertz_chain import VISCOELASTIC_POWER, Array, dissipat
 
 
 @dataclass(frozen=True)
-class Law:
+class ContactLaw:
     """Elastic contacts; base of the laws of dissipation.
 
     Attributes:
@@ -44,7 +44,7 @@ class Law:
         yield from ()
 
     @classmethod
-    def of(cls, given: Mapping[str, float]) -> "Law":
+    def of(cls, given: Mapping[str, float]) -> "ContactLaw":
         """Law of the keys that a scene gives."""
         return cls(**given)
 
@@ -87,4 +87,4 @@ class Law:
         return "contact.dissipation", f'"{self.name}"', f"another law, since {reason}"
 
 
-ELASTIC = Law()
+ELASTIC = ContactLaw()

@@ -13,14 +13,14 @@ import numpy as np
 from pydantic import Field
 
 from drivers.base.errors import InputProblem
-from drivers.laws.law import ELASTIC, Law
+from drivers.laws.law import ELASTIC, ContactLaw
 from validation.reference.hertz_chain import Array
 
 ALPHA = 1.75  # default
 
 
 @dataclass(frozen=True)
-class Power(Law):
+class Power(ContactLaw):
     """Dissipative force by a power of the closing speed; gamma in N (s/m)^alpha."""
 
     gamma: float
@@ -45,7 +45,7 @@ class Power(Law):
             yield "contact.gamma", "missing key; give a number of 0 or more, in N (s/m)^alpha", ""
 
     @classmethod
-    def of(cls, given: Mapping[str, float]) -> Law:
+    def of(cls, given: Mapping[str, float]) -> ContactLaw:
         """Law of the keys ``gamma`` and ``alpha``; elastic without gamma."""
         return cls(given["gamma"], given.get("alpha", ALPHA)) if given.get("gamma") else ELASTIC
 

@@ -19,7 +19,7 @@ import numpy as np
 from pydantic import Field
 
 from drivers.base.errors import InputProblem
-from drivers.laws.law import ELASTIC, Law
+from drivers.laws.law import ELASTIC, ContactLaw
 from validation.reference.hertz_chain import EXPONENT, Array
 
 ZETA_1 = sqrt(5 / 6)  # damping ratio B at which zeta is 1
@@ -31,7 +31,7 @@ MINIMUM_AT = 1.1  # coefficient close to the polynomial's minimum, which is nega
 
 
 @dataclass(frozen=True)
-class Viscoelastic(Law):
+class Viscoelastic(ContactLaw):
     """Dissipative force with a constant restitution, by the damping ratio B; ``given`` is the restitution if given."""
 
     damping_ratio: float
@@ -55,7 +55,7 @@ class Viscoelastic(Law):
             yield "contact", "both restitution and damping_ratio", "one of the two; each determines the other"
 
     @classmethod
-    def of(cls, given: Mapping[str, float]) -> Law:
+    def of(cls, given: Mapping[str, float]) -> ContactLaw:
         """Law of the key ``restitution`` or ``damping_ratio``; elastic without either, or at B = 0."""
         wanted = given.get("restitution")
         ratio = given.get("damping_ratio", damping_ratio(wanted) if wanted else 0.0)

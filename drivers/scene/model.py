@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, Field, create_model
 
 from drivers.base import units
 from drivers.laws import LAWS
-from drivers.laws.law import Law
+from drivers.laws.law import ContactLaw
 from drivers.laws.viscoelastic import Viscoelastic
 from drivers.scene.drive_table import DriveTable, StoredDrive
 from drivers.scene.part import MAX_BEADS, FromWall, Name, Part, Text, Title
@@ -142,7 +142,7 @@ class ChainTable(Part):
     diameter: units.Length
     mass: units.Mass | None = None
     pattern: tuple[Member, ...] | None = Field(default=None, strict=False, min_length=1)
-    taper: Annotated[float, Field(gt=0, le=10, allow_inf_nan=False)] | None = None
+    taper: Annotated[float, Field(ge=0.01, le=10, allow_inf_nan=False)] | None = None
     taper_to: units.Length | None = None
     angle: units.Angle | None = None
     sensors: Annotated[tuple[Sensor, ...], ByBead] = Field(default=(), strict=False)
@@ -215,7 +215,7 @@ class ContactTable(Part):
         return {key: value for key, value in values.items() if value is not None}
 
     @property
-    def law(self) -> Law:
+    def law(self) -> ContactLaw:
         """Contact law."""
         return LAWS[self.dissipation].of(self.given)
 

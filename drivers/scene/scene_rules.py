@@ -105,7 +105,7 @@ def contradictions(scene: Scene) -> Iterator[InputProblem]:
 
 
 def _missing_densities(scene: Scene) -> Iterator[InputProblem]:
-    """Problems with beads that have neither a mass nor a density."""
+    """Problems with beads without a mass and without a density."""
     chain, ordinary = scene.chain, (scene.chain.material, scene.chain.diameter)
     lists = {f"chain.pattern.{i}.": member for i, member in enumerate(chain.members)} if chain.pattern else {}
     wanted = {"chain.": chain.material} if chain.count and chain.mass is None and not chain.pattern else {}

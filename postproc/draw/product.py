@@ -13,7 +13,7 @@ import pandas as pd
 
 from drivers.base.files import csv_of, sealed_file
 from drivers.chain.chain import Array
-from drivers.chain.trace import Trace
+from drivers.chain.trace import CONTACT, Trace
 from postproc.draw.style import COLUMN_IN, MICRO, finish_bar, force_colours, pyplot
 
 DPI = 200
@@ -23,6 +23,19 @@ COLUMNS, ROWS = 400, 250  # largest numbers of cells; a cell shows the largest o
 PANEL_IN = 1.9
 GAMMA = 0.5  # colours scale with the root of the force, so that weak waves after a strong one are visible
 OPEN_SHARE = 1e-6  # of the largest force: contacts with less are drawn as open
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A quantity of each contact or body in a spacetime diagram."""
+
+    column: str  # pattern of its columns in a table
+    place: str  # words at the axis along the chain
+    words: str  # words at the colour bar
+    ticks: Any = None  # matplotlib formatter of the numbers at the colour bar; None for its default
+
+
+FORCE = Quantity(CONTACT, "contact", "force (N)")
 
 
 @dataclass(frozen=True)
@@ -65,18 +78,54 @@ def write_figure(figure: Any, name: str, folder: Path) -> list[Path]:
     return written
 
 
-def cells_of(trace: Trace, columns: int = COLUMNS, rows: int = ROWS) -> tuple[Array, Array, Array]:
-    """Forces of a trace in at most ``rows`` by ``columns`` cells of equal size, except the last ones.
+def cells_of(time_s: Array, values: Array, columns: int = COLUMNS, rows: int = ROWS) -> tuple[Array, Array, Array]:
+    """Values at all contacts or bodies in at most ``rows`` by ``columns`` cells of equal size, except the last ones.
+
+    Args:
+        time_s: Sample times. Shape (samples,).
+        values: A quantity of each contact or body. Shape (samples, places).
+        columns: Largest number of cells along the time.
+        rows: Largest number of cells along the chain.
 
     Returns:
-        Time of the first sample of each column in s, lowest contact of each row counted from the wall, and the largest
-        force in each cell in N, of shape (rows, columns).
+        Time of the first sample of each column in s, lowest place of each row counted from the wall, and the largest
+        value in each cell, of shape (rows, columns).
     """
-    samples, contacts = trace.force_N.shape
+    samples, places = values.shape
     over_time = np.arange(0, samples, -(-samples // columns))
-    over_contacts = np.arange(0, contacts, -(-contacts // rows))
-    force = np.maximum.reduceat(np.maximum.reduceat(trace.force_N, over_time, axis=0), over_contacts, axis=1)
-    return trace.time_s[over_time], over_contacts + 1.0, force.T
+    over_places = np.arange(0, places, -(-places // rows))
+    cells = np.maximum.reduceat(np.maximum.reduceat(values, over_time, axis=0), over_places, axis=1)
+    return time_s[over_time], over_places + 1.0, cells.T
+
+
+def draw_cells(axis: Any, title: str, time_s: Array, values: Array, shown: Quantity = FORCE) -> pd.DataFrame:
+    """Draws a quantity against time and place in the chain, with a colour bar; white after the end of a run.
+
+    Returns:
+        The values of the cells, a row per time.
+    """
+    from matplotlib.colors import PowerNorm
+    from matplotlib.ticker import MaxNLocator
+
+    start_s, place, cells = cells_of(time_s, values)
+    samples, places = values.shape
+    width_s = (time_s[-1] - time_s[0]) / max(samples - 1, 1) * -(-samples // COLUMNS)
+    right, top = float(start_s[-1] + width_s) * MICRO, float(place[-1]) + -(-places // ROWS) - 0.5
+    largest = float(cells.max(initial=0.0)) or 1.0  # without any force the scale ends at 1 N
+    above_zero = np.ma.masked_less_equal(cells, OPEN_SHARE * largest)
+    image = axis.imshow(
+        above_zero, cmap=force_colours(), norm=PowerNorm(GAMMA, 0, largest), origin="lower", aspect="auto",
+        extent=(float(start_s[0]) * MICRO, right, 0.5, top), interpolation="none",
+    )  # fmt: skip
+    axis.set(ylim=(0.5, places + 0.5), ylabel=shown.place)
+    axis.grid(visible=False)
+    axis.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=5, min_n_ticks=1))
+    axis.set_title(title, loc="left")
+    bar = axis.figure.colorbar(image, ax=axis, pad=0.02, aspect=16, ticks=MaxNLocator(nbins=5), format=shown.ticks)
+    finish_bar(bar, f"{shown.words}, square-root scale;\ngrey: none")
+    table = pd.DataFrame(cells.T, columns=[shown.column.format(int(number)) for number in place])
+    table.insert(0, "time_s", start_s)
+    return table
 
 
 def draw_spacetime(chains: Mapping[str, Trace], width_in: float = COLUMN_IN) -> Product:
@@ -84,31 +133,11 @@ def draw_spacetime(chains: Mapping[str, Trace], width_in: float = COLUMN_IN) -> 
 
     The table holds the forces of the cells, a row per chain and time.
     """
-    from matplotlib.colors import PowerNorm
-    from matplotlib.ticker import MaxNLocator
-
     tables = []
     size = (width_in, 0.5 + PANEL_IN * len(chains))
     figure, axes = pyplot().subplots(len(chains), 1, figsize=size, squeeze=False, sharex=True, layout="constrained")
     for axis, (title, trace) in zip(axes[:, 0], chains.items(), strict=True):
-        time_s, contact, force_N = cells_of(trace)
-        samples, contacts = trace.force_N.shape
-        width_s = (trace.time_s[-1] - trace.time_s[0]) / max(samples - 1, 1) * -(-samples // COLUMNS)
-        right, top = float(time_s[-1] + width_s) * MICRO, float(contact[-1]) + -(-contacts // ROWS) - 0.5
-        largest_N = float(force_N.max(initial=0.0)) or 1.0  # without any force the scale ends at 1 N
-        closed = np.ma.masked_less_equal(force_N, OPEN_SHARE * largest_N)
-        image = axis.imshow(
-            closed, cmap=force_colours(), norm=PowerNorm(GAMMA, 0, largest_N), origin="lower", aspect="auto",
-            extent=(float(time_s[0]) * MICRO, right, 0.5, top), interpolation="none",
-        )  # fmt: skip
-        axis.set(ylim=(0.5, contacts + 0.5), ylabel="contact")
-        axis.grid(visible=False)
-        axis.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=5, min_n_ticks=1))
-        axis.set_title(title, loc="left")
-        bar = figure.colorbar(image, ax=axis, pad=0.02, aspect=16, ticks=MaxNLocator(nbins=5))
-        finish_bar(bar, "force (N), square-root scale;\ngrey: none")
-        table = pd.DataFrame(force_N.T, columns=[f"contact_{number:.0f}_N" for number in contact])
-        table.insert(0, "time_s", time_s)
+        table = draw_cells(axis, title, trace.time_s, trace.force_N)
         table.insert(0, "chain", title)
         tables.append(table)
     last_s = max(float(trace.time_s[-1]) for trace in chains.values())

@@ -41,8 +41,15 @@ def trace_with_state(run: EndedRun) -> Trace:
     Raises:
         InputError: a file is missing or damaged.
     """
-    if not run.has_state:
-        return run.trace
+    return motion_of(run) if run.has_state else run.trace
+
+
+def motion_of(run: EndedRun) -> Trace:
+    """Trace of a run with heights and axial velocities.
+
+    Raises:
+        InputError: the run recorded no positions, or a file is missing or damaged.
+    """
     motion = run.state
     return replace(run.trace, height_m=motion.place_m[:, :, 2], velocity_m_s=motion.velocity_m_s[:, :, 2])
 

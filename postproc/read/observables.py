@@ -19,7 +19,7 @@ from drivers.chain.case import Layout
 from drivers.chain.trace import Trace, energy_error_J
 from postproc.read.residual import is_at_rest
 from postproc.read.sensors import going_up, sensor_signals
-from postproc.read.signals import ENVELOPE_MAXIMA, integral, peaks, pulses, rising_crossing, train_envelope
+from postproc.read.signals import ENVELOPE_MAXIMA, ONSET, integral, peaks, pulses, rising_crossing, train_envelope
 
 LEVELS = (0.002, 0.04)  # shares of the peak at which the paper's Table 1 cuts the width
 WALL_REST_SHARE = 1e-14  # of the largest force: smaller changes at the wall are rounding
@@ -30,6 +30,11 @@ PULSE = ("the gauge shows no pulse before the end of the run", "such gauge")
 WIDTH = ("the wave speed from the gauge above is not seen", "such gauge with another one above")
 ECHO = ("no pulse goes up after the wall's first one before the end of the run; at bead 1 never", "such gauge and wall")
 MAXIMUM = ("the wall shows no such maximum before the end of the run", "wall")
+SECOND = ("fewer than two pulses that do not go up come before the reflected wave", "such gauge")
+LOSS = (
+    "each contact between beads, or with the wall, that carries a load at time 0 keeps it",
+    "contact that carries a load at time 0",
+)
 TRAIN = ("fewer than three maxima at the wall are above 0, or one interval is more than twice the other", "wall")
 SPEED = ("a first pulse is missing or goes up, or that of the lower gauge is not later", "such neighbouring gauges")
 RATIO = (f"{SPEED[0]}; or the lower gauge is at bead 1 above a wall", SPEED[1])
@@ -65,7 +70,11 @@ OBSERVABLES = (
     Observable("{gauge}_arrival", "s", "arrival", "arrival time at {gauge}", gaps=PULSE),
     Observable("{gauge}_duration_{level}", "s", "duration", "pulse duration at {gauge}, cut at {level}", gaps=PULSE),
     Observable("{gauge}_width_{level}", "diameters", "width", "pulse width at {gauge}, cut at {level}", gaps=WIDTH),
+    Observable("{gauge}_front_arrival", "s", "front arrival", "arrival time of the front at {gauge}", gaps=PULSE),
     Observable("{gauge}_pulses", "", "count", "pulses at {gauge}", of_wave=False),
+    Observable("{gauge}_second_amplitude", "N", "second amplitude", "second amplitude at {gauge}", gaps=SECOND),
+    Observable("{gauge}_second_arrival", "s", "second arrival", "second arrival time at {gauge}", gaps=SECOND),
+    Observable("{gauge}_valley", "N", "valley", "force between pulses 1 and 2 at {gauge}", of_wave=False, gaps=SECOND),
     Observable("{gauge}_reflected_amplitude", "N", "reflected amplitude", "reflected amplitude at {gauge}", gaps=ECHO),
     Observable("{gauge}_reflected_arrival", "s", "reflected arrival", "reflected arrival time at {gauge}", gaps=ECHO),
     Observable("wall_peak_{number}", "N", "later peak", "force maximum {number} at the wall", gaps=MAXIMUM),
@@ -74,6 +83,7 @@ OBSERVABLES = (
     Observable(
         "transmission_{pair}", "", "transmission", "amplitude ratio per bead, bead {pair}", of_wave=False, gaps=RATIO
     ),
+    Observable("contact_loss", "s", "contact loss", "first loss of contact", of_wave=False, gaps=LOSS),
     Observable("kinetic_energy_start", "J", "energy", "kinetic energy at the start", of_wave=False),
     Observable("energy_drift", "J", "energy", "largest energy drift", of_wave=False),
     Observable("energy_lost", "J", "energy", "energy lost", of_wave=False, gaps=("", "damping or friction")),
@@ -156,6 +166,8 @@ def observe(layout: Layout, trace: Trace, levels: tuple[float, ...] = LEVELS) ->
         values[f"{name}_amplitude_N"] = first.value if first else np.nan
         values[f"{name}_peak_N"] = first.value + static if first else np.nan
         values[f"{name}_arrival_s"] = first.time_s if first else np.nan
+        front_s = rising_crossing(time, signal, ONSET * first.value, first) if first else np.nan
+        values[f"{name}_front_arrival_s"] = front_s
         for level in levels:
             edge_s = rising_crossing(time, signal, level * first.value, first) if first else np.nan
             values[f"{name}_duration_{_percent(level)}_s"] = 2 * (first.time_s - edge_s) if first else np.nan
@@ -168,7 +180,12 @@ def observe(layout: Layout, trace: Trace, levels: tuple[float, ...] = LEVELS) ->
     for name, upwards in rising.items():
         back = next((peak for peak in upwards if peak.time_s > turned), None)
         before = found[name][: found[name].index(back)] if back else found[name]
-        values[f"{name}_pulses"] = float(sum(peak not in upwards for peak in before) if layout.wall else len(before))
+        passing = [peak for peak in before if peak not in upwards] if layout.wall else before
+        values[f"{name}_pulses"] = float(len(passing))
+        one, two = passing[:2] if len(passing) > 1 else (None, None)
+        values[f"{name}_second_amplitude_N"] = two.value if two else np.nan
+        values[f"{name}_second_arrival_s"] = two.time_s if two else np.nan
+        values[f"{name}_valley_N"] = float(signals[name][one.sample : two.sample].min()) if one and two else np.nan
         if layout.wall:
             values[f"{name}_reflected_amplitude_N"] = back.value if back else np.nan
             values[f"{name}_reflected_arrival_s"] = back.time_s if back else np.nan
@@ -182,8 +199,19 @@ def observe(layout: Layout, trace: Trace, levels: tuple[float, ...] = LEVELS) ->
         values["wall_envelope_per_s"] = curve.rate_per_s if curve else np.nan
     from_below = {name for name, upwards in rising.items() if found[name][:1] == upwards[:1] != []}
     values |= _speeds_and_widths(layout, values, levels, from_below)
+    values |= _contact_loss(layout, trace, noise)
     values |= _balances(layout, trace)
     return values
+
+
+def _contact_loss(layout: Layout, trace: Trace, noise_N: float) -> dict[str, float]:
+    """Time of the first sample at which a contact that carries a load at time 0 is open; the striker's is left out."""
+    between = trace.force_N[:, : trace.force_N.shape[1] - layout.striker]
+    loaded = between[0] > noise_N
+    if not loaded.any():
+        return {}
+    opened = ((between <= 0) & loaded).any(axis=1)
+    return {"contact_loss_s": float(trace.time_s[int(np.argmax(opened))]) if opened.any() else np.nan}
 
 
 def _percent(level: float) -> str:

@@ -21,9 +21,27 @@ from drivers.chain.trace import Trace
 from drivers.scene.part import Name, Part
 from drivers.scene.read_scene import apply_setting, read_entries
 from validation.accuracy.plan import plan_case, planned_case
-from validation.claims.measures import impact, linear, passing_waves, solitary, weak
+from validation.claims.measures import (
+    bands,
+    driven,
+    impact,
+    linear,
+    passing_waves,
+    precompressed,
+    solitary,
+    unequal,
+    weak,
+)
 
-UNITS = (("_m_s", "m/s"), ("_N", "N"), ("_Hz", "Hz"), ("_s", "s"), ("_m", "m"), ("_diameters", "diameters"))
+UNITS = (
+    ("_m_s", "m/s"),
+    ("_N", "N"),
+    ("_Hz", "Hz"),
+    ("_s", "s"),
+    ("_m", "m"),
+    ("_rad", "rad"),
+    ("_diameters", "diameters"),
+)
 
 
 @dataclass(frozen=True)
@@ -45,15 +63,30 @@ class Measure:
 
 
 MEASURES = {
+    "bands": Measure(bands.measure, bands.theory, bands.QUANTITIES, bands.SOURCE),
     "collision": Measure(
         passing_waves.collision,
         passing_waves.collision_theory,
         passing_waves.COLLISION,
         "the exact solitary wave, integrated by scipy's DOP853 up to a wall in place of the other half",
     ),
+    "decorated chain": Measure(
+        unequal.decorated,
+        unequal.decorated_theory,
+        unequal.DECORATED,
+        "the exact wave of the effective chain: mass M + m, stiffness k / 2^(3/2)",
+    ),
+    "driven": Measure(driven.measure, driven.theory, driven.QUANTITIES, driven.SOURCE),
     "impact": Measure(impact.measure, impact.theory, impact.QUANTITIES, impact.SOURCE),
+    "impurity": Measure(
+        unequal.impurity, unequal.impurity_theory, unequal.IMPURITY, "modes of the linearised finite chain"
+    ),
+    "precompressed wave": Measure(
+        precompressed.measure, precompressed.theory, precompressed.QUANTITIES, precompressed.SOURCE
+    ),
     "small signal": Measure(linear.measure, linear.theory, linear.QUANTITIES, linear.SOURCE),
     "solitary wave": Measure(solitary.measure, solitary.theory, solitary.QUANTITIES, solitary.SOURCE),
+    "taper": Measure(unequal.taper, unequal.taper_theory, unequal.TAPER, "binary collisions, 2/(1 + m_(k+1)/m_k)"),
     "train": Measure(
         passing_waves.train,
         passing_waves.train_theory,

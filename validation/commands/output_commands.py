@@ -1,4 +1,4 @@
-"""Commands that read or draw one run: ``observables``, ``overlay``, ``spacetime``, ``film``, ``vtk``."""
+"""Commands that read or draw one run: ``observables``, ``overlay``, ``spacetime``, ``spectrum``, ``energy`` ..."""
 
 import json
 import sys
@@ -105,6 +105,120 @@ def spacetime(run: str, runs: Path, results: Path) -> None:
 
     opened, name, title = _open("spacetime", run, runs)
     for path in write_product(draw_spacetime({title: opened.trace}, width_in=6.4), name, results):
+        print(paths.shown(path))
+
+
+@command("yade:driven-steel", "yade:driven-steel --from bead_15 --to wall --since '0.2 ms'")
+@options.RUN
+@click.option(
+    "--from", "source", metavar="SIGNAL", default="", help="Source of the transfer function: drive, or a gauge."
+)
+@click.option(
+    "--to", "target", metavar="SIGNAL", default="", help="Target of the transfer function: a gauge, such as wall."
+)
+@click.option("--frequency", metavar="F", help="Measure harmonics of this frequency (default: that of a sine drive).")
+@click.option("--since", metavar="TIME", default="0 s", help="Begin of the record, such as '0.2 ms' (default: 0 s).")
+@click.option("--until", metavar="TIME", help="End of the record (default: that of the run).")
+@click.option("--window", metavar="NAME", default="hann", help="hann (default), boxcar, blackmanharris or flattop.")
+@click.option("--json", "json_wanted", is_flag=True, help="Print JSON and draw nothing.")
+@options.ENGINES
+@options.RUNS_READ
+@options.RESULTS
+def spectrum(
+    run: str, source: str, target: str, frequency: str | None, since: str, until: str | None, window: str,
+    json_wanted: bool, runs: Path, results: Path,
+) -> None:  # fmt: skip
+    """Draw spectra and a transfer function of the gauges of a run."""
+    from drivers.chain.case import build_case
+    from drivers.scene.read_scene import stored_scene
+    from postproc.draw.product import write_product
+    from postproc.linear.spectra import WINDOWS
+    from postproc.linear.spectrum_figure import analyse, as_json, signals_of, spectrum_product
+
+    opened, name, title = _open("spectrum", run, runs)
+    case, trace = build_case(stored_scene(opened.record.scene)), opened.trace
+    signals = signals_of(case, trace)
+    for option, word, known in (("--from", source, signals), ("--to", target, signals), ("--window", window, WINDOWS)):
+        if word and word not in known:
+            raise InputError("beads spectrum", option, f'"{word}"', ", ".join(known))
+    if not signals:
+        raise InputError(
+            "beads spectrum", "RUN", "a run without gauges and drive", "a scene with chain.sensors, or a wall"
+        )
+    from_s, to_s = _si("--since", since, "s"), _si("--until", until, "s") if until else float(trace.time_s[-1])
+    hertz = _si("--frequency", frequency, "Hz") if frequency else None
+    used = (trace.time_s >= from_s) & (trace.time_s <= to_s)
+    try:
+        parts = {each: values[used] for each, values in signals.items()}
+        found = analyse(case, parts, trace.time_s[used], (source, target), window, hertz)
+    except ValueError as error:
+        raise InputError("beads spectrum", run, str(error), "a longer record or finer samples") from error
+    if json_wanted:
+        print(json.dumps(as_json(found), indent=2))
+        return
+    product = spectrum_product(case, found, title)
+    print(*product.notes, sep="\n")
+    for path in write_product(product, name, results):
+        print(paths.shown(path))
+
+
+def _si(option: str, text: str, unit: str) -> float:
+    """Value of an option in an SI unit, zero or above."""
+    from drivers.base.units import to_si
+
+    try:
+        value = to_si(text, unit)
+    except ValueError as error:
+        raise InputError("beads spectrum", option, f'"{text}"', f"a quantity in {unit}, such as 1 k{unit}") from error
+    if value < 0 or (value == 0 and unit == "Hz"):
+        raise InputError("beads spectrum", option, f'"{text}"', "zero or more" if unit == "s" else "above zero")
+    return value
+
+
+def _bodies(text: str) -> tuple[int, int]:
+    """Reader of a range of bodies, such as 5-9, or one body."""
+    low, dash, high = text.partition("-")
+    ends = (low, high) if dash else (low, low)
+    if not all(end.isascii() and end.isdigit() and len(end) < 9 for end in ends):
+        raise click.BadParameter(f"found {text}; allowed: a body, such as 9, or a range of bodies, such as 5-9")
+    return int(ends[0]), int(ends[1])
+
+
+@command("verlet:fig4", "verlet:fig4 --beads 1-5 --beads 6-21")
+@options.RUN
+@click.option(
+    "--beads",
+    "ranges",
+    metavar="A-B",
+    multiple=True,
+    type=_bodies,
+    help="Energy of the bodies A to B, counted from the wall, the striker last; repeatable.",
+)
+@options.ENGINES
+@options.RUNS_READ
+@options.RESULTS
+def energy(run: str, ranges: tuple[tuple[int, int], ...], runs: Path, results: Path) -> None:
+    """Draw the energy of each bead (needs recorded positions)."""
+    from postproc.draw.product import write_product
+    from postproc.energy.energies import range_numbers, run_energies
+    from postproc.energy.energy_figure import draw_energies, write_energies
+
+    opened, name, title = _open("energy", run, runs)
+    energies = run_energies(opened)
+    numbers = {f"{low}-{high}": range_numbers(energies, low, high) for low, high in ranges}
+    sums = energies.sums_J
+    if opened.trace.drive_work_J is not None:
+        sums["work of the drive, negative"] = 0 - opened.trace.drive_work_J
+    sums["sum"] = sum(sums.values(), start=0 * energies.time_s)
+    rows = [(each, f"{values[0]:.6g}", f"{values[-1]:.6g}") for each, values in sums.items()]
+    print(*text_table([("energy (J)", "at time 0", "at the end"), *rows]), sep="\n")
+    lines = [(bodies, *(f"{value:.6g}" for value in own.values())) for bodies, own in numbers.items()]
+    if numbers:
+        print(*text_table([("bodies", *next(iter(numbers.values()))), *lines]), sep="\n")
+    table = results / f"{name}.parquet"
+    written = write_product(draw_energies(energies, ranges, title), name, results)
+    write_energies(energies, table)
+    for path in (*written, table):
         print(paths.shown(path))
 
 

@@ -8,35 +8,28 @@ and its widths in beads. The long-wave limit (Nesterenko, Dynamics of Heterogene
 and 3) has C = (4/5)^(1/2), and B = (16/25)^(1/5).
 """
 
-from functools import partial
-
 import numpy as np
 
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 from postproc.read.sensors import sensor_average
-from postproc.read.signals import Peak, peak_in, rising_crossing
+from postproc.read.signals import Peak, rising_crossing
+from validation.claims.measures.first_waves import first_wave, sensor_places, velocity_down
 from validation.claims.measures.passing_waves import forces_of
 from validation.reference.travelling_wave import solve_travelling_wave
 
 LONG_WAVE_BY_VELOCITY = 0.64**0.2
 WIDTHS = ((False, 0.04), (False, 0.5), (True, 0.04), (True, 0.5))  # True for a sensor's average; share of the peak
 FORMATION_CONTACTS = 30  # below the strike: there the wave differs from the exact one by 2e-9
-_peak = partial(peak_in, missing="no wave within run.duration")
 
 
 def measure(case: Case, trace: Trace) -> dict[str, float]:
     """Velocity, force and widths at the lower sensor, speed from the upper to the lower sensor."""
-    places = sorted(sensor.from_wall for sensor in case.scene.chain.sensors)
-    if len(places) < 2:
-        raise ValueError("fewer than two sensors: the speed is read between two")
-    if trace.velocity_m_s is None:
-        raise ValueError("no state recorded; set run.record to forces and state")
-    lower, upper = places[0], places[-1]
+    lower, upper = sensor_places(case)
     time = trace.time_s
-    force, before = _peak(time, trace.force_N[:, lower - 1]), _peak(time, trace.force_N[:, upper - 1])
-    velocity = _peak(time, -trace.velocity_m_s[:, lower - 1]).value
+    force, before = first_wave(time, trace.force_N[:, lower - 1]), first_wave(time, trace.force_N[:, upper - 1])
+    velocity = first_wave(time, velocity_down(trace)[:, lower - 1]).value
     speed = (upper - lower) / (force.time_s - before.time_s)
     stiffness, mass = float(case.chain.stiffness[lower]), float(case.chain.mass_kg[lower - 1])
     average = sensor_average(trace.force_N, lower)
@@ -60,7 +53,7 @@ def theory(case: Case) -> dict[str, float]:
     stiffness, mass = float(chain.stiffness[-1]), float(chain.mass_kg[0])
     time_unit = (mass / stiffness) ** 0.4 * speed**-0.2
     time, force = forces_of(chain, 1.3 * FORMATION_CONTACTS * time_unit)
-    peak = _peak(time, force[:, -1 - FORMATION_CONTACTS]).value
+    peak = first_wave(time, force[:, -1 - FORMATION_CONTACTS]).value
     velocity = (peak / (wave.force_by_velocity * stiffness**0.4 * mass**0.6)) ** (5 / 6)
     widths = [wave.width(share, averaged=averaged) for averaged, share in WIDTHS]
     return _by_quantity(velocity / speed, wave.force_by_velocity, wave.speed_by_force, wave.speed_by_velocity, widths)
@@ -75,7 +68,7 @@ def _by_quantity(
 
 def _width_s(time_s: Array, values: Array, share: float) -> float:
     """Time from rising through a share of the first peak to falling through it."""
-    peak = _peak(time_s, values)
+    peak = first_wave(time_s, values)
     level = share * peak.value
     # the falling edge is a rising edge in reversed time
     mirrored = Peak(-peak.time_s, peak.value, len(values) - 1 - peak.sample)

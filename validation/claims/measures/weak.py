@@ -16,13 +16,13 @@ front of duration h^(1/6) the peak tends to ``h^(-1/12 - 11/60) = h^(-4/15)``, t
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import eigh_tridiagonal
 
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain
-from drivers.chain.contact_law import contact_stiffness
 from drivers.chain.trace import Trace
+from postproc.linear.modes import modes_of, springs_N_m
 from postproc.read.signals import Peak, peak_in
+from validation.claims.measures.first_waves import velocity_down
 
 DEPTHS = (20, 100, 450)  # of the judged amplitudes
 FIT_DEPTHS = np.arange(200, 451, 10)  # of the fitted power law: the published exponents hold there
@@ -33,10 +33,8 @@ DEGREE = 6  # of the fitted polynomial
 def measure(case: Case, trace: Trace) -> dict[str, float]:
     """Leading peaks of downward bead velocities and of contact forces above the static forces."""
     bead = _beads(case)
-    if trace.velocity_m_s is None:
-        raise ValueError("no state recorded; set run.record to forces and state")
     force = trace.force_N[:, bead] - trace.force_N[0, bead]
-    return _values(trace.time_s, -trace.velocity_m_s[:, bead], force)
+    return _values(trace.time_s, velocity_down(trace)[:, bead], force)
 
 
 def theory(case: Case) -> dict[str, float]:
@@ -48,8 +46,6 @@ def theory(case: Case) -> dict[str, float]:
 def motion_by_modes(chain: Chain, time_s: Array, bodies: NDArray[np.int_]) -> tuple[Array, Array]:
     """Small motions about equilibrium from the velocities at time 0, as a sum of modes.
 
-    ``m_j u_j'' = K_j (u_j-1 - u_j) - K_j+1 (u_j - u_j+1)``: a symmetric tridiagonal matrix for ``sqrt(m) u``.
-
     Args:
         chain: straight, with all contacts closed.
         time_s: shape (samples,).
@@ -59,12 +55,9 @@ def motion_by_modes(chain: Chain, time_s: Array, bodies: NDArray[np.int_]) -> tu
         Upward velocities of these bodies, and forces of the contacts below them above the static forces. Shape
         (samples, wanted), each.
     """
-    root, spring = np.sqrt(chain.mass_kg), contact_stiffness(chain.stiffness, chain.overlap_m)
-    diagonal = (spring + np.append(spring[1:], 0.0)) / chain.mass_kg
-    squares, modes = eigh_tridiagonal(diagonal, -spring[1:] / (root[1:] * root[:-1]))
-    frequency = np.sqrt(squares)
-    part = modes.T @ (root * chain.velocity_m_s)
-    shape = modes / root[:, np.newaxis]
+    modes, mass, spring = modes_of(chain), chain.mass_kg, springs_N_m(chain)
+    frequency, shape = 2 * np.pi * modes.frequency_Hz, modes.shape
+    part = shape.T @ (mass * chain.velocity_m_s) / (mass @ shape**2)
     shortened = np.diff(shape, axis=0, prepend=0.0)[bodies] * spring[bodies, np.newaxis]
     phase = np.outer(time_s, frequency)
     return (np.cos(phase) * part) @ shape[bodies].T, -(np.sin(phase) * (part / frequency)) @ shortened.T

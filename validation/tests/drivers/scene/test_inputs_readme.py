@@ -38,6 +38,7 @@ SCENE_TABLES: dict[str, tuple[str, type[BaseModel]]] = {
     "Top level": ("", model.SceneFile),
     "`[chain]`": ("chain", model.ChainTable),
     "`chain.sensors`": ("chain.sensors.0", model.Sensor),
+    "`[[chain.pattern]]`": ("chain.pattern.0", model.Member),
     "`[[chain.bead]]`": ("chain.bead.0", model.Bead),
     "`[striker]`": ("striker", model.Striker),
     "`[wall]`": ("wall", model.Wall),

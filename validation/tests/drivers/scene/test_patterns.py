@@ -18,7 +18,7 @@ from validation.checks import FAIL
 from validation.tests.helpers.runs import finished, need
 from validation.tests.helpers.scenes import case_of
 
-SMALL = ("chain.sensors=[]", "chain.mass=", "run.duration=0.2 ms")
+KEYS = ("chain.sensors=[]", "chain.mass=", "run.duration=0.2 ms")
 DIMER = "chain.pattern=[{}, {material='steel', diameter='3 mm'}]"
 
 
@@ -40,15 +40,15 @@ def random_patterned(number: int, *settings: str) -> Case:
         "wall=",
     )
     keys += [each for each in further if draw.random() < 0.5]
-    return case_of("fig4", *keys, f"striker.speed={10 ** draw.uniform(-2, 0.5):.4g} m/s", *SMALL[2:], *settings)
+    return case_of("fig4", *keys, f"striker.speed={10 ** draw.uniform(-2, 0.5):.4g} m/s", *KEYS[2:], *settings)
 
 
 def test_a_pattern_is_the_table_of_its_beads() -> None:
     members = [f"{{from_wall={place}, material='steel', diameter='3 mm'}}" for place in range(2, 21, 2)]
-    short = case_of("fig4", *SMALL, DIMER, "chain.bead=[{from_wall=['3', '7-9'], mass='0.2 g'}]")
+    short = case_of("fig4", *KEYS, DIMER, "chain.bead=[{from_wall=['3', '7-9'], mass='0.2 g'}]")
     others = [f"{{from_wall={place}, mass='0.2 g'}}" for place in (3, 7, 9)]
     members[3] = members[3].replace("}", ", mass='0.2 g'}")
-    long = case_of("fig4", *SMALL, f"chain.bead=[{', '.join([*members, *others])}]")
+    long = case_of("fig4", *KEYS, f"chain.bead=[{', '.join([*members, *others])}]")
     for engine in ("liggghts", "yade", "lammps", "verlet", "reference"):
         assert load_engine(engine).render(short).files == load_engine(engine).render(long).files
 
@@ -102,7 +102,7 @@ def test_accuracy_asked_is_accuracy_kept(number: int) -> None:
         ("chain.pattern=[{size='1 mm'}]", "chain.pattern.0.size: unknown key"),
         ("chain.pattern=[{diameter='0 mm'}]", "chain.pattern.0.diameter: found"),
         (f"chain.pattern=[{'{}, ' * 22}]", "chain.pattern: found 22 members; allowed: at most 21"),
-        ("chain.taper=0", "chain.taper: found 0; allowed: above 0"),
+        ("chain.taper=0", "chain.taper: found 0; allowed: 0.01 or more"),
         ("chain.taper=nan", "chain.taper: found nan"),
         ("chain.taper=0.1", "a ratio closer to 1, or fewer beads"),
         ("chain.taper_to=-1 mm", "chain.taper_to: found"),

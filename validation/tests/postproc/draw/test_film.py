@@ -145,12 +145,12 @@ def test_cells_keep_the_largest_force() -> None:
     force = np.random.default_rng(3).random((1001, 37))
     none = np.zeros(1001)
     trace = Trace(1e-6 * np.arange(1001.0), force, none, none, none)
-    time_s, contact, cells_N = cells_of(trace, 100, 10)
+    time_s, contact, cells_N = cells_of(trace.time_s, force, 100, 10)
     assert cells_N.shape == (len(contact), len(time_s)) == (10, 91)
     assert cells_N[2, 5] == force[55:66, 8:12].max()
     assert cells_N[-1, -1] == force[990:, 36:].max()
     assert (contact[2], time_s[5]) == (9, 1e-6 * 55)
-    assert (cells_of(trace, 5000, 50)[2] == force.T).all()
+    assert (cells_of(trace.time_s, force, 5000, 50)[2] == force.T).all()
 
 
 def test_open_contacts_are_grey_and_cells_are_at_their_times_and_contacts() -> None:

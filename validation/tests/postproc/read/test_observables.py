@@ -10,6 +10,7 @@ from validation.tests.helpers.scenes import case_of
 
 SCENES = (
     ("fig4",), ("fig5", "contact.restitution=0.9"), ("fig5", "sensor.time_constant=1 ms"), ("steel-chain", "wall="),
+    ("fig6d", "chain.sensors=[{from_wall=14}, {from_wall=8}]", "run.duration=0.6 ms"),
 )  # fmt: skip
 
 
@@ -66,6 +67,25 @@ def test_a_train_is_distinguished_from_its_reflection(mass: str, speed: str, pla
     seen = observe(far.layout, exact(far).trace)
     assert 3 <= values[f"bead_{upper}_pulses"] <= seen[f"bead_{40 + upper}_pulses"]
     assert seen[f"bead_{40 + upper}_pulses"] >= 8
+
+
+@pytest.mark.parametrize(("mass", "share"), [("0.2452 g", 0.142), ("0.4904 g", 0.387)])
+def test_the_second_wave_of_a_train_has_its_known_share_of_the_first(mass: str, share: float) -> None:
+    """Strikers of two and four bead masses; the contacts are open between the waves, and the front comes first."""
+    case = case_of("wave-train", "chain.sensors=[{from_wall=20}]", f"striker.mass={mass}")
+    values = observe(case.layout, exact(case).trace)
+    first, second = values["bead_20_amplitude_N"], values["bead_20_second_amplitude_N"]
+    assert second / first == pytest.approx(share, abs=5e-4)
+    assert 0 <= values["bead_20_valley_N"] < 1e-5 * first
+    assert values["bead_20_front_arrival_s"] < values["bead_20_arrival_s"] < values["bead_20_second_arrival_s"]
+    assert "contact_loss_s" not in values, "nothing is pressed together at time 0"
+
+
+def test_a_strong_wave_opens_contacts_behind_it_and_a_weak_one_does_not() -> None:
+    strong = case_of("fig4")
+    weak = case_of("fig4", "striker.speed=1 cm/s", "chain.precompression=1 N")
+    assert 0 < observe(strong.layout, exact(strong).trace)["contact_loss_s"] < 8e-4
+    assert isnan(observe(weak.layout, exact(weak).trace)["contact_loss_s"])
 
 
 @pytest.mark.parametrize("weak", [0.2, 0.05, 0.005])

@@ -21,13 +21,17 @@ from drivers.scene.read_scene import read_scene
 from postproc.read.motion import trace_with_state
 from validation.claims.cases import MEASURES, Independent, pose, read_independent
 from validation.claims.judged import IN_REPO
-from validation.claims.measures import linear, weak
+from validation.claims.measures import bands, linear, weak
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import case_of
 
-OTHER_MEASURES = ("small signal", "collision", "weak strike")
+WAVES = ("small signal", "collision", "weak strike", "precompressed wave", "decorated chain", "taper")
+OTHER_MEASURES = (*WAVES, "bands", "impurity", "driven")
 CASES = {entry.id: entry for entry in read_independent() if entry.measure in OTHER_MEASURES}
 SMALL, QUICK = "linear-limit-1mN", "linear-limit-13mN"
+CUTOFF, BANDS, HEAVY, TUNED, DRIVEN = (
+    "cutoff-in-spectrum", "dimer-bands", "heavy-impurity", "precompressed-ptfe", "transfer-in-band"
+)  # fmt: skip
 AT_CONTACT, AT_BEAD, WEAK = "head-on-at-contact", "head-on-at-bead", "weak-strike-under-gravity"
 
 
@@ -93,6 +97,14 @@ def test_the_codes_pass(engine: str, name: str, shared_runs: Path) -> None:
         (WEAK, ["gravity=9.7 m/s^2"], {"force_20_deep_N", "arrival_450_deep_s"}),
         (WEAK, ["gravity=", "chain.precompression=0.3 N"], {"velocity_exponent", "force_exponent", "arrival_exponent"}),
         (WEAK, ["materials.ptfe.youngs_modulus=1.47 GPa"], {"force_100_deep_N", "arrival_450_deep_s"}),
+        (CUTOFF, ["chain.precompression=20.02 N"], {"highest_Hz"}),
+        (CUTOFF, ["chain.bead="], {"lines"}),
+        (BANDS, ["materials.steel.youngs_modulus=203.2 GPa"], {"below_gap_Hz", "above_gap_Hz", "highest_Hz"}),
+        (BANDS, ["wall.material=rigid"], {"below_gap_Hz", "highest_Hz"}),
+        (HEAVY, [CASES[HEAVY].set[2].replace("8 g", "8.01 g")], {"transmitted_share"}),
+        (TUNED, ["chain.mass=0.12261 g"], {"speed_over_exact"}),
+        (DRIVEN, ["chain.precompression=20.001 N"], {"near_gain", "far_gain"}),
+        (DRIVEN, ["drive.force=-0.3001 mN"], {"near_gain", "far_gain"}),
     ],
 )  # fmt: skip
 def test_a_run_of_another_chain_is_red(name: str, settings: list[str], reds: set[str]) -> None:
@@ -141,6 +153,9 @@ def test_an_engine_with_springs_of_constant_stiffness_is_red() -> None:
         (AT_CONTACT, ["run.duration=2.5 ms"], "1 waves within the run"),
         (AT_CONTACT, ["chain.count=60", "chain.bead=[{ from_wall = 1, velocity = '1 m/s' }]"], "none 40 "),
         (WEAK, ["run.duration=2 ms"], "no leading peak at this depth"),
+        (CUTOFF, ["run.duration=50 us"], "fewer than two lines"),
+        (TUNED, ["run.duration=0.4 ms"], "no wave within"),
+        (TUNED, ["chain.sensors=[{ from_wall = 40 }]"], "fewer than two sensors"),
         (WEAK, ["run.sample_interval=80 us", "run.time_step=2 us"], "run.sample_interval is too long"),
         (WEAK, ["chain.count=300", "chain.bead=[{ from_wall = 300, velocity = '-5 um/s' }]"], "too few for a depth"),
     ],
@@ -149,6 +164,35 @@ def test_runs_that_show_nothing_say_so(name: str, settings: list[str], words: st
     case = with_settings(name, *settings)
     with pytest.raises(ValueError, match=words):
         MEASURES[CASES[name].measure].measure(case, IN_REPO["reference"](case))
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "words"),
+    [
+        (TUNED, ["chain.precompression="], "without precompression"),
+        (TUNED, ["chain.bead=[{ from_wall = 9, mass = '1 g' }]"], "of unequal beads"),
+        (HEAVY, ["chain.bead=[{ from_wall = 70, velocity = '-1 um/s' }]"], "not one bead of another mass"),
+        (DRIVEN, ["run.duration=4 ms"], "too short to separate"),
+        (DRIVEN, ["drive.cycles=9"], "no sine force that lasts"),
+    ],
+)
+def test_a_theory_of_other_chains_is_refused(name: str, settings: list[str], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        MEASURES[CASES[name].measure].theory(with_settings(name, *settings))
+
+
+def test_lines_are_found_between_the_samples_of_a_spectrum() -> None:
+    time, true = np.linspace(0.0, 0.04, 4000, endpoint=False), np.array([1234.5, 1467.8, 9876.54])
+    phases = 2 * np.pi * np.outer(time, true) + np.array([0.3, 1.0, 2.0])
+    signal = np.sin(phases) @ np.array([[1.0], [0.02], [0.01]])
+    assert bands.lines_Hz(time, signal) == pytest.approx(true, rel=5e-6)
+
+
+@pytest.mark.parametrize(("mass", "share"), [("12 g", 1 / 3), ("8 g", 1 / 2), ("1 g", 4 / 7)])
+def test_what_passes_an_impurity_in_the_end(mass: str, share: float) -> None:
+    beads = f"chain.bead=[{{ from_wall = 500, mass = '{mass}' }}, {{ from_wall = 503, velocity = '-10 um/s' }}]"
+    case = with_settings(HEAVY, "chain.count=1000", "chain.origin=-5 m", beads, "run.duration=15 ms")
+    assert MEASURES["impurity"].theory(case)["transmitted_share"] == pytest.approx(share, rel=1e-5)
 
 
 def test_a_run_without_state_says_so() -> None:

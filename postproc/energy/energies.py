@@ -1,0 +1,147 @@
+"""Energy of each body and contact of a straight chain against time, above its state at time 0.
+
+With the displacements u of the bodies since time 0, the overlaps d and their changes ``x_j = u_{j-1} - u_j``, the
+equations of motion are ``m v_j' = G_j - G_{j+1} + r_j`` with ``G_j = F_j - F_j(0)``, the contact force beyond the
+elastic force at time 0, and the net load r at time 0, which is zero in equilibrium. So the energies are
+
+* kinetic energy of body j, ``m v_j^2 / 2``, and the potential of its net load, ``-r_j u_j``;
+* elastic energy of contact j, ``E(d_j + x_j) - E(d_j) - F_j(0) x_j``: Hertz's energy less the work of the static force,
+  so that a strong precompression does not hide a weak wave;
+* energy dissipated in contact j, the integral of ``(F_j - k d^(3/2)) d'``;
+* energy that body j passes to the contact below it, the integral of ``-G_j v_j``.
+
+Kinetic, potential and elastic energies add up to the total energy of the trace, up to its value of the potential at
+time 0. The energy of a body includes half of the elastic energy of the contact above it and half of that below it; a
+contact at the wall belongs to body 1.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from drivers.base import paths
+from drivers.base.errors import InputError
+from drivers.chain.chain import Array, Chain
+from drivers.chain.contact_law import hertz_energy_beyond_tangent, hertz_force
+from drivers.chain.trace import Trace, overlaps
+from drivers.run.run_folder import EndedRun
+from postproc.read.motion import chain_of, motion_of
+from postproc.read.signals import integral
+
+LEFT_SHARE = 0.01  # of the largest energy of a range: with less the energy has left
+
+
+@dataclass(frozen=True)
+class Energies:
+    """Energies in J of shape (samples, bodies); contact j lies under body j.
+
+    Attributes:
+        time_s: sample times. Shape (samples,).
+        kinetic_J: kinetic energy of each body.
+        load_J: potential of the load on each body that is not balanced at time 0.
+        elastic_J: elastic energy of each contact since time 0, less the work of the static force.
+        dissipated_J: energy dissipated in each contact since time 0; zero for elastic contacts.
+        passed_J: energy that each body has passed to the contact below it since time 0.
+    """
+
+    time_s: Array
+    kinetic_J: Array
+    load_J: Array
+    elastic_J: Array
+    dissipated_J: Array
+    passed_J: Array
+
+    @property
+    def body_J(self) -> Array:
+        """Energy of each body, with half of the elastic energy of its contacts, and all of that at the wall."""
+        below, above = self.elastic_J / 2, np.zeros_like(self.elastic_J)
+        below[:, 0] *= 2
+        above[:, :-1] = self.elastic_J[:, 1:] / 2
+        return np.asarray(self.kinetic_J + self.load_J + below + above)
+
+    @property
+    def sums_J(self) -> dict[str, Array]:
+        """Sums of all bodies and contacts by name, each of shape (samples,)."""
+        parts = {
+            "kinetic": self.kinetic_J,
+            "elastic": self.elastic_J,
+            "potential of the net load": self.load_J,
+            "dissipated": self.dissipated_J,
+        }
+        return {name: values.sum(axis=1) for name, values in parts.items()}
+
+
+def run_energies(run: EndedRun) -> Energies:
+    """Energies of a run.
+
+    Raises:
+        InputError: the beads move sideways; the run recorded no positions, or a file is missing or damaged.
+    """
+    _, chain = chain_of(run)
+    if chain.lateral is not None:
+        allowed = "a straight chain; forces.parquet has the total energies of all runs"
+        raise InputError(paths.shown(run.folder), "", "a scene whose beads move sideways", allowed)
+    return energies_of(chain, motion_of(run))
+
+
+def energies_of(chain: Chain, trace: Trace) -> Energies:
+    """Energies of a straight chain from a trace with heights and velocities.
+
+    Raises:
+        ValueError: the chain is three-dimensional, or the trace has no heights and velocities.
+    """
+    if chain.lateral is not None or trace.height_m is None or trace.velocity_m_s is None:
+        raise ValueError("a three-dimensional chain, or a trace without heights and velocities")
+    time_s, velocity = trace.time_s, trace.velocity_m_s
+    overlap, static_N = overlaps(chain, trace.height_m), chain.elastic_N
+    net_N = static_N - np.append(static_N[1:], 0.0) + chain.load_N
+    dissipated = np.zeros_like(overlap)
+    if chain.damped:
+        closing = np.append(np.zeros((len(time_s), 1)), velocity[:, :-1], axis=1) - velocity
+        lost_N = trace.force_N - hertz_force(chain.stiffness, np.maximum(overlap, 0.0))
+        dissipated = _integrals(time_s, lost_N * closing)
+    return Energies(
+        time_s=time_s,
+        kinetic_J=0.5 * chain.mass_kg * velocity**2,
+        load_J=-net_N * (trace.height_m - chain.height_m),
+        elastic_J=hertz_energy_beyond_tangent(chain.stiffness, chain.overlap_m, overlap - chain.overlap_m),
+        dissipated_J=dissipated,
+        passed_J=_integrals(time_s, (static_N - trace.force_N) * velocity),
+    )
+
+
+def range_energy_J(energies: Energies, lowest: int, highest: int) -> Array:
+    """Energy of the bodies from ``lowest`` to ``highest``, counted from the wall, both included. Shape (samples,).
+
+    Raises:
+        InputError: the chain has no such bodies.
+    """
+    bodies = energies.kinetic_J.shape[1]
+    if not 1 <= lowest <= highest <= bodies:
+        raise InputError("--beads", "", f"{lowest}-{highest}", f"a range from 1 to {bodies}, such as 1-{bodies}")
+    return np.asarray(energies.body_J[:, lowest - 1 : highest].sum(axis=1))
+
+
+def range_numbers(energies: Energies, lowest: int, highest: int) -> dict[str, float]:
+    """Numbers of a range of bodies by name, with the unit at the end.
+
+    These are the largest energy and its time; the share of the energy of all bodies at the end; the first time, after
+    half of the largest energy has been reached, at which ``LEFT_SHARE`` of it is left, NaN if it stays until the end;
+    and the largest energy that the lowest body has passed downwards.
+    """
+    energy = range_energy_J(energies, lowest, highest)
+    top, all_J = int(np.argmax(energy)), float(energies.body_J[-1].sum())
+    entered = int(np.argmax(energy >= energy[top] / 2))
+    left = energy[entered:] <= LEFT_SHARE * energy[top]
+    return {
+        "largest_J": float(energy[top]),
+        "largest_s": float(energies.time_s[top]),
+        "share_at_end": float(energy[-1]) / all_J if all_J else np.nan,
+        "left_s": float(energies.time_s[entered + int(np.argmax(left))]) if left.any() else np.nan,
+        "passed_J": float(energies.passed_J[:, lowest - 1].max()),
+    }
+
+
+def _integrals(time_s: Array, power_W: Array) -> Array:
+    """Running integral of each column. Shape (samples, bodies)."""
+    return np.column_stack([integral(time_s, column) for column in power_W.T])

@@ -1,0 +1,1 @@
+"""Tests of linear theory and spectra."""

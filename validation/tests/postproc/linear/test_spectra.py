@@ -1,0 +1,97 @@
+"""Tests of spectra, transfer functions and harmonics, on made-up signals and on a weakly struck chain."""
+
+import json
+from math import pi
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.chain.schemes import exact_of
+from postproc.linear.modes import modes_of
+from postproc.linear.spectra import WINDOWS, harmonics_of, spectrum_of, transfer_of
+from validation.tests.helpers.commands import beads
+from validation.tests.helpers.scenes import case_of
+
+TIME_S = np.arange(2000) * 1e-6
+
+
+@pytest.mark.parametrize("window", WINDOWS)
+def test_a_sine_shows_its_amplitude(window: str) -> None:
+    spectrum = spectrum_of(TIME_S, 5 + 0.7 * np.sin(2 * pi * 10e3 * TIME_S), window)
+    place = int(np.argmax(spectrum.amplitude))
+    assert spectrum.frequency_Hz[place] == pytest.approx(10e3, rel=1e-12)
+    assert spectrum.amplitude[place] == pytest.approx(0.7, rel=1e-6)
+    assert spectrum.resolution_Hz == pytest.approx(500.0, rel=1e-9)
+
+
+def test_harmonics_are_exact_over_whole_periods() -> None:
+    signal = 3.0 + sum(a * np.sin(2 * pi * n * 7.3e3 * TIME_S + p) for n, a, p in ((1, 2.0, 0.4), (2, 0.1, -1.1)))
+    first, second, third, *_ = harmonics_of(TIME_S, signal, 7.3e3)
+    assert (first.amplitude, first.phase_rad) == pytest.approx((2.0, 0.4), rel=1e-10)
+    assert (second.amplitude, second.phase_rad) == pytest.approx((0.1, -1.1), rel=1e-10)
+    assert third.amplitude < 1e-12
+    with pytest.raises(ValueError, match="shorter than a period"):
+        harmonics_of(TIME_S, signal, 400.0)
+    with pytest.raises(ValueError, match="samples a period"):
+        harmonics_of(TIME_S, signal, 400e3)
+
+
+def test_a_delay_is_a_phase() -> None:
+    pulse = np.exp(-(((TIME_S - 6e-4) / 5e-5) ** 2))
+    late = 0.5 * np.exp(-(((TIME_S - 6.2e-4) / 5e-5) ** 2))
+    frequency, transfer = transfer_of(TIME_S, pulse, late, "boxcar")
+    band = (frequency > 0) & (frequency < 5e3)
+    np.testing.assert_allclose(np.abs(transfer[band]), 0.5, rtol=1e-6)
+    np.testing.assert_allclose(np.angle(transfer[band]), -2 * pi * frequency[band] * 2e-5, atol=1e-6)
+    assert np.isnan(transfer[-1])
+
+
+def test_lines_of_a_weakly_struck_chain_are_its_modes() -> None:
+    settings = (
+        "chain.count=8",
+        "run.duration=60 ms",
+        "run.sample_interval=20 us",
+        "chain.bead=[{from_wall=8, velocity='-1 um/s'}]",
+    )
+    case = case_of("small-signal", *settings)
+    trace = exact_of(case, 1e-9)
+    spectrum = spectrum_of(trace.time_s, trace.force_N[:, 0] - trace.force_N[0, 0], "blackmanharris")
+    inner = (spectrum.amplitude[1:-1] > spectrum.amplitude[:-2]) & (spectrum.amplitude[1:-1] > spectrum.amplitude[2:])
+    lines = np.flatnonzero(inner & (spectrum.amplitude[1:-1] > 1e-3 * spectrum.amplitude.max())) + 1
+    np.testing.assert_allclose(
+        spectrum.frequency_Hz[lines], modes_of(case.chain).frequency_Hz, atol=spectrum.resolution_Hz
+    )
+
+
+def test_the_command_measures_a_driven_run(tmp_path: Path) -> None:
+    runs = ("--runs", tmp_path / "runs")
+    made = beads("run", "driven-steel", "--engine", "verlet", *runs, "--set", "drive.window=none")
+    folder = made.stdout.split()[0]
+    found = json.loads(beads("spectrum", folder, "--until", "0.625 ms", "--json", *runs).stdout)
+    first = found["harmonics"]["drive"][0]
+    assert (first["frequency_Hz"], first["amplitude"]) == pytest.approx((8e3, 5.0), rel=1e-6)
+    drawn = beads("spectrum", folder, *runs, "--results", tmp_path)
+    assert "transfer from drive to wall" in drawn.stdout
+    assert len(list(tmp_path.glob("spectrum-*.csv"))) == 1
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "message"),
+    [
+        ("--to", "bead_3", 'found "bead_3"; allowed: drive, bead_15, bead_5, wall'),
+        ("--window", "kaiser", 'found "kaiser"; allowed: hann, boxcar'),
+        ("--since", "1", 'found "1"; allowed: a quantity in s'),
+        ("--since", "-1 ms", "zero or more"),
+        ("--since", "0.99 ms", "at least 16 are needed"),
+        ("--frequency", "10 Hz", "shorter than a period"),
+        ("--frequency", "0 Hz", "above zero"),
+    ],
+)
+def test_wrong_options_are_refused_in_one_line(option: str, value: str, message: str, tmp_path: Path) -> None:
+    runs = ("--runs", tmp_path)
+    folder = beads("run", "driven-steel", "--engine", "verlet", *runs).stdout.split()[0]
+    answer = beads("spectrum", folder, option, value, *runs, "--results", tmp_path)
+    assert answer.returncode == 2
+    assert message in answer.stderr
+    assert answer.stderr.count("\n") == 1
