@@ -124,7 +124,7 @@ def _quantity(what: str, unit: str, example: str, least: float, most: float, *, 
 # generous bounds, from colloids to boulders
 Length = Annotated[float, _quantity("a length above zero", "m", "4.76 mm", 1e-9, 1e3)]
 Gap = Annotated[float, _quantity("a length of zero or more", "m", "10 um", 1e-30, 1e12, zero=True)]
-Angle = Annotated[float, _quantity("an angle from 0 to 90 deg", "rad", "30 deg", 1e-9, 1.5707963267948968, zero=True)]
+Angle = Annotated[float, _quantity("an angle from 0 to 90 deg", "deg", "30 deg", 1e-9, 90, zero=True)]
 Height = Annotated[float, _quantity("a height", "m", "0.1 m", -1e12, 1e12)]
 Mass = Annotated[float, _quantity("a mass above zero", "kg", "0.1226 g", 1e-24, 1e12)]
 MassSpread = Annotated[float, _quantity("a mass of zero or more", "kg", "0.0008 g", 1e-30, 1e12, zero=True)]

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from math import degrees, sqrt
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -157,7 +157,8 @@ class Case:
             shape = "flat face" if striker.shape == "flat" else "sphere"
             words += f", struck by a {shape} of {striker.material} at {striker.speed:g} m/s"
         if self.scene.chain.angle:
-            words += f"; leaning by {degrees(self.scene.chain.angle):.6g} deg"
+            leaning = f"leaning by {self.scene.chain.angle:g} deg"
+            words += f"; {leaning}: z is the axis, gravity along it {chain.gravity_m_s2:.4g} m/s^2"
         if chain.drive is not None:
             words += f"; {drive_words(self.scene)}"
         if chain.damped:

@@ -5,7 +5,6 @@ touch the tube, slip or turn.
 """
 
 from dataclasses import dataclass
-from math import degrees
 
 import numpy as np
 
@@ -39,9 +38,9 @@ def choose_elements(scene: Scene, chain: Chain) -> tuple[ModellingElement, ...]:
     striker, scatter = scene.striker, scene.chain.mass_scatter
     ordinary = ordinary_beads(scene).mass_kg if scene.chain.sensors else np.zeros(0)
     unlike = len([each for each in scene.chain.sensors if each.mass not in (None, ordinary[each.from_wall - 1])])
-    angle = degrees(scene.chain.angle or 0.0)
-    leaning = f"{scene.axial_gravity:g} m/s^2 along the axis, which leans by {angle:.6g} deg"
-    across = "horizontal chain: gravity acts across the axis, along which alone the beads move"
+    gravity, angle = f"{scene.axial_gravity:g} m/s^2", scene.chain.angle
+    gravity += f" along the axis, which leans by {angle:g} deg" if angle else ""
+    across = "horizontal: gravity acts across the axis, along which alone the beads of a straight chain move"
     wall = "rigid half-space" if chain.wall == RIGID else f"half-space of {chain.wall}"
     shape = "flat face" if striker and striker.shape == "flat" else "sphere"
     alike = "sensor beads weigh as much as the others" if scene.chain.sensors else "no bead carries a sensor"
@@ -49,12 +48,7 @@ def choose_elements(scene: Scene, chain: Chain) -> tuple[ModellingElement, ...]:
     if isinstance(chain.law, Viscoelastic):
         damped += f", by a damping ratio of {chain.law.damping_ratio:.6g}"
     table = [
-        (
-            "gravity",
-            scene.axial_gravity,
-            leaning if angle else f"{scene.gravity:g} m/s^2",
-            across if scene.gravity else NONE,
-        ),
+        ("gravity", scene.axial_gravity, gravity, across if scene.gravity else NONE),
         ("wall", chain.wall, f"{wall}, Hertz law with R* = R", "a free chain"),
         ("striker", striker, striker and f"{shape} of {striker.material} at {striker.speed:g} m/s", NONE),
         ("precompression", chain.precompression_N, f"{chain.precompression_N:g} N on the top bead", NONE),

@@ -24,7 +24,7 @@ def ordinary_beads(scene: Scene) -> Beads:
     member, taper = np.arange(table.count) % len(members), table.taper_at(np.arange(1.0, table.count + 1))
     materials = [each.material or table.material for each in members]
     diameters = [each.diameter or table.diameter for each in members]
-    masses = [each.mass or bead_mass(scene, each) for each in members] if table.count else [0.0]
+    masses = [bead_mass(scene, each) for each in members] if table.count else [0.0]
     return Beads(
         [materials[place] for place in member.tolist()],
         np.array(diameters)[member] * taper,
@@ -56,14 +56,11 @@ def beads_of(scene: Scene) -> Beads:
     return Beads(materials, diameters, masses)
 
 
-def bead_mass(scene: Scene, member: Member | None = None) -> float:
-    """Mass of an ordinary bead, or of a member of the pattern without a mass, in kg."""
+def bead_mass(scene: Scene, member: Member) -> float:
+    """Mass of a member of the pattern without taper, in kg."""
     table = scene.chain
-    material = (member and member.material) or table.material
-    diameter = (member and member.diameter) or table.diameter
-    if table.mass is not None and (material, diameter) == (table.material, table.diameter):
-        return table.mass
-    return sphere_mass(scene, material, diameter)
+    given = member.mass or (table.mass if table.is_like(member) else None)
+    return given or sphere_mass(scene, member.material or table.material, member.diameter or table.diameter)
 
 
 def sphere_mass(scene: Scene, material: str, diameter_m: float) -> float:

@@ -3,8 +3,7 @@
 Beads are counted from the wall, as in the paper: bead 1 rests on the wall.
 """
 
-import re
-from math import cos, isfinite, pi
+from math import cos, isfinite, radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -14,12 +13,10 @@ from drivers.base import units
 from drivers.laws import LAWS
 from drivers.laws.law import ContactLaw
 from drivers.laws.viscoelastic import Viscoelastic
+from drivers.scene.bead_entries import ByBead, InOneList, OfBead
 from drivers.scene.drive_table import DriveTable, StoredDrive
-from drivers.scene.part import MAX_BEADS, FromWall, Name, Part, Text, Title
+from drivers.scene.part import MAX_BEADS, Name, Part, Text, Title
 
-RANGE = re.compile(r" *([0-9]{1,9}) *(?:- *([0-9]{1,9}) *)?")
-MAX_IN_RANGE = 100_000
-HORIZONTAL = pi / 2 * (1 - 1e-12)
 RIGID = "rigid"
 RIGID_PA = 1e40  # modulus of a rigid wall in decks: its part of 1/E* is below rounding
 
@@ -37,40 +34,6 @@ def _accuracy(value: object) -> object:
 
 
 Accuracy = Annotated[float | dict[str, float], BeforeValidator(_accuracy)]
-
-
-def _places(value: object) -> list[object]:
-    """Beads of a ``from_wall``: one number, a range such as ``"5-9"``, or a list of both."""
-    if isinstance(value, list | tuple):
-        return [place for each in value for place in _places(each)]
-    if isinstance(value, str) and (ends := RANGE.fullmatch(value)):
-        first, last = int(ends[1]), int(ends[2] or ends[1])
-        if 1 <= first <= last <= MAX_IN_RANGE:
-            return [*range(first, last + 1)]
-    return [value]  # refused by the type of the key, unless it is a number
-
-
-def _one_entry_a_bead(value: object) -> object:
-    """Entries with one ``from_wall`` each. Further beads of a range come last: other entries keep their index."""
-    if not isinstance(value, list | tuple):
-        return value
-    first, further = list[object](), list[object]()
-    for entry in value:
-        places = _places(entry.get("from_wall")) if isinstance(entry, dict) and "from_wall" in entry else []
-        entries = [entry | {"from_wall": place} for place in places] if isinstance(entry, dict) else []
-        first += entries[:1] or [entry]
-        further += entries[1:]
-    return [*first, *further]
-
-
-def _place(value: object) -> object:
-    if isinstance(value, str | list | tuple):
-        raise units.NotAllowedError(f'a bead such as 5, a range such as "5-9", up to {MAX_IN_RANGE}, or a list of them')
-    return value
-
-
-Place = Annotated[FromWall, BeforeValidator(_place)]
-ByBead = BeforeValidator(_one_entry_a_bead)
 
 
 def _number_with_unit(value: object) -> object:
@@ -98,21 +61,19 @@ class Material(Part):
         return float((1 - self.poisson_ratio**2) / self.youngs_modulus)
 
 
-class Sensor(Part):
+class Sensor(OfBead):
     """Bead with a force gauge; the default of ``mass`` is the mass of the other beads."""
 
-    from_wall: Place
     mass: units.Mass | None = None
 
 
-class Bead(Part):
+class Bead(OfBead):
     """Properties of one bead that differ from the others.
 
     ``gap_below`` raises the bead and all bodies above it by a gap. ``velocity`` is positive upwards;
     ``lateral_velocity`` is perpendicular to the axis.
     """
 
-    from_wall: Place
     diameter: units.Length | None = None
     mass: units.Mass | None = None
     material: Name | None = None
@@ -134,19 +95,19 @@ class ChainTable(Part):
 
     A ``pattern`` is repeated from the wall. With ``taper`` each bead has this share of the diameter of the bead below;
     with ``taper_to`` diameters change linearly to that of the top bead. A mass given for the chain or for a member is
-    that of a bead of its full diameter: tapered beads have its density. ``angle`` is that of the axis to the vertical.
+    that of a bead of its full diameter: tapered beads have its density. ``angle`` to the vertical is in degrees.
     """
 
     count: Annotated[int, Field(ge=0, le=MAX_BEADS)]
     material: Name
     diameter: units.Length
     mass: units.Mass | None = None
-    pattern: tuple[Member, ...] | None = Field(default=None, strict=False, min_length=1)
+    pattern: tuple[Member, ...] | None = Field(default=None, strict=False)
     taper: Annotated[float, Field(ge=0.01, le=10, allow_inf_nan=False)] | None = None
     taper_to: units.Length | None = None
     angle: units.Angle | None = None
-    sensors: Annotated[tuple[Sensor, ...], ByBead] = Field(default=(), strict=False)
-    bead: Annotated[tuple[Bead, ...], ByBead] = Field(default=(), strict=False)
+    sensors: Annotated[tuple[Annotated[Sensor, ByBead], ...], InOneList] = Field(default=(), strict=False)
+    bead: Annotated[tuple[Annotated[Bead, ByBead], ...], InOneList] = Field(default=(), strict=False)
     precompression: units.Force = 0.0
     mass_scatter: units.MassSpread = 0.0
     lateral_offset: units.Gap | None = None
@@ -154,12 +115,12 @@ class ChainTable(Part):
 
     @property
     def members(self) -> tuple[Member, ...]:
-        """Members of the pattern, with the material and diameter of each; one without a pattern."""
-        defaults = {"material": self.material, "diameter": self.diameter}
-        return tuple(
-            member.model_copy(update={key: getattr(member, key) or value for key, value in defaults.items()})
-            for member in self.pattern or (Member.model_construct(mass=self.mass),)
-        )
+        """Members of the pattern; without a pattern, one with the properties of the chain."""
+        return self.pattern or (Member(),)
+
+    def is_like(self, member: Member) -> bool:
+        """True if a member has the material and the diameter of the chain."""
+        return member.material in (None, self.material) and member.diameter in (None, self.diameter)
 
     def taper_at(self, from_wall: Any) -> Any:
         """Diameter of a bead, or of an array of beads, divided by that of its member without taper."""
@@ -345,8 +306,8 @@ class Scene(SceneFile):
     @property
     def axial_gravity(self) -> float:
         """Acceleration of gravity along the axis in m/s^2; none in a horizontal chain."""
-        angle = self.chain.angle or 0.0
-        return self.gravity * (cos(angle) if angle < HORIZONTAL else 0.0)
+        angle_deg = self.chain.angle or 0.0
+        return self.gravity * (cos(radians(angle_deg)) if angle_deg < 90 else 0.0)
 
     @property
     def three_dimensional(self) -> bool:

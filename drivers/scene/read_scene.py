@@ -220,7 +220,9 @@ def _named_materials(file: SceneFile) -> dict[str, str]:
     named = {"chain.material": file.chain.material}
     lists: dict[str, tuple[Bead | Member, ...]] = {"bead": file.chain.bead, "pattern": file.chain.pattern or ()}
     for what, entries in lists.items():
-        named |= {f"chain.{what}.{i}.material": each.material for i, each in enumerate(entries) if each.material}
+        for i, each in enumerate(entries):
+            if each.material:
+                named[f"chain.{what}.{each.entry if isinstance(each, Bead) else i}.material"] = each.material
     for part in ("striker", "wall", "tube"):
         table = getattr(file, part)
         if table is not None:

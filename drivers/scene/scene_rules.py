@@ -68,23 +68,7 @@ def contradictions(scene: Scene) -> Iterator[InputProblem]:
     count = chain.count
     if "forces" not in scene.run.record:
         yield "run.record", shorten(list(scene.run.record)), 'a list that contains "forces"'
-    lists: dict[str, tuple[Sensor | Bead, ...]] = {"sensors": chain.sensors, "bead": chain.bead}
-    for what, entries in lists.items():
-        places: set[int] = set()
-        for i, entry in enumerate(entries):
-            key = f"chain.{what}.{i}.from_wall"
-            if entry.from_wall > count:
-                allowed = f"1 to {count}, the beads of the chain" if count else "no entry, as the chain has no beads"
-                yield key, str(entry.from_wall), allowed
-                break  # a range may have many more
-            if entry.from_wall in places:
-                yield key, f"{entry.from_wall} twice", "each bead once"
-            places.add(entry.from_wall)
-    with_mass = {bead.from_wall for bead in chain.bead if bead.mass is not None}
-    for i, sensor in enumerate(chain.sensors):
-        if sensor.mass is not None and sensor.from_wall in with_mass:
-            found = f"a mass of bead {sensor.from_wall} both here and in chain.bead"
-            yield f"chain.sensors.{i}.mass", found, "one of the two"
+    yield from _wrong_beads(chain)
     if count == 0:
         if striker is None or wall is None:
             yield "chain.count", "0", "1 or more; 0 only with a striker and a wall"
@@ -95,7 +79,7 @@ def contradictions(scene: Scene) -> Iterator[InputProblem]:
     yield from _missing_densities(scene)
     yield from _pattern_contradictions(chain)
     tapers = chain.taper_at(1), chain.taper_at(count)
-    widest = max(member.diameter or 0.0 for member in chain.members) * max(tapers)
+    widest = max(member.diameter or chain.diameter for member in chain.members) * max(tapers)
     widest = max([widest, *(bead.diameter for bead in chain.bead if bead.diameter)])
     if tube is not None and count and tube.inner_diameter < widest:
         yield "tube.inner_diameter", f"{tube.inner_diameter:g} m", f"at least the largest bead diameter, {widest:g} m"
@@ -104,19 +88,38 @@ def contradictions(scene: Scene) -> Iterator[InputProblem]:
         yield from _tube_contradictions(scene, widest)
 
 
+def _wrong_beads(chain: ChainTable) -> Iterator[InputProblem]:
+    """Problems with the beads of the entries of a chain, one for each key."""
+    wrong: dict[str, tuple[str, str]] = {}
+    allowed = f"1 to {chain.count}, the beads of the chain" if chain.count else "no entry, as the chain has no beads"
+    lists: dict[str, tuple[Sensor | Bead, ...]] = {"sensors": chain.sensors, "bead": chain.bead}
+    for what, entries in lists.items():
+        places: set[int] = set()
+        for entry in sorted(entries, key=lambda each: each.entry):
+            key = f"chain.{what}.{entry.entry}.from_wall"
+            if entry.from_wall > chain.count:
+                wrong.setdefault(key, (str(entry.from_wall), allowed))
+            elif entry.from_wall in places:
+                wrong.setdefault(key, (f"{entry.from_wall} twice", "each bead once"))
+            places.add(entry.from_wall)
+    with_mass = {bead.from_wall for bead in chain.bead if bead.mass is not None}
+    for sensor in chain.sensors:
+        if sensor.mass is not None and sensor.from_wall in with_mass:
+            found = f"a mass of bead {sensor.from_wall} both here and in chain.bead"
+            wrong.setdefault(f"chain.sensors.{sensor.entry}.mass", (found, "one of the two"))
+    yield from ((key, *problem) for key, problem in wrong.items())
+
+
 def _missing_densities(scene: Scene) -> Iterator[InputProblem]:
-    """Problems with beads without a mass and without a density."""
-    chain, ordinary = scene.chain, (scene.chain.material, scene.chain.diameter)
-    lists = {f"chain.pattern.{i}.": member for i, member in enumerate(chain.members)} if chain.pattern else {}
-    wanted = {"chain.": chain.material} if chain.count and chain.mass is None and not chain.pattern else {}
-    for key, member in lists.items():
-        unlike = (member.material, member.diameter) != ordinary
-        if member.mass is None and (chain.mass is None or unlike):
-            wanted[key] = member.material or chain.material
-    for i, bead in enumerate(chain.bead):
+    """Problems with beads that have no mass and no density."""
+    chain, wanted = scene.chain, dict[str, str]()
+    for i, member in enumerate(chain.members if chain.count else ()):
+        if member.mass is None and (chain.mass is None or not chain.is_like(member)):
+            wanted[f"chain.pattern.{i}." if chain.pattern else "chain."] = member.material or chain.material
+    for bead in chain.bead:
         if bead.mass is None and (bead.material is not None or bead.diameter is not None):
             member = chain.members[(bead.from_wall - 1) % len(chain.members)]
-            wanted[f"chain.bead.{i}."] = bead.material or member.material or chain.material
+            wanted[f"chain.bead.{bead.entry}."] = bead.material or member.material or chain.material
     for key, material in wanted.items():
         if scene.materials[material].density is None:
             yield f"{key}mass", f"missing key; give a mass, or a density in [materials.{material}]", ""
@@ -128,8 +131,8 @@ def _pattern_contradictions(chain: ChainTable) -> Iterator[InputProblem]:
         yield "chain.taper", "both taper and taper_to", "one of the two"
     if chain.taper_to is not None and any(member.diameter for member in chain.pattern or ()):
         yield "chain.taper_to", f"{chain.taper_to:g} m for a pattern with diameters", "chain.taper"
-    if chain.pattern and len(chain.pattern) > max(chain.count, 1):
-        yield "chain.pattern", f"{len(chain.pattern)} members", f"at most {chain.count}, the beads of the chain"
+    if chain.pattern is not None and not 1 <= len(chain.pattern) <= max(chain.count, 1):
+        yield "chain.pattern", f"{len(chain.pattern)} members", f"1 to {max(chain.count, 1)}, the beads of the chain"
     if chain.taper is not None:
         with suppress(OverflowError):
             last = chain.diameter * chain.taper_at(max(chain.count, 1))
@@ -161,7 +164,7 @@ def _tube_contradictions(scene: Scene, widest: float) -> Iterator[InputProblem]:
     chain, tube, offset = scene.chain, scene.tube, scene.chain.lateral_offset
     if chain.angle:
         allowed = "an upright chain, as beads that move sideways would fall across the axis"
-        yield "chain.angle", f"{chain.angle:g} rad for beads that move sideways", allowed
+        yield "chain.angle", f"{chain.angle:g} deg for beads that move sideways", allowed
     law = scene.contact.law
     if not law.sideways:
         allowed = '"viscoelastic"; the other laws are modelled for straight chains only'

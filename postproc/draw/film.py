@@ -71,6 +71,8 @@ def film_of(run: EndedRun, frames: int, sideways: float = 1.0) -> Film:
         place, notes = np.stack([sideways * where[..., 0], where[..., 2]], axis=-1), []
     if sideways != 1:
         notes.append(f"sideways displacements {sideways:g} times as large")
+    if scene.chain.angle:
+        notes.append(f"upright in the picture: the chain leans by {scene.chain.angle:g} deg")
     force = mean_forces(run.trace.force_N)
     radius = chain.sphere_radius_m
     flat, size, tube = flat_size(scene), scene.chain.diameter, scene.tube

@@ -5,7 +5,7 @@ part. All drawn parts are to scale.
 """
 
 from dataclasses import dataclass
-from math import degrees, inf, pi
+from math import inf, pi
 from textwrap import fill
 from typing import Any
 
@@ -124,26 +124,26 @@ def draw_scene(scene: Scene, chain: Chain) -> tuple[Any, pd.DataFrame]:
 
 def _beads(scene: Scene) -> list[str]:
     """Lines of the label of the beads: material, diameter and mass of each member of the pattern."""
-    table, beads = scene.chain, ordinary_beads(scene)
-    count, last = table.count, table.count - 1
-    lines = [f"{count} bead{'s' * (count > 1)}" + (" in turn" if len(table.members) > 1 else "")]
-    for i, member in enumerate(table.members):
-        size, mass = 2 * [""]
-        for place in [i] if table.taper_at(count) == 1 or i == last else [i, last - (last - i) % len(table.members)]:
-            size += f"{' to ' * bool(size)}{_mm(float(beads.diameter_m[place]))}"
-            mass += f"{' to ' * bool(mass)}{1e3 * beads.mass_kg[place]:.4g}"
-        lines += [f"{member.material}, ⌀ {size}", f"{mass} g{' each' * (count > 1)}"]
+    beads, count, period = ordinary_beads(scene), scene.chain.count, len(scene.chain.members)
+    counted = f"{count} {'beads' if count > 1 else 'bead'}"
+    lines = [f"{counted} in turn:"] if period > 1 else []
+    for first in range(period):
+        ends = first, first + (count - 1 - first) // period * period  # they differ in a taper
+        sizes = dict.fromkeys(_mm(float(beads.diameter_m[i])) for i in ends)
+        masses = dict.fromkeys(f"{1e3 * beads.mass_kg[i]:.4g}" for i in ends)
+        lines.append(beads.materials[first] if period > 1 else f"{counted} of {beads.materials[first]}")
+        lines += [f"⌀ {' to '.join(sizes)}", f"{' to '.join(masses)} g each"]
     return lines
 
 
 def _lean(figure: Any, axis: Any, scene: Scene) -> None:
     """Turns the picture by the angle of the chain, to the left, with an arrow along gravity."""
-    angle = scene.chain.angle or 0.0
+    angle_deg = scene.chain.angle or 0.0
     (left, right), (low, high) = axis.get_xlim(), axis.get_ylim()
-    turn = Affine2D().rotate(angle)
+    turn = Affine2D().rotate_deg(angle_deg)
     for artist in [*axis.patches, *axis.lines, *axis.texts]:
         if isinstance(artist, Text):
-            artist.set(rotation=degrees(angle), rotation_mode="anchor", transform_rotates_text=False)
+            artist.set(rotation=angle_deg, rotation_mode="anchor", transform_rotates_text=False)
         artist.set_transform(turn + axis.transData)
         if isinstance(artist, Annotation):
             artist.xycoords = artist.anncoords = turn + axis.transData

@@ -13,6 +13,7 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.contact_law import hertz_force, hertz_overlap
 from drivers.chain.masses import bead_mass
+from drivers.scene.model import Member
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ def particles_of(case: Case) -> Particles:
     """Beads of a case, taken to be equal, with the density that gives their mass."""
     scene = case.scene
     material, diameter = scene.materials[scene.chain.material], scene.chain.diameter
-    density = bead_mass(scene) / (pi / 6 * diameter**3)
+    density = bead_mass(scene, Member()) / (pi / 6 * diameter**3)
     return Particles(material.youngs_modulus, material.poisson_ratio, density, diameter)
 
 

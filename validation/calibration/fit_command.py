@@ -17,6 +17,7 @@ from drivers.chain.case import build_case
 from drivers.chain.chain import Array
 from drivers.engines import codes
 from drivers.limits.refusal import inability
+from drivers.scene.bead_entries import places_of
 from drivers.scene.read_scene import read_scene
 from postproc.read.observables import describe, without_unit
 from validation.calibration.calibration_file import calibration_file
@@ -257,9 +258,8 @@ def _as_run(data: DataSet, names: Sequence[str]) -> DataSet:
     tables["run"]["duration"] = data.duration or tables["run"]["duration"]
     sensors = tables["chain"].setdefault("sensors", [])
     asked = {int(found[1]) for name in names if (found := re.match(r"bead_(\d+)_", name))}
-    new = asked - {sensor["from_wall"] for sensor in sensors}
-    sensors.extend({"from_wall": bead} for bead in new)
-    sensors.sort(key=lambda sensor: -sensor["from_wall"])
+    new = asked.difference(*(places_of(sensor["from_wall"]) for sensor in sensors))
+    sensors.extend({"from_wall": bead} for bead in sorted(new, reverse=True))
     return replace(data, tables=tables)
 
 

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from drivers.base.errors import InputError
-from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
-from drivers.chain.chain import Array
 from drivers.chain.schemes import verlet_of
 from drivers.engines import codes, load_engine
 from drivers.limits.refusal import inability
@@ -68,21 +66,24 @@ def test_a_leaning_chain_feels_the_part_of_gravity_along_its_axis() -> None:
     assert not flat.chain.load_N.any()
     assert not flat.models("gravity")
     assert "horizontal" in next(each.reason for each in flat.elements if each.name == "gravity")
-    assert "gravity" not in load_engine("liggghts").render(flat).files["chain.in"]
-    assert "leaning by 60 deg" in leaning.summary
+    for engine in codes():
+        one, other = (load_engine(engine).render(each).files for each in (flat, case_of("fig4", "gravity=")))
+        for name in one:
+            assert one[name].replace("; leaning by 90 deg: z is the axis, gravity along it 0 m/s^2", "") == other[name]
+    assert "leaning by 60 deg: z is the axis, gravity along it 4.905 m/s^2" in leaning.summary
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("number", range(6))
 def test_codes_agree_with_their_scheme(number: int, tmp_path: Path) -> None:
     case = random_patterned(number)
-    expected: Array = verlet_of(case).force_N
     for engine in codes():
         need(engine)
         if inability(case, engine) is None:
-            run = finished(case, engine, tmp_path)
-            change = np.abs(expected - expected[0]).max()
-            assert np.abs(run.trace.force_N - expected).max() < tolerance("model", "force").limit * change, engine
+            checks = budget_of(case, engine, finished(case, engine, tmp_path).trace).checks
+            model = {check.quantity: check.verdict for check in checks if check.quantity.startswith("model: ")}
+            assert model.keys() == {"model: force", "model: energy", "model: momentum"}
+            assert FAIL not in model.values(), engine
 
 
 @pytest.mark.accuracy
@@ -97,11 +98,11 @@ def test_accuracy_asked_is_accuracy_kept(number: int) -> None:
 @pytest.mark.parametrize(
     ("setting", "message"),
     [
-        ("chain.pattern=[]", "chain.pattern: found []; allowed: a list with at least 1 entry"),
+        ("chain.pattern=[]", "chain.pattern: found 0 members; allowed: 1 to 21"),
         ("chain.pattern=[{material='wood'}]", 'chain.pattern.0.material: found "wood"'),
         ("chain.pattern=[{size='1 mm'}]", "chain.pattern.0.size: unknown key"),
         ("chain.pattern=[{diameter='0 mm'}]", "chain.pattern.0.diameter: found"),
-        (f"chain.pattern=[{'{}, ' * 22}]", "chain.pattern: found 22 members; allowed: at most 21"),
+        (f"chain.pattern=[{'{}, ' * 22}]", "chain.pattern: found 22 members; allowed: 1 to 21"),
         ("chain.taper=0", "chain.taper: found 0; allowed: 0.01 or more"),
         ("chain.taper=nan", "chain.taper: found nan"),
         ("chain.taper=0.1", "a ratio closer to 1, or fewer beads"),
@@ -115,8 +116,15 @@ def test_accuracy_asked_is_accuracy_kept(number: int) -> None:
         ),
         ("chain.bead=[{from_wall='0-3', mass='1 g'}]", 'chain.bead.0.from_wall: found "0-3"'),
         ("chain.bead=[{from_wall=[], mass='1 g'}]", "chain.bead.0.from_wall: found []"),
-        ("chain.bead=[{from_wall=[3, '2-4'], mass='1 g'}]", "found 3 twice"),
-        ("chain.bead=[{from_wall='20-30', mass='1 g'}]", "found 22; allowed: 1 to 21"),
+        ("chain.bead=[{from_wall=[3, '2-4'], mass='1 g'}]", "chain.bead.0.from_wall: found 3 twice"),
+        ("chain.bead=[{from_wall='20-30', mass='1 g'}]", "chain.bead.0.from_wall: found 22; allowed: 1 to 21"),
+        (
+            "chain.bead=[{from_wall=1}, {from_wall='2-9', mass='1 m'}]",
+            ': chain.bead.1.mass: found "1 m"; allowed',
+        ),
+        ("chain.bead=[{from_wall='2-9', mas='1 g'}]", ": chain.bead.0.mas: unknown key; did you mean mass?"),
+        ("chain.bead=[{from_wall='2-9', material='wood'}]", ': chain.bead.0.material: found "wood"; allowed: alumina'),
+        ("chain.bead=[{from_wall='2-6', mass='1 g'}, {from_wall=3}]", ": chain.bead.1.from_wall: found 3 twice"),
         ("chain.bead=[{from_wall='1-999999999', mass='1 g'}]", 'chain.bead.0.from_wall: found "1-999999999"'),
     ],
 )
@@ -132,7 +140,7 @@ def test_wrong_values_are_named_in_one_line(setting: str, message: str) -> None:
     [
         (("chain.taper=0.9", "chain.taper_to=2 mm"), "both taper and taper_to"),
         (("chain.taper_to=2 mm", DIMER), "for a pattern with diameters"),
-        (("chain.angle=10 deg", "chain.lateral_offset=30 um"), "chain.angle: found 0.174533 rad for beads that move"),
+        (("chain.angle=10 deg", "chain.lateral_offset=30 um"), "chain.angle: found 10 deg for beads that move"),
     ],
 )
 def test_keys_that_exclude_each_other(settings: tuple[str, ...], message: str) -> None:

@@ -1,8 +1,10 @@
 """Scenes drawn to scale."""
 
+from math import atan2, radians
 from pathlib import Path
 
 import pytest
+from matplotlib.patches import Circle
 
 from postproc.draw.product import Product, write_product
 from postproc.draw.scene_drawing import draw_scene
@@ -70,6 +72,34 @@ def test_special_beads_are_drawn_in_a_long_chain() -> None:
     assert "bead 400: ⌀ 4 mm" in words
     for cut in ("590 beads", "386 beads"):
         assert cut in words
+
+
+def test_members_of_a_pattern_are_drawn_and_named() -> None:
+    case = case_of(
+        "fig4", "chain.mass=", "chain.sensors=[]", "chain.taper=0.98", "chain.pattern=[{}, {material='steel'}]"
+    )
+    figure, table = draw_scene(case.scene, case.chain)
+    words = " ".join(" ".join(text.get_text() for text in figure.axes[0].texts).split())
+    lightest, heaviest = table["mass_kg"][19], table["mass_kg"][1]
+    assert "21 beads in turn: ptfe ⌀ 4.76 mm to 3.178 mm" in words
+    assert f"{1e3 * heaviest:.4g} to {1e3 * lightest:.4g} g each" in words
+    colours = [patch.get_facecolor() for patch in figure.axes[0].patches if isinstance(patch, Circle)][:21]
+    assert len(set(colours)) == 2
+    assert len(set(colours[::2])) == len(set(colours[1::2])) == 1
+
+
+@pytest.mark.parametrize("angle_deg", [30, 90])
+def test_a_leaning_chain_is_drawn_at_its_angle(angle_deg: int) -> None:
+    case = case_of("fig4", f"chain.angle={angle_deg} deg")
+    figure, _ = draw_scene(case.scene, case.chain)
+    figure.canvas.draw()
+    (axis,) = figure.axes
+    centres = [each.get_transform().transform((0, 0)) for each in axis.patches if isinstance(each, Circle)]
+    across, up = centres[20] - centres[0]
+    assert atan2(-across, up) == pytest.approx(radians(angle_deg))
+    for artist in [*axis.patches, *axis.texts]:
+        assert (artist.get_window_extent().extents > -1).all()
+        assert (artist.get_window_extent().max < figure.bbox.max + 1).all()
 
 
 def test_on_the_command_line(scene_file: SceneWriter, tmp_path: Path) -> None:
