@@ -27,7 +27,9 @@ def test_a_sine_shows_its_amplitude(window: str) -> None:
 
 
 def test_harmonics_are_exact_over_whole_periods() -> None:
-    signal = 3.0 + sum(a * np.sin(2 * pi * n * 7.3e3 * TIME_S + p) for n, a, p in ((1, 2.0, 0.4), (2, 0.1, -1.1)))
+    signal = np.asarray(
+        3.0 + sum(a * np.sin(2 * pi * n * 7.3e3 * TIME_S + p) for n, a, p in ((1, 2.0, 0.4), (2, 0.1, -1.1)))
+    )
     first, second, third, *_ = harmonics_of(TIME_S, signal, 7.3e3)
     assert (first.amplitude, first.phase_rad) == pytest.approx((2.0, 0.4), rel=1e-10)
     assert (second.amplitude, second.phase_rad) == pytest.approx((0.1, -1.1), rel=1e-10)
