@@ -227,7 +227,9 @@ def section_of(scene: ComparedScene, results: Path, runs: Path | None = None) ->
         "chain": image_of(svg_of(draw_spacetime({shown: trace}).figure)) if trace else None,
         "departures": list(scene.departures.items()),
         "budget": sorted(budget, key=lambda line: order.index(line[0])),
-        "observables": [(name, *(number(values[name], 6) for values in observed)) for name in (observed or [{}])[0]],
+        "observables": [
+            (name, *(number(values.get(name, math.nan), 6) for values in observed)) for name in (observed or [{}])[0]
+        ],
         "elements": [(each.name, "in" if each.modelled else "out", each.reason) for each in case.elements],
         "decks": [
             (engine, file, text)

@@ -15,6 +15,7 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 from postproc.linear.modes import modes_of
+from validation.claims.measures.weak import loaded_springs_N_m
 
 PADDING = 4  # length of the transformed record over that of the samples
 FLOOR = 1e-6  # share of the largest power: above rounding and sums of frequencies, below every rung mode
@@ -46,7 +47,8 @@ def measure(_: Case, trace: Trace) -> dict[str, float]:
 
 
 def theory(case: Case) -> dict[str, float]:
-    """The same of the modes of the chain's springs and masses."""
+    """The same of the modes of the chain's springs and masses; ValueError for a chain without such modes."""
+    loaded_springs_N_m(case.chain)
     return _edges(modes_of(case.chain).frequency_Hz)
 
 

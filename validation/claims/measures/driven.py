@@ -16,8 +16,9 @@ from scipy.signal.windows import kaiser
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
-from postproc.linear.modes import modes_of, springs_N_m
+from postproc.linear.modes import modes_of
 from validation.claims.measures.first_waves import sensor_places
+from validation.claims.measures.weak import loaded_springs_N_m
 
 SHAPE = 20.0  # beta of the window
 CYCLES = 6.5  # half width of its main lobe, in cycles over the record: sqrt(1 + (beta / pi)^2); sidelobes below 2e-8
@@ -34,7 +35,7 @@ def measure(case: Case, trace: Trace) -> dict[str, float]:
 def theory(case: Case) -> dict[str, float]:
     """The same of the linear equations; ValueError if the record does not separate the drive from the nearest mode."""
     chain, (_, omega) = case.chain, _sine(case)
-    spring = springs_N_m(chain)
+    spring = loaded_springs_N_m(chain)
     assert chain.drive is not None
     nearest_Hz = np.abs(modes_of(chain).frequency_Hz - omega / (2 * pi)).min()
     if nearest_Hz * case.scene.run.duration < CYCLES:

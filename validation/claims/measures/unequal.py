@@ -21,9 +21,8 @@ import numpy as np
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
-from postproc.linear.modes import springs_N_m
 from validation.claims.measures.first_waves import first_wave, sensor_places, velocity_down
-from validation.claims.measures.weak import motion_by_modes
+from validation.claims.measures.weak import loaded_springs_N_m, motion_by_modes
 from validation.reference.travelling_wave import solve_travelling_wave
 
 
@@ -82,7 +81,7 @@ def _transmitted(case: Case, velocity_m_s: Array, dynamic_N: Array) -> dict[str,
     if len(odd) != 1 or np.count_nonzero(chain.velocity_m_s) != 1:
         raise ValueError("not one bead of another mass, and one struck bead")
     below = slice(0, int(odd[0]))
-    energy = chain.mass_kg[below] * velocity_m_s[below] ** 2 + dynamic_N[below] ** 2 / springs_N_m(chain)[below]
+    energy = chain.mass_kg[below] * velocity_m_s[below] ** 2 + dynamic_N[below] ** 2 / loaded_springs_N_m(chain)[below]
     return {"transmitted_share": float(energy.sum() / (chain.mass_kg @ chain.velocity_m_s**2 / 2))}
 
 

@@ -43,6 +43,14 @@ def theory(case: Case) -> dict[str, float]:
     return _values(case.sample_times_s, -velocity, force)
 
 
+def loaded_springs_N_m(chain: Chain) -> Array:
+    """Contact stiffnesses, shape (bodies,); ValueError if a contact has no static load: no motion is linear there."""
+    spring = springs_N_m(chain)
+    if chain.bodies > chain.beads or not spring.all():
+        raise ValueError("a striker, or a contact without static load: no linear motion")
+    return spring
+
+
 def motion_by_modes(chain: Chain, time_s: Array, bodies: NDArray[np.int_]) -> tuple[Array, Array]:
     """Small motions about equilibrium from the velocities at time 0, as a sum of modes.
 
@@ -55,7 +63,7 @@ def motion_by_modes(chain: Chain, time_s: Array, bodies: NDArray[np.int_]) -> tu
         Upward velocities of these bodies, and forces of the contacts below them above the static forces. Shape
         (samples, wanted), each.
     """
-    modes, mass, spring = modes_of(chain), chain.mass_kg, springs_N_m(chain)
+    modes, mass, spring = modes_of(chain), chain.mass_kg, loaded_springs_N_m(chain)
     frequency, shape = 2 * np.pi * modes.frequency_Hz, modes.shape
     part = shape.T @ (mass * chain.velocity_m_s) / (mass @ shape**2)
     shortened = np.diff(shape, axis=0, prepend=0.0)[bodies] * spring[bodies, np.newaxis]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivers.chain.case import Case
-from drivers.chain.chain import arrays_of
+from drivers.chain.chain import Array, arrays_of
 from drivers.chain.contact_law import contact_stiffness_at
 from postproc.linear.modes import SOFTENING, bands_of, modes_of, sound_speed_m_s
 from postproc.linear.modes_figure import modes_product
@@ -14,7 +14,7 @@ from validation.reference.adaptive import integrate_adaptive
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.scenes import case_of
 
-PRESSED = ("striker=", "gravity=", "wall=", "chain.sensors=[]", "chain.precompression=5 N")
+LOADS = ("striker=", "gravity=", "wall=", "chain.sensors=[]", "chain.precompression=5 N")
 
 
 def dimer(*settings: str) -> Case:
@@ -27,12 +27,10 @@ def test_modes_are_the_eigenvalues_of_the_whole_matrix() -> None:
     chain = dimer("chain.count=7").chain
     overlap, step = chain.overlap_m, 1e-7 * chain.overlap_m.min()
 
-    def net_N(
-        displacement: np.ndarray[tuple[int], np.dtype[np.float64]],
-    ) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    def net_N(displacement: Array) -> Array:
         changed = overlap - np.diff(displacement, prepend=0.0)
         force = chain.stiffness * changed**1.5
-        return force - np.append(force[1:], 0.0)
+        return np.asarray(force - np.append(force[1:], 0.0))
 
     columns = [(net_N(step * unit) - net_N(-step * unit)) / (2 * step) for unit in np.eye(7)]
     matrix = -np.column_stack(columns) / chain.mass_kg[:, np.newaxis]
@@ -84,7 +82,7 @@ def test_bands_are_read_from_ordinary_cells() -> None:
 
 def test_a_contact_that_oscillates_is_slower_by_the_square_of_its_amplitude() -> None:
     """Period of a bead on the wall under a load, by the exact motion, from crossings of its static overlap."""
-    case = case_of("fig4", *PRESSED[1:2], "chain.count=1", *PRESSED[3:], "striker=")
+    case = case_of("fig4", *LOADS[1:2], "chain.count=1", *LOADS[3:], "striker=")
     chain, ratio = case.chain, 0.05
     frequency = float(modes_of(chain).frequency_Hz[0])
     speed = -2 * pi * frequency * ratio * chain.overlap_m[0]

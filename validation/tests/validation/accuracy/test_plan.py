@@ -72,7 +72,7 @@ def test_the_exact_motion_measures_its_own_error() -> None:
 
 def test_engines_without_the_law_of_a_scene_are_not_chosen() -> None:
     power = case_of("fig4", "contact.dissipation=power", "contact.gamma=1")
-    assert capable_engines(power) == ["reference", "verlet"]
+    assert capable_engines(power) == ["reference", "verlet", "yade"]
 
 
 def test_heights_far_away_are_refused_to_codes_with_a_limit_that_holds() -> None:

@@ -174,6 +174,8 @@ def test_runs_that_show_nothing_say_so(name: str, settings: list[str], words: st
         (HEAVY, ["chain.bead=[{ from_wall = 70, velocity = '-1 um/s' }]"], "not one bead of another mass"),
         (DRIVEN, ["run.duration=4 ms"], "too short to separate"),
         (DRIVEN, ["drive.cycles=9"], "no sine force that lasts"),
+        (DRIVEN, ["chain.precompression="], "a contact without static load"),
+        (BANDS, ["chain.precompression="], "a contact without static load"),
     ],
 )
 def test_a_theory_of_other_chains_is_refused(name: str, settings: list[str], words: str) -> None:

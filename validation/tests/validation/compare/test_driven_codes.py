@@ -13,7 +13,7 @@ from validation.tests.helpers.runs import finished, run_and_compare
 from validation.tests.helpers.scenes import StandIn, case_of
 from validation.tests.validation.compare.test_sabotage import DECK, YADE, swap
 
-BARE = ("drive.frequency=", "drive.cycles=", "drive.window=", "drive.force=")
+RESET = ("drive.frequency=", "drive.cycles=", "drive.window=", "drive.force=")
 PUSH = ("drive.force=", "drive.displacement=-1.5 um")
 HEAVY = ("gravity=9.81 m/s^2", "drive.start=12.34 us")
 STRUCK = "striker={material='steel', diameter='9 mm', speed='0.2 m/s'}"
@@ -25,19 +25,19 @@ CASES = {
     "a burst of displacement": PUSH,
     "a sine at an inner bead, gravity": ("drive.from_wall=7", "drive.window=", "drive.cycles=3.3", *HEAVY),
     "a half-sine through a free chain": (
-        *BARE, *FREE, "drive.form=half-sine", "drive.duration=50 us", "drive.force=-20 N",
+        *RESET, *FREE, "drive.form=half-sine", "drive.duration=50 us", "drive.force=-20 N",
     ),
     "a half-sine displacement of a free chain": (
-        *BARE, *FREE, "drive.form=half-sine", "drive.duration=50 us", "drive.displacement=-1 um",
+        *RESET, *FREE, "drive.form=half-sine", "drive.duration=50 us", "drive.displacement=-1 um",
     ),
-    "a step": (*BARE, *HEAVY, "drive.form=step", "drive.force=-9 N"),
+    "a step": (*RESET, *HEAVY, "drive.form=step", "drive.force=-9 N"),
     "a ramp of bead 1": (
-        *BARE, *HEAVY, "drive.form=ramp", "drive.duration=60 us", "drive.displacement=1 um", "drive.from_wall=1",
+        *RESET, *HEAVY, "drive.form=ramp", "drive.duration=60 us", "drive.displacement=1 um", "drive.from_wall=1",
     ),
-    "a chirp": (*BARE, *CHIRP, "drive.force=-5 N"),
-    "a chirp of displacement": (*BARE, *CHIRP, "drive.displacement=-1.5 um", "drive.window=hann"),
-    "forces of a file": (*BARE, "drive.form=file", "drive.file=force_N.csv"),
-    "displacements of a file": (*BARE, "drive.form=file", "drive.file=displacement_nm.csv", "drive.start=10 us"),
+    "a chirp": (*RESET, *CHIRP, "drive.force=-5 N"),
+    "a chirp of displacement": (*RESET, *CHIRP, "drive.displacement=-1.5 um", "drive.window=hann"),
+    "forces of a file": (*RESET, "drive.form=file", "drive.file=force_N.csv"),
+    "displacements of a file": (*RESET, "drive.form=file", "drive.file=displacement_nm.csv", "drive.start=10 us"),
     "a driven striker": ("drive.window=", STRUCK),
     "a driven bead under a striker": (*PUSH, "drive.from_wall=15", STRUCK),
     "damped contacts, force": ("contact.damping_ratio=0.1",),

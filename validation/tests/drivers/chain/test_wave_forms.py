@@ -19,10 +19,10 @@ from postproc.read.observables import observe
 from validation.tests.helpers.scenes import case_of
 
 SCENE = "driven-steel"
-BARE = ("drive.frequency=", "drive.cycles=", "drive.window=", "drive.force=")
+RESET = ("drive.frequency=", "drive.cycles=", "drive.window=", "drive.force=")
 SINE = ("drive.window=", "drive.force=2 N", "drive.start=10 us")
 PUSH = ("drive.force=", "drive.displacement=-200 nm")
-HALF = (*BARE, "drive.form=half-sine", "drive.duration=50 us", "drive.displacement=-200 nm")
+HALF = (*RESET, "drive.form=half-sine", "drive.duration=50 us", "drive.displacement=-200 nm")
 TIMES_S = np.array([0.0, 9.9e-6, 1e-5, 3e-5, 6e-5, 1e-4, 9e-4])
 TAU_S = TIMES_S - 1e-5
 
@@ -36,7 +36,7 @@ def value_of(*settings: str) -> np.ndarray:
 def test_values_of_the_wave_forms() -> None:
     sine = 2 * np.sin(2 * np.pi * 8e3 * TAU_S) * (TAU_S >= 0)
     window = (1 - np.cos(2 * np.pi * TAU_S / 1e-4)) / 2 * (TAU_S <= 1e-4)
-    other = (*BARE, "drive.start=10 us", "drive.force=2 N", "drive.duration=0.1 ms")
+    other = (*RESET, "drive.start=10 us", "drive.force=2 N", "drive.duration=0.1 ms")
     chirp = ("drive.form=chirp", "drive.frequency=8 kHz", "drive.end_frequency=12 kHz")
     swept = 2 * np.sin(2 * np.pi * (8e3 * TAU_S + 2e7 * TAU_S**2)) * (TAU_S >= 0)
     expected = {
@@ -57,7 +57,7 @@ def test_points_of_a_file_are_stored_and_its_name_is_not(tmp_path: Path) -> None
     text = "# piezo\ntime_us,force_mN\n20,0\n50, 3000\n90,1000\n"
     for name in ("one.csv", "other.csv"):
         (tmp_path / name).write_text(text)
-    settings = (*BARE, "drive.form=file", "drive.start=10 us")
+    settings = (*RESET, "drive.form=file", "drive.start=10 us")
     one, other = (case_of(SCENE, *settings, f"drive.file={tmp_path / name}") for name in ("one.csv", "other.csv"))
     np.testing.assert_allclose(value_of(*settings, f"drive.file={tmp_path}/one.csv"), [0, 0, 0, 0, 3, 1, 1], atol=1e-12)
     assert load_engine("lammps").render(one).sha256 == load_engine("lammps").render(other).sha256
@@ -118,8 +118,8 @@ def test_the_guard_allows_for_coarse_samples_and_sees_a_wrong_force() -> None:
         (("drive.from_wall=21",), "1 to 20, the beads of the chain"),
         (("drive.start=1 s",), "below run.duration"),
         (("drive.time_s=[0.0]",), "unknown key"),
-        ((*BARE, "drive.form=step", "drive.displacement=1 nm"), '"ramp" with a drive.duration'),
-        ((*BARE, "drive.form=file"), "drive.file: missing key"),
+        ((*RESET, "drive.form=step", "drive.displacement=1 nm"), '"ramp" with a drive.duration'),
+        ((*RESET, "drive.form=file"), "drive.file: missing key"),
         ((*PUSH, "chain.bead=[{from_wall=20, velocity='1 m/s'}]"), "chain.bead.0.velocity"),
         ((*PUSH, "striker={material='steel', diameter='9 mm', speed='1 m/s'}"), "drive.from_wall of a bead"),
         (("chain.bead=[{from_wall=3, lateral_velocity='1 m/s'}]",), "a drive of a straight chain"),
@@ -149,6 +149,6 @@ def test_wrong_drives(settings: tuple[str, ...], message: str) -> None:
 def test_wrong_files(text: str, message: str, tmp_path: Path) -> None:
     (tmp_path / "points.csv").write_text(text)
     with pytest.raises(InputError, match=message):
-        case_of(SCENE, *BARE, "drive.form=file", f"drive.file={tmp_path / 'points.csv'}")
+        case_of(SCENE, *RESET, "drive.form=file", f"drive.file={tmp_path / 'points.csv'}")
     with pytest.raises(InputError, match="no such file"):
-        case_of(SCENE, *BARE, "drive.form=file", f"drive.file={tmp_path / 'none.csv'}")
+        case_of(SCENE, *RESET, "drive.form=file", f"drive.file={tmp_path / 'none.csv'}")

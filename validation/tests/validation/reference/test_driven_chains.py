@@ -18,7 +18,7 @@ KINKS_S = (0.0, 1.8e-5, 1.11e-4, 2.31e-4)  # the last two are not sample times
 
 
 def drive(body: int, *, prescribed: bool, amplitude: float) -> Drive:
-    """Nothing, a sine of growing frequency, a ramp back, nothing."""
+    """Drive by a sine of growing frequency, then a ramp back to 0."""
     rows = np.zeros((4, COLUMNS))
     rows[:, 0] = KINKS_S
     rows[1, 3:7] = amplitude, 0.0, TURN, 3e8
