@@ -120,7 +120,7 @@ def spacetime(run: str, runs: Path, results: Path) -> None:
 @click.option("--since", metavar="TIME", default="0 s", help="Begin of the record, such as '0.2 ms' (default: 0 s).")
 @click.option("--until", metavar="TIME", help="End of the record (default: that of the run).")
 @click.option("--window", metavar="NAME", default="hann", help="hann (default), boxcar, blackmanharris or flattop.")
-@click.option("--json", "json_wanted", is_flag=True, help="Print JSON and draw nothing.")
+@click.option("--json", "json_wanted", is_flag=True, help="Print JSON.")
 @options.ENGINES
 @options.RUNS_READ
 @options.RESULTS

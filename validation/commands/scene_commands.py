@@ -63,7 +63,7 @@ def draw(scene: str, settings: tuple[str, ...], results: Path) -> None:
 @options.ENGINES
 @options.RESULTS
 def modes(scene: str, settings: tuple[str, ...], results: Path) -> None:
-    """Draw the linear modes of a scene, and print bands and sound speed."""
+    """Draw linear modes of a scene, print bands and sound speed."""
     from postproc.draw.product import write_product
     from postproc.linear.modes import MAX_BEADS
     from postproc.linear.modes_figure import modes_product

@@ -154,3 +154,11 @@ def test_a_deck_by_hand_writes_a_log_and_a_run_folder_has_none(engine: str, tmp_
     (log,) = (tmp_path / "hand").glob("log.*")
     assert "timestep" in log.read_text()
     assert not [*run_case(case, engine, tmp_path / "runs").folder.glob("log.*")]
+
+
+def test_titles_of_data_files_are_short() -> None:
+    """LIGGGHTS reads a title of more than 255 characters as two lines."""
+    damped = ("chain.angle=77.5 deg", "contact.restitution=0.8", "drive.start=58.123456 us")
+    for engine in ("lammps", "liggghts"):
+        title = load_engine(engine).render(case_of("driven-steel", *damped)).files["chain.data"].partition("\n")[0]
+        assert len(title) < 255
