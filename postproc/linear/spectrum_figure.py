@@ -182,7 +182,7 @@ def _lines(found: Analysis) -> Iterator[str]:
             yield f"transfer from {found.source} to {found.target}: {ratio:.6g} {unit}, phase {turn:.5f} rad"
 
 
-def as_json(found: Analysis) -> dict[str, Any]:
+def numbers_of(found: Analysis) -> dict[str, Any]:
     """Lines as numbers: resolution, strongest lines and harmonics by signal."""
     strongest = {name: int(np.argmax(each.amplitude)) for name, each in found.spectra.items()}
     return {

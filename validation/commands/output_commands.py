@@ -120,20 +120,20 @@ def spacetime(run: str, runs: Path, results: Path) -> None:
 @click.option("--since", metavar="TIME", default="0 s", help="Begin of the record, such as '0.2 ms' (default: 0 s).")
 @click.option("--until", metavar="TIME", help="End of the record (default: that of the run).")
 @click.option("--window", metavar="NAME", default="hann", help="hann (default), boxcar, blackmanharris or flattop.")
-@click.option("--json", "json_wanted", is_flag=True, help="Print JSON.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @options.ENGINES
 @options.RUNS_READ
 @options.RESULTS
 def spectrum(
     run: str, source: str, target: str, frequency: str | None, since: str, until: str | None, window: str,
-    json_wanted: bool, runs: Path, results: Path,
+    as_json: bool, runs: Path, results: Path,
 ) -> None:  # fmt: skip
     """Draw spectra and a transfer function of the gauges of a run."""
     from drivers.chain.case import build_case
     from drivers.scene.read_scene import stored_scene
     from postproc.draw.product import write_product
     from postproc.linear.spectra import WINDOWS
-    from postproc.linear.spectrum_figure import analyse, as_json, signals_of, spectrum_product
+    from postproc.linear.spectrum_figure import analyse, numbers_of, signals_of, spectrum_product
 
     opened, name, title = _open("spectrum", run, runs)
     case, trace = build_case(stored_scene(opened.record.scene)), opened.trace
@@ -153,8 +153,8 @@ def spectrum(
         found = analyse(case, parts, trace.time_s[used], (source, target), window, hertz)
     except ValueError as error:
         raise InputError("beads spectrum", run, str(error), "a longer record or finer samples") from error
-    if json_wanted:
-        print(json.dumps(as_json(found), indent=2))
+    if as_json:
+        print(json.dumps(numbers_of(found), indent=2))
         return
     product = spectrum_product(case, found, title)
     print(*product.notes, sep="\n")
