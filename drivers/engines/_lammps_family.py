@@ -10,6 +10,7 @@ import numpy as np
 
 from drivers.base.decks import Deck
 from drivers.base.decks import render as render_template
+from drivers.base.errors import InputProblem
 from drivers.base.processes import line_of
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain
@@ -24,6 +25,7 @@ DUMP = "chain.bin"
 PLACE, VELOCITY, SPIN = ("x", "y", "z"), ("vx", "vy", "vz"), ("omegax", "omegay", "omegaz")
 BORE_FORCE = tuple(f"f_force_tube[{axis}]" for axis in (1, 2, 3))
 FLAT_PREFIX = "flat "  # before the material's name: the type of a striker's flat face
+MAX_TYPES = 60  # with a coefficient for each pair
 MAX_BODIES_IN_PAIRS = 200  # with fewer bodies, checking all pairs is faster than bins of the whole space
 
 
@@ -112,6 +114,14 @@ def labels_of(chain: Chain) -> list[str]:
     if np.isinf(chain.radius_m[-1]):
         labels[-1] = FLAT_PREFIX + labels[-1]
     return labels
+
+
+def law_refusal(case: Case, code: str) -> InputProblem | None:
+    """Refuse a law that a code does not have, or too many masses for a law whose coefficient depends on them."""
+    kinds = len(set(labels_of(case.chain)))
+    if case.chain.law.by_mass and kinds > MAX_TYPES:
+        return "contact.dissipation", f'"{case.chain.law.name}" with {kinds} kinds of beads', f"at most {MAX_TYPES}"
+    return case.chain.law.refusal(code)
 
 
 def above_face(chain: Chain, radius_m: Array) -> Array:

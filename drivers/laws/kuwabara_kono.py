@@ -27,9 +27,9 @@ class KuwabaraKono(ContactLaw):
     overlap_power: ClassVar[float] = 1 / 2
     codes: ClassVar[Mapping[str, str]] = {
         "lammps": "viscoelastic limit_damping",
+        "liggghts": " limitForce on",
         "yade": "damping * sqrt(overlap) * closing",
     }
-    cannot: ClassVar[Mapping[str, str]] = {"liggghts": "its damping without attraction is another one"}
     by_mass: ClassVar[bool] = True
     sideways: ClassVar[bool] = False
 

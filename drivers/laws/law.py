@@ -26,7 +26,7 @@ class ContactLaw:
         overlap_power: p of the dissipative force.
         codes: text that a code needs for the law, by code.
         cannot: reason why a code cannot model the law, by code.
-        by_mass: True if ``lammps`` depends on the reduced mass.
+        by_mass: True if ``lammps`` depends on the reduced mass. LIGGGHTS' ``gamman`` is the same coefficient.
         sideways: True if beads that move sideways are modelled.
     """
 

@@ -46,7 +46,7 @@ def test_the_reference_is_exact(name: str) -> None:
     assert error <= 1e-10
 
 
-@pytest.mark.parametrize("engine", ["lammps", "yade"])
+@pytest.mark.parametrize("engine", ["lammps", "liggghts", "yade"])
 @pytest.mark.parametrize("name", SCENES)
 def test_codes_agree_with_their_scheme(name: str, engine: str, tmp_path: Path) -> None:
     need(engine)
@@ -99,11 +99,15 @@ def test_wrong_keys_are_named_in_one_line(settings: tuple[str, ...], message: st
     assert "\n" not in str(error.value)
 
 
-def test_liggghts_refuses_it_by_name() -> None:
-    assert "on liggghts another law, since" in str(inability(damped("fig4"), "liggghts"))
+def test_too_many_masses_are_refused_by_name() -> None:
+    scattered = damped("fig4", "chain.mass_scatter=1 mg", "chain.count=80")
+    for engine in ("lammps", "liggghts"):
+        assert "with 80 kinds of beads" in str(inability(scattered, engine))
+    assert inability(scattered, "yade") is None
 
 
 def test_a_law_is_its_module_and_a_line_of_a_template() -> None:
+    """LIGGGHTS' template has a comment on A; the name is in that of LAMMPS."""
     sources = [*(paths.ROOT / "drivers").rglob("*.py"), *(paths.ROOT / "postproc").rglob("*.py")]
     sources += [path for path in (paths.ROOT / "validation").rglob("*.py") if "tests" not in path.parts]
     sources += [*(paths.ROOT / "templates").rglob("*.j2")]
