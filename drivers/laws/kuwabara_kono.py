@@ -23,6 +23,7 @@ class KuwabaraKono(ContactLaw):
     relaxation: float
 
     name: ClassVar[str] = "kuwabara-kono"
+    damped: ClassVar[bool] = True
     keys: ClassVar[Mapping[str, Any]] = {"relaxation": units.Duration}
     overlap_power: ClassVar[float] = 1 / 2
     codes: ClassVar[Mapping[str, str]] = {
@@ -38,11 +39,6 @@ class KuwabaraKono(ContactLaw):
         """Problem of a missing relaxation time."""
         if "relaxation" not in given:
             yield "contact.relaxation", 'missing key; give a time, such as "1 us"', ""
-
-    @property
-    def damped(self) -> bool:
-        """True, as A is above 0."""
-        return True
 
     @property
     def description(self) -> str:

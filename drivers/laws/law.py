@@ -22,6 +22,7 @@ class ContactLaw:
 
     Attributes:
         name: value of ``contact.dissipation`` in a scene.
+        damped: True if contacts dissipate energy.
         keys: types of the law's keys in the table ``[contact]``, with their units and ranges.
         overlap_power: p of the dissipative force.
         codes: text that a code needs for the law, by code.
@@ -31,6 +32,7 @@ class ContactLaw:
     """
 
     name: ClassVar[str] = "elastic"
+    damped: ClassVar[bool] = False
     keys: ClassVar[Mapping[str, Any]] = {}
     overlap_power: ClassVar[float] = VISCOELASTIC_POWER
     codes: ClassVar[Mapping[str, str]] = {"lammps": "velocity"}
@@ -47,11 +49,6 @@ class ContactLaw:
     def of(cls, given: Mapping[str, float]) -> "ContactLaw":
         """Law of the keys that a scene gives."""
         return cls(**given)
-
-    @property
-    def damped(self) -> bool:
-        """True if contacts dissipate energy."""
-        return False
 
     @property
     def alpha(self) -> float:

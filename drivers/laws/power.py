@@ -27,6 +27,7 @@ class Power(ContactLaw):
     exponent: float = ALPHA
 
     name: ClassVar[str] = "power"
+    damped: ClassVar[bool] = True
     keys: ClassVar[Mapping[str, Any]] = {
         "gamma": Annotated[float, Field(ge=0, allow_inf_nan=False)],
         "alpha": Annotated[float, Field(ge=1, le=3)],
@@ -48,11 +49,6 @@ class Power(ContactLaw):
     def of(cls, given: Mapping[str, float]) -> ContactLaw:
         """Law of the keys ``gamma`` and ``alpha``; elastic without gamma."""
         return cls(given["gamma"], given.get("alpha", ALPHA)) if given.get("gamma") else ELASTIC
-
-    @property
-    def damped(self) -> bool:
-        """True, as gamma is above 0."""
-        return True
 
     @property
     def alpha(self) -> float:

@@ -38,6 +38,7 @@ class Viscoelastic(ContactLaw):
     given: float | None = None
 
     name: ClassVar[str] = "viscoelastic"
+    damped: ClassVar[bool] = True
     keys: ClassVar[Mapping[str, Any]] = {
         "restitution": Annotated[float, Field(ge=MIN_RESTITUTION, le=1, allow_inf_nan=False)],
         "damping_ratio": Annotated[float, Field(ge=0, le=MAX_DAMPING_RATIO)],
@@ -60,11 +61,6 @@ class Viscoelastic(ContactLaw):
         wanted = given.get("restitution")
         ratio = given.get("damping_ratio", damping_ratio(wanted) if wanted else 0.0)
         return cls(ratio, wanted) if ratio else ELASTIC
-
-    @property
-    def damped(self) -> bool:
-        """True, as B is above 0."""
-        return True
 
     @property
     def description(self) -> str:
