@@ -17,7 +17,7 @@ from drivers.chain.trace import Trace
 from postproc.linear.modes import modes_of
 from validation.claims.measures.weak import loaded_springs_N_m
 
-PADDING = 4  # length of the transformed record over that of the samples
+PADDING = 4  # length of the transformed record divided by that of the samples
 FLOOR = 1e-6  # share of the largest power: above rounding and sums of frequencies, below every rung mode
 
 

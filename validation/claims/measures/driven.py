@@ -1,4 +1,4 @@
-"""Transfer function of a weakly driven chain: contact forces of two places over a sine force on a body.
+"""Transfer function of a weakly driven chain: contact forces of two places divided by a sine force on a body.
 
 Under a weak force ``A e^(i Omega t)`` the displacements ``u e^(i Omega t)`` solve ``(K - Omega^2 M) u = A``,
 with the masses M and the tridiagonal matrix K of the contact stiffnesses. A start from rest leaves free motions in an
@@ -21,7 +21,7 @@ from validation.claims.measures.first_waves import sensor_places
 from validation.claims.measures.weak import loaded_springs_N_m
 
 SHAPE = 20.0  # beta of the window
-CYCLES = 6.5  # half width of its main lobe, in cycles over the record: sqrt(1 + (beta / pi)^2); sidelobes below 2e-8
+CYCLES = 6.5  # half width of its main lobe, in cycles of the record: sqrt(1 + (beta / pi)^2); sidelobes below 2e-8
 
 
 def measure(case: Case, trace: Trace) -> dict[str, float]:
@@ -58,15 +58,15 @@ def _sine(case: Case) -> tuple[float, float]:
 
 
 def _transfer(case: Case, part: Array) -> dict[str, float]:
-    """Quantities of the complex amplitudes of contact forces over that of the drive, shape (contacts,)."""
+    """Quantities of the complex amplitudes of contact forces divided by that of the drive, shape (contacts,)."""
     far, near = sensor_places(case)
     chosen = part[[near - 1, far - 1]]
     return dict(zip(QUANTITIES, map(float, [*np.abs(chosen), *np.angle(chosen)]), strict=True))
 
 
 QUANTITIES = {
-    "near_gain": "amplitude of the contact force below the upper sensor bead over that of the drive",
-    "far_gain": "amplitude of the contact force below the lower sensor bead over that of the drive",
+    "near_gain": "amplitude of the contact force below the upper sensor bead divided by that of the drive",
+    "far_gain": "amplitude of the contact force below the lower sensor bead divided by that of the drive",
     "near_phase_rad": "phase of the contact force below the upper sensor bead against the drive",
     "far_phase_rad": "phase of the contact force below the lower sensor bead against the drive",
 }

@@ -18,7 +18,7 @@ from validation.reference.travelling_wave import solve_at_amplitude, solve_trave
 
 
 def measure(case: Case, trace: Trace) -> dict[str, float]:
-    """Speed from the upper to the lower sensor, over the speeds that belong to the peak force at the lower one."""
+    """Speed from the upper to the lower sensor, divided by those that belong to the peak force of the lower."""
     lower, upper = sensor_places(case)
     chain, static_N = case.chain, case.chain.precompression_N
     near, far = (first_wave(trace.time_s, trace.force_N[:, place - 1] - static_N) for place in (upper, lower))
@@ -46,9 +46,9 @@ def theory(case: Case) -> dict[str, float]:
 
 
 QUANTITIES = {
-    "force_over_static": "peak dynamic force over the static force",
-    "speed_over_exact": "speed over that of the exact wave with this peak force",
-    "speed_over_long_wave": "speed over that of the long-wave limit with this peak force",
-    "speed_over_uncompressed": "speed over that of the exact wave with this peak force in an uncompressed chain",
+    "force_over_static": "peak dynamic force divided by the static force",
+    "speed_over_exact": "speed divided by that of the exact wave with this peak force",
+    "speed_over_long_wave": "speed divided by that of the long-wave limit with this peak force",
+    "speed_over_uncompressed": "speed divided by that of the exact wave with this peak force in an uncompressed chain",
 }
 SOURCE = "the exact travelling wave of the precompressed discrete chain; its long-wave limit, the paper's Eq. (4)"

@@ -27,7 +27,7 @@ from validation.reference.travelling_wave import solve_travelling_wave
 
 
 def taper(case: Case, trace: Trace) -> dict[str, float]:
-    """Change of the peak velocity between the two sensors, as a logarithm, over that by binary collisions."""
+    """Change of the peak velocity between the two sensors, as a logarithm, divided by that by binary collisions."""
     lower, upper = sensor_places(case)
     velocity, mass = velocity_down(trace), case.chain.mass_kg
     near, far = (first_wave(trace.time_s, velocity[:, place - 1]).value for place in (upper, lower))
@@ -44,7 +44,7 @@ def taper_theory(case: Case) -> dict[str, float]:
 
 
 def decorated(case: Case, trace: Trace) -> dict[str, float]:
-    """Speed between two heavy beads with sensors, over that of the effective chain at the same peak velocity."""
+    """Speed between two heavy beads with sensors, divided by that of the effective chain at the same peak velocity."""
     lower, upper = sensor_places(case)
     chain, velocity = case.chain, velocity_down(trace)
     near, far = (first_wave(trace.time_s, velocity[:, place - 1]) for place in (upper, lower))
@@ -85,6 +85,6 @@ def _transmitted(case: Case, velocity_m_s: Array, dynamic_N: Array) -> dict[str,
     return {"transmitted_share": float(energy.sum() / (chain.mass_kg @ chain.velocity_m_s**2 / 2))}
 
 
-TAPER = {"change_over_collisions": "change of the logarithm of the peak velocity over that by binary collisions"}
-DECORATED = {"speed_over_effective": "speed over that of the effective chain of heavy beads at the same peak velocity"}
-IMPURITY = {"transmitted_share": "energy past the impurity over that sent towards it"}
+TAPER = {"change_over_collisions": "change of the logarithm of the peak velocity divided by that by binary collisions"}
+DECORATED = {"speed_over_effective": "speed divided by that of the effective chain at the same peak velocity"}
+IMPURITY = {"transmitted_share": "energy past the impurity divided by that sent towards it"}
