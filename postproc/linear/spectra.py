@@ -1,8 +1,8 @@
 """Spectra of signals: amplitudes, spectrograms, transfer functions, and harmonics of a drive.
 
 Amplitude spectra are scaled by the mean of the window, so that a sine of amplitude A at a frequency of the spectrum
-shows A. The resolution is 1 divided by the length of the record; the window makes a line wider (Harris, Proc. IEEE 66:51,
-1978): hann by 4 such steps between its zeros, boxcar by 2.
+shows A. The resolution is 1 divided by the length of the record; the window makes a line wider (Harris, Proc. IEEE
+66:51, 1978): hann by 4 such steps between its zeros, boxcar by 2.
 """
 
 from dataclasses import dataclass
