@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -101,10 +102,9 @@ def spectrum_product(case: Case, found: Analysis, title: str) -> Product:
     table = pd.DataFrame({"frequency_Hz": amplitudes[found.target].frequency_Hz})
     letter_panel(axes[0], "a", "amplitudes")
     shade_bands(axes[0].axvspan, bands)
-    for (name, spectrum), colour in zip(amplitudes.items(), COLOURS, strict=False):
-        axes[0].plot(spectrum.frequency_Hz / 1e3, spectrum.amplitude / spectrum.amplitude.max(), color=colour, lw=0.9,
-                     label=name.replace("_", " "))  # fmt: skip
-    for name, spectrum in amplitudes.items():
+    for (name, spectrum), colour in zip(amplitudes.items(), cycle(COLOURS), strict=False):
+        share = spectrum.amplitude / (spectrum.amplitude.max() or 1.0)
+        axes[0].plot(spectrum.frequency_Hz / 1e3, share, color=colour, lw=0.9, label=name.replace("_", " "))
         table[f"{name}_amplitude_{found.units[name]}"] = spectrum.amplitude
     axes[0].set(yscale="log", ylim=(10.0**-DECADES, 2), ylabel="amplitude / largest")
     axes[0].legend(frameon=False, loc="upper right")
@@ -116,7 +116,7 @@ def spectrum_product(case: Case, found: Analysis, title: str) -> Product:
         )
         table["transfer"], table["transfer_phase_rad"] = np.abs(transfer), np.angle(transfer)
         axes[1].plot(frequency / 1e3, np.abs(transfer), color=COLOURS[0], lw=0.9)
-        axes[1].set(yscale="log")
+        axes[1].set(yscale="log" if np.nan_to_num(np.abs(transfer)).any() else "linear")
     letter_panel(axes[2], "c", found.target.replace("_", " "))
     time, frequency, power = spectrogram_of(found.time_s, found.signals[found.target], found.window)
     level = np.log10(np.maximum(power / (power.max() or 1.0), 10.0**-DECADES))
