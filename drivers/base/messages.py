@@ -28,7 +28,6 @@ EXPECTED = {  # allowed values by the type of pydantic's error, filled in from i
     "less_than_equal": "at most {le:g}",
     "literal_error": "{expected}",
     "string_pattern_mismatch": "letters, digits, '-' and '_', beginning with a letter",
-    "too_short": "a list with at least {min_length} entry",
     "string_too_long": "at most {max_length} characters",
 }
 

@@ -280,7 +280,7 @@ def test_an_adapter_outside_the_tree_passes_on_the_command_line(mine: Engine, tm
     assert done.returncode == 0, done.stdout
     assert (tmp_path / "engine-mine.xml").exists()
     assert "refused: " in done.stdout
-    assert re.search(r"4[0-9] passed, [1-9] skipped", done.stdout)
+    assert re.search(r"[45][0-9] passed, [1-9] skipped", done.stdout)
 
 
 def test_engines_that_are_not_installed(engines_file: EnginesWriter, tmp_path: Path) -> None:

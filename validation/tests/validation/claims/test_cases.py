@@ -53,7 +53,7 @@ def shipped(*names: str) -> str:
 
 BAD = [
     ("", "case: missing key", ""),
-    ("case = []", "case: found []", "1 entry"),
+    ("case = []", "case: found []", "1 item"),
     (CASE.replace("source =", "sours = 1\nsource ="), "case.0.sours: unknown key", "did you mean source?"),
     (CASE.replace('"impact"', '"impakt"'), 'case glass: measure: found "impakt"', "impact, "),
     (CASE.replace("peak_force_N", "peak_force_kN"), 'check.quantity: found "peak_force_kN"', "peak_force_N"),
