@@ -285,9 +285,8 @@ def energy_put_in(chain: Chain, duration_s: float) -> float:
     """Energy in J that can turn into motion; if nothing moves, the Hertz energy at rest.
 
     Sum of the kinetic energy at time 0, the work of loads while gaps close, the work of unbalanced loads, and a bound
-    on the work of a drive. The Hertz
-    energy of an equilibrium is not included, and neither is the common fall of a free chain, whose beads are pressed
-    together only by differences of their accelerations.
+    on the work of a drive. The Hertz energy of an equilibrium is not included, and neither is the common fall of a free
+    chain, whose beads are pressed together only by differences of their accelerations.
     """
     kinetic = 0.5 * float(chain.mass_kg @ chain.velocity_m_s**2)
     if chain.lateral is not None:

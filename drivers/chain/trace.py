@@ -29,7 +29,7 @@ SPINS = ("body_{}_spin_x_rad_s", "body_{}_spin_y_rad_s", "body_{}_spin_z_rad_s")
 
 @dataclass(frozen=True)
 class Trace:
-    """Samples of a run, all at the same times; the last seven are None for straight chains, and if not kept.
+    """Samples of a run, all at the same times; those of sideways motion are None for straight chains.
 
     Attributes:
         time_s: sample times. Shape (samples,).

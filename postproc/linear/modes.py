@@ -19,9 +19,8 @@ from drivers.chain.contact_law import contact_stiffness, contact_stiffness_at
 
 MAX_BEADS = 5_000  # with modes; all shapes of 5,000 beads take 200 MB
 PHASES = 101  # of the dispersion curve
-SOFTENING = (
-    1 / 24
-)  # a contact that oscillates by r d about its overlap d is slower by r^2 / 24, by the Lindstedt method
+# A contact that oscillates by r d about its overlap d is slower by r^2 / 24, by the Lindstedt method.
+SOFTENING = 1 / 24
 
 
 @dataclass(frozen=True)
@@ -66,8 +65,7 @@ class Bands:
 
 def springs_N_m(chain: Chain) -> Array:
     """Contact stiffness K of each contact between beads, or with the wall, at time 0. Shape (beads,)."""
-    held = slice(0, chain.beads)
-    return contact_stiffness(chain.stiffness[held], np.maximum(chain.overlap_m[held], 0.0))
+    return contact_stiffness(chain.stiffness, np.maximum(chain.overlap_m, 0.0))[: chain.beads]
 
 
 def static_forces_N(chain: Chain) -> Array:
@@ -76,12 +74,19 @@ def static_forces_N(chain: Chain) -> Array:
 
 
 def modes_of(chain: Chain) -> Modes:
-    """Modes of the beads of a chain, from the eigenvalues of its tridiagonal matrix."""
+    """Modes of the beads of a chain, from the eigenvalues of its tridiagonal matrix.
+
+    A bead that moves as prescribed is held: its displacement is 0, and there is one mode less.
+    """
     from scipy.linalg import eigh_tridiagonal
 
     spring, mass = springs_N_m(chain), chain.mass_kg[: chain.beads]
-    diagonal = (spring + np.append(spring[1:], 0.0)) / mass
-    squared, vectors = eigh_tridiagonal(diagonal, -spring[1:] / np.sqrt(mass[1:] * mass[:-1]))
+    diagonal, coupling = (spring + np.append(spring[1:], 0.0)) / mass, -spring[1:] / np.sqrt(mass[1:] * mass[:-1])
+    held = chain.drive.body if chain.drive is not None and chain.drive.prescribed else None
+    if held is not None:
+        coupling[max(held - 1, 0) : held + 1] = 0.0
+        diagonal[held] = 4 * diagonal.max()  # above all modes, which stay below twice the largest element
+    squared, vectors = (values[..., : None if held is None else -1] for values in eigh_tridiagonal(diagonal, coupling))
     energy = vectors**2
     shape = vectors / np.sqrt(mass)[:, np.newaxis]
     places = np.argmax(np.abs(shape), axis=0)
@@ -92,10 +97,10 @@ def modes_of(chain: Chain) -> Modes:
 def bands_of(case: Case, force_N: float) -> Bands:
     """Bands of the pattern of a scene, which is one bead without ``[[chain.pattern]]``, at a static force.
 
-    Sensors, single beads and tapers are left out: the cell consists of the first beads above the wall.
+    The cell is the lowest one above the first that has no single bead and no sensor mass.
 
     Raises:
-        ValueError: the chain has fewer beads than two cells, or a taper.
+        ValueError: the chain has no such cell, or a taper.
     """
     chain, members = case.chain, len(case.scene.chain.members)
     if case.scene.chain.taper_at(case.chain.beads) != 1:
@@ -153,10 +158,8 @@ def sound_speed_m_s(chain: Chain, lower: int, upper: int, members: int = 1) -> f
     spring = springs_N_m(chain)[lower:upper]
     if not spring.size or not spring.all():
         return float("nan")
-    mass, starts = (
-        (chain.mass_kg[lower - 1 : upper - 1] + chain.mass_kg[lower:upper]) / 2,
-        range(0, spring.size, members),
-    )
+    mass = (chain.mass_kg[lower - 1 : upper - 1] + chain.mass_kg[lower:upper]) / 2
+    starts = range(0, spring.size, members)
     cells = np.add.reduceat(mass, starts) * np.add.reduceat(1 / spring, starts)
     return float((chain.height_m[upper - 1] - chain.height_m[lower - 1]) / np.sqrt(cells).sum())
 
@@ -171,9 +174,8 @@ def overlap_ratio(case: Case, force_N: Array) -> Array:
     Returns:
         Ratios of the contacts of beads; inf for a contact without load. Shape (beads,).
     """
-    held = slice(0, case.chain.beads)
-    share = np.maximum(force_N[:, held], 0.0)
+    force = np.maximum(force_N[:, : case.chain.beads], 0.0)
     static = static_forces_N(case.chain)
     with np.errstate(divide="ignore", invalid="ignore"):
-        changes = np.abs((share / static) ** (2 / 3) - 1).max(axis=0)
+        changes = np.abs((force / static) ** (2 / 3) - 1).max(axis=0)
     return np.asarray(np.where(static > 0, changes, np.inf))

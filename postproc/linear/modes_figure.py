@@ -33,9 +33,13 @@ def modes_product(case: Case) -> Product:
     """Figure and table of the modes of a scene, with the lines to print.
 
     Raises:
-        ValueError: no contact between beads has a load.
+        ValueError: no contact has a load, no bead is free, or beads move sideways.
     """
     chain = case.chain
+    if chain.lateral is not None:
+        raise ValueError("beads that move sideways: modes are those of straight chains")
+    if chain.beads == 1 and chain.drive is not None and chain.drive.prescribed:
+        raise ValueError("the only bead moves as prescribed: there is no mode")
     if not springs_N_m(chain).any():
         raise ValueError("no contact has a static load: without gravity or precompression there are no linear waves")
     modes = modes_of(chain)
@@ -64,9 +68,9 @@ def _bands(case: Case) -> tuple[list[Bands], str]:
 
 
 def _table(modes: Modes, bands: list[Bands]) -> pd.DataFrame:
-    beads = len(modes.shape)
+    beads, count = modes.shape.shape
     table = pd.DataFrame({
-        "what": "mode", "mode": np.arange(1, beads + 1), "frequency_Hz": modes.frequency_Hz,
+        "what": "mode", "mode": np.arange(1, count + 1), "frequency_Hz": modes.frequency_Hz,
         "participation_beads": modes.participation,
     })  # fmt: skip
     if beads <= 200:
@@ -146,8 +150,8 @@ def shade_bands(span: Any, bands: list[Bands], unit_Hz: float = 1e3) -> None:
 
 def _draw_shapes(axis: Any, modes: Modes) -> None:
     letter_panel(axis, "c")
-    beads = len(modes.shape)
-    places = sorted({*range(min(SHAPES, beads)), beads - 1})
+    beads, count = modes.shape.shape
+    places = sorted({*range(min(SHAPES, count)), count - 1})
     for row, place in enumerate(places):
         level = 2.5 * row
         axis.axhline(level, color=GREY, lw=0.4)

@@ -64,7 +64,7 @@ def decorated_theory(case: Case) -> dict[str, float]:
 
 
 def impurity(case: Case, trace: Trace) -> dict[str, float]:
-    """Energy below the impurity at the end, over half the energy of the strike."""
+    """Energy below the impurity at the end, divided by half the energy of the strike."""
     return _transmitted(case, velocity_down(trace)[-1], trace.force_N[-1] - trace.force_N[0])
 
 

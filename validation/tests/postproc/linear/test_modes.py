@@ -8,7 +8,7 @@ import pytest
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, arrays_of
 from drivers.chain.contact_law import contact_stiffness_at
-from postproc.linear.modes import SOFTENING, bands_of, modes_of, sound_speed_m_s
+from postproc.linear.modes import SOFTENING, bands_of, modes_of, sound_speed_m_s, springs_N_m
 from postproc.linear.modes_figure import modes_product
 from validation.reference.adaptive import integrate_adaptive
 from validation.tests.helpers.commands import beads
@@ -41,6 +41,21 @@ def test_modes_are_the_eigenvalues_of_the_whole_matrix() -> None:
     for place, column in enumerate(order):
         shape = vectors[:, column].real
         np.testing.assert_allclose(found.shape[:, place], shape / shape[np.argmax(np.abs(shape))], atol=1e-6)
+
+
+@pytest.mark.parametrize("place", [1, 4, 7])
+def test_a_bead_that_moves_as_prescribed_is_held(place: int) -> None:
+    """Modes of the two parts of the chain on either side of the bead, each with springs to a bead at rest."""
+    free = dimer("chain.count=7").chain
+    drive = f"drive={{form='sine', displacement='1 nm', frequency='1 kHz', from_wall={place}}}"
+    found = modes_of(dimer("chain.count=7", drive).chain)
+    spring, mass = springs_N_m(free), free.mass_kg
+    matrix = np.diag(spring + np.append(spring[1:], 0.0)) - np.diag(spring[1:], 1) - np.diag(spring[1:], -1)
+    others = np.arange(7) != place - 1
+    inner = (matrix / np.sqrt(np.outer(mass, mass)))[np.ix_(others, others)]
+    np.testing.assert_allclose(found.frequency_Hz, np.sqrt(np.linalg.eigvalsh(inner)) / (2 * pi), rtol=1e-10)
+    assert not found.shape[place - 1].any()
+    assert np.abs(found.shape[others]).max() == 1
 
 
 def test_a_uniform_chain_has_the_textbook_dispersion() -> None:
@@ -104,6 +119,7 @@ def test_lines_say_where_linear_theory_ends() -> None:
 
 def test_the_command_refuses_and_answers_in_one_line() -> None:
     assert "no linear waves" in beads("modes", "two-spheres").stdout
+    assert "beads that move sideways" in beads("modes", "fig4-tube").stdout
     wrong = beads("modes", "fig4", "--set", "chain.count=0", "--set", "chain.sensors=[]")
     assert wrong.returncode == 2
     assert "chain.count: found 0" in wrong.stderr
