@@ -4,7 +4,7 @@ All observables of waves are read from the gauge signals. A ``peak`` is the forc
 above the signal at time 0, which is the static load; a gauge behind electronics shows no static load. The first pulse
 at a gauge is the incident wave. The reflected wave is the first pulse after the wall's first peak that goes up: while
 it rises, the contacts push the bead upwards. ``pulses`` counts the pulses before the reflected wave that do not go up.
-``postproc/README.md`` defines every observable.
+``postproc.read.definitions`` defines every observable.
 """
 
 import re

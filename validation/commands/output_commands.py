@@ -31,6 +31,14 @@ if TYPE_CHECKING:
     help="Measure widths at this share of the peak; repeatable (default: 0.002 and 0.04).",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@click.option(
+    "--definitions",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=lambda context, _, asked: _print_definitions(context) if asked else None,
+    help="Print the definitions of all observables and exit.",
+)
 def observables(run: str, runs: Path, levels: tuple[float, ...], as_json: bool) -> None:
     """Print peaks, speeds, widths, reflections, energies of a run."""
     from postproc.read.observables import LEVELS, observe, without_unit
@@ -45,6 +53,13 @@ def observables(run: str, runs: Path, levels: tuple[float, ...], as_json: bool) 
     shown = {name: "not seen" if value is None else f"{value:.6g}" for name, value in values.items()}
     rows = [(name, value, errors.get(without_unit(name), "")) for name, value in shown.items()]
     print(*text_table([("observable", "value", "relative error"), *rows]), sep="\n")
+
+
+def _print_definitions(context: click.Context) -> None:
+    from postproc.read.definitions import DEFINITIONS, SYMBOLS
+
+    print(SYMBOLS, "", *text_table(DEFINITIONS.items()), sep="\n")
+    context.exit()
 
 
 @command("example-measured", "example-measured --set contact.restitution=0.9", "yade:fig4 --measured shot-12.csv")

@@ -1,38 +1,71 @@
-"""The README of the checkout: short, its commands exist, its worked example runs line by line, its numbers hold."""
+"""The READMEs: commands parse, links and targets exist, folders are listed, the examples run."""
 
 import os
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
 
 from drivers.base import paths
-from drivers.chain.schemes import verlet_in_heights
-from postproc.read.residual import residual
-from validation.accuracy.plan import planned_case
+from postproc.draw.style import pyplot
+from postproc.read.definitions import DEFINITIONS
+from postproc.read.observables import OBSERVABLES
+from validation.chapters import CHAPTERS
+from validation.tests.helpers.commands import beads
 from validation.tests.helpers.readme import command_lines, parse
-from validation.tests.helpers.runs import finished
 
 README = paths.ROOT / "README.md"
+READMES = [README, *(paths.ROOT / name / "README.md" for name in ("inputs", "drivers", "postproc", "validation"))]
 TEXT = README.read_text()
-MAX_LINES = 200
 BLOCKS = re.findall(r"^```(\w*)\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
 (SCENE,) = (block for language, block in BLOCKS if language == "toml")
 EXAMPLES = [block for _, block in BLOCKS if "steel.toml" in block]
 
 
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    """A folder with the environment and the scene of the example."""
-    (tmp_path / ".venv").symlink_to(sys.prefix)
-    (tmp_path / "steel.toml").write_text(SCENE)
-    return tmp_path
+@pytest.mark.parametrize("line", sorted({line for readme in READMES for line in command_lines(readme)}))
+def test_commands_parse(line: str) -> None:
+    parse(line)
+
+
+@pytest.mark.parametrize("line", ["beads walk fig4", "beads run fig4 --fast"])
+def test_unknown_commands_and_options_do_not_parse(line: str) -> None:
+    with pytest.raises(AssertionError):
+        parse(line)
+
+
+@pytest.mark.parametrize("readme", READMES, ids=lambda readme: readme.parent.name)
+def test_links_lead_to_a_file_or_a_heading_and_targets_exist(readme: Path) -> None:
+    text = readme.read_text()
+    for link, anchor in re.findall(r"\]\(([^)#]*)#?([^)]*)\)", text):
+        target = (readme.parent / link).resolve() if link else readme
+        assert target.exists(), link
+        headings = re.findall(r"^#+ (.*)$", target.read_text(), re.MULTILINE) if anchor else []
+        assert anchor in ["", *(re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in headings)], anchor
+    known = re.findall(r"^\.PHONY: (.*)$", (paths.ROOT / "Makefile").read_text(), re.MULTILINE)
+    figures = [path.stem for path in (paths.ROOT / "postproc" / "figures").glob("[a-z]*.py")]
+    assert set(re.findall(r"(?:^|`)make ([\w-]+)", text, re.MULTILINE)) <= {
+        *" ".join(known).split(),
+        *figures,
+        *CHAPTERS,
+    }
+
+
+@pytest.mark.parametrize("package", ["drivers", "postproc", "validation"])
+def test_folders_of_packages_are_listed(package: str) -> None:
+    folders = {path.name for path in (paths.ROOT / package).iterdir() if path.is_dir() and path.name[0] not in "._"}
+    listed = re.findall(r"^\| `(\w+)/` \|", (paths.ROOT / package / "README.md").read_text(), re.MULTILINE)
+    assert set(listed) == folders
+
+
+def test_each_observable_has_a_definition() -> None:
+    assert list(DEFINITIONS) == [f"{observable.pattern}{observable.ending}" for observable in OBSERVABLES]
 
 
 def typed(line: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    """Types a line into a shell that has entered the environment."""
+    """Type a line into a shell that has entered the environment."""
     return subprocess.run(
         ["bash", "-c", f". .venv/bin/activate\n{line}"],
         cwd=folder,
@@ -44,56 +77,48 @@ def typed(line: str, folder: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_it_is_short() -> None:
-    assert len(TEXT.splitlines()) <= MAX_LINES
-
-
-@pytest.mark.parametrize("line", command_lines(README))
-def test_commands_parse(line: str) -> None:
-    parse(line)
-
-
-def test_links_and_targets_exist() -> None:
-    for link in re.findall(r"\]\(([^)#]+)", TEXT):
-        assert (paths.ROOT / link).exists(), link
-    known = " ".join(re.findall(r"^\.PHONY: (.*)$", (paths.ROOT / "Makefile").read_text(), re.MULTILINE)).split()
-    figures = [path.stem for path in (paths.ROOT / "postproc" / "figures").glob("[a-z]*.py")]
-    measured = ["claims", "trade", "stability", "elements", "independent", "calibration"]
-    assert set(re.findall(r"(?:^|`)make ([\w-]+)", TEXT, re.MULTILINE)) <= {*known, *figures, *measured}
-
-
-def test_links_into_other_readmes_lead_to_a_heading() -> None:
-    for link, anchor in re.findall(r"\]\(([^)#]+)#([^)]+)\)", TEXT):
-        headings = re.findall(r"^#+ (.*)$", (paths.ROOT / link).read_text(), re.MULTILINE)
-        assert anchor in [re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings], anchor
-
-
-def test_the_example_runs_line_by_line(folder: Path) -> None:
-    """Each line of the worked example ends well, in the runs folder of the checkout, as a reader types it."""
+def test_the_worked_example_runs_line_by_line(tmp_path: Path) -> None:
+    (tmp_path / ".venv").symlink_to(sys.prefix)
+    (tmp_path / "steel.toml").write_text(SCENE)
     lines = [line for block in EXAMPLES for line in block.splitlines()]
     assert len(lines) > 6
     printed = {}
     for line in lines:
-        ended = typed(line, folder)
+        ended = typed(line, tmp_path)
         assert ended.returncode == 0, f"{line}\n{ended.stdout}\n{ended.stderr}"
         printed[line.partition(" #")[0].strip()] = ended.stdout
-    for picture in re.findall(r"results/[\w-]+\.svg", "".join(EXAMPLES)):
-        assert (paths.ROOT / picture).exists(), picture
     assert "speed_7_to_3_m_s" in printed["beads observables yade:steel"]
     assert "FAIL" not in printed["beads compare steel.toml"]
-    assert "Ten steel beads" in (folder / "steel.html").read_text()
-
-
-def test_the_example_of_a_mistake(folder: Path) -> None:
+    assert "Ten steel beads" in (tmp_path / "steel.html").read_text()
     (stated,) = re.findall(r"`(steel.toml: [^`]+)`", TEXT)
-    (folder / "steel.toml").write_text(SCENE.replace("\nspeed", "\nsped"))
-    ended = typed("beads plan steel.toml", folder)
-    assert ended.returncode == 2
-    assert ended.stderr == f"{stated}\n"
+    (tmp_path / "steel.toml").write_text(SCENE.replace("\nspeed", "\nsped"))
+    ended = typed("beads plan steel.toml", tmp_path)
+    assert (ended.returncode, ended.stderr) == (2, f"{stated}\n")
 
 
-@pytest.mark.parametrize("engine", ["liggghts", "yade", "lammps"])
-def test_deviation_from_the_baseline(engine: str, shared_runs: Path) -> None:
-    assert "differ by less than 1e-11 of the largest change" in TEXT
-    case = planned_case("fig4")
-    assert residual(finished(case, engine, shared_runs).trace, verlet_in_heights(case)).max() < 1e-11
+def test_python_examples_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    runs, results = tmp_path / "runs", tmp_path / "results"
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(paths, "RUNS", runs)
+    monkeypatch.setattr(paths, "RESULTS", results)
+    text = (paths.ROOT / "postproc" / "README.md").read_text()
+    (study,) = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
+    assert tomllib.loads(study)["engines"] == ["verlet"]
+    Path("speeds.toml").write_text(study)
+    done = beads("batch", "speeds.toml", "--runs", runs, "--results", results)
+    assert done.returncode == 0, done.stderr
+    names: dict[str, object] = {}
+    for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL):
+        exec(compile(block, "postproc/README.md", "exec"), names)
+    pyplot().close("all")
+    assert Path("gauges.png").stat().st_size > 1000
+    assert names["power"] == pytest.approx(1 / 6, abs=0.005)
+    assert isinstance(names["errors"], dict)
+    assert names["errors"]["force"] <= 1e-4
+    capsys.readouterr()
+    (example,) = re.findall(r"^```python\n(.*?)^```", (paths.ROOT / "validation/README.md").read_text(), re.M | re.S)
+    exec(example, {})
+    (stated,) = re.findall(r"# ([\d.]+ N)$", example, re.MULTILINE)
+    assert capsys.readouterr().out == f"{stated}\n"

@@ -1,0 +1,28 @@
+"""The script ``templates/serve.sh`` serves any code that runs a deck by one command."""
+
+import sys
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+
+from drivers.base.decks import Deck, render
+from drivers.chain.schemes import verlet_of
+from drivers.chain.trace import digest_of
+from drivers.engines import load_engine
+from drivers.run.guard import checked_trace
+from drivers.run.session import Session
+from validation.tests.helpers.scenes import case_of
+
+
+def test_the_script_serves_deck_after_deck_and_ends_at_a_broken_one(tmp_path: Path) -> None:
+    case, verlet = case_of("fig4", "run.duration=20 us"), load_engine("verlet")
+    deck = verlet.render(case)
+    server = Deck({"serve.sh": render("serve.sh")}, ("sh", "serve.sh", *deck.command), raw=())
+    broken = replace(deck, files=dict.fromkeys(deck.files, "{"))
+    with closing(Session(replace(verlet, server=server), (sys.executable,), tmp_path)) as session:
+        for served, code in ((deck, 0), (deck, 0), (broken, 1), (deck, 0)):
+            outcome = session.run(served, 60.0)
+            assert (outcome.code, session.ended) == (code, code == 1)
+            if not code:
+                trace = checked_trace(case, verlet, outcome, session.case)
+                assert digest_of(trace) == digest_of(verlet_of(case))
