@@ -11,7 +11,7 @@ from postproc.read.sensors import sensor_table
 def observe(run: EndedRun, levels: tuple[float, ...] = observables.LEVELS) -> "pd.Series[float]":
     """Observables of a run: peaks, arrival times, speeds, widths, reflections, energies.
 
-    ``postproc.read.definitions`` defines each observable.
+    ``observables.DEFINITIONS`` has the definition of each.
 
     Args:
         run: A run from ``drivers.run_scene`` or ``drivers.open_run``.

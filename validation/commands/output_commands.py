@@ -56,7 +56,7 @@ def observables(run: str, runs: Path, levels: tuple[float, ...], as_json: bool) 
 
 
 def _print_definitions(context: click.Context) -> None:
-    from postproc.read.definitions import DEFINITIONS, SYMBOLS
+    from postproc.read.observables import DEFINITIONS, SYMBOLS
 
     print(SYMBOLS, "", *text_table(DEFINITIONS.items()), sep="\n")
     context.exit()
