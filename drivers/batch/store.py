@@ -29,7 +29,7 @@ class StudyRow:
         status: ``done``, ``failed`` or ``timeout``.
         reason: reason of a failure; else empty.
         values: observables by name.
-        force_error: largest error of the force over the largest change of force; None for the reference.
+        force_error: largest error of the force divided by the largest change of force; None for the reference.
         trace_sha256: digest of forces and energies.
         work: bodies times steps.
         cost: time in s by activity.

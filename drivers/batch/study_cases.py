@@ -180,7 +180,7 @@ class Batch:
     def keep_facts(self, chunk: Sequence[int]) -> list[CaseFacts]:
         """Compute and keep the facts of a chunk; raises as ``computed_facts``."""
         facts = [self.computed_facts(number) for number in chunk]
-        return [CaseFacts(**each) for each in keep(self._key_of(chunk), [asdict(each) for each in facts])]
+        return [CaseFacts(**each) for each in keep(self._key_of(chunk), [asdict(fact) for fact in facts])]
 
     @property
     def values(self) -> dict[str, list[Any]]:

@@ -74,7 +74,7 @@ def run_slice(request: Request, numbers: Sequence[int]) -> list[StudyRow]:
         time.sleep(RETRY_INTERVAL_S)
     batch.store.refresh()
     rows = batch.store.rows
-    return [row for name in batch.engines for each in identities if (row := rows.get(each.get(name, "")))]
+    return [row for name in batch.engines for identity in identities if (row := rows.get(identity.get(name, "")))]
 
 
 def run_rows(request: Request, numbers: Sequence[int]) -> list[int]:

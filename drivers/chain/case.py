@@ -15,7 +15,7 @@ from drivers.chain.elements import ModellingElement, choose_elements
 from drivers.scene.model import RIGID, Scene
 from validation.reference.adaptive import MIN_TOLERANCE
 
-MAX_OVERLAP = 0.5  # at rest, over the radius; far beyond Hertz's law, and codes lose contacts at larger overlaps
+MAX_OVERLAP = 0.5  # at rest, divided by the radius; far beyond Hertz's law, and codes lose contacts at larger overlaps
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class StepPlan:
     Attributes:
         asked: largest errors allowed.
         predicted: errors of velocity Verlet at the chosen step, measured on this case.
-        rounding_share: rounding error of engines that hold absolute heights, over the largest change of force.
+        rounding_share: rounding error of engines that hold absolute heights, divided by the largest change of force.
         refused_steps: steps per sample at the smallest step that was too coarse; 0 if no step was too coarse.
         trials: number of Verlet runs of the planner.
         seconds: computing time of the planner.
@@ -84,7 +84,7 @@ class Case:
     """Scene with its chain and modelling elements; input of decks and of the readers of raw output.
 
     Attributes:
-        reference_tolerance: largest force error of the reference, over the largest force.
+        reference_tolerance: largest force error of the reference, divided by the largest force.
         plan: planned time step if the scene asks for an accuracy (``validation.accuracy.plan``).
         full: case with all elements of the scene, if elements are left out for the accuracy; else None.
     """

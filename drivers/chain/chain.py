@@ -29,7 +29,7 @@ from validation.reference.hertz_chain import ENERGY_SHARE, Drive, HertzChain, Tu
 
 Array = NDArray[np.float64]
 LEVEL_M = 10.0  # radius of a sphere that replaces a flat face; its slope is 1e-5 at 0.1 mm off the axis
-AT_REST = 1e-9  # largest unbalanced force on a bead at rest, over the total load
+AT_REST = 1e-9  # largest unbalanced force on a bead at rest, divided by the total load
 
 
 @dataclass(frozen=True, eq=False)  # compared by identity, for caches

@@ -37,7 +37,9 @@ def choose_elements(scene: Scene, chain: Chain) -> tuple[ModellingElement, ...]:
     """Modelling elements of a scene, each modelled or left out, with the reason."""
     striker, scatter = scene.striker, scene.chain.mass_scatter
     ordinary = ordinary_beads(scene).mass_kg if scene.chain.sensors else np.zeros(0)
-    unlike = len([each for each in scene.chain.sensors if each.mass not in (None, ordinary[each.from_wall - 1])])
+    unlike = len(
+        [sensor for sensor in scene.chain.sensors if sensor.mass not in (None, ordinary[sensor.from_wall - 1])]
+    )
     gravity, angle = f"{scene.axial_gravity:g} m/s^2", scene.chain.angle
     gravity += f" along the axis, which leans by {angle:g} deg" if angle else ""
     across = "horizontal: gravity acts across the axis, along which alone the beads of a straight chain move"

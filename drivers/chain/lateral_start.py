@@ -23,9 +23,9 @@ from validation.reference.hertz_chain import ENERGY_SHARE, EXPONENT
 OFFSET_STREAM = 1  # stream of random numbers; masses have another stream
 POLISHING_STEPS = 5  # Newton steps after convergence, to reach the rounding error
 MAX_STEPS = 20_000  # Newton steps
-MAX_SHIFT = 1e3  # over the contact stiffness; a larger shift ends the search
-MIN_SHIFT = 1e-14  # over the contact stiffness; without a shift the Hessian is singular, by rotation about the axis
-MAX_STEP_SHARE = 0.25  # largest step of a bead over its play
+MAX_SHIFT = 1e3  # in contact stiffnesses; a larger shift ends the search
+MIN_SHIFT = 1e-14  # in contact stiffnesses; without a shift the Hessian is singular, by rotation about the axis
+MAX_STEP_SHARE = 0.25  # of a bead's play; its largest step
 
 
 def with_lateral(scene: Scene, chain: Chain) -> Chain:

@@ -72,7 +72,7 @@ class Defaults:
 
     Attributes:
         local_damping: d of Cundall's non-viscous damping, ``a (1 - d sign(a v))``.
-        wall_stiffness: stiffness of a sphere's contact with a wall over the stiffness on a plane.
+        wall_stiffness: stiffness of a sphere's contact with a wall divided by the stiffness on a plane.
     """
 
     youngs_modulus_Pa: float | None = None
@@ -264,7 +264,7 @@ def _guarded(name: str, function: Callable[..., Any], path: Path) -> Callable[..
 def _words_of(error: BaseException, path: Path) -> str:
     """Error of an adapter on one line, with the last line of its file that was running, else of another file."""
     places = [each for each in extract_tb(error.__traceback__) if each.filename[0] != "<" and each.filename != __file__]
-    last = ([each for each in places if each.filename == str(path)] or places)[-1:]
+    last = ([place for place in places if place.filename == str(path)] or places)[-1:]
     where = [f"{Path(each.filename).name}:{each.lineno}" for each in last] or [path.name]
     return one_line(*where, ": ", f"{type(error).__name__}: {error}")
 

@@ -27,7 +27,7 @@ def _alternatives(value: object) -> object:
     lines = [value] if isinstance(value, str) else value
     try:
         if isinstance(lines, list) and lines and all(map(_is_command, lines)):
-            return tuple(tuple(shlex.split(each)) for each in lines)
+            return tuple(tuple(shlex.split(line)) for line in lines)
     except ValueError:  # an open quote
         pass
     raise units.NotAllowedError('a command such as "mpirun -np 1 lmp", or a list of them')

@@ -139,7 +139,7 @@ def _friction(chain: Chain, types: list[str]) -> list[float]:
     """Coefficients of friction of all pairs of types, row by row; empty without friction."""
     if chain.lateral is None or not chain.lateral.slips:
         return []
-    in_bore = [(each, TUBE, chain.bore.friction) for each in types] if chain.bore else []
+    in_bore = [(type_, TUBE, chain.bore.friction) for type_ in types] if chain.bore else []
     return table_of_pairs(types, in_bore, chain.lateral.friction)
 
 

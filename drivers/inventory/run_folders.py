@@ -198,7 +198,7 @@ def run_folder(name: str | Path, runs: Path = paths.RUNS) -> Path:
 def _difference(run: EndedRun, base: Json) -> str:
     """Settings that differ from the scene file, as text; ``run.record`` is ignored, since it changes no number."""
     if not base or not run.resolved:
-        return "no scene file to compare with" if run.resolved else ""
+        return "found no scene file of this name" if run.resolved else ""
     return ", ".join(f"{key}={value}" for key, value in settings_between(run.resolved, base).items() if key != RECORDED)
 
 

@@ -46,7 +46,7 @@ def refuse(case: Case, engine: str, override: str = ON_COMMAND) -> None:
 
 def inability(case: Case, engine: str) -> InputError | None:
     """Error that says why an engine cannot model a case; None if the engine can."""
-    interface, needed = load_engine(engine), [each.name for each in case.elements if each.modelled]
+    interface, needed = load_engine(engine), [element.name for element in case.elements if element.modelled]
     missing = [name for name in needed if name not in interface.models]
     if missing:
         able = ", ".join(name for name in engine_names() if load_engine(name).models >= set(needed))
@@ -108,7 +108,7 @@ def refuse_depth(case: Case, override: str = ON_COMMAND) -> None:
 
 
 def _depths(chain: Chain, reached: Extremes) -> Array:
-    """Overlaps of contacts and of bore contacts over the smaller radius. Shape (2, bodies)."""
+    """Overlaps of contacts and of bore contacts divided by the smaller radius. Shape (2, bodies)."""
     return np.array([reached.overlap_m / chain.smaller_radius_m, reached.bore_overlap_m / chain.radius_m])
 
 

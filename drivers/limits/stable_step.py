@@ -23,7 +23,7 @@ from validation.reference.tube import integrate_tube
 from validation.reference.velocity_verlet import follow_verlet
 
 STEP_TOLERANCE, MAX_ITERATIONS = 1e-9, 100
-# step over the energy bound of the limit; 0.01 would change limits by up to 0.3 %, or 2 % with light flying beads
+# step divided by the energy bound of the limit; 0.01 would change limits by up to 0.3 %, or 2 % with light flying beads
 FINE_STEP_SHARE = 0.05
 # largest number of bodies times steps integrated, a few seconds; the rest of the run is extrapolated
 MAX_BODY_STEPS, MAX_BODY_STEPS_3D = 500_000_000, 20_000_000

@@ -23,7 +23,7 @@ REASON_CHARACTERS = 300
 UNSTABLE, WRONG_ENERGY = "unstable at t = ", "wrong energy from t = "  # beginnings of messages
 OWN_ERRORS = ("ERROR", "Traceback")  # beginnings of lines that lead to the code's own message
 ROUNDINGS = 64  # largest deviation of a start in units in the last place of the coordinates
-START_TOLERANCE = 1e-9  # over the largest force and speed
+START_TOLERANCE = 1e-9  # of the largest force and speed
 
 
 def checked_trace(case: Case, engine: Engine, outcome: EndedProcess, folder: Path) -> Trace:
@@ -176,7 +176,7 @@ def not_modelled(chain: Chain, trace: Trace) -> str | None:
 
 
 def energy_error(chain: Chain, trace: Trace) -> Array:
-    """Energy error (``drivers.chain.trace.energy_error_J``) over the energy put in. Shape (samples,)."""
+    """Energy error (``drivers.chain.trace.energy_error_J``) divided by the energy put in. Shape (samples,)."""
     change = energy_error_J(trace.total_energy_J, damped=chain.damped, slips=chain.slips)
     scale = energy_scale_J(chain, trace)
     if scale:
@@ -196,9 +196,9 @@ def energy_scale_J(chain: Chain, trace: Trace) -> float:
 def explained_energy(case: Case, trace: Trace) -> float:
     """Largest ``energy_error`` explained by velocity Verlet at the case's step and by rounding.
 
-    The truncation error scales as the square of the step over the stability limit, and grows as a random walk with the
-    number of impacts. Heights are rounded at every step; the net force on a body does work along this rounding. The
-    work of a drive has an error by the distance of samples.
+    The truncation error scales as the square of the step divided by the stability limit, and grows as a random walk
+    with the number of impacts. Heights are rounded at every step; the net force on a body does work along this
+    rounding. The work of a drive has an error by the distance of samples.
     """
     chain, duration = case.chain, float(case.sample_times_s[-1])
     share, impacts = share_at_most(chain, duration, case.scene.time_step_s)

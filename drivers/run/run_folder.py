@@ -71,7 +71,7 @@ class RunRecord:
         files: digests of the files that are read back, by name.
         error_budget: parts of the errors of the force and of observables (``validation.accuracy.budget``).
         error_note: parts that could not be measured, with the reason.
-        exact_to: error of the exact motion until ``exact_until_s``, over the largest change of force; None for
+        exact_to: error of the exact motion until ``exact_until_s``, divided by the largest change of force; None for
             three-dimensional chains.
         warnings: reasons why a finished run is of little use.
         step_limit_s: predicted stability limit of the time step; None if no contact closes.
@@ -372,7 +372,7 @@ def open_run(folder: Path, *, failed: bool = False) -> EndedRun:
     run = EndedRun(folder, record_of(folder))
     if not run.done and not (failed and run.has_forces):
         allowed = "a run that is done, or one that kept its forces" if failed else "a run that is done"
-        raise InputError(str(folder), RECORD, f"a run that {run.record.status}: {run.record.reason}", allowed)
+        raise InputError(str(folder), RECORD, run.trouble, allowed)
     return run
 
 

@@ -26,7 +26,9 @@ Friction = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
 
 def _accuracy(value: object) -> object:
     numbers = value.values() if isinstance(value, dict) and value else [value]
-    if not all(isinstance(each, int | float) and not isinstance(each, bool) and 0 < each < 1 for each in numbers):
+    if not all(
+        isinstance(number, int | float) and not isinstance(number, bool) and 0 < number < 1 for number in numbers
+    ):
         raise units.NotAllowedError(
             "an error above 0 and below 1, such as 1e-4 for the force, or { wall_peak = 1e-3 } for an observable"
         )

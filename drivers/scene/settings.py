@@ -87,7 +87,7 @@ def unit_of(key: str) -> str:
     *path, last = key.split(".")
     field = model_at(SceneFile, path).model_fields.get(last)
     parts = [*field.metadata, *parts_of(field.annotation)] if field else []
-    return next((each.unit for each in parts if isinstance(each, units.InUnit)), "")
+    return next((part.unit for part in parts if isinstance(part, units.InUnit)), "")
 
 
 def look_up(tables: Any, key: str) -> Any:

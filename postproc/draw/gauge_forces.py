@@ -70,7 +70,7 @@ def _look(engine: str) -> dict[str, Any]:
 def _draw_differences(
     axis: Any, time_us: Array, found: Mapping[str, Mapping[str, Array]], labels: Mapping[str, str]
 ) -> None:
-    """Draws the largest force difference over all contacts from each baseline, over the largest change."""
+    """Draws the largest force difference over all contacts from each baseline, divided by the largest change."""
     for baseline, shares in found.items():
         for engine, share in shares.items():
             axis.plot(time_us, share, label=f"{labels[engine]} − {baseline}", **_look(engine))

@@ -81,7 +81,7 @@ def make(_: Path) -> Product:
 def _set_up(case: Case) -> list[Piece]:
     """Parts of (a)."""
     chain, tube, paper = case.chain, case.scene.tube, quoted()
-    sensors = {each.from_wall for each in case.layout.sensors}
+    sensors = {sensor.from_wall for sensor in case.layout.sensors}
     pieces = []
     for body, (middle_m, radius_m) in enumerate(zip(chain.height_m, chain.sphere_radius_m, strict=True), 1):
         name = "striker" if body > chain.beads else f"sensor bead {body}" if body in sensors else f"bead {body}"

@@ -136,7 +136,7 @@ def _cell(case: Case, members: int) -> slice:
         ValueError: there is none.
     """
     table = case.scene.chain
-    special = {bead.from_wall for bead in table.bead} | {each.from_wall for each in table.sensors if each.mass}
+    special = {bead.from_wall for bead in table.bead} | {sensor.from_wall for sensor in table.sensors if sensor.mass}
     for start in range(members, case.chain.beads - members + 1, members):
         if not special & set(range(start, start + members + 1)):
             return slice(start, start + members)

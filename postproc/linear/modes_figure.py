@@ -94,9 +94,9 @@ def _lines(case: Case, modes: Modes, bands: list[Bands]) -> Iterator[str]:
     if chain.beads > 1:
         speed = sound_speed_m_s(chain, 1, chain.beads, members)
         yield f"static sound speed, mean of the chain: {speed:.5g} m/s"
-    for each in bands:
-        edges = ", ".join(f"{low:.5g} to {high:.5g} Hz" for low, high in each.edges_Hz)
-        yield f"bands at {each.force_N:.4g} N: {edges}; long waves {each.sound_speed_m_s:.5g} m/s"
+    for band in bands:
+        edges = ", ".join(f"{low:.5g} to {high:.5g} Hz" for low, high in band.edges_Hz)
+        yield f"bands at {band.force_N:.4g} N: {edges}; long waves {band.sound_speed_m_s:.5g} m/s"
     count = len(modes.frequency_Hz)
     for place in [*range(min(LINES, count)), *range(max(LINES, count - LINES), count)]:
         localised = f", {modes.participation[place]:.3g} beads move" if modes.participation[place] < 3 else ""

@@ -167,11 +167,11 @@ def _lines(found: Analysis) -> Iterator[str]:
             rows += [
                 (
                     name,
-                    f"{each.frequency_Hz:.6g} Hz",
-                    f"{each.amplitude:.6g} {found.units[name]}",
-                    f"{each.phase_rad:.5f} rad",
+                    f"{part.frequency_Hz:.6g} Hz",
+                    f"{part.amplitude:.6g} {found.units[name]}",
+                    f"{part.phase_rad:.5f} rad",
                 )
-                for each in parts
+                for part in parts
             ]
         yield from text_table(rows)
         if found.source != found.target:
@@ -193,5 +193,5 @@ def numbers_of(found: Analysis) -> dict[str, Any]:
                    f"amplitude_{found.units[name]}": float(found.spectra[name].amplitude[place])}
             for name, place in strongest.items()
         },
-        "harmonics": {name: [vars(each) for each in parts] for name, parts in found.harmonics.items()},
+        "harmonics": {name: [vars(part) for part in parts] for name, parts in found.harmonics.items()},
     }  # fmt: skip

@@ -28,7 +28,7 @@ from validation.reference.travelling_wave import solve_travelling_wave
 
 SCENE = "table1"
 MARGIN, BEADS_BELOW = 1.3, 10  # duration of a search: this many travel times, to this many beads below the lower sensor
-END_FACTOR = 1.15  # duration of the final run over the arrival at the lower sensor, so that the peak has passed
+END_FACTOR = 1.15  # duration of the final run divided by the arrival at the lower sensor, so that the peak has passed
 SPEED_TOLERANCE = 1e-12  # relative, of the search for a striker speed; the integration is accurate to 1e-11
 CODE_AMPLITUDE = 1e-7  # relative tolerance of a code's amplitude
 MAX_CORRECTIONS = 8
@@ -38,7 +38,7 @@ MEASURED = ("duration_us", "speed_m_s", "width_diameters")
 STRIKER = "_striker_m_s"
 SPREAD = "codes_largest_deviation_share"
 SPEED_RATIO = 1.02  # of the striker speeds that give a slope
-WAVE_OVER_STRIKER = 0.682  # bead velocity v_m of the leading wave over the speed of an equal striker, by the reference
+WAVE_OVER_STRIKER = 0.682  # v_m of the leading wave divided by the speed of an equal striker, by the reference
 
 Amplitude = Callable[[Simulation], float]
 
@@ -131,7 +131,7 @@ def _struck_at(case: Case, speed_m_s: float) -> Case:
 
 
 def _root(excess: Callable[[float], float], start: float) -> float | None:
-    """Root of ``excess``, the logarithm of the amplitude over the target as a function of the log of the striker speed.
+    """Root of ``excess``, log(amplitude / target) as a function of the logarithm of the striker speed.
 
     Without static force it is a straight line of slope 6/5, and the secant method converges in one step. None if there
     is no root within ``SEARCH_RANGE`` of the start.

@@ -96,7 +96,7 @@ def solitary_strain(particles: Particles, speed_m_s: float, place_m: Array) -> A
 
 
 def stationary_residual(power: float, stretch: float = 1.0) -> float:
-    """Largest violation of the long-wave equation by its periodic solution, over the largest of its terms.
+    """Largest violation of the long-wave equation by its periodic solution, divided by the largest of its terms.
 
     For ``F ~ overlap^n`` (n = 3/2: Eq. (1)) a wave of speed V satisfies the once integrated equation
     ``V^2 xi = c_n^2 { xi^n + n a^2 / (6 (n+1)) xi^((n-1)/2) (xi^((n+1)/2))_xx }``, solved by

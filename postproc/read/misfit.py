@@ -31,7 +31,7 @@ from postproc.read.signals import peaks, rising_crossing
 LEVEL = LEVELS[1]  # share of the peak at which the duration is cut
 AMPLITUDE, ARRIVAL, DURATION = "amplitude_N", "arrival_s", f"duration_{100 * LEVEL:g}pct_s"
 IMPULSE = "impulse_N_s"
-NOISE_FACTOR = 8.0  # prominence of a pulse, over the noise of the spline
+NOISE_FACTOR = 8.0  # prominence of a pulse, divided by the noise of the spline
 MIN_PROMINENCE = 0.005  # of a pulse, as a share of the signal's range
 QUOTED = "quoted"
 SMALLER = {3: "m", 6: "u"}  # prefixes of units that are mistaken for others, by powers of ten

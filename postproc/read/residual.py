@@ -44,12 +44,12 @@ def largest_kinetic_J(chain: Chain, motion: Trace) -> float:
 
 
 def share_of_change(difference_N: Array, reference: Trace) -> Array:
-    """Force difference over the largest change of force of the reference."""
+    """Force difference divided by the largest change of force of the reference."""
     return np.asarray(difference_N / largest_change_N(reference.force_N))
 
 
 def residual(trace: Trace, reference: Trace) -> Array:
-    """Largest difference over all contacts at each sample, over the reference's largest change. Shape (samples,)."""
+    """Largest difference at each sample, divided by the reference's largest change of force. Shape (samples,)."""
     return share_of_change(np.abs(trace.force_N - reference.force_N).max(axis=1), reference)
 
 

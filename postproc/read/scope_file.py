@@ -219,7 +219,7 @@ def _name_and_unit(heading: str, below: str) -> tuple[str, str]:
 def _decimal(block: list[Row], separator: str, shown: str) -> str:
     """Decimal mark of a block; refuses commas, and points with semicolons, that may separate thousands."""
     numbers = [(line, cell) for line, cells in block for cell in cells if NUMBER.fullmatch(cell)]
-    points, commas = ([each for each in numbers if re.search(rf"\{mark}[^.,]*$", each[1])] for mark in ".,")
+    points, commas = ([number for number in numbers if re.search(rf"\{mark}[^.,]*$", number[1])] for mark in ".,")
     decimal, marked = (",", commas) if commas and len(commas) >= len(points) else (".", points)
     if marked and (decimal == "," or separator == ";") and all(THOUSANDS.fullmatch(cell) for _, cell in marked):
         line, cell = marked[0]

@@ -69,7 +69,7 @@ class Budget:
         note: parts that were not measured, with the reason.
         departure: first time and contact at which the model part passes its limit; empty if it never does.
         warnings: reasons why the run is of little use; most runs have none.
-        exact_to: error of the exact motion until ``exact_until_s``, over the largest change of force; None for
+        exact_to: error of the exact motion until ``exact_until_s``, divided by the largest change of force; None for
             three-dimensional chains.
     """
 
@@ -121,7 +121,7 @@ def field_of(trace: Trace, quantity: str) -> Array:
 
 
 def apart(one: Array, other: Array, scale: float) -> Array:
-    """Magnitude of the difference of two fields over the common samples, over a scale; inf for NaN."""
+    """Magnitude of the difference of two fields over the common samples, divided by a scale; inf for NaN."""
     samples = min(len(one), len(other))
     return np.nan_to_num(np.abs(one[:samples] - other[:samples]) / scale, nan=np.inf)
 
@@ -129,7 +129,7 @@ def apart(one: Array, other: Array, scale: float) -> Array:
 def largest_difference(
     quantity: str, trace: Trace, right: Trace, scale: float, limits: Array | None = None
 ) -> tuple[float, tuple[int, int], str]:
-    """Largest difference of two motions over their common samples: its size over a scale, sample and column, place.
+    """Largest difference of two motions at common samples: its size divided by a scale, sample and column, place.
 
     With limits at each sample, shape (samples,), the difference closest to its limit.
     """

@@ -2,9 +2,10 @@
 
 Quantities are named like observables, without the unit: ``wall_peak``, ``bead_9_arrival``, ``speed_9_to_5``. Errors:
 
-* ``force``: largest difference over all contacts and sample times, over the largest change of force;
-* ``energy``: largest change over the largest kinetic energy; with damping the largest difference from the exact motion;
-* ``momentum``: largest difference over the largest momentum;
+* ``force``: largest difference over all contacts and sample times, divided by the largest change of force;
+* ``energy``: largest change, with damping largest difference from the exact motion, divided by the largest kinetic
+  energy;
+* ``momentum``: largest difference divided by the largest momentum;
 * peaks, later ones too: relative to the true value minus the static load;
 * all others: relative to the true value.
 """
@@ -28,7 +29,7 @@ ENERGY, MOMENTUM = "energy", "momentum"
 SAMPLE_FACTOR = 4  # factor of samples for true values: of smooth forces quintic interpolation leaves 4^-6 of the error
 TRUE_SHARE = 0.05  # of the sampling error, for the error of the true value itself
 LEAST_SAMPLING = 1e-9  # relative sampling error that is taken as it is
-# tolerance of the second motions, over the tolerance of the first, whose error they measure
+# tolerance of the second motions, divided by the tolerance of the first, whose error they measure
 ROUGH_FACTOR, NEAR_FACTOR = 100.0, 3.0
 LEAST_ERROR = 1e-13  # of the largest change: smaller errors of the exact motion are not stated
 ROUNDED_TOLERANCE = 10 * MIN_TOLERANCE  # below, rounding errors are of the size of the tolerance

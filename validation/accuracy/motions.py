@@ -105,7 +105,7 @@ class Motions:
 
     @cached_property
     def exact_error(self) -> Array:
-        """Measured error of the exact motion: largest until each sample, over the largest change. Shape (samples,)."""
+        """Error of the exact motion, largest until each sample, divided by the largest change. Shape (samples,)."""
         return share_of_change(self.exact_to_end.error_N, self.exact_to_end.trace)
 
     @cached_property
@@ -176,7 +176,7 @@ class Motions:
 
     @cached_property
     def rounding(self) -> Array:
-        """Largest effect of rounding until each sample, over the largest change. Shape (samples,)."""
+        """Largest effect of rounding until each sample, divided by the largest change. Shape (samples,)."""
         share = np.nan_to_num(share_of_change(self.rounding_N, self.plain), nan=np.inf)
         return np.asarray(np.maximum.accumulate(share))
 
@@ -200,7 +200,7 @@ class Motions:
         """Limits of the difference of a run from its scheme at each sample until the horizon. Shape (samples,).
 
         Args:
-            quantity: ``force``, ``energy`` or ``momentum``, over their scales.
+            quantity: ``force``, ``energy`` or ``momentum``, divided by their scales.
         """
         bound, least = self.rounding_bound[: self.samples], self._least(quantity).limit
         if quantity != FORCE:
@@ -251,7 +251,7 @@ def force_tolerance(case: Case) -> str:
 
 
 def predicted_error(case: Case, engine: str) -> Array:
-    """Largest force error of the engine's scheme at each sample, over the largest change of force. Shape (samples,).
+    """Largest force error of the engine's scheme at each sample, divided by the largest change. Shape (samples,).
 
     The error is measured against the exact motion; for chains too long for that, against half the step.
     """

@@ -139,9 +139,9 @@ def _three_dimensional(case: Case, among: Collection[str]) -> Iterator[str]:
 
 def _rows(case: Case, chooser: Chooser, asked: dict[str, float], errors: dict[str, float]) -> Iterator[Row]:
     """Rows for a tenth of the accuracy, for this run and for ten times the accuracy."""
-    yield _chosen("ten times the error", chooser, asked, TENFOLD)
+    yield _chosen("ten times the error of this run", chooser, asked, TENFOLD)
     yield "this run", case, errors, ""
-    more = "a tenth of the error"
+    more = "a tenth of the error of this run"
     needed = case.scene.steps * TENFOLD ** (1 if case.chain.damped else 0.5)  # by the scheme's order
     if case.full is not None:
         yield more, None, {}, "it may need the elements left out here: set run.accuracy and plan again"

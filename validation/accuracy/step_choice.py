@@ -35,7 +35,7 @@ DOUBT_SHARE = 5e-3  # of the accuracy: closer errors are measured again with the
 STEP_RATIO = 1.2  # the search ends when the steps accepted and refused are within this factor
 MAX_TRIES = 60
 MAX_WORK = 4e9  # bodies times steps of one trial: some seconds
-MAX_EXACT_WORK = 4e6  # bodies times duration over the time scale of a contact: some seconds for the exact motion
+MAX_EXACT_WORK = 4e6  # bodies times duration divided by the time scale of a contact: some seconds for the exact motion
 ROUNDING_FACTOR = 4.0  # margin on predicted rounding, which is scaled as a random walk
 ROUNDING_WORK = 400_000  # bodies times steps for which rounding is measured, some milliseconds; beyond, it is scaled
 MARGIN = 1.25  # on the best accuracy named in errors
@@ -50,7 +50,7 @@ REMOVALS: dict[str, Callable[[Scene], Scene]] = {
     "gravity": lambda scene: scene.model_copy(update={"gravity": 0.0}),
     "precompression": lambda scene: _with(scene, "chain", precompression=0.0),
     "sensor masses": lambda scene: _with(
-        scene, "chain", sensors=tuple(each.model_copy(update={"mass": None}) for each in scene.chain.sensors)
+        scene, "chain", sensors=tuple(sensor.model_copy(update={"mass": None}) for sensor in scene.chain.sensors)
     ),
     "mass scatter": lambda scene: _with(scene, "chain", mass_scatter=0.0),
     "damping": lambda scene: scene.model_copy(update={"contact": scene.contact.elastic}),
@@ -67,7 +67,7 @@ def simplify(case: Case, asked: dict[str, float]) -> Case:
         case: case of a straight chain.
         asked: accuracy by quantity; errors as in ``validation.accuracy.exact_motion``.
     """
-    candidates = [each.name for each in case.elements if each.modelled and each.name in REMOVALS]
+    candidates = [element.name for element in case.elements if element.modelled and element.name in REMOVALS]
     if not candidates:
         return case
     try:
@@ -89,11 +89,11 @@ def simplify(case: Case, asked: dict[str, float]) -> Case:
     if not left:
         return case
     simple = _without(case, left)
-    elements = {each.name: each for each in simple.elements}
+    elements = {element.name: element for element in simple.elements}
     for name in left:
         worst = max(alone[name], key=lambda quantity: alone[name][quantity])
         change = alone[name][worst] * asked[worst]
-        scene_has = next(each.reason for each in case.elements if each.name == name)
+        scene_has = next(element.reason for element in case.elements if element.name == name)
         why = f"it changes the {worst} by {change:.1e}; the requested accuracy is {asked[worst]:g}"
         elements[name] = replace(elements[name], reason=f"left out ({scene_has}): {why}")
     return replace(simple, elements=tuple(elements.values()), full=case)
@@ -147,7 +147,7 @@ class Chooser:
         return exact_motion_of(self.full, tolerance, finer=bool(self.gauges))
 
     def _follow(self, strictest: float) -> tuple[ExactMotion, float]:
-        """Exact motion and its error over the largest change.
+        """Exact motion and its error divided by the largest change.
 
         Errors grow in a chaotic motion, so the tolerance is tightened until the error is small.
         """
@@ -168,7 +168,7 @@ class Chooser:
         return self._errors[steps_per_sample]
 
     def _excess(self, steps: int, wanted: dict[str, float]) -> float:
-        """Largest error over the wanted accuracy; close to 1, measured against the tightest exact motion."""
+        """Largest error divided by the wanted accuracy; close to 1, measured against the tightest exact motion."""
         shares = {name: error / wanted[name] for name, error in self.errors_at(steps).items()}
         if any(abs(share - 1) < DOUBT_SHARE for share in shares.values()) and not self._best:
             self.truth, self._best = self._truth(MIN_TOLERANCE), True
@@ -232,7 +232,7 @@ class Chooser:
         return case, plan
 
     def rounding(self, steps_per_sample: int) -> Array:
-        """Largest effect of rounding absolute heights until each sample, over the largest change. Shape (samples,).
+        """Largest effect of rounded heights until each sample, divided by the largest change. Shape (samples,).
 
         Measured if that is cheap, else scaled: rounding grows as a random walk with the number of steps.
         """

@@ -25,7 +25,7 @@ from validation.calibration.calibration_file import Answer, QuotedNumber, Quoted
 from validation.calibration.free import GAIN, TRIGGER, Free, around, did_you_mean, stated
 from validation.calibration.readings import Record, records_of
 
-LONGER = 2.0  # a run over the scene's duration, if a trigger has to be found
+LONGER = 2.0  # a run divided by the scene's duration, if a trigger has to be found
 SCALES = {"force": "force_scale", "speed": "speed_scale"}  # nuisance parameter of a kind of error
 READING = "reading"  # table of the keys of nuisance parameters
 CUT = f"{READING}.cut"

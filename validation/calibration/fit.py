@@ -99,7 +99,9 @@ class Fit:
     @property
     def undetermined(self) -> NDArray[np.bool_]:
         """True for each parameter that the data do not bound within its range. Shape (parameters,)."""
-        return np.asarray(sum((named(each) for each in self.open_directions), np.zeros(len(self.place), dtype=bool)))
+        return np.asarray(
+            sum((named(direction) for direction in self.open_directions), np.zeros(len(self.place), dtype=bool))
+        )
 
     @property
     def errors(self) -> Array:
@@ -312,7 +314,7 @@ def trade_offs(fit: Fit) -> Iterator[str]:
         )
         yield f"the data barely distinguish {names}: they trade off along {along}"
         times = f"{float(inflation[weak].min()):.0f} times smaller"
-        yield f"each of them would have an error at least {times} if all others were known"
+        yield f"each of them would have an error at least {times} if all other parameters were known"
 
 
 def _along(fit: Fit, direction: Array, members: NDArray[np.intp]) -> str:

@@ -56,7 +56,7 @@ def problems_of(request: FitRequest) -> dict[str, Problem]:
             sets = paper_data(request.quoted, settings)
         else:
             freed = any(text.partition("=")[0].strip().endswith(f".{TRIGGER}") for text in request.free)
-            sets = [scene_data(each, settings, request.measured, free_trigger=freed) for each in request.scenes]
+            sets = [scene_data(scene, settings, request.measured, free_trigger=freed) for scene in request.scenes]
         for name, times in Counter(data.name for data in sets).items():
             if times > 1:
                 raise InputError(
@@ -133,8 +133,8 @@ def lines(outcome: Outcome) -> Iterator[str]:
         ends = ((row.low_68pct, row.high_68pct), (row.low_95pct, row.high_95pct))
         start = with_error(row.start, row.prior, row.unit) if row.prior else rounded(row.start, row.unit)
         value = value_text(row, outcome.enlargement)
-        rows.append([row.parameter, value, *(interval_text(row, each) for each in ends), start])
-    yield from _table(["parameter", "value", *(f"{each} interval" for each in RISES), "start"], rows)
+        rows.append([row.parameter, value, *(interval_text(row, end) for end in ends), start])
+    yield from _table(["parameter", "value", *(f"{rise} interval" for rise in RISES), "start"], rows)
     if outcome.enlargement != 1:
         times = f"{outcome.enlargement:.2g} times, by the scatter of the data"
         yield f"the errors above (not the intervals) are enlarged {times}, which the model does not explain"
@@ -166,7 +166,7 @@ def comparison(outcomes: Mapping[str, Outcome], predictions: Sequence[DatumRow])
     """Lines on several laws: goodness of each, the best if one is, and what they predict differently."""
     if len(outcomes) < 2:
         return
-    rows = sorted((each.row for each in outcomes.values()), key=lambda row: row.aic)
+    rows = sorted((outcome.row for outcome in outcomes.values()), key=lambda row: row.aic)
     best = rows[0]
     numbers = [(r.chi_square, r.freedom, r.probability, r.aic, r.bic, r.aic - best.aic) for r in rows]
     heading = ["law", "chi-square", "freedom", "probability", "AIC", "BIC", "AIC above the best"]
@@ -183,7 +183,7 @@ def verdict(outcomes: Mapping[str, Outcome]) -> Iterator[str]:
 
     Where no law does, differences of AIC are divided by the best law's chi-square per degree of freedom.
     """
-    rows = sorted((each.row for each in outcomes.values()), key=lambda row: row.aic)
+    rows = sorted((outcome.row for outcome in outcomes.values()), key=lambda row: row.aic)
     best, unit = rows[0], outcomes[rows[0].law].enlargement ** 2
     for row in rows:
         if not outcomes[row.law].explained:

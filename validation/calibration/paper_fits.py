@@ -69,7 +69,7 @@ def study(*, quick: bool = False) -> dict[str, list[Any]]:
     else:
         first = _in_parallel(partial(_fit_thoroughly, readings[0]), laws, "law")
         known = {each[FITS][0].law: {row.parameter: row.value for row in each[PARAMETERS]} for each in first}
-        drawn = [each for each in readings if reading_of(each) in DRAWN]
+        drawn = [reading for reading in readings if reading_of(reading) in DRAWN]
         done = [*first, *_in_parallel(partial(_fit_laws, laws, known), readings[1:], "reading")]
         done += _in_parallel(partial(_contours, known[CONTOUR_LAW]), drawn, "contour")
     return {name: [row for each in done for row in each.get(name, ())] for name in TABLES}
@@ -182,7 +182,7 @@ def _fig4(simulation: Simulation) -> Iterator[Number]:
 
 
 def _speed_to_wall(simulation: Simulation) -> float:
-    """Peak-to-peak speed from bead 5 to the wall, over the distance of the bead's centre from the wall."""
+    """Peak-to-peak speed from bead 5 to the wall, divided by the distance of the bead's centre from the wall."""
     lowest = min(simulation.case.layout.sensors, key=lambda sensor: sensor.height_m)
     travel_s = simulation.values["wall_arrival_s"] - simulation.values[f"bead_{lowest.from_wall}_arrival_s"]
     return lowest.height_m / travel_s if travel_s > 0 else nan

@@ -272,7 +272,7 @@ def with_triggers(problem: Problem, place: Array, sets: Sequence[DataSet] | None
         values = own_values(problem, data, place)
         for index, free in enumerate(problem.free):
             if found and free.own == data.name and free.key.endswith(f".{TRIGGER}"):
-                records = [each for each in data.records if f"{each.trigger_key}.{TRIGGER}" == free.key]
-                gains = {each.key: values.get(f"{each.key}.{GAIN}", each.measured.gain) for each in records}
+                records = [record for record in data.records if f"{record.trigger_key}.{TRIGGER}" == free.key]
+                gains = {record.key: values.get(f"{record.key}.{GAIN}", record.measured.gain) for record in records}
                 moved[index] = free.coordinate(best_trigger_s(records, found, gains))
     return moved

@@ -88,7 +88,7 @@ def _root(values: Array, place: int) -> float:
 def contact_force_N(simulation: Simulation, gauge: str, cut: float) -> float:
     """The paper's F_m of Eq. (6): beta times the gauge's amplitude plus the static load of the contact above the bead.
 
-    The factor beta, amplitude at that contact over amplitude of the mean of both contacts, is that of the same motion.
+    The factor beta, amplitude at that contact divided by that of the mean of both contacts, is of the same motion.
     """
     layout, trace = simulation.case.layout, simulation.trace
     force_N = trace.force_N[:, int(gauge.removeprefix("bead_"))]
@@ -273,7 +273,7 @@ def best_trigger_s(records: Sequence[Record], curves: Mapping[str, BSpline], gai
     while (
         places[1] - places[0] > (high - low) / 1000
     ):  # the residual has one broad minimum around each alignment of pulses
-        best = float(places[int(np.argmin([chi_square(float(each)) for each in places]))])
+        best = float(places[int(np.argmin([chi_square(float(place)) for place in places]))])
         reach = 2 * (places[1] - places[0])
         places = np.linspace(max(best - reach, low), min(best + reach, high), 17)
-    return float(places[int(np.argmin([chi_square(float(each)) for each in places]))])
+    return float(places[int(np.argmin([chi_square(float(place)) for place in places]))])

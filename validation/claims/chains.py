@@ -16,7 +16,7 @@ SolvedTable = Callable[[str, Amplitude], pd.DataFrame]  # Table 1 for a setting 
 
 UNCOMPRESSED = ("gravity=", "wall=")
 LONG_DURATION = "run.duration=2 ms"
-PROMINENCE = 0.005  # of a wave in a train, over the range of the force
+PROMINENCE = 0.005  # of a wave in a train, divided by the range of the force
 COARSE = ("run.time_step=0.2 us", "run.sample_interval=2 us")  # for long chains: errors of waves up to 1e-4
 MICRO = 1e6
 

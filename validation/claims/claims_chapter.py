@@ -179,8 +179,8 @@ def section(tables: Tables) -> dict[str, Any]:
         "counts": _counts(judged),
         "hanging": sum(hangs(own) for _, own in judged),
         "without_code": sum(len(favoured(*each)) == 1 for each in judged if each[0].kind == PHYSICS),
-        DIFFERS: [_statement(*each) for each in physics if verdict_of(each) == DIFFERS],
-        REPRODUCED: [_statement(*each) for each in physics if verdict_of(each) == REPRODUCED],
+        DIFFERS: [_statement(*physic) for physic in physics if verdict_of(physic) == DIFFERS],
+        REPRODUCED: [_statement(*physic) for physic in physics if verdict_of(physic) == REPRODUCED],
         ARITHMETIC: [_statement(*each) for each in judged if each[0].kind == ARITHMETIC],
         "untested": read_claims().untested,
         "cases": [

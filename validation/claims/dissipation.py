@@ -24,18 +24,18 @@ def envelope_rate(run: Run, maxima: float) -> float:
 
 
 def attenuation(run: Run) -> float:
-    """First maximum at the wall in Fig. 5 with dissipation over that of the elastic chain of 1.46 GPa."""
+    """First maximum at the wall in Fig. 5 with dissipation divided by that of the elastic chain of 1.46 GPa."""
     damped, elastic = (waves(run(case), 1) for case in (_calibrated("fig5"), case_of("fig5")))
     return damped[0].value / elastic[0].value
 
 
 def exponents(run: Run, maxima: float) -> float:
-    """Rate of the envelope at the wall in Fig. 5 with dissipation over that of the elastic chain of 1.46 GPa."""
+    """Rate of the envelope at the wall in Fig. 5 with dissipation divided by that of the elastic chain of 1.46 GPa."""
     return envelope_rate(run, maxima) / rate_through(waves(run(case_of("fig5")), 1), maxima)
 
 
 def attenuation_by_amplitude(run: Run, waves_are: str) -> float:
-    """Attenuation of a low wave over that of a high one, each the force with dissipation over that without.
+    """Attenuation of a low wave divided by that of a high one, each the force with dissipation divided by that without.
 
     The third and the first maximum of Fig. 5's train at the wall, or single waves of 0.06 and 5 N without gravity.
     """
@@ -48,19 +48,19 @@ def attenuation_by_amplitude(run: Run, waves_are: str) -> float:
 
 
 def _kept(run: Run, scene: str, contact: int = 1, *settings: str) -> float:
-    """First maximum at a contact with dissipation over that without."""
+    """First maximum at a contact with dissipation divided by that without."""
     damped, elastic = (waves(run(case(scene, *settings)), contact) for case in (_calibrated, _softened))
     return damped[0].value / elastic[0].value
 
 
 def valley(run: Run, scene: str) -> float:
-    """Valley between the first two waves at the wall over the second, with dissipation."""
+    """Valley between the first two waves at the wall divided by the second, with dissipation."""
     force, first, second = _first_two(run, scene)
     return float(force[first.sample : second.sample].min() / second.value)
 
 
 def tail(run: Run, scene: str) -> float:
-    """Least force at the wall from 60 to 160 µs after the second wave over the first wave, with dissipation."""
+    """Least force at the wall from 60 to 160 µs after the second wave divided by the first wave, with dissipation."""
     force, first, second = _first_two(run, scene)
     after = run(_calibrated(scene)).trace.time_s - second.time_s
     return float(force[(after > TAIL_S[0]) & (after < TAIL_S[1])].min() / first.value)

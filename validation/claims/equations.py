@@ -43,7 +43,9 @@ def discrete_force_coefficient() -> float:
 def precompressed_discrete() -> float:
     """Largest deviation of Eq. (4) from the exact wave of the discrete chain, for 0.1 to 1e4 static forces."""
     diameter_m = ptfe_beads().diameter_m
-    return max(abs(speed_by_eq4(1 + each) / (_wave(each).speed * diameter_m) - 1) for each in SWEPT_AMPLITUDES)
+    return max(
+        abs(speed_by_eq4(1 + amplitude) / (_wave(amplitude).speed * diameter_m) - 1) for amplitude in SWEPT_AMPLITUDES
+    )
 
 
 @cache
@@ -60,7 +62,9 @@ def beta(amplitude: float) -> float:
 
 def beta_spread() -> float:
     """Largest relative difference of beta between 600, 1000 and 1460 MPa, per cent."""
-    found = np.array([[_wave(each, modulus).beta for modulus in quoted().ptfe_moduli_MPa] for each in AMPLITUDES])
+    found = np.array(
+        [[_wave(amplitude, modulus).beta for modulus in quoted().ptfe_moduli_MPa] for amplitude in AMPLITUDES]
+    )
     return float(100 * ((found.max(axis=1) - found.min(axis=1)) / found.mean(axis=1)).max())
 
 

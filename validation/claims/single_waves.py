@@ -58,13 +58,13 @@ def width_by_modulus(run: Run, force_N: float) -> float:
 
 
 def width_by_gravity(run: Run, force_N: float) -> float:
-    """Width at 4 % with gravity over that without, under the strike for 0.06 N in Table 1."""
+    """Width at 4 % with gravity divided by that without, under the strike for 0.06 N in Table 1."""
     heavy, bare = (struck(run, force_N, LONG_DURATION, *off).values[WIDTH] for off in ((), UNCOMPRESSED))
     return heavy / bare
 
 
 def speed_by_gravity(run: Run, force_N: float) -> float:
-    """Speed with gravity over that of the exponent 1/6 without it at the same peak force, less 1, per cent."""
+    """Speed with gravity divided by that of the exponent 1/6 without it at the same peak force, less 1, per cent."""
     heavy, bare = (struck(run, force_N, LONG_DURATION, *off) for off in ((), UNCOMPRESSED))
     same_force = speed_between_sensors(bare) * (contact_peak(heavy) / contact_peak(bare)) ** (1 / 6)
     return float(100 * (speed_between_sensors(heavy) / same_force - 1))
@@ -82,7 +82,7 @@ def theory_and_chain(run: Run) -> float:
 
 
 def contact_force(run: Run, force_N: float) -> float:
-    """Simulated peak contact force over that of Eq. (6), beta being the solitary wave's."""
+    """Simulated peak contact force divided by that of Eq. (6), beta being the solitary wave's."""
     one = struck(run, force_N)
     chain, static, peak = one.case.chain, static_force(one.case), contact_peak(one)
     wave = solve_at_amplitude(float(chain.stiffness[6]), float(chain.mass_kg[0]), static, peak / static - 1)
@@ -151,7 +151,7 @@ def conservation_error(error: str, of: str = "") -> float:
 
 
 def single_wave(run: Run) -> float:
-    """Second wave over the first, thirty beads below a striker like the beads, no gravity; 0 without a second wave."""
+    """Second wave divided by the first, thirty beads below a striker like the beads, no gravity; 0 without one."""
     one = run(case_of("table1", *UNCOMPRESSED, "chain.count=60", "run.duration=4 ms", *COARSE))
     train = waves(one, 30, prominence=1e-6)
     return train[1].value / train[0].value if len(train) > 1 else 0.0
@@ -209,7 +209,7 @@ def width_by_diameter(run: Run) -> float:
 
 
 def impulse_to_peak(run: Run) -> float:
-    """Impulse on the wall up to the largest force, over the momentum of the steel ball that strikes it."""
+    """Impulse on the wall up to the largest force, divided by the momentum of the steel ball that strikes it."""
     speed = 0.5
     ball = ("chain.count=1", "chain.material=stainless-steel", "chain.sensors=[]", "chain.mass=0.5 g", "striker=")
     moving = f"chain.bead=[{{ from_wall = 1, velocity = '-{speed} m/s' }}]"
@@ -221,7 +221,7 @@ def impulse_to_peak(run: Run) -> float:
 
 
 def long_loading(run: Run) -> float:
-    """Reading of a sensor bead between the wall and a piston of 1 kg, over the force on the wall, peak by peak."""
+    """Reading of a sensor bead between wall and a piston of 1 kg, divided by the force on the wall, peak by peak."""
     bead = ("chain.count=1", "chain.sensors=[{ from_wall = 1, mass = '0.116 g' }]")
     piston = ("striker.shape=flat", "striker.material=alumina", "striker.diameter=", "striker.mass=1 kg")
     slow = ("striker.speed=5 mm/s", "run.duration=20 ms", "run.sample_interval=5 us", "run.time_step=1 us")

@@ -23,13 +23,13 @@ def train_count(run: Run, share: float) -> float:
 
 
 def small_waves(run: Run, share: float) -> float:
-    """Waves above a share of the first over those above 5 %, thirty beads below Fig. 5's striker, no gravity."""
+    """Waves above a share of the first divided by those above 5 %, thirty beads below Fig. 5's striker, no gravity."""
     train = waves(heavy_strike(run, "chain.count=100", "run.duration=6 ms", "run.time_step=1 us"), 71, prominence=1e-3)
     return _significant(train, share) / _significant(train, 0.05)
 
 
 def splitting(run: Run, below: float) -> float:
-    """Valley between the first two waves over the second, some beads below Fig. 5's striker, no gravity."""
+    """Valley between the first two waves divided by the second, some beads below Fig. 5's striker, no gravity."""
     one, contact = heavy_strike(run), 61 - round(below)
     first, second = waves(one, contact, at_least=2)[:2]
     return float(one.trace.force_N[first.sample : second.sample, contact - 1].min() / second.value)
@@ -47,13 +47,13 @@ def _piston(run: Run) -> tuple[Simulation, Simulation]:
 
 
 def precompression_speed(run: Run) -> float:
-    """Speed of the leading wave under 0.5 N over that without, ten to fifteen beads below the striker."""
+    """Speed of the leading wave under 0.5 N divided by that without, ten to fifteen beads below the striker."""
     bare, pressed = _piston(run)
     return speed_between_sensors(pressed) / speed_between_sensors(bare)
 
 
 def precompression_splitting(run: Run) -> float:
-    """Depth of the valley after the first wave over its height, under 0.5 N over that without."""
+    """Depth of the valley after the first wave divided by its height, under 0.5 N divided by that without."""
     depths = []
     for one in _piston(run):
         reading = sensor_average(one.trace.force_N, 45)
@@ -64,7 +64,7 @@ def precompression_splitting(run: Run) -> float:
 
 
 def precompression_width(run: Run) -> float:
-    """Width of the leading wave at half its peak in diameters, under 0.5 N over that without."""
+    """Width of the leading wave at half its peak in diameters, under 0.5 N divided by that without."""
     found = [observe(one.case.layout, one.trace, (0.5,))["bead_45_width_50pct_diameters"] for one in _piston(run)]
     return found[1] / found[0]
 
@@ -75,7 +75,7 @@ def envelope_rate(run: Run, maxima: float) -> float:
 
 
 def envelope_by_place(run: Run, bead: float) -> float:
-    """Rate through the first two maxima in a bead of Fig. 5 over that at the wall."""
+    """Rate through the first two maxima in a bead of Fig. 5 divided by that at the wall."""
     one = run(case_of("fig5"))
     reading = sensor_average(one.trace.force_N, round(bead))
     found = peaks(one.trace.time_s, reading - reading[0])
@@ -93,7 +93,7 @@ def entrance(run: Run, number: str, times: float, bead: float, onset: float = ON
 
 
 def decay_ratio(run: Run, bead: float, maxima: float) -> float:
-    """Rate of decay of the pulse that enters at a bead over that of the envelope at the wall."""
+    """Rate of decay of the pulse that enters at a bead divided by that of the envelope at the wall."""
     return entrance(run, "decay_per_s", 1 / MICRO, bead) / envelope_rate(run, maxima)
 
 

@@ -65,7 +65,7 @@ class _Group(click.Group):
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         for title, commands in SECTIONS.items():
             with formatter.section(title):
-                formatter.write_dl([(f"{each.name:11}", each.get_short_help_str(100)) for each in commands])
+                formatter.write_dl([(f"{command.name:11}", command.get_short_help_str(100)) for command in commands])
 
 
 def _print_version(context: click.Context, parameter: click.Parameter, asked: bool) -> None:
@@ -86,7 +86,7 @@ def _print_version(context: click.Context, parameter: click.Parameter, asked: bo
 
 BEADS = _Group(
     "beads",
-    commands=[each for commands in SECTIONS.values() for each in commands],
+    commands=[command for commands in SECTIONS.values() for command in commands],
     help="Run chains of beads on several codes and judge the results.\n\nHelp on a command: beads COMMAND --help",
     epilog="\b\nexamples:\n  beads plan fig4\n  beads run fig4 --engine verlet\n  beads compare fig4",
     context_settings=HELP_OPTIONS,

@@ -39,7 +39,8 @@ def answer(scenes: Sequence[ComparedScene], cases: Outcomes | None = None) -> li
     if codes and agreement:
         return [f"Yes: {agreement}", *remarks]
     rest = [f"In this repository, {agreement}"] if agreement else []
-    return [f"Not known: {'there is no run to compare with' if codes else 'no code ran'}.", *rest, *remarks]
+    why = "their runs have nothing to be compared with" if codes else "none of them ran"
+    return [f"Not known whether the codes are right: {why}.", *rest, *remarks]
 
 
 def display_name(engine: str) -> str:

@@ -155,8 +155,8 @@ def compare_pair(one: PairedRun, other: PairedRun) -> Pair:
     motions = [motions_of(one.case, one.engine), motions_of(one.case, other.engine)]
     if not same_scheme(one, other) and other.case.scene.steps_per_sample != one.case.scene.steps_per_sample:
         motions[1] = Motions(one.case.at(other.case.scene.steps_per_sample), motions[1].law)
-    known = motions[0].straight or not any(each.why_unknown for each in motions)
-    samples = min(each.samples for each in motions) if known else len(one.trace.time_s)
+    known = motions[0].straight or not any(motion.why_unknown for motion in motions)
+    samples = min(motion.samples for motion in motions) if known else len(one.trace.time_s)
     expected = until(one.trace, samples)
     if known and not same_scheme(one, other):
         expected = _with_other_scheme(expected, motions[0].scheme_of(one.engine), motions[1].scheme_of(other.engine))
@@ -165,7 +165,7 @@ def compare_pair(one: PairedRun, other: PairedRun) -> Pair:
         first=one,
         second=other,
         checks=[*_checks(one, other, motions, expected, known=known)],
-        until=max((each.until_horizon for each in motions), key=len) if known else "",
+        until=max((motion.until_horizon for motion in motions), key=len) if known else "",
         parted={level: _first_beyond(share, one.trace, level) for level in LEVELS},
     )
 
@@ -202,9 +202,9 @@ def _allowed(
     elif same_scheme(one, other):
         others = [motions_of(other.case, other.engine)] if one.case.scene != other.case.scene else []
         limits = [each.explained(quantity)[:samples] for each in (motions[0], *others)]
-        return np.max([each[: min(map(len, limits))] for each in limits], axis=0), SAME
+        return np.max([limit[: min(map(len, limits))] for limit in limits], axis=0), SAME
     else:
-        return np.sum([each.explained(quantity)[:samples] for each in motions], axis=0), OTHER
+        return np.sum([motion.explained(quantity)[:samples] for motion in motions], axis=0), OTHER
     return np.full(samples, general.limit), general.reason
 
 

@@ -160,5 +160,5 @@ def _panels(shown: Mapping[str, Sequence[Simulation]], upper: str, lower: str) -
     for words, (pattern, scale, unit) in OBSERVABLES.items():
         name = pattern.format(upper=upper, lower=lower)
         values = [scale * np.array([run.values[name] for run in runs]) for runs in shown.values()]
-        if any(np.isfinite(each.mean()) for each in values):
+        if any(np.isfinite(value.mean()) for value in values):
             yield name, f"{words}\n{unit}", values

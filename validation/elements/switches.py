@@ -106,7 +106,7 @@ class Effect:
         without, with_: means over the seeds without and with the element.
         change, spread: mean and standard deviation of the relative changes of the seeds; NaN spread for a single run.
         cost_ns: loop time with the element per body and step, on the first scene.
-        cost_ratio: loop time with the element over loop time without.
+        cost_ratio: loop time with the element divided by loop time without.
     """
 
     scene: str
@@ -241,7 +241,7 @@ def straight(subject: SwitchedScene) -> list[Case]:
 
 
 def omitted_effects(subjects: Iterable[SwitchedScene], engines: Iterable[str], found: Found) -> Iterator[Check]:
-    """Do straight chains omit only what has no effect? Differences over the largest change of force."""
+    """Do straight chains omit only what has no effect? Differences divided by the largest change of force."""
     for engine, subject in product(engines, subjects):
         one, other = (found[case, engine].trace for case in straight(subject))
         change, place = float(residual(other, one).max()), "straight chain against one with lateral freedom in its tube"

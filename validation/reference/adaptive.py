@@ -29,7 +29,7 @@ from validation.reference.hertz_chain import (
 )
 
 MIN_TOLERANCE = 1e-12  # attainable in double precision with a margin: the smallest measured errors are near 1e-14
-LOCAL_SHARE = 0.002  # local over requested tolerance: light or loose beads amplify errors about a thousandfold
+LOCAL_SHARE = 0.002  # local divided by requested tolerance: light or loose beads amplify errors about a thousandfold
 FIRST_STEP = 1e-3  # share of the time scale
 SCALE_TIMES = 2001  # times at which a drive is looked at, for scales of errors only
 

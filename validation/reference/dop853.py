@@ -241,7 +241,7 @@ def error(
     end: Array, s_end: float, h: float, power: float, slopes: Array, scale: Array, tolerance: float, work: Array,
     bodies: Bodies,
 ) -> float:  # fmt: skip
-    """Largest local error over ``tolerance * scale``, by the two embedded formulas; fills the slope at the end.
+    """Largest local error divided by ``tolerance * scale``, by the two embedded formulas; fills the slope at the end.
 
     The allowed error of a velocity is at least the effect of rounding errors of the body's forces in the step. It
     exceeds the tolerance for light bodies between large, nearly equal forces; shorter steps would not lower it.
@@ -275,7 +275,7 @@ def error(
 
 @njit(error_model="numpy")
 def step_factor(error: float) -> float:
-    """Ratio of the next step to this step, from its error over the tolerance; below 1 if it must be repeated."""
+    """Ratio of the next step to this step, from its error divided by the tolerance; below 1 if it must be repeated."""
     if not error < 1e300:
         return 0.2
     if error > 1.0:

@@ -32,7 +32,7 @@ MAX_ITERATIONS = 500
 CHANGE_TOLERANCE = 1e-14  # relative change per iteration
 MAX_RESIDUAL_PRECOMPRESSED = 1e-13
 MAX_MACH = 1e4
-MIN_AMPLITUDE, MAX_AMPLITUDE = 1e-2, 1e20  # over the static force; both limits are tested
+MIN_AMPLITUDE, MAX_AMPLITUDE = 1e-2, 1e20  # divided by the static force; both limits are tested
 
 
 @dataclass(frozen=True)
@@ -43,13 +43,13 @@ class TravellingWave:
         place: Distance from the peak in beads; shape (points,).
         force: Contact force at ``place``.
         velocity: Bead velocity at ``place``.
-        residual: Largest residual of the fixed-point equation over the largest overlap.
+        residual: Largest residual of the fixed-point equation divided by the largest overlap.
         speed_by_force: c = this times k^(1/3) m^(-1/2) F_m^(1/6).
         speed_by_velocity: c = this times (k/m)^(2/5) v_m^(1/5).
         force_by_velocity: F_m = this times k^(2/5) m^(3/5) v_m^(6/5).
         momentum_by_velocity: momentum = this times m v_m.
         energy_by_velocity: energy = this times m v_m^2.
-        kinetic_share: Kinetic over total energy, averaged over a period.
+        kinetic_share: Kinetic energy divided by total energy, averaged over a period.
     """
 
     place: Array
@@ -65,7 +65,7 @@ class TravellingWave:
 
     @property
     def contact_over_average(self) -> float:
-        """Peak contact force over peak sensor reading (mean of two contacts), beta of Eq. (6) for F_0 = 0."""
+        """Peak contact force divided by peak sensor reading (mean of two contacts), beta of Eq. (6) for F_0 = 0."""
         from scipy.interpolate import CubicSpline
 
         force = CubicSpline(self.place, self.force)
@@ -92,7 +92,7 @@ def fixed_point(power: float = EXPONENT, speed: float = 1.0) -> tuple[Array, Arr
     """Wave of a given speed in a chain with ``F = overlap^power`` and m = 1, by Petviashvili's iteration.
 
     Returns:
-        Places in beads, overlaps at these places, and the largest residual of the equation over the largest overlap.
+        Places in beads, overlaps there, and the largest residual of the equation divided by the largest overlap.
 
     Raises:
         ArithmeticError: the iteration did not converge.
@@ -175,12 +175,12 @@ class PrecompressedWave:
 
     @property
     def amplitude(self) -> float:
-        """Peak dynamic force over the static force, ``(F_m - F_0) / F_0``."""
+        """Peak dynamic force divided by the static force, ``(F_m - F_0) / F_0``."""
         return float(self.force_N.max()) / self.static_N
 
     @property
     def beta(self) -> float:
-        """Peak dynamic contact force over peak dynamic average, the coefficient of the paper's Eq. (6)."""
+        """Peak dynamic contact force divided by peak dynamic average, the coefficient of the paper's Eq. (6)."""
         return float(self.force_N.max() / self.average_N.max())
 
 

@@ -122,7 +122,7 @@ def _row(row: ReportRow) -> dict[str, Any]:
             "note": cell.note,
             "worst": cell.worst.quantity if cell.worst else None,
             "diagnosis": cell.diagnosis or None,
-            "checks": [_without(asdict(each), ("scene", "engine")) for each in cell.checks],
+            "checks": [_without(asdict(check), ("scene", "engine")) for check in cell.checks],
         }
         for engine, cell in row.cells.items()
     }

@@ -175,7 +175,7 @@ def overlay_of(case: Case, engine: str, trace: Trace, results: Path) -> dict[str
     return overlay | {"image": image, "rows": misfit_rows(found), "remarks": remarks, "far": far}
 
 
-FORCE_RANGE = 2.0  # largest drawn force of a failed run, over the largest force of the finished runs
+FORCE_RANGE = 2.0  # largest drawn force of a failed run, divided by the largest force of the finished runs
 
 
 @cache  # the page is written after each step
@@ -230,7 +230,7 @@ def section_of(scene: ComparedScene, results: Path, runs: Path | None = None) ->
         "observables": [
             (name, *(number(values.get(name, math.nan), 6) for values in observed)) for name in (observed or [{}])[0]
         ],
-        "elements": [(each.name, "in" if each.modelled else "out", each.reason) for each in case.elements],
+        "elements": [(element.name, "in" if element.modelled else "out", element.reason) for element in case.elements],
         "decks": [
             (engine, file, text)
             for engine, cell in row.cells.items()

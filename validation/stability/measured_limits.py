@@ -179,7 +179,7 @@ def measure_limits(subjects: Sequence[MeasuredChain], names: Sequence[str] | Non
     if it behaves differently there.
     """
     names = installed_codes() if names is None else names
-    predicted_s = [predicted_limit(each.case.chain, float(each.case.sample_times_s[-1])) for each in subjects]
+    predicted_s = [predicted_limit(subject.case.chain, float(subject.case.sample_times_s[-1])) for subject in subjects]
     by_verlet = [
         _scan(each, VERLET, bound_s, lambda case: gain(case, verlet_of(case)))
         for each, bound_s in following(

@@ -243,7 +243,7 @@ def _limit_row(scene: str, by_method: pd.DataFrame) -> list[str]:
         _micro(verlet["predicted_s"]),
         " to ".join(ends),
         _micro(verlet["bad_s"]),
-        *(_judged(each, band) for each in shares),
+        *(_judged(share, band) for share in shares),
     ]
 
 

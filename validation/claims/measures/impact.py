@@ -83,6 +83,6 @@ QUANTITIES = {
     "peak_force_N": "largest contact force",
     "peak_overlap_m": "largest overlap, from the bodies' heights",
     "duration_s": "time from closing to opening of the contact",
-    "restitution": "separation speed over impact speed",
+    "restitution": "separation speed divided by impact speed",
 }
 SOURCE = "Hertz's impact in closed form (Johnson, Contact Mechanics, 11.4)"

@@ -126,7 +126,7 @@ def theory(case: Case) -> dict[str, float]:
 QUANTITIES = {
     "cutoff_frequency_Hz": "highest frequency that propagates",
     "sound_speed_m_s": "speed of long waves",
-    "impulse_share": "amplitude of the top contact's record, over 4 v sqrt(K m)",
-    "misfit": "deviation of the top contact's record from J_2(tau)/tau, over the peak",
+    "impulse_share": "amplitude of the top contact's record, divided by 4 v sqrt(K m)",
+    "misfit": "deviation of the top contact's record from J_2(tau)/tau, divided by the peak",
 }
 SOURCE = "K = (3/2) k^(2/3) F_0^(1/3), omega_c = 2 sqrt(K/m), c = 2 R sqrt(K/m), F - F_0 ~ J_2(omega_c t)/t"

@@ -25,18 +25,18 @@ TOLERANCE = 1e-10  # relative, per step: errors of forces up to 1e-8 of the larg
 SAMPLES_PER_UNIT = 16  # a solitary wave passes in four units; peaks of quintic splines have errors of 1e-8
 REACH = 10.0  # beads from the peak of an exact wave; beyond, the force is below rounding
 COLLISION = {
-    "middle_share": "largest force where the waves meet, over that of one wave",
-    "outgoing_share": "peak of the outgoing wave over that of the incoming wave",
-    "secondary_share": "peak of the secondary wave over that of the incoming wave",
-    "asymmetry": "largest difference of forces in mirrored contacts, over the peak of the wave",
-    "momentum_share": "largest momentum of the chain, over the initial momentum of either half",
+    "middle_share": "largest force where the waves meet, divided by that of one wave",
+    "outgoing_share": "peak of the outgoing wave divided by that of the incoming wave",
+    "secondary_share": "peak of the secondary wave divided by that of the incoming wave",
+    "asymmetry": "largest difference of forces in mirrored contacts, divided by the peak of the wave",
+    "momentum_share": "largest momentum of the chain, divided by the initial momentum of either half",
 }
 WALL = {
-    "wall_peak_over_incident": "largest force on the wall over that of the incoming wave",
-    "reflected_over_incident": "force of the reflected wave over that of the incoming wave",
+    "wall_peak_over_incident": "largest force on the wall divided by that of the incoming wave",
+    "reflected_over_incident": "force of the reflected wave divided by that of the incoming wave",
 }
 TRAIN = {
-    f"wave_{number}_over_first": f"force of the {word} wave over that of the first, 30 contacts below the striker"
+    f"wave_{number}_over_first": f"force of the {word} wave divided by that of the first, 30 contacts below the striker"
     for number, word in enumerate(("second", "third", "fourth", "fifth"), start=2)
 }
 
@@ -102,7 +102,7 @@ def led_to_wall(beads: int, start: float, wall_stiffness: float, duration: float
     Args:
         beads: number of beads, counted from 1 at the wall; contact j lies half a bead below bead j.
         start: place of the peak at time 0, in beads.
-        wall_stiffness: stiffness of contact 1 over that of the others.
+        wall_stiffness: stiffness of contact 1 divided by that of the others.
         duration: distance that the wave travels, in beads.
     """
     wave, place = solve_travelling_wave(), np.arange(1.0, beads + 1) - start
@@ -123,14 +123,14 @@ def led_to_wall(beads: int, start: float, wall_stiffness: float, duration: float
 # Caussarieu, Job and Melo, Phys. Rev. E 84, 026604, 2011). Its final share of the wave is 0.0299 or 0.0085, reached 30
 # contacts from the middle (0.0244 and 0.0064 after 5 contacts, 0.0267 and 0.0070 after 10, 0.0298 and 0.0084 after 20).
 FAR_CONTACT = 40  # contacts above the middle; from 30 on the secondary wave changes by less than 1e-4
-WEAKEST_SHARE = 1e-3  # prominence of a wave over the first one; the weakest secondary wave is 8.5e-3 of the wave
+WEAKEST_SHARE = 1e-3  # prominence of a wave divided by the first one; the weakest secondary wave is 8.5e-3 of the wave
 HALF_BEADS = 120
 HALF_START = FAR_CONTACT + 20.5  # bead of the half chain at which the exact wave starts
 LAST = 165.0  # beads that the wave travels until the secondary wave has passed
 
 
 def collision(case: Case, trace: Trace) -> dict[str, float]:
-    """Peaks in the middle and ``FAR_CONTACT`` contacts above, over the incoming wave there."""
+    """Peaks in the middle and ``FAR_CONTACT`` contacts above, divided by the incoming wave there."""
     chain, force = case.chain, trace.force_N
     middle = (chain.beads + 1) // 2  # or just above the bead there
     if middle + FAR_CONTACT >= chain.beads:
@@ -152,7 +152,7 @@ def collision_theory(case: Case) -> dict[str, float]:
 
 
 def _collision_shares(time_s: Array, middle_N: Array, beyond_N: Array) -> dict[str, float]:
-    """Peaks in the middle and of outgoing waves over the incoming wave, from arrays of shape (samples,)."""
+    """Peaks in the middle and of outgoing waves divided by the incoming wave, from arrays of shape (samples,)."""
     passing, together = peaks(time_s, beyond_N, prominence=WEAKEST_SHARE), first_peak(time_s, middle_N)
     if len(passing) < 3 or together is None:
         raise ValueError(f"{len(passing)} waves within the run, three expected: incoming, outgoing, secondary")
@@ -163,7 +163,7 @@ def _collision_shares(time_s: Array, middle_N: Array, beyond_N: Array) -> dict[s
 
 # A solitary wave at a wall: peak force at the wall, and peak of the reflected wave at the lowest sensor's contact.
 APPROACH = 10  # contacts from the sensor's contact to the start of the exact wave, and beads above the start
-REFLECTED_PROMINENCE = 0.02  # of a wave, over the range
+REFLECTED_PROMINENCE = 0.02  # of a wave, divided by the range
 
 
 def reflection(case: Case, trace: Trace) -> dict[str, float]:
@@ -205,7 +205,7 @@ def _lowest_sensor(case: Case) -> int:
 # from the top. There the ratios of the waves are final to 1e-3 for strikers of up to four bead masses; for eight the
 # fourth still gains 5 %.
 TRAIN_CONTACTS = 30  # below the striker's
-TRAIN_PROMINENCE = 1e-3  # of a wave, over the range
+TRAIN_PROMINENCE = 1e-3  # of a wave, divided by the range
 
 
 def train(case: Case, trace: Trace) -> dict[str, float]:

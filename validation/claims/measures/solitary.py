@@ -77,11 +77,11 @@ def _width_s(time_s: Array, values: Array, share: float) -> float:
 
 
 QUANTITIES = {
-    "peak_velocity_over_strike": "largest bead velocity over the speed of the striker",
+    "peak_velocity_over_strike": "largest bead velocity divided by the speed of the striker",
     "force_by_velocity": "F_m / (k^(2/5) m^(3/5) v_m^(6/5))",
     "speed_by_force": "c / (k^(1/3) m^(-1/2) F_m^(1/6)), c in beads per second",
     "speed_by_velocity": "c / ((k/m)^(2/5) v_m^(1/5)), c in beads per second",
-    "speed_below_long_wave": "1 less the speed over that of the long-wave limit at the same velocity",
+    "speed_below_long_wave": "1 less the speed divided by that of the long-wave limit at the same velocity",
     "contact_width_4pct_diameters": "full width of a contact force at 4 % of its peak",
     "contact_width_half_diameters": "full width of a contact force at half its peak",
     "average_width_4pct_diameters": "full width of a sensor's average at 4 % of its peak",
