@@ -94,9 +94,11 @@ def quantity(value: float, unit: str) -> str:
 
 @dataclass(frozen=True)
 class InUnit(BeforeValidator):
-    """Validator that reads a quantity, and the SI unit of its result."""
+    """Validator that reads a quantity, and the SI unit and the range of its result."""
 
     unit: str = ""
+    least: float = 0.0
+    most: float = 0.0
 
 
 def _quantity(what: str, unit: str, example: str, least: float, most: float, *, zero: bool = False) -> InUnit:
@@ -118,7 +120,7 @@ def _quantity(what: str, unit: str, example: str, least: float, most: float, *, 
             raise NotAllowedError(allowed if number <= 0 < least else bounds)
         return number
 
-    return InUnit(read, unit=unit)
+    return InUnit(read, unit=unit, least=0.0 if zero else least, most=most)
 
 
 # generous bounds, from colloids to boulders

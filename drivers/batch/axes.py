@@ -37,17 +37,23 @@ class Axis(Part):
     ``seeds``: number of random draws. ``table``: a CSV file with a column for each key and a row for each case.
     """
 
-    key: Keys = Field(default=(), strict=False)
-    name: Annotated[str, Field(pattern=NAME, max_length=60)] | None = None
-    values: tuple[Any, ...] | None = Field(default=None, strict=False)
-    from_: str | int | float | None = Field(default=None, alias="from")
-    to: str | int | float | None = None
-    count: Annotated[int, Field(ge=2, le=MAX_VALUES)] | None = None
-    spacing: Literal["linear", "log"] = "linear"
-    factors: tuple[Annotated[float, Field(gt=0, allow_inf_nan=False)], ...] | None = Field(default=None, strict=False)
-    zip: dict[str, Annotated[tuple[Any, ...], Field(strict=False)]] | None = None
-    seeds: Annotated[int, Field(ge=1, le=MAX_VALUES)] | None = None
-    table: str | None = None
+    key: Keys = Field(default=(), strict=False, description="scene key, or keys with the same values")
+    name: Annotated[str, Field(pattern=NAME, max_length=60)] | None = Field(
+        default=None, description="name of the column"
+    )
+    values: tuple[Any, ...] | None = Field(default=None, strict=False, description="values")
+    from_: str | int | float | None = Field(default=None, alias="from", description="first value")
+    to: str | int | float | None = Field(default=None, description="last value")
+    count: Annotated[int, Field(ge=2, le=MAX_VALUES)] | None = Field(default=None, description="number of values")
+    spacing: Literal["linear", "log"] = Field(default="linear", description="spacing of the range")
+    factors: tuple[Annotated[float, Field(gt=0, allow_inf_nan=False)], ...] | None = Field(
+        default=None, strict=False, description="factors of the base value"
+    )
+    zip: dict[str, Annotated[tuple[Any, ...], Field(strict=False)]] | None = Field(
+        default=None, description="lists by key that vary together"
+    )
+    seeds: Annotated[int, Field(ge=1, le=MAX_VALUES)] | None = Field(default=None, description="number of random draws")
+    table: str | None = Field(default=None, description="CSV file: a column for each key")
 
 
 def expand(axis: Axis, base: dict[str, Any], folder: Path, where: str, place: str) -> list[Choice]:

@@ -30,31 +30,18 @@ RESERVED = ("case", "engine", "status", "reason", "force_error_share")  # column
 
 
 class StudyFile(Part):
-    """Contents of a study file.
+    """Contents of a study file. With axes one by one, case 1 is the base scene."""
 
-    Attributes:
-        scene: base scene, by name or file.
-        set: values by key of the scene, the same in every case.
-        engines: names of engines; if empty, all installed ones.
-        observables: patterns of the observables in the table.
-        figure: observables shown in the figure.
-        combine: ``grid`` combines all axes, the last one varying fastest; ``one by one`` varies each axis about the
-            base scene, which is case 1.
-        limit: time limit of a case in s; None for one that depends on the case.
-        unsafe: True to run refused cases, such as time steps beyond the stability limit.
-        axis: axes of varied values.
-    """
-
-    title: Title = ""
-    scene: str
-    set: dict[str, Any] = Field(default_factory=dict)
-    engines: tuple[str, ...] = Field(default=(), strict=False)
-    observables: tuple[str, ...] = Field(default=("*",), strict=False)
-    figure: tuple[str, ...] = Field(default=(), strict=False)
-    combine: Literal["grid", "one by one"] = "grid"
-    limit: units.Duration | None = None
-    unsafe: bool = False
-    axis: tuple[Axis, ...] = Field(default=(), strict=False)
+    title: Title = Field(default="", description="title")
+    scene: str = Field(description="base scene, by name or file")
+    set: dict[str, Any] = Field(default_factory=dict, description="settings of every case")
+    engines: tuple[str, ...] = Field(default=(), strict=False, description="engines; else all installed")
+    observables: tuple[str, ...] = Field(default=("*",), strict=False, description="patterns of observables")
+    figure: tuple[str, ...] = Field(default=(), strict=False, description="observables in the figure")
+    combine: Literal["grid", "one by one"] = Field(default="grid", description="one by one: vary one axis at a time")
+    limit: units.Duration | None = Field(default=None, description="time limit of a case")
+    unsafe: bool = Field(default=False, description="true: run refused cases")
+    axis: tuple[Axis, ...] = Field(default=(), strict=False, description="varied keys")
 
 
 @dataclass(frozen=True)

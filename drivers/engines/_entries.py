@@ -40,21 +40,15 @@ def engines_again() -> list[str]:
 
 
 class EntryTable(Part):
-    """Table of ``engines.toml``.
+    """Table of ``engines.toml``; omitted keys are those of the adapter."""
 
-    Attributes:
-        adapter: module of this package, or path of a file, that defines ``ENGINE``; default: the engine's name.
-        command: alternative commands; the first one found is used. Default: that of the adapter's own entry.
-        variables: environment variables passed on to runs; ``*`` matches any characters.
-        time_limit: time limit of a run in s; None for one that depends on the case.
-        how_to_get: package to install if the code is missing; default: the adapter's text.
-    """
-
-    adapter: str = ""
-    command: Annotated[tuple[tuple[str, ...], ...], BeforeValidator(_alternatives)] = ()
-    variables: tuple[str, ...] = Field(default=(), strict=False)
-    time_limit: units.Duration | None = None
-    how_to_get: str = ""
+    adapter: str = Field(default="", description="adapter or .py file; else NAME")
+    command: Annotated[tuple[tuple[str, ...], ...], BeforeValidator(_alternatives)] = Field(
+        default=(), description="command, or alternatives in order"
+    )
+    variables: tuple[str, ...] = Field(default=(), strict=False, description="environment variables passed on")
+    time_limit: units.Duration | None = Field(default=None, description="time limit of a run")
+    how_to_get: str = Field(default="", description="advice if the code is missing")
 
 
 class Entry(EntryTable):

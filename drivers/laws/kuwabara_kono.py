@@ -6,9 +6,10 @@ Kuwabara and Kono, Jpn. J. Appl. Phys. 26:1230, 1987; Brilliantov, Spahn, Hertzs
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
+from pydantic import Field
 
 from drivers.base import units
 from drivers.base.errors import InputProblem
@@ -24,7 +25,9 @@ class KuwabaraKono(ContactLaw):
 
     name: ClassVar[str] = "kuwabara-kono"
     damped: ClassVar[bool] = True
-    keys: ClassVar[Mapping[str, Any]] = {"relaxation": units.Duration}
+    keys: ClassVar[Mapping[str, Any]] = {
+        "relaxation": Annotated[units.Duration, Field(description="A of kuwabara-kono")]
+    }
     overlap_power: ClassVar[float] = 1 / 2
     codes: ClassVar[Mapping[str, str]] = {
         "lammps": "viscoelastic limit_damping",

@@ -29,8 +29,8 @@ class Power(ContactLaw):
     name: ClassVar[str] = "power"
     damped: ClassVar[bool] = True
     keys: ClassVar[Mapping[str, Any]] = {
-        "gamma": Annotated[float, Field(ge=0, allow_inf_nan=False)],
-        "alpha": Annotated[float, Field(ge=1, le=3)],
+        "gamma": Annotated[float, Field(ge=0, allow_inf_nan=False, description="coefficient in N (s/m)^alpha")],
+        "alpha": Annotated[float, Field(ge=1, le=3, description=f"exponent of the speed; else {ALPHA}")],
     }
     codes: ClassVar[Mapping[str, str]] = {
         "lammps": "velocity limit_damping",

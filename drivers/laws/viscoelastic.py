@@ -40,8 +40,10 @@ class Viscoelastic(ContactLaw):
     name: ClassVar[str] = "viscoelastic"
     damped: ClassVar[bool] = True
     keys: ClassVar[Mapping[str, Any]] = {
-        "restitution": Annotated[float, Field(ge=MIN_RESTITUTION, le=1, allow_inf_nan=False)],
-        "damping_ratio": Annotated[float, Field(ge=0, le=MAX_DAMPING_RATIO)],
+        "restitution": Annotated[
+            float, Field(ge=MIN_RESTITUTION, le=1, allow_inf_nan=False, description="restitution of an impact")
+        ],
+        "damping_ratio": Annotated[float, Field(ge=0, le=MAX_DAMPING_RATIO, description="damping ratio B")],
     }
     codes: ClassVar[Mapping[str, str]] = {
         "lammps": "tsuji limit_damping",

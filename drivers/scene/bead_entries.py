@@ -3,7 +3,7 @@
 import re
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BeforeValidator, PrivateAttr, ValidatorFunctionWrapHandler, WrapValidator
+from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, ValidatorFunctionWrapHandler, WrapValidator
 
 from drivers.base.units import NotAllowedError
 from drivers.scene.part import FromWall, Part
@@ -52,7 +52,7 @@ ByBead, InOneList = WrapValidator(_by_bead), AfterValidator(_in_one_list)
 class OfBead(Part):
     """Entry of one bead; a range in the file becomes an entry for each of its beads."""
 
-    from_wall: Place
+    from_wall: Place = Field(description='bead, "5-9", or list')
     _entry: int = PrivateAttr(default=0)
 
     @property

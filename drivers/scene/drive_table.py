@@ -15,17 +15,19 @@ class DriveTable(Part):
     count from ``start``; runs depend on its contents (``StoredDrive``), not on its name.
     """
 
-    form: Literal["sine", "half-sine", "step", "ramp", "chirp", "file"]
-    force: units.SignedForce | None = None
-    displacement: units.Displacement | None = None
-    from_wall: FromWall | None = None
-    start: units.StartTime = 0.0
-    duration: units.Duration | None = None
-    frequency: units.Frequency | None = None
-    end_frequency: units.Frequency | None = None
-    cycles: Annotated[float, Field(ge=1e-9, le=1e9, allow_inf_nan=False)] | None = None
-    window: Literal["none", "hann"] | None = None
-    file: Text | None = Field(default=None, exclude=True)
+    form: Literal["sine", "half-sine", "step", "ramp", "chirp", "file"] = Field(description="wave form")
+    force: units.SignedForce | None = Field(default=None, description="amplitude, upwards positive")
+    displacement: units.Displacement | None = Field(default=None, description="amplitude, upwards positive")
+    from_wall: FromWall | None = Field(default=None, description="driven bead; else striker or top bead")
+    start: units.StartTime = Field(default=0.0, description="beginning")
+    duration: units.Duration | None = Field(default=None, description="duration of the wave form")
+    frequency: units.Frequency | None = Field(default=None, description="frequency, of a chirp at its start")
+    end_frequency: units.Frequency | None = Field(default=None, description="frequency of a chirp at its end")
+    cycles: Annotated[float, Field(ge=1e-9, le=1e9, allow_inf_nan=False)] | None = Field(
+        default=None, description="periods of a sine"
+    )
+    window: Literal["none", "hann"] | None = Field(default=None, description="envelope")
+    file: Text | None = Field(default=None, exclude=True, description="CSV file, such as time_us,force_mN")
 
 
 class StoredDrive(DriveTable):

@@ -50,12 +50,12 @@ Fraction = Annotated[float, Field(ge=0, lt=1)]
 
 
 class Material(Part):
-    """Elastic constants; ``density`` is needed only for bodies without a ``mass``."""
+    """Elastic constants of a material."""
 
-    youngs_modulus: units.Modulus
-    poisson_ratio: PoissonRatio
-    density: units.Density | None = None
-    source: str | None = None
+    youngs_modulus: units.Modulus = Field(description="Young's modulus")
+    poisson_ratio: PoissonRatio = Field(description="Poisson's ratio")
+    density: units.Density | None = Field(default=None, description="density, for bodies without a mass")
+    source: str | None = Field(default=None, description="origin of the constants")
 
     @property
     def compliance(self) -> float:
@@ -66,54 +66,55 @@ class Material(Part):
 class Sensor(OfBead):
     """Bead with a force gauge; the default of ``mass`` is the mass of the other beads."""
 
-    mass: units.Mass | None = None
+    mass: units.Mass | None = Field(default=None, description="mass of the bead with its gauge")
 
 
 class Bead(OfBead):
-    """Properties of one bead that differ from the others.
+    """Properties of one bead that differ from the others; ``gap_below`` also raises all bodies above the bead."""
 
-    ``gap_below`` raises the bead and all bodies above it by a gap. ``velocity`` is positive upwards;
-    ``lateral_velocity`` is perpendicular to the axis.
-    """
-
-    diameter: units.Length | None = None
-    mass: units.Mass | None = None
-    material: Name | None = None
-    gap_below: units.Gap | None = None
-    velocity: units.Velocity | None = None
-    lateral_velocity: units.Velocity | None = None
+    diameter: units.Length | None = Field(default=None, description="diameter")
+    mass: units.Mass | None = Field(default=None, description="mass")
+    material: Name | None = Field(default=None, description="material")
+    gap_below: units.Gap | None = Field(default=None, description="gap below, at time 0")
+    velocity: units.Velocity | None = Field(default=None, description="initial velocity, upwards positive")
+    lateral_velocity: units.Velocity | None = Field(default=None, description="initial velocity across the axis")
 
 
 class Member(Part):
     """Bead of a pattern; the defaults of its properties are those of the chain."""
 
-    material: Name | None = None
-    diameter: units.Length | None = None
-    mass: units.Mass | None = None
+    material: Name | None = Field(default=None, description="material")
+    diameter: units.Length | None = Field(default=None, description="diameter")
+    mass: units.Mass | None = Field(default=None, description="mass")
 
 
 class ChainTable(Part):
     """Beads of the chain.
 
-    A ``pattern`` is repeated from the wall. With ``taper`` each bead has this share of the diameter of the bead below;
-    with ``taper_to`` diameters change linearly to that of the top bead. A mass given for the chain or for a member is
-    that of a bead of its full diameter: tapered beads have its density. ``angle`` to the vertical is in degrees.
+    A ``pattern`` is repeated from the wall. A mass given for the chain or for a member is that of a bead of its full
+    diameter: tapered beads have its density.
     """
 
-    count: Annotated[int, Field(ge=0, le=MAX_BEADS)]
-    material: Name
-    diameter: units.Length
-    mass: units.Mass | None = None
-    pattern: tuple[Member, ...] | None = Field(default=None, strict=False)
-    taper: Annotated[float, Field(ge=0.01, le=10, allow_inf_nan=False)] | None = None
-    taper_to: units.Length | None = None
-    angle: units.Angle | None = None
-    sensors: Annotated[tuple[Annotated[Sensor, ByBead], ...], InOneList] = Field(default=(), strict=False)
-    bead: Annotated[tuple[Annotated[Bead, ByBead], ...], InOneList] = Field(default=(), strict=False)
-    precompression: units.Force = 0.0
-    mass_scatter: units.MassSpread = 0.0
-    lateral_offset: units.Gap | None = None
-    origin: units.Height = 0.0
+    count: Annotated[int, Field(ge=0, le=MAX_BEADS)] = Field(description="number of beads; 0: striker on wall")
+    material: Name = Field(description="material of the beads")
+    diameter: units.Length = Field(description="diameter of the beads")
+    mass: units.Mass | None = Field(default=None, description="mass of a bead; else by density")
+    pattern: tuple[Member, ...] | None = Field(default=None, strict=False, description="beads that differ in turn")
+    taper: Annotated[float, Field(ge=0.01, le=10, allow_inf_nan=False)] | None = Field(
+        default=None, description="diameter divided by that of the bead below"
+    )
+    taper_to: units.Length | None = Field(default=None, description="diameter of the top bead; linear")
+    angle: units.Angle | None = Field(default=None, description="angle of the axis to the vertical")
+    sensors: Annotated[tuple[Annotated[Sensor, ByBead], ...], InOneList] = Field(
+        default=(), strict=False, description="beads with a gauge"
+    )
+    bead: Annotated[tuple[Annotated[Bead, ByBead], ...], InOneList] = Field(
+        default=(), strict=False, description="single beads that differ"
+    )
+    precompression: units.Force = Field(default=0.0, description="downward force on the top bead")
+    mass_scatter: units.MassSpread = Field(default=0.0, description="standard deviation of masses")
+    lateral_offset: units.Gap | None = Field(default=None, description="standard deviation across the axis")
+    origin: units.Height = Field(default=0.0, description="height of the lower end")
 
     @property
     def members(self) -> tuple[Member, ...]:
@@ -136,40 +137,34 @@ class ChainTable(Part):
 class Striker(Part):
     """Striker: touches the top bead at time 0 and moves down with ``speed``."""
 
-    shape: Literal["sphere", "flat"] = "sphere"
-    material: Name
-    diameter: units.Length | None = None
-    mass: units.Mass | None = None
-    speed: units.Speed
+    shape: Literal["sphere", "flat"] = Field(default="sphere", description="flat: plane face, no diameter")
+    material: Name = Field(description="material")
+    diameter: units.Length | None = Field(default=None, description="diameter of the sphere")
+    mass: units.Mass | None = Field(default=None, description="mass; else by density")
+    speed: units.Speed = Field(description="impact speed, downwards")
 
 
 class Wall(Part):
     """Flat half-space below bead 1; the material ``rigid`` is not deformed."""
 
-    material: Name
+    material: Name = Field(description='any material, or "rigid"')
 
 
 class Tube(Part):
-    """Tube around the chain, modelled only if beads can move sideways.
+    """Tube around the chain, modelled only if beads can move sideways."""
 
-    ``top`` is the height of the upper end.
-    """
-
-    inner_diameter: units.Length
-    material: Name
-    friction: Friction = 0.0
-    top: units.Height | None = None
+    inner_diameter: units.Length = Field(description="diameter of the bore")
+    material: Name = Field(description="material")
+    friction: Friction = Field(default=0.0, description="friction of beads on the bore")
+    top: units.Height | None = Field(default=None, description="height of the upper end; else above all bodies")
 
 
 class ContactTable(Part):
-    """Friction of contacts, and their law of dissipation (``drivers.laws``) with its keys.
-
-    Contacts are elastic by default. With ``rotation = false`` beads do not spin.
-    """
+    """Friction of contacts, and their law of dissipation (``drivers.laws``) with its keys; elastic by default."""
 
     dissipation: str
-    friction: Friction = 0.0
-    rotation: bool = True
+    friction: Friction = Field(default=0.0, description="friction of beads, wall and striker")
+    rotation: bool = Field(default=True, description="false: beads do not spin")
 
     @property
     def given(self) -> dict[str, float]:
@@ -192,79 +187,70 @@ if TYPE_CHECKING:
     Contact = ContactTable
 else:
     _keys: dict[str, Any] = {key: (kind | None, None) for law in LAWS.values() for key, kind in law.keys.items()}
-    _name = (Literal[tuple(LAWS)], Viscoelastic.name)
+    _name = (Literal[tuple(LAWS)], Field(default=Viscoelastic.name, description="law of dissipation"))
     Contact = create_model("Contact", __base__=ContactTable, __module__=__name__, dissipation=_name, **_keys)
 
 
 class Gauge(Part):
     """Electronics of all gauges, including the wall gauge: a first-order high-pass, in post-processing only."""
 
-    time_constant: units.Duration
+    time_constant: units.Duration = Field(description="high-pass behind all gauges")
 
 
 class Run(Part):
     """Duration, sampling, time step or accuracy, and recorded quantities."""
 
-    duration: units.Duration
-    sample_interval: units.Duration
-    time_step: units.Duration | None = None
-    accuracy: Accuracy | None = None
-    record: tuple[Literal["forces", "state"], ...] = Field(default=("forces",), strict=False)
+    duration: units.Duration = Field(description="duration")
+    sample_interval: units.Duration = Field(description="time between samples")
+    time_step: units.Duration | None = Field(default=None, description="time step; divides the sample interval")
+    accuracy: Accuracy | None = Field(default=None, description="allowed error of force or observables")
+    record: tuple[Literal["forces", "state"], ...] = Field(
+        default=("forces",), strict=False, description="state: positions and velocities"
+    )
 
 
 class MeasuredEntry(Part):
     """Measured trace in a file, or quoted ``values``, for comparison with computed results.
 
     Decks, runs and run records do not depend on it. Gauges with different ``gain`` need separate entries.
-
-    Attributes:
-        file: CSV file with headings; the path is relative to the scene file.
-        time: heading of the time column, with or without the unit; default: found by its name or unit.
-        gauges: heading by gauge, such as ``wall``; default: the columns named after gauges.
-        time_unit, unit: units of columns for which the file names none.
-        gain: force per reading, or reading per force; default 1 for columns in a unit of force.
-        gain_uncertainty: relative standard error of the gain.
-        trigger: time in the file at which the striker touches the chain; default: found by alignment.
-        baseline: reading at rest; default: found from quiet samples.
-        drift: True if the baseline is a straight line through quiet samples.
-        noise: standard deviation of a reading; default: of the readings about a smooth curve.
-        values: quoted numbers by observable, with or without the unit in the observable's name.
-        errors: relative standard error of each value.
-        source: origin of the data, free text.
     """
 
-    file: Text | None = None
-    time: Text | None = None
-    gauges: dict[Name, Text] | None = None
-    time_unit: Text | None = None
-    unit: Text | None = None
-    gain: NumberWithUnit | None = None
-    gain_uncertainty: Fraction = 0.0
-    trigger: units.Instant | None = None
-    baseline: NumberWithUnit | None = None
-    drift: bool = False
-    noise: NumberWithUnit | None = None
-    values: dict[Text, NumberWithUnit] | None = None
-    errors: dict[Text, Annotated[float, Field(gt=0, allow_inf_nan=False)]] | None = None
-    source: str | None = None
+    file: Text | None = Field(default=None, description="CSV file with headings")
+    time: Text | None = Field(default=None, description="heading of the time column")
+    gauges: dict[Name, Text] | None = Field(default=None, description="heading by gauge")
+    time_unit: Text | None = Field(default=None, description="unit of time; else from file")
+    unit: Text | None = Field(default=None, description="unit of readings; else from file")
+    gain: NumberWithUnit | None = Field(default=None, description="force per reading, or reading per force")
+    gain_uncertainty: Fraction = Field(default=0.0, description="relative standard error")
+    trigger: units.Instant | None = Field(default=None, description="time of the impact; else by alignment")
+    baseline: NumberWithUnit | None = Field(default=None, description="reading at rest; else from quiet samples")
+    drift: bool = Field(default=False, description="true: straight baseline")
+    noise: NumberWithUnit | None = Field(default=None, description="standard deviation of a reading")
+    values: dict[Text, NumberWithUnit] | None = Field(default=None, description="quoted numbers by observable")
+    errors: dict[Text, Annotated[float, Field(gt=0, allow_inf_nan=False)]] | None = Field(
+        default=None, description="relative standard errors"
+    )
+    source: str | None = Field(default=None, description="origin of the data")
 
 
 class SceneFile(Part):
     """Contents of a scene file."""
 
-    title: Title = ""
-    gravity: units.Acceleration = 0.0
-    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
-    chain: ChainTable
-    striker: Striker | None = None
-    wall: Wall | None = None
-    tube: Tube | None = None
-    contact: Contact = Contact(dissipation=Viscoelastic.name)
-    drive: DriveTable | None = None
-    sensor: Gauge | None = None
-    materials: dict[Name, Material] = Field(default_factory=dict)
-    run: Run
-    measured: tuple[MeasuredEntry, ...] = Field(default=(), strict=False, exclude=True)  # runs do not depend on it
+    title: Title = Field(default="", description="title")
+    gravity: units.Acceleration = Field(default=0.0, description="gravity, downwards")
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(default=0, description="seed of random masses and offsets")
+    chain: ChainTable = Field(description="beads")
+    striker: Striker | None = Field(default=None, description="body that strikes the top bead")
+    wall: Wall | None = Field(default=None, description="half-space below bead 1")
+    tube: Tube | None = Field(default=None, description="bore around the beads")
+    contact: Contact = Field(default=Contact(dissipation=Viscoelastic.name), description="friction and dissipation")
+    drive: DriveTable | None = Field(default=None, description="driven body")
+    sensor: Gauge | None = Field(default=None, description="electronics of gauges")
+    materials: dict[Name, Material] = Field(default_factory=dict, description="materials of this scene")
+    run: Run = Field(description="duration, sampling, time step")
+    measured: tuple[MeasuredEntry, ...] = Field(
+        default=(), strict=False, exclude=True, description="measured data"
+    )  # runs do not depend on it
 
 
 class Scene(SceneFile):

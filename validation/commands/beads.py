@@ -21,6 +21,7 @@ from drivers.base.files import home_of
 from validation.commands import (
     batch_commands,
     engine_commands,
+    key_commands,
     output_commands,
     report_commands,
     run_commands,
@@ -34,6 +35,7 @@ COMPLETE = "_BEADS_COMPLETE"  # set by a shell that asks for completions
 SECTIONS = {
     "a scene": (
         scene_commands.scenes,
+        key_commands.keys,
         scene_commands.plan,
         scene_commands.draw,
         scene_commands.modes,
