@@ -14,7 +14,7 @@ WORDS = {bool: "true or false", str: "text", tuple: "list", dict: "table"}
 ENDS = ("ge", "le", "lt")
 
 
-def key_rows(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, str, str, str]]:
+def key_rows(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, ...]]:
     """Row of each key of a model, and after the key of a table the rows of its own keys, with dots between names."""
     for name, field in model.model_fields.items():
         key, annotation = f"{prefix}{field.alias or name}", parts_of(field.annotation)

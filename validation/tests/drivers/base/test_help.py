@@ -14,8 +14,8 @@ from validation.tests.helpers.readme import parse
 
 WIDTH = 80
 FIRST_TO_LAST = (
-    "scenes keys plan draw modes run compare observables spacetime spectrum energy film vtk overlay fit batch study status "
-    "show runs render import report figures claims trade stability elements calibration engine wave"
+    "scenes keys plan draw modes run compare observables spacetime spectrum energy film vtk overlay fit batch study "
+    "status show runs render import report figures claims trade stability elements calibration engine wave"
 )
 EXAMPLE = re.compile(r"^    (beads .*)$", re.MULTILINE)
 
