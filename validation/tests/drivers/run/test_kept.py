@@ -90,23 +90,16 @@ def test_oldest_files_are_removed(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_finished_work_loads_no_integrator(tmp_path: Path) -> None:
-    """Loading numba, scipy and pandas would take longer than the rest of these commands."""
-    runs = tmp_path / "runs"
-    for words in (
-        ("compare", "two-spheres", "--engine", "verlet", "--runs", str(runs), "--allow-missing"),
-        ("plan", "two-spheres"),
-    ):
-        printed = []
-        for _ in range(2):
-            outcome = run_command(
-                (sys.executable, "-X", "importtime", *BEADS[1:], *words), tmp_path, 120.0, PYTHONPATH=str(paths.ROOT)
-            )
-            printed.append((tmp_path / "stdout.txt").read_text())
-            assert outcome.code == 0
-        assert printed[0] == printed[1] != ""
-        loaded = {line.rpartition("|")[2].strip() for line in (tmp_path / "stderr.txt").read_text().splitlines()}
-        assert "validation.accuracy.plan" in loaded
-        assert not loaded & {"numba", "scipy", "pandas", "pyarrow", "pint"}
+    """Loading numba, scipy and pandas would take longer than the rest of this command."""
+    words = ("compare", "two-spheres", "--engine", "verlet", "--runs", str(tmp_path / "runs"), "--allow-missing")
+    command, printed = (sys.executable, "-X", "importtime", *BEADS[1:], *words), []
+    for _ in range(2):
+        assert run_command(command, tmp_path, 120.0, PYTHONPATH=str(paths.ROOT)).code == 0
+        printed.append((tmp_path / "stdout.txt").read_text())
+    assert printed[0] == printed[1] != ""
+    loaded = {line.rpartition("|")[2].strip() for line in (tmp_path / "stderr.txt").read_text().splitlines()}
+    assert "validation.accuracy.plan" in loaded
+    assert not loaded & {"numba", "scipy", "pandas", "pyarrow", "pint"}
 
 
 def test_help_loads_nothing_heavy() -> None:
