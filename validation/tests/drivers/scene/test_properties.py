@@ -5,6 +5,7 @@ from math import ceil, pi, sqrt
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import assume, given, reject, settings
 from hypothesis import strategies as st
 
@@ -197,6 +198,7 @@ def test_moduli_masses_and_speeds_scale_times_and_forces(data: Tables, a: float,
     assert np.abs(other_N / force - one_N).max() <= SCALING_TOLERANCE * one_N.max()
 
 
+@pytest.mark.long
 @given(scenes())
 @fixed_number(12)
 def test_codes_move_as_their_scheme(data: Tables) -> None:
