@@ -1,4 +1,4 @@
-"""Tests of parallel runs."""
+"""Tests of many runs: in order, in parallel, interrupted, and on servers as by hand."""
 
 import os
 import signal
@@ -8,15 +8,22 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from drivers.base.errors import RunError
 from drivers.base.processes import all_stopped, run_command
+from drivers.chain.trace import digest_of
+from drivers.engines import REFERENCE, VERLET, load_engine
+from drivers.run import session
+from drivers.run.build import build_of
+from drivers.run.compute import compute
 from drivers.run.run import run_case, run_many
 from drivers.run.run_folder import open_run
+from drivers.run.session import end_all, lent
 from validation.tests.helpers.runs import need
-from validation.tests.helpers.scenes import SceneWriter, case_of
+from validation.tests.helpers.scenes import SceneWriter, StandIn, case_of
 
+CODE = "lammps"
 SLOW = """
 import sys
 from drivers.chain.case import build_case
@@ -36,59 +43,40 @@ run_main(main)
 def test_order_is_kept_and_equal_decks_run_once(scene_file: SceneWriter, tmp_path: Path) -> None:
     path = scene_file()
     cases = [case_of(path, f"striker.speed={speed} m/s") for speed in (3, 1, 2, 1)]
-    ended = run_many([(case, "verlet") for case in cases], tmp_path)
-    speeds = [each.record.scene["striker"]["speed"] for each in ended]
-    assert speeds == [3, 1, 2, 1]
+    ended = run_many([(case, VERLET) for case in cases], tmp_path)
+    assert [run.record.scene["striker"]["speed"] for run in ended] == [3, 1, 2, 1]
     assert ended[1].folder == ended[3].folder
-    assert len(list((tmp_path / "verlet").glob("[!.]*"))) == 3
+    assert len(list((tmp_path / VERLET).glob("[!.]*"))) == 3
 
 
-def test_a_failed_run_leaves_the_others_alone(scene_file: SceneWriter, tmp_path: Path) -> None:
-    path = scene_file()
-    good, unstable = case_of(path), case_of(path, "run.time_step=50 us", "run.sample_interval=50 us")
-    ended = run_many([(unstable, "verlet"), (good, "verlet")], tmp_path)
-    assert [each.done for each in ended] == [False, True]
-
-
-@pytest.mark.parametrize("engine", ["verlet", "lammps"])
-def test_an_interrupt_ends_all_and_leaves_no_folder(engine: str, scene_file: SceneWriter, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("engine", "request_to_end"), [(VERLET, signal.SIGINT), (CODE, signal.SIGTERM)])
+def test_interrupt_ends_all_and_leaves_no_folder(
+    engine: str, request_to_end: signal.Signals, scene_file: SceneWriter, tmp_path: Path
+) -> None:
     need(engine)
-    for request in (signal.SIGINT, signal.SIGTERM):
-        runs, places = tmp_path / request.name, tmp_path / f"{request.name}-temporary"
-        places.mkdir()
-        words = (sys.executable, "-c", SLOW, str(scene_file(duration="100 ms")), str(runs), engine)
-        variables = os.environ | {"TMPDIR": str(places)}
-        process = subprocess.Popen(words, stderr=subprocess.PIPE, text=True, preexec_fn=hear_interrupts, env=variables)
-        until = time.monotonic() + 60
-        while time.monotonic() < until and not [
-            *places.glob("bead-chains-*/.*/*/case/chain.*"),
-            *runs.glob("*/.*/run/chain.*"),
-        ]:
-            time.sleep(0.05)
-        time.sleep(0.3)
-        process.send_signal(request)
-        _, said = process.communicate(timeout=60)
-        assert process.returncode == 130
-        assert said.strip().splitlines()[-1] == "interrupted"
-        assert not [path for path in (runs / engine).iterdir() if path.is_dir()]
-        assert not [*places.glob("[!o]*")]  # Open MPI leaves a folder
-        running = subprocess.run(["pgrep", "-f", str(tmp_path)], capture_output=True, text=True, check=False).stdout
-        assert not [pid for pid in running.split() if int(pid) != os.getpid()]
+    runs, places = tmp_path / "runs", tmp_path / "temporary"
+    places.mkdir()
+    words = (sys.executable, "-c", SLOW, str(scene_file(duration="100 ms")), str(runs), engine)
+    variables = os.environ | {"TMPDIR": str(places)}
+    process = subprocess.Popen(words, stderr=subprocess.PIPE, text=True, preexec_fn=hear_interrupts, env=variables)
+    decks = {places: "bead-chains-*/.*/*/case/chain.*", runs: "*/.*/run/chain.*"}
+    until = time.monotonic() + 60
+    while time.monotonic() < until and not any([*folder.glob(deck)] for folder, deck in decks.items()):
+        time.sleep(0.05)
+    time.sleep(0.3)
+    process.send_signal(request_to_end)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert said.strip().splitlines()[-1] == "interrupted"
+    assert not [path for path in (runs / engine).iterdir() if path.is_dir()]
+    assert not [*places.glob("[!o]*")]  # Open MPI leaves a folder
+    running = subprocess.run(["pgrep", "-f", str(tmp_path)], capture_output=True, text=True, check=False).stdout
+    assert not [pid for pid in running.split() if int(pid) != os.getpid()]
 
 
 def hear_interrupts() -> None:
     """Restore Ctrl-C, which a shell disables for tests in the background."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
-
-
-def test_an_engine_that_is_missing_is_an_error_and_later_runs_are_unharmed(
-    scene_file: SceneWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    case = case_of(scene_file())
-    monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(RunError, match="not installed"):
-        run_many([(case, "yade")], tmp_path)
-    assert run_many([(case, "verlet")], tmp_path)[0].done
 
 
 def test_processes_are_killed_only_within_all_stopped(tmp_path: Path) -> None:
@@ -104,7 +92,7 @@ def test_processes_are_killed_only_within_all_stopped(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_the_same_case_in_several_threads_and_processes(scene_file: SceneWriter, tmp_path: Path) -> None:
+def test_same_case_in_several_threads_and_processes(scene_file: SceneWriter, tmp_path: Path) -> None:
     """The later ones find the finished run, and all can read it meanwhile."""
     path = scene_file(duration="0.02 ms")
     script = (
@@ -116,23 +104,98 @@ def test_the_same_case_in_several_threads_and_processes(scene_file: SceneWriter,
         for future in [pool.submit(run_and_read, path, tmp_path) for _ in range(3)]:
             future.result()
     assert [other.wait(timeout=100) for other in others] == [0, 0]
-    assert len(list((tmp_path / "verlet").iterdir())) == 3
+    assert len(list((tmp_path / VERLET).iterdir())) == 3
 
 
 def run_and_read(path: Path, runs: Path) -> None:
     """Run three cases and read each trace immediately."""
     for speed in (1, 2, 3):
-        ended = run_case(case_of(path, f"striker.speed={speed} m/s"), "verlet", runs)
+        ended = run_case(case_of(path, f"striker.speed={speed} m/s"), VERLET, runs)
         assert ended.done, ended.record.reason
         assert len(open_run(ended.folder).trace.time_s) == 21
 
 
 def test_reading_a_run_starts_no_threads(scene_file: SceneWriter, tmp_path: Path) -> None:
     """Threads of Arrow that still work when the interpreter ends abort the process."""
-    ended = run_case(case_of(scene_file(duration="0.02 ms")), "verlet", tmp_path)
+    ended = run_case(case_of(scene_file(duration="0.02 ms")), VERLET, tmp_path)
     script = (
         "import sys, psutil, pyarrow.parquet; from pathlib import Path; from drivers.run.run_folder import open_run;"
         "before = psutil.Process().num_threads(); open_run(Path(sys.argv[1])).trace;"
         "sys.exit(psutil.Process().num_threads() - before)"
     )
     assert subprocess.run([sys.executable, "-c", script, str(ended.folder)], check=False).returncode == 0
+
+
+@pytest.mark.parametrize("engine", [VERLET, CODE])
+def test_served_run_equals_one_in_its_own_process(engine: str, scene_file: SceneWriter, tmp_path: Path) -> None:
+    need(engine)
+    cases = [case_of(scene_file(), f"striker.speed={speed} m/s") for speed in (1, 2)]
+    end_all()  # an idle session keeps the memory of the cases of other tests
+    for case, served in zip(cases, run_many([(case, engine) for case in cases], tmp_path / "served"), strict=True):
+        alone = run_case(case, engine, tmp_path / "alone")
+        assert served.folder.name == alone.folder.name
+        assert served.forces_sha256 == alone.forces_sha256
+        assert {file.name for file in served.folder.iterdir()} == {file.name for file in alone.folder.iterdir()}
+        assert served.record.command == alone.record.command
+        assert served.record.loop_s is not None
+        assert (served.record.cpu_s or 0.0) > 0
+        assert served.record.memory_bytes == pytest.approx(alone.record.memory_bytes, rel=0.5)
+
+
+@pytest.mark.parametrize(
+    ("engine", "scene", "settings"),
+    [
+        (VERLET, "two-spheres", ("contact.restitution=0.8",)),
+        (REFERENCE, "two-spheres", ("contact.restitution=0.8",)),
+        (VERLET, "fig4-tube", ("run.duration=0.1 ms",)),
+    ],
+)
+def test_in_repo_engine_gives_the_bits_of_its_deck(engine: str, scene: str, settings: tuple[str, ...]) -> None:
+    case = case_of(scene, *settings)
+    here, by_hand = compute(case, engine).done, compute(case, engine, by_hand=True).done
+    assert digest_of(here) == digest_of(by_hand)
+    assert here.height_m is not None
+    assert by_hand.height_m is not None
+    assert np.array_equal(here.height_m, by_hand.height_m)
+
+
+def test_served_run_that_fails_is_repeated_in_its_own_process(scene_file: SceneWriter, tmp_path: Path) -> None:
+    """It leaves the other runs alone."""
+    unstable, stable = case_of(scene_file(), "run.time_step=50 us", "run.sample_interval=50 us"), case_of(scene_file())
+    served, done = run_many([(unstable, VERLET), (stable, VERLET)], tmp_path / "served")
+    alone = run_case(unstable, VERLET, tmp_path / "alone")
+    assert done.done
+    assert served.record.status == alone.record.status == "failed"
+    assert served.record.reason == alone.record.reason
+    assert (served.folder / "stderr.txt").read_text() == (alone.folder / "stderr.txt").read_text()
+
+
+def test_script_that_looks_at_decks_serves_none(stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path) -> None:
+    need(CODE)
+    engine, case = load_engine(CODE), case_of(scene_file())
+    command, deck = engine.find(), engine.render(case)
+    assert command is not None
+    stand_in(engine.program, f'[ -e {next(iter(deck.files))} ] && exit 3\nexec {command[-1]} "$@"\n')
+    (ended,) = run_many([(case, CODE)], tmp_path / "runs")
+    assert ended.record.reason.startswith("exit code 3")
+
+
+def test_process_that_was_killed_is_followed_by_another(scene_file: SceneWriter, tmp_path: Path) -> None:
+    need(CODE)
+    end_all()
+    engine = load_engine(CODE)
+    build = build_of(engine)
+    first, second = (case_of(scene_file(), f"striker.speed={speed} m/s") for speed in (1, 2))
+    assert run_case(first, CODE, tmp_path, by_hand=False).done
+    with lent(engine, build) as lent_session:
+        assert lent_session._process is not None
+        former = lent_session._process.pid
+    os.kill(former, signal.SIGKILL)
+    assert run_case(second, CODE, tmp_path, by_hand=False).done
+    with lent(engine, build) as same:
+        assert same is lent_session
+        assert same._process is None or same._process.pid != former
+    folder = same.folder
+    end_all()
+    assert not folder.exists()
+    assert not any(session._idle.values())
