@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from drivers.base.errors import InputError
+from drivers.chain.case import Case
 from drivers.chain.chain import energy_put_in
 from drivers.chain.drive_work import work_error_J
 from drivers.chain.drives import drive_of, pieces_of
@@ -27,10 +28,10 @@ TIMES_S = np.array([0.0, 9.9e-6, 1e-5, 3e-5, 6e-5, 1e-4, 9e-4])
 TAU_S = TIMES_S - 1e-5
 
 
-def value_of(*settings: str) -> np.ndarray:
-    found = drive_of(case_of(SCENE, *settings).scene)
-    assert found is not None
-    return found.at(TIMES_S)[0]
+def values_of(case: Case) -> np.ndarray:
+    drive = drive_of(case.scene)
+    assert drive is not None
+    return drive.at(TIMES_S)[0]
 
 
 def test_values_of_the_wave_forms() -> None:
@@ -50,21 +51,21 @@ def test_values_of_the_wave_forms() -> None:
         (*other, *chirp, "drive.window=hann"): swept * window,
     }
     for settings, values in expected.items():
-        np.testing.assert_allclose(value_of(*settings), values, atol=1e-12, err_msg=str(settings))
+        np.testing.assert_allclose(values_of(case_of(SCENE, *settings)), values, atol=1e-12, err_msg=str(settings))
 
 
 def test_points_of_a_file_are_stored_and_its_name_is_not(tmp_path: Path) -> None:
     text = "# piezo\ntime_us,force_mN\n20,0\n50, 3000\n90,1000\n"
-    for name in ("one.csv", "other.csv"):
-        (tmp_path / name).write_text(text)
     settings = (*RESET, "drive.form=file", "drive.start=10 us")
-    one, other = (case_of(SCENE, *settings, f"drive.file={tmp_path / name}") for name in ("one.csv", "other.csv"))
-    np.testing.assert_allclose(value_of(*settings, f"drive.file={tmp_path}/one.csv"), [0, 0, 0, 0, 3, 1, 1], atol=1e-12)
+
+    def stored(name: str, text: str) -> Case:
+        (tmp_path / name).write_text(text)
+        return case_of(SCENE, *settings, f"drive.file={tmp_path / name}")
+
+    one, other, third = stored("one.csv", text), stored("other.csv", text), stored("one.csv", text.replace("30", "31"))
+    np.testing.assert_allclose(values_of(one), [0, 0, 0, 0, 3, 1, 1], atol=1e-12)
     assert load_engine("lammps").render(one).sha256 == load_engine("lammps").render(other).sha256
-    assert in_si(one.scene) == in_si(other.scene) == in_si(stored_scene(in_si(one.scene)))
-    (tmp_path / "one.csv").write_text(text.replace("3000", "3001"))
-    assert in_si(case_of(SCENE, *settings, f"drive.file={tmp_path}/one.csv").scene) != in_si(other.scene)
-    assert "drive" not in in_si(case_of("fig4").scene)
+    assert in_si(one.scene) == in_si(other.scene) == in_si(stored_scene(in_si(one.scene))) != in_si(third.scene)
 
 
 def test_steps_of_the_segments() -> None:
@@ -75,7 +76,7 @@ def test_steps_of_the_segments() -> None:
 
 
 @pytest.mark.parametrize(
-    "settings", [(), PUSH, HALF, (*HALF, "drive.from_wall=7"), ("drive.from_wall=1",), (*PUSH, "wall=", "gravity=")]
+    "settings", [(), (*HALF, "drive.from_wall=7"), ("drive.from_wall=1",), (*PUSH, "wall=", "gravity=")]
 )
 def test_energy_and_momentum_balance_with_the_work_of_the_drive(settings: tuple[str, ...]) -> None:
     case = case_of(SCENE, *settings)
@@ -83,9 +84,8 @@ def test_energy_and_momentum_balance_with_the_work_of_the_drive(settings: tuple[
         assert trace.drive_work_J is not None
         assert trace.velocity_m_s is not None
         work = float(np.abs(trace.drive_work_J).max())
-        error = work_error_J(case.chain, trace.time_s, trace.force_N, trace.velocity_m_s)
         assert np.ptp(trace.total_energy_J) < 4e-5 * work
-        assert error < 1e-3 * work
+        assert work_error_J(case.chain, trace.time_s, trace.force_N, trace.velocity_m_s) < 1e-3 * work
         assert observe(case.layout, trace)["impulse_imbalance_share"] < 1e-5
         checked(case, trace)
         assert trace.kinetic_energy_J.max() < energy_put_in(case.chain, 1e-3) < 2e4 * work
@@ -111,7 +111,6 @@ def test_the_guard_allows_for_coarse_samples_and_sees_a_wrong_force() -> None:
         (("drive.cycles=nan",), "a finite number"),
         (("drive.cycles=",), "a window needs a number of cycles"),
         (("drive.force=1e400 N",), "from -1e.09 to 1e.09 N"),
-        (("drive.force=2",), "with its unit"),
         (("drive.force=",), "no force and no displacement"),
         (("drive.displacement=1 nm",), "force and displacement; allowed: exactly one"),
         (("drive.duration=1 us",), 'only with "half-sine" or "ramp" or "chirp"'),
@@ -125,7 +124,7 @@ def test_the_guard_allows_for_coarse_samples_and_sees_a_wrong_force() -> None:
         (("chain.bead=[{from_wall=3, lateral_velocity='1 m/s'}]",), "a drive of a straight chain"),
     ],
 )
-def test_wrong_drives(settings: tuple[str, ...], message: str) -> None:
+def test_wrong_drives_are_refused_in_one_line(settings: tuple[str, ...], message: str) -> None:
     with pytest.raises(InputError, match=message) as refused:
         case_of(SCENE, *settings)
     assert "\n" not in str(refused.value)
@@ -134,21 +133,18 @@ def test_wrong_drives(settings: tuple[str, ...], message: str) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "two headings with units"),
         ("time,force\n0,1\n1,2\n", "two headings with units"),
         ("time_us,force_nm\n0,1\n1,2\n", "two headings with units"),
-        ("time_us,force_mN\n", "found 0 rows"),
         ("time_us,force_mN\n0,1\n", "found 1 rows"),
         ("time_us,force_mN\n0,1\n2,3\n2,4\n", 'line 4: found "2,4"'),
         ("time_us,force_mN\n-1,1\n2,3\n", 'line 2: found "-1,1"'),
         ("time_us,force_mN\n0,1\n2,nan\n", 'line 3: found "2,nan"'),
-        ("time_us,force_mN\n0,1e400\n2,3\n", 'line 2: found "0,1e400"'),
         ("time_us,displacement_nm\n0,1\n2,3\n", "0 first, the displacement at time 0"),
+        (None, "no such file"),
     ],
 )
-def test_wrong_files(text: str, message: str, tmp_path: Path) -> None:
-    (tmp_path / "points.csv").write_text(text)
+def test_wrong_files_of_points_are_refused_by_line(text: str | None, message: str, tmp_path: Path) -> None:
+    if text is not None:
+        (tmp_path / "points.csv").write_text(text)
     with pytest.raises(InputError, match=message):
         case_of(SCENE, *RESET, "drive.form=file", f"drive.file={tmp_path / 'points.csv'}")
-    with pytest.raises(InputError, match="no such file"):
-        case_of(SCENE, *RESET, "drive.form=file", f"drive.file={tmp_path / 'none.csv'}")

@@ -1,4 +1,4 @@
-"""Tests of functions for further engines: styles, readers of raw output, tables of pairs."""
+"""Codes on Fig. 4, and functions for further engines: styles, readers of raw output, tables of pairs."""
 
 from dataclasses import replace
 from itertools import chain
@@ -11,37 +11,43 @@ import pytest
 from drivers.base.errors import RunError
 from drivers.base.processes import run_command
 from drivers.chain.case import Case
-from drivers.engines import Engine, codes, engine_names, installed_codes, load_engine
+from drivers.engines import codes, engine_names, installed_codes, load_engine
 from drivers.engines._lammps_family import DUMP, table_of_pairs
 from drivers.engines._raw_output import contact_forces, read_dump, read_partial_dump
 from drivers.run.guard import checked_trace
 from postproc.draw import style
+from postproc.read.observables import observe
 from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import case_of
-
-
-def test_builds_and_engines_without_a_style_look_different(monkeypatch: pytest.MonkeyPatch) -> None:
-    shipped = [name for name in engine_names() if load_engine(name).style]
-    some = load_engine(next(name for name in codes() if name in shipped))
-    plain = {f"a-build{place}": replace(some, name=f"a-build{place}") for place in range(2)}
-    plain |= {
-        f"mine{place}": replace(some, name=f"mine{place}", style=None) for place in range(len(style.EXTRA_STYLES) - 2)
-    }
-
-    def load(name: str) -> Engine:
-        return plain[name] if name in plain else load_engine(name)
-
-    monkeypatch.setattr(style, "engine_names", lambda: sorted([*shipped, *plain]))
-    monkeypatch.setattr(style, "load_engine", load)
-    looks = [style.line_of.__wrapped__(name) for name in (*shipped, *plain)]
-    assert len({look.colour for look in looks}) == len(looks)
-    assert all(look == load_engine(name).style for name, look in zip(shipped, looks, strict=False))
-
 
 HEAD: tuple[tuple[Any, ...], ...] = (
     ("step", "i8"), ("atoms", "i8"), ("triclinic", "i4"), ("boundary", "i4", 6), ("box", "f8", 6), ("columns", "i4"),
 )  # fmt: skip
 MAGIC = (-10).to_bytes(8, "little", signed=True) + b"DUMPCUSTOM" + (1).to_bytes(4, "little") + (2).to_bytes(4, "little")
+COLUMNS = ("id", "z")
+
+
+@pytest.mark.parametrize("engine", [*codes(), "reference"])
+def test_fig4_reads_what_physics_says(engine: str, shared_runs: Path) -> None:
+    run = finished(case_of("fig4"), engine, shared_runs)
+    values = observe(run.layout, run.trace)
+    assert values["bead_9_peak_N"] == pytest.approx(5.34, abs=0.005)
+    assert values["bead_5_peak_N"] == pytest.approx(5.35, abs=0.005)
+    assert values["wall_peak_N"] == pytest.approx(16.37, abs=0.005)
+    assert values["energy_drift_J"] < 1e-5 * values["kinetic_energy_start_J"]
+    assert values["impulse_imbalance_share"] < 1e-5
+
+
+def test_builds_and_engines_without_a_style_look_different(monkeypatch: pytest.MonkeyPatch) -> None:
+    plain = [f"mine{number}" for number in range(len(style.EXTRA_STYLES))]
+    monkeypatch.setattr(style, "engine_names", lambda: sorted([*engine_names(), *plain]))
+    monkeypatch.setattr(
+        style,
+        "load_engine",
+        lambda name: replace(load_engine("lammps"), name=name, style=None) if name in plain else load_engine(name),
+    )
+    looks = [style.line_of.__wrapped__(name) for name in (*engine_names(), *plain)]
+    assert len({look.colour for look in looks}) == len(looks)
 
 
 def dump_of(case: Case, shares: tuple[int, ...], *, since_2020: bool) -> np.ndarray[Any, np.dtype[np.void]]:
@@ -60,66 +66,49 @@ def dump_of(case: Case, shares: tuple[int, ...], *, since_2020: bool) -> np.ndar
     return frames
 
 
-@pytest.mark.parametrize("since_2020", [False, True])
-@pytest.mark.parametrize("shares", [(22,), (11, 11), (7, 0, 15), (1,) * 22])
+@pytest.mark.parametrize(
+    ("shares", "since_2020"), [((22,), False), ((22,), True), ((7, 0, 15), False), ((11, 11), True)]
+)
 def test_a_dump_of_any_number_of_processes_is_read(shares: tuple[int, ...], since_2020: bool, tmp_path: Path) -> None:
-    case, columns, path = case_of("fig4", "run.duration=3 us"), ("id", "z"), tmp_path / "dump.bin"
+    case, path = case_of("fig4", "run.duration=3 us"), tmp_path / "dump.bin"
     frames = dump_of(case, shares, since_2020=since_2020)
     path.write_bytes(frames.tobytes())
-    found = read_dump(case, path, columns)["z"]
-    np.testing.assert_array_equal(found, np.broadcast_to(np.arange(1.0, 23), (4, 22)))
-    fewer = dump_of(case, (shares[0] - 1, *shares[1:]), since_2020=since_2020)
-    path.write_bytes(frames[:2].tobytes() + fewer[2:].tobytes())
-    with pytest.raises(RunError, match="unstable at t = 2e-06 s: 21 bodies instead of 22, one was lost"):
-        read_dump(case, path, columns)
-    left = read_partial_dump(case, path, columns)
-    assert left is not None
-    assert left["z"].shape == (2, 22)
+    np.testing.assert_array_equal(read_dump(case, path, COLUMNS)["z"], np.broadcast_to(np.arange(1.0, 23), (4, 22)))
+    later = {"unstable at t = 2e-06 s: 21 bodies instead of 22, one was lost": (shares[0] - 1, *shares[1:])}
+    if len(shares) > 1:
+        others = (shares[0] - 1, *shares[1:-1], shares[-1] + 1)
+        later[f"output of {len(shares)} processes is in another order from sample 3 on"] = others
+    for message, others in later.items():
+        path.write_bytes(frames[:2].tobytes() + dump_of(case, others, since_2020=since_2020)[2:].tobytes())
+        with pytest.raises(RunError, match=message):
+            read_dump(case, path, COLUMNS)
+        left = read_partial_dump(case, path, COLUMNS)
+        assert left is not None
+        assert left["z"].shape == (2, 22)
     for place, field, wrong in ((3, "atoms", 21), (2, "count0", 1), (0, "processes", 0)):
         frames[field][place] = wrong
         path.write_bytes(frames.tobytes())
         with pytest.raises(RunError, match=f"damaged in sample {place + 1}"):
-            read_dump(case, path, columns)
-    assert read_partial_dump(case, path, columns) is None
-
-
-@pytest.mark.parametrize("since_2020", [False, True])
-def test_processes_that_exchange_beads_are_reported(since_2020: bool, tmp_path: Path) -> None:
-    case, path = case_of("fig4", "run.duration=3 us"), tmp_path / "dump.bin"
-    one, other = (dump_of(case, shares, since_2020=since_2020) for shares in ((11, 11), (10, 12)))
-    path.write_bytes(one[:2].tobytes() + other[2:].tobytes())
-    with pytest.raises(RunError, match="output of 2 processes is in another order from sample 3 on"):
-        read_dump(case, path, ("id", "z"))
-    left = read_partial_dump(case, path, ("id", "z"))
-    assert left is not None
-    assert len(left["z"]) == 2
+            read_dump(case, path, COLUMNS)
+    assert read_partial_dump(case, path, COLUMNS) is None
 
 
 SEVERAL = [name for name in installed_codes() if DUMP in load_engine(name).render(case_of("fig4")).raw]
 
 
-@pytest.mark.parametrize("processes", [2, 3])
 @pytest.mark.parametrize("engine", SEVERAL)
-def test_several_processes_give_the_same_bits(engine: str, processes: int, tmp_path: Path, shared_runs: Path) -> None:
+def test_several_processes_give_the_same_bits(engine: str, tmp_path: Path, shared_runs: Path) -> None:
     code, case = load_engine(engine), case_of("fig5", "contact.restitution=0.9", "run.duration=0.2 ms")
-    build = code.find()
-    assert build is not None
-    deck, one_by_one = (
-        code.render(case),
-        f"processors 1 1 {processes}\nboundary ",
-    )  # parts of the chain, one above another
-    files = {name: text.replace("boundary ", one_by_one) for name, text in deck.files.items()}
+    deck, parts = code.render(case), "processors 1 1 3\nboundary "  # parts of the chain, one above another
+    files = {name: text.replace("boundary ", parts) for name, text in deck.files.items()}
     as_root = ("OMPI_ALLOW_RUN_AS_ROOT=1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1", "OMPI_MCA_rmaps_base_oversubscribe=1")
-    deck = replace(deck, files=files, command=("env", *as_root, "mpirun", "-np", str(processes), *deck.command))
+    deck = replace(deck, files=files, command=("env", *as_root, "mpirun", "-np", "3", *deck.command))
     deck.write(tmp_path)
-    outcome = run_command(code.started(deck, build), tmp_path, 60, **code.environment)
+    outcome = run_command(code.started(deck, code.find() or ()), tmp_path, 60, **code.environment)
     alone = finished(case, engine, shared_runs).trace
     np.testing.assert_array_equal(checked_trace(case, code, outcome, tmp_path).force_N, alone.force_N)
 
 
-def test_tables_of_pairs_are_symmetric() -> None:
+def test_tables_of_pairs_are_symmetric_and_forces_are_summed_from_the_lowest_up() -> None:
     assert table_of_pairs(["a", "b"], [("b", "a", 3.0)], 1.0) == [1.0, 3.0, 3.0, 1.0]
-
-
-def test_contact_forces_are_summed_from_the_lowest_up() -> None:
     np.testing.assert_array_equal(contact_forces(np.array([5.0]), np.array([[1.0, 2.0, 9.0]])), [[5.0, 4.0, 2.0]])

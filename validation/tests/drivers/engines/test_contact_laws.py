@@ -1,0 +1,303 @@
+"""Laws of dissipation: reference, order, restitution, codes, guards, limits, plans, refusals."""
+
+import re
+from dataclasses import replace
+from itertools import pairwise
+from math import sqrt
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.special import beta
+
+from drivers.base.errors import InputError
+from drivers.base.tolerances import tolerance
+from drivers.chain.chain import Array, arrays_of
+from drivers.chain.schemes import exact_of, heights_and_reach, trace_of, verlet_of
+from drivers.chain.trace import energy_error_J
+from drivers.engines import codes
+from drivers.laws.power import Power
+from drivers.laws.viscoelastic import damping_ratio, restitution
+from drivers.limits.energy_bounds import late_damping
+from drivers.limits.refusal import inability
+from drivers.limits.stable_step import linear_limit
+from drivers.run.guard import reason_to_fail
+from postproc.read.observables import observe, of_kind
+from validation.accuracy.budget import MODEL, budget_of
+from validation.accuracy.exact_motion import exact_motion_of
+from validation.checks import PASS
+from validation.reference.adaptive import integrate_adaptive
+from validation.reference.velocity_verlet import integrate_verlet, integrate_verlet_absolute
+from validation.stability.measured_limits import RANDOM, MeasuredChain, measure_limits, random_case
+from validation.tests.helpers import high_precision
+from validation.tests.helpers.by_power import forces_at
+from validation.tests.helpers.runs import assessed, finished, need
+from validation.tests.helpers.scenes import case_of
+
+POWER, KUWABARA_KONO = "contact.dissipation=power", "contact.dissipation=kuwabara-kono"
+LAWS = {
+    "viscoelastic": ("contact.restitution=0.9",),
+    "kuwabara-kono": (KUWABARA_KONO, "contact.relaxation=2 us"),
+    "dashpot": (POWER, "contact.gamma=3", "contact.alpha=1"),
+    "power": (POWER, "contact.gamma=3"),
+    "cubic power": (POWER, "contact.gamma=10", "contact.alpha=3"),
+}
+MOVING = "chain.bead=[{from_wall=20, velocity='-0.5 m/s'}]"
+SCENES = {
+    "two masses": ("fig4",),
+    "flat striker": ("fig5",),
+    "two materials": ("fig6b",),
+    "pressed and moving": ("fig4", "striker=", "chain.precompression=2 N", MOVING),
+}
+LACKING: dict[tuple[str, str], set[str]] = {  # codes that cannot run the law, of each law and scene
+    ("viscoelastic", "flat striker"): set(),
+    ("viscoelastic", "pressed and moving"): {"yade"},
+    ("kuwabara-kono", "two masses"): set(),
+    ("kuwabara-kono", "pressed and moving"): set(),
+    ("dashpot", "two masses"): {"liggghts"},
+    ("power", "flat striker"): {"lammps", "liggghts"},
+    ("power", "pressed and moving"): {"lammps", "liggghts"},
+    ("cubic power", "two materials"): {"lammps", "liggghts"},
+}
+DURATION_S = 4e-4
+MANY_MASSES = (*LAWS["kuwabara-kono"], "chain.mass_scatter=1 mg", "chain.count=80")
+PAIR = ("fig4", "wall=", "gravity=", "chain.sensors=[]", "chain.count=1", "run.duration=0.5 ms")
+EXACT = 1e-10  # of the largest force
+
+
+@pytest.mark.parametrize(("law", "scene"), LACKING)
+def test_the_reference_is_exact_and_its_energy_never_grows(law: str, scene: str) -> None:
+    case = case_of(*SCENES[scene], *LAWS[law])
+    chain, times = arrays_of(case.chain), np.linspace(0, DURATION_S, 21)
+    exact = forces_at(chain, times)
+    for asked in (EXACT, 1e-6):
+        assert np.abs(integrate_adaptive(chain, times, asked).force_N - exact).max() <= asked * exact.max()
+    fine = np.linspace(0, DURATION_S, 1001)
+    energy_J = trace_of(case, fine, integrate_adaptive(chain, fine)).total_energy_J
+    assert energy_error_J(energy_J, damped=True, slips=False).max() <= 1e-13 * energy_J[0]
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("kind", ["light", "flat", "gaps"])
+def test_contacts_that_open_close_again_and_let_go_come_out_exact(kind: str, seed: int) -> None:
+    chain, times = high_precision.random_chain(kind, seed, 6)
+    draw = np.random.default_rng([seed, 99])
+    alpha, gamma = float(draw.choice([1, 1.25, 1.75, 2, 3])), 10 ** draw.uniform(-3, 2.3)
+    chain = replace(chain, damping=np.full(6, gamma), alpha=alpha)
+    exact = forces_at(chain, times)
+    assert np.abs(integrate_adaptive(chain, times).force_N - exact).max() <= EXACT * exact.max()
+
+
+@pytest.mark.parametrize("settings", [(), ("gravity=", "wall=")])
+@pytest.mark.parametrize(("alpha", "gamma"), [(1.75, 1e-9), (1, 1e-6), (1.75, 1e3)])
+def test_motions_are_followed_whatever_gamma(settings: tuple[str, ...], alpha: float, gamma: float) -> None:
+    law = (POWER, f"contact.gamma={gamma}", f"contact.alpha={alpha}")
+    chain, times = arrays_of(case_of("fig4", *law, *settings).chain), np.linspace(0, 1.5e-3, 31)
+    exact = integrate_adaptive(chain, times).force_N
+    assert np.abs(integrate_adaptive(chain, times, 1e-6).force_N - exact).max() <= 1e-6 * exact.max()
+    if gamma < 1e-8:  # nearly elastic
+        elastic = integrate_adaptive(arrays_of(case_of("fig4", *settings).chain), times).force_N
+        assert 0 < np.abs(exact - elastic).max() < 1e-6 * elastic.max()
+
+
+def test_without_loss_contacts_are_elastic_bit_for_bit() -> None:
+    plain = case_of("fig5")
+    for settings in (("contact.restitution=1",), (POWER, "contact.gamma=0")):
+        case = case_of("fig5", *settings)
+        assert not case.chain.damped
+        assert case.summary == plain.summary
+        np.testing.assert_array_equal(verlet_of(case).force_N, verlet_of(plain).force_N)
+
+
+def test_bodies_that_just_touch_start_with_the_force_just_after() -> None:
+    case = case_of("fig4", *LAWS["power"])
+    chain, first_N = case.chain, 3 * 2**1.75
+    assert chain.force_N[-1] == pytest.approx(first_N, rel=1e-15)
+    for motion in (
+        integrate_adaptive(arrays_of(chain), case.sample_times_s[:2]),
+        integrate_verlet(arrays_of(chain), 1e-7, 10, 2),
+        integrate_verlet_absolute(arrays_of(chain), *heights_and_reach(case), 1e-7, 10, 2),
+    ):
+        assert motion.force_N[0, -1] == pytest.approx(first_N, rel=1e-9)
+        np.testing.assert_allclose(motion.force_N[0, :-1], chain.force_N[:-1], rtol=1e-6)
+    parting = replace(arrays_of(chain), velocity_m_s=-chain.velocity_m_s)
+    assert integrate_verlet(parting, 1e-7, 1, 2).force_N[0, -1] == 0
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_velocity_verlet_is_of_first_order(law: str) -> None:
+    case = case_of("fig4", *LAWS[law], "run.duration=0.8 ms")
+    exact = exact_motion_of(case, finer=False).trace.force_N
+    errors = [np.abs(verlet_of(case.at(steps)).force_N - exact).max() for steps in (50, 100, 200)]
+    for coarse, fine in pairwise(errors):
+        assert np.log2(coarse / fine) == pytest.approx(1, abs=0.1)
+
+
+@pytest.mark.parametrize("wanted", [1e-3, 0.1353352832366127, 0.5, 0.9, 0.999999])
+def test_the_formula_of_the_restitution_is_the_impact(wanted: float) -> None:
+    ratio = damping_ratio(wanted)
+    assert restitution(ratio) == pytest.approx(wanted, rel=1e-14)
+    viscous = 2 * ratio * sqrt(1.5)
+
+    def change(time: float, state: Array) -> list[float]:
+        overlap = max(state[0], 0.0)
+        return [state[1], -max(overlap**1.5 + viscous * overlap**0.25 * state[1], 0.0)]
+
+    def force_ends(time: float, state: Array) -> float:
+        return float(max(state[0], 0.0) ** 1.25 + viscous * state[1]) if time > 1e-3 else 1.0
+
+    force_ends.terminal = True  # type: ignore[attr-defined]
+    ended = solve_ivp(change, (0, 1000), [0, 1], "DOP853", rtol=1e-11, atol=1e-13, events=force_ends)
+    assert -ended.y[1, -1] == pytest.approx(wanted, rel=1e-9)
+
+
+@pytest.mark.parametrize("speed", [0.01, 1.0])
+def test_a_weak_loss_of_kuwabara_and_kono_is_that_of_the_elastic_path(speed: float) -> None:
+    """``1 - e = 3 A k D^(3/2) / (m* v)`` times the integral of ``sqrt(x - x^(7/2))``, with the largest overlap D."""
+    chain = (case := case_of(*PAIR, f"striker.speed={speed} m/s", KUWABARA_KONO, "contact.relaxation=1 ns")).chain
+    stiffness, mass = chain.stiffness[1], chain.reduced_mass_kg[1]
+    deepest = (1.25 * mass * speed**2 / stiffness) ** 0.4
+    lost = 3e-9 * stiffness * deepest**1.5 / (mass * speed) * 0.4 * beta(0.6, 1.5)
+    velocity = exact_of(case).velocity_m_s
+    assert velocity is not None
+    assert 1 - (velocity[-1, 1] - velocity[-1, 0]) / speed == pytest.approx(lost, rel=2 * lost + 1e-6)
+
+
+def test_waves_lose_the_same_share_from_bead_to_bead() -> None:
+    long = ("table1", "gravity=", "wall=", "chain.count=60", "run.duration=2.5 ms")
+    sensors = f"chain.sensors=[{', '.join(f'{{from_wall={place}}}' for place in range(50, 19, -5))}]"
+    kept = {}
+    for given, speed in ((0.9, 2.0), (0.9, 0.5), (1.0, 2.0)):
+        case = case_of(*long, sensors, f"contact.restitution={given}", f"striker.speed={speed} m/s")
+        values = observe(case.layout, exact_motion_of(case, 1e-9, finer=False).trace)
+        kept[given, speed] = np.array([values[name] for name in of_kind(values, "transmission")])
+        assert np.ptp(kept[given, speed][2:4]) < 1e-4  # from bead 40 to bead 30
+    np.testing.assert_allclose(kept[0.9, 2.0], kept[0.9, 0.5], rtol=1e-6)
+    assert kept[1.0, 2.0][3] == pytest.approx(1, abs=1e-6)
+    assert kept[0.9, 2.0][3] == pytest.approx(0.97727, abs=1e-4)
+
+
+def test_force_and_speed_of_fig_4_take_a_modulus_and_a_gamma() -> None:
+    """Fitted to 2 N and 152 m/s; the other numbers are from an independent Runge-Kutta method of order 4."""
+    law = (POWER, "contact.gamma=1.2515069300612442", "materials.ptfe.youngs_modulus=1020235658.0736736 Pa")
+    fig4, fig5 = (observe(case.layout, exact_motion_of(case, 1e-9).trace)
+                  for case in (case_of("fig4", *law), case_of("fig5", *law)))  # fmt: skip
+    assert fig4["bead_9_amplitude_N"] == pytest.approx(2.0, rel=1e-9)
+    assert fig4["speed_9_to_5_m_s"] == pytest.approx(152, rel=1e-9)
+    assert fig4["bead_5_width_4pct_diameters"] == pytest.approx(4.93, abs=0.005)
+    assert fig5["wall_envelope_per_s"] == pytest.approx(-0.0065e6, abs=0.00005e6)
+
+
+@pytest.mark.parametrize(("law", "scene"), LACKING)
+def test_codes_with_the_law_agree_with_their_scheme(law: str, scene: str, shared_runs: Path) -> None:
+    case, lacking = case_of(*SCENES[scene], *LAWS[law], f"run.duration={DURATION_S} s"), LACKING[law, scene]
+    assert {engine for engine in codes() if inability(case, engine)} == lacking
+    for engine in {*codes()} - lacking:
+        run = finished(case, engine, shared_runs)
+        assert run.record.warnings == []
+        assert run.layout.damped
+        assert run.trace.force_N.min() >= -1e-12 * run.trace.force_N.max()  # nothing pulls
+        model = [check for check in budget_of(case, engine, run.trace).checks if check.quantity.startswith(MODEL)]
+        assert {check.verdict for check in model} == {PASS}
+
+
+@pytest.mark.parametrize(
+    ("settings", "engine", "message"),
+    [
+        (("contact.restitution=0.2",), "liggghts", "contact.restitution: found 0.2; allowed: on liggghts above"),
+        (("contact.damping_ratio=0.7",), "liggghts", "contact.damping_ratio: found 0.7; allowed: on liggghts below"),
+        (("contact.restitution=0.214",), "liggghts", ""),
+        (("contact.restitution=0.9", MOVING), "yade", "bead 20 pressed and moving"),
+        ((MOVING,), "yade", ""),
+        (LAWS["power"], "lammps", 'on lammps 1, or contact.dissipation = "viscoelastic"'),
+        (LAWS["power"], "liggghts", "on liggghts another law, since it has no such damping"),
+        (MANY_MASSES, "lammps", "with 80 kinds of beads"),
+        (MANY_MASSES, "liggghts", "with 80 kinds of beads"),
+        (MANY_MASSES, "yade", ""),
+    ],
+)
+def test_codes_refuse_by_name_what_they_lack(settings: tuple[str, ...], engine: str, message: str) -> None:
+    problem = inability(case_of("fig4", *settings), engine)
+    assert (problem is not None) == bool(message)
+    assert message in str(problem)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ((POWER,), "contact.gamma: missing key; give a number of 0 or more"),
+        (("contact.gamma=3",), 'contact.gamma: found 3 with contact.dissipation = "viscoelastic"'),
+        ((*LAWS["power"], "contact.restitution=0.9"), "contact.restitution: found 0.9 with contact.dissipation"),
+        ((POWER, "contact.gamma=-1"), "contact.gamma: found -1; allowed: 0 or more"),
+        ((*LAWS["power"], "contact.alpha=0.9"), "contact.alpha: found 0.9; allowed: 1 or more"),
+        ((*LAWS["power"], "contact.alpha=3.1"), "contact.alpha: found 3.1; allowed: at most 3"),
+        (("contact.dissipation=linear",), "allowed: 'kuwabara-kono', 'power' or 'viscoelastic'"),
+        ((*LAWS["power"], "chain.lateral_offset=30 um"), "beads that move sideways"),
+        ((KUWABARA_KONO,), 'contact.relaxation: missing key; give a time, such as "1 us"'),
+        ((KUWABARA_KONO, "contact.relaxation=0 s"), "contact.relaxation: found"),
+        ((KUWABARA_KONO, "contact.relaxation=1"), "a time above zero with its unit"),
+        (("contact.relaxation=2 us",), 'this key only with contact.dissipation = "kuwabara-kono"'),
+        ((*LAWS["kuwabara-kono"], "chain.lateral_offset=30 um"), "beads that move sideways"),
+    ],
+)
+def test_wrong_keys_are_named_in_one_line(settings: tuple[str, ...], message: str) -> None:
+    with pytest.raises(InputError) as error:
+        case_of("fig4", *settings)
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_the_guard_lets_energy_fall_and_never_rise() -> None:
+    case = case_of("fig4", "contact.restitution=0.9")
+    trace = verlet_of(case)
+    assert reason_to_fail(case, trace) is None
+    rising = np.where(trace.time_s > 4e-4, 1e-3 * trace.total_energy_J[0], 0.0)  # still below the energy at time 0
+    risen, fallen = (replace(trace, total_energy_J=trace.total_energy_J + sign * rising) for sign in (1, -1))
+    assert "the energy grows by" in str(reason_to_fail(case, risen))
+    assert reason_to_fail(case, fallen) is None
+    off = str(reason_to_fail(case_of("fig4"), fallen))
+    assert re.search("the energy is off by .* times the energy put in; at this time step at most .* is expected", off)
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.1, 5.0])
+def test_late_damping_lowers_the_limit_of_an_oscillator(ratio: float) -> None:
+    chain = case_of(*PAIR, "wall.material=brass", "chain.count=0", f"contact.damping_ratio={ratio}").chain
+    spring = np.array([1e4])
+    step = (sqrt(1 + ratio**2) - ratio) * 2 / sqrt(spring[0] / chain.mass_kg[0])
+    assert linear_limit(chain, late_damping(chain, spring, np.zeros(1), step)) == pytest.approx(step, rel=1e-12)
+
+
+def test_damped_chains_blow_up_at_the_limit_predicted_or_just_above() -> None:
+    pressed = case_of("fig4", "chain.precompression=20 N", "contact.damping_ratio=0.3")  # stiff all the time
+    subjects = [MeasuredChain("damped", "pressed", pressed)]
+    for number in range(10):
+        case, draw = random_case(number, accuracy=0.1), np.random.default_rng([number, 77])
+        alpha, chain = float(draw.choice([1, 1.1, 1.25, 1.5, 1.75, 2, 2.5, 3])), case.chain
+        speed = np.abs(chain.velocity_m_s).max()
+        impact_N = (1.25 * chain.reduced_mass_kg.min() * speed**2) ** 0.6 * chain.stiffness.max() ** 0.4
+        law = Power(float(impact_N * 10 ** draw.uniform(-3, 0.3) / speed**alpha), alpha)
+        subjects.append(MeasuredChain(RANDOM, case.scene.name, replace(case, chain=replace(chain, law=law))))
+    first, *ratios = (limit.ratio for limit in measure_limits(subjects, ()))
+    assert 1 <= first <= tolerance("stability", "measured").limit
+    assert np.isfinite(ratios).mean() > 0.5  # strongly damped scenes are stable at all steps tried
+    assert np.nanmin(ratios) >= 1
+    assert np.nanquantile(ratios, 0.2) <= 1.25
+
+
+@pytest.mark.parametrize(
+    ("law", "engine"), [("viscoelastic", "yade"), ("kuwabara-kono", "lammps"), ("power", "verlet")]
+)
+def test_an_accuracy_is_kept(law: str, engine: str, shared_runs: Path) -> None:
+    need(engine)
+    ended = assessed(case_of("fig4", *LAWS[law], "run.time_step=", "run.accuracy=1e-3"), engine, shared_runs)
+    assert ended.done
+    assert ended.missed is None
+
+
+@pytest.mark.parametrize(("gamma", "modelled"), [(1e-6, False), (1.0, True)])
+def test_a_gamma_that_changes_too_little_is_left_out(gamma: float, modelled: bool) -> None:
+    case = case_of("fig4", POWER, f"contact.gamma={gamma}", "run.time_step=", "run.accuracy=1e-3")
+    assert case.models("damping") == case.chain.damped == modelled
+    reason = next(element.reason for element in case.elements if element.name == "damping")
+    assert ("left out" in reason) != modelled
