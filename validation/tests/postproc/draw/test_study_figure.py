@@ -1,7 +1,8 @@
-"""Figures of studies: labels, legends for any set of engines, many curves, gaps, no panel without values."""
+"""Figures of studies: curves of observables, a column against another with power laws, histograms, tornado charts."""
 
 from collections.abc import Iterator
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,14 +11,16 @@ import pytest
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.batch.study import column_name, read_study
+from drivers.batch.study import DERIVED, column_name, read_study
 from drivers.scene.settings import unit_of
 from postproc.draw.product import Product
 from postproc.draw.study_figure import draw_study, draw_tornado
 from postproc.draw.style import COLUMN_IN, PAGE_IN, pyplot, value_colours
 from postproc.read.labels import Label, key_label, observable_label
 from postproc.read.observables import OBSERVABLES, PLACEHOLDERS
+from validation.tests.helpers.commands import beads
 from validation.tests.helpers.drawn import not_in_table, out_of_bounds
+from validation.tests.helpers.scenes import SPEEDS, StudyWriter
 
 KEYS = {
     "striker.speed": "striker.speed",
@@ -27,32 +30,29 @@ KEYS = {
     "seed": "seed",
 }
 PEAK, SPEED, MISSING = "wall_peak_N", "speed_9_to_5_m_s", "bead_5_reflected_arrival_s"
+STRIKER, MASS, MODULUS, WALL = "striker.speed_m_s", "striker.mass_kg", "ptfe_modulus_Pa", "wall.material"
+THREE_SPEEDS = {STRIKER: [0.05, 0.5, 5.0]}
+POLYMERS = {"wall.material": [f"polymer {place}" for place in range(40)]}
 
 
-def _table(engines: tuple[str, ...], **axes: list[float]) -> pd.DataFrame:
+def _table(engines: tuple[str, ...] = ("reference",), **axes: list[Any]) -> pd.DataFrame:
     """Table of a finished study over a grid of axes, with a power law for each observable."""
     grid = pd.MultiIndex.from_product([*axes.values()], names=list(axes)).to_frame(index=False)
     tables = []
     for place, engine in enumerate(engines):
-        size = (1 + 1e-3 * place) * grid.prod(axis=1) ** 0.2
-        numbers: dict[str, Any] = {
-            "status": "done",
-            "reason": "",
-            "force_error_share": 0.0,
-            PEAK: size,
-            SPEED: 100 * size,
-            MISSING: np.nan,
-        }
+        size = (1 + 1e-3 * place) * grid.select_dtypes("number").prod(axis=1) ** 0.2
+        numbers: dict[str, Any] = {"status": "done", "reason": "", "force_error_share": 0.0}
+        numbers |= {PEAK: size, SPEED: 100 * size, MISSING: np.nan}
         tables.append(grid.assign(engine=engine, **numbers).rename_axis("case").reset_index())
-    table: pd.DataFrame = pd.concat(tables).sort_values("case", kind="stable")
+    table: pd.DataFrame = pd.concat(tables).sort_values("case", kind="stable", ignore_index=True)
     table["case"] += 1
     return table
 
 
-def _draw(table: pd.DataFrame, *observables: str, draw: Any = draw_study) -> Product:
+def _draw(table: pd.DataFrame, *observables: str, draw: Any = draw_study, **how: Any) -> Product:
     labels = {column_name(name, key): key_label(name, key) for name, key in KEYS.items()}
-    product: Product = draw(table, "The study's own title", observables, "study.toml", labels)
-    assert product.figure.get_suptitle() == "The study's own title"
+    product: Product = draw(table, "A study", observables, "study.toml", labels, **how)
+    assert product.figure.get_suptitle() == "A study"
     assert out_of_bounds(product.figure, (COLUMN_IN, PAGE_IN)) == []
     return product
 
@@ -68,67 +68,65 @@ def _legend(product: Product) -> list[str]:
     return [text.get_text() for text in legend.get_texts()]
 
 
-SPEEDS = {"striker.speed_m_s": [0.05, 0.5, 5.0]}
-MODULI = {"ptfe_modulus_Pa": [6e8, 1.46e9]}
+def _curves(axis: Any) -> list[Any]:
+    return [line for line in axis.lines if line.get_linestyle() != "None" and len(line.get_xdata())]
 
 
-@pytest.mark.parametrize(
-    "engines", [("reference", "liggghts", "yade"), ("liggghts", "yade"), ("yade",), ("reference",)]
-)
-def test_a_study_has_a_legend_for_any_set_of_engines(engines: tuple[str, ...]) -> None:
-    product = _draw(_table(engines, **SPEEDS, **MODULI), PEAK, SPEED)
+@pytest.mark.parametrize("engines", [("reference", "liggghts", "yade"), ("yade",)])
+def test_axes_have_labels_with_units_and_the_legend_has_any_set_of_engines(engines: tuple[str, ...]) -> None:
+    product = _draw(_table(engines, **THREE_SPEEDS, ptfe_modulus_Pa=[6e8, 1.46e9]), PEAK, SPEED)
     moduli = ["Young's modulus of ptfe 0.6 GPa", "Young's modulus of ptfe 1.46 GPa"]
     assert _legend(product) == [*moduli, *(engine for engine in engines if engine != "reference")]
-    assert _legend(_draw(_table(engines, **SPEEDS), PEAK)) == [*engines]
     assert not_in_table(product.figure, product.table) == []
-
-
-def test_axes_have_labels_with_units() -> None:
-    product = _draw(_table(("reference", "yade"), **SPEEDS, **MODULI), PEAK, SPEED)
-    assert [axis.get_xlabel() for axis in product.figure.axes] == ["striker speed (m/s)"] * 2
-    found = [axis.get_ylabel().replace("\n", " ") for axis in product.figure.axes]
-    assert found == ["peak force at the wall (N)", "wave speed from bead 9 to 5 (m/s)"]
+    labels = [(axis.get_xlabel(), axis.get_ylabel().replace("\n", " ")) for axis in product.figure.axes]
+    speed = "striker speed (m/s)"
+    assert labels == [(speed, "peak force at the wall (N)"), (speed, "wave speed from bead 9 to 5 (m/s)")]
     assert all(axis.get_xscale() == "log" for axis in product.figure.axes)
 
 
-@pytest.mark.parametrize("count", [1, 2, 3])
-def test_there_is_a_panel_for_each_observable_with_values_and_no_other(count: int) -> None:
-    product = _draw(_table(("reference",), **SPEEDS), *(PEAK, SPEED, MISSING)[:count])
-    assert len(product.figure.axes) == min(count, 2)
-    assert list(product.notes) == [f"{MISSING}: no panel, since no run shows it"] * (count == 3)
-    assert all(axis.get_visible() and axis.lines for axis in product.figure.axes)
-    with pytest.raises(InputError, match="a finished case"):
-        _draw(_table(("reference",), **SPEEDS), MISSING)
+def test_there_is_a_panel_for_each_observable_with_values_and_no_other() -> None:
+    product = _draw(_table(**THREE_SPEEDS), PEAK, SPEED, MISSING)
+    assert len(product.figure.axes) == 2
+    assert list(product.notes) == [f"{MISSING}: no panel, since no run shows it"]
+    for observables, message in [
+        ([MISSING], "a finished case"), (["wall_pea"], "wall_pea"), ([PEAK, PEAK], "an observable twice"),
+    ]:  # fmt: skip
+        with pytest.raises(InputError, match=message):
+            _draw(_table(**THREE_SPEEDS), *observables)
 
 
 def test_draws_with_an_axis_are_points_around_their_mean() -> None:
-    product = _draw(_table(("liggghts", "yade"), **SPEEDS, seed=[1, 2, 3, 4]), PEAK)
+    product = _draw(_table(("liggghts", "yade"), **THREE_SPEEDS, seed=[1, 2, 3, 4]), PEAK)
     (axis,) = product.figure.axes
     line = next(line for line in axis.lines if line.get_label() == "mean of draws, liggghts")
-    own = product.table[product.table["engine"] == "liggghts"]
-    assert np.unique(line.get_ydata()) == pytest.approx(
-        np.sort(own.groupby("striker.speed_m_s")[PEAK].mean()), rel=1e-12
-    )
+    rows = product.table[product.table["engine"] == "liggghts"]
+    means = np.sort(rows.groupby(STRIKER)[PEAK].mean())
+    assert np.unique(line.get_ydata()) == pytest.approx(means, rel=1e-12)
     assert not_in_table(product.figure, product.table) == []
 
 
-def test_draws_alone_are_counted() -> None:
-    product = _draw(_table(("reference", "yade"), seed=[*range(1, 31)]), PEAK)
+def test_draws_alone_are_counted_and_those_without_the_observable_too() -> None:
+    table = _table(("reference", "yade"), seed=[*range(1, 31)])
+    table.loc[table["seed"] <= 4, PEAK] = np.nan
+    product = _draw(table, PEAK)
     (axis,) = product.figure.axes
-    (stairs,) = axis.patches
-    assert stairs.get_data().values.sum() == 30
-    assert axis.lines[0].get_ydata().sum() == 30
+    assert axis.patches[0].get_data().values.sum() == axis.lines[0].get_ydata().sum() == 26
+    assert axis.get_title(loc="right").endswith("\nnot seen in 8 of 60 runs")
     assert (axis.get_xlabel(), axis.get_ylabel()) == ("peak force at the wall (N)", "draws")
     assert _legend(product) == ["reference", "yade"]
 
 
-def test_a_tornado_chart_labels_its_inputs() -> None:
-    table = _table(("reference",), **{"striker.speed_m_s": [1.0, 1.01], "ptfe_modulus_Pa": [1e9, 1.01e9]}).iloc[:3]
+def test_a_tornado_chart_labels_its_inputs_and_counts_runs_without_the_observable() -> None:
+    table = _table(**{STRIKER: [1.0, 1.01], MODULUS: [1e9, 1.01e9]}).iloc[:3]
     product = _draw(table, PEAK, draw=draw_tornado)
     (axis,) = product.figure.axes
     assert {text.get_text() for text in axis.get_yticklabels()} == {"striker speed", "Young's modulus of ptfe"}
     assert axis.get_xlabel().replace("\n", " ") == "change of the peak force at the wall (%)"
     assert _legend(product) == ["input +1 %"]
+    table.loc[table["case"] == 3, PEAK] = np.nan
+    product = _draw(table, PEAK, MISSING, draw=draw_tornado)
+    assert product.figure.axes[0].get_title(loc="right") == "not seen in 1 of 3 runs"
+    assert list(product.notes) == [f"{MISSING}: no panel, since no run shows its change"]
 
 
 def test_every_observable_and_every_key_of_a_shipped_study_has_a_label() -> None:
@@ -137,11 +135,9 @@ def test_every_observable_and_every_key_of_a_shipped_study_has_a_label() -> None
     for observable in OBSERVABLES:
         label = observable_label(observable.pattern.format(**samples) + observable.ending)
         assert label.unit == observable.unit
-        assert " " in label.words
         assert not set("_{}") & set(label.words)
     for path in paths.STUDIES.glob("*.toml"):
-        study = read_study(path)
-        for name, key in study.columns.items():
+        for name, key in read_study(path).columns.items():
             label = key_label(name, key)
             assert not set("._") & set(label.words), (path, name)
             assert label.unit == unit_of(key)
@@ -150,131 +146,170 @@ def test_every_observable_and_every_key_of_a_shipped_study_has_a_label() -> None
 @pytest.mark.parametrize(
     ("unit", "largest", "expected", "factor"),
     [("s", 4.5e-4, "x (µs)", 1e6), ("Pa", 1.46e9, "x (GPa)", 1e-9), ("N", 0.5, "x (N)", 1), ("kg", 1e-4, "x (g)", 1e3),
-     ("m/s", 1e-3, "x (m/s)", 1), ("m/s^2", 9.81, "x (m/s²)", 1), ("", 5, "x", 1), ("m", 0.0, "x (m)", 1)],
+     ("", 5, "x", 1), ("m", 0.0, "x (m)", 1)],
 )  # fmt: skip
 def test_an_axis_has_a_handy_unit(unit: str, largest: float, expected: str, factor: float) -> None:
-    words, found = Label("x", unit).axis(largest)
-    assert words == expected
-    assert found == pytest.approx(factor, rel=1e-15)
-
-
-def test_a_value_is_short_and_has_its_unit() -> None:
-    assert Label("", "s").value(1.23456e-5) == "12.35 µs"
-    assert Label("", "").value(0.05) == "0.05"
-    assert Label("", "").value("rigid") == "rigid"
-    assert key_label("material", "chain.material") == Label("material", "")
-    assert key_label("chain.material", "chain.material") == Label("bead material", "")
-
-
-@pytest.mark.parametrize("draw", [draw_study, draw_tornado])
-@pytest.mark.parametrize(("observables", "words"), [(["wall_pea"], "wall_pea"), ([PEAK, PEAK], "an observable twice")])
-def test_observables_are_known_and_given_once(observables: list[str], words: str, draw: Any) -> None:
-    with pytest.raises(InputError, match=words):
-        _draw(_table(("reference",), **SPEEDS), *observables, draw=draw)
-
-
-def test_text_values_can_be_varied() -> None:
-    table = _table(("reference", "yade"), **SPEEDS).rename(columns={"striker.speed_m_s": "wall.material"})
-    table["wall.material"] = table["wall.material"].map({0.05: "ptfe", 0.5: "brass", 5.0: "rigid"})
-    product = _draw(table, PEAK)
-    (axis,) = product.figure.axes
-    assert [text.get_text() for text in axis.get_xticklabels()] == ["ptfe", "brass", "rigid"]
-    assert axis.get_xlabel() == "wall material"
-
-
-SPEED_RANGE = {"striker.speed_m_s": [float(speed) for speed in range(1, 42)]}
-
-
-def _curves(axis: Any) -> list[Any]:
-    return [line for line in axis.lines if line.get_linestyle() != "None" and len(line.get_xdata())]
+    label, found = Label("x", unit).axis(largest)
+    assert (label, found) == (expected, pytest.approx(factor, rel=1e-15))
 
 
 @pytest.mark.parametrize(("last", "scale"), [(20.0, "linear"), (400.0, "log")])
 def test_many_curves_are_coloured_by_value_with_a_bar(last: float, scale: str) -> None:
-    moduli = [float(value) for value in np.geomspace(1e8, last * 1e8, 40)]
-    product = _draw(_table(("reference", "yade"), **SPEED_RANGE, ptfe_modulus_Pa=moduli), PEAK, SPEED)
+    moduli = [float(value) for value in np.geomspace(1e8, last * 1e8, 9)]
+    speeds = [float(speed) for speed in range(1, 12)]
+    product = _draw(_table(("reference", "yade"), **{STRIKER: speeds, MODULUS: moduli}), PEAK, SPEED)
     first, second, bar = product.figure.axes
-    assert bar.get_ylabel() == "Young's modulus of ptfe (GPa)"
-    assert bar.get_yscale() == scale
+    assert (bar.get_ylabel(), bar.get_yscale()) == ("Young's modulus of ptfe (GPa)", scale)
     assert bar.get_ylim() == pytest.approx((0.1, 0.1 * last), rel=1e-12)
     assert _legend(product) == ["reference", "yade"]
+    shares = np.log(moduli) if scale == "log" else np.array(moduli)
+    expected = value_colours()((shares - shares[0]) / np.ptp(shares))
     for axis in (first, second):
-        shares = np.log(moduli) if scale == "log" else np.array(moduli)
-        expected = value_colours()((shares - shares[0]) / np.ptp(shares))
         assert [line.get_color() for line in _curves(axis)] == pytest.approx(expected, abs=0.02)
     assert not_in_table(product.figure, product.table) == []
 
 
-def test_colours_of_values_are_dark_enough_on_white_and_get_brighter() -> None:
-    parts = value_colours()(np.linspace(0, 1, 50))[:, :3]
-    linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
-    luminance = linear @ [0.2126, 0.7152, 0.0722]
-    assert (np.diff(luminance) > 0).all()
-    assert 1.05 / (luminance.max() + 0.05) > 3
-
-
-@pytest.mark.parametrize("columns", [1, 3])
-def test_many_text_values_have_a_legend_of_short_entries(columns: int) -> None:
-    table = _table(("reference", "yade"), **SPEED_RANGE, **{"wall.material": [1 + place / 100 for place in range(40)]})
-    names = {value: f"polymer {place}" for place, value in enumerate(dict.fromkeys(table["wall.material"]))}
-    table["wall.material"] = table["wall.material"].map(names)
-    product = _draw(table, *(PEAK, SPEED)[:columns])
-    (legend,) = product.figure.legends
-    assert legend.get_title().get_text() == "wall material"
-    assert _legend(product) == [*names.values(), "yade"]
-    looks = [(*line.get_color(), str(line.get_linestyle())) for line in _curves(product.figure.axes[0])]
-    assert len(set(looks)) == 40
-    assert legend.get_window_extent().width <= product.figure.bbox.width
-
-
-def test_many_curves_of_two_other_columns_are_all_listed() -> None:
-    moduli, masses = [1e9 + place * 1e8 for place in range(10)], [1e-4, 2e-4, 4e-4, 8e-4]
-    table = _table(("reference",), **SPEED_RANGE, ptfe_modulus_Pa=moduli, **{"striker.mass_kg": masses})
-    product = _draw(table, PEAK)
-    (axis,) = product.figure.axes
-    assert _legend(product)[:5] == ["1 GPa, 0.1 g", "1 GPa, 0.2 g", "1 GPa, 0.4 g", "1 GPa, 0.8 g", "1.1 GPa, 0.1 g"]
-    assert len(set(_legend(product))) == 40
+def test_many_curves_of_texts_or_of_two_columns_are_all_listed() -> None:
+    speeds = [float(speed) for speed in range(1, 42)]
+    product = _draw(_table(("reference", "yade"), **{STRIKER: speeds}, **POLYMERS), PEAK, SPEED)
+    assert _legend(product) == [*POLYMERS[WALL], "yade"]
+    assert len({(*line.get_color(), str(line.get_linestyle())) for line in _curves(product.figure.axes[0])}) == 40
+    assert product.figure.legends[0].get_window_extent().width <= product.figure.bbox.width
+    moduli = [1e9 + place * 1e8 for place in range(5)]
+    product = _draw(_table(**{STRIKER: speeds, MODULUS: moduli, MASS: [1e-4, 2e-4]}), PEAK)
+    assert _legend(product)[:3] == ["1 GPa, 0.1 g", "1 GPa, 0.2 g", "1.1 GPa, 0.1 g"]
+    assert len(set(_legend(product))) == 10
     assert product.figure.legends[0].get_title().get_text() == "Young's modulus of ptfe, striker mass"
-    assert len({(*line.get_color(), str(line._dash_pattern)) for line in _curves(axis)}) == 40
 
 
 def test_lines_have_gaps_and_points_between_gaps_are_marked() -> None:
-    table = _table(("reference",), **{"striker.speed_m_s": [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]})
-    table.loc[table["striker.speed_m_s"].isin([2.0, 4.0]), PEAK] = np.nan
+    table = _table(**{STRIKER: [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]})
+    table.loc[table[STRIKER].isin([2.0, 4.0]), PEAK] = np.nan
     product = _draw(table, PEAK, SPEED)
     gaps, whole = (_curves(axis)[0] for axis in product.figure.axes)
     assert list(np.isnan(gaps.get_ydata())) == [False, True, False, True, False, False]
-    assert (gaps.get_marker(), gaps.get_markevery()) == ("o", [0, 2])
-    assert whole.get_marker() == "None"
+    assert (gaps.get_marker(), gaps.get_markevery(), whole.get_marker()) == ("o", [0, 2], "None")
     assert [axis.get_title(loc="right") for axis in product.figure.axes] == ["not seen in 2 of 6 runs", ""]
-    assert product.figure.axes[0].get_xlim() == product.figure.axes[1].get_xlim()
 
 
-def test_histograms_and_tornado_charts_count_the_runs_that_do_not_show_an_observable() -> None:
-    table = _table(("reference",), seed=[*range(1, 31)])
-    table.loc[table["seed"] <= 4, PEAK] = np.nan
-    (axis,) = _draw(table, PEAK).figure.axes
-    assert axis.get_title(loc="right").endswith("\nnot seen in 4 of 30 runs")
-    table = _table(("reference",), **{"striker.speed_m_s": [1.0, 1.01, 1.02]})
-    table.loc[table["case"] == 3, PEAK] = np.nan
-    product = _draw(table, PEAK, MISSING, draw=draw_tornado)
-    assert product.figure.axes[0].get_title(loc="right") == "not seen in 1 of 3 runs"
-    assert list(product.notes) == [f"{MISSING}: no panel, since no run shows its change"]
-
-
-@pytest.mark.parametrize("count", [5, 40, 100])
-def test_ticks_of_texts_do_not_overlap(count: int) -> None:
-    table = _table(("reference",), **{"wall.material": [float(place) for place in range(1, count + 1)]})
-    names = [f"{'a long name of a ' * (place == 1)}polymer {place}" for place in range(count)]
-    table["wall.material"] = names
-    product = _draw(table, PEAK, SPEED)
-    for axis in product.figure.axes:
+def test_texts_on_an_axis_are_its_ticks_and_do_not_overlap() -> None:
+    axis = _draw(_table(**{WALL: ["ptfe", "brass", "rigid"]}), PEAK).figure.axes[0]
+    assert [text.get_text() for text in axis.get_xticklabels()] == ["ptfe", "brass", "rigid"]
+    assert axis.get_xlabel() == "wall material"
+    for axis in _draw(_table(**POLYMERS), PEAK, SPEED).figure.axes:
         boxes = [text.get_window_extent() for text in axis.get_xticklabels() if text.get_text()]
         assert len(boxes) > 4
         assert all(left.x1 <= right.x0 for left, right in pairwise(boxes))
 
 
 def test_a_removed_key_is_a_curve_of_its_own() -> None:
-    table = _table(("reference",), **SPEED_RANGE, ptfe_modulus_Pa=[1e9, 2e9])
-    table.loc[table["ptfe_modulus_Pa"] == 1e9, "ptfe_modulus_Pa"] = np.nan
+    table = _table(**THREE_SPEEDS, ptfe_modulus_Pa=[1e9, 2e9])
+    table.loc[table[MODULUS] == 1e9, MODULUS] = np.nan
     assert _legend(_draw(table, PEAK)) == ["Young's modulus of ptfe none", "Young's modulus of ptfe 2 GPa"]
+
+
+X, Y = "bead_5_amplitude_N", SPEED
+
+
+def _related(engines: tuple[str, ...] = ("reference", "yade"), count: int = 12, **axes: list[float]) -> pd.DataFrame:
+    """Table of a study with ``y = 3 x^(1/6)`` on the first engine and a little more on the others."""
+    table = _table(engines, **{STRIKER: [*np.geomspace(0.1, 10, count)]}, **axes)
+    place = table["engine"].map({engine: place for place, engine in enumerate(engines)})
+    table[X] = 2 * table[STRIKER] ** 1.2
+    return table.assign(**{Y: (3 + place) * table[X] ** (1 / 6)})
+
+
+def test_each_engine_has_points_at_its_rows_and_lines_join_ordered_numbers_alone() -> None:
+    table = _related()
+    product = _draw(table, Y, x=X)
+    (axis,) = product.figure.axes
+    assert (axis.get_xlabel(), axis.get_xscale()) == ("force amplitude at bead 5 (N)", "log")
+    lines = {line.get_label(): line for line in axis.lines}
+    for engine, rows in table.groupby("engine"):
+        assert lines[engine].get_xydata() == pytest.approx(rows[[X, Y]].to_numpy(), rel=1e-12)
+    assert [lines[engine].get_linestyle() for engine in ("reference", "yade")] == ["-", "None"]
+    assert list(product.table.columns) == ["case", STRIKER, "engine", X, Y]
+    draws, materials = (table.rename(columns={STRIKER: name}) for name in ("seed", WALL))
+    for changed, how in [(table, {"joined": False}), (draws, {}), (materials.astype({WALL: str}), {})]:
+        assert not _curves(_draw(changed, Y, x=X, **how).figure.axes[0])
+
+
+def test_logarithmic_axes_leave_out_rows_that_are_not_above_zero() -> None:
+    table = _related()
+    table.loc[[0, 3], Y] = 0.0
+    table.loc[5, X] = np.nan
+    product = _draw(table, Y, x=X, log=True)
+    (axis,) = product.figure.axes
+    assert (axis.get_xscale(), axis.get_yscale()) == ("log", "log")
+    assert list(product.notes) == ["2 rows are not above zero, so not on logarithmic axes"]
+    assert product.table[Y].notna().sum() == 24 - 3
+    assert axis.get_title(loc="right") == "not seen in 1 of 24 runs"
+
+
+def test_power_laws_are_those_of_least_squares_and_say_what_is_left_out() -> None:
+    table = _related()
+    reference, yade = table["engine"] == "reference", table["engine"] == "yade"
+    table.loc[reference, Y] *= np.exp(np.random.default_rng(1).normal(0, 0.05, 12))
+    table.loc[table.index[reference][:2], Y] = [np.nan, -1.0]
+    table.loc[table.index[yade][1], "status"] = "failed"
+    product = _draw(table, Y, x=X, fitted=True)
+    x, y = np.log(table.loc[reference, [X, Y]].iloc[2:].to_numpy()).T
+    slope, start = np.polyfit(x, y, 1)
+    error = np.sqrt(((y - start - slope * x) ** 2).sum() / (len(x) - 2) / ((x - x.mean()) ** 2).sum())
+    first, second = product.notes
+    assert first.startswith(f"reference: {Y} = {np.exp(start):.4g} x^{slope:.4g}, ")
+    assert f"exponent {slope:.4g} ± {error:.2g} (10 rows; 2 left out, not seen or not above zero)" in first
+    assert second.startswith(f"yade: {Y} = 4 x^0.1667, exponent 0.1667 ± ")
+    law = next(line for line in product.figure.axes[0].lines if line.get_label() == "yade: x^0.1667")
+    assert law.get_ydata() == pytest.approx(4 * law.get_xdata() ** (1 / 6), rel=1e-9)
+
+
+def test_each_curve_has_a_power_law_unless_one_has_too_few_points() -> None:
+    table = _related(**{MASS: [1e-3, 2e-3]})
+    table.loc[table[MASS] == 2e-3, Y] *= 2
+    starts = [line.partition(" x^")[0] for line in _draw(table, Y, x=X, fitted=True).notes]
+    laws = {("reference", 1): 3, ("reference", 2): 6, ("yade", 1): 4, ("yade", 2): 8}
+    assert sorted(starts) == [f"{code}, striker mass {mass} g: {Y} = {law}" for (code, mass), law in laws.items()]
+    table.loc[(table[MASS] == 2e-3) & (table[STRIKER] > 0.2), Y] = np.nan
+    assert [line.partition(":")[0] for line in _draw(table, Y, x=X, fitted=True).notes] == ["reference", "yade"]
+
+
+@pytest.mark.parametrize(
+    ("table", "how", "message"),
+    [
+        (_related(count=2), {"fitted": True}, "--power-law: found reference has 2 rows"),
+        (_related().assign(**{X: 1.0}), {"fitted": True}, "different bead_5_amplitude_N"),
+        (_related().assign(**{X: -1.0}), {"log": True}, "no finished row has both, above zero"),
+    ],
+)
+def test_too_few_rows_are_refused(table: pd.DataFrame, how: Any, message: str) -> None:
+    with pytest.raises(InputError) as error:
+        _draw(table, Y, x=X, **how)
+    assert message in str(error.value)
+
+
+WRONG = {
+    "--x striker.speed": "--x: needs --y",
+    "--power-law --y wall_peak": "--y: needs --x",
+    "--log": "--log: needs --x and --y",
+    "--x striker.sped --y wall_peak": '--x: found "striker.sped"; allowed: columns: case, striker.speed_m_s',
+    "--x wall.material --y wall_peak --log": '--x: found "wall.material"; allowed: numbers: case, ',
+    "--x engine --y wall_peak": '--x: found "engine"; allowed: columns: case, ',
+}
+
+
+def test_the_command_draws_a_relation_under_a_name_of_its_own(study_file: StudyWriter, tmp_path: Path) -> None:
+    axes = SPEEDS.format(2) + '[[axis]]\nkey = "wall.material"\nvalues = ["brass"]'
+    path, results = study_file(axes, "reference", top='figure = ["wall_peak_N"]'), tmp_path / "results"
+    assert beads("batch", path, "--runs", tmp_path / "runs", "--results", results).returncode == 0
+    before = {file: file.read_bytes() for file in results.iterdir() if file.is_file()}
+    done = beads("study", path, "--results", results, "--x", "striker.speed", "--y", "wall_peak_N", "--log")
+    assert (done.returncode, done.stderr) == (0, "")
+    new = {file for file in results.iterdir() if file.is_file()} - set(before)
+    assert {file.name for file in new} == {f"study-wall_peak_N-{STRIKER}-xy.{end}" for end in ("csv", "png", "svg")}
+    assert all(file.stem.endswith(DERIVED) for file in new)
+    assert all(file.read_bytes() == content for file, content in before.items())
+    for options, message in WRONG.items():
+        done = beads("study", path, "--results", results, *options.split())
+        assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1), options
+        assert message in done.stderr, options

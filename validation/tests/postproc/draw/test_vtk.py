@@ -1,147 +1,133 @@
-"""The ParaView series, read by VTK's own reader, and the mesh of the tube."""
+"""The ParaView series, read again, and the mesh of the tube."""
 
 import shutil
-from dataclasses import dataclass
+from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import meshio
 import numpy as np
-import pandas as pd
 import pytest
 
-from drivers.chain.chain import Array
 from drivers.run.run_folder import STATE, EndedRun, open_run
 from postproc.draw import vtk
 from postproc.draw.vtk import tube_mesh, write_mesh, write_series
+from postproc.read.sensors import mean_forces
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import edit_table, finished
 from validation.tests.helpers.scenes import STRIKER, WALL, SceneWriter, case_of
 
-pytestmark = pytest.mark.long
-
-WITH_STATE = 'run.record=["forces", "state"]'
 TUBE = '[tube]\ninner_diameter = "5 mm"\nmaterial = "ptfe"\n'
 FLAT_STRIKER = '[striker]\nshape = "flat"\nmaterial = "alumina"\nmass = "0.47 g"\nspeed = "0.44 m/s"\n'
+WIDE_STRIKER = STRIKER.replace("4.76 mm", "9 mm")
+RADIUS_M = 0.00238
+FILE = {
+    "type": "UnstructuredGrid", "version": "0.1", "byte_order": "LittleEndian", "compressor": "vtkZLibDataCompressor",
+}  # fmt: skip
+GEOMETRY = {"Points": "Float64", "connectivity": "Int64", "offsets": "Int64", "types": "Int64"}
+BODIES = {"body": "Int32", "radius_m": "Float64", "velocity_m_s": "Float64", "force_N": "Float64"}
+
+Runner = Callable[..., EndedRun]
 
 
-@dataclass(frozen=True)
-class Grid:
-    """Content of a file by VTK's reader."""
+@pytest.fixture
+def run_of(scene_file: SceneWriter, shared_runs: Path) -> Runner:
+    """Runs the small scene with replaced parts, and keeps positions."""
 
-    point_m: Array
-    fields: dict[str, Array]
-    cells: list[tuple[int, tuple[int, ...]]]
+    def run(**parts: str) -> EndedRun:
+        return finished(case_of(scene_file(**parts), 'run.record=["forces", "state"]'), "verlet", shared_runs)
+
+    return run
 
 
-def read_grid(path: Path) -> Grid:
-    from vtkmodules.util.numpy_support import vtk_to_numpy
-    from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
-
-    reader: Any = vtkXMLUnstructuredGridReader()
-    reader.SetFileName(str(path))
-    reader.Update()
-    assert reader.GetErrorCode() == 0
-    grid = reader.GetOutput()
-    data = grid.GetPointData()
-    fields = {data.GetArrayName(i): vtk_to_numpy(data.GetArray(i)) for i in range(data.GetNumberOfArrays())}
-    cells = []
-    for i in range(grid.GetNumberOfCells()):
-        cell = grid.GetCell(i)
-        cells.append((cell.GetCellType(), tuple(cell.GetPointId(k) for k in range(cell.GetNumberOfPoints()))))
-    return Grid(vtk_to_numpy(grid.GetPoints().GetData()), fields, cells)
+def read_grid(path: Path, kind: str, **fields: str) -> meshio.Mesh:
+    """Mesh of a file by meshio, which has such cells and types of fields, and the counts that it states."""
+    root = ElementTree.parse(path).getroot()
+    assert root.attrib == FILE
+    (piece,) = root.findall("UnstructuredGrid/Piece")
+    arrays = list(piece.iter("DataArray"))
+    assert {array.attrib["Name"]: array.attrib["type"] for array in arrays} == GEOMETRY | fields
+    assert {array.attrib["format"] for array in arrays} == {"binary"}
+    mesh = meshio.read(path)
+    (cells,) = mesh.cells
+    counts = len(mesh.points), len(cells.data)
+    assert counts == (int(piece.attrib["NumberOfPoints"]), int(piece.attrib["NumberOfCells"]))
+    assert cells.type == kind
+    return mesh
 
 
 def read_index(path: Path) -> list[tuple[float, Path]]:
-    found = ElementTree.parse(path).getroot().iter("DataSet")
-    return [(float(each.attrib["timestep"]), path.parent / each.attrib["file"]) for each in found]
+    """Times and files of a series, whose times increase."""
+    root = ElementTree.parse(path).getroot()
+    assert root.attrib == {"type": "Collection", "version": "0.1"}
+    frames = root.findall("Collection/DataSet")
+    index = [(float(frame.attrib["timestep"]), path.parent / frame.attrib["file"]) for frame in frames]
+    assert all(before < after for (before, _), (after, _) in pairwise(index))
+    return index
 
 
-def a_run(scene: Path, runs: Path, engine: str = "verlet") -> EndedRun:
-    return finished(case_of(scene, WITH_STATE), engine, runs)
-
-
-@pytest.mark.parametrize("engine", ["verlet", "yade", "liggghts"])
-def test_another_reader_finds_the_values_of_the_run_to_the_last_bit(
-    engine: str, scene_file: SceneWriter, shared_runs: Path, tmp_path: Path
-) -> None:
-    run = a_run(scene_file(wall=WALL + TUBE), shared_runs, engine)
-    written = write_series(run, tmp_path / "series", 7)
-    assert [path.name for path in written] == ["chain.pvd", "tube.vtu"]
-    state = pd.read_parquet(run.folder / "state.parquet").set_index("time_s")
-    forces = pd.read_parquet(run.folder / "forces.parquet").set_index("time_s")
-    index = read_index(written[0])
-    assert len(index) == 7
-    assert [index[0][0], index[-1][0]] == [state.index[0], state.index[-1]]
-    for time_s, path in index:
-        grid, own, force = read_grid(path), state.loc[time_s], forces.loc[time_s]
-        assert grid.cells == [(1, (j,)) for j in range(6)]  # VTK_VERTEX
-        contact = np.array([force[f"contact_{j}_N"] for j in range(1, 7)] + [0.0])
-        assert grid.point_m.dtype == np.float64
-        assert (grid.point_m[:, :2] == 0).all()
-        assert (grid.point_m[:, 2] == [own[f"body_{j}_height_m"] for j in range(1, 7)]).all()
-        assert (grid.fields["velocity_m_s"][:, :2] == 0).all()
-        assert (grid.fields["velocity_m_s"][:, 2] == [own[f"body_{j}_velocity_m_s"] for j in range(1, 7)]).all()
-        assert (grid.fields["force_N"] == (contact[:-1] + contact[1:]) / 2).all()
-        assert (grid.fields["radius_m"] == 0.00238).all()
-        assert (grid.fields["body"] == np.arange(1, 7)).all()
-        assert set(grid.fields) == {"body", "radius_m", "velocity_m_s", "force_N"}
-    assert max(read_grid(path).fields["force_N"].max() for _, path in index) > 1
-
-
-def test_sideways_positions_and_bore_forces_are_written(
-    scene_file: SceneWriter, shared_runs: Path, tmp_path: Path
-) -> None:
-    run = a_run(scene_file(wall=WALL + TUBE), shared_runs)
+def test_a_series_has_the_values_of_the_run_to_the_last_bit(run_of: Runner, tmp_path: Path) -> None:
+    """The run, which moves along the axis alone, gets sideways motion and forces of the bore by chance."""
+    run = run_of(wall=WALL + TUBE)
     folder = tmp_path / run.folder.name
     shutil.copytree(run.folder, folder)
-    random = np.random.default_rng(1)
-    state = pd.read_parquet(folder / STATE)
-    more = {f"body_{j}_{name}": random.normal(size=len(state)) for j in range(1, 7)
-            for name in ("x_m", "y_m", "x_velocity_m_s", "y_velocity_m_s")}  # fmt: skip
-    edit_table(folder, lambda table: table.assign(**more), STATE)
-    bore = {f"bore_{j}_N": random.normal(size=len(state)) for j in range(1, 6)}  # the striker stays above the tube
+    random, samples = np.random.default_rng(1), len(run.trace.time_s)
+    names = [f"body_{j}_{name}" for j in range(1, 7) for name in ("x_m", "y_m", "x_velocity_m_s", "y_velocity_m_s")]
+    sideways = {name: random.normal(size=samples) for name in names}
+    bore = {f"bore_{j}_N": random.normal(size=samples) for j in range(1, 6)}  # the striker stays above the tube
+    edit_table(folder, lambda table: table.assign(**sideways), STATE)
     edit_table(folder, lambda table: table.assign(**bore))
-    (_, first), (_, last) = read_index(write_series(open_run(folder), tmp_path / "series", 2)[0])
-    assert first != last
-    grid = read_grid(last)
-    assert (grid.point_m[:, 0] == [more[f"body_{j}_x_m"][-1] for j in range(1, 7)]).all()
-    assert (grid.point_m[:, 1] == [more[f"body_{j}_y_m"][-1] for j in range(1, 7)]).all()
-    assert (grid.fields["velocity_m_s"][:, 0] == [more[f"body_{j}_x_velocity_m_s"][-1] for j in range(1, 7)]).all()
-    assert (grid.fields["velocity_m_s"][:, 1] == [more[f"body_{j}_y_velocity_m_s"][-1] for j in range(1, 7)]).all()
-    assert (grid.fields["bore_N"] == [*(bore[f"bore_{j}_N"][-1] for j in range(1, 6)), 0]).all()
+    written = write_series(open_run(folder), tmp_path / "series", 7)
+    assert [path.name for path in written] == ["chain.pvd", "tube.vtu"]
+    index, time_s = read_index(written[0]), run.trace.time_s
+    assert len(index) == 7
+    assert [index[0][0], index[-1][0]] == [time_s[0], time_s[-1]]
+    for at_s, path in index:
+        grid, (sample,) = read_grid(path, "vertex", bore_N="Float64", **BODIES), np.flatnonzero(time_s == at_s)
+        motion = {name: values[sample] for name, values in sideways.items()}
+        motion |= {f"body_{j + 1}_m": run.state.place_m[sample, j, 2] for j in range(6)}
+        motion |= {f"body_{j + 1}_velocity_m_s": run.state.velocity_m_s[sample, j, 2] for j in range(6)}
+        vectors = {
+            ending: np.array([[motion[f"body_{j}_{axis}{ending}"] for axis in ("x_", "y_", "")] for j in range(1, 7)])
+            for ending in ("m", "velocity_m_s")
+        }
+        expected = {
+            "body": np.arange(1, 7),
+            "radius_m": np.full(6, RADIUS_M),
+            "velocity_m_s": vectors["velocity_m_s"],
+            "force_N": mean_forces(run.trace.force_N)[sample],
+            "bore_N": np.array([*(force[sample] for force in bore.values()), 0.0]),
+        }
+        assert np.array_equal(grid.points, vectors["m"])
+        assert all(np.array_equal(grid.point_data[name], values) for name, values in expected.items())
+        assert grid.cells[0].data.tolist() == [[j] for j in range(6)]
+    assert expected["force_N"].max() > 0.1
 
 
-def test_a_flat_striker_is_a_sphere_that_touches_where_its_face_is(
-    scene_file: SceneWriter, shared_runs: Path, tmp_path: Path
-) -> None:
-    run = a_run(scene_file(striker=FLAT_STRIKER), shared_runs)
+def test_a_flat_striker_is_a_sphere_that_touches_where_its_face_is(run_of: Runner, tmp_path: Path) -> None:
+    run = run_of(striker=FLAT_STRIKER)
     written = write_series(run, tmp_path / "series", 3)
     assert [path.name for path in written] == ["chain.pvd"]  # no tube
-    state = pd.read_parquet(run.folder / "state.parquet")
-    grid = read_grid(read_index(written[0])[0][1])
-    assert grid.fields["radius_m"][-1] == 0.00238
-    assert grid.point_m[-1, 2] == state["body_6_height_m"].iloc[0] + 0.00238
-    assert grid.point_m[0, 2] == state["body_1_height_m"].iloc[0]
+    grid = read_grid(read_index(written[0])[0][1], "vertex", **BODIES)
+    assert grid.point_data["radius_m"][-1] == RADIUS_M
+    assert (grid.points[:, 2] - run.state.place_m[0, :, 2]).tolist() == pytest.approx([0.0] * 5 + [RADIUS_M])
 
 
-def test_the_tube_reaches_from_the_wall_over_the_beads(
-    scene_file: SceneWriter, shared_runs: Path, tmp_path: Path
+@pytest.mark.parametrize(("striker", "inside"), [(STRIKER, 6), (WIDE_STRIKER, 5)], ids=["narrow", "wide"])
+def test_the_tube_reaches_from_the_wall_over_the_bodies_that_fit(
+    striker: str, inside: int, run_of: Runner, tmp_path: Path
 ) -> None:
-    run = a_run(scene_file(wall=WALL + TUBE), shared_runs)
-    series = write_series(run, tmp_path / "series", 5)
-    tube = read_grid(series[1])
-    assert {kind for kind, _ in tube.cells} == {5}  # VTK_TRIANGLE
-    assert tube.point_m[:, 2].min() == 0
-    tops = [grid.point_m[:, 2].max() for grid in (read_grid(path) for _, path in read_index(series[0]))]
-    assert tube.point_m[:, 2].max() == pytest.approx(max(tops) + 0.00238, rel=1e-12)
-    assert (np.hypot(tube.point_m[:, 0], tube.point_m[:, 1]) >= 0.0025).all()
+    run = run_of(striker=striker, wall=WALL + TUBE)
+    points = read_grid(write_series(run, tmp_path / "series", 301)[1], "triangle").points
+    top_m = run.state.place_m[:, :inside, 2].max() + RADIUS_M
+    assert [points[:, 2].min(), points[:, 2].max()] == pytest.approx([0, top_m], rel=1e-12)
+    assert (np.hypot(points[:, 0], points[:, 1]) >= 0.0025).all()
 
 
-def test_a_series_replaces_a_longer_one_and_keeps_other_files(
-    scene_file: SceneWriter, shared_runs: Path, tmp_path: Path
-) -> None:
-    run, folder = a_run(scene_file(), shared_runs), tmp_path / "series"
+def test_a_series_replaces_a_longer_one_and_keeps_other_files(run_of: Runner, tmp_path: Path) -> None:
+    run, folder = run_of(), tmp_path / "series"
     write_series(run, folder, 9)
     (folder / "view.pvsm").write_text("mine")
     write_series(run, folder, 4)
@@ -151,9 +137,9 @@ def test_a_series_replaces_a_longer_one_and_keeps_other_files(
 
 @pytest.mark.parametrize("blow", [OSError(28, "No space left on device"), KeyboardInterrupt()])
 def test_an_interrupted_series_leaves_no_files(
-    blow: BaseException, scene_file: SceneWriter, shared_runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    blow: BaseException, run_of: Runner, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    run, home = a_run(scene_file(), shared_runs), tmp_path / "out"
+    run, home = run_of(), tmp_path / "out"
     write_series(run, home / "former", 4)
     before = {path: path.read_bytes() for path in home.rglob("*") if path.is_file()}
 
@@ -171,67 +157,41 @@ def test_an_interrupted_series_leaves_no_files(
     assert [path.name for path in home.iterdir()] == ["former"]
 
 
-def test_on_the_command_line(scene_file: SceneWriter, shared_runs: Path, tmp_path: Path) -> None:
-    run = a_run(scene_file(), shared_runs)
-    done = beads("vtk", run.folder, "--results", tmp_path / "out")
+def test_the_command_writes_100_frames_or_refuses_in_one_line(
+    run_of: Runner, scene_file: SceneWriter, shared_runs: Path, tmp_path: Path
+) -> None:
+    kept = run_of().folder
+    done = beads("vtk", kept, "--results", tmp_path / "out")
     assert done.returncode == 0, done.stderr
-    folder = tmp_path / "out" / f"vtk-verlet-{run.folder.name}"
-    assert done.stdout.split() == [str(folder / "chain.pvd")]
-    assert len(read_index(folder / "chain.pvd")) == 100
-
-
-def test_bad_input_is_refused_in_one_line(scene_file: SceneWriter, shared_runs: Path, tmp_path: Path) -> None:
-    without = finished(case_of(scene_file("bare", duration="0.2 ms")), "verlet", shared_runs).folder
-    kept = a_run(scene_file("kept"), shared_runs).folder
-    damaged, alien = tmp_path / "damaged", tmp_path / "alien"
-    for folder in (damaged, alien):
-        shutil.copytree(kept, folder)
-    (damaged / "state.parquet").write_bytes((kept / "state.parquet").read_bytes()[:999])
+    index = tmp_path / "out" / f"vtk-verlet-{kept.name}" / "chain.pvd"
+    assert done.stdout.split() == [str(index)]
+    assert len(read_index(index)) == 100
+    bare = finished(case_of(scene_file("bare", duration="0.2 ms")), "verlet", shared_runs).folder
+    alien = tmp_path / "alien"
+    shutil.copytree(kept, alien)
     edit_table(alien, lambda table: table.drop(columns="body_3_height_m"), STATE)
-    (tmp_path / "file").write_text("")
     for words, message in [
-        ((without,), 'beads run bare.toml --engine verlet --set run.record=\'["forces", "state"]\''),
-        ((damaged,), "altered since"),
+        ((bare,), 'beads run bare.toml --engine verlet --set run.record=\'["forces", "state"]\''),
         ((alien,), "body_3_height_m"),
-        ((tmp_path,), "no record of a run"),
         ((kept, "--frames", "1"), "whole numbers from 2"),
-        ((kept, "--frames", "many"), "whole numbers from 2"),
-        ((kept, "--results", tmp_path / "file"), "is a file"),
     ]:
         refused = beads("vtk", *words)
-        assert refused.returncode == 2, refused.stderr
+        assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
         assert message in refused.stderr
-        assert len(refused.stderr.strip().splitlines()) == 1
 
 
-@pytest.mark.parametrize(("sides", "rings"), [(3, 6), (8, 24), (48, 153), (48, 2)])
-def test_the_bore_as_triangles(sides: int, rings: int) -> None:
+@pytest.mark.parametrize(("sides", "rings"), [(3, 6), (48, 153)])
+def test_the_bore_is_an_open_prism_of_triangles(sides: int, rings: int) -> None:
     points, triangles = tube_mesh(0.0025, -0.01, 0.04, sides, rings)
     corners = points[triangles]
-    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(normal, axis=1) / 2
-    middle = corners.mean(axis=1)
-    assert (np.einsum("ij,ij->i", normal[:, :2], middle[:, :2]) < 0).all()  # inwards
-    assert np.abs(normal[:, 2]).max() < 1e-12 * np.abs(normal).max()
     distance = np.einsum("ij,ij->i", normal, corners[:, 0]) / (2 * area)
-    assert distance == pytest.approx(-0.0025, rel=1e-12)  # every side touches the bore
+    assert distance == pytest.approx(-0.0025, rel=1e-12)  # normals point inwards, every side touches the bore
     assert area.sum() == pytest.approx(2 * sides * np.tan(np.pi / sides) * 0.0025 * 0.05, rel=1e-12)
-    assert [points[:, 2].min(), points[:, 2].max()] == [-0.01, 0.04]
-    if rings > 2:
-        assert (edges.max(axis=1) / edges.min(axis=1)).max() < 1.6  # the halves of a square: sqrt(2)
-    sides_of, counts = np.unique(np.sort(np.stack([triangles, np.roll(triangles, 1, 1)], -1).reshape(-1, 2)),
-                                 axis=0, return_counts=True)  # fmt: skip
+    sides_of = np.sort(np.stack([triangles, np.roll(triangles, 1, 1)], -1).reshape(-1, 2))
+    edges, counts = np.unique(sides_of, axis=0, return_counts=True)
     assert set(counts) == {1, 2}
-    open_ends = points[sides_of[counts == 1], 2]
-    assert len(open_ends) == 2 * sides  # the two ends are the only holes
-    assert set(open_ends.ravel()) == {-0.01, 0.04}
-
-
-def test_a_striker_is_no_bead_of_the_tube(scene_file: SceneWriter, shared_runs: Path, tmp_path: Path) -> None:
-    wide = STRIKER.replace("4.76 mm", "9 mm")
-    run = a_run(scene_file(striker=wide, wall=WALL + TUBE), shared_runs)
-    series = write_series(run, tmp_path / "series", 3)
-    frames = [read_grid(path) for _, path in read_index(series[0])]
-    top = max(grid.point_m[:5, 2].max() for grid in frames) + 0.00238
-    assert read_grid(series[1]).point_m[:, 2].max() == pytest.approx(top, rel=1e-12)
+    ends = points[edges[counts == 1], 2]
+    assert len(ends) == 2 * sides  # the two ends are the only holes
+    assert set(ends.ravel()) == {-0.01, 0.04}
