@@ -1,10 +1,10 @@
 """Pulses, reflections, speeds and transmission, computed a second time from the definitions in ``postproc/README.md``.
 
-Nothing here is imported from ``postproc.read.signals`` or ``sensors``: plain loops, polynomials through six samples.
+Nothing here is imported from ``postproc.read.signals`` or ``sensors``: plain loops, parabolas through three samples.
 """
 
 from dataclasses import dataclass
-from math import isnan, nan
+from math import inf, isnan, nan
 
 import numpy as np
 import pytest
@@ -18,20 +18,15 @@ from postproc.read.observables import observe
 from validation.tests.helpers.adversarial import adversarial_case
 from validation.tests.helpers.scenes import case_of
 
-TRAIN = ("striker.mass=0.5 g", "chain.sensors=[{from_wall=14},{from_wall=8}]", "run.duration=1.6 ms")
 FROM_BOTH_ENDS = "chain.bead=[{from_wall=21,velocity='-1 m/s'},{from_wall=1,velocity='1 m/s'}]"
 OVERTAKEN = "chain.bead=[{from_wall=21,velocity='-2 m/s',gap_below='0.4 mm'},{from_wall=20,velocity='-0.05 m/s'}]"
 SENSORS = "chain.sensors=[{from_wall=19},{from_wall=15},{from_wall=11},{from_wall=5},{from_wall=1}]"
 SCENES = [
-    ("fig4", ()),
     ("fig4", (SENSORS, "contact.restitution=0.8")),
-    ("fig4", ("sensor.time_constant=0.2 ms",)),
-    ("fig6d", TRAIN),
-    ("fig6d", (*TRAIN, "striker.mass=2 g")),
+    ("fig6d", ("striker.mass=0.5 g", "chain.sensors=[{from_wall=14},{from_wall=8}]", "run.duration=1.6 ms")),
     ("fig4", ("striker=", "wall=", "gravity=", FROM_BOTH_ENDS, SENSORS)),
     ("fig4", ("striker=", "gravity=", OVERTAKEN, SENSORS)),
     ("fig4", (SENSORS, "chain.precompression=20 N", "striker.speed=1 mm/s")),
-    ("fig4", (SENSORS, "chain.precompression=20 N", "striker=", "chain.bead=[{from_wall=21,velocity='-1 cm/s'}]")),
 ]
 SAMPLES = 1500
 
@@ -62,43 +57,30 @@ def maxima(time: Array, s: Array) -> list[Maximum]:
                 while 0 <= at < len(s) and s[at] <= s[place]:
                     least, at = min(least, s[at]), at + way
                 low.append(least)
-            found.append(Maximum(place, *highest(time, s, place), s[place] - max(low)))
+            left, right = s[place] - s[place - 1], s[place] - s[place + 1]
+            shift = (left - right) / (left + right) / 2 if left + right else 0.0
+            top, moment = s[place] + (left - right) * shift / 4, time[place] + shift * (time[1] - time[0])
+            found.append(Maximum(place, float(moment), float(top), s[place] - max(low)))
         k = end + 1
     return found
 
 
-def highest(time: Array, s: Array, place: int) -> tuple[float, float]:
-    """Time and height of the highest point of quintic polynomials on both sides of a sample."""
-    best = time[place], s[place]
-    step = time[1] - time[0]
-    for left in (place - 1, place):
-        first = min(max(left - 2, 0), len(s) - 6)
-        nodes = np.arange(6.0) - (left - first)
-        row = np.polyfit(nodes, s[first : first + 6], 5)
-        roots = np.roots(np.polyder(row))
-        for at in roots[np.abs(roots.imag) < 1e-9].real:
-            if 0 <= at <= 1 and np.polyval(row, at) > best[1]:
-                best = time[left] + at * step, float(np.polyval(row, at))
-    return float(best[0]), float(best[1])
-
-
 def pulses_of(time: Array, s: Array, largest_N: float) -> list[Maximum]:
+    """Pulses of a signal without its static load."""
     extent = s.max() - s.min()
     kept: list[Maximum] = []
     if extent <= 1e-9 * largest_N:
         return kept
-    for each in maxima(time, s):
-        before = max((other.height for other in kept), default=0.0)
-        if each.prominence >= max(1e-4 * extent, 0.01 * each.height) and each.height > 0.05 * before:
-            kept.append(each)
+    for maximum in maxima(time, s):
+        before = max((pulse.height for pulse in kept), default=0.0)
+        if maximum.prominence >= max(1e-4 * extent, 0.01 * maximum.height) and maximum.height > 0.05 * before:
+            kept.append(maximum)
     return kept
 
 
 def goes_up(force: Array, j: int, pulse: Maximum, previous: int) -> bool:
     """True if a pulse at bead j goes up; ``previous`` is the sample of the maximum before, or 0."""
-    contacts = force.shape[1]
-    if j == contacts:
-        j = contacts - 1
+    j = min(j, force.shape[1] - 1)
     if j == 0:
         return False
     below, above = force[:, j - 1] - force[0, j - 1], force[:, j] - force[0, j]
@@ -108,97 +90,74 @@ def goes_up(force: Array, j: int, pulse: Maximum, previous: int) -> bool:
     return bool(gained > 1e-6 * sum(abs(below[k]) + abs(above[k]) for k in rise))
 
 
-def defined(case: Case, trace: Trace, gauges: dict[str, Array]) -> dict[str, float]:
-    """Observables by their definitions, from the signals of the gauges."""
-    time, force, wall = trace.time_s, trace.force_N, case.layout.wall
+def defined(case: Case, trace: Trace) -> dict[str, float]:
+    """Observables by their definitions."""
+    time, force, wall = trace.time_s, np.column_stack([trace.force_N, 0 * trace.time_s]), case.layout.wall
     largest_N = np.abs(force).max()
+    gauges = {
+        f"bead_{sensor.from_wall}": force[:, sensor.from_wall - 1 : sensor.from_wall + 1].mean(axis=1)
+        for sensor in case.layout.sensors
+    }
+    gauges |= {"wall": force[:, 0]} if wall else {}
+    signals = {name: signal - signal[0] for name, signal in gauges.items()}
+    pulses = {name: pulses_of(time, signal, largest_N) for name, signal in signals.items()}
+    after = pulses["wall"][0].time_s if wall and pulses["wall"] else inf
     values: dict[str, float] = {}
-    found = {name: pulses_of(time, f - f[0], largest_N) for name, f in gauges.items()}
-    ups = {}
+    first_goes_up = {}
+    for name, own in pulses.items():
+        values[f"{name}_amplitude_N"] = own[0].height if own else nan
+        values[f"{name}_arrival_s"] = own[0].time_s if own else nan
     for sensor in case.layout.sensors:
         j, name = sensor.from_wall, f"bead_{sensor.from_wall}"
-        own, previous, up = found[name], 0, []
-        for pulse in own:
-            up.append(goes_up(force, j, pulse, previous) and not (j == 1 and wall))
-            previous = pulse.sample
-        ups[name] = bool(up and up[0])
-        until = len(own)
-        if not wall:
-            values[f"{name}_pulses"] = len(own)
-        else:
-            after = found["wall"][0].time_s if found["wall"] else np.inf
-            back = [k for k, pulse in enumerate(own) if up[k] and pulse.time_s > after]
-            until = back[0] if back else until
-            values[f"{name}_pulses"] = sum(not each for each in up[:until])
+        own = pulses[name]
+        before = [0, *(pulse.sample for pulse in own[:-1])]
+        up = [goes_up(trace.force_N, j, *pair) and not (j == 1 and wall) for pair in zip(own, before, strict=False)]
+        first_goes_up[name] = bool(up and up[0])
+        back = [k for k, pulse in enumerate(own) if up[k] and pulse.time_s > after]
+        train = [pulse for k, pulse in enumerate(own[: back[0] if back else None]) if not (wall and up[k])]
+        values[f"{name}_pulses"] = len(train)
+        if wall:
             values[f"{name}_reflected_amplitude_N"] = own[back[0]].height if back else nan
             values[f"{name}_reflected_arrival_s"] = own[back[0]].time_s if back else nan
-        train = [pulse for pulse, rises in zip(own[:until], up, strict=False) if not (wall and rises)]
-        signal, pair = gauges[name] - gauges[name][0], train[:2]
-        values[f"{name}_second_amplitude_N"] = pair[1].height if len(pair) == 2 else nan
-        values[f"{name}_second_arrival_s"] = pair[1].time_s if len(pair) == 2 else nan
-        between = signal[pair[0].sample : pair[1].sample + 1] if len(pair) == 2 else [nan]
-        values[f"{name}_valley_N"] = min(between)
-    bonds = force[:, :-1] if case.layout.striker else force
+        two = len(train) > 1
+        values[f"{name}_second_amplitude_N"] = train[1].height if two else nan
+        values[f"{name}_second_arrival_s"] = train[1].time_s if two else nan
+        values[f"{name}_valley_N"] = min(signals[name][train[0].sample : train[1].sample + 1]) if two else nan
+    bonds = trace.force_N[:, :-1] if case.layout.striker else trace.force_N
     held = [column for column in bonds.T if column[0] > 1e-9 * largest_N]
     if held:
         values["contact_loss_s"] = min([time[k] for column in held for k in np.flatnonzero(column <= 0)], default=nan)
-    for name, own in found.items():
-        values[f"{name}_amplitude_N"] = own[0].height if own else nan
-        values[f"{name}_arrival_s"] = own[0].time_s if own else nan
     for upper, lower in zip(case.layout.sensors[:-1], case.layout.sensors[1:], strict=True):
         i, j = upper.from_wall, lower.from_wall
-        one, two = (f"bead_{k}" for k in (i, j))
-        travel = values[f"{two}_arrival_s"] - values[f"{one}_arrival_s"]
-        seen = travel > 0 and not ups[one] and not ups[two]
+        travel = values[f"bead_{j}_arrival_s"] - values[f"bead_{i}_arrival_s"]
+        seen = travel > 0 and not first_goes_up[f"bead_{i}"] and not first_goes_up[f"bead_{j}"]
         values[f"speed_{i}_to_{j}_m_s"] = (upper.height_m - lower.height_m) / travel if seen else nan
-        ratio = values[f"{two}_amplitude_N"] / values[f"{one}_amplitude_N"]
+        ratio = values[f"bead_{j}_amplitude_N"] / values[f"bead_{i}_amplitude_N"]
         values[f"transmission_{i}_to_{j}"] = ratio ** (1 / (i - j)) if seen and not (wall and j == 1) else nan
     return values
 
 
-def compare(case: Case, trace: Trace, names: str = "") -> dict[str, float]:
+def compare(case: Case, trace: Trace, names: str = "") -> None:
     """Compare the observables whose names contain a text; a small difference is one of interpolation."""
-    said = observe(case.layout, trace)
-    force = np.column_stack([trace.force_N, np.zeros(len(trace.force_N))])
-    gauges = {
-        f"bead_{s.from_wall}": (force[:, s.from_wall - 1] + force[:, s.from_wall]) / 2 for s in case.layout.sensors
-    }
-    if case.layout.wall:
-        gauges["wall"] = force[:, 0]
-    if case.layout.time_constant_s is not None:
-        gauges = {name: leaked(trace.time_s, f, case.layout.time_constant_s) for name, f in gauges.items()}
-    own = defined(case, trace, gauges)
-    assert {name for name in said if "reflected" in name or "pulses" in name} <= own.keys()
-    for name, value in own.items():
-        assert isnan(said[name]) == isnan(value), (name, said[name], value)
+    observed, values = observe(case.layout, trace), defined(case, trace)
+    assert {name for name in observed if "reflected" in name or "pulses" in name} <= values.keys()
+    for name, value in values.items():
+        assert isnan(observed[name]) == isnan(value), (name, observed[name], value)
         if names in name and not isnan(value):
-            wave_N = own[name.replace("valley", "second_amplitude")] if "valley" in name else 0.0  # valleys may be 0
-            assert said[name] == pytest.approx(value, rel=2e-4, abs=2e-4 * wave_N), name
-    return own
-
-
-def leaked(time: Array, force: Array, constant_s: float) -> Array:
-    """Signal behind a first-order high-pass, by 200 steps in each interval of the samples."""
-    y, change, fine = np.zeros_like(force), force - force[0], 200
-    ratio = (time[1] - time[0]) / constant_s / fine
-    z = 0.0
-    for k in range(1, len(force)):
-        for part in (np.arange(fine) + 0.5) / fine:
-            z += ratio * (change[k - 1] + part * (change[k] - change[k - 1]) - z) / (1 + ratio / 2)
-        y[k] = change[k] - z
-    return y
+            wave_N = values[name.replace("valley", "second_amplitude")] if "valley" in name else 0.0  # valleys may be 0
+            assert observed[name] == pytest.approx(value, rel=2e-4, abs=2e-4 * wave_N), name
+    assert any(value > 0 for name, value in values.items() if "pulses" in name)
 
 
 @pytest.mark.parametrize(("scene", "settings"), SCENES)
-def test_somebody_else_computes_the_same_from_the_text(scene: str, settings: tuple[str, ...]) -> None:
+def test_observables_are_as_defined(scene: str, settings: tuple[str, ...]) -> None:
     case = case_of(scene, *settings)
-    values = compare(case, exact_of(case))
-    assert any(not isnan(value) for name, value in values.items() if "pulses" in name)
+    compare(case, exact_of(case))
 
 
 @pytest.mark.parametrize("kind", ["light bead", "light striker", "gaps", "head on"])
-def test_the_same_pulses_are_counted_and_seen_on_random_scenes(kind: str) -> None:
-    for number in range(4):
+def test_pulses_of_random_scenes_are_as_defined(kind: str) -> None:
+    for number in range(2):
         scene = adversarial_case(kind, number, damped=number % 2 == 1).scene
         places = sorted({scene.chain.count, (scene.chain.count + 1) // 2, 1} - {0}, reverse=True)
         sensors = tuple(Sensor(from_wall=place) for place in places if place <= scene.chain.count)

@@ -1,6 +1,5 @@
 """Measured traces and quoted values: read with their units, refused in one line, not part of a run."""
 
-import time
 from pathlib import Path
 
 import numpy as np
@@ -8,9 +7,12 @@ import pandas as pd
 import pytest
 
 from drivers.base.errors import InputError
+from drivers.engines import load_engine
+from drivers.run.run import run_case
 from drivers.scene.model import MeasuredEntry
 from drivers.scene.read_scene import read_scene
 from postproc.read.measured import MeasuredTrace, read_measured, read_quoted
+from validation.accuracy.plan import planned_case
 from validation.tests.helpers.scenes import SceneWriter
 
 GAUGES = ("bead_3", "wall")
@@ -57,38 +59,32 @@ def scene(scene_file: SceneWriter) -> Path:
 
 WALL = 'gauges = { wall = "CH1" }\n'
 VOLTS = f'{WALL}gain = "1 N/V"'
-KEYSIGHT = 'gauges = { wall = "1" }\ngain = "1 N/V"'
-PICO = 'gauges = { wall = "Channel A" }\ngain = "1 kN/V"'
 TEKTRONIX = "Model,TBS1102\nRecord Length,2500\nSample Interval,4e-7\n\nVertical Scale,0.5,0.2\n,\n"
 # header, style, encoding, keys of the entry
 FILES = [
     ("time_us,wall_N", ",.", "utf-8", ""),
-    ("time [us],wall [N]", ",.", "utf-8", ""),
-    ("time (us) , wall (N)", ",.", "utf-8", ""),
     ("Time/us,wall/N,,CH1 [V]", ",.", "utf-8", ""),
     ("time_µs,wall_N", ",.", "latin-1", ""),
     ("time (µs)\twall (N)", "\t.", "utf-16", ""),
     ("\ufefftime_us, wall_N", ",.", "utf-8", ""),
     ('"time [us]","CH1 [V]"', ",.", "utf-8", VOLTS),
-    ("T [us],CH1 [V]", ",.", "utf-8", f'{WALL}gain = "0.001 N/mV"'),
     ("t,CH1 [V]", ",.", "utf-8", 'time_unit = "us"\ngauges = { wall = "CH1 [V]" }\ngain = "0.001 V/mN"'),
     ("t_us,CH1_V,CH2_V", ",.", "utf-8", 'time = "t"\ngauges = { wall = "CH1_V" }\ngain = "1 kV/kN"'),
-    ("Shot [us],CH1,other_s", ",.", "utf-8", f'{WALL}unit = "N"\ngain = 1'),
-    ("time_us,wall_N,time", ",.", "utf-8", ""),
     ("us;CH1", ";,", "utf-8", f'{WALL}unit = "N"'),
     ("# of an oscilloscope\n\ntime_us;wall_N;", ";,;", "utf-8", ""),
     ("sep=;\ntime_us; wall_N", ";.", "utf-8", ""),
     ("Shot 12, PTFE chain\nof 1 May\n\ntime_us\twall_N", "\t,", "utf-8", ""),
     ("time [us] wall [N]", " .", "utf-8", ""),
     (f"{TEKTRONIX}TIME,CH1\nmicroseconds,Volts", ",.", "utf-8", VOLTS),
-    ("x-axis,1\nusec,Volt", ",.\r", "utf-8", KEYSIGHT),
-    ("Time;Channel A;Other\n(us);(mV);()\n", ";,", "utf-8-sig", PICO),
-    ("time (us),wall_N\nus,N,", ",.,", "utf-8", ""),
+    ("x-axis,1\nusec,Volt", ",.\r", "utf-8", 'gauges = { wall = "1" }\ngain = "1 N/V"'),
+    ("Time;Channel A;Other\n(us);(mV);()\n", ";,", "utf-8-sig", 'gauges = { wall = "Channel A" }\ngain = "1 kN/V"'),
 ]
 
 
 @pytest.mark.parametrize(("header", "style", "encoding", "keys"), FILES)
-def test_files_are_read_as_they_are(scene: Path, header: str, style: str, encoding: str, keys: str) -> None:
+def test_files_are_read_as_oscilloscopes_write_them(
+    scene: Path, header: str, style: str, encoding: str, keys: str
+) -> None:
     written(scene.parent, header, style, encoding)
     scene.write_text(scene.read_text() + keys)
     trace = read(scene)
@@ -97,8 +93,8 @@ def test_files_are_read_as_they_are(scene: Path, header: str, style: str, encodi
     assert np.allclose(trace.reading["wall"] * trace.gain, PULSE, rtol=1e-12)
 
 
-def test_stated_values_come_in_si_units(scene: Path) -> None:
-    written(scene.parent, "time_us,CH1 [mV],CH2 [mV]")
+def test_stated_values_come_in_si_units(scene: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+    file = written(tmp_path_factory.mktemp("elsewhere"), "time_us,CH1 [mV],CH2 [mV]")
     keys = """gauges = { wall = "CH2", bead_3 = "CH1" }
 gain = "-2.1 N/V"
 gain_uncertainty = 0.03
@@ -107,7 +103,7 @@ baseline = "3 mV"
 noise = "5 uV"
 drift = true
 """
-    scene.write_text(scene.read_text() + keys)
+    scene.write_text(scene.read_text().replace("trace.csv", str(file)) + keys)
     with pytest.raises(InputError, match="a negative gain inverts the trace"):
         read(scene)
     trace = read(scene, "measured.0.gain=2.1 N/V")
@@ -115,99 +111,65 @@ drift = true
     assert (trace.baseline, trace.noise, trace.drift) == (3e-3, 5e-6, True)
     assert list(trace.reading) == ["wall", "bead_3"]
     assert trace.reading["wall"].max() == 1e-3
-    free = read(
-        scene, *(f"measured.0.{key}=" for key in ("trigger", "baseline", "noise", "drift")), "measured.0.gain=3 N/V"
-    )
-    assert (free.gain, free.trigger_s, free.baseline, free.noise, free.drift) == (3.0, None, None, None, False)
-
-
-def test_a_file_may_be_elsewhere(scene: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
-    path = written(tmp_path_factory.mktemp("elsewhere"))
-    assert read(scene, f"measured.0.file={path}").file == path
 
 
 # changes of the file, settings, then parts of the message: where and key, found, allowed
 BAD_FILES = [
     ({}, ["file=none.csv"], "scene.toml", "measured.0.file", "no such file", "a CSV file"),
-    ({}, ["file=."], "scene.toml", "measured.0.file", "a folder", "a CSV file"),
     ({}, ["time=t"], "scene.toml", "measured.0.time", 'no column "t"', "time_us, wall_N"),
     ({}, ["gauges={wall='CH1'}"], "scene.toml", "measured.0.gauges.wall", 'no column "CH1"', "time_us, wall_N"),
     ({}, ["gauges={bead_9='wall'}"], "scene.toml", "measured.0.gauges.bead_9", "an unknown gauge", "bead_3, wall"),
-    ({}, ["gauges={bead3='wall'}"], "scene.toml", "measured.0.gauges.bead3", "gauge", "(did you mean bead_3?)"),
-    ({"header": "time_us,bead_9_N"}, [], "scene.toml", "measured.0.gauges.bead_9", "bead_9", "bead_3, wall"),
     ({"header": "time_us,CH1_N"}, [], "scene.toml", "measured.0.gauges", "CH1_N", 'gauges = { bead_3 = "CH1_N" }'),
-    ({"header": "time_us,Wall_N"}, [], "scene.toml", "measured.0.gauges", "Wall_N", 'gauges = { wall = "Wall_N" }'),
     ({"header": "time_us,CH1_N"}, ["gauges={wall='Ch 1'}"], "scene.toml", "wall", '"Ch 1"', "did you mean CH1_N?"),
-    ({"header": "time_us,wall_N,wall"}, ["gauges={wall='wall_x'}"], "scene.toml", "wall", 'no column "wall_x"', "wall"),
     ({"header": "time_us,wall_N,wall_V"}, [], "scene.toml", "measured.0.gauges", "more than one", "wall_V"),
     ({"header": "Time (s),time (s),wall_N"}, [], "scene.toml", "measured.0.time", "time (s)", 'time = "Time (s)"'),
-    ({"header": "shot,wall_N"}, [], "scene.toml", "measured.0.time", "shot, wall_N", 'time = "shot"'),
     ({"header": "time_N,wall_N"}, [], "scene.toml", "measured.0.time_unit", '"N" for "time_N"', "a unit of time"),
     ({"header": "time,wall_N"}, [], "scene.toml", "measured.0.time_unit", 'time_unit = "us"', ""),
-    ({"header": "time,wall_N"}, ["time_unit=N"], "scene.toml", "measured.0.time_unit", '"N"', "a unit of time"),
     ({"header": "time (us),wall\nms,N"}, [], "scene.toml", "measured.0.time_unit", '"us and ms"', "a unit of time"),
     ({}, ["time_unit=ms"], "scene.toml", "measured.0.time_unit", 'us and ms for "time_us"', "one unit"),
-    ({"header": "time_us,wall_us"}, [], "scene.toml", "measured.0.unit", '"us"', "a unit of force or voltage"),
     ({"header": "time_us,wall [parrots]"}, [], "scene.toml", "measured.0.unit", '"parrots"', "a unit of force"),
     ({"header": "time_us,wall"}, [], "scene.toml", "measured.0.unit", 'unit = "mV"', ""),
     ({"header": "time_us,wall_V"}, [], "scene.toml", "measured.0.gain", 'gain = "2.1 N/V"', ""),
-    ({"header": "time_us,wall_V"}, ["gain=-2 N/V"], "trace.csv", "wall_V", "no pulse", 'the trace: gain = "2 N/V"'),
     ({}, ["gain=-2"], "trace.csv", "wall_N", "no pulse", "the trace: gain = 2"),
-    ({}, ["gain=2 kN/N"], "scene.toml", "measured.0.gain", "2 kN/N", "a plain number"),
     ({"header": "time_us,wall_V"}, ["gain=2"], "scene.toml", "measured.0.gain", "2", "N/V"),
     ({"header": "time_us,wall_V"}, ["gain=2 N/A"], "scene.toml", "measured.0.gain", "2 N/A", "N/V"),
-    ({}, ["gain=2 N/V"], "scene.toml", "measured.0.gain", "2 N/V", "a plain number"),
     ({}, ["gain=0"], "scene.toml", "measured.0.gain", "0", "other than 0"),
     ({}, ["baseline=2 mV"], "scene.toml", "measured.0.baseline", "2 mV", "2 N"),
-    ({}, ["baseline=2"], "scene.toml", "measured.0.baseline", "2", "2 N"),
     ({}, ["noise=0 N"], "scene.toml", "measured.0.noise", "0 N", "above 0"),
     ({}, ["noise=2 N"], "trace.csv", "wall_N", "nothing rises above noise", "a pulse"),
     ({"header": "time_us,wall_N,bead_3_V"}, ["gain=2"], "scene.toml", "0.gauges", "in N and V", "of one unit"),
     ({"at_5_1": "x"}, [], "trace.csv", "line 7, wall_N", '"x"', "a finite number"),
     ({"at_5_1": ""}, [], "trace.csv", "line 7, wall_N", '""', "a finite number"),
-    ({"at_5_1": "nan"}, [], "trace.csv", "line 7, wall_N", "nan", "a finite number"),
     ({"at_63_0": "inf"}, [], "trace.csv", "line 65, time_us", "inf", "a finite number"),
-    ({"at_5_1": "1e999"}, [], "trace.csv", "line 7, wall_N", "inf", "a finite number"),
     ({"at_5_1": '"0,5"'}, [], "trace.csv", "line 7, wall_N", "0,5", 'decimals with "."'),
     ({"at_5_1": '"1,234.5"'}, [], "trace.csv", "line 7, wall_N", "1,234.5", "no thousands separators"),
-    ({"header": "time_us;wall_N", "style": ";,", "at_5_1": "1.234,5"}, [], "trace.csv", "line 7", "1.23", "thousands"),
     ({"header": "time_us;wall_N", "style": ";,", "at_5_1": "1.234"}, [], "trace.csv", "line 7", "1.23", "thousands"),
     ({"style": ",,"}, [], "trace.csv", "line 2", "more than 2 cells", "decimal commas need semicolons"),
-    ({"at_5_0": "time_us", "at_5_1": "wall_N"}, [], "trace.csv", "line 7, time_us", "time_us", "a finite number"),
     ({"header": "# time_us,wall_N"}, [], "trace.csv", "line 2", "without headings", "without #"),
-    ({"header": "Record Length,2500"}, [], "trace.csv", "line 1", "without headings", "without #"),
     ({"at_9_0": "8"}, [], "trace.csv", "line 11, time_us", "8 after 8", "times that increase"),
-    ({"at_9_0": "7.5"}, [], "trace.csv", "line 11, time_us", "7.5 after 8", "times that increase"),
     ({"at_9_1": "1,2"}, [], "trace.csv", "line 11", "more than 2 cells", "2, as many as"),
-    ({"at_0_1": "1,2"}, [], "trace.csv", "line 2", "more than 2 cells", "2, as many as"),
     ({"at_9_1": '"1'}, [], "trace.csv", "line 2", "more than 2 cells", "quotation marks in pairs"),
-    ({"at_0_1": '"1', "at_1_0": '"1"'}, [], "trace.csv", "line 2", "more than 2 cells", "quotation marks in pairs"),
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize(("file", "settings", "where", "key", "found", "allowed"), BAD_FILES)
-def test_a_bad_file_is_named(
+def test_a_bad_file_is_named_in_one_line(
     scene: Path, file: dict[str, str], settings: list[str], where: str, key: str, found: str, allowed: str
 ) -> None:
     written(scene.parent, **file)
     must_refuse(scene, settings, where, key, found, allowed)
 
 
-@pytest.mark.parametrize(
-    ("header", "start"),
-    [
+def test_messages_on_a_file_alone_name_the_measured_table(tmp_path: Path) -> None:
+    for header, start in (
         ("time [us],CH1 [mV]", "measured.gauges: found headings time [us], CH1 [mV]"),
         ("time [us],wall [mV]", "measured.gain: missing key"),
-        ("time [us],wall", "measured.unit: missing key"),
-        ("shot [mm],wall [N]", "measured.time: found headings shot [mm], wall [N]"),
-    ],
-)
-def test_messages_on_a_file_alone_name_the_measured_table(tmp_path: Path, header: str, start: str) -> None:
-    entry = MeasuredEntry(file=str(written(tmp_path, header)))
-    with pytest.raises(InputError) as caught:
-        read_measured(entry, Path(), ("bead_3", "wall"), "--measured trace.csv")
-    assert start in str(caught.value)
-    assert "in [[measured]], such as " in str(caught.value)
+    ):
+        entry = MeasuredEntry(file=str(written(tmp_path, header)))
+        with pytest.raises(InputError) as caught:
+            read_measured(entry, Path(), GAUGES, "--measured trace.csv")
+        assert start in str(caught.value)
+        assert "in [[measured]], such as " in str(caught.value)
 
 
 def must_refuse(scene: Path, settings: list[str], *parts: str) -> None:
@@ -225,16 +187,12 @@ def must_refuse(scene: Path, settings: list[str], *parts: str) -> None:
     ("content", "found"),
     [
         (b"", "an empty file"),
-        (b"\n\n# nothing\n", "an empty file"),
         (b"time_us,wall_N\n", "no table of numbers"),
-        (b"wall_N\n" + b"1\n" * 20, "no table of numbers"),
         (b"time_us|wall_N\n" + b"1|2\n" * 20, "no table of numbers"),
         (b"time_us,wall_N\n" + b"".join(b"%d,%d\n" % (i, i) for i in range(15)), "15 samples"),
         (b"time_us,wall_N\n" + b"".join(b"%d,3\n" % i for i in range(99)), "a constant"),
-        (b"time_us,x,wall_N\n" + b"".join(b"%d,3\n" % i for i in range(99)), '""'),
         (b"time_us;wall_N\n" + b"".join(b"%d;2,04%d\n" % (i, i % 9) for i in range(99)), '"2,040", thousands'),
         (b"\x89PNG\r\n\x1a\n\x00\x00", "no table of numbers"),
-        (b"time_us,wall_N\n1,x\n", '"x"'),
     ],
 )
 def test_a_file_that_is_no_table_is_named(scene: Path, content: bytes, found: str) -> None:
@@ -242,14 +200,10 @@ def test_a_file_that_is_no_table_is_named(scene: Path, content: bytes, found: st
     must_refuse(scene, [], "trace.csv", "", found, "")
 
 
-@pytest.mark.parametrize("slope", [0.0, 1e-3])
-@pytest.mark.parametrize("samples", [16, 100, 10_000])
-def test_noise_alone_is_no_pulse(scene: Path, samples: int, slope: float) -> None:
-    """A drift below the noise is no pulse either."""
-    for seed in range(20):
-        noise = np.random.default_rng(seed).normal(0.0, 1.0, samples) + slope * np.arange(samples) * min(
-            1, 100 / samples
-        )
+@pytest.mark.parametrize(("samples", "slope"), [(16, 0.0), (100, 1e-3), (10_000, 0.0)])
+def test_noise_and_drift_below_it_are_no_pulse(scene: Path, samples: int, slope: float) -> None:
+    for seed in range(5):
+        noise = np.random.default_rng(seed).normal(0.0, 1.0, samples) + slope * np.arange(samples)
         table = pd.DataFrame({"time_us": np.arange(samples), "wall_N": noise})
         table.to_csv(scene.parent / "trace.csv", index=False)
         must_refuse(scene, [], "trace.csv", "wall_N", "no pulse", "a pulse")
@@ -258,34 +212,14 @@ def test_noise_alone_is_no_pulse(scene: Path, samples: int, slope: float) -> Non
         read(scene)
 
 
-@pytest.mark.long
-def test_a_million_readings_take_about_a_second(scene: Path) -> None:
-    times = np.arange(1_000_000) * 1e-9
-    table = {"time_s": times, "wall_N": np.exp(-(((times - 5e-4) / 1e-5) ** 2)), "bead_3_N": times}
-    pd.DataFrame(table).to_csv(scene.parent / "trace.csv", index=False)
-    started = time.process_time()
-    trace = read(scene)
-    assert time.process_time() - started < 4.0
-    assert len(trace.time_s) == 1_000_000
-
-
 BAD_ENTRIES = [
-    ("file = 3", "measured.0.file", "3", "text"),
     ("", "measured.0", "no file and no values", "exactly one"),
     ('file = "a.csv"\nvalues = { a = 1 }', "measured.0", "both", "exactly one"),
     ('file = "a.csv"\nerrors = { a = 1 }', "measured.0.errors", "errors", "gain_uncertainty"),
-    ('file = "a.csv"\ncolour = 1', "measured.0.colour", "unknown", "baseline"),
-    ('file = "a.csv"\ngain = true', "measured.0.gain", "True", "with its unit"),
     ('file = "a.csv"\ngain = nan', "measured.0.gain", "nan", "with its unit"),
-    ('file = "a.csv"\ngain = "much"', "measured.0.gain", "much", "with its unit"),
     ('file = "a.csv"\ngain_uncertainty = -0.1', "measured.0.gain_uncertainty", "-0.1", "0 or more"),
-    ('file = "a.csv"\ngain_uncertainty = 1.0', "measured.0.gain_uncertainty", "1.0", "below 1"),
     ('file = "a.csv"\ntrigger = 12', "measured.0.trigger", "12", '"12 us"'),
-    ('file = "a.csv"\ntrigger = "1 N"', "measured.0.trigger", "1 N", '"12 us"'),
-    ('file = "a.csv"\ndrift = 1', "measured.0.drift", "1", "true or false"),
     ('file = "a.csv"\ngauges = {}', "measured.0.gauges", "empty", "CH1"),
-    ('file = "a.csv"\ngauges = "CH1"', "measured.0.gauges", "CH1", "a table"),
-    ("values = {}", "measured.0.values", "empty", "one or more"),
     ("values = { a = 1 }", "measured.0.errors.a", "missing key", "relative standard error"),
     ("values = { a = 1 }\nerrors = { a = 0 }", "measured.0.errors.a", "0", "above 0"),
     ("values = { a = 1 }\nerrors = { a = 1, b = 1 }", "measured.0.errors.b", "without a value", "a"),
@@ -294,7 +228,9 @@ BAD_ENTRIES = [
 
 
 @pytest.mark.parametrize(("keys", "key", "found", "allowed"), BAD_ENTRIES)
-def test_a_bad_entry_is_named(scene_file: SceneWriter, keys: str, key: str, found: str, allowed: str) -> None:
+def test_a_bad_entry_is_named_in_one_line(
+    scene_file: SceneWriter, keys: str, key: str, found: str, allowed: str
+) -> None:
     path = scene_file()
     path.write_text(f"{path.read_text()}\n[[measured]]\n{keys}\n")
     with pytest.raises(InputError) as caught:
@@ -314,9 +250,12 @@ NAMES = (
 )
 
 
-def quoted_of(scene_file: SceneWriter, name: str, value: str) -> dict[str, tuple[float, float]]:
+def quoted_of(scene_file: SceneWriter, **values: str) -> dict[str, tuple[float, float]]:
     path = scene_file()
-    path.write_text(f"{path.read_text()}\n[[measured]]\nvalues = {{ {name} = {value} }}\nerrors = {{ {name} = 0.1 }}\n")
+    quoted, errors = (
+        ", ".join(f"{name} = {own}" for name, own in given.items()) for given in (values, dict.fromkeys(values, 0.1))
+    )
+    path.write_text(f"{path.read_text()}\n[[measured]]\nvalues = {{ {quoted} }}\nerrors = {{ {errors} }}\n")
     scene = read_scene(path)
     return read_quoted(scene.measured[0], NAMES, scene.file, "measured.0")
 
@@ -326,7 +265,6 @@ def quoted_of(scene_file: SceneWriter, name: str, value: str) -> dict[str, tuple
     [
         ("bead_9_amplitude", '"2 N"', "bead_9_amplitude_N", 2.0),
         ("bead_9_amplitude_N", '"2000 mN"', "bead_9_amplitude_N", 2.0),
-        ("speed_9_to_5", '"152 m/s"', "speed_9_to_5_m_s", 152.0),
         ("wall_envelope", '"-0.0067 us^-1"', "wall_envelope_per_s", -6700.0),
         ("bead_5_width_4pct", "4.1", "bead_5_width_4pct_diameters", 4.1),
     ],
@@ -334,38 +272,45 @@ def quoted_of(scene_file: SceneWriter, name: str, value: str) -> dict[str, tuple
 def test_quoted_values_come_in_si_units(
     scene_file: SceneWriter, name: str, value: str, full: str, number: float
 ) -> None:
-    ((found, (quantity, error)),) = quoted_of(scene_file, name, value).items()
-    assert (found, error) == (full, 0.1)
-    assert quantity == pytest.approx(number, rel=1e-14)
+    assert quoted_of(scene_file, **{name: value}) == {full: (pytest.approx(number, rel=1e-14), 0.1)}
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "key", "found", "allowed"),
+    ("name", "value", "found", "allowed"),
     [
-        ("bead_9_amplitud", '"2 N"', "bead_9_amplitud", "an unknown observable", "bead_9_amplitude"),
-        ("bead_7_amplitude", '"2 N"', "bead_7_amplitude", "an unknown observable", "bead_9_amplitude"),
-        ("bead_9_amplitude", "2", "bead_9_amplitude", "2", '"2 N"'),
-        ("bead_9_amplitude", '"2 V"', "bead_9_amplitude", "2 V", '"2 N"'),
-        ("bead_5_width_4pct", '"4 mm"', "bead_5_width_4pct", "4 mm", "a plain number"),
-        ("wall_envelope", '"2 N"', "wall_envelope", "2 N", '"2 s^-1"'),
-        ("bead_9_amplitude", '"0 N"', "bead_9_amplitude", "0 N", "a value other than 0"),
+        ("bead_9_amplitud", '"2 N"', "an unknown observable", "(did you mean bead_9_amplitude?)"),
+        ("bead_9_amplitude", "2", "2", '"2 N"'),
+        ("bead_9_amplitude", '"2 V"', "2 V", '"2 N"'),
+        ("bead_5_width_4pct", '"4 mm"', "4 mm", "a plain number"),
+        ("wall_envelope", '"2 N"', "2 N", '"2 s^-1"'),
+        ("bead_9_amplitude", '"0 N"', "0 N", "a value other than 0"),
     ],
 )
-def test_a_bad_quoted_value_is_named(
-    scene_file: SceneWriter, name: str, value: str, key: str, found: str, allowed: str
-) -> None:
+def test_a_bad_quoted_value_is_named(scene_file: SceneWriter, name: str, value: str, found: str, allowed: str) -> None:
     with pytest.raises(InputError) as caught:
-        quoted_of(scene_file, name, value)
-    assert caught.value.args[1] == f"measured.0.values.{key}"
+        quoted_of(scene_file, **{name: value})
+    assert caught.value.args[1] == f"measured.0.values.{name}"
     assert found in caught.value.args[2]
     assert allowed in caught.value.args[3]
 
 
 def test_an_observable_is_quoted_once(scene_file: SceneWriter) -> None:
-    both = 'bead_9_amplitude = "2 N", bead_9_amplitude_N'
-    path = scene_file()
-    errors = both.replace('"2 N"', "0.1")
-    path.write_text(f'{path.read_text()}\n[[measured]]\nvalues = {{ {both} = "2 N" }}\nerrors = {{ {errors} = 0.1 }}\n')
-    scene = read_scene(path)
     with pytest.raises(InputError, match="bead_9_amplitude twice"):
-        read_quoted(scene.measured[0], NAMES, scene.file)
+        quoted_of(scene_file, bead_9_amplitude='"2 N"', bead_9_amplitude_N='"2 N"')
+
+
+@pytest.mark.parametrize("engine", ["verlet", "reference"])
+def test_measured_traces_are_not_part_of_a_run(scene_file: SceneWriter, tmp_path: Path, engine: str) -> None:
+    """Deck and record are the same; an earlier run is found, and the measured file is not read."""
+    path = scene_file(chain=SENSORS)
+    plain = planned_case(path)
+    before = run_case(plain, engine, tmp_path / "runs")
+    path.write_text(
+        f"{path.read_text()}{ENTRY}[[measured]]\nvalues = {{ wall_peak = '2 N' }}\nerrors.wall_peak = 0.1\n"
+    )
+    case = planned_case(path)
+    assert len(case.scene.measured) == 2
+    assert load_engine(engine).render(case) == load_engine(engine).render(plain)
+    assert case.scene.model_dump(mode="json") == plain.scene.model_dump(mode="json")
+    again = run_case(case, engine, tmp_path / "runs")
+    assert (again.folder, again.record) == (before.folder, before.record)

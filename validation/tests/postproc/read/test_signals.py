@@ -1,47 +1,40 @@
-"""Peaks, crossings, widths and averages on signals whose answers are known."""
+"""Peaks, crossings, averages and the observables of waves on signals whose answers are known."""
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from drivers.chain.case import Layout, SensorBead
 from drivers.chain.trace import Trace
 from postproc.read.observables import observe
 from postproc.read.sensors import sensor_average
-from postproc.read.signals import integral, peaks, rising_crossing
+from postproc.read.signals import Peak, integral, peaks, rising_crossing, train_envelope
+
+WIDTH = 60.0
 
 
-def pulse(time: np.ndarray, centre: float, width: float) -> np.ndarray:
-    """Long-wave solitary wave cos^4 with this full width (the paper's Eq. 2)."""
-    phase = np.clip((time - centre) / width, -0.5, 0.5) * np.pi
-    return np.cos(phase) ** 4
+def pulse(time: np.ndarray | float, centre: float) -> np.ndarray:
+    """Long-wave solitary wave cos^4 (the paper's Eq. 2)."""
+    phase = np.clip((np.asarray(time) - centre) / WIDTH, -0.5, 0.5) * np.pi
+    return np.asarray(np.cos(phase) ** 4)
 
 
-def test_a_peak_between_samples() -> None:
+def test_peaks_and_crossings_are_found_between_samples() -> None:
     time = np.arange(0, 200.0)
-    (found,) = peaks(time, 3 * pulse(time, 100.37, 60))
-    assert found.time_s == pytest.approx(100.37, abs=1e-5)
-    assert found.value == pytest.approx(3, rel=1e-7)
+    signal = 3 * pulse(time, 100.37)
+    (peak,) = peaks(time, signal)
+    assert (peak.time_s, peak.value) == (pytest.approx(100.37, abs=1e-5), pytest.approx(3, rel=1e-7))
+    for level in (0.002, 0.04, 0.5):
+        exact = 100.37 - WIDTH / np.pi * np.arccos(level**0.25)
+        assert rising_crossing(time, signal, 3 * level, peak) == pytest.approx(exact, abs=2e-3)
 
 
-def test_small_bumps_are_no_peaks() -> None:
+def test_constants_ramps_and_small_bumps_are_no_peaks() -> None:
     time = np.arange(0, 300.0)
-    signal = pulse(time, 100, 60) + 0.02 * pulse(time, 200, 60)
+    signal = pulse(time, 100) + 0.02 * pulse(time, 200)
     assert len(peaks(time, signal)) == 1
     assert len(peaks(time, signal, prominence=0.01)) == 2
-
-
-@pytest.mark.parametrize("level", [0.002, 0.04, 0.5])
-def test_a_crossing_between_samples(level: float) -> None:
-    time = np.arange(0, 200.0)
-    signal = pulse(time, 100.37, 60)
-    exact = 100.37 - 60 / np.pi * np.arccos(level**0.25)
-    assert rising_crossing(time, signal, level, peaks(time, signal)[0]) == pytest.approx(exact, abs=2e-3)
-
-
-def test_no_peak_no_crossing() -> None:
-    time = np.arange(0, 10.0)
-    assert peaks(time, np.ones(10)) == []
-    assert peaks(time, time) == []
+    assert peaks(time, np.ones(300)) == peaks(time, time) == []
 
 
 def test_integral_of_a_quintic_is_exact() -> None:
@@ -51,24 +44,47 @@ def test_integral_of_a_quintic_is_exact() -> None:
 
 def test_a_sensor_shows_the_mean_of_its_contacts() -> None:
     force = np.array([[1.0, 3.0, 5.0]])
-    assert sensor_average(force, 1) == [2]
-    assert sensor_average(force, 2) == [4]
-    assert sensor_average(force, 3) == [2.5], "there is no contact above the top bead"
+    assert [*map(float, (sensor_average(force, place)[0] for place in (1, 2, 3)))] == [2, 4, 2.5]
 
 
-def test_speed_width_and_reflection_of_a_made_up_wave() -> None:
-    """A cos^4 pulse travels down four beads of 1 mm at 100 m/s, is doubled at the wall and returns."""
-    time = np.arange(0, 300e-6, 1e-6)
-    place = np.arange(4) * 1e-3
-    down = [pulse(time, 150e-6 - z / 100, 60e-6) for z in place]
-    up = [0.9 * pulse(time, 150e-6 + z / 100, 60e-6) for z in place]
-    force = np.column_stack([2 * down[0], *(d + u for d, u in zip(down[1:], up[1:], strict=True))])
+def test_a_train_has_an_envelope_if_its_three_maxima_are_positive_and_regular() -> None:
+    """``exp(-t / tau)`` through maxima; a late third maximum is a reflection."""
+    train = [Peak(1e-4 * place, float(np.exp(-place / 2)), 100 * place) for place in (1, 2, 3)]
+    curve = train_envelope(train)
+    assert curve is not None
+    assert curve.rate_per_s == pytest.approx(-5e3)
+    for other in ([], [Peak(3e-4, -0.1, 300)], [Peak(5e-4, 0.2, 500)]):
+        assert train_envelope([*train[:2], *other]) is None
+
+
+def test_observables_of_a_made_up_wave_have_their_known_values() -> None:
+    """A pulse goes down beads of 1 mm at 1 mm per 10 us, is doubled at the wall and returns with 90 %."""
+    time = np.arange(0, 300.0)
+    down = [pulse(time, 150 - 10 * place) for place in range(12)]
+    up = [0.9 * pulse(time, 150 + 10 * place) for place in range(12)]
+    force = 5 + np.column_stack([2 * down[0], *(d + u for d, u in zip(down[1:], up[1:], strict=True))])
+    layout = Layout((SensorBead(9, 8.5e-3, 1e-3), SensorBead(6, 5.5e-3, 1e-3)), wall=True, striker=False, load_N=5.0)
     nothing = np.zeros_like(time)
-    trace = Trace(time, force, nothing, nothing, nothing)
-    layout = Layout((SensorBead(3, 2.5e-3, 1e-3), SensorBead(2, 1.5e-3, 1e-3)), wall=True, striker=False, load_N=0.0)
-    values = observe(layout, trace)
-    assert values["wall_peak_N"] == pytest.approx(2, rel=1e-6)
-    assert values["wall_arrival_s"] == pytest.approx(150e-6, abs=1e-11)
+    values = observe(layout, Trace(time * 1e-6, force, nothing, nothing, nothing), (0.04,))
+
+    def incident(since_us: float) -> float:
+        """Mean of two contacts, 5 us before and after its maximum."""
+        return float(pulse(since_us, -5) + pulse(since_us, 5)) / 2
+
+    height = incident(0.0)
+    cut_us, front_us = (brentq(lambda t, level=level: incident(t) - level * height, -40, 0) for level in (0.04, 0.02))
+    expected = {
+        "wall_static_N": 5, "wall_peak_N": 7, "wall_amplitude_N": 2, "wall_arrival_s": 150e-6,
+        "bead_9_arrival_s": 65e-6, "bead_6_arrival_s": 95e-6, "bead_9_amplitude_N": height, "bead_9_pulses": 1,
+        "bead_9_reflected_arrival_s": 235e-6, "bead_9_reflected_amplitude_N": 0.9 * height,
+        "speed_9_to_6_m_s": 100, "transmission_9_to_6": 1,
+        "bead_6_duration_4pct_s": -2e-6 * cut_us, "bead_6_width_4pct_diameters": -0.2 * cut_us,
+        "bead_9_front_arrival_s": (65 + front_us) * 1e-6,
+    }  # fmt: skip
+    for name, value in expected.items():
+        assert values[name] == pytest.approx(value, rel=2e-4), name
+    assert np.isnan(values["wall_peak_2_N"])
+    assert np.isnan(values["wall_envelope_per_s"])
 
 
 def test_a_trace_without_a_wave_has_no_peak() -> None:

@@ -13,12 +13,13 @@ from drivers.chain.case import Case
 from drivers.scene.read_scene import read_scene
 from postproc.paper.simulate import Simulation, case_of, exact
 from postproc.read.alignment import averaged
+from postproc.read.measured import MeasuredTrace
 from postproc.read.sensors import sensor_signals
-from validation.calibration.data_sets import DataSet, MeasuredNumber, gauge_parameters, paper_data, scene_data
-from validation.calibration.fit import Fit, fit, fitted_at, interval, profile, trade_offs
-from validation.calibration.fit_command import LEGEND, lines
+from validation.calibration.data_sets import DataSet, MeasuredNumber, paper_data, scene_data
+from validation.calibration.fit import fit, fitted_at, interval, profile, trade_offs
+from validation.calibration.fit_command import lines
 from validation.calibration.free import free_parameter
-from validation.calibration.outcome import Outcome, Parameter, interval_text, solve, value_text
+from validation.calibration.outcome import Outcome, Parameter, solve, value_text
 from validation.calibration.problem import (
     MISSING_RESIDUAL,
     Problem,
@@ -58,49 +59,50 @@ def parameter(outcome: Outcome, ending: str) -> Parameter:
     return next(row for row in outcome.parameters if row.parameter.endswith(ending))
 
 
-def observed(found: Fit, data: DataSet) -> dict[str, float]:
-    """Observables of a data set's scene in the fitted motion."""
-    simulation = simulated(data, motion_values(found.problem, data, found.place))
-    assert simulation
-    return simulation.values
-
-
 def two_parameters() -> Problem:
     """Force and speed of Fig. 4, with free modulus and restitution."""
     return pose(paper_data(["fig4"], ()), (MODULUS, RESTITUTION))
 
 
-def test_two_parameters_reproduce_force_and_speed_of_fig_4() -> None:
-    """1008 MPa and 0.73 give 2.002 N and 151.99 m/s, and a width of 5.18 diameters at 4 %."""
-    problem = two_parameters()
-    found = fit(problem)
+@pytest.fixture(scope="module")
+def outcome() -> Outcome:
+    """The fit of two parameters to two numbers."""
+    return solve(two_parameters())
+
+
+def test_two_parameters_reproduce_force_and_speed_of_fig_4(outcome: Outcome) -> None:
+    """1008 MPa and 0.73 give 2.002 N and 151.99 m/s, a width of 5.18 diameters, and no prediction without either."""
+    found, (data,) = outcome.fit, outcome.fit.problem.sets
     assert found.values[MODULUS] == pytest.approx(1008e6, rel=5e-3)
     assert found.values[RESTITUTION] == pytest.approx(0.73, rel=5e-3)
-    shown = observed(found, problem.sets[0])
-    assert shown["bead_9_amplitude_N"] == pytest.approx(2.0, rel=1e-6)
-    assert shown["speed_9_to_5_m_s"] == pytest.approx(152, rel=1e-6)
-    assert shown["bead_5_width_4pct_diameters"] == pytest.approx(5.18, rel=5e-3)
+    simulation = simulated(data, motion_values(found.problem, data, found.place))
+    assert simulation
+    assert simulation.values["bead_9_amplitude_N"] == pytest.approx(2.0, rel=1e-6)
+    assert simulation.values["speed_9_to_5_m_s"] == pytest.approx(152, rel=1e-6)
+    assert simulation.values["bead_5_width_4pct_diameters"] == pytest.approx(5.18, rel=5e-3)
+    assert fitted_at(found.problem, found.place).chi_square == found.chi_square < 1e-12
+    assert np.isnan([line.by_the_others for line in outcome.data]).all()
 
 
-def test_the_power_law_reproduces_them_with_another_modulus_and_width() -> None:
-    """Independent Runge-Kutta integration: 1.02 GPa, width 4.93 at 4 %, envelope -0.0065 per us."""
-    settings = ("contact.dissipation=power", "contact.gamma=1")
-    problem = pose(paper_data(["fig4"], settings), (MODULUS, "contact.gamma"))
-    found = fit(problem)
-    assert found.values[MODULUS] == pytest.approx(1.02e9, rel=5e-3)
-    assert observed(found, problem.sets[0])["bead_5_width_4pct_diameters"] == pytest.approx(4.93, rel=2e-3)
-    (train,) = paper_data(["fig5"], settings)
-    assert observed(found, train)["wall_envelope_per_s"] == pytest.approx(-0.0065e6, rel=1e-2)
+def test_sensitivities_and_errors_agree_with_wider_central_differences(outcome: Outcome) -> None:
+    """The errors of as many parameters as numbers are those of the inverted sensitivities."""
+    problem, place = outcome.fit.problem, outcome.fit.place
+    central = np.empty((len(place), len(place)))
+    for index, step in enumerate(1e-3 * np.eye(len(place))):
+        central[:, index] = (residual(problem, place + step) - residual(problem, place - step)) / 2e-3
+    np.testing.assert_allclose(jacobian(problem, place), central, rtol=2e-3)
+    slopes = [free.slope(float(x)) for free, x in zip(problem.free, place, strict=True)]
+    errors = np.abs(slopes) * np.linalg.norm(np.linalg.inv(central), axis=1)
+    assert [row.error for row in outcome.parameters] == pytest.approx(errors, rel=1e-2)
 
 
-def test_sensitivities_agree_with_wider_central_differences() -> None:
-    problem = two_parameters()
-    place = fit(problem).place
-    for index in range(len(place)):
-        step = np.zeros(len(place))
-        step[index] = 1e-3
-        central = (residual(problem, place + step) - residual(problem, place - step)) / 2e-3
-        np.testing.assert_allclose(jacobian(problem, place)[:, index], central, rtol=2e-3)
+def test_nearly_dependent_sensitivities_are_reported(outcome: Outcome) -> None:
+    """Two parameters of almost the same effect trade off."""
+    sensitivities = 1e3 * np.eye(len(outcome.fit.place))
+    sensitivities[:2, 1] = 1e3, 50.0
+    line, times = trade_offs(replace(outcome.fit, jacobian=sensitivities))
+    assert line.startswith(f"the data barely distinguish {MODULUS} and {RESTITUTION}: they trade off along {MODULUS} ")
+    assert "an error at least 20 times smaller" in times
 
 
 def quoting(scene_file: SceneWriter, values: str, errors: str) -> Path:
@@ -122,28 +124,12 @@ def test_one_gauge_cannot_distinguish_gain_and_modulus(scene_file: SceneWriter) 
     assert all(row.error == inf and np.isnan(row.low_95pct) for row in outcome.parameters)
 
 
-def test_one_trace_barely_distinguishes_gain_modulus_and_strike(tmp_path: Path) -> None:
-    """Without gravity, the three parameters can be changed together without an effect on the reading.
-
-    The trigger trades off, too: its change is a time, since its zero is arbitrary.
-    """
-    data = scene_data("fig4", (), made_up(tmp_path / "trace.csv", gauges=["bead_9"]))
-    keys = (MODULUS, "striker.speed", "measured.gain")
-    outcome = solve(pose([data], keys), quick=True)
-    (line,) = (line for line in trade_offs(outcome.fit) if "barely distinguish" in line)
-    assert all(key in line for key in keys)
-    assert "trigger" not in line or line.rpartition("trigger ")[2].endswith("s")
-
-
 def test_a_datum_does_not_affect_the_prediction_without_it() -> None:
     (data,) = paper_data(["fig4"], ())
-    numbers = [MeasuredNumber("bead_9_amplitude_N", 2.0, 0.1), MeasuredNumber("speed_9_to_5_m_s", 152.0, 5.0)]
-    numbers.append(MeasuredNumber("bead_5_duration_4pct_s", 164e-6, 8e-6))
 
     def prediction_without(speed: float) -> tuple[float, float]:
-        numbers[1] = MeasuredNumber("speed_9_to_5_m_s", speed, 5.0)
-        sets = [DataSet("fig4", "fig4", data.tables, "here", tuple(numbers))]
-        line = solve(pose(sets, (MODULUS, RESTITUTION))).data[1]
+        numbers = MeasuredNumber("bead_9_amplitude_N", 2.0, 0.1), MeasuredNumber("speed_9_to_5_m_s", speed, 5.0)
+        line = solve(pose([DataSet("fig4", "fig4", data.tables, "here", numbers)], (MODULUS,))).data[1]
         return line.by_the_others, line.fitted
 
     (first, fitted), (second, moved) = prediction_without(152.0), prediction_without(140.0)
@@ -151,17 +137,10 @@ def test_a_datum_does_not_affect_the_prediction_without_it() -> None:
     assert abs(moved - fitted) > 1.0
 
 
-def test_without_a_necessary_datum_there_is_no_prediction() -> None:
-    for line in solve(two_parameters()).data:
-        assert np.isnan(line.by_the_others)
-
-
 def test_a_profile_that_stays_low_up_to_a_bound_has_an_open_interval() -> None:
     problem = pose(paper_data(["fig4"], ()), (f"{MODULUS}=0.9 GPa..1.1 GPa", RESTITUTION))
     found = fit(problem)
     assert interval(found, 0, 1.0, profile(found, 0)) == (-inf, inf)
-    row = replace(solve(problem, quick=True).parameters[0], value=1e9)
-    assert interval_text(row, (-inf, inf)) == "(0.900) .. (1.100) GPa"
 
 
 def test_a_parameter_at_the_end_of_its_range_is_reported() -> None:
@@ -170,42 +149,33 @@ def test_a_parameter_at_the_end_of_its_range_is_reported() -> None:
 
 
 def test_prior_knowledge_keeps_a_parameter_near_its_value() -> None:
-    problem = pose(paper_data(["fig4"], ()), (MODULUS, RESTITUTION, "striker.speed=2.5±1%"))
-    row = parameter(solve(problem, quick=True), "striker.speed")
-    assert row.value == pytest.approx(2.5, rel=1e-3)
-    assert row.error == pytest.approx(0.025, rel=0.05)
+    problem = pose(paper_data(["fig4"], ()), (f"{RESTITUTION}=0.9±0.001",))
+    row = parameter(solve(problem, quick=True), RESTITUTION)
+    assert row.value == pytest.approx(0.9, rel=1e-3)
+    assert row.error == pytest.approx(0.001, rel=0.05)
 
 
 @pytest.mark.parametrize(
     ("text", "value", "error"),
     [
-        ("striker.speed=0.30±1%", 0.30, 0.003),
         ("striker.speed = 0.30 m/s ± 1 %", 0.30, 0.003),
         ("chain.diameter=9.525±0.005 mm", 9.525e-3, 5e-6),
         ("chain.diameter=9.525 mm +- 5 um", 9.525e-3, 5e-6),
         (f"{RESTITUTION}=0.9+/-0.02", 0.9, 0.02),
-        (f"{RESTITUTION}=0.97±0.01", 0.97, 0.01),
     ],
 )
 def test_prior_knowledge_is_a_value_with_an_error(text: str, value: float, error: float) -> None:
-    found = free_parameter(text, read_scene("fig4"), "here")
-    assert found.start == pytest.approx(value)
-    assert found.prior == pytest.approx(error)
-    assert found.low < value < found.high
+    free = free_parameter(text, read_scene("fig4"), "here")
+    assert (free.start, free.prior) == (pytest.approx(value), pytest.approx(error))
+    assert free.low < value < free.high
 
 
-def test_the_fit_at_a_known_minimum_is_the_same_fit() -> None:
-    problem = two_parameters()
-    found = fit(problem)
-    assert fitted_at(problem, found.place).chi_square == found.chi_square < 1e-12
-
-
-def test_averaging_readings_scales_their_noise(tmp_path: Path) -> None:
-    fine = replace(scene_data("fig4", (), made_up(tmp_path / "trace.csv")).records[0].measured, noise=0.4)
-    coarse = averaged(fine, 16.1e-6)
-    assert len(coarse.time_s) == len(fine.time_s) // 8
+def test_averaging_readings_scales_their_noise() -> None:
+    wall = np.arange(800.0)
+    coarse = averaged(MeasuredTrace(Path("shot.csv"), 1e-6 * np.arange(800), {"wall": wall}, noise=0.4), 16.1e-6)
+    assert len(coarse.time_s) == 100
     assert coarse.noise == pytest.approx(0.4 / 8**0.5)
-    assert coarse.reading["wall"][3] == pytest.approx(fine.reading["wall"][24:32].mean())
+    assert coarse.reading["wall"][3] == pytest.approx(wall[24:32].mean())
 
 
 def test_values_have_the_digits_of_their_errors() -> None:
@@ -222,15 +192,10 @@ def test_values_have_the_digits_of_their_errors() -> None:
     ("free", "found"),
     [
         ("chain.count", "21"),
-        ("run.duration", "0.0016"),
         ("wall.material", "brass"),
-        ("contact.bounce", "unknown key"),
         ("contact.restitutoin", "did you mean contact.restitution?"),
-        (f"{MODULUS}=1 GPa±0%", "an error above 0"),
         (f"{MODULUS}=70±5", "or a unit"),
-        (f"{MODULUS}=1 GPa", "1 GPa"),
         (f"{MODULUS}=2 GPa..1 GPa", "2e+09..1e+09"),
-        (f"{MODULUS}=1 N..2 N", "1 N"),
         (f"{RESTITUTION}=0.5..2", "contact.restitution: found 2"),
         ("measured.0.gain", "unknown gauge parameter"),
         ("contact.alpha", 'contact.dissipation = "viscoelastic"'),
@@ -261,18 +226,9 @@ def test_a_parameter_without_a_value_or_a_range_needs_bounds() -> None:
     ("words", "message"),
     [
         (["fig4"], "--free"),
-        (["--free", RESTITUTION], "no scene"),
         (["fig4", "--free", RESTITUTION], "add a [[measured]] table to the scene file, or give --measured"),
-        (
-            ["fig4", "--free", RESTITUTION, "--quoted", "fig9"],
-            "did you mean fig5?; allowed: comma-separated names from",
-        ),
+        (["fig4", "--free", RESTITUTION, "--quoted", "fig9"], "did you mean fig5?; allowed: comma-separated names"),
         (["fig4", "--law", "plastic", "--quoted", "fig4"], "elastic, viscoelastic, power"),
-        (["fig4", "--law", "elastic", "--quoted", "fig4"], "no free parameter"),
-        (
-            ["fig4", "--free", RESTITUTION, "--quoted", "fig4", "--quick", "--predict", "wall_paek"],
-            "did you mean wall_peak?",
-        ),
         (["fig4", "--free", RESTITUTION, "--quoted", "fig4,fig4"], "each data set once"),
         (["fig4", "--free", RESTITUTION, "--quoted", "fig4", "--measured", "x.csv"], "cannot be combined"),
         (["fig4", "--free", RESTITUTION, "--measured", "nowhere.csv"], "found no such file"),
@@ -283,27 +239,6 @@ def test_wrong_requests_end_in_one_line(words: list[str], message: str, tmp_path
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr.count("\n") == 1
     assert message in done.stderr
-
-
-@pytest.mark.parametrize("key", ["measured.gain", "measured.0.gain"])
-def test_a_single_gauge_entry_needs_no_number(key: str, tmp_path: Path) -> None:
-    file_alone = scene_data("fig4", (), made_up(tmp_path / "trace.csv"))
-    entry = f"measured=[{{file='{tmp_path / 'trace.csv'}'}}]"
-    for data, own in ((file_alone, "measured.gain"), (scene_data("fig4", (entry,), None), "measured.0.gain")):
-        assert [free.key for free in gauge_parameters(data, [key])] == [own, own.replace("gain", "trigger")]
-    twice = replace(file_alone, entries={f"measured.{place}": file_alone.entries["measured"] for place in (0, 1)})
-    with pytest.raises(InputError, match=r"allowed: measured\.0\.gain, measured\.1\.gain"):
-        gauge_parameters(twice, ["measured.gain"])
-
-
-def test_the_printed_tables_have_only_filled_columns() -> None:
-    quick = solve(two_parameters(), quick=True)
-    said = [*lines(quick)]
-    assert said[0].split("  ")[0] == "parameter"
-    assert LEGEND[0] in said
-    assert LEGEND[1] not in said
-    (heading,) = (line for line in said if line.startswith("datum"))
-    assert heading.split() == ["datum", "measured", "fitted", "deviation"]
 
 
 def test_errors_are_enlarged_where_the_model_does_not_explain_the_data() -> None:
@@ -347,18 +282,13 @@ time_step = "50 ns"
 """
 
 
-@pytest.mark.parametrize(
-    ("restitution", "tolerance"), [(0.9464630234378835, 1e-6), (0.9315601020946589, 1e-6), (0.9152761582644078, 1e-7)]
-)
-def test_the_exact_motion_exists_where_the_first_release_is_late(
-    restitution: float, tolerance: float, tmp_path: Path
-) -> None:
+def test_the_exact_motion_exists_where_the_first_release_is_late(tmp_path: Path) -> None:
     """Here Newton's method cannot find the time of the first release to 4e-16: s**4 has a larger rounding error."""
     scene = tmp_path / "glass.toml"
     scene.write_text(GLASS, encoding="utf-8")
-    case = case_of(scene, f"{RESTITUTION}={restitution}")
-    found, finer = exact(case, tolerance).trace.force_N, exact(case).trace.force_N
-    assert np.abs(found - finer).max() < tolerance * np.abs(finer).max()
+    case = case_of(scene, f"{RESTITUTION}=0.9152761582644078")
+    coarse, fine = exact(case, 1e-7).trace.force_N, exact(case).trace.force_N
+    assert np.abs(coarse - fine).max() < 1e-7 * np.abs(fine).max()
 
 
 def without_motion(monkeypatch: pytest.MonkeyPatch, above: float) -> None:

@@ -1,4 +1,4 @@
-"""Fits to traces: intervals hold the truth, the right law wins, and all laws have the same readings."""
+"""Fits to traces: parameters and their errors are right, and all laws have the same readings."""
 
 from pathlib import Path
 
@@ -9,8 +9,7 @@ from drivers.base.errors import InputError
 from validation.calibration.calibration_file import calibration_file
 from validation.calibration.data_sets import scene_data
 from validation.calibration.fit import fit
-from validation.calibration.fit_command import DECISIVE
-from validation.calibration.outcome import solve
+from validation.calibration.outcome import Outcome, solve
 from validation.calibration.problem import Problem, pose
 from validation.tests.validation.calibration.test_fit import MODULUS, RESTITUTION, TRUE, made_up, parameter
 
@@ -21,20 +20,25 @@ def of_law(law: str, trace: Path) -> Problem:
     return pose([scene_data("fig4", asked.set, trace)], (MODULUS, *asked.free))
 
 
+def assert_found(outcome: Outcome, true: dict[str, float]) -> None:
+    for key, value in true.items():
+        row = parameter(outcome, key)
+        assert abs(row.value - value) < 3 * row.error, key
+
+
 def test_a_fit_to_a_trace_recovers_its_parameters(tmp_path: Path) -> None:
     data = scene_data("fig4", (), made_up(tmp_path / "trace.csv"))
     outcome = solve(pose([data], (MODULUS, RESTITUTION)))
-    for key, true in (TRUE | {"measured.trigger": 40e-6}).items():
-        row = parameter(outcome, key)
-        assert abs(row.value - true) < 3 * row.error, key
-        assert row.low_95pct < true < row.high_95pct
+    assert_found(outcome, TRUE | {"measured.trigger": 40e-6})
     row = parameter(outcome, MODULUS)
+    assert row.low_95pct < TRUE[MODULUS] < row.high_95pct
     assert row.error < 3e-3 * TRUE[MODULUS]
+    assert (row.high_95pct - row.low_95pct) / 2 == pytest.approx(1.96 * row.error, rel=0.05)
     assert outcome.explained
     assert outcome.fit.chi_square == pytest.approx(outcome.fit.freedom, rel=0.2)
-    assert (row.high_95pct - row.low_95pct) / 2 == pytest.approx(1.96 * row.error, rel=0.05)
 
 
+REPEATS = 20
 LAWS = {
     "elastic": ("contact.restitution=",),
     "viscoelastic": ("contact.restitution=0.9",),
@@ -42,38 +46,17 @@ LAWS = {
 }
 
 
-@pytest.mark.long
-@pytest.mark.timeout(900)
-@pytest.mark.parametrize("law", LAWS)
-def test_intervals_contain_the_truth_in_90_to_99_of_100_repeats(law: str, tmp_path: Path) -> None:
-    """Noise of 5 %: 95 of 100 draws within 1.96 standard errors, and chi-square is that of noise."""
-    inside, chi_square = dict[str, int](), []
-    for seed in range(100):
-        settings = (f"{MODULUS}=1.1 GPa", *LAWS[law])
-        problem = of_law(law, made_up(tmp_path / "trace.csv", settings=settings, noise=0.05, seed=seed))
-        found = fit(problem, [{MODULUS: 1.1e9, RESTITUTION: 0.9, "contact.gamma": 2.0}], search=False)
+def test_errors_are_the_scatter_of_repeats(tmp_path: Path) -> None:
+    """Noise of 5 %: deviations in standard errors have a mean square of 1, and chi-square is that of noise."""
+    start, off, chi_square = TRUE | {"fig4: measured.trigger": 40e-6}, [], []
+    for seed in range(REPEATS):
+        data = scene_data("fig4", (), made_up(tmp_path / "trace.csv", noise=0.05, seed=seed))
+        found = fit(pose([data], (MODULUS, RESTITUTION)), [start], search=False)
         chi_square.append(found.chi_square / found.freedom)
-        true = {MODULUS: 1.1e9, RESTITUTION: 0.9, "contact.gamma": 2.0, "trigger": 40e-6}
-        for free, value, error in zip(problem.free, found.values.values(), found.errors, strict=True):
-            name = free.key.rpartition(".")[2]
-            hit = abs(value - next(true[key] for key in true if key.endswith(name))) < 1.96 * error
-            inside[name] = inside.get(name, 0) + bool(hit)
-    assert 90 <= min(inside.values()) <= max(inside.values()) <= 99, inside
-    assert np.mean(chi_square) == pytest.approx(1.0, abs=0.02)
-
-
-@pytest.mark.long
-@pytest.mark.timeout(600)
-@pytest.mark.parametrize("truth", ["viscoelastic", "power"])
-def test_the_right_law_has_the_smallest_chi_square_where_noise_lets_it(truth: str, tmp_path: Path) -> None:
-    """At 0.5 % noise the other law is refused; one gauge with 10 % of noise does not distinguish them."""
-    settings, other = (f"{MODULUS}=1.1 GPa", *LAWS[truth]), {"viscoelastic": "power", "power": "viscoelastic"}[truth]
-    for noise, gauges, decided in ((0.005, ("bead_9", "bead_5", "wall"), True), (0.1, ("bead_9",), False)):
-        trace = made_up(tmp_path / "trace.csv", settings=settings, noise=noise, gauges=gauges)
-        right, wrong = (fit(of_law(law, trace)) for law in (truth, other))
-        assert right.problem.rows == wrong.problem.rows
-        excess = wrong.chi_square - right.chi_square
-        assert excess > 100 if decided else abs(excess) < DECISIVE, (noise, excess)
+        off.append((np.array([*found.values.values()]) - [*start.values()]) / found.errors)
+    assert np.mean(np.square(off)) == pytest.approx(1.0, abs=0.35)
+    assert np.mean(np.abs(off) < 1.96) > 0.88
+    assert np.mean(chi_square) == pytest.approx(1.0, abs=0.03)
 
 
 def test_a_larger_law_is_never_worse_than_one_inside_it(tmp_path: Path) -> None:
@@ -100,9 +83,7 @@ def test_gauges_of_one_file_share_their_trigger(tmp_path: Path) -> None:
     setting = f"measured=[{', '.join(entry.format(trace, gauge, gauge) for gauge in ('bead_9', 'bead_5'))}]"
     outcome = solve(pose([scene_data("fig4", (setting,))], (MODULUS, RESTITUTION)), quick=True)
     assert [row.parameter for row in outcome.parameters if "trigger" in row.parameter] == ["fig4: measured.0.trigger"]
-    for key, true in (TRUE | {"measured.0.gain": 1.0, "measured.1.gain": 1.0, "measured.0.trigger": 40e-6}).items():
-        row = parameter(outcome, key)
-        assert abs(row.value - true) < 3 * row.error, key
+    assert_found(outcome, TRUE | {"measured.0.gain": 1.0, "measured.1.gain": 1.0, "measured.0.trigger": 40e-6})
     (_, both) = (f"measured.{place}.trigger={time} us" for place, time in enumerate((40, 41)))
     with pytest.raises(InputError, match="one trigger per file"):
         scene_data("fig4", (setting, "measured.0.trigger=40 us", both))
@@ -134,6 +115,4 @@ def test_a_stated_trigger_may_be_free(tmp_path: Path) -> None:
         pose([scene_data("fig4", (setting,), free_trigger=True)], (MODULUS, RESTITUTION, "measured.trigger")),
         quick=True,
     )
-    for key, true in (TRUE | {"trigger": 40e-6}).items():
-        row = parameter(outcome, key)
-        assert abs(row.value - true) < 3 * row.error, key
+    assert_found(outcome, TRUE | {"trigger": 40e-6})
