@@ -14,8 +14,7 @@ from validation.commands.beads import answer
 from validation.compare.pair import Pair, compare_pair, compare_runs, different_keys, open_pair
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import add_force, edit_record, edit_table, finished, need
-from validation.tests.helpers.scenes import SceneWriter, StandIn, case_of
-from validation.tests.validation.compare.test_sabotage import YADE, swap
+from validation.tests.helpers.scenes import SceneWriter, case_of
 
 FolderOf = Callable[..., Path]
 WEIGHTLESS = "gravity=0 m/s^2"
@@ -276,16 +275,3 @@ def test_a_copy_is_the_same_and_changed_forces_are_refused(
     edit_table(copy, lambda table: table)  # sealed again
     assert compare_runs(good, copy) == 1
     assert "contact 7 at 600 µs" in capsys.readouterr().out
-
-
-def test_a_sabotaged_code_against_verlet(
-    run_of: FolderOf, scene_file: SceneWriter, stand_in: StandIn, tmp_path: Path
-) -> None:
-    """A run of a real code with a changed deck fails, with the reason."""
-    scene = scene_file(top='gravity = "9.81 m/s^2"')
-    verlet = run_of("verlet", scene)
-    swap("yade", YADE, r"range\(every if", "range(9 if", stand_in, tmp_path)
-    wrong = finished(case_of(scene), "yade", tmp_path / "runs")
-    pair = pair_of(verlet, wrong.folder)
-    assert "force" in red(pair)
-    assert pair.parted[1e-9].endswith("at 1 µs")
