@@ -1,6 +1,5 @@
 """Measured laws of motions with one fault, made in memory; good motions differ in nothing."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -16,21 +15,17 @@ from validation.accuracy.exact_motion import exact_motion_of
 from validation.accuracy.measured_law import measure_law
 from validation.compare.law_sentence import SAME, law_sentence
 from validation.stability.measured_limits import random_case
-from validation.tests.helpers.draws import draws
 from validation.tests.helpers.scenes import case_of
 
 GOOD = [
-    *((scene,) for scene in ("fig4", "fig5", "fig6b", "fig6d", "low-amplitude", "steel-chain", "two-spheres")),
-    ("sphere-on-plane",), ("head-on",), ("small-signal",),
+    ("fig4",), ("fig5",), ("low-amplitude",), ("two-spheres",), ("sphere-on-plane",), ("head-on",), ("small-signal",),
     ("fig4", "contact.restitution=0.9"),
     ("fig4", "contact.dissipation=power", "contact.gamma=1.25"),
     ("fig4", "chain.precompression=2 N"),
     ("fig4", "wall=", "gravity="),
     ("fig4", "chain.bead=[{from_wall=3, gap_below='20 um'}]"),
-    ("fig4", "run.sample_interval=10 us"),
-    ("fig4", "run.time_step=1 us"),
+    ("fig4", "run.sample_interval=10 us", "run.time_step=1 us"),
 ]  # fmt: skip
-Fault = Callable[[Case, int, float], Case]
 
 
 def differing(case: Case, trace: Trace, step_s: float) -> set[tuple[str, int]]:
@@ -50,7 +45,7 @@ def test_good_motions_differ_in_nothing(settings: tuple[str, ...]) -> None:
         assert differing(case, trace, step_s) == set()
 
 
-@pytest.mark.parametrize("number", draws(10))
+@pytest.mark.parametrize("number", range(4))
 def test_good_motions_of_random_scenes_differ_in_nothing(number: int) -> None:
     case = random_case(number, accuracy=1e-4)
     for trace, step_s in motions(case):
@@ -65,7 +60,7 @@ def one(values: Array, place: int, factor: float) -> Array:
     return np.where(np.arange(len(values)) == place, factor * values, values)
 
 
-@pytest.mark.parametrize("number", draws(12))
+@pytest.mark.parametrize("number", range(4))
 def test_one_fault_in_a_random_scene_is_measured(number: int) -> None:
     case, draw = random_case(number, accuracy=1e-4), np.random.default_rng(number)
     chain, step_s = case.chain, case.scene.time_step_s
@@ -85,21 +80,6 @@ def test_one_fault_in_a_random_scene_is_measured(number: int) -> None:
     assert any(abs(row.ratio - 1.3) < 1e-2 for row in heavy)
 
 
-@pytest.mark.parametrize("scene", ["fig4", "fig5", "fig6b", "fig6d"])
-def test_a_wrong_scheme_of_this_repository_is_seen(scene: str) -> None:
-    """A stiffness off by a millionth, a kick of 0.5005 in place of 0.5, velocities half a step late."""
-    case = case_of(scene)
-    chain, step_s = case.chain, case.scene.time_step_s
-    for trace in (
-        verlet_of(replace(case, chain=replace(chain, stiffness=chain.stiffness * (1 + 1e-6)))),
-        verlet_of(replace(case, chain=replace(chain, mass_kg=chain.mass_kg / 1.001))),
-        with_velocities(case, verlet_of(case), -0.5),
-    ):
-        assert differing(case, trace, step_s)
-    soft = replace(case, chain=replace(chain, stiffness=chain.stiffness * (1 - 1e-6)))
-    assert differing(case, exact_motion_of(soft).trace, 0.0)
-
-
 def with_velocities(case: Case, trace: Trace, steps: float) -> Trace:
     """Trace with velocities recorded some time steps later (or earlier: below 0) than heights and forces."""
     assert trace.height_m is not None
@@ -115,9 +95,7 @@ def with_velocities(case: Case, trace: Trace, steps: float) -> Trace:
     [
         ("stiffness", "all contacts 1.0001 times as stiff"),
         ("mass", "bead 9 (sensor) has 0.946 of its mass"),
-        ("loads", "no gravity"),
         ("overlap", "bodies start just touching, not in equilibrium"),
-        ("damping", "22 contacts have a damping ratio of 0.03128, the scene has none"),
         ("early", "recorded velocities are half a step (0.05 µs) early"),
         ("late", "recorded velocities are half a step (0.05 µs) late"),
         ("nothing", SAME),
@@ -131,9 +109,7 @@ def test_a_fault_is_said_in_one_line(fault: str, sentence: str) -> None:
     trace = {
         "stiffness": lambda: changed(case, stiffness=1.0001 * chain.stiffness),
         "mass": lambda: changed(case, mass_kg=one(chain.mass_kg, 8, 0.946)),
-        "loads": lambda: changed(case, load_N=0 * chain.load_N),
         "overlap": lambda: verlet_in_heights(replace(case, chain=touching)),
-        "damping": lambda: verlet_in_heights(case_of("fig4", "contact.restitution=0.9")),
         "early": lambda: with_velocities(case, verlet_of(case), 0.5),
         "late": lambda: with_velocities(case, verlet_of(case), -0.5),
         "nothing": lambda: verlet_of(case),
