@@ -1,21 +1,34 @@
-"""Studies are registered once, and take any number of codes."""
+"""Chapters: registered once, for any number of codes; their tables come back as they were written, or say why not."""
 
 import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import combinations
+from math import inf, isnan, nan, nextafter
 from pathlib import Path
 
 import pytest
 
 import drivers.engines
 from drivers.base import paths
+from drivers.base.errors import InputError
+from drivers.base.files import sealed_file
 from drivers.chain.case import Case
 from drivers.chain.elements import SIDEWAYS
 from drivers.engines import installed_codes, load_engine
 from postproc.paper.simulate import Simulation, run_codes
-from validation.chapters import CHAPTERS, Options, frame_of, load_chapter, read_section, write_chapter
+from validation.chapters import (
+    CHAPTERS,
+    Options,
+    frame_of,
+    load_chapter,
+    read_section,
+    read_table,
+    rows_in,
+    write_chapter,
+    write_table,
+)
 from validation.commands.beads import BEADS
 from validation.compare.answer import listed
 from validation.elements import elements_chapter, gauge_steps
@@ -66,36 +79,30 @@ def test_studies_are_those_of_the_command_line_and_of_make() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("count", [0, 1, 3])
+@pytest.mark.parametrize("count", [0, 3])
 def test_trade_takes_any_number_of_codes(count: int, install: Installer, tmp_path: Path) -> None:
     names = install(count)
     rows = run_ladder(0.5, ("fig5",))
-    found = frame_of(LadderRun, rows)
-    assert {*names, "verlet", "order 4", "reference"} == set(found["method"])
-    write_chapter(
-        TRADE, {"trade": rows, "trade-advice": advice(found), "trade-softening": soften()}, tmp_path / "results"
-    )
-    section = read_section("trade", tmp_path / "results")
+    ladder = frame_of(LadderRun, rows)
+    assert {*names, "verlet", "order 4", "reference"} == set(ladder["method"])
+    write_chapter(TRADE, {"trade": rows, "trade-advice": advice(ladder), "trade-softening": soften()}, tmp_path)
+    section = read_section("trade", tmp_path)
     assert section["advice"][0][-1] in (names or ["–"])
     for name in names:
         assert f"({name})" in section["sentences"][1]
-        assert f">{name}<" in (tmp_path / "results" / "trade.svg").read_text()
+        assert f">{name}<" in (tmp_path / "trade.svg").read_text()
 
 
-@pytest.mark.parametrize("count", [0, 1, 3])
 @pytest.mark.long
+@pytest.mark.parametrize("count", [0, 3])
 def test_stability_takes_any_number_of_codes(count: int, install: Installer, tmp_path: Path) -> None:
     names = install(count)
-    subjects = [MeasuredChain(SHIPPED, "fig5", case_of("fig5")), *{each.group: each for each in sweeps()}.values()]
+    subjects = [MeasuredChain(SHIPPED, "fig5", case_of("fig5")), *{sweep.group: sweep for sweep in sweeps()}.values()]
     edge = [*run_all([Extreme(name="as it is", scene="fig5")], tmp_path / "runs")]
-    assert [*dict.fromkeys(each.engine for each in edge)] == ["reference", "verlet", *sorted(names)]
-    write_chapter(STABILITY, {"stability": measure_limits(subjects), "stability-extremes": edge}, tmp_path / "results")
-    section = read_section("stability", tmp_path / "results")
-    assert len(section["limits"]) == 1
-    assert (
-        f"predicted: {listed(['verlet', *sorted(names)])}"
-        in (tmp_path / "results" / "stability-limits.svg").read_text()
-    )
+    assert [*dict.fromkeys(extreme.engine for extreme in edge)] == ["reference", "verlet", *sorted(names)]
+    write_chapter(STABILITY, {"stability": measure_limits(subjects), "stability-extremes": edge}, tmp_path)
+    assert len(read_section("stability", tmp_path)["limits"]) == 1
+    assert f"predicted: {listed(['verlet', *sorted(names)])}" in (tmp_path / "stability-limits.svg").read_text()
 
 
 @pytest.fixture
@@ -103,41 +110,80 @@ def on_verlet(monkeypatch: pytest.MonkeyPatch, shared_runs: Path) -> None:
     """Runs of elements on codes are Verlet's, each made once: what counts here is who is asked."""
 
     def run_all(cases: Mapping[str, Sequence[Case]], _: Path) -> dict[str, list[Simulation]]:
-        done = {name: run_codes({"verlet": own}, shared_runs)["verlet"] for name, own in cases.items()}
-        return {name: [replace(run, engine=name) for run in own] for name, own in done.items()}
+        done = {name: run_codes({"verlet": asked}, shared_runs)["verlet"] for name, asked in cases.items()}
+        return {name: [replace(run, engine=name) for run in runs] for name, runs in done.items()}
 
-    monkeypatch.setattr(elements_chapter, "run_codes", run_all)
-    monkeypatch.setattr(
-        gauge_steps, "RANGES", {"restitution": (gauge_steps.TUBE, ("contact.restitution={0}",), (0.9,))}
-    )
-
-
-@pytest.mark.parametrize("count", [0, pytest.param(1, marks=pytest.mark.long), pytest.param(3, marks=pytest.mark.long)])
-@pytest.mark.usefixtures("on_verlet")
-def test_elements_takes_any_number_of_codes(
-    count: int, install: Installer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    names = sorted(install(count))
-    asked = read_elements()
-    chosen = ("gravity", "scatter of masses")
+    asked, chosen = read_elements(), ("gravity", "scatter of masses")
     few = tuple(element for element in asked.element if element.name in chosen)
+    ranges = {"restitution": (gauge_steps.TUBE, ("contact.restitution={0}",), (0.9,))}
+    monkeypatch.setattr(elements_chapter, "run_codes", run_all)
+    monkeypatch.setattr(gauge_steps, "RANGES", ranges)
     fewer = asked.model_copy(update={"element": few, "quick_seeds": 2})
     monkeypatch.setattr(elements_chapter, "read_elements", lambda: fewer)
-    results = tmp_path / "results"
-    tables = write_chapter(
-        elements_chapter.CHAPTER, elements_chapter.measure(Options(quick=True, runs=tmp_path)), results
-    )
+
+
+@pytest.mark.parametrize("count", [0, pytest.param(3, marks=pytest.mark.long)])
+@pytest.mark.usefixtures("on_verlet")
+def test_elements_takes_any_number_of_codes(count: int, install: Installer, tmp_path: Path) -> None:
+    names = sorted(install(count))
+    measured = elements_chapter.measure(Options(quick=True, runs=tmp_path))
+    tables = write_chapter(elements_chapter.CHAPTER, measured, tmp_path / "results")
     assert set(tables["elements"]["element"]) == {"gravity", "scatter of masses"}
     assert list(tables["elements"]["engine"].unique()) == (names or ["verlet"])
     in_tubes = [name for name in names if load_engine(name).models >= SIDEWAYS]
-    pairs = [f"{one} {other}" for one, other in combinations(in_tubes, 2)]
-    assert list(tables["elements-between"]["codes"].unique()) == pairs
+    pairs = [*combinations(in_tubes, 2)]
+    assert list(tables["elements-between"]["codes"].unique()) == [" ".join(pair) for pair in pairs]
     assert elements_chapter.CHAPTER.failed(tables) == []
-    section = read_section("elements", results)
-    assert section["short"]
+    section = read_section("elements", tmp_path / "results")
     assert ("fewer than two installed codes model tubes" in " ".join(section["sentences"])) == (not pairs)
-    compared = [row[0] for row in section["between"]]
-    assert all(f"fig4 without friction, {pair.replace(' ', ' and ')}" in compared for pair in pairs)
-    assert [title for title, _ in section["figures"]][1].startswith("fig4: gauge signals")
-    assert all(f">{name}<" in (results / "elements.svg").read_text() for name in names)
-    assert sorted(path.suffix for path in results.glob("oscilloscope-fig4.*")) == [".png", ".svg"]
+    assert {f"fig4 without friction, {' and '.join(pair)}" for pair in pairs} <= {row[0] for row in section["between"]}
+    assert all(f">{name}<" in (tmp_path / "results" / "elements.svg").read_text() for name in names)
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Row of plain fields."""
+
+    name: str
+    steps: int
+    value: float
+    good: bool
+
+
+ROWS = [
+    Measured("a, “b”", 3, nextafter(0.1, 1), True),
+    Measured("nan", -1, inf, False),
+    Measured("", 0, 5e-324, True),
+    Measured("1e3", 10**12, -1.7417412558405728e-05, False),
+]
+
+
+def test_rows_come_back_bit_for_bit(tmp_path: Path) -> None:
+    for rows in (ROWS, []):
+        write_table(tmp_path / "new" / "t.csv", Measured, rows)
+        assert rows_in(read_table(tmp_path / "new" / "t.csv", Measured, "trade"), Measured) == rows
+    write_table(tmp_path / "t.csv", Measured, [Measured("a", 1, nan, True)])
+    assert (tmp_path / "t.csv").read_text() == "name,steps,value,good\na,1,,True\n"
+    assert isnan(rows_in(read_table(tmp_path / "t.csv", Measured, "trade"), Measured)[0].value)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, "file not found; make trade writes it$"),
+        (b"", "damaged file.*; make trade writes it again$"),
+        (b"name,steps,value\na,1,2\n", "no column good"),
+        (b"name,steps,value,good\na,1,two,True\n", "could not convert string to float: 'two'"),
+        (b"name,steps,value,good\na,,2,True\n", "damaged file"),
+        (b"name,steps,value,good\na,1,2,True,5,6\nb,1\n", "damaged file"),
+        (b"\xff\xfe\x00", "damaged file"),
+    ],
+)
+def test_a_damaged_table_is_named_with_the_target_that_writes_it(
+    tmp_path: Path, content: bytes | None, message: str
+) -> None:
+    if content is not None:
+        with sealed_file(tmp_path / "t.csv") as draft:  # by another version
+            draft.write_bytes(content)
+    with pytest.raises(InputError, match=f"t.csv: .*{message}"):
+        rows_in(read_table(tmp_path / "t.csv", Measured, "trade"), Measured)

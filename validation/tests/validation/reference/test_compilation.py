@@ -6,7 +6,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,71 +16,85 @@ from validation.reference.adaptive import integrate_adaptive
 from validation.reference.hertz_chain import HertzChain, Motion
 from validation.reference.symplectic import integrate_symplectic
 from validation.reference.velocity_verlet import integrate_verlet
-from validation.tests.helpers.commands import beads_process
 
-LINE = "compiling the integrators, once after a change of them\n"
 INTEGRATION = """import numpy as np
 from validation.reference.hertz_chain import HertzChain
-from validation.reference.velocity_verlet import integrate_verlet
+from validation.reference.symplectic import integrate_symplectic
 one = np.ones(2)
-integrate_verlet(HertzChain(one, one, one, one, one), 1e-3, 1, 2)"""
+integrate_symplectic(HertzChain(one, one, one, one, one), 1e-3, 1, 2)"""
 
 
 def test_a_line_says_that_the_integrators_are_compiled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    for said in (LINE, ""):  # the second time the compiled code is loaded
+    for line in ("compiling the integrators, once after a change of them\n", ""):  # the second time code is loaded
         ended = subprocess.run([sys.executable, "-c", INTEGRATION], capture_output=True, text=True, check=True)
-        assert (ended.stdout, ended.stderr) == ("", said)
+        assert (ended.stdout, ended.stderr) == ("", line)
+
+
+SIGNATURES = """import gc, sys, time
+from numba.core.dispatcher import Dispatcher
+from validation.reference.__main__ import _compile_elastic, _compile_others
+from validation.tests.helpers.commands import beads
+{work}
+for kernel in gc.get_objects():
+    if isinstance(kernel, Dispatcher):
+        print(*(f"{{kernel.py_func.__qualname__}}{{signature}}" for signature in kernel.signatures), sep="\\n")
+"""
+SETUP = """import numpy as np
+from validation.reference.hertz_chain import HertzChain
+one = np.ones(2)
+for compile in (_compile_elastic, _compile_others):
+    compile(HertzChain(one, one, 0 * one, -np.arange(2.0), 0 * one))"""
+COMMANDS = """for words in (
+    ("plan", "fig4", "--set", "contact.dissipation=power", "--set", "contact.gamma=1.25"),
+    ("plan", "fig4-tube"),
+    ("run", "fig4", "--engine", "verlet", "--engine", "reference", "--rerun", "--runs", sys.argv[1]),
+):
+    done = beads(*words, "--set", f"striker.speed={1 + time.time_ns() % 10**6 / 10**6} m/s")  # a plan that is not kept
+    assert (done.returncode, done.stderr) == (0, ""), done"""
+
+
+def signatures_after(work: str, *words: Path) -> set[str]:
+    """Kernels in use after some work in a process of its own, with the types of their arguments."""
+    command = [sys.executable, "-c", SIGNATURES.format(work=work), *map(str, words)]
+    return set(subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines())
 
 
 @pytest.mark.long
-def test_after_setup_no_command_compiles(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "compiled"))
-    subprocess.run([sys.executable, "-m", "validation.reference"], check=True)
-    new = f"striker.speed={1 + time.time_ns() % 10**6 / 10**6} m/s"  # a plan that is not kept
-    for words in (
-        ("plan", "fig4"),
-        ("plan", "fig4", "--set", "contact.restitution=0.9"),
-        ("plan", "fig4", "--set", "contact.dissipation=power", "--set", "contact.gamma=1.25"),
-        ("plan", "fig4-tube"),
-        ("run", "fig4", "--engine", "verlet", "--engine", "reference", "--rerun", "--runs", tmp_path / "runs"),
-    ):
-        ended = beads_process(*words, "--set", new)
-        assert (ended.returncode, ended.stderr) == (0, ""), words
+def test_setup_compiles_every_kernel_of_the_commands(tmp_path: Path) -> None:
+    compiled = signatures_after(SETUP)
+    used = signatures_after(COMMANDS, tmp_path)
+    assert len(used) > 4
+    assert used <= compiled
 
 
-INTEGRATORS: dict[str, Callable[[HertzChain], Motion]] = {
-    "adaptive": lambda chain: integrate_adaptive(chain, np.linspace(0, 40, 41), 1e-10),
-    "verlet": lambda chain: integrate_verlet(chain, 1e-3, 1000, 41),
-    "symplectic": lambda chain: integrate_symplectic(chain, 1e-3, 1000, 41),
-}
-
-
-@pytest.fixture
-def interrupting() -> Iterator[None]:
-    former = signal.signal(signal.SIGUSR1, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGUSR1, former)
-
-
-@pytest.mark.parametrize("name", INTEGRATORS)
-def test_a_signal_in_compiled_code_keeps_its_exception(name: str, interrupting: None) -> None:
-    """Not a SystemError, which a batch would charge to the case that a cancelled job was computing."""
-    count = 100
-    at_rest, one = np.zeros(count), np.ones(count)
-    chain = HertzChain(one, one, at_rest, -np.eye(count)[-1], at_rest)
-    integrate = INTEGRATORS[name]
+@pytest.mark.parametrize(
+    "integrate",
+    [
+        pytest.param(lambda chain: integrate_adaptive(chain, np.linspace(0, 40, 41), 1e-10), id="adaptive"),
+        pytest.param(lambda chain: integrate_verlet(chain, 1e-3, 1000, 41), id="verlet"),
+        pytest.param(lambda chain: integrate_symplectic(chain, 1e-3, 1000, 41), id="symplectic"),
+    ],
+)
+def test_a_signal_in_compiled_code_keeps_its_exception(integrate: Callable[[HertzChain], Motion]) -> None:
+    """A SystemError in its place would be charged to the case that a cancelled job was computing."""
+    one = np.ones(100)
+    chain = HertzChain(one, one, 0 * one, -np.eye(100)[-1], 0 * one)
     integrate(chain)
     began = time.perf_counter()
     integrate(chain)
     half_s = (time.perf_counter() - began) / 2
-    for _ in range(10):
-        with pytest.raises(KeyboardInterrupt):
-            _interrupted(lambda: integrate(chain), half_s)
 
+    def interrupted() -> None:
+        timer = threading.Timer(half_s, os.kill, (os.getpid(), signal.SIGUSR1))
+        timer.start()
+        integrate(chain)
+        timer.join()
 
-def _interrupted(work: Callable[[], object], after_s: float) -> None:
-    timer = threading.Timer(after_s, os.kill, (os.getpid(), signal.SIGUSR1))
-    timer.start()
-    work()
-    timer.join()
+    former = signal.signal(signal.SIGUSR1, signal.default_int_handler)
+    try:
+        for _ in range(5):
+            with pytest.raises(KeyboardInterrupt):
+                interrupted()
+    finally:
+        signal.signal(signal.SIGUSR1, former)

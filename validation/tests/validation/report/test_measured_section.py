@@ -16,10 +16,9 @@ QUOTED = "[[measured]]\nvalues = { wall_peak = '9 N' }\nerrors = { wall_peak = 0
 
 
 def report(scene: Path, runs: Path) -> tuple[int, str, str]:
-    """Exit code, page and messages of a report on the in-repository engines."""
+    """Exit code, page and messages of a report on an in-repository engine and the exact motion."""
     page = scene.with_suffix(".html")
-    engines = ("--engine", "verlet", "--allow-missing")
-    done = beads("report", scene, "--out", page, "--runs", runs, *engines)
+    done = beads("report", scene, "--out", page, "--runs", runs, "--engine", "verlet", "--allow-missing")
     return done.returncode, page.read_text() if page.exists() else "", done.stderr
 
 
@@ -32,26 +31,25 @@ def scene(scene_file: SceneWriter) -> Path:
     return path
 
 
-@pytest.mark.long
-def test_a_scene_with_measured_traces_shows_them(scene: Path, tmp_path: Path) -> None:
-    text, runs = scene.read_text(), tmp_path / "runs"
-    code, without, _ = report(scene, runs)
+def test_a_scene_shows_its_measured_traces_and_quoted_values(scene: Path, shared_runs: Path) -> None:
+    text = scene.read_text()
+    code, without, _ = report(scene, shared_runs)
     assert code == 0
     assert HEADING not in without
-    assert "wall_impulse_N_s" not in without
-    assert "Do the measurements fit?" not in without
-    scene.write_text(text + ENTRY + QUOTED)
-    code, page, _ = report(scene, runs)
-    assert code == 0
-    assert page.count(HEADING) == 1
+    pictures = without.count("data:image/svg")
+    for entries, more in ((QUOTED, 0), (ENTRY + QUOTED, 1)):
+        scene.write_text(text + entries)
+        code, page, _ = report(scene, shared_runs)
+        assert code == 0
+        assert page.count(HEADING) == 1
+        assert page.count("data:image/svg") == pictures + more
     assert re.search(r"Do the measurements fit\?.*is the furthest, [\d.e+]+ standard errors", page)
-    assert page.count("data:image/svg") == without.count("data:image/svg") + 1
-    for words in ("wall_amplitude_N", "wall_impulse_N_s", "shot.csv", "quoted"):
-        assert words in page.split(HEADING)[1].split("</section>")[0]
-    scene.write_text(text + QUOTED)
-    code, page, _ = report(scene, runs)
-    assert HEADING in page
-    assert page.count("data:image/svg") == without.count("data:image/svg")
+    section = page.split(HEADING)[1].split("</section>")[0]
+    assert not [words for words in ("wall_amplitude_N", "wall_impulse_N_s", "shot.csv") if words not in section]
+    scene.write_text(f'{text}{ENTRY}trigger = "1 s"\n')  # none of the trace can be laid over the run
+    code, page, _ = report(scene, shared_runs)
+    assert code == 0
+    assert "0 readings from" in page.split(HEADING)[1]
 
 
 def test_a_wrong_file_is_named_before_anything_runs(scene: Path, tmp_path: Path) -> None:
@@ -61,10 +59,3 @@ def test_a_wrong_file_is_named_before_anything_runs(scene: Path, tmp_path: Path)
     assert (code, page) == (2, "")
     assert 'line 2, wall_N: found "x"' in said
     assert not (tmp_path / "runs").exists()
-
-
-def test_what_cannot_be_laid_over_the_run_is_said_on_the_page(scene: Path, tmp_path: Path) -> None:
-    scene.write_text(f'{scene.read_text()}{ENTRY}trigger = "1 s"\n')
-    code, page, _ = report(scene, tmp_path / "runs")
-    assert code == 0
-    assert "0 readings from" in page.split(HEADING)[1]
