@@ -57,9 +57,9 @@ def test_the_first_sentence_answers_the_question(
 def test_without_a_code_the_answer_is_not_known(compared: ComparedScene) -> None:
     checks = [check for check in compared.checks if check.engine in compared.runs]
     first, second = answer([replace(compared, absent={}, checks=checks)])
-    assert first == "Not known: no code ran."
+    assert first == "Not known whether the codes are right: none of them ran."
     assert second.startswith("In this repository, the forces of verlet agree with the exact motion to ")
-    assert answer([]) == ["Not known: no code ran."]
+    assert answer([]) == ["Not known whether the codes are right: none of them ran."]
 
 
 @pytest.mark.parametrize(

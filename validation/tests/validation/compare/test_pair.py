@@ -186,7 +186,7 @@ def test_folders_that_are_no_runs(run_of: FolderOf, copied: Callable[[Path], Pat
         with pytest.raises(InputError, match="the store of a batch"):
             compare_runs(good, folder)
     spoilt = copied(good)
-    _spoil(spoilt, good, "a run that failed: unstable", status="failed", reason="unstable", files={})
+    _spoil(spoilt, good, "failed: unstable", status="failed", reason="unstable", files={})
     _spoil(spoilt, good, 'engine: found "abacus"', engine="abacus")
     _spoil(spoilt, good, "of another version", bodies=None)
     record = (spoilt / RECORD).read_text()
