@@ -11,7 +11,7 @@ import numpy as np
 
 from drivers.base.progress import following
 from drivers.chain.case import Case
-from drivers.chain.chain import Array, energy_put_in
+from drivers.chain.chain import Array
 from drivers.chain.schemes import verlet_in_heights, verlet_of
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, VERLET, installed_codes
@@ -36,8 +36,6 @@ BOUNCING = "fig4"
 HORIZON_STEPS_US = (2.0, 1.0, 0.5, 0.2, 0.1, 0.05, 0.02)
 HORIZON = ("run.duration=30 ms", "run.sample_interval=10 us")
 AGREEMENT = 1e-2  # of the largest change
-STATISTICS = ("run.duration=2 s", "run.sample_interval=20 us", "run.time_step=1 us")
-STATISTICS_FROM_S = 0.2
 BLOCKS = 20  # of a run, for standard errors
 SIGNIFICANCE = 3.0  # standard errors of a drift
 HEIGHTS_M = (0.0, 1.0, 10.0, 100.0, 1e3, 1e4, 1e5)
@@ -76,16 +74,6 @@ class Horizon:
     duration_s: float
 
 
-@dataclass(frozen=True)
-class Statistic:
-    """Mean over a run after its beginning, with its standard error from blocks."""
-
-    method: str
-    quantity: str
-    mean: float
-    error: float
-
-
 def energies() -> Iterator[Energy]:
     """Energy errors of all engines over ten million steps."""
     for name, settings in following(LONG_RUNS.items(), "long runs", len(LONG_RUNS)):
@@ -103,23 +91,6 @@ def horizons() -> Iterator[Horizon]:
         for one, other in (*combinations(names, 2), *((name, VERLET) for name in names), (VERLET, REFERENCE)):
             until_s = parted_s(traces[one], traces[other], AGREEMENT)
             yield Horizon(case.scene.time_step_s, one, other, until_s, float(case.sample_times_s[-1]))
-
-
-def statistics() -> Iterator[Statistic]:
-    """Means that agree beyond the horizon: wall force, kinetic energy, energy gained."""
-    case = case_of(BOUNCING, *STATISTICS)
-    weight = float(np.abs(case.chain.load_N).sum())
-    put_in = energy_put_in(case.chain, float(case.sample_times_s[-1]))
-    for method, trace in _by_all(case).items():
-        late = trace.time_s >= STATISTICS_FROM_S
-        means = {
-            "wall force / weight": trace.force_N[late, 0] / weight,
-            "kinetic energy / that at time 0": trace.kinetic_energy_J[late] / trace.kinetic_energy_J[0],
-            "energy gained / energy put in": (trace.total_energy_J[late] - trace.total_energy_J[0]) / put_in,
-        }
-        for quantity, values in means.items():
-            blocks = np.array([block.mean() for block in np.array_split(values, BLOCKS)])
-            yield Statistic(method, quantity, float(blocks.mean()), float(blocks.std(ddof=1) / np.sqrt(BLOCKS)))
 
 
 def _by_all(case: Case) -> dict[str, Trace]:

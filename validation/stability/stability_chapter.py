@@ -34,7 +34,6 @@ Part = tuple[str, Callable[[], Iterable[Any]]]  # words for progress lines, and 
 LONG_PARTS: dict[str, Part] = {
     "stability-energy": ("energy over ten million steps", rounding_effects.energies),
     "stability-horizons": ("horizons of pairs of methods", rounding_effects.horizons),
-    "stability-statistics": ("means beyond the horizon", rounding_effects.statistics),
     "stability-rounding": ("rounding of heights", rounding_effects.measure_rounding),
 }
 COLOURS = ("#cc79a7", "#e69f00", "#0072b2")
@@ -200,7 +199,7 @@ def draw_rounding(rounding: pd.DataFrame) -> Any:
 
 
 def section(tables: Tables) -> dict[str, Any]:
-    """Rows of tables: limits with usual criteria, outcomes of extreme scenes, energies and means of long runs."""
+    """Rows of tables: limits with usual criteria, outcomes of extreme scenes, energies of long runs."""
     limits, edge = tables["stability"], tables["stability-extremes"]
     listed_groups = limits[limits["group"].isin([SHIPPED, BOUNCING])].groupby("scene", sort=False)
     return {
@@ -216,20 +215,11 @@ def section(tables: Tables) -> dict[str, Any]:
             [f"{row.scene}, {row.method}", short(row.largest), f"{short(row.drift)} ± {short(row.drift_error)}"]
             for row in _rows(tables, "stability-energy", rounding_effects.Energy)
         ],
-        "means": _mean_rows(_rows(tables, "stability-statistics", rounding_effects.Statistic)),
     }
 
 
 def _rows(tables: Tables, name: str, kind: type[Any]) -> list[Any]:
     return rows_in(tables[name], kind) if name in tables else []
-
-
-def _mean_rows(means: Sequence[rounding_effects.Statistic]) -> list[list[str]]:
-    """A row for each quantity, after the names of the methods."""
-    rows: dict[str, list[str]] = {"quantity": list(dict.fromkeys(mean.method for mean in means))}
-    for mean in means:
-        rows.setdefault(mean.quantity, []).append(f"{mean.mean:.3g} ± {mean.error:.1g}")
-    return [[name, *cells] for name, cells in rows.items()] if means else []
 
 
 def _limit_row(scene: str, by_method: pd.DataFrame) -> list[str]:
@@ -276,7 +266,6 @@ CHAPTER = Chapter(
         "stability-extremes": Check,
         "stability-energy": rounding_effects.Energy,
         "stability-horizons": rounding_effects.Horizon,
-        "stability-statistics": rounding_effects.Statistic,
         "stability-rounding": rounding_effects.Rounded,
     },
     measure=measure,
