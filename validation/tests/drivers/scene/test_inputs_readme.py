@@ -12,7 +12,6 @@ from drivers.engines import _entries
 from drivers.scene.read_scene import make_scene, read_scene, read_toml
 from validation.commands.key_commands import README, key_tables, with_keys
 from validation.tests.helpers.commands import beads
-from validation.tests.helpers.readme import command_lines, parse
 
 TEXT = README.read_text()
 BLOCKS = re.findall(r"^```toml\n# ([^\n]*)\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
@@ -73,8 +72,3 @@ def test_examples_can_be_read(name: str, block: str, tmp_path: Path) -> None:
     path = tmp_path / Path(name.replace(" ", "-")).with_suffix(".toml").name
     path.write_text(block)
     assert READERS[name](path)
-
-
-@pytest.mark.parametrize("line", command_lines(README))
-def test_commands_parse(line: str) -> None:
-    parse(line)
