@@ -1,7 +1,7 @@
 """The stability study: limits of the time step, scenes at the edge, long runs, rounding of heights."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from typing import Any
 
