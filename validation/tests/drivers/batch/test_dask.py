@@ -61,22 +61,17 @@ def _wait_for(found: Callable[[], re.Match[str] | None]) -> re.Match[str]:
 
 
 def test_a_worker_killed_in_the_middle(cluster: Cluster, study_file: StudyWriter, tmp_path: Path) -> None:
-    path, runs, here = study_file(SPEEDS.format(300), "reference", "verlet"), tmp_path / "runs", tmp_path / "here"
+    path, runs, here = study_file(SPEEDS.format(100), "reference", "verlet"), tmp_path / "runs", tmp_path / "here"
     words = ["batch", str(path), "--dask", cluster.address, "--runs", str(runs), "--results", str(tmp_path)]
     process = subprocess.Popen([*BEADS, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     until = time.monotonic() + 60
     while not (rows := len(Store(runs).refresh())) and time.monotonic() < until:
         time.sleep(0.05)
     os.killpg(cluster.workers[0].pid, signal.SIGKILL)
-    assert 0 < rows < 600
+    assert 0 < rows < 200
     printed, complaints = process.communicate(timeout=120)
     assert process.returncode == 0, complaints
-    assert "verlet     300 done" in printed
-    assert beads("batch", path, "--runs", here, "--results", here).returncode == 0
+    assert "verlet     100 done" in printed
+    local = beads("batch", path, "--dask", "--runs", here, "--results", here)  # on a cluster of its own
+    assert (local.returncode, "reference  100 done" in local.stdout) == (0, True), local.stderr
     assert (tmp_path / "study.parquet").read_bytes() == (here / "study.parquet").read_bytes()
-
-
-def test_a_local_cluster_on_request(study_file: StudyWriter, tmp_path: Path) -> None:
-    path, runs = study_file(SPEEDS.format(2), "reference", "verlet"), tmp_path / "runs"
-    done = beads("batch", path, "--dask", "--runs", runs, "--results", tmp_path)
-    assert (done.returncode, "reference  2 done" in done.stdout) == (0, True), done.stderr

@@ -1,4 +1,4 @@
-"""Tests of killed batches: no row is lost, and no process or file remains."""
+"""Tests of killed batches and full disks: no row is lost, and no process or file remains."""
 
 import os
 import random
@@ -7,42 +7,77 @@ import shutil
 import signal
 import subprocess
 import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from drivers.batch.store import Store
 from drivers.batch.study_cases import Batch, CaseFacts, Request, opened
 from drivers.batch.study_plan import validate_cases
 from drivers.run.execute import EXIT_LIMIT_S
-from validation.tests.drivers.batch.test_batch import batch, stored, table_bytes
-from validation.tests.helpers.commands import BEADS, without_progress
+from validation.tests.drivers.batch.test_batch import batch, stored, table, table_bytes
+from validation.tests.helpers.commands import BEADS, beads, without_progress
 from validation.tests.helpers.runs import need
-from validation.tests.helpers.scenes import SPEEDS, StudyWriter
+from validation.tests.helpers.scenes import SPEEDS, SceneWriter, StandIn, StudyWriter
+
+
+def start(path: Path, runs: Path, **changes: str) -> subprocess.Popen[str]:
+    """Start a batch in a session of its own, with changed variables of the environment."""
+    return subprocess.Popen(
+        [*BEADS, "batch", str(path), "--runs", str(runs), "--results", str(runs.parent / f"{runs.name}-results")],
+        start_new_session=True,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | changes,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # tests begun with & do not hear Ctrl-C
+    )
+
+
+def said_by(process: subprocess.Popen[str]) -> str:
+    """Standard error of a process that has ended."""
+    return without_progress(process.communicate(timeout=20)[1])
+
+
+def wait_for(happened: Callable[[], object], seconds: float = 60) -> None:
+    until = time.monotonic() + seconds
+    while not happened() and time.monotonic() < until:
+        time.sleep(0.05)
+
+
+def processes_of(leader: int, folder: Path) -> list[str]:
+    """Commands of processes of a session, and of processes in a folder, since engines have sessions of their own."""
+    commands = []
+    for process in Path("/proc").glob("[0-9]*"):
+        try:
+            session = int((process / "stat").read_text().rpartition(")")[2].split()[3])
+            if session == leader or str((process / "cwd").resolve()).startswith(str(folder)):
+                commands.append((process / "cmdline").read_text())
+        except OSError:
+            continue
+    return [command for command in commands if command]  # processes that have ended have none
 
 
 @pytest.mark.long
 def test_killed_at_random_moments(study_file: StudyWriter, tmp_path: Path) -> None:
-    """SIGKILL of the whole process group, at least twenty times; the table is that of an undisturbed run."""
+    """SIGKILL of the whole process group, again and again; the table is that of an undisturbed run."""
     need("liggghts")
-    path = study_file(SPEEDS.format(250), "liggghts", "verlet")
-    words = [*BEADS, "batch", str(path), "--results", str(tmp_path / "runs-results")]
-    runs, moments, kills, kept = tmp_path / "runs", random.Random(5), 0, 0
+    path = study_file(SPEEDS.format(100), "liggghts", "verlet")
+    runs, moments, kept = tmp_path / "runs", random.Random(5), 0
     leaders: list[int] = []
-    while kills < 22:
-        process = subprocess.Popen(
-            [*words, "--runs", str(runs)], start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
-        )
+    while len(leaders) < 8:
+        process = start(path, runs)
         try:
             process.wait(moments.uniform(0.3, 3.2))
-            assert process.returncode == 0, process.stderr and process.stderr.read()
+            assert process.returncode == 0, said_by(process)
             kept = 0
             shutil.rmtree(runs / "batch")  # finished too early: start again for the remaining kills
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
             leaders.append(process.pid)
-            kills += 1
             rows = len(stored(runs))
             assert rows >= kept, "rows were lost"
             kept = rows
@@ -50,72 +85,56 @@ def test_killed_at_random_moments(study_file: StudyWriter, tmp_path: Path) -> No
     assert batch(path, tmp_path / "undisturbed").returncode == 0
     assert table_bytes(runs) == table_bytes(tmp_path / "undisturbed")
     assert not list((runs / "batch" / ".work").glob("*@*"))
-    time.sleep(0.5)
-    assert not [left for leader in leaders for left in _processes_of(leader, tmp_path)]
+    wait_for(lambda: not [left for leader in leaders for left in processes_of(leader, tmp_path)], 20)
+    assert not [left for leader in leaders for left in processes_of(leader, tmp_path)]
 
 
-def _processes_of(leader: int, folder: Path) -> list[str]:
-    """Commands of processes of a session, and of processes in a folder, since engines have sessions of their own."""
-    found = []
-    for process in Path("/proc").glob("[0-9]*"):
-        try:
-            session = int((process / "stat").read_text().rpartition(")")[2].split()[3])
-            if session == leader or str((process / "cwd").resolve()).startswith(str(folder)):
-                found.append((process / "cmdline").read_text())
-        except OSError:
-            continue
-    return [command for command in found if command]  # processes that have ended have none
-
-
-@pytest.mark.parametrize("request_to_end", [signal.SIGKILL, signal.SIGTERM, signal.SIGHUP])
-@pytest.mark.parametrize("helpers", [1, 3, pytest.param(None, marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    ("request_to_end", "helpers"),
+    [
+        (signal.SIGKILL, 1),
+        (signal.SIGTERM, 3),
+        *(pytest.param(each, 0, marks=pytest.mark.long) for each in (signal.SIGKILL, signal.SIGINT)),
+    ],
+)
 def test_helpers_do_not_outlive_a_killed_batch(
-    request_to_end: signal.Signals, helpers: int | None, study_file: StudyWriter, tmp_path: Path
+    request_to_end: signal.Signals, helpers: int, study_file: StudyWriter, tmp_path: Path
 ) -> None:
-    """The fork server, also while it still imports modules; workers, also while they plan; and their engines."""
-    path, runs = study_file(SPEEDS.format(3000), "verlet"), tmp_path / "runs"
-    words = [*BEADS, "batch", str(path), "--runs", str(runs), "--results", str(tmp_path)]
-    process = subprocess.Popen(
-        words, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    """The fork server while it imports, workers while they plan, and, with no number of helpers, while engines run."""
+    path, runs = study_file(SPEEDS.format(600), "verlet"), tmp_path / "runs"
+    process = start(path, runs)
+    wait_for(
+        lambda: (
+            sum("forkserver" in command for command in processes_of(process.pid, runs)) >= helpers
+            if helpers
+            else stored(runs)
+        )
     )
-    until = time.monotonic() + 60
-    while time.monotonic() < until and not (
-        sum("forkserver" in each for each in _processes_of(process.pid, runs)) >= helpers if helpers else stored(runs)
-    ):
-        time.sleep(0.05)
     process.send_signal(request_to_end)  # to it alone, not its group
     process.wait(timeout=EXIT_LIMIT_S)  # a worker that has to be waited for takes longer
-    until = time.monotonic() + 5  # a fork server notices the end when its imports are done
-    while _processes_of(process.pid, runs) and time.monotonic() < until:
-        time.sleep(0.05)
-    assert not _processes_of(process.pid, runs)
-    assert process.stderr is not None
-    assert re.fullmatch(r"(interrupted(: \d+ of 3000 rows done; .*)?\n)?", without_progress(process.stderr.read()))
+    wait_for(lambda: not processes_of(process.pid, runs), 20)  # a fork server notices the end when its imports are done
+    assert not processes_of(process.pid, runs)
+    said = said_by(process)
+    if request_to_end == signal.SIGINT:
+        done = len(stored(runs))
+        assert (process.returncode, said) == (
+            130, f"interrupted: {done} of 600 rows done; the same command continues\n",
+        )  # fmt: skip
+    else:
+        assert re.fullmatch(r"(interrupted(: \d+ of 600 rows done; .*)?\n)?", said)
 
 
-@pytest.mark.parametrize("request_to_end", [signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_to_all_processes_leaves_no_files(
-    request_to_end: signal.Signals, study_file: StudyWriter, tmp_path: Path
-) -> None:
-    """As of a scheduler or of a terminal that is closed: workers leave their folders and those of engines."""
+def test_a_signal_to_all_processes_leaves_no_files(study_file: StudyWriter, tmp_path: Path) -> None:
+    """As of a terminal that is closed: workers leave their folders and those of engines."""
     need("lammps")
-    path, runs, places = study_file(SPEEDS.format(1000), "lammps"), tmp_path / "runs", tmp_path / "places"
+    path, runs, places = study_file(SPEEDS.format(300), "lammps"), tmp_path / "runs", tmp_path / "places"
     places.mkdir()
-    process = subprocess.Popen(
-        [*BEADS, "batch", str(path), "--runs", str(runs), "--results", str(tmp_path)],
-        start_new_session=True,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=os.environ | {"TMPDIR": str(places)},
-    )
-    until = time.monotonic() + 60
-    while not [*places.glob("bead-chains-*/*/*/case/*")] and time.monotonic() < until:
-        time.sleep(0.02)
-    os.killpg(process.pid, request_to_end)
-    _, said = process.communicate(timeout=20)
+    process = start(path, runs, TMPDIR=str(places))
+    wait_for(lambda: [*places.glob("bead-chains-*/*/*/case/*")])
+    os.killpg(process.pid, signal.SIGHUP)
+    said = said_by(process)
     assert process.returncode == 130
-    assert re.fullmatch(r"interrupted: \d+ of 1000 rows done; .*\n", without_progress(said))
+    assert re.fullmatch(r"interrupted: \d+ of 300 rows done; .*\n", said)
     assert not [place for place in places.iterdir() if not place.name.startswith("ompi.")]  # of a killed Open MPI
     assert not [*(runs / "batch" / ".work").glob("*@*")]
 
@@ -123,9 +142,7 @@ def test_a_signal_to_all_processes_leaves_no_files(
 @pytest.mark.long
 def test_a_killed_fork_server_costs_nothing(study_file: StudyWriter, tmp_path: Path) -> None:
     path, runs = study_file(SPEEDS.format(60), "verlet"), tmp_path / "runs"
-    words = [*BEADS, "batch", str(path), "--runs", str(runs), "--results", str(tmp_path)]
-    process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
-    kills = 0
+    process, kills = start(path, runs), 0
     while process.poll() is None:
         children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
         for child in children if kills < 2 else ():
@@ -133,36 +150,9 @@ def test_a_killed_fork_server_costs_nothing(study_file: StudyWriter, tmp_path: P
                 os.kill(int(child), signal.SIGKILL)
                 kills += 1
         time.sleep(0.3)
-    assert process.stderr is not None
-    assert (process.wait(), without_progress(process.stderr.read())) == (0, "")
+    assert (process.returncode, said_by(process)) == (0, "")
     assert kills
-    assert set(stored(runs).values()) == {1}
-    assert len(stored(runs)) == 60
-
-
-@pytest.mark.long
-def test_interrupted_in_order(study_file: StudyWriter, tmp_path: Path) -> None:
-    path, runs = study_file(SPEEDS.format(3000), "verlet"), tmp_path / "runs"
-    words = [*BEADS, "batch", str(path), "--runs", str(runs), "--results", str(tmp_path)]
-    process = subprocess.Popen(
-        words,
-        start_new_session=True,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # tests begun with & do not hear Ctrl-C
-    )
-    until = time.monotonic() + 60
-    while not stored(runs) and time.monotonic() < until:
-        time.sleep(0.1)
-    process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=20)
-    count = len(stored(runs))
-    said = f"interrupted: {count} of 3000 rows done; the same command continues\n"
-    assert (process.returncode, without_progress(errors)) == (130, said)
-    assert stored(runs)
-    time.sleep(0.5)
-    assert not _processes_of(process.pid, runs)
+    assert [*stored(runs).values()] == [1] * 60
 
 
 def test_planning_survives_a_kill(study_file: StudyWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -192,3 +182,41 @@ def test_planning_survives_a_kill(study_file: StudyWriter, tmp_path: Path, monke
     validate_cases(batch, 1)
     assert batch.known == facts_before
     assert len(built) == 36
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """File system of three megabytes."""
+    place = tmp_path / "disk"
+    place.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=3m", "tmpfs", place]
+    if subprocess.run(mount, capture_output=True, check=False).returncode:
+        pytest.skip("mounting a small file system needs more rights")
+    yield place
+    subprocess.run(["umount", "-l", place], check=True)
+
+
+def test_a_full_disk_ends_the_batch(study_file: StudyWriter, small_disk: Path) -> None:
+    path, runs = study_file(SPEEDS.format(20), "verlet"), small_disk / "runs"
+    free = shutil.disk_usage(small_disk).free
+    (small_disk / "ballast").write_bytes(b"\0" * (free - 20_000))
+    done = batch(path, runs)
+    assert (done.returncode, done.stderr.count("\n")) == (1, 1)
+    assert "No space left on device" in done.stderr
+    assert all(row.done for row in Store(runs).refresh())
+    (small_disk / "ballast").unlink()
+    again = batch(path, runs)
+    assert again.returncode == 0, again.stderr
+    assert set(table(runs)["status"]) == {"done"}
+
+
+def test_a_disk_that_temporary_files_fill_during_a_run_counts_as_full(
+    stand_in: StandIn, scene_file: SceneWriter, small_disk: Path
+) -> None:
+    """As those of Open MPI, which are gone when the code has ended."""
+    need("liggghts")
+    took, real = small_disk / "temporary", shutil.which("liggghts")
+    stand_in("liggghts", f'head -c 2900k /dev/zero > {took}; {real} "$@"; code=$?; rm {took}; exit $code')
+    done = beads("run", scene_file(duration="0.5 ms"), "--engine", "liggghts", "--runs", small_disk / "runs")
+    assert done.returncode == 1
+    assert "No space left on device" in done.stderr
