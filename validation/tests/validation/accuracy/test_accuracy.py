@@ -1,7 +1,5 @@
 """The promise of ``run.accuracy`` on random scenes: never missed, with few more steps than needed."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -9,18 +7,28 @@ from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
 from drivers.chain.schemes import verlet_of
 from drivers.engines import codes
+from drivers.limits.energy_bounds import at_most, share_at_most
+from drivers.limits.refusal import inability
+from drivers.limits.stable_step import predicted_limit, reached
+from drivers.run.compute import compute
+from drivers.run.guard import checked
 from postproc.read.residual import residual
 from validation.accuracy.exact_motion import exact_motion_of
 from validation.stability.measured_limits import at_random, measure_limits, random_case, shipped
-from validation.tests.helpers.runs import finished
+from validation.tests.helpers.runs import need
+from validation.tests.helpers.scenes import case_of
 
-ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
+ACCURACIES = (1e-2, 1e-4, 1e-6)
 MAX_STEP_RATIO = 1.5  # planned steps over the fewest that meet the accuracy
-QUICK, ALL, BY_CODES = range(8), range(8, 200), range(30)
 
 
-def check_steps(number: int) -> None:
-    """The planned step meets each accuracy, and no step more than 1.5 times as large does."""
+def numbers(quick: int, count: int) -> list[object]:
+    """Numbers of random scenes: the first in the quick tests, the rest in the accuracy tests."""
+    return [pytest.param(number, marks=pytest.mark.accuracy if number >= quick else ()) for number in range(count)]
+
+
+@pytest.mark.parametrize("number", numbers(4, 100))
+def test_the_planned_step_meets_the_accuracy_and_is_nearly_the_largest(number: int) -> None:
     whole = random_case(number, accuracy=1e-2)
     truth = exact_motion_of(whole.full or whole, finer=False)
     errors: dict[tuple[str, int], float] = {}
@@ -41,49 +49,64 @@ def check_steps(number: int) -> None:
         assert case.plan.predicted["force"] == pytest.approx(error_at(steps), rel=2e-2)
         fewer = {
             each
-            for each in np.unique(np.geomspace(1, max(steps / MAX_STEP_RATIO, 1), 40).astype(int))
+            for each in np.unique(np.geomspace(1, max(steps / MAX_STEP_RATIO, 1), 12).astype(int))
             if each * MAX_STEP_RATIO < steps
         }
         assert all(not error_at(each) <= accuracy for each in fewer), f"{steps} steps a sample at {accuracy}"
 
 
-@pytest.mark.parametrize("number", QUICK)
-def test_no_miss_and_few_more_steps_than_needed(number: int) -> None:
-    check_steps(number)
-
-
-@pytest.mark.accuracy
-@pytest.mark.parametrize("number", ALL)
-def test_no_miss_on_many_scenes(number: int) -> None:
-    check_steps(number)
-
-
-def check_codes(number: int, runs: Path) -> None:
-    """The codes keep the accuracy, and their records show it."""
-    accuracy = ACCURACIES[number % 3]
+@pytest.mark.parametrize("number", numbers(1, 20))
+def test_the_codes_keep_the_accuracy(number: int) -> None:
+    accuracy = ACCURACIES[number % 2]
     case = random_case(number, accuracy=accuracy)
     truth = exact_motion_of(case.full or case, finer=False)
     for engine in codes():
-        run = finished(case, engine, runs)
-        own = float(residual(run.trace, truth.trace).max())
-        assert own <= accuracy
-        assert run.record.accuracy is not None
-        assert run.record.accuracy["force"]["measured"] == pytest.approx(own, rel=1e-6)
-
-
-def test_a_code_keeps_it(shared_runs: Path) -> None:
-    check_codes(0, shared_runs)
+        need(engine)
+        assert residual(compute(case, engine).done, truth.trace).max() <= accuracy, engine
 
 
 @pytest.mark.accuracy
-@pytest.mark.parametrize("number", BY_CODES)
-def test_all_codes_keep_it(number: int, shared_runs: Path) -> None:
-    check_codes(number, shared_runs)
-
-
-@pytest.mark.accuracy
-def test_limits_are_predicted_on_the_papers_scenes_and_100_random_ones() -> None:
-    limits = measure_limits([*shipped(), *at_random(100)])
+def test_limits_are_predicted_on_the_papers_scenes_and_at_random() -> None:
+    limits = measure_limits([*shipped(), *at_random(40)])
     assert {limit.method for limit in limits} >= {"verlet"}
     outside = [limit for limit in limits if not 1 <= limit.ratio <= tolerance("stability", "measured").limit]
     assert outside == []
+
+
+def driven_settings(number: int) -> list[str]:
+    """Settings of ``driven-steel``: wave form, amplitude, body, precompression, damping at random."""
+    draw = np.random.default_rng([36, number])
+    beads, form = int(draw.integers(2, 24)), ("sine", "half-sine", "step", "ramp", "chirp")[number % 5]
+    settings = [f"chain.count={beads}", f"drive.form={form}", "drive.window=", "drive.cycles=", "drive.frequency="]
+    settings += ["run.duration=0.4 ms", "run.time_step=", "chain.sensors=[]"]
+    settings += [f"drive.start={draw.uniform(0, 50):.4g} us"]
+    if form in ("sine", "chirp"):
+        settings.append(f"drive.frequency={draw.uniform(1, 10):.3g} kHz")
+    if form in ("half-sine", "ramp", "chirp"):
+        settings.append(f"drive.duration={draw.uniform(30, 200):.3g} us")
+    if form == "chirp":
+        settings += [f"drive.end_frequency={draw.uniform(6, 20):.3g} kHz", "drive.window=hann"]
+    settings.append(f"chain.precompression={10 ** draw.uniform(-1, 2) * (draw.random() < 0.7):.3g} N")
+    settings.append(f"drive.from_wall={draw.integers(1, beads + 1)}")
+    if draw.random() < 0.3:
+        settings.append(f"contact.damping_ratio={draw.uniform(0.01, 0.2):.3g}")
+    if form == "step" or draw.random() < 0.5:
+        return [*settings, f"drive.force={-(10 ** draw.uniform(-1, 2)):.3g} N"]
+    return [*settings, "drive.force=", f"drive.displacement={-(10 ** draw.uniform(1.5, 3.5)):.3g} nm"]
+
+
+@pytest.mark.parametrize("number", numbers(3, 15))
+def test_driven_scenes_keep_the_accuracy_and_the_bound(number: int) -> None:
+    case = case_of("driven-steel", *driven_settings(number), "run.accuracy=1e-3")
+    truth = exact_motion_of(case.full or case, finer=False).trace
+    trace = verlet_of(case)
+    assert residual(trace, truth).max() <= 1e-3
+    checked(case, trace)
+    able = [engine for engine in codes() if inability(case, engine) is None]
+    assert able
+    for engine in able:
+        need(engine)
+        assert residual(compute(case, engine).done, truth).max() <= 1e-3, engine
+    chain, duration_s = case.chain, 4e-4
+    assert share_at_most(chain, duration_s, predicted_limit(chain, duration_s))[0] >= 0.99
+    assert (reached(chain, duration_s).overlap_m <= at_most(chain, duration_s).overlap_m).all()

@@ -2,13 +2,11 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from drivers.base.errors import digits_apart
 from drivers.base.tolerances import tolerance
 from drivers.chain import schemes
 from drivers.chain.case import Case
@@ -26,14 +24,11 @@ from validation.reference.adaptive import integrate_adaptive
 from validation.reference.hertz_chain import HertzChain, Motion
 from validation.reference.velocity_verlet import integrate_verlet
 from validation.stability.measured_limits import random_case
-from validation.tests.helpers.draws import draws
-from validation.tests.helpers.runs import blown_up, finished
-from validation.tests.helpers.scenes import SceneWriter, case_of
+from validation.tests.helpers.runs import blown_up
+from validation.tests.helpers.scenes import case_of
 
 A_CODE = "yade"  # its traces are made here: it need not be installed
 CHANGE = 1e-6
-PAPER = ("fig4", "fig5", "fig6b", "fig6d")
-WEIGHTLESS = "gravity=0 m/s^2"
 Change = Callable[[Array], Array]
 
 
@@ -65,14 +60,15 @@ def values_of(budget: Budget) -> dict[str, float]:
 @pytest.mark.parametrize(
     "settings",
     [
-        *((scene,) for scene in (*PAPER, "low-amplitude", "steel-chain", "two-spheres", "sphere-on-plane")),
-        ("fig4", "run.time_step=0.5 us"),
-        ("fig5", "gravity=98.1 m/s^2"),
+        ("fig5",),
+        ("fig6b",),
+        ("two-spheres",),
+        ("sphere-on-plane",),
         ("fig4", "contact.restitution=0.9"),
         ("fig4", "contact.dissipation=power", "contact.gamma=1.25"),
-        ("fig4", "run.sample_interval=0.5 us"),
+        ("fig4", "run.sample_interval=0.5 us", "run.time_step=0.5 us"),
         ("fig4", "striker="),
-        ("fig5-tube", "run.duration=0.1 ms"),
+        ("fig5-tube", "run.duration=50 us"),
     ],
 )
 def test_faultless_runs_pass_and_their_parts_add_up(settings: tuple[str, ...]) -> None:
@@ -92,7 +88,7 @@ def test_faultless_runs_pass_and_their_parts_add_up(settings: tuple[str, ...]) -
         assert values_of(budget)["error: force"] == pytest.approx(error, rel=1e-9, abs=1e-15)
 
 
-@pytest.mark.parametrize("number", draws(12))
+@pytest.mark.parametrize("number", range(3))
 @pytest.mark.parametrize("law", [(), ("contact.dissipation=power", "contact.gamma=0.05", "contact.alpha=2.5")])
 def test_right_runs_of_random_scenes_are_right_at_any_sampling(number: int, law: tuple[str, ...]) -> None:
     """Forces that jump, flat maxima and coarse samples make no difference by rounding a fault."""
@@ -106,7 +102,7 @@ def test_right_runs_of_random_scenes_are_right_at_any_sampling(number: int, law:
         assert {name for name in red(budget) if name.startswith("model")} == set()
 
 
-@pytest.mark.parametrize("scene", [*PAPER, "steel-chain"])
+@pytest.mark.parametrize("scene", ["fig5", "fig6d"])
 def test_a_millionth_more_stiffness_or_less_mass_and_a_step_twice_as_long_are_wrong(scene: str) -> None:
     case = case_of(scene)
     middle = case.chain.bodies // 2
@@ -130,25 +126,20 @@ def test_a_wrong_mass_is_red_in_a_wave_that_is_small_against_its_static_load(sce
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("settings", "changes", "words"),
     [
-        ({"stiffness": times(0.707, 1)}, "from the start: the force in contact 1 is "),
-        ({"mass_kg": times(1.05, -1)}, "from 1 µs, in the wave: the force in contact 22"),
-        ({"velocity_m_s": times(0.0, -1)}, "from 1 µs"),
-        ({"load_N": times(0.0)}, "before any wave arrives: the force in contact "),
-        ({"mass_kg": times(1.05, 5)}, ", in the wave: the force in contact "),
+        ((), {"stiffness": times(0.707, 1)}, "from the start: the force in contact 1 is "),
+        ((), {"mass_kg": times(1.05, -1)}, "from 1 µs, in the wave: the force in contact 22"),
+        ((), {"load_N": times(0.0)}, "before any wave arrives: the force in contact "),
+        ((), {"mass_kg": times(1.05, 5)}, ", in the wave: the force in contact "),
+        (("gravity=0 m/s^2",), {"stiffness": times(0.707, 1)}, ", in the wave: the force in contact 1 is "),
     ],
 )
-def test_the_first_departure_names_time_and_contact(changes: dict[str, Change], words: str) -> None:
-    case = case_of("fig4")
+def test_the_first_departure_names_time_and_contact(
+    settings: tuple[str, ...], changes: dict[str, Change], words: str
+) -> None:
+    case = case_of("fig4", *settings)
     assert words in budget_of(case, A_CODE, as_code(case, **changes)).departure
-
-
-def test_a_wrong_wall_shows_at_the_wall_when_the_wave_arrives() -> None:
-    case = case_of("fig4", WEIGHTLESS)
-    departure = budget_of(case, A_CODE, as_code(case, stiffness=times(0.707, 1))).departure
-    assert departure.endswith(" N")
-    assert ", in the wave: the force in contact 1 is " in departure
 
 
 def test_velocities_of_another_time_change_energy_and_no_force() -> None:
@@ -169,13 +160,6 @@ def test_failed_runs_depart_where_they_begin_to(samples: int | None) -> None:
     assert first_departure(case, A_CODE, until(bent, samples or 801)) == whole != ""
     assert first_departure(case, A_CODE, until(right, samples or 801)) == ""
     assert " from 200 µs" in first_departure(case, A_CODE, blown_up(right, 200))
-
-
-def test_numbers_are_printed_with_as_many_digits_as_differ() -> None:
-    assert digits_apart(0.025134, 0.025131) == ("0.025134", "0.025131")
-    assert digits_apart(1.0, 2.0) == ("1", "2")
-    one, other = digits_apart(1.0, 1.0 + 2e-16)
-    assert one != other
 
 
 def test_the_ceiling_judges_unless_the_scene_asks_for_an_accuracy() -> None:
@@ -218,20 +202,11 @@ def test_where_the_exact_motion_is_not_known_only_the_model_is_judged(monkeypatc
 
 
 def test_three_dimensional_runs_are_judged_by_their_own_law_of_friction() -> None:
-    case = case_of("fig5-tube", "run.duration=0.2 ms")
+    case = case_of("fig5-tube", "run.duration=0.1 ms")
     total, incremental = (verlet_of(case, law) for law in ("total", "incremental"))
     assert red(budget_of(case, "liggghts", total)) == set()
     assert red(budget_of(case, A_CODE, incremental)) == set()
     assert "model: force" in red(budget_of(case, A_CODE, total))
-
-
-def test_runs_of_the_codes_are_right_in_every_sampling(shared_runs: Path, scene_file: SceneWriter) -> None:
-    """Eight steel beads, sampled 1, 5 and 50 µs apart: the judgement of the code is the same."""
-    for interval in ("1 us", "5 us", "50 us"):
-        case = case_of("steel-chain", "chain.count=8", "chain.sensors=[]", f"run.sample_interval={interval}")
-        for engine in (REFERENCE, VERLET):
-            budget = budget_of(case, engine, finished(case, engine, shared_runs).trace)
-            assert {name for name in red(budget) if name.startswith("model")} == set(), interval
 
 
 def first_order(chain: HertzChain, step_s: float, every: int, samples: int) -> Motion:
@@ -252,14 +227,13 @@ def late_velocities(chain: HertzChain, step_s: float, every: int, samples: int) 
 
 
 @pytest.mark.parametrize("scheme", [first_order, wrong_coefficient, late_velocities])
-@pytest.mark.parametrize("scene", PAPER)
 def test_a_wrong_scheme_of_this_repository_is_red(
-    scene: str, scheme: Callable[..., Motion], monkeypatch: pytest.MonkeyPatch
+    scheme: Callable[..., Motion], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its runs agree with itself bit for bit, so its law is measured."""
     module._last.cache_clear()
     monkeypatch.setattr(schemes, "integrate_verlet", scheme)
-    case = case_of(scene)
+    case = case_of("fig4")
     assert "model: law" in red(budget_of(case, VERLET, verlet_of(case)))
     module._last.cache_clear()
 

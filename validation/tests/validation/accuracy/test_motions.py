@@ -11,20 +11,14 @@ from validation.tests.helpers.scenes import case_of
 DURATION = "run.duration=50 us"
 
 
-def test_engines_of_a_case_share_what_is_computed() -> None:
+def test_engines_share_what_is_computed_for_a_case_and_a_law_of_friction() -> None:
     first = motions_of(case_of("fig4", DURATION), "liggghts")
     assert motions_of(case_of("fig4", DURATION), "yade") is first
-    assert motions_of(first.case) is first
-    other = motions_of(case_of("fig4", DURATION, "striker.speed=1 m/s"))
-    assert other is not first
-
-
-def test_engines_share_in_a_tube_what_their_law_of_friction_shares() -> None:
+    assert motions_of(case_of("fig4", DURATION, "striker.speed=1 m/s")) is not first
     case = case_of("fig4-tube", DURATION)
     liggghts, yade, verlet = (motions_of(case, engine) for engine in ("liggghts", "yade", "verlet"))
     assert liggghts is verlet
     assert yade is not verlet
-    assert motions_of(case, "yade") is yade
 
 
 @pytest.mark.parametrize("scene", ["fig4", "fig5-tube"])

