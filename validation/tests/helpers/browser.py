@@ -66,11 +66,6 @@ def view(driver: Chrome, width_px: int, scheme: str = "light", media: str = "") 
     devtools(driver, "Emulation.setEmulatedMedia", media=media, features=features)
 
 
-def allow_scripts(driver: Chrome, *, allowed: bool) -> None:
-    """Allow or forbid scripts of pages loaded later; ``ask`` works in both cases."""
-    devtools(driver, "Emulation.setScriptExecutionDisabled", value=not allowed)
-
-
 def ask(driver: Chrome, question: str, *arguments: Any) -> Any:
     """Answer of a function in ``page.js`` on the current page."""
     names = ", ".join(f"arguments[{i}]" for i in range(len(arguments)))

@@ -117,39 +117,6 @@ def integrate_oblique(
     return _each(lambda motion: _impact(body, rule, motion, time_step_s), normal_m_s, tangential_m_s, spin_rad_s)
 
 
-def integrate_half_space(
-    contact: ObliqueContact,
-    normal_m_s: ArrayLike,
-    tangential_m_s: ArrayLike,
-    time_step_s: float,
-    spin_rad_s: ArrayLike = 0.0,
-    springs: int = 400,
-) -> Rebound:
-    """Integrate the same impact by elastic theory, with stick and slip at each point of the contact.
-
-    The assumptions are those of Maw, Barber and Fawcett (Wear 38, 101): half spaces with uncoupled normal and
-    tangential tractions, Coulomb's law at each point, friction along x. Such a contact is equivalent to a row of
-    independent springs under the profile ``x^2/r`` (Popov and Hess, Method of Dimensionality Reduction), for any
-    history of load: each spring enters unstrained, slips at its own friction limit, and leaves. The lever arm is the
-    radius.
-
-    Args:
-        contact: sphere and plane.
-        normal_m_s: speed of the centre towards the plane, above zero.
-        tangential_m_s: velocity of the centre along x.
-        time_step_s: the time step.
-        spin_rad_s: spin before the impact.
-        springs: number of springs on one half of the widest contact; 100 give the rebound to 1e-5.
-
-    Returns:
-        Arrays as for ``integrate_oblique``; ``sliding`` counts the steps in which every spring slips.
-    """
-    body = astuple(contact)
-    return _each(
-        lambda motion: _impact_of_springs(body, springs, motion, time_step_s), normal_m_s, tangential_m_s, spin_rad_s
-    )
-
-
 def _each(impact: Callable[[Motion], Numbers], *motions: ArrayLike) -> Rebound:
     """Rebounds of impacts one by one, in the shape to which the three motions broadcast."""
     normal, tangential, spin = np.broadcast_arrays(*motions)
@@ -194,65 +161,6 @@ def _impact(body: Numbers, rule: tuple[bool, float, float], motion: Motion, dt: 
     return vz, vx, spin, slides / steps, steps * dt, deepest
 
 
-@njit(cache=True)
-def shear_of_springs(kept: Array, rise: Array, overlap: float, most: float, moved: float) -> tuple[float, bool]:
-    """Move the springs of the plane and limit their forces to friction.
-
-    Args:
-        kept: force of each spring, updated.
-        rise: overlap at which each spring meets the sphere.
-        overlap: present overlap.
-        most: friction times normal force, distributed over the springs by their compression.
-        moved: stiffness of one spring times displacement of the contact.
-
-    Returns:
-        Total force of the springs, and True if all slip.
-    """
-    share = np.maximum(0.0, overlap - rise).sum()
-    force, slid = 0.0, True
-    for j in range(kept.size):
-        pressed = overlap - rise[j]
-        if pressed <= 0.0:  # not in contact
-            kept[j] = 0.0
-            continue
-        bound = most * pressed / share
-        kept[j] -= moved
-        if abs(kept[j]) > bound:
-            kept[j] *= bound / abs(kept[j])
-        else:
-            slid = False
-        force += kept[j]
-    return force, slid
-
-
-@njit(cache=True)
-def _impact_of_springs(body: Numbers, springs: int, motion: Motion, dt: float) -> Numbers:
-    (r, m, k, shear, friction, ratio), (vn, vt, spin) = body, motion
-    inertia = 0.4 * m * r * r
-    # the foundation's stiffness is k_t = shear sqrt(d) at a contact of half width a = sqrt(r d)
-    width = 1.01 * sqrt(r * (1.25 * m * vn**2 / k) ** 0.4) / springs
-    stiffness = shear / sqrt(r) * width
-    place = (np.arange(springs, dtype=np.float64) + 0.5) * width
-    rise = place * place / r
-    kept = np.zeros(springs)
-    z, vx, vz = r - dt * vn, vt, -vn
-    steps, slides, deepest = 0, 0, 0.0
-    while z < r:
-        d = r - z
-        deepest = max(deepest, d)
-        root = sqrt(d)
-        normal = max(0.0, k * d * root - 2 * ratio * sqrt(m * 1.5 * k * root) * vz)
-        moved = (vx - r * spin) * dt
-        force, slid = shear_of_springs(kept, rise, d, friction * normal, stiffness * moved)
-        slides += slid
-        vx += dt * force / m
-        vz += dt * normal / m
-        spin -= dt * r * force / inertia
-        z += dt * vz
-        steps += 1
-    return vz, vx, spin, slides / steps, steps * dt, deepest
-
-
 def gross_sliding(
     contact: ObliqueContact, restitution: ArrayLike, normal_m_s: ArrayLike, tangential_m_s: ArrayLike
 ) -> tuple[Array, Array]:
@@ -274,11 +182,3 @@ def sticking_restitution(contact: ObliqueContact) -> float:
     energy while the normal force changes.
     """
     return cos(2 * pi * sqrt(1 / 400 + 0.7 * contact.shear / contact.stiffness)) / cos(pi / 10)
-
-
-def scaled_angle(tangent: ArrayLike, poisson: float, friction: float) -> Array:
-    """``psi = 2 (1 - nu)/(mu (2 - nu)) tan(theta)`` of Maw, Barber and Fawcett (Wear 38, 101), for like materials.
-
-    For the velocity of the contact point before the impact (below 1 the contact sticks at first) or after it.
-    """
-    return 2 * (1 - poisson) / (friction * (2 - poisson)) * np.asarray(tangent)

@@ -86,16 +86,13 @@ def test_nothing_outlives_a_killed_command(words: tuple[str, ...], moment_s: flo
     assert not page.exists() or page.read_text().rstrip().endswith("</html>")
 
 
-@pytest.mark.parametrize("moment_s", [0.0, 0.3])  # after the start of the fork server, which loads libraries
-def test_an_interrupted_start_of_workers_prints_no_traceback(
-    moment_s: float, study_file: StudyWriter, tmp_path: Path
-) -> None:
+def test_an_interrupted_start_of_workers_prints_no_traceback(study_file: StudyWriter, tmp_path: Path) -> None:
+    """The fork server has just started, and loads libraries."""
     words = ["batch", study_file(SPEEDS.format(2), "verlet"), "--runs", tmp_path / "runs", "--results", tmp_path]
     process = subprocess.Popen([*BEADS, *map(str, words)], start_new_session=True, stderr=subprocess.PIPE, text=True)
     while not any("forkserver" in " ".join(child.cmdline()) for child in psutil.Process(process.pid).children()):
         assert process.poll() is None
         time.sleep(0.01)
-    time.sleep(moment_s)
     os.killpg(process.pid, signal.SIGINT)
     _, said = process.communicate()
     assert "Traceback" not in said

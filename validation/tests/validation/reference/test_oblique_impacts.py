@@ -1,6 +1,7 @@
 """Oblique impacts on each engine against its tangential law, written out a second time; the law in closed form."""
 
 from dataclasses import replace
+from math import cos, radians, sin
 
 import numpy as np
 import pytest
@@ -11,13 +12,10 @@ from drivers.chain.trace import Trace
 from drivers.run.compute import compute
 from validation.tests.helpers.oblique_impact import (
     LIGGGHTS,
-    YADE,
     YADE_ONE_ARM,
     ObliqueContact,
-    Rebound,
     TangentialLaw,
     gross_sliding,
-    integrate_half_space,
     integrate_oblique,
     sticking_restitution,
 )
@@ -27,7 +25,6 @@ from validation.tests.helpers.scenes import case_of
 SPEED_M_S, RESTITUTION = 3.9, 0.98
 BY_LAW = {"liggghts": LIGGGHTS, "yade": YADE_ONE_ARM, "verlet": LIGGGHTS}
 ROUNDED = 1e-11  # of the speed: measured up to 3e-13
-LAWS = pytest.mark.parametrize("law", [LIGGGHTS, YADE], ids=["liggghts", "yade"])
 
 
 def case_at(degrees: float, *settings: str) -> Case:
@@ -35,16 +32,16 @@ def case_at(degrees: float, *settings: str) -> Case:
     normal, tangential = velocities(degrees)
     return case_of(
         "oblique-impact",
-        f'chain.bead.0.velocity="{float(-normal)!r} m/s"',
-        f'chain.bead.0.lateral_velocity="{float(tangential)!r} m/s"',
+        f'chain.bead.0.velocity="{-normal!r} m/s"',
+        f'chain.bead.0.lateral_velocity="{tangential!r} m/s"',
         'run.time_step="4 ns"',
         *settings,
     )
 
 
-def velocities(degrees: float | Array) -> tuple[Array, Array]:
+def velocities(degrees: float) -> tuple[float, float]:
     """Speeds towards the plane and along it."""
-    return SPEED_M_S * np.cos(np.radians(degrees)), SPEED_M_S * np.sin(np.radians(degrees))
+    return SPEED_M_S * cos(radians(degrees)), SPEED_M_S * sin(radians(degrees))
 
 
 def contact_of(case: Case) -> ObliqueContact:
@@ -98,27 +95,7 @@ def test_engines_rebound_by_their_laws(degrees: float, material: str, engine: st
     assert trace.total_energy_J[-1] < trace.total_energy_J[0]
 
 
-def test_spins_belong_to_the_time_of_the_forces() -> None:
-    step = 10e-9
-    timing = ('run.duration="4 us"', 'run.sample_interval="10 ns"', 'run.time_step="10 ns"')
-    case = case_at(45.0, *timing)
-    trace, contact = traced("verlet", case), contact_of(case)
-    assert trace.height_m is not None
-    force = trace.force_N[:, 0]
-    arm = (contact.radius_m + trace.height_m[:, 0]) / 2
-    along, _, spin = motion_of(trace)
-    # sliding: friction is mu times the normal force; values change between samples by the mean of their rates
-    for values, rate in (
-        (spin, contact.friction * force * arm / (0.4 * contact.mass_kg * contact.radius_m**2)),
-        (-along, contact.friction * force / contact.mass_kg),
-    ):
-        mean, late = step * (rate[1:] + rate[:-1]) / 2, step * rate[:-1]
-        sliding = slice(100, None)  # the first steps of a damped contact stick
-        assert np.abs(np.diff(values[:, 0]) - mean)[sliding].max() < 1e-9 * mean.max()
-        assert np.abs(late - mean)[sliding].max() > 1e-3 * mean.max()  # a shift by half a step would show
-
-
-@pytest.mark.parametrize("engine", BY_LAW)
+@pytest.mark.parametrize("engine", ["yade", "verlet"])
 def test_two_free_beads_keep_their_momenta(engine: str) -> None:
     upper = '{from_wall=2, diameter="3 mm", velocity="-3 m/s", lateral_velocity="0.4 m/s"}'
     case = case_at(30.0, "wall=", "chain.count=2", f"chain.bead=[{upper}]", "contact.friction=0.3")
@@ -134,21 +111,10 @@ def test_two_free_beads_keep_their_momenta(engine: str) -> None:
         assert np.ptp(momentum) < 1e-12 * np.abs(momentum[0])
 
 
-@LAWS
-def test_wide_angles_slide_as_rigid_bodies_do(law: TangentialLaw) -> None:
-    contact = replace(contact_of(case_at(45.0)), damping_ratio=0.0)
-    normal, tangential = velocities(np.arange(35.0, 86.0, 5.0))
-    rebound = integrate_oblique(contact, law, normal, tangential, 1e-9)
-    slid, spin = gross_sliding(contact, rebound.normal_m_s / normal, normal, tangential)
-    np.testing.assert_allclose(rebound.tangential_m_s, slid, rtol=1e-12)
-    # the arm of the torque is shorter than the radius by at most the overlap (YADE) or half of it (LIGGGHTS)
-    short = 1 - rebound.spin_rad_s / spin
-    assert (short > 0).all()
-    assert (short < law.torque_arm * rebound.overlap_m / contact.radius_m).all()
-
-
 @pytest.mark.parametrize("steps", [500, 2000])
-@pytest.mark.parametrize(("law", "order", "factor"), [(LIGGGHTS, 1.5, 1.0), (YADE, 1.0, 5.0)], ids=["liggghts", "yade"])
+@pytest.mark.parametrize(
+    ("law", "order", "factor"), [(LIGGGHTS, 1.5, 1.0), (YADE_ONE_ARM, 1.0, 5.0)], ids=["liggghts", "yade"]
+)
 def test_without_slip_the_law_rebounds_in_closed_form(
     law: TangentialLaw, order: float, factor: float, steps: int
 ) -> None:
@@ -161,16 +127,3 @@ def test_without_slip_the_law_rebounds_in_closed_form(
     # still acting; the overlap enters through the arms.
     allowed = factor / steps**order + float(rebound.overlap_m) / contact.radius_m
     assert abs(rebound.contact_m_s(contact.radius_m) / tangential - sticking_restitution(contact)) < allowed
-
-
-def test_codes_deviate_from_elastic_theory_as_documented() -> None:
-    """Both codes return too much energy to sticking contacts; from 30 degrees on, contacts slide as in theory."""
-    contact, (normal, tangential) = contact_of(case_at(30.0)), velocities(np.array([5.0, 10.0, 20.0, 30.0]))
-
-    def restitution(rebound: Rebound) -> Array:
-        return rebound.tangential_m_s / tangential
-
-    theory = restitution(integrate_half_space(contact, normal, tangential, 1e-9))
-    for law, known in ((LIGGGHTS, [0.214, 0.058, 0.025, 0.0]), (YADE, [0.152, 0.074, 0.014, 0.0])):
-        deviation = restitution(integrate_oblique(contact, law, normal, tangential, 1e-9)) - theory
-        assert deviation == pytest.approx(known, abs=1e-3)

@@ -11,7 +11,6 @@ from drivers.base.errors import InputError
 from drivers.chain.case import Case
 from drivers.chain.chain import arrays_of, energy_put_in, tube_arrays_of
 from drivers.chain.schemes import verlet_of
-from drivers.chain.trace import until
 from drivers.engines import INCREMENTAL, TOTAL, load_engine
 from drivers.limits.energy_bounds import certainly_stable
 from drivers.limits.refusal import refuse
@@ -127,9 +126,3 @@ def test_stability_limits_of_a_uniform_chain() -> None:
     assert linear_sideways_limit(chain, alike, none, none, none) == pytest.approx(linear_limit(chain, alike), rel=1e-9)
     assert linear_sideways_limit(chain, none, alike, none, none) == pytest.approx(2 / np.sqrt(10 / mass), rel=1e-3)
     assert linear_sideways_limit(chain, none, none, none, alike) == pytest.approx(2 / np.sqrt(3.5 / mass), rel=1e-9)
-
-
-def test_cutting_a_trace_cuts_all_its_arrays() -> None:
-    cut = until(verlet_of(sideways(*SLIPPERY), TOTAL), 7)
-    assert cut.spin_rad_s is not None
-    assert len(cut.force_N) == len(cut.spin_rad_s) == len(cut.time_s) == 7

@@ -183,16 +183,6 @@ def test_a_part_that_fails_leaves_the_others_and_the_page(
     assert parts.to_come == []
 
 
-def test_a_folder_in_place_of_a_table_stops_its_part_alone(
-    parts: Parts, grow: Grow, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (parts.results / "fig1.csv").mkdir(parents=True)
-    assert grow() == 1
-    assert "fig1: [Errno" in capsys.readouterr().err
-    assert grow() == 1  # the others are not made again
-    assert parts.made == [*PARTS, "fig1"]
-
-
 def test_a_chapter_is_complete_with_its_main_table(parts: Parts, grow: Grow) -> None:
     """A study that is stopped while it writes has no main table, and is made again."""
     assert grow() == 0
