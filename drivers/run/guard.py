@@ -87,9 +87,8 @@ def wrong_start(case: Case, trace: Trace) -> str | None:
         chain.stiffness * (hertz_force(1.0, resting + rounded) - hertz_force(1.0, resting))
         + START_TOLERANCE * chain.force_N.max()
     )
-    if (
-        chain.lateral is not None and chain.lateral.velocity_m_s.any()
-    ):  # YADE shears contacts for one step before its first forces
+    if chain.lateral is not None and chain.lateral.velocity_m_s.any():
+        # YADE shears contacts for one step before its first forces
         bore = chain.lateral.bore
         force = force + max(chain.lateral.friction, bore.friction if bore else 0.0) * chain.force_N.max()
     fastest = float(np.abs(trace.velocity_m_s).max())

@@ -19,9 +19,8 @@ SCREENED_POINTS, DESCENTS = 8, 3  # points tried over the ranges for each parame
 MAX_NESTED = 3  # searched parameters up to which the models inside a model are fitted first
 ROUGH_CHANGE, CLOSE_CHANGE, FINE_CHANGE = 1e-3, 1e-5, 1e-6  # of chi-square or coordinates, at the end of a descent
 MAX_EVALUATIONS, MAX_ROUGH_EVALUATIONS = 60, 3  # of one descent
-MARGIN = (
-    1e-4  # share of a range between a bound and the start of a descent: a restitution of 1 - 1e-5 has no exact motion
-)
+# share of a range between a bound and the start of a descent: a restitution of 1 - 1e-5 has no exact motion
+MARGIN = 1e-4
 MIN_SEPARATION = 0.2  # share of a range between two starts
 MIN_DISTANCE = 2e-2  # share of a range: closer minima count as one
 MAX_EXCESS = 1.0  # of chi-square, up to which another minimum is reported

@@ -270,9 +270,8 @@ def best_trigger_s(records: Sequence[Record], curves: Mapping[str, BSpline], gai
         )
 
     places = np.linspace(low, high, 65)
-    while (
-        places[1] - places[0] > (high - low) / 1000
-    ):  # the residual has one broad minimum around each alignment of pulses
+    # the residual has one broad minimum around each alignment of pulses
+    while places[1] - places[0] > (high - low) / 1000:
         best = float(places[int(np.argmin([chi_square(float(place)) for place in places]))])
         reach = 2 * (places[1] - places[0])
         places = np.linspace(max(best - reach, low), min(best + reach, high), 17)
