@@ -74,9 +74,8 @@ def law_sentence(case: Case, engine: str, trace: Trace) -> str:
         rows, phrases = measure_law(case, trace, step_s), list[str]()
         wrong = {row.quantity: row for row in rows if row.differs}
         clock = wrong.get(law.INTERVAL)
-        if clock and (
-            law.RESISTANCE not in wrong or abs(clock.ratio - 1) > CLOSENESS
-        ):  # other values at the true times
+        if clock and (law.RESISTANCE not in wrong or abs(clock.ratio - 1) > CLOSENESS):
+            # other values at the true times
             phrases.append(f"a time step {_times(clock, 1)} times the scene's, with the scene's time stamps")
             rows = measure_law(case, replace(trace, time_s=clock.ratio * trace.time_s), clock.ratio * step_s)
             wrong = {row.quantity: row for row in rows if row.differs}
