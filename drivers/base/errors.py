@@ -74,9 +74,9 @@ def refuse_any(where: str, problems: Iterable[InputProblem]) -> None:
     Raises:
         InputError: lists them all.
     """
-    found = list(problems)
-    if found:
-        raise InputError(where, *found[0], *found[1:])
+    listed = list(problems)
+    if listed:
+        raise InputError(where, *listed[0], *listed[1:])
 
 
 @contextmanager
@@ -109,10 +109,10 @@ class RunError(Exception):
         return printable(str(self.args[0]))
 
 
-def digits_apart(one: float, other: float) -> tuple[str, str]:
+def digits_apart(first: float, second: float) -> tuple[str, str]:
     """Two numbers with as many digits as show that they differ, at least four."""
     for digits in range(4, 18):
-        texts = f"{one:.{digits}g}", f"{other:.{digits}g}"
+        texts = f"{first:.{digits}g}", f"{second:.{digits}g}"
         if texts[0] != texts[1]:
             break
     return texts

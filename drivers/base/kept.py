@@ -31,8 +31,8 @@ def kept(depends_on: Any, compute: Callable[[], Any]) -> Any:
         depends_on: JSON value with everything the result depends on besides sources, inputs, packages and machine.
         compute: function without side effects that returns a JSON value other than null.
     """
-    found = recall(depends_on)
-    return keep(depends_on, compute()) if found is None else found
+    stored = recall(depends_on)
+    return keep(depends_on, compute()) if stored is None else stored
 
 
 def recall(depends_on: Any) -> Any:

@@ -112,10 +112,10 @@ def model_at(model: type[BaseModel], path: Sequence[int | str]) -> type[BaseMode
         if isinstance(part, int) or part not in model.model_fields:
             continue  # an entry of a list, or the free name of a material: of the same model
         parts = parts_of(model.model_fields[part].annotation)
-        model = next((each for each in parts if isinstance(each, type) and issubclass(each, BaseModel)), model)
+        model = next((kind for kind in parts if isinstance(kind, type) and issubclass(kind, BaseModel)), model)
     return model
 
 
 def parts_of(annotation: Any) -> list[Any]:
     """Annotation and all parts of which it is composed, including metadata."""
-    return [annotation, *(part for each in get_args(annotation) for part in parts_of(each))]
+    return [annotation, *(part for argument in get_args(annotation) for part in parts_of(argument))]

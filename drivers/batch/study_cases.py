@@ -117,8 +117,8 @@ class Batch:
         """Digest of study, builds and adapters; results in the cache depend on everything else in any case."""
         adapters = {file for name in self.builds for file in _adapter_file(name)}
         templates = {template for file in adapters for template in file.parent.rglob("*.j2")}
-        words = (f"{self.study!r}", f"{sorted(self.builds.items())}", f"{sorted(self.readers.items())}")
-        return _digest("\0".join((*words, content_of((*adapters, *templates)))))
+        parts = (f"{self.study!r}", f"{sorted(self.builds.items())}", f"{sorted(self.readers.items())}")
+        return _digest("\0".join((*parts, content_of((*adapters, *templates)))))
 
     @property
     def all_numbers(self) -> range:
@@ -173,14 +173,14 @@ class Batch:
 
     def recall_facts(self, chunk: Sequence[int]) -> bool:
         """Read facts of a chunk from the cache; False if there are none, or something they depend on has changed."""
-        found = recall(self._key_of(chunk)) or []
-        self.known.update((number, CaseFacts(**each)) for number, each in zip(chunk, found, strict=bool(found)))
-        return bool(found)
+        stored = recall(self._key_of(chunk)) or []
+        self.known.update((number, CaseFacts(**values)) for number, values in zip(chunk, stored, strict=bool(stored)))
+        return bool(stored)
 
     def keep_facts(self, chunk: Sequence[int]) -> list[CaseFacts]:
         """Compute and keep the facts of a chunk; raises as ``computed_facts``."""
         facts = [self.computed_facts(number) for number in chunk]
-        return [CaseFacts(**each) for each in keep(self._key_of(chunk), [asdict(fact) for fact in facts])]
+        return [CaseFacts(**values) for values in keep(self._key_of(chunk), [asdict(fact) for fact in facts])]
 
     @property
     def values(self) -> dict[str, list[Any]]:
@@ -245,7 +245,7 @@ def opened(request: Request) -> Batch:
     runnable = study.engines if request.elsewhere else here
     if here != study.engines:
         store.refresh()
-    guards = [tolerance("guard", each).limit for each in ("energy", "impacts", "rounding", "friction", "least")]
+    guards = [tolerance("guard", quantity).limit for quantity in ("energy", "impacts", "rounding", "friction", "least")]
     for name in dict.fromkeys((*study.engines, REFERENCE)):
         engine = load_engine(name)
         builds[name] = build_of(engine) if name in (*here, REFERENCE) else _build_elsewhere(engine, store)
@@ -258,7 +258,7 @@ def _build_elsewhere(engine: Engine, store: Store) -> Build:
     """Build of the newest row of an engine by a command of its entry; failed rows count only without a row done."""
     rows = [row for row in store.rows.values() if row.engine == engine.name and row.build]
     rows.sort(key=lambda row: (row.done, row.ended), reverse=True)
-    commands = {names_of(words) for words in engine.entry.command}
+    commands = {names_of(command) for command in engine.entry.command}
     builds = (build for row in rows if (build := Build.of_identity(row.build)).command in commands)
     return next(builds, Build((), UNKNOWN_VERSION, ""))
 

@@ -26,8 +26,8 @@ def validate_cases(batch: Batch, workers: int) -> None:
     else:
         under_way = execute(partial(_keep_facts, batch.request), left, Place(workers, processes=True))
     with counted("cases validated", sum(map(len, left)), "case") as count:
-        for chunk, found in under_way:
-            batch.known.update(zip(chunk, found, strict=True))
+        for chunk, facts in under_way:
+            batch.known.update(zip(chunk, facts, strict=True))
             count(len(chunk))
 
 
@@ -53,8 +53,8 @@ def expected_s(batch: Batch, todo: dict[str, list[int]]) -> float | None:
         spent = np.array([sum(row.cost[name] or 0.0 for name in WORKER_COSTS) for row in rows])
         work = np.array([float(row.work) for row in rows])
         scale = work.max() or 1.0
-        each, rate = 0.0, spent.mean()
+        constant, rate = 0.0, spent.mean()
         if np.ptp(work):
-            each, rate = nnls(np.column_stack([np.ones(len(work)), work / scale]), spent)[0]
-        seconds += float(sum(each + rate * batch.facts(number).work / scale for number in numbers))
+            constant, rate = nnls(np.column_stack([np.ones(len(work)), work / scale]), spent)[0]
+        seconds += float(sum(constant + rate * batch.facts(number).work / scale for number in numbers))
     return seconds

@@ -89,12 +89,12 @@ def drive_words(scene: Scene) -> str:
     if table is None:
         return ""
     place = table.from_wall or scene.bodies
-    words = [f"drive of {'the striker' if place > scene.chain.count else f'bead {place}'}: form {table.form}"]
+    parts = [f"drive of {'the striker' if place > scene.chain.count else f'bead {place}'}: form {table.form}"]
     for key in sorted(DriveTable.model_fields.keys() - {"form", "from_wall", "file"}):
         value, unit = getattr(table, key), unit_of(f"drive.{key}")
         if value is not None:
-            words.append(f"{key.replace('_', ' ')} {quantity(value, unit) if unit else value}")
-    return ", ".join([*words, *([f"{len(table.time_s)} points"] if table.time_s else [])])
+            parts.append(f"{key.replace('_', ' ')} {quantity(value, unit) if unit else value}")
+    return ", ".join([*parts, *([f"{len(table.time_s)} points"] if table.time_s else [])])
 
 
 class SegmentSteps(NamedTuple):

@@ -67,8 +67,8 @@ def prune(
             print(f"    {paths.shown(folder)}")
         else:
             shutil.rmtree(folder, ignore_errors=True)
-    if (words := batches_text(runs)) and not (scenes or engines or settings):
-        print(f"kept {words}; batches use those of unchanged decks and builds; remove the folder to free the space")
+    if (batches := batches_text(runs)) and not (scenes or engines or settings):
+        print(f"kept {batches}; batches use those of unchanged decks and builds; remove the folder to free the space")
     print(f"{'would free' if dry_run else 'freed'} {size_text(freed)}")
 
 

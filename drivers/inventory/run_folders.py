@@ -38,7 +38,7 @@ def key_of(run: EndedRun) -> tuple[str, str]:
 def _physics(part: Any) -> Any:
     if isinstance(part, dict):  # a table may be a material of such a name
         return {key: _physics(value) for key, value in part.items() if key not in NO_PHYSICS or isinstance(value, dict)}
-    return [_physics(each) for each in part] if isinstance(part, list) else part
+    return [_physics(value) for value in part] if isinstance(part, list) else part
 
 
 def _content(scene: Json) -> str:
@@ -72,19 +72,18 @@ def _read(folder: Path) -> EndedRun | None:
     record = read_record(folder)
     if record and (run := EndedRun(folder, record)).resolved:
         return run
-    named = FOLDER_NAME.fullmatch(folder.name) and folder.is_dir()
-    return EndedRun(folder, _damaged_record(folder)) if named else None
-
-
-def _damaged_record(folder: Path) -> RunRecord:
-    """Record in place of one that cannot be read: engine and scene by the names of the folders, no other values."""
     named = FOLDER_NAME.fullmatch(folder.name)
+    return EndedRun(folder, _damaged_record(folder.parent.name, named[1])) if named and folder.is_dir() else None
+
+
+def _damaged_record(engine: str, scene: str) -> RunRecord:
+    """Record in place of one that cannot be read: engine and scene by the names of the folders, no other values."""
     values: dict[str, Any] = dict.fromkeys(field.name for field in fields(RunRecord))
     values |= {
-        "engine": folder.parent.name,
+        "engine": engine,
         "engine_version": "not known",
         "build_sha256": "",
-        "scene_name": named[1] if named else folder.name,
+        "scene_name": scene,
         "status": DAMAGED,
         "reason": UNREADABLE,
         "scene": {},
@@ -104,7 +103,7 @@ def select(
     Raises:
         InputError: no run matches.
     """
-    found = list(kept)
+    selected = list(kept)
     by_scene = {scene: _asked_keys(scene, _base_of(scene)) for scene in scenes}
     by_engine = {engine: [engine] for engine in engines}
     for what, asked in (("scene", by_scene), ("engine", by_engine)):
@@ -114,7 +113,7 @@ def select(
                 names = ", ".join(sorted({own[-1] for own in keys.values()})) or "none, since the folder has no runs"
                 raise InputError("runs", what, f'no run of "{name}"; allowed: {names}')
         any_of = {key for wanted in asked.values() for key in wanted}
-        found = [run for run in found if not asked or not any_of.isdisjoint(keys[run.folder])]
+        selected = [run for run in selected if not asked or not any_of.isdisjoint(keys[run.folder])]
     by_key: dict[str, list[str]] = {}
     for setting in settings:
         key, equals, value = setting.partition("=")
@@ -122,11 +121,11 @@ def select(
             raise InputError(f"--set {setting}", "", "not of the form KEY=VALUE, such as 'striker.speed=2 m/s'")
         by_key.setdefault(key.strip(), []).append(value.strip())
     for key, values in by_key.items():
-        found = [run for run in found if run.resolved and any(_has(run.resolved, key, value) for value in values)]
-    if settings and not found:
+        selected = [run for run in selected if run.resolved and any(_has(run.resolved, key, value) for value in values)]
+    if settings and not selected:
         allowed = "values of existing runs, as listed by beads runs"
         raise InputError(f"--set {' --set '.join(settings)}", "", f"matches no run; allowed: {allowed}")
-    return found
+    return selected
 
 
 def _name_of(source: str) -> str:
@@ -181,18 +180,18 @@ def run_folder(name: str | Path, runs: Path = paths.RUNS) -> Path:
     if not colon or Path(name).exists():
         return Path(name)
     scene, base, newest = _name_of(source), _base_of(source), _newest(kept_runs(runs))
-    found = _found(newest, engine, _asked_keys(source, base))
-    if found is None:
+    newest_run = _found(newest, engine, _asked_keys(source, base))
+    if newest_run is None:
         known = sorted({run.name for run in newest.values()})
-        near = [each for each in known if each.startswith(f"{engine}:")]
-        near = near or [each for each in known if each.endswith(f":{scene}")] or known
+        near = [run_name for run_name in known if run_name.startswith(f"{engine}:")]
+        near = near or [run_name for run_name in known if run_name.endswith(f":{scene}")] or known
         allowed = ", ".join(near) or "a run folder; no run is done there"
         raise InputError(str(name), "", f"no such run in {paths.shown(runs)}; allowed: {allowed}")
-    if differs := _difference(found, base):
+    if differs := _difference(newest_run, base):
         why = f"{scene}.toml has not been run as it is" if base else differs
         which = f"differs by {differs}" if base else f"is the newest run recorded as {scene}"
-        print(one_line(f"{name}: {why}; using {paths.shown(found.folder)}, which ", which), file=sys.stderr)
-    return found.folder
+        print(one_line(f"{name}: {why}; using {paths.shown(newest_run.folder)}, which ", which), file=sys.stderr)
+    return newest_run.folder
 
 
 def _difference(run: EndedRun, base: Json) -> str:
@@ -230,8 +229,8 @@ def print_runs(runs: Path, scenes: Sequence[str], engines: Sequence[str], settin
     counts = ", ".join(f"{count} {state}" for state, count in sorted(states.items()))
     plural = "s" * (len(rows) != 1)
     print(f"{len(rows)} run{plural}{f' ({counts})' * bool(counts)}: {size_text(sum(run.size for run in chosen))}")
-    if words := batches_text(runs):
-        print(words)
+    if batches := batches_text(runs):
+        print(batches)
 
 
 def batches_text(runs: Path) -> str:

@@ -55,7 +55,7 @@ def inability(case: Case, engine: str) -> InputError | None:
         return InputError(case.scene.file, "", found, allowed)
     law = case.chain.law.name
     if case.chain.damped and law not in interface.dissipation:
-        allowed = " or ".join(f'"{each}"' for each in sorted(interface.dissipation))
+        allowed = " or ".join(f'"{name}"' for name in sorted(interface.dissipation))
         return InputError(case.scene.file, "contact.dissipation", f'"{law}"', f"on {engine} {allowed}")
     problem = interface.refusal(case)
     if problem is None:
