@@ -33,7 +33,7 @@ EXPECTED = {  # allowed values by the type of pydantic's error, filled in from i
 
 
 def validate(model: type[Model], data: object, where: str | Path, prefix: str = "") -> Model:
-    """Validates ``data`` as a ``model``; ``where`` is the file, or its name in messages.
+    """Validate ``data`` as a ``model``; ``where`` is the file, or its name in messages.
 
     Raises:
         InputError: lists every problem, each with its key, the value found and those allowed.
@@ -98,7 +98,7 @@ def _found_and_allowed(error: Any) -> tuple[str, str]:
 
 
 def shorten(value: object) -> str:
-    """Quotes a value for a message."""
+    """Quote a value for a message."""
     try:
         text = f'"{value}"' if isinstance(value, str) else repr(value)
     except ValueError:  # a whole number of more digits than Python writes

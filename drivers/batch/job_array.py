@@ -63,7 +63,7 @@ def job_script(batch: Batch, todo: list[int], parts: int, lines: Sequence[str]) 
     """Script of a job array for the slices with unfinished cases.
 
     ``lines`` are inserted before its command, those with #SBATCH before all commands, as Slurm requires. The PATH of
-    this process is added to that of the login profile, for programs that are found here.
+    this process is added to that of the login profile, for programs that are installed here.
     """
     request, study = batch.request, batch.study
     command = [str(Path(sys.executable).with_name("beads")), "batch", str(study.path)]

@@ -1,18 +1,21 @@
-"""Cases of a study with their decks, and the identities by which finished rows are found.
+"""Cases of a study with their decks, the identities by which finished rows are found, and the planning of a batch.
 
 Facts of cases are computed once and kept until something that they depend on changes.
 """
 
 import hashlib
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from drivers.base.kept import content_of, digest_of_sources, keep, recall
 from drivers.base.processes import UNKNOWN_VERSION
+from drivers.base.progress import counted
 from drivers.base.tolerances import tolerance
 from drivers.batch.store import WORK, Store, StudyRow
 from drivers.batch.study import Study, column_name, read_study, select, value_at
@@ -24,10 +27,13 @@ from drivers.engines._entries import entry_files, use_entries
 from drivers.limits.energy_bounds import needed_tolerance
 from drivers.limits.refusal import inability, refuse
 from drivers.run.build import Build, build_of, names_of
+from drivers.run.execute import Place, execute
 from drivers.run.run import run_identity
 from drivers.run.workplaces import leased
 
 STATES = ("done", "failed", "timeout", "stale", "claimed", "to do", "not installed")  # of a row
+WORKER_COSTS = ("start_s", "engine_s", "workflow_s", "reference_s")  # they add up to a worker's time
+MIN_PARALLEL_CASES = 500  # from this number on, workers share the planning
 CHUNK = 25  # facts of so many cases fit into one write; a worker killed between two writes would block the batch
 
 
@@ -117,8 +123,8 @@ class Batch:
         """Digest of study, builds and adapters; results in the cache depend on everything else in any case."""
         adapters = {file for name in self.builds for file in _adapter_file(name)}
         templates = {template for file in adapters for template in file.parent.rglob("*.j2")}
-        parts = (f"{self.study!r}", f"{sorted(self.builds.items())}", f"{sorted(self.readers.items())}")
-        return _digest("\0".join((*parts, content_of((*adapters, *templates)))))
+        parts = (self.study, sorted(self.builds.items()), sorted(self.readers.items()), content_of(templates))
+        return _digest(repr(parts))
 
     @property
     def all_numbers(self) -> range:
@@ -252,6 +258,54 @@ def opened(request: Request) -> Batch:
         adapter = content_of(_adapter_file(name))
         readers[name] = _digest(f"{digest_of_sources()}\0{adapter}\0{engine.server.sha256}\0{guards}")
     return Batch(request, study, engines, numbers, here, runnable, builds, readers, store)
+
+
+def validate_cases(batch: Batch, workers: int) -> None:
+    """Read or compute the facts of all cases of a study, by several workers if it is large.
+
+    The facts of each chunk of cases are kept when they are computed, so that planning continues after a kill.
+
+    Raises:
+        InputError: a case is wrong or refused.
+    """
+    left = [chunk for chunk in batch.chunks() if not batch.recall_facts(chunk)]
+    under_way: Iterator[tuple[Sequence[int], list[CaseFacts]]]
+    if len(left) * CHUNK < MIN_PARALLEL_CASES or workers == 1:
+        under_way = ((chunk, batch.keep_facts(chunk)) for chunk in left)
+    else:
+        under_way = execute(partial(_keep_facts, batch.request), left, Place(workers, processes=True))
+    with counted("cases validated", sum(map(len, left)), "case") as count:
+        for chunk, facts in under_way:
+            batch.known.update(zip(chunk, facts, strict=True))
+            count(len(chunk))
+
+
+def _keep_facts(request: Request, chunk: Sequence[int]) -> list[CaseFacts]:
+    return opened(request).keep_facts(chunk)
+
+
+def expected_s(batch: Batch, todo: dict[str, list[int]]) -> float | None:
+    """Expected time in s of one worker for some cases by engine; None without any finished row.
+
+    A row costs a constant plus a time proportional to bodies times steps; both are fitted to stored rows.
+    """
+    from scipy.optimize import nnls
+
+    seconds = 0.0
+    for engine, numbers in todo.items():
+        if not numbers:
+            continue
+        rows = [row for row in batch.store.rows.values() if row.engine == engine and row.cost.get("engine_s")]
+        if not rows:
+            return None
+        spent = np.array([sum(row.cost[name] or 0.0 for name in WORKER_COSTS) for row in rows])
+        work = np.array([float(row.work) for row in rows])
+        scale = work.max() or 1.0
+        constant, rate = 0.0, spent.mean()
+        if np.ptp(work):
+            constant, rate = nnls(np.column_stack([np.ones(len(work)), work / scale]), spent)[0]
+        seconds += float(sum(constant + rate * batch.facts(number).work / scale for number in numbers))
+    return seconds
 
 
 def _build_elsewhere(engine: Engine, store: Store) -> Build:

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError, printable
@@ -18,15 +17,14 @@ from drivers.base.text_table import text_table
 from drivers.base.tolerances import tolerance
 from drivers.batch.job_array import JobScript, job_script, most_tasks, parts_for, submit, waiting_for
 from drivers.batch.store import StudyRow
-from drivers.batch.study_cases import STATES, Batch, Request, opened
-from drivers.batch.study_plan import expected_s, validate_cases
+from drivers.batch.study_cases import STATES, Batch, Request, expected_s, opened, validate_cases
 from drivers.batch.study_rows import run_all, run_rows, run_slice
+from drivers.chain.case import Case
+from drivers.chain.trace import digest_of
 from drivers.engines import load_engine
 from drivers.run.execute import LOCAL, Place, check_dask, get_ready
-
-if TYPE_CHECKING:
-    from drivers.chain.case import Case
-    from drivers.run.run_folder import EndedRun
+from drivers.run.run import run_case
+from drivers.run.run_folder import EndedRun
 
 MAX_NAMES = 3  # of damaged files in a message
 MAX_CASES = 20_000  # more need --yes
@@ -154,14 +152,11 @@ def status(request: Request, *, every: bool = False) -> int:
     return 0
 
 
-def show(request: Request, number: int, assess: Callable[["EndedRun", "Case"], "EndedRun"]) -> int:
+def show(request: Request, number: int, assess: Callable[[EndedRun, Case], EndedRun]) -> int:
     """Run a case in run folders with their decks, and compare the results with the rows of the batch.
 
     ``assess`` measures the errors of a finished run.
     """
-    from drivers.chain.trace import digest_of
-    from drivers.run.run import run_case
-
     batch = opened(request)
     study, store = batch.study, batch.store
     if not 1 <= number <= study.count:
@@ -183,7 +178,8 @@ def show(request: Request, number: int, assess: Callable[["EndedRun", "Case"], "
         if not ended.done:
             verdict, bad = f"{ended.record.status}: {ended.record.reason}", True
         elif row is None or not row.done:
-            verdict, bad = f"{'not run yet' if row is None else row.status} in the batch", False
+            state = "not run" if row is None else row.status
+            verdict, bad = f"{state} in the batch, so there is nothing to compare with", False
         else:
             bad = digest_of(ended.trace) != row.trace_sha256
             verdict = "differs from the batch" if bad else "as in the batch, bit for bit"
@@ -257,8 +253,8 @@ def _print_end(batch: Batch) -> int:
         failures += [failure_line(batch.study.label(number), row) for number, row in failed]
         useless = sum(row is not None and row.done and (row.force_error or 0.0) > limit for row in rows)
         if useless:
-            words = f"{name} warning: {useless} rows have force errors above a tenth of the largest force"
-            print(f"{words} (force_error_share)", file=sys.stderr)
+            warning = f"{useless} rows have force errors above a tenth of the largest force (force_error_share)"
+            print(f"{name} warning: {warning}", file=sys.stderr)
     print(*text_table(done), sep="\n", flush=True)
     for line in failures:
         print(line, file=sys.stderr)

@@ -192,8 +192,8 @@ def overlaps(chain: Chain, height_m: Array) -> Array:
 def energy_error_J(energy_J: Array, *, damped: bool, slips: bool) -> Array:
     """Error of the total energy at each sample, in J.
 
-    For elastic contacts the change since time 0; for damped contacts the gain over the smallest value so far. With
-    friction the gain over the value at time 0, since shear energy is not included.
+    For elastic contacts the change since time 0; for damped contacts the gain above the smallest value so far. With
+    friction the gain above the value at time 0, since shear energy is not included.
     """
     if slips:
         return np.asarray(np.maximum(energy_J - energy_J[0], 0.0))

@@ -51,7 +51,7 @@ def _content(scene: Json) -> str:
 
 
 def _keys(run: EndedRun) -> tuple[str, str]:
-    """Content of a run's scene, and its name in the record; the run is found by both."""
+    """Content of a run's scene, and its name in the record; a run is found by either."""
     return _content(run.resolved), run.record.scene_name
 
 
@@ -109,8 +109,9 @@ def select(
     for what, asked in (("scene", by_scene), ("engine", by_engine)):
         keys = {run.folder: _keys(run) if what == "scene" else (run.record.engine,) for run in kept if asked}
         for name, wanted in asked.items():
-            if not any(key in wanted for own in keys.values() for key in own):
-                names = ", ".join(sorted({own[-1] for own in keys.values()})) or "none, since the folder has no runs"
+            if not any(key in wanted for of_run in keys.values() for key in of_run):
+                known = sorted({of_run[-1] for of_run in keys.values()})
+                names = ", ".join(known) or "none, since the folder has no runs"
                 raise InputError("runs", what, f'no run of "{name}"; allowed: {names}')
         any_of = {key for wanted in asked.values() for key in wanted}
         selected = [run for run in selected if not asked or not any_of.isdisjoint(keys[run.folder])]
@@ -158,12 +159,12 @@ def _base_of(source: str) -> Json:
 
 
 def _newest(kept: Iterable[EndedRun]) -> dict[tuple[str, str], EndedRun]:
-    """Newest finished run by engine and key: the runs that have a name; none of a deck that was changed by hand."""
+    """Newest finished run by engine and key, as ``yade:fig4`` names it; runs of decks changed by hand have no name."""
     named = (run for run in kept if not (run.trouble or run.record.edits))
     return {(run.record.engine, key): run for run in named for key in _keys(run)}
 
 
-def _found(newest: dict[tuple[str, str], EndedRun], engine: str, keys: Iterable[str]) -> EndedRun | None:
+def _newest_of(newest: dict[tuple[str, str], EndedRun], engine: str, keys: Iterable[str]) -> EndedRun | None:
     """Newest run of an engine with the first key that any run has."""
     return next((newest[engine, key] for key in keys if (engine, key) in newest), None)
 
@@ -180,7 +181,7 @@ def run_folder(name: str | Path, runs: Path = paths.RUNS) -> Path:
     if not colon or Path(name).exists():
         return Path(name)
     scene, base, newest = _name_of(source), _base_of(source), _newest(kept_runs(runs))
-    newest_run = _found(newest, engine, _asked_keys(source, base))
+    newest_run = _newest_of(newest, engine, _asked_keys(source, base))
     if newest_run is None:
         known = sorted({run.name for run in newest.values()})
         near = [run_name for run_name in known if run_name.startswith(f"{engine}:")]
@@ -210,7 +211,7 @@ def print_runs(runs: Path, scenes: Sequence[str], engines: Sequence[str], settin
     home, rows = Path(paths.shown(runs)), []  # following links takes long
     for run in chosen:
         engine, scene, keys = run.record.engine, run.record.scene_name, _keys(run)
-        named = [source for source in (*scenes, scene) if _found(newest, engine, asked[source]) == run]
+        named = [source for source in (*scenes, scene) if _newest_of(newest, engine, asked[source]) == run]
         source = next(source for key in keys for source in scenes or [scene] if key in asked[source])
         differs = "" if keys[0] in asked[source] else _difference(run, bases[source])
         row = (

@@ -102,7 +102,7 @@ def wrong_start(case: Case, trace: Trace) -> str | None:
         if wrong.any():
             body = int(np.argmax(wrong))
             text, expected_text = digits_apart(float(start[body]), float(expected[body]))
-            return f"body {body + 1} starts with a {name} of {text} {unit}, the scene has {expected_text}"
+            return f"body {body + 1} starts with a {name} of {text} {unit}, the scene has {expected_text} {unit}"
     return None
 
 

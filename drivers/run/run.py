@@ -1,4 +1,4 @@
-"""Running cases on engines: each run gets a run folder, and a finished run is found again by its hash."""
+"""Runs of cases on engines: each has a run folder, and a finished run is found again by its hash."""
 
 import hashlib
 import json
@@ -167,7 +167,7 @@ def run_identity(engine_name: str, build: Build, deck_sha256: str) -> str:
 
 
 def refresh_record(run: EndedRun, case: Case, target: Path) -> EndedRun:
-    """Give a run found for another scene with the same deck the record of this case, not yet assessed.
+    """Give a run of the same deck, perhaps made for another scene, the record of this case, not yet assessed.
 
     If the gauges differ, the run is copied to ``target``, since the stored gauge signals depend on them.
     """

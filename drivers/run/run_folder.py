@@ -188,7 +188,7 @@ class EndedRun:
     def missed(self) -> str | None:
         """Message on quantities that miss the scene's accuracy; None if there are none, or before the assessment."""
         beyond = [
-            f"{name} has an error of {errors['measured']:.3g}, allowed are {errors['asked']:g}"
+            f"{name} has an error of {errors['measured']:.3g}, at most {errors['asked']:g} is allowed"
             for name, errors in (self.record.accuracy or {}).items()
             if not errors["measured"] <= errors["asked"]
         ]
@@ -282,7 +282,7 @@ class EndedRun:
 
     @contextmanager
     def _refused(self, name: str) -> Iterator[None]:
-        """Turn errors of reading a file that is as it was written, but not by this version, into one line."""
+        """Turn errors of reading a file that another version wrote into a message of one line."""
         try:
             yield
         except InputError:
@@ -300,7 +300,7 @@ class EndedRun:
             raise DamagedError(paths.shown(path), "", "no such file", CONTENTS[name]) from None
 
     def damage(self, *names: str) -> Iterator[str]:
-        """Lines on files, those named or all of the record, that are not as they were written."""
+        """Messages on the files, of those named or else of all, that are not as they were written."""
         for name in names or self.record.files:
             try:
                 self._content(name)
@@ -377,7 +377,7 @@ def find_run(home: Path, identity: str, layout: dict[str, Any]) -> EndedRun | No
 
 
 def damage_of(home: Path, identity: str) -> Iterator[str]:
-    """Lines on damaged files of the runs of a hash."""
+    """Messages on damaged files of the runs of a hash."""
     for folder in _folders(home, identity):
         try:
             yield from EndedRun(folder, record_of(folder)).damage()

@@ -82,7 +82,7 @@ def test_failed_runs_go(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
     size = sum(run.size for run in kept_runs(runs) if run.trouble)
     lines = pruned(capsys, runs)
     assert folders(runs) == used
-    assert lines[0].startswith(f"removed 1 runs ({VERLET} 1), {size / 1000:.0f} kB: failed or without forces")
+    assert lines[0].startswith(f"removed 1 run ({VERLET} 1), {size / 1000:.0f} kB: failed or without forces")
     assert lines[1].startswith(f"kept 2 runs ({REFERENCE} 1, {VERLET} 1), ")
     assert lines[2:] == [f"freed {size / 1000:.0f} kB"]
     assert pruned(capsys, runs)[-1] == "freed 0 kB"
@@ -139,7 +139,7 @@ def test_what_cannot_be_judged_stays(runs: Path, capsys: pytest.CaptureFixture[s
     assert mine.exists()
     assert (runs / VERLET / "notes").exists()
     assert any(
-        line.startswith("kept 1 runs (absent 1)") and "has no entry here; --engines FILE" in line for line in lines
+        line.startswith("kept 1 run (absent 1)") and "has no entry here; --engines FILE" in line for line in lines
     )
     assert any("their folders have been renamed" in line for line in lines)
 
@@ -152,7 +152,7 @@ def test_a_link_to_a_run_stays(runs: Path, tmp_path: Path, capsys: pytest.Captur
     made_yesterday(runs)
     lines = pruned(capsys, runs)
     assert (failed / RECORD).exists()
-    assert any(line.startswith(f"kept 1 runs ({VERLET} 1)") and "are links" in line for line in lines)
+    assert any(line.startswith(f"kept 1 run ({VERLET} 1)") and "are links" in line for line in lines)
     assert lines[-1] == "freed 0 kB"
 
 
@@ -171,7 +171,7 @@ def test_runs_of_an_engine_without_a_build_stay(
     engines_file(f'[own]\nadapter = "liggghts"\ncommand = "{command}"\n')
     copied(done(runs, VERLET), f"small-{'0' * 12}", engine="own", identity="0" * 12)
     assert any(
-        line.startswith("kept 1 runs (own 1)") and "is not installed, or" in line for line in pruned(capsys, runs)
+        line.startswith("kept 1 run (own 1)") and "is not installed, or" in line for line in pruned(capsys, runs)
     )
 
 
