@@ -15,7 +15,10 @@ CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u20
 
 
 def printable(text: str, *, lines: bool = True) -> str:
-    """Text with a question mark for each control character, which could change a terminal; with ``lines`` false also for line ends."""
+    """Text with a question mark for each control character, which could change a terminal.
+
+    Without ``lines`` tabs and ends of lines are replaced, too.
+    """
     return CONTROL.sub("?", text if lines else text.translate({ord("\t"): "?", ord("\n"): "?"}))
 
 

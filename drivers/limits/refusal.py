@@ -13,8 +13,6 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain
 from drivers.engines import EXACT, IN_HEIGHTS, engine_names, load_engine
 from drivers.limits.energy_bounds import at_most, certainly_stable
-from drivers.limits.stable_step import FIRST_SHARE, predicted_limit, reached
-from drivers.limits.trial import failure
 from validation.reference.hertz_chain import Extremes
 
 FORCE = "force"  # quantity of an accuracy given as a plain number
@@ -71,6 +69,9 @@ def _refuse_step(case: Case, shear: str, override: str) -> None:
     chain, duration, step = case.chain, float(case.sample_times_s[-1]), case.scene.time_step_s
     if certainly_stable(chain, duration, step):
         return
+    from drivers.limits.stable_step import FIRST_SHARE, predicted_limit  # the integrators take long to load
+    from drivers.limits.trial import failure
+
     for share in (FIRST_SHARE, 1.0):
         limit = predicted_limit(chain, duration, share)
         if step > limit:
@@ -91,6 +92,8 @@ def refuse_depth(case: Case, override: str = ON_COMMAND) -> None:
     chain, duration = case.chain, float(case.sample_times_s[-1])
     if (_depths(chain, at_most(chain, duration)) < 1).all():
         return
+    from drivers.limits.stable_step import FIRST_SHARE, reached
+
     for share in (FIRST_SHARE, 1.0):
         between, in_bore = _depths(chain, reached(chain, duration, share))
         for key, what, depth, where in (
