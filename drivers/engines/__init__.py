@@ -71,11 +71,13 @@ class Defaults:
     """Default values of a code, used to recognise missing lines of a deck; None if the code has no default.
 
     Attributes:
+        local_damping: d of Cundall's non-viscous damping, ``a (1 - d sign(a v))``.
         wall_stiffness: stiffness of a sphere's contact with a wall divided by the stiffness on a plane.
     """
 
     youngs_modulus_Pa: float | None = None
     poisson_ratio: float | None = None
+    local_damping: float | None = None
     wall_stiffness: float | None = None
 
 

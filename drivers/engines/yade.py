@@ -23,8 +23,8 @@ from drivers.laws.viscoelastic import Viscoelastic
 from validation.reference.hertz_chain import loads_N
 
 COMMAND = ("yade", "-n", "-x", "chain.py")
-# defaults of FrictMat (2023.02a); walls have R* = R/2 by default
-DEFAULTS = Defaults(youngs_modulus_Pa=1e9, poisson_ratio=0.25, wall_stiffness=0.5**0.5)
+# defaults of FrictMat and NewtonIntegrator (2023.02a); walls have R* = R/2 by default
+DEFAULTS = Defaults(youngs_modulus_Pa=1e9, poisson_ratio=0.25, local_damping=0.2, wall_stiffness=0.5**0.5)
 CHATTER = ("Welcome to Yade", "Using python version", "TCP python prompt", "XMLRPC info", "Running script")
 
 
