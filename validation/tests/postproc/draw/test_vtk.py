@@ -180,9 +180,9 @@ def test_the_command_writes_100_frames_or_refuses_in_one_line(
         assert message in refused.stderr
 
 
-@pytest.mark.parametrize(("sides", "rings"), [(3, 6), (48, 153)])
-def test_the_bore_is_an_open_prism_of_triangles(sides: int, rings: int) -> None:
-    points, triangles = tube_mesh(0.0025, -0.01, 0.04, sides, rings)
+def test_the_bore_is_an_open_prism_of_triangles() -> None:
+    sides = 48
+    points, triangles = tube_mesh(0.0025, -0.01, 0.04, sides, 153)
     corners = points[triangles]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(normal, axis=1) / 2
