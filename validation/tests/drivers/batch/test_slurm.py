@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from drivers.batch.store import Store
-from validation.tests.helpers.commands import beads, beads_process
+from validation.tests.drivers.batch.test_batch import batch, table_bytes
+from validation.tests.helpers.commands import beads
 from validation.tests.helpers.scenes import SPEEDS, StudyWriter
 
 pytestmark = pytest.mark.slurm
@@ -89,89 +90,36 @@ def _wait_for(happened: Callable[[], bool], seconds: float = 60) -> None:
         time.sleep(0.2)
 
 
-@pytest.fixture
-def study(study_file: StudyWriter) -> Path:
-    """A study of twelve cases on the in-repo engines."""
-    return study_file(SPEEDS.format(12), "reference", "verlet")
-
-
-def batch(study: Path, runs: Path, *words: str | Path) -> subprocess.CompletedProcess[str]:
-    return beads("batch", study, "--runs", runs, "--results", runs.parent / f"{runs.name}-results", *words)
-
-
-def table(runs: Path) -> bytes:
-    return (runs.parent / f"{runs.name}-results" / "study.parquet").read_bytes()
-
-
-def test_a_job_array_makes_the_same_table(slurm: str, study: Path, tmp_path: Path) -> None:
-    here, there = tmp_path / "here", tmp_path / "there"
+def test_an_array_runs_what_is_missing_and_makes_the_same_table(
+    slurm: str, study_file: StudyWriter, tmp_path: Path
+) -> None:
+    study, here, there = study_file(SPEEDS.format(12), "reference", "verlet"), tmp_path / "here", tmp_path / "there"
     assert batch(study, here).returncode == 0
-    lines = ("--slurm-line", "export MODULE=loaded", "--slurm-line", "#SBATCH --comment=beads")
-    done = batch(study, there, "--slurm", "--wait", "--slices", "4", *lines)
+    for part in ("1/4", "4/4"):
+        assert batch(study, there, "--slice", part).returncode == 0
+    done = batch(study, there, "--slurm", "--wait", "--slices", "4")
     assert done.returncode == 0, done.stderr
-    script = (there / "batch" / ".slurm" / "study.sh").read_text()
-    assert "#SBATCH --array=1-4\n" in script
-    assert script.index("#SBATCH --comment=beads\n") < script.index("export MODULE=loaded\n") < script.index("exec ")
-    assert table(there) == table(here)
-
-
-def test_only_what_is_missing_is_submitted(slurm: str, study: Path, tmp_path: Path) -> None:
-    runs = tmp_path / "runs"
-    for part in ("1/4", "2/4", "4/4"):
-        assert batch(study, runs, "--slice", part).returncode == 0
-    assert batch(study, runs, "--slurm", "--wait", "--slices", "4").returncode == 0
-    assert "#SBATCH --array=3\n" in (runs / "batch" / ".slurm" / "study.sh").read_text()
-    again = batch(study, runs, "--slurm", "--wait")
+    assert "#SBATCH --array=2-3\n" in (there / "batch" / ".slurm" / "study.sh").read_text()
+    assert table_bytes(there) == table_bytes(here)
+    again = batch(study, there, "--slurm", "--wait")
     assert (again.returncode, "job" in again.stdout) == (0, False)
 
 
-def test_a_cancelled_job_is_taken_up_again(slurm: str, study: Path, tmp_path: Path) -> None:
-    runs, here = tmp_path / "runs", tmp_path / "here"
-    study.write_text(study.read_text().replace("count = 12", "count = 1500"))
-    submitted = batch(study, runs, "--slurm", "--slices", "2")
-    assert submitted.returncode == 0
-    job = submitted.stdout.split()[1].rstrip(":")
-    _wait_for(lambda: any((runs / "batch").glob("*.jsonl")))
-    subprocess.run(["scancel", "--signal=KILL", "--full", job], check=True)
-    subprocess.run(["scancel", job], check=True)
-    _wait_for(lambda: not _said("squeue", "--noheader"))
-    state = beads("status", study, "--runs", runs).stdout
-    assert " to do" in state
-    assert batch(study, runs, "--slurm", "--wait", "--slices", "2").returncode == 0
-    assert batch(study, here).returncode == 0
-    assert table(runs) == table(here)
-
-
-def test_a_failed_case_fails_the_batch(slurm: str, study: Path, tmp_path: Path) -> None:
-    beyond_the_limit = 'unsafe = true\nset = { "run.time_step" = "50 us", "run.sample_interval" = "50 us" }\n'
-    study.write_text(study.read_text().replace("[[axis]]", beyond_the_limit + "[[axis]]"))
-    done = batch(study, tmp_path / "runs", "--slurm", "--wait", "--slices", "2")
-    assert done.returncode == 1
-    assert "verlet failed: unstable at t = " in done.stderr
-
-
-def test_an_engine_of_a_module_of_the_job(slurm: str, study_file: StudyWriter, modules: Path, tmp_path: Path) -> None:
-    """The submitting machine has no such engine and no command ``module``."""
-    study, runs, here = study_file(SPEEDS.format(12), "verlet", "by-module"), tmp_path / "runs", tmp_path / "here"
-    words = ("--slurm", "--wait", "--slices", "3", "--slurm-line")
-    failed = batch(study, runs, *words, "module load typo")
+def test_a_failing_task_leaves_its_rows_to_do(
+    slurm: str, study_file: StudyWriter, modules: Path, tmp_path: Path
+) -> None:
+    study, runs = study_file(SPEEDS.format(12), "verlet", "by-module"), tmp_path / "runs"
+    failed = batch(study, runs, "--slurm", "--wait", "--slices", "3", "--slurm-line", "module load typo")
     assert failed.returncode == 1
     assert "verlet     12 to do\nby-module  12 to do\n" in failed.stdout
     outputs = [file.read_text() for file in (runs / "batch" / ".slurm").glob("study-*.txt")]
     assert outputs == ["module: typo not found\n"] * 3
-    done = batch(study, runs, *words, "module load dem")
-    assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout.endswith("24 of 24 rows done\n")
-    places = ("--runs", here, "--results", tmp_path / "here-results")
-    local = beads_process("batch", study, *places, PATH=f"{modules}:{os.environ['PATH']}")
-    assert local.returncode == 0, local.stderr
-    assert table(runs) == table(here)
 
 
 def test_a_second_job_shares_the_work_of_a_running_one(
     slurm: str, study_file: StudyWriter, modules: Path, tmp_path: Path
 ) -> None:
-    """The first job is killed then, and the second one takes up its rows."""
+    """The submitting machine has no such engine; the first job is killed, and the second one takes up its rows."""
     study, runs = study_file(SPEEDS.format(80), "by-module", top=DURATION), tmp_path / "runs"
     words = ("--slurm", "--slices", "1", "--slurm-line", "module load dem")
     job = batch(study, runs, *words).stdout.split("job ")[-1].partition(":")[0]
