@@ -154,16 +154,12 @@ SCENES = {
     "pressed, raised, damped": (
         "chain.precompression=5 N", "tube.friction=0.3", "chain.origin=1 m", "contact.restitution=0.9",
     ),
-    "free, narrow striker": ("wall=", "gravity=", "striker.diameter=4.2 mm", 'chain.lateral_offset="110 um"'),
     "weightless, wide striker": (
         "gravity=", "wall.material=rigid", 'chain.lateral_offset="110 um"', "striker.diameter=6 mm",
         "striker.mass=0.2 g", "tube.top=29 mm",
     ),
     "flat striker, rough bore": (
         "striker.shape=flat", "striker.diameter=", "tube.top=28 mm", "contact.friction=0", "tube.friction=0.4",
-    ),
-    "no striker, friction between beads": (
-        "striker=", "chain.bead=[{from_wall=3, lateral_velocity='1 m/s'}]", "contact.friction=0.4", "tube.friction=0",
     ),
     "a bead leaves a chain without tube": (
         "tube=", "chain.lateral_offset=", "chain.bead=[{from_wall=3, lateral_velocity='50 m/s'}]", "run.duration=1 ms",
