@@ -45,32 +45,19 @@ def lateral_of(case: Case) -> Lateral:
 
 
 @pytest.mark.parametrize("scene", ["fig4-tube", "fig6d-tube"])
-def test_codes_start_at_the_same_rest(scene: str, shared_runs: Path) -> None:
-    case = case_of(scene, "run.sample_interval=0.1 us", "run.duration=0.2 us", STATE)
-    chain, beads = case.chain, case.chain.beads
-    weight = chain.gravity_m_s2 * chain.mass_kg[:beads].sum()
-    places, bores = [], []
-    for engine in CODES:
-        run = finished(case, engine, shared_runs)
-        force, bore = run.trace.force_N[0], bore_of(run)[0]
-        assert force[0] == pytest.approx(weight, rel=10 * AT_REST)
-        place = np.stack([state_of(run, name) for name in ("x_m", "y_m", "height_m")], axis=2)[0]
-        # forces of the code across the axis: contacts push along the line of centres, the bore towards the axis
-        along = np.diff(place[:beads], axis=0)
-        push = force[1:beads, np.newaxis] * along[:, :2] / along[:, 2:]
-        radial = place[:beads, :2] / np.linalg.norm(place[:beads, :2], axis=1)[:, np.newaxis]
-        left = -bore[:beads, np.newaxis] * radial
-        left[1:] += push
-        left[:-1] -= push
-        assert np.abs(left).max() < 100 * AT_REST * weight
-        # after one step only the struck bead and the striker have moved
-        for name in ("x_velocity_m_s", "y_velocity_m_s", "velocity_m_s"):
-            moved = np.abs(state_of(run, name)[1, : beads - 1])
-            assert moved.max() < 100 * AT_REST * beads * chain.gravity_m_s2 * case.scene.time_step_s
-        places.append(place)
-        bores.append(bore)
-    assert np.abs(places[0] - places[1]).max() < 1e-14 + 1e-12 * (10.0 if np.isinf(chain.radius_m[-1]) else 0.0)
-    assert np.abs(bores[0] - bores[1]).max() < 1e-7 * bores[0].max()
+def test_packed_beads_stay_at_rest_on_wall_and_bore(scene: str) -> None:
+    case = case_of(scene, "striker=", "run.duration=50 us")
+    chain, trace = case.chain, verlet_of(case)
+    weight = chain.gravity_m_s2 * chain.mass_kg.sum()
+    assert trace.bore_N is not None
+    assert trace.across_velocity_m_s is not None
+    assert trace.velocity_m_s is not None
+    assert trace.force_N[0, 0] == pytest.approx(weight, rel=10 * AT_REST)
+    assert (trace.bore_N[0] > 0).all()
+    speed = max(np.abs(trace.across_velocity_m_s).max(), np.abs(trace.velocity_m_s).max())
+    assert speed < 100 * AT_REST * chain.beads * chain.gravity_m_s2 * trace.time_s[-1]
+    for force in (trace.force_N, trace.bore_N):
+        assert np.abs(force - force[0]).max() < 1e-7 * weight
 
 
 @pytest.mark.parametrize("scene", ["fig4-tube", "fig5-tube", "fig6b-tube", "fig6d-tube"])
@@ -154,16 +141,12 @@ SCENES = {
     "pressed, raised, damped": (
         "chain.precompression=5 N", "tube.friction=0.3", "chain.origin=1 m", "contact.restitution=0.9",
     ),
-    "free, narrow striker": ("wall=", "gravity=", "striker.diameter=4.2 mm", 'chain.lateral_offset="110 um"'),
     "weightless, wide striker": (
         "gravity=", "wall.material=rigid", 'chain.lateral_offset="110 um"', "striker.diameter=6 mm",
         "striker.mass=0.2 g", "tube.top=29 mm",
     ),
     "flat striker, rough bore": (
         "striker.shape=flat", "striker.diameter=", "tube.top=28 mm", "contact.friction=0", "tube.friction=0.4",
-    ),
-    "no striker, friction between beads": (
-        "striker=", "chain.bead=[{from_wall=3, lateral_velocity='1 m/s'}]", "contact.friction=0.4", "tube.friction=0",
     ),
     "a bead leaves a chain without tube": (
         "tube=", "chain.lateral_offset=", "chain.bead=[{from_wall=3, lateral_velocity='50 m/s'}]", "run.duration=1 ms",
