@@ -64,7 +64,7 @@ def test_softening_is_exact_without_gravity_only() -> None:
 def test_a_small_ladder_on_real_engines(tmp_path: Path) -> None:
     need("liggghts")
     need("yade")
-    rows = run_ladder(2.0, ("fig5",))
+    rows = run_ladder(2.0, ("fig5",), short=True)
     found = frame_of(LadderRun, rows)
     slopes = orders(found)
     assert all(slopes[name] == pytest.approx((2, 2), abs=0.05) for name in ("liggghts", "yade", "verlet"))
