@@ -16,7 +16,7 @@ from postproc.paper.simulate import exact
 from postproc.read.observables import observe
 from validation.tests.helpers.commands import BEADS, beads, beads_process
 from validation.tests.helpers.runs import need
-from validation.tests.helpers.scenes import SPEEDS, EnginesWriter, SceneWriter, StandIn, StudyWriter, case_of
+from validation.tests.helpers.scenes import SPEEDS, SceneWriter, StandIn, StudyWriter, case_of
 
 
 def batch(study: Path, runs: Path, *words: str | Path) -> subprocess.CompletedProcess[str]:
@@ -208,15 +208,6 @@ def test_an_unstable_case_is_refused_or_fails_alone(study_file: StudyWriter, tmp
     assert list(table(tmp_path / "runs")["status"]) == ["done", "done", "failed", "done"]
 
 
-def test_a_missing_engine_is_a_failure_and_the_others_run(
-    study_file: StudyWriter, engines_file: EnginesWriter, tmp_path: Path
-) -> None:
-    engines_file('[absent]\nadapter = "lammps"\ncommand = "no-such-program"\n')
-    done = batch(study_file(SPEEDS.format(2), "verlet", "absent"), tmp_path / "runs")
-    assert (done.returncode, "absent  2 not installed" in done.stdout) == (1, True)
-    assert list(table(tmp_path / "runs")["status"]) == ["done", "not installed"] * 2
-
-
 def test_rows_of_a_changed_template_build_or_source_are_stale(
     study_file: StudyWriter, stand_in: StandIn, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -240,18 +231,6 @@ def test_rows_of_a_changed_template_build_or_source_are_stale(
     assert status() == "verlet  2 done\nlammps  2 stale\n"
     monkeypatch.setattr(study_cases, "digest_of_sources", lambda: "another")
     assert status() == "verlet  2 stale\nlammps  2 stale\n"
-
-
-def test_a_changed_scene_makes_the_rows_of_its_cases_stale(
-    study_file: StudyWriter, scene_file: SceneWriter, tmp_path: Path
-) -> None:
-    path, runs = study_file('[[axis]]\nkey = "chain.count"\nvalues = [3, 4]', "verlet"), tmp_path / "runs"
-    assert batch(path, runs, "--slice", "1/1").returncode == 0
-    path.write_text(path.read_text().replace("values = [3, 4]", "values = [4, 5]"))
-    scene_file(chain="bead = [{ from_wall = 4, gap_below = '1 um' }]")  # a scene that a shorter chain cannot have
-    assert beads("status", path, "--runs", runs).stdout == "verlet  1 stale, 1 to do\n"
-    scene_file()
-    assert beads("status", path, "--runs", runs).stdout == "verlet  1 done, 1 to do\n"
 
 
 @pytest.mark.long

@@ -93,8 +93,8 @@ def test_killed_at_random_moments(study_file: StudyWriter, tmp_path: Path) -> No
     ("request_to_end", "helpers"),
     [
         (signal.SIGKILL, 1),
-        (signal.SIGTERM, 3),
-        *(pytest.param(each, 0, marks=pytest.mark.long) for each in (signal.SIGKILL, signal.SIGINT)),
+        (signal.SIGKILL, 3),
+        *(pytest.param(each, 0, marks=pytest.mark.long) for each in (signal.SIGTERM, signal.SIGINT)),
     ],
 )
 def test_helpers_do_not_outlive_a_killed_batch(

@@ -1,20 +1,23 @@
-"""Tests of studies on a Slurm of one machine, started here on loopback and stopped afterwards (make test-slurm)."""
+"""Tests of studies on a Dask cluster and on a Slurm of one machine, started on loopback and stopped afterwards."""
 
 import os
+import re
 import signal
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TypeVar
 
 import pytest
 
 from drivers.batch.store import Store
 from validation.tests.drivers.batch.test_batch import batch, table_bytes
-from validation.tests.helpers.commands import beads
+from validation.tests.helpers.commands import BEADS, beads
 from validation.tests.helpers.scenes import SPEEDS, StudyWriter
 
-pytestmark = pytest.mark.slurm
+Result = TypeVar("Result")
 
 DURATION = 'set = { "run.duration" = "6 ms" }'  # a case then takes some tenths of a second
 
@@ -83,13 +86,55 @@ def _said(*words: str) -> str:
     return subprocess.run(words, capture_output=True, text=True, check=False).stdout
 
 
-def _wait_for(happened: Callable[[], bool], seconds: float = 60) -> None:
+def _wait_for(happened: Callable[[], Result], seconds: float = 60) -> Result:
     until = time.monotonic() + seconds
-    while not happened():
+    while not (result := happened()):
         assert time.monotonic() < until, "it did not happen in time"
-        time.sleep(0.2)
+        time.sleep(0.1)
+    return result
 
 
+@pytest.fixture
+def dask(tmp_path: Path) -> Iterator[tuple[str, int]]:
+    """Address of a Dask scheduler, and process of one of its two workers; all are stopped afterwards."""
+    said = tmp_path / "scheduler.txt"
+    started = []
+
+    def start(program: str, *words: str, log: Path) -> int:
+        command = [sys.executable, "-m", f"distributed.cli.{program}", "--no-dashboard", *words]
+        with log.open("wb") as output:
+            started.append(subprocess.Popen(command, stdout=output, stderr=output, start_new_session=True))
+        return started[-1].pid
+
+    try:
+        start("dask_scheduler", "--host", "127.0.0.1", "--port", "0", log=said)
+        address = str(_wait_for(lambda: re.search(r"Scheduler at: +(tcp://[0-9.:]+)", said.read_text()))[1])
+        options = (address, "--nthreads", "1", "--no-nanny", "--local-directory", str(tmp_path / "dask"))
+        workers = [start("dask_worker", *options, log=tmp_path / f"worker{i}.txt") for i in (1, 2)]
+        yield address, workers[0]
+    finally:
+        for process in started:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+
+
+@pytest.mark.long
+def test_a_killed_worker_loses_nothing(dask: tuple[str, int], study_file: StudyWriter, tmp_path: Path) -> None:
+    path, runs, here = study_file(SPEEDS.format(100), "reference", "verlet"), tmp_path / "runs", tmp_path / "here"
+    words = ["batch", str(path), "--dask", dask[0], "--runs", str(runs), "--results", str(tmp_path)]
+    process = subprocess.Popen([*BEADS, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    rows = _wait_for(lambda: len(Store(runs).refresh()))
+    os.killpg(dask[1], signal.SIGKILL)
+    assert rows < 200
+    printed, complaints = process.communicate(timeout=120)
+    assert process.returncode == 0, complaints
+    assert "verlet     100 done" in printed
+    local = beads("batch", path, "--dask", "--runs", here, "--results", here)  # on a cluster of its own
+    assert (local.returncode, "reference  100 done" in local.stdout) == (0, True), local.stderr
+    assert (tmp_path / "study.parquet").read_bytes() == (here / "study.parquet").read_bytes()
+
+
+@pytest.mark.slurm
 def test_an_array_runs_what_is_missing_and_makes_the_same_table(
     slurm: str, study_file: StudyWriter, tmp_path: Path
 ) -> None:
@@ -105,17 +150,7 @@ def test_an_array_runs_what_is_missing_and_makes_the_same_table(
     assert (again.returncode, "job" in again.stdout) == (0, False)
 
 
-def test_a_failing_task_leaves_its_rows_to_do(
-    slurm: str, study_file: StudyWriter, modules: Path, tmp_path: Path
-) -> None:
-    study, runs = study_file(SPEEDS.format(12), "verlet", "by-module"), tmp_path / "runs"
-    failed = batch(study, runs, "--slurm", "--wait", "--slices", "3", "--slurm-line", "module load typo")
-    assert failed.returncode == 1
-    assert "verlet     12 to do\nby-module  12 to do\n" in failed.stdout
-    outputs = [file.read_text() for file in (runs / "batch" / ".slurm").glob("study-*.txt")]
-    assert outputs == ["module: typo not found\n"] * 3
-
-
+@pytest.mark.slurm
 def test_a_second_job_shares_the_work_of_a_running_one(
     slurm: str, study_file: StudyWriter, modules: Path, tmp_path: Path
 ) -> None:
