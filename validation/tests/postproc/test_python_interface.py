@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 from types import FunctionType
+from typing import Any
 
 import pytest
 
@@ -69,11 +70,12 @@ def test_a_planned_case_keeps_its_accuracy(tmp_path: Path) -> None:
 def test_wrong_calls_are_refused(tmp_path: Path) -> None:
     case, errors = validation.plan("fig4", SHORT_RUN)
     assert set(errors) == {"force"}  # of a scene with a time step of its own
-    for scene, settings, message in [
+    wrong: list[tuple[Any, dict[str, Any], str]] = [
         ("fig4", {"run.time_step": None, "run.accuracy": 1e-4}, r"run\.accuracy"),
         ("fig4", {"striker.sped": 1.0}, "striker"),
         (case, SHORT_RUN, "settings"),
-    ]:
+    ]
+    for scene, settings, message in wrong:
         with pytest.raises(InputError, match=message):
             drivers.run_scene(scene, "verlet", settings, runs=tmp_path)
     with pytest.raises(RunError, match="timeout"):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from drivers.chain.chain import build_chain
+from drivers.chain.chain import Array, build_chain
 from drivers.run.run_folder import STATE, EndedRun, open_run
 from drivers.scene.read_scene import stored_scene
 from postproc.draw import film
@@ -119,7 +119,7 @@ def test_an_animation_has_all_frames_and_an_interrupted_one_leaves_the_former(
 
 def test_cells_keep_the_largest_force() -> None:
     force = np.random.default_rng(3).random((1001, 37))
-    samples_s = 1e-6 * np.arange(1001)
+    samples_s: Array = np.arange(1001.0) * 1e-6
     time_s, contact, cells_N = cells_of(samples_s, force, 100, 10)
     assert cells_N.shape == (len(contact), len(time_s)) == (10, 91)
     assert cells_N[2, 5] == force[55:66, 8:12].max()
