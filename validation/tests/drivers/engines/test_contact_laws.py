@@ -263,3 +263,13 @@ def test_a_gamma_that_changes_too_little_is_left_out(gamma: float, modelled: boo
     assert case.models("damping") == case.chain.damped == modelled
     reason = next(element.reason for element in case.elements if element.name == "damping")
     assert ("left out" in reason) != modelled
+
+
+@pytest.mark.parametrize(("loss", "refused"), [("contact.restitution=0.9", True), ("contact.restitution=1", False)])
+def test_yade_refuses_damped_beads_that_lean_pressed_and_move_across(loss: str, refused: bool) -> None:
+    """Contacts that lean close at speeds across the axis, which YADE has half a step earlier."""
+    across = "chain.bead=[{from_wall=3, lateral_velocity='1 m/s'}]"
+    case = case_of(
+        "fig4-tube", "chain.count=6", "chain.sensors=[]", "striker=", "chain.precompression=5 N", across, loss
+    )
+    assert ("bead 3 pressed and moving" in str(inability(case, "yade"))) is refused
