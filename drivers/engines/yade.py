@@ -34,7 +34,9 @@ def refusal(case: Case) -> InputProblem | None:
     Laws that are computed in the deck take the closing speed of time 0 in the first step.
     """
     chain = case.chain
-    moving = (chain.overlap_m > 0) & (chain.closing_m_s != 0)
+    along, approach = np.diff(chain.place_m, axis=0), np.diff(chain.velocity_xyz_m_s, axis=0)
+    between = np.einsum("ij,ij->i", along, approach)  # contacts lean in a tube, so speeds across the axis count
+    moving = (chain.overlap_m > 0) & (np.append(chain.closing_m_s[0], between) != 0)
     if not isinstance(chain.law, Viscoelastic) or not moving.any():
         return chain.law.refusal("yade")
     found = f"bead {int(np.argmax(moving)) + 1} pressed and moving at time 0"

@@ -196,9 +196,9 @@ def _draw_chain(axis: Any, film: Film, frame: int, middle: float, scale_in: floa
     first, last = np.clip(((height + reach) / step).astype(int), 0, BAND_ROWS - 1)
     counts = last - first + 1
     rows = np.repeat(first - np.cumsum(counts) + counts, counts) + np.arange(counts.sum())
-    found = np.full(BAND_ROWS, -1.0)
-    np.maximum.at(found, rows, np.repeat(film.force_N[frame], counts))
-    band = np.ma.masked_less_equal(found, OPEN_SHARE * film.largest_N)[:, np.newaxis]
+    largest_N = np.full(BAND_ROWS, -1.0)
+    np.maximum.at(largest_N, rows, np.repeat(film.force_N[frame], counts))
+    band = np.ma.masked_less_equal(largest_N, OPEN_SHARE * film.largest_N)[:, np.newaxis]
     half = max(film.half_m, BAND_IN / 2 / scale_in)
     extent = (middle - half, middle + half, film.low_m, film.high_m)
     axis.set_autoscale_on(False)

@@ -36,9 +36,9 @@ def draw_gauge_forces(layout: Layout, traces: Mapping[str, Trace], failed: Mappi
     signals = {engine: sensor_signals(layout, trace) for engine, trace in everything.items()}
     names = [*next(iter(signals.values()))][-MAX_GAUGES:]
     baselines = [name for name in (REFERENCE, VERLET) if name in traces] or [*traces][:1]
-    found = {baseline: residuals(everything, baseline) for baseline in baselines}
-    found = {baseline: shares for baseline, shares in found.items() if shares}
-    count = len(names) + bool(found)
+    differences = {baseline: residuals(everything, baseline) for baseline in baselines}
+    differences = {baseline: shares for baseline, shares in differences.items() if shares}
+    count = len(names) + bool(differences)
     if not count:
         return None
     size = (WIDTH_IN, PANEL_IN * count + 0.7)
@@ -49,8 +49,8 @@ def draw_gauge_forces(layout: Layout, traces: Mapping[str, Trace], failed: Mappi
             axis.plot(time_us, signals[engine][name], label=label, **_look(engine))
         axis.set_title(f"{gauge_title(layout, name)} (N)", loc="left")
         axis.set_ylim(bottom=min(0.0, axis.dataLim.y0))
-    if found:
-        _draw_differences(grid[-1, 0], time_us, found, labels)
+    if differences:
+        _draw_differences(grid[-1, 0], time_us, differences, labels)
     grid[-1, 0].set(xlim=(time_us[0], time_us[-1] if len(time_us) > 1 else None), xlabel="time since impact (µs)")
     handles = [pyplot().Line2D([], [], label=label, **_look(engine)) for engine, label in labels.items()]
     figure.legend(handles=handles, loc="outside upper left", ncols=LEGEND_COLUMNS)
@@ -68,10 +68,10 @@ def _look(engine: str) -> dict[str, Any]:
 
 
 def _draw_differences(
-    axis: Any, time_us: Array, found: Mapping[str, Mapping[str, Array]], labels: Mapping[str, str]
+    axis: Any, time_us: Array, differences: Mapping[str, Mapping[str, Array]], labels: Mapping[str, str]
 ) -> None:
     """Draws the largest force difference over all contacts from each baseline, divided by the largest change."""
-    for baseline, shares in found.items():
+    for baseline, shares in differences.items():
         for engine, share in shares.items():
             axis.plot(time_us, share, label=f"{labels[engine]} − {baseline}", **_look(engine))
         lowest = min(shares.values(), key=lambda share: share[share > 0].min(initial=1.0))

@@ -25,7 +25,7 @@ COLOURS = ("#333333", "#88572c", "#5b3a8c", "#2c6e49")  # of the files, in their
 
 
 def draw_overlay(
-    layout: Layout, run: Trace, engine: str, curves: Sequence[SmoothForce], found: Sequence[Misfit]
+    layout: Layout, run: Trace, engine: str, curves: Sequence[SmoothForce], misfits: Sequence[Misfit]
 ) -> Product:
     """Readings as forces above rest with the computed forces; below each, smoothed readings minus computed forces.
 
@@ -34,7 +34,7 @@ def draw_overlay(
         run: Computed trace.
         engine: Engine of the run.
         curves: Measured gauges on the run's clock.
-        found: Misfits, for the table.
+        misfits: Misfits, for the table.
     """
     measured = {curve.gauge.gauge for curve in curves}
     gauges = [gauge for gauge in gauges_of(layout) if gauge in measured]
@@ -64,7 +64,7 @@ def draw_overlay(
             handles.setdefault(label, handle)
     figure.legend(handles.values(), handles.keys(), loc="outside upper left", markerscale=4, ncols=1)
     figure.align_ylabels()
-    return Product(figure, misfit_table(found))
+    return Product(figure, misfit_table(misfits))
 
 
 def _draw_gauge(force: Any, strip: Any, curve: SmoothForce, computed_N: Any, colour: str) -> None:
@@ -81,19 +81,19 @@ def _draw_gauge(force: Any, strip: Any, curve: SmoothForce, computed_N: Any, col
     strip.fill_between(time_us, left_N - band_N, left_N + band_N, color=colour, alpha=0.25, lw=0, label=band)
 
 
-def misfit_table(found: Sequence[Misfit]) -> pd.DataFrame:
+def misfit_table(misfits: Sequence[Misfit]) -> pd.DataFrame:
     """Table of misfits, a row for each quantity; names of quantities contain the units."""
     return pd.DataFrame(
         {
-            "quantity": [each.name for each in found],
-            "source": [each.source for each in found],
-            "measured": [each.measured for each in found],
-            "standard_error": [each.error for each in found],
-            "error_by_noise": [each.noise_error for each in found],
-            "error_by_gain": [each.gain_error for each in found],
-            "computed": [each.computed for each in found],
-            "difference": [each.difference for each in found],
-            "difference_in_errors": [each.errors_off for each in found],
+            "quantity": [misfit.name for misfit in misfits],
+            "source": [misfit.source for misfit in misfits],
+            "measured": [misfit.measured for misfit in misfits],
+            "standard_error": [misfit.error for misfit in misfits],
+            "error_by_noise": [misfit.noise_error for misfit in misfits],
+            "error_by_gain": [misfit.gain_error for misfit in misfits],
+            "computed": [misfit.computed for misfit in misfits],
+            "difference": [misfit.difference for misfit in misfits],
+            "difference_in_errors": [misfit.errors_off for misfit in misfits],
         }
     )
 
@@ -101,14 +101,14 @@ def misfit_table(found: Sequence[Misfit]) -> pd.DataFrame:
 HEADINGS = ("quantity", "source", "measured", "± error", "computed", "difference", "in errors")
 
 
-def misfit_rows(found: Sequence[Misfit]) -> list[tuple[str, ...]]:
+def misfit_rows(misfits: Sequence[Misfit]) -> list[tuple[str, ...]]:
     """Rows of the printed table, with a dash for missing values."""
     return [
         (
-            each.name, each.source, number(each.measured, 5), number(each.error, 2), number(each.computed, 5),
-            number(each.difference, 3), number(each.errors_off, 2),
+            misfit.name, misfit.source, number(misfit.measured, 5), number(misfit.error, 2), number(misfit.computed, 5),
+            number(misfit.difference, 3), number(misfit.errors_off, 2),
         )
-        for each in found
+        for misfit in misfits
     ]  # fmt: skip
 
 

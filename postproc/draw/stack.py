@@ -40,7 +40,7 @@ def draw_pairs(
     figure: Any,
     cells: Iterable[Any],
     panels: Sequence[ForcePanel],
-    found: Sequence[Mapping[str, Simulation]],
+    simulations: Sequence[Mapping[str, Simulation]],
     numbers: Callable[[Simulation], Mapping[str, float]],
     step_N: float,
     gauges: tuple[str, ...] = (),
@@ -52,7 +52,7 @@ def draw_pairs(
         figure: A matplotlib figure.
         cells: Cells of the figure's grid, one for each panel.
         panels: Titles and styles; the first two are a pair, and so on.
-        found: Simulations by engine, for each panel.
+        simulations: Simulations by engine, for each panel.
         numbers: Function that computes further numbers of a simulation by name, for the table.
         step_N: Force between two grid lines.
         gauges: Drawn gauges; empty for all.
@@ -63,18 +63,23 @@ def draw_pairs(
         with all drawn numbers and those of ``numbers``.
     """
     axes, tables, tops = [], [], dict[str, float]()
-    for place, (cell, panel, own) in enumerate(zip(cells, panels, found, strict=True)):
+    for place, (cell, panel, by_engine) in enumerate(zip(cells, panels, simulations, strict=True)):
         if place % 2 == 0:
-            pair = [sensor_signals(each[REFERENCE].case.layout, each[REFERENCE].trace) for each in found[place:][:2]]
+            pair = [
+                sensor_signals(each[REFERENCE].case.layout, each[REFERENCE].trace) for each in simulations[place:][:2]
+            ]
             names = gauges or tuple(pair[0])
             tops = {name: max(float(signals[name].max()) for signals in pair) + ROOM * step_N for name in names}
-        drawn, table = _draw_panel(figure, cell, panel, own, tops, step_N, strip)
-        rows = [(engine, *number) for engine, one in own.items() for number in numbers(one).items()]
+        drawn, table = _draw_panel(figure, cell, panel, by_engine, tops, step_N, strip)
+        rows = [(engine, *number) for engine, one in by_engine.items() for number in numbers(one).items()]
         further = pd.DataFrame(rows, columns=["engine", "quantity", "value"])
         axes.append(drawn)
         tables.append(pd.concat([table, further]).assign(panel=panel.letter))
     _name_codes(figure, [drawn[STRIP] for drawn in axes])
-    chains = {f"({panel.letter}) {panel.words}": own[REFERENCE].trace for panel, own in zip(panels, found, strict=True)}
+    chains = {
+        f"({panel.letter}) {panel.words}": by_engine[REFERENCE].trace
+        for panel, by_engine in zip(panels, simulations, strict=True)
+    }
     return axes, Product(figure, pd.concat(tables, ignore_index=True), chains)
 
 
@@ -82,14 +87,16 @@ def _draw_panel(
     figure: Any,
     cell: Any,
     panel: ForcePanel,
-    found: Mapping[str, Simulation],
+    by_engine: Mapping[str, Simulation],
     tops: Mapping[str, float],
     step_N: float,
     strip: float,
 ) -> tuple[dict[str, Any], pd.DataFrame]:
     """Draws a panel of ``draw_pairs`` up to the force in ``tops`` by gauge."""
-    traces = {engine: one.trace for engine, one in found.items()}
-    signals = {engine: sensor_signals(one.case.layout, one.trace) for engine, one in found.items()}
+    traces = {engine: simulation.trace for engine, simulation in by_engine.items()}
+    signals = {
+        engine: sensor_signals(simulation.case.layout, simulation.trace) for engine, simulation in by_engine.items()
+    }
     time_us, bottom = traces[REFERENCE].time_s * MICRO, -ROOM * step_N
     heights = [top - bottom for top in tops.values()]
     rows = cell.subgridspec(len(tops) + 1, 1, height_ratios=[*heights, strip * sum(heights)], hspace=0)
@@ -115,17 +122,17 @@ def _draw_panel(
 
 def _draw_strip(axis: Any, traces: Mapping[str, Trace]) -> pd.DataFrame:
     """Largest difference of each code from the reference in equal intervals of time, as a marker in the middle."""
-    found, time_s = residuals(traces, REFERENCE), traces[REFERENCE].time_s
+    differences, time_s = residuals(traces, REFERENCE), traces[REFERENCE].time_s
     every = max(len(time_s) // STRIP_POINTS, 1)
     starts = np.arange(0, len(time_s) - every + 1, every)
-    largest = {code: np.maximum.reduceat(share, starts) for code, share in found.items()}
+    largest = {code: np.maximum.reduceat(share, starts) for code, share in differences.items()}
     everything = np.concatenate([*largest.values(), STRIP_RANGE])
     low, high = everything[everything > 0].min(), everything.max()
     axis.set(yscale="log", ylim=(low / STRIP_ROOM, high * STRIP_ROOM), xlabel="time since impact (µs)")
     axis.set_ylabel(r"$\delta F$")
     axis.set_yticks(STRIP_TICKS)
     axis.minorticks_off()
-    if not found:
+    if not differences:
         axis.text(0.5, 0.5, "no code", transform=axis.transAxes, ha="center", va="center", color=GREY)
     middle_s = time_s[starts + every // 2]
     draw_codes(axis, {code: (middle_s * MICRO, share) for code, share in largest.items()}, STRIP_SIZE)

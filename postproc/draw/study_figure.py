@@ -285,7 +285,7 @@ def draw_tornado(
     if rows.empty or rows["case"].iloc[0] != 1:
         raise InputError(where, "", f"the base case is not done on {engine}")
     base = rows.iloc[0]
-    found = []
+    bars = []
     for (_, row), given in product(rows.iloc[1:].iterrows(), swept_columns(table)):
         if row[given] == base[given] or not isinstance(row[given], float | int) or not base[given]:
             continue
@@ -293,9 +293,9 @@ def draw_tornado(
         for name in observable_columns(table):
             if base[name] and np.isfinite([row[name], base[name]]).all():
                 share = row[name] / base[name] - 1
-                found.append((name, given, change, share, share / change))
+                bars.append((name, given, change, share, share / change))
     columns = ["observable", "input", "input_change_share", "observable_change_share", "elasticity"]
-    changes = pd.DataFrame(found, columns=columns)  # of the first engine
+    changes = pd.DataFrame(bars, columns=columns)  # of the first engine
     shown = [name for name in observables if name in set(changes["observable"])]
     if not shown:
         raise InputError(where, "axis", "no number was varied in a finished case")

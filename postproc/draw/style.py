@@ -39,12 +39,12 @@ def line_of(engine: str) -> Style:
 
     Unknown names get the last of ``EXTRA_STYLES``.
     """
-    own: dict[str, Style] = {}
-    for found in sorted(map(load_engine, engine_names()), key=lambda found: found.entry.adapter != found.name):
-        if found.style and found.style not in own.values():
-            own[found.name] = found.style
-    plain = [name for name in engine_names() if name not in own]
-    return own.get(engine) or EXTRA_STYLES[plain.index(engine) % len(EXTRA_STYLES) if engine in plain else -1]
+    styles: dict[str, Style] = {}
+    for build in sorted(map(load_engine, engine_names()), key=lambda build: build.entry.adapter != build.name):
+        if build.style and build.style not in styles.values():
+            styles[build.name] = build.style
+    plain = [name for name in engine_names() if name not in styles]
+    return styles.get(engine) or EXTRA_STYLES[plain.index(engine) % len(EXTRA_STYLES) if engine in plain else -1]
 
 
 def marker_of(engine: str) -> dict[str, Any]:

@@ -27,12 +27,12 @@ class Caption:
 @cache
 def captions() -> dict[str, Caption]:
     """Captions of all figures by name, read without importing the modules."""
-    found = {}
+    by_name = {}
     for file in sorted(Path(__file__).parent.glob("[a-z]*.py")):
         words = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
         title, shows, text = (" ".join(part.split()) for part in words.split("\n\n"))
-        found[file.stem] = Caption(title.rstrip("."), shows, text)
-    return found
+        by_name[file.stem] = Caption(title.rstrip("."), shows, text)
+    return by_name
 
 
 def make_figure(name: str, runs: Path) -> "Product":

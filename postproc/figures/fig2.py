@@ -73,12 +73,12 @@ def _draw_free_body(axis: Any) -> None:
 
 def _forces(runs: Path) -> pd.DataFrame:
     """Contact forces of the sensor bead and their average by every engine, around the time of the wave."""
-    (found,) = simulate([case_of("fig4", UNTIL_REFLECTED)], runs)
-    time_s = found[REFERENCE].trace.time_s
-    near = np.abs(time_s - found[REFERENCE].values[f"bead_{SENSOR}_arrival_s"]) < HALF_RANGE_S
+    (simulations,) = simulate([case_of("fig4", UNTIL_REFLECTED)], runs)
+    time_s = simulations[REFERENCE].trace.time_s
+    near = np.abs(time_s - simulations[REFERENCE].values[f"bead_{SENSOR}_arrival_s"]) < HALF_RANGE_S
     tables = []
-    for engine, one in found.items():
-        force_N = one.trace.force_N[near]
+    for engine, simulation in simulations.items():
+        force_N = simulation.trace.force_N[near]
         above, below, average = force_N[:, SENSOR], force_N[:, SENSOR - 1], sensor_average(force_N, SENSOR)
         columns = {"panel": "b", "engine": engine, "time_s": time_s[near]}
         tables.append(pd.DataFrame(columns | dict(zip(FORCES, (above, below, average), strict=True))))
@@ -95,8 +95,8 @@ def _draw_forces(axis: Any, forces: pd.DataFrame) -> None:
     average = exact["average_N"].to_numpy()
     rise, *_, fall = np.flatnonzero(average > 0.3 * average.max())
     seen = [int(rise), int(average.argmax()), int(fall)]
-    own = {str(code): some.iloc[seen] for code, some in forces.groupby("engine") if code != REFERENCE}
-    draw_codes(axis, {code: (some["time_s"] * MICRO, some["average_N"]) for code, some in own.items()})
+    at_maxima = {str(code): some.iloc[seen] for code, some in forces.groupby("engine") if code != REFERENCE}
+    draw_codes(axis, {code: (some["time_s"] * MICRO, some["average_N"]) for code, some in at_maxima.items()})
     for name, label, side in (("F1_N", "$F_1$", -1), ("F2_N", "$F_2$", 1)):
         top = int(np.argmax(exact[name]))
         axis.annotate(label, (time_us[top], exact[name].iloc[top]), xytext=(9 * side, 2), textcoords="offset points",
@@ -113,11 +113,11 @@ def _waves() -> pd.DataFrame:
     stiffness, mass, static = float(chain.stiffness[1]), float(chain.mass_kg[0]), chain.precompression_N
     speeds = [precompressed_speed(particles, ratio * static, static) / particles.diameter_m for ratio in CURVE]
     waves = [solve_at_speed(stiffness, mass, static, beads_per_s) for beads_per_s in speeds]
-    found = pd.DataFrame({"force_over_static": [1 + wave.amplitude for wave in waves],
+    beta = pd.DataFrame({"force_over_static": [1 + wave.amplitude for wave in waves],
                           "beta": [wave.beta for wave in waves], "engine": WAVE})  # fmt: skip
     limit = solve_travelling_wave().contact_over_average
     bare = pd.DataFrame({"force_over_static": CURVE[[0, -1]], "beta": limit, "engine": f"{WAVE} without static force"})
-    return pd.concat([found, bare]).assign(panel="c")
+    return pd.concat([beta, bare]).assign(panel="c")
 
 
 def _points(runs: Path) -> pd.DataFrame:
@@ -125,13 +125,13 @@ def _points(runs: Path) -> pd.DataFrame:
     chain, rows = _chain(), []
     static = static_force(case_of("table1", *chain))
     cases = [strike_for(ratio * static, contact_peak, *chain).case for ratio in STRIKES]
-    for found in simulate(cases, runs):
-        for engine, one in found.items():
-            upper, lower = (one.values[f"bead_{bead}_amplitude_N"] for bead in sensor_pair(one.case))
-            peak = contact_peak(one)
+    for simulations in simulate(cases, runs):
+        for engine, simulation in simulations.items():
+            upper, lower = (simulation.values[f"bead_{bead}_amplitude_N"] for bead in sensor_pair(simulation.case))
+            peak = contact_peak(simulation)
             rows.append({
                 "panel": "c", "engine": engine, "force_over_static": peak / static,
-                "beta": (peak - static) / sensor_amplitude(one), "change_between_sensors": lower / upper - 1,
+                "beta": (peak - static) / sensor_amplitude(simulation), "change_between_sensors": lower / upper - 1,
                 "solitary": abs(lower / upper - 1) < STEADY_CHANGE,
             })  # fmt: skip
     return pd.DataFrame(rows)

@@ -94,17 +94,19 @@ def make(runs: Path) -> Product:
 def _points(exact: dict[tuple[SpeedCurve, float], Simulation], runs: Path) -> pd.DataFrame:
     """Table of strikes, a row per strike and engine."""
     chosen = [(curve, force) for curve, force in exact if force in BY_CODES]
-    found = [(curve, one) for (curve, _), one in exact.items()]
+    pairs = [(curve, simulation) for (curve, _), simulation in exact.items()]
     for simulations in run_codes_on([exact[key].case for key in chosen], runs).values():
-        found += [(curve, one) for (curve, _), one in zip(chosen, simulations, strict=True)]
+        pairs += [(curve, simulation) for (curve, _), simulation in zip(chosen, simulations, strict=True)]
     table = pd.DataFrame([
         {
-            "source": "simulated", "engine": one.engine, "curve": curve.number + 1,
-            "modulus_MPa": curve.modulus_MPa, "gravity": curve.gravity, "striker_m_s": strikes.striker_speed(one),
-            "force_N": strikes.contact_peak(one), "static_N": strikes.static_force(one.case),
-            "sensor_amplitude_N": strikes.sensor_amplitude(one), "speed_m_s": strikes.speed_between_sensors(one),
+            "source": "simulated", "engine": simulation.engine, "curve": curve.number + 1,
+            "modulus_MPa": curve.modulus_MPa, "gravity": curve.gravity,
+            "striker_m_s": strikes.striker_speed(simulation), "force_N": strikes.contact_peak(simulation),
+            "static_N": strikes.static_force(simulation.case),
+            "sensor_amplitude_N": strikes.sensor_amplitude(simulation),
+            "speed_m_s": strikes.speed_between_sensors(simulation),
         }
-        for curve, one in found
+        for curve, simulation in pairs
     ])  # fmt: skip
     by_strike = table[table["engine"] == REFERENCE].set_index("striker_m_s")["speed_m_s"]
     table[DEVIATION] = table["speed_m_s"] / table["striker_m_s"].map(by_strike) - 1

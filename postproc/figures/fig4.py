@@ -36,14 +36,14 @@ HALF_LEVEL_S = 80e-6  # of the drawn level
 def make(runs: Path) -> Product:
     """Runs the scene of Fig. 4 with the calibrated dissipation and without dissipation."""
     cases = [case_of("fig4", UNTIL_DAMPED_REFLECTED, *calibrated().settings), case_of("fig4", UNTIL_REFLECTED)]
-    found = simulate(cases, runs)
+    simulations = simulate(cases, runs)
     figure = pyplot().figure(figsize=(PAGE_IN, 4.9), layout="constrained")
     durations = [case.scene.run.duration for case in cases]  # same time scale in both panels
     grid = figure.add_gridspec(1, 2, width_ratios=durations)
-    axes, product = draw_pairs(figure, grid, PANELS, found, _numbers, STEP_N, strip=STRIP_SHARE)
-    for gauges, own in zip(axes, found, strict=True):
-        _name_reflected(gauges, own[REFERENCE])
-    return product.with_rows(*_draw_quoted(figure, axes[0], found[0][REFERENCE]))
+    axes, product = draw_pairs(figure, grid, PANELS, simulations, _numbers, STEP_N, strip=STRIP_SHARE)
+    for gauges, by_engine in zip(axes, simulations, strict=True):
+        _name_reflected(gauges, by_engine[REFERENCE])
+    return product.with_rows(*_draw_quoted(figure, axes[0], simulations[0][REFERENCE]))
 
 
 def _numbers(one: Simulation) -> dict[str, float]:

@@ -55,11 +55,11 @@ def make(runs: Path) -> Product:
     # gauges without a mass of their own do not change the run
     gauges = f"chain.sensors=[{{ from_wall = {top} }}, {{ from_wall = {top - 1} }}]"
     cases = [case_of("fig5", gauges, *calibrated().settings), case_of("fig5", gauges)]
-    found, paper = simulate(cases, runs), quoted()
+    simulations, paper = simulate(cases, runs), quoted()
     figure = pyplot().figure(figsize=(PAGE_IN, 3.0), layout="constrained")
     grid = figure.add_gridspec(1, 3, width_ratios=[1.15, 1.15, 1])
-    axes, product = draw_pairs(figure, [grid[0], grid[1]], PANELS, found, _numbers, STEP_N, gauges=(WALL,))
-    damped, elastic = (own[REFERENCE] for own in found)
+    axes, product = draw_pairs(figure, [grid[0], grid[1]], PANELS, simulations, _numbers, STEP_N, gauges=(WALL,))
+    damped, elastic = (by_engine[REFERENCE] for by_engine in simulations)
     entrance = _draw_entrance(figure.add_subplot(grid[2]), damped, elastic).assign(panel="c")
     rates = paper.fig5_measured_envelope_per_us, paper.fig5_computed_envelope_per_us
     envelopes = [
@@ -85,8 +85,10 @@ def _train(one: Simulation) -> tuple[list[Peak], dict[int, Envelope]]:
     return maxima, envelopes
 
 
-def _too_short(one: Simulation, found: str) -> InputError:
-    return InputError(one.case.scene.file, "run.duration", found, "until the wave is back, and weaker dissipation")
+def _too_short(simulation: Simulation, found: str) -> InputError:
+    return InputError(
+        simulation.case.scene.file, "run.duration", found, "until the wave is back, and weaker dissipation"
+    )
 
 
 def _numbers(one: Simulation) -> dict[str, float]:

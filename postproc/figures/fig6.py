@@ -43,10 +43,10 @@ DESCRIPTIONS = {0: ("leading wave", "oscillatory tail"), 2: ("", "oscillatory sh
 def make(runs: Path) -> Product:
     """Runs both scenes with the calibrated dissipation and without dissipation."""
     cases = [case_of(scene, UNTIL_PASSED, *law) for scene in SCENES for law in (calibrated().settings, ())]
-    found = simulate(cases, runs)
+    simulations = simulate(cases, runs)
     figure = pyplot().figure(figsize=(PAGE_IN, 4.8), layout="constrained")
-    axes, product = draw_pairs(figure, figure.add_gridspec(2, 2), PANELS, found, _numbers, STEP_N)
-    maxima, losses = [_first_maxima(own[REFERENCE]) for own in found], []
+    axes, product = draw_pairs(figure, figure.add_gridspec(2, 2), PANELS, simulations, _numbers, STEP_N)
+    maxima, losses = [_first_maxima(by_engine[REFERENCE]) for by_engine in simulations], []
     for place, described in DESCRIPTIONS.items():
         wall, look = axes[place]["wall"], {"color": QUOTED["color"], "fontsize": 7, "textcoords": "offset points"}
         for peak, words in zip(maxima[place], described, strict=True):
@@ -64,23 +64,23 @@ def _draw_loss(axis: Any, damped: Peak, elastic: Peak) -> pd.DataFrame:
     return draw_curve(axis, REFERENCE, "elastic_maximum_1_N", reach_s, "wall", [elastic.value] * 2, **LEVEL)
 
 
-def _first_maxima(one: Simulation) -> tuple[Peak, Peak]:
+def _first_maxima(simulation: Simulation) -> tuple[Peak, Peak]:
     """First two maxima at the wall.
 
     Raises:
         InputError: There are fewer.
     """
-    found = peaks(one.trace.time_s, one.trace.force_N[:, 0], LATER_PROMINENCE)
-    if len(found) < 2:
+    maxima = peaks(simulation.trace.time_s, simulation.trace.force_N[:, 0], LATER_PROMINENCE)
+    if len(maxima) < 2:
         allowed = "at least two: use a longer run or weaker dissipation"
-        raise InputError(one.case.scene.file, "run.duration", f"{len(found)} maxima at the wall", allowed)
-    return found[0], found[1]
+        raise InputError(simulation.case.scene.file, "run.duration", f"{len(maxima)} maxima at the wall", allowed)
+    return maxima[0], maxima[1]
 
 
-def _numbers(one: Simulation) -> dict[str, float]:
+def _numbers(simulation: Simulation) -> dict[str, float]:
     """Heights and times of the first two maxima, and the smallest force between them divided by the second maximum."""
-    first, second = _first_maxima(one)
-    valley_N = float(one.trace.force_N[first.sample : second.sample + 1, 0].min())
+    first, second = _first_maxima(simulation)
+    valley_N = float(simulation.trace.force_N[first.sample : second.sample + 1, 0].min())
     return {
         "maximum_1_N": first.value, "maximum_1_us": first.time_s * MICRO,
         "maximum_2_N": second.value, "maximum_2_us": second.time_s * MICRO,

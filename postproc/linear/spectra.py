@@ -100,10 +100,10 @@ def harmonics_of(time_s: Array, signal: Array, frequency_Hz: float, count: int =
     orders = [order for order in range(1, count + 1) if 2 * order * frequency_Hz < 0.99 * rate]
     angles = [2 * pi * order * frequency_Hz * time_s[used] for order in orders]
     columns = [np.ones(int(used.sum())), *(wave(angle) for angle in angles for wave in (np.sin, np.cos))]
-    found, *_ = np.linalg.lstsq(np.column_stack(columns), signal[used])
+    coefficients, *_ = np.linalg.lstsq(np.column_stack(columns), signal[used])
     return [
         Harmonic(order * frequency_Hz, float(np.hypot(sine, cosine)), float(np.arctan2(cosine, sine)))
-        for order, sine, cosine in zip(orders, found[1::2], found[2::2], strict=True)
+        for order, sine, cosine in zip(orders, coefficients[1::2], coefficients[2::2], strict=True)
     ]
 
 

@@ -95,30 +95,30 @@ def analyse(
     return Analysis(source, target, window, time_s, signals, units, spectra, frequency_Hz, harmonics)
 
 
-def spectrum_product(case: Case, found: Analysis, title: str) -> Product:
+def spectrum_product(case: Case, analysis: Analysis, title: str) -> Product:
     """Figure and table of the spectra, with the lines to print."""
     figure, axes = pyplot().subplots(1, 3, figsize=(PAGE_IN, 3.0), layout="constrained", width_ratios=(1.2, 1, 1.1))
-    bands, amplitudes = _bands(case), found.spectra
-    table = pd.DataFrame({"frequency_Hz": amplitudes[found.target].frequency_Hz})
+    bands, amplitudes = _bands(case), analysis.spectra
+    table = pd.DataFrame({"frequency_Hz": amplitudes[analysis.target].frequency_Hz})
     letter_panel(axes[0], "a", "amplitudes")
     shade_bands(axes[0].axvspan, bands)
     for (name, spectrum), colour in zip(amplitudes.items(), cycle(COLOURS), strict=False):
         share = spectrum.amplitude / (spectrum.amplitude.max() or 1.0)
         axes[0].plot(spectrum.frequency_Hz / 1e3, share, color=colour, lw=0.9, label=name.replace("_", " "))
-        table[f"{name}_amplitude_{found.units[name]}"] = spectrum.amplitude
+        table[f"{name}_amplitude_{analysis.units[name]}"] = spectrum.amplitude
     axes[0].set(yscale="log", ylim=(10.0**-DECADES, 2), ylabel="amplitude / largest")
     axes[0].legend(frameon=False, loc="upper right")
-    letter_panel(axes[1], "b", f"{found.target} / {found.source}".replace("_", " "))
+    letter_panel(axes[1], "b", f"{analysis.target} / {analysis.source}".replace("_", " "))
     shade_bands(axes[1].axvspan, bands)
-    if found.source != found.target:
+    if analysis.source != analysis.target:
         frequency, transfer = transfer_of(
-            found.time_s, found.signals[found.source], found.signals[found.target], found.window
+            analysis.time_s, analysis.signals[analysis.source], analysis.signals[analysis.target], analysis.window
         )
         table["transfer"], table["transfer_phase_rad"] = np.abs(transfer), np.angle(transfer)
         axes[1].plot(frequency / 1e3, np.abs(transfer), color=COLOURS[0], lw=0.9)
         axes[1].set(yscale="log" if np.nan_to_num(np.abs(transfer)).any() else "linear")
-    letter_panel(axes[2], "c", found.target.replace("_", " "))
-    time, frequency, power = spectrogram_of(found.time_s, found.signals[found.target], found.window)
+    letter_panel(axes[2], "c", analysis.target.replace("_", " "))
+    time, frequency, power = spectrogram_of(analysis.time_s, analysis.signals[analysis.target], analysis.window)
     level = np.log10(np.maximum(power / (power.max() or 1.0), 10.0**-DECADES))
     mesh = axes[2].pcolormesh(1e3 * time, frequency / 1e3, level, cmap=value_colours(), rasterized=True)
     figure.colorbar(mesh, ax=axes[2], label="log10 (amplitude / largest)")
@@ -128,7 +128,7 @@ def spectrum_product(case: Case, found: Analysis, title: str) -> Product:
         axis.set(xlabel="frequency (kHz)", xlim=(0, highest))
     axes[2].set_ylim(0, highest)
     figure.suptitle(title)
-    return Product(figure, table, notes=[*_lines(found)])
+    return Product(figure, table, notes=[*_lines(analysis)])
 
 
 def _bands(case: Case) -> list[Bands]:
@@ -150,48 +150,49 @@ def _highest_Hz(spectra: Mapping[str, Spectrum], bands: list[Bands]) -> float:
     return max(1.2 * edge, min(1.2 * last, float(next(iter(spectra.values())).frequency_Hz[-1])))
 
 
-def _lines(found: Analysis) -> Iterator[str]:
-    time, spectrum = found.time_s, found.spectra[found.target]
+def _lines(analysis: Analysis) -> Iterator[str]:
+    time, spectrum = analysis.time_s, analysis.spectra[analysis.target]
     yield (
-        f"{len(time)} samples from {time[0]:g} to {time[-1]:g} s, window {found.window}, "
+        f"{len(time)} samples from {time[0]:g} to {time[-1]:g} s, window {analysis.window}, "
         f"resolution {spectrum.resolution_Hz:.5g} Hz, {PARTS} times that in the spectrogram, "
         f"up to {spectrum.frequency_Hz[-1]:.5g} Hz"
     )
-    for name, each in found.spectra.items():
-        place = int(np.argmax(each.amplitude))
-        yield f"{name}: strongest at {each.frequency_Hz[place]:.5g} Hz, {each.amplitude[place]:.4g} {found.units[name]}"
-    if found.frequency_Hz is not None:
-        yield f"harmonics of {found.frequency_Hz:g} Hz in the last whole periods, A sin(2 pi f t + phase)"
+    for name, shown in analysis.spectra.items():
+        place = int(np.argmax(shown.amplitude))
+        strongest = f"{shown.frequency_Hz[place]:.5g} Hz, {shown.amplitude[place]:.4g} {analysis.units[name]}"
+        yield f"{name}: strongest at {strongest}"
+    if analysis.frequency_Hz is not None:
+        yield f"harmonics of {analysis.frequency_Hz:g} Hz in the last whole periods, A sin(2 pi f t + phase)"
         rows = [("signal", "frequency", "amplitude", "phase")]
-        for name, parts in found.harmonics.items():
+        for name, parts in analysis.harmonics.items():
             rows += [
                 (
                     name,
                     f"{part.frequency_Hz:.6g} Hz",
-                    f"{part.amplitude:.6g} {found.units[name]}",
+                    f"{part.amplitude:.6g} {analysis.units[name]}",
                     f"{part.phase_rad:.5f} rad",
                 )
                 for part in parts
             ]
         yield from text_table(rows)
-        if found.source != found.target:
-            start, end = (found.harmonics[name][0] for name in (found.source, found.target))
+        if analysis.source != analysis.target:
+            start, end = (analysis.harmonics[name][0] for name in (analysis.source, analysis.target))
             turn = float(np.angle(np.exp(1j * (end.phase_rad - start.phase_rad))))
-            unit = f"{found.units[found.target]}/{found.units[found.source]}"
+            unit = f"{analysis.units[analysis.target]}/{analysis.units[analysis.source]}"
             ratio = end.amplitude / start.amplitude if start.amplitude else float("nan")
-            yield f"transfer from {found.source} to {found.target}: {ratio:.6g} {unit}, phase {turn:.5f} rad"
+            yield f"transfer from {analysis.source} to {analysis.target}: {ratio:.6g} {unit}, phase {turn:.5f} rad"
 
 
-def numbers_of(found: Analysis) -> dict[str, Any]:
+def numbers_of(analysis: Analysis) -> dict[str, Any]:
     """Lines as numbers: resolution, strongest lines and harmonics by signal."""
-    strongest = {name: int(np.argmax(each.amplitude)) for name, each in found.spectra.items()}
+    strongest = {name: int(np.argmax(each.amplitude)) for name, each in analysis.spectra.items()}
     return {
-        "samples": len(found.time_s), "window": found.window,
-        "resolution_Hz": found.spectra[found.target].resolution_Hz,
+        "samples": len(analysis.time_s), "window": analysis.window,
+        "resolution_Hz": analysis.spectra[analysis.target].resolution_Hz,
         "strongest": {
-            name: {"frequency_Hz": float(found.spectra[name].frequency_Hz[place]),
-                   f"amplitude_{found.units[name]}": float(found.spectra[name].amplitude[place])}
+            name: {"frequency_Hz": float(analysis.spectra[name].frequency_Hz[place]),
+                   f"amplitude_{analysis.units[name]}": float(analysis.spectra[name].amplitude[place])}
             for name, place in strongest.items()
         },
-        "harmonics": {name: [vars(part) for part in parts] for name, parts in found.harmonics.items()},
+        "harmonics": {name: [vars(part) for part in parts] for name, parts in analysis.harmonics.items()},
     }  # fmt: skip

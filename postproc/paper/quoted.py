@@ -80,14 +80,14 @@ def quoted() -> Quoted:
         InputError: The file is wrong.
     """
     where = paths.shown(paths.QUOTED)
-    found = validate(Quoted, read_toml(paths.QUOTED), where)
-    rows = len(found.table1.force_N)
-    for name, column in found.table1.model_dump(by_alias=True).items():
+    numbers = validate(Quoted, read_toml(paths.QUOTED), where)
+    rows = len(numbers.table1.force_N)
+    for name, column in numbers.table1.model_dump(by_alias=True).items():
         if len(column) != rows:
             raise InputError(where, f"table1.{name}", f"{len(column)} numbers", f"{rows}, as in table1.force_N")
-    if len(set(found.table1.force_N)) != rows:
+    if len(set(numbers.table1.force_N)) != rows:
         raise InputError(where, "table1.force_N", "the same force twice", "different forces")
-    return found
+    return numbers
 
 
 def force_accuracy(force_N: float) -> float:

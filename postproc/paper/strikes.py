@@ -118,9 +118,9 @@ def strike_for(force_N: float, amplitude: Amplitude, *settings: str) -> Simulati
     root = _root(excess, log(speed))
     if root is None:
         raise RunError(f"{SCENE}: no striker speed gives a wave of {force_N:g} N")
-    found = exp(root)
-    arrival_s = exact(_struck_at(long, found)).values[f"bead_{sensor_pair(long)[1]}_arrival_s"]
-    return exact(strike(found, END_FACTOR * arrival_s, *settings))
+    striker_m_s = exp(root)
+    arrival_s = exact(_struck_at(long, striker_m_s)).values[f"bead_{sensor_pair(long)[1]}_arrival_s"]
+    return exact(strike(striker_m_s, END_FACTOR * arrival_s, *settings))
 
 
 def _struck_at(case: Case, speed_m_s: float) -> Case:
@@ -138,13 +138,15 @@ def _root(excess: Callable[[float], float], start: float) -> float | None:
     """
     first = excess(start)
     with warnings.catch_warnings(action="ignore"):  # if the secant method diverges, the bracket below is used
-        found = root_scalar(excess, method="secant", x0=start, x1=start - first / 1.2, xtol=SPEED_TOLERANCE, maxiter=8)
+        solution = root_scalar(
+            excess, method="secant", x0=start, x1=start - first / 1.2, xtol=SPEED_TOLERANCE, maxiter=8
+        )
     if (
-        found.converged
-        and abs(found.root - start) < SEARCH_RANGE
-        and abs(excess(float(found.root))) < 1e3 * SPEED_TOLERANCE
+        solution.converged
+        and abs(solution.root - start) < SEARCH_RANGE
+        and abs(excess(float(solution.root))) < 1e3 * SPEED_TOLERANCE
     ):
-        return float(found.root)
+        return float(solution.root)
     ends = start - SEARCH_RANGE, start + SEARCH_RANGE
     return float(brentq(excess, *ends, xtol=SPEED_TOLERANCE)) if excess(ends[0]) < 0 < excess(ends[1]) else None
 

@@ -44,8 +44,8 @@ def bounds_on_observables(layout: Layout, trace: Trace, values: dict[str, float]
 
 def _seconds_per_newton(time_s: Array, signal_N: Array) -> float:
     """Displacement of the first maximum by a change of all samples of 1 N, to first order; inf without a maximum."""
-    found = pulses(time_s, signal_N - signal_N[0])
-    peak: Peak | None = found[0] if found else first_peak(time_s, signal_N)
+    waves = pulses(time_s, signal_N - signal_N[0])
+    peak: Peak | None = waves[0] if waves else first_peak(time_s, signal_N)
     if peak is None or not 0 < peak.sample < len(signal_N) - 1:
         return float("inf")
     around = signal_N[peak.sample - 1 : peak.sample + 2]

@@ -54,10 +54,10 @@ class Label:
 def observable_label(name: str) -> Label:
     """Label of an observable, named with or without its unit."""
     observable = describe(name)
-    found = observable.match(name)
+    match = observable.match(name)
     parts = {}
-    if found:
-        parts = {field: text.replace("pct", "\u00a0%").replace("_", " ") for field, text in found.groupdict().items()}
+    if match:
+        parts = {field: text.replace("pct", "\u00a0%").replace("_", " ") for field, text in match.groupdict().items()}
     if parts.get("gauge") == "wall":
         parts["gauge"] = "the wall"
     return Label(observable.words.format(**parts), observable.unit)
@@ -69,8 +69,8 @@ def key_label(name: str, key: str) -> Label:
     Moduli, Poisson's ratios and densities are named in full.
     """
     for pattern, words in KEYS if name == key or key.startswith(MATERIALS) else ():
-        if found := re.fullmatch(pattern, key):
-            return Label(found.expand(words).replace("_", " "), unit_of(key))
+        if match := re.fullmatch(pattern, key):
+            return Label(match.expand(words).replace("_", " "), unit_of(key))
     return Label(re.sub("[._]", " ", name), unit_of(key))
 
 

@@ -183,12 +183,12 @@ def _listed(known: Collection[str], name: str) -> str:
 
 def _column(columns: list[Column], name: str, where: str, key: str) -> Column:
     """The column with this heading, given with or without its unit."""
-    found = [column for column in columns if column.heading == name] or [c for c in columns if c.name == name]
-    if len(found) != 1:
-        headings = _listed([column.heading for column in columns], "" if found else name)
-        problem = f'{"more than one" if found else "no"} column "{name}" in {columns[0].file}'
+    matching = [column for column in columns if column.heading == name] or [c for c in columns if c.name == name]
+    if len(matching) != 1:
+        headings = _listed([column.heading for column in columns], "" if matching else name)
+        problem = f'{"more than one" if matching else "no"} column "{name}" in {columns[0].file}'
         raise InputError(where, key, problem, f"a heading in line {columns[0].line} that is there once: {headings}")
-    return found[0]
+    return matching[0]
 
 
 def _no_column(columns: list[Column], allowed: str, where: str, key: str) -> InputError:
@@ -199,13 +199,17 @@ def _no_column(columns: list[Column], allowed: str, where: str, key: str) -> Inp
 def _time(columns: list[Column], entry: MeasuredEntry, where: str, key: str) -> Column:
     """The column of time: that of the entry, or one with a usual name, or the first if its unit is one of time."""
     named = [column for column in columns if column.name.lower() in TIMES]
-    found = named if len(named) == 1 else [column for column in named or columns[:1] if unit_of(column.unit)[1] == TIME]
+    candidates = (
+        named if len(named) == 1 else [column for column in named or columns[:1] if unit_of(column.unit)[1] == TIME]
+    )
     if entry.time is not None:
-        found = [_column(columns, entry.time, where, key)]
-    elif len(found) != 1:
-        allowed = f'one column "time"; or in [[measured]], such as time = "{(found or columns)[0].heading}"'
+        candidates = [_column(columns, entry.time, where, key)]
+    elif len(candidates) != 1:
+        allowed = f'one column "time"; or in [[measured]], such as time = "{(candidates or columns)[0].heading}"'
         raise _no_column(columns, allowed, where, key)
-    return replace(found[0], unit=found[0].unit or found[0].name * (unit_of(found[0].name)[1] == TIME))
+    return replace(
+        candidates[0], unit=candidates[0].unit or candidates[0].name * (unit_of(candidates[0].name)[1] == TIME)
+    )
 
 
 def _gauge_columns(

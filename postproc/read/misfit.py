@@ -156,15 +156,15 @@ def gain_remark(gauge: AlignedGauge, key: str) -> str:
     sign, power = -1 if -both.min() > INVERTED * both.max() else 1, 3 * round(log10(largest_N / expected_N) / 3)
     if abs(power) not in SMALLER or not 1 / MAX_FACTOR < largest_N / expected_N / 10.0**power < MAX_FACTOR:
         power = 0
-    found = ["readings are inverted"] * (sign < 0)
+    problems = ["readings are inverted"] * (sign < 0)
     if power:
         units = (SMALLER[abs(power)] + trace.unit, trace.unit)[:: 1 if power > 0 else -1]
-        found.append(f"readings are about {10.0**power:g} times the computed force ({' read as '.join(units)}?)")
-    if not found:
+        problems.append(f"readings are about {10.0**power:g} times the computed force ({' read as '.join(units)}?)")
+    if not problems:
         return ""
     fit = f"{sign * trace.gain / 10.0**power:g}"
     stated = fit if trace.unit == FORCE else f'"{fit} N/{trace.unit}"'
-    return f"{' and '.join(found)}: {key}.gain = {stated} fits"
+    return f"{' and '.join(problems)}: {key}.gain = {stated} fits"
 
 
 def misfits(
@@ -183,20 +183,20 @@ def misfits(
         run: Computed trace.
         quoted: Quoted values with their relative standard errors by observable.
     """
-    computed, found = observe(layout, run, LEVELS), list[Misfit]()
+    computed, rows = observe(layout, run, LEVELS), list[Misfit]()
     for file in dict.fromkeys(curve.gauge.trace.file for curve in curves):
         own = {curve.gauge.gauge: curve for curve in curves if curve.gauge.trace.file == file}
         pulses = {name: _pulse(curve) for name, curve in own.items()}
         for name, curve in own.items():
-            found += _of_gauge(curve.gauge, pulses[name], computed)
-        found += _speeds(layout, pulses, file.name, computed)
+            rows += _of_gauge(curve.gauge, pulses[name], computed)
+        rows += _speeds(layout, pulses, file.name, computed)
         gauge = next(iter(own.values())).gauge
-        found.append(Misfit("trigger_s", file.name, gauge.trigger_s, gauge.trigger_error_s, 0.0, nan))
-    found += [
+        rows.append(Misfit("trigger_s", file.name, gauge.trigger_s, gauge.trigger_error_s, 0.0, nan))
+    rows += [
         Misfit(name, QUOTED, value, abs(value) * error_share, 0.0, computed[name])
         for name, (value, error_share) in (quoted or {}).items()
     ]
-    return found
+    return rows
 
 
 def _of_gauge(gauge: AlignedGauge, pulse: _Pulse, values: Mapping[str, float]) -> list[Misfit]:
@@ -250,7 +250,7 @@ def _pulse(curve: SmoothForce) -> _Pulse:
 
 def _speeds(layout: Layout, pulses: Mapping[str, _Pulse], source: str, computed: Mapping[str, float]) -> list[Misfit]:
     """Peak-to-peak speeds between neighbouring sensors that are both in the file."""
-    found = []
+    speeds = []
     for upper, lower in pairwise(layout.sensors):
         names = [f"bead_{sensor.from_wall}" for sensor in (upper, lower)]
         if pulses.keys() >= {*names}:
@@ -259,5 +259,5 @@ def _speeds(layout: Layout, pulses: Mapping[str, _Pulse], source: str, computed:
             speed = (upper.height_m - lower.height_m) / travel_s
             error = speed * hypot(first_error_s, second_error_s) / travel_s
             name = f"speed_{upper.from_wall}_to_{lower.from_wall}_m_s"
-            found.append(Misfit(name, source, speed, error, 0.0, computed[name]))
-    return found
+            speeds.append(Misfit(name, source, speed, error, 0.0, computed[name]))
+    return speeds

@@ -153,8 +153,8 @@ DEFINITIONS = {
 @cache
 def describe(name: str) -> Observable:
     """The observable with this name, with or without its unit; for any other name a plain number without a kind."""
-    found = (observable for observable in OBSERVABLES if observable.match(name))
-    return next(found, Observable(name, "", "", name.replace("_", " "), of_wave=False))
+    matching = (observable for observable in OBSERVABLES if observable.match(name))
+    return next(matching, Observable(name, "", "", name.replace("_", " "), of_wave=False))
 
 
 def without_unit(name: str) -> str:
@@ -210,10 +210,10 @@ def observe(layout: Layout, trace: Trace, levels: tuple[float, ...] = LEVELS) ->
     readings = sensor_signals(layout, trace)
     signals = {name: reading - reading[0] for name, reading in readings.items()}
     noise = ROUNDING_SHARE * float(np.abs(trace.force_N).max())
-    found = {name: pulses(time, signal) if np.ptp(signal) > noise else [] for name, signal in signals.items()}
+    pulses_of = {name: pulses(time, signal) if np.ptp(signal) > noise else [] for name, signal in signals.items()}
     values: dict[str, float] = {}
     for name, signal in signals.items():
-        first = found[name][0] if found[name] else None
+        first = pulses_of[name][0] if pulses_of[name] else None
         static = values[f"{name}_static_N"] = float(readings[name][0])
         values[f"{name}_amplitude_N"] = first.value if first else np.nan
         values[f"{name}_peak_N"] = first.value + static if first else np.nan
@@ -223,15 +223,17 @@ def observe(layout: Layout, trace: Trace, levels: tuple[float, ...] = LEVELS) ->
         for level in levels:
             edge_s = rising_crossing(time, signal, level * first.value, first) if first else np.nan
             values[f"{name}_duration_{_percent(level)}_s"] = 2 * (first.time_s - edge_s) if first else np.nan
-    turned = found["wall"][0].time_s if layout.wall and found["wall"] else np.inf  # until then waves travel to the wall
+    turned = (
+        pulses_of["wall"][0].time_s if layout.wall and pulses_of["wall"] else np.inf
+    )  # until then waves travel to the wall
     places = {f"bead_{sensor.from_wall}": sensor.from_wall for sensor in layout.sensors}
     rising = {  # at bead 1 a wave and its reflection coincide
-        name: going_up(trace.force_N, place, found[name]) if place > 1 or not layout.wall else []
+        name: going_up(trace.force_N, place, pulses_of[name]) if place > 1 or not layout.wall else []
         for name, place in places.items()
     }
     for name, upwards in rising.items():
         back = next((peak for peak in upwards if peak.time_s > turned), None)
-        before = found[name][: found[name].index(back)] if back else found[name]
+        before = pulses_of[name][: pulses_of[name].index(back)] if back else pulses_of[name]
         passing = [peak for peak in before if peak not in upwards] if layout.wall else before
         values[f"{name}_pulses"] = float(len(passing))
         one, two = passing[:2] if len(passing) > 1 else (None, None)
@@ -243,13 +245,13 @@ def observe(layout: Layout, trace: Trace, levels: tuple[float, ...] = LEVELS) ->
             values[f"{name}_reflected_arrival_s"] = back.time_s if back else np.nan
     if layout.wall:
         later = [peak for peak in peaks(time, signals["wall"], LATER_PROMINENCE) if peak.time_s > turned]
-        maxima = [*found["wall"][:1], *later][:ENVELOPE_MAXIMA]
+        maxima = [*pulses_of["wall"][:1], *later][:ENVELOPE_MAXIMA]
         shown = [replace(peak, value=peak.value + values["wall_static_N"]) for peak in maxima]
         for number in range(2, ENVELOPE_MAXIMA + 1):
             values[f"wall_peak_{number}_N"] = shown[number - 1].value if number <= len(shown) else np.nan
         curve = train_envelope(shown)
         values["wall_envelope_per_s"] = curve.rate_per_s if curve else np.nan
-    from_below = {name for name, upwards in rising.items() if found[name][:1] == upwards[:1] != []}
+    from_below = {name for name, upwards in rising.items() if pulses_of[name][:1] == upwards[:1] != []}
     values |= _speeds_and_widths(layout, values, levels, from_below)
     values |= _contact_loss(layout, trace, noise)
     values |= _balances(layout, trace)

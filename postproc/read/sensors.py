@@ -66,14 +66,14 @@ def going_up(force_N: Array, from_wall: int, pulses: list[Peak]) -> list[Peak]:
     bead = max(min(from_wall, contacts - 1), 1)
     both_N = force_N[:, [bead - 1, bead % contacts]]
     lower_N, upper_N = (both_N - both_N[0]).T
-    found, before = [], 0
+    upwards, before = [], 0
     for pulse in pulses:
         valley = before + int(np.argmin((lower_N + upper_N)[before : pulse.sample + 1]))
         below_N, above_N = (side[valley : pulse.sample + 1] for side in (lower_N, upper_N))
         if (below_N - above_N).sum() > BALANCED * (np.abs(below_N) + np.abs(above_N)).sum():
-            found.append(pulse)
+            upwards.append(pulse)
         before = pulse.sample
-    return found
+    return upwards
 
 
 def gauges_of(layout: Layout) -> list[str]:

@@ -44,15 +44,15 @@ def peaks(time_s: Array, values: Array, prominence: float = PROMINENCE) -> list[
 
 def pulses(time_s: Array, values: Array) -> list[Peak]:
     """Maxima above 0 without noise, ripple and the wakes of earlier pulses; later pulses may be much larger."""
-    found: list[Peak] = []
+    accepted: list[Peak] = []
     largest = 0.0
     for place, prominence in _maxima(values, NOISE):
         if prominence >= OWN_PROMINENCE * values[place]:  # a peak is at least as high as its sample
             peak = _peak_at(time_s, values, place)
             if peak.value > WAKE * largest and prominence >= OWN_PROMINENCE * peak.value:
-                found.append(peak)
+                accepted.append(peak)
                 largest = max(largest, peak.value)
-    return found
+    return accepted
 
 
 def first_peak(time_s: Array, values: Array) -> Peak | None:
@@ -80,14 +80,14 @@ def _maxima(values: Array, prominence: float) -> Iterator[tuple[int, float]]:
 
 def _peak_at(time_s: Array, values: Array, place: int) -> Peak:
     """Maximum around the largest sample: that sample, or the place on either side where the slope falls through 0."""
-    found = [(float(values[place]), float(time_s[place]))]
+    candidates = [(float(values[place]), float(time_s[place]))]
     for start in range(max(place - 1, 0), min(place + 1, len(values) - 1)):
         curve = _local_curve(values, place, start)
         slope = [(len(curve) - 1 - index) * each for index, each in enumerate(curve[:-1])]
         if _at(0.0, slope) > 0 > _at(1.0, slope):
             share = _root(slope)
-            found.append((_at(share, curve), float(time_s[start]) + share * _spacing(time_s)))
-    value, time = max(found)
+            candidates.append((_at(share, curve), float(time_s[start]) + share * _spacing(time_s)))
+    value, time = max(candidates)
     return Peak(time, value, place)
 
 
@@ -206,10 +206,10 @@ def incident_pulse(time_s: Array, signal: Array, onset_share: float = ONSET) -> 
     """
     from scipy.interpolate import make_interp_spline
 
-    found = peaks(time_s, signal)
-    if len(found) < 2:
+    maxima = peaks(time_s, signal)
+    if len(maxima) < 2:
         return None
-    first, reflected = found[0], max(found[1:], key=lambda peak: peak.value)
+    first, reflected = maxima[0], max(maxima[1:], key=lambda peak: peak.value)
     onset = rising_crossing(time_s, signal, onset_share * first.value, first)
     after = np.linspace(first.time_s, reflected.time_s, REFINEMENT * (reflected.sample - first.sample))
     falling = np.asarray(make_interp_spline(time_s, signal, k=5)(after))

@@ -120,13 +120,9 @@ class Candidate:
 
     def run(self, case: Case) -> Trace:
         """Run a case and read its trace; skip the test if the engine refuses the case. RunError if the run fails."""
-        self.admit(case)
-        return self.run_deck(case, self.engine.render(case))
-
-    def admit(self, case: Case) -> None:
-        """Skip the test if the engine refuses the case, by design."""
         if refused := inability(case, self.engine.name):
             pytest.skip(f"refused: {str(refused).removeprefix(f'{refused.args[0]}: ')}")
+        return self.run_deck(case, self.engine.render(case))
 
     def changed(self) -> Mapping[str, Case]:
         """Cases of the kit's scene with each change that the engine models and that has to change its deck."""

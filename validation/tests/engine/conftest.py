@@ -18,10 +18,10 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if "candidate" in metafunc.fixturenames:
         names = metafunc.config.getoption("engine")
         shipped = [pytest.param(name, marks=() if name == VERLET else pytest.mark.long) for name in engine_names()]
-        metafunc.parametrize("candidate", names or shipped, indirect=True, scope="module")
+        metafunc.parametrize("candidate", names or shipped, indirect=True, scope="session")
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def candidate(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Candidate]:
     """Engine under test with its build, a folder and a server."""
     if request.param not in STAND_INS:

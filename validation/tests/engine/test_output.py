@@ -6,6 +6,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import closing, suppress
 from pathlib import Path
 
+import pytest
+
 from drivers.base.decks import Deck
 from drivers.base.errors import RunError
 from drivers.base.tolerances import tolerance
@@ -58,12 +60,11 @@ def test_damaged_output(candidate: Candidate) -> None:
     """
     folder, trace = candidate.alone
     place, problems = candidate.folder / "damaged", list[str]()
-    for words, contents, may_differ in _damages(candidate, _output(candidate.deck, folder)):
+    for damage, contents, may_differ in _damages(candidate, _output(candidate.deck, folder)):
         shutil.copytree(folder, place)
         for name, content in contents.items():
-            if content is None:
-                (place / name).unlink()
-            else:
+            (place / name).unlink(missing_ok=True)
+            if content is not None:
                 (place / name).parent.mkdir(exist_ok=True)
                 (place / name).write_bytes(content)
         try:
@@ -71,10 +72,10 @@ def test_damaged_output(candidate: Candidate) -> None:
         except RunError:
             pass
         except Exception as error:  # adapters may raise anything
-            problems.append(f"{words}: {type(error).__name__}: {error}")
+            problems.append(f"{damage}: {type(error).__name__}: {error}")
         else:
             if not (same and any(contents.values())) and not may_differ:
-                problems.append(f"{words}: read without an error")
+                problems.append(f"{damage}: read without an error")
         shutil.rmtree(place)
     assert not problems, "\n".join(problems)
 
@@ -85,42 +86,34 @@ def _damages(candidate: Candidate, output: Output) -> Iterator[tuple[str, Mappin
     for name, whole in output.items():
         for share in TORN_SHARES:
             yield f"{name} torn at {share:g}", {name: whole[: int(share * len(whole))]}, False
-        for words, content in REPLACEMENTS.items():
-            yield f"{words} in place of {name}", {name: content}, False
+        for kind, content in REPLACEMENTS.items():
+            yield f"{kind} in place of {name}", {name: content}, False
         spread = (number * (len(whole) - 1) // FLIPS for number in range(FLIPS))
         for at in {*range(min(FLIPS, len(whole))), *spread}:
             flipped = whole[:at] + bytes([whole[at] ^ 0xFF]) + whole[at + 1 :]
             yield f"byte {at} of {name} flipped", {name: flipped}, True
-    for words, settings in OTHER_CASES.items():
-        other = case_with(*settings)
-        deck = candidate.engine.render(other)
-        folder, outcome = candidate.execute(other, deck)
+    for other, settings in OTHER_CASES.items():
+        case = case_with(*settings)
+        deck = candidate.engine.render(case)
+        folder, outcome = candidate.execute(case, deck)
         if outcome.code:
-            raise RunError(f"{words}: exit code {outcome.code}")
+            raise RunError(f"{other}: exit code {outcome.code}")
         printed = {"stdout.txt": (folder / "stdout.txt").read_bytes()}
-        yield f"output of {words}", {**dict.fromkeys(output), **_output(deck, folder), **printed}, False
+        yield f"output of {other}", {**dict.fromkeys(output), **_output(deck, folder), **printed}, False
 
 
 def _output(deck: Deck, folder: Path) -> Output:
     """Raw output files by name, including files in output folders."""
-    found = (
-        path
-        for name in deck.raw
-        for path in ((folder / name).rglob("*") if (folder / name).is_dir() else [folder / name])
-    )
-    return {str(path.relative_to(folder)): path.read_bytes() for path in found if path.is_file()}
+    paths = [path for name in deck.raw for path in (folder / name, *(folder / name).rglob("*")) if path.is_file()]
+    return {str(path.relative_to(folder)): path.read_bytes() for path in paths}
 
 
 def test_failures_and_time_limit(candidate: Candidate) -> None:
     """A bad deck fails with the engine's own message; at the time limit all processes of a run end."""
     folder, outcome = candidate.process(_broken(candidate.deck), "broken", 60.0)
-    words = ""
-    try:
+    with pytest.raises(RunError) as error:
         checked_trace(candidate.base, candidate.engine, outcome, folder)
-    except RunError as error:
-        words = str(error)
-    assert words, "a bad deck is done"
-    assert not words.endswith("no output")
+    assert not str(error.value).endswith("no output")
     case = case_with(*ENDLESS)
     began = time.perf_counter()
     folder, outcome = candidate.process(candidate.engine.render(case), "endless", LIMIT_S)
@@ -137,20 +130,19 @@ def _broken(deck: Deck) -> Deck:
 
 def _processes_in(folder: Path) -> int:
     """Number of processes that run in a folder, on systems with /proc."""
-    found = 0
+    inside = 0
     for process in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):
-            found += (process / "cwd").readlink() == folder
-    return found
+            inside += (process / "cwd").readlink() == folder
+    return inside
 
 
 def test_server(candidate: Candidate) -> None:
     """The server gives the same bits as a single process, in any order, after a bad deck and after a timeout."""
     engine, base = candidate.engine, candidate.base
     folder, alone = candidate.alone
-    assert engine.loop_seconds((folder / "stdout.txt").read_text(errors="replace")) is not None, (
-        "no line of the output matches loop_pattern"
-    )
+    printed = (folder / "stdout.txt").read_text(errors="replace")
+    assert engine.loop_seconds(printed) is not None, "no line of the output matches loop_pattern"
     right = {id(base): alone}
     others = [case for settings in CASES_BETWEEN if not inability(case := case_with(*settings), engine.name)]
     with closing(Session(engine, candidate.build.command, candidate.folder / "server")) as session:
@@ -166,20 +158,19 @@ def test_server(candidate: Candidate) -> None:
             before = right.setdefault(id(case), trace)
             assert digest_of(trace) == digest_of(before), f"{when}: other forces"
 
+        def fail(deck: Deck, limit_s: float) -> None:
+            """Run a deck that has to fail."""
+            outcome = session.run(deck, limit_s)
+            with pytest.raises(RunError):
+                checked_trace(base, engine, outcome, session.case)
+
         ask(base, "first case")
         ask(base, "again")
         for other in others:
             ask(other, "another case")
             ask(base, "after another case")
             ask(other, "another case again")
-        for words, deck, limit_s in (
-            ("a bad deck", _broken(candidate.deck), 60.0),
-            ("a run beyond its time limit", engine.render(case_with(*ENDLESS)), LIMIT_S),
-        ):
-            outcome, done = session.run(deck, limit_s), True
-            try:
-                checked_trace(base, engine, outcome, session.case)
-            except RunError:
-                done = False
-            assert not done, f"{words} is done"
-            ask(base, f"after {words}")
+        fail(_broken(candidate.deck), 60.0)
+        ask(base, "after a bad deck")
+        fail(engine.render(case_with(*ENDLESS)), LIMIT_S)
+        ask(base, "after a run beyond its time limit")

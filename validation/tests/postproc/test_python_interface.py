@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 from types import FunctionType
+from typing import Any
 
 import pytest
 
@@ -29,8 +30,7 @@ def tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Results of a study for which docstrings have examples."""
     folder = tmp_path_factory.mktemp("tables")
     options = ("--engine", "verlet", "--only", "striker.speed=2 m/s", "--runs", folder / "runs", "--results", folder)
-    done = beads("batch", "wall-material", *options)
-    assert done.returncode == 0, done.stderr
+    assert beads("batch", "wall-material", *options).returncode == 0
     return folder
 
 
@@ -70,11 +70,12 @@ def test_a_planned_case_keeps_its_accuracy(tmp_path: Path) -> None:
 def test_wrong_calls_are_refused(tmp_path: Path) -> None:
     case, errors = validation.plan("fig4", SHORT_RUN)
     assert set(errors) == {"force"}  # of a scene with a time step of its own
-    for scene, settings, message in [
+    wrong: list[tuple[Any, dict[str, Any], str]] = [
         ("fig4", {"run.time_step": None, "run.accuracy": 1e-4}, r"run\.accuracy"),
         ("fig4", {"striker.sped": 1.0}, "striker"),
         (case, SHORT_RUN, "settings"),
-    ]:
+    ]
+    for scene, settings, message in wrong:
         with pytest.raises(InputError, match=message):
             drivers.run_scene(scene, "verlet", settings, runs=tmp_path)
     with pytest.raises(RunError, match="timeout"):

@@ -1,21 +1,25 @@
-"""Tests of options shared by all commands: version, missing environment, shell completion, lists of inputs."""
+"""Tests of what all commands share: help, messages of wrong words, version, environment, shell completion."""
 
 import ast
 import os
 import re
-import shlex
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from click.shell_completion import BashComplete
 
 from drivers import environment
 from drivers.base import paths, processes
 from drivers.base.processes import git
 from drivers.engines import VERLET, engine_names
+from validation.commands.beads import BEADS as COMMANDS
 from validation.tests.helpers.commands import BEADS, beads
+from validation.tests.helpers.readme import parse
 
+WIDTH = 80
+EXAMPLE = re.compile(r"^    (beads .*)$", re.MULTILINE)
 BARE_PYTHON = (sys.executable, "-S")  # a Python without the packages of the environment
 
 
@@ -30,9 +34,12 @@ def test_the_version_is_one_line() -> None:
 
 @pytest.mark.parametrize(
     ("status", "changed"),
-    [("", False), ("?? steel.toml\n?? inputs/scenes/mine.toml", False), ("?? drivers/engines/mine.py", True),
-     ("M Makefile\n?? steel.toml", True)],
-)  # fmt: skip
+    [
+        ("?? steel.toml\n?? inputs/scenes/mine.toml", False),
+        ("?? drivers/engines/mine.py", True),
+        ("M Makefile\n?? steel.toml", True),
+    ],
+)
 def test_new_files_outside_the_packages_are_no_changes(
     status: str, changed: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -64,85 +71,104 @@ def test_outside_the_environment_one_line_gives_the_command_that_enters_it(tmp_p
         assert ended.stderr.rstrip().endswith(how if there else "setup")
 
 
-def test_an_older_python_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_older_python_reads_that_far_and_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Modules read before the environment is checked are valid Python 3.8 and import nothing newer."""
+    command = "validation/commands/beads.py"
+    before = ["drivers/__init__", "drivers/environment", "drivers/base/__init__", "drivers/base/paths"]
+    for file in (*(f"{module}.py" for module in before), "validation/__init__.py", command):
+        ast.parse((paths.ROOT / file).read_text(), feature_version=(3, 8))
+    tree = ast.parse((paths.ROOT / command).read_text())
+    imports = [ast.unparse(node) for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)]
+    assert imports[0] == "import drivers.environment"
     assert environment.trouble() == ""
     monkeypatch.setattr(sys, "version_info", (3, 9, 2))
     assert environment.trouble().startswith("Python 3.9, and 3.11 or later is needed: ")
 
 
-def test_an_older_python_reads_that_far() -> None:
-    """Modules read before the environment is checked are valid Python 3.8 and import nothing newer."""
-    command = "validation/commands/beads.py"
-    before = ["drivers/__init__", "drivers/environment", "drivers/base/__init__", "drivers/base/paths"]
-    for file in (*(f"{each}.py" for each in before), "validation/__init__.py", command):
-        ast.parse((paths.ROOT / file).read_text(), feature_version=(3, 8))
-    tree = ast.parse((paths.ROOT / command).read_text())
-    imports = [ast.unparse(node) for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)]
-    assert imports[0] == "import drivers.environment"
-
-
-def test_the_installed_command_works_in_any_folder(tmp_path: Path) -> None:
+def test_the_installed_command_lists_scenes_studies_and_materials_in_any_folder(tmp_path: Path) -> None:
     """``make setup`` installs it next to Python."""
-    command = str(Path(sys.executable).with_name("beads"))
-    for place, scene in ((tmp_path, "fig4"), (paths.SCENES, "fig4.toml")):
-        words = [command, "draw", scene, "--results", str(tmp_path)]
-        ended = subprocess.run(words, capture_output=True, text=True, check=False, cwd=place)
-        assert ended.returncode == 0, ended.stderr
-        assert (tmp_path / "scene-fig4.svg").is_file()
-
-
-def test_scenes_studies_and_materials_are_listed() -> None:
-    lines = beads("scenes").stdout.splitlines()
+    command = [str(Path(sys.executable).with_name("beads")), "scenes"]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
+    assert ended.returncode == 0, ended.stderr
+    lines = ended.stdout.splitlines()
     listed = {line.split()[0] for line in lines}
     assert {file.stem for home in (paths.SCENES, paths.STUDIES) for file in home.glob("*.toml")} < listed
-    titled = dict(line.split(maxsplit=1) for line in lines if line.startswith("  "))
-    assert titled["fig4"] == "Fig. 4: 21 PTFE beads struck by a PTFE bead at 2 m/s"
+    assert "  fig4" in {line[:6] for line in lines if "Fig. 4: 21 PTFE beads struck by a PTFE bead at 2 m/s" in line}
     assert any(line.startswith("  brass ") for line in lines)
 
 
-def completed(line: str, place: Path) -> set[str]:
-    """Completions that bash offers at the end of a line, whose words end at colons as well."""
-    command = place / "beads"
-    command.write_text(shlex.join(["#!/bin/sh\nexec", *BEADS]).replace("'", "") + ' "$@"\n')
-    command.chmod(0o755)
+def test_a_shell_completes_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.toml").touch()
+    completion = BashComplete(COMMANDS, {}, "beads", "_BEADS_COMPLETE")
+    for words, start, names in (
+        ([], "ru", {"run", "runs"}),
+        (["render"], "fig6b", {"fig6b", "fig6b-tube"}),
+        (["run"], "own", {"own.toml"}),
+        (["batch"], "sens", {"sensitivity"}),
+        (["figures"], "table", {"table1"}),
+        (["plan", "fig4", "--engine"], "", set(engine_names())),
+    ):
+        assert {item.value for item in completion.get_completions(words, start)} == names
+
+
+def test_bash_completes_names_of_runs(tmp_path: Path) -> None:
+    """For bash a word ends at a colon."""
+    for name in ("small-0123ab-0123456789ab", "small-other-0123ab-0123456789ab", ".work"):
+        (tmp_path / "there" / VERLET / name).mkdir(parents=True)
+    (tmp_path / "beads").write_text(f'#!/bin/sh\nexec {" ".join(BEADS)} "$@"\n')
+    (tmp_path / "beads").chmod(0o755)
     script = """
         eval "$(_BEADS_COMPLETE=bash_source beads)"
         compopt() { :; }
-        read -ra COMP_WORDS <<< "${1//:/ : }"
-        [[ $1 == *" " ]] && COMP_WORDS+=("")
-        COMP_CWORD=$((${#COMP_WORDS[@]} - 1))
+        COMP_WORDS=(beads compare --runs there verlet : small verlet : s)
+        COMP_CWORD=9
         _beads_completion beads
         printf '%s\\n' "${COMPREPLY[@]}"
     """
-    ended = subprocess.run(
-        ["bash", "--norc", "-c", script, "bash", line],
-        capture_output=True,
-        text=True,
-        check=True,
-        cwd=place,
-        env=os.environ | {"PATH": f"{place}:{os.environ['PATH']}", "PYTHONPATH": str(paths.ROOT)},
-    )
-    return set(ended.stdout.split())
+    variables = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}", "PYTHONPATH": str(paths.ROOT)}
+    bash = ["bash", "--norc", "-c", script]
+    ended = subprocess.run(bash, capture_output=True, text=True, check=True, cwd=tmp_path, env=variables)
+    assert set(ended.stdout.split()) == {"small", "small-other"}
+
+
+def test_help_fits_the_terminal_lists_all_commands_and_has_valid_examples() -> None:
+    assert {*COMMANDS.commands} <= {*re.findall(r"^  (\w+) {2,}\w", beads("--help").stdout, re.MULTILINE)}
+    for words in ((), *((name,) for name in COMMANDS.commands)):
+        shown, short = beads(*words, "--help"), beads(*words, "-h")
+        assert (shown.returncode, shown.stderr) == (0, "")
+        assert short.stdout == shown.stdout
+        assert max(map(len, shown.stdout.splitlines())) <= WIDTH, words
+        examples = EXAMPLE.findall(shown.stdout)
+        assert examples, words
+        for line in examples:
+            assert not words or line.split()[1] == words[0]
+            parse(line)
+
+
+def test_without_a_command_the_help_is_printed() -> None:
+    ended = beads()
+    assert (ended.returncode, ended.stdout) == (2, beads("--help").stdout)
 
 
 @pytest.mark.parametrize(
-    ("line", "words"),
+    ("words", "said"),
     [
-        ("beads ru", {"run", "runs"}),
-        ("beads render fig6b", {"fig6b", "fig6b-tube"}),
-        ("beads run own", {"own.toml"}),
-        ("beads batch sens", {"sensitivity"}),
-        ("beads observables --ru", {"--runs"}),
-        ("beads film --runs there verlet:s", {"small", "small-other"}),
-        ("beads compare --runs there verl", {"verlet:small", "verlet:small-other"}),
-        ("beads compare --runs there verlet:small verlet:", {"small", "small-other"}),
-        ("beads figures table", {"table1"}),
-        ("beads engine verl", {VERLET}),
-        ("beads plan fig4 --engine ", set(engine_names())),
+        (("rnu",), "beads: no such command 'rnu'. Did you mean 'run'?"),
+        (("--unknown",), "beads: no such option '--unknown'"),
+        (("run",), "beads run: missing argument 'SCENE'"),
+        (("run", "fig4", "--time-limi"), "beads run: no such option '--time-limi'. Did you mean '--time-limit'?"),
+        (("run", "fig4", "fig5"), "beads run: got unexpected extra argument (fig5)"),
+        (("run", "fig4", "--time-limit", "-1"), "beads run: --time-limit: found -1; allowed: seconds above zero"),
+        (("show", "sensitivity", "x"), "beads show: CASE: found x; allowed: a whole number from 1"),
+        (
+            ("batch", "sensitivity", "--slice", "3/2"),
+            "beads batch: --slice: found 3/2; allowed: I/N with I from 1 to N",
+        ),
     ],
 )
-def test_a_shell_completes(line: str, words: set[str], tmp_path: Path) -> None:
-    (tmp_path / "own.toml").touch()
-    for name in ("small-0123ab-0123456789ab", "small-other-0123ab-0123456789ab", ".work"):
-        (tmp_path / "there" / VERLET / name).mkdir(parents=True)
-    assert completed(line, tmp_path) == words
+def test_a_wrong_command_line_ends_in_one_line(words: tuple[str, ...], said: str) -> None:
+    ended = beads(*words)
+    assert (ended.returncode, ended.stdout, ended.stderr.count("\n")) == (2, "", 1)
+    program = "beads" if len(words) == 1 and words[0] != "run" else f"beads {words[0]}"
+    assert ended.stderr == f"{said} (see {program} --help)\n"

@@ -95,6 +95,9 @@ def test_a_slice_without_its_engine_fails_and_runs_the_others(study: Path, tmp_p
     assert status(study, runs) == "verlet     2 done\nby-module  2 not installed\n"
     chosen = batch(study, runs, "--slice", "1/1", "--engine", "verlet")
     assert (chosen.returncode, chosen.stderr) == (0, "")
+    whole = batch(study, runs)
+    assert (whole.returncode, "by-module  2 not installed" in whole.stdout) == (1, True)
+    assert list(table(runs)["status"]) == ["done", "not installed"] * 2
 
 
 def test_rows_of_an_older_deck_are_stale_without_the_engine(

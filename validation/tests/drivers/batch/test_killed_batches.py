@@ -92,8 +92,8 @@ def test_killed_at_random_moments(study_file: StudyWriter, tmp_path: Path) -> No
     ("request_to_end", "helpers"),
     [
         (signal.SIGKILL, 1),
-        (signal.SIGTERM, 3),
-        *(pytest.param(each, 0, marks=pytest.mark.long) for each in (signal.SIGKILL, signal.SIGINT)),
+        (signal.SIGKILL, 3),
+        *(pytest.param(each, 0, marks=pytest.mark.long) for each in (signal.SIGTERM, signal.SIGINT)),
     ],
 )
 def test_helpers_do_not_outlive_a_killed_batch(
@@ -188,7 +188,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     """File system of three megabytes."""
     place = tmp_path / "disk"
     place.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=3m", "tmpfs", place]
+    mount = ["mount", "-t", "tmpfs", "-o", "size=3m", "tmpfs", str(place)]
     if subprocess.run(mount, capture_output=True, check=False).returncode:
         pytest.skip("mounting a small file system needs more rights")
     yield place

@@ -1,5 +1,6 @@
 """Tests of study files: forms of axes, and errors."""
 
+import sys
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,7 @@ from drivers.batch.study_commands import batch
 from drivers.engines import engine_names
 from drivers.run.execute import Place
 from validation.commands.batch_commands import request_of
-from validation.tests.helpers.commands import beads, beads_process
+from validation.tests.helpers.commands import beads
 from validation.tests.helpers.scenes import SPEEDS, SceneWriter, StudyWriter
 
 
@@ -26,31 +27,30 @@ def choices(path: Path) -> list[dict[str, object]]:
     return [study.choice(number) for number in range(1, study.count + 1)]
 
 
-def test_a_grid_varies_the_last_axis_fastest(write: StudyWriter) -> None:
-    path = write('[[axis]]\nkey = "chain.count"\nvalues = [3, 4]\n[[axis]]\nseeds = 3')
-    assert [(c["chain.count"], c["seed"]) for c in choices(path)] == [(3, 1), (3, 2), (3, 3), (4, 1), (4, 2), (4, 3)]
-
-
-def test_one_by_one_begins_with_the_base(write: StudyWriter) -> None:
-    axes = '[[axis]]\nkey = "chain.count"\nvalues = [3, 4]\n[[axis]]\nkey = "seed"\nvalues = [7]'
-    assert choices(write(axes, 'combine = "one by one"')) == [{}, {"chain.count": 3}, {"chain.count": 4}, {"seed": 7}]
+def test_a_grid_varies_the_last_axis_fastest_and_one_by_one_begins_with_the_base(write: StudyWriter) -> None:
+    axes = '[[axis]]\nkey = "chain.count"\nvalues = [3, 4]\n[[axis]]\nseeds = 2'
+    assert [[*each.values()] for each in choices(write(axes))] == [[3, 1], [3, 2], [4, 1], [4, 2]]
+    one_by_one = choices(write(axes, 'combine = "one by one"'))
+    assert one_by_one == [{}, {"chain.count": 3}, {"chain.count": 4}, {"seed": 1}, {"seed": 2}]
 
 
 @pytest.mark.parametrize(
-    ("ends", "expected"),
+    ("key", "ends", "expected"),
     [
-        ('from = "1 m/s"\nto = "3 m/s"\ncount = 3', ["1.0 m/s", "2.0 m/s", "3.0 m/s"]),
-        ('from = "1 m/s"\nto = "400 cm/s"\ncount = 3\nspacing = "log"', ["1.0 m/s", "2.0 m/s", "4.0 m/s"]),
-        ('from = "3 m/s"\nto = "1 m/s"\ncount = 2', ["3.0 m/s", "1.0 m/s"]),
+        ("striker.speed", 'from = "1 m/s"\nto = "3 m/s"\ncount = 3', ["1.0 m/s", "2.0 m/s", "3.0 m/s"]),
+        (
+            "striker.speed",
+            'from = "1 m/s"\nto = "400 cm/s"\ncount = 3\nspacing = "log"',
+            ["1.0 m/s", "2.0 m/s", "4.0 m/s"],
+        ),
+        ("chain.count", 'from = 1\nto = 100\ncount = 9\nspacing = "log"', [1, 2, 3, 6, 10, 18, 32, 56, 100]),
+        ("chain.count", "from = 5\nto = 1\ncount = 3", [5, 3, 1]),
     ],
 )
-def test_ranges_of_quantities(write: StudyWriter, ends: str, expected: list[str]) -> None:
-    assert [c["striker.speed"] for c in choices(write(f'[[axis]]\nkey = "striker.speed"\n{ends}'))] == expected
-
-
-def test_whole_numbers_at_both_ends_give_whole_numbers(write: StudyWriter) -> None:
-    axes = '[[axis]]\nkey = "chain.count"\nfrom = 1\nto = 100\ncount = 9\nspacing = "log"'
-    assert [c["chain.count"] for c in choices(write(axes))] == [1, 2, 3, 6, 10, 18, 32, 56, 100]
+def test_ranges_of_quantities_and_of_whole_numbers(
+    write: StudyWriter, key: str, ends: str, expected: list[object]
+) -> None:
+    assert [choice[key] for choice in choices(write(f'[[axis]]\nkey = "{key}"\n{ends}'))] == expected
 
 
 def test_factors_of_the_base_and_of_the_library(write: StudyWriter) -> None:
@@ -91,19 +91,15 @@ def test_a_key_may_be_left_out_and_set_for_all(write: StudyWriter) -> None:
     assert study.case(1).scene.gravity == 1.0
 
 
-def test_columns_tell_units() -> None:
+def test_columns_tell_units_and_values_are_in_si(write: StudyWriter) -> None:
     keys = {
         "striker.speed": "striker.speed_m_s",
-        "gravity": "gravity_m_s2",
         "materials.ptfe.density": "materials.ptfe.density_kg_m3",
         "chain.sensors.0.mass": "chain.sensors.0.mass_kg",
         "chain.count": "chain.count",
         "wall": "wall",
     }
     assert {key: column_name(key, key) for key in keys} == keys
-
-
-def test_values_are_those_of_the_scene(write: StudyWriter) -> None:
     scene = read_study(write('[[axis]]\nkey = "striker.speed"\nvalues = ["150 cm/s"]')).case(1).scene
     assert value_at(scene, "striker.speed") == 1.5
     assert value_at(scene, "chain.sensors.3.mass") is None
@@ -123,59 +119,55 @@ def test_selection(write: StudyWriter) -> None:
     assert read_study(write(axes), ["yade"]).engines == (*study.engines, "yade")
 
 
+SPEED, COUNT = '[[axis]]\nkey = "striker.speed"\n', '[[axis]]\nkey = "chain.count"\n'
 BAD = {
     "no such key": ('[[axis]]\nkey = "striker.colour"\nvalues = ["red"]', "striker.colour: unknown key; allowed: "),
-    "a key that is nearly right": ('[[axis]]\nkey = "striker.sped"\nvalues = ["1 m/s"]', "did you mean speed?"),
-    "an empty axis": ('[[axis]]\nkey = "chain.count"\nvalues = []', "axis.0.values: found an empty list"),
-    "no factors": ('[[axis]]\nkey = "chain.count"\nfactors = []', "axis.0.factors: found an empty list"),
-    "no form": ('[[axis]]\nkey = "chain.count"', "exactly one of values, from, factors, zip, seeds, table"),
-    "two forms": ('[[axis]]\nkey = "chain.count"\nvalues = [1]\nseeds = 2', "found values, seeds"),
+    "an empty axis": (f"{COUNT}values = []", "axis.0.values: found an empty list"),
+    "no form": (COUNT, "exactly one of values, from, factors, zip, seeds, table"),
+    "two forms": (f"{COUNT}values = [1]\nseeds = 2", "found values, seeds"),
     "no key": ("[[axis]]\nvalues = [1]", "axis.0.key: found []; allowed: a key"),
-    "a key too many": ('[[axis]]\nkey = "chain.count"\nseeds = 2', "no key with seeds"),
-    "no count": ('[[axis]]\nkey = "chain.count"\nfrom = 1\nto = 2', "axis.0.count: missing key"),
-    "units apart": ('[[axis]]\nkey = "striker.speed"\nfrom = "1 m/s"\nto = "2 kg"\ncount = 3', "a quantity in m/s"),
-    "log of nothing": ('[[axis]]\nkey = "chain.count"\nfrom = 0\nto = 9\ncount = 3\nspacing = "log"',
-        "ends above zero"),
-    "lists of unlike lengths": ('[[axis]]\nzip = { "chain.count" = [1, 2], "seed" = [1] }',
-        "2 of chain.count, 1 of seed"),
+    "a key too many": (f"{COUNT}seeds = 2", "no key with seeds"),
+    "no count": (f"{COUNT}from = 1\nto = 2", "axis.0.count: missing key"),
+    "units apart": (f'{SPEED}from = "1 m/s"\nto = "2 kg"\ncount = 3', "a quantity in m/s"),
+    "log of nothing": (f'{COUNT}from = 0\nto = 9\ncount = 3\nspacing = "log"', "ends above zero"),
+    "NaN": (f"{COUNT}from = nan\nto = 2\ncount = 3", "a finite number"),
+    "an endless number": (f'[[axis]]\nkey = "seed"\nfrom = {"9" * 400}\nto = 2\ncount = 2', "a finite number"),
+    "lists of unlike lengths": (
+        '[[axis]]\nzip = { "chain.count" = [1, 2], "seed" = [1] }',
+        "2 of chain.count, 1 of seed",
+    ),
     "a key twice": ('[[axis]]\nkey = "seed"\nvalues = [1]\n[[axis]]\nseeds = 2', "seed, which overlaps seed of axis.0"),
-    "a key also set": ('set = { seed = 1 }\n[[axis]]\nseeds = 2', "seed, which overlaps seed of set"),
+    "a key also set": ("set = { seed = 1 }\n[[axis]]\nseeds = 2", "seed, which overlaps seed of set"),
+    "keys one below the other": (
+        f'{SPEED}values = ["1 m/s"]\n[[axis]]\nkey = "striker"\nvalues = [""]',
+        "striker, which overlaps striker.speed of axis.0",
+    ),
     "a factor of nothing": ('[[axis]]\nkey = "chain.precompression"\nfactors = [2]', "nothing at chain.precompression"),
     "a factor of a word": ('[[axis]]\nkey = "wall.material"\nfactors = [2]', '"brass" at wall.material'),
     "no table": ('[[axis]]\ntable = "none.csv"', "No such file"),
-    "a word in the table": ('[[axis]]\ntable = "word.csv"',
-        "line 3, striker.speed: found \"fast\"; allowed: a plain number"),
-    "an unknown column": ('[[axis]]\ntable = "column.csv"', "striker.colour: unknown key; allowed: "),
+    "a device as table": ('[[axis]]\ntable = "/dev/zero"', "/dev/zero: no regular file; allowed: a readable CSV"),
+    "a table without a name": ('[[axis]]\ntable = "a\\u0000b"', "a readable CSV file"),
+    "a word in the table": (
+        '[[axis]]\ntable = "word.csv"',
+        'line 3, striker.speed: found "fast"; allowed: a plain number',
+    ),
     "a ragged table": ('[[axis]]\ntable = "ragged.csv"', "line 2: found 1 values; allowed: 2"),
     "an empty table": ('[[axis]]\ntable = "empty.csv"', "at least one line of values"),
-    "a scene that cannot be": ('[[axis]]\nkey = "chain.count"\nvalues = [3, -1]',
-        "case 2 (chain.count=-1): chain.count: found -1"),
+    "a scene that cannot be": (f"{COUNT}values = [3, -1]", "case 2 (chain.count=-1): chain.count: found -1"),
     "an unknown engine": ('engines = ["abaqus"]', f'"abaqus"; allowed: {", ".join(engine_names())}'),
     "no base scene": ('scene = "nowhere"', 'scene: found "nowhere"'),
-    "an unknown word": ("axes = 3", "axes: unknown key; did you mean axis?"),
-    "keys one below the other": (
-        '[[axis]]\nkey = "striker.speed"\nvalues = ["1 m/s"]\n[[axis]]\nkey = "striker"\nvalues = [""]',
-        "striker, which overlaps striker.speed of axis.0",
-    ),
     "a name that is taken": ('[[axis]]\nkey = "seed"\nname = "case"\nvalues = [1]', '"case", the name of another'),
     "a name that is another with its unit": (
-        '[[axis]]\nkey = "striker.speed"\nname = "a"\nvalues = ["1 m/s"]\n'
-        '[[axis]]\nkey = "chain.count"\nname = "a_m_s"\nvalues = [3]',
+        f'{SPEED}name = "a"\nvalues = ["1 m/s"]\n{COUNT}name = "a_m_s"\nvalues = [3]',
         'axis.1.name: found "a_m_s", the name of another column',
     ),
-    "a device as table": ('[[axis]]\ntable = "/dev/zero"', "/dev/zero: no regular file; allowed: a readable CSV"),
-    "a key that is a number": ("[[axis]]\nkey = 5\nvalues = [1]", "axis.0.key: found 5; allowed: a list"),
-    "an endless number": (f'[[axis]]\nkey = "seed"\nfrom = {"9" * 400}\nto = 2\ncount = 2', "a finite number"),
-    "a table without a name": ('[[axis]]\ntable = "a\\u0000b"', "a readable CSV file"),
-    "NaN": ('[[axis]]\nkey = "chain.count"\nfrom = nan\nto = 2\ncount = 3', "a finite number"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", BAD)
 def test_bad_studies(name: str, scene_file: SceneWriter, tmp_path: Path) -> None:
     scene_file()
     (tmp_path / "word.csv").write_text("striker.speed [m/s]\n1\nfast\n")
-    (tmp_path / "column.csv").write_text("striker.colour\nred\n")
     (tmp_path / "ragged.csv").write_text("striker.speed [m/s],chain.count\n1\n")
     (tmp_path / "empty.csv").write_text("striker.speed [m/s]\n")
     text, words = BAD[name]
@@ -209,22 +201,24 @@ def test_no_column_has_the_name_of_an_observable(study_file: StudyWriter, tmp_pa
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--slice", "3/2"], "I/N with I from 1 to N"),
         (["--slice", "0/2"], "I/N with I from 1 to N"),
         (["--workers", "0"], "a whole number from 1"),
-        pytest.param(["--dask", "tcp://127.0.0.1:9"], "no scheduler answers", marks=pytest.mark.long),
         (["--dask", "carrier pigeon"], "no scheduler answers"),
-        (["--slurm", "--dask"], "not allowed with"),
+        (["--slurm", "--dask"], "--slurm: not allowed with --dask"),
+        (["--slurm", "--slice", "1/2"], "--slurm: not allowed with --slice"),
         (["--slice", "1/2", "--dry-run"], "not allowed with --slice"),
+        (["--slice", "1/2", "--workers", "2"], "--workers: not allowed with --slice"),
+        (["--slurm"], "--slurm: sbatch not found; run this on a machine that submits to Slurm"),
         (["--wait"], "needs --slurm"),
         (["--engine", "nix"], "reference, verlet"),
         (["--only", "seed=9"], "matches no case"),
     ],
 )
-def test_bad_words(words: list[str], message: str, scene_file: SceneWriter, tmp_path: Path) -> None:
-    scene_file()
-    path = tmp_path / "study.toml"
-    path.write_text('scene = "scene.toml"\nengines = ["reference"]\n[[axis]]\nseeds = 3')
+def test_bad_options(
+    words: list[str], message: str, study_file: StudyWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", "/nowhere")
+    path = study_file("[[axis]]\nseeds = 3", "reference")
     done = beads("batch", path, "--runs", tmp_path / "runs", "--results", tmp_path / "results", *words)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
     assert message in done.stderr
@@ -241,32 +235,14 @@ def test_all_problems_of_a_study_are_listed(study_file: StudyWriter) -> None:
     assert ": 3 problems: (1) axis.0: " in str(refused.value)
 
 
-def test_no_dask(study_file: StudyWriter, tmp_path: Path) -> None:
-    (tmp_path / "distributed.py").write_text("raise ImportError")
-    path, places = study_file("[[axis]]\nseeds = 3", "reference"), ("--runs", tmp_path / "runs", "--results", tmp_path)
-    done = beads_process("batch", path, "--dask", *places, PYTHONPATH=str(tmp_path))
+def test_a_missing_dask_says_how_to_get_it(
+    study_file: StudyWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    done = beads("batch", study_file("[[axis]]\nseeds = 3", "reference"), "--dask", "--runs", tmp_path / "runs")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
     assert "make cluster" in done.stderr
     assert not (tmp_path / "runs").exists()
-
-
-def test_no_sbatch(scene_file: SceneWriter, tmp_path: Path) -> None:
-    scene_file()
-    path = tmp_path / "study.toml"
-    path.write_text('scene = "scene.toml"\nengines = ["reference"]\n[[axis]]\nseeds = 3')
-    words = ("batch", path, "--runs", tmp_path / "runs", "--slurm")
-    done = beads_process(*words, PATH="/nowhere")
-    assert (done.returncode, done.stderr) == (
-        2,
-        "--slurm: sbatch not found; run this on a machine that submits to Slurm\n",
-    )
-    lines = ("--slices", "2", "--slurm-line", "#SBATCH --time=10")
-    script, _, last = beads_process(*words, "--dry-run", *lines, PATH="/nowhere").stdout.partition("\nsbatch ")
-    assert "#SBATCH --array=1-2\n" in script
-    assert "#SBATCH --time=10\n" in script
-    assert last.splitlines()[0].endswith("study.sh")
-    assert last.splitlines()[1] == "job array of 2 tasks with one worker each; nothing submitted"
-    assert not (tmp_path / "runs" / "batch" / ".slurm").exists()
 
 
 def test_a_million_cases_by_accident(write: StudyWriter, tmp_path: Path) -> None:

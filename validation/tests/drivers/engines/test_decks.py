@@ -80,20 +80,6 @@ def test_no_line_for_an_element_that_is_out(element: str, engine: str) -> None:
     assert modelled[0] != modelled[1]
 
 
-@pytest.mark.parametrize("rough", ["contact.friction", "tube.friction"])
-def test_each_friction_has_lines_of_its_own(rough: str) -> None:
-    settings = [f"{key}={0.3 if key == rough else 0}" for key in ("contact.friction", "tube.friction")]
-    text, between = text_of("liggghts", "fig4-tube", *settings), rough == "contact.friction"
-    for start, slips in (("pair_style", between), ("fix wall", between), ("fix tube", not between)):
-        line = next(line for line in text.splitlines() if line.startswith(start))
-        assert ("tangential history" in line) == slips
-    assert ("contact_distance_factor" in text) == between
-    text = text_of("yade", "fig4-tube", *settings)
-    assert ("slipping = contacts" in text) == between
-    assert ("slipping = in_bore" in text) != between
-    assert f"tangensOfFrictionAngle = {0 if between else 0.3}" in text
-
-
 def by_hand(case: Case, engine: str, deck: Deck, folder: Path) -> str:
     """Digest of the forces of a deck that runs in a folder."""
     code = load_engine(engine)

@@ -1,4 +1,4 @@
-"""Codes on Fig. 4, and functions for further engines: styles, readers of raw output, tables of pairs."""
+"""Codes on Fig. 4, and functions for further engines: readers of raw output, tables of pairs."""
 
 from dataclasses import replace
 from itertools import chain
@@ -11,11 +11,10 @@ import pytest
 from drivers.base.errors import RunError
 from drivers.base.processes import run_command
 from drivers.chain.case import Case
-from drivers.engines import codes, engine_names, installed_codes, load_engine
+from drivers.engines import codes, installed_codes, load_engine
 from drivers.engines._lammps_family import DUMP, table_of_pairs
 from drivers.engines._raw_output import contact_forces, read_dump, read_partial_dump
 from drivers.run.guard import checked_trace
-from postproc.draw import style
 from postproc.read.observables import observe
 from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import case_of
@@ -36,18 +35,6 @@ def test_fig4_reads_what_physics_says(engine: str, shared_runs: Path) -> None:
     assert values["wall_peak_N"] == pytest.approx(16.37, abs=0.005)
     assert values["energy_drift_J"] < 1e-5 * values["kinetic_energy_start_J"]
     assert values["impulse_imbalance_share"] < 1e-5
-
-
-def test_builds_and_engines_without_a_style_look_different(monkeypatch: pytest.MonkeyPatch) -> None:
-    plain = [f"mine{number}" for number in range(len(style.EXTRA_STYLES))]
-    monkeypatch.setattr(style, "engine_names", lambda: sorted([*engine_names(), *plain]))
-    monkeypatch.setattr(
-        style,
-        "load_engine",
-        lambda name: replace(load_engine("lammps"), name=name, style=None) if name in plain else load_engine(name),
-    )
-    looks = [style.line_of.__wrapped__(name) for name in (*engine_names(), *plain)]
-    assert len({look.colour for look in looks}) == len(looks)
 
 
 def dump_of(case: Case, shares: tuple[int, ...], *, since_2020: bool) -> np.ndarray[Any, np.dtype[np.void]]:

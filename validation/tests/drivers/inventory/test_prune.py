@@ -65,94 +65,81 @@ def copied(folder: Path, name: str, **changes: object) -> Path:
     return other
 
 
-def pruned(capsys: pytest.CaptureFixture[str], runs: Path, *scenes: str, engines: tuple[str, ...] = ()) -> list[str]:
-    """Lines of a dry run, which removes nothing, followed by the real run with the same lines."""
+def pruned(capsys: pytest.CaptureFixture[str], runs: Path) -> list[str]:
+    """Lines of a real run; a dry run before prints the same lines, removes nothing, and names what will go."""
     before = folders(runs)
-    prune(runs, scenes, engines, (), dry_run=True)
+    prune(runs, (), (), (), dry_run=True)
     assert folders(runs) == before
-    lines_of_run = [line for line in capsys.readouterr().out.splitlines() if line[0] != " "]
-    prune(runs, scenes, engines, ())
+    planned = capsys.readouterr().out.splitlines()
+    named = {line.strip().removeprefix("runs/") for line in planned if line[0] == " " and "@" not in line}
+    prune(runs, (), (), ())
     lines = capsys.readouterr().out.splitlines()
-    assert [line.replace("would remove", "removed").replace("would free", "freed") for line in lines_of_run] == lines
+    told = [line.replace("would remove", "removed").replace("would free", "freed") for line in planned]
+    assert [line for line in told if line[0] != " "] == lines
+    assert before - folders(runs) == named
     return lines
 
 
-def test_failed_runs_go(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_no_command_would_use_goes(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
     used = {f"{engine}/{done(runs, engine).name}" for engine in (VERLET, REFERENCE)}
-    size = sum(run.size for run in kept_runs(runs) if run.trouble)
-    lines = pruned(capsys, runs)
+    run, former = done(runs, VERLET), "f" * 64
+    start, identity = run.name[:-12], run_identity(VERLET, build_of(load_engine(VERLET)), former)
+    copied(run, f"{start}{'0' * 12}", identity="0" * 12)
+    (copied(run, f"{start}{'1' * 12}", identity="1" * 12) / FORCES).unlink()
+    (copied(run, f"{start}{'2' * 12}") / RECORD).write_text("{")
+    older = copied(run, f"{start}{identity}", deck_sha256=former, identity=identity)
+    (runs / "batch").mkdir()
+    (runs / "batch" / "a.jsonl").write_text("{}\n{}\n")
+    made_yesterday(runs)
+    os.utime(older / RECORD, (time.time() - 2 * DAY_S, time.time() - 2 * DAY_S))
+    sizes = {f"{kept.record.engine}/{kept.folder.name}": kept.size for kept in kept_runs(runs)}
+    *removed, kept, batches, freed = pruned(capsys, runs)
     assert folders(runs) == used
-    assert lines[0].startswith(f"removed 1 run ({VERLET} 1), {size / 1000:.0f} kB: failed or without forces")
-    assert lines[1].startswith(f"kept 2 runs ({REFERENCE} 1, {VERLET} 1), ")
-    assert lines[2:] == [f"freed {size / 1000:.0f} kB"]
+    reasons = {"damaged or of another version": 1, "failed or without": 2, "another build": 1, "an older deck": 1}
+    for line, (reason, count) in zip(removed, reasons.items(), strict=True):
+        assert line.startswith(f"removed {count} runs ({VERLET} {count}), ")
+        assert reason in line
+    assert kept.startswith(f"kept 2 runs ({REFERENCE} 1, {VERLET} 1), ")
+    assert batches.startswith("kept runs/batch: 2 rows of batches")
+    assert freed == f"freed {sum(size for name, size in sizes.items() if name not in used) / 1000:.0f} kB"
     assert pruned(capsys, runs)[-1] == "freed 0 kB"
     assert [place.name for place in (runs / VERLET).iterdir() if place.name[0] == "."] == []
 
 
-def test_a_dry_run_names_what_would_go(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    failed = next(run.folder for run in kept_runs(runs) if run.trouble)
-    prune(runs, (), (), (), dry_run=True)
-    assert f"    runs/{VERLET}/{failed.name}" in capsys.readouterr().out.splitlines()
-
-
-def test_what_is_damaged_or_lacks_its_forces_goes(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    first, second = done(runs, VERLET), done(runs, REFERENCE)
-    (first / RECORD).write_text("{")
-    (second / FORCES).unlink()
-    made_yesterday(runs)
-    lines = pruned(capsys, runs)
-    assert folders(runs) == set()
-    assert "damaged or of another version" in lines[0]
-    assert lines[1].startswith("removed 2 runs")
-
-
-def test_runs_of_another_build_go(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run = done(runs, VERLET)
-    copied(run, f"{run.name[:-12]}{'0' * 12}", identity="0" * 12)
-    shutil.rmtree(run)
-    lines = pruned(capsys, runs, engines=(VERLET,))
-    assert [name.split("/")[0] for name in folders(runs)] == [REFERENCE]
-    assert "run by another build" in lines[1]
-
-
-def test_older_runs_of_a_former_deck_go(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run, former = done(runs, VERLET), "f" * 64
-    identity = run_identity(VERLET, build_of(load_engine(VERLET)), former)
-    older = copied(run, f"{run.name[:-12]}{identity}", deck_sha256=former, identity=identity)
-    os.utime(older / RECORD, (time.time() - 2 * DAY_S, time.time() - 2 * DAY_S))
-    lines = pruned(capsys, runs)
-    assert not older.exists()
-    assert run.exists()
-    assert "with an older deck" in lines[1]
-
-
-def test_what_cannot_be_judged_stays(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run = done(runs, VERLET)
-    shutil.copytree(runs / VERLET, runs / "absent")
-    for digit, folder in enumerate(list((runs / "absent").glob("[!.]*/"))):
-        copied(folder, f"{folder.name[:-12]}{str(digit) * 12}", engine="absent", identity=str(digit) * 12)
-        shutil.rmtree(folder)
-    mine = copied(run, "mine")
-    (runs / VERLET / "notes").mkdir()
-    lines = pruned(capsys, runs)
-    assert {"absent"} < {run.record.engine for run in kept_runs(runs)}
-    assert mine.exists()
-    assert (runs / VERLET / "notes").exists()
-    assert any(
-        line.startswith("kept 1 run (absent 1)") and "has no entry here; --engines FILE" in line for line in lines
+def test_what_cannot_be_judged_or_just_ended_stays(
+    runs: Path, tmp_path: Path, engines_file: EnginesWriter, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A link stays too: its folder is kept elsewhere on purpose, and its removal would free nothing."""
+    engines_file(
+        '[own]\nadapter = "liggghts"\ncommand = "no-such-program"\n'
+        '[silent]\nadapter = "liggghts"\ncommand = "true"\n'  # prints no version
     )
-    assert any("their folders have been renamed" in line for line in lines)
-
-
-def test_a_link_to_a_run_stays(runs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Its folder is kept elsewhere on purpose, and its removal would free nothing."""
-    failed = next(run.folder for run in kept_runs(runs) if run.trouble)
+    run, failed = done(runs, VERLET), next(run.folder for run in kept_runs(runs) if run.trouble)
+    for engine in ("absent", "own", "silent"):
+        (runs / engine).mkdir()
+        away = copied(run, f"small-{'0' * 12}", engine=engine, identity="0" * 12)
+        away.rename(runs / engine / away.name)
+    copied(run, "mine")
+    copied(run, f"{run.name[:-12]}{'1' * 12}", identity="1" * 12, edits=["another line"])
     failed.rename(tmp_path / "elsewhere")
     failed.symlink_to(tmp_path / "elsewhere")
+    (runs / VERLET / "notes").mkdir()
     made_yesterday(runs)
-    lines = pruned(capsys, runs)
+    recent = copied(run, f"{run.name[:-12]}{'2' * 12}", identity="2" * 12)
+    made_yesterday(runs)
+    os.utime(recent / RECORD)
+    before, lines = folders(runs), pruned(capsys, runs)
+    assert folders(runs) == before
     assert (failed / RECORD).exists()
-    assert any(line.startswith(f"kept 1 run ({VERLET} 1)") and "are links" in line for line in lines)
+    assert (runs / VERLET / "notes").exists()
+    for start, reason in (
+        (f"kept 1 run ({VERLET} 1)", "ended less than 10 minutes ago"),
+        ("kept 1 run (absent 1)", "has no entry here; --engines FILE"),
+        ("kept 2 runs (own 1, silent 1)", "is not installed, or"),
+        (f"kept 2 runs ({VERLET} 2)", "renamed or are links"),
+        (f"kept 1 run ({VERLET} 1)", "imported, so"),
+    ):
+        assert any(line.startswith(start) and reason in line for line in lines), (reason, lines)
     assert lines[-1] == "freed 0 kB"
 
 
@@ -162,25 +149,6 @@ def test_a_folder_that_cannot_be_written_to_is_named(runs: Path, monkeypatch: py
     with pytest.raises(InputError) as message:
         prune(runs, (), (), ())
     assert str(message.value) == f"runs/{VERLET}: found a read-only folder; allowed: one that can be written to"
-
-
-@pytest.mark.parametrize("command", ["no-such-program", "true"])  # "true" prints no version
-def test_runs_of_an_engine_without_a_build_stay(
-    command: str, runs: Path, engines_file: EnginesWriter, capsys: pytest.CaptureFixture[str]
-) -> None:
-    engines_file(f'[own]\nadapter = "liggghts"\ncommand = "{command}"\n')
-    copied(done(runs, VERLET), f"small-{'0' * 12}", engine="own", identity="0" * 12)
-    assert any(
-        line.startswith("kept 1 run (own 1)") and "is not installed, or" in line for line in pruned(capsys, runs)
-    )
-
-
-def test_what_just_ended_stays(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    before = folders(runs)
-    for run in kept_runs(runs):
-        os.utime(run.folder / RECORD)
-    assert pruned(capsys, runs)[0].startswith("kept 3 runs")
-    assert folders(runs) == before
 
 
 def test_only_what_is_selected_goes(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -233,21 +201,13 @@ def test_a_run_that_was_replaced_meanwhile_stays(
     failed, good = next(run.folder for run in kept_runs(runs) if run.trouble), done(runs, VERLET)
 
     def late(*_: object) -> list[EndedRun]:
-        found = kept_runs(runs)
+        before = kept_runs(runs)
         shutil.rmtree(failed)
         shutil.copytree(good, failed)
         edit_record(failed, identity=failed.name[-12:])
-        return found
+        return before
 
     monkeypatch.setattr(module, "kept_runs", late)
     prune(runs, (), (), ())
     assert replace(record_of(failed), identity=record_of(good).identity) == record_of(good)
     assert "removed" not in capsys.readouterr().out
-
-
-def test_rows_of_batches_stay(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (runs / "batch").mkdir()
-    (runs / "batch" / "a.jsonl").write_text("{}\n{}\n")
-    (line,) = [line for line in pruned(capsys, runs) if "rows of batches" in line]
-    assert line.startswith("kept runs/batch: 2 rows of batches")
-    assert line.endswith("batches use those of unchanged decks and builds; remove the folder to free the space")

@@ -3,8 +3,6 @@
 import json
 import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -14,11 +12,8 @@ from drivers.engines import REFERENCE, VERLET
 from drivers.inventory.run_folders import kept_runs, key_of, print_runs, run_folder, select
 from drivers.run.run import run_case
 from drivers.run.run_folder import FORCES, RECORD, EndedRun, record_of
-from validation.tests.helpers.commands import beads, beads_process
 from validation.tests.helpers.runs import edit_record
 from validation.tests.helpers.scenes import BASE, STRIKER, WALL, case_of
-
-HEAVY = ("numba", "pandas", "pyarrow", "scipy", "pint")
 
 
 @pytest.fixture(scope="module")
@@ -62,25 +57,12 @@ def test_a_line_for_each_run(home: Path, capsys: pytest.CaptureFixture[str]) -> 
     files = [file for file in (home / "runs").glob("*/*/*") if file.is_file()]
     assert total[:4] == ["3", "runs", "(3", "done):"]
     assert total[4] == f"{sum(file.stat().st_size for file in files) / 1000:,.0f}"
-
-
-def test_listed_names_are_names_of_runs(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    kept = kept_runs(home / "runs")
-    for scene in ((), ("small.toml",)):
-        names = [row[0] for row in listed(capsys, home, *scene)[:-1]]
-        assert [run_folder(name, home / "runs").resolve() for name in names] == [run.folder for run in kept]
-        assert not capsys.readouterr().err
-
-
-def test_a_scene_file_here_and_one_of_its_name_that_is_shipped(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (home / "small.toml").rename(home / "fig4.toml")
-    ended = run_case(case_of("fig4.toml"), VERLET, home / "runs")
-    for sources, name in (((), f"{VERLET}:fig4"), (("fig4.toml",), f"{VERLET}:fig4.toml")):
-        (row,) = [row for row in listed(capsys, home, *sources)[:-1] if row[1] == "fig4"]
-        assert row[0] == name
-        assert (row[8:] == []) is bool(sources)
-        assert run_folder(name, home / "runs").resolve() == ended.folder.resolve()
-        assert bool(capsys.readouterr().err) is not bool(sources)
+    assert [run_folder(name, home / "runs").resolve() for name in names] == [
+        run.folder for run in kept_runs(home / "runs")
+    ]
+    assert [row[0] for row in listed(capsys, home, "small.toml")[:-1]] == [
+        f"{VERLET}:small.toml", f"{REFERENCE}:small.toml", names[2],
+    ]  # fmt: skip
 
 
 def test_a_scene_without_its_file_is_listed(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -93,17 +75,9 @@ def test_a_scene_without_its_file_is_listed(home: Path, capsys: pytest.CaptureFi
     assert said.endswith(", which is the newest run recorded as small\n")
 
 
-def test_a_folder_name_cannot_break_the_table(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run = kept_runs(home / "runs")[-1].folder
-    run.rename(run.with_name("my\nrun\t\x1b[31m"))
-    *rows, _ = listed(capsys, home)
-    assert [row[0] for row in rows][-1] == f"runs/{VERLET}/my?run??[31m"
-    assert len(rows) == 3
-
-
 @pytest.mark.parametrize(
     "text",
-    ["", "{", "[]", '{"engine": 1}', "\ud800", "record", "scene = 5", "chain = 5", "time_step = x", "engine = 5"],
+    ["", "[]", '{"engine": 1}', "\ud800", "record", "scene = 5", "chain = 5", "time_step = x", "engine = 5"],
 )
 def test_a_damaged_record_is_a_line(home: Path, text: str, capsys: pytest.CaptureFixture[str]) -> None:
     folder = kept_runs(home / "runs")[0].folder
@@ -131,37 +105,39 @@ def test_a_record_of_another_version_is_read(home: Path) -> None:
         when, scene = path.stat().st_mtime, record_of(run.folder).scene
         edit_record(run.folder, scene=scene | {"former": 1, "wall": scene["wall"] | {"former": 1}})
         os.utime(path, (when, when))
-    found = kept_runs(home / "runs")
-    assert [run.trouble for run in found] == [run.trouble for run in before]
-    assert [run.resolved for run in found] == [run.resolved for run in before]
+    after = kept_runs(home / "runs")
+    assert [run.trouble for run in after] == [run.trouble for run in before]
+    assert [run.resolved for run in after] == [run.resolved for run in before]
 
 
 def test_failed_runs_and_other_folders(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Characters of a folder's name cannot break the table."""
     ended = run_case(case_of(home / "small.toml", "chain.count=4"), VERLET, home / "runs", limit_s=1e-6)
+    ended.folder.rename(ended.folder.with_name("my\nrun\t\x1b[31m"))
     for other in ("verlet/notes", f"batch/x-{'0' * 12}", f"{VERLET}/.work@x", "empty"):
         (home / "runs" / other).mkdir(parents=True)
     (home / "runs" / "batch" / "a.jsonl").write_text("{}\n{}\n")
     *rows, total, batches = listed(capsys, home)
     assert rows[-1][7:9] == ["timeout", "chain.count=4;"]
-    assert rows[-1][0].endswith(ended.folder.name)
+    assert rows[-1][0] == f"runs/{VERLET}/my?run??[31m"
     assert len(rows) == 4
     assert total[:6] == ["4", "runs", "(3", "done,", "1", "timeout):"]
     assert batches[1:5] == ["2", "rows", "of", "batches:"]
 
 
-def found(home: Path, *settings: str, scenes: tuple[str, ...] = (), engines: tuple[str, ...] = ()) -> list[EndedRun]:
+def selected(home: Path, *settings: str, scenes: tuple[str, ...] = (), engines: tuple[str, ...] = ()) -> list[EndedRun]:
     return select(kept_runs(home / "runs"), scenes, engines, settings)
 
 
 def test_runs_are_found_by_scene_engine_and_settings(home: Path) -> None:
     first, exact, other = kept_runs(home / "runs")
-    assert found(home, scenes=("small",)) == found(home, scenes=("small.toml",)) == [first, exact, other]
-    assert found(home, engines=(REFERENCE,)) == [exact]
-    assert found(home, "striker.speed=1.5 m/s") == found(home, "striker.speed=1500 mm/s") == [other]
-    assert found(home, "striker.speed=1.?*") == found(home, "run.time_step=0.05 us") == [other]
-    assert found(home, "run.time_step=50 ns", "run.time_step=0.1 us") == [first, exact, other]
-    assert found(home, "run.time_step=0.1 us", "chain.count=3", engines=(VERLET,)) == [first]
-    assert found(home, "wall.material=brass", "tube=") == [first, exact, other]
+    assert selected(home, scenes=("small",)) == selected(home, scenes=("small.toml",)) == [first, exact, other]
+    assert selected(home, engines=(REFERENCE,)) == [exact]
+    assert selected(home, "striker.speed=1.5 m/s") == selected(home, "striker.speed=1500 mm/s") == [other]
+    assert selected(home, "striker.speed=1.?*") == selected(home, "run.time_step=0.05 us") == [other]
+    assert selected(home, "run.time_step=50 ns", "run.time_step=0.1 us") == [first, exact, other]
+    assert selected(home, "run.time_step=0.1 us", "chain.count=3", engines=(VERLET,)) == [first]
+    assert selected(home, "wall.material=brass", "tube=") == [first, exact, other]
 
 
 @pytest.mark.parametrize(
@@ -175,7 +151,7 @@ def test_runs_are_found_by_scene_engine_and_settings(home: Path) -> None:
 )
 def test_a_selection_without_runs_is_an_error(home: Path, words: dict[str, tuple[str, ...]], said: str) -> None:
     with pytest.raises(InputError, match=said.replace("(", r"\(")):
-        found(home, *words.pop("settings", ()), **words)
+        selected(home, *words.pop("settings", ()), **words)
 
 
 def test_the_name_is_that_of_the_newest_run_as_the_file_has_it(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -197,36 +173,33 @@ def test_the_name_is_that_of_the_newest_run_as_the_file_has_it(home: Path, capsy
     assert capsys.readouterr().err == f"{name}: {said}; using {using}, which differs by {differs}\n"
 
 
-def test_a_run_keeps_the_name_of_its_scene_when_a_copy_of_the_scene_takes_it_over(
+def test_a_run_is_found_by_its_scene_and_by_a_copy_that_was_run_last(
     home: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The record of a run that is found again by its deck is that of the scene that was run last."""
-    first = kept_runs(home / "runs")[0].folder
-    text = (home / "small.toml").read_text()
-    (home / "sub").mkdir()
-    copy = home / "sub" / "copy.toml"
-    copy.write_text(f'title = "Another"\n{text}record = ["forces"]\n')
-    ended = run_case(case_of(copy), VERLET, home / "runs")
-    assert (ended.folder.resolve(), record_of(first).scene_name) == (first.resolve(), "copy")
-    names = (f"{VERLET}:small", f"{VERLET}:./small", f"{VERLET}:sub/copy.toml", f"{VERLET}:sub/copy")
-    assert {run_folder(name, home / "runs").resolve() for name in names} == {first.resolve()}
+    """A record has the name of the scene that was run last."""
+    first, copy, runs = kept_runs(home / "runs")[0].folder, home / "sub" / "copy.toml", home / "runs"
+    copy.parent.mkdir()
+    copy.write_text(f'title = "Another"\n{(home / "small.toml").read_text()}record = ["forces"]\n')
+    assert run_case(case_of(copy), VERLET, runs).folder.resolve() == first.resolve()
+    assert record_of(first).scene_name == "copy"
+    for name in ("small", "./small", "sub/copy.toml", "sub/copy"):
+        assert run_folder(f"{VERLET}:{name}", runs).resolve() == first.resolve()
     assert not capsys.readouterr().err
-    (row,) = [row for row in listed(capsys, home, "small")[:-1] if row[2:3] == [VERLET] and row[8:] == []]
-    assert row[:2] == [f"{VERLET}:small", "copy"]
-    (row,) = [row for row in listed(capsys, home)[:-1] if row[1] == "copy"]
-    assert row[0] == f"{VERLET}:copy"
-    assert [run.record.engine for run in found(home, scenes=("sub/copy.toml",))] == [REFERENCE, VERLET]
+    assert [f"{VERLET}:small", "copy"] in [row[:2] for row in listed(capsys, home, "small")]
+    assert [f"{VERLET}:copy", "copy"] in [row[:2] for row in listed(capsys, home)]
+    assert [run.record.engine for run in selected(home, scenes=("sub/copy.toml",))] == [REFERENCE, VERLET]
 
 
-def test_other_gauges_are_another_scene(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """They change no deck, but the signals in the folder."""
-    moved = "chain.sensors=[{from_wall=2}]"
-    other = run_case(case_of(home / "small.toml", moved), VERLET, home / "runs").folder
-    first = next(run.folder for run in kept_runs(home / "runs") if run.record.engine == VERLET)
-    assert run_folder(f"{VERLET}:small", home / "runs") == first != other
+def test_other_gauges_are_another_scene_and_more_files_are_not(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Gauges change no deck, but the signals in the folder."""
+    first, scene, runs = run_folder(f"{VERLET}:small", home / "runs"), home / "small.toml", home / "runs"
+    more = run_case(case_of(scene, "run.record=['forces', 'state']"), VERLET, runs, rerun=True).folder
+    assert more.resolve() == run_folder(f"{VERLET}:small", runs).resolve() == first.resolve()
+    other = run_case(case_of(scene, "chain.sensors=[{from_wall=2}]"), VERLET, runs).folder
+    assert run_folder(f"{VERLET}:small", runs) == first != other
     assert not capsys.readouterr().err
     shutil.rmtree(first)
-    assert run_folder(f"{VERLET}:small", home / "runs").resolve() == other.resolve()
+    assert run_folder(f"{VERLET}:small", runs).resolve() == other.resolve()
     assert "chain.sensors=" in capsys.readouterr().err
 
 
@@ -257,21 +230,6 @@ def test_a_scene_of_the_same_name_with_other_physics_is_not_meant(
     assert f"{VERLET}:small" in [row[0] for row in rows]
 
 
-def test_a_run_that_records_more_counts_as_the_scene_file(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    plain = run_folder(f"{VERLET}:small", home / "runs")
-    more = run_case(case_of(home / "small.toml", "run.record=['forces', 'state']"), VERLET, home / "runs", rerun=True)
-    assert more.folder.resolve() == plain.resolve()
-    assert run_folder(f"{VERLET}:small", home / "runs").resolve() == plain.resolve()
-    assert not capsys.readouterr().err
-
-
-def test_a_path_is_taken_as_it_is(home: Path) -> None:
-    odd = home / "a:b"
-    odd.mkdir()
-    assert run_folder(odd) == run_folder(str(odd)) == odd
-    assert run_folder("nowhere") == Path("nowhere")
-
-
 @pytest.mark.parametrize(
     ("name", "allowed"),
     [
@@ -283,36 +241,8 @@ def test_a_path_is_taken_as_it_is(home: Path) -> None:
 def test_a_wrong_name_is_an_error(home: Path, name: str, allowed: str) -> None:
     exact = kept_runs(home / "runs")[1].folder
     edit_record(shutil.copytree(exact, exact.with_name(f"far-{'0' * 12}")), scene_name="far", identity="0" * 12)
+    (home / "a:b").mkdir()
+    assert run_folder("a:b") == Path("a:b")  # a path is taken as it is
     with pytest.raises(InputError) as message:
         run_folder(name, home / "runs")
     assert str(message.value) == f"{name}: no such run in runs; allowed: {allowed}"
-
-
-@pytest.mark.parametrize("words", [("observables", "a:b"), ("film", "a:b"), ("compare", "a:b", "c:d")])
-def test_commands_take_no_wrong_names(home: Path, words: tuple[str, ...]) -> None:
-    ended = beads(*words, "--runs", home / "runs")
-    assert (ended.returncode, ended.stdout, ended.stderr.count("\n")) == (2, "", 1)
-    assert ended.stderr.startswith("a:b: no such run in runs; allowed: ")
-
-
-def test_commands_take_names(home: Path) -> None:
-    ended = beads("observables", f"{VERLET}:small", "--runs", "runs")
-    assert (ended.returncode, ended.stderr) == (0, "")
-    words = ("compare", f"{VERLET}:small", f"{REFERENCE}:small", "--runs", "runs")
-    ended = beads(*words)
-    first, exact, _ = (run.folder.relative_to(home) for run in kept_runs(home / "runs"))
-    assert [line.split()[1] for line in ended.stdout.splitlines() if line.startswith(("first ", "second "))][:2] == [
-        str(first), str(exact),
-    ]  # fmt: skip
-
-
-def test_nothing_is_loaded_that_a_list_does_not_need(home: Path) -> None:
-    beads_process("runs", "--runs", "runs")  # caches the conversion of units
-    code = (
-        "import sys; sys.argv = ['beads', 'runs', '--runs', 'runs', '--set', 'striker.speed=1.5 m/s']\n"
-        "from validation.commands.beads import answer; answer(); print([each for each in sys.modules])"
-    )
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert f"{VERLET}" in ended.stdout
-    assert "'drivers.inventory.run_folders'" in ended.stdout
-    assert [name for name in HEAVY if f"'{name}'" in ended.stdout] == []

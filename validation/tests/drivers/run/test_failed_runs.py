@@ -20,6 +20,10 @@ from validation.tests.helpers.commands import BEADS, beads
 from validation.tests.helpers.runs import failing_run, need
 from validation.tests.helpers.scenes import SceneWriter, StandIn, case_of
 
+MPIRUN = """mpirun has detected an attempt to run as root.
+
+Running as root is *strongly* discouraged.
+We reiterate our advice against doing so - please proceed at your own risk."""
 CRASHES = {
     "exit code": ('echo "ERROR: Illegal pair_style command (./src/input.cpp:42)"; exit 1', "Illegal pair_style"),
     "a signal": ("kill -SEGV $$", "killed by signal 11"),
@@ -27,6 +31,10 @@ CRASHES = {
     "no output": ("exit 0", "no output"),
     "no word": ("exit 7", "exit code 7: no output"),
     "words of a library": ('echo broken; echo "[hwloc/linux] no topology" >&2; exit 7', "exit code 7: broken"),
+    "a failed start": (
+        f"echo '{MPIRUN}' >&2; exit 1",
+        "exit code 1: mpirun has detected an attempt to run as root. Run",
+    ),
     "half a dump": ("head -c 200 /dev/zero > chain.bin", "output ends in sample 1 of 301"),
 }
 
@@ -104,22 +112,6 @@ def test_one_failure_leaves_the_other_engines_alone(stand_in: StandIn, scene_fil
     assert json.loads((Path(failed) / "run.json").read_text())["status"] == "failed"
     assert json.loads((Path(good) / "run.json").read_text())["status"] == "done"
     assert done.stderr.strip() == "scene: liggghts failed: exit code 1: ERROR: out of order"
-
-
-MPIRUN = """mpirun has detected an attempt to run as root.
-
-Running as root is *strongly* discouraged.
-We reiterate our advice against doing so - please proceed at your own risk."""
-
-
-def test_failed_start_is_reported_from_its_first_line(
-    stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path
-) -> None:
-    stand_in("liggghts", f"echo '{MPIRUN}' >&2; exit 1")
-    done = beads("run", scene_file(), "--runs", tmp_path / "runs", "--engine", "liggghts")
-    start = "scene: liggghts failed: exit code 1: mpirun has detected an attempt to run as root. Running as root"
-    assert done.stderr.startswith(start)
-    assert done.stderr.endswith(f"(see {done.stdout.strip()}/stderr.txt)\n")
 
 
 def test_engine_that_cannot_start_fails(

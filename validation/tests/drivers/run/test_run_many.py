@@ -20,24 +20,11 @@ from drivers.run.compute import compute
 from drivers.run.run import run_case, run_many
 from drivers.run.run_folder import open_run
 from drivers.run.session import end_all, lent
+from validation.tests.helpers.commands import BEADS
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import SceneWriter, StandIn, case_of
 
 CODE = "lammps"
-SLOW = """
-import sys
-from drivers.chain.case import build_case
-from drivers.scene.read_scene import read_scene
-from drivers.run.run import run_many
-from validation.commands.beads import run_main
-from pathlib import Path
-def main():
-    settings = [(f"striker.speed={v} m/s", "run.time_step=0.1 ns") for v in (1, 2, 3, 4)]
-    cases = [build_case(read_scene(sys.argv[1], each)) for each in settings]
-    run_many([(case, sys.argv[3]) for case in cases], Path(sys.argv[2]))
-    return 0
-run_main(main)
-"""
 
 
 def test_order_is_kept_and_equal_decks_run_once(scene_file: SceneWriter, tmp_path: Path) -> None:
@@ -56,12 +43,15 @@ def test_interrupt_ends_all_and_leaves_no_folder(
     need(engine)
     runs, places = tmp_path / "runs", tmp_path / "temporary"
     places.mkdir()
-    words = (sys.executable, "-c", SLOW, str(scene_file(duration="100 ms")), str(runs), engine)
-    variables = os.environ | {"TMPDIR": str(places)}
-    process = subprocess.Popen(words, stderr=subprocess.PIPE, text=True, preexec_fn=hear_interrupts, env=variables)
+    scene = scene_file(duration="100 ms")
+    step = ("--unsafe", "--set", "run.time_step=0.1 ns")
+    words = map(str, (*BEADS, "run", scene, "--engine", engine, *step, "--runs", runs))
+    process = subprocess.Popen([*words], stderr=subprocess.PIPE, text=True, env=os.environ | {"TMPDIR": str(places)})
     decks = {places: "bead-chains-*/.*/*/case/chain.*", runs: "*/.*/run/chain.*"}
     until = time.monotonic() + 60
-    while time.monotonic() < until and not any([*folder.glob(deck)] for folder, deck in decks.items()):
+    while not any([*folder.glob(deck)] for folder, deck in decks.items()):
+        assert process.poll() is None
+        assert time.monotonic() < until
         time.sleep(0.05)
     time.sleep(0.3)
     process.send_signal(request_to_end)
@@ -72,11 +62,6 @@ def test_interrupt_ends_all_and_leaves_no_folder(
     assert not [*places.glob("[!o]*")]  # Open MPI leaves a folder
     running = subprocess.run(["pgrep", "-f", str(tmp_path)], capture_output=True, text=True, check=False).stdout
     assert not [pid for pid in running.split() if int(pid) != os.getpid()]
-
-
-def hear_interrupts() -> None:
-    """Restore Ctrl-C, which a shell disables for tests in the background."""
-    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def test_processes_are_killed_only_within_all_stopped(tmp_path: Path) -> None:
@@ -92,27 +77,18 @@ def test_processes_are_killed_only_within_all_stopped(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_same_case_in_several_threads_and_processes(scene_file: SceneWriter, tmp_path: Path) -> None:
-    """The later ones find the finished run, and all can read it meanwhile."""
-    path = scene_file(duration="0.02 ms")
-    script = (
-        "import sys; from pathlib import Path; from validation.tests.drivers.run.test_run_many import run_and_read;"
-        "run_and_read(Path(sys.argv[1]), Path(sys.argv[2]))"
-    )
-    others = [subprocess.Popen([sys.executable, "-c", script, str(path), str(tmp_path)]) for _ in range(2)]
+def test_simultaneous_runs_of_one_case_share_a_folder(scene_file: SceneWriter, tmp_path: Path) -> None:
+    """In processes and in threads; all can read it meanwhile."""
+    path = scene_file()
+    words = [*map(str, (*BEADS, "run", path, "--engine", VERLET, "--runs", tmp_path / "runs"))]
+    processes = [subprocess.Popen(words, stdout=subprocess.PIPE, text=True) for _ in range(2)]
     with ThreadPoolExecutor(3) as pool:
-        for future in [pool.submit(run_and_read, path, tmp_path) for _ in range(3)]:
-            future.result()
-    assert [other.wait(timeout=100) for other in others] == [0, 0]
-    assert len(list((tmp_path / VERLET).iterdir())) == 3
-
-
-def run_and_read(path: Path, runs: Path) -> None:
-    """Run three cases and read each trace immediately."""
-    for speed in (1, 2, 3):
-        ended = run_case(case_of(path, f"striker.speed={speed} m/s"), VERLET, runs)
-        assert ended.done, ended.record.reason
-        assert len(open_run(ended.folder).trace.time_s) == 21
+        ended = [pool.submit(run_case, case_of(path), VERLET, tmp_path / "runs") for _ in range(3)]
+        folders = {run.result().folder for run in ended if len(open_run(run.result().folder).trace.time_s) == 301}
+    folders |= {Path(process.communicate(timeout=100)[0].strip()) for process in processes}
+    assert [process.returncode for process in processes] == [0, 0]
+    assert folders == {*(tmp_path / "runs" / VERLET).iterdir()}
+    assert len(folders) == 1
 
 
 def test_reading_a_run_starts_no_threads(scene_file: SceneWriter, tmp_path: Path) -> None:

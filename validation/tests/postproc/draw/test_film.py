@@ -4,22 +4,17 @@ import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.collections import EllipseCollection
-from matplotlib.colors import to_rgb
 from PIL import Image
 
-from drivers.chain.chain import build_chain
-from drivers.chain.trace import Trace
+from drivers.chain.chain import Array, build_chain
 from drivers.run.run_folder import STATE, EndedRun, open_run
 from drivers.scene.read_scene import stored_scene
 from postproc.draw import film
 from postproc.draw.film import film_of, sheet, write_animation
-from postproc.draw.product import cells_of, draw_spacetime
-from postproc.draw.style import OPEN_CONTACT
+from postproc.draw.product import cells_of
 from postproc.read.sensors import mean_forces
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import edit_table, finished
@@ -38,12 +33,6 @@ def run_of(shared_runs: Path) -> Runner:
         return finished(case, "verlet", shared_runs)
 
     return run
-
-
-def trace_of(force_N: np.ndarray) -> Trace:
-    """Trace of forces, a sample each microsecond."""
-    none = np.zeros(len(force_N))
-    return Trace(1e-6 * np.arange(float(len(force_N))), force_N, none, none, none)
 
 
 def notes_of(shown: film.Film) -> str:
@@ -90,19 +79,6 @@ def test_a_sheet_has_every_body_at_every_time(settings: tuple[str, ...], frames:
     product.figure.draw_without_rendering()
 
 
-def test_beads_are_drawn_to_scale_and_in_the_colour_of_their_force(run_of: Runner) -> None:
-    shown = film_of(run_of("fig6b"), 4)
-    axis = sheet(shown, "a chain").figure.axes[0]
-    drawn: list[Any] = [beads for beads in axis.collections if isinstance(beads, EllipseCollection)]
-    assert len(drawn) == 4 * 2  # the steel ball is of another size
-    assert sorted({float(beads.get_widths()[0]) for beads in drawn}) == pytest.approx([0.002, 0.00238])
-    (left, right), (low, high) = axis.get_xlim(), axis.get_ylim()
-    box, (width, height) = axis.get_position(), axis.figure.get_size_inches()
-    assert (right - left) / (box.width * width) == pytest.approx((high - low) / (box.height * height), rel=1e-9)
-    dark = [beads.get_facecolor()[:, :3].sum(axis=1).argmin() for beads in drawn if len(beads.get_offsets()) > 1]
-    assert dark[1] == shown.force_N[1, :-1].argmax()
-
-
 def test_sideways_displacements_are_exaggerated_only_with_a_note(run_of: Runner, tmp_path: Path) -> None:
     run = run_of("fig4")
     folder = tmp_path / run.folder.name
@@ -143,24 +119,13 @@ def test_an_animation_has_all_frames_and_an_interrupted_one_leaves_the_former(
 
 def test_cells_keep_the_largest_force() -> None:
     force = np.random.default_rng(3).random((1001, 37))
-    trace = trace_of(force)
-    time_s, contact, cells_N = cells_of(trace.time_s, force, 100, 10)
+    samples_s: Array = np.arange(1001.0) * 1e-6
+    time_s, contact, cells_N = cells_of(samples_s, force, 100, 10)
     assert cells_N.shape == (len(contact), len(time_s)) == (10, 91)
     assert cells_N[2, 5] == force[55:66, 8:12].max()
     assert cells_N[-1, -1] == force[990:, 36:].max()
     assert (contact[2], time_s[5]) == (9, 1e-6 * 55)
-    assert (cells_of(trace.time_s, force, 5000, 50)[2] == force.T).all()
-
-
-def test_open_contacts_are_grey_and_cells_are_at_their_times_and_contacts() -> None:
-    force = np.zeros((50, 4))
-    force[20:30, 2] = 5.0
-    (image,) = draw_spacetime({"chain": trace_of(force)}, 4.0).figure.axes[0].images
-    assert image.get_extent() == pytest.approx([0, 50, 0.5, 4.5])
-    colours = image.to_rgba(image.get_array())[..., :3]
-    assert np.allclose(colours[2, 20:30], colours[2, 20])
-    assert colours[2, 20].sum() < 0.5
-    assert np.allclose(colours[1], to_rgb(OPEN_CONTACT))
+    assert (cells_of(samples_s, force, 5000, 50)[2] == force.T).all()
 
 
 def test_commands_write_their_files_or_refuse_in_one_line(

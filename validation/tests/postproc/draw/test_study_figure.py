@@ -1,7 +1,6 @@
 """Figures of studies: curves of observables, a column against another with power laws, histograms, tornado charts."""
 
 from collections.abc import Iterator
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -24,22 +23,21 @@ from validation.tests.helpers.scenes import SPEEDS, StudyWriter
 
 KEYS = {
     "striker.speed": "striker.speed",
-    "striker.mass": "striker.mass",
     "wall.material": "wall.material",
     "ptfe_modulus": "materials.ptfe.youngs_modulus",
     "seed": "seed",
 }
 PEAK, SPEED, MISSING = "wall_peak_N", "speed_9_to_5_m_s", "bead_5_reflected_arrival_s"
-STRIKER, MASS, MODULUS, WALL = "striker.speed_m_s", "striker.mass_kg", "ptfe_modulus_Pa", "wall.material"
+X, Y = "bead_5_amplitude_N", SPEED
+STRIKER, MODULUS, WALL = "striker.speed_m_s", "ptfe_modulus_Pa", "wall.material"
 THREE_SPEEDS = {STRIKER: [0.05, 0.5, 5.0]}
-POLYMERS = {"wall.material": [f"polymer {place}" for place in range(40)]}
 
 
-def _table(engines: tuple[str, ...] = ("reference",), **axes: list[Any]) -> pd.DataFrame:
-    """Table of a finished study over a grid of axes, with a power law for each observable."""
+def _table(*engines: str, **axes: list[Any]) -> pd.DataFrame:
+    """Table of a finished study over a grid of axes, with a power law for each observable; without engines exact."""
     grid = pd.MultiIndex.from_product([*axes.values()], names=list(axes)).to_frame(index=False)
     tables = []
-    for place, engine in enumerate(engines):
+    for place, engine in enumerate(engines or ("reference",)):
         size = (1 + 1e-3 * place) * grid.select_dtypes("number").prod(axis=1) ** 0.2
         numbers: dict[str, Any] = {"status": "done", "reason": "", "force_error_share": 0.0}
         numbers |= {PEAK: size, SPEED: 100 * size, MISSING: np.nan}
@@ -47,6 +45,13 @@ def _table(engines: tuple[str, ...] = ("reference",), **axes: list[Any]) -> pd.D
     table: pd.DataFrame = pd.concat(tables).sort_values("case", kind="stable", ignore_index=True)
     table["case"] += 1
     return table
+
+
+def _related() -> pd.DataFrame:
+    """Table of 12 speeds with ``y = 3 x^(1/6)`` on the reference and ``y = 4 x^(1/6)`` on YADE."""
+    table = _table("reference", "yade", **{STRIKER: [*np.geomspace(0.1, 10, 12)]})
+    table[X] = 2 * table[STRIKER] ** 1.2
+    return table.assign(**{Y: table["engine"].map({"reference": 3, "yade": 4}) * table[X] ** (1 / 6)})
 
 
 def _draw(table: pd.DataFrame, *observables: str, draw: Any = draw_study, **how: Any) -> Product:
@@ -68,20 +73,15 @@ def _legend(product: Product) -> list[str]:
     return [text.get_text() for text in legend.get_texts()]
 
 
-def _curves(axis: Any) -> list[Any]:
-    return [line for line in axis.lines if line.get_linestyle() != "None" and len(line.get_xdata())]
-
-
 @pytest.mark.parametrize("engines", [("reference", "liggghts", "yade"), ("yade",)])
 def test_axes_have_labels_with_units_and_the_legend_has_any_set_of_engines(engines: tuple[str, ...]) -> None:
-    product = _draw(_table(engines, **THREE_SPEEDS, ptfe_modulus_Pa=[6e8, 1.46e9]), PEAK, SPEED)
+    product = _draw(_table(*engines, **THREE_SPEEDS, ptfe_modulus_Pa=[6e8, 1.46e9]), PEAK, SPEED)
     moduli = ["Young's modulus of ptfe 0.6 GPa", "Young's modulus of ptfe 1.46 GPa"]
     assert _legend(product) == [*moduli, *(engine for engine in engines if engine != "reference")]
     assert not_in_table(product.figure, product.table) == []
     labels = [(axis.get_xlabel(), axis.get_ylabel().replace("\n", " ")) for axis in product.figure.axes]
     speed = "striker speed (m/s)"
     assert labels == [(speed, "peak force at the wall (N)"), (speed, "wave speed from bead 9 to 5 (m/s)")]
-    assert all(axis.get_xscale() == "log" for axis in product.figure.axes)
 
 
 def test_there_is_a_panel_for_each_observable_with_values_and_no_other() -> None:
@@ -96,7 +96,7 @@ def test_there_is_a_panel_for_each_observable_with_values_and_no_other() -> None
 
 
 def test_draws_with_an_axis_are_points_around_their_mean() -> None:
-    product = _draw(_table(("liggghts", "yade"), **THREE_SPEEDS, seed=[1, 2, 3, 4]), PEAK)
+    product = _draw(_table("liggghts", "yade", **THREE_SPEEDS, seed=[1, 2, 3, 4]), PEAK)
     (axis,) = product.figure.axes
     line = next(line for line in axis.lines if line.get_label() == "mean of draws, liggghts")
     rows = product.table[product.table["engine"] == "liggghts"]
@@ -106,14 +106,11 @@ def test_draws_with_an_axis_are_points_around_their_mean() -> None:
 
 
 def test_draws_alone_are_counted_and_those_without_the_observable_too() -> None:
-    table = _table(("reference", "yade"), seed=[*range(1, 31)])
+    table = _table("reference", "yade", seed=[*range(1, 31)])
     table.loc[table["seed"] <= 4, PEAK] = np.nan
-    product = _draw(table, PEAK)
-    (axis,) = product.figure.axes
+    (axis,) = _draw(table, PEAK).figure.axes
     assert axis.patches[0].get_data().values.sum() == axis.lines[0].get_ydata().sum() == 26
     assert axis.get_title(loc="right").endswith("\nnot seen in 8 of 60 runs")
-    assert (axis.get_xlabel(), axis.get_ylabel()) == ("peak force at the wall (N)", "draws")
-    assert _legend(product) == ["reference", "yade"]
 
 
 def test_a_tornado_chart_labels_its_inputs_and_counts_runs_without_the_observable() -> None:
@@ -145,105 +142,50 @@ def test_every_observable_and_every_key_of_a_shipped_study_has_a_label() -> None
 
 @pytest.mark.parametrize(
     ("unit", "largest", "expected", "factor"),
-    [("s", 4.5e-4, "x (µs)", 1e6), ("Pa", 1.46e9, "x (GPa)", 1e-9), ("N", 0.5, "x (N)", 1), ("kg", 1e-4, "x (g)", 1e3),
-     ("", 5, "x", 1), ("m", 0.0, "x (m)", 1)],
+    [("s", 4.5e-4, "x (µs)", 1e6), ("Pa", 1.46e9, "x (GPa)", 1e-9), ("N", 0.5, "x (N)", 1), ("kg", 1e-4, "x (g)", 1e3)],
 )  # fmt: skip
 def test_an_axis_has_a_handy_unit(unit: str, largest: float, expected: str, factor: float) -> None:
-    label, found = Label("x", unit).axis(largest)
-    assert (label, found) == (expected, pytest.approx(factor, rel=1e-15))
+    words, found = Label("x", unit).axis(largest)
+    assert words == expected
+    assert found == pytest.approx(factor, rel=1e-15)
 
 
-@pytest.mark.parametrize(("last", "scale"), [(20.0, "linear"), (400.0, "log")])
-def test_many_curves_are_coloured_by_value_with_a_bar(last: float, scale: str) -> None:
-    moduli = [float(value) for value in np.geomspace(1e8, last * 1e8, 9)]
-    speeds = [float(speed) for speed in range(1, 12)]
-    product = _draw(_table(("reference", "yade"), **{STRIKER: speeds, MODULUS: moduli}), PEAK, SPEED)
-    first, second, bar = product.figure.axes
-    assert (bar.get_ylabel(), bar.get_yscale()) == ("Young's modulus of ptfe (GPa)", scale)
-    assert bar.get_ylim() == pytest.approx((0.1, 0.1 * last), rel=1e-12)
-    assert _legend(product) == ["reference", "yade"]
-    shares = np.log(moduli) if scale == "log" else np.array(moduli)
-    expected = value_colours()((shares - shares[0]) / np.ptp(shares))
-    for axis in (first, second):
-        assert [line.get_color() for line in _curves(axis)] == pytest.approx(expected, abs=0.02)
+def test_many_curves_have_colours_by_value_with_a_bar_or_are_all_listed() -> None:
+    speeds, moduli = [*np.arange(1.0, 12.0)], [*np.geomspace(1e8, 4e10, 9)]
+    product = _draw(_table("reference", "yade", **{STRIKER: speeds, MODULUS: moduli}), PEAK)
+    axis, bar = product.figure.axes
+    assert (bar.get_ylabel(), bar.get_yscale()) == ("Young's modulus of ptfe (GPa)", "log")
+    assert bar.get_ylim() == pytest.approx((0.1, 40), rel=1e-12)
+    curves = [line.get_color() for line in axis.lines if line.get_linestyle() == "-" and len(line.get_xdata())]
+    assert curves == pytest.approx(value_colours()(np.linspace(0, 1, 9)), abs=0.02)
     assert not_in_table(product.figure, product.table) == []
-
-
-def test_many_curves_of_texts_or_of_two_columns_are_all_listed() -> None:
-    speeds = [float(speed) for speed in range(1, 42)]
-    product = _draw(_table(("reference", "yade"), **{STRIKER: speeds}, **POLYMERS), PEAK, SPEED)
-    assert _legend(product) == [*POLYMERS[WALL], "yade"]
-    assert len({(*line.get_color(), str(line.get_linestyle())) for line in _curves(product.figure.axes[0])}) == 40
-    assert product.figure.legends[0].get_window_extent().width <= product.figure.bbox.width
-    moduli = [1e9 + place * 1e8 for place in range(5)]
-    product = _draw(_table(**{STRIKER: speeds, MODULUS: moduli, MASS: [1e-4, 2e-4]}), PEAK)
-    assert _legend(product)[:3] == ["1 GPa, 0.1 g", "1 GPa, 0.2 g", "1.1 GPa, 0.1 g"]
-    assert len(set(_legend(product))) == 10
-    assert product.figure.legends[0].get_title().get_text() == "Young's modulus of ptfe, striker mass"
+    polymers = [f"polymer {place}" for place in range(40)]
+    product = _draw(_table("reference", "yade", **{STRIKER: [*np.arange(1.0, 42.0)], WALL: polymers}), PEAK)
+    assert _legend(product) == [*polymers, "yade"]
 
 
 def test_lines_have_gaps_and_points_between_gaps_are_marked() -> None:
     table = _table(**{STRIKER: [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]})
     table.loc[table[STRIKER].isin([2.0, 4.0]), PEAK] = np.nan
     product = _draw(table, PEAK, SPEED)
-    gaps, whole = (_curves(axis)[0] for axis in product.figure.axes)
+    gaps, whole = (axis.lines[0] for axis in product.figure.axes)
     assert list(np.isnan(gaps.get_ydata())) == [False, True, False, True, False, False]
     assert (gaps.get_marker(), gaps.get_markevery(), whole.get_marker()) == ("o", [0, 2], "None")
     assert [axis.get_title(loc="right") for axis in product.figure.axes] == ["not seen in 2 of 6 runs", ""]
 
 
-def test_texts_on_an_axis_are_its_ticks_and_do_not_overlap() -> None:
-    axis = _draw(_table(**{WALL: ["ptfe", "brass", "rigid"]}), PEAK).figure.axes[0]
-    assert [text.get_text() for text in axis.get_xticklabels()] == ["ptfe", "brass", "rigid"]
-    assert axis.get_xlabel() == "wall material"
-    for axis in _draw(_table(**POLYMERS), PEAK, SPEED).figure.axes:
-        boxes = [text.get_window_extent() for text in axis.get_xticklabels() if text.get_text()]
-        assert len(boxes) > 4
-        assert all(left.x1 <= right.x0 for left, right in pairwise(boxes))
-
-
-def test_a_removed_key_is_a_curve_of_its_own() -> None:
-    table = _table(**THREE_SPEEDS, ptfe_modulus_Pa=[1e9, 2e9])
-    table.loc[table[MODULUS] == 1e9, MODULUS] = np.nan
-    assert _legend(_draw(table, PEAK)) == ["Young's modulus of ptfe none", "Young's modulus of ptfe 2 GPa"]
-
-
-X, Y = "bead_5_amplitude_N", SPEED
-
-
-def _related(engines: tuple[str, ...] = ("reference", "yade"), count: int = 12, **axes: list[float]) -> pd.DataFrame:
-    """Table of a study with ``y = 3 x^(1/6)`` on the first engine and a little more on the others."""
-    table = _table(engines, **{STRIKER: [*np.geomspace(0.1, 10, count)]}, **axes)
-    place = table["engine"].map({engine: place for place, engine in enumerate(engines)})
-    table[X] = 2 * table[STRIKER] ** 1.2
-    return table.assign(**{Y: (3 + place) * table[X] ** (1 / 6)})
-
-
-def test_each_engine_has_points_at_its_rows_and_lines_join_ordered_numbers_alone() -> None:
+def test_each_engine_has_points_at_its_rows_that_are_above_zero_on_logarithmic_axes() -> None:
     table = _related()
-    product = _draw(table, Y, x=X)
-    (axis,) = product.figure.axes
-    assert (axis.get_xlabel(), axis.get_xscale()) == ("force amplitude at bead 5 (N)", "log")
-    lines = {line.get_label(): line for line in axis.lines}
+    lines = {line.get_label(): line for line in _draw(table, Y, x=X).figure.axes[0].lines}
     for engine, rows in table.groupby("engine"):
         assert lines[engine].get_xydata() == pytest.approx(rows[[X, Y]].to_numpy(), rel=1e-12)
-    assert [lines[engine].get_linestyle() for engine in ("reference", "yade")] == ["-", "None"]
-    assert list(product.table.columns) == ["case", STRIKER, "engine", X, Y]
-    draws, materials = (table.rename(columns={STRIKER: name}) for name in ("seed", WALL))
-    for changed, how in [(table, {"joined": False}), (draws, {}), (materials.astype({WALL: str}), {})]:
-        assert not _curves(_draw(changed, Y, x=X, **how).figure.axes[0])
-
-
-def test_logarithmic_axes_leave_out_rows_that_are_not_above_zero() -> None:
-    table = _related()
     table.loc[[0, 3], Y] = 0.0
     table.loc[5, X] = np.nan
     product = _draw(table, Y, x=X, log=True)
-    (axis,) = product.figure.axes
-    assert (axis.get_xscale(), axis.get_yscale()) == ("log", "log")
     assert list(product.notes) == ["2 rows are not above zero, so not on logarithmic axes"]
+    assert list(product.table.columns) == ["case", STRIKER, "engine", X, Y]
     assert product.table[Y].notna().sum() == 24 - 3
-    assert axis.get_title(loc="right") == "not seen in 1 of 24 runs"
+    assert product.figure.axes[0].get_title(loc="right") == "not seen in 1 of 24 runs"
 
 
 def test_power_laws_are_those_of_least_squares_and_say_what_is_left_out() -> None:
@@ -262,30 +204,9 @@ def test_power_laws_are_those_of_least_squares_and_say_what_is_left_out() -> Non
     assert second.startswith(f"yade: {Y} = 4 x^0.1667, exponent 0.1667 ± ")
     law = next(line for line in product.figure.axes[0].lines if line.get_label() == "yade: x^0.1667")
     assert law.get_ydata() == pytest.approx(4 * law.get_xdata() ** (1 / 6), rel=1e-9)
-
-
-def test_each_curve_has_a_power_law_unless_one_has_too_few_points() -> None:
-    table = _related(**{MASS: [1e-3, 2e-3]})
-    table.loc[table[MASS] == 2e-3, Y] *= 2
-    starts = [line.partition(" x^")[0] for line in _draw(table, Y, x=X, fitted=True).notes]
-    laws = {("reference", 1): 3, ("reference", 2): 6, ("yade", 1): 4, ("yade", 2): 8}
-    assert sorted(starts) == [f"{code}, striker mass {mass} g: {Y} = {law}" for (code, mass), law in laws.items()]
-    table.loc[(table[MASS] == 2e-3) & (table[STRIKER] > 0.2), Y] = np.nan
-    assert [line.partition(":")[0] for line in _draw(table, Y, x=X, fitted=True).notes] == ["reference", "yade"]
-
-
-@pytest.mark.parametrize(
-    ("table", "how", "message"),
-    [
-        (_related(count=2), {"fitted": True}, "--power-law: found reference has 2 rows"),
-        (_related().assign(**{X: 1.0}), {"fitted": True}, "different bead_5_amplitude_N"),
-        (_related().assign(**{X: -1.0}), {"log": True}, "no finished row has both, above zero"),
-    ],
-)
-def test_too_few_rows_are_refused(table: pd.DataFrame, how: Any, message: str) -> None:
-    with pytest.raises(InputError) as error:
-        _draw(table, Y, x=X, **how)
-    assert message in str(error.value)
+    for changed, message in [(_related().iloc[:4], "found reference has 2 rows"), (table.assign(**{X: 1.0}), X)]:
+        with pytest.raises(InputError, match=message):
+            _draw(changed, Y, x=X, fitted=True)
 
 
 WRONG = {
@@ -294,7 +215,6 @@ WRONG = {
     "--log": "--log: needs --x and --y",
     "--x striker.sped --y wall_peak": '--x: found "striker.sped"; allowed: columns: case, striker.speed_m_s',
     "--x wall.material --y wall_peak --log": '--x: found "wall.material"; allowed: numbers: case, ',
-    "--x engine --y wall_peak": '--x: found "engine"; allowed: columns: case, ',
 }
 
 

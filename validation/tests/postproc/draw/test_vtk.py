@@ -126,21 +126,16 @@ def test_the_tube_reaches_from_the_wall_over_the_bodies_that_fit(
     assert (np.hypot(points[:, 0], points[:, 1]) >= 0.0025).all()
 
 
-def test_a_series_replaces_a_longer_one_and_keeps_other_files(run_of: Runner, tmp_path: Path) -> None:
-    run, folder = run_of(), tmp_path / "series"
-    write_series(run, folder, 9)
-    (folder / "view.pvsm").write_text("mine")
-    write_series(run, folder, 4)
-    assert len(list(folder.iterdir())) == 4 + 2
-    assert all(path.exists() for _, path in read_index(folder / "chain.pvd"))
-
-
 @pytest.mark.parametrize("blow", [OSError(28, "No space left on device"), KeyboardInterrupt()])
-def test_an_interrupted_series_leaves_no_files(
+def test_a_series_replaces_a_longer_one_and_an_interrupted_one_leaves_no_files(
     blow: BaseException, run_of: Runner, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run, home = run_of(), tmp_path / "out"
+    write_series(run, home / "former", 9)
+    (home / "former" / "view.pvsm").write_text("of the user")
     write_series(run, home / "former", 4)
+    assert len(list((home / "former").iterdir())) == 4 + 2
+    assert all(path.exists() for _, path in read_index(home / "former" / "chain.pvd"))
     before = {path: path.read_bytes() for path in home.rglob("*") if path.is_file()}
 
     def break_off(path: Path, *mesh: Any, **fields: Any) -> None:
@@ -167,12 +162,8 @@ def test_the_command_writes_100_frames_or_refuses_in_one_line(
     assert done.stdout.split() == [str(index)]
     assert len(read_index(index)) == 100
     bare = finished(case_of(scene_file("bare", duration="0.2 ms")), "verlet", shared_runs).folder
-    alien = tmp_path / "alien"
-    shutil.copytree(kept, alien)
-    edit_table(alien, lambda table: table.drop(columns="body_3_height_m"), STATE)
     for words, message in [
         ((bare,), 'beads run bare.toml --engine verlet --set run.record=\'["forces", "state"]\''),
-        ((alien,), "body_3_height_m"),
         ((kept, "--frames", "1"), "whole numbers from 2"),
     ]:
         refused = beads("vtk", *words)
@@ -180,9 +171,9 @@ def test_the_command_writes_100_frames_or_refuses_in_one_line(
         assert message in refused.stderr
 
 
-@pytest.mark.parametrize(("sides", "rings"), [(3, 6), (48, 153)])
-def test_the_bore_is_an_open_prism_of_triangles(sides: int, rings: int) -> None:
-    points, triangles = tube_mesh(0.0025, -0.01, 0.04, sides, rings)
+def test_the_bore_is_an_open_prism_of_triangles() -> None:
+    sides = 48
+    points, triangles = tube_mesh(0.0025, -0.01, 0.04, sides, 153)
     corners = points[triangles]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.linalg.norm(normal, axis=1) / 2

@@ -80,10 +80,8 @@ def test_the_command_measures_a_driven_run_or_refuses_in_one_line(tmp_path: Path
         ("--to", "bead_3", 'found "bead_3"; allowed: drive, bead_15, bead_5, wall'),
         ("--window", "kaiser", 'found "kaiser"; allowed: hann, boxcar'),
         ("--since", "1", 'found "1"; allowed: a quantity in s'),
-        ("--since", "-1 ms", "zero or more"),
         ("--since", "0.99 ms", "at least 16 are needed"),
         ("--frequency", "10 Hz", "shorter than a period"),
-        ("--frequency", "0 Hz", "above zero"),
     ]:
         answer = beads("spectrum", folder, option, value, *runs)
         assert (answer.returncode, answer.stderr.count("\n")) == (2, 1)

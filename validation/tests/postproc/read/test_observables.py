@@ -51,23 +51,6 @@ def test_a_name_gives_unit_and_kind() -> None:
     assert of_kind(names, "peak", "speed") == ["speed_9_to_5", "wall_peak"]
 
 
-@pytest.mark.parametrize("weak", [0.2, 0.005])
-def test_a_weak_wave_before_a_strong_one_is_the_first(weak: float) -> None:
-    """The gauges show two strikes; force and speed are those of the first."""
-
-    def struck(strong: float) -> dict[str, float]:
-        beads = (
-            f"{{from_wall=40, velocity='{-strong} m/s', gap_below='3 mm'}}, {{from_wall=39, velocity='{-weak} m/s'}}"
-        )
-        settings = ("chain.count=40", "chain.sensors=[{from_wall=30}, {from_wall=20}]", f"chain.bead=[{beads}]")
-        return values_of("fig4", "gravity=", "run.duration=4 ms", "striker=", *settings)
-
-    values, first = struck(2.0), struck(0.0)
-    for name in ("bead_30_amplitude_N", "bead_20_amplitude_N", "bead_30_arrival_s", "speed_30_to_20_m_s"):
-        assert values[name] == pytest.approx(first[name], rel=1e-6)
-    assert (values["bead_30_pulses"], first["bead_30_pulses"]) == (2, 1)
-
-
 def test_missing_observables_are_counted_with_the_reason() -> None:
     rows = [{"wall_peak_2_N": nan, "bead_9_peak_N": 1.0}, {"wall_peak_2_N": nan}, {"wall_peak_2_N": 2.0}]
     assert not_shown(["wall_peak_2_N", "bead_9_peak_N"], rows) == [

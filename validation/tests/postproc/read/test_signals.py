@@ -87,6 +87,38 @@ def test_observables_of_a_made_up_wave_have_their_known_values() -> None:
     assert np.isnan(values["wall_envelope_per_s"])
 
 
+def waves(*heights: float, up: bool = False) -> Trace:
+    """Waves of these heights, 100 us apart, in 12 contacts under a load that a pull at 450 us takes from the fourth."""
+    time = np.arange(0, 500.0)
+    force = np.zeros((500, 12))
+    for number, height in enumerate(heights):
+        for place in range(12):
+            force[:, place] += height * pulse(time, 150 + 100 * number + 10 * place * (1 if up else -1))
+    force += 0.01
+    force[450:, 3] = 0.0
+    nothing = np.zeros_like(time)
+    return Trace(time * 1e-6, force, nothing, nothing, nothing)
+
+
+def test_waves_of_a_train_are_told_apart_and_those_from_below_have_no_speed() -> None:
+    """The second wave has 40 % of the first; a third of 4 % is no pulse; the contacts are open between them."""
+    layout = Layout((SensorBead(9, 8.5e-3, 1e-3), SensorBead(6, 5.5e-3, 1e-3)), wall=False, striker=False, load_N=0.01)
+    values = observe(layout, waves(1.0, 0.4, 0.04))
+    height = values["bead_9_amplitude_N"]
+    expected = {
+        "bead_9_pulses": 2, "bead_9_second_amplitude_N": 0.4 * height, "bead_9_second_arrival_s": 165e-6,
+        "bead_9_valley_N": 0, "contact_loss_s": 450e-6, "speed_9_to_6_m_s": 100,
+    }  # fmt: skip
+    for name, value in expected.items():
+        assert values[name] == pytest.approx(value, rel=2e-4, abs=1e-9), name
+    weak_first = observe(layout, waves(0.04, 1.0))
+    assert weak_first["bead_9_amplitude_N"] == pytest.approx(0.04 * height, rel=1e-4)
+    assert weak_first["bead_9_pulses"] == 2
+    rising = observe(layout, waves(1.0, up=True))
+    assert np.isnan([rising["speed_9_to_6_m_s"], rising["transmission_9_to_6"]]).all()
+    assert np.isnan([rising["bead_9_second_amplitude_N"], rising["bead_9_valley_N"]]).all()
+
+
 def test_a_trace_without_a_wave_has_no_peak() -> None:
     time: np.ndarray = np.arange(5) * 1e-6
     nothing = np.zeros(5)

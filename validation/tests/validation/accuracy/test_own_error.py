@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from drivers.base import paths
-from drivers.chain.case import Case, build_case
-from drivers.scene.read_scene import make_scene, read_toml
+from drivers.chain.case import Case
 from postproc.read.residual import largest_change_N
 from validation.accuracy.exact_motion import exact_motion_of
 from validation.tests.helpers import high_precision
@@ -22,12 +20,9 @@ def pressed_case(number: int) -> Case:
     draw = np.random.default_rng(number)
     count, load_N, speed_m_s = int(draw.integers(1, 6)), 10 ** draw.uniform(-3, 1.5), 10 ** draw.uniform(-8, -1)
     contact_s = 3e-5 * load_N ** (-1 / 6)
-    ball = {"material": "steel", "diameter": "5 mm"}
-    data = {"chain": ball | {"count": count, "precompression": f"{load_N} N"}, "wall": {"material": "steel"}}
-    data |= {"striker": ball | {"speed": f"{speed_m_s} m/s"}, "gravity": "9.81 m/s^2"}
-    timing = {"sample_interval": f"{contact_s} s", "time_step": f"{contact_s} s"}
-    data["run"] = timing | {"duration": f"{30 * contact_s} s"}
-    return build_case(make_scene(data, read_toml(paths.MATERIALS), "pressed", "a pressed chain"))
+    chain = ("chain.sensors=[]", f"chain.count={count}", f"chain.precompression={load_N} N")
+    timing = (f"run.sample_interval={contact_s} s", f"run.time_step={contact_s} s", f"run.duration={30 * contact_s} s")
+    return case_of("steel-chain", *chain, f"striker.speed={speed_m_s} m/s", *timing)
 
 
 def true_and_stated(case: Case) -> tuple[float, float]:

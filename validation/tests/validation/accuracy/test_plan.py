@@ -28,6 +28,8 @@ def test_the_step_is_the_largest_that_meets_the_accuracy() -> None:
     assert case.plan.predicted["force"] <= 1e-4
     coarser = case.at(case.scene.steps_per_sample - 1)
     assert errors_of(coarser, verlet_of(coarser), exact_motion_of(coarser), ("force",))["force"] > 1e-4
+    rare = case_of("fig4", FREE, "run.accuracy=1e-4", "run.sample_interval=100 us")  # beyond the stability limit
+    assert 1e-7 < rare.scene.time_step_s < 5e-7
 
 
 def test_named_observables_are_kept_against_true_values() -> None:
@@ -38,16 +40,6 @@ def test_named_observables_are_kept_against_true_values() -> None:
     assert found["speed_9_to_5"] <= 1e-6
     assert found["energy"] <= 1e-4
     assert exact_motion_of(case).true["wall_peak"] == pytest.approx(fine.true["wall_peak"], rel=1e-9)
-
-
-def test_samples_coarser_than_the_stability_limit() -> None:
-    case = case_of("fig4", FREE, "run.accuracy=1e-4", "run.sample_interval=100 us")
-    assert 1e-7 < case.scene.time_step_s < 5e-7
-
-
-def test_an_accuracy_below_the_error_of_a_chaotic_motion_is_refused() -> None:
-    with pytest.raises(InputError, match=r"at least 0.*limited by the error of the exact motion"):
-        case_of("fig4", FREE, "run.accuracy=1e-6", "run.duration=20 ms")
 
 
 def test_engines_without_the_law_of_a_scene_are_not_chosen() -> None:
@@ -67,22 +59,19 @@ def test_heights_far_away_are_refused_to_codes_with_a_limit_that_holds() -> None
 
 
 @pytest.mark.parametrize(
-    ("accuracy", "message"),
+    ("accuracy", "message", "settings"),
     [
-        ("1e-12", "at least 1e-11"),
-        *((wrong, "an error above 0 and below 1") for wrong in ("2", "nan", "true", "{}", "{wall_peak = true}")),
-        ("{bead_3_peak = 1e-3}", "bead_9_peak"),
+        ("1e-12", "at least 1e-11", ()),
+        *((wrong, "an error above 0 and below 1", ()) for wrong in ("2", "nan", "true", "{}", "{wall_peak = true}")),
+        ("{bead_3_peak = 1e-3}", "bead_9_peak", ()),
+        ("{wall_peak = 1e-5}", "limited by sampling at any time step", ("run.sample_interval=10 us",)),
+        ("1e-6", r"at least 0.*limited by the error of the exact motion", ("run.duration=20 ms",)),
     ],
 )
-def test_bad_accuracies(accuracy: str, message: str) -> None:
+def test_bad_accuracies(accuracy: str, message: str, settings: tuple[str, ...]) -> None:
     with pytest.raises(InputError, match=message) as refusal:
-        case_of("fig4", FREE, f"run.accuracy={accuracy}")
+        case_of("fig4", FREE, f"run.accuracy={accuracy}", *settings)
     assert "\n" not in str(refusal.value)
-
-
-def test_samples_limit_the_accuracy_of_gauges() -> None:
-    with pytest.raises(InputError, match="limited by sampling at any time step"):
-        case_of("fig4", FREE, "run.accuracy={wall_peak = 1e-5}", "run.sample_interval=10 us")
 
 
 @pytest.mark.parametrize("engine", ["liggghts", "reference", "verlet"])

@@ -12,11 +12,11 @@ import pytest
 
 from postproc.paper.calibrated import calibrated
 from postproc.paper.simulate import Simulation, case_of, exact
-from validation.calibration.calibration_chapter import CHAPTER, conclusions, figures, judge
+from validation.calibration.calibration_chapter import CHAPTER, conclusions, judge
 from validation.calibration.calibration_file import calibration_file
 from validation.calibration.data_sets import nuisances, paper_data
 from validation.calibration.outcome import DatumRow, FitRow, Parameter
-from validation.calibration.paper_fits import CONTOURS, DATA, FITS, PARAMETERS, ContourRow, reading_of
+from validation.calibration.paper_fits import DATA, FITS, PARAMETERS, reading_of
 from validation.calibration.problem import pose
 from validation.calibration.readings import decay_per_s, full_width_s, is_censored, read, time_above
 from validation.chapters import frame_of
@@ -137,17 +137,6 @@ def test_conclusions_are_what_all_fits_that_hold_have_in_common() -> None:
     ]
     (none,) = conclusions(tables_of(rows("elastic", "default", 0.01, 2e9, 0.0)))
     assert none == "no law fits in any of 1 readings of the paper"
-
-
-def test_contours_of_chi_square_are_drawn() -> None:
-    points = [
-        ContourRow("default", modulus, e, 14 + (modulus / 1e9 - 0.8) ** 2 * 100 + (e - 0.9) ** 2 * 5e3)
-        for e in np.linspace(0.8, 1, 5) for modulus in np.geomspace(0.3e9, 2e9, 5)
-    ]  # fmt: skip
-    fits = [rows(law, "default", 0.5, 0.8e9, 0.0, "contact.restitution") for law in ("viscoelastic", "elastic")]
-    drawn = figures(tables_of(*fits, {CONTOURS: points}))[CONTOURS][1]
-    assert drawn is not None
-    assert len(drawn().axes[0].collections) == 1
 
 
 def failed(tables: Mapping[str, pd.DataFrame]) -> list[Check]:

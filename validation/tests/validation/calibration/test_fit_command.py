@@ -26,7 +26,8 @@ def test_quoted_numbers_give_a_folder_without_traces(tmp_path: Path) -> None:
 def test_a_folder_works_wherever_it_is_copied_to(tmp_path: Path) -> None:
     """Its scenes read their data from it, its command fits again, and overlay takes the fitted scene."""
     done = beads(
-        "fit", "example-measured", *FREE, "--quick", "--set", "contact.friction=0.1", "--results", tmp_path / "first"
+        *("fit", "example-measured", "--free", MODULUS, "--quick", "--set", "contact.restitution=0.97"),
+        *("--set", "contact.friction=0.1", "--results", tmp_path / "first"),
     )
     assert done.returncode == 0, done.stderr
     sent = tmp_path / "sent" / "folder"
@@ -39,7 +40,7 @@ def test_a_folder_works_wherever_it_is_copied_to(tmp_path: Path) -> None:
     assert fitted.materials["ptfe"].youngs_modulus == pytest.approx(1.35e9, rel=5e-3)
     text = (sent / "fit-example-measured.toml").read_text(encoding="utf-8")
     assert "# INVENTED readings" in text
-    assert "# fitted: 1.351" in text
+    assert "# fitted: 1.35" in text
     (command,) = (line for line in (sent / "README.md").read_text().splitlines() if line.startswith("    beads fit"))
     here = Path.cwd()
     try:
@@ -68,12 +69,14 @@ def test_another_folder_of_the_name_is_left_alone(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.rglob("*.*")] == ["notes.txt"]
 
 
-def test_laws_are_compared_on_the_same_data(tmp_path: Path) -> None:
-    """The trace is viscoelastic: elastic beads do not explain it, and the laws differ in the reflected wave."""
-    trace = made_up(tmp_path / "trace.csv", noise=0.01)
+def test_laws_are_compared_on_the_same_data_and_a_second_fit_replaces_their_files_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The trace is viscoelastic; the second fit is made inside the folder, and its data file is named like a table."""
+    trace, folder = made_up(tmp_path / "data.csv", noise=0.01), tmp_path / "results" / "fit-fig4"
     laws = [word for law in ("elastic", "viscoelastic") for word in ("--law", law)]
-    asked = ("--predict", "bead_8_reflected_arrival", "--predict", "wall_peak_N")
-    done = beads("fit", "fig4", "--measured", trace, "--free", MODULUS, *laws, *asked, "--quick", "--results", tmp_path)
+    asked = ("--free", MODULUS, *laws, "--predict", "bead_8_reflected_arrival", "--predict", "wall_peak_N", "--quick")
+    done = beads("fit", "fig4", "--measured", trace, *asked, "--results", tmp_path / "results")
     assert done.returncode == 0, done.stderr
     assert "elastic does not explain the data" in done.stdout
     assert "viscoelastic is the best law" in done.stdout
@@ -82,20 +85,11 @@ def test_laws_are_compared_on_the_same_data(tmp_path: Path) -> None:
         line.split() for line in done.stdout.splitlines() if line.startswith(("bead_8_reflected", "wall_peak_N"))
     ]
     assert [line[2] for line in predicted] == ["elastic", "viscoelastic"] * 2
-    names = {path.name for path in (tmp_path / "fit-fig4").glob("fit-*.toml")}
+    names = {path.name for path in folder.glob("fit-*.toml")}
     assert names == {"fit-fig4-elastic.toml", "fit-fig4-viscoelastic.toml"}
-    table = pd.read_csv(tmp_path / "fit-fig4" / "laws.csv")
+    table = pd.read_csv(folder / "laws.csv")
     assert table["law"].tolist() == ["elastic", "viscoelastic"]
     assert table["freedom"][0] == table["freedom"][1] + 1
-
-
-def test_a_second_fit_replaces_the_files_of_the_first_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also from inside the folder, with a data file that is named like a table."""
-    trace, folder = made_up(tmp_path / "data.csv", noise=0.01), tmp_path / "results" / "fit-fig4"
-    fit = ("fit", "fig4", "--measured", trace, "--free", MODULUS, "--quick")
-    laws = ("--law", "elastic", "--law", "viscoelastic")
-    assert beads(*fit, *laws, "--results", tmp_path / "results").returncode == 0
-    assert (folder / "data" / "data.csv").read_bytes() == trace.read_bytes()
     (folder / "notes.txt").touch()
     monkeypatch.chdir(folder)
     done = beads("fit", "fig4.toml", "--free", MODULUS, "--quick", "--results", "..")

@@ -1,4 +1,4 @@
-"""Driven chains on the codes agree with velocity Verlet."""
+"""Driven chains: the codes agree with velocity Verlet, and plans keep accuracy and bounds."""
 
 from pathlib import Path
 
@@ -6,8 +6,12 @@ import pytest
 
 from drivers.chain.schemes import verlet_of
 from drivers.engines import codes
+from drivers.limits.energy_bounds import at_most, share_at_most
+from drivers.limits.stable_step import predicted_limit, reached
 from drivers.run.compute import compute
+from drivers.run.guard import checked
 from postproc.read.residual import residual
+from validation.accuracy.exact_motion import exact_motion_of
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import case_of
 
@@ -36,13 +40,28 @@ CASES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", CASES)
-def test_the_codes_agree_with_velocity_verlet(name: str, tmp_path: Path) -> None:
+@pytest.fixture(params=CASES)
+def settings(request: pytest.FixtureRequest, tmp_path: Path) -> list[str]:
+    """Settings of a driven chain, with the files that they name."""
     for unit, low, high in (("force_N", -9, 3), ("displacement_nm", -1500, 500)):
         (tmp_path / f"{unit}.csv").write_text(POINTS.format(unit, low=low, high=high))
-    settings = (setting.replace("drive.file=", f"drive.file={tmp_path}/") for setting in CASES[name])
-    case = case_of("driven-steel", "run.duration=0.4 ms", *settings)
+    given = (setting.replace("drive.file=", f"drive.file={tmp_path}/") for setting in CASES[request.param])
+    return ["run.duration=0.4 ms", *given]
+
+
+def test_the_codes_agree_with_velocity_verlet(settings: list[str]) -> None:
+    case = case_of("driven-steel", *settings)
     expected = verlet_of(case)
     for engine in codes():
         need(engine)
         assert residual(compute(case, engine).done, expected).max() < 1e-9, engine
+
+
+def test_a_plan_keeps_accuracy_and_bound(settings: list[str]) -> None:
+    case = case_of("driven-steel", *settings, "run.time_step=", "run.accuracy=1e-3")
+    trace = verlet_of(case)
+    assert residual(trace, exact_motion_of(case.full or case, finer=False).trace).max() <= 1e-3
+    checked(case, trace)
+    chain, duration_s = case.chain, 4e-4
+    assert share_at_most(chain, duration_s, predicted_limit(chain, duration_s))[0] >= 0.99
+    assert (reached(chain, duration_s).overlap_m <= at_most(chain, duration_s).overlap_m).all()

@@ -15,6 +15,7 @@ from drivers.engines import VERLET
 from drivers.run.run_folder import FORCES, RECORD, open_run
 from validation.commands.beads import answer
 from validation.compare.selection import EngineSelection
+from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import add_force, edit_record, edit_table, finished
 from validation.tests.helpers.scenes import EnginesWriter, SceneWriter, case_of
 
@@ -81,33 +82,25 @@ def test_a_changed_force_is_named_with_its_size_and_place(folders: tuple[Path, P
     assert lines[-1] == f"details: beads compare {run_of(old, 'scene')} {run_of(new, 'scene')}"
 
 
-def test_another_time_step_is_another_run(
+def test_a_missing_run_is_a_failure_unless_allowed_and_the_closest_is_named(
     folders: tuple[Path, Path], compare: Compare, scene_file: SceneWriter, shared_runs: Path
 ) -> None:
     old, new = folders
     shutil.rmtree(run_of(new, "scene"))
     finer = finished(case_of(scene_file(), "run.time_step=0.05 us"), VERLET, shared_runs).folder
     shutil.copytree(finer, new / VERLET / finer.name)
-    code, lines = compare("--runs", old, "--against", new)
+    words = ("--runs", old, "--against", new)
+    code, lines = compare(*words)
     assert code == 0  # with --allow-missing
-    rows = [line for line in lines if "no such run in" in line]
-    assert len(rows) == 2
-    assert rows[0].endswith("; the closest differs: run.time_step: 0.1 us against 50 ns")
-    assert rows[1].endswith("; the closest differs: run.time_step: 50 ns against 0.1 us")
-    assert all(re.search(rf"{VERLET} +run +not run: ", row) for row in rows)
-
-
-def test_a_missing_run_is_a_failure_unless_allowed(
-    folders: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    old, new = folders
-    shutil.rmtree(run_of(new, "scene"))
-    monkeypatch.setattr("sys.argv", ["beads", "compare", "--runs", str(old), "--against", str(new)])
-    assert answer() == 1
-    printed = capsys.readouterr()
-    assert f"fail: no such run in {new}" in printed.out
-    assert printed.err.startswith("no established code ran")  # the pair of the other scene is of verlet
-    assert len(printed.err.splitlines()) == 1
+    rows = [line for line in lines if re.search(rf"{VERLET} +run +not run: no such run in", line)]
+    steps = ("0.1 us against 50 ns", "50 ns against 0.1 us")
+    for row, step in zip(rows, steps, strict=True):
+        assert row.endswith(f"; the closest differs: run.time_step: {step}")
+    strict = beads("compare", *words)
+    assert strict.returncode == 1
+    assert f"fail: no such run in {new}" in strict.stdout
+    assert strict.stderr.startswith("no established code ran")  # the pair of the other scene is of verlet
+    assert len(strict.stderr.splitlines()) == 1
 
 
 @pytest.mark.parametrize("place", [0, 1])

@@ -28,28 +28,12 @@ GOOD = [
 ]  # fmt: skip
 
 
-def differing(case: Case, trace: Trace, step_s: float) -> set[tuple[str, int]]:
-    return {(row.quantity, row.place) for row in measure_law(case, trace, step_s) if row.differs}
-
-
-def motions(case: Case) -> list[tuple[Trace, float]]:
-    """Good motions of a case, each with its time step."""
+@pytest.mark.parametrize("settings", [*GOOD, *range(4)], ids=str)
+def test_good_motions_differ_in_nothing(settings: tuple[str, ...] | int) -> None:
+    case = random_case(settings, accuracy=1e-4) if isinstance(settings, int) else case_of(*settings)
     exact, step_s = exact_motion_of(case), case.scene.time_step_s
-    return [(exact.trace, 0.0), (exact.fine, 0.0), (verlet_of(case), step_s), (verlet_in_heights(case), step_s)]
-
-
-@pytest.mark.parametrize("settings", GOOD, ids=" ".join)
-def test_good_motions_differ_in_nothing(settings: tuple[str, ...]) -> None:
-    case = case_of(*settings)
-    for trace, step_s in motions(case):
-        assert differing(case, trace, step_s) == set()
-
-
-@pytest.mark.parametrize("number", range(4))
-def test_good_motions_of_random_scenes_differ_in_nothing(number: int) -> None:
-    case = random_case(number, accuracy=1e-4)
-    for trace, step_s in motions(case):
-        assert differing(case, trace, step_s) == set()
+    good = [(exact.trace, 0.0), (exact.fine, 0.0), (verlet_of(case), step_s), (verlet_in_heights(case), step_s)]
+    assert not [row for trace, each_s in good for row in measure_law(case, trace, each_s) if row.differs]
 
 
 def changed(case: Case, **arrays: Any) -> Trace:
@@ -118,17 +102,12 @@ def test_a_fault_is_said_in_one_line(fault: str, sentence: str) -> None:
     assert law_sentence(case, "yade", trace) == sentence
 
 
-@pytest.mark.parametrize(
-    ("settings", "samples", "words"),
-    [
-        (("fig4-tube", "run.duration=20 us"), None, "only straight chains are measured"),
-        (("fig4",), 5, "only 5 samples, 12 are needed"),
-        (("fig4",), 0, "no heights and velocities were recorded"),
-    ],
-)
-def test_reasons_for_no_law(settings: tuple[str, ...], samples: int | None, words: str) -> None:
-    case = case_of(*settings)
+def test_reasons_for_no_law() -> None:
+    tube, case = case_of("fig4-tube", "run.duration=20 us"), case_of("fig4")
     trace = verlet_of(case)
-    trace = until(trace, samples) if samples else trace
-    trace = trace if samples != 0 else replace(trace, height_m=None)
-    assert law_sentence(case, "yade", trace) == f"law not measured: {words}"
+    for measured, given, words in (
+        (tube, verlet_of(tube), "only straight chains are measured"),
+        (case, until(trace, 5), "only 5 samples, 12 are needed"),
+        (case, replace(trace, height_m=None), "no heights and velocities were recorded"),
+    ):
+        assert law_sentence(measured, "yade", given) == f"law not measured: {words}"

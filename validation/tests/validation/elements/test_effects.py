@@ -1,19 +1,9 @@
-"""Effects of elements: their order, their variants, codes that agree."""
+"""Rows of the study of elements: their order, and codes that agree."""
 
 from validation.chapters import frame_of
 from validation.elements.effect_figures import largest_effects
 from validation.elements.elements_chapter import effect_rows
-from validation.elements.switches import Effect, read_elements
-
-
-def test_variants_are_of_an_existing_element() -> None:
-    elements = {each.name: each for each in read_elements().element}
-    variants = [each for each in elements.values() if each.of]
-    assert len(variants) >= 3
-    for each in variants:
-        assert elements[each.of].random
-        assert each.with_.tube
-        assert each.without.tube == elements[each.of].without.tube
+from validation.elements.switches import Effect
 
 
 def effect(name: str, engine: str, change: float) -> Effect:

@@ -1,0 +1,171 @@
+"""Tests of studies on a Dask cluster and on a Slurm of one machine, started on loopback and stopped afterwards."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TypeVar
+
+import pytest
+
+from drivers.batch.store import Store
+from validation.tests.drivers.batch.test_batch import batch, table_bytes
+from validation.tests.helpers.commands import BEADS, beads
+from validation.tests.helpers.scenes import SPEEDS, StudyWriter
+
+Result = TypeVar("Result")
+
+DURATION = 'set = { "run.duration" = "6 ms" }'  # a case then takes some tenths of a second
+
+CONF = """
+ClusterName=one
+SlurmctldHost={host}(127.0.0.1)
+SlurmUser=root
+SlurmdUser=root
+AuthType=auth/munge
+AuthInfo=socket={home}/munge.socket
+CredType=cred/munge
+StateSaveLocation={home}/state
+SlurmdSpoolDir={home}/spool
+SlurmctldPidFile={home}/ctld.pid
+SlurmdPidFile={home}/d.pid
+SlurmctldLogFile={home}/ctld.log
+SlurmdLogFile={home}/d.log
+ProctrackType=proctrack/linuxproc
+TaskPlugin=task/none
+SelectType=select/cons_tres
+SelectTypeParameters=CR_Core
+JobAcctGatherType=jobacct_gather/none
+AccountingStorageType=accounting_storage/none
+MpiDefault=none
+ReturnToService=2
+NodeName={host} NodeAddr=127.0.0.1 CPUs={cpus} RealMemory=1000 State=UNKNOWN
+PartitionName=main Nodes={host} Default=YES MaxTime=INFINITE State=UP
+"""
+
+
+@pytest.fixture(scope="module")
+def slurm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Slurm cluster on this machine; returns its configuration file."""
+    home = tmp_path_factory.mktemp("slurm")
+    host = os.uname().nodename.split(".")[0]
+    conf = home / "slurm.conf"
+    conf.write_text(CONF.format(host=host, home=home, cpus=os.cpu_count()))
+    for folder in ("state", "spool"):
+        (home / folder).mkdir()
+    key = home / "munge.key"
+    key.write_bytes(os.urandom(128))
+    key.chmod(0o600)
+    files = {"key-file": "key", "socket": "socket", "pid-file": "pid", "log-file": "log", "seed-file": "seed"}
+    munged = [
+        "munged",
+        "--foreground",
+        "--force",
+        *(f"--{option}={home}/munge.{name}" for option, name in files.items()),
+    ]
+    servers = []
+    try:
+        for words in (munged, ["slurmctld", "-D", "-f", str(conf)], ["slurmd", "-D", "-f", str(conf)]):
+            with (home / f"{words[0]}.txt").open("wb") as said:
+                servers.append(subprocess.Popen(words, start_new_session=True, stdout=said, stderr=said))
+        os.environ["SLURM_CONF"] = str(conf)
+        _wait_for(lambda: "idle" in _said("sinfo", "--noheader", "--format=%T"))
+        yield str(conf)
+    finally:
+        os.environ.pop("SLURM_CONF", None)
+        for server in reversed(servers):
+            os.killpg(server.pid, signal.SIGKILL)
+            server.wait()
+
+
+def _said(*words: str) -> str:
+    return subprocess.run(words, capture_output=True, text=True, check=False).stdout
+
+
+def _wait_for(happened: Callable[[], Result | None], seconds: float = 60) -> Result:
+    until = time.monotonic() + seconds
+    while not (result := happened()):
+        assert time.monotonic() < until, "it did not happen in time"
+        time.sleep(0.1)
+    return result
+
+
+@pytest.fixture
+def dask(tmp_path: Path) -> Iterator[tuple[str, int]]:
+    """Address of a Dask scheduler, and process of one of its two workers; all are stopped afterwards."""
+    said = tmp_path / "scheduler.txt"
+    started = []
+
+    def start(program: str, *words: str, log: Path) -> int:
+        command = [sys.executable, "-m", f"distributed.cli.{program}", "--no-dashboard", *words]
+        with log.open("wb") as output:
+            started.append(subprocess.Popen(command, stdout=output, stderr=output, start_new_session=True))
+        return started[-1].pid
+
+    try:
+        start("dask_scheduler", "--host", "127.0.0.1", "--port", "0", log=said)
+        address = str(_wait_for(lambda: re.search(r"Scheduler at: +(tcp://[0-9.:]+)", said.read_text()))[1])
+        options = (address, "--nthreads", "1", "--no-nanny", "--local-directory", str(tmp_path / "dask"))
+        workers = [start("dask_worker", *options, log=tmp_path / f"worker{i}.txt") for i in (1, 2)]
+        yield address, workers[0]
+    finally:
+        for process in started:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+
+
+@pytest.mark.long
+def test_a_killed_worker_loses_nothing(dask: tuple[str, int], study_file: StudyWriter, tmp_path: Path) -> None:
+    path, runs, here = study_file(SPEEDS.format(100), "reference", "verlet"), tmp_path / "runs", tmp_path / "here"
+    words = ["batch", str(path), "--dask", dask[0], "--runs", str(runs), "--results", str(tmp_path)]
+    process = subprocess.Popen([*BEADS, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    rows = _wait_for(lambda: len(Store(runs).refresh()))
+    os.killpg(dask[1], signal.SIGKILL)
+    assert rows < 200
+    printed, complaints = process.communicate(timeout=120)
+    assert process.returncode == 0, complaints
+    assert "verlet     100 done" in printed
+    local = beads("batch", path, "--dask", "--runs", here, "--results", here)  # on a cluster of its own
+    assert (local.returncode, "reference  100 done" in local.stdout) == (0, True), local.stderr
+    assert (tmp_path / "study.parquet").read_bytes() == (here / "study.parquet").read_bytes()
+
+
+@pytest.mark.slurm
+def test_an_array_runs_what_is_missing_and_makes_the_same_table(
+    slurm: str, study_file: StudyWriter, tmp_path: Path
+) -> None:
+    study, here, there = study_file(SPEEDS.format(12), "reference", "verlet"), tmp_path / "here", tmp_path / "there"
+    assert batch(study, here).returncode == 0
+    for part in ("1/4", "4/4"):
+        assert batch(study, there, "--slice", part).returncode == 0
+    done = batch(study, there, "--slurm", "--wait", "--slices", "4")
+    assert done.returncode == 0, done.stderr
+    assert "#SBATCH --array=2-3\n" in (there / "batch" / ".slurm" / "study.sh").read_text()
+    assert table_bytes(there) == table_bytes(here)
+    again = batch(study, there, "--slurm", "--wait")
+    assert (again.returncode, "job" in again.stdout) == (0, False)
+
+
+@pytest.mark.slurm
+def test_a_second_job_shares_the_work_of_a_running_one(
+    slurm: str, study_file: StudyWriter, modules: Path, tmp_path: Path
+) -> None:
+    """The submitting machine has no such engine; the first job is killed, and the second one takes up its rows."""
+    study, runs = study_file(SPEEDS.format(80), "by-module", top=DURATION), tmp_path / "runs"
+    words = ("--slurm", "--slices", "1", "--slurm-line", "module load dem")
+    job = batch(study, runs, *words).stdout.split("job ")[-1].partition(":")[0]
+    _wait_for(lambda: any((runs / "batch").glob("*.jsonl")))
+    assert batch(study, runs, *words).returncode == 0
+    _wait_for(lambda: _said("squeue", "--noheader", "--format=%T") == "RUNNING\n" * 2)
+    state = beads("status", study, "--runs", runs).stdout
+    assert " done" in state
+    assert " claimed" in state
+    subprocess.run(["scancel", "--signal=KILL", "--full", job], check=True)
+    subprocess.run(["scancel", job], check=True)
+    _wait_for(lambda: not _said("squeue", "--noheader"))
+    assert beads("status", study, "--runs", runs).stdout == "by-module  80 done\n"
+    assert len(Store(runs).refresh()) == 80
