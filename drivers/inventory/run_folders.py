@@ -63,8 +63,8 @@ def _asked_keys(source: str, base: Json) -> list[str]:
 def kept_runs(runs: Path) -> list[EndedRun]:
     """All runs of a folder, damaged ones among them, the newest last; other folders are ignored."""
     batches = Store(runs).folder
-    found = [_read(folder) for folder in runs.glob("[!.]*/[!.]*") if folder.parent != batches]
-    return sorted(filter(None, found), key=lambda run: (run.ended, run.folder))
+    read = (_read(folder) for folder in runs.glob("[!.]*/[!.]*") if folder.parent != batches)
+    return sorted(filter(None, read), key=lambda run: (run.ended, run.folder))
 
 
 def _read(folder: Path) -> EndedRun | None:
