@@ -109,7 +109,7 @@ def _depths(chain: Chain, extremes: Extremes) -> Array:
 
 
 def unattainable(case: Case, name: str, asked: float, least: float, why: str) -> InputError:
-    """Error for an unattainable accuracy, naming the best attainable one, rounded up to two digits; none from 1 on."""
+    """Error for an unattainable accuracy; it names the best attainable one, rounded up to two digits, if below 1."""
     key, rounded = "run.accuracy" if name == FORCE else f"run.accuracy.{name}", 1.0
     if 0 < least < 1:
         digits = 10.0 ** (floor(log10(least)) - 1)

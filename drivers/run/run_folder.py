@@ -176,7 +176,7 @@ class EndedRun:
 
     @property
     def trouble(self) -> str:
-        """Reason why the run has no numbers, by its record and the names of its files; empty if it has."""
+        """Reason why the run has no numbers, from its record and its list of files; empty if it has numbers."""
         record = self.record
         if not self.done:
             return record.reason if record.status == DAMAGED else f"{record.status}: {record.reason}"
