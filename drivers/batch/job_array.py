@@ -8,7 +8,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 
@@ -50,17 +49,8 @@ def most_tasks() -> int:
     return max(1, (int(size[1]) if size else MAX_ARRAY_SIZE) - 1)  # indices begin at 0, tasks at 1
 
 
-@dataclass(frozen=True)
-class JobScript:
-    """Script of a Slurm job array: its file, its text and the number of its tasks."""
-
-    path: Path
-    text: str
-    tasks: int
-
-
-def job_script(batch: Batch, todo: list[int], parts: int, lines: Sequence[str]) -> JobScript:
-    """Script of a job array for the slices with unfinished cases.
+def job_script(batch: Batch, todo: list[int], parts: int, lines: Sequence[str]) -> tuple[Path, str, int]:
+    """File and text of the script of a job array for the slices with unfinished cases, and the number of its tasks.
 
     ``lines`` are inserted before its command, those with #SBATCH before all commands, as Slurm requires. The PATH of
     this process is added to that of the login profile, for programs that are installed here.
@@ -74,42 +64,39 @@ def job_script(batch: Batch, todo: list[int], parts: int, lines: Sequence[str]) 
     folder = (batch.store.folder / FOLDER).resolve()
     unfinished = set(todo)
     slices = [part for part in range(1, parts + 1) if not unfinished.isdisjoint(batch.slice_of(part, parts))]
-    return JobScript(
-        folder / f"{study.name}.sh",
-        SCRIPT.format(
-            count=f"{len(todo)} case{'s' * (len(todo) > 1)}",
-            study=study.where,
-            engines=", ".join(batch.engines),
-            name=shlex.quote(f"beads-{study.name}"),
-            array=_ranges(slices),
-            output=shlex.quote(str(folder / OUTPUT.format(study=study.name, job="%A", task="%a"))),
-            options="".join(f"{line}\n" for line in lines if line.startswith("#SBATCH")),
-            path=shlex.quote(os.environ.get("PATH", "")),
-            lines="".join(f"{line}\n" for line in lines if not line.startswith("#SBATCH")),
-            variable=paths.ENGINES_VARIABLE,
-            entries=shlex.quote(os.pathsep.join(map(str, request.entries))),
-            root=shlex.quote(str(paths.ROOT)),
-            command=shlex.join(command),
-            parts=parts,
-        ),
-        len(slices),
+    text = SCRIPT.format(
+        count=f"{len(todo)} case{'s' * (len(todo) > 1)}",
+        study=study.where,
+        engines=", ".join(batch.engines),
+        name=shlex.quote(f"beads-{study.name}"),
+        array=_ranges(slices),
+        output=shlex.quote(str(folder / OUTPUT.format(study=study.name, job="%A", task="%a"))),
+        options="".join(f"{line}\n" for line in lines if line.startswith("#SBATCH")),
+        path=shlex.quote(os.environ.get("PATH", "")),
+        lines="".join(f"{line}\n" for line in lines if not line.startswith("#SBATCH")),
+        variable=paths.ENGINES_VARIABLE,
+        entries=shlex.quote(os.pathsep.join(map(str, request.entries))),
+        root=shlex.quote(str(paths.ROOT)),
+        command=shlex.join(command),
+        parts=parts,
     )
+    return folder / f"{study.name}.sh", text, len(slices)
 
 
-def submit(script: JobScript) -> str:
+def submit(path: Path, text: str) -> str:
     """Write the script of a job array below the runs folder, submit it, and return the job's number.
 
     Raises:
         RunError: sbatch refused the script.
     """
-    script.path.parent.mkdir(parents=True, exist_ok=True)
-    script.path.write_text(script.text)
-    done = subprocess.run(["sbatch", "--parsable", str(script.path)], capture_output=True, text=True, check=False)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    done = subprocess.run(["sbatch", "--parsable", str(path)], capture_output=True, text=True, check=False)
     if done.returncode != 0:
-        raise RunError(f"sbatch refused {paths.shown(script.path)}: {done.stderr.strip() or done.stdout.strip()}")
+        raise RunError(f"sbatch refused {paths.shown(path)}: {done.stderr.strip() or done.stdout.strip()}")
     job = done.stdout.strip().partition(";")[0]
-    output = script.path.with_name(OUTPUT.format(study=script.path.stem, job=job, task="*"))
-    print(f"job {job}: {paths.shown(script.path)}, output in {paths.shown(output)}", flush=True)
+    output = path.with_name(OUTPUT.format(study=path.stem, job=job, task="*"))
+    print(f"job {job}: {paths.shown(path)}, output in {paths.shown(output)}", flush=True)
     return job
 
 

@@ -15,7 +15,7 @@ from drivers.base.processes import cores
 from drivers.base.progress import counted, in_words, say
 from drivers.base.text_table import text_table
 from drivers.base.tolerances import tolerance
-from drivers.batch.job_array import JobScript, job_script, most_tasks, parts_for, submit, waiting_for
+from drivers.batch.job_array import job_script, most_tasks, parts_for, submit, waiting_for
 from drivers.batch.store import StudyRow
 from drivers.batch.study_cases import STATES, Batch, Request, expected_s, opened, validate_cases
 from drivers.batch.study_rows import run_all, run_rows, run_slice
@@ -84,7 +84,8 @@ def batch(
         try:
             with _following(planned, awaited) as tick:
                 if array:
-                    job = submit(_job_script(planned, todo, numbers, array))
+                    path, text, _ = _job_script(planned, todo, numbers, array)
+                    job = submit(path, text)
                     for _ in waiting_for(job) if array.wait else ():
                         tick()
                 else:
@@ -203,8 +204,8 @@ def _planned(request: Request, workers: int, *, yes: bool) -> Batch:
     return batch
 
 
-def _job_script(batch: Batch, todo: dict[str, list[int]], numbers: list[int], array: JobArray) -> JobScript:
-    """Script of the Slurm job array for some cases."""
+def _job_script(batch: Batch, todo: dict[str, list[int]], numbers: list[int], array: JobArray) -> tuple[Path, str, int]:
+    """File and text of the script of the Slurm job array for some cases, and the number of its tasks."""
     cases, limit = len(batch.numbers), most_tasks()
     parts = min(array.parts or parts_for(cases, expected_s(batch, todo)), cases)
     if parts > limit:
@@ -227,10 +228,10 @@ def _print_plan(batch: Batch, todo: dict[str, list[int]], place: Place, array: J
     print(*text_table(rows), sep="\n")
     numbers = sorted({number for some in todo.values() for number in some})
     if array:
-        script = _job_script(batch, todo, numbers or list(batch.numbers), array)
-        print(f"\n{script.text}\nsbatch --parsable {shlex.quote(str(script.path))}")
+        path, text, tasks = _job_script(batch, todo, numbers or list(batch.numbers), array)
+        print(f"\n{text}\nsbatch --parsable {shlex.quote(str(path))}")
         end = "nothing submitted" if numbers else "all rows are done, so without --dry-run it is not submitted"
-        print(f"job array of {script.tasks} task{'s' * (script.tasks != 1)} with one worker each; {end}")
+        print(f"job array of {tasks} task{'s' * (tasks != 1)} with one worker each; {end}")
     elif elsewhere:
         print(f"times of one worker; on the Dask cluster at {place.dask}; nothing has been run")
     else:
