@@ -13,7 +13,7 @@ from drivers.base import paths, units
 from drivers.base.errors import InputError
 from drivers.base.messages import shorten
 from drivers.scene.part import Part
-from drivers.scene.read_scene import read_toml, read_value
+from drivers.scene.read_scene import library, read_value
 from drivers.scene.settings import look_up
 
 MAX_VALUES = 1_000_000
@@ -145,7 +145,7 @@ def _multiplied(base: dict[str, Any], key: str, factor: float, where: str, place
     """Value of the base scene at a key, times a factor."""
     value = look_up(base, key)
     if value is None and key.startswith("materials."):
-        value = look_up(read_toml(paths.MATERIALS), key.removeprefix("materials."))
+        value = look_up(library(), key.removeprefix("materials."))
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         product = float(str(value)) * factor  # by its text: float() fails for very large whole numbers
         return int(product) if isinstance(value, int) and product.is_integer() else product

@@ -22,7 +22,7 @@ from drivers.chain.case import Case, build_case
 from drivers.engines import engine_names, installed, load_engine
 from drivers.scene.model import Scene
 from drivers.scene.part import Part, Title
-from drivers.scene.read_scene import find_input, find_scene, make_scene, read_toml, set_value
+from drivers.scene.read_scene import find_input, find_scene, library, make_scene, read_toml, set_value
 from drivers.scene.settings import look_up, unit_of
 
 DERIVED = ("-cost", "-figure", "-xy")  # endings of the files of a study besides its table
@@ -54,7 +54,6 @@ class Study:
         where: study file as named in messages.
         scene: path of the base scene.
         base: tables of the base scene, changed by ``set``.
-        library: tables of ``inputs/materials.toml``.
         engines: names of engines in the order of the table.
         axes: choices of each axis.
         columns: key of the scene by the name of its column, without unit.
@@ -65,7 +64,6 @@ class Study:
     where: str
     scene: Path
     base: dict[str, Any]
-    library: dict[str, Any]
     engines: tuple[str, ...]
     axes: tuple[tuple[Choice, ...], ...]
     columns: dict[str, str]
@@ -83,7 +81,7 @@ class Study:
     @property
     def cases_sha256(self) -> str:
         """Digest of all that the file and those it names say about the cases."""
-        content = (self.base, self.library, self.axes, self.columns, self.one_by_one)
+        content = (self.base, library(), self.axes, self.columns, self.one_by_one)
         return hashlib.sha256(repr(content).encode()).hexdigest()
 
     @cached_property
@@ -125,7 +123,7 @@ class Study:
         data, choice = pickle.loads(pickle.dumps((self.base, self.choice(number))))
         for key, value in choice.items():
             set_value(data, key, value, where)
-        return build_case(make_scene(data, self.library, self.scene.stem, where))
+        return build_case(make_scene(data, self.scene.stem, where))
 
 
 def read_study(source: str | Path, also: Sequence[str] = ()) -> Study:
@@ -180,7 +178,6 @@ def read_study(source: str | Path, also: Sequence[str] = ()) -> Study:
         where=where,
         scene=scene,
         base=base,
-        library=read_toml(paths.MATERIALS),
         engines=tuple(dict.fromkeys((*(file.engines or installed(engine_names())), *also))),
         axes=tuple(axes),
         columns=columns,

@@ -2,6 +2,7 @@
 
 import tomllib
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from types import GenericAlias
 from typing import Any, TypeVar
@@ -40,15 +41,14 @@ def read_scene(source: str | Path, settings: tuple[str, ...] = ()) -> Scene:
         apply_setting(data, setting)
     if settings:
         where += f" with --set {shorten(' '.join(settings))}"
-    return make_scene(data, read_toml(paths.MATERIALS), path.stem, where, path.parent)
+    return make_scene(data, path.stem, where, path.parent)
 
 
-def make_scene(data: dict[str, Any], library: dict[str, Any], name: str, where: str, folder: Path = Path()) -> Scene:
+def make_scene(data: dict[str, Any], name: str, where: str, folder: Path = Path()) -> Scene:
     """Scene made from the tables of a scene file.
 
     Args:
         data: tables of the file; constants missing from ``materials`` are filled in, in place.
-        library: tables of ``inputs/materials.toml``.
         name: name of the scene.
         where: file name used in messages.
         folder: folder to which paths in the scene are relative.
@@ -56,18 +56,18 @@ def make_scene(data: dict[str, Any], library: dict[str, Any], name: str, where: 
     Raises:
         InputError: a table is wrong.
     """
-    _complete_own_materials(data, library)
+    _complete_own_materials(data)
     file = validate(SceneFile, data, where)
     interval_s, step_s = file.run.sample_interval, file.run.time_step
     steps_per_sample = 1 if step_s is None else max(1, round(interval_s / step_s))  # a missing step is planned later
     time_step = units.divided(interval_s, steps_per_sample)  # a decimal fraction of the interval
     samples = file.run.duration / interval_s
     bad_times = _bad_times(file, steps_per_sample, samples)
-    refuse_any(where, [*problems_of_alternatives(file), *_unknown_materials(file, library), *bad_times])
+    refuse_any(where, [*problems_of_alternatives(file), *_unknown_materials(file), *bad_times])
     scene = Scene.model_construct(
         **{key: getattr(file, key) for key in SceneFile.model_fields}
         | {
-            "materials": _materials(file, library),
+            "materials": _materials(file),
             "drive": file.drive and with_points(file.drive, folder, where),
             "run": file.run.model_copy(update={"time_step": time_step}),
             "name": name,
@@ -195,6 +195,12 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise InputError(where, "", f"not valid TOML: {error or 'too many nested tables'}") from error
 
 
+@cache
+def library() -> dict[str, Any]:
+    """Tables of ``inputs/materials.toml``."""
+    return read_toml(paths.MATERIALS)
+
+
 def read_entries(path: Path, key: str, kind: type[Entry]) -> tuple[Entry, ...]:
     """Entries of a file that has nothing but a list of tables ``[[key]]``, at least one.
 
@@ -206,14 +212,14 @@ def read_entries(path: Path, key: str, kind: type[Entry]) -> tuple[Entry, ...]:
     return tuple(getattr(file, key))
 
 
-def _complete_own_materials(data: dict[str, Any], library: dict[str, Any]) -> None:
+def _complete_own_materials(data: dict[str, Any]) -> None:
     """Fill in constants missing from the scene's materials, from library materials of the same name."""
     materials = data.get("materials")
     if not isinstance(materials, dict):
         return  # reported by validation
     for name, table in materials.items():
-        if isinstance(table, dict) and name in library:
-            materials[name] = {key: value for key, value in library[name].items() if key != "source"} | table
+        if isinstance(table, dict) and name in library():
+            materials[name] = {key: value for key, value in library()[name].items() if key != "source"} | table
 
 
 def _named_materials(file: SceneFile) -> dict[str, str]:
@@ -231,20 +237,20 @@ def _named_materials(file: SceneFile) -> dict[str, str]:
     return named
 
 
-def _unknown_materials(file: SceneFile, library: dict[str, Any]) -> Iterator[InputProblem]:
+def _unknown_materials(file: SceneFile) -> Iterator[InputProblem]:
     for key, name in _named_materials(file).items():
         rigid = {RIGID} if key == "wall.material" else set()
-        known = sorted({*library, *file.materials} | rigid)
+        known = sorted({*library(), *file.materials} | rigid)
         if name not in known:
             yield key, f'"{name}"', f"{', '.join(known)}, or a material defined in [materials.{name}]"
 
 
-def _materials(file: SceneFile, library: dict[str, Any]) -> dict[str, Material]:
+def _materials(file: SceneFile) -> dict[str, Material]:
     """Materials in use by name, from the scene or, if missing there, from the library."""
     return {
-        name: file.materials.get(name) or validate(Material, library[name], paths.MATERIALS, f"{name}.")
+        name: file.materials.get(name) or validate(Material, library()[name], paths.MATERIALS, f"{name}.")
         for name in _named_materials(file).values()
-        if name in file.materials or name in library
+        if name in file.materials or name in library()
     }
 
 

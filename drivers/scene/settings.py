@@ -7,10 +7,10 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from drivers.base import paths, units
+from drivers.base import units
 from drivers.base.messages import model_at, parts_of
 from drivers.scene.model import Material, SceneFile
-from drivers.scene.read_scene import read_toml
+from drivers.scene.read_scene import library
 
 DERIVED = ("units", "name", "steps_per_sample", "samples")  # not in scene files
 FREE_TEXT = ("source",)
@@ -37,8 +37,7 @@ def unplanned(scene: dict[str, Any]) -> dict[str, Any]:
 @cache
 def _library() -> dict[str, Any]:
     """Shipped materials in SI units."""
-    materials = read_toml(paths.MATERIALS)
-    return {name: Material.model_validate(table).model_dump(exclude_none=True) for name, table in materials.items()}
+    return {name: Material.model_validate(table).model_dump(exclude_none=True) for name, table in library().items()}
 
 
 def differences(first: Any, second: Any, path: str = "") -> Iterator[tuple[str, Any, Any]]:

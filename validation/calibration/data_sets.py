@@ -82,19 +82,13 @@ class DataSet:
     @property
     def scene(self) -> Scene:
         """Scene made from the tables."""
-        return make_scene(deepcopy(self.tables), library(), self.name, self.where)
+        return make_scene(deepcopy(self.tables), self.name, self.where)
 
 
 def text_of(key: str, value: float) -> Any:
     """A value as in a scene file: text with its unit, or a plain number."""
     unit = unit_of(key)
     return f"{value!r} {unit}" if unit else value
-
-
-@cache
-def library() -> dict[str, Any]:
-    """Tables of the shipped materials."""
-    return read_toml(paths.MATERIALS)
 
 
 def paper_data(names: Sequence[str], settings: Sequence[str] = (), answers: Sequence[Answer] = ()) -> list[DataSet]:

@@ -15,7 +15,7 @@ from drivers.chain.chain import Array
 from drivers.scene.read_scene import make_scene, set_value
 from postproc.paper.simulate import Simulation, exact
 from validation.calibration.calibration_file import Answer
-from validation.calibration.data_sets import CUT, DataSet, MeasuredNumber, gauge_parameters, library, nuisances, text_of
+from validation.calibration.data_sets import CUT, DataSet, MeasuredNumber, gauge_parameters, nuisances, text_of
 from validation.calibration.free import GAIN, TRIGGER, Free, free_parameter
 from validation.calibration.readings import DEFAULT_CUT, best_trigger_s, curves_of, read, residual_of
 
@@ -146,7 +146,7 @@ def _refuse_ends(data: DataSet, free: Sequence[Free]) -> None:
         for value in (each.low, each.high):
             tables = deepcopy(data.tables)
             set_value(tables, each.key, text_of(each.key, value), data.where)
-            make_scene(tables, library(), data.name, f"--free {each.key}")
+            make_scene(tables, data.name, f"--free {each.key}")
 
 
 def own_values(problem: Problem, data: DataSet, place: Array) -> dict[str, float]:
@@ -171,7 +171,7 @@ def simulated(data: DataSet, values: Values) -> Simulation | None:
     for key, value in values:
         set_value(tables, key, text_of(key, value), data.where)
     try:
-        return exact(build_case(make_scene(tables, library(), data.name, data.where)), TOLERANCE)
+        return exact(build_case(make_scene(tables, data.name, data.where)), TOLERANCE)
     except ArithmeticError:
         return None
 

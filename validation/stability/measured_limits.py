@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from drivers.base import paths
 from drivers.base.progress import counted, following
 from drivers.chain.case import Case, build_case
 from drivers.chain.chain import energy_put_in
@@ -26,7 +25,7 @@ from drivers.limits.energy_bounds import at_most
 from drivers.limits.stable_step import impacts_counted, predicted_limit, reached, stable_step
 from drivers.run.compute import compute
 from drivers.run.execute import execute
-from drivers.scene.read_scene import make_scene, read_toml
+from drivers.scene.read_scene import make_scene
 from postproc.paper.simulate import case_of
 from validation.accuracy.plan import plan_case
 
@@ -138,7 +137,7 @@ def random_case(number: int, **run: Any) -> Case:
         data["chain"]["precompression"] = f"{hertz_force(between(1e-4, 1) * stiffness, collision_s * speed):.6g} N"
     if walled:
         data["wall"] = {"material": str(draw.choice(["brass", "rigid", "m"]))}
-    scene = make_scene(data, read_toml(paths.MATERIALS), f"random-{number}", f"random scene {number}")
+    scene = make_scene(data, f"random-{number}", f"random scene {number}")
     return plan_case(build_case(scene))
 
 

@@ -4,10 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from drivers.base import paths
 from drivers.chain.case import Case, build_case
 from drivers.chain.contact_law import hertz_force
-from drivers.scene.read_scene import make_scene, read_toml
+from drivers.scene.read_scene import make_scene
 
 KINDS = ("light bead", "light striker", "bounces", "gaps", "head on")
 
@@ -66,4 +65,4 @@ def adversarial_case(kind: str, number: int, *, damped: bool = False) -> Case:
         data["contact"] = {"damping_ratio": between(0.01, 3)}
     interval = f"{collision_s / 100:.6g} s"
     data["run"] = {"duration": f"{duration:.6g} s", "sample_interval": interval, "time_step": interval}
-    return build_case(make_scene(data, read_toml(paths.MATERIALS), f"{kind}-{number}", f"{kind} {number}"))
+    return build_case(make_scene(data, f"{kind}-{number}", f"{kind} {number}"))

@@ -56,7 +56,7 @@ def test_the_command_lists_one_table() -> None:
 def read_fragment(path: Path) -> object:
     """Read part of a scene file; the other tables are those of a shipped scene."""
     tables = read_toml(paths.SCENES / "example-measured.toml") | read_toml(path)
-    return make_scene(tables, read_toml(paths.MATERIALS), "example", "README", paths.SCENES).measured
+    return make_scene(tables, "example", "README", paths.SCENES).measured
 
 
 READERS: dict[str, Callable[[Path], object]] = {

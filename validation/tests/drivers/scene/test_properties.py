@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 
-from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.chain.case import Case, build_case
 from drivers.chain.trace import Trace
@@ -17,14 +16,13 @@ from drivers.engines import codes
 from drivers.limits.refusal import inability
 from drivers.run.compute import compute
 from drivers.run.guard import energy_error
-from drivers.scene.read_scene import make_scene, read_toml
+from drivers.scene.read_scene import make_scene
 from validation.accuracy.budget import budget_of
 from validation.accuracy.exact_motion import exact_motion_of
 from validation.checks import FAIL
 from validation.tests.helpers.runs import need
 
 Tables = dict[str, Any]
-LIBRARY = read_toml(paths.MATERIALS)
 FACTORS = st.floats(0.01, 100)
 # tolerances; largest of 500 random scenes: 2e-11 (with a large energy of precompression), 2e-14, 4e-12
 ENERGY_TOLERANCE, MOMENTUM_TOLERANCE, SCALING_TOLERANCE = 1e-9, 1e-13, 1e-10
@@ -99,7 +97,7 @@ def scenes(draw: st.DrawFn, *, loads: bool = True, walls: tuple[str, ...] = ("br
 
 def case_of(data: Tables) -> Case:
     try:
-        return build_case(make_scene(deepcopy(data), LIBRARY, "drawn", "a drawn scene"))
+        return build_case(make_scene(deepcopy(data), "drawn", "a drawn scene"))
     except InputError:
         reject()
 
