@@ -55,7 +55,7 @@ def inability(case: Case, engine: str) -> InputError | None:
         return InputError(case.scene.file, "", found, allowed)
     law = case.chain.law.name
     if case.chain.damped and law not in interface.dissipation:
-        allowed = " or ".join(f'"{each}"' for each in sorted(interface.dissipation))
+        allowed = " or ".join(f'"{name}"' for name in sorted(interface.dissipation))
         return InputError(case.scene.file, "contact.dissipation", f'"{law}"', f"on {engine} {allowed}")
     problem = interface.refusal(case)
     if problem is None:
@@ -69,7 +69,7 @@ def _refuse_step(case: Case, shear: str, override: str) -> None:
     chain, duration, step = case.chain, float(case.sample_times_s[-1]), case.scene.time_step_s
     if certainly_stable(chain, duration, step):
         return
-    from drivers.limits.stable_step import FIRST_SHARE, predicted_limit
+    from drivers.limits.stable_step import FIRST_SHARE, predicted_limit  # the integrators take long to load
     from drivers.limits.trial import failure
 
     for share in (FIRST_SHARE, 1.0):
@@ -107,9 +107,9 @@ def refuse_depth(case: Case, override: str = ON_COMMAND) -> None:
                 raise InputError(case.scene.file, key, found, allowed)
 
 
-def _depths(chain: Chain, reached: Extremes) -> Array:
+def _depths(chain: Chain, extremes: Extremes) -> Array:
     """Overlaps of contacts and of bore contacts divided by the smaller radius. Shape (2, bodies)."""
-    return np.array([reached.overlap_m / chain.smaller_radius_m, reached.bore_overlap_m / chain.radius_m])
+    return np.array([extremes.overlap_m / chain.smaller_radius_m, extremes.bore_overlap_m / chain.radius_m])
 
 
 def unattainable(case: Case, name: str, asked: float, least: float, why: str) -> InputError:

@@ -133,11 +133,11 @@ def test_what_cannot_be_judged_or_just_ended_stays(
     assert (failed / RECORD).exists()
     assert (runs / VERLET / "notes").exists()
     for start, reason in (
-        (f"kept 1 runs ({VERLET} 1)", "ended less than 10 minutes ago"),
-        ("kept 1 runs (absent 1)", "has no entry here; --engines FILE"),
+        (f"kept 1 run ({VERLET} 1)", "ended less than 10 minutes ago"),
+        ("kept 1 run (absent 1)", "has no entry here; --engines FILE"),
         ("kept 2 runs (own 1, silent 1)", "is not installed, or"),
         (f"kept 2 runs ({VERLET} 2)", "renamed or are links"),
-        (f"kept 1 runs ({VERLET} 1)", "imported, so"),
+        (f"kept 1 run ({VERLET} 1)", "imported, so"),
     ):
         assert any(line.startswith(start) and reason in line for line in lines), (reason, lines)
     assert lines[-1] == "freed 0 kB"
