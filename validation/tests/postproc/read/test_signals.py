@@ -25,7 +25,8 @@ def test_peaks_and_crossings_are_found_between_samples() -> None:
     time = np.arange(0, 200.0)
     signal = 3 * pulse(time, 100.37)
     (peak,) = peaks(time, signal)
-    assert (peak.time_s, peak.value) == (pytest.approx(100.37, abs=1e-5), pytest.approx(3, rel=1e-7))
+    assert peak.time_s == pytest.approx(100.37, abs=1e-5)
+    assert peak.value == pytest.approx(3, rel=1e-7)
     for level in (0.002, 0.04, 0.5):
         exact = 100.37 - WIDTH / np.pi * np.arccos(level**0.25)
         assert rising_crossing(time, signal, 3 * level, peak) == pytest.approx(exact, abs=2e-3)
@@ -104,7 +105,7 @@ def waves(*heights: float, up: bool = False) -> Trace:
     return Trace(time * 1e-6, force, nothing, nothing, nothing)
 
 
-def test_waves_of_a_train_are_told_apart_and_those_from_below_have_no_speed() -> None:
+def test_a_train_is_distinguished_from_a_wave_from_below() -> None:
     """The second wave has 40 % of the first; a third of 4 % is no pulse; the contacts are open between them."""
     layout = Layout((SensorBead(9, 8.5e-3, 1e-3), SensorBead(6, 5.5e-3, 1e-3)), wall=False, striker=False, load_N=0.01)
     values = observe(layout, waves(1.0, 0.4, 0.04))
