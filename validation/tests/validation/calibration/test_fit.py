@@ -178,7 +178,7 @@ def test_prior_knowledge_keeps_a_parameter_near_its_value() -> None:
 )
 def test_prior_knowledge_is_a_value_with_an_error(text: str, value: float, error: float) -> None:
     free = free_parameter(text, read_scene("fig4"), "here")
-    assert (free.start, free.prior) == (pytest.approx(value), pytest.approx(error))
+    assert (free.start, free.prior) == pytest.approx((value, error))
     assert free.low < value < free.high
 
 
