@@ -259,7 +259,7 @@ def _print_end(batch: Batch) -> int:
     for line in failures:
         print(line, file=sys.stderr)
     if failures:
-        print(f"{len(failures)} failed; --retry runs them again", file=sys.stderr)
+        print(f"{len(failures)} row{'s' * (len(failures) > 1)} failed; --retry runs them again", file=sys.stderr)
     return code
 
 

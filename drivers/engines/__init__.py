@@ -237,9 +237,8 @@ def _engine_of(name: str, entry: Entry) -> Engine:
         engine = _external_adapter(Path(entry.adapter), f"{entry.where}: {name}")
     assert isinstance(engine, Engine)
     if engine.in_repository and entry.where:
-        raise InputError(
-            entry.where, name, f'adapter "{entry.adapter}"', "an adapter of a code; in-repo engines take no entry"
-        )
+        allowed = "an adapter of a code; in-repo engines take no entry"
+        raise InputError(entry.where, name, f'adapter "{entry.adapter}"', allowed)
     return replace(engine, name=name, entry=entry, how_to_get=entry.how_to_get or engine.how_to_get)
 
 

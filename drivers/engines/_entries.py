@@ -68,11 +68,11 @@ def entry_files() -> tuple[Path, ...]:
     """
     here = os.getcwd()  # noqa: PTH109 - Path.cwd() takes ten times as long
     variables = ("XDG_CONFIG_HOME", "HOME", paths.ENGINES_VARIABLE)
-    return _found(here, *(os.environ.get(name, "") for name in variables))
+    return _files_for(here, *(os.environ.get(name, "") for name in variables))
 
 
 @cache
-def _found(here: str, settings: str, _: str, added: str) -> tuple[Path, ...]:
+def _files_for(here: str, settings: str, _: str, added: str) -> tuple[Path, ...]:
     of_user = home_of(settings or "~/.config") / "bead-chains" / paths.ENGINES.name
     files = [path for path in (paths.ENGINES, of_user, Path(here, paths.ENGINES.name)) if os.access(path, os.R_OK)]
     return tuple(dict.fromkeys((*files, *map(Path, filter(None, added.split(os.pathsep))))))

@@ -63,8 +63,8 @@ def _asked_keys(source: str, base: Json) -> list[str]:
 def kept_runs(runs: Path) -> list[EndedRun]:
     """All runs of a folder, damaged ones among them, the newest last; other folders are ignored."""
     batches = Store(runs).folder
-    found = [_read(folder) for folder in runs.glob("[!.]*/[!.]*") if folder.parent != batches]
-    return sorted(filter(None, found), key=lambda run: (run.ended, run.folder))
+    read = (_read(folder) for folder in runs.glob("[!.]*/[!.]*") if folder.parent != batches)
+    return sorted(filter(None, read), key=lambda run: (run.ended, run.folder))
 
 
 def _read(folder: Path) -> EndedRun | None:
@@ -214,6 +214,7 @@ def print_runs(runs: Path, scenes: Sequence[str], engines: Sequence[str], settin
         named = [source for source in (*scenes, scene) if _newest_of(newest, engine, asked[source]) == run]
         source = next(source for key in keys for source in scenes or [scene] if key in asked[source])
         differs = "" if keys[0] in asked[source] else _difference(run, bases[source])
+        trouble = run.trouble.removeprefix(f"{run.record.status}: ")  # the status has a column
         row = (
             f"{engine}:{named[0]}" if named else str(home / run.folder.relative_to(runs)),
             scene,
@@ -221,7 +222,7 @@ def print_runs(runs: Path, scenes: Sequence[str], engines: Sequence[str], settin
             time.strftime("%Y-%m-%d %H:%M", time.localtime(run.ended)),
             size_text(run.size),
             run.record.status,
-            one_line("; ".join(filter(None, (differs, "deck changed by hand" * bool(run.record.edits), run.trouble)))),
+            one_line("; ".join(filter(None, (differs, "deck changed by hand" * bool(run.record.edits), trouble)))),
         )
         rows.append(row)
     for line in text_table(rows):

@@ -106,7 +106,7 @@ def _dates(files: Iterable[str]) -> dict[str, list[int]] | None:
 
 
 def _files(engine: Engine, words: Iterable[str]) -> set[Path]:
-    """Files named by words, and by scripts among these files."""
+    """Files that words name, and files that scripts among them name."""
     waiting, files = {Path(which(word) or word) for word in words}, set[Path]()
     while waiting:
         file = waiting.pop()

@@ -66,16 +66,15 @@ def run_case(
         RunError: the engine is not installed.
     """
     engine, home = load_engine(engine_name), runs / engine_name
-    build = build_of(engine)
-    deck = engine.render(case)
+    build, deck = build_of(engine), engine.render(case)
     identity = run_identity(engine_name, build, deck.sha256)
     layout = _description(case)["layout"]
     target = home / folder_name(case.scene.name, layout, identity)
     keeps_state = "state" in case.scene.run.record
     if not rerun:
-        former = find_run(home, identity, layout)
-        if former and former.is_complete(state=keeps_state):
-            return refresh_record(former, case, target)
+        known = find_run(home, identity, layout)
+        if known and known.is_complete(state=keeps_state):
+            return refresh_record(known, case, target)
         for line in damage_of(home, identity):
             say(f"{line}: run again")
     with workplace(home) as place:
@@ -96,11 +95,10 @@ def run_case(
         faster = find_run(home, identity, layout)  # by another process
         if faster and not rerun and faster.is_complete(state=keeps_state):
             return refresh_record(faster, case, target)
-        same_layout = faster if faster and faster.record.layout == layout else None
-        kept = same_layout and same_layout.done and record.status != "done"
-        if kept:  # a failed run does not replace a finished one
-            target = target.with_name(f"{target.name}-failed")
-        move_into_place(folder, target, same_layout.folder if same_layout and not kept else None)
+        former = faster if faster and faster.record.layout == layout else None
+        if former and former.done and record.status != "done":  # a failed run does not replace a finished one
+            target, former = target.with_name(f"{target.name}-failed"), None
+        move_into_place(folder, target, former.folder if former else None)
     return EndedRun(target, record)
 
 

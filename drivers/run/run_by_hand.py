@@ -99,9 +99,9 @@ def _text_of(path: Path) -> str:
     try:
         return path.read_text()
     except (OSError, ValueError) as error:
-        found = error.strerror if isinstance(error, OSError) else "no text"
+        found = "no such file" if isinstance(error, FileNotFoundError) else f"no readable text: {error}"
         allowed = "a file of the deck, as beads render writes it, perhaps changed"
-        raise InputError(paths.shown(path), "", found or "", allowed) from error
+        raise InputError(paths.shown(path), "", found, allowed) from error
 
 
 def _edits(name: str, rendered: str, edited: str) -> Iterator[str]:

@@ -133,11 +133,10 @@ def record_of(folder: Path) -> RunRecord:
         record = RunRecord(**read_sealed(path, "the record of a run"))
         read_layout(record.layout)
     except (FileNotFoundError, NotADirectoryError):
-        found = "no record of a run"
-        raise InputError(paths.shown(folder), RECORD, found, ALLOWED_FOLDER) from None
+        raise InputError(paths.shown(folder), RECORD, "no record of a run", ALLOWED_FOLDER) from None
     except (TypeError, LookupError) as error:
-        found = "a record of another version"
-        raise DamagedError(paths.shown(path), "", found, "the record of a run of this version") from error
+        allowed = "the record of a run of this version"
+        raise DamagedError(paths.shown(path), "", "a record of another version", allowed) from error
     named = FOLDER_NAME.fullmatch(folder.name)
     if named and named[3] != record.identity:
         found = f"the record of the run {record.identity}"
@@ -177,7 +176,7 @@ class EndedRun:
 
     @property
     def trouble(self) -> str:
-        """Reason why the run has no numbers, by its record and the names of its files; empty if it has."""
+        """Reason why the run has no numbers, from its record and its list of files; empty if it has numbers."""
         record = self.record
         if not self.done:
             return record.reason if record.status == DAMAGED else f"{record.status}: {record.reason}"

@@ -189,7 +189,7 @@ def test_a_failure_is_charged_to_its_case(
     assert done.returncode == 1
     last = done.stderr.splitlines()
     assert reason in last[-2]
-    assert last[-1] == "1 failed; --retry runs them again"
+    assert last[-1] == "1 row failed; --retry runs them again"
     failed = table(runs)
     assert list(failed["status"]) == ["done", status, "done", "done"]
     assert set(stored(runs).values()) == {1}

@@ -97,7 +97,7 @@ def test_what_no_command_would_use_goes(runs: Path, capsys: pytest.CaptureFixtur
     assert folders(runs) == used
     reasons = {"damaged or of another version": 1, "failed or without": 2, "another build": 1, "an older deck": 1}
     for line, (reason, count) in zip(removed, reasons.items(), strict=True):
-        assert line.startswith(f"removed {count} runs ({VERLET} {count}), ")
+        assert line.startswith(f"removed {count} run{'s' * (count > 1)} ({VERLET} {count}), ")
         assert reason in line
     assert kept.startswith(f"kept 2 runs ({REFERENCE} 1, {VERLET} 1), ")
     assert batches.startswith("kept runs/batch: 2 rows of batches")
