@@ -80,6 +80,7 @@ def test_two_parameters_reproduce_force_and_speed_of_fig_4(outcome: Outcome) -> 
     assert simulation.values["speed_9_to_5_m_s"] == pytest.approx(152, rel=1e-6)
     assert simulation.values["bead_5_width_4pct_diameters"] == pytest.approx(5.18, rel=5e-3)
     assert fitted_at(found.problem, found.place).chi_square == found.chi_square < 1e-12
+    assert found.freedom == 0, "two numbers and two scales with priors, four parameters"
     assert np.isnan([line.by_the_others for line in outcome.data]).all()
 
 
