@@ -104,7 +104,7 @@ class Case:
 
     def sampled_at_every(self, time_step_s: float) -> "Case":
         """Case with any time step and a sample at every step; the duration changes by less than a step."""
-        samples = max(2, int(float(self.sample_times_s[-1]) / time_step_s * (1 + 1e-12)) + 1)
+        samples = max(2, int(self.duration_s / time_step_s * (1 + 1e-12)) + 1)
         run = self.scene.run.model_copy(update={"sample_interval": time_step_s, "time_step": time_step_s})
         changes = {"run": run, "steps_per_sample": 1, "samples": samples}
         return replace(self, scene=self.scene.model_copy(update=changes), plan=None)
@@ -113,6 +113,11 @@ class Case:
     def work(self) -> int:
         """Number of bodies times steps; the cost of a run is proportional to it."""
         return self.chain.bodies * self.scene.steps
+
+    @property
+    def duration_s(self) -> float:
+        """Time of the last sample, in s."""
+        return (self.scene.samples - 1) * (self.scene.steps_per_sample * self.scene.time_step_s)
 
     @property
     def sample_times_s(self) -> Array:

@@ -64,7 +64,7 @@ def _by_springs(case: Case) -> bool:
 
 def _box(case: Case, radius: Array, height: Array) -> dict[str, float]:
     """Half width, lower and upper end of the simulation box, and the skin of the neighbour search, in m."""
-    chain, duration = case.chain, float(case.sample_times_s[-1])
+    chain, duration = case.chain, case.duration_s
     fastest = math.sqrt(2 * energy_put_in(chain, duration) / chain.mass_kg.min())
     if chain.wall is None:
         drift = abs(float(chain.mass_kg @ chain.velocity_m_s / chain.mass_kg.sum()))

@@ -128,7 +128,7 @@ def needed_tolerance(case: Case) -> float:
     At a step of x times the stability limit, the force error of velocity Verlet is 0.25 x^2 times the largest change
     or more on all shipped scenes. Powers of ten let cases of similar steps share a run of the reference.
     """
-    chain, duration = case.chain, float(case.sample_times_s[-1])
+    chain, duration = case.chain, case.duration_s
     force = hertz_force(chain.stiffness, at_most(chain, duration).overlap_m)
     change = float((force - chain.elastic_N).max() / (force.max() or 1.0))
     share, _ = share_at_most(chain, duration, case.scene.time_step_s)

@@ -62,7 +62,7 @@ def inability(case: Case, engine: str) -> InputError | None:
 
 def _refuse_step(case: Case, shear: str, override: str) -> None:
     """Refuse a step above the predicted limit if a trial fails or takes too long."""
-    chain, duration, step = case.chain, float(case.sample_times_s[-1]), case.scene.time_step_s
+    chain, duration, step = case.chain, case.duration_s, case.scene.time_step_s
     if certainly_stable(chain, duration, step):
         return
     from drivers.limits.stable_step import FIRST_SHARE, predicted_limit  # the integrators take long to load
@@ -85,7 +85,7 @@ def refuse_depth(case: Case, override: str = ON_COMMAND) -> None:
     Raises:
         InputError: a motion that reaches them.
     """
-    chain, duration = case.chain, float(case.sample_times_s[-1])
+    chain, duration = case.chain, case.duration_s
     if (_depths(chain, at_most(chain, duration)) < 1).all():
         return
     from drivers.limits.stable_step import FIRST_SHARE, reached

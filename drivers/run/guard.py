@@ -199,7 +199,7 @@ def explained_energy(case: Case, trace: Trace) -> float:
     with the number of impacts. Heights are rounded at every step; the net force on a body does work along this
     rounding. The work of a drive has an error by the distance of samples.
     """
-    chain, duration = case.chain, float(case.sample_times_s[-1])
+    chain, duration = case.chain, case.duration_s
     share, impacts = share_at_most(chain, duration, case.scene.time_step_s)
     share = min(share, 1.0)
     scale = energy_scale_J(chain, trace) or 1.0
