@@ -1,8 +1,10 @@
 """Calibration on the paper's experiments: conclusions that hold for all readings of what the paper leaves open."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from math import isfinite
 from typing import Any
+
+import numpy as np
+import pandas as pd
 
 from drivers.base import paths
 from drivers.base.tolerances import tolerance
@@ -112,23 +114,26 @@ def _laws(rows: Sequence[FitRow]) -> list[str]:
 
 def bounds(tables: Tables, key: str) -> tuple[float, float]:
     """Lowest and highest value of a parameter, with its error, in the fits that hold."""
-    held = {(row.law, row.data) for row in rows_in(tables[FITS], FitRow) if _holds(row)}
-    parameters = rows_in(tables[PARAMETERS], Parameter)
-    own = [row for row in parameters if (row.law, row.data) in held and row.parameter == key]
-    errors = [row.error if isfinite(row.error) else 0.0 for row in own]
-    low = min(max(row.value - error, row.least) for row, error in zip(own, errors, strict=True))
-    return low, max(min(row.value + error, row.most) for row, error in zip(own, errors, strict=True))
+    rows = _of_held_fits(tables, PARAMETERS)
+    rows = rows[rows["parameter"] == key]
+    error = rows["error"].where(np.isfinite(rows["error"]), 0.0)
+    low, high = (rows["value"] - error).clip(lower=rows["least"]), (rows["value"] + error).clip(upper=rows["most"])
+    return float(low.min()), float(high.max())
+
+
+def _of_held_fits(tables: Tables, name: str) -> pd.DataFrame:
+    """Rows of a table that belong to the fits that hold."""
+    fits = tables[FITS]
+    return tables[name].merge(fits.loc[fits["probability"] >= MIN_PROBABILITY, ["law", "data"]])
 
 
 def often_missed(tables: Tables) -> dict[str, int]:
     """Numbers that more than half of the fits that hold miss by more than one standard error, with how many do."""
-    held = {(row.law, row.data) for row in rows_in(tables[FITS], FitRow) if _holds(row)}
-    counts: dict[str, int] = {}
-    for row in rows_in(tables[DATA], DatumRow):
-        if (row.law, row.data) in held and row.data_set != NOT_FITTED and isfinite(row.measured):
-            name = name_of(row.data_set, row.datum)
-            counts[name] = counts.get(name, 0) + (abs(row.off) > 1)
-    return {name: count for name, count in counts.items() if count > len(held) / 2}
+    rows, fits = _of_held_fits(tables, DATA), sum(map(_holds, rows_in(tables[FITS], FitRow)))
+    rows = rows[(rows["data_set"] != NOT_FITTED) & np.isfinite(rows["measured"])]
+    names = [name_of(*pair) for pair in zip(rows["data_set"], rows["datum"], strict=True)]
+    counts = (rows["off"].abs() > 1).groupby(names, sort=False).sum()
+    return {str(name): int(count) for name, count in counts.items() if count > fits / 2}
 
 
 def judge(tables: Tables) -> Iterator[Check]:

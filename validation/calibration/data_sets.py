@@ -146,7 +146,8 @@ def _column(number: QuotedNumber, answers: Sequence[Answer]) -> list[MeasuredNum
         allowed = "a number of inputs/paper/quoted.toml"
         raise InputError(paths.shown(paths.CALIBRATION), "quoted", number.quoted, allowed)
     name = next((each.read[number.observable] for each in answers if number.observable in each.read), number.observable)
-    common = {} if any(answer.independent for answer in answers) else common_errors()
+    shared = {} if any(answer.independent for answer in answers) else _nuisances()
+    common = {key.removeprefix(f"{READING}."): free.prior for key, free in shared.items() if free.prior}
     scale, found = SCALES.get(str(number.error), ""), []
     for place, value in enumerate(values):
         own = sqrt(max(_share(number.error, value) ** 2 - common.get(scale, 0.0) ** 2, 0.0)) * abs(value)
@@ -161,12 +162,6 @@ def _share(error: str | float, value: float) -> float:
     if error == "force":
         return force_accuracy(value)
     return quoted().accuracy_speed if error == "speed" else float(error)
-
-
-@cache
-def common_errors() -> dict[str, float]:
-    """Relative errors common to all quoted numbers of a kind, by nuisance parameter."""
-    return {key.removeprefix(f"{READING}."): free.prior for key, free in _nuisances().items() if free.prior}
 
 
 @cache

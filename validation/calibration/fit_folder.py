@@ -164,12 +164,11 @@ def _values(outcome: Outcome, scene: str) -> list[tuple[str, str | float, str]]:
     """Key, value to six digits with its unit, and value with error, of each fitted key of a scene."""
     pairs = zip(outcome.fit.problem.free, outcome.parameters, strict=True)
     own = [(free.key, row) for free, row in pairs if free.own in ("", scene) and free.of_motion]
-    return [(key, _rounded(row), f"fitted: {value_text(row, outcome.enlargement)}") for key, row in own]
-
-
-def _rounded(row: Parameter) -> str | float:
-    value = float(f"{row.value:.6g}")
-    return quantity(value, row.unit) if row.unit else value
+    values = [(key, row, float(f"{row.value:.6g}")) for key, row in own]
+    return [
+        (key, quantity(value, row.unit) if row.unit else value, f"fitted: {value_text(row, outcome.enlargement)}")
+        for key, row, value in values
+    ]
 
 
 def _write_scene(

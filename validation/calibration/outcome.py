@@ -322,11 +322,16 @@ def interval_text(row: Parameter, ends: tuple[float, float]) -> str:
 
 def _digits(value: float, error: float, unit: str) -> tuple[float, int, str]:
     """Factor from the SI unit to a suitable unit, decimal places for two digits of the error, name of the unit."""
-    scale = 1.0
-    if unit and value:
-        amount, unit = quantity(float(f"{value:.3g}"), unit).split(" ", 1)
-        scale = float(amount) / float(f"{value:.3g}")
+    scale, unit = suited(value, unit)
     return scale, int(np.clip(1 - np.floor(np.log10(error * scale)), 0, 12)) if error > 0 else 6, unit
+
+
+def suited(value: float, unit: str) -> tuple[float, str]:
+    """Factor from the SI unit to a unit that suits a value, and that unit."""
+    if not (unit and value):
+        return 1.0, unit
+    amount, unit = quantity(float(f"{value:.3g}"), unit).split(" ", 1)
+    return float(amount) / float(f"{value:.3g}"), unit
 
 
 def rounded(value: float, unit: str) -> str:

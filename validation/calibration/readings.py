@@ -101,8 +101,6 @@ def contact_force_N(simulation: Simulation, gauge: str, cut: float) -> float:
 
 def decay_per_s(simulation: Simulation, gauge: str, cut: float) -> float:
     """Rate of the lowest exponential above the force at a gauge in 1/s; NaN if the motion ends before."""
-    from scipy.interpolate import make_interp_spline
-
     trace, first_s = simulation.trace, simulation.values[f"{gauge}_arrival_s"]
     times = first_s * np.linspace(1.0, 1.0 + WINDOW, POINTS)
     if not times[-1] <= trace.time_s[-1]:
@@ -229,22 +227,14 @@ def curves_of(simulation: Simulation) -> dict[str, BSpline]:
     return {gauge: make_interp_spline(trace.time_s, signal - signal[0], k=5) for gauge, signal in signals.items()}
 
 
-def _force(curve: BSpline, time_s: Array) -> Array:
-    """Computed force above rest; 0 before the impact. Shape (times,)."""
-    return np.where(time_s > 0, curve(np.clip(time_s, 0.0, curve.t[-1])), 0.0)
-
-
 def residual_of(record: Record, gauge: str, curve: BSpline, gain: float, trigger_s: float) -> Array:
     """Computed minus measured readings of a gauge in standard errors, without the best base line. Shape (rows,)."""
     measured = record.measured
-    force = _force(curve, measured.time_s[record.counts] - trigger_s)
+    clock_s = measured.time_s[record.counts] - trigger_s
+    force = np.where(clock_s > 0, curve(np.clip(clock_s, 0.0, curve.t[-1])), 0.0)  # above rest, 0 before the impact
     reading = measured.reading[gauge][record.counts] - (measured.baseline or 0.0)
-    return _without_line(record, (force / gain - reading) / record.noise[gauge])
-
-
-def _without_line(record: Record, off: Array) -> Array:
-    """Residual without the best base line of the record."""
-    powers = [0] * (record.measured.baseline is None) + [1] * record.measured.drift
+    off = (force / gain - reading) / record.noise[gauge]
+    powers = [0] * (measured.baseline is None) + [1] * measured.drift
     if not powers:
         return off
     span = np.linspace(-1.0, 1.0, len(off))

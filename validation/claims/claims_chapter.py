@@ -8,7 +8,7 @@ reference computes the others as well. A case beyond the paper names a scene and
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import isnan
 from typing import Any
 
@@ -44,30 +44,6 @@ GROUPS: dict[
     (CERTAIN, False): "true by similarity, construction or a bound: these check the simulations",
     (ARITHMETIC, False): "arithmetic of the paper's own numbers",
 }
-
-
-@dataclass(frozen=True)
-class Statement:
-    """A row of the section: a quantity, the published value, the value found, and the reason of the verdict.
-
-    Attributes:
-        where: place in the paper, or source of a case.
-        words: the sentence of the paper, or the quantity.
-        how: description of the computed value.
-        marks: remarks on the judgement, such as "our criterion".
-        readings: ways to read the sentence, each with its value and verdict.
-    """
-
-    id: str
-    where: str
-    words: str
-    how: str
-    published: str
-    found: str
-    verdict: str
-    why: str
-    marks: tuple[str, ...] = ()
-    readings: tuple[tuple[str, str, str], ...] = ()
 
 
 def measure(options: Options) -> dict[str, Any]:
@@ -190,60 +166,68 @@ def section(tables: Tables) -> dict[str, Any]:
     }
 
 
-def _statement(claim: Claim, checks: list[Check]) -> Statement:
+def _statement(claim: Claim, checks: list[Check]) -> dict[str, Any]:
+    """Row of the section on a claim.
+
+    ``where`` is the place in the paper, ``words`` the sentence, ``how`` describes the computed value, ``why`` is the
+    reason of the verdict, ``marks`` are remarks on the judgement, and ``readings`` are the ways to read the sentence,
+    each with its value and verdict.
+    """
     # eight digits for a tight tolerance, else four
     digits = 8 if 0 < claim.limit < 1e-4 * abs(claim.quoted) else 4
     exact = {check.quantity: check for check in checks if check.engine == REFERENCE}
-    judged = exact[quantity_of(claim, claim.favoured)]
+    judged = quantity_of(claim, claim.favoured)
     within = f" ± {claim.within:g}" if claim.relation == "equals" else ""
     shown = {key: "–" if isnan(check.found) else f"{check.found:.{digits}g}" for key, check in exact.items()}
-    return Statement(
-        claim.id,
-        claim.where,
-        claim.quote,
-        how_computed(claim),
-        f"{RELATIONS[claim.relation]}{claim.quoted:.8g}{within} {claim.unit}".rstrip(),
-        shown[judged.quantity],
-        judged.verdict,
-        claim.explained or claim.because,
-        tuple(
-            words
-            for words, said in (
-                ("our criterion", claim.ours),
-                ("by the fitted law", claim.kind == FITTED),
-                ("depends on the reading", hangs(checks)),
-            )
-            if said
-        ),
-        tuple(
-            (f"{reading.words}{', judged' * bool(reading.favoured)}", shown[name], exact[name].verdict)
-            for reading in claim.readings
-            for name in [quantity_of(claim, reading)]
-        ),
-    )
+    marks = {
+        "our criterion": claim.ours,
+        "by the fitted law": claim.kind == FITTED,
+        "depends on the reading": hangs(checks),
+    }
+    readings = {quantity_of(claim, reading): reading for reading in claim.readings}
+    return {
+        "id": claim.id,
+        "where": claim.where,
+        "words": claim.quote,
+        "how": how_computed(claim),
+        "published": f"{RELATIONS[claim.relation]}{claim.quoted:.8g}{within} {claim.unit}".rstrip(),
+        "found": shown[judged],
+        "verdict": exact[judged].verdict,
+        "why": claim.explained or claim.because,
+        "marks": [mark for mark, holds in marks.items() if holds],
+        "readings": [
+            (f"{reading.words}{', judged' * bool(reading.favoured)}", shown[quantity], exact[quantity].verdict)
+            for quantity, reading in readings.items()
+        ],
+    }
 
 
-def _of_case(entry: Independent, checks: Sequence[Check]) -> tuple[str, list[Statement]]:
-    """Verdict on a case, and a row for each number, with the value of the engine furthest from it, and failed run."""
+def _of_case(entry: Independent, checks: Sequence[Check]) -> tuple[str, list[dict[str, Any]]]:
+    """Verdict on a case, and a row for each number, with the value of the engine furthest from it, and failed run.
+
+    The rows have the keys of ``_statement``; ``where`` is the source of the published number.
+    """
     by_quantity: dict[str, list[Check]] = {}
     for check in checks:
         by_quantity.setdefault(f"{check.engine}: run" if check.quantity == RUN else check.quantity, []).append(check)
     rows = []
-    for quantity, own in by_quantity.items():
-        worst, name = max(own, key=share_of_limit), quantity.partition(" against ")[0]
-        measured = not isnan(worst.limit)
-        rows.append(
-            Statement(
-                entry.id,
-                worst.where.partition(": ")[2] if measured else "",
-                MEASURES[entry.measure].quantities.get(name, name),
-                f"by {worst.engine}",
-                f"{worst.expected:.7g} {unit_of(name)}".rstrip() if measured else "",
-                f"{worst.found:.7g}" if measured else "",
-                outcome(own),
-                f"error {worst.value:.1e}, allowed {worst.limit:g}: {worst.reason}" if measured else worst.where,
-            )
-        )
+    for quantity, alike in by_quantity.items():
+        worst, name = max(alike, key=share_of_limit), quantity.partition(" against ")[0]
+        row: dict[str, Any] = dict.fromkeys(("where", "published", "found", "marks", "readings"), "") | {
+            "id": entry.id,
+            "words": MEASURES[entry.measure].quantities.get(name, name),
+            "how": f"by {worst.engine}",
+            "verdict": outcome(alike),
+            "why": worst.where,
+        }
+        if not isnan(worst.limit):
+            row |= {
+                "where": worst.where.partition(": ")[2],
+                "published": f"{worst.expected:.7g} {unit_of(name)}".rstrip(),
+                "found": f"{worst.found:.7g}",
+                "why": f"error {worst.value:.1e}, allowed {worst.limit:g}: {worst.reason}",
+            }
+        rows.append(row)
     return outcome(checks), rows
 
 

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from drivers.base import paths
 from drivers.base.errors import InputError
 from validation.commands import options
-from validation.commands.options import at_least_one, command
+from validation.commands.options import at_least_one, command, print_paths
 
 if TYPE_CHECKING:
     from drivers.batch.study_cases import Request
@@ -42,7 +41,6 @@ def request_of(
 @command("sensitivity", "wall-material --engine verlet --workers 2 --dry-run", "sensitivity --slurm --wait")
 @options.STUDY
 @options.ENGINE
-@options.ENGINES
 @options.ONLY
 @options.RUNS
 @options.RESULTS
@@ -122,7 +120,6 @@ def batch(
 
 @command("sensitivity", "speed-amplitude --x bead_5_amplitude --y speed_9_to_5 --log")
 @options.STUDY
-@options.ENGINES
 @options.RESULTS
 @click.option("--x", metavar="COLUMN", default="", help="Draw --y against this column of the table.")
 @click.option("--y", metavar="COLUMN", default="", help="Column of numbers; a name may be without its unit.")
@@ -152,8 +149,7 @@ def study(study: str, results: Path, x: str, y: str, log: bool, power_law: bool)
     else:
         draw = draw_tornado if found.one_by_one else draw_study
         product = draw(table, title, found.file.figure, found.where, labels)
-    for path in write_product(product, name, results):
-        print(paths.shown(path))
+    print_paths(write_product(product, name, results))
     for line in product.notes:
         print(line)
 
@@ -161,7 +157,6 @@ def study(study: str, results: Path, x: str, y: str, log: bool, power_law: bool)
 @command("sensitivity --list")
 @options.STUDY
 @options.ENGINE
-@options.ENGINES
 @options.ONLY
 @options.RUNS
 @click.option(
@@ -181,7 +176,6 @@ def status(study: str, engines: tuple[str, ...], patterns: tuple[str, ...], runs
 @options.STUDY
 @click.argument("case", metavar="CASE", type=at_least_one, help="Number of the case, as in the table of the study.")
 @options.ENGINE
-@options.ENGINES
 @options.RUNS
 def show(study: str, case: int, engines: tuple[str, ...], runs: Path) -> int:
     """Write one case of a study as run folders with their decks."""

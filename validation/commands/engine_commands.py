@@ -18,7 +18,6 @@ from validation.commands.options import command
     help="Name of an engine, such as verlet or an entry of your engines.toml.",
     shell_complete=completion.engines,
 )
-@options.ENGINES
 @options.RESULTS
 def engine(name: str, results: Path) -> int:
     """Test an adapter or a build of a code."""
@@ -49,7 +48,7 @@ def engine(name: str, results: Path) -> int:
     return int(code != 0)
 
 
-@command("")
+@command("", engines=False)
 def wave() -> None:
     """Print constants of the discrete chain's solitary wave."""
     from validation.reference.travelling_wave import constants, solve_travelling_wave

@@ -15,7 +15,7 @@ HEADINGS = ("key", "values", "default", "meaning")
 Rows = Iterable[Sequence[str]]
 
 
-@command("chain", "study --markdown")
+@command("chain", "study --markdown", engines=False)
 @click.argument(
     "table",
     metavar="[TABLE]",

@@ -1,7 +1,7 @@
 """Arguments and options of several commands, and the readers and checks of values."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,7 +18,11 @@ Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 
 def command(
-    *examples: str, name: str = "", kind: type[click.Command] = click.Command, words: str = ""
+    *examples: str,
+    name: str = "",
+    kind: type[click.Command] = click.Command,
+    text: str = "",
+    engines: bool = True,
 ) -> Callable[[Callable[..., Any]], click.Command]:
     """Make a function a command, named after it, with the first line of its docstring as help.
 
@@ -26,16 +30,18 @@ def command(
         examples: words of example command lines, after ``beads`` and the name of the command.
         name: name of the command; empty for that of the function.
         kind: class of the command.
-        words: help text; empty for the docstring.
+        text: help text; empty for the docstring.
+        engines: True if the command loads engines, so that it has the option ``--engines``.
     """
 
     def decorate(function: Callable[..., Any]) -> click.Command:
         called = name or function.__name__
         lines = (f"  beads {called} {example}".rstrip() for example in examples)
         epilog = "\n".join(["\b", f"example{'s' * (len(examples) > 1)}:", *lines])
-        look: dict[str, Any] = {"cls": kind, "help": words or None, "epilog": epilog, "context_settings": HELP_OPTIONS}
-        decorator: Callable[[Callable[..., Any]], click.Command] = click.command(called, **look)
-        return decorator(function)
+        look: dict[str, Any] = {"cls": kind, "help": text or None, "epilog": epilog, "context_settings": HELP_OPTIONS}
+        made: click.Command = click.command(called, **look)(function)
+        made.params += [ENGINES] * engines
+        return made
 
     return decorate
 
@@ -95,6 +101,12 @@ def must_be_file(option: str, path: Path | None) -> None:
     if path and path.exists() and not path.is_file():
         raise InputError(f"{option} {path}", "", "a folder" if path.is_dir() else "a device", "a file")
     must_be_folder(option, path.parent if path and path.is_file() else path)
+
+
+def print_paths(written: Iterable[Path]) -> None:
+    """Print the paths of written files, each as soon as it is written."""
+    for path in written:
+        print(paths.shown(path), flush=True)
 
 
 def one_of(engines: tuple[str, ...]) -> str:
@@ -162,9 +174,8 @@ ENGINE = click.option(
     help="Take this engine only; repeatable (default: all that are installed, or those of the study).",
     shell_complete=completion.engines,
 )
-ENGINES = click.option(
-    "--engines",
-    "engines_file",
+ENGINES = click.Option(
+    ["--engines", "engines_file"],
     metavar="FILE",
     type=_engines_file,
     is_eager=True,

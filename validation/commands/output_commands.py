@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.text_table import text_table
 from validation.commands import completion, options
-from validation.commands.options import command, must_be_folder, number
+from validation.commands.options import command, must_be_folder, number, print_paths
 
 if TYPE_CHECKING:
     from drivers.run.run_folder import EndedRun
@@ -20,7 +19,6 @@ if TYPE_CHECKING:
 
 @command("yade:fig4", "yade:fig4 --level 0.1 --json")
 @options.RUN
-@options.ENGINES
 @options.RUNS_READ
 @click.option(
     "--level",
@@ -71,7 +69,6 @@ def _print_definitions(context: click.Context) -> None:
 )
 @options.SETTINGS
 @options.MEASURED
-@options.ENGINES
 @options.RUNS_READ
 @options.RESULTS
 def overlay(run: str, settings: tuple[str, ...], measured: Path | None, runs: Path, results: Path) -> None:
@@ -105,13 +102,11 @@ def overlay(run: str, settings: tuple[str, ...], measured: Path | None, runs: Pa
     print(*text_table([HEADINGS, *misfit_rows(found)]), sep="\n")
     for remark in remarks:
         print(remark, file=sys.stderr)
-    for path in drawn:
-        print(paths.shown(path))
+    print_paths(drawn)
 
 
 @command("yade:fig4")
 @options.RUN
-@options.ENGINES
 @options.RUNS_READ
 @options.RESULTS
 def spacetime(run: str, runs: Path, results: Path) -> None:
@@ -119,8 +114,7 @@ def spacetime(run: str, runs: Path, results: Path) -> None:
     from postproc.draw.product import draw_spacetime, write_product
 
     opened, name, title = _open("spacetime", run, runs)
-    for path in write_product(draw_spacetime({title: opened.trace}, width_in=6.4), name, results):
-        print(paths.shown(path))
+    print_paths(write_product(draw_spacetime({title: opened.trace}, width_in=6.4), name, results))
 
 
 @command("yade:driven-steel", "yade:driven-steel --from bead_15 --to wall --since '0.2 ms'")
@@ -136,7 +130,6 @@ def spacetime(run: str, runs: Path, results: Path) -> None:
 @click.option("--until", metavar="TIME", help="End of the record (default: that of the run).")
 @click.option("--window", metavar="NAME", default="hann", help="hann (default), boxcar, blackmanharris or flattop.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-@options.ENGINES
 @options.RUNS_READ
 @options.RESULTS
 def spectrum(
@@ -173,8 +166,7 @@ def spectrum(
         return
     product = spectrum_product(case, found, title)
     print(*product.notes, sep="\n")
-    for path in write_product(product, name, results):
-        print(paths.shown(path))
+    print_paths(write_product(product, name, results))
 
 
 def _si(option: str, text: str, unit: str) -> float:
@@ -209,7 +201,6 @@ def _bodies(text: str) -> tuple[int, int]:
     type=_bodies,
     help="Energy of the bodies A to B, counted from the wall, the striker last; repeatable.",
 )
-@options.ENGINES
 @options.RUNS_READ
 @options.RESULTS
 def energy(run: str, ranges: tuple[tuple[int, int], ...], runs: Path, results: Path) -> None:
@@ -233,8 +224,7 @@ def energy(run: str, ranges: tuple[tuple[int, int], ...], runs: Path, results: P
     table = results / f"{name}.parquet"
     written = write_product(draw_energies(energies, ranges, title), name, results)
     write_energies(energies, table)
-    for path in (*written, table):
-        print(paths.shown(path))
+    print_paths([*written, table])
 
 
 @command("yade:fig4-tube --sideways 10")
@@ -247,7 +237,6 @@ def energy(run: str, ranges: tuple[tuple[int, int], ...], runs: Path, results: P
     type=number(float, lambda factor: 0 < factor <= 1e6, "a factor above 0, up to 1e6"),
     help="Multiply displacements from the axis by X (default: 1).",
 )
-@options.ENGINES
 @options.RUNS_READ
 @options.RESULTS
 def film(run: str, frames: int | None, sideways: float, runs: Path, results: Path) -> None:
@@ -257,16 +246,14 @@ def film(run: str, frames: int | None, sideways: float, runs: Path, results: Pat
 
     opened, name, title = _open("film", run, runs)
     still = films.film_of(opened, frames or films.FRAMES, sideways)
-    for path in write_product(films.sheet(still, title), name, results):
-        print(paths.shown(path), flush=True)
+    print_paths(write_product(films.sheet(still, title), name, results))
     moving = films.film_of(opened, films.GIF_FRAMES, sideways)
-    print(paths.shown(films.write_animation(moving, title, results / f"{name}.gif")))
+    print_paths([films.write_animation(moving, title, results / f"{name}.gif")])
 
 
 @command("yade:fig4 --frames 200")
 @options.RUN
 @options.FRAMES
-@options.ENGINES
 @options.RUNS_READ
 @options.RESULTS
 def vtk(run: str, frames: int | None, runs: Path, results: Path) -> None:
@@ -275,8 +262,7 @@ def vtk(run: str, frames: int | None, runs: Path, results: Path) -> None:
 
     opened, name, _ = _open("vtk", run, runs)
     must_be_folder("--results", results / name)
-    for path in series.write_series(opened, results / name, frames or series.FRAMES):
-        print(paths.shown(path))
+    print_paths(series.write_series(opened, results / name, frames or series.FRAMES))
 
 
 def _open(what: str, run: str, runs: Path) -> tuple["EndedRun", str, str]:

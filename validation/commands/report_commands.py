@@ -10,7 +10,7 @@ import click
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
 from validation.commands import completion, options
-from validation.commands.options import Decorator, checked, command, must_be_file, seconds
+from validation.commands.options import Decorator, checked, command, must_be_file, print_paths, seconds
 
 
 @command("", "fig4 --out fig4.html --allow-missing")
@@ -28,7 +28,6 @@ from validation.commands.options import Decorator, checked, command, must_be_fil
     callback=checked(must_be_file),
 )
 @options.ENGINE
-@options.ENGINES
 @options.RUNS
 @options.REQUIRE
 @options.ALLOW_MISSING
@@ -67,7 +66,6 @@ class _Figures(click.Command):
 @click.argument(
     "names", metavar="[NAME]...", nargs=-1, help="Figures (default: all).", shell_complete=completion.figures
 )
-@options.ENGINES
 @options.RUNS
 @options.RESULTS
 def figures(names: tuple[str, ...], runs: Path, results: Path) -> int:
@@ -91,14 +89,13 @@ def figures(names: tuple[str, ...], runs: Path, results: Path) -> int:
             print(f"{name}: {error}", file=sys.stderr)
             code = max(code, 2 if isinstance(error, InputError) else 1)
             continue
-        for path in written:
-            print(paths.shown(path), flush=True)
+        print_paths(written)
     if missing_codes():
         print(f"left out, since not installed: {', '.join(missing_codes())}", file=sys.stderr)
     return code
 
 
-def _chapter(name: str, words: str, taken: tuple[Decorator, ...], *examples: str) -> click.Command:
+def _chapter(name: str, text: str, taken: tuple[Decorator, ...], *examples: str) -> click.Command:
     """Command of a chapter with its help text and options."""
 
     def action(**given: Any) -> int:
@@ -108,9 +105,9 @@ def _chapter(name: str, words: str, taken: tuple[Decorator, ...], *examples: str
             load_chapter(name), Options(**{key: each for key, each in given.items() if each is not None})
         )
 
-    for option in reversed((*taken, options.ENGINES, options.RESULTS)):
+    for option in reversed((*taken, options.RESULTS)):
         action = option(action)
-    return command(*examples or ("",), name=name, words=words)(action)
+    return command(*examples or ("",), name=name, text=text)(action)
 
 
 BUDGET = click.option(

@@ -2,7 +2,7 @@
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -21,7 +21,6 @@ AUTO = "auto"  # instead of an engine's name: the cheapest engine that can model
 @options.SCENE
 @options.SETTINGS
 @options.ENGINE
-@options.ENGINES
 @options.RUNS
 @click.option("--rerun", is_flag=True, help="Run again even if the run is done or, with auto, failed.")
 @click.option(
@@ -112,7 +111,6 @@ def _trouble(ended: "EndedRun") -> str:
 )
 @options.SETTINGS
 @options.ENGINE
-@options.ENGINES
 @options.RUNS
 def import_(folder: Path, scene: str | None, settings: tuple[str, ...], engines: tuple[str, ...], runs: Path) -> int:
     """Make a run folder of a deck that was run by hand.
@@ -147,7 +145,6 @@ def import_(folder: Path, scene: str | None, settings: tuple[str, ...], engines:
 )
 @options.SETTINGS
 @options.ENGINE
-@options.ENGINES
 @options.RUNS_READ
 @click.option(
     "--against",
@@ -238,22 +235,9 @@ def compare(
 )
 @options.SETTINGS
 @options.QUICK
-@options.ENGINES
 @options.RESULTS
 @options.RUNS
-def fit(
-    scenes: tuple[str, ...],
-    free: tuple[str, ...],
-    laws: tuple[str, ...],
-    predict: tuple[str, ...],
-    own: tuple[str, ...],
-    measured: Path | None,
-    quoted: tuple[str, ...],
-    settings: tuple[str, ...],
-    quick: bool,
-    results: Path,
-    runs: Path,
-) -> int:
+def fit(results: Path, runs: Path, **asked: Any) -> int:
     """Fit parameters of scenes to measured data.
 
     The data are the [[measured]] tables of the scenes, or those that --measured or --quoted name.
@@ -261,14 +245,13 @@ def fit(
     from validation.calibration.fit_command import run_fit
     from validation.calibration.fit_folder import FitRequest
 
-    return run_fit(FitRequest(scenes, free, own, laws, predict, quoted, measured, settings, quick), runs, results)
+    return run_fit(FitRequest(**asked), runs, results)
 
 
 @command("fig4 --engine yade", "--set 'striker.speed=*'", "--prune --dry-run")
 @options.scenes_argument("all")
 @options.SETTINGS
 @options.ENGINE
-@options.ENGINES
 @options.RUNS_READ
 @click.option(
     "--prune",

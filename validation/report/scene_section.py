@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from drivers.base import paths
-from drivers.base.decks import Deck
 from drivers.base.errors import InputError
 from drivers.base.progress import in_words
 from drivers.chain.case import Case
@@ -114,11 +113,6 @@ def case_rows(claims: Mapping[str, Any]) -> list[ReportRow]:
 def counted(rows: Iterable[ReportRow]) -> Counter[str]:
     """Numbers of cells that passed, failed and were not run."""
     return Counter(cell.verdict for row in rows for cell in row.cells.values())
-
-
-def failures_in(rows: Iterable[ReportRow]) -> list[tuple[ReportRow, str, Cell]]:
-    """Row, engine and cell of each failure."""
-    return [(row, engine, cell) for row in rows for engine, cell in row.cells.items() if cell.verdict == FAIL]
 
 
 def tolerances(scenes: Iterable[ComparedScene]) -> list[tuple[str, str, str, str]]:
@@ -232,10 +226,11 @@ def section_of(scene: ComparedScene, results: Path, runs: Path | None = None) ->
         ],
         "elements": [(element.name, "in" if element.modelled else "out", element.reason) for element in case.elements],
         "decks": [
-            (engine, file, text)
-            for engine, cell in row.cells.items()
-            if (cell.verdict == FAIL if engine in scene.absent else not load_engine(engine).in_repository)
-            for file, text in _written_deck(case, engine).files.items()
+            (name, file, text)
+            for name, cell in row.cells.items()
+            for engine in [load_engine(name)]
+            if (cell.verdict == FAIL if name in scene.absent else not engine.in_repository)
+            for file, text in engine.deck_by_hand(engine.render(case)).files.items()
         ],
     }
 
@@ -256,11 +251,6 @@ def _forces_picture(scene: ComparedScene) -> Image | None:
     refused = {engine: part_in_range(scene.case, scene.refused[engine], traces) for engine in in_order(scene.refused)}
     figure = draw_gauge_forces(scene.case.layout, traces, refused) if traces or refused else None
     return image_of(svg_of(figure)) if figure else None
-
-
-def _written_deck(case: Case, name: str) -> Deck:
-    engine = load_engine(name)
-    return engine.deck_by_hand(engine.render(case))
 
 
 def part_in_range(case: Case, failed: Trace, finished: Mapping[str, Trace]) -> Trace:

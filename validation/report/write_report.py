@@ -36,7 +36,7 @@ from validation.compare.comparison import ComparedScene, run_and_compare_all
 from validation.compare.selection import EngineSelection, print_unmet
 from validation.report.machine_readable import as_json, made_with, when_made
 from validation.report.page_figures import read_figures, read_image
-from validation.report.scene_section import case_rows, counted, failures_in, section_of, tolerances
+from validation.report.scene_section import case_rows, counted, section_of, tolerances
 
 SUBJECT = "Strongly nonlinear waves in a chain of Teflon beads"
 PAPER = ("fig4", "fig5", "fig6b", "fig6d")
@@ -101,7 +101,11 @@ def report(
         options = Options(page.parent, folder, quick=name in QUICK_CHAPTERS)
         with step(named(_title(name), options), number, steps):
             try:
-                _make(name, options)
+                if name in captions():
+                    write_paper_figure(name, folder, page.parent)
+                else:
+                    chapter = load_chapter(name)
+                    write_chapter(chapter, chapter.measure(options), page.parent)
             except (RunError, InputError, OSError) as error:  # continue with the other parts
                 say(f"{name}: {error}")
                 failed = True
@@ -116,15 +120,6 @@ def report(
 
 def _title(part: str) -> str:
     return captions()[part].title if part in captions() else load_chapter(part).title
-
-
-def _make(part: str, options: Options) -> None:
-    """Make a figure or a chapter."""
-    if part in captions():
-        write_paper_figure(part, options.runs, options.results)
-    else:
-        chapter = load_chapter(part)
-        write_chapter(chapter, chapter.measure(options), options.results)
 
 
 def _made(part: str, results: Path) -> bool:
@@ -190,7 +185,9 @@ def write_report(
         answer=" ".join(answer(scenes, verdicts)),
         codes=listed([display_name(name) for name in engines if not load_engine(name).in_repository]),
         claims=claims,
-        failures=failures_in((*rows, *cases)),
+        failures=[
+            (row, engine, cell) for row in (*rows, *cases) for engine, cell in row.cells.items() if cell.verdict == FAIL
+        ],
         made=made,
         builds=[(name, build["version"], build["command"], build["sha256"]) for name, build in made["engines"].items()],
         unmet=unmet,

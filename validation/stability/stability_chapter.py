@@ -30,9 +30,10 @@ from validation.stability.measured_limits import (
 )
 
 RANDOM_SCENES = 100
+ENERGY = "stability-energy"
 Part = tuple[str, Callable[[], Iterable[Any]]]  # words for progress lines, and the function that measures
 LONG_PARTS: dict[str, Part] = {
-    "stability-energy": ("energy over ten million steps", rounding_effects.energies),
+    ENERGY: ("energy over ten million steps", rounding_effects.energies),
     "stability-horizons": ("horizons of pairs of methods", rounding_effects.horizons),
     "stability-rounding": ("rounding of heights", rounding_effects.measure_rounding),
 }
@@ -74,7 +75,7 @@ def judge(tables: Tables) -> Iterator[Check]:
 def sentences(tables: Tables) -> list[str]:
     """Limits, extreme scenes and long runs in a sentence each."""
     said = [_on_limits(tables["stability"]), _on_extremes(tables["stability-extremes"])]
-    return [*said, _on_energy(tables["stability-energy"])] if "stability-energy" in tables else said
+    return [*said, _on_energy(tables[ENERGY])] if ENERGY in tables else said
 
 
 def _on_limits(limits: pd.DataFrame) -> str:
@@ -213,13 +214,9 @@ def section(tables: Tables) -> dict[str, Any]:
         ],
         "energy": [
             [f"{row.scene}, {row.method}", short(row.largest), f"{short(row.drift)} ± {short(row.drift_error)}"]
-            for row in _rows(tables, "stability-energy", rounding_effects.Energy)
+            for row in (rows_in(tables[ENERGY], rounding_effects.Energy) if ENERGY in tables else ())
         ],
     }
-
-
-def _rows(tables: Tables, name: str, kind: type[Any]) -> list[Any]:
-    return rows_in(tables[name], kind) if name in tables else []
 
 
 def _limit_row(scene: str, by_method: pd.DataFrame) -> list[str]:
@@ -264,7 +261,7 @@ CHAPTER = Chapter(
     tables={
         "stability": Limit,
         "stability-extremes": Check,
-        "stability-energy": rounding_effects.Energy,
+        ENERGY: rounding_effects.Energy,
         "stability-horizons": rounding_effects.Horizon,
         "stability-rounding": rounding_effects.Rounded,
     },

@@ -162,17 +162,15 @@ def section(tables: Tables) -> dict[str, Any]:
         "short": not set(SCENES) <= set(rows["scene"]),
         "targets": [_power(target) for target in SHOWN_TARGETS],
         "advice": [
-            [f"{scene}, {QUANTITIES[quantity]}", *map(_time, kept_s), _cheapest_code(advised, scene)]
+            [
+                f"{scene}, {QUANTITIES[quantity]}",
+                *map(_time, kept_s),
+                next(iter(_usual(by_codes, scene)["method"]), "–"),
+            ]
             for (scene, quantity), *kept_s in shown.itertuples()
         ],
         "softened": [[setting, short(error), f"{gain:.1f}"] for setting, error, gain in worst.itertuples()],
     }
-
-
-def _cheapest_code(advised: pd.DataFrame, scene: str) -> str:
-    """Code with the shortest loop at a usual error of the force."""
-    by_codes = [name for name in _usual(advised, scene)["method"] if name in codes()]
-    return by_codes[0] if by_codes else "–"
 
 
 def _power(error: float) -> str:
