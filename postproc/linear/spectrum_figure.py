@@ -185,7 +185,7 @@ def _lines(analysis: Analysis) -> Iterator[str]:
 
 def numbers_of(analysis: Analysis) -> dict[str, Any]:
     """Lines as numbers: resolution, strongest lines and harmonics by signal."""
-    strongest = {name: int(np.argmax(each.amplitude)) for name, each in analysis.spectra.items()}
+    strongest = {name: int(np.argmax(spectrum.amplitude)) for name, spectrum in analysis.spectra.items()}
     return {
         "samples": len(analysis.time_s), "window": analysis.window,
         "resolution_Hz": analysis.spectra[analysis.target].resolution_Hz,

@@ -85,7 +85,7 @@ class Budget:
 def kept_budget(case: Case, run: EndedRun) -> Budget:
     """Budget of a finished run, from the cache or computed and stored there; checks have the scene's name."""
     record, engine = run.record, load_engine(run.record.engine)
-    scenes = [each.scene.model_dump(mode="json") for each in (case, case.full) if each]
+    scenes = [variant.scene.model_dump(mode="json") for variant in (case, case.full) if variant]
     depends_on = ["budget", scenes, engine.name, engine.scheme, engine.shear, record.build_sha256, run.forces_sha256]
     stored = kept(depends_on, lambda: asdict(budget_of(case, engine.name, run.trace)))
     checks = [Check(**check | {"scene": case.scene.name}) for check in stored["checks"]]
@@ -153,9 +153,9 @@ def _rows(motions: Motions, engine: str, trace: Trace) -> tuple[list[dict[str, A
     if motions.why_unknown:
         return [], []
     exact, full, scheme = motions.exact, motions.full, motions.scheme_of(engine)
-    samples = min(len(each.time_s) for each in (exact, full.exact if full else exact))
+    samples = min(len(part.time_s) for part in (exact, full.exact if full else exact))
     same = not motions.straight or load_engine(engine).scheme == EXACT  # rounding is included in model, or nil
-    stages = [until(each, samples) for each in (trace, scheme, scheme if same else motions.plain, exact)]
+    stages = [until(part, samples) for part in (trace, scheme, scheme if same else motions.plain, exact)]
     stages += [stages[-1], *([until(full.exact, samples)] if full else [])]
 
     rows = []
@@ -243,11 +243,11 @@ def _error_checks(case: Case, engine: str, trace: Trace, rows: list[dict[str, An
         yield judged(case.scene.name, engine, f"{ERROR}: {quantity}", error, tolerance(*ceiling), where)
     for kind, plural in CEILINGS.items():
         limit = tolerance("truncation", kind)
-        found = [
+        alike = [
             judged(case.scene.name, engine, f"{ERROR}: {plural}", abs(whole[name]["whole"]), limit, name + end)
             for name in of_kind(whole, kind)
         ]
-        if worst := worst_of(found):
+        if worst := worst_of(alike):
             yield worst
 
 

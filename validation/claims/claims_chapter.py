@@ -48,13 +48,13 @@ GROUPS: dict[
 
 def measure(options: Options) -> dict[str, Any]:
     """Judges the paper's claims and the shipped cases; with a file of own cases, these alone."""
-    own, taken = options.file != paths.INDEPENDENT, {claim.id for claim in read_claims().claim}
+    own_cases, taken = options.file != paths.INDEPENDENT, {claim.id for claim in read_claims().claim}
     for entry in read_independent(options.file):
         if entry.id in taken:
             raise InputError(
                 paths.shown(options.file), f"case {entry.id}", "the id of a statement of the paper", "another id"
             )
-    claims = [] if own else judge_claims(options.runs)
+    claims = [] if own_cases else judge_claims(options.runs)
     return {"claims": [*claims, *judge_cases(options.file, options.runs)]}
 
 
@@ -65,7 +65,7 @@ def checks_in(tables: Tables) -> tuple[list[JudgedClaim], list[Check]]:
         InputError: the table holds other claims, readings or verdicts.
     """
     claims = {claim.id: claim for claim in read_claims().claim}
-    found: dict[str, list[Check]] = {name: [] for name in claims}
+    of_claim: dict[str, list[Check]] = {name: [] for name in claims}
     cases: list[Check] = []
     for check in rows_in(tables["claims"], Check):
         claim = claims.get(check.scene)
@@ -78,14 +78,14 @@ def checks_in(tables: Tables) -> tuple[list[JudgedClaim], list[Check]]:
         if check.verdict != right:
             wrong = f"{check.verdict} of {check.scene} on {check.engine}: {check.value:g}, allowed {check.limit:g}"
             raise InputError("claims.csv", "verdict", wrong, f"{right}; run make claims")
-        (found[claim.id] if claim else cases).append(check)
-    if not any(found.values()):
+        (of_claim[claim.id] if claim else cases).append(check)
+    if not any(of_claim.values()):
         return [], cases
     for name, claim in claims.items():
         known = {quantity_of(claim, reading) for reading in claim.readings or [claim.favoured]}
-        if {check.quantity for check in found[name] if check.engine == REFERENCE} != known:
+        if {check.quantity for check in of_claim[name] if check.engine == REFERENCE} != known:
             raise InputError("claims.csv", "scene", f"other claims than in {paths.shown(paths.CLAIMS)}; {REMEDY}")
-    return [(claim, found[name]) for name, claim in claims.items()], cases
+    return [(claim, of_claim[name]) for name, claim in claims.items()], cases
 
 
 def sentences(tables: Tables) -> list[str]:
@@ -94,9 +94,9 @@ def sentences(tables: Tables) -> list[str]:
     counts = Counter(check.verdict for check in cases)
     lines = [f"cases beyond the paper: {counts[PASS]} passed, {counts[FAIL]} failed, {counts[NOT_RUN]} not run"]
     if judged:
-        checks = [favoured(*each)[REFERENCE] for each in judged]
+        checks = [favoured(*pair)[REFERENCE] for pair in judged]
         lines += table([check for check in checks if check.verdict == DIFFERS])
-        lines += [f"{words}: {good} reproduced, {bad} differ" for words, good, bad in _counts(judged)]
+        lines += [f"{group}: {good} reproduced, {bad} differ" for group, good, bad in _counts(judged)]
         lines += [headline(judged), misfit(judged)]
     return lines
 
@@ -113,7 +113,7 @@ def headline(judged: Sequence[JudgedClaim]) -> str:
 
 def misfit(judged: Sequence[JudgedClaim]) -> str:
     """Causes of the differences among statements that can fail on physics, each with its number of statements."""
-    off = [each[0] for each in judged if each[0].kind == PHYSICS and verdict_of(each) == DIFFERS]
+    off = [pair[0] for pair in judged if pair[0].kind == PHYSICS and verdict_of(pair) == DIFFERS]
     counts, causes = Counter(claim.cause for claim in off), read_claims().causes
     parts = [f"{causes.get(cause, 'other causes')} ({count})" for cause, count in counts.most_common()]
     return f"{len(off)} statements differ: {'; '.join(parts)}." if off else ""
@@ -127,9 +127,9 @@ def verdict_of(judged: JudgedClaim) -> str:
 def _counts(judged: Iterable[JudgedClaim]) -> list[tuple[str, int, int]]:
     """By group: its description, the number of reproduced and of differing statements."""
     counts: Counter[tuple[str, bool, str]] = Counter(
-        (each[0].kind, each[0].kind == PHYSICS and each[0].ours, verdict_of(each)) for each in judged
+        (pair[0].kind, pair[0].kind == PHYSICS and pair[0].ours, verdict_of(pair)) for pair in judged
     )
-    return [(words, counts[*group, REPRODUCED], counts[*group, DIFFERS]) for group, words in GROUPS.items()]
+    return [(description, counts[*group, REPRODUCED], counts[*group, DIFFERS]) for group, description in GROUPS.items()]
 
 
 def judge(tables: Tables) -> Iterator[Check]:
@@ -148,16 +148,16 @@ def section(tables: Tables) -> dict[str, Any]:
     (judged, checks), entries = checks_in(tables), read_independent()
     if not judged or list(dict.fromkeys(check.scene for check in checks)) != [entry.id for entry in entries]:
         raise InputError("claims.csv", "scene", f"other claims or cases than the shipped ones; {REMEDY}")
-    physics = [each for each in judged if each[0].kind != ARITHMETIC]
+    physics = [pair for pair in judged if pair[0].kind != ARITHMETIC]
     return {
         "headline": headline(judged),
         "misfit": misfit(judged),
         "counts": _counts(judged),
         "hanging": sum(hangs(own) for _, own in judged),
-        "without_code": sum(len(favoured(*each)) == 1 for each in judged if each[0].kind == PHYSICS),
+        "without_code": sum(len(favoured(*pair)) == 1 for pair in judged if pair[0].kind == PHYSICS),
         DIFFERS: [_statement(*physic) for physic in physics if verdict_of(physic) == DIFFERS],
         REPRODUCED: [_statement(*physic) for physic in physics if verdict_of(physic) == REPRODUCED],
-        ARITHMETIC: [_statement(*each) for each in judged if each[0].kind == ARITHMETIC],
+        ARITHMETIC: [_statement(*pair) for pair in judged if pair[0].kind == ARITHMETIC],
         "untested": read_claims().untested,
         "cases": [
             (entry, *_of_case(entry, [check for check in checks if check.scene == entry.id])) for entry in entries

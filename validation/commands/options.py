@@ -39,14 +39,28 @@ def command(
         lines = (f"  beads {called} {example}".rstrip() for example in examples)
         epilog = "\n".join(["\b", f"example{'s' * (len(examples) > 1)}:", *lines])
         look: dict[str, Any] = {"cls": kind, "help": text or None, "epilog": epilog, "context_settings": HELP_OPTIONS}
-        made: click.Command = click.command(called, **look)(function)
+        decorator: Callable[[Callable[..., Any]], click.Command] = click.command(called, **look)
+        made = decorator(function)
         made.params += [ENGINES] * engines
         return made
 
     return decorate
 
 
-def number(kind: Callable[[str], float], allowed: Callable[[float], bool], words: str) -> Callable[[str], float]:
+def option(names: str, value: str, text: str, **more: Any) -> Decorator:
+    """Option of a command.
+
+    Args:
+        names: option, and the parameter of the function if it has another name.
+        value: placeholder of the value in the help; empty for a flag.
+        text: help text.
+        more: further arguments of ``click.option``.
+    """
+    kind: dict[str, Any] = {"metavar": value} if value else {"is_flag": True}
+    return click.option(*names.split(), help=text, **kind, **more)
+
+
+def number(kind: Callable[[str], float], allowed: Callable[[float], bool], described: str) -> Callable[[str], float]:
     """Reader of a number within limits."""
 
     def read(text: str) -> float:
@@ -55,7 +69,7 @@ def number(kind: Callable[[str], float], allowed: Callable[[float], bool], words
         except ValueError:
             value = None
         if value is None or not allowed(value):
-            raise click.BadParameter(f"found {text}; allowed: {words}")
+            raise click.BadParameter(f"found {text}; allowed: {described}")
         return value
 
     return read
@@ -153,25 +167,23 @@ RUN = click.argument(
 
 def scenes_argument(default: str) -> Decorator:
     """Argument for any number of scenes; ``default`` says which are taken without it."""
-    words = f"Scenes by name or file (default: {default})."
-    look: dict[str, Any] = {"metavar": "[SCENE]...", "nargs": -1, "help": words, "shell_complete": completion.scenes}
+    text = f"Scenes by name or file (default: {default})."
+    look: dict[str, Any] = {"metavar": "[SCENE]...", "nargs": -1, "help": text, "shell_complete": completion.scenes}
     return click.argument("scenes", **look)
 
 
-SETTINGS = click.option(
-    "--set",
-    "settings",
-    metavar="KEY=VALUE",
-    multiple=True,
-    help="A key of the scene with its value, such as chain.count=60 or run.time_step='10 ns'; an empty value removes "
+SETTINGS = option(
+    "--set settings",
+    "KEY=VALUE",
+    "A key of the scene with its value, such as chain.count=60 or run.time_step='10 ns'; an empty value removes "
     "the key; runs lists runs with this setting, where * is any text; repeatable.",
-)
-ENGINE = click.option(
-    "--engine",
-    "engines",
-    metavar="ENGINE",
     multiple=True,
-    help="Take this engine only; repeatable (default: all that are installed, or those of the study).",
+)
+ENGINE = option(
+    "--engine engines",
+    "ENGINE",
+    "Take this engine only; repeatable (default: all that are installed, or those of the study).",
+    multiple=True,
     shell_complete=completion.engines,
 )
 ENGINES = click.Option(
@@ -182,18 +194,15 @@ ENGINES = click.Option(
     expose_value=False,
     help="File with engines of your own, as well as those of each engines.toml (see inputs/README.md).",
 )
-REQUIRE = click.option(
-    "--require",
-    "required",
-    metavar="ENGINE",
+REQUIRE = option(
+    "--require required",
+    "ENGINE",
+    "Fail if this engine does not run; repeatable.",
     multiple=True,
-    help="Fail if this engine does not run; repeatable.",
     shell_complete=completion.engines,
 )
-ALLOW_MISSING = click.option(
-    "--allow-missing",
-    is_flag=True,
-    help="Accept that engines of --engine, all codes or runs of --against are missing.",
+ALLOW_MISSING = option(
+    "--allow-missing", "", "Accept that engines of --engine, all codes or runs of --against are missing."
 )
 _runs = partial(
     click.option,
@@ -205,48 +214,41 @@ _runs = partial(
 )
 RUNS = _runs(callback=checked(must_be_folder))
 RUNS_READ = _runs()  # of a command that only reads runs
-RESULTS = click.option(
+RESULTS = option(
     "--results",
-    metavar="DIR",
+    "DIR",
+    "Folder for tables and figures (default: results/ of the checkout).",
     type=Path,
     default=lambda: paths.RESULTS,
-    help="Folder for tables and figures (default: results/ of the checkout).",
     callback=checked(must_be_folder),
 )
-UNSAFE = click.option(
-    "--unsafe",
-    is_flag=True,
-    help="Accept a scene that a guard refuses, for instance a time step above the stability limit.",
+UNSAFE = option(
+    "--unsafe", "", "Accept a scene that a guard refuses, for instance a time step above the stability limit."
 )
-MEASURED = click.option(
+MEASURED = option(
     "--measured",
-    metavar="FILE",
-    type=Path,
-    help="CSV file with forces in N, in columns named after gauges, such as bead_9 [N] (default: the [[measured]] "
+    "FILE",
+    "CSV file with forces in N, in columns named after gauges, such as bead_9 [N] (default: the [[measured]] "
     "tables of the scene, for any other file).",
+    type=Path,
 )
-FRAMES = click.option(
+FRAMES = option(
     "--frames",
-    metavar="N",
+    "N",
+    "Number of times (default: 12 in a film, 100 for ParaView).",
     type=number(int, lambda count: 2 <= count <= 10_000, "whole numbers from 2 to 10000"),
-    help="Number of times (default: 12 in a film, 100 for ParaView).",
 )
-QUICK = click.option(
+QUICK = option(
     "--quick",
-    is_flag=True,
-    help="Do less: fewer scenes, steps and seeds, no long runs; for fit no profiles, no data left out, no runs of the "
+    "",
+    "Do less: fewer scenes, steps and seeds, no long runs; for fit no profiles, no data left out, no runs of the "
     "codes.",
 )
-ONLY = click.option(
-    "--only",
-    "patterns",
-    metavar="PATTERN",
-    multiple=True,
-    help="Take only cases with KEY=GLOB, such as 'striker.speed=2 m/s', or with a label that matches; repeatable "
+ONLY = option(
+    "--only patterns",
+    "PATTERN",
+    "Take only cases with KEY=GLOB, such as 'striker.speed=2 m/s', or with a label that matches; repeatable "
     "(default: all cases).",
+    multiple=True,
 )
-DRY_RUN = click.option(
-    "--dry-run",
-    is_flag=True,
-    help="Print what would be done, without doing it; batch still checks every case.",
-)
+DRY_RUN = option("--dry-run", "", "Print what would be done, without doing it; batch still checks every case.")

@@ -11,7 +11,7 @@ import click
 from drivers.base.errors import InputError
 from drivers.base.text_table import text_table
 from validation.commands import completion, options
-from validation.commands.options import command, must_be_folder, number, print_paths
+from validation.commands.options import command, must_be_folder, number, option, print_paths
 
 if TYPE_CHECKING:
     from drivers.run.run_folder import EndedRun
@@ -20,22 +20,21 @@ if TYPE_CHECKING:
 @command("yade:fig4", "yade:fig4 --level 0.1 --json")
 @options.RUN
 @options.RUNS_READ
-@click.option(
-    "--level",
-    "levels",
-    metavar="X",
+@option(
+    "--level levels",
+    "X",
+    "Measure widths at this share of the peak; repeatable (default: 0.002 and 0.04).",
     multiple=True,
     type=number(float, lambda share: 0 < share < 1, "a share of the peak, above 0 and below 1"),
-    help="Measure widths at this share of the peak; repeatable (default: 0.002 and 0.04).",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-@click.option(
+@option("--json as_json", "", "Print JSON.")
+@option(
     "--definitions",
-    is_flag=True,
+    "",
+    "Print the definitions of all observables and exit.",
     is_eager=True,
     expose_value=False,
     callback=lambda context, _, asked: _print_definitions(context) if asked else None,
-    help="Print the definitions of all observables and exit.",
 )
 def observables(run: str, runs: Path, levels: tuple[float, ...], as_json: bool) -> None:
     """Print peaks, speeds, widths, reflections, energies of a run."""
@@ -97,9 +96,9 @@ def overlay(run: str, settings: tuple[str, ...], measured: Path | None, runs: Pa
         scene, layout, trace, engine = case.scene, case.layout, exact(case).trace, REFERENCE
         name = f"overlay-{scene.name}"
     entries, folder, where = entries_of(scene, measured, run)
-    curves, found, remarks = lay_over(entries, folder, where, layout, trace)
-    drawn = write_product(draw_overlay(layout, trace, engine, curves, found), name, results) if curves else ()
-    print(*text_table([HEADINGS, *misfit_rows(found)]), sep="\n")
+    curves, misfits, remarks = lay_over(entries, folder, where, layout, trace)
+    drawn = write_product(draw_overlay(layout, trace, engine, curves, misfits), name, results) if curves else ()
+    print(*text_table([HEADINGS, *misfit_rows(misfits)]), sep="\n")
     for remark in remarks:
         print(remark, file=sys.stderr)
     print_paths(drawn)
@@ -119,17 +118,13 @@ def spacetime(run: str, runs: Path, results: Path) -> None:
 
 @command("yade:driven-steel", "yade:driven-steel --from bead_15 --to wall --since '0.2 ms'")
 @options.RUN
-@click.option(
-    "--from", "source", metavar="SIGNAL", default="", help="Source of the transfer function: drive, or a gauge."
-)
-@click.option(
-    "--to", "target", metavar="SIGNAL", default="", help="Target of the transfer function: a gauge, such as wall."
-)
-@click.option("--frequency", metavar="F", help="Measure harmonics of this frequency (default: that of a sine drive).")
-@click.option("--since", metavar="TIME", default="0 s", help="Begin of the record, such as '0.2 ms' (default: 0 s).")
-@click.option("--until", metavar="TIME", help="End of the record (default: that of the run).")
-@click.option("--window", metavar="NAME", default="hann", help="hann (default), boxcar, blackmanharris or flattop.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@option("--from source", "SIGNAL", "Source of the transfer function: drive, or a gauge.", default="")
+@option("--to target", "SIGNAL", "Target of the transfer function: a gauge, such as wall.", default="")
+@option("--frequency", "F", "Measure harmonics of this frequency (default: that of a sine drive).")
+@option("--since", "TIME", "Begin of the record, such as '0.2 ms' (default: 0 s).", default="0 s")
+@option("--until", "TIME", "End of the record (default: that of the run).")
+@option("--window", "NAME", "hann (default), boxcar, blackmanharris or flattop.", default="hann")
+@option("--json as_json", "", "Print JSON.")
 @options.RUNS_READ
 @options.RESULTS
 def spectrum(
@@ -146,9 +141,9 @@ def spectrum(
     opened, name, title = _open("spectrum", run, runs)
     case, trace = build_case(stored_scene(opened.record.scene)), opened.trace
     signals = signals_of(case, trace)
-    for option, word, known in (("--from", source, signals), ("--to", target, signals), ("--window", window, WINDOWS)):
+    for given, word, known in (("--from", source, signals), ("--to", target, signals), ("--window", window, WINDOWS)):
         if word and word not in known:
-            raise InputError("beads spectrum", option, f'"{word}"', ", ".join(known))
+            raise InputError("beads spectrum", given, f'"{word}"', ", ".join(known))
     if not signals:
         raise InputError(
             "beads spectrum", "RUN", "a run without gauges and drive", "a scene with chain.sensors, or a wall"
@@ -157,14 +152,14 @@ def spectrum(
     hertz = _si("--frequency", frequency, "Hz") if frequency else None
     used = (trace.time_s >= from_s) & (trace.time_s <= to_s)
     try:
-        parts = {each: values[used] for each, values in signals.items()}
-        found = analyse(case, parts, trace.time_s[used], (source, target), window, hertz)
+        parts = {gauge: values[used] for gauge, values in signals.items()}
+        analysis = analyse(case, parts, trace.time_s[used], (source, target), window, hertz)
     except ValueError as error:
         raise InputError("beads spectrum", run, str(error), "a longer record or finer samples") from error
     if as_json:
-        print(json.dumps(numbers_of(found), indent=2))
+        print(json.dumps(numbers_of(analysis), indent=2))
         return
-    product = spectrum_product(case, found, title)
+    product = spectrum_product(case, analysis, title)
     print(*product.notes, sep="\n")
     print_paths(write_product(product, name, results))
 
@@ -193,13 +188,12 @@ def _bodies(text: str) -> tuple[int, int]:
 
 @command("verlet:fig4", "verlet:fig4 --beads 1-5 --beads 6-21")
 @options.RUN
-@click.option(
-    "--beads",
-    "ranges",
-    metavar="A-B",
+@option(
+    "--beads ranges",
+    "A-B",
+    "Energy of the bodies A to B, counted from the wall, the striker last; repeatable.",
     multiple=True,
     type=_bodies,
-    help="Energy of the bodies A to B, counted from the wall, the striker last; repeatable.",
 )
 @options.RUNS_READ
 @options.RESULTS
@@ -216,9 +210,9 @@ def energy(run: str, ranges: tuple[tuple[int, int], ...], runs: Path, results: P
     if opened.trace.drive_work_J is not None:
         sums["work of the drive, negative"] = 0 - opened.trace.drive_work_J
     sums["sum"] = sum(sums.values(), start=0 * energies.time_s)
-    rows = [(each, f"{values[0]:.6g}", f"{values[-1]:.6g}") for each, values in sums.items()]
+    rows = [(part, f"{values[0]:.6g}", f"{values[-1]:.6g}") for part, values in sums.items()]
     print(*text_table([("energy (J)", "at time 0", "at the end"), *rows]), sep="\n")
-    lines = [(bodies, *(f"{value:.6g}" for value in own.values())) for bodies, own in numbers.items()]
+    lines = [(bodies, *(f"{value:.6g}" for value in of_range.values())) for bodies, of_range in numbers.items()]
     if numbers:
         print(*text_table([("bodies", *next(iter(numbers.values()))), *lines]), sep="\n")
     table = results / f"{name}.parquet"
@@ -230,12 +224,12 @@ def energy(run: str, ranges: tuple[tuple[int, int], ...], runs: Path, results: P
 @command("yade:fig4-tube --sideways 10")
 @options.RUN
 @options.FRAMES
-@click.option(
+@option(
     "--sideways",
-    metavar="X",
+    "X",
+    "Multiply displacements from the axis by X (default: 1).",
     default=1.0,
     type=number(float, lambda factor: 0 < factor <= 1e6, "a factor above 0, up to 1e6"),
-    help="Multiply displacements from the axis by X (default: 1).",
 )
 @options.RUNS_READ
 @options.RESULTS

@@ -10,23 +10,17 @@ import click
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
 from validation.commands import completion, options
-from validation.commands.options import Decorator, checked, command, must_be_file, print_paths, seconds
+from validation.commands.options import Decorator, checked, command, must_be_file, option, print_paths, seconds
 
 
 @command("", "fig4 --out fig4.html --allow-missing")
 @options.scenes_argument("the paper's four")
-@click.option(
+@option(
     "--studies",
-    is_flag=True,
-    help="Write the page first, then make figures and studies and add them; short studies where no table exists.",
+    "",
+    "Write the page first, then make figures and studies and add them; short studies where no table exists.",
 )
-@click.option(
-    "--out",
-    metavar="FILE",
-    type=Path,
-    help="Page to write (default: results/report.html).",
-    callback=checked(must_be_file),
-)
+@option("--out", "FILE", "Page to write (default: results/report.html).", type=Path, callback=checked(must_be_file))
 @options.ENGINE
 @options.RUNS
 @options.REQUIRE
@@ -45,10 +39,10 @@ def report(
     from validation.compare.selection import selected
     from validation.report.write_report import report as write
 
-    words = sys.argv[1:] if "--engines" in sys.argv else [*sys.argv[1:], *engines_again()]
+    arguments = sys.argv[1:] if "--engines" in sys.argv else [*sys.argv[1:], *engines_again()]
     asked = selected(engines, required, allow_missing=allow_missing)
     given = None if runs == paths.RUNS else runs
-    return write(scenes, out, given, asked, shlex.join(["beads", *words]), studies=studies)
+    return write(scenes, out, given, asked, shlex.join(["beads", *arguments]), studies=studies)
 
 
 class _Figures(click.Command):
@@ -102,26 +96,22 @@ def _chapter(name: str, text: str, taken: tuple[Decorator, ...], *examples: str)
         from validation.chapters import Options, load_chapter, run_chapter
 
         return run_chapter(
-            load_chapter(name), Options(**{key: each for key, each in given.items() if each is not None})
+            load_chapter(name), Options(**{key: value for key, value in given.items() if value is not None})
         )
 
-    for option in reversed((*taken, options.RESULTS)):
-        action = option(action)
+    for add in reversed((*taken, options.RESULTS)):
+        action = add(action)
     return command(*examples or ("",), name=name, text=text)(action)
 
 
-BUDGET = click.option(
-    "--budget",
-    "budget_s",
-    metavar="SECONDS",
+BUDGET = option(
+    "--budget budget_s",
+    "SECONDS",
+    "Engine time of all runs together (default: 300 s; 30 s with --quick).",
     type=seconds,
-    help="Engine time of all runs together (default: 300 s; 30 s with --quick).",
 )
-CASES_FILE = click.option(
-    "--file",
-    metavar="FILE",
-    type=Path,
-    help="Judge the cases of a file alone (default: all claims and inputs/independent.toml).",
+CASES_FILE = option(
+    "--file", "FILE", "Judge the cases of a file alone (default: all claims and inputs/independent.toml).", type=Path
 )
 QUICK = ("", "--quick")
 CHAPTER_COMMANDS = (

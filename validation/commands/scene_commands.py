@@ -2,13 +2,11 @@
 
 from pathlib import Path
 
-import click
-
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.text_table import text_table
 from validation.commands import options
-from validation.commands.options import checked, command, must_be_folder, one_of, print_paths
+from validation.commands.options import checked, command, must_be_folder, one_of, option, print_paths
 
 
 @command("", engines=False)
@@ -20,7 +18,7 @@ def scenes() -> None:
         what: {path.stem: read_toml(path).get("title", "") for path in sorted(home.glob("*.toml"))}
         for what, home in (("scenes", paths.SCENES), ("studies", paths.STUDIES))
     }
-    listed["materials"] = {name: each.get("source", "") for name, each in read_toml(paths.MATERIALS).items()}
+    listed["materials"] = {name: material.get("source", "") for name, material in read_toml(paths.MATERIALS).items()}
     for what, texts in listed.items():
         print(f"{what}:", *(f"  {line}" for line in text_table(texts.items())), sep="\n")
 
@@ -84,9 +82,7 @@ def modes(scene: str, settings: tuple[str, ...], results: Path) -> None:
 @options.SCENE
 @options.SETTINGS
 @options.ENGINE
-@click.option(
-    "--out", metavar="DIR", type=Path, required=True, help="Folder for the deck.", callback=checked(must_be_folder)
-)
+@option("--out", "DIR", "Folder for the deck.", type=Path, required=True, callback=checked(must_be_folder))
 @options.UNSAFE
 def render(scene: str, settings: tuple[str, ...], engines: tuple[str, ...], out: Path, unsafe: bool) -> None:
     """Write the deck of a scene for one engine, without running it."""

@@ -90,8 +90,8 @@ def _lines(compared: ComparedScene, asked: EngineSelection) -> Iterator[str]:
     yield "both relative to the largest change of force, unless stated otherwise\n"
     yield from table(compared.checks)
     engines = in_order({*compared.departures, *compared.diagnoses})
-    found = [(engine, each.get(engine)) for engine in engines for each in (compared.departures, compared.diagnoses)]
-    sentences = [(name, engine, sentence) for engine, sentence in found if sentence]
+    said = [(engine, kind.get(engine)) for engine in engines for kind in (compared.departures, compared.diagnoses)]
+    sentences = [(name, engine, sentence) for engine, sentence in said if sentence]
     yield from ("", *text_table(sentences)) if sentences else ()
     yield f"\nerror budget: {BUDGET_WORDS}"
     budget: list[tuple[str, ...]] = [("scene", "engine", "quantity", *PARTS)]

@@ -93,10 +93,10 @@ def scene_row(scene: ComparedScene, runs: Path | None = None) -> ReportRow:
     for engine in in_order([*scene.runs, *scene.absent]):
         record = scene.runs[engine].record if engine in scene.runs else None
         cells[engine] = Cell(scene.of_engine(engine), record, scene.diagnoses.get(engine, ""))
-    own = scene.case.scene
+    source = scene.case.scene
     options = [*(["--runs", str(runs)] if runs else []), *engines_again()]
-    again = " ".join(["beads compare", source_of(own), *map(shlex.quote, options)])
-    return ReportRow(own.name, own.title or own.name, again, cells)
+    again = " ".join(["beads compare", source_of(source), *map(shlex.quote, options)])
+    return ReportRow(source.name, source.title or source.name, again, cells)
 
 
 def case_rows(claims: Mapping[str, Any]) -> list[ReportRow]:
@@ -121,8 +121,8 @@ def tolerances(scenes: Iterable[ComparedScene]) -> list[tuple[str, str, str, str
     for check in (check for scene in scenes for check in scene.checks if not math.isnan(check.limit)):
         used.setdefault((check.quantity, check.reason), []).append(check)
     return [
-        (quantity, _limits_of(found), ", ".join(dict.fromkeys(each.scene for each in found)), reason)
-        for (quantity, reason), found in sorted(used.items())
+        (quantity, _limits_of(checks), ", ".join(dict.fromkeys(applied.scene for applied in checks)), reason)
+        for (quantity, reason), checks in sorted(used.items())
     ]
 
 
@@ -152,21 +152,21 @@ def overlay_of(case: Case, engine: str, trace: Trace, results: Path) -> dict[str
     """
     scene = case.scene
     overlay: dict[str, Any] = {"engine": engine, "image": None, "headings": HEADINGS}
-    own = scene.name.startswith("fit-")
-    fit = scene.folder if own else results / f"fit-{scene.name}"
+    is_fit = scene.name.startswith("fit-")
+    fit = scene.folder if is_fit else results / f"fit-{scene.name}"
     figure, fitted = fit / FITTED_PARAMETERS, fit / f"fit-{scene.name}.toml"
     parameters = image_of(figure.read_text(encoding="utf-8")) if figure.is_file() else None
-    fitted_scene = paths.shown(fitted) if parameters and not own else ""
+    fitted_scene = paths.shown(fitted) if parameters and not is_fit else ""
     overlay |= {"rows": [], "remarks": [], "problem": "", "far": None, "parameters": parameters, "fitted": fitted_scene}
     try:
-        curves, found, remarks = lay_over(*entries_of(scene, None, scene.file), case.layout, trace)
+        curves, misfits, remarks = lay_over(*entries_of(scene, None, scene.file), case.layout, trace)
     except InputError as error:  # the file was read before; it does not fit the run
         return overlay | {"problem": str(error)}
-    drawn = draw_overlay(case.layout, trace, engine, curves, found) if curves else None
+    drawn = draw_overlay(case.layout, trace, engine, curves, misfits) if curves else None
     image = image_of(svg_of(drawn.figure)) if drawn else None
-    known = [each for each in found if not math.isnan(each.errors_off)]
-    far = max(known, key=lambda each: abs(each.errors_off), default=None)
-    return overlay | {"image": image, "rows": misfit_rows(found), "remarks": remarks, "far": far}
+    known = [misfit for misfit in misfits if not math.isnan(misfit.errors_off)]
+    far = max(known, key=lambda misfit: abs(misfit.errors_off), default=None)
+    return overlay | {"image": image, "rows": misfit_rows(misfits), "remarks": remarks, "far": far}
 
 
 FORCE_RANGE = 2.0  # largest drawn force of a failed run, divided by the largest force of the finished runs
@@ -214,7 +214,7 @@ def section_of(scene: ComparedScene, results: Path, runs: Path | None = None) ->
         "case": case,
         "runs": finished,
         "timing": _timing(scene),
-        "judged": [(name, *own, _limits_of(filter(None, own))) for name, own in judged.items()],
+        "judged": [(name, *of_quantity, _limits_of(filter(None, of_quantity))) for name, of_quantity in judged.items()],
         "forces": _forces_picture(scene),
         "left_out": max(0, len(gauges_of(case.layout)) - MAX_GAUGES),
         "overlay": overlay_of(case, shown, trace, results) if trace and case.scene.measured else None,
@@ -238,11 +238,11 @@ def section_of(scene: ComparedScene, results: Path, runs: Path | None = None) ->
 def _timing(scene: ComparedScene) -> str:
     """Time step, numbers of steps and samples, share of the stable step, and computing time, as a sentence."""
     own, records = scene.case.scene, [run.record for run in scene.runs.values()]
-    words = f"time step {own.time_step_s * 1e6:g} µs, {own.steps} steps, {own.samples} samples"
+    text = f"time step {own.time_step_s * 1e6:g} µs, {own.steps} steps, {own.samples} samples"
     for limit_s in [record.step_limit_s for record in records if record.step_limit_s][:1]:
-        words += f"; stable up to {limit_s * 1e6:.3g} µs, this run uses {100 * own.time_step_s / limit_s:.2g} % of that"
+        text += f"; stable up to {limit_s * 1e6:.3g} µs, this run uses {100 * own.time_step_s / limit_s:.2g} % of that"
     loops = [f"{record.engine} {in_words(record.loop_s)}" for record in records if record.loop_s is not None]
-    return words + (f"; computing time: {', '.join(loops)}" if loops else "")
+    return text + (f"; computing time: {', '.join(loops)}" if loops else "")
 
 
 def _forces_picture(scene: ComparedScene) -> Image | None:

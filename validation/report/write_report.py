@@ -176,7 +176,7 @@ def write_report(
     claims = sections.get("claims")
     cases = case_rows(claims or {})
     about = [section_of(scene, results, runs) for scene in scenes]
-    rows = [each["row"] for each in about]
+    rows = [described["row"] for described in about]
     engines = in_order(engine for row in (*rows, *cases) for engine in row.cells)
     verdicts = {row.name: {name: cell.verdict for name, cell in row.cells.items()} for row in cases}
     page = deck.render(
