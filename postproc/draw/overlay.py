@@ -91,7 +91,7 @@ def misfit_table(misfits: Sequence[Misfit]) -> pd.DataFrame:
     return pd.DataFrame({column: [getattr(misfit, field) for misfit in misfits] for column, field in fields.items()})
 
 
-HEADINGS = ("quantity", "source", "measured", "± error", "computed", "difference", "in errors")
+HEADINGS = ("quantity", "source", "measured", "± error", "computed", "difference", "in standard errors")
 
 
 def misfit_rows(misfits: Sequence[Misfit]) -> list[tuple[str, ...]]:

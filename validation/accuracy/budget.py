@@ -46,7 +46,7 @@ from validation.checks import FAIL, Check, judged, worst_of
 AT_REST_NOTE = "nothing moves: errors are relative to the largest force"
 PARTS = ("whole", "model", "rounding", "truncation", "sampling")
 ELEMENTS = "elements"
-BUDGET_WORDS = "signed parts that add up to the whole: model, rounding, truncation (time step), sampling"
+BUDGET_WORDS = "relative errors; model, rounding, truncation (time step) and sampling add up to the whole"
 MODEL, ERROR = "model", "error"  # judgements: the right computation, accurate enough
 LAW_REASON = f"{SIGNIFICANCE:g} times the uncertainty of the measured value, by rounding, time step and sampling"
 CAUSES = {
@@ -215,7 +215,7 @@ def _law_check(case: Case, engine: str) -> Iterator[Check]:
     if not all(laws):  # nothing moves
         return
     row = max(chain.from_iterable(laws), key=lambda row: row.uncertainties_off)
-    place = f" at contact or body {row.place}" if row.place else ""
+    place = f" of contact or body {row.place}" if row.place else ""
     limit = Tolerance(float(SIGNIFICANCE * row.uncertainty), LAW_REASON)
     yield judged(case.scene.name, engine, f"{MODEL}: law", float(abs(row.ratio - 1)), limit, f"{row.quantity}{place}")
 

@@ -121,7 +121,8 @@ def _confirm(fitted: Sequence[Path], runs: Path) -> int:
 
 
 LEGEND = (
-    "deviation: fitted minus measured, in standard errors of the measurement; of a trace the rms over its readings",
+    "deviation: fitted minus measured, in standard errors of the measurement; of a trace the rms of its readings, of a "
+    "parameter with prior knowledge fitted minus stated value",
     "predicted: by a fit to all other data; deviation: of this prediction, in standard errors of both",
 )
 
@@ -136,8 +137,8 @@ def lines(outcome: Outcome) -> Iterator[str]:
         rows.append([row.parameter, value, *(interval_text(row, end) for end in ends), start])
     yield from _table(["parameter", "value", *(f"{rise} interval" for rise in RISES), "start"], rows)
     if outcome.enlargement != 1:
-        times = f"{outcome.enlargement:.2g} times, by the scatter of the data"
-        yield f"the errors above (not the intervals) are enlarged {times}, which the model does not explain"
+        times = f"{outcome.enlargement:.2g} times those by noise"
+        yield f"errors, not intervals, are {times}: the data scatter more than the model explains"
     yield ""
     cells = [[row.label, *_datum_cells(row)] for row in outcome.data]
     yield from _table(["datum", "measured", "fitted", "deviation", "predicted", "deviation"], cells)

@@ -20,7 +20,7 @@ def convergence_order() -> float:
     """Order in a/L with which accelerations of the lattice converge to those of Eq. (1), for three wave lengths."""
     p, mean, swing = ptfe_beads(), 0.01, 0.006
     errors = []
-    # the largest difference of accelerations over the largest, for one period of a strongly modulated strain
+    # the largest difference of accelerations divided by the largest one, for one period of a strongly modulated strain
     for beads in (64, 256):
         length = beads * p.diameter_m
         wave_number = 2 * np.pi / length

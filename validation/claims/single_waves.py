@@ -44,13 +44,13 @@ def exponent(run: Run) -> float:
 
 
 def width_by_amplitude(run: Run, low_N: float, high_N: float) -> float:
-    """Width at 4 % without gravity under the strike for 0.06 N over that for 5 N."""
+    """Width at 4 % without gravity under the strike for 0.06 N divided by that for 5 N."""
     low, high = (struck(run, force, *UNCOMPRESSED, LONG_DURATION).values[WIDTH] for force in (low_N, high_N))
     return low / high
 
 
 def width_by_modulus(run: Run, force_N: float) -> float:
-    """Width at 4 % with gravity for the softest over that for the hardest modulus, at strikes of the same force."""
+    """Width at 4 % with gravity for the softest modulus divided by that for the hardest, at strikes of equal force."""
     soft, hard = min(quoted().ptfe_moduli_MPa), max(quoted().ptfe_moduli_MPa)
     speed = striker_speed_for(force_N) * (hard / soft) ** (1 / 3)  # F ~ k^(2/5) v^(6/5)
     settings = (f"materials.ptfe.youngs_modulus={soft} MPa", f"striker.speed={speed!r} m/s")
@@ -105,7 +105,7 @@ def fig4_delay(run: Run) -> float:
 
 
 def speed_to_the_wall(run: Run) -> float:
-    """Speed from bead 5 to the wall over that from bead 9 to bead 5 of Fig. 4, peak to peak."""
+    """Speed from bead 5 to the wall divided by that from bead 9 to bead 5 of Fig. 4, peak to peak."""
     motion = _fig4(run)
     lower = motion.case.layout.sensors[-1]
     to_wall = lower.height_m / (motion.values["wall_arrival_s"] - motion.values["bead_5_arrival_s"])
@@ -201,7 +201,7 @@ def nearest(forces: str, force_is: str) -> float:
 
 
 def width_by_diameter(run: Run) -> float:
-    """Width in diameters at 4 % on the smaller beads over that on the larger ones, without gravity."""
+    """Width in diameters at 4 % on the smaller beads divided by that on the larger ones, without gravity."""
     small = ("diameter=2.38 mm", "mass=0.0157 g")
     settings = [f"{body}.{size}" for body in ("chain", "striker") for size in small]
     return (

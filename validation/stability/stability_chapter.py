@@ -86,7 +86,7 @@ def _on_limits(limits: pd.DataFrame) -> str:
     same = int((wide.sub(wide[VERLET], axis=0).abs().max(axis=1) < 1e-9 * wide[VERLET]).sum())
     return (
         f"The measured limit of the time step is {ratio.min():.2f} to {ratio.max():.2f} times the predicted one, which"
-        f" {exceeded} ({len(ratio)} checks); {listed(methods)} become unstable at the same step of the scan on {same}"
+        f" {exceeded} in {len(ratio)} measurements; {listed(methods)} become unstable at the same measured step on {same}"
         f" of {len(wide)} scenes."
     )
 

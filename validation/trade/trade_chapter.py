@@ -75,7 +75,7 @@ def orders(rows: pd.DataFrame) -> dict[str, tuple[float, float]]:
 
 
 def advice(rows: pd.DataFrame) -> Iterator[Advice]:
-    """Largest steps by scene, method, quantity and error; no error counts that is larger at a smaller step."""
+    """Largest step by scene, method and quantity that keeps an error, as all smaller measured steps do."""
     for (scene, method), ladder in done(rows).groupby(["scene", "method"], sort=False):
         for quantity in QUANTITIES:
             largest = ladder[quantity].fillna(inf).cummax()  # so that no error is small by chance
