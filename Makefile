@@ -68,7 +68,7 @@ test: .venv/.ready-dev .venv/.engines lint ## run lint, types and tests
 test-long: OPTIONS = -n 2 --dist loadfile
 test-long: ## run long tests: figures, claims, tubes, Dask, films
 test-accuracy: OPTIONS = -n 2
-test-accuracy: ## run accuracy tests on 300 random scenes
+test-accuracy: ## run accuracy tests on random scenes
 test-slurm: .slurm ## run studies on a Slurm of this machine (installs it)
 test-page: .chromium ## run tests of the page in Chromium (installs it)
 test-long test-accuracy test-slurm test-page: test-%: .venv/.ready-dev .venv/.engines

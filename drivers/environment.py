@@ -14,7 +14,7 @@ from drivers.base import paths
 def trouble() -> str:
     """Missing Python version or packages and the command that installs them; empty if all are there."""
     if sys.version_info < (3, 11):  # noqa: UP036 - the user's Python may be older
-        found = f"Python {sys.version_info[0]}.{sys.version_info[1]}, and 3.11 or later is needed"
+        lacking = f"Python {sys.version_info[0]}.{sys.version_info[1]}, and 3.11 or later is needed"
     else:
         file = paths.ROOT / "pyproject.toml"  # missing if the packages were copied alone
         project = file.read_text(encoding="utf-8") if file.exists() else ""
@@ -23,12 +23,12 @@ def trouble() -> str:
         missing = sorted(name for name in needed if find_spec(name) is None)
         if not missing:
             return ""
-        found = f"Python without {', '.join(missing[:3])}{', ...' * (len(missing) > 3)}"
+        lacking = f"Python without {', '.join(missing[:3])}{', ...' * (len(missing) > 3)}"
     home = paths.ROOT / ".venv"
     entered = Path(sys.prefix).resolve() == home.resolve()
     if entered or not (home / "bin" / "activate").exists():
-        return f"{found}: make{'' if Path.cwd() == paths.ROOT else f' -C {paths.ROOT}'} setup"
-    return f"{found}: . {paths.shown(home / 'bin' / 'activate')}"
+        return f"{lacking}: make{'' if Path.cwd() == paths.ROOT else f' -C {paths.ROOT}'} setup"
+    return f"{lacking}: . {paths.shown(home / 'bin' / 'activate')}"
 
 
 problem = trouble()

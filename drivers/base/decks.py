@@ -1,7 +1,7 @@
 """Decks: the input files of an engine, rendered from templates that read like decks written by hand."""
 
 import hashlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -62,7 +62,8 @@ def _environment(folder: Path) -> jinja2.Environment:
         autoescape=jinja2.select_autoescape(enabled_extensions=("html.j2",), default=False),
     )
     environment.filters["num"] = exact
-    environment.filters["nums"] = _exact_row
+    # one call for many numbers, since a filter's call costs as much as ten numbers
+    environment.filters["nums"] = lambda values: " ".join(map(exact, values))
     environment.filters["rows"] = _numbered_rows
     return environment
 
@@ -73,13 +74,8 @@ def exact(value: float) -> str:
     return text.removesuffix(".0")
 
 
-def _exact_row(values: Iterable[float]) -> str:
-    """Numbers of one line; one call for many, since a filter's call costs as much as ten numbers."""
-    return " ".join(map(exact, values))
-
-
 def _numbered_rows(rows: NDArray[np.float64]) -> str:
-    """Lines of an array of shape (lines, numbers), each after its own number from 1; one call for very many lines."""
+    """Lines of an array of shape (lines, numbers), each after its number from 1; one call for many lines."""
     numbered = np.column_stack([np.arange(1.0, len(rows) + 1), rows]).tolist()
     text = repr(numbered)[2:-2].replace("], [", "\n").replace(",", "")
     return text.replace(".0 ", " ").replace(".0\n", "\n").removesuffix(".0")

@@ -15,12 +15,15 @@ CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u20
 
 
 def printable(text: str, *, lines: bool = True) -> str:
-    """Text with a question mark for each control character, which could change a terminal, or any but of ``lines``."""
+    """Text with a question mark for each control character, which could change a terminal.
+
+    Without ``lines`` tabs and ends of lines are replaced, too.
+    """
     return CONTROL.sub("?", text if lines else text.translate({ord("\t"): "?", ord("\n"): "?"}))
 
 
 def one_line(*parts: object, longest: int = MAX_CHARACTERS) -> str:
-    """Joins the parts of a message on one line; parts that are too long lose their middle, the longest first."""
+    """Join the parts of a message on one line; parts that are too long lose their middle, the longest first."""
     lines = [printable(re.sub(r"[\s\x00-\x1f\x7f]+", " ", str(part))) for part in parts]
     for left, place in enumerate(sorted(range(len(lines)), key=lambda place: len(lines[place]))):
         line, share = lines[place], longest // (len(lines) - left)
@@ -69,19 +72,19 @@ def _statement(key: str, found: str, allowed: str) -> tuple[str, str, str]:
 
 
 def refuse_any(where: str, problems: Iterable[InputProblem]) -> None:
-    """Refuses an input that has any problems.
+    """Refuse an input that has any problems.
 
     Raises:
         InputError: lists them all.
     """
-    found = list(problems)
-    if found:
-        raise InputError(where, *found[0], *found[1:])
+    listed = list(problems)
+    if listed:
+        raise InputError(where, *listed[0], *listed[1:])
 
 
 @contextmanager
 def gathered(problems: list[InputProblem], where: str) -> Iterator[None]:
-    """Collects the problems of an input instead of raising the first; problems of other files are raised."""
+    """Collect the problems of an input instead of raising the first; problems of other files are raised."""
     try:
         yield
     except InputError as error:
@@ -109,10 +112,10 @@ class RunError(Exception):
         return printable(str(self.args[0]))
 
 
-def digits_apart(one: float, other: float) -> tuple[str, str]:
+def digits_apart(first: float, second: float) -> tuple[str, str]:
     """Two numbers with as many digits as show that they differ, at least four."""
     for digits in range(4, 18):
-        texts = f"{one:.{digits}g}", f"{other:.{digits}g}"
+        texts = f"{first:.{digits}g}", f"{second:.{digits}g}"
         if texts[0] != texts[1]:
             break
     return texts

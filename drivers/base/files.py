@@ -76,8 +76,8 @@ def read_sealed_file(path: Path, allowed: str) -> bytes:
 
 def remove_sealed_file(path: Path) -> None:
     """Remove a file written by ``sealed_file``, if it exists."""
-    for each in (path, _seal_of(path)):
-        each.unlink(missing_ok=True)
+    for file in (path, _seal_of(path)):
+        file.unlink(missing_ok=True)
 
 
 def _seal_of(path: Path) -> Path:
@@ -113,16 +113,16 @@ def read_sealed(path: Path, allowed: str) -> dict[str, Any]:
     """
     content = _read(path, allowed)
     try:
-        found = json.loads(content)
-        digest = found.pop(DIGEST, None)
-        altered = digest != digest_of_json(found)
+        values = json.loads(content)
+        digest = values.pop(DIGEST, None)
+        altered = digest != digest_of_json(values)
     except (ValueError, TypeError, AttributeError, RecursionError) as error:
         raise DamagedError(paths.shown(path), "", DAMAGED, allowed) from error
     if altered:
-        words = ALTERED if digest else "a file without its digest"
-        raise DamagedError(paths.shown(path), "", words, allowed)
-    assert isinstance(found, dict)
-    return found
+        problem = ALTERED if digest else "a file without its digest"
+        raise DamagedError(paths.shown(path), "", problem, allowed)
+    assert isinstance(values, dict)
+    return values
 
 
 def digest_of_json(content: Any) -> str:
@@ -142,12 +142,12 @@ def _read(path: Path, allowed: str) -> bytes:
         raise DamagedError(paths.shown(path), "", found, allowed) from error
 
 
-def csv_of(table: "pd.DataFrame", *, index: bool = False) -> bytes:
+def csv_of(table: "pd.DataFrame") -> bytes:
     """Table as CSV; an apostrophe before text that a spreadsheet would take for a formula."""
     safe = _in_texts(table, lambda text: f"'{text}" if FORMULA.match(text) else text)
-    text = str(safe.to_csv(index=index))
+    text = str(safe.to_csv(index=False))
     if "\r" in text:  # the end of a line for readers, which Python does not quote
-        text = str(safe.to_csv(index=index, quoting=csv.QUOTE_NONNUMERIC))
+        text = str(safe.to_csv(index=False, quoting=csv.QUOTE_NONNUMERIC))
     return text.encode()
 
 

@@ -1,6 +1,6 @@
-"""The cache of derived results, and the one answer to the question whether something that they depend on has changed.
+"""Cache of derived results, each valid until something that it depends on changes.
 
-An entry is a JSON file, named by a digest of everything it depends on, that holds this name and its own digest.
+An entry is a JSON file. Its name is a digest of everything it depends on; it holds this name and a digest of itself.
 """
 
 import hashlib
@@ -31,8 +31,8 @@ def kept(depends_on: Any, compute: Callable[[], Any]) -> Any:
         depends_on: JSON value with everything the result depends on besides sources, inputs, packages and machine.
         compute: function without side effects that returns a JSON value other than null.
     """
-    found = recall(depends_on)
-    return keep(depends_on, compute()) if found is None else found
+    stored = recall(depends_on)
+    return keep(depends_on, compute()) if stored is None else stored
 
 
 def recall(depends_on: Any) -> Any:
@@ -41,7 +41,7 @@ def recall(depends_on: Any) -> Any:
     try:
         entry = read_sealed(path, "a result as it was computed")
         if entry.get("name") != path.stem:
-            raise DamagedError(paths.shown(path), "", "a result under another name", "its own")
+            raise DamagedError(paths.shown(path), "", "a result under another name", "the name of its file")
         return entry["result"]
     except InputError as error:
         say(f"{error}: computed again")

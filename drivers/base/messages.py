@@ -33,7 +33,7 @@ EXPECTED = {  # allowed values by the type of pydantic's error, filled in from i
 
 
 def validate(model: type[Model], data: object, where: str | Path, prefix: str = "") -> Model:
-    """Validates ``data`` as a ``model``; ``where`` is the file, or its name in messages.
+    """Validate ``data`` as a ``model``; ``where`` is the file, or its name in messages.
 
     Raises:
         InputError: lists every problem, each with its key, the value found and those allowed.
@@ -98,7 +98,7 @@ def _found_and_allowed(error: Any) -> tuple[str, str]:
 
 
 def shorten(value: object) -> str:
-    """Quotes a value for a message."""
+    """Quote a value for a message."""
     try:
         text = f'"{value}"' if isinstance(value, str) else repr(value)
     except ValueError:  # a whole number of more digits than Python writes
@@ -112,10 +112,10 @@ def model_at(model: type[BaseModel], path: Sequence[int | str]) -> type[BaseMode
         if isinstance(part, int) or part not in model.model_fields:
             continue  # an entry of a list, or the free name of a material: of the same model
         parts = parts_of(model.model_fields[part].annotation)
-        model = next((each for each in parts if isinstance(each, type) and issubclass(each, BaseModel)), model)
+        model = next((kind for kind in parts if isinstance(kind, type) and issubclass(kind, BaseModel)), model)
     return model
 
 
 def parts_of(annotation: Any) -> list[Any]:
     """Annotation and all parts of which it is composed, including metadata."""
-    return [annotation, *(part for each in get_args(annotation) for part in parts_of(each))]
+    return [annotation, *(part for argument in get_args(annotation) for part in parts_of(argument))]

@@ -58,7 +58,7 @@ try:
 except OSError as error:
     sys.exit(f"cannot start: {error}")
 null = os.open(os.devnull, os.O_RDWR)
-for stream in (0, 1, 2):  # the end of the command's output is seen when it closes its own
+for stream in (0, 1, 2):  # so that the command alone holds its output open
     os.dup2(null, stream)
 _, status, usage = os.wait4(child, 0)
 if pipe >= 0:
@@ -187,7 +187,7 @@ def reap(process: subprocess.Popen[bytes]) -> resource.struct_rusage:
 
 @contextmanager
 def stoppable(stop: Callable[[], None]) -> Iterator[None]:
-    """Work of this process that ``stop`` ends: within ``all_stopped`` as any process.
+    """Context for work of this process, which ``all_stopped`` ends by calling ``stop``.
 
     Raises:
         KeyboardInterrupt: all work is being stopped.
@@ -251,7 +251,7 @@ def cores() -> int:
 
 @contextmanager
 def all_stopped() -> Iterator[None]:
-    """End the work of other threads and any they begin within this context; there it ends as by Ctrl-C."""
+    """End the work of other threads, and all that they begin within this context, as Ctrl-C ends it."""
     global _stops
     with _lock:
         _stops += 1

@@ -77,7 +77,7 @@ def step(what: str, number: int, of: int) -> Iterator[None]:
 def counted(
     what: str, total: int | None = None, unit: str = "run", *, bar: bool = True
 ) -> Iterator[Callable[..., None]]:
-    """Show a task without a line at its start; yields a function that counts units. Without ``bar`` lines alone."""
+    """Show a task without a line at its start; yields a function that counts units. Without ``bar`` it prints lines."""
     global _last_line
     from tqdm import tqdm
 
@@ -135,8 +135,8 @@ def _keep_talking() -> None:
             if task is None:
                 _news.clear()
             elif not task.bar.disable:
-                for each in _under_way:
-                    each.bar.refresh()
+                for running in _under_way:
+                    running.bar.refresh()
             elif time.perf_counter() - _last_line > MAX_SILENCE_S - REFRESH_S:
                 say(f"{'  ' * _depth}{task}", _under_way[0].stream)  # tests may have replaced the standard error
         if task is None:

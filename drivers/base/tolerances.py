@@ -23,5 +23,5 @@ def _table() -> dict[str, Any]:
 
 def tolerance(kind: str, quantity: str) -> Tolerance:
     """Tolerance of a quantity."""
-    found = _table()[kind][quantity]
-    return Tolerance(float(found["limit"]), found["reason"])
+    entry = _table()[kind][quantity]
+    return Tolerance(float(entry["limit"]), entry["reason"])

@@ -45,10 +45,10 @@ def _factor(unit_text: str, unit: str) -> str:
     def by_pint() -> str:
         registry = _registry()
         parsed = registry.parse_units(unit_text)
-        one, two = (Decimal(registry.Quantity(Decimal(count), parsed).to(unit).magnitude) for count in (1, 2))
-        if two != 2 * one:
+        single, double = (Decimal(registry.Quantity(Decimal(count), parsed).to(unit).magnitude) for count in (1, 2))
+        if double != 2 * single:
             raise ValueError("a unit with an offset")
-        return str(one)
+        return str(single)
 
     return str(kept([unit_text, unit], by_pint))
 

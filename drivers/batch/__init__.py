@@ -1,6 +1,5 @@
 """Batch studies: many cases of one scene, run once and tabulated.
 
-study (varied values) -> study_cases (cases with identities, rows that are missing) -> study_plan (all cases
-validated) -> study_rows (cases that are run) -> store (finished rows) -> study_table. ``job_array`` runs slices of a
-study on Slurm.
+study (varied values) -> study_cases (all cases validated, with identities; missing rows) -> study_rows (cases that are
+run) -> store (finished rows) -> study_table. ``job_array`` runs slices of a study on Slurm.
 """

@@ -89,7 +89,7 @@ def expand(axis: Axis, base: dict[str, Any], folder: Path, where: str, place: st
         case "factors":
             return [{key: _multiplied(base, key, factor, where, place) for key in axis.key} for factor in value]
     values = _range(axis, where, place) if form == "from" else value
-    return [dict.fromkeys(axis.key, each) for each in values]
+    return [dict.fromkeys(axis.key, value) for value in values]
 
 
 def _zipped(lists: dict[str, tuple[Any, ...]], where: str, place: str) -> list[Choice]:
@@ -122,7 +122,7 @@ def _range(axis: Axis, where: str, place: str) -> list[Any]:
         raise InputError(where, f"{place}.from", ends, 'ends above zero for spacing = "log"')
     first, last = (math.log(low), math.log(high)) if log else (low, high)
     inner = [first + (last - first) * i / (axis.count - 1) for i in range(1, axis.count - 1)]
-    values = [low, *(math.exp(each) if log else each for each in inner), high]
+    values = [low, *(math.exp(point) if log else point for point in inner), high]
     if isinstance(axis.from_, int) and isinstance(axis.to, int):
         return list(dict.fromkeys(round(value) for value in values))
     return [f"{value!r} {unit}" if unit else value for value in values]

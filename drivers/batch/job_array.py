@@ -63,7 +63,7 @@ def job_script(batch: Batch, todo: list[int], parts: int, lines: Sequence[str]) 
     """Script of a job array for the slices with unfinished cases.
 
     ``lines`` are inserted before its command, those with #SBATCH before all commands, as Slurm requires. The PATH of
-    this process is added to that of the login profile, for programs that are found here.
+    this process is added to that of the login profile, for programs that are installed here.
     """
     request, study = batch.request, batch.study
     command = [str(Path(sys.executable).with_name("beads")), "batch", str(study.path)]
@@ -119,10 +119,10 @@ def waiting_for(job: str) -> Iterator[None]:
     Raises:
         RunError: squeue does not answer.
     """
-    words = ["squeue", "--noheader", "--jobs", job, "--format=%T"]
+    command = ["squeue", "--noheader", "--jobs", job, "--format=%T"]
     failures = 0
     while failures < MAX_FAILURES:
-        done = subprocess.run(words, capture_output=True, text=True, check=False)
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
         if (done.returncode == 0 and not done.stdout.strip()) or "Invalid job id" in done.stderr:
             return  # ended; Slurm may have forgotten the job
         failures = failures + 1 if done.returncode else 0
@@ -133,5 +133,5 @@ def waiting_for(job: str) -> Iterator[None]:
 
 def _ranges(numbers: list[int]) -> str:
     """Numbers in Slurm's format, such as ``1-4,7,9-10``."""
-    runs = [[number for _, number in run] for _, run in groupby(enumerate(numbers), lambda each: each[1] - each[0])]
+    runs = [[number for _, number in run] for _, run in groupby(enumerate(numbers), lambda pair: pair[1] - pair[0])]
     return ",".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else str(run[0]) for run in runs)

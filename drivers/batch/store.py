@@ -112,7 +112,7 @@ def _name_of(content: bytes) -> str:
 
 
 class Outbox:
-    """Collects rows and commits them to the store every second, and at the end of its ``with`` block."""
+    """Collector of rows, which commits them to the store every second, and at the end of its ``with`` block."""
 
     def __init__(self, store: Path, place: Path) -> None:
         self._store = store

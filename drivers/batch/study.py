@@ -153,11 +153,10 @@ def read_study(source: str | Path, also: Sequence[str] = ()) -> Study:
         with gathered(problems, where):
             choices = expand(axis, base, path.parent, where, place)
             for key in choices[0]:
-                for old in seen:
+                for old, old_place in seen.items():
                     if f"{old}.".startswith(f"{key}.") or f"{key}.".startswith(f"{old}."):
-                        raise InputError(
-                            where, place, f"{key}, which overlaps {old} of {seen[old]}", "each key of the scene once"
-                        )
+                        found = f"{key}, which overlaps {old} of {old_place}"
+                        raise InputError(where, place, found, "each key of the scene once")
             seen |= dict.fromkeys(choices[0], place)
             keys = [axis.key[0]] if axis.key else list(choices[0])
             if axis.name and len(keys) > 1:

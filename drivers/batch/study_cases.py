@@ -1,18 +1,21 @@
-"""Cases of a study with their decks, and the identities by which finished rows are found.
+"""Cases of a study with their decks, the identities by which finished rows are found, and the planning of a batch.
 
 Facts of cases are computed once and kept until something that they depend on changes.
 """
 
 import hashlib
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from drivers.base.kept import content_of, digest_of_sources, keep, recall
 from drivers.base.processes import UNKNOWN_VERSION
+from drivers.base.progress import counted
 from drivers.base.tolerances import tolerance
 from drivers.batch.store import WORK, Store, StudyRow
 from drivers.batch.study import Study, column_name, read_study, select, value_at
@@ -24,10 +27,13 @@ from drivers.engines._entries import entry_files, use_entries
 from drivers.limits.energy_bounds import needed_tolerance
 from drivers.limits.refusal import inability, refuse
 from drivers.run.build import Build, build_of, names_of
+from drivers.run.execute import Place, execute
 from drivers.run.run import run_identity
 from drivers.run.workplaces import leased
 
 STATES = ("done", "failed", "timeout", "stale", "claimed", "to do", "not installed")  # of a row
+WORKER_COSTS = ("start_s", "engine_s", "workflow_s", "reference_s")  # they add up to a worker's time
+MIN_PARALLEL_CASES = 500  # from this number on, workers share the planning
 CHUNK = 25  # facts of so many cases fit into one write; a worker killed between two writes would block the batch
 
 
@@ -117,8 +123,8 @@ class Batch:
         """Digest of study, builds and adapters; results in the cache depend on everything else in any case."""
         adapters = {file for name in self.builds for file in _adapter_file(name)}
         templates = {template for file in adapters for template in file.parent.rglob("*.j2")}
-        words = (f"{self.study!r}", f"{sorted(self.builds.items())}", f"{sorted(self.readers.items())}")
-        return _digest("\0".join((*words, content_of((*adapters, *templates)))))
+        parts = (self.study, sorted(self.builds.items()), sorted(self.readers.items()), content_of(templates))
+        return _digest(repr(parts))
 
     @property
     def all_numbers(self) -> range:
@@ -173,14 +179,14 @@ class Batch:
 
     def recall_facts(self, chunk: Sequence[int]) -> bool:
         """Read facts of a chunk from the cache; False if there are none, or something they depend on has changed."""
-        found = recall(self._key_of(chunk)) or []
-        self.known.update((number, CaseFacts(**each)) for number, each in zip(chunk, found, strict=bool(found)))
-        return bool(found)
+        stored = recall(self._key_of(chunk)) or []
+        self.known.update((number, CaseFacts(**values)) for number, values in zip(chunk, stored, strict=bool(stored)))
+        return bool(stored)
 
     def keep_facts(self, chunk: Sequence[int]) -> list[CaseFacts]:
         """Compute and keep the facts of a chunk; raises as ``computed_facts``."""
         facts = [self.computed_facts(number) for number in chunk]
-        return [CaseFacts(**each) for each in keep(self._key_of(chunk), [asdict(fact) for fact in facts])]
+        return [CaseFacts(**values) for values in keep(self._key_of(chunk), [asdict(fact) for fact in facts])]
 
     @property
     def values(self) -> dict[str, list[Any]]:
@@ -245,7 +251,7 @@ def opened(request: Request) -> Batch:
     runnable = study.engines if request.elsewhere else here
     if here != study.engines:
         store.refresh()
-    guards = [tolerance("guard", each).limit for each in ("energy", "impacts", "rounding", "friction", "least")]
+    guards = [tolerance("guard", quantity).limit for quantity in ("energy", "impacts", "rounding", "friction", "least")]
     for name in dict.fromkeys((*study.engines, REFERENCE)):
         engine = load_engine(name)
         builds[name] = build_of(engine) if name in (*here, REFERENCE) else _build_elsewhere(engine, store)
@@ -254,11 +260,59 @@ def opened(request: Request) -> Batch:
     return Batch(request, study, engines, numbers, here, runnable, builds, readers, store)
 
 
+def validate_cases(batch: Batch, workers: int) -> None:
+    """Read or compute the facts of all cases of a study, by several workers if it is large.
+
+    The facts of each chunk of cases are kept when they are computed, so that planning continues after a kill.
+
+    Raises:
+        InputError: a case is wrong or refused.
+    """
+    left = [chunk for chunk in batch.chunks() if not batch.recall_facts(chunk)]
+    under_way: Iterator[tuple[Sequence[int], list[CaseFacts]]]
+    if len(left) * CHUNK < MIN_PARALLEL_CASES or workers == 1:
+        under_way = ((chunk, batch.keep_facts(chunk)) for chunk in left)
+    else:
+        under_way = execute(partial(_keep_facts, batch.request), left, Place(workers, processes=True))
+    with counted("cases validated", sum(map(len, left)), "case") as count:
+        for chunk, facts in under_way:
+            batch.known.update(zip(chunk, facts, strict=True))
+            count(len(chunk))
+
+
+def _keep_facts(request: Request, chunk: Sequence[int]) -> list[CaseFacts]:
+    return opened(request).keep_facts(chunk)
+
+
+def expected_s(batch: Batch, todo: dict[str, list[int]]) -> float | None:
+    """Expected time in s of one worker for some cases by engine; None without any finished row.
+
+    A row costs a constant plus a time proportional to bodies times steps; both are fitted to stored rows.
+    """
+    from scipy.optimize import nnls
+
+    seconds = 0.0
+    for engine, numbers in todo.items():
+        if not numbers:
+            continue
+        rows = [row for row in batch.store.rows.values() if row.engine == engine and row.cost.get("engine_s")]
+        if not rows:
+            return None
+        spent = np.array([sum(row.cost[name] or 0.0 for name in WORKER_COSTS) for row in rows])
+        work = np.array([float(row.work) for row in rows])
+        scale = work.max() or 1.0
+        constant, rate = 0.0, spent.mean()
+        if np.ptp(work):
+            constant, rate = nnls(np.column_stack([np.ones(len(work)), work / scale]), spent)[0]
+        seconds += float(sum(constant + rate * batch.facts(number).work / scale for number in numbers))
+    return seconds
+
+
 def _build_elsewhere(engine: Engine, store: Store) -> Build:
     """Build of the newest row of an engine by a command of its entry; failed rows count only without a row done."""
     rows = [row for row in store.rows.values() if row.engine == engine.name and row.build]
     rows.sort(key=lambda row: (row.done, row.ended), reverse=True)
-    commands = {names_of(words) for words in engine.entry.command}
+    commands = {names_of(command) for command in engine.entry.command}
     builds = (build for row in rows if (build := Build.of_identity(row.build)).command in commands)
     return next(builds, Build((), UNKNOWN_VERSION, ""))
 

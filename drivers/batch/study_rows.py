@@ -95,23 +95,25 @@ def run_rows(request: Request, numbers: Sequence[int]) -> list[int]:
         for start in range(0, len(numbers), CHUNK):
             identities = {number: batch.facts(number).identities for number in numbers[start : start + CHUNK]}
             store.refresh()
-            asked = {each[name] for each in identities.values() for name in batch.engines if name in batch.runnable}
+            asked = {
+                of_case[name] for of_case in identities.values() for name in batch.engines if name in batch.runnable
+            }
             missing = {identity for identity in asked if batch.is_to_run(identity)}
             free = lease(place, missing) if missing else set()
             store.refresh()  # rows finished by others before the lease
             free = {identity for identity in free if batch.is_to_run(identity)}
             ran: set[str] = set()
-            for number, each in identities.items():
-                wanted = [name for name, identity in each.items() if identity in free - ran]
+            for number, of_case in identities.items():
+                wanted = [name for name, identity in of_case.items() if identity in free - ran]
                 if not wanted:
                     continue
                 case = batch.case(number)
                 for name in wanted:
                     box.add(_row(batch, number, case, name, exact))
-                    ran.add(each[name])
+                    ran.add(of_case[name])
             box.flush()  # before the lease ends
-            others = {each for each in missing - free if batch.is_to_run(each)}
-            left += [number for number, each in identities.items() if others & {*each.values()}]
+            others = {identity for identity in missing - free if batch.is_to_run(identity)}
+            left += [number for number, of_case in identities.items() if others & {*of_case.values()}]
     return left
 
 

@@ -26,24 +26,24 @@ def tables(batch: Batch) -> tuple[pd.DataFrame, pd.DataFrame]:
     study = batch.study
     by_engine = {name: batch.rows_of(name) for name in study.engines}
     rows = [(place, name, by_engine[name][place]) for place in range(study.count) for name in study.engines]
-    found = [row for _, _, row in rows]
+    stored = [row for _, _, row in rows]
     keys: dict[str, list[Any]] = {"case": [place + 1 for place, _, _ in rows]}
     keys |= {name: [values[place] for place, _, _ in rows] for name, values in batch.values.items()}
     keys |= {"engine": [name for _, name, _ in rows]}
     absent = {name: "to do" if name in batch.runnable else "not installed" for name in study.engines}
     numbers = keys | {
         "status": [row.status if row else absent[name] for _, name, row in rows],
-        "reason": [row.reason if row else "" for row in found],
-        "force_error_share": [row.force_error if row else None for row in found],
+        "reason": [row.reason if row else "" for row in stored],
+        "force_error_share": [row.force_error if row else None for row in stored],
     }
-    for name in _observed(found):
+    for name in _observed(stored):
         if name in batch.values:
             raise InputError(study.where, "axis", f'"{name}", the name of an observable', "another name of the column")
         if any(fnmatchcase(name, glob) for glob in study.file.observables):
-            numbers[name] = [row.values.get(name) if row else None for row in found]
+            numbers[name] = [row.values.get(name) if row else None for row in stored]
     work = [batch.facts(place + 1).work for place, _, _ in rows]
     costs = {"case": keys["case"], "engine": keys["engine"], "bodies_times_steps": work}
-    costs |= {name: [row.cost[name] if row else None for row in found] for name in COSTS}
+    costs |= {name: [row.cost[name] if row else None for row in stored] for name in COSTS}
     table = _frame(numbers, set(batch.values))
     table.attrs[CASES] = study.cases_sha256
     return table, _frame(costs, set())

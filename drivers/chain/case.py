@@ -125,9 +125,9 @@ class Case:
         every = self.scene.steps_per_sample
         return range(0, self.scene.steps + 1, every)
 
-    def models(self, element: str) -> bool:
+    def models(self, name: str) -> bool:
         """True if decks model the named element."""
-        return next(each.modelled for each in self.elements if each.name == element)
+        return next(element.modelled for element in self.elements if element.name == name)
 
     @property
     def layout(self) -> Layout:
@@ -152,18 +152,18 @@ class Case:
         chain, striker = self.chain, self.scene.striker
         beads = f"{chain.beads} bead{'s' if chain.beads != 1 else ''}"
         wall = "a rigid wall" if chain.wall == RIGID else f"a wall of {chain.wall}"
-        words = f"{beads} on {wall}" if chain.wall else f"{beads} in a free chain"
+        text = f"{beads} on {wall}" if chain.wall else f"{beads} in a free chain"
         if striker is not None:
             shape = "flat face" if striker.shape == "flat" else "sphere"
-            words += f", struck by a {shape} of {striker.material} at {striker.speed:g} m/s"
+            text += f", struck by a {shape} of {striker.material} at {striker.speed:g} m/s"
         if self.scene.chain.angle:
             leaning = f"leaning by {self.scene.chain.angle:g} deg"
-            words += f"; {leaning}: z is the axis, gravity along it {chain.gravity_m_s2:.4g} m/s^2"
+            text += f"; {leaning}: z is the axis, gravity along it {chain.gravity_m_s2:.4g} m/s^2"
         if chain.drive is not None:
-            words += f"; {drive_words(self.scene)}"
+            text += f"; {drive_words(self.scene)}"
         if chain.damped:
-            words += f"; {chain.law.description}"
-        return words
+            text += f"; {chain.law.description}"
+        return text
 
 
 def build_case(scene: Scene) -> Case:

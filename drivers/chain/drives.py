@@ -1,7 +1,7 @@
 """Wave forms of drives as tables of segments (``Drive`` of ``validation.reference``), and the energy that they put in.
 
 Before ``drive.start`` a drive is 0; after its end it holds its last value, and a half-sine returns to 0. A new form is
-a function here, an entry of ``FORMS``, and its keys in ``drivers.scene.drive_table`` and ``drive_rules``.
+a function here, an entry of ``FORMS``, and its keys in ``drivers.scene.model`` and ``drivers.scene.drive_rules``.
 """
 
 from collections.abc import Callable
@@ -11,8 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drivers.base.units import quantity
-from drivers.scene.drive_table import DriveTable, StoredDrive
-from drivers.scene.model import Scene
+from drivers.scene.model import DriveTable, Scene, StoredDrive
 from drivers.scene.settings import unit_of
 from validation.reference.hertz_chain import COLUMNS, SAME_TIME, SINES, Array, Drive
 
@@ -89,12 +88,12 @@ def drive_words(scene: Scene) -> str:
     if table is None:
         return ""
     place = table.from_wall or scene.bodies
-    words = [f"drive of {'the striker' if place > scene.chain.count else f'bead {place}'}: form {table.form}"]
+    parts = [f"drive of {'the striker' if place > scene.chain.count else f'bead {place}'}: form {table.form}"]
     for key in sorted(DriveTable.model_fields.keys() - {"form", "from_wall", "file"}):
         value, unit = getattr(table, key), unit_of(f"drive.{key}")
         if value is not None:
-            words.append(f"{key.replace('_', ' ')} {quantity(value, unit) if unit else value}")
-    return ", ".join([*words, *([f"{len(table.time_s)} points"] if table.time_s else [])])
+            parts.append(f"{key.replace('_', ' ')} {quantity(value, unit) if unit else value}")
+    return ", ".join([*parts, *([f"{len(table.time_s)} points"] if table.time_s else [])])
 
 
 class SegmentSteps(NamedTuple):

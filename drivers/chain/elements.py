@@ -54,7 +54,7 @@ def choose_elements(scene: Scene, chain: Chain) -> tuple[ModellingElement, ...]:
         ("wall", chain.wall, f"{wall}, Hertz law with R* = R", "a free chain"),
         ("striker", striker, striker and f"{shape} of {striker.material} at {striker.speed:g} m/s", NONE),
         ("precompression", chain.precompression_N, f"{chain.precompression_N:g} N on the top bead", NONE),
-        ("sensor masses", unlike, f"{unlike} sensor bead(s) of another mass than the beads", alike),
+        ("sensor masses", unlike, f"{unlike} of {len(scene.chain.sensors)} sensor beads are of another mass", alike),
         ("mass scatter", scatter, f"standard deviation {scatter:g} kg, seed {scene.seed}", NONE),
         *(_straight(scene) if chain.lateral is None else _sideways(scene, chain.lateral)),
         ("damping", chain.damped, damped, "restitution 1: contacts are elastic"),

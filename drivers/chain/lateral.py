@@ -65,17 +65,17 @@ class Lateral:
         return self.friction > 0 or (self.bore is not None and self.bore.friction > 0)
 
 
-def block_bands(own: Array, coupling: Array) -> Array:
+def block_bands(diagonal: Array, coupling: Array) -> Array:
     """Upper bands, in scipy's layout, of a symmetric block-tridiagonal matrix.
 
     Args:
-        own: blocks on the diagonal, shape (bodies, 3, 3).
+        diagonal: blocks on the diagonal, shape (bodies, 3, 3).
         coupling: blocks above the diagonal, shape (bodies - 1, 3, 3).
     """
-    bands = np.zeros((6, 3 * len(own)))
+    bands = np.zeros((6, 3 * len(diagonal)))
     for row in range(3):
         for column in range(3):
             if column >= row:
-                bands[5 - (column - row), column::3] = own[:, row, column]
+                bands[5 - (column - row), column::3] = diagonal[:, row, column]
             bands[5 - (column + 3 - row), 3 + column :: 3] = coupling[:, row, column]
     return bands

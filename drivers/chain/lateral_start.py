@@ -31,13 +31,9 @@ MAX_STEP_SHARE = 0.25  # of a bead's play; its largest step
 def with_lateral(scene: Scene, chain: Chain) -> Chain:
     """Chain with the additional properties and the start of a three-dimensional scene.
 
-    The chain of a straight scene is returned unchanged.
-
     Raises:
         InputError: no equilibrium was found.
     """
-    if not scene.three_dimensional:
-        return chain
     velocity = np.zeros((chain.bodies, 2))
     for bead in scene.chain.bead:
         velocity[bead.from_wall - 1, 0] = bead.lateral_velocity or 0.0
@@ -72,15 +68,15 @@ def _bore(scene: Scene, chain: Chain) -> Bore | None:
     tube = scene.tube
     if tube is None:
         return None
-    radius = tube.inner_diameter / 2
+    bore_radius = tube.inner_diameter / 2
     stiffness, shear = np.zeros(chain.bodies), np.zeros(chain.bodies)
     for j in range(chain.bodies):
-        own, material = chain.radius_m[j], scene.materials[chain.materials[j]]
-        if own < radius and (tube.top is None or chain.height_m[j] <= tube.top):
-            stiffer = conformity(own, radius)
-            stiffness[j] = stiffer * hertz_stiffness(scene.materials[tube.material], np.inf, material, own)
-            shear[j] = stiffer * mindlin_stiffness(scene.materials[tube.material], np.inf, material, own)
-    return Bore(radius, stiffness, shear, tube.friction, np.inf if tube.top is None else tube.top)
+        radius, material = chain.radius_m[j], scene.materials[chain.materials[j]]
+        if radius < bore_radius and (tube.top is None or chain.height_m[j] <= tube.top):
+            stiffer = conformity(radius, bore_radius)
+            stiffness[j] = stiffer * hertz_stiffness(scene.materials[tube.material], np.inf, material, radius)
+            shear[j] = stiffer * mindlin_stiffness(scene.materials[tube.material], np.inf, material, radius)
+    return Bore(bore_radius, stiffness, shear, tube.friction, np.inf if tube.top is None else tube.top)
 
 
 def _packed(scene: Scene, chain: Chain, resting: int) -> Chain:
@@ -166,7 +162,7 @@ def _potential(chain: Chain, bore: Bore, place: Array) -> tuple[float, Array, Ar
     energy = -float(load @ place[:, 2])
     gradient = np.zeros((count, 3))
     gradient[:, 2] -= load
-    own = np.zeros((count, 3, 3))
+    diagonal = np.zeros((count, 3, 3))
 
     along = np.diff(place, axis=0)
     distance = np.linalg.norm(along, axis=1)
@@ -177,18 +173,18 @@ def _potential(chain: Chain, bore: Bore, place: Array) -> tuple[float, Array, Ar
     gradient[:-1] += push
     outer = normal[:, :, None] * normal[:, None, :]
     block = slope[:, None, None] * outer - (force / distance)[:, None, None] * (np.eye(3) - outer)
-    own[1:] += block
-    own[:-1] += block
+    diagonal[1:] += block
+    diagonal[:-1] += block
 
     wall_energy, force, slope = _hertz(stiffness[:1], radius[:1] - place[:1, 2])
     gradient[0, 2] -= force[0]
-    own[0, 2, 2] += slope[0]
+    diagonal[0, 2, 2] += slope[0]
 
     bore_energy, push, block_in_bore = _bore_potential(bore, radius, place[:, :2])
     gradient[:, :2] += push
-    own[:, :2, :2] += block_in_bore
+    diagonal[:, :2, :2] += block_in_bore
     energy += float(pair_energy.sum() + wall_energy.sum()) + bore_energy
-    return energy, gradient, block_bands(own, -block)
+    return energy, gradient, block_bands(diagonal, -block)
 
 
 def _bore_potential(bore: Bore, radius: Array, place: Array) -> tuple[float, Array, Array]:

@@ -21,14 +21,14 @@ class Beads:
 def ordinary_beads(scene: Scene) -> Beads:
     """Beads by the keys of the chain, its pattern and its taper, without ``[[chain.bead]]``, sensors and scatter."""
     table, members = scene.chain, scene.chain.members
-    member, taper = np.arange(table.count) % len(members), table.taper_at(np.arange(1.0, table.count + 1))
-    materials = [each.material or table.material for each in members]
-    diameters = [each.diameter or table.diameter for each in members]
-    masses = [bead_mass(scene, each) for each in members] if table.count else [0.0]
+    places, taper = np.arange(table.count) % len(members), table.taper_at(np.arange(1.0, table.count + 1))
+    materials = [member.material or table.material for member in members]
+    diameters = [member.diameter or table.diameter for member in members]
+    masses = [bead_mass(scene, member) for member in members] if table.count else [0.0]
     return Beads(
-        [materials[place] for place in member.tolist()],
-        np.array(diameters)[member] * taper,
-        np.array(masses)[member] * taper**3,
+        [materials[place] for place in places.tolist()],
+        np.array(diameters)[places] * taper,
+        np.array(masses)[places] * taper**3,
     )
 
 

@@ -128,7 +128,7 @@ def make_trace(
     with np.errstate(over="ignore", invalid="ignore"):  # runs that blow up are reported by the guard
         if three_dimensional:
             across, across_velocity = place_m[:, :, :2], velocity_m_s[:, :, :2]
-            spin, by_bore = (np.zeros_like(place_m) if each is None else each for each in (spin_rad_s, bore_N))
+            spin, by_bore = (np.zeros_like(place_m) if vectors is None else vectors for vectors in (spin_rad_s, bore_N))
             distance = np.maximum(np.hypot(across[:, :, 0], across[:, :, 1]), 1e-300)
             towards_axis = -(across * by_bore[:, :, :2]).sum(axis=2) / distance
             more = {"across_m": across, "across_velocity_m_s": across_velocity}
@@ -192,8 +192,8 @@ def overlaps(chain: Chain, height_m: Array) -> Array:
 def energy_error_J(energy_J: Array, *, damped: bool, slips: bool) -> Array:
     """Error of the total energy at each sample, in J.
 
-    For elastic contacts the change since time 0; for damped contacts the gain over the smallest value so far. With
-    friction the gain over the value at time 0, since shear energy is not included.
+    For elastic contacts the change since time 0; for damped contacts the gain above the smallest value so far. With
+    friction the gain above the value at time 0, since shear energy is not included.
     """
     if slips:
         return np.asarray(np.maximum(energy_J - energy_J[0], 0.0))
@@ -250,7 +250,7 @@ def state_table(trace: Trace) -> "pa.Table":
 def numbered_table(time_s: Array, columns: Mapping[str, Array]) -> "pa.Table":
     """Table of time and of arrays of shape (samples, bodies), by the patterns of their columns."""
     numbered = [_by_body(pattern, values) for pattern, values in columns.items()]
-    return _table_of({"time_s": time_s} | {name: column for each in numbered for name, column in each.items()})
+    return _table_of({"time_s": time_s} | {name: column for by_name in numbered for name, column in by_name.items()})
 
 
 @dataclass(frozen=True)

@@ -150,11 +150,11 @@ class Engine:
         """Command that starts the build, with paths of its programs; None if it is not installed."""
         if self.in_repository:
             return (sys.executable,)
-        return next((found for words in self.entry.command if (found := find_command(words))), None)
+        return next((program for command in self.entry.command if (program := find_command(command))), None)
 
     def started(self, deck: Deck, build: tuple[str, ...]) -> tuple[str, ...]:
         """Command of a deck, with the program's name replaced by the command of the build."""
-        return tuple(word for each in deck.command for word in (build if each == self.program else (each,)))
+        return tuple(word for part in deck.command for word in (build if part == self.program else (part,)))
 
     def command_by_hand(self, deck: Deck) -> str:
         """Command of a deck for a shell, with the program's name replaced by the command of the engine's entry."""
@@ -183,9 +183,9 @@ class Engine:
     @property
     def absence(self) -> str:
         """Message for an engine that is not installed."""
-        words = ", ".join(shlex.join(words) for words in self.entry.command)
+        commands = ", ".join(shlex.join(command) for command in self.entry.command)
         where = f" of {self.entry.where}" if self.entry.where else ""
-        return f"not installed; it comes with {self.how_to_get} (looked for {words}{where})"
+        return f"not installed; it comes with {self.how_to_get} (looked for {commands}{where})"
 
     def version_of(self, command: tuple[str, ...], **more: str) -> str:
         """Version line of a command, in the environment of runs with ``more`` variables."""
@@ -223,8 +223,8 @@ def load_engine(name: str, where: str = "engine", key: str = "", also: tuple[str
     """
     known = entries(_adapters())
     if name not in known:
-        own = "; own engines are read from ./engines.toml, ~/.config/bead-chains/engines.toml and --engines FILE"
-        raise InputError(where, key, f'"{name}"', ", ".join((*sorted(known), *also)) + own)
+        advice = "; own engines are read from ./engines.toml, ~/.config/bead-chains/engines.toml and --engines FILE"
+        raise InputError(where, key, f'"{name}"', ", ".join((*sorted(known), *also)) + advice)
     return _engine_of(name, known[name])
 
 
@@ -237,9 +237,8 @@ def _engine_of(name: str, entry: Entry) -> Engine:
         engine = _external_adapter(Path(entry.adapter), f"{entry.where}: {name}")
     assert isinstance(engine, Engine)
     if engine.in_repository and entry.where:
-        raise InputError(
-            entry.where, name, f'adapter "{entry.adapter}"', "an adapter of a code; in-repo engines take no entry"
-        )
+        allowed = "an adapter of a code; in-repo engines take no entry"
+        raise InputError(entry.where, name, f'adapter "{entry.adapter}"', allowed)
     return replace(engine, name=name, entry=entry, how_to_get=entry.how_to_get or engine.how_to_get)
 
 
@@ -249,23 +248,23 @@ def _guarded(name: str, function: Callable[..., Any], path: Path) -> Callable[..
     @wraps(function)
     def guarded(*arguments: Any) -> Any:
         try:
-            found = function(*arguments)
-            if found is None and name not in ("refusal", "partial_trace"):
+            result = function(*arguments)
+            if result is None and name not in ("refusal", "partial_trace"):
                 raise RunError(f"{path.name}: {name} returns None")
-            return list(found) if isinstance(found, Iterator) else found  # a generator raises errors when it is read
+            return list(result) if isinstance(result, Iterator) else result  # a generator raises errors when it is read
         except (InputError, RunError):
             raise
         except (Exception, SystemExit) as error:
-            raise RunError(_words_of(error, path)) from error
+            raise RunError(_error_line(error, path)) from error
 
     return guarded
 
 
-def _words_of(error: BaseException, path: Path) -> str:
+def _error_line(error: BaseException, path: Path) -> str:
     """Error of an adapter on one line, with the last line of its file that was running, else of another file."""
-    places = [each for each in extract_tb(error.__traceback__) if each.filename[0] != "<" and each.filename != __file__]
-    last = ([place for place in places if place.filename == str(path)] or places)[-1:]
-    where = [f"{Path(each.filename).name}:{each.lineno}" for each in last] or [path.name]
+    frames = [frame for frame in extract_tb(error.__traceback__) if not frame.filename.startswith(("<", __file__))]
+    last = ([frame for frame in frames if frame.filename == str(path)] or frames)[-1:]
+    where = [f"{Path(frame.filename).name}:{frame.lineno}" for frame in last] or [path.name]
     return one_line(*where, ": ", f"{type(error).__name__}: {error}")
 
 
@@ -287,9 +286,9 @@ def _external_adapter(path: Path, where: str) -> Engine:
             raise TypeError(f"ENGINE is {type(engine).__name__}")
         re.compile(engine.loop_pattern)
     except (Exception, SystemExit) as error:  # any error of the adapter
-        raise InputError(where, "adapter", _words_of(error, path), "ENGINE = Engine(...)") from error
+        raise InputError(where, "adapter", _error_line(error, path), "ENGINE = Engine(...)") from error
     guarded: dict[str, Any] = {
-        name: _guarded(name, each, path) for name, each in vars(engine).items() if callable(each)
+        name: _guarded(name, function, path) for name, function in vars(engine).items() if callable(function)
     }
     return replace(engine, **guarded)
 

@@ -68,14 +68,14 @@ def entry_files() -> tuple[Path, ...]:
     """
     here = os.getcwd()  # noqa: PTH109 - Path.cwd() takes ten times as long
     variables = ("XDG_CONFIG_HOME", "HOME", paths.ENGINES_VARIABLE)
-    return _found(here, *(os.environ.get(name, "") for name in variables))
+    return _files_for(here, *(os.environ.get(name, "") for name in variables))
 
 
 @cache
-def _found(here: str, settings: str, _: str, added: str) -> tuple[Path, ...]:
-    own = home_of(settings or "~/.config") / "bead-chains" / paths.ENGINES.name
-    found = [path for path in (paths.ENGINES, own, Path(here, paths.ENGINES.name)) if os.access(path, os.R_OK)]
-    return tuple(dict.fromkeys((*found, *map(Path, filter(None, added.split(os.pathsep))))))
+def _files_for(here: str, settings: str, _: str, added: str) -> tuple[Path, ...]:
+    of_user = home_of(settings or "~/.config") / "bead-chains" / paths.ENGINES.name
+    files = [path for path in (paths.ENGINES, of_user, Path(here, paths.ENGINES.name)) if os.access(path, os.R_OK)]
+    return tuple(dict.fromkeys((*files, *map(Path, filter(None, added.split(os.pathsep))))))
 
 
 def use_entries(files: Iterable[Path]) -> None:
@@ -94,22 +94,22 @@ def entries(adapters: tuple[str, ...]) -> dict[str, Entry]:
 
 @cache
 def _entries(adapters: tuple[str, ...], files: tuple[Path, ...]) -> dict[str, Entry]:
-    found = {name: Entry.model_construct(adapter=name, command=((name,),)) for name in adapters}
+    by_name = {name: Entry.model_construct(adapter=name, command=((name,),)) for name in adapters}
     for path in files:
         for name, table in _read(path):
-            where, before = paths.shown(path), found.get(name)
+            where, before = paths.shown(path), by_name.get(name)
             adapter = table.adapter or (before.adapter if before else name)
             if adapter.endswith(".py"):
                 adapter = str(path.parent / home_of(adapter))
             if adapter not in adapters and not (adapter.endswith(".py") and readable(Path(adapter))):
-                codes = ", ".join(each for each in adapters if each not in RESERVED)
-                allowed = f"{codes}, or the path of a .py file"
+                allowed = f"{', '.join(sorted({*adapters} - {*RESERVED}))}, or the path of a .py file"
                 raise InputError(where, f"{name}.adapter", f'"{adapter}"', allowed)
-            known = before or found.get(adapter)
+            known = before or by_name.get(adapter)
             commands = table.command or (known.command if known else ((name,),))
-            own = tuple(tuple(_relative_to_file(path, word) for word in words) for words in commands)
-            found[name] = Entry.model_construct(**dict(table) | {"adapter": adapter, "command": own, "where": where})
-    return found
+            commands = tuple(tuple(_relative_to_file(path, word) for word in words) for words in commands)
+            filled = {"adapter": adapter, "command": commands, "where": where}
+            by_name[name] = Entry.model_construct(**dict(table) | filled)
+    return by_name
 
 
 def _read(path: Path) -> Iterator[tuple[str, EntryTable]]:

@@ -22,7 +22,7 @@ from drivers.engines._raw_output import read_arrays
 from drivers.laws import LAWS
 from validation import reference
 from validation.reference import integrate_deck
-from validation.reference.hertz_chain import TUBE_KEYS, VISCOELASTIC_POWER, Drive, Flag, Motion
+from validation.reference.hertz_chain import TUBE_KEYS, VISCOELASTIC_POWER, Flag, Motion
 
 COMMAND = ("python", "-m", reference.__name__, "chain.json")
 COLUMNS = 13  # three-dimensional chain: axial force; bore force, position, velocity and spin with three each
@@ -54,7 +54,12 @@ def _values(case: Case, method: str, timing: Values) -> Values:
         "velocity_m_s": chain.velocity_m_s,
         "load_N": chain.load_N,
         **_dissipation(chain),
-        **_drive_values(chain.drive),
+    }
+    if chain.drive is not None:
+        given = "displacement of" if chain.drive.prescribed else "force on"
+        values |= {"driven_body": chain.drive.body + 1, "drive": f"{given} the body"}
+        values |= {"drive_segments": chain.drive.segments}
+    values |= {
         "height_m": chain.height_m,  # not integrated, but used for the trace
         "diameter_m": [None if np.isinf(radius) else 2 * radius for radius in chain.radius_m],
     }
@@ -62,14 +67,6 @@ def _values(case: Case, method: str, timing: Values) -> Values:
         arrays = tube_arrays_of(chain)
         values |= {key: getattr(arrays, field) for field, key in TUBE_KEYS.items()}
     return values
-
-
-def _drive_values(drive: Drive | None) -> Values:
-    """Values of a drive: the body, the given quantity, and the segments (``validation.reference.hertz_chain``)."""
-    if drive is None:
-        return {}
-    given = "displacement of" if drive.prescribed else "force on"
-    return {"driven_body": drive.body + 1, "drive": f"{given} the body", "drive_segments": drive.segments}
 
 
 def _dissipation(chain: Chain) -> Values:
@@ -103,26 +100,14 @@ def _trace(case: Case, columns: Any) -> Trace:
     return make_trace(chain, times, columns[0], place, velocity, spin, bore)
 
 
-def _integrated(values: Values, stop: Flag) -> tuple[Any, float]:
-    """Columns of the output and the time of the loop in s, without that of loading or compiling it."""
-    kind = f"{values['method']} {'place_m' in values} {'alpha' in values} {'drive' in values}"
-    with _loading:
-        if kind not in _loaded:
-            integrate_deck(values | {"steps_per_sample": 1}, stop, samples=2)
-            _loaded.add(kind)
-    began = time.perf_counter()
-    columns = integrate_deck(values, stop)
-    return columns, time.perf_counter() - began
-
-
-def in_repository_engine(method: str, timing: Callable[[Case], Values], **own: Any) -> Engine:
-    """Build an in-repo engine with ``own`` fields.
+def in_repository_engine(method: str, timing: Callable[[Case], Values], **fields: Any) -> Engine:
+    """Build an in-repo engine with further ``fields``.
 
     Args:
         method: integrator, as named in the deck.
         timing: function that returns the time step or tolerance of a case, and the spacing of its samples, for the
             deck.
-        own: further fields of ``Engine``.
+        fields: further fields of ``Engine``.
     """
 
     def render(case: Case) -> Deck:
@@ -132,8 +117,16 @@ def in_repository_engine(method: str, timing: Callable[[Case], Values], **own: A
         return Deck({"chain.json": "{" + ",\n".join(lines) + "}\n"}, COMMAND, raw=("chain.npy",))
 
     def integrate(case: Case, stop: Flag) -> tuple[Trace, float]:
-        """Trace of a case, and the time of the loop in s."""
-        columns, loop_s = _integrated(_values(case, method, timing(case)), stop)
+        """Trace of a case, and the time of the loop in s, without that of loading or compiling it."""
+        values = _values(case, method, timing(case))
+        kind = f"{method} {'place_m' in values} {'alpha' in values} {'drive' in values}"
+        with _loading:
+            if kind not in _loaded:
+                integrate_deck(values | {"steps_per_sample": 1}, stop, samples=2)
+                _loaded.add(kind)
+        began = time.perf_counter()
+        columns = integrate_deck(values, stop)
+        loop_s = time.perf_counter() - began
         return _trace(case, columns), loop_s
 
     return Engine(
@@ -147,5 +140,5 @@ def in_repository_engine(method: str, timing: Callable[[Case], Values], **own: A
         server=Deck({}, (*COMMAND[:-1], "-"), raw=()),  # reads requests from stdin
         read=read,
         loop_pattern=r"^completed \d+ samples in ([0-9.]+) s$",
-        **own,
+        **fields,
     )

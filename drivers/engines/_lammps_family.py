@@ -29,7 +29,7 @@ MAX_TYPES = 60  # with a coefficient for each pair
 MAX_BODIES_IN_PAIRS = 200  # with fewer bodies, checking all pairs is faster than bins of the whole space
 
 
-def member(program: str, introduction: str, radii: Callable[[Case], Array], wall_force: str, **own: Any) -> Engine:
+def member(program: str, introduction: str, radii: Callable[[Case], Array], wall_force: str, **fields: Any) -> Engine:
     """Build the engine of LAMMPS or a descendant.
 
     Args:
@@ -37,18 +37,18 @@ def member(program: str, introduction: str, radii: Callable[[Case], Array], wall
         introduction: regular expression that matches the line with the version.
         radii: function that returns the radii of the atoms of a case.
         wall_force: column of the dump with the wall's force along the axis.
-        own: further fields of ``Engine``.
+        fields: further fields of ``Engine``.
     """
 
     def read(case: Case, folder: Path) -> Trace:
         """Read the binary dump as a trace; RunError if frames or beads are missing or the file is damaged."""
-        found = read_dump(case, folder / DUMP, _columns(case, wall_force))
-        return _trace(case, radii(case), found, wall_force)
+        dump = read_dump(case, folder / DUMP, _columns(case, wall_force))
+        return _trace(case, radii(case), dump, wall_force)
 
     def partial_trace(case: Case, folder: Path) -> Trace | None:
         """Read the samples before a body was lost or the run ended."""
-        found = read_partial_dump(case, folder / DUMP, _columns(case, wall_force))
-        return _trace(case, radii(case), found, wall_force) if found else None
+        dump = read_partial_dump(case, folder / DUMP, _columns(case, wall_force))
+        return _trace(case, radii(case), dump, wall_force) if dump else None
 
     return Engine(
         program=program,
@@ -60,7 +60,7 @@ def member(program: str, introduction: str, radii: Callable[[Case], Array], wall
         failure_reason=failure_reason,
         loss_message="Lost atoms",
         loop_pattern=r"^Loop time of ([0-9.e+-]*[0-9]) on",
-        **own,
+        **fields,
     )
 
 
@@ -139,8 +139,8 @@ def above_face(chain: Chain, radius_m: Array) -> Array:
 def table_of_pairs(types: Sequence[str], pairs: Iterable[tuple[str, str, float]], otherwise: float) -> list[float]:
     """Symmetric table with a value for each pair of types, row by row; the last value given for a pair counts."""
     table = np.full((len(types), len(types)), otherwise)
-    for one, other, value in pairs:
-        i, j = types.index(one), types.index(other)
+    for first, second, value in pairs:
+        i, j = types.index(first), types.index(second)
         table[i, j] = table[j, i] = value
     return [float(value) for value in table.ravel()]
 
@@ -172,30 +172,30 @@ def _columns(case: Case, wall_force: str) -> tuple[str, ...]:
     return ("id", *PLACE, *VELOCITY, *spin, "fz", *wall, *bore)
 
 
-def _trace(case: Case, radius_m: Array, found: dict[str, Array], wall_force: str) -> Trace:
+def _trace(case: Case, radius_m: Array, dump: dict[str, Array], wall_force: str) -> Trace:
     """Trace of a dump's columns."""
-    chain, height = case.chain, found["z"] - above_face(case.chain, radius_m)
+    chain, height = case.chain, dump["z"] - above_face(case.chain, radius_m)
     times = case.sample_times_s[: len(height)]
     if chain.lateral is None:
-        return make_trace(chain, times, _axial_forces(chain, times, found, wall_force), height, found["vz"])
+        return make_trace(chain, times, _axial_forces(chain, times, dump, wall_force), height, dump["vz"])
 
     def vectors(names: tuple[str, ...]) -> Array:
-        return np.stack([found[name] for name in names], axis=2)
+        return np.stack([dump[name] for name in names], axis=2)
 
     place, velocity = vectors(PLACE), vectors(VELOCITY)
-    spin, bore = (vectors(names) if names[0] in found else None for names in (SPIN, BORE_FORCE))
+    spin, bore = (vectors(names) if names[0] in dump else None for names in (SPIN, BORE_FORCE))
     place[:, :, 2] = height
-    force = _axial_forces(chain, times, found, wall_force, None if bore is None else bore[:, :, 2])
+    force = _axial_forces(chain, times, dump, wall_force, None if bore is None else bore[:, :, 2])
     return make_trace(chain, times, force, place, velocity, spin, bore)
 
 
 def _axial_forces(
-    chain: Chain, time_s: Array, found: dict[str, Array], wall_force: str, bore_N: Array | None = None
+    chain: Chain, time_s: Array, dump: dict[str, Array], wall_force: str, bore_N: Array | None = None
 ) -> Array:
     """Contact forces from the columns ``fz``, the total force on a bead, and ``wall_force`` of a dump.
 
     They follow from the wall's force F_1 upwards: ``F_{j+1} = F_j - fz_j + load_j + bore_j``.
     """
-    on_bodies = found["fz"] - loads_N(chain.load_N, chain.drive, time_s)
-    lowest = found[wall_force][:, 0] if chain.wall else np.zeros(len(on_bodies))
+    on_bodies = dump["fz"] - loads_N(chain.load_N, chain.drive, time_s)
+    lowest = dump[wall_force][:, 0] if chain.wall else np.zeros(len(on_bodies))
     return contact_forces(lowest, on_bodies if bore_N is None else on_bodies - bore_N)

@@ -48,8 +48,8 @@ def read_arrays(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, 
     try:
         stored = np.load(path, allow_pickle=False)
         alone = isinstance(stored, np.ndarray)
-        found = dict(zip(shapes, [stored], strict=True)) if alone else {name: stored[name] for name in shapes}
-        arrays = {name: array.astype(float, casting="safe", copy=False) for name, array in found.items()}
+        named = dict(zip(shapes, [stored], strict=True)) if alone else {name: stored[name] for name in shapes}
+        arrays = {name: array.astype(float, casting="safe", copy=False) for name, array in named.items()}
     except Exception as error:  # numpy and zipfile raise many kinds of errors for damaged files
         raise RunError(f"output is damaged: {path.name}: {error}") from error
     for name, shape in shapes.items():
@@ -85,10 +85,10 @@ def read_dump(case: Case, path: Path, columns: tuple[str, ...]) -> dict[str, Arr
         raise RunError(f"output ends in sample {min(len(frames) + 1, samples)} of {samples}")
     if not np.array_equal(frames["step"], case.sample_steps):
         raise RunError("output has other time steps than the samples")
-    found = _columns(dump, columns, samples)
-    if (found[columns[0]] != np.arange(1, bodies + 1)).any():
+    arrays = _columns(dump, columns, samples)
+    if (arrays[columns[0]] != np.arange(1, bodies + 1)).any():
         raise RunError("output has its beads in another order")
-    return found
+    return arrays
 
 
 def read_partial_dump(case: Case, path: Path, columns: tuple[str, ...]) -> dict[str, Array] | None:

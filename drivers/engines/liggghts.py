@@ -99,7 +99,7 @@ def render(case: Case) -> Deck:
     kn = contact_kn(chain, radius).tolist()
     gn = map(chain.law.lammps, kn, chain.reduced_mass_kg.tolist())
     contacts = zip(below, labels, kn, gn, strict=True)
-    pairs = [(one, other, k, g) for one, other, k, g in contacts if one]
+    pairs = [(lower, upper, k, g) for lower, upper, k, g in contacts if lower]
     return deck_of(
         "LIGGGHTS",
         "liggghts",
@@ -111,10 +111,10 @@ def render(case: Case) -> Deck:
         moduli=moduli,
         ratios=ratios,
         wall_type=types.index(chain.wall) + 1 if chain.wall else 0,
-        contact_kn=table_of_pairs(types, [(one, other, value) for one, other, value, _ in pairs], 1.0)
+        contact_kn=table_of_pairs(types, [(lower, upper, value) for lower, upper, value, _ in pairs], 1.0)
         if springs
         else [],
-        contact_gn=table_of_pairs(types, [(one, other, value) for one, other, _, value in pairs], 0.0),
+        contact_gn=table_of_pairs(types, [(lower, upper, value) for lower, upper, _, value in pairs], 0.0),
         bore_kn=table_of_pairs(types, _bore_kn(chain, labels), 0.0),
         bore_kt=table_of_pairs(types, _bore_kn(chain, labels, shear=True), 0.0),
         friction=_friction(chain, types),

@@ -61,14 +61,14 @@ def prune(
     for reason in REASONS_TO_KEEP:
         _print_group("kept", [run for run in selected if reasons[run.folder] == reason], reason)
     if left:
-        print(f"{removed} {len(left)} folders of killed processes, {size_text(left_bytes)}")
+        print(f"{removed} {len(left)} folder{'s' * (len(left) != 1)} of killed processes, {size_text(left_bytes)}")
     for folder in left:
         if dry_run:
             print(f"    {paths.shown(folder)}")
         else:
             shutil.rmtree(folder, ignore_errors=True)
-    if (words := batches_text(runs)) and not (scenes or engines or settings):
-        print(f"kept {words}; batches use those of unchanged decks and builds; remove the folder to free the space")
+    if (batches := batches_text(runs)) and not (scenes or engines or settings):
+        print(f"kept {batches}; batches use those of unchanged decks and builds; remove the folder to free the space")
     print(f"{'would free' if dry_run else 'freed'} {size_text(freed)}")
 
 
@@ -78,7 +78,7 @@ def _print_group(done: str, group: Sequence[EndedRun], reason: str) -> int:
     if group:
         counts = sorted(Counter(run.record.engine for run in group).items())
         by_engine = ", ".join(f"{name} {count}" for name, count in counts)
-        print(f"{done} {len(group)} runs ({by_engine}), {size_text(size)}: {reason}")
+        print(f"{done} {len(group)} run{'s' * (len(group) != 1)} ({by_engine}), {size_text(size)}: {reason}")
     return size
 
 

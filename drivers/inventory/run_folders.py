@@ -38,7 +38,7 @@ def key_of(run: EndedRun) -> tuple[str, str]:
 def _physics(part: Any) -> Any:
     if isinstance(part, dict):  # a table may be a material of such a name
         return {key: _physics(value) for key, value in part.items() if key not in NO_PHYSICS or isinstance(value, dict)}
-    return [_physics(each) for each in part] if isinstance(part, list) else part
+    return [_physics(value) for value in part] if isinstance(part, list) else part
 
 
 def _content(scene: Json) -> str:
@@ -51,7 +51,7 @@ def _content(scene: Json) -> str:
 
 
 def _keys(run: EndedRun) -> tuple[str, str]:
-    """Content of a run's scene, and its name in the record; the run is found by both."""
+    """Content of a run's scene, and its name in the record; a run is found by either."""
     return _content(run.resolved), run.record.scene_name
 
 
@@ -63,8 +63,8 @@ def _asked_keys(source: str, base: Json) -> list[str]:
 def kept_runs(runs: Path) -> list[EndedRun]:
     """All runs of a folder, damaged ones among them, the newest last; other folders are ignored."""
     batches = Store(runs).folder
-    found = [_read(folder) for folder in runs.glob("[!.]*/[!.]*") if folder.parent != batches]
-    return sorted(filter(None, found), key=lambda run: (run.ended, run.folder))
+    read = (_read(folder) for folder in runs.glob("[!.]*/[!.]*") if folder.parent != batches)
+    return sorted(filter(None, read), key=lambda run: (run.ended, run.folder))
 
 
 def _read(folder: Path) -> EndedRun | None:
@@ -72,19 +72,18 @@ def _read(folder: Path) -> EndedRun | None:
     record = read_record(folder)
     if record and (run := EndedRun(folder, record)).resolved:
         return run
-    named = FOLDER_NAME.fullmatch(folder.name) and folder.is_dir()
-    return EndedRun(folder, _damaged_record(folder)) if named else None
-
-
-def _damaged_record(folder: Path) -> RunRecord:
-    """Record in place of one that cannot be read: engine and scene by the names of the folders, no other values."""
     named = FOLDER_NAME.fullmatch(folder.name)
+    return EndedRun(folder, _damaged_record(folder.parent.name, named[1])) if named and folder.is_dir() else None
+
+
+def _damaged_record(engine: str, scene: str) -> RunRecord:
+    """Record in place of one that cannot be read: engine and scene by the names of the folders, no other values."""
     values: dict[str, Any] = dict.fromkeys(field.name for field in fields(RunRecord))
     values |= {
-        "engine": folder.parent.name,
+        "engine": engine,
         "engine_version": "not known",
         "build_sha256": "",
-        "scene_name": named[1] if named else folder.name,
+        "scene_name": scene,
         "status": DAMAGED,
         "reason": UNREADABLE,
         "scene": {},
@@ -104,17 +103,18 @@ def select(
     Raises:
         InputError: no run matches.
     """
-    found = list(kept)
+    selected = list(kept)
     by_scene = {scene: _asked_keys(scene, _base_of(scene)) for scene in scenes}
     by_engine = {engine: [engine] for engine in engines}
     for what, asked in (("scene", by_scene), ("engine", by_engine)):
         keys = {run.folder: _keys(run) if what == "scene" else (run.record.engine,) for run in kept if asked}
         for name, wanted in asked.items():
-            if not any(key in wanted for own in keys.values() for key in own):
-                names = ", ".join(sorted({own[-1] for own in keys.values()})) or "none, since the folder has no runs"
+            if not any(key in wanted for of_run in keys.values() for key in of_run):
+                known = sorted({of_run[-1] for of_run in keys.values()})
+                names = ", ".join(known) or "none, since the folder has no runs"
                 raise InputError("runs", what, f'no run of "{name}"; allowed: {names}')
         any_of = {key for wanted in asked.values() for key in wanted}
-        found = [run for run in found if not asked or not any_of.isdisjoint(keys[run.folder])]
+        selected = [run for run in selected if not asked or not any_of.isdisjoint(keys[run.folder])]
     by_key: dict[str, list[str]] = {}
     for setting in settings:
         key, equals, value = setting.partition("=")
@@ -122,11 +122,11 @@ def select(
             raise InputError(f"--set {setting}", "", "not of the form KEY=VALUE, such as 'striker.speed=2 m/s'")
         by_key.setdefault(key.strip(), []).append(value.strip())
     for key, values in by_key.items():
-        found = [run for run in found if run.resolved and any(_has(run.resolved, key, value) for value in values)]
-    if settings and not found:
+        selected = [run for run in selected if run.resolved and any(_has(run.resolved, key, value) for value in values)]
+    if settings and not selected:
         allowed = "values of existing runs, as listed by beads runs"
         raise InputError(f"--set {' --set '.join(settings)}", "", f"matches no run; allowed: {allowed}")
-    return found
+    return selected
 
 
 def _name_of(source: str) -> str:
@@ -159,12 +159,12 @@ def _base_of(source: str) -> Json:
 
 
 def _newest(kept: Iterable[EndedRun]) -> dict[tuple[str, str], EndedRun]:
-    """Newest finished run by engine and key: the runs that have a name; none of a deck that was changed by hand."""
+    """Newest finished run by engine and key, as ``yade:fig4`` names it; runs of decks changed by hand have no name."""
     named = (run for run in kept if not (run.trouble or run.record.edits))
     return {(run.record.engine, key): run for run in named for key in _keys(run)}
 
 
-def _found(newest: dict[tuple[str, str], EndedRun], engine: str, keys: Iterable[str]) -> EndedRun | None:
+def _newest_of(newest: dict[tuple[str, str], EndedRun], engine: str, keys: Iterable[str]) -> EndedRun | None:
     """Newest run of an engine with the first key that any run has."""
     return next((newest[engine, key] for key in keys if (engine, key) in newest), None)
 
@@ -181,18 +181,18 @@ def run_folder(name: str | Path, runs: Path = paths.RUNS) -> Path:
     if not colon or Path(name).exists():
         return Path(name)
     scene, base, newest = _name_of(source), _base_of(source), _newest(kept_runs(runs))
-    found = _found(newest, engine, _asked_keys(source, base))
-    if found is None:
+    newest_run = _newest_of(newest, engine, _asked_keys(source, base))
+    if newest_run is None:
         known = sorted({run.name for run in newest.values()})
-        near = [each for each in known if each.startswith(f"{engine}:")]
-        near = near or [each for each in known if each.endswith(f":{scene}")] or known
+        near = [run_name for run_name in known if run_name.startswith(f"{engine}:")]
+        near = near or [run_name for run_name in known if run_name.endswith(f":{scene}")] or known
         allowed = ", ".join(near) or "a run folder; no run is done there"
         raise InputError(str(name), "", f"no such run in {paths.shown(runs)}; allowed: {allowed}")
-    if differs := _difference(found, base):
+    if differs := _difference(newest_run, base):
         why = f"{scene}.toml has not been run as it is" if base else differs
         which = f"differs by {differs}" if base else f"is the newest run recorded as {scene}"
-        print(one_line(f"{name}: {why}; using {paths.shown(found.folder)}, which ", which), file=sys.stderr)
-    return found.folder
+        print(one_line(f"{name}: {why}; using {paths.shown(newest_run.folder)}, which ", which), file=sys.stderr)
+    return newest_run.folder
 
 
 def _difference(run: EndedRun, base: Json) -> str:
@@ -211,9 +211,10 @@ def print_runs(runs: Path, scenes: Sequence[str], engines: Sequence[str], settin
     home, rows = Path(paths.shown(runs)), []  # following links takes long
     for run in chosen:
         engine, scene, keys = run.record.engine, run.record.scene_name, _keys(run)
-        named = [source for source in (*scenes, scene) if _found(newest, engine, asked[source]) == run]
+        named = [source for source in (*scenes, scene) if _newest_of(newest, engine, asked[source]) == run]
         source = next(source for key in keys for source in scenes or [scene] if key in asked[source])
         differs = "" if keys[0] in asked[source] else _difference(run, bases[source])
+        trouble = run.trouble.removeprefix(f"{run.record.status}: ")  # the status has a column
         row = (
             f"{engine}:{named[0]}" if named else str(home / run.folder.relative_to(runs)),
             scene,
@@ -221,7 +222,7 @@ def print_runs(runs: Path, scenes: Sequence[str], engines: Sequence[str], settin
             time.strftime("%Y-%m-%d %H:%M", time.localtime(run.ended)),
             size_text(run.size),
             run.record.status,
-            one_line("; ".join(filter(None, (differs, "deck changed by hand" * bool(run.record.edits), run.trouble)))),
+            one_line("; ".join(filter(None, (differs, "deck changed by hand" * bool(run.record.edits), trouble)))),
         )
         rows.append(row)
     for line in text_table(rows):
@@ -230,8 +231,8 @@ def print_runs(runs: Path, scenes: Sequence[str], engines: Sequence[str], settin
     counts = ", ".join(f"{count} {state}" for state, count in sorted(states.items()))
     plural = "s" * (len(rows) != 1)
     print(f"{len(rows)} run{plural}{f' ({counts})' * bool(counts)}: {size_text(sum(run.size for run in chosen))}")
-    if words := batches_text(runs):
-        print(words)
+    if batches := batches_text(runs):
+        print(batches)
 
 
 def batches_text(runs: Path) -> str:

@@ -79,18 +79,34 @@ class Viscoelastic(ContactLaw):
 
     @property
     def with_attraction(self) -> float:
-        """Restitution e' of the law with attractive forces, LIGGGHTS' coefficient with and without ``limitForce``."""
-        return restitution_with_attraction(self.damping_ratio)
+        """Restitution ``e' = exp(-pi zeta / sqrt(1 - zeta^2))`` of the law with attractive forces; 0 for zeta >= 1.
+
+        LIGGGHTS takes e' with and without ``limitForce``: ``zeta = |ln e'| / sqrt(ln(e')^2 + pi^2)``.
+        """
+        zeta = self.damping_ratio / ZETA_1
+        return exp(-pi * zeta / sqrt((1 - zeta) * (1 + zeta))) if zeta < 1 else 0.0
 
     def lammps(self, kn: float, reduced_mass_kg: float) -> float:
-        """Coefficient of LAMMPS' ``damping tsuji``: its polynomial equals ``2 sqrt(3/2) B``."""
-        return tsuji_coefficient(self.damping_ratio)
+        """Coefficient of LAMMPS' ``damping tsuji``: its polynomial equals ``2 sqrt(3/2) B``.
+
+        Up to B = 0.52 it is the restitution of the law with attractive forces; above, it exceeds 1 and has no meaning.
+        """
+        from scipy.optimize import brentq
+
+        wanted = 2 * sqrt(1.5) * self.damping_ratio
+
+        def excess(coefficient: float) -> float:
+            return sum(factor * coefficient**power for power, factor in enumerate(TSUJI)) - wanted
+
+        ends = (0.0, MINIMUM_AT) if wanted <= TSUJI[0] else (MINIMUM_AT, 3 + wanted)
+        return float(brentq(excess, *ends, xtol=1e-300, rtol=1e-15))
 
     def refusal(self, code: str) -> InputProblem | None:
         """Refuse a damping that LIGGGHTS does not accept."""
         if code != "liggghts" or self.with_attraction > LIGGGHTS_COEFFICIENT:
             return None
-        most = damping_ratio_with_attraction(LIGGGHTS_COEFFICIENT)
+        loss = -log(LIGGGHTS_COEFFICIENT)
+        most = ZETA_1 * loss / sqrt(loss**2 + pi**2)  # damping ratio with this coefficient
         if self.given is None:
             return "contact.damping_ratio", f"{self.damping_ratio:g}", f"below {most:.4g}"
         return "contact.restitution", f"{self.given:g}", f"above {restitution(most):.4g}"
@@ -115,34 +131,3 @@ def damping_ratio(wanted: float) -> float:
         return 0.0
     most = ZETA_1 * cosh(loss / 2) * (1 + 1e-12)
     return float(brentq(lambda ratio: log(restitution(ratio)) + loss, 0.0, most, xtol=1e-300, rtol=1e-15))
-
-
-def restitution_with_attraction(damping_ratio: float) -> float:
-    """Restitution ``e' = exp(-pi zeta / sqrt(1 - zeta^2))`` of the law with attractive forces; 0 for zeta >= 1.
-
-    LIGGGHTS takes e' with and without ``limitForce``: ``zeta = |ln e'| / sqrt(ln(e')^2 + pi^2)``.
-    """
-    zeta = damping_ratio / ZETA_1
-    return exp(-pi * zeta / sqrt((1 - zeta) * (1 + zeta))) if zeta < 1 else 0.0
-
-
-def damping_ratio_with_attraction(wanted: float) -> float:
-    """Damping ratio B of a restitution e' of the law with attractive forces."""
-    loss = -log(wanted)
-    return ZETA_1 * loss / sqrt(loss**2 + pi**2)
-
-
-def tsuji_coefficient(damping_ratio: float) -> float:
-    """Coefficient of LAMMPS' ``damping tsuji`` for a damping ratio B: its polynomial equals ``2 sqrt(3/2) B``.
-
-    Up to B = 0.52 it is the restitution of the law with attractive forces; above, it exceeds 1 and has no meaning.
-    """
-    from scipy.optimize import brentq
-
-    wanted = 2 * sqrt(1.5) * damping_ratio
-
-    def excess(coefficient: float) -> float:
-        return sum(factor * coefficient**power for power, factor in enumerate(TSUJI)) - wanted
-
-    ends = (0.0, MINIMUM_AT) if wanted <= TSUJI[0] else (MINIMUM_AT, 3 + wanted)
-    return float(brentq(excess, *ends, xtol=1e-300, rtol=1e-15))

@@ -30,14 +30,11 @@ def refuse(case: Case, engine: str, override: str = ON_COMMAND) -> None:
     """
     if case.scene.run.accuracy is not None and case.plan is None:
         raise InputError(case.scene.file, "run.accuracy", "no time step is planned for it here; give run.time_step")
-    lost = beyond_rounding(case, engine)
-    if lost is not None:
-        assert case.plan is not None
+    if case.plan is not None and (lost := beyond_rounding(case, engine)):
         share = case.plan.asked[lost]
         why = f"limited by rounding of absolute heights on {engine}; verlet holds overlaps and attains it"
         raise unattainable(case, lost, share, attainable_in_heights(share, case.plan.rounding_share), why)
-    cannot = inability(case, engine)
-    if cannot is not None:
+    if cannot := inability(case, engine):
         raise cannot
     refuse_depth(case, override)
     if load_engine(engine).scheme != EXACT:
@@ -55,13 +52,12 @@ def inability(case: Case, engine: str) -> InputError | None:
         return InputError(case.scene.file, "", found, allowed)
     law = case.chain.law.name
     if case.chain.damped and law not in interface.dissipation:
-        allowed = " or ".join(f'"{each}"' for each in sorted(interface.dissipation))
+        allowed = " or ".join(f'"{name}"' for name in sorted(interface.dissipation))
         return InputError(case.scene.file, "contact.dissipation", f'"{law}"', f"on {engine} {allowed}")
-    problem = interface.refusal(case)
-    if problem is None:
-        return None
-    key, found, allowed = problem
-    return InputError(case.scene.file, key, found, f"on {engine} {allowed}")
+    if problem := interface.refusal(case):
+        key, found, allowed = problem
+        return InputError(case.scene.file, key, found, f"on {engine} {allowed}")
+    return None
 
 
 def _refuse_step(case: Case, shear: str, override: str) -> None:
@@ -69,7 +65,7 @@ def _refuse_step(case: Case, shear: str, override: str) -> None:
     chain, duration, step = case.chain, float(case.sample_times_s[-1]), case.scene.time_step_s
     if certainly_stable(chain, duration, step):
         return
-    from drivers.limits.stable_step import FIRST_SHARE, predicted_limit
+    from drivers.limits.stable_step import FIRST_SHARE, predicted_limit  # the integrators take long to load
     from drivers.limits.trial import failure
 
     for share in (FIRST_SHARE, 1.0):
@@ -107,13 +103,13 @@ def refuse_depth(case: Case, override: str = ON_COMMAND) -> None:
                 raise InputError(case.scene.file, key, found, allowed)
 
 
-def _depths(chain: Chain, reached: Extremes) -> Array:
+def _depths(chain: Chain, extremes: Extremes) -> Array:
     """Overlaps of contacts and of bore contacts divided by the smaller radius. Shape (2, bodies)."""
-    return np.array([reached.overlap_m / chain.smaller_radius_m, reached.bore_overlap_m / chain.radius_m])
+    return np.array([extremes.overlap_m / chain.smaller_radius_m, extremes.bore_overlap_m / chain.radius_m])
 
 
 def unattainable(case: Case, name: str, asked: float, least: float, why: str) -> InputError:
-    """Error for an unattainable accuracy, naming the best attainable one, rounded up to two digits; none from 1 on."""
+    """Error for an unattainable accuracy; it names the best attainable one, rounded up to two digits, if below 1."""
     key, rounded = "run.accuracy" if name == FORCE else f"run.accuracy.{name}", 1.0
     if 0 < least < 1:
         digits = 10.0 ** (floor(log10(least)) - 1)

@@ -53,10 +53,10 @@ def reached(chain: Chain, duration_s: float, share: float = 1.0) -> Extremes:
     most = share * (MAX_BODY_STEPS if chain.lateral is None else MAX_BODY_STEPS_3D)
     followed = min(steps, max(1.0, most // chain.bodies))
     if chain.lateral is None:
-        found = follow_verlet(arrays_of(chain), step, int(followed))
+        extremes = follow_verlet(arrays_of(chain), step, int(followed))
     else:
-        found = integrate_tube(tube_arrays_of(chain), step, int(followed), 2).extremes
-    return replace(found, impacts_J=found.impacts_J * steps / followed)
+        extremes = integrate_tube(tube_arrays_of(chain), step, int(followed), 2).extremes
+    return replace(extremes, impacts_J=extremes.impacts_J * steps / followed)
 
 
 def stable_step(chain: Chain, reached: Extremes, duration_s: float) -> float:
@@ -69,13 +69,13 @@ def stable_step(chain: Chain, reached: Extremes, duration_s: float) -> float:
     step = safety * _limit(chain, reached, 0.0, safety)
     if not np.isfinite(step):  # no overlap in the motion
         step = 1.0
-    found = step
+    limit = step
     for _ in range(MAX_ITERATIONS):
-        found = safety * _limit(chain, reached, step, safety)
-        if not np.isfinite(found) or abs(found / step - 1) < STEP_TOLERANCE:
+        limit = safety * _limit(chain, reached, step, safety)
+        if not np.isfinite(limit) or abs(limit / step - 1) < STEP_TOLERANCE:
             break
-        step = (step * found**4) ** 0.2  # the limit scales as step^(-1/4) if one step makes the overlap
-    return found
+        step = (step * limit**4) ** 0.2  # the limit scales as step^(-1/4) if one step makes the overlap
+    return limit
 
 
 def impacts_counted(chain: Chain, reached: Extremes, duration_s: float) -> float:
@@ -165,14 +165,14 @@ def _highest(inverse: Array, contacts: list[tuple[Array, Array, Array]], alone: 
     from scipy.linalg import eigvals_banded
 
     bodies = len(inverse)
-    own, coupling = np.zeros((bodies, 3, 3)), np.zeros((bodies, 3, 3))
+    diagonal, coupling = np.zeros((bodies, 3, 3)), np.zeros((bodies, 3, 3))
     for spring, here, below in contacts:
-        own += spring[:, None, None] * np.outer(here, here)
-        own[:-1] += spring[1:, None, None] * np.outer(below, below)
+        diagonal += spring[:, None, None] * np.outer(here, here)
+        diagonal[:-1] += spring[1:, None, None] * np.outer(below, below)
         coupling[1:] += spring[1:, None, None] * np.outer(below, here)
     for spring, here in alone:
-        own += spring[:, None, None] * np.outer(here, here)
-    own *= inverse[:, :, None] * inverse[:, None, :]
+        diagonal += spring[:, None, None] * np.outer(here, here)
+    diagonal *= inverse[:, :, None] * inverse[:, None, :]
     coupling[1:] *= inverse[:-1, :, None] * inverse[1:, None, :]
     last = 3 * bodies - 1
-    return float(eigvals_banded(block_bands(own, coupling[1:]), select="i", select_range=(last, last))[0])
+    return float(eigvals_banded(block_bands(diagonal, coupling[1:]), select="i", select_range=(last, last))[0])

@@ -18,7 +18,7 @@ MAX_SCAN_BODY_STEPS = 200_000  # bodies times steps of one trial of a scan
 
 
 def failure(case: Case, shear: str = TOTAL) -> str | None:
-    """Reason why a trial fails, with the time, or that it takes too long; None if the trial succeeds.
+    """Reason why a trial fails, with its time, or ``takes too long``; None if the trial succeeds.
 
     ``shear`` is the friction law of three-dimensional scenes.
     """

@@ -91,8 +91,8 @@ def build_of(engine: Engine) -> Build:
         digests = sorted(sha256_of(file) for file in files)
         build = Build(command, version, digest_of_json([*digests, sorted(engine.environment.items())]))
         if build.version != UNKNOWN_VERSION:  # else it is probed again the next time
-            found = {"files": _dates(map(str, files)), "version": version, "sha256": build.sha256}
-            _seen[name] = keep(key, found)
+            entry = {"files": _dates(map(str, files)), "version": version, "sha256": build.sha256}
+            _seen[name] = keep(key, entry)
     return build
 
 
@@ -106,18 +106,18 @@ def _dates(files: Iterable[str]) -> dict[str, list[int]] | None:
 
 
 def _files(engine: Engine, words: Iterable[str]) -> set[Path]:
-    """Files named by words, and by scripts among these files."""
-    waiting, found = {Path(which(word) or word) for word in words}, set[Path]()
+    """Files that words name, and files that scripts among them name."""
+    waiting, files = {Path(which(word) or word) for word in words}, set[Path]()
     while waiting:
         file = waiting.pop()
-        if file in found or not (file.is_absolute() and readable(file)):
+        if file in files or not (file.is_absolute() and readable(file)):
             continue
-        found |= {file, *engine.libraries(file)}
+        files |= {file, *engine.libraries(file)}
         with file.open("rb") as opened:
             head = opened.read(SCRIPT_BYTES)
         if head.startswith(b"#!"):
             waiting.update(_in_script(file, head.decode(errors="replace")))
-    return found
+    return files
 
 
 def _in_script(script: Path, text: str) -> Iterator[Path]:

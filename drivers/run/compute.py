@@ -47,8 +47,8 @@ class Computed:
     Attributes:
         trace: trace; None if the run failed.
         fault: reason of a failure, with a partial trace if there is one; else None.
-        wall_s, cpu_s, memory_bytes: wall and CPU time of the case, and peak memory of its process; without a folder
-            CPU time and memory may be 0, except for a process of its own.
+        wall_s, cpu_s, memory_bytes: wall and CPU time of the case, and peak memory of its process. Without
+            a folder the memory of in-repo engines is 0, and on a server CPU time and memory are 0.
         loop_s: time in the code's time loop; None if the run did not finish.
         start_s: time in which a server was started for this case.
     """
@@ -132,11 +132,11 @@ def _in_memory(case: Case, engine: Engine, limit_s: float, folder: Path | None) 
     began, loop_s, trace, fault = time.perf_counter(), None, None, None
     cpu_s: list[float] = []
     try:
-        found, loop_s = _integrated(case, engine, limit_s, cpu_s)
-        trace = checked(case, found)
+        integrated, loop_s = _integrated(case, engine, limit_s, cpu_s)
+        trace = checked(case, integrated)
     except RunError as error:
         fault = error
-    except Exception as error:  # of the integrator, as for a code in the end of its output
+    except Exception as error:  # of the integrator fails the run, as an error of a code does
         fault = RunError(f"{type(error).__name__}: {error}")
     if folder is not None:
         said = "" if loop_s is None else f"completed {case.scene.samples} samples in {loop_s:.6f} s\n"

@@ -37,11 +37,11 @@ def checked_trace(case: Case, engine: Engine, outcome: EndedProcess, folder: Pat
     if outcome.code != 0:
         stdout, stderr = ((folder / name).read_text(errors="replace") for name in (STDOUT, STDERR))
         ending = f"exit code {outcome.code}" if outcome.code > 0 else f"killed by signal {-outcome.code}"
-        words = _failed_start(stdout, stderr) or engine.failure_reason(stdout, stderr)
-        words = "".join(c if c.isprintable() else " " for c in words)
+        message = _failed_start(stdout, stderr) or engine.failure_reason(stdout, stderr)
+        message = "".join(c if c.isprintable() else " " for c in message)
         before = engine.partial_trace(case, folder)
-        blown_up = _blown_up(case, engine, words, before)
-        raise RunError("; ".join(filter(None, (blown_up, f"{ending}: {words[:REASON_CHARACTERS]}"))), partial=before)
+        blown_up = _blown_up(case, engine, message, before)
+        raise RunError("; ".join(filter(None, (blown_up, f"{ending}: {message[:REASON_CHARACTERS]}"))), partial=before)
     try:
         trace = engine.read(case, folder)
     except RunError as error:
@@ -93,23 +93,23 @@ def wrong_start(case: Case, trace: Trace) -> str | None:
         force = force + max(chain.lateral.friction, bore.friction if bore else 0.0) * chain.force_N.max()
     fastest = float(np.abs(trace.velocity_m_s).max())
     speed = START_TOLERANCE * fastest + case.scene.time_step_s * (force + np.append(force[1:], 0.0)) / chain.mass_kg
-    for name, unit, found, expected, allowed in (
+    for name, unit, start, expected, allowed in (
         ("height", "m", trace.height_m[0], chain.height_m, np.full(chain.bodies, rounded)),
         ("force below", "N", trace.force_N[0], chain.force_N, force),
         ("velocity", "m/s", trace.velocity_m_s[0], chain.velocity_m_s, speed),
     ):
-        wrong = np.abs(found - expected) > allowed
+        wrong = np.abs(start - expected) > allowed
         if wrong.any():
             body = int(np.argmax(wrong))
-            one, other = digits_apart(float(found[body]), float(expected[body]))
-            return f"body {body + 1} starts with a {name} of {one} {unit}, the scene has {other}"
+            text, expected_text = digits_apart(float(start[body]), float(expected[body]))
+            return f"body {body + 1} starts with a {name} of {text} {unit}, the scene has {expected_text} {unit}"
     return None
 
 
-def _blown_up(case: Case, engine: Engine, words: str, before: Trace | None) -> str | None:
+def _blown_up(case: Case, engine: Engine, message: str, before: Trace | None) -> str | None:
     """Message on a blow-up of a failed run, from its samples or the code's error message; None if there was none."""
     reason = reason_to_fail(case, before) if before is not None else None
-    if engine.loss_message and engine.loss_message in words and not (reason or "").startswith(UNSTABLE):
+    if engine.loss_message and engine.loss_message in message and not (reason or "").startswith(UNSTABLE):
         seen = 0 if before is None else len(before.time_s)
         reason = f"{UNSTABLE}{case.sample_times_s[min(seen, case.scene.samples - 1)]:g} s: a body was lost"
     return reason
@@ -122,11 +122,11 @@ def reason_to_fail(case: Case, trace: Trace) -> str | None:
 
 def unstable(case: Case, trace: Trace) -> str | None:
     """Message on values that are not finite, or beads that pass through the wall or each other; None without such."""
-    faults = [(int(np.argmax(wrong)), words) for wrong, words in _faults(case, trace) if wrong.any()]
+    faults = [(int(np.argmax(wrong)), message) for wrong, message in _faults(case, trace) if wrong.any()]
     if not faults:
         return None
-    first, words = min(faults, key=lambda fault: fault[0])
-    return f"{UNSTABLE}{trace.time_s[first]:g} s: {words}"
+    first, message = min(faults, key=lambda fault: fault[0])
+    return f"{UNSTABLE}{trace.time_s[first]:g} s: {message}"
 
 
 def wrong_energy(case: Case, trace: Trace) -> str | None:
@@ -140,10 +140,10 @@ def wrong_energy(case: Case, trace: Trace) -> str | None:
         return None
     since_s = trace.time_s[int(np.argmax(share > allowed))]
     does = "grows" if case.chain.damped or case.chain.slips else "is off"
-    words = (
+    message = (
         f"the energy {does} by {share.max():.2g} times the energy put in; at this time step at most {allowed:.2g} times"
     )
-    return f"{UNSTABLE if share.max() > 1 else WRONG_ENERGY}{since_s:g} s: {words} is expected"
+    return f"{UNSTABLE if share.max() > 1 else WRONG_ENERGY}{since_s:g} s: {message} is expected"
 
 
 def _faults(case: Case, trace: Trace) -> Iterator[tuple[NDArray[np.bool_], str]]:

@@ -1,4 +1,4 @@
-"""Running cases on engines: each run gets a run folder, and a finished run is found again by its hash."""
+"""Runs of cases on engines: each has a run folder, and a finished run is found again by its hash."""
 
 import hashlib
 import json
@@ -66,16 +66,15 @@ def run_case(
         RunError: the engine is not installed.
     """
     engine, home = load_engine(engine_name), runs / engine_name
-    build = build_of(engine)
-    deck = engine.render(case)
+    build, deck = build_of(engine), engine.render(case)
     identity = run_identity(engine_name, build, deck.sha256)
     layout = _description(case)["layout"]
     target = home / folder_name(case.scene.name, layout, identity)
     keeps_state = "state" in case.scene.run.record
     if not rerun:
-        found = find_run(home, identity, layout)
-        if found and found.is_complete(state=keeps_state):
-            return refresh_record(found, case, target)
+        known = find_run(home, identity, layout)
+        if known and known.is_complete(state=keeps_state):
+            return refresh_record(known, case, target)
         for line in damage_of(home, identity):
             say(f"{line}: run again")
     with workplace(home) as place:
@@ -96,11 +95,10 @@ def run_case(
         faster = find_run(home, identity, layout)  # by another process
         if faster and not rerun and faster.is_complete(state=keeps_state):
             return refresh_record(faster, case, target)
-        own = faster if faster and faster.record.layout == layout else None
-        kept = own and own.done and record.status != "done"
-        if kept:  # a failed run does not replace a finished one
-            target = target.with_name(f"{target.name}-failed")
-        move_into_place(folder, target, own.folder if own and not kept else None)
+        former = faster if faster and faster.record.layout == layout else None
+        if former and former.done and record.status != "done":  # a failed run does not replace a finished one
+            target, former = target.with_name(f"{target.name}-failed"), None
+        move_into_place(folder, target, former.folder if former else None)
     return EndedRun(target, record)
 
 
@@ -166,20 +164,20 @@ def run_identity(engine_name: str, build: Build, deck_sha256: str) -> str:
     return hashlib.sha256(f"{engine_name}\0{build.identity}\0{deck_sha256}".encode()).hexdigest()[:12]
 
 
-def refresh_record(found: EndedRun, case: Case, target: Path) -> EndedRun:
-    """Give a run found for another scene with the same deck the record of this case, not yet assessed.
+def refresh_record(run: EndedRun, case: Case, target: Path) -> EndedRun:
+    """Give a run of the same deck, perhaps made for another scene, the record of this case, not yet assessed.
 
     If the gauges differ, the run is copied to ``target``, since the stored gauge signals depend on them.
     """
     described = _description(case)
-    if all(getattr(found.record, key) == value for key, value in described.items()):
-        return found
-    record = found.record.described(described)
-    if found.record.layout == record.layout:
-        record.write(found.folder)
-        return EndedRun(found.folder, record)
+    if all(getattr(run.record, key) == value for key, value in described.items()):
+        return run
+    record = run.record.described(described)
+    if run.record.layout == record.layout:
+        record.write(run.folder)
+        return EndedRun(run.folder, record)
     with workplace(target.parent) as place:
-        found.copy_to(place / "run", record)
+        run.copy_to(place / "run", record)
         move_into_place(place / "run", target, None)
     return EndedRun(target, record)
 

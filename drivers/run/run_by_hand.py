@@ -67,10 +67,10 @@ def import_run(source: Path, case: Case, engine_name: str, runs: Path = paths.RU
     """
     engine, home = load_engine(engine_name, "--engine"), runs / engine_name
     deck = engine.deck_by_hand(engine.render(case))
-    found = {name: _text_of(source / name) for name in deck.files}
-    edits = [line for name, text in deck.files.items() for line in _edits(name, text, found[name])]
+    edited = {name: _text_of(source / name) for name in deck.files}
+    edits = [line for name, text in deck.files.items() for line in _edits(name, text, edited[name])]
     raw = [source / name for name in deck.raw if (source / name).is_file()]
-    newest = max((source / name).stat().st_mtime for name in found)
+    newest = max((source / name).stat().st_mtime for name in edited)
     for file in raw:
         if file.stat().st_mtime < newest:
             say(f"{paths.shown(file)}: older than the deck; run the deck again if it has been changed since")
@@ -80,9 +80,9 @@ def import_run(source: Path, case: Case, engine_name: str, runs: Path = paths.RU
         raise RunError(f"{paths.shown(source)}: {error}") from error
     # a changed deck may have another start and another energy than the scene
     reason = unstable(case, trace) if edits else reason_to_fail(case, trace) or wrong_start(case, trace)
-    digest = hashlib.sha256(repr((engine_name, found)).encode() + b"".join(file.read_bytes() for file in raw))
+    digest = hashlib.sha256(repr((engine_name, edited)).encode() + b"".join(file.read_bytes() for file in raw))
     ended = Computed(trace, RunError(reason) if reason else None, wall_s=0.0, cpu_s=0.0, memory_bytes=0, loop_s=None)
-    deck = replace(deck, files=found)
+    deck = replace(deck, files=edited)
     record = record_of_end(case, engine, Build((), BY_HAND, ""), deck, ended)
     record = replace(record, identity=digest.hexdigest()[:12], edits=edits, wall_s=None, cpu_s=None, memory_bytes=None)
     with workplace(home) as place:
@@ -99,15 +99,15 @@ def _text_of(path: Path) -> str:
     try:
         return path.read_text()
     except (OSError, ValueError) as error:
-        found = error.strerror if isinstance(error, OSError) else "no text"
+        found = "no such file" if isinstance(error, FileNotFoundError) else f"no readable text: {error}"
         allowed = "a file of the deck, as beads render writes it, perhaps changed"
-        raise InputError(paths.shown(path), "", found or "", allowed) from error
+        raise InputError(paths.shown(path), "", found, allowed) from error
 
 
-def _edits(name: str, rendered: str, found: str) -> Iterator[str]:
+def _edits(name: str, rendered: str, edited: str) -> Iterator[str]:
     """Lines of a file that differ from the rendered one, as of ``diff``; the first may be the command of a build."""
     _, *old = rendered.splitlines()
-    _, *new = found.splitlines() or [""]
+    _, *new = edited.splitlines() or [""]
     for line in unified_diff(old, new, n=0, lineterm=""):
         if line[0] in "+-" and line not in ("--- ", "+++ "):
             yield f"{name}: {shorten(line, WIDTH, placeholder=' ...')}"

@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -25,9 +25,6 @@ from drivers.chain.case import Layout, read_layout
 from drivers.chain.trace import State, Trace, forces_table, state_in, state_table, trace_in
 from drivers.scene.model import Scene
 from drivers.scene.read_scene import stored_scene
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 RECORD, FORCES, STATE, SENSORS = "run.json", "forces.parquet", "state.parquet", "sensors.csv"
 ORIGIN = "of a run (run it again with --rerun)"
@@ -136,11 +133,10 @@ def record_of(folder: Path) -> RunRecord:
         record = RunRecord(**read_sealed(path, "the record of a run"))
         read_layout(record.layout)
     except (FileNotFoundError, NotADirectoryError):
-        found = "no record of a run"
-        raise InputError(paths.shown(folder), RECORD, found, ALLOWED_FOLDER) from None
+        raise InputError(paths.shown(folder), RECORD, "no record of a run", ALLOWED_FOLDER) from None
     except (TypeError, LookupError) as error:
-        found = "a record of another version"
-        raise DamagedError(paths.shown(path), "", found, "the record of a run of this version") from error
+        allowed = "the record of a run of this version"
+        raise DamagedError(paths.shown(path), "", "a record of another version", allowed) from error
     named = FOLDER_NAME.fullmatch(folder.name)
     if named and named[3] != record.identity:
         found = f"the record of the run {record.identity}"
@@ -180,7 +176,7 @@ class EndedRun:
 
     @property
     def trouble(self) -> str:
-        """Reason why the run has no numbers, by its record and the names of its files; empty if it has."""
+        """Reason why the run has no numbers, from its record and its list of files; empty if it has numbers."""
         record = self.record
         if not self.done:
             return record.reason if record.status == DAMAGED else f"{record.status}: {record.reason}"
@@ -191,9 +187,9 @@ class EndedRun:
     def missed(self) -> str | None:
         """Message on quantities that miss the scene's accuracy; None if there are none, or before the assessment."""
         beyond = [
-            f"{name} has an error of {each['measured']:.3g}, allowed are {each['asked']:g}"
-            for name, each in (self.record.accuracy or {}).items()
-            if not each["measured"] <= each["asked"]
+            f"{name} has an error of {errors['measured']:.3g}, at most {errors['asked']:g} is allowed"
+            for name, errors in (self.record.accuracy or {}).items()
+            if not errors["measured"] <= errors["asked"]
         ]
         return "; ".join(beyond) or None
 
@@ -252,7 +248,7 @@ class EndedRun:
         """
         scene, record = self.record.scene, self.record
         with self._refused(FORCES):
-            trace = trace_in(self._table(FORCES))
+            trace = trace_in(arrow_in(self._content(FORCES)))
             times = np.arange(scene["samples"], dtype=float) * (scene["steps_per_sample"] * record.time_step_s)
             times = times if self.done else times[: len(trace.time_s)]
         shape = (len(times), record.bodies)
@@ -278,14 +274,14 @@ class EndedRun:
             found = f"file not found: the run kept no positions; this command makes a run with positions: {again}"
             raise InputError(paths.shown(path), "", found)
         with self._refused(STATE):
-            state = state_in(self._table(STATE), record.bodies)
+            state = state_in(arrow_in(self._content(STATE)), record.bodies)
         if not np.array_equal(state.time_s, self.trace.time_s):
             raise DamagedError(paths.shown(path), "time_s", "other times", f"the times of {FORCES}")
         return state
 
     @contextmanager
     def _refused(self, name: str) -> Iterator[None]:
-        """Turn errors of reading a file that is as it was written, but not by this version, into one line."""
+        """Turn errors of reading a file that another version wrote into a message of one line."""
         try:
             yield
         except InputError:
@@ -293,9 +289,6 @@ class EndedRun:
         except Exception as error:  # pyarrow raises many kinds
             found = f"a damaged file ({type(error).__name__}: {error})"
             raise DamagedError(paths.shown(self.folder / name), "", found, CONTENTS[name]) from error
-
-    def _table(self, name: str) -> "pa.Table":
-        return arrow_in(self._content(name))
 
     def _content(self, name: str) -> bytes:
         """Content of a file as it was written."""
@@ -306,7 +299,7 @@ class EndedRun:
             raise DamagedError(paths.shown(path), "", "no such file", CONTENTS[name]) from None
 
     def damage(self, *names: str) -> Iterator[str]:
-        """Lines on files, those named or all of the record, that are not as they were written."""
+        """Messages on the files, of those named or else of all, that are not as they were written."""
         for name in names or self.record.files:
             try:
                 self._content(name)
@@ -378,12 +371,12 @@ def open_run(folder: Path, *, failed: bool = False) -> EndedRun:
 
 def find_run(home: Path, identity: str, layout: dict[str, Any]) -> EndedRun | None:
     """Find a run by its hash; finished runs before failed ones, runs with this layout before others."""
-    found = [EndedRun(folder, record) for folder in _folders(home, identity) if (record := read_record(folder))]
-    return max(found, key=lambda run: (run.done, run.record.layout == layout), default=None)
+    runs = [EndedRun(folder, record) for folder in _folders(home, identity) if (record := read_record(folder))]
+    return max(runs, key=lambda run: (run.done, run.record.layout == layout), default=None)
 
 
 def damage_of(home: Path, identity: str) -> Iterator[str]:
-    """Lines on damaged files of the runs of a hash."""
+    """Messages on damaged files of the runs of a hash."""
     for folder in _folders(home, identity):
         try:
             yield from EndedRun(folder, record_of(folder)).damage()

@@ -166,7 +166,7 @@ def _new_folder() -> Path:
 def end_all() -> None:
     """End all idle sessions."""
     with _lending:
-        for session in (each for kept in _idle.values() for each in kept):
+        for session in (session for sessions in _idle.values() for session in sessions):
             session.close()
         _idle.clear()
         home = _homes.pop().parent if _homes else None

@@ -62,25 +62,25 @@ def lease(place: Path, identities: set[str]) -> set[str]:
     return free
 
 
-def leased(home: Path, own: Path | None = None) -> set[str]:
+def leased(home: Path, except_for: Path | None = None) -> set[str]:
     """Rows leased by live processes; removes the workplaces of dead processes."""
     identities: set[str] = set()
     for folder in home.glob(".*@*"):
         with suppress(OSError, ValueError):  # just starting or ending, or without leases
-            if folder != own and (alive := _alive(folder)):
+            if folder != except_for and (alive := _alive(folder)):
                 identities |= set(json.loads((folder / LEASE).read_text()))
-            elif folder != own and alive is False:
+            elif folder != except_for and alive is False:
                 shutil.rmtree(folder, ignore_errors=True)
     return identities
 
 
 def leftovers(home: Path) -> list[Path]:
     """Workplaces of dead processes, which ``leased`` removes."""
-    found = []
+    dead = []
     for folder in home.glob(".*@*"):
         with suppress(OSError):
-            found += [folder] * (_alive(folder) is False)
-    return found
+            dead += [folder] * (_alive(folder) is False)
+    return dead
 
 
 def _alive(folder: Path) -> bool | None:

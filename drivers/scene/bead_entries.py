@@ -15,7 +15,7 @@ MAX_IN_RANGE = 100_000
 def places_of(value: object) -> list[object]:
     """Beads of a ``from_wall``: one number, a range such as ``"5-9"``, or a list of both."""
     if isinstance(value, list | tuple):
-        return [place for each in value for place in places_of(each)]
+        return [place for entry in value for place in places_of(entry)]
     if isinstance(value, str) and (ends := RANGE.fullmatch(value)):
         first, last = int(ends[1]), int(ends[2] or ends[1])
         if 1 <= first <= last <= MAX_IN_RANGE:

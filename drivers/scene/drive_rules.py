@@ -8,8 +8,7 @@ from drivers.base import paths
 from drivers.base.errors import InputError, InputProblem
 from drivers.base.messages import shorten
 from drivers.base.units import to_si
-from drivers.scene.drive_table import DriveTable, StoredDrive
-from drivers.scene.model import Scene
+from drivers.scene.model import DriveTable, Scene, StoredDrive
 
 # keys by form: needed ones, then optional ones; other keys are refused
 KEYS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {

@@ -61,7 +61,7 @@ def _values(parts: Sequence[Any]) -> str:
 def _range(parts: Sequence[Any]) -> str:
     """Range of a number."""
     limits = [limit for part in parts for limit in (part, *getattr(part, "metadata", ()))]
-    ends = {end: _number(getattr(each, end)) for each in limits for end in ENDS if hasattr(each, end)}
+    ends = {end: _number(getattr(limit, end)) for limit in limits for end in ENDS if hasattr(limit, end)}
     if "le" in ends or "lt" in ends:
         return f"{ends['ge']}..{ends['le']}" if "le" in ends else f"{ends['ge']} to below {ends['lt']}"
     return f"{ends['ge']} or more" if "ge" in ends else "number"

@@ -58,8 +58,10 @@ def make_scene(data: dict[str, Any], library: dict[str, Any], name: str, where: 
     """
     _complete_own_materials(data, library)
     file = validate(SceneFile, data, where)
-    steps_per_sample, time_step = _steps_per_sample(file.run.sample_interval, file.run.time_step)
-    samples = file.run.duration / file.run.sample_interval
+    interval_s, step_s = file.run.sample_interval, file.run.time_step
+    steps_per_sample = 1 if step_s is None else max(1, round(interval_s / step_s))  # a missing step is planned later
+    time_step = units.divided(interval_s, steps_per_sample)  # a decimal fraction of the interval
+    samples = file.run.duration / interval_s
     bad_times = _bad_times(file, steps_per_sample, samples)
     refuse_any(where, [*problems_of_alternatives(file), *_unknown_materials(file, library), *bad_times])
     scene = Scene.model_construct(
@@ -201,18 +203,17 @@ def read_entries(path: Path, key: str, kind: type[Entry]) -> tuple[Entry, ...]:
     """
     entries: Any = (GenericAlias(tuple, (kind, ...)), Field(strict=False, min_length=1))
     file = validate(create_model("File", __base__=Part, **{key: entries}), read_toml(path), path)
-    found: tuple[Entry, ...] = getattr(file, key)
-    return found
+    return tuple(getattr(file, key))
 
 
 def _complete_own_materials(data: dict[str, Any], library: dict[str, Any]) -> None:
     """Fill in constants missing from the scene's materials, from library materials of the same name."""
-    own = data.get("materials")
-    if not isinstance(own, dict):
+    materials = data.get("materials")
+    if not isinstance(materials, dict):
         return  # reported by validation
-    for name, table in own.items():
+    for name, table in materials.items():
         if isinstance(table, dict) and name in library:
-            own[name] = {key: value for key, value in library[name].items() if key != "source"} | table
+            materials[name] = {key: value for key, value in library[name].items() if key != "source"} | table
 
 
 def _named_materials(file: SceneFile) -> dict[str, str]:
@@ -220,9 +221,9 @@ def _named_materials(file: SceneFile) -> dict[str, str]:
     named = {"chain.material": file.chain.material}
     lists: dict[str, tuple[Bead | Member, ...]] = {"bead": file.chain.bead, "pattern": file.chain.pattern or ()}
     for what, entries in lists.items():
-        for i, each in enumerate(entries):
-            if each.material:
-                named[f"chain.{what}.{each.entry if isinstance(each, Bead) else i}.material"] = each.material
+        for i, entry in enumerate(entries):
+            if entry.material:
+                named[f"chain.{what}.{entry.entry if isinstance(entry, Bead) else i}.material"] = entry.material
     for part in ("striker", "wall", "tube"):
         table = getattr(file, part)
         if table is not None:
@@ -245,17 +246,6 @@ def _materials(file: SceneFile, library: dict[str, Any]) -> dict[str, Material]:
         for name in _named_materials(file).values()
         if name in file.materials or name in library
     }
-
-
-def _steps_per_sample(interval_s: float, step_s: float | None) -> tuple[int, float]:
-    """Time steps per sample interval, and the time step as a decimal fraction of the interval.
-
-    Without a time step: 1 and the interval; the step is planned later.
-    """
-    if step_s is None:
-        return 1, interval_s
-    steps = max(1, round(interval_s / step_s))
-    return steps, units.divided(interval_s, steps)
 
 
 def _bad_times(file: SceneFile, steps_per_sample: int, samples: float) -> Iterator[InputProblem]:

@@ -95,7 +95,7 @@ def _wrong_beads(chain: ChainTable) -> Iterator[InputProblem]:
     lists: dict[str, tuple[Sensor | Bead, ...]] = {"sensors": chain.sensors, "bead": chain.bead}
     for what, entries in lists.items():
         places: set[int] = set()
-        for entry in sorted(entries, key=lambda each: each.entry):
+        for entry in sorted(entries, key=lambda bead: bead.entry):
             key = f"chain.{what}.{entry.entry}.from_wall"
             if entry.from_wall > chain.count:
                 wrong.setdefault(key, (str(entry.from_wall), allowed))

@@ -21,8 +21,8 @@ def settings_between(scene: dict[str, Any], base: dict[str, Any]) -> dict[str, s
 
     Both scenes are in SI units, as given by ``Scene.model_dump(mode="json", exclude_none=True)``.
     """
-    own = scene.get("materials", {})
-    base = base | {"materials": {name: base.get("materials", {}).get(name) or _library().get(name) for name in own}}
+    names, in_base = scene.get("materials", {}), base.get("materials", {})
+    base = base | {"materials": {name: in_base.get(name) or _library().get(name) for name in names}}
     pair = unplanned(base), unplanned(scene)
     return {key: setting_text(key, value) for key, _, value in differences(*pair) if key != "title"}
 
@@ -38,20 +38,20 @@ def unplanned(scene: dict[str, Any]) -> dict[str, Any]:
 def _library() -> dict[str, Any]:
     """Shipped materials in SI units."""
     materials = read_toml(paths.MATERIALS)
-    return {name: Material.model_validate(each).model_dump(exclude_none=True) for name, each in materials.items()}
+    return {name: Material.model_validate(table).model_dump(exclude_none=True) for name, table in materials.items()}
 
 
-def differences(one: Any, other: Any, path: str = "") -> Iterator[tuple[str, Any, Any]]:
+def differences(first: Any, second: Any, path: str = "") -> Iterator[tuple[str, Any, Any]]:
     """Keys whose values differ between two scenes, with both values; a table missing in one scene is one key."""
-    if isinstance(one, dict) and isinstance(other, dict):
-        for key in dict.fromkeys([*one, *other]):
+    if isinstance(first, dict) and isinstance(second, dict):
+        for key in dict.fromkeys([*first, *second]):
             if key not in (FREE_TEXT if path else DERIVED):
-                yield from differences(one.get(key), other.get(key), f"{path}.{key}" if path else key)
-    elif isinstance(one, list) and isinstance(other, list) and len(one) == len(other):
-        for index, values in enumerate(zip(one, other, strict=True)):
+                yield from differences(first.get(key), second.get(key), f"{path}.{key}" if path else key)
+    elif isinstance(first, list) and isinstance(second, list) and len(first) == len(second):
+        for index, values in enumerate(zip(first, second, strict=True)):
             yield from differences(*values, f"{path}.{index}")
-    elif one != other:
-        yield path, one, other
+    elif first != second:
+        yield path, first, second
 
 
 def setting_text(key: str, value: Any) -> str:
@@ -74,10 +74,10 @@ def setting_texts(settings: Mapping[str, Any]) -> tuple[str, ...]:
 def _toml(key: str, value: Any) -> str:
     """TOML text of a value, with its unit; free text is left out."""
     if isinstance(value, dict):
-        table = {name: each for name, each in value.items() if name not in FREE_TEXT}
-        return "{" + ", ".join(f"{name}={_toml(f'{key}.{name}', each)}" for name, each in table.items()) + "}"
+        table = {name: entry for name, entry in value.items() if name not in FREE_TEXT}
+        return "{" + ", ".join(f"{name}={_toml(f'{key}.{name}', entry)}" for name, entry in table.items()) + "}"
     if isinstance(value, list):
-        return "[" + ", ".join(_toml(f"{key}.{index}", each) for index, each in enumerate(value)) + "]"
+        return "[" + ", ".join(_toml(f"{key}.{index}", entry) for index, entry in enumerate(value)) + "]"
     return json.dumps(units.quantity(value, unit) if isinstance(value, float) and (unit := unit_of(key)) else value)
 
 

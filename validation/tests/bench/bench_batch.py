@@ -11,8 +11,8 @@ from pathlib import Path
 import pandas as pd
 
 from drivers.base.processes import run_command
+from drivers.batch.study_cases import WORKER_COSTS
 from drivers.batch.study_commands import batch, status
-from drivers.batch.study_plan import WORKER_COSTS
 from drivers.chain.case import build_case
 from drivers.engines import installed_codes, load_engine
 from drivers.run.execute import Place

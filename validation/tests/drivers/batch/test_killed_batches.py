@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 
 from drivers.batch.store import Store
-from drivers.batch.study_cases import Batch, CaseFacts, Request, opened
-from drivers.batch.study_plan import validate_cases
+from drivers.batch.study_cases import Batch, CaseFacts, Request, opened, validate_cases
 from drivers.run.execute import EXIT_LIMIT_S
 from validation.tests.drivers.batch.test_batch import batch, stored, table, table_bytes
 from validation.tests.helpers.commands import BEADS, beads, without_progress
@@ -189,7 +188,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     """File system of three megabytes."""
     place = tmp_path / "disk"
     place.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=3m", "tmpfs", place]
+    mount = ["mount", "-t", "tmpfs", "-o", "size=3m", "tmpfs", str(place)]
     if subprocess.run(mount, capture_output=True, check=False).returncode:
         pytest.skip("mounting a small file system needs more rights")
     yield place

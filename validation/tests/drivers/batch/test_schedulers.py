@@ -86,7 +86,7 @@ def _said(*words: str) -> str:
     return subprocess.run(words, capture_output=True, text=True, check=False).stdout
 
 
-def _wait_for(happened: Callable[[], Result], seconds: float = 60) -> Result:
+def _wait_for(happened: Callable[[], Result | None], seconds: float = 60) -> Result:
     until = time.monotonic() + seconds
     while not (result := happened()):
         assert time.monotonic() < until, "it did not happen in time"

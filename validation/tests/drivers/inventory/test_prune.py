@@ -97,7 +97,7 @@ def test_what_no_command_would_use_goes(runs: Path, capsys: pytest.CaptureFixtur
     assert folders(runs) == used
     reasons = {"damaged or of another version": 1, "failed or without": 2, "another build": 1, "an older deck": 1}
     for line, (reason, count) in zip(removed, reasons.items(), strict=True):
-        assert line.startswith(f"removed {count} runs ({VERLET} {count}), ")
+        assert line.startswith(f"removed {count} run{'s' * (count > 1)} ({VERLET} {count}), ")
         assert reason in line
     assert kept.startswith(f"kept 2 runs ({REFERENCE} 1, {VERLET} 1), ")
     assert batches.startswith("kept runs/batch: 2 rows of batches")
@@ -133,11 +133,11 @@ def test_what_cannot_be_judged_or_just_ended_stays(
     assert (failed / RECORD).exists()
     assert (runs / VERLET / "notes").exists()
     for start, reason in (
-        (f"kept 1 runs ({VERLET} 1)", "ended less than 10 minutes ago"),
-        ("kept 1 runs (absent 1)", "has no entry here; --engines FILE"),
+        (f"kept 1 run ({VERLET} 1)", "ended less than 10 minutes ago"),
+        ("kept 1 run (absent 1)", "has no entry here; --engines FILE"),
         ("kept 2 runs (own 1, silent 1)", "is not installed, or"),
         (f"kept 2 runs ({VERLET} 2)", "renamed or are links"),
-        (f"kept 1 runs ({VERLET} 1)", "imported, so"),
+        (f"kept 1 run ({VERLET} 1)", "imported, so"),
     ):
         assert any(line.startswith(start) and reason in line for line in lines), (reason, lines)
     assert lines[-1] == "freed 0 kB"

@@ -75,7 +75,7 @@ def test_incomplete_folders_are_not_imported(scene_file: SceneWriter, tmp_path: 
     deck.mkdir()
     for words, said in (
         (verlet, "scene.json: no such file; give the scene of the deck by --scene"),
-        ((*verlet, "--scene", scene), "chain.json: found No such file or directory; allowed: a file"),
+        ((*verlet, "--scene", scene), "chain.json: found no such file; allowed: a file"),
         ((*verlet, "--set", "chain.count=3"), "--set: needs --scene"),
         ((deck,), "--engine: found none; allowed: one engine"),
     ):

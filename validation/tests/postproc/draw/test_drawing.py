@@ -11,7 +11,7 @@ from validation.tests.helpers.scenes import SceneWriter, case_of
 
 
 def test_a_short_chain_is_drawn_where_it_is() -> None:
-    case = case_of("fig6d")
+    case = case_of("fig4")
     _, table = draw_scene(case.scene, case.chain)
     assert len(table) == case.chain.bodies
     assert (table["height_m"] == table["drawn_height_m"]).all()

@@ -180,11 +180,11 @@ def test_each_engine_has_points_at_its_rows_that_are_above_zero_on_logarithmic_a
     for engine, rows in table.groupby("engine"):
         assert lines[engine].get_xydata() == pytest.approx(rows[[X, Y]].to_numpy(), rel=1e-12)
     table.loc[[0, 3], Y] = 0.0
-    table.loc[5, X] = np.nan
+    table.loc[[5, 7], X] = [np.nan, -1.0]
     product = _draw(table, Y, x=X, log=True)
-    assert list(product.notes) == ["2 rows are not above zero, so not on logarithmic axes"]
+    assert list(product.notes) == ["3 rows are not above zero, so not on logarithmic axes"]
     assert list(product.table.columns) == ["case", STRIKER, "engine", X, Y]
-    assert product.table[Y].notna().sum() == 24 - 3
+    assert product.table[Y].notna().sum() == 24 - 4
     assert product.figure.axes[0].get_title(loc="right") == "not seen in 1 of 24 runs"
 
 

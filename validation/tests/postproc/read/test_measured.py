@@ -262,7 +262,9 @@ def quoted_of(scene_file: SceneWriter, **values: str) -> dict[str, tuple[float, 
 def test_quoted_values_come_in_si_units(
     scene_file: SceneWriter, name: str, value: str, full: str, number: float
 ) -> None:
-    assert quoted_of(scene_file, **{name: value}) == {full: (pytest.approx(number, rel=1e-14), 0.1)}
+    quoted = quoted_of(scene_file, **{name: value})
+    assert [*quoted] == [full]
+    assert quoted[full] == pytest.approx((number, 0.1), rel=1e-14)
 
 
 @pytest.mark.parametrize(

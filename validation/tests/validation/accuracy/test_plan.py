@@ -127,10 +127,18 @@ def test_a_refusal_names_an_attainable_accuracy_that_is_allowed_or_none(least: f
         assert least <= float(named[1]) <= min(1.1 * least, 0.99)
 
 
-def refusal_by(command: Callable[[], object]) -> str:
+def run_refuses(path: Path, settings: tuple[str, ...]) -> None:
+    refuse(case_of(path, *settings), "reference")
+
+
+def plan_of(path: Path, settings: tuple[str, ...]) -> list[str]:
+    return [*plan_report(path, settings)]
+
+
+def refusal_by(command: Callable[[Path, tuple[str, ...]], object], path: Path, settings: tuple[str, ...]) -> str:
     """Message of a refusal; empty if there is none."""
     try:
-        command()
+        command(path, settings)
     except InputError as error:
         return str(error)
     return ""
@@ -142,8 +150,8 @@ def test_a_motion_refused_to_a_run_is_refused_to_its_plan(timing: tuple[str, ...
     path, refused = scene_file(), []
     for speed in np.geomspace(3, 1500, 4):
         settings = (f"striker.speed={speed:.4g} m/s", *timing)
-        said = refusal_by(lambda given=settings: refuse(case_of(path, *given), "reference"))
-        assert refusal_by(lambda given=settings: list(plan_report(path, given))) == said
+        said = refusal_by(run_refuses, path, settings)
+        assert refusal_by(plan_of, path, settings) == said
         refused.append("radii deep" in said)
     assert refused == sorted(refused)
     assert not refused[0]

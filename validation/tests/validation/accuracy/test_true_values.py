@@ -31,8 +31,8 @@ def train(number: int, *settings: str) -> Case:
     sensors = f"chain.sensors=[{{from_wall={count - 1}}}, {{from_wall={count - 4}}}]"
     striker = ("striker.mass=0.49 g", f"striker.speed={speed:.4g} m/s", f"gravity={draw.choice([0, 9.81])} m/s^2")
     timing = (f"run.duration={duration_us:.6g} us", f"run.sample_interval={step_us:.6g} us")
-    timing += (f"run.time_step={step_us:.6g} us",)
-    return case_of("fig4", f"chain.count={count}", sensors, *striker, *LAWS[number], *timing, *settings)
+    step = f"run.time_step={step_us:.6g} us"
+    return case_of("fig4", f"chain.count={count}", sensors, *striker, *LAWS[number], *timing, step, *settings)
 
 
 def own_scale(name: str, values: dict[str, float]) -> float:

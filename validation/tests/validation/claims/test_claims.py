@@ -145,7 +145,7 @@ def test_a_verdict_is_that_of_the_favoured_reading_and_hangs_where_another_diffe
 
 
 def test_the_headline_counts_statements_that_can_fail_on_physics() -> None:
-    """Of two reproduced and one that differs, the last by our criterion; the cause has a name in the file."""
+    """Two are reproduced, and one differs by our criterion; the cause has a name in the file."""
     cause, words = next(iter(read_claims().causes.items()))
     whole = [
         by_engines(claim(within=0.1), reference=2.0),

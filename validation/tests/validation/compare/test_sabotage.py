@@ -141,7 +141,7 @@ def test_a_sabotaged_deck_is_red_and_its_fault_is_named(row: Sabotage) -> None:
         assert ended.fault is not None
         assert re.search(row.red, str(ended.fault)), ended.fault
     if row.named:
-        trace = ended.trace or (ended.fault and ended.fault.partial)
+        trace = ended.trace if ended.fault is None else ended.fault.partial
         assert trace is not None
         assert first_departure(case, row.engine, trace)
         sentence = law_sentence(case, row.engine, trace)

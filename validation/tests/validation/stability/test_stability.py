@@ -177,7 +177,17 @@ def test_the_linear_limit_of_two_bodies_is_that_of_their_oscillation(scene_file:
 
 
 def test_a_step_that_blows_up_is_refused_and_unsafe_runs_it(tmp_path: Path) -> None:
-    words = ("run", "fig4", *words_of(TOO_LARGE), "--runs", tmp_path, "--engine", "verlet", "--engine", "reference")
+    words = [
+        "run",
+        "fig4",
+        *words_of(TOO_LARGE),
+        "--runs",
+        str(tmp_path),
+        "--engine",
+        "verlet",
+        "--engine",
+        "reference",
+    ]
     refused = beads(*words)
     assert (refused.returncode, refused.stdout, len(refused.stderr.splitlines())) == (2, "", 1)
     assert "run.time_step: found 2e-05 s; allowed: at most 1.7" in refused.stderr
@@ -195,7 +205,7 @@ def test_a_step_that_is_too_coarse_is_done_with_a_warning(shared_runs: Path) -> 
     said = beads("run", "fig4", *words_of(COARSE), "--engine", "verlet", "--runs", shared_runs)
     assert said.returncode == 0
     assert f"fig4: verlet warning: {warning}" in said.stderr
-    (line,) = finished(case_of("fig4", *COARSE), "verlet", shared_runs).record.warnings or ()
+    (line,) = finished(case_of("fig4", *COARSE), "verlet", shared_runs).record.warnings or [""]
     assert line.startswith(warning)
     assert line.endswith("cause: the time step")
 
@@ -216,8 +226,7 @@ def test_what_one_engine_cannot_take_others_run(scene_file: SceneWriter, tmp_pat
     need("liggghts")
     path = scene_file(count=220)
     far = words_of(("chain.bead=[{from_wall=3, gap_below='100 km'}]", "run.duration=20 us"))
-    words = ("run", path, *far, "--runs", tmp_path, "--engine", "liggghts")
-    by_name = beads(*words)
+    by_name = beads("run", path, *far, "--runs", tmp_path, "--engine", "liggghts")
     assert (by_name.returncode, by_name.stdout) == (2, "")
     assert "on liggghts at most 1e+08 bins" in by_name.stderr
     compared = beads("compare", path, *far, "--runs", tmp_path, "--engine", "liggghts", "--allow-missing")
