@@ -137,8 +137,8 @@ def lines(outcome: Outcome) -> Iterator[str]:
         rows.append([row.parameter, value, *(interval_text(row, end) for end in ends), start])
     yield from _table(["parameter", "value", *(f"{rise} interval" for rise in RISES), "start"], rows)
     if outcome.enlargement != 1:
-        times = f"{outcome.enlargement:.2g} times those by noise"
-        yield f"errors, not intervals, are {times}: the data scatter more than the model explains"
+        times = f"enlarged {outcome.enlargement:.2g} times"
+        yield f"errors (not intervals) are {times}, since the data scatter more than noise explains"
     yield ""
     cells = [[row.label, *_datum_cells(row)] for row in outcome.data]
     yield from _table(["datum", "measured", "fitted", "deviation", "predicted", "deviation"], cells)

@@ -74,7 +74,7 @@ def _first_two(run: Run, scene: str) -> tuple[Array, Peak, Peak]:
 
 
 def loss_on_small_beads(run: Run, per: str) -> float:
-    """Loss of the first wave by dissipation in Fig. 6(a) divided by that in Fig. 5(a), of the whole chain or per bead."""
+    """Loss of the first wave by dissipation in Fig. 6(a) divided by that in Fig. 5(a), of the chain or per bead."""
     losses = []
     for scene in ("fig6b", "fig5"):
         kept, beads = _kept(run, scene), case_of(scene).chain.beads

@@ -93,7 +93,8 @@ def _on_gap(numbers: pd.DataFrame) -> Iterator[str]:
             explained = ", ".join(f"{step} {_percent(shares[step])}" for step in steps.index[1:])
             yield (
                 f"{quote.scene}, {quote.words}: {steps[ELASTIC]:.3g} {quote.unit} on the elastic line,"
-                f" {quote.about}{quote.value:g} {quote.unit} in the experiment; shares of this gap that the steps explain: {explained}."
+                f" {quote.about}{quote.value:g} {quote.unit} in the experiment; the steps"
+                f" explain of this gap: {explained}."
             )
 
 

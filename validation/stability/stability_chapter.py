@@ -86,8 +86,8 @@ def _on_limits(limits: pd.DataFrame) -> str:
     same = int((wide.sub(wide[VERLET], axis=0).abs().max(axis=1) < 1e-9 * wide[VERLET]).sum())
     return (
         f"The measured limit of the time step is {ratio.min():.2f} to {ratio.max():.2f} times the predicted one, which"
-        f" {exceeded} in {len(ratio)} measurements; {listed(methods)} become unstable at the same measured step on {same}"
-        f" of {len(wide)} scenes."
+        f" {exceeded} in {len(ratio)} measurements; {listed(methods)} become unstable at the same measured step"
+        f" on {same} of {len(wide)} scenes."
     )
 
 
