@@ -20,7 +20,7 @@ scheme does, plus rounding.
 In three dimensions Q_e is extrapolated, rounding is included in model, and sampling is not measured.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from itertools import chain, pairwise
 from typing import Any
@@ -29,6 +29,7 @@ import numpy as np
 
 from drivers.base.errors import digits_apart
 from drivers.base.kept import kept
+from drivers.base.text_table import text_table
 from drivers.base.tolerances import Tolerance, tolerance
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
@@ -348,13 +349,24 @@ def _warnings(
         )
 
 
-def printed_budget(rows: Iterable[dict[str, Any]]) -> Iterator[tuple[str, ...]]:
-    """Rows of the error budget for a terminal, of forces, energy, momentum and peaks: quantity and its parts.
+def budget_lines(heading: str, runs: Mapping[str, EndedRun]) -> Iterator[str]:
+    """Error budgets of runs for a terminal, by quantity: of forces, energy, momentum and peaks; notes and warnings.
 
-    Rows with missing parts, in records of other versions, are left out.
+    Rows with missing parts, in records of other versions, are left out. ``heading`` is that of the names of the runs.
     """
-    for row in rows:
-        quantity = row["quantity"]
-        if (quantity in (FORCE, *FIELDS) or of_kind([quantity], "peak")) and set(PARTS) <= row.keys():
-            parts = [*PARTS, *([ELEMENTS] if ELEMENTS in row else [])]
-            yield quantity, *(f"{row[part]:.1e}" for part in parts)
+    rows = [
+        (name, row) for name, run in runs.items() for row in run.record.error_budget or () if row.keys() >= {*PARTS}
+    ]
+    quantities = [*dict.fromkeys(row["quantity"] for _, row in rows)]
+    shown = {name for name in quantities if name in (FORCE, *FIELDS)} | {*of_kind(quantities, "peak")}
+    rows = [
+        (name, row) for quantity in quantities if quantity in shown for name, row in rows if row["quantity"] == quantity
+    ]
+    parts = [*PARTS, *([ELEMENTS] if any(ELEMENTS in row for _, row in rows) else [])]
+    cells = [(name, row["quantity"], *(f"{row[part]:.1e}" for part in parts if part in row)) for name, row in rows]
+    if cells:
+        yield f"\nerror budget: {BUDGET_WORDS}"
+        yield from text_table([(heading, "quantity", *parts), *cells], right=range(2, 8))
+    for name, run in runs.items():
+        lines = [run.record.error_note, *(f"warning: {warning}" for warning in run.record.warnings or ())]
+        yield from (f"{name:<9} {line}" for line in lines if line)
