@@ -89,19 +89,18 @@ def figures(names: tuple[str, ...], runs: Path, results: Path) -> int:
     return code
 
 
-def _chapter(name: str, text: str, taken: tuple[Decorator, ...], *examples: str) -> click.Command:
+def _chapter(name: str, text: str, *taken: Decorator, examples: tuple[str, ...] = ("", "--quick")) -> click.Command:
     """Command of a chapter with its help text and options."""
 
     def action(**given: Any) -> int:
         from validation.chapters import Options, load_chapter, run_chapter
 
-        return run_chapter(
-            load_chapter(name), Options(**{key: value for key, value in given.items() if value is not None})
-        )
+        asked = Options(**{key: value for key, value in given.items() if value is not None})
+        return run_chapter(load_chapter(name), asked)
 
     for add in reversed((*taken, options.RESULTS)):
         action = add(action)
-    return command(*examples or ("",), name=name, text=text)(action)
+    return command(*examples, name=name, text=text)(action)
 
 
 BUDGET = option(
@@ -113,28 +112,16 @@ BUDGET = option(
 CASES_FILE = option(
     "--file", "FILE", "Judge the cases of a file alone (default: all claims and inputs/independent.toml).", type=Path
 )
-QUICK = ("", "--quick")
 CHAPTER_COMMANDS = (
     _chapter(
-        "claims",
-        "Judge the paper's statements, and engines by published numbers.",
-        (CASES_FILE, options.RUNS),
-        "",
-        "--file my-cases.toml",
+        "claims", "Judge the paper's statements, and engines by published numbers.", CASES_FILE, options.RUNS,
+        examples=("", "--file my-cases.toml"),
     ),
     _chapter(
-        "trade",
-        "Measure error against cost for all engines and time steps.",
-        (options.QUICK, BUDGET),
-        "--quick",
-        "--budget 600",
+        "trade", "Measure error against cost for all engines and time steps.", options.QUICK, BUDGET,
+        examples=("--quick", "--budget 600"),
     ),
-    _chapter(
-        "stability",
-        "Measure stable steps, extreme scenes, long runs, rounding.",
-        (options.QUICK, options.RUNS),
-        *QUICK,
-    ),
-    _chapter("elements", "Measure effect and cost of each modelling element.", (options.QUICK, options.RUNS), *QUICK),
-    _chapter("calibration", "Fit parameters of each contact law to the paper's experiments.", (options.QUICK,), *QUICK),
-)
+    _chapter("stability", "Measure stable steps, extreme scenes, long runs, rounding.", options.QUICK, options.RUNS),
+    _chapter("elements", "Measure effect and cost of each modelling element.", options.QUICK, options.RUNS),
+    _chapter("calibration", "Fit parameters of each contact law to the paper's experiments.", options.QUICK),
+)  # fmt: skip

@@ -30,7 +30,7 @@ from validation.chapters import (
     write_chapter,
     write_paper_figure,
 )
-from validation.checks import FAIL, NOT_RUN, PASS, Check, short, table
+from validation.checks import FAIL, NOT_RUN, PASS, short, table
 from validation.compare.answer import answer, display_name, listed
 from validation.compare.comparison import ComparedScene, run_and_compare_all
 from validation.compare.selection import EngineSelection, print_unmet
@@ -99,12 +99,12 @@ def report(
     failed = False
     for number, name in enumerate([*to_come], 2):
         options = Options(page.parent, folder, quick=name in QUICK_CHAPTERS)
-        with step(named(_title(name), options), number, steps):
+        chapter = None if name in captions() else load_chapter(name)
+        with step(named(chapter.title if chapter else captions()[name].title, options), number, steps):
             try:
-                if name in captions():
+                if chapter is None:
                     write_paper_figure(name, folder, page.parent)
                 else:
-                    chapter = load_chapter(name)
                     write_chapter(chapter, chapter.measure(options), page.parent)
             except (RunError, InputError, OSError) as error:  # continue with the other parts
                 say(f"{name}: {error}")
@@ -112,14 +112,12 @@ def report(
             to_come.remove(name)
             counts = write_report(compared, page, command, runs, unmet, to_come, sections)
         _announce(page, counts, to_come)
-    missed = [check for name in CHAPTERS if studies for check in _failed(name, page.parent)]
+    chapters = [load_chapter(name) for name in CHAPTERS if studies]
+    there = [chapter for chapter in chapters if (page.parent / f"{chapter.main_table}.csv").exists()]
+    missed = [check for chapter in there for check in chapter.failed(chapter.read(page.parent))]
     for line in table(missed) if missed else ():
         say(line)
     return 1 if print_unmet(unmet) or counts[FAIL] or missed or failed else 0
-
-
-def _title(part: str) -> str:
-    return captions()[part].title if part in captions() else load_chapter(part).title
 
 
 def _made(part: str, results: Path) -> bool:
@@ -132,11 +130,6 @@ def _made(part: str, results: Path) -> bool:
     except (InputError, OSError) as error:  # such as a folder in place of a file
         say(str(error))
         return False
-
-
-def _failed(name: str, results: Path) -> Sequence[Check]:
-    chapter = load_chapter(name)
-    return chapter.failed(chapter.read(results)) if (results / f"{chapter.main_table}.csv").exists() else ()
 
 
 def _announce(page: Path, counts: Counter[str], to_come: Sequence[str]) -> None:
