@@ -178,18 +178,16 @@ def _judged(posed: Posed, engine: str, ended: EndedRun | None) -> Iterator[Check
         yield _without(posed, engine, FAIL, f"{ended.record.status}: {ended.record.reason}")
         return
     try:
-        trace = IN_REPO[engine](posed.case) if ended is None else _trace_of(posed.case, ended)
+        if ended is None:
+            trace = IN_REPO[engine](posed.case)
+        else:  # without the state if another case has the same run and records it
+            trace = trace_with_state(ended) if "state" in posed.case.scene.run.record else ended.trace
         values = MEASURES[posed.entry.measure].measure(posed.case, trace)
     except (ValueError, ArithmeticError, IndexError) as error:  # the run does not show the quantities
         yield _without(posed, engine, FAIL, str(error))
         return
     for expectation in posed.entry.check:
         yield _check(posed, engine, expectation, values.get(expectation.quantity, nan))
-
-
-def _trace_of(case: Case, run: EndedRun) -> Trace:
-    """Trace of a run, with the state if the case asks for it: another case may have the same run and record it."""
-    return trace_with_state(run) if "state" in case.scene.run.record else run.trace
 
 
 def _check(posed: Posed, engine: str, expectation: Expectation, value: float) -> Check:
