@@ -89,7 +89,7 @@ def summary(checks: Sequence[Check]) -> str:
 
 def table(checks: Iterable[Check]) -> list[str]:
     """Table of checks for a terminal, with a heading."""
-    rows = [("scene", "engine", "quantity", "error", "allowed", "verdict")]
+    rows = [("scene", "engine", "quantity", "error", "allowed", "verdict, and place of the error")]
     for check in checks:
         numbers = ("", "") if check.quantity == RUN else (f"{check.value:.2e}", f"{check.limit:.2e}")
         rows.append((check.scene, check.engine, check.quantity, *numbers, f"{check.verdict}: {check.where}"))

@@ -96,8 +96,8 @@ def sheet(film: Film, title: str) -> Product:
     pitch_in = WIDTH_IN / count
     scale_in = min(MAX_HEIGHT_IN / tall, pitch_in / (2.5 * film.half_m))
     height_in = max(scale_in * tall, MIN_HEIGHT_IN) + 0.1
-    words = [title, *film.notes]
-    page_in = height_in + 0.45 + 0.15 * len(words)
+    lines = [title, *film.notes]
+    page_in = height_in + 0.45 + 0.15 * len(lines)
     figure = plt.figure(figsize=(WIDTH_IN + 0.9, page_in))
     axis = _axis(figure, (0.1, 0.35, WIDTH_IN, height_in))
     pitch = pitch_in / scale_in
@@ -108,7 +108,7 @@ def sheet(film: Film, title: str) -> Product:
     bar_in = min(2.0, height_in)
     bar = figure.colorbar(_colours(film), cax=_axis(figure, (WIDTH_IN + 0.2, 0.35, 0.1, bar_in), framed=True))
     finish_bar(bar, "mean of the contact forces (N),\nsquare-root scale; grey: none")
-    figure.text(0.1 / (WIDTH_IN + 0.9), 1 - 0.05 / page_in, "\n".join(words), va="top")
+    figure.text(0.1 / (WIDTH_IN + 0.9), 1 - 0.05 / page_in, "\n".join(lines), va="top")
     bodies = film.force_N.shape[1]
     return Product(figure, pd.DataFrame({
         "time_s": np.repeat(film.time_s, bodies), "body": np.tile(np.arange(1, bodies + 1), count),
@@ -185,8 +185,8 @@ def _draw_chain(axis: Any, film: Film, frame: int, middle: float, scale_in: floa
     if _circles(film, scale_in):
         rgba = colours.to_rgba(force)
         for radius in np.unique(film.radius_m[film.radius_m > 0]):  # beads of one size together, for a small file
-            own, size = film.radius_m == radius, (2 * radius,)
-            beads = EllipseCollection(size, size, (0,), units="xy", offsets=place[own], facecolors=rgba[own],
+            alike, size = film.radius_m == radius, (2 * radius,)
+            beads = EllipseCollection(size, size, (0,), units="xy", offsets=place[alike], facecolors=rgba[alike],
                                       offset_transform=axis.transData, **EDGE)  # fmt: skip
             axis.add_collection(beads, autolim=False)
         return

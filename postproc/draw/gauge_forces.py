@@ -32,7 +32,7 @@ def draw_gauge_forces(layout: Layout, traces: Mapping[str, Trace], failed: Mappi
         The figure; None without a gauge and without a difference.
     """
     everything = {**traces, **failed}
-    labels = {engine: failed_label(engine) if engine in failed else engine for engine in drawing_order([*everything])}
+    labels = {engine: f"{engine}{' (failed)' * (engine in failed)}" for engine in drawing_order([*everything])}
     signals = {engine: sensor_signals(layout, trace) for engine, trace in everything.items()}
     names = [*next(iter(signals.values()))][-MAX_GAUGES:]
     baselines = [name for name in (REFERENCE, VERLET) if name in traces] or [*traces][:1]
@@ -55,11 +55,6 @@ def draw_gauge_forces(layout: Layout, traces: Mapping[str, Trace], failed: Mappi
     handles = [pyplot().Line2D([], [], label=label, **_look(engine)) for engine, label in labels.items()]
     figure.legend(handles=handles, loc="outside upper left", ncols=LEGEND_COLUMNS)
     return figure
-
-
-def failed_label(engine: str) -> str:
-    """Label of a failed run."""
-    return f"{engine} (failed)"
 
 
 def _look(engine: str) -> dict[str, Any]:

@@ -83,22 +83,15 @@ def _draw_gauge(force: Any, strip: Any, curve: SmoothForce, computed_N: Any, col
 
 def misfit_table(misfits: Sequence[Misfit]) -> pd.DataFrame:
     """Table of misfits, a row for each quantity; names of quantities contain the units."""
-    return pd.DataFrame(
-        {
-            "quantity": [misfit.name for misfit in misfits],
-            "source": [misfit.source for misfit in misfits],
-            "measured": [misfit.measured for misfit in misfits],
-            "standard_error": [misfit.error for misfit in misfits],
-            "error_by_noise": [misfit.noise_error for misfit in misfits],
-            "error_by_gain": [misfit.gain_error for misfit in misfits],
-            "computed": [misfit.computed for misfit in misfits],
-            "difference": [misfit.difference for misfit in misfits],
-            "difference_in_errors": [misfit.errors_off for misfit in misfits],
-        }
-    )
+    fields = {
+        "quantity": "name", "source": "source", "measured": "measured", "standard_error": "error",
+        "error_by_noise": "noise_error", "error_by_gain": "gain_error", "computed": "computed",
+        "difference": "difference", "difference_in_errors": "errors_off",
+    }  # fmt: skip
+    return pd.DataFrame({column: [getattr(misfit, field) for misfit in misfits] for column, field in fields.items()})
 
 
-HEADINGS = ("quantity", "source", "measured", "± error", "computed", "difference", "in errors")
+HEADINGS = ("quantity", "source", "measured", "± error", "computed", "difference", "in standard errors")
 
 
 def misfit_rows(misfits: Sequence[Misfit]) -> list[tuple[str, ...]]:

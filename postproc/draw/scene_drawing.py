@@ -58,7 +58,7 @@ def draw_scene(scene: Scene, chain: Chain) -> tuple[Any, pd.DataFrame]:
     axis.axis("off")
     beads = [i for i in sketch.bodies if i < chain.beads]
     top = max((sketch.height_m[i] + sketch.radius_m[i] for i in beads), default=chain.wall_height_m)
-    words = [_tube(axis, scene, chain, float(top), sketch)] if scene.tube else []
+    lines = [_tube(axis, scene, chain, float(top), sketch)] if scene.tube else []
     if chain.wall:
         foot, wide = chain.wall_height_m - sketch.low_m, 2.4 * sketch.widest_m
         axis.add_patch(Rectangle((-wide / 2, sketch.low_m), wide, foot, facecolor=WALL, hatch="////", **OUTLINE))
@@ -98,10 +98,10 @@ def draw_scene(scene: Scene, chain: Chain) -> tuple[Any, pd.DataFrame]:
         arrow = {"arrowstyle": "-|>", "color": "black"}
         axis.annotate("", (0, end + 0.1 * (sketch.high_m - end)), (0, sketch.high_m), arrowprops=arrow)
     if chain.beads:
-        words = [*_beads(scene), *words]
-    if words:
+        lines = [*_beads(scene), *lines]
+    if lines:
         middle = (sketch.high_m + chain.wall_height_m) / 2
-        text = "\n".join(fill(line, 20) for line in "\n".join(words).split("\n"))
+        text = "\n".join(fill(line, 20) for line in "\n".join(lines).split("\n"))
         axis.text(-0.75 * sketch.widest_m, middle, text, ha="right", va="center")
     longest = min(0.3 * half, 0.5 * height)  # of the scale bar, at the left above the wall
     decade = 10 ** np.floor(np.log10(longest))
@@ -158,17 +158,17 @@ def _lean(figure: Any, axis: Any, scene: Scene) -> None:
 
 
 def _sketch(scene: Scene, chain: Chain) -> Sketch:
-    words = {sensor.from_wall - 1: ["sensor"] for sensor in scene.chain.sensors}
+    texts = {sensor.from_wall - 1: ["sensor"] for sensor in scene.chain.sensors}
     for odd in scene.chain.bead:
-        own = words.setdefault(odd.from_wall - 1, [])
-        own += [odd.material] if odd.material else []
-        own += [f"⌀ {_mm(odd.diameter)}"] if odd.diameter else []
-        own += [f"{odd.velocity:+.3g} m/s"] if odd.velocity else []
-        own += [f"gap of {_mm(odd.gap_below)} below"] if odd.gap_below else []
+        said = texts.setdefault(odd.from_wall - 1, [])
+        said += [odd.material] if odd.material else []
+        said += [f"⌀ {_mm(odd.diameter)}"] if odd.diameter else []
+        said += [f"{odd.velocity:+.3g} m/s"] if odd.velocity else []
+        said += [f"gap of {_mm(odd.gap_below)} below"] if odd.gap_below else []
     if scene.drive is not None and chain.drive is not None and chain.drive.body < chain.beads:
         what = "displacement" if scene.drive.prescribed else "force"
-        words.setdefault(chain.drive.body, []).append(f"driven by a {what} ({scene.drive.form})")
-    special = {i: f"bead {i + 1}: {', '.join([*own, f'{1e3 * chain.mass_kg[i]:.4g} g'])}" for i, own in words.items()}
+        texts.setdefault(chain.drive.body, []).append(f"driven by a {what} ({scene.drive.form})")
+    special = {i: f"bead {i + 1}: {', '.join([*said, f'{1e3 * chain.mass_kg[i]:.4g} g'])}" for i, said in texts.items()}
     kept = set(range(chain.bodies))
     if chain.beads > MAX_BEADS:
         near = {j for i in sorted(special)[:SPECIAL] for j in range(i - AROUND, i + AROUND + 1)}
@@ -202,9 +202,9 @@ def _closed_up(chain: Chain, bodies: list[int], special: dict[int, str]) -> tupl
             room = 2 * near
             shift += gap - room
             hidden = sum(before < i < body for i in special)
-            words = f"{left_out} beads" if left_out else f"{_mm(gap)} apart"
-            words += f", {hidden} of them special" if hidden else ""
-            cuts.append((float(floor + room / 2), words))
+            missing = f"{left_out} beads" if left_out else f"{_mm(gap)} apart"
+            missing += f", {hidden} of them special" if hidden else ""
+            cuts.append((float(floor + room / 2), missing))
         height[body] = chain.height_m[body] - shift
     return height, cuts
 
@@ -223,19 +223,19 @@ def _tube(axis: Any, scene: Scene, chain: Chain, beads_top: float, sketch: Sketc
     """Draws the tube within the picture; returns its label."""
     tube = scene.tube
     assert tube is not None
-    inner, words = tube.inner_diameter, f"{tube.material} tube,\ninner ⌀ {_mm(tube.inner_diameter)}"
+    inner, label = tube.inner_diameter, f"{tube.material} tube,\ninner ⌀ {_mm(tube.inner_diameter)}"
     if inner > WIDEST_TUBE * max(2 * float(sketch.radius_m[i]) for i in sketch.bodies):
-        return f"{words}\n(outside the picture)"
+        return f"{label}\n(outside the picture)"
     striker = scene.striker
     top = beads_top + (inner if striker is not None and (striker.diameter or 0) < inner else 0)
     if tube.top is not None:
         top = tube.top
-        words += f"\nup to {_mm(tube.top)}"
+        label += f"\nup to {_mm(tube.top)}"
     top = min(top, sketch.high_m)
     for side in (-1.2 * inner / 2, inner / 2):
         size = (0.1 * inner, max(top - chain.wall_height_m, 0.0))
         axis.add_patch(Rectangle((side, chain.wall_height_m), *size, facecolor=TUBE, edgecolor=GREY, lw=0.4))
-    return words
+    return label
 
 
 def _mm(length_m: float) -> str:

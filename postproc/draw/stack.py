@@ -66,12 +66,12 @@ def draw_pairs(
     for place, (cell, panel, by_engine) in enumerate(zip(cells, panels, simulations, strict=True)):
         if place % 2 == 0:
             pair = [
-                sensor_signals(each[REFERENCE].case.layout, each[REFERENCE].trace) for each in simulations[place:][:2]
+                sensor_signals(half[REFERENCE].case.layout, half[REFERENCE].trace) for half in simulations[place:][:2]
             ]
             names = gauges or tuple(pair[0])
             tops = {name: max(float(signals[name].max()) for signals in pair) + ROOM * step_N for name in names}
         drawn, table = _draw_panel(figure, cell, panel, by_engine, tops, step_N, strip)
-        rows = [(engine, *number) for engine, one in by_engine.items() for number in numbers(one).items()]
+        rows = [(engine, *number) for engine, motion in by_engine.items() for number in numbers(motion).items()]
         further = pd.DataFrame(rows, columns=["engine", "quantity", "value"])
         axes.append(drawn)
         tables.append(pd.concat([table, further]).assign(panel=panel.letter))
@@ -114,8 +114,8 @@ def _draw_panel(
     stacked[len(stacked) // 2].set_ylabel("force (N)")
     axes[STRIP] = figure.add_subplot(rows[-1], sharex=stacked[0])
     tables = [_draw_strip(axes[STRIP], traces)]
-    for engine, own in signals.items():
-        columns = {"engine": engine, "time_s": traces[engine].time_s} | {f"{name}_N": own[name] for name in tops}
+    for engine, by_gauge in signals.items():
+        columns = {"engine": engine, "time_s": traces[engine].time_s} | {f"{name}_N": by_gauge[name] for name in tops}
         tables.append(pd.DataFrame(columns | {RESIDUAL: residual(traces[engine], traces[REFERENCE])}))
     return axes, pd.concat(tables)
 

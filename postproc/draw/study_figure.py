@@ -172,8 +172,8 @@ def _draw_curves(
     if draws:
         means = numbers.groupby([order, *others, "engine"], dropna=False)[[*axes]].transform("mean")
         numbers = numbers.join(means.add_suffix("_mean"))
-    own = numbers[numbers["engine"] == first]
-    curves = [rows for _, rows in own.groupby([*others, "engine"], dropna=False, sort=False)]
+    of_first = numbers[numbers["engine"] == first]
+    curves = [rows for _, rows in of_first.groupby([*others, "engine"], dropna=False, sort=False)]
     sets = pd.concat([rows[others].head(1) for rows in curves])
     looks, title = _looks([*axes.values()], sets, labels, f"mean of draws, {first}" if draws else first)
     small = {"ms": 2.0, "mew": 0.5} if len(curves) > MAX_CURVES else {}
@@ -254,16 +254,16 @@ def _draw_power_laws(
         others = []
     for (engine, *_), rows in numbers.groupby(["engine", *others], dropna=False, sort=False):
         name = ", ".join(filter(None, [str(engine), _words(rows.iloc[0][others].to_dict(), labels)]))
-        own = rows[above[rows.index]]
-        if len(own) < MIN_ROWS or own[x].nunique() == 1:
-            found = f"{name} has {len(own)} rows with {x} and {y} above zero"
+        fitted = rows[above[rows.index]]
+        if len(fitted) < MIN_ROWS or fitted[x].nunique() == 1:
+            found = f"{name} has {len(fitted)} rows with {x} and {y} above zero"
             raise InputError("--power-law", "", found, f"at least {MIN_ROWS} rows, with different {x}")
-        fit = linregress(np.log(own[x]), np.log(own[y]))
+        fit = linregress(np.log(fitted[x]), np.log(fitted[y]))
         power, constant = f"x^{fit.slope:.4g}", np.exp(fit.intercept)
-        left = f"; {len(rows) - len(own)} left out, not seen or not above zero" if len(own) < len(rows) else ""
+        left = f"; {len(rows) - len(fitted)} left out, not seen or not above zero" if len(fitted) < len(rows) else ""
         law = f"{y} = {constant:.4g} {power}, exponent {fit.slope:.4g} ± {fit.stderr:.2g}"
-        lines.append(f"{name}: {law} ({len(own)} rows{left})")
-        places = np.geomspace(own[x].min(), own[x].max(), 100)
+        lines.append(f"{name}: {law} ({len(fitted)} rows{left})")
+        places = np.geomspace(fitted[x].min(), fitted[x].max(), 100)
         look = {"color": grey_of(str(engine))["color"], "ls": (0, (6, 3)), "lw": 1.2}
         axis.plot(x_factor * places, y_factor * constant * places**fit.slope, label=f"{name}: {power}", **look)
     return lines
@@ -301,9 +301,9 @@ def draw_tornado(
         raise InputError(where, "axis", "no number was varied in a finished case")
     figure, axes = _panels(shown, title, 2, 0.7 + LINE_IN * changes["input"].nunique())
     for name, axis in axes.items():
-        own = changes[changes["observable"] == name]
-        inputs = list(own["observable_change_share"].abs().groupby(own["input"]).max().sort_values().index)
-        for change, part in own.groupby((100 * own["input_change_share"]).round(6)):
+        of_panel = changes[changes["observable"] == name]
+        inputs = list(of_panel["observable_change_share"].abs().groupby(of_panel["input"]).max().sort_values().index)
+        for change, part in of_panel.groupby((100 * of_panel["input_change_share"]).round(6)):
             places = [inputs.index(given) for given in part["input"]]
             look = {"color": LESS if change < 0 else MORE, "label": f"input {change:+g} %"}
             axis.barh(places, 100 * part["observable_change_share"], height=0.7, **look)

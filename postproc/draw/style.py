@@ -70,7 +70,7 @@ def draw_codes(axis: Any, points: Mapping[str, tuple[Any, Any]], size: float = 4
         look: Further plot keywords.
     """
     near_px, groups = size / 2 * axis.figure.dpi / 72, dict[str, list[str]]()
-    places = {code: axis.transData.transform(np.transpose(own)) for code, own in points.items()}
+    places = {code: axis.transData.transform(np.transpose(xy)) for code, xy in points.items()}
     for code, place in places.items():
         near = (first for first in groups if np.abs(place - places[first]).max(initial=0.0) < near_px)
         groups.setdefault(next(near, code), []).append(code)

@@ -10,10 +10,10 @@ import meshio
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.chain.chain import Array
 from drivers.run.run_folder import EndedRun
 from postproc.read.motion import chain_of, spread
 from postproc.read.sensors import mean_forces
-from validation.reference.hertz_chain import Array
 
 Cells = NDArray[np.int64]
 FRAMES = 100

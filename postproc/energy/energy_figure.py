@@ -26,13 +26,13 @@ def draw_energies(energies: Energies, ranges: Sequence[tuple[int, int]], title: 
     joules, time_us = EngFormatter("J"), energies.time_s * MICRO
     figure, axes = pyplot().subplots(2, 1, figsize=SIZE_IN, sharex=True, layout="constrained")
     table = draw_cells(axes[0], title, energies.time_s, energies.body_J, Quantity(BODY, "body", "energy", joules))
-    for (words, values), look in zip(energies.sums_J.items(), LOOKS, strict=True):
+    for (label, values), look in zip(energies.sums_J.items(), LOOKS, strict=True):
         if values.any():
-            axes[1].plot(time_us, values, label=words, **look)
+            axes[1].plot(time_us, values, label=label, **look)
     for place, (lowest, highest) in enumerate(ranges):
         look = AVERAGE | {"ls": RANGE_DASHES[place % len(RANGE_DASHES)]}
-        words = f"bodies {lowest} to {highest}"
-        axes[1].plot(time_us, range_energy_J(energies, lowest, highest), label=words, **look)
+        label = f"bodies {lowest} to {highest}"
+        axes[1].plot(time_us, range_energy_J(energies, lowest, highest), label=label, **look)
     axes[1].yaxis.set_major_formatter(joules)
     axes[1].set(xlim=(0, time_us[-1]), xlabel="time since impact (µs)", ylabel="energy")
     figure.legend(*axes[1].get_legend_handles_labels(), loc="outside lower center", ncols=4)

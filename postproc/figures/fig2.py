@@ -148,8 +148,8 @@ def _draw_beta(axis: Any, waves: pd.DataFrame, points: pd.DataFrame) -> None:
     axis.set(xscale="log", xlabel=r"$F_m\,/\,F_0$", ylabel=r"$\beta$", xlim=(1, 1.6e4), ylim=(1.0, 1.45))
     axis.text(1.1, limit["beta"].iloc[0], f"no static force: {limit['beta'].iloc[0]:.3f}", color=GREY, va="bottom")
     axis.text(40, 1.27, "exact travelling wave")
-    own = {str(code): some for code, some in points.groupby("engine") if code != REFERENCE}
-    draw_codes(axis, {code: (some["force_over_static"], some["beta"]) for code, some in own.items()})
+    by_code = {str(code): some for code, some in points.groupby("engine") if code != REFERENCE}
+    draw_codes(axis, {code: (some["force_over_static"], some["beta"]) for code, some in by_code.items()})
     early = points[~points["solitary"]].head(1)
     for x, y in zip(early["force_over_static"], early["beta"], strict=True):
         axis.annotate("not yet solitary", (x, y), (6, -3), textcoords="offset points", color=GREY)

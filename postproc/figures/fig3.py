@@ -77,8 +77,8 @@ def make(runs: Path) -> Product:
     axis.set_yticks(ticks, [str(tick) for tick in ticks])
     axis.minorticks_off()
     _draw_curves(axis, curves, points, theory)
-    by_code = {str(code): own for code, own in points.groupby("engine") if code != REFERENCE}
-    draw_codes(axis, {code: (own["force_N"], own["speed_m_s"]) for code, own in by_code.items()}, 3.5)
+    by_code = {str(code): of_code for code, of_code in points.groupby("engine") if code != REFERENCE}
+    draw_codes(axis, {code: (of_code["force_N"], of_code["speed_m_s"]) for code, of_code in by_code.items()}, 3.5)
     _draw_experiment(axis, experiment)
     off = f"speeds of the codes:\n{points[DEVIATION].abs().max():.1e} off at most".replace("e-0", "e-")
     if by_code:
@@ -150,17 +150,17 @@ def _draw_curves(axis: Any, curves: list[SpeedCurve], points: pd.DataFrame, theo
     chains = points[points["engine"] == REFERENCE]
     for curve in curves:
         printed = curve.modulus_MPa in PRINTED
-        own, equation = (
+        of_curve, equation = (
             table[(table["modulus_MPa"] == curve.modulus_MPa) & (table["gravity"] == curve.gravity)]
             for table in (chains, theory)
         )
         look = CHAIN | {"color": COLOURS.get(curve.modulus_MPa, GREY)}
         label = {"textcoords": "offset points", "va": "center", "color": text_color(look["color"])}
-        first, *_, last = zip(own["force_N"], own["speed_m_s"], strict=True)
+        first, *_, last = zip(of_curve["force_N"], of_curve["speed_m_s"], strict=True)
         if printed:
             axis.plot(equation["force_N"], equation["speed_m_s"], **(look | THEORY))
             axis.annotate(f"{curve.number}, {curve.number + 1}", first, (-5, 0), ha="right", **label)
-        axis.plot(own["force_N"], own["speed_m_s"], **look)
+        axis.plot(of_curve["force_N"], of_curve["speed_m_s"], **look)
         if curve.gravity:
             axis.annotate(f"{curve.modulus_MPa:g} MPa", last, (6, 0), **label)
     for words, look in (("theory (1, 3, 5, 7)", THEORY), ("discrete chain (2, 4, 6, 8)", CHAIN)):

@@ -46,32 +46,32 @@ def make(runs: Path) -> Product:
     return product.with_rows(*_draw_quoted(figure, axes[0], simulations[0][REFERENCE]))
 
 
-def _numbers(one: Simulation) -> dict[str, float]:
-    values, (upper, lower) = one.values, (f"bead_{bead}" for bead in sensor_pair(one.case))
+def _numbers(motion: Simulation) -> dict[str, float]:
+    values, (upper, lower) = motion.values, (f"bead_{bead}" for bead in sensor_pair(motion.case))
     return {
         "leading_force_N": values[f"{upper}_amplitude_N"],
-        "speed_m_s": speed_between_sensors(one),
+        "speed_m_s": speed_between_sensors(motion),
         "duration_us": values[f"{lower}_duration_4pct_s"] * MICRO,
         "reflected_over_incident": values[f"{upper}_reflected_amplitude_N"] / values[f"{upper}_amplitude_N"],
     }
 
 
-def _name_reflected(axes: dict[str, Any], one: Simulation) -> None:
+def _name_reflected(axes: dict[str, Any], motion: Simulation) -> None:
     """Names the height of the reflected wave in the upper bead, between both waves."""
-    values, gauge = one.values, f"bead_{sensor_pair(one.case)[0]}"
-    share = _numbers(one)["reflected_over_incident"]
+    values, gauge = motion.values, f"bead_{sensor_pair(motion.case)[0]}"
+    share = _numbers(motion)["reflected_over_incident"]
     middle_s = (values[f"{gauge}_arrival_s"] + values[f"{gauge}_reflected_arrival_s"]) / 2
     axes[gauge].text(middle_s * MICRO, 0.8, f"reflected:\n{share:.2f} of incident", fontsize=7, ha="center")
 
 
-def _draw_quoted(figure: Any, axes: dict[str, Any], one: Simulation) -> list[pd.DataFrame]:
+def _draw_quoted(figure: Any, axes: dict[str, Any], motion: Simulation) -> list[pd.DataFrame]:
     """Draws marks of the statements on the experiment: level, speed, smaller reflected wave.
 
     Their duration is not drawn: the paper does not state at which share of the peak it ends, and the computed force
     does not end before the reflection.
     """
-    paper, values, height = quoted(), one.values, one.case.chain.height_m
-    upper, lower = sensor_pair(one.case)
+    paper, values, height = quoted(), motion.values, motion.case.chain.height_m
+    upper, lower = sensor_pair(motion.case)
     above, below = f"bead_{upper}", f"bead_{lower}"
     level_N, speed_m_s = paper.fig4_leading_force_N, paper.fig4_speed_m_s
     stated = {"leading_force_N": level_N, "speed_m_s": speed_m_s, "duration_us": paper.fig4_duration_us}
@@ -101,5 +101,5 @@ def _draw_quoted(figure: Any, axes: dict[str, Any], one: Simulation) -> list[pd.
     incident_N = values[f"{above}_peak_N"]
     reflected_N = values[f"{above}_reflected_amplitude_N"] + values[f"{above}_static_N"]
     mark("smaller", above, [back_s, back_s], [incident_N, reflected_N], ls="-", marker="v", markevery=[1], ms=3)
-    note("significantly smaller", above, one.trace.time_s[-1], incident_N + 0.2, va="bottom")
+    note("significantly smaller", above, motion.trace.time_s[-1], incident_N + 0.2, va="bottom")
     return marks

@@ -63,25 +63,25 @@ def make(runs: Path) -> Product:
     entrance = _draw_entrance(figure.add_subplot(grid[2]), damped, elastic).assign(panel="c")
     rates = paper.fig5_measured_envelope_per_us, paper.fig5_computed_envelope_per_us
     envelopes = [
-        _draw_envelope(drawn[WALL], one, rate).assign(panel=panel.letter)
-        for drawn, one, rate, panel in zip(axes, (damped, elastic), rates, PANELS, strict=True)
+        _draw_envelope(drawn[WALL], motion, rate).assign(panel=panel.letter)
+        for drawn, motion, rate, panel in zip(axes, (damped, elastic), rates, PANELS, strict=True)
     ]
     return product.with_rows(entrance, *envelopes, *_stated())
 
 
-def _train(one: Simulation) -> tuple[list[Peak], dict[int, Envelope]]:
+def _train(motion: Simulation) -> tuple[list[Peak], dict[int, Envelope]]:
     """Maxima at the wall, and envelopes by number of maxima.
 
     Raises:
         InputError: There are too few maxima.
     """
-    time_s, wall = one.trace.time_s, one.trace.force_N[:, 0]
+    time_s, wall = motion.trace.time_s, motion.trace.force_N[:, 0]
     maxima = [
         replace(peak, value=peak.value + float(wall[0])) for peak in peaks(time_s, wall - wall[0], LATER_PROMINENCE)
     ]
     envelopes = {count: curve for count in MAXIMA if (curve := train_envelope(maxima, count))}
     if ENVELOPE_MAXIMA not in envelopes:
-        raise _too_short(one, f"fewer than {ENVELOPE_MAXIMA} maxima at the wall")
+        raise _too_short(motion, f"fewer than {ENVELOPE_MAXIMA} maxima at the wall")
     return maxima, envelopes
 
 
@@ -91,18 +91,19 @@ def _too_short(simulation: Simulation, found: str) -> InputError:
     )
 
 
-def _numbers(one: Simulation) -> dict[str, float]:
+def _numbers(motion: Simulation) -> dict[str, float]:
     """Rates of the envelopes through the first maxima of the train; rise, decay and duration of the incident pulse.
 
     Raises:
         InputError: The scene ends too early.
     """
-    numbers = {f"envelope_{count}_maxima_per_us": curve.rate_per_s / MICRO for count, curve in _train(one)[1].items()}
-    time_s, signals = one.trace.time_s, sensor_signals(one.case.layout, one.trace)
+    _, envelopes = _train(motion)
+    numbers = {f"envelope_{count}_maxima_per_us": curve.rate_per_s / MICRO for count, curve in envelopes.items()}
+    time_s, signals = motion.trace.time_s, sensor_signals(motion.case.layout, motion.trace)
     for words, signal in zip(PLACES, signals.values(), strict=False):
         pulse, place = incident_pulse(time_s, signal - signal[0]), words.replace(" ", "_")
         if pulse is None:
-            raise _too_short(one, "no wave back at the top")
+            raise _too_short(motion, "no wave back at the top")
         numbers |= {f"{place}_rise_us": pulse.rise_s * MICRO, f"{place}_decay_per_us": pulse.decay_per_s / MICRO,
                     f"{place}_duration_us": pulse.duration_s * MICRO}  # fmt: skip
     return numbers
@@ -119,12 +120,12 @@ def _stated() -> list[pd.DataFrame]:
     ]  # fmt: skip
 
 
-def _draw_envelope(axis: Any, one: Simulation, quoted_per_us: float) -> pd.DataFrame:
+def _draw_envelope(axis: Any, motion: Simulation, quoted_per_us: float) -> pd.DataFrame:
     """Draws the envelope through the first three maxima, labelled with its rate and that of the paper.
 
     The envelope with the paper's rate would differ by about the width of a line.
     """
-    maxima, envelopes = _train(one)
+    maxima, envelopes = _train(motion)
     first, last, curve = maxima[0], maxima[ENVELOPE_MAXIMA - 1], envelopes[ENVELOPE_MAXIMA]
     time_s = np.linspace(first.time_s, last.time_s + EXTENSION_S, POINTS)
     force_N = curve.amplitude_N * np.exp(curve.rate_per_s * time_s)
@@ -142,13 +143,14 @@ def _draw_entrance(axis: Any, damped: Simulation, elastic: Simulation) -> pd.Dat
     paper, upper = quoted(), [f"bead_{sensor.from_wall}" for sensor in elastic.case.layout.sensors]
     letter_panel(axis, "c", "incident pulse")
     tables = []
-    for one, place, more, look in (
+    for motion, place, more, look in (
         (elastic, 0, "", AVERAGE),
         (elastic, 1, "", SECOND_BEAD),
         (damped, 0, ", damped", DAMPED),
     ):
-        shown = one.trace.time_s <= ENTRANCE_S
-        time_s, force_N = one.trace.time_s[shown], sensor_signals(one.case.layout, one.trace)[upper[place]][shown]
+        shown = motion.trace.time_s <= ENTRANCE_S
+        time_s, signals = motion.trace.time_s[shown], sensor_signals(motion.case.layout, motion.trace)
+        force_N = signals[upper[place]][shown]
         words = PLACES[place] + more
         tables.append(draw_curve(axis, REFERENCE, words, time_s, "average", force_N, label=words, **look))
     top_N = float(tables[0]["average_N"].max())

@@ -66,23 +66,19 @@ def printed(row: dict[Any, Any]) -> list[tuple[str, bool]]:
     measured = [f"{row[f'measured_{name}']:g}" for name in MEASURED]
     off = f"{row[SPREAD]:.0e}".replace("e-0", "e-") if row[SPREAD] >= 0 else "–"
     exact = [
-        pair for of in (REFERENCE, EXACT_LONGER) for pair in zip(_exact(row, of), equals_printed(row, of), strict=True)
+        pair
+        for of in (REFERENCE, EXACT_LONGER)
+        for pair in zip(_texts(row, of, more=1), equals_printed(row, of), strict=True)
     ]
-    plain = [(cell, False) for cell in (f"{row['force_N']:g}", *measured, *_paper(row))]
+    plain = [(cell, False) for cell in (f"{row['force_N']:g}", *measured, *_texts(row, "computed"))]
     return [*plain, *exact, (off, False)]
 
 
-def _paper(row: dict[Any, Any]) -> list[str]:
-    """The paper's computed numbers with its digits."""
-    return [f"{row[f'computed_{name}']:.{digits}f}" for name, digits in zip(COLUMNS, DIGITS, strict=True)]
-
-
-def _exact(row: dict[Any, Any], prefix: str) -> list[str]:
-    """Exact numbers with one digit more than the paper's."""
-    return [f"{row[f'{prefix}_{name}']:.{digits + 1}f}" for name, digits in zip(COLUMNS, DIGITS, strict=True)]
+def _texts(row: dict[Any, Any], prefix: str, more: int = 0) -> list[str]:
+    """Numbers of the paper (``computed``) or of a calculation with the paper's digits, or with more."""
+    return [f"{row[f'{prefix}_{name}']:.{digits + more}f}" for name, digits in zip(COLUMNS, DIGITS, strict=True)]
 
 
 def equals_printed(row: dict[Any, Any], prefix: str) -> list[bool]:
     """For each exact number of a row, True if it equals the paper's when rounded to its digits."""
-    rounded = [f"{row[f'{prefix}_{name}']:.{digits}f}" for name, digits in zip(COLUMNS, DIGITS, strict=True)]
-    return [number == paper for number, paper in zip(rounded, _paper(row), strict=True)]
+    return [exact == paper for exact, paper in zip(_texts(row, prefix), _texts(row, "computed"), strict=True)]

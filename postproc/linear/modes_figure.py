@@ -78,11 +78,11 @@ def _table(modes: Modes, bands: list[Bands]) -> pd.DataFrame:
         table = pd.concat([table, shapes], axis=1)
     rows = [
         pd.DataFrame({
-            "what": "dispersion", "static_force_N": each.force_N, "band": band + 1, "phase_rad": each.phase,
-            "frequency_Hz": each.frequency_Hz[:, band], "group_velocity_m_s": each.group_velocity_m_s[:, band],
+            "what": "dispersion", "static_force_N": at_force.force_N, "band": band + 1, "phase_rad": at_force.phase,
+            "frequency_Hz": at_force.frequency_Hz[:, band], "group_velocity_m_s": at_force.group_velocity_m_s[:, band],
         })
-        for each in bands
-        for band in range(each.frequency_Hz.shape[1])
+        for at_force in bands
+        for band in range(at_force.frequency_Hz.shape[1])
     ]  # fmt: skip
     return pd.concat([table, *rows], ignore_index=True)
 
@@ -120,9 +120,9 @@ def _end_of_linear_theory(case: Case) -> Iterator[str]:
 
 def _draw_dispersion(axis: Any, bands: list[Bands]) -> None:
     letter_panel(axis, "a")
-    for each, dashes in zip(bands, ("-", "--"), strict=False):
-        lines = axis.plot(each.phase / np.pi, each.frequency_Hz / 1e3, dashes, color="#0072b2")
-        lines[0].set_label(f"{each.force_N:.3g} N")
+    for at_force, dashes in zip(bands, ("-", "--"), strict=False):
+        lines = axis.plot(at_force.phase / np.pi, at_force.frequency_Hz / 1e3, dashes, color="#0072b2")
+        lines[0].set_label(f"{at_force.force_N:.3g} N")
     axis.set(xlabel="phase per cell / π", ylabel="frequency (kHz)", xlim=(0, 1), ylim=(0, None))
     if bands:
         axis.legend(title="static force", frameon=False)

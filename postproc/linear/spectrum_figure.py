@@ -154,7 +154,7 @@ def _lines(analysis: Analysis) -> Iterator[str]:
     time, spectrum = analysis.time_s, analysis.spectra[analysis.target]
     yield (
         f"{len(time)} samples from {time[0]:g} to {time[-1]:g} s, window {analysis.window}, "
-        f"resolution {spectrum.resolution_Hz:.5g} Hz, {PARTS} times that in the spectrogram, "
+        f"resolution {spectrum.resolution_Hz:.5g} Hz, {PARTS} times as coarse in the spectrogram, "
         f"up to {spectrum.frequency_Hz[-1]:.5g} Hz"
     )
     for name, shown in analysis.spectra.items():
@@ -185,7 +185,7 @@ def _lines(analysis: Analysis) -> Iterator[str]:
 
 def numbers_of(analysis: Analysis) -> dict[str, Any]:
     """Lines as numbers: resolution, strongest lines and harmonics by signal."""
-    strongest = {name: int(np.argmax(each.amplitude)) for name, each in analysis.spectra.items()}
+    strongest = {name: int(np.argmax(spectrum.amplitude)) for name, spectrum in analysis.spectra.items()}
     return {
         "samples": len(analysis.time_s), "window": analysis.window,
         "resolution_Hz": analysis.spectra[analysis.target].resolution_Hz,

@@ -43,7 +43,7 @@ class Calibrated(Part):
     @property
     def settings(self) -> tuple[str, ...]:
         """Settings for a scene."""
-        return tuple(f"{each.key}={each.value!r} {each.unit}".rstrip() for each in self.parameter)
+        return tuple(f"{parameter.key}={parameter.value!r} {parameter.unit}".rstrip() for parameter in self.parameter)
 
 
 @cache

@@ -66,12 +66,12 @@ def run_codes(cases: Mapping[str, Sequence[Case]], runs: Path) -> dict[str, list
         RunError: A run failed; the others are finished first.
     """
     jobs = [(case, code) for code in cases for case in cases[code]]
-    found: dict[str, list[Simulation]] = {code: [] for code in cases}
+    simulations: dict[str, list[Simulation]] = {code: [] for code in cases}
     for (case, code), ended in zip(jobs, run_all_done(jobs, runs), strict=True):
         if not ended.has_sensors:
             ended.with_sensors(signals_csv(ended.layout, ended.trace))
-        found[code].append(Simulation(case, code, ended.trace, ended.record.loop_s or nan))
-    return found
+        simulations[code].append(Simulation(case, code, ended.trace, ended.record.loop_s or nan))
+    return simulations
 
 
 def run_codes_on(cases: Sequence[Case], runs: Path) -> dict[str, list[Simulation]]:

@@ -164,8 +164,8 @@ def solve_table1(runs: Path, *settings: str) -> pd.DataFrame:
     exact_ones = [strike_for(force, sensor_amplitude, *settings) for force in forces]
     solved = run_codes_on([simulation.case for simulation in exact_ones], runs)
     for _ in range(MAX_CORRECTIONS):
-        cases = {code: [*map(_corrected, own, forces)] for code, own in solved.items()}
-        unsettled = [code for code, own in solved.items() if any(map(is_not, cases[code], (one.case for one in own)))]
+        cases = {code: [*map(_corrected, done, forces)] for code, done in solved.items()}
+        unsettled = [code for code, done in solved.items() if any(map(is_not, cases[code], (one.case for one in done)))]
         if not unsettled:
             break
         solved = run_codes(cases, runs)  # unchanged cases are found again
@@ -196,13 +196,13 @@ def _table1(solved: Mapping[str, Sequence[Simulation]]) -> pd.DataFrame:
     return paper
 
 
-def _corrected(one: Simulation, force_N: float) -> Case:
+def _corrected(motion: Simulation, force_N: float) -> Case:
     """The case with a speed corrected by its amplitude, proportional to v^(6/5); unchanged if that is right."""
-    ratio, striker = sensor_amplitude(one) / force_N, one.case.scene.striker
+    ratio, striker = sensor_amplitude(motion) / force_N, motion.case.scene.striker
     if abs(ratio - 1) <= CODE_AMPLITUDE or striker is None:
-        return one.case
+        return motion.case
     striker = striker.model_copy(update={"speed": striker.speed * ratio ** (-5 / 6)})
-    return build_case(one.case.scene.model_copy(update={"striker": striker}))
+    return build_case(motion.case.scene.model_copy(update={"striker": striker}))
 
 
 def engines_of(table: pd.DataFrame) -> list[str]:
@@ -227,10 +227,10 @@ def measured_points() -> pd.DataFrame:
 @cache
 def _simulated(force_N: float, modulus_MPa: float, amplitude: Amplitude = sensor_amplitude) -> tuple[float, float]:
     """Speed between the sensors in m/s at an amplitude, and its logarithmic derivative by the amplitude."""
-    one = strike_for(force_N, amplitude, f"materials.ptfe.youngs_modulus={modulus_MPa} MPa")
-    other = exact(_struck_at(one.case, -SPEED_RATIO * float(one.case.chain.velocity_m_s[-1])))
-    speed, faster = speed_between_sensors(one), speed_between_sensors(other)
-    return speed, float(np.log(faster / speed) / np.log(amplitude(other) / amplitude(one)))
+    motion = strike_for(force_N, amplitude, f"materials.ptfe.youngs_modulus={modulus_MPa} MPa")
+    other = exact(_struck_at(motion.case, -SPEED_RATIO * float(motion.case.chain.velocity_m_s[-1])))
+    speed, faster = speed_between_sensors(motion), speed_between_sensors(other)
+    return speed, float(np.log(faster / speed) / np.log(amplitude(other) / amplitude(motion)))
 
 
 def deviations(modulus_MPa: float, amplitude: Amplitude = sensor_amplitude) -> Array:

@@ -67,12 +67,12 @@ def entries_of(scene: Scene | None, file: Path | None, source: str) -> tuple[dic
     Raises:
         InputError: There is no measured data.
     """
-    own = {f"{MEASURED}.{place}": entry for place, entry in enumerate(scene.measured)} if scene else {}
+    kept = {f"{MEASURED}.{place}": entry for place, entry in enumerate(scene.measured)} if scene else {}
     if scene and file:
         asked = file.resolve()
-        own = {key: each for key, each in own.items() if each.file and (scene.folder / each.file).resolve() == asked}
-    if scene and own:
-        return own, scene.folder, scene.file
+        kept = {key: each for key, each in kept.items() if each.file and (scene.folder / each.file).resolve() == asked}
+    if scene and kept:
+        return kept, scene.folder, scene.file
     if file is None:
         found = "no measured data: add a [[measured]] table to the scene file, or give --measured FILE.csv"
         raise InputError(source, "measured", found)

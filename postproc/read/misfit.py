@@ -124,18 +124,18 @@ def lay_over(
         InputError: An entry or its file is wrong, or does not fit the run.
     """
     gauges, names = gauges_of(layout), list(observe(layout, run, LEVELS))
-    traces = {key: read_measured(each, folder, gauges, where, key) for key, each in entries.items() if each.file}
-    quoted = dict(pair for key, each in entries.items() for pair in read_quoted(each, names, where, key).items())
+    traces = {key: read_measured(entry, folder, gauges, where, key) for key, entry in entries.items() if entry.file}
+    quoted = dict(pair for key, entry in entries.items() for pair in read_quoted(entry, names, where, key).items())
     curves = [smooth(gauge, run) for gauge in align(list(traces.values()), layout, run)]
     remarks = []
     for key, trace in traces.items():
-        own = [curve for curve in curves if curve.gauge.trace is trace]
-        onsets_s = {curve.gauge.gauge: curve.gauge.onset_s for curve in own}
-        remarks.append(check_length(trace, own[0].gauge.trigger_s, float(run.time_s[-1]), onsets_s))
-        on_gain = {curve.gauge.gauge: gain_remark(curve.gauge, key) for curve in own}
-        for words in filter(None, dict.fromkeys(on_gain.values())):
-            named = ", ".join(gauge for gauge in on_gain if on_gain[gauge] == words)
-            remarks.append(f"{paths.shown(trace.file)}: {named}: {words}")
+        of_trace = [curve for curve in curves if curve.gauge.trace is trace]
+        onsets_s = {curve.gauge.gauge: curve.gauge.onset_s for curve in of_trace}
+        remarks.append(check_length(trace, of_trace[0].gauge.trigger_s, float(run.time_s[-1]), onsets_s))
+        on_gain = {curve.gauge.gauge: gain_remark(curve.gauge, key) for curve in of_trace}
+        for remark in filter(None, dict.fromkeys(on_gain.values())):
+            named = ", ".join(gauge for gauge in on_gain if on_gain[gauge] == remark)
+            remarks.append(f"{paths.shown(trace.file)}: {named}: {remark}")
     return curves, misfits(curves, layout, run, quoted), [*dict.fromkeys(filter(None, remarks))]
 
 
@@ -185,12 +185,12 @@ def misfits(
     """
     computed, rows = observe(layout, run, LEVELS), list[Misfit]()
     for file in dict.fromkeys(curve.gauge.trace.file for curve in curves):
-        own = {curve.gauge.gauge: curve for curve in curves if curve.gauge.trace.file == file}
-        pulses = {name: _pulse(curve) for name, curve in own.items()}
-        for name, curve in own.items():
+        by_gauge = {curve.gauge.gauge: curve for curve in curves if curve.gauge.trace.file == file}
+        pulses = {name: _pulse(curve) for name, curve in by_gauge.items()}
+        for name, curve in by_gauge.items():
             rows += _of_gauge(curve.gauge, pulses[name], computed)
         rows += _speeds(layout, pulses, file.name, computed)
-        gauge = next(iter(own.values())).gauge
+        gauge = next(iter(by_gauge.values())).gauge
         rows.append(Misfit("trigger_s", file.name, gauge.trigger_s, gauge.trigger_error_s, 0.0, nan))
     rows += [
         Misfit(name, QUOTED, value, abs(value) * error_share, 0.0, computed[name])

@@ -5,7 +5,7 @@ import pandas as pd
 from drivers.chain.trace import BALANCES, BORE, BORE_FRICTION, CONTACT
 from drivers.run.run_folder import EndedRun
 from postproc.read import observables
-from postproc.read.sensors import sensor_table
+from postproc.read.sensors import sensor_signals
 
 
 def observe(run: EndedRun, levels: tuple[float, ...] = observables.LEVELS) -> "pd.Series[float]":
@@ -102,4 +102,5 @@ def gauges(run: EndedRun) -> pd.DataFrame:
         >>> list(gauges(run).columns)
         ['bead_9_N', 'bead_5_N', 'wall_N']
     """
-    return sensor_table(run.layout, run.trace)
+    columns = {f"{name}_N": signal for name, signal in sensor_signals(run.layout, run.trace).items()}
+    return pd.DataFrame(columns, index=pd.Index(run.trace.time_s, name="time_s"))

@@ -210,10 +210,10 @@ def _cells(text: str, last: int, width: int, separator: str, decimal: str) -> tu
 def _name_and_unit(heading: str, below: str) -> tuple[str, str]:
     """Heading without its unit, and the unit in it or below it; two units of one kind make an unknown one."""
     match, below = HEADING.fullmatch(heading), below.strip(BRACKETS)
-    name, own = (match[1], match[2] or match[3]) if match else (heading, "")
-    one, other = unit_of(own if below else ""), unit_of(below)
+    name, stated = (match[1], match[2] or match[3]) if match else (heading, "")
+    one, other = unit_of(stated if below else ""), unit_of(below)
     differ = one != other and one[1] == other[1]
-    return name, f"{own} and {below}" if differ else below or own
+    return name, f"{stated} and {below}" if differ else below or stated
 
 
 def _decimal(block: list[Row], separator: str, shown: str) -> str:

@@ -15,8 +15,6 @@ Here u is the polynomial through six samples around the interval, as for peaks a
 error is of order (h/w)^6.
 """
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
@@ -24,9 +22,6 @@ from drivers.chain.case import Layout
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 from postproc.read.signals import Peak
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 POINTS = 6  # samples of the polynomial of an interval
 BALANCED = 1e-6  # of the forces: a smaller difference of two contacts is rounding
@@ -89,14 +84,6 @@ def sensor_signals(layout: Layout, trace: Trace) -> dict[str, Array]:
     if layout.time_constant_s is None:
         return signals
     return {name: high_passed(trace.time_s, signal, layout.time_constant_s) for name, signal in signals.items()}
-
-
-def sensor_table(layout: Layout, trace: Trace) -> "pd.DataFrame":
-    """Gauge signals as a table with a column for each gauge; the index is ``time_s``."""
-    import pandas as pd
-
-    columns = {f"{name}_N": signal for name, signal in sensor_signals(layout, trace).items()}
-    return pd.DataFrame(columns, index=pd.Index(trace.time_s, name="time_s"))
 
 
 def signals_csv(layout: Layout, trace: Trace) -> bytes:

@@ -83,7 +83,7 @@ def _peak_at(time_s: Array, values: Array, place: int) -> Peak:
     candidates = [(float(values[place]), float(time_s[place]))]
     for start in range(max(place - 1, 0), min(place + 1, len(values) - 1)):
         curve = _local_curve(values, place, start)
-        slope = [(len(curve) - 1 - index) * each for index, each in enumerate(curve[:-1])]
+        slope = [(len(curve) - 1 - index) * coefficient for index, coefficient in enumerate(curve[:-1])]
         if _at(0.0, slope) > 0 > _at(1.0, slope):
             share = _root(slope)
             candidates.append((_at(share, curve), float(time_s[start]) + share * _spacing(time_s)))

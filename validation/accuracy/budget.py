@@ -20,7 +20,7 @@ scheme does, plus rounding.
 In three dimensions Q_e is extrapolated, rounding is included in model, and sampling is not measured.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from itertools import chain, pairwise
 from typing import Any
@@ -29,6 +29,7 @@ import numpy as np
 
 from drivers.base.errors import digits_apart
 from drivers.base.kept import kept
+from drivers.base.text_table import text_table
 from drivers.base.tolerances import Tolerance, tolerance
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
@@ -46,7 +47,7 @@ from validation.checks import FAIL, Check, judged, worst_of
 AT_REST_NOTE = "nothing moves: errors are relative to the largest force"
 PARTS = ("whole", "model", "rounding", "truncation", "sampling")
 ELEMENTS = "elements"
-BUDGET_WORDS = "signed parts that add up to the whole: model, rounding, truncation (time step), sampling"
+BUDGET_WORDS = "relative errors; model, rounding, truncation (time step) and sampling add up to the whole"
 MODEL, ERROR = "model", "error"  # judgements: the right computation, accurate enough
 LAW_REASON = f"{SIGNIFICANCE:g} times the uncertainty of the measured value, by rounding, time step and sampling"
 CAUSES = {
@@ -85,7 +86,7 @@ class Budget:
 def kept_budget(case: Case, run: EndedRun) -> Budget:
     """Budget of a finished run, from the cache or computed and stored there; checks have the scene's name."""
     record, engine = run.record, load_engine(run.record.engine)
-    scenes = [each.scene.model_dump(mode="json") for each in (case, case.full) if each]
+    scenes = [variant.scene.model_dump(mode="json") for variant in (case, case.full) if variant]
     depends_on = ["budget", scenes, engine.name, engine.scheme, engine.shear, record.build_sha256, run.forces_sha256]
     stored = kept(depends_on, lambda: asdict(budget_of(case, engine.name, run.trace)))
     checks = [Check(**check | {"scene": case.scene.name}) for check in stored["checks"]]
@@ -153,9 +154,9 @@ def _rows(motions: Motions, engine: str, trace: Trace) -> tuple[list[dict[str, A
     if motions.why_unknown:
         return [], []
     exact, full, scheme = motions.exact, motions.full, motions.scheme_of(engine)
-    samples = min(len(each.time_s) for each in (exact, full.exact if full else exact))
+    samples = min(len(part.time_s) for part in (exact, full.exact if full else exact))
     same = not motions.straight or load_engine(engine).scheme == EXACT  # rounding is included in model, or nil
-    stages = [until(each, samples) for each in (trace, scheme, scheme if same else motions.plain, exact)]
+    stages = [until(part, samples) for part in (trace, scheme, scheme if same else motions.plain, exact)]
     stages += [stages[-1], *([until(full.exact, samples)] if full else [])]
 
     rows = []
@@ -215,7 +216,7 @@ def _law_check(case: Case, engine: str) -> Iterator[Check]:
     if not all(laws):  # nothing moves
         return
     row = max(chain.from_iterable(laws), key=lambda row: row.uncertainties_off)
-    place = f" at contact or body {row.place}" if row.place else ""
+    place = f" of contact or body {row.place}" if row.place else ""
     limit = Tolerance(float(SIGNIFICANCE * row.uncertainty), LAW_REASON)
     yield judged(case.scene.name, engine, f"{MODEL}: law", float(abs(row.ratio - 1)), limit, f"{row.quantity}{place}")
 
@@ -243,11 +244,11 @@ def _error_checks(case: Case, engine: str, trace: Trace, rows: list[dict[str, An
         yield judged(case.scene.name, engine, f"{ERROR}: {quantity}", error, tolerance(*ceiling), where)
     for kind, plural in CEILINGS.items():
         limit = tolerance("truncation", kind)
-        found = [
+        alike = [
             judged(case.scene.name, engine, f"{ERROR}: {plural}", abs(whole[name]["whole"]), limit, name + end)
             for name in of_kind(whole, kind)
         ]
-        if worst := worst_of(found):
+        if worst := worst_of(alike):
             yield worst
 
 
@@ -348,13 +349,24 @@ def _warnings(
         )
 
 
-def printed_budget(rows: Iterable[dict[str, Any]]) -> Iterator[tuple[str, ...]]:
-    """Rows of the error budget for a terminal, of forces, energy, momentum and peaks: quantity and its parts.
+def budget_lines(heading: str, runs: Mapping[str, EndedRun]) -> Iterator[str]:
+    """Error budgets of runs for a terminal, by quantity: of forces, energy, momentum and peaks; notes and warnings.
 
-    Rows with missing parts, in records of other versions, are left out.
+    Rows with missing parts, in records of other versions, are left out. ``heading`` is that of the names of the runs.
     """
-    for row in rows:
-        quantity = row["quantity"]
-        if (quantity in (FORCE, *FIELDS) or of_kind([quantity], "peak")) and set(PARTS) <= row.keys():
-            parts = [*PARTS, *([ELEMENTS] if ELEMENTS in row else [])]
-            yield quantity, *(f"{row[part]:.1e}" for part in parts)
+    rows = [
+        (name, row) for name, run in runs.items() for row in run.record.error_budget or () if row.keys() >= {*PARTS}
+    ]
+    quantities = [*dict.fromkeys(row["quantity"] for _, row in rows)]
+    shown = {name for name in quantities if name in (FORCE, *FIELDS)} | {*of_kind(quantities, "peak")}
+    rows = [
+        (name, row) for quantity in quantities if quantity in shown for name, row in rows if row["quantity"] == quantity
+    ]
+    parts = [*PARTS, *([ELEMENTS] if any(ELEMENTS in row for _, row in rows) else [])]
+    cells = [(name, row["quantity"], *(f"{row[part]:.1e}" for part in parts if part in row)) for name, row in rows]
+    if cells:
+        yield f"\nerror budget: {BUDGET_WORDS}"
+        yield from text_table([(heading, "quantity", *parts), *cells], right=range(2, 8))
+    for name, run in runs.items():
+        lines = [run.record.error_note, *(f"warning: {warning}" for warning in run.record.warnings or ())]
+        yield from (f"{name:<9} {line}" for line in lines if line)

@@ -116,7 +116,7 @@ def measure(engine: Engine, build: Build) -> Cost:
     sampled_s = best(many)
     per_step_s = (longer_s - loop_s) / (few.scene.steps * (factor - 1))
     per_sample_s = (sampled_s - loop_s) / (many.scene.samples - few.scene.samples)
-    step_ns, sample_ns = (max(1e9 * each / few.chain.bodies, 0.0) for each in (per_step_s, per_sample_s))
+    step_ns, sample_ns = (max(1e9 * per_s / few.chain.bodies, 0.0) for per_s in (per_step_s, per_sample_s))
     return Cost(start_s, 0.0 if engine.scheme == EXACT else step_ns, sample_ns)
 
 

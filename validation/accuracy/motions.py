@@ -205,8 +205,8 @@ class Motions:
         bound, least = self.rounding_bound[: self.samples], self._least(quantity).limit
         if quantity != FORCE:
             one, other = (getattr(trace, FIELDS[quantity])[: self.samples] for trace in (self.rounded, self.plain))
-            own = np.maximum.accumulate(np.abs(one - other)) / self.scale(quantity)
-            bound = np.maximum(ROUNDING_MARGIN * own, self.explained(FORCE))
+            largest = np.maximum.accumulate(np.abs(one - other)) / self.scale(quantity)
+            bound = np.maximum(ROUNDING_MARGIN * largest, self.explained(FORCE))
         return np.asarray(np.maximum(bound, least))
 
     def tolerance_at(self, quantity: str, sample: int) -> Tolerance:
@@ -285,5 +285,5 @@ def _last(key: str) -> dict[str, Motions]:
 @lru_cache(maxsize=4)
 def _key(case: Case) -> str:
     """Everything that determines the motions of a case."""
-    scenes = [each.scene.model_dump_json(exclude=NAMES) for each in (case, case.full) if each]
+    scenes = [variant.scene.model_dump_json(exclude=NAMES) for variant in (case, case.full) if variant]
     return f"{scenes} {case.reference_tolerance}"

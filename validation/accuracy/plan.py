@@ -70,14 +70,14 @@ def auto_engines(case: Case, runs: Path | None = None) -> Iterator[str]:
         RunError: no engine is left.
     """
     capable = capable_engines(case)
-    found = sorted(installed(capable), key=lambda name: cost_on(name).run_s(case))
-    for name in found:
+    by_cost = sorted(installed(capable), key=lambda name: cost_on(name).run_s(case))
+    for name in by_cost:
         if why := fault(case, name, runs):
             say(f"{case.scene.name}: {name}: {why}; --engine auto leaves it out")
         else:
             yield name
-    if found:
-        raise RunError(f"{case.scene.name}: no engine is left for --engine auto, after {', '.join(found)}")
+    if by_cost:
+        raise RunError(f"{case.scene.name}: no engine is left for --engine auto, after {', '.join(by_cost)}")
     others = f"; {', '.join(capable)} would" if capable else ""
     raise RunError(f"no installed engine models all of this scene{others}")
 

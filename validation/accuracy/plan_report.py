@@ -54,7 +54,7 @@ def plan_report(source: str | Path, settings: tuple[str, ...] = (), among: Colle
             raise error
     engines = [(name, load_engine(name).shear, asdict(cost_on(name))) for name in capable_engines(case, among)]
     there = [(name, fault(case, name)) for name in installed(name for name, *_ in engines)]
-    scenes = [each.scene.model_dump(mode="json") for each in (case, case.full) if each]
+    scenes = [variant.scene.model_dump(mode="json") for variant in (case, case.full) if variant]
     report = _straight if case.chain.lateral is None else _three_dimensional
     lines = kept(["plan", scenes, engines, there], lambda: [*report(case, among)])
     yield from (f"{case.scene.name}: {case.summary}", *lines)

@@ -41,18 +41,19 @@ ROUNDING_WORK = 400_000  # bodies times steps for which rounding is measured, so
 MARGIN = 1.25  # on the best accuracy named in errors
 
 
-def _with(scene: Scene, table: str, **changes: object) -> Scene:
-    return scene.model_copy(update={table: getattr(scene, table).model_copy(update=changes)})
+def _with(scene: Scene, **changes: object) -> Scene:
+    """Scene with changes of its chain."""
+    return scene.model_copy(update={"chain": scene.chain.model_copy(update=changes)})
 
 
 # functions that remove an element of ``drivers.chain.elements`` from a scene
 REMOVALS: dict[str, Callable[[Scene], Scene]] = {
     "gravity": lambda scene: scene.model_copy(update={"gravity": 0.0}),
-    "precompression": lambda scene: _with(scene, "chain", precompression=0.0),
+    "precompression": lambda scene: _with(scene, precompression=0.0),
     "sensor masses": lambda scene: _with(
-        scene, "chain", sensors=tuple(sensor.model_copy(update={"mass": None}) for sensor in scene.chain.sensors)
+        scene, sensors=tuple(sensor.model_copy(update={"mass": None}) for sensor in scene.chain.sensors)
     ),
-    "mass scatter": lambda scene: _with(scene, "chain", mass_scatter=0.0),
+    "mass scatter": lambda scene: _with(scene, mass_scatter=0.0),
     "damping": lambda scene: scene.model_copy(update={"contact": scene.contact.elastic}),
 }
 
@@ -133,7 +134,7 @@ class Chooser:
             raise InputError(case.scene.file, "run.accuracy", f"{error}; set run.time_step instead") from error
         for name in self.gauges:
             if not self.truth.true.get(name):
-                has = (each for each, value in self.truth.true.items() if value)
+                has = (quantity for quantity, value in self.truth.true.items() if value)
                 self._refuse(name, f"unknown quantity; allowed: {', '.join([FORCE, ENERGY, *has])}")
             if not self.truth.sampling_known:
                 found = "too many samples times contacts to measure the sampling error"
@@ -196,14 +197,14 @@ class Chooser:
                 least = MARGIN * errors[worst] if errors else 1.0
                 why = "within the steps that a plan may try; run.time_step takes any step"
                 raise unattainable(self.case, worst, wanted[worst], least, why)
-            found = self._excess(steps, wanted)
+            excess = self._excess(steps, wanted)
             tries += 1
-            if found <= 1:
+            if excess <= 1:
                 taken = steps
             else:
                 refused = max(refused, steps)
             coarse = max(self.errors_at(steps).values()) > COARSE_ERROR  # too large to extrapolate
-            steps = _next(refused, taken, 2 * steps if coarse else ceil(1.003 * steps * found ** (1 / order)))
+            steps = _next(refused, taken, 2 * steps if coarse else ceil(1.003 * steps * excess ** (1 / order)))
         rounding = ROUNDING_FACTOR * float(self.rounding(taken)[-1])
         return self.case.at(taken), StepPlan(wanted, self.errors_at(taken), rounding, refused, tries)
 

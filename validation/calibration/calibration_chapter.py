@@ -1,8 +1,10 @@
 """Calibration on the paper's experiments: conclusions that hold for all readings of what the paper leaves open."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from math import isfinite
 from typing import Any
+
+import numpy as np
+import pandas as pd
 
 from drivers.base import paths
 from drivers.base.tolerances import tolerance
@@ -40,11 +42,11 @@ def _holds(row: FitRow) -> bool:
 
 def _parameters(tables: Tables) -> dict[tuple[str, str], list[Parameter]]:
     """Parameters of each fit that all data share, by law and reading."""
-    found: dict[tuple[str, str], list[Parameter]] = {}
+    by_fit: dict[tuple[str, str], list[Parameter]] = {}
     for row in rows_in(tables[PARAMETERS], Parameter):
         if ":" not in row.parameter:
-            found.setdefault((row.law, row.data), []).append(row)
-    return found
+            by_fit.setdefault((row.law, row.data), []).append(row)
+    return by_fit
 
 
 def _texts(rows: Sequence[Parameter]) -> list[str]:
@@ -83,8 +85,8 @@ def conclusions(tables: Tables) -> Iterator[str]:
     low, high = bounds(tables, MODULUS)
     yield f"Young's modulus of the fits that hold, with their errors: {low * 1e-9:.2f} to {high * 1e-9:.2f} GPa"
     for law in _laws(fitting):
-        own = [parameters[each.law, each.data] for each in fitting if each.law == law]
-        if all(any(row.parameter == GAUGES for row in each) for each in own):
+        of_law = [parameters[fitted.law, fitted.data] for fitted in fitting if fitted.law == law]
+        if all(any(row.parameter == GAUGES for row in fitted) for fitted in of_law):
             yield f"{law} fits only with the electronics of the gauges"
     missed = ", ".join(f"{name} ({count})" for name, count in often_missed(tables).items()) or "none"
     yield f"missed by more than one standard error in most of the {len(fitting)} fits that hold: {missed}"
@@ -92,7 +94,7 @@ def conclusions(tables: Tables) -> Iterator[str]:
 
 def stored_conclusions() -> list[str]:
     """The conclusions of the full study that are stored with the parameters of the figures."""
-    file, modulus = calibrated(), next(each for each in calibrated().parameter if each.key == MODULUS)
+    file, modulus = calibrated(), next(kept for kept in calibrated().parameter if kept.key == MODULUS)
     return [
         f"over all readings of the paper (make calibration), these laws fit in some: {', '.join(file.laws)}",
         f"Young's modulus of these fits, with their errors: {modulus.low * 1e-9:.2f} to {modulus.high * 1e-9:.2f} GPa",
@@ -112,23 +114,26 @@ def _laws(rows: Sequence[FitRow]) -> list[str]:
 
 def bounds(tables: Tables, key: str) -> tuple[float, float]:
     """Lowest and highest value of a parameter, with its error, in the fits that hold."""
-    held = {(row.law, row.data) for row in rows_in(tables[FITS], FitRow) if _holds(row)}
-    parameters = rows_in(tables[PARAMETERS], Parameter)
-    own = [row for row in parameters if (row.law, row.data) in held and row.parameter == key]
-    errors = [row.error if isfinite(row.error) else 0.0 for row in own]
-    low = min(max(row.value - error, row.least) for row, error in zip(own, errors, strict=True))
-    return low, max(min(row.value + error, row.most) for row, error in zip(own, errors, strict=True))
+    rows = _of_held_fits(tables, PARAMETERS)
+    rows = rows[rows["parameter"] == key]
+    error = rows["error"].where(np.isfinite(rows["error"]), 0.0)
+    low, high = (rows["value"] - error).clip(lower=rows["least"]), (rows["value"] + error).clip(upper=rows["most"])
+    return float(low.min()), float(high.max())
+
+
+def _of_held_fits(tables: Tables, name: str) -> pd.DataFrame:
+    """Rows of a table that belong to the fits that hold."""
+    fits = tables[FITS]
+    return tables[name].merge(fits.loc[fits["probability"] >= MIN_PROBABILITY, ["law", "data"]])
 
 
 def often_missed(tables: Tables) -> dict[str, int]:
     """Numbers that more than half of the fits that hold miss by more than one standard error, with how many do."""
-    held = {(row.law, row.data) for row in rows_in(tables[FITS], FitRow) if _holds(row)}
-    counts: dict[str, int] = {}
-    for row in rows_in(tables[DATA], DatumRow):
-        if (row.law, row.data) in held and row.data_set != NOT_FITTED and isfinite(row.measured):
-            name = name_of(row.data_set, row.datum)
-            counts[name] = counts.get(name, 0) + (abs(row.off) > 1)
-    return {name: count for name, count in counts.items() if count > len(held) / 2}
+    rows, fits = _of_held_fits(tables, DATA), sum(map(_holds, rows_in(tables[FITS], FitRow)))
+    rows = rows[(rows["data_set"] != NOT_FITTED) & np.isfinite(rows["measured"])]
+    names = [name_of(*pair) for pair in zip(rows["data_set"], rows["datum"], strict=True)]
+    counts = (rows["off"].abs() > 1).groupby(names, sort=False).sum()
+    return {str(name): int(count) for name, count in counts.items() if count > fits / 2}
 
 
 def judge(tables: Tables) -> Iterator[Check]:
@@ -136,23 +141,23 @@ def judge(tables: Tables) -> Iterator[Check]:
     file, where = calibrated(), paths.shown(paths.CALIBRATED)
     fits = rows_in(tables[FITS], FitRow)
     if _full(fits):
-        found = tuple(_laws([row for row in fits if _holds(row)])), tuple(often_missed(tables))
-        if found != (file.laws, file.missed):
-            yield without_run(where, "", f"laws and missed: the fits give {found}", FAIL)
+        present = tuple(_laws([row for row in fits if _holds(row)])), tuple(often_missed(tables))
+        if present != (file.laws, file.missed):
+            yield without_run(where, "", f"laws and missed: the fits give {present}", FAIL)
     rows = rows_in(tables[PARAMETERS], Parameter)
     fitted = {row.parameter: row for row in rows if (row.law, row.data) == (file.law, file.reading)}
-    for each in file.parameter:
-        row = fitted.get(each.key)
+    for kept in file.parameter:
+        row = fitted.get(kept.key)
         if row is None:
-            yield without_run(where, file.law, f"{each.key}: no fit", FAIL)
+            yield without_run(where, file.law, f"{kept.key}: no fit", FAIL)
             continue
-        changes = [row.value - each.value, row.error - each.error]
+        changes = [row.value - kept.value, row.error - kept.error]
         if _full(fits):
-            changes += [new - old for new, old in zip(bounds(tables, each.key), (each.low, each.high), strict=True)]
-        drift = max(map(abs, changes)) / each.error
-        given, stored = (f"{one.value:.5g} ± {one.error:.3g} {each.unit}".rstrip() for one in (row, each))
+            changes += [new - old for new, old in zip(bounds(tables, kept.key), (kept.low, kept.high), strict=True)]
+        drift = max(map(abs, changes)) / kept.error
+        given, stored = (f"{shown.value:.5g} ± {shown.error:.3g} {kept.unit}".rstrip() for shown in (row, kept))
         place = f"{stored}; the fit gives {given}"
-        yield judged(where, file.law, each.key, drift, tolerance("calibration", "stored"), place)
+        yield judged(where, file.law, kept.key, drift, tolerance("calibration", "stored"), place)
 
 
 def section(tables: Tables) -> Mapping[str, Any]:
@@ -180,7 +185,7 @@ def section(tables: Tables) -> Mapping[str, Any]:
         "default": DEFAULT,
         "choices": calibration_file().choice,
         "laws": list(dict.fromkeys(row.law for row in shown)),
-        "numbers": {name: {row.law: row for row in each} for name, each in numbers.items()},
+        "numbers": {name: {row.law: row for row in alike} for name, alike in numbers.items()},
         "far": MAX_DEVIATION,
         "least": MIN_PROBABILITY,
         "number": number,
@@ -190,15 +195,15 @@ def section(tables: Tables) -> Mapping[str, Any]:
 def figures(tables: Tables) -> dict[str, Picture]:
     """Measured against fitted numbers, and contours of chi-square."""
     data = [row for row in rows_in(tables[DATA], DatumRow) if row.data == DEFAULT and row.data_set != NOT_FITTED]
-    found: dict[str, Picture] = {
+    pictures: dict[str, Picture] = {
         FITS: ("Measured and fitted numbers, with the errors of both", lambda: draw_data(data))
     }
     if len(tables[CONTOURS]):
         points, fits = rows_in(tables[CONTOURS], ContourRow), rows_in(tables[FITS], FitRow)
         caption = "Chi-square of the viscoelastic law over modulus and restitution; 1 is elastic"
         parameters = rows_in(tables[PARAMETERS], Parameter)
-        found[CONTOURS] = (caption, lambda: draw_contours(points, fits, parameters))
-    return found
+        pictures[CONTOURS] = (caption, lambda: draw_contours(points, fits, parameters))
+    return pictures
 
 
 CHAPTER = Chapter(

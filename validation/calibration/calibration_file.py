@@ -141,12 +141,13 @@ class CalibrationFile(Part):
         every = [
             *product(*(choice.answer if choice.quick or not quick else choice.answer[:1] for choice in self.choice))
         ]
-        return [each for each in every if self._is_asked(each)]
-
-    def _is_asked(self, answers: tuple[Answer, ...]) -> bool:
-        """False for a combination of a question that is varied alone with another question."""
-        other = [choice for choice, each in zip(self.choice, answers, strict=True) if each is not choice.answer[0]]
-        return len(other) < 2 or not any(choice.alone for choice in other)
+        asked = []
+        for answers in every:  # a question that is varied alone is not combined with another one
+            pairs = zip(self.choice, answers, strict=True)
+            other = [choice for choice, answer in pairs if answer is not choice.answer[0]]
+            if len(other) < 2 or not any(choice.alone for choice in other):
+                asked.append(answers)
+        return asked
 
 
 @cache

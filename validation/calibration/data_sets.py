@@ -102,15 +102,15 @@ def paper_data(names: Sequence[str], settings: Sequence[str] = (), answers: Sequ
     Raises:
         InputError: A data set or setting is unknown.
     """
-    known, found = {each.name: each for each in calibration_file().set}, list[DataSet]()
+    known, data = {quoted_set.name: quoted_set for quoted_set in calibration_file().set}, list[DataSet]()
     for name in names:
         if name not in known:
             allowed = f"comma-separated names from {', '.join(known)}"
             raise InputError("--quoted", "", f"{name}; {did_you_mean(name, known)}".rstrip("; "), allowed)
-        found += _rows_of(
+        data += _rows_of(
             known[name], [row for other, row in known[name].also.items() if other in names], settings, answers
         )
-    return found
+    return data
 
 
 def _rows_of(
@@ -121,15 +121,15 @@ def _rows_of(
     everything = (*asked.set, *settings, *changes)
     _, tables, where = scene_tables(asked.scene, everything)
     _case(read_scene(asked.scene, everything))
-    columns, found = [_column(number, answers) for number in asked.number], list[DataSet]()
+    columns, data = [_column(number, answers) for number in asked.number], list[DataSet]()
     for row in range(max(map(len, columns))):
         numbers = tuple(column[min(row, len(column) - 1)] for column in columns)
         first = numbers[0]
         unit = describe(first.observable).unit or first.observable.rpartition("_")[2]
         label = f"{asked.name} {first.value:g} {unit}" if max(map(len, columns)) > 1 else asked.name
         if row not in skipped:
-            found.append(DataSet(label, asked.scene, tables, where, numbers, asked.own))
-    return found
+            data.append(DataSet(label, asked.scene, tables, where, numbers, asked.own))
+    return data
 
 
 def _column(number: QuotedNumber, answers: Sequence[Answer]) -> list[MeasuredNumber]:
@@ -139,15 +139,16 @@ def _column(number: QuotedNumber, answers: Sequence[Answer]) -> list[MeasuredNum
     if not all(isinstance(value, (int, float)) for value in values):
         allowed = "a number of inputs/paper/quoted.toml"
         raise InputError(paths.shown(paths.CALIBRATION), "quoted", number.quoted, allowed)
-    name = next((each.read[number.observable] for each in answers if number.observable in each.read), number.observable)
-    common = {} if any(answer.independent for answer in answers) else common_errors()
-    scale, found = SCALES.get(str(number.error), ""), []
+    name = next((said.read[number.observable] for said in answers if number.observable in said.read), number.observable)
+    shared = {} if any(answer.independent for answer in answers) else _nuisances()
+    common = {key.removeprefix(f"{READING}."): free.prior for key, free in shared.items() if free.prior}
+    scale, numbers = SCALES.get(str(number.error), ""), []
     for place, value in enumerate(values):
-        own = sqrt(max(_share(number.error, value) ** 2 - common.get(scale, 0.0) ** 2, 0.0)) * abs(value)
+        own_error = sqrt(max(_share(number.error, value) ** 2 - common.get(scale, 0.0) ** 2, 0.0)) * abs(value)
         rounding = number.rounding[place] / sqrt(3) if number.rounding and common else 0.0
-        error, divisor = hypot(own, rounding) * number.scale, f"{READING}.{scale}" if scale in common else ""
-        found.append(MeasuredNumber(name, value * number.scale, error, number.because, divisor))
-    return found
+        error, divisor = hypot(own_error, rounding) * number.scale, f"{READING}.{scale}" if scale in common else ""
+        numbers.append(MeasuredNumber(name, value * number.scale, error, number.because, divisor))
+    return numbers
 
 
 def _share(error: str | float, value: float) -> float:
@@ -158,18 +159,11 @@ def _share(error: str | float, value: float) -> float:
 
 
 @cache
-def common_errors() -> dict[str, float]:
-    """Relative errors common to all quoted numbers of a kind, by nuisance parameter."""
-    return {key.removeprefix(f"{READING}."): free.prior for key, free in _nuisances().items() if free.prior}
-
-
-@cache
 def _nuisances() -> dict[str, Free]:
     """Nuisance parameters of quoted numbers, by key."""
-    where, asked = paths.shown(paths.CALIBRATION), calibration_file().nuisance
-    return {
-        f"{READING}.{each.key}": stated(f"{READING}.{each.key}={each.free}", "", where, None, None) for each in asked
-    }
+    where = paths.shown(paths.CALIBRATION)
+    asked = {f"{READING}.{nuisance.key}": nuisance.free for nuisance in calibration_file().nuisance}
+    return {key: stated(f"{key}={bounds}", "", where, None, None) for key, bounds in asked.items()}
 
 
 def nuisances(sets: Sequence[DataSet], answers: Sequence[Answer] = ()) -> tuple[list[Free], dict[str, float]]:
@@ -262,17 +256,17 @@ def gauge_parameters(data: DataSet, asked: Sequence[str]) -> list[Free]:
         if key not in known:
             allowed = ", ".join(known) or "none, since the data set has no gauge"
             raise InputError(data.where, f"--free {key}", f"unknown gauge parameter; allowed: {allowed}")
-    found = list[Free]()
+    parameters = list[Free]()
     for key, entry in data.entries.items():
         record, name = records.get(key), f"{key}.{GAIN}"
         gain, share = record.measured.gain if record else 1.0, entry.gain_uncertainty
         if name in options or share:
             free = stated(options.get(name, name), "", data.where, gain, around(gain), data.name)
             unit = f"N/{record.measured.unit}" if record and record.measured.unit != "N" else ""
-            found.append(replace(free, prior=free.prior or share * abs(gain), unit=unit))
+            parameters.append(replace(free, prior=free.prior or share * abs(gain), unit=unit))
         name = f"{key}.{TRIGGER}"
         if name in known and record and (name in options or record.trigger_s is None):
             text, middle_s = options.get(name, name), sum(record.window_s) / 2
             start_s = middle_s if record.trigger_s is None else record.trigger_s
-            found.append(stated(text, "s", data.where, start_s, record.window_s, data.name))
-    return found
+            parameters.append(stated(text, "s", data.where, start_s, record.window_s, data.name))
+    return parameters

@@ -5,9 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from drivers.base.units import quantity
 from postproc.draw.style import COLUMN_IN, GREY, pyplot
-from validation.calibration.outcome import DatumRow, FitRow, Parameter
+from validation.calibration.outcome import DatumRow, FitRow, Parameter, suited
 
 COLOURS = ("#0072b2", "#d55e00", "#555555", "#cc79a7", "#999933", "#56b4e9")
 MARKERS = ("o", "s", "v", "D", "P", "^")
@@ -32,7 +31,7 @@ def draw_parameters(rows: Sequence[Parameter]) -> Any:
     figure, axes = pyplot().subplots(len(names), 1, figsize=(COLUMN_IN, height), squeeze=False, layout="constrained")
     for axis, name in zip(axes[:, 0], names, strict=True):
         own = [row for row in shown if row.parameter == name]
-        unit, scale = _unit_of(own)
+        scale, unit = suited(own[0].value, own[0].unit) if own else (1.0, "")
         for place, row in enumerate(own):
             colour = look[row.law]["color"]
             for low, high, width in ((row.low_95pct, row.high_95pct, 0.9), (row.low_68pct, row.high_68pct, 2.6)):
@@ -40,7 +39,9 @@ def draw_parameters(rows: Sequence[Parameter]) -> Any:
                 axis.plot(ends, [place, place], color=colour, lw=width, solid_capstyle="butt")
             axis.plot(row.value * scale, place, ls="none", ms=5, **look[row.law], label=row.law or None)
         axis.set_title(
-            f"{name.removeprefix('materials.') or 'no parameter is determined'}{unit}", loc="left", fontsize=8
+            f"{name.removeprefix('materials.') or 'no parameter is determined'}{f' ({unit})' * bool(unit)}",
+            loc="left",
+            fontsize=8,
         )
         axis.set(yticks=[], ylim=(len(own) - 0.4, -0.6))
         axis.locator_params(axis="x", nbins=5)
@@ -50,15 +51,6 @@ def draw_parameters(rows: Sequence[Parameter]) -> Any:
         figure.legend(handles, labels, loc="outside upper left", ncols=len(labels), fontsize=7)
     figure.supxlabel("value, 68 % (thick) and 95 % interval", fontsize=8)
     return figure
-
-
-def _unit_of(rows: Sequence[Parameter]) -> tuple[str, float]:
-    """Unit of a parameter in brackets, and the factor from its SI unit."""
-    if not (rows and rows[0].unit and rows[0].value):
-        return "", 1.0
-    value = float(f"{rows[0].value:.3g}")
-    amount, unit = quantity(value, rows[0].unit).split(" ", 1)
-    return f" ({unit})", float(amount) / value
 
 
 def name_of(data_set: str, datum: str) -> str:

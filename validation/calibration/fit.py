@@ -105,7 +105,7 @@ class Fit:
     @property
     def errors(self) -> Array:
         """Standard errors of the values, inf for undetermined parameters. Shape (parameters,)."""
-        slopes = np.array([each.slope(float(x)) for each, x in zip(self.problem.free, self.place, strict=True)])
+        slopes = np.array([free.slope(float(x)) for free, x in zip(self.problem.free, self.place, strict=True)])
         return np.where(self.undetermined, inf, np.abs(slopes) * np.sqrt(np.diag(self.covariance)))
 
     def number(self, at: Callable[[Array], float]) -> tuple[float, float]:
@@ -141,12 +141,12 @@ def fit(problem: Problem, seeds: Sequence[Mapping[str, float]] = (), *, search: 
     ends = _descents(problem, (), {}) if search else []
     ends = sorted([*ends, *_lowered(problem, seeded, {})], key=lambda end: end[0])
     if not ends:
-        found = "the exact motion cannot be computed at the starting values or at any other point of the ranges"
-        raise RunError(f"fit: {found}; narrow the bounds of --free")
+        message = "the exact motion cannot be computed at the starting values or at any other point of the ranges"
+        raise RunError(f"fit: {message}; narrow the bounds of --free")
     best = minimise(problem, minimise(problem, ends[0][1], converged=CLOSE_CHANGE), method=AT_BOUNDS)
     lowest, others = chi_square_at(problem, best), list[tuple[float, Array]]()
     for height, end in ends[1:]:
-        distant = all(np.abs(end - each).max() > MIN_DISTANCE for each in (best, *(other for _, other in others)))
+        distant = all(np.abs(end - minimum).max() > MIN_DISTANCE for minimum in (best, *(other for _, other in others)))
         if height < lowest + MAX_EXCESS and distant:
             others.append((height, end))
     reached = sum(height < lowest + SAME + 5 * ROUGH_CHANGE * lowest for height, _ in ends)
@@ -175,7 +175,7 @@ def _descents(problem: Problem, held: Held, known: dict[frozenset[tuple[int, flo
         draws = qmc.Sobol(len(moving), seed=0).random_base2(ceil(log2(SCREENED_POINTS * len(moving))))
         drawn = (_with_others(problem, _moved(start, moving, draw), kept) for draw in draws)
         ranked = [
-            np.array(place) for _, place in sorted((chi_square_at(problem, each), each.tolist()) for each in drawn)
+            np.array(place) for _, place in sorted((chi_square_at(problem, point), point.tolist()) for point in drawn)
         ]
         places += _apart(ranked, moving)
     if len(problem.searched) <= MAX_NESTED or not held:
@@ -188,11 +188,11 @@ def _descents(problem: Problem, held: Held, known: dict[frozenset[tuple[int, flo
 
 def _apart(ranked: Sequence[Array], moving: Sequence[int]) -> list[Array]:
     """The first places that are ``MIN_SEPARATION`` from each other."""
-    found = list[Array]()
+    kept = list[Array]()
     for place in ranked:
-        if len(found) < DESCENTS and all(np.abs((place - each)[[*moving]]).max() > MIN_SEPARATION for each in found):
-            found.append(place)
-    return found
+        if len(kept) < DESCENTS and all(np.abs((place - other)[[*moving]]).max() > MIN_SEPARATION for other in kept):
+            kept.append(place)
+    return kept
 
 
 def _lowered(problem: Problem, places: Sequence[Array], held: Mapping[int, float]) -> Ends:
@@ -260,10 +260,10 @@ def minimise(
     def off(parameters: Parameters) -> Array:
         nonlocal lowest, best
         here = coordinates(parameters)
-        found = residual(problem, here)[counting]
-        if found @ found < lowest:
-            lowest, best = float(found @ found), here
-        return np.asarray(found)
+        residuals = residual(problem, here)[counting]
+        if residuals @ residuals < lowest:
+            lowest, best = float(residuals @ residuals), here
+        return np.asarray(residuals)
 
     def slopes(parameters: Parameters) -> Array:
         return np.asarray(jacobian(problem, coordinates(parameters), moving)[counting])
@@ -307,10 +307,8 @@ def trade_offs(fit: Fit) -> Iterator[str]:
     weak = np.flatnonzero((inflation > MIN_INFLATION) & ~fit.undetermined)
     if len(weak) > 1:
         singular, directions = fit.directions
-        names, along = (
-            " and ".join(free[i].label for i in weak),
-            _along(fit, directions[int(np.argmin(singular))], weak),
-        )
+        names = " and ".join(free[i].label for i in weak)
+        along = _along(fit, directions[int(np.argmin(singular))], weak)
         yield f"the data barely distinguish {names}: they trade off along {along}"
         times = f"{float(inflation[weak].min()):.0f} times smaller"
         yield f"each of them would have an error at least {times} if all other parameters were known"
@@ -382,7 +380,7 @@ def contours(fit: Fit, across: int, up: int, values: tuple[Array, Array]) -> Arr
                 across: problem.free[across].coordinate(float(values[0][column])),
                 up: problem.free[up].coordinate(float(high)),
             }
-            ends = [minimise(problem, each, held, converged=ROUGH_CHANGE) for each in (place, fit.place)]
+            ends = [minimise(problem, start, held, converged=ROUGH_CHANGE) for start in (place, fit.place)]
             heights = [chi_square_at(problem, end) for end in ends]
             place, grid[row, column] = ends[int(np.argmin(heights))], min(heights)
     return grid

@@ -75,10 +75,10 @@ def _free_of(request: FitRequest, law: str) -> list[str]:
     if len(asked) < len(request.free):
         raise InputError("fit", "--free", ", ".join(request.free), "each parameter once")
     of_laws = {name: calibration_file().law_named(name).free for name in request.laws}
-    own = of_laws.get(law, ())
-    others = {key for keys in of_laws.values() for key in keys} - {*own}
+    of_law = of_laws.get(law, ())
+    others = {key for keys in of_laws.values() for key in keys} - {*of_law}
     kept = [text for key, text in asked.items() if key not in others]
-    return [*kept, *(key for key in own if key not in asked)]
+    return [*kept, *(key for key in of_law if key not in asked)]
 
 
 def run_fit(request: FitRequest, runs: Path, results: Path) -> int:
@@ -121,7 +121,8 @@ def _confirm(fitted: Sequence[Path], runs: Path) -> int:
 
 
 LEGEND = (
-    "deviation: fitted minus measured, in standard errors of the measurement; of a trace the rms over its readings",
+    "deviation: fitted minus measured, in standard errors of the measurement; of a trace the rms of its readings, of a "
+    "parameter with prior knowledge fitted minus stated value",
     "predicted: by a fit to all other data; deviation: of this prediction, in standard errors of both",
 )
 
@@ -136,20 +137,21 @@ def lines(outcome: Outcome) -> Iterator[str]:
         rows.append([row.parameter, value, *(interval_text(row, end) for end in ends), start])
     yield from _table(["parameter", "value", *(f"{rise} interval" for rise in RISES), "start"], rows)
     if outcome.enlargement != 1:
-        times = f"{outcome.enlargement:.2g} times, by the scatter of the data"
-        yield f"the errors above (not the intervals) are enlarged {times}, which the model does not explain"
+        times = f"enlarged {outcome.enlargement:.2g} times"
+        yield f"errors (not intervals) are {times}, since the data scatter more than noise explains"
     yield ""
     cells = [[row.label, *_datum_cells(row)] for row in outcome.data]
     yield from _table(["datum", "measured", "fitted", "deviation", "predicted", "deviation"], cells)
     yield from LEGEND if any(row[4] for row in cells) else LEGEND[:1]
     yield ""
-    found = outcome.row
-    chance = f", probability {found.probability:.2g}" if found.freedom > 0 else ""
-    freedom = f"{found.freedom} degrees of freedom{chance}" if found.freedom >= 0 else "fewer data than parameters"
-    yield f"chi-square {found.chi_square:.4g} with {freedom}"
+    goodness = outcome.row
+    chance = f", probability {goodness.probability:.2g}" if goodness.freedom > 0 else ""
+    few = "fewer data than parameters"
+    freedom = f"{goodness.freedom} degrees of freedom{chance}" if goodness.freedom >= 0 else few
+    yield f"chi-square {goodness.chi_square:.4g} with {freedom}"
     if not outcome.explained:
         yield "the model does not explain the data"
-    yield from found.remarks.split(". ") if found.remarks else ()
+    yield from goodness.remarks.split(". ") if goodness.remarks else ()
 
 
 def _datum_cells(row: DatumRow) -> list[str]:
@@ -171,7 +173,7 @@ def comparison(outcomes: Mapping[str, Outcome], predictions: Sequence[DatumRow])
     numbers = [(r.chi_square, r.freedom, r.probability, r.aic, r.bic, r.aic - best.aic) for r in rows]
     heading = ["law", "chi-square", "freedom", "probability", "AIC", "BIC", "AIC above the best"]
     yield from text_table(
-        [heading, *([r.law, *(f"{x:.5g}" for x in own)] for r, own in zip(rows, numbers, strict=True))]
+        [heading, *([r.law, *(f"{x:.5g}" for x in values)] for r, values in zip(rows, numbers, strict=True))]
     )
     yield from verdict(outcomes)
     yield from differences(predictions, [row.law for row in rows])
@@ -188,7 +190,7 @@ def verdict(outcomes: Mapping[str, Outcome]) -> Iterator[str]:
     for row in rows:
         if not outcomes[row.law].explained:
             yield f"{row.law} does not explain the data"
-        for end in (each for each in row.remarks.split(". ") if "end of its range" in each):
+        for end in (remark for remark in row.remarks.split(". ") if "end of its range" in remark):
             yield f"{row.law}: {end}"
     near = [row.law for row in rows if (row.aic - best.aic) / unit < DECISIVE]
     if len(near) > 1:
@@ -223,17 +225,18 @@ def predict(outcome: Outcome, names: Sequence[str]) -> list[DatumRow]:
         outcome: The fit.
         names: Observables, with or without their units, in addition to all observables of waves.
     """
-    found, problem = list[DatumRow](), outcome.fit.problem
+    rows, problem = list[DatumRow](), outcome.fit.problem
     for data in problem.sets:
         shown = _as_run(data, names)
         simulation = simulated(shown, motion_values(problem, data, outcome.fit.place))
-        own = {without_unit(name): name for name in simulation.values} if simulation else {}
-        every = [name for name in own if describe(name).of_wave]
-        for name in dict.fromkeys(own[without_unit(each)] for each in (*names, *every) if without_unit(each) in own):
+        known = {without_unit(name): name for name in simulation.values} if simulation else {}
+        every = [name for name in known if describe(name).of_wave]
+        asked = map(without_unit, (*names, *every))
+        for name in dict.fromkeys(known[word] for word in asked if word in known):
             value, error = outcome.fit.number(partial(_observable, problem, data, shown, name))
             row = outcome.row
-            found.append(DatumRow(row.law, row.data, data.name, name, describe(name).unit, nan, nan, value, error, nan))
-    return found
+            rows.append(DatumRow(row.law, row.data, data.name, name, describe(name).unit, nan, nan, value, error, nan))
+    return rows
 
 
 def refuse_unknown(problem: Problem, names: Sequence[str]) -> None:
@@ -257,7 +260,7 @@ def _as_run(data: DataSet, names: Sequence[str]) -> DataSet:
     tables = deepcopy(data.tables)
     tables["run"]["duration"] = data.duration or tables["run"]["duration"]
     sensors = tables["chain"].setdefault("sensors", [])
-    asked = {int(found[1]) for name in names if (found := re.match(r"bead_(\d+)_", name))}
+    asked = {int(match[1]) for name in names if (match := re.match(r"bead_(\d+)_", name))}
     new = asked.difference(*(places_of(sensor["from_wall"]) for sensor in sensors))
     sensors.extend({"from_wall": bead} for bead in sorted(new, reverse=True))
     return replace(data, tables=tables)
@@ -275,11 +278,11 @@ def differences(rows: Sequence[DatumRow], laws: Sequence[str]) -> Iterator[str]:
     for other in others:
         two = {row.label: row for row in rows if row.law == other}
         pairs = [(row, two[row.label]) for row in rows if row.law == first and row.label in two]
-        found = [
+        apart = [
             (abs(b.fitted - a.fitted) / max(hypot(a.fitted_error, b.fitted_error), 1e-300), a, b)
             for a, b in pairs
             if isfinite(a.fitted + b.fitted) and abs(b.fitted - a.fitted) > MIN_SHARE * abs(a.fitted)
         ]
-        for errors, a, b in sorted(found, key=lambda each: -each[0])[:MOST_LISTED]:
+        for errors, a, b in sorted(apart, key=lambda item: -item[0])[:MOST_LISTED]:
             pair = f"{a.fitted:.4g} against {b.fitted:.4g} {a.unit}".rstrip()
             yield f"{first} and {other} differ in {a.label}: {pair}, {errors:.1f} standard errors"

@@ -88,10 +88,10 @@ def write_folder(
     with tempfile.TemporaryDirectory(dir=results, prefix=".fit-") as temporary:
         draft = Path(temporary) / folder.name
         draft.mkdir()
-        parameters = [row for each in outcomes.values() for row in each.parameters]
+        parameters = [row for solved in outcomes.values() for row in solved.parameters]
         write_table(draft / f"{PARAMETERS}.csv", Parameter, parameters)
-        write_table(draft / f"{DATA}.csv", DatumRow, [row for each in outcomes.values() for row in each.data])
-        write_table(draft / f"{LAWS}.csv", FitRow, [each.row for each in outcomes.values()])
+        write_table(draft / f"{DATA}.csv", DatumRow, [row for solved in outcomes.values() for row in solved.data])
+        write_table(draft / f"{LAWS}.csv", FitRow, [solved.row for solved in outcomes.values()])
         write_table(draft / f"{PREDICTIONS}.csv", DatumRow, predictions)
         write_figure(draw_parameters(parameters), PARAMETERS, draft)
         fitted, remarks = dict[str, list[Path]](), list[str]()
@@ -105,7 +105,7 @@ def write_folder(
             target = folder / path.relative_to(draft)
             target.parent.mkdir(parents=True, exist_ok=True)
             path.replace(target)
-    scenes = {law: [folder / path.name for path in own] for law, own in fitted.items()}
+    scenes = {law: [folder / path.name for path in of_law] for law, of_law in fitted.items()}
     texts = dict.fromkeys(remark.replace(paths.shown(draft), paths.shown(folder)) for remark in remarks)
     return folder, scenes, list(texts)
 
@@ -116,7 +116,7 @@ def _scenes(request: FitRequest, law: str, outcome: Outcome, folder: Path) -> tu
     ending = f"-{law.replace(' ', '-')}" if len(request.laws) > 1 else ""
     for source in dict.fromkeys(request.scenes or [data.source for data in sets]):
         path = find_scene(source)
-        data = next((each for each in sets if each.name == path.stem), None)
+        data = next((candidate for candidate in sets if candidate.name == path.stem), None)
         copies = _copied(data, folder) if data else {}
         if data and data.entries:
             _write_scene(folder / path.name, path, request.settings, [], _entries(data, copies, None))
@@ -136,15 +136,15 @@ def _scenes(request: FitRequest, law: str, outcome: Outcome, folder: Path) -> tu
 
 def _copied(data: DataSet, folder: Path) -> dict[Path, str]:
     """Copies the measured files of a data set; their new paths, relative to the folder, by file."""
-    found = dict[Path, str]()
+    copies = dict[Path, str]()
     for file in dict.fromkeys(record.measured.file for record in data.records):
         target = folder / DATA / file.name
         while target.exists():  # a file of the same name from another folder
             target = target.with_stem(f"{target.stem}-other")
         target.parent.mkdir(exist_ok=True)
         shutil.copyfile(file, target)
-        found[file] = str(target.relative_to(folder))
-    return found
+        copies[file] = str(target.relative_to(folder))
+    return copies
 
 
 def _draw_traces(fitted: Path, name: str) -> list[str]:
@@ -153,23 +153,22 @@ def _draw_traces(fitted: Path, name: str) -> list[str]:
     case = build_case(scene)
     trace = exact(case).trace
     try:
-        curves, found, remarks = lay_over(*entries_of(scene, None, fitted.name), case.layout, trace)
+        curves, misfits, remarks = lay_over(*entries_of(scene, None, fitted.name), case.layout, trace)
     except InputError as error:  # the fit needs no quiet readings, the figure does
         return [f"no figure of the traces: {error}"]
-    write_product(draw_overlay(case.layout, trace, REFERENCE, curves, found), name, fitted.parent)
+    write_product(draw_overlay(case.layout, trace, REFERENCE, curves, misfits), name, fitted.parent)
     return remarks
 
 
 def _values(outcome: Outcome, scene: str) -> list[tuple[str, str | float, str]]:
     """Key, value to six digits with its unit, and value with error, of each fitted key of a scene."""
     pairs = zip(outcome.fit.problem.free, outcome.parameters, strict=True)
-    own = [(free.key, row) for free, row in pairs if free.own in ("", scene) and free.of_motion]
-    return [(key, _rounded(row), f"fitted: {value_text(row, outcome.enlargement)}") for key, row in own]
-
-
-def _rounded(row: Parameter) -> str | float:
-    value = float(f"{row.value:.6g}")
-    return quantity(value, row.unit) if row.unit else value
+    fitted = [(free.key, row) for free, row in pairs if free.own in ("", scene) and free.of_motion]
+    values = [(key, row, float(f"{row.value:.6g}")) for key, row in fitted]
+    return [
+        (key, quantity(value, row.unit) if row.unit else value, f"fitted: {value_text(row, outcome.enlargement)}")
+        for key, row, value in values
+    ]
 
 
 def _write_scene(
@@ -200,7 +199,7 @@ def _entries(data: DataSet, copies: Mapping[Path, str], outcome: Outcome | None)
     label = f"{data.name}: "
     rows = {row.parameter.removeprefix(label): row for row in (outcome.parameters if outcome else ())}
     fitted = {name: row.value for name, row in rows.items()}
-    found = tomlkit.aot()
+    tables = tomlkit.aot()
     for key, entry in data.entries.items():
         values = entry.model_dump(exclude_none=True, exclude_unset=True)
         record = records.get(key)
@@ -215,8 +214,8 @@ def _entries(data: DataSet, copies: Mapping[Path, str], outcome: Outcome | None)
                 values[GAIN] = f"{fitted[f'{key}.{GAIN}']:.6g} N/{record.measured.unit}"
                 if record.measured.unit == "N":
                     values[GAIN] = float(f"{fitted[f'{key}.{GAIN}']:.6g}")
-        found.append(tomlkit.item(values))
-    return found
+        tables.append(tomlkit.item(values))
+    return tables
 
 
 def _readme(request: FitRequest, name: str, fitted: Mapping[str, Sequence[Path]]) -> str:
@@ -231,9 +230,9 @@ def _readme(request: FitRequest, name: str, fitted: Mapping[str, Sequence[Path]]
         ("--predict", request.predict),
         ("--set", request.settings if request.quoted else ()),
     ):
-        command += [word for each in given for word in (option, each)]
+        command += [word for value in given for word in (option, value)]
     again = shlex.join([*command, *(["--quick"] * request.quick), "--results", "again"])
-    scenes = [path.name for own in fitted.values() for path in own]
+    scenes = [path.name for of_law in fitted.values() for path in of_law]
     return "\n".join([
         f"# {name}: parameters fitted to measured data", "",
         "- `parameters.csv`, `.svg`: values with errors and intervals; `data.csv`: each datum; `laws.csv`: goodness;",

@@ -83,22 +83,23 @@ def free_parameter(text: str, scene: Scene, where: str, own: str = "") -> Free:
         InputError: The key has no physical number, there is no starting value, or the bounds are not a range.
     """
     key = text.partition("=")[0].strip()
-    unit, found, known = unit_of(key), look_up(scene, key), _range_of(key)
-    physics = key.split(".")[0] not in NUMERICAL_KEYS and not isinstance(found, (bool, int, str))
-    if not physics or not (isinstance(found, float) or (found is None and (unit or known))):
-        if found is None:
+    unit, value, known = unit_of(key), look_up(scene, key), _range_of(key)
+    physics = key.split(".")[0] not in NUMERICAL_KEYS and not isinstance(value, (bool, int, str))
+    if not physics or not (isinstance(value, float) or (value is None and (unit or known))):
+        if value is None:
             hint = (
                 did_you_mean(key, [*_numbers_in(scene.model_dump()), *calibration_file().range])
                 or "allowed: a key of the scene with a physical number"
             )
             raise InputError(where, f"--free {key}", f"unknown key; {hint}")
-        raise InputError(where, f"--free {key}", repr(found), "a key of the scene with a physical number")
-    if found is None and known and known.start is not None:
-        found = _number(known.start, unit, where, key)
-    usual = known_range(key, unit)
-    if usual and found is not None and not usual[0] <= found <= usual[1]:
-        usual = None
-    return stated(text, unit, where, found, usual or (around(found) if found else None), own)
+        raise InputError(where, f"--free {key}", repr(value), "a key of the scene with a physical number")
+    file, usual = paths.shown(paths.CALIBRATION), around(value) if value else None
+    if value is None and known and known.start is not None:
+        value = _number(known.start, unit, file, key)
+    if known:
+        low, high = _number(known.low, unit, file, key), _number(known.high, unit, file, key)
+        usual = (low, high) if value is None or low <= value <= high else around(value)
+    return stated(text, unit, where, value, usual, own)
 
 
 def stated(
@@ -164,16 +165,10 @@ def _with_unit(text: str, unit: str) -> str:
     return text if _has_unit(text) or not unit else f"{text} {unit}"
 
 
-def known_range(key: str, unit: str) -> tuple[float, float] | None:
-    """Bounds of a key in ``inputs/calibration.toml``; None if it has none."""
-    found, where = _range_of(key), paths.shown(paths.CALIBRATION)
-    return None if found is None else (_number(found.low, unit, where, key), _number(found.high, unit, where, key))
-
-
 def without_effect(key: str) -> float | None:
     """Value at which a parameter has no effect, such as a restitution of 1; None if the file names none."""
-    found = _range_of(key)
-    return found.none if found else None
+    known = _range_of(key)
+    return known.none if known else None
 
 
 def around(value: float) -> tuple[float, float]:

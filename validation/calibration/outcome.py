@@ -128,8 +128,8 @@ class Outcome:
     @property
     def explained(self) -> bool:
         """True if noise can explain the residual; noise found from traces is uncertain by ``NOISE_ERROR``."""
-        found = any(record.found for data in self.fit.problem.sets for record in data.records)
-        chi_square = self.fit.chi_square / ((1 + NOISE_ERROR) ** 2 if found else 1.0)
+        estimated = any(record.found for data in self.fit.problem.sets for record in data.records)
+        chi_square = self.fit.chi_square / ((1 + NOISE_ERROR) ** 2 if estimated else 1.0)
         return not probability_of(chi_square, self.fit.freedom) < MIN_PROBABILITY
 
     @property
@@ -168,78 +168,57 @@ def solve(
         search: As that of ``fit``.
         count: Called after each fit, point of a profile and datum.
     """
-    found, profiles = fit(problem, seeds, search=search), dict[int, list[Point]]()
+    best, profiles = fit(problem, seeds, search=search), dict[int, list[Point]]()
     count()
     for _ in range(0 if quick else MAX_REFITS):
-        profiles = {i: profile(found, i, count) for i in problem.searched if not found.undetermined[i]}
+        profiles = {i: profile(best, i, count) for i in problem.searched if not best.undetermined[i]}
         lowest = min((point for points in profiles.values() for point in points), key=lambda p: p[1], default=None)
-        if lowest is None or lowest[1] > found.chi_square - MIN_GAIN:
+        if lowest is None or lowest[1] > best.chi_square - MIN_GAIN:
             break
-        found = fitted_at(problem, minimise(problem, lowest[2]), found.others, 1, found.descents)
+        best = fitted_at(problem, minimise(problem, lowest[2]), best.others, 1, best.descents)
         count()
-    parameters = [_parameter(found, law, reading, index, profiles.get(index)) for index in range(len(problem.free))]
-    data = [_datum(found, law, reading, datum, leave_out=not quick, count=count) for datum in problem.data]
+    names = law, reading
+    parameters = [_parameter(best, names, index, profiles.get(index)) for index in range(len(problem.free))]
+    data = [_datum(best, names, datum, leave_out=not quick, count=count) for datum in problem.data]
     numbers = zip(data, problem.data, strict=True)
     missed = [row.label for row, datum in numbers if datum.number and not abs(row.off) <= MAX_DEVIATION]
     row = FitRow(
-        law, reading, found.chi_square, found.freedom, probability_of(found.chi_square, found.freedom),
-        found.chi_square + 2 * len(problem.free), found.chi_square + len(problem.free) * log(problem.rows),
-        "; ".join(missed), ". ".join(_remarks(found, parameters, data)),
+        *names, best.chi_square, best.freedom, probability_of(best.chi_square, best.freedom),
+        best.chi_square + 2 * len(problem.free), best.chi_square + len(problem.free) * log(problem.rows),
+        "; ".join(missed), ". ".join(_remarks(best, parameters, data)),
     )  # fmt: skip
-    return Outcome(found, row, parameters, data)
+    return Outcome(best, row, parameters, data)
 
 
-def _parameter(found: Fit, law: str, reading: str, index: int, points: list[Point] | None) -> Parameter:
-    free, error = found.problem.free[index], float(found.errors[index])
-    known = [interval(found, index, rise, points) if isfinite(error) else (nan, nan) for rise in RISES.values()]
-    value = free.value(float(found.place[index]))
+def _parameter(best: Fit, names: tuple[str, str], index: int, points: list[Point] | None) -> Parameter:
+    """Row of a parameter; ``names`` are those of the law and of the data."""
+    free, error = best.problem.free[index], float(best.errors[index])
+    known = [interval(best, index, rise, points) if isfinite(error) else (nan, nan) for rise in RISES.values()]
+    value = free.value(float(best.place[index]))
     return Parameter(
-        law,
-        reading,
-        free.label,
-        free.unit,
-        value,
-        error,
-        *known[0],
-        *known[1],
-        free.start,
-        free.low,
-        free.high,
-        free.prior,
+        *names, free.label, free.unit, value, error, *known[0], *known[1], free.start, free.low, free.high, free.prior
     )
 
 
-def _datum(found: Fit, law: str, reading: str, datum: Datum, *, leave_out: bool, count: Callable[[], None]) -> DatumRow:
+def _datum(best: Fit, names: tuple[str, str], datum: Datum, *, leave_out: bool, count: Callable[[], None]) -> DatumRow:
     """Row of a datum; for traces and prior knowledge only the deviation in standard errors."""
     number = datum.number
     if number is None:
-        rows = found.residual[datum.rows.start : datum.rows.stop]
-        return DatumRow(
-            law, reading, datum.data_set, datum.name, "", nan, nan, nan, nan, float(np.sqrt(np.mean(rows**2)))
-        )
-    value, error = _number(found, datum.data_set, number)
+        rows = best.residual[datum.rows.start : datum.rows.stop]
+        off = float(np.sqrt(np.mean(rows**2)))
+        return DatumRow(*names, datum.data_set, datum.name, "", nan, nan, nan, nan, off)
+    value, error = _number(best, datum.data_set, number)
     unit = describe(datum.name).unit or datum.name.rpartition("_")[2]
     unit = f"1/{unit}" if datum.name.endswith(f"_per_{unit}") else unit
     off = (value - number.value) / number.error
-    row = DatumRow(
-        law,
-        reading,
-        datum.data_set,
-        datum.name,
-        unit,
-        number.value,
-        number.error,
-        value,
-        error,
-        off,
-        because=number.because,
-    )
+    measured = number.value, number.error
+    row = DatumRow(*names, datum.data_set, datum.name, unit, *measured, value, error, off, because=number.because)
     if not leave_out:
         return row
-    place = minimise(found.problem, found.place, left_out=datum.rows, converged=CLOSE_CHANGE)
-    kept = np.setdiff1d(np.arange(found.problem.rows), list(datum.rows))
-    rest = Fit(found.problem, place, found.residual[kept], found.jacobian[kept])
-    row = replace(row, chi_square_without=chi_square_at(found.problem, place, kept))
+    place = minimise(best.problem, best.place, left_out=datum.rows, converged=CLOSE_CHANGE)
+    kept = np.setdiff1d(np.arange(best.problem.rows), list(datum.rows))
+    rest = Fit(best.problem, place, best.residual[kept], best.jacobian[kept])
+    row = replace(row, chi_square_without=chi_square_at(best.problem, place, kept))
     count()
     if len(rest.open_directions):
         return row
@@ -248,23 +227,23 @@ def _datum(found: Fit, law: str, reading: str, datum: Datum, *, leave_out: bool,
     return replace(row, by_the_others=without, by_the_others_error=error, by_the_others_off=off)
 
 
-def _number(found: Fit, data_set: str, number: MeasuredNumber) -> tuple[float, float]:
+def _number(best: Fit, data_set: str, number: MeasuredNumber) -> tuple[float, float]:
     """A number in the fitted motion, with its standard error."""
-    problem, data = found.problem, _set(found.problem, data_set)
-    return found.number(
+    problem, data = best.problem, _set(best.problem, data_set)
+    return best.number(
         lambda place: predicted(data, number, motion_values(problem, data, place), own_values(problem, data, place))
     )
 
 
 def _set(problem: Problem, name: str) -> DataSet:
-    return next(each for each in problem.sets if each.name == name)
+    return next(data for data in problem.sets if data.name == name)
 
 
-def _remarks(found: Fit, parameters: Sequence[Parameter], data: Sequence[DatumRow]) -> Iterator[str]:
+def _remarks(best: Fit, parameters: Sequence[Parameter], data: Sequence[DatumRow]) -> Iterator[str]:
     """Sentences on other minima, undetermined parameters, and numbers that the motion does not have."""
-    problem, certain = found.problem, not len(found.open_directions)
-    if found.reached < 2 <= found.descents and certain:
-        yield f"not sure: 1 of {found.descents} descents ended at this minimum; a better one may exist"
+    problem, certain = best.problem, not len(best.open_directions)
+    if best.reached < 2 <= best.descents and certain:
+        yield f"not sure: 1 of {best.descents} descents ended at this minimum; a better one may exist"
     for datum, line in zip(problem.data, data, strict=True):
         if datum.number is None:
             continue
@@ -272,27 +251,27 @@ def _remarks(found: Fit, parameters: Sequence[Parameter], data: Sequence[DatumRo
             counts = f"counts as {MISSING_RESIDUAL:.0f} standard errors"
             yield f"{line.label} is missing from the computed motion and {counts}"
         gauge, width, _ = line.datum.partition("_full_width")
-        own = _set(problem, line.data_set)
-        simulation = simulated(own, motion_values(problem, own, found.place)) if width else None
-        if simulation and is_censored(simulation, gauge, own_values(problem, own, found.place).get(CUT, DEFAULT_CUT)):
+        source = _set(problem, line.data_set)
+        simulation = simulated(source, motion_values(problem, source, best.place)) if width else None
+        if simulation and is_censored(simulation, gauge, own_values(problem, source, best.place).get(CUT, DEFAULT_CUT)):
             yield f"{line.label} is a lower bound: the force is above the cut until the wave meets the wall"
-    for row, x in zip(parameters, found.place, strict=True):
+    for row, x in zip(parameters, best.place, strict=True):
         if not END_MARGIN < x < 1 - END_MARGIN:
             yield f"{row.parameter} is at the end of its range, {rounded(row.value, row.unit)}"
         open_ends = [side for side, end in (("below", row.low_95pct), ("above", row.high_95pct)) if abs(end) == np.inf]
         if open_ends:
             yield f"the data do not bound {row.parameter} {' and '.join(open_ends)} within its range"
-    for chi_square, place in found.others if certain else ():
+    for chi_square, place in best.others if certain else ():
         units, values = [row.unit for row in parameters], problem.values(place)
         shown = ", ".join(f"{name} {rounded(x, unit)}" for (name, x), unit in zip(values.items(), units, strict=True))
         yield f"another minimum with chi-square {chi_square:.4g}: {shown}"
-    yield from trade_offs(found)
-    for datum in problem.data:
-        off = found.residual[datum.rows.start : datum.rows.stop]
+    yield from trade_offs(best)
+    for datum, line in zip(problem.data, data, strict=True):
+        off = best.residual[datum.rows.start : datum.rows.stop]
         correlation = float(np.corrcoef(off[:-1], off[1:])[0, 1]) if datum.number is None and len(off) > 1 else 0.0
         if correlation > MAX_CORRELATION:
-            words = f"{datum.label}: neighbouring residuals have a correlation of {correlation:.2f}"
-            yield f"{words}: they contain more than noise, and errors are larger than stated"
+            sentence = f"{line.label}: neighbouring residuals have a correlation of {correlation:.2f}"
+            yield f"{sentence}: they contain more than noise, and errors are larger than stated"
 
 
 def value_text(row: Parameter, factor: float = 1.0) -> str:
@@ -322,11 +301,16 @@ def interval_text(row: Parameter, ends: tuple[float, float]) -> str:
 
 def _digits(value: float, error: float, unit: str) -> tuple[float, int, str]:
     """Factor from the SI unit to a suitable unit, decimal places for two digits of the error, name of the unit."""
-    scale = 1.0
-    if unit and value:
-        amount, unit = quantity(float(f"{value:.3g}"), unit).split(" ", 1)
-        scale = float(amount) / float(f"{value:.3g}")
+    scale, unit = suited(value, unit)
     return scale, int(np.clip(1 - np.floor(np.log10(error * scale)), 0, 12)) if error > 0 else 6, unit
+
+
+def suited(value: float, unit: str) -> tuple[float, str]:
+    """Factor from the SI unit to a unit that suits a value, and that unit."""
+    if not (unit and value):
+        return 1.0, unit
+    amount, unit = quantity(float(f"{value:.3g}"), unit).split(" ", 1)
+    return float(amount) / float(f"{value:.3g}"), unit
 
 
 def rounded(value: float, unit: str) -> str:

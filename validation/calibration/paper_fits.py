@@ -49,9 +49,9 @@ def reading_of(answers: Sequence[Answer]) -> str:
     """Name of a reading: the answers that are not the default; "default" for the first reading."""
     default = calibration_file().readings()[0]
     other = [
-        f"{choice.name}: {each.name}"
-        for choice, each, usual in zip(calibration_file().choice, answers, default, strict=True)
-        if each.name != usual.name
+        f"{choice.name}: {answer.name}"
+        for choice, answer, usual in zip(calibration_file().choice, answers, default, strict=True)
+        if answer.name != usual.name
     ]
     return "; ".join(other) or "default"
 
@@ -68,17 +68,17 @@ def study(*, quick: bool = False) -> dict[str, list[Any]]:
         done = _in_parallel(partial(_fit_laws, laws, known), readings, "reading")
     else:
         first = _in_parallel(partial(_fit_thoroughly, readings[0]), laws, "law")
-        known = {each[FITS][0].law: {row.parameter: row.value for row in each[PARAMETERS]} for each in first}
+        known = {rows[FITS][0].law: {row.parameter: row.value for row in rows[PARAMETERS]} for rows in first}
         drawn = [reading for reading in readings if reading_of(reading) in DRAWN]
         done = [*first, *_in_parallel(partial(_fit_laws, laws, known), readings[1:], "reading")]
         done += _in_parallel(partial(_contours, known[CONTOUR_LAW]), drawn, "contour")
-    return {name: [row for each in done for row in each.get(name, ())] for name in TABLES}
+    return {name: [row for rows in done for row in rows.get(name, ())] for name in TABLES}
 
 
 def _in_parallel(work: Callable[[Any], Rows], items: Sequence[Any], what: str) -> list[Rows]:
     """Results of all items, in their order; the last are begun first, since larger laws take longer."""
-    found = following(execute(work, items[::-1], Place(processes=True)), what, len(items), what)
-    results = {id(item): result for item, result in found}
+    under_way = following(execute(work, items[::-1], Place(processes=True)), what, len(items), what)
+    results = {id(item): result for item, result in under_way}
     return [results[id(item)] for item in items]
 
 
@@ -89,13 +89,13 @@ def _fit_thoroughly(answers: Sequence[Answer], law: Law) -> Rows:
 
 def _fit_laws(laws: Sequence[Law], known: Mapping[str, Mapping[str, float]], answers: Sequence[Answer]) -> Rows:
     """Rows of all laws for one reading, from known parameters and from each other: a larger law is never worse."""
-    found, earlier = dict[str, list[Any]](), list[Mapping[str, float]]()
+    tables, earlier = dict[str, list[Any]](), list[Mapping[str, float]]()
     for law in laws:
         outcome = fit_law(law, answers, [known[law.name], *earlier], thorough=False)
         earlier.append(outcome.fit.values)
         for name, rows in _rows(law, reading_of(answers), outcome).items():
-            found.setdefault(name, []).extend(rows)
-    return found
+            tables.setdefault(name, []).extend(rows)
+    return tables
 
 
 def fit_law(
@@ -134,8 +134,8 @@ def _not_fitted(law: Law, reading: str, outcome: Outcome) -> Iterator[DatumRow]:
     """Quantities of the same experiments that are not fitted."""
     problem, place = outcome.fit.problem, outcome.fit.place
     for name, more, numbers in (("fig5", (TOP,), _fig5), ("fig4", (), _fig4)):
-        (each,) = paper_data([name], (*law.set, *more))
-        shared = replace(each, own=())
+        (data,) = paper_data([name], (*law.set, *more))
+        shared = replace(data, own=())
         simulation = simulated(shared, motion_values(problem, shared, place))
         if simulation is not None:
             for quantity, unit, measured, computed in numbers(simulation):
@@ -158,19 +158,10 @@ def _fig5(simulation: Simulation) -> Iterator[Number]:
     for bead in (11, 10):
         shape, at = incident_pulse(time, signals[f"bead_{bead}"] - signals[f"bead_{bead}"][0]), f"at bead {bead}"
         if shape is not None:
-            yield f"Fig. 5: incident pulse {at}, rise", "us", paper.fig5_incident_rise_us, shape.rise_s * 1e6
-            yield (
-                f"Fig. 5: incident pulse {at}, decay",
-                "1/us",
-                paper.fig5_incident_decay_per_us,
-                shape.decay_per_s * 1e-6,
-            )
-            yield (
-                f"Fig. 5: incident pulse {at}, duration",
-                "us",
-                paper.fig5_incident_duration_us,
-                shape.duration_s * 1e6,
-            )
+            pulse = f"Fig. 5: incident pulse {at}"
+            yield f"{pulse}, rise", "us", paper.fig5_incident_rise_us, shape.rise_s * 1e6
+            yield f"{pulse}, decay", "1/us", paper.fig5_incident_decay_per_us, shape.decay_per_s * 1e-6
+            yield f"{pulse}, duration", "us", paper.fig5_incident_duration_us, shape.duration_s * 1e6
 
 
 def _fig4(simulation: Simulation) -> Iterator[Number]:
@@ -178,11 +169,7 @@ def _fig4(simulation: Simulation) -> Iterator[Number]:
     values = simulation.values
     ratio = values["bead_9_reflected_amplitude_N"] / values["bead_9_amplitude_N"]
     yield "Fig. 4: reflected divided by incident peak at bead 9", "", nan, ratio
-    yield "Fig. 4: speed from bead 5 to the wall", "m/s", quoted().fig4_speed_m_s, _speed_to_wall(simulation)
-
-
-def _speed_to_wall(simulation: Simulation) -> float:
-    """Peak-to-peak speed from bead 5 to the wall, divided by the distance of the bead's centre from the wall."""
     lowest = min(simulation.case.layout.sensors, key=lambda sensor: sensor.height_m)
-    travel_s = simulation.values["wall_arrival_s"] - simulation.values[f"bead_{lowest.from_wall}_arrival_s"]
-    return lowest.height_m / travel_s if travel_s > 0 else nan
+    travel_s = values["wall_arrival_s"] - values[f"bead_{lowest.from_wall}_arrival_s"]
+    speed = lowest.height_m / travel_s if travel_s > 0 else nan  # peak to peak, from the bead's centre
+    yield "Fig. 4: speed from bead 5 to the wall", "m/s", quoted().fig4_speed_m_s, speed

@@ -44,11 +44,6 @@ class Datum:
     rows: range
     number: MeasuredNumber | None = None
 
-    @property
-    def label(self) -> str:
-        """Name of the data set and of the datum."""
-        return f"{self.data_set}: {self.name}" if self.data_set else self.name
-
 
 @dataclass(frozen=True, eq=False)
 class Problem:
@@ -66,7 +61,7 @@ class Problem:
     @property
     def start(self) -> Array:
         """Coordinates of the starting values. Shape (parameters,)."""
-        return np.array([each.coordinate(each.start) for each in self.free])
+        return np.array([free.coordinate(free.start) for free in self.free])
 
     @property
     def rows(self) -> int:
@@ -81,11 +76,11 @@ class Problem:
     @property
     def searched(self) -> list[int]:
         """Indices of the parameters of the motion that all data sets share and that are not known beforehand."""
-        return [i for i, each in enumerate(self.free) if each.of_motion and not each.own and not each.prior]
+        return [i for i, free in enumerate(self.free) if free.of_motion and not free.own and not free.prior]
 
     def values(self, place: Array) -> dict[str, float]:
         """Values of the parameters at given coordinates, by label."""
-        return {each.label: each.value(float(x)) for each, x in zip(self.free, place, strict=True)}
+        return {free.label: free.value(float(x)) for free, x in zip(self.free, place, strict=True)}
 
 
 def pose(
@@ -105,17 +100,17 @@ def pose(
     """
     gauges = [text for text in free if text.startswith("measured")]
     parameters = [free_parameter(text, sets[0].scene, sets[0].where) for text in free if text not in gauges]
-    for each in sets:
-        parameters += [free_parameter(text, each.scene, each.where, each.name) for text in (*each.own, *own)]
-        parameters += gauge_parameters(each, gauges)
+    for source in sets:
+        parameters += [free_parameter(text, source.scene, source.where, source.name) for text in (*source.own, *own)]
+        parameters += gauge_parameters(source, gauges)
     of_readings, fixed = nuisances(sets, answers)
     parameters += of_readings
     names = [(parameter.key, parameter.own) for parameter in parameters]
     for key, own_set in names:
         if names.count((key, own_set)) > 1 or (own_set and (key, "") in names):
             raise InputError(sets[0].where, f"--free {key}", "twice", "each parameter once")
-    for each in sets:
-        _refuse_ends(each, [free for free in parameters if free.own in ("", each.name) and free.of_motion])
+    for source in sets:
+        _refuse_ends(source, [free for free in parameters if free.own in ("", source.name) and free.of_motion])
     data, first = list[Datum](), 0
 
     def add(data_set: str, name: str, rows: int, number: MeasuredNumber | None = None) -> None:
@@ -123,17 +118,17 @@ def pose(
         data.append(Datum(data_set, name, range(first, first + rows), number))
         first += rows
 
-    for each in sets:
-        start = tuple((free.key, free.start) for free in parameters if free.own in ("", each.name) and free.of_motion)
-        simulation = simulated(each, start)
+    for source in sets:
+        start = tuple((free.key, free.start) for free in parameters if free.own in ("", source.name) and free.of_motion)
+        simulation = simulated(source, start)
         if simulation is None:
-            raise RunError(f"{each.where}: the exact motion cannot be computed at the starting values")
-        for number in each.numbers:
+            raise RunError(f"{source.where}: the exact motion cannot be computed at the starting values")
+        for number in source.numbers:
             read(simulation, number.observable, DEFAULT_CUT)  # an unknown observable is refused here
-            add(each.name, number.observable, 1, number)
-        for record in each.records:
+            add(source.name, number.observable, 1, number)
+        for record in source.records:
             for gauge in record.measured.reading:
-                add(each.name, f"{record.key} {gauge}", record.rows)
+                add(source.name, f"{record.key} {gauge}", record.rows)
     for parameter in parameters:
         if parameter.prior:
             add(parameter.own, parameter.key, 1)
@@ -142,25 +137,25 @@ def pose(
 
 def _refuse_ends(data: DataSet, free: Sequence[Free]) -> None:
     """Refuses bounds that are no values of a scene, such as a restitution of 2."""
-    for each in free:
-        for value in (each.low, each.high):
+    for parameter in free:
+        for value in (parameter.low, parameter.high):
             tables = deepcopy(data.tables)
-            set_value(tables, each.key, text_of(each.key, value), data.where)
-            make_scene(tables, data.name, f"--free {each.key}")
+            set_value(tables, parameter.key, text_of(parameter.key, value), data.where)
+            make_scene(tables, data.name, f"--free {parameter.key}")
 
 
 def own_values(problem: Problem, data: DataSet, place: Array) -> dict[str, float]:
     """Values of the parameters of a data set, by key."""
     pairs = zip(problem.free, place, strict=True)
-    found = {each.key: each.value(float(x)) for each, x in pairs if each.own in ("", data.name)}
-    return found | dict(problem.fixed)
+    values = {free.key: free.value(float(x)) for free, x in pairs if free.own in ("", data.name)}
+    return values | dict(problem.fixed)
 
 
 def motion_values(problem: Problem, data: DataSet, place: Array) -> Values:
     """Values of the parameters of a data set on which its motion depends."""
     pairs = zip(problem.free, place, strict=True)
     return tuple(
-        (each.key, each.value(float(x))) for each, x in pairs if each.own in ("", data.name) and each.of_motion
+        (free.key, free.value(float(x))) for free, x in pairs if free.own in ("", data.name) and free.of_motion
     )
 
 
@@ -187,7 +182,7 @@ def has_motion(problem: Problem, place: Array) -> bool:
     """True if the coordinates are finite and the exact motion of each data set can be computed."""
     if not np.isfinite(place).all():
         return False
-    return all(simulated(each, motion_values(problem, each, place)) is not None for each in problem.sets)
+    return all(simulated(data, motion_values(problem, data, place)) is not None for data in problem.sets)
 
 
 def residual(problem: Problem, place: Array) -> Array:
@@ -218,7 +213,7 @@ def raw_residual(problem: Problem, place: Array) -> Array:
         for data in problem.sets
     ]
     pairs = zip(problem.free, place, strict=True)
-    priors = [(each.value(float(x)) - each.start) / each.prior for each, x in pairs if each.prior]
+    priors = [(free.value(float(x)) - free.start) / free.prior for free, x in pairs if free.prior]
     return np.concatenate([*parts, priors])
 
 
@@ -227,14 +222,14 @@ def _of_set(data: DataSet, motion: Values, values: Values) -> Array:
     """Residual of a data set."""
     known = dict(values)
     offs = [(predicted(data, number, motion, known) - number.value) / number.error for number in data.numbers]
-    traces, found = list[Array](), curves(data, motion) if data.records else {}
+    traces, signals = list[Array](), curves(data, motion) if data.records else {}
     for record in data.records:
         gain = known.get(f"{record.key}.{GAIN}", record.measured.gain)
         trigger_s = known.get(f"{record.trigger_key}.{TRIGGER}", record.trigger_s)
         for gauge in record.measured.reading:
             assert trigger_s is not None  # given, or a free parameter
             traces.append(
-                residual_of(record, gauge, found[gauge], gain, trigger_s) if found else np.full(record.rows, nan)
+                residual_of(record, gauge, signals[gauge], gain, trigger_s) if signals else np.full(record.rows, nan)
             )
     return np.concatenate([offs, *traces])
 
@@ -268,11 +263,11 @@ def with_triggers(problem: Problem, place: Array, sets: Sequence[DataSet] | None
     """``place`` with the triggers of all or of some data sets at which the motion fits the traces best."""
     moved = place.copy()
     for data in problem.sets if sets is None else sets:
-        found = curves(data, motion_values(problem, data, place)) if data.records else {}
+        signals = curves(data, motion_values(problem, data, place)) if data.records else {}
         values = own_values(problem, data, place)
         for index, free in enumerate(problem.free):
-            if found and free.own == data.name and free.key.endswith(f".{TRIGGER}"):
+            if signals and free.own == data.name and free.key.endswith(f".{TRIGGER}"):
                 records = [record for record in data.records if f"{record.trigger_key}.{TRIGGER}" == free.key]
                 gains = {record.key: values.get(f"{record.key}.{GAIN}", record.measured.gain) for record in records}
-                moved[index] = free.coordinate(best_trigger_s(records, found, gains))
+                moved[index] = free.coordinate(best_trigger_s(records, signals, gains))
     return moved

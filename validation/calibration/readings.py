@@ -93,7 +93,7 @@ def contact_force_N(simulation: Simulation, gauge: str, cut: float) -> float:
     layout, trace = simulation.case.layout, simulation.trace
     force_N = trace.force_N[:, int(gauge.removeprefix("bead_"))]
     plain = sensor_signals(replace(layout, time_constant_s=None), trace)[gauge]
-    contact, mean = (first_peak(trace.time_s, each - each[0]) for each in (force_N, plain))
+    contact, mean = (first_peak(trace.time_s, signal - signal[0]) for signal in (force_N, plain))
     if contact is None or mean is None:
         return nan
     return float(contact.value / mean.value * simulation.values[f"{gauge}_amplitude_N"] + force_N[0])
@@ -101,8 +101,6 @@ def contact_force_N(simulation: Simulation, gauge: str, cut: float) -> float:
 
 def decay_per_s(simulation: Simulation, gauge: str, cut: float) -> float:
     """Rate of the lowest exponential above the force at a gauge in 1/s; NaN if the motion ends before."""
-    from scipy.interpolate import make_interp_spline
-
     trace, first_s = simulation.trace, simulation.values[f"{gauge}_arrival_s"]
     times = first_s * np.linspace(1.0, 1.0 + WINDOW, POINTS)
     if not times[-1] <= trace.time_s[-1]:
@@ -192,28 +190,28 @@ def records_of(traces: Mapping[str, MeasuredTrace], duration_s: float, step_s: f
     for key, trace in traces.items():
         must_have_unit(trace, duration_s)
         groups.setdefault(trace.file.resolve(), []).append(key)
-    found = []
+    records = []
     for keys in groups.values():
-        own = {key: averaged(traces[key], step_s) for key in keys}
+        averages = {key: averaged(traces[key], step_s) for key in keys}
         shown = paths.shown(traces[keys[0]].file)
-        given = sorted({trace.trigger_s for trace in own.values() if trace.trigger_s is not None})
+        given = sorted({trace.trigger_s for trace in averages.values() if trace.trigger_s is not None})
         if len(given) > 1:
             raise InputError(
-                shown, "", f"triggers {' and '.join(f'{each:g} s' for each in given)}", "one trigger per file"
+                shown, "", f"triggers {' and '.join(f'{stated_s:g} s' for stated_s in given)}", "one trigger per file"
             )
-        rise_s = min(_first_rise_s(trace, gauge) for trace in own.values() for gauge in trace.reading)
+        rise_s = min(_first_rise_s(trace, gauge) for trace in averages.values() for gauge in trace.reading)
         trigger_s = given[0] if given else None
-        if trigger_s is not None and trigger_s >= own[keys[0]].time_s[-1]:
-            found_s = f"{trigger_s:g} s, after the last reading at {own[keys[0]].time_s[-1]:g} s"
+        if trigger_s is not None and trigger_s >= averages[keys[0]].time_s[-1]:
+            found_s = f"{trigger_s:g} s, after the last reading at {averages[keys[0]].time_s[-1]:g} s"
             raise InputError(shown, "trigger", found_s, "a time before the pulses")
         end_s = (rise_s if trigger_s is None else trigger_s) + duration_s
-        for key, trace in own.items():
+        for key, trace in averages.items():
             noise = {gauge: trace.noise or noise_of(trace.time_s, reading) for gauge, reading in trace.reading.items()}
             counts = trace.time_s <= end_s
             if counts.sum() < MIN_SAMPLES:
                 raise InputError(shown, "", f"{counts.sum()} readings within the run", f"at least {MIN_SAMPLES}")
-            found.append(Record(key, keys[0], trace, trigger_s, (rise_s - duration_s, rise_s), noise, counts))
-    return sorted(found, key=lambda record: [*traces].index(record.key))
+            records.append(Record(key, keys[0], trace, trigger_s, (rise_s - duration_s, rise_s), noise, counts))
+    return sorted(records, key=lambda record: [*traces].index(record.key))
 
 
 def _first_rise_s(trace: MeasuredTrace, gauge: str) -> float:
@@ -229,22 +227,14 @@ def curves_of(simulation: Simulation) -> dict[str, BSpline]:
     return {gauge: make_interp_spline(trace.time_s, signal - signal[0], k=5) for gauge, signal in signals.items()}
 
 
-def _force(curve: BSpline, time_s: Array) -> Array:
-    """Computed force above rest; 0 before the impact. Shape (times,)."""
-    return np.where(time_s > 0, curve(np.clip(time_s, 0.0, curve.t[-1])), 0.0)
-
-
 def residual_of(record: Record, gauge: str, curve: BSpline, gain: float, trigger_s: float) -> Array:
     """Computed minus measured readings of a gauge in standard errors, without the best base line. Shape (rows,)."""
     measured = record.measured
-    force = _force(curve, measured.time_s[record.counts] - trigger_s)
+    clock_s = measured.time_s[record.counts] - trigger_s
+    force = np.where(clock_s > 0, curve(np.clip(clock_s, 0.0, curve.t[-1])), 0.0)  # above rest, 0 before the impact
     reading = measured.reading[gauge][record.counts] - (measured.baseline or 0.0)
-    return _without_line(record, (force / gain - reading) / record.noise[gauge])
-
-
-def _without_line(record: Record, off: Array) -> Array:
-    """Residual without the best base line of the record."""
-    powers = [0] * (record.measured.baseline is None) + [1] * record.measured.drift
+    off = (force / gain - reading) / record.noise[gauge]
+    powers = [0] * (measured.baseline is None) + [1] * measured.drift
     if not powers:
         return off
     span = np.linspace(-1.0, 1.0, len(off))

@@ -33,15 +33,7 @@ from validation.claims.measures import (
     weak,
 )
 
-UNITS = (
-    ("_m_s", "m/s"),
-    ("_N", "N"),
-    ("_Hz", "Hz"),
-    ("_s", "s"),
-    ("_m", "m"),
-    ("_rad", "rad"),
-    ("_diameters", "diameters"),
-)
+UNITS = {"_m_s": "m/s", "_N": "N", "_Hz": "Hz", "_s": "s", "_m": "m", "_rad": "rad", "_diameters": "diameters"}
 
 
 @dataclass(frozen=True)
@@ -105,7 +97,7 @@ MEASURES = {
 
 def unit_of(quantity: str) -> str:
     """The unit at the end of a quantity's name; empty where it is a plain number."""
-    return next((unit for ending, unit in UNITS if quantity.endswith(ending)), "")
+    return next((unit for ending, unit in UNITS.items() if quantity.endswith(ending)), "")
 
 
 Words = Annotated[str, Field(min_length=1)]
@@ -132,9 +124,9 @@ class Expectation(Part):
         """Origin of the expected value: ``theory`` or ``quoted``."""
         return "theory" if self.expected is None else "quoted"
 
-    def error(self, found: float, expected: float) -> float:
+    def error(self, value: float, expected: float) -> float:
         """Error of a number, relative or absolute like the limit."""
-        off = abs(found - expected)
+        off = abs(value - expected)
         return off / abs(expected) if self.within is not None else off
 
 
@@ -183,7 +175,8 @@ def read_independent(path: Path = paths.INDEPENDENT) -> tuple[Independent, ...]:
         _exactly_one(where, key, entry, "scene", "study")
         if entry.measure not in MEASURES:
             raise InputError(where, f"{key}: measure", shorten(entry.measure), ", ".join(sorted(MEASURES)))
-        known, same = MEASURES[entry.measure].quantities, Counter((each.quantity, each.against) for each in entry.check)
+        known = MEASURES[entry.measure].quantities
+        same = Counter((expectation.quantity, expectation.against) for expectation in entry.check)
         for check in entry.check:
             place = f"{key}: check {check.quantity}"
             if check.quantity not in known:
@@ -225,6 +218,6 @@ def pose(entry: Independent, path: Path = paths.INDEPENDENT) -> list[Posed]:
     except (ValueError, ArithmeticError) as error:
         raise InputError(where, key, str(error), f'a case for the measure "{entry.measure}"') from error
     for check in entry.check:
-        if check.expected is None and any(check.quantity not in one.theory for one in posed):
+        if check.expected is None and any(check.quantity not in posed_case.theory for posed_case in posed):
             raise InputError(where, f"{key}: check {check.quantity}", "missing key expected; no theory gives the value")
     return posed

@@ -28,11 +28,11 @@ def waves(simulation: Simulation, contact: int, at_least: int = 1, prominence: f
         InputError: fewer than ``at_least`` within the scene's duration.
     """
     trace = simulation.trace
-    found = peaks(trace.time_s, trace.force_N[:, contact - 1], prominence=prominence)
-    if len(found) < at_least:
-        words = f"a run with {len(found)} waves at contact {contact}"
-        raise InputError(simulation.case.scene.file, "run.duration", words, f"a duration with {at_least}")
-    return found
+    passing = peaks(trace.time_s, trace.force_N[:, contact - 1], prominence=prominence)
+    if len(passing) < at_least:
+        few = f"a run with {len(passing)} waves at contact {contact}"
+        raise InputError(simulation.case.scene.file, "run.duration", few, f"a duration with {at_least}")
+    return passing
 
 
 def struck(run: Run, force_N: float, *settings: str) -> Simulation:

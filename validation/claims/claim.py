@@ -153,7 +153,7 @@ def _check_arguments(claim: Claim, arguments: Arguments, where: str) -> None:
     function, key = function_of(claim), f"claim {claim.id}"
     amplitude, amplitudes = arguments.get("force_N"), quoted().table1.force_N
     if amplitude is not None and amplitude not in amplitudes:
-        allowed = ", ".join(f"{each:g}" for each in amplitudes)
+        allowed = ", ".join(f"{force_N:g}" for force_N in amplitudes)
         raise InputError(where, f"{key}: arguments.force_N", str(amplitude), allowed)
     try:
         if function:

@@ -8,7 +8,7 @@ reference computes the others as well. A case beyond the paper names a scene and
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import isnan
 from typing import Any
 
@@ -46,39 +46,15 @@ GROUPS: dict[
 }
 
 
-@dataclass(frozen=True)
-class Statement:
-    """A row of the section: a quantity, the published value, the value found, and the reason of the verdict.
-
-    Attributes:
-        where: place in the paper, or source of a case.
-        words: the sentence of the paper, or the quantity.
-        how: description of the computed value.
-        marks: remarks on the judgement, such as "our criterion".
-        readings: ways to read the sentence, each with its value and verdict.
-    """
-
-    id: str
-    where: str
-    words: str
-    how: str
-    published: str
-    found: str
-    verdict: str
-    why: str
-    marks: tuple[str, ...] = ()
-    readings: tuple[tuple[str, str, str], ...] = ()
-
-
 def measure(options: Options) -> dict[str, Any]:
     """Judges the paper's claims and the shipped cases; with a file of own cases, these alone."""
-    own, taken = options.file != paths.INDEPENDENT, {claim.id for claim in read_claims().claim}
+    own_cases, taken = options.file != paths.INDEPENDENT, {claim.id for claim in read_claims().claim}
     for entry in read_independent(options.file):
         if entry.id in taken:
             raise InputError(
                 paths.shown(options.file), f"case {entry.id}", "the id of a statement of the paper", "another id"
             )
-    claims = [] if own else judge_claims(options.runs)
+    claims = [] if own_cases else judge_claims(options.runs)
     return {"claims": [*claims, *judge_cases(options.file, options.runs)]}
 
 
@@ -89,7 +65,7 @@ def checks_in(tables: Tables) -> tuple[list[JudgedClaim], list[Check]]:
         InputError: the table holds other claims, readings or verdicts.
     """
     claims = {claim.id: claim for claim in read_claims().claim}
-    found: dict[str, list[Check]] = {name: [] for name in claims}
+    of_claim: dict[str, list[Check]] = {name: [] for name in claims}
     cases: list[Check] = []
     for check in rows_in(tables["claims"], Check):
         claim = claims.get(check.scene)
@@ -102,14 +78,14 @@ def checks_in(tables: Tables) -> tuple[list[JudgedClaim], list[Check]]:
         if check.verdict != right:
             wrong = f"{check.verdict} of {check.scene} on {check.engine}: {check.value:g}, allowed {check.limit:g}"
             raise InputError("claims.csv", "verdict", wrong, f"{right}; run make claims")
-        (found[claim.id] if claim else cases).append(check)
-    if not any(found.values()):
+        (of_claim[claim.id] if claim else cases).append(check)
+    if not any(of_claim.values()):
         return [], cases
     for name, claim in claims.items():
         known = {quantity_of(claim, reading) for reading in claim.readings or [claim.favoured]}
-        if {check.quantity for check in found[name] if check.engine == REFERENCE} != known:
+        if {check.quantity for check in of_claim[name] if check.engine == REFERENCE} != known:
             raise InputError("claims.csv", "scene", f"other claims than in {paths.shown(paths.CLAIMS)}; {REMEDY}")
-    return [(claim, found[name]) for name, claim in claims.items()], cases
+    return [(claim, of_claim[name]) for name, claim in claims.items()], cases
 
 
 def sentences(tables: Tables) -> list[str]:
@@ -118,9 +94,9 @@ def sentences(tables: Tables) -> list[str]:
     counts = Counter(check.verdict for check in cases)
     lines = [f"cases beyond the paper: {counts[PASS]} passed, {counts[FAIL]} failed, {counts[NOT_RUN]} not run"]
     if judged:
-        checks = [favoured(*each)[REFERENCE] for each in judged]
+        checks = [favoured(*pair)[REFERENCE] for pair in judged]
         lines += table([check for check in checks if check.verdict == DIFFERS])
-        lines += [f"{words}: {good} reproduced, {bad} differ" for words, good, bad in _counts(judged)]
+        lines += [f"{group}: {good} reproduced, {bad} differ" for group, good, bad in _counts(judged)]
         lines += [headline(judged), misfit(judged)]
     return lines
 
@@ -137,7 +113,7 @@ def headline(judged: Sequence[JudgedClaim]) -> str:
 
 def misfit(judged: Sequence[JudgedClaim]) -> str:
     """Causes of the differences among statements that can fail on physics, each with its number of statements."""
-    off = [each[0] for each in judged if each[0].kind == PHYSICS and verdict_of(each) == DIFFERS]
+    off = [pair[0] for pair in judged if pair[0].kind == PHYSICS and verdict_of(pair) == DIFFERS]
     counts, causes = Counter(claim.cause for claim in off), read_claims().causes
     parts = [f"{causes.get(cause, 'other causes')} ({count})" for cause, count in counts.most_common()]
     return f"{len(off)} statements differ: {'; '.join(parts)}." if off else ""
@@ -151,9 +127,9 @@ def verdict_of(judged: JudgedClaim) -> str:
 def _counts(judged: Iterable[JudgedClaim]) -> list[tuple[str, int, int]]:
     """By group: its description, the number of reproduced and of differing statements."""
     counts: Counter[tuple[str, bool, str]] = Counter(
-        (each[0].kind, each[0].kind == PHYSICS and each[0].ours, verdict_of(each)) for each in judged
+        (pair[0].kind, pair[0].kind == PHYSICS and pair[0].ours, verdict_of(pair)) for pair in judged
     )
-    return [(words, counts[*group, REPRODUCED], counts[*group, DIFFERS]) for group, words in GROUPS.items()]
+    return [(description, counts[*group, REPRODUCED], counts[*group, DIFFERS]) for group, description in GROUPS.items()]
 
 
 def judge(tables: Tables) -> Iterator[Check]:
@@ -172,16 +148,16 @@ def section(tables: Tables) -> dict[str, Any]:
     (judged, checks), entries = checks_in(tables), read_independent()
     if not judged or list(dict.fromkeys(check.scene for check in checks)) != [entry.id for entry in entries]:
         raise InputError("claims.csv", "scene", f"other claims or cases than the shipped ones; {REMEDY}")
-    physics = [each for each in judged if each[0].kind != ARITHMETIC]
+    physics = [pair for pair in judged if pair[0].kind != ARITHMETIC]
     return {
         "headline": headline(judged),
         "misfit": misfit(judged),
         "counts": _counts(judged),
         "hanging": sum(hangs(own) for _, own in judged),
-        "without_code": sum(len(favoured(*each)) == 1 for each in judged if each[0].kind == PHYSICS),
+        "without_code": sum(len(favoured(*pair)) == 1 for pair in judged if pair[0].kind == PHYSICS),
         DIFFERS: [_statement(*physic) for physic in physics if verdict_of(physic) == DIFFERS],
         REPRODUCED: [_statement(*physic) for physic in physics if verdict_of(physic) == REPRODUCED],
-        ARITHMETIC: [_statement(*each) for each in judged if each[0].kind == ARITHMETIC],
+        ARITHMETIC: [_statement(*pair) for pair in judged if pair[0].kind == ARITHMETIC],
         "untested": read_claims().untested,
         "cases": [
             (entry, *_of_case(entry, [check for check in checks if check.scene == entry.id])) for entry in entries
@@ -190,60 +166,68 @@ def section(tables: Tables) -> dict[str, Any]:
     }
 
 
-def _statement(claim: Claim, checks: list[Check]) -> Statement:
+def _statement(claim: Claim, checks: list[Check]) -> dict[str, Any]:
+    """Row of the section on a claim.
+
+    ``where`` is the place in the paper, ``words`` the sentence, ``how`` describes the computed value, ``why`` is the
+    reason of the verdict, ``marks`` are remarks on the judgement, and ``readings`` are the ways to read the sentence,
+    each with its value and verdict.
+    """
     # eight digits for a tight tolerance, else four
     digits = 8 if 0 < claim.limit < 1e-4 * abs(claim.quoted) else 4
     exact = {check.quantity: check for check in checks if check.engine == REFERENCE}
-    judged = exact[quantity_of(claim, claim.favoured)]
+    judged = quantity_of(claim, claim.favoured)
     within = f" ± {claim.within:g}" if claim.relation == "equals" else ""
     shown = {key: "–" if isnan(check.found) else f"{check.found:.{digits}g}" for key, check in exact.items()}
-    return Statement(
-        claim.id,
-        claim.where,
-        claim.quote,
-        how_computed(claim),
-        f"{RELATIONS[claim.relation]}{claim.quoted:.8g}{within} {claim.unit}".rstrip(),
-        shown[judged.quantity],
-        judged.verdict,
-        claim.explained or claim.because,
-        tuple(
-            words
-            for words, said in (
-                ("our criterion", claim.ours),
-                ("by the fitted law", claim.kind == FITTED),
-                ("depends on the reading", hangs(checks)),
-            )
-            if said
-        ),
-        tuple(
-            (f"{reading.words}{', judged' * bool(reading.favoured)}", shown[name], exact[name].verdict)
-            for reading in claim.readings
-            for name in [quantity_of(claim, reading)]
-        ),
-    )
+    marks = {
+        "our criterion": claim.ours,
+        "by the fitted law": claim.kind == FITTED,
+        "depends on the reading": hangs(checks),
+    }
+    readings = {quantity_of(claim, reading): reading for reading in claim.readings}
+    return {
+        "id": claim.id,
+        "where": claim.where,
+        "words": claim.quote,
+        "how": how_computed(claim),
+        "published": f"{RELATIONS[claim.relation]}{claim.quoted:.8g}{within} {claim.unit}".rstrip(),
+        "found": shown[judged],
+        "verdict": exact[judged].verdict,
+        "why": claim.explained or claim.because,
+        "marks": [mark for mark, holds in marks.items() if holds],
+        "readings": [
+            (f"{reading.words}{', judged' * bool(reading.favoured)}", shown[quantity], exact[quantity].verdict)
+            for quantity, reading in readings.items()
+        ],
+    }
 
 
-def _of_case(entry: Independent, checks: Sequence[Check]) -> tuple[str, list[Statement]]:
-    """Verdict on a case, and a row for each number, with the value of the engine furthest from it, and failed run."""
+def _of_case(entry: Independent, checks: Sequence[Check]) -> tuple[str, list[dict[str, Any]]]:
+    """Verdict on a case, and a row for each number, with the value of the engine furthest from it, and failed run.
+
+    The rows have the keys of ``_statement``; ``where`` is the source of the published number.
+    """
     by_quantity: dict[str, list[Check]] = {}
     for check in checks:
         by_quantity.setdefault(f"{check.engine}: run" if check.quantity == RUN else check.quantity, []).append(check)
     rows = []
-    for quantity, own in by_quantity.items():
-        worst, name = max(own, key=share_of_limit), quantity.partition(" against ")[0]
-        measured = not isnan(worst.limit)
-        rows.append(
-            Statement(
-                entry.id,
-                worst.where.partition(": ")[2] if measured else "",
-                MEASURES[entry.measure].quantities.get(name, name),
-                f"by {worst.engine}",
-                f"{worst.expected:.7g} {unit_of(name)}".rstrip() if measured else "",
-                f"{worst.found:.7g}" if measured else "",
-                outcome(own),
-                f"error {worst.value:.1e}, allowed {worst.limit:g}: {worst.reason}" if measured else worst.where,
-            )
-        )
+    for quantity, alike in by_quantity.items():
+        worst, name = max(alike, key=share_of_limit), quantity.partition(" against ")[0]
+        row: dict[str, Any] = dict.fromkeys(("where", "published", "found", "marks", "readings"), "") | {
+            "id": entry.id,
+            "words": MEASURES[entry.measure].quantities.get(name, name),
+            "how": f"by {worst.engine}",
+            "verdict": outcome(alike),
+            "why": worst.where,
+        }
+        if not isnan(worst.limit):
+            row |= {
+                "where": worst.where.partition(": ")[2],
+                "published": f"{worst.expected:.7g} {unit_of(name)}".rstrip(),
+                "found": f"{worst.found:.7g}",
+                "why": f"error {worst.value:.1e}, allowed {worst.limit:g}: {worst.reason}",
+            }
+        rows.append(row)
     return outcome(checks), rows
 
 

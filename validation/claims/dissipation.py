@@ -68,13 +68,13 @@ def tail(run: Run, scene: str) -> float:
 
 def _first_two(run: Run, scene: str) -> tuple[Array, Peak, Peak]:
     """Force at the wall, and the first two waves in it, with dissipation."""
-    one = run(_calibrated(scene))
-    first, second = waves(one, 1, at_least=2)[:2]
-    return one.trace.force_N[:, 0], first, second
+    motion = run(_calibrated(scene))
+    first, second = waves(motion, 1, at_least=2)[:2]
+    return motion.trace.force_N[:, 0], first, second
 
 
 def loss_on_small_beads(run: Run, per: str) -> float:
-    """Loss of the first wave by dissipation in Fig. 6(a) over that in Fig. 5(a), over the chain or per bead."""
+    """Loss of the first wave by dissipation in Fig. 6(a) divided by that in Fig. 5(a), of the chain or per bead."""
     losses = []
     for scene in ("fig6b", "fig5"):
         kept, beads = _kept(run, scene), case_of(scene).chain.beads

@@ -20,7 +20,7 @@ def convergence_order() -> float:
     """Order in a/L with which accelerations of the lattice converge to those of Eq. (1), for three wave lengths."""
     p, mean, swing = ptfe_beads(), 0.01, 0.006
     errors = []
-    # the largest difference of accelerations over the largest, for one period of a strongly modulated strain
+    # the largest difference of accelerations divided by the largest one, for one period of a strongly modulated strain
     for beads in (64, 256):
         length = beads * p.diameter_m
         wave_number = 2 * np.pi / length
@@ -62,10 +62,10 @@ def beta(amplitude: float) -> float:
 
 def beta_spread() -> float:
     """Largest relative difference of beta between 600, 1000 and 1460 MPa, per cent."""
-    found = np.array(
+    betas = np.array(
         [[_wave(amplitude, modulus).beta for modulus in quoted().ptfe_moduli_MPa] for amplitude in AMPLITUDES]
     )
-    return float(100 * ((found.max(axis=1) - found.min(axis=1)) / found.mean(axis=1)).max())
+    return float(100 * ((betas.max(axis=1) - betas.min(axis=1)) / betas.mean(axis=1)).max())
 
 
 def width_at_half(amplitude: float) -> float:

@@ -66,7 +66,7 @@ def fault_of(claim: Claim, checks: Sequence[Check]) -> str:
         return f"differs without an explanation: {check.found:.6g}, quoted {claim.quoted:g}"
     if check.verdict == REPRODUCED and claim.explained:
         return "is reproduced, but a difference is explained"
-    other = [engine for engine, each in by_engine.items() if each.verdict != check.verdict]
+    other = [engine for engine, of_engine in by_engine.items() if of_engine.verdict != check.verdict]
     return f"{', '.join(other)} disagree with the reference" if other else ""
 
 
@@ -92,8 +92,8 @@ def judge_claims(runs: Path = paths.RUNS) -> list[Check]:
 
     def values_with(**given: Any) -> dict[str, Any]:
         """Values of claims whose functions take just these of ``run`` and ``table``."""
-        own = [claim for claim in claims if claim.kind != ARITHMETIC and given_to(claim) == set(given)]
-        return {claim.id: _call(claim, claim.favoured, **given) for claim in own}
+        computed = [claim for claim in claims if claim.kind != ARITHMETIC and given_to(claim) == set(given)]
+        return {claim.id: _call(claim, claim.favoured, **given) for claim in computed}
 
     def on_codes() -> dict[str, dict[str, Any]]:
         """Values by code of the claims on simulated chains."""
@@ -110,9 +110,10 @@ def judge_claims(runs: Path = paths.RUNS) -> list[Check]:
     first: dict[str, Any] = {"table": partial(values_with, table=solved), "run": partial(values_with, run=noted)}
     second: dict[str, Any] = {"codes": on_codes, "others": others}
     done = dict(side_by_side(first)) | dict(side_by_side(second))
-    found, (rest, readings) = {REFERENCE: done["run"]} | done["codes"], done["others"]
+    by_engine, (rest, readings) = {REFERENCE: done["run"]} | done["codes"], done["others"]
     values = done["table"] | {name: {REFERENCE: value} for name, value in rest.items()}
-    values |= {name: {engine: float(own[name]) for engine, own in found.items()} for name in found[REFERENCE]}
+    for name in by_engine[REFERENCE]:
+        values[name] = {engine: float(computed[name]) for engine, computed in by_engine.items()}
     checks = []
     for claim in claims:
         checks += [check_of(claim, claim.favoured, engine, value) for engine, value in values[claim.id].items()]
@@ -129,7 +130,7 @@ def _call(claim: Claim, reading: Reading, **given: Any) -> Any:
     """Result of the claim's function for one reading, with ``run`` or ``table`` if it takes them."""
     function = function_of(claim)
     assert function is not None
-    taken = {name: each for name, each in given.items() if name in given_to(claim)}
+    taken = {name: argument for name, argument in given.items() if name in given_to(claim)}
     return function(**taken, **(claim.arguments | reading.arguments))
 
 
@@ -156,13 +157,13 @@ def judge_cases(path: Path = paths.INDEPENDENT, runs: Path = paths.RUNS) -> list
     Raises:
         InputError: the file, a scene or a study is wrong, or a guard refuses a scene.
     """
-    posed = [one for entry in read_independent(path) for one in pose(entry, path)]
+    posed = [test for entry in read_independent(path) for test in pose(entry, path)]
     pairs = [*product(posed, engine_names())]
-    absent = {(one, name): why for one in posed for name, why in absences(one.case, engine_names()).items()}
+    absent = {(test, name): why for test in posed for name, why in absences(test.case, engine_names()).items()}
     jobs = [pair for pair in pairs if pair not in absent and pair[1] not in IN_REPO]
     # the last of equal decks is run: those that keep the state come last
     jobs.sort(key=lambda pair: "state" in pair[0].case.scene.run.record)
-    cases = [(one.case, engine) for one, engine in jobs]
+    cases = [(test.case, engine) for test, engine in jobs]
     refuse_all(cases)
     ended = dict(zip(jobs, run_many(cases, runs), strict=True))
     checks: list[Check] = []
@@ -171,44 +172,42 @@ def judge_cases(path: Path = paths.INDEPENDENT, runs: Path = paths.RUNS) -> list
     return checks
 
 
-def _judged(one: Posed, engine: str, ended: EndedRun | None) -> Iterator[Check]:
+def _judged(posed: Posed, engine: str, ended: EndedRun | None) -> Iterator[Check]:
     """Checks of the numbers of a run, or of an in-repo motion."""
     if ended is not None and not ended.done:
-        yield _without(one, engine, FAIL, f"{ended.record.status}: {ended.record.reason}")
+        yield _without(posed, engine, FAIL, f"{ended.record.status}: {ended.record.reason}")
         return
     try:
-        trace = IN_REPO[engine](one.case) if ended is None else _trace_of(one.case, ended)
-        values = MEASURES[one.entry.measure].measure(one.case, trace)
+        if ended is None:
+            trace = IN_REPO[engine](posed.case)
+        else:  # without the state if another case has the same run and records it
+            trace = trace_with_state(ended) if "state" in posed.case.scene.run.record else ended.trace
+        values = MEASURES[posed.entry.measure].measure(posed.case, trace)
     except (ValueError, ArithmeticError, IndexError) as error:  # the run does not show the quantities
-        yield _without(one, engine, FAIL, str(error))
+        yield _without(posed, engine, FAIL, str(error))
         return
-    for expectation in one.entry.check:
-        yield _check(one, engine, expectation, values.get(expectation.quantity, nan))
+    for expectation in posed.entry.check:
+        yield _check(posed, engine, expectation, values.get(expectation.quantity, nan))
 
 
-def _trace_of(case: Case, run: EndedRun) -> Trace:
-    """Trace of a run, with the state if the case asks for it: another case may have the same run and record it."""
-    return trace_with_state(run) if "state" in case.scene.run.record else run.trace
-
-
-def _check(one: Posed, engine: str, expectation: Expectation, found: float) -> Check:
+def _check(posed: Posed, engine: str, expectation: Expectation, value: float) -> Check:
     """Check of a number, with the found and the expected value and its source in ``where``."""
     theory = expectation.expected is None
-    expected = one.theory[expectation.quantity] if expectation.expected is None else expectation.expected
+    expected = posed.theory[expectation.quantity] if expectation.expected is None else expectation.expected
     unit = unit_of(expectation.quantity) and f" {unit_of(expectation.quantity)}"
-    source = MEASURES[one.entry.measure].source if theory else one.entry.source
-    where = f"found {found:.8g}{unit}" if not isnan(found) else "not visible in the run"
-    label = f" ({one.label})" if one.label else ""
+    source = MEASURES[posed.entry.measure].source if theory else posed.entry.source
+    where = f"found {value:.8g}{unit}" if not isnan(value) else "not visible in the run"
+    label = f" ({posed.label})" if posed.label else ""
     check = judged(
-        one.entry.id,
+        posed.entry.id,
         engine,
         f"{expectation.quantity} against {expectation.against}{label}",
-        expectation.error(found, expected),
+        expectation.error(value, expected),
         Tolerance(expectation.limit, expectation.reason),
         f"{where}, expected {expected:.8g}{unit}: {source}",
     )
-    return Check(**vars(check) | {"found": found, "expected": expected})
+    return Check(**vars(check) | {"found": value, "expected": expected})
 
 
-def _without(one: Posed, engine: str, verdict: str, why: str) -> Check:
-    return without_run(one.entry.id, engine, f"{one.label}: {why}" if one.label else why, verdict)
+def _without(posed: Posed, engine: str, verdict: str, why: str) -> Check:
+    return without_run(posed.entry.id, engine, f"{posed.label}: {why}" if posed.label else why, verdict)

@@ -38,19 +38,19 @@ ROWS = {"large": slice(0, 2), "small": slice(2, None)}  # of the table: 5 and 2 
 
 def exponent(run: Run) -> float:
     """Exponent of the force in the speed, from two strikes without gravity, a factor of ten apart."""
-    found = [run(case_of("table1", *UNCOMPRESSED, f"striker.speed={speed} m/s")) for speed in (0.2, 2.0)]
-    speeds, forces = [speed_between_sensors(one) for one in found], [contact_peak(one) for one in found]
+    strikes = [run(case_of("table1", *UNCOMPRESSED, f"striker.speed={speed} m/s")) for speed in (0.2, 2.0)]
+    speeds, forces = [*map(speed_between_sensors, strikes)], [*map(contact_peak, strikes)]
     return float(np.log(speeds[1] / speeds[0]) / np.log(forces[1] / forces[0]))
 
 
 def width_by_amplitude(run: Run, low_N: float, high_N: float) -> float:
-    """Width at 4 % without gravity under the strike for 0.06 N over that for 5 N."""
+    """Width at 4 % without gravity under the strike for 0.06 N divided by that for 5 N."""
     low, high = (struck(run, force, *UNCOMPRESSED, LONG_DURATION).values[WIDTH] for force in (low_N, high_N))
     return low / high
 
 
 def width_by_modulus(run: Run, force_N: float) -> float:
-    """Width at 4 % with gravity for the softest over that for the hardest modulus, at strikes of the same force."""
+    """Width at 4 % with gravity for the softest modulus divided by that for the hardest, at strikes of equal force."""
     soft, hard = min(quoted().ptfe_moduli_MPa), max(quoted().ptfe_moduli_MPa)
     speed = striker_speed_for(force_N) * (hard / soft) ** (1 / 3)  # F ~ k^(2/5) v^(6/5)
     settings = (f"materials.ptfe.youngs_modulus={soft} MPa", f"striker.speed={speed!r} m/s")
@@ -72,21 +72,21 @@ def speed_by_gravity(run: Run, force_N: float) -> float:
 
 def theory_and_chain(run: Run) -> float:
     """Largest deviation of Eq. (4) from simulated speeds with gravity, at strikes of 0.015 to 5 m/s, per cent."""
-    found = []
+    errors = []
     for speed in (0.015, 0.1, 0.7, 5.0):
-        one = run(case_of("table1", f"striker.speed={speed} m/s"))
-        particles = theory.particles_of(one.case)
-        long_wave = theory.precompressed_speed(particles, contact_peak(one), static_force(one.case))
-        found.append(abs(long_wave / speed_between_sensors(one) - 1))
-    return 100 * max(found)
+        motion = run(case_of("table1", f"striker.speed={speed} m/s"))
+        particles = theory.particles_of(motion.case)
+        long_wave = theory.precompressed_speed(particles, contact_peak(motion), static_force(motion.case))
+        errors.append(abs(long_wave / speed_between_sensors(motion) - 1))
+    return 100 * max(errors)
 
 
 def contact_force(run: Run, force_N: float) -> float:
     """Simulated peak contact force divided by that of Eq. (6), beta being the solitary wave's."""
-    one = struck(run, force_N)
-    chain, static, peak = one.case.chain, static_force(one.case), contact_peak(one)
+    motion = struck(run, force_N)
+    chain, static, peak = motion.case.chain, static_force(motion.case), contact_peak(motion)
     wave = solve_at_amplitude(float(chain.stiffness[6]), float(chain.mass_kg[0]), static, peak / static - 1)
-    return peak / theory.contact_force(wave.beta, sensor_amplitude(one), static)
+    return peak / theory.contact_force(wave.beta, sensor_amplitude(motion), static)
 
 
 def _fig4(run: Run) -> Simulation:
@@ -105,18 +105,18 @@ def fig4_delay(run: Run) -> float:
 
 
 def speed_to_the_wall(run: Run) -> float:
-    """Speed from bead 5 to the wall over that from bead 9 to bead 5 of Fig. 4, peak to peak."""
-    one = _fig4(run)
-    lower = one.case.layout.sensors[-1]
-    to_wall = lower.height_m / (one.values["wall_arrival_s"] - one.values["bead_5_arrival_s"])
-    return to_wall / speed_between_sensors(one)
+    """Speed from bead 5 to the wall divided by that from bead 9 to bead 5 of Fig. 4, peak to peak."""
+    motion = _fig4(run)
+    lower = motion.case.layout.sensors[-1]
+    to_wall = lower.height_m / (motion.values["wall_arrival_s"] - motion.values["bead_5_arrival_s"])
+    return to_wall / speed_between_sensors(motion)
 
 
 def _face(run: Run) -> tuple[Array, Array, Array]:
     """Times, F_3, and the mean of F_3 and F_4 in bead 5 while the incident wave passes; F_4 deviates as much as F_3."""
-    one, paper = _fig4(run), quoted()
-    forces, time = one.trace.force_N, one.trace.time_s
-    passing = np.abs(time - one.values["bead_5_arrival_s"]) < 90e-6
+    motion, paper = _fig4(run), quoted()
+    forces, time = motion.trace.force_N, motion.trace.time_s
+    passing = np.abs(time - motion.values["bead_5_arrival_s"]) < 90e-6
     third, _ = theory.sensor_forces(forces[passing, 5], forces[passing, 4], paper.sensor_gauge_g / paper.sensor_mass_g)
     return time[passing], third, sensor_average(forces, 5)[passing]
 
@@ -137,10 +137,10 @@ def face_deviation_at_peak(run: Run) -> float:
 def reflection(run: Run, incident_N: float) -> float:
     """Wave that one bead of a sensor's mass reflects, five beads above it, for an incident wave of some force, N."""
     lighter = f"chain.bead=[{{ from_wall = 30, mass = '{quoted().sensor_mass_g} g' }}]"
-    one = run(
+    motion = run(
         case_of("table1", *UNCOMPRESSED, "chain.count=60", "chain.sensors=[]", "run.duration=1.6 ms", *COARSE, lighter)
     )
-    incident, back = waves(one, 35, at_least=2, prominence=1e-3)[:2]
+    incident, back = waves(motion, 35, at_least=2, prominence=1e-3)[:2]
     return incident_N * back.value / incident.value  # without gravity forces scale
 
 
@@ -152,8 +152,8 @@ def conservation_error(error: str, of: str = "") -> float:
 
 def single_wave(run: Run) -> float:
     """Second wave divided by the first, thirty beads below a striker like the beads, no gravity; 0 without one."""
-    one = run(case_of("table1", *UNCOMPRESSED, "chain.count=60", "run.duration=4 ms", *COARSE))
-    train = waves(one, 30, prominence=1e-6)
+    motion = run(case_of("table1", *UNCOMPRESSED, "chain.count=60", "run.duration=4 ms", *COARSE))
+    train = waves(motion, 30, prominence=1e-6)
     return train[1].value / train[0].value if len(train) > 1 else 0.0
 
 
@@ -165,14 +165,16 @@ def collision(run: Run, beads: float, seen: str, away: float) -> float:
     count = round(beads)
     ends = f"chain.bead=[{{ from_wall = 1, velocity = '1 m/s' }}, {{ from_wall = {count}, velocity = '-1 m/s' }}]"
     chain = ("striker=", f"chain.count={count}", "chain.sensors=[]", ends, "run.duration=2.6 ms", *COARSE)
-    one = run(case_of("table1", *UNCOMPRESSED, *chain))
+    motion = run(case_of("table1", *UNCOMPRESSED, *chain))
     place = (count + 1) // 2 + round(away)
     if seen == "force":
-        found = waves(one, place + 1, at_least=3, prominence=1e-3)  # from above, from below, and the secondary one
-        return found[2].value / found[0].value
-    velocity = one.trace.velocity_m_s
+        # from above, from below, and the secondary one
+        passing = waves(motion, place + 1, at_least=3, prominence=1e-3)
+        return passing[2].value / passing[0].value
+    velocity = motion.trace.velocity_m_s
     assert velocity is not None
-    upwards = peaks(one.trace.time_s, velocity[:, place], prominence=1e-3)  # the wave from below, and the secondary one
+    # the wave from below, and the secondary one
+    upwards = peaks(motion.trace.time_s, velocity[:, place], prominence=1e-3)
     return upwards[1].value / upwards[0].value
 
 
@@ -199,9 +201,9 @@ def nearest(forces: str, force_is: str) -> float:
 
 
 def width_by_diameter(run: Run) -> float:
-    """Width in diameters at 4 % on the smaller beads over that on the larger ones, without gravity."""
+    """Width in diameters at 4 % on the smaller beads divided by that on the larger ones, without gravity."""
     small = ("diameter=2.38 mm", "mass=0.0157 g")
-    settings = [f"{body}.{each}" for body in ("chain", "striker") for each in small]
+    settings = [f"{body}.{size}" for body in ("chain", "striker") for size in small]
     return (
         run(case_of("table1", *UNCOMPRESSED, *settings)).values[WIDTH]
         / run(case_of("table1", *UNCOMPRESSED)).values[WIDTH]
@@ -214,10 +216,10 @@ def impulse_to_peak(run: Run) -> float:
     ball = ("chain.count=1", "chain.material=stainless-steel", "chain.sensors=[]", "chain.mass=0.5 g", "striker=")
     moving = f"chain.bead=[{{ from_wall = 1, velocity = '-{speed} m/s' }}]"
     times = ("run.duration=60 us", "run.sample_interval=0.1 us", "run.time_step=0.01 us")
-    one = run(case_of("table1", "gravity=", *ball, moving, *times))
-    time, force = one.trace.time_s, one.trace.force_N[:, 0]
+    motion = run(case_of("table1", "gravity=", *ball, moving, *times))
+    time, force = motion.trace.time_s, motion.trace.force_N[:, 0]
     until_peak = CubicSpline(time, integral(time, force))(peaks(time, force)[0].time_s)
-    return float(until_peak / (one.case.chain.mass_kg[0] * speed))
+    return float(until_peak / (motion.case.chain.mass_kg[0] * speed))
 
 
 def long_loading(run: Run) -> float:
@@ -225,6 +227,6 @@ def long_loading(run: Run) -> float:
     bead = ("chain.count=1", "chain.sensors=[{ from_wall = 1, mass = '0.116 g' }]")
     piston = ("striker.shape=flat", "striker.material=alumina", "striker.diameter=", "striker.mass=1 kg")
     slow = ("striker.speed=5 mm/s", "run.duration=20 ms", "run.sample_interval=5 us", "run.time_step=1 us")
-    one = run(case_of("table1", *bead, *piston, *slow))
-    reading, wall = sensor_average(one.trace.force_N, 1), one.trace.force_N[:, 0]
-    return peaks(one.trace.time_s, reading)[0].value / peaks(one.trace.time_s, wall)[0].value
+    motion = run(case_of("table1", *bead, *piston, *slow))
+    reading, wall = sensor_average(motion.trace.force_N, 1), motion.trace.force_N[:, 0]
+    return peaks(motion.trace.time_s, reading)[0].value / peaks(motion.trace.time_s, wall)[0].value

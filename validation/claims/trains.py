@@ -30,9 +30,9 @@ def small_waves(run: Run, share: float) -> float:
 
 def splitting(run: Run, below: float) -> float:
     """Valley between the first two waves divided by the second, some beads below Fig. 5's striker, no gravity."""
-    one, contact = heavy_strike(run), 61 - round(below)
-    first, second = waves(one, contact, at_least=2)[:2]
-    return float(one.trace.force_N[first.sample : second.sample, contact - 1].min() / second.value)
+    motion, contact = heavy_strike(run), 61 - round(below)
+    first, second = waves(motion, contact, at_least=2)[:2]
+    return float(motion.trace.force_N[first.sample : second.sample, contact - 1].min() / second.value)
 
 
 def count_at_wall(run: Run, scene: str, share: float) -> float:
@@ -55,18 +55,18 @@ def precompression_speed(run: Run) -> float:
 def precompression_splitting(run: Run) -> float:
     """Depth of the valley after the first wave divided by its height, under 0.5 N divided by that without."""
     depths = []
-    for one in _piston(run):
-        reading = sensor_average(one.trace.force_N, 45)
+    for motion in _piston(run):
+        reading = sensor_average(motion.trace.force_N, 45)
         dynamic = reading - reading[0]
-        first, second = peaks(one.trace.time_s, dynamic, prominence=1e-3)[:2]
+        first, second = peaks(motion.trace.time_s, dynamic, prominence=1e-3)[:2]
         depths.append(1 - dynamic[first.sample : second.sample].min() / first.value)
     return float(depths[1] / depths[0])
 
 
 def precompression_width(run: Run) -> float:
     """Width of the leading wave at half its peak in diameters, under 0.5 N divided by that without."""
-    found = [observe(one.case.layout, one.trace, (0.5,))["bead_45_width_50pct_diameters"] for one in _piston(run)]
-    return found[1] / found[0]
+    bare, pressed = (observe(motion.case.layout, motion.trace, (0.5,)) for motion in _piston(run))
+    return pressed["bead_45_width_50pct_diameters"] / bare["bead_45_width_50pct_diameters"]
 
 
 def envelope_rate(run: Run, maxima: float) -> float:
@@ -76,19 +76,19 @@ def envelope_rate(run: Run, maxima: float) -> float:
 
 def envelope_by_place(run: Run, bead: float) -> float:
     """Rate through the first two maxima in a bead of Fig. 5 divided by that at the wall."""
-    one = run(case_of("fig5"))
-    reading = sensor_average(one.trace.force_N, round(bead))
-    found = peaks(one.trace.time_s, reading - reading[0])
-    return rate_through(found, 2) / envelope_rate(run, 2)
+    motion = run(case_of("fig5"))
+    reading = sensor_average(motion.trace.force_N, round(bead))
+    maxima = peaks(motion.trace.time_s, reading - reading[0])
+    return rate_through(maxima, 2) / envelope_rate(run, 2)
 
 
 def entrance(run: Run, number: str, times: float, bead: float, onset: float = ONSET) -> float:
     """A number of the incident pulse, from the averaged force in a bead of Fig. 5, in SI units times a factor."""
-    one = run(case_of("fig5"))
-    reading = sensor_average(one.trace.force_N, round(bead))
-    shape = incident_pulse(one.trace.time_s, reading - reading[0], onset)
+    motion = run(case_of("fig5"))
+    reading = sensor_average(motion.trace.force_N, round(bead))
+    shape = incident_pulse(motion.trace.time_s, reading - reading[0], onset)
     if shape is None:
-        raise InputError(one.case.scene.file, "run.duration", "a run without the reflected wave", "a longer run")
+        raise InputError(motion.case.scene.file, "run.duration", "a run without the reflected wave", "a longer run")
     return float(getattr(shape, number) * times)  # NaN for the duration of a pulse that does not end
 
 
@@ -109,10 +109,10 @@ def oscillations(run: Run) -> float:
 
 def leading_speed(run: Run) -> float:
     """Speed of the front of a long impact divided by that of the solitary wave of its peak force, ten beads on."""
-    one = _long_impact(run)
-    particles, wave = theory.particles_of(one.case), solve_travelling_wave()
+    motion = _long_impact(run)
+    particles, wave = theory.particles_of(motion.case), solve_travelling_wave()
     solitary = wave.speed_by_force * particles.stiffness ** (1 / 3) * particles.mass_kg**-0.5
-    speed, peak_N = _front(one, 35)
+    speed, peak_N = _front(motion, 35)
     return float(speed / (solitary * peak_N ** (1 / 6)))
 
 
@@ -123,17 +123,17 @@ def leading_speed_weak(run: Run) -> float:
     (12 xi_0)]``.
     """
     chain = ("chain.count=400", "chain.precompression=2 N", "striker.speed=0.1 m/s", "run.duration=9.5 ms")
-    one = heavy_strike(run, "striker.mass=1 kg", *chain, "run.time_step=1 us", "run.sample_interval=5 us")
-    static_N, particles = float(one.case.chain.precompression_N), theory.particles_of(one.case)
-    speed, peak_N = _front(one, 65)
+    motion = heavy_strike(run, "striker.mass=1 kg", *chain, "run.time_step=1 us", "run.sample_interval=5 us")
+    static_N, particles = float(motion.case.chain.precompression_N), theory.particles_of(motion.case)
+    speed, peak_N = _front(motion, 65)
     strain_above = particles.strain(peak_N) / particles.strain(static_N) - 1
     sound = theory.sound_speed(particles, static_N) / particles.diameter_m
     return float((speed / sound - 1) / (strain_above / 12))
 
 
-def _front(one: Simulation, contact: int) -> tuple[float, float]:
+def _front(motion: Simulation, contact: int) -> tuple[float, float]:
     """Speed of the first wave over the ten beads below a contact, beads per second, and its mean peak force, N."""
-    above, below = (waves(one, each)[0] for each in (contact, contact - 10))
+    above, below = (waves(motion, place)[0] for place in (contact, contact - 10))
     return 10 / (below.time_s - above.time_s), (above.value * below.value) ** 0.5
 
 

@@ -8,19 +8,18 @@ from typing import TYPE_CHECKING
 
 import click
 
-from drivers.base import paths
 from drivers.base.errors import InputError
 from validation.commands import options
-from validation.commands.options import at_least_one, command
+from validation.commands.options import at_least_one, command, option, print_paths
 
 if TYPE_CHECKING:
     from drivers.batch.study_cases import Request
 
 
 def _slice(text: str) -> tuple[int, int]:
-    found = re.fullmatch(r"([0-9]{1,8})/([0-9]{1,8})", text)
-    if found and 1 <= int(found[1]) <= int(found[2]):
-        return int(found[1]), int(found[2])
+    match = re.fullmatch(r"([0-9]{1,8})/([0-9]{1,8})", text)
+    if match and 1 <= int(match[1]) <= int(match[2]):
+        return int(match[1]), int(match[2])
     raise click.BadParameter(f"found {text}; allowed: I/N with I from 1 to N")
 
 
@@ -42,43 +41,31 @@ def request_of(
 @command("sensitivity", "wall-material --engine verlet --workers 2 --dry-run", "sensitivity --slurm --wait")
 @options.STUDY
 @options.ENGINE
-@options.ENGINES
 @options.ONLY
 @options.RUNS
 @options.RESULTS
-@click.option(
-    "--workers",
-    metavar="N",
-    type=at_least_one,
-    help="Number of processes on this machine (default: number of cores).",
-)
+@option("--workers", "N", "Number of processes on this machine (default: number of cores).", type=at_least_one)
 @options.DRY_RUN
-@click.option("--retry", is_flag=True, help="Run failed cases again.")
-@click.option("--yes", is_flag=True, help="Accept a study of more than 20,000 cases.")
-@click.option("--slice", "part", metavar="I/N", type=_slice, help="Run part I of N here, without writing the table.")
-@click.option(
+@option("--retry", "", "Run failed cases again.")
+@option("--yes", "", "Accept a study of more than 20,000 cases.")
+@option("--slice part", "I/N", "Run part I of N here, without writing the table.", type=_slice)
+@option(
     "--dask",
-    metavar="ADDRESS",
+    "ADDRESS",
+    "Run on the Dask cluster at ADDRESS; without ADDRESS, on a local Dask cluster.",
     is_flag=False,
     flag_value="local",
     default="",
-    help="Run on the Dask cluster at ADDRESS; without ADDRESS, on a local Dask cluster.",
 )
-@click.option("--slurm", is_flag=True, help="Run as a Slurm job array.")
-@click.option(
-    "--slices",
-    metavar="N",
-    type=at_least_one,
-    help="Number of tasks of the job array (default: by the expected time).",
-)
-@click.option(
-    "--slurm-line",
-    "slurm_lines",
-    metavar="LINE",
+@option("--slurm", "", "Run as a Slurm job array.")
+@option("--slices", "N", "Number of tasks of the job array (default: by the expected time).", type=at_least_one)
+@option(
+    "--slurm-line slurm_lines",
+    "LINE",
+    "Add a line to the job script, such as '#SBATCH --mem=2G'; repeatable.",
     multiple=True,
-    help="Add a line to the job script, such as '#SBATCH --mem=2G'; repeatable.",
 )
-@click.option("--wait", is_flag=True, help="Wait for the job array, then write the table.")
+@option("--wait", "", "Wait for the job array, then write the table.")
 def batch(
     study: str,
     engines: tuple[str, ...],
@@ -97,12 +84,12 @@ def batch(
     wait: bool,
 ) -> int:
     """Run the missing cases of a study and write its table."""
-    places = [option for option, given in (("--slice", part), ("--dask", dask), ("--slurm", slurm)) if given]
+    places = [name for name, given in (("--slice", part), ("--dask", dask), ("--slurm", slurm)) if given]
     if len(places) > 1:
         raise InputError(places[1], "", f"not allowed with {places[0]}")
-    for option, given in (("--wait", wait), ("--slices", slices), ("--slurm-line", slurm_lines)):
+    for name, given in (("--wait", wait), ("--slices", slices), ("--slurm-line", slurm_lines)):
         if given and not slurm:
-            raise InputError(option, "", "needs --slurm")
+            raise InputError(name, "", "needs --slurm")
     if dry_run and part:
         raise InputError("--dry-run", "", "not allowed with --slice")
     if workers and (part or slurm):
@@ -122,16 +109,15 @@ def batch(
 
 @command("sensitivity", "speed-amplitude --x bead_5_amplitude --y speed_9_to_5 --log")
 @options.STUDY
-@options.ENGINES
 @options.RESULTS
-@click.option("--x", metavar="COLUMN", default="", help="Draw --y against this column of the table.")
-@click.option("--y", metavar="COLUMN", default="", help="Column of numbers; a name may be without its unit.")
-@click.option("--log", is_flag=True, help="Make the axes of --x and --y logarithmic.")
-@click.option("--power-law", is_flag=True, help="Fit y = C x^n to each curve of each engine.")
+@option("--x", "COLUMN", "Draw --y against this column of the table.", default="")
+@option("--y", "COLUMN", "Column of numbers; a name may be without its unit.", default="")
+@option("--log", "", "Make the axes of --x and --y logarithmic.")
+@option("--power-law", "", "Fit y = C x^n to each curve of each engine.")
 def study(study: str, results: Path, x: str, y: str, log: bool, power_law: bool) -> None:
     """Draw the table of a finished study, or two of its columns."""
     given = {"--x": x, "--y": y, "--log": log, "--power-law": power_law}
-    missing = [option for option in ("--x", "--y") if not given[option]]
+    missing = [name for name in ("--x", "--y") if not given[name]]
     if missing and any(given.values()):
         raise InputError(next(filter(given.get, given)), "", f"needs {' and '.join(missing)}")
     from drivers.batch.study import column_name, read_study
@@ -140,20 +126,19 @@ def study(study: str, results: Path, x: str, y: str, log: bool, power_law: bool)
     from postproc.draw.study_figure import column_of, draw_study, draw_tornado
     from postproc.read.labels import key_label
 
-    found, table = read_study(study), read_study_table(study, results)
-    columns = {name: column_name(name, key) for name, key in found.columns.items()}
-    labels = {columns[name]: key_label(name, key) for name, key in found.columns.items()}
-    name, title = f"{found.name}-figure", found.file.title or found.name
+    swept, table = read_study(study), read_study_table(study, results)
+    columns = {name: column_name(name, key) for name, key in swept.columns.items()}
+    labels = {columns[name]: key_label(name, key) for name, key in swept.columns.items()}
+    name, title = f"{swept.name}-figure", swept.file.title or swept.name
     if x:
         x = column_of(table, x, "--x", columns, numbers=log or power_law)
         y = column_of(table, y, "--y", columns, numbers=True)
-        name, how = f"{found.name}-{y}-{x}-xy", {"joined": not found.one_by_one, "log": log, "fitted": power_law}
+        name, how = f"{swept.name}-{y}-{x}-xy", {"joined": not swept.one_by_one, "log": log, "fitted": power_law}
         product = draw_study(table, title, (y,), f"--x {x} --y {y}", labels, x, **how)
     else:
-        draw = draw_tornado if found.one_by_one else draw_study
-        product = draw(table, title, found.file.figure, found.where, labels)
-    for path in write_product(product, name, results):
-        print(paths.shown(path))
+        draw = draw_tornado if swept.one_by_one else draw_study
+        product = draw(table, title, swept.file.figure, swept.where, labels)
+    print_paths(write_product(product, name, results))
     for line in product.notes:
         print(line)
 
@@ -161,14 +146,10 @@ def study(study: str, results: Path, x: str, y: str, log: bool, power_law: bool)
 @command("sensitivity --list")
 @options.STUDY
 @options.ENGINE
-@options.ENGINES
 @options.ONLY
 @options.RUNS
-@click.option(
-    "--list",
-    "every",
-    is_flag=True,
-    help="Print the state of each case: done, failed, timeout, stale, claimed, to do, not installed.",
+@option(
+    "--list every", "", "Print the state of each case: done, failed, timeout, stale, claimed, to do, not installed."
 )
 def status(study: str, engines: tuple[str, ...], patterns: tuple[str, ...], runs: Path, every: bool) -> int:
     """Count the rows of a study by state."""
@@ -181,7 +162,6 @@ def status(study: str, engines: tuple[str, ...], patterns: tuple[str, ...], runs
 @options.STUDY
 @click.argument("case", metavar="CASE", type=at_least_one, help="Number of the case, as in the table of the study.")
 @options.ENGINE
-@options.ENGINES
 @options.RUNS
 def show(study: str, case: int, engines: tuple[str, ...], runs: Path) -> int:
     """Write one case of a study as run folders with their decks."""

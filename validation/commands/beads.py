@@ -121,20 +121,20 @@ def answer() -> int:
         from click.shell_completion import shell_complete
 
         return shell_complete(BEADS, {}, "beads", COMPLETE, asked)
-    words = sys.argv[1:]
-    if empty := [place for place, word in enumerate(words) if EMPTY.fullmatch(word)]:
-        before = words[empty[0]].removesuffix("=") or ["beads", *words][empty[0]]
+    arguments = sys.argv[1:]
+    if empty := [place for place, word in enumerate(arguments) if EMPTY.fullmatch(word)]:
+        before = arguments[empty[0]].removesuffix("=") or ["beads", *arguments][empty[0]]
         raise InputError("beads", "", f"an empty word after {before}", "a value")
     try:
-        with BEADS.make_context("beads", [*words] or ["--help"]) as context:
+        with BEADS.make_context("beads", [*arguments] or ["--help"]) as context:
             from drivers.base.progress import counted
 
-            with counted(f"beads {words[0]}", bar=False):  # prints a line if a command prints none
+            with counted(f"beads {arguments[0]}", bar=False):  # prints a line if a command prints none
                 return BEADS.invoke(context) or 0
     except click.exceptions.Exit as end:
-        return end.exit_code if words else 2
+        return end.exit_code if arguments else 2
     except click.UsageError as error:
-        program = f"beads {words[0]}" if words[0] in BEADS.commands else "beads"
+        program = f"beads {arguments[0]}" if arguments[0] in BEADS.commands else "beads"
         print(one_line(f"{program}: ", _statement(error), f" (see {program} --help)"), file=sys.stderr)
         return 2
 
@@ -144,8 +144,8 @@ def _statement(error: click.UsageError) -> str:
     if isinstance(error, click.BadParameter) and not isinstance(error, click.MissingParameter) and error.param:
         option = isinstance(error.param, click.Option)
         return f"{error.param.opts[0] if option else error.param.metavar}: {error.message}"
-    words = error.format_message().rstrip(".")
-    return f"{words[0].lower()}{words[1:]}"
+    message = error.format_message().rstrip(".")
+    return f"{message[0].lower()}{message[1:]}"
 
 
 def run_main(main: Callable[[], int]) -> NoReturn:

@@ -18,11 +18,11 @@ def _offer(names: Callable[[Context], Iterable[str]], files: str = "") -> Comple
     def complete(context: Context, parameter: Parameter, incomplete: str) -> list[CompletionItem[str]]:
         folder, _, start = incomplete.rpartition("/")
         near = Path(folder or ("/" if incomplete.startswith("/") else ".")).expanduser()
-        found = [name for name in names(context) if name.startswith(incomplete)]
+        matching = [name for name in names(context) if name.startswith(incomplete)]
         if files and near.is_dir():
             prefix = incomplete.removesuffix(start)
-            found += [f"{prefix}{path.name}" for path in near.glob(files) if path.name.startswith(start)]
-        items = [CompletionItem(name) for name in sorted(set(found))]
+            matching += [f"{prefix}{path.name}" for path in near.glob(files) if path.name.startswith(start)]
+        items = [CompletionItem(name) for name in sorted(set(matching))]
         return items or [CompletionItem(incomplete, type="file")]
 
     return complete
@@ -54,7 +54,7 @@ def figures(context: Context, parameter: Parameter, incomplete: str) -> list[Com
     """Names of the paper's figures, with their titles where a shell shows them."""
     from postproc.figures import captions
 
-    return [CompletionItem(name, help=each.title) for name, each in captions().items() if name.startswith(incomplete)]
+    return [CompletionItem(name, help=text.title) for name, text in captions().items() if name.startswith(incomplete)]
 
 
 class Bash(BashComplete):

@@ -18,7 +18,6 @@ from validation.commands.options import command
     help="Name of an engine, such as verlet or an entry of your engines.toml.",
     shell_complete=completion.engines,
 )
-@options.ENGINES
 @options.RESULTS
 def engine(name: str, results: Path) -> int:
     """Test an adapter or a build of a code."""
@@ -33,14 +32,14 @@ def engine(name: str, results: Path) -> int:
     try:
         import pytest
     except ImportError as error:
-        own = os.environ.get(paths.ENGINES_VARIABLE)
-        command = f"make engine ENGINE={name}{f' ENGINES={own}' * bool(own)}"
+        file = os.environ.get(paths.ENGINES_VARIABLE)
+        command = f"make engine ENGINE={name}{f' ENGINES={file}' * bool(file)}"
         raise RunError(f"pytest is not installed; {command} installs it and runs this") from error
-    words = ["-v", "-rs", "--tb=short", "--capture=sys"]  # lines on progress reach the screen
-    words += ["--rootdir", str(paths.ROOT), "-c", str(paths.ROOT / "pyproject.toml")]
+    arguments = ["-v", "-rs", "--tb=short", "--capture=sys"]  # lines on progress reach the screen
+    arguments += ["--rootdir", str(paths.ROOT), "-c", str(paths.ROOT / "pyproject.toml")]
     if results != paths.RESULTS:
-        words += ["--junitxml", str(results / f"engine-{name}.xml")]
-    code = int(pytest.main([*words, "--engine", name, str(paths.ROOT / "validation/tests/engine")]))
+        arguments += ["--junitxml", str(results / f"engine-{name}.xml")]
+    code = int(pytest.main([*arguments, "--engine", name, str(paths.ROOT / "validation/tests/engine")]))
     if code in (0, 1):  # else the tests did not end
         keep(kit_key(name), code == 0)
     cost = measured_cost(tested)
@@ -49,7 +48,7 @@ def engine(name: str, results: Path) -> int:
     return int(code != 0)
 
 
-@command("")
+@command("", engines=False)
 def wave() -> None:
     """Print constants of the discrete chain's solitary wave."""
     from validation.reference.travelling_wave import constants, solve_travelling_wave

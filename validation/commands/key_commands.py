@@ -7,7 +7,7 @@ import click
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.text_table import text_table
-from validation.commands.options import command
+from validation.commands.options import command, option
 
 README = paths.INPUTS / "README.md"
 BEGIN, END = "<!-- written by: beads keys --write -->\n", "<!-- end of the tables -->\n"
@@ -15,15 +15,15 @@ HEADINGS = ("key", "values", "default", "meaning")
 Rows = Iterable[Sequence[str]]
 
 
-@command("chain", "study --markdown")
+@command("chain", "study --markdown", engines=False)
 @click.argument(
     "table",
     metavar="[TABLE]",
     default="",
     help="A table of a scene, such as chain.bead, or a file: scene, study, engines (default: all files).",
 )
-@click.option("--markdown", is_flag=True, help="Print the tables in Markdown.")
-@click.option("--write", is_flag=True, help="Write the tables of all files into inputs/README.md.")
+@option("--markdown", "", "Print the tables in Markdown.")
+@option("--write", "", "Write the tables of all files into inputs/README.md.")
 def keys(table: str, markdown: bool, write: bool) -> None:
     """List keys of scenes and studies, with units and ranges."""
     if write:

@@ -1,7 +1,7 @@
 """Arguments and options of several commands, and the readers and checks of values."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,7 +18,11 @@ Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 
 def command(
-    *examples: str, name: str = "", kind: type[click.Command] = click.Command, words: str = ""
+    *examples: str,
+    name: str = "",
+    kind: type[click.Command] = click.Command,
+    text: str = "",
+    engines: bool = True,
 ) -> Callable[[Callable[..., Any]], click.Command]:
     """Make a function a command, named after it, with the first line of its docstring as help.
 
@@ -26,21 +30,37 @@ def command(
         examples: words of example command lines, after ``beads`` and the name of the command.
         name: name of the command; empty for that of the function.
         kind: class of the command.
-        words: help text; empty for the docstring.
+        text: help text; empty for the docstring.
+        engines: True if the command loads engines, so that it has the option ``--engines``.
     """
 
     def decorate(function: Callable[..., Any]) -> click.Command:
         called = name or function.__name__
         lines = (f"  beads {called} {example}".rstrip() for example in examples)
         epilog = "\n".join(["\b", f"example{'s' * (len(examples) > 1)}:", *lines])
-        look: dict[str, Any] = {"cls": kind, "help": words or None, "epilog": epilog, "context_settings": HELP_OPTIONS}
+        look: dict[str, Any] = {"cls": kind, "help": text or None, "epilog": epilog, "context_settings": HELP_OPTIONS}
         decorator: Callable[[Callable[..., Any]], click.Command] = click.command(called, **look)
-        return decorator(function)
+        made = decorator(function)
+        made.params += [ENGINES] * engines
+        return made
 
     return decorate
 
 
-def number(kind: Callable[[str], float], allowed: Callable[[float], bool], words: str) -> Callable[[str], float]:
+def option(names: str, value: str, text: str, **more: Any) -> Decorator:
+    """Option of a command.
+
+    Args:
+        names: option, and the parameter of the function if it has another name.
+        value: placeholder of the value in the help; empty for a flag.
+        text: help text.
+        more: further arguments of ``click.option``.
+    """
+    kind: dict[str, Any] = {"metavar": value} if value else {"is_flag": True}
+    return click.option(*names.split(), help=text, **kind, **more)
+
+
+def number(kind: Callable[[str], float], allowed: Callable[[float], bool], described: str) -> Callable[[str], float]:
     """Reader of a number within limits."""
 
     def read(text: str) -> float:
@@ -49,7 +69,7 @@ def number(kind: Callable[[str], float], allowed: Callable[[float], bool], words
         except ValueError:
             value = None
         if value is None or not allowed(value):
-            raise click.BadParameter(f"found {text}; allowed: {words}")
+            raise click.BadParameter(f"found {text}; allowed: {described}")
         return value
 
     return read
@@ -97,6 +117,12 @@ def must_be_file(option: str, path: Path | None) -> None:
     must_be_folder(option, path.parent if path and path.is_file() else path)
 
 
+def print_paths(written: Iterable[Path]) -> None:
+    """Print the paths of written files, each as soon as it is written."""
+    for path in written:
+        print(paths.shown(path), flush=True)
+
+
 def one_of(engines: tuple[str, ...]) -> str:
     """The only engine given.
 
@@ -141,48 +167,42 @@ RUN = click.argument(
 
 def scenes_argument(default: str) -> Decorator:
     """Argument for any number of scenes; ``default`` says which are taken without it."""
-    words = f"Scenes by name or file (default: {default})."
-    look: dict[str, Any] = {"metavar": "[SCENE]...", "nargs": -1, "help": words, "shell_complete": completion.scenes}
+    text = f"Scenes by name or file (default: {default})."
+    look: dict[str, Any] = {"metavar": "[SCENE]...", "nargs": -1, "help": text, "shell_complete": completion.scenes}
     return click.argument("scenes", **look)
 
 
-SETTINGS = click.option(
-    "--set",
-    "settings",
-    metavar="KEY=VALUE",
-    multiple=True,
-    help="A key of the scene with its value, such as chain.count=60 or run.time_step='10 ns'; an empty value removes "
+SETTINGS = option(
+    "--set settings",
+    "KEY=VALUE",
+    "A key of the scene with its value, such as chain.count=60 or run.time_step='10 ns'; an empty value removes "
     "the key; runs lists runs with this setting, where * is any text; repeatable.",
-)
-ENGINE = click.option(
-    "--engine",
-    "engines",
-    metavar="ENGINE",
     multiple=True,
-    help="Take this engine only; repeatable (default: all that are installed, or those of the study).",
+)
+ENGINE = option(
+    "--engine engines",
+    "ENGINE",
+    "Take this engine only; repeatable (default: all that are installed, or those of the study).",
+    multiple=True,
     shell_complete=completion.engines,
 )
-ENGINES = click.option(
-    "--engines",
-    "engines_file",
+ENGINES = click.Option(
+    ["--engines", "engines_file"],
     metavar="FILE",
     type=_engines_file,
     is_eager=True,
     expose_value=False,
     help="File with engines of your own, as well as those of each engines.toml (see inputs/README.md).",
 )
-REQUIRE = click.option(
-    "--require",
-    "required",
-    metavar="ENGINE",
+REQUIRE = option(
+    "--require required",
+    "ENGINE",
+    "Fail if this engine does not run; repeatable.",
     multiple=True,
-    help="Fail if this engine does not run; repeatable.",
     shell_complete=completion.engines,
 )
-ALLOW_MISSING = click.option(
-    "--allow-missing",
-    is_flag=True,
-    help="Accept that engines of --engine, all codes or runs of --against are missing.",
+ALLOW_MISSING = option(
+    "--allow-missing", "", "Accept that engines of --engine, all codes or runs of --against are missing."
 )
 _runs = partial(
     click.option,
@@ -194,48 +214,41 @@ _runs = partial(
 )
 RUNS = _runs(callback=checked(must_be_folder))
 RUNS_READ = _runs()  # of a command that only reads runs
-RESULTS = click.option(
+RESULTS = option(
     "--results",
-    metavar="DIR",
+    "DIR",
+    "Folder for tables and figures (default: results/ of the checkout).",
     type=Path,
     default=lambda: paths.RESULTS,
-    help="Folder for tables and figures (default: results/ of the checkout).",
     callback=checked(must_be_folder),
 )
-UNSAFE = click.option(
-    "--unsafe",
-    is_flag=True,
-    help="Accept a scene that a guard refuses, for instance a time step above the stability limit.",
+UNSAFE = option(
+    "--unsafe", "", "Accept a scene that a guard refuses, for instance a time step above the stability limit."
 )
-MEASURED = click.option(
+MEASURED = option(
     "--measured",
-    metavar="FILE",
-    type=Path,
-    help="CSV file with forces in N, in columns named after gauges, such as bead_9 [N] (default: the [[measured]] "
+    "FILE",
+    "CSV file with forces in N, in columns named after gauges, such as bead_9 [N] (default: the [[measured]] "
     "tables of the scene, for any other file).",
+    type=Path,
 )
-FRAMES = click.option(
+FRAMES = option(
     "--frames",
-    metavar="N",
+    "N",
+    "Number of times (default: 12 in a film, 100 for ParaView).",
     type=number(int, lambda count: 2 <= count <= 10_000, "whole numbers from 2 to 10000"),
-    help="Number of times (default: 12 in a film, 100 for ParaView).",
 )
-QUICK = click.option(
+QUICK = option(
     "--quick",
-    is_flag=True,
-    help="Do less: fewer scenes, steps and seeds, no long runs; for fit no profiles, no data left out, no runs of the "
+    "",
+    "Do less: fewer scenes, steps and seeds, no long runs; for fit no profiles, no data left out, no runs of the "
     "codes.",
 )
-ONLY = click.option(
-    "--only",
-    "patterns",
-    metavar="PATTERN",
-    multiple=True,
-    help="Take only cases with KEY=GLOB, such as 'striker.speed=2 m/s', or with a label that matches; repeatable "
+ONLY = option(
+    "--only patterns",
+    "PATTERN",
+    "Take only cases with KEY=GLOB, such as 'striker.speed=2 m/s', or with a label that matches; repeatable "
     "(default: all cases).",
+    multiple=True,
 )
-DRY_RUN = click.option(
-    "--dry-run",
-    is_flag=True,
-    help="Print what would be done, without doing it; batch still checks every case.",
-)
+DRY_RUN = option("--dry-run", "", "Print what would be done, without doing it; batch still checks every case.")

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.text_table import text_table
 from validation.commands import completion, options
-from validation.commands.options import command, must_be_folder, number
+from validation.commands.options import command, must_be_folder, number, option, print_paths
 
 if TYPE_CHECKING:
     from drivers.run.run_folder import EndedRun
@@ -20,24 +19,22 @@ if TYPE_CHECKING:
 
 @command("yade:fig4", "yade:fig4 --level 0.1 --json")
 @options.RUN
-@options.ENGINES
 @options.RUNS_READ
-@click.option(
-    "--level",
-    "levels",
-    metavar="X",
+@option(
+    "--level levels",
+    "X",
+    "Measure widths at this share of the peak; repeatable (default: 0.002 and 0.04).",
     multiple=True,
     type=number(float, lambda share: 0 < share < 1, "a share of the peak, above 0 and below 1"),
-    help="Measure widths at this share of the peak; repeatable (default: 0.002 and 0.04).",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-@click.option(
+@option("--json as_json", "", "Print JSON.")
+@option(
     "--definitions",
-    is_flag=True,
+    "",
+    "Print the definitions of all observables and exit.",
     is_eager=True,
     expose_value=False,
     callback=lambda context, _, asked: _print_definitions(context) if asked else None,
-    help="Print the definitions of all observables and exit.",
 )
 def observables(run: str, runs: Path, levels: tuple[float, ...], as_json: bool) -> None:
     """Print peaks, speeds, widths, reflections, energies of a run."""
@@ -71,7 +68,6 @@ def _print_definitions(context: click.Context) -> None:
 )
 @options.SETTINGS
 @options.MEASURED
-@options.ENGINES
 @options.RUNS_READ
 @options.RESULTS
 def overlay(run: str, settings: tuple[str, ...], measured: Path | None, runs: Path, results: Path) -> None:
@@ -100,18 +96,16 @@ def overlay(run: str, settings: tuple[str, ...], measured: Path | None, runs: Pa
         scene, layout, trace, engine = case.scene, case.layout, exact(case).trace, REFERENCE
         name = f"overlay-{scene.name}"
     entries, folder, where = entries_of(scene, measured, run)
-    curves, found, remarks = lay_over(entries, folder, where, layout, trace)
-    drawn = write_product(draw_overlay(layout, trace, engine, curves, found), name, results) if curves else ()
-    print(*text_table([HEADINGS, *misfit_rows(found)]), sep="\n")
+    curves, misfits, remarks = lay_over(entries, folder, where, layout, trace)
+    drawn = write_product(draw_overlay(layout, trace, engine, curves, misfits), name, results) if curves else ()
+    print(*text_table([HEADINGS, *misfit_rows(misfits)]), sep="\n")
     for remark in remarks:
         print(remark, file=sys.stderr)
-    for path in drawn:
-        print(paths.shown(path))
+    print_paths(drawn)
 
 
 @command("yade:fig4")
 @options.RUN
-@options.ENGINES
 @options.RUNS_READ
 @options.RESULTS
 def spacetime(run: str, runs: Path, results: Path) -> None:
@@ -119,24 +113,18 @@ def spacetime(run: str, runs: Path, results: Path) -> None:
     from postproc.draw.product import draw_spacetime, write_product
 
     opened, name, title = _open("spacetime", run, runs)
-    for path in write_product(draw_spacetime({title: opened.trace}, width_in=6.4), name, results):
-        print(paths.shown(path))
+    print_paths(write_product(draw_spacetime({title: opened.trace}, width_in=6.4), name, results))
 
 
 @command("yade:driven-steel", "yade:driven-steel --from bead_15 --to wall --since '0.2 ms'")
 @options.RUN
-@click.option(
-    "--from", "source", metavar="SIGNAL", default="", help="Source of the transfer function: drive, or a gauge."
-)
-@click.option(
-    "--to", "target", metavar="SIGNAL", default="", help="Target of the transfer function: a gauge, such as wall."
-)
-@click.option("--frequency", metavar="F", help="Measure harmonics of this frequency (default: that of a sine drive).")
-@click.option("--since", metavar="TIME", default="0 s", help="Begin of the record, such as '0.2 ms' (default: 0 s).")
-@click.option("--until", metavar="TIME", help="End of the record (default: that of the run).")
-@click.option("--window", metavar="NAME", default="hann", help="hann (default), boxcar, blackmanharris or flattop.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-@options.ENGINES
+@option("--from source", "SIGNAL", "Source of the transfer function: drive, or a gauge.", default="")
+@option("--to target", "SIGNAL", "Target of the transfer function: a gauge, such as wall.", default="")
+@option("--frequency", "F", "Measure harmonics of this frequency (default: that of a sine drive).")
+@option("--since", "TIME", "Begin of the record, such as '0.2 ms' (default: 0 s).", default="0 s")
+@option("--until", "TIME", "End of the record (default: that of the run).")
+@option("--window", "NAME", "hann (default), boxcar, blackmanharris or flattop.", default="hann")
+@option("--json as_json", "", "Print JSON.")
 @options.RUNS_READ
 @options.RESULTS
 def spectrum(
@@ -153,9 +141,9 @@ def spectrum(
     opened, name, title = _open("spectrum", run, runs)
     case, trace = build_case(stored_scene(opened.record.scene)), opened.trace
     signals = signals_of(case, trace)
-    for option, word, known in (("--from", source, signals), ("--to", target, signals), ("--window", window, WINDOWS)):
+    for given, word, known in (("--from", source, signals), ("--to", target, signals), ("--window", window, WINDOWS)):
         if word and word not in known:
-            raise InputError("beads spectrum", option, f'"{word}"', ", ".join(known))
+            raise InputError("beads spectrum", given, f'"{word}"', ", ".join(known))
     if not signals:
         raise InputError(
             "beads spectrum", "RUN", "a run without gauges and drive", "a scene with chain.sensors, or a wall"
@@ -164,17 +152,16 @@ def spectrum(
     hertz = _si("--frequency", frequency, "Hz") if frequency else None
     used = (trace.time_s >= from_s) & (trace.time_s <= to_s)
     try:
-        parts = {each: values[used] for each, values in signals.items()}
-        found = analyse(case, parts, trace.time_s[used], (source, target), window, hertz)
+        parts = {gauge: values[used] for gauge, values in signals.items()}
+        analysis = analyse(case, parts, trace.time_s[used], (source, target), window, hertz)
     except ValueError as error:
         raise InputError("beads spectrum", run, str(error), "a longer record or finer samples") from error
     if as_json:
-        print(json.dumps(numbers_of(found), indent=2))
+        print(json.dumps(numbers_of(analysis), indent=2))
         return
-    product = spectrum_product(case, found, title)
+    product = spectrum_product(case, analysis, title)
     print(*product.notes, sep="\n")
-    for path in write_product(product, name, results):
-        print(paths.shown(path))
+    print_paths(write_product(product, name, results))
 
 
 def _si(option: str, text: str, unit: str) -> float:
@@ -201,15 +188,13 @@ def _bodies(text: str) -> tuple[int, int]:
 
 @command("verlet:fig4", "verlet:fig4 --beads 1-5 --beads 6-21")
 @options.RUN
-@click.option(
-    "--beads",
-    "ranges",
-    metavar="A-B",
+@option(
+    "--beads ranges",
+    "A-B",
+    "Energy of the bodies A to B, counted from the wall, the striker last; repeatable.",
     multiple=True,
     type=_bodies,
-    help="Energy of the bodies A to B, counted from the wall, the striker last; repeatable.",
 )
-@options.ENGINES
 @options.RUNS_READ
 @options.RESULTS
 def energy(run: str, ranges: tuple[tuple[int, int], ...], runs: Path, results: Path) -> None:
@@ -225,29 +210,27 @@ def energy(run: str, ranges: tuple[tuple[int, int], ...], runs: Path, results: P
     if opened.trace.drive_work_J is not None:
         sums["work of the drive, negative"] = 0 - opened.trace.drive_work_J
     sums["sum"] = sum(sums.values(), start=0 * energies.time_s)
-    rows = [(each, f"{values[0]:.6g}", f"{values[-1]:.6g}") for each, values in sums.items()]
+    rows = [(part, f"{values[0]:.6g}", f"{values[-1]:.6g}") for part, values in sums.items()]
     print(*text_table([("energy (J)", "at time 0", "at the end"), *rows]), sep="\n")
-    lines = [(bodies, *(f"{value:.6g}" for value in own.values())) for bodies, own in numbers.items()]
+    lines = [(bodies, *(f"{value:.6g}" for value in of_range.values())) for bodies, of_range in numbers.items()]
     if numbers:
         print(*text_table([("bodies", *next(iter(numbers.values()))), *lines]), sep="\n")
     table = results / f"{name}.parquet"
     written = write_product(draw_energies(energies, ranges, title), name, results)
     write_energies(energies, table)
-    for path in (*written, table):
-        print(paths.shown(path))
+    print_paths([*written, table])
 
 
 @command("yade:fig4-tube --sideways 10")
 @options.RUN
 @options.FRAMES
-@click.option(
+@option(
     "--sideways",
-    metavar="X",
+    "X",
+    "Multiply displacements from the axis by X (default: 1).",
     default=1.0,
     type=number(float, lambda factor: 0 < factor <= 1e6, "a factor above 0, up to 1e6"),
-    help="Multiply displacements from the axis by X (default: 1).",
 )
-@options.ENGINES
 @options.RUNS_READ
 @options.RESULTS
 def film(run: str, frames: int | None, sideways: float, runs: Path, results: Path) -> None:
@@ -257,16 +240,14 @@ def film(run: str, frames: int | None, sideways: float, runs: Path, results: Pat
 
     opened, name, title = _open("film", run, runs)
     still = films.film_of(opened, frames or films.FRAMES, sideways)
-    for path in write_product(films.sheet(still, title), name, results):
-        print(paths.shown(path), flush=True)
+    print_paths(write_product(films.sheet(still, title), name, results))
     moving = films.film_of(opened, films.GIF_FRAMES, sideways)
-    print(paths.shown(films.write_animation(moving, title, results / f"{name}.gif")))
+    print_paths([films.write_animation(moving, title, results / f"{name}.gif")])
 
 
 @command("yade:fig4 --frames 200")
 @options.RUN
 @options.FRAMES
-@options.ENGINES
 @options.RUNS_READ
 @options.RESULTS
 def vtk(run: str, frames: int | None, runs: Path, results: Path) -> None:
@@ -275,8 +256,7 @@ def vtk(run: str, frames: int | None, runs: Path, results: Path) -> None:
 
     opened, name, _ = _open("vtk", run, runs)
     must_be_folder("--results", results / name)
-    for path in series.write_series(opened, results / name, frames or series.FRAMES):
-        print(paths.shown(path))
+    print_paths(series.write_series(opened, results / name, frames or series.FRAMES))
 
 
 def _open(what: str, run: str, runs: Path) -> tuple["EndedRun", str, str]:

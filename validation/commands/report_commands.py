@@ -10,25 +10,18 @@ import click
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
 from validation.commands import completion, options
-from validation.commands.options import Decorator, checked, command, must_be_file, seconds
+from validation.commands.options import Decorator, checked, command, must_be_file, option, print_paths, seconds
 
 
 @command("", "fig4 --out fig4.html --allow-missing")
 @options.scenes_argument("the paper's four")
-@click.option(
+@option(
     "--studies",
-    is_flag=True,
-    help="Write the page first, then make figures and studies and add them; short studies where no table exists.",
+    "",
+    "Write the page first, then make figures and studies and add them; short studies where no table exists.",
 )
-@click.option(
-    "--out",
-    metavar="FILE",
-    type=Path,
-    help="Page to write (default: results/report.html).",
-    callback=checked(must_be_file),
-)
+@option("--out", "FILE", "Page to write (default: results/report.html).", type=Path, callback=checked(must_be_file))
 @options.ENGINE
-@options.ENGINES
 @options.RUNS
 @options.REQUIRE
 @options.ALLOW_MISSING
@@ -46,10 +39,10 @@ def report(
     from validation.compare.selection import selected
     from validation.report.write_report import report as write
 
-    words = sys.argv[1:] if "--engines" in sys.argv else [*sys.argv[1:], *engines_again()]
+    arguments = sys.argv[1:] if "--engines" in sys.argv else [*sys.argv[1:], *engines_again()]
     asked = selected(engines, required, allow_missing=allow_missing)
     given = None if runs == paths.RUNS else runs
-    return write(scenes, out, given, asked, shlex.join(["beads", *words]), studies=studies)
+    return write(scenes, out, given, asked, shlex.join(["beads", *arguments]), studies=studies)
 
 
 class _Figures(click.Command):
@@ -67,7 +60,6 @@ class _Figures(click.Command):
 @click.argument(
     "names", metavar="[NAME]...", nargs=-1, help="Figures (default: all).", shell_complete=completion.figures
 )
-@options.ENGINES
 @options.RUNS
 @options.RESULTS
 def figures(names: tuple[str, ...], runs: Path, results: Path) -> int:
@@ -91,63 +83,45 @@ def figures(names: tuple[str, ...], runs: Path, results: Path) -> int:
             print(f"{name}: {error}", file=sys.stderr)
             code = max(code, 2 if isinstance(error, InputError) else 1)
             continue
-        for path in written:
-            print(paths.shown(path), flush=True)
+        print_paths(written)
     if missing_codes():
         print(f"left out, since not installed: {', '.join(missing_codes())}", file=sys.stderr)
     return code
 
 
-def _chapter(name: str, words: str, taken: tuple[Decorator, ...], *examples: str) -> click.Command:
+def _chapter(name: str, text: str, *taken: Decorator, examples: tuple[str, ...] = ("", "--quick")) -> click.Command:
     """Command of a chapter with its help text and options."""
 
     def action(**given: Any) -> int:
         from validation.chapters import Options, load_chapter, run_chapter
 
-        return run_chapter(
-            load_chapter(name), Options(**{key: each for key, each in given.items() if each is not None})
-        )
+        asked = Options(**{key: value for key, value in given.items() if value is not None})
+        return run_chapter(load_chapter(name), asked)
 
-    for option in reversed((*taken, options.ENGINES, options.RESULTS)):
-        action = option(action)
-    return command(*examples or ("",), name=name, words=words)(action)
+    for add in reversed((*taken, options.RESULTS)):
+        action = add(action)
+    return command(*examples, name=name, text=text)(action)
 
 
-BUDGET = click.option(
-    "--budget",
-    "budget_s",
-    metavar="SECONDS",
+BUDGET = option(
+    "--budget budget_s",
+    "SECONDS",
+    "Engine time of all runs together (default: 300 s; 30 s with --quick).",
     type=seconds,
-    help="Engine time of all runs together (default: 300 s; 30 s with --quick).",
 )
-CASES_FILE = click.option(
-    "--file",
-    metavar="FILE",
-    type=Path,
-    help="Judge the cases of a file alone (default: all claims and inputs/independent.toml).",
+CASES_FILE = option(
+    "--file", "FILE", "Judge the cases of a file alone (default: all claims and inputs/independent.toml).", type=Path
 )
-QUICK = ("", "--quick")
 CHAPTER_COMMANDS = (
     _chapter(
-        "claims",
-        "Judge the paper's statements, and engines by published numbers.",
-        (CASES_FILE, options.RUNS),
-        "",
-        "--file my-cases.toml",
+        "claims", "Judge the paper's statements, and engines by published numbers.", CASES_FILE, options.RUNS,
+        examples=("", "--file my-cases.toml"),
     ),
     _chapter(
-        "trade",
-        "Measure error against cost for all engines and time steps.",
-        (options.QUICK, BUDGET),
-        "--quick",
-        "--budget 600",
+        "trade", "Measure error against cost for all engines and time steps.", options.QUICK, BUDGET,
+        examples=("--quick", "--budget 600"),
     ),
-    _chapter(
-        "stability",
-        "Measure stable steps, extreme scenes, long runs, rounding.",
-        (options.QUICK, options.RUNS),
-        *QUICK,
-    ),
-    _chapter("elements", "Measure effect and cost of each modelling element.", (options.QUICK, options.RUNS), *QUICK),
-    _chapter("calibration", "Fit parameters of each contact law to the paper's experiments.", (options.QUICK,), *QUICK),
-)
+    _chapter("stability", "Measure stable steps, extreme scenes, long runs, rounding.", options.QUICK, options.RUNS),
+    _chapter("elements", "Measure effect and cost of each modelling element.", options.QUICK, options.RUNS),
+    _chapter("calibration", "Fit parameters of each contact law to the paper's experiments.", options.QUICK),
+)  # fmt: skip

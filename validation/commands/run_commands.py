@@ -2,14 +2,14 @@
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
 from validation.commands import completion, options
-from validation.commands.options import command, must_be_folder, one_of, seconds
+from validation.commands.options import command, must_be_folder, one_of, option, seconds
 
 if TYPE_CHECKING:
     from drivers.run.run_folder import EndedRun
@@ -21,15 +21,9 @@ AUTO = "auto"  # instead of an engine's name: the cheapest engine that can model
 @options.SCENE
 @options.SETTINGS
 @options.ENGINE
-@options.ENGINES
 @options.RUNS
-@click.option("--rerun", is_flag=True, help="Run again even if the run is done or, with auto, failed.")
-@click.option(
-    "--time-limit",
-    metavar="SECONDS",
-    type=seconds,
-    help="Stop a run after this time (default: by beads and steps).",
-)
+@option("--rerun", "", "Run again even if the run is done or, with auto, failed.")
+@option("--time-limit", "SECONDS", "Stop a run after this time (default: by beads and steps).", type=seconds)
 @options.UNSAFE
 def run(
     scene: str,
@@ -104,15 +98,14 @@ def _trouble(ended: "EndedRun") -> str:
 
 @command("deck --engine liggghts", "deck --engine yade --scene fig4 --set run.time_step='0.2 us'", name="import")
 @click.argument("folder", metavar="FOLDER", type=Path, help="Folder with a deck that was run by hand, and its output.")
-@click.option(
+@option(
     "--scene",
-    metavar="SCENE",
-    help="Scene of the deck before changes, by name or file (default: the one that render wrote into FOLDER).",
+    "SCENE",
+    "Scene of the deck before changes, by name or file (default: the one that render wrote into FOLDER).",
     shell_complete=completion.scenes,
 )
 @options.SETTINGS
 @options.ENGINE
-@options.ENGINES
 @options.RUNS
 def import_(folder: Path, scene: str | None, settings: tuple[str, ...], engines: tuple[str, ...], runs: Path) -> int:
     """Make a run folder of a deck that was run by hand.
@@ -147,14 +140,8 @@ def import_(folder: Path, scene: str | None, settings: tuple[str, ...], engines:
 )
 @options.SETTINGS
 @options.ENGINE
-@options.ENGINES
 @options.RUNS_READ
-@click.option(
-    "--against",
-    metavar="DIR",
-    type=Path,
-    help="Compare the run folders in --runs with those in this folder, run by run.",
-)
+@option("--against", "DIR", "Compare the run folders in --runs with those in this folder, run by run.", type=Path)
 @options.REQUIRE
 @options.ALLOW_MISSING
 @options.UNSAFE
@@ -174,7 +161,7 @@ def compare(
     from validation.compare.selection import selected
 
     asked = selected(engines, required, allow_missing=allow_missing)
-    folders = [each for each in what if Path(each).is_dir() or ":" in each]
+    folders = [source for source in what if Path(source).is_dir() or ":" in source]
     if folders:
         if len(folders) != 2 or len(what) != 2:
             raise InputError("compare", "", " ".join(what), "scenes, or exactly two runs")
@@ -201,59 +188,40 @@ def compare(
 
 @command("example-measured --free contact.restitution", "shot.toml --law elastic --law power --free striker.speed=2±1%")
 @options.scenes_argument("the scenes of --quoted")
-@click.option(
+@option(
     "--free",
-    metavar="KEY[=LOW..HIGH]",
-    multiple=True,
-    help="Fit this key of the scene, such as contact.restitution=0.5..1, or with prior knowledge striker.speed=2±1%; "
+    "KEY[=LOW..HIGH]",
+    "Fit this key of the scene, such as contact.restitution=0.5..1, or with prior knowledge striker.speed=2±1%; "
     "repeatable (default bounds: inputs/calibration.toml).",
-)
-@click.option(
-    "--law",
-    "laws",
-    metavar="LAW",
     multiple=True,
-    help="Fit this contact law of inputs/calibration.toml (elastic, viscoelastic, power); repeatable: all on the same "
+)
+@option(
+    "--law laws",
+    "LAW",
+    "Fit this contact law of inputs/calibration.toml (elastic, viscoelastic, power); repeatable: all on the same "
     "data, and compared.",
+    multiple=True,
 )
-@click.option(
+@option(
     "--predict",
-    metavar="OBSERVABLE",
+    "OBSERVABLE",
+    "Predict this observable, such as wall_peak or bead_8_reflected_arrival, with its error; repeatable.",
     multiple=True,
-    help="Predict this observable, such as wall_peak or bead_8_reflected_arrival, with its error; repeatable.",
 )
-@click.option(
-    "--own",
-    metavar="KEY[=LOW..HIGH]",
-    multiple=True,
-    help="As --free, with a value of its own for each data set; repeatable.",
-)
+@option("--own", "KEY[=LOW..HIGH]", "As --free, with a value of its own for each data set; repeatable.", multiple=True)
 @options.MEASURED
-@click.option(
+@option(
     "--quoted",
-    metavar="SET,...",
+    "SET,...",
+    "Fit to data that the paper quotes: sets of inputs/calibration.toml, such as fig4,table1.",
     type=lambda text: tuple(name.strip() for name in text.split(",")) if text else (),
     default="",
-    help="Fit to data that the paper quotes: sets of inputs/calibration.toml, such as fig4,table1.",
 )
 @options.SETTINGS
 @options.QUICK
-@options.ENGINES
 @options.RESULTS
 @options.RUNS
-def fit(
-    scenes: tuple[str, ...],
-    free: tuple[str, ...],
-    laws: tuple[str, ...],
-    predict: tuple[str, ...],
-    own: tuple[str, ...],
-    measured: Path | None,
-    quoted: tuple[str, ...],
-    settings: tuple[str, ...],
-    quick: bool,
-    results: Path,
-    runs: Path,
-) -> int:
+def fit(results: Path, runs: Path, **asked: Any) -> int:
     """Fit parameters of scenes to measured data.
 
     The data are the [[measured]] tables of the scenes, or those that --measured or --quoted name.
@@ -261,19 +229,18 @@ def fit(
     from validation.calibration.fit_command import run_fit
     from validation.calibration.fit_folder import FitRequest
 
-    return run_fit(FitRequest(scenes, free, own, laws, predict, quoted, measured, settings, quick), runs, results)
+    return run_fit(FitRequest(**asked), runs, results)
 
 
 @command("fig4 --engine yade", "--set 'striker.speed=*'", "--prune --dry-run")
 @options.scenes_argument("all")
 @options.SETTINGS
 @options.ENGINE
-@options.ENGINES
 @options.RUNS_READ
-@click.option(
+@option(
     "--prune",
-    is_flag=True,
-    help="Remove runs that no command will use again: failed runs, runs of other builds and older decks; runs of the "
+    "",
+    "Remove runs that no command will use again: failed runs, runs of other builds and older decks; runs of the "
     "last ten minutes are kept.",
 )
 @options.DRY_RUN

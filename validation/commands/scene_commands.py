@@ -2,16 +2,14 @@
 
 from pathlib import Path
 
-import click
-
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.text_table import text_table
 from validation.commands import options
-from validation.commands.options import checked, command, must_be_folder, one_of
+from validation.commands.options import checked, command, must_be_folder, one_of, option, print_paths
 
 
-@command("")
+@command("", engines=False)
 def scenes() -> None:
     """List the shipped scenes, studies and materials."""
     from drivers.scene.read_scene import read_toml
@@ -20,7 +18,7 @@ def scenes() -> None:
         what: {path.stem: read_toml(path).get("title", "") for path in sorted(home.glob("*.toml"))}
         for what, home in (("scenes", paths.SCENES), ("studies", paths.STUDIES))
     }
-    listed["materials"] = {name: each.get("source", "") for name, each in read_toml(paths.MATERIALS).items()}
+    listed["materials"] = {name: material.get("source", "") for name, material in read_toml(paths.MATERIALS).items()}
     for what, texts in listed.items():
         print(f"{what}:", *(f"  {line}" for line in text_table(texts.items())), sep="\n")
 
@@ -29,7 +27,6 @@ def scenes() -> None:
 @options.SCENE
 @options.SETTINGS
 @options.ENGINE
-@options.ENGINES
 def plan(scene: str, settings: tuple[str, ...], engines: tuple[str, ...]) -> None:
     """Print time step, expected errors and cost of a scene."""
     from drivers.engines import load_engine
@@ -44,7 +41,6 @@ def plan(scene: str, settings: tuple[str, ...], engines: tuple[str, ...]) -> Non
 @command("fig4", "fig4 --set chain.count=5 --results drawings")
 @options.SCENE
 @options.SETTINGS
-@options.ENGINES
 @options.RESULTS
 def draw(scene: str, settings: tuple[str, ...], results: Path) -> None:
     """Draw a scene to scale."""
@@ -53,14 +49,13 @@ def draw(scene: str, settings: tuple[str, ...], results: Path) -> None:
     from validation.accuracy.plan import planned_case
 
     case = planned_case(scene, *settings)
-    for path in write_product(Product(*draw_scene(case.scene, case.chain)), f"scene-{case.scene.name}", results):
-        print(paths.shown(path))
+    product = Product(*draw_scene(case.scene, case.chain))
+    print_paths(write_product(product, f"scene-{case.scene.name}", results))
 
 
 @command("steel-chain --set chain.precompression='10 N'", "dimer")
 @options.SCENE
 @options.SETTINGS
-@options.ENGINES
 @options.RESULTS
 def modes(scene: str, settings: tuple[str, ...], results: Path) -> None:
     """Draw linear modes of a scene, print bands and sound speed."""
@@ -80,18 +75,14 @@ def modes(scene: str, settings: tuple[str, ...], results: Path) -> None:
         return
     for line in product.notes:
         print(line)
-    for path in write_product(product, f"modes-{case.scene.name}", results):
-        print(paths.shown(path))
+    print_paths(write_product(product, f"modes-{case.scene.name}", results))
 
 
 @command("fig4 --engine liggghts --out deck")
 @options.SCENE
 @options.SETTINGS
 @options.ENGINE
-@options.ENGINES
-@click.option(
-    "--out", metavar="DIR", type=Path, required=True, help="Folder for the deck.", callback=checked(must_be_folder)
-)
+@option("--out", "DIR", "Folder for the deck.", type=Path, required=True, callback=checked(must_be_folder))
 @options.UNSAFE
 def render(scene: str, settings: tuple[str, ...], engines: tuple[str, ...], out: Path, unsafe: bool) -> None:
     """Write the deck of a scene for one engine, without running it."""

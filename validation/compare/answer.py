@@ -45,13 +45,13 @@ def answer(scenes: Sequence[ComparedScene], cases: Outcomes | None = None) -> li
 
 def display_name(engine: str) -> str:
     """Name of an engine in a sentence: a code's own name in capitals, as its authors write it."""
-    found = load_engine(engine)
-    return engine.upper() if not found.in_repository and engine == found.entry.adapter else engine
+    loaded = load_engine(engine)
+    return engine.upper() if not loaded.in_repository and engine == loaded.entry.adapter else engine
 
 
-def listed(words: Sequence[str]) -> str:
+def listed(items: Sequence[str]) -> str:
     """Words with commas, and "and" before the last."""
-    return " and ".join(filter(None, (", ".join(words[:-1]), *words[-1:])))
+    return " and ".join(filter(None, (", ".join(items[:-1]), *items[-1:])))
 
 
 def _agreement(scenes: Sequence[ComparedScene], checks: Iterable[Check], engines: list[str]) -> str:
@@ -73,25 +73,25 @@ def _agreement(scenes: Sequence[ComparedScene], checks: Iterable[Check], engines
 
 def _outcomes(scene: ComparedScene) -> dict[str, str]:
     """Verdict of each engine on a scene."""
-    found = {}
+    verdicts = {}
     for name in in_order([*scene.runs, *scene.absent]):
         checks = scene.of_engine(name)
         failed = [check.quantity.partition(":")[0] for check in checks if check.verdict == FAIL]
-        found[name] = INACCURATE if {*failed} == {ERROR} else outcome(checks)
-    return found
+        verdicts[name] = INACCURATE if {*failed} == {ERROR} else outcome(checks)
+    return verdicts
 
 
-def _by_engine(rows: Outcomes, verdict: str, one: str, several: str) -> list[str]:
+def _by_engine(rows: Outcomes, verdict: str, singular: str, plural: str) -> list[str]:
     """Clauses such as "YADE fails on fig4 and fig5", one for all engines that have that verdict on the same scenes."""
-    found: dict[str, list[str]] = {}
+    by_engine: dict[str, list[str]] = {}
     for row, cells in rows.items():
         for engine, cell in cells.items():
             if cell == verdict:
-                found.setdefault(engine, []).append(row)
+                by_engine.setdefault(engine, []).append(row)
     alike: dict[str, list[str]] = {}
-    for engine, names in found.items():
+    for engine, names in by_engine.items():
         alike.setdefault(listed(names), []).append(display_name(engine))
-    return [f"{listed(names)} {one if len(names) == 1 else several} on {where}" for where, names in alike.items()]
+    return [f"{listed(names)} {singular if len(names) == 1 else plural} on {where}" for where, names in alike.items()]
 
 
 def _in_repository(engine: str) -> bool:

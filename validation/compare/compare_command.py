@@ -7,7 +7,7 @@ from drivers.base import paths
 from drivers.base.progress import counted
 from drivers.base.text_table import text_table
 from drivers.engines import in_order
-from validation.accuracy.budget import BUDGET_WORDS, PARTS, printed_budget
+from validation.accuracy.budget import budget_lines
 from validation.checks import FAIL, NOT_RUN, RUN, Check, outcome, summary, table, without_run, worst_of
 from validation.compare.answer import answer
 from validation.compare.comparison import ComparedScene, run_and_compare_all
@@ -90,15 +90,7 @@ def _lines(compared: ComparedScene, asked: EngineSelection) -> Iterator[str]:
     yield "both relative to the largest change of force, unless stated otherwise\n"
     yield from table(compared.checks)
     engines = in_order({*compared.departures, *compared.diagnoses})
-    found = [(engine, each.get(engine)) for engine in engines for each in (compared.departures, compared.diagnoses)]
-    sentences = [(name, engine, sentence) for engine, sentence in found if sentence]
+    said = [(engine, kind.get(engine)) for engine in engines for kind in (compared.departures, compared.diagnoses)]
+    sentences = [(name, engine, sentence) for engine, sentence in said if sentence]
     yield from ("", *text_table(sentences)) if sentences else ()
-    yield f"\nerror budget: {BUDGET_WORDS}"
-    budget: list[tuple[str, ...]] = [("scene", "engine", "quantity", *PARTS)]
-    notes: list[tuple[str, ...]] = []
-    for engine, run in compared.runs.items():
-        budget += [(name, engine, *row) for row in printed_budget(run.record.error_budget or ())]
-        lines = [*(f"warning: {warning}" for warning in run.record.warnings or ()), run.record.error_note]
-        notes += [(name, engine, line) for line in lines if line]
-    yield from text_table(budget, right=range(3, 9))
-    yield from text_table(notes)
+    yield from budget_lines("engine", compared.runs)

@@ -37,8 +37,8 @@ def moved(first: Path, second: Path, scene: str, engine: str) -> list[Check]:
         since = f"forces differ first in {place}" if place else "all forces agree"
         return [replace(check, where=f"{check.where}; {since}{pair.until}") for check in different]
     most = max(checks, key=lambda check: check.value)
-    words = f"equal to rounding, largest difference in {most.quantity}" if most.value else "identical bit for bit"
-    return [replace(most, quantity=ALL_QUANTITIES, where=words + pair.until)]
+    agreement = f"equal to rounding, largest difference in {most.quantity}" if most.value else "identical bit for bit"
+    return [replace(most, quantity=ALL_QUANTITIES, where=agreement + pair.until)]
 
 
 def compare_folders(old: Path, new: Path, scenes: Sequence[str], asked: EngineSelection) -> int:
@@ -52,17 +52,17 @@ def compare_folders(old: Path, new: Path, scenes: Sequence[str], asked: EngineSe
     """
     if old.resolve() == new.resolve():
         raise InputError("--against", "", f"{paths.shown(new)} is the folder of --runs as well; name another folder")
-    found = _runs("--runs", old), _runs("--against", new)
+    sides = _runs("--runs", old), _runs("--against", new)
     names = {Path(scene).stem for scene in scenes}
-    known = {run.record.scene_name for side in found for run in side.values()}
+    known = {run.record.scene_name for side in sides for run in side.values()}
     for name in sorted(names - known):
         raise InputError("compare", "", f'"{name}" has no run in either folder; allowed: {", ".join(sorted(known))}')
-    wanted = {*asked.engines, *asked.require} if asked.engines else {engine for side in found for engine, _ in side}
+    wanted = {*asked.engines, *asked.require} if asked.engines else {engine for side in sides for engine, _ in side}
 
     def is_wanted(run: EndedRun) -> bool:
         return run.record.engine in wanted and (not names or run.record.scene_name in names)
 
-    first, second = ({key: run for key, run in side.items() if is_wanted(run)} for side in found)
+    first, second = ({key: run for key, run in side.items() if is_wanted(run)} for side in sides)
     either = second | first
     builds: list[tuple[str, str]] = []
     for engine in sorted({engine for engine, _ in either}):
@@ -97,10 +97,10 @@ def compare_folders(old: Path, new: Path, scenes: Sequence[str], asked: EngineSe
 
 def _runs(option: str, folder: Path) -> dict[Key, EndedRun]:
     """Runs of a folder by key; of several builds of an engine the last, failed runs only if there is no other."""
-    found = kept_runs(folder)
-    if not found:
+    kept = kept_runs(folder)
+    if not kept:
         raise InputError(f"{option} {paths.shown(folder)}", "", "no runs here; beads run --runs writes them")
-    return {key_of(run): run for run in sorted(found, key=lambda run: not run.folder.name.endswith("-failed"))}
+    return {key_of(run): run for run in sorted(kept, key=lambda run: not run.folder.name.endswith("-failed"))}
 
 
 def _build(run: EndedRun) -> str:
@@ -121,9 +121,9 @@ def _unpaired(key: Key, sides: dict[Path, dict[Key, EndedRun]], asked: EngineSel
 
 def _closest(key: Key, side: dict[Key, EndedRun], sides: dict[Path, dict[Key, EndedRun]]) -> str:
     """Text on the keys in which the closest run of the scene differs from the missing run."""
-    (own,) = (other[key] for other in sides.values() if key in other)
-    alike = [run.record for run in side.values() if run.name == own.name and run.resolved]
-    if not own.resolved or not alike:
+    (known,) = (other[key] for other in sides.values() if key in other)
+    alike = [run.record for run in side.values() if run.name == known.name and run.resolved]
+    if not known.resolved or not alike:
         return ""
-    closest: list[str] = min((different_keys(own.record.scene, record.scene) for record in alike), key=len)
+    closest: list[str] = min((different_keys(known.record.scene, record.scene) for record in alike), key=len)
     return f"; the closest differs: {'; '.join(closest)}"

@@ -225,7 +225,7 @@ def _of_bodies(case: Case, rows: list[LawRow]) -> Iterator[str]:
 def _pairs(case: Case) -> list[str]:
     """Materials of each contact, the lower one last: "ptfe with brass"."""
     below = [case.chain.wall or "no wall", *case.chain.materials[:-1]]
-    return [f"{own} with {other}" for own, other in zip(case.chain.materials, below, strict=True)]
+    return [f"{material} with {other}" for material, other in zip(case.chain.materials, below, strict=True)]
 
 
 def _as_with(case: Case, engine: str, measured: list[LawRow]) -> str:
@@ -276,7 +276,7 @@ def _of_step(case: Case, engine: str, trace: Trace) -> str:
         return SAME
     samples = min(len(motions.exact.time_s), len(trace.time_s))
     exact = motions.exact.force_N[:samples]
-    off, expected = (each.force_N[:samples] - exact for each in (trace, motions.scheme_of(engine)))
+    off, expected = (motion.force_N[:samples] - exact for motion in (trace, motions.scheme_of(engine)))
     share = float((off * expected).sum() / ((expected**2).sum() or inf))
     left = float(np.abs(off - share * expected).max()) / (float(np.abs(off).max()) or inf)
     if not 0 < share < inf or left > 0.1 or abs(share - 1) < 1e-3:

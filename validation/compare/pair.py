@@ -15,7 +15,6 @@ import numpy as np
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.base.text_table import text_table
 from drivers.base.tolerances import Tolerance, tolerance
 from drivers.batch.store import ENDING
 from drivers.chain.case import Case
@@ -30,13 +29,11 @@ from postproc.read.error_bounds import bounds_on_observables
 from postproc.read.motion import chain_of, trace_with_state
 from postproc.read.observables import describe, observe, of_kind, scale_of, without_unit
 from validation.accuracy.budget import (
-    BUDGET_WORDS,
-    PARTS,
     apart,
+    budget_lines,
     first_departure,
     largest_difference,
     place_of,
-    printed_budget,
 )
 from validation.accuracy.motions import FIELDS, Motions, force_tolerance, motions_of
 from validation.checks import FAIL, Check, judged, table
@@ -259,8 +256,8 @@ def compare_runs(first: Path, second: Path) -> int:
     troubles += [f"the {name} run failed" for name, each in both if not each.run.done]
     result = f"pass: all {len(pair.checks)} quantities agree within their limits"
     result = f"FAIL: {'; '.join(troubles)}" if troubles else result
-    parts = (result + pair.until, "", *_runs(*both), "", *keys, "", *_table(pair), "", *_times(pair), *_budgets(*both))
-    print(*parts, sep="\n")
+    budgets = budget_lines("run", {name: each.run for name, each in both})
+    print(result + pair.until, "", *_runs(*both), "", *keys, "", *_table(pair), "", *_times(pair), *budgets, sep="\n")
     return 1 if troubles else 0
 
 
@@ -299,22 +296,6 @@ def _times(pair: Pair) -> Iterator[str]:
             yield f"{name:<7} {departure}"
             if paired.run.has_state:
                 yield f"{name:<7} {law_sentence(paired.case, paired.engine, trace_with_state(paired.run))}"
-
-
-def _budgets(*both: tuple[str, PairedRun]) -> Iterator[str]:
-    """Lines with the error budgets, as signed parts that add up to the whole, and with warnings."""
-    rows = [(name, *row) for name, each in both for row in printed_budget(each.run.record.error_budget or ())]
-    if rows:
-        yield f"\nerror budget: {BUDGET_WORDS}"
-        quantities = [*dict.fromkeys(quantity for _, quantity, *_ in rows)]
-        rows.sort(key=lambda row: quantities.index(row[1]))
-        yield from text_table([("run", "quantity", *PARTS), *rows], right=range(2, 8))
-    for name, each in both:
-        if each.run.record.error_note:
-            yield f"{name:<7} {each.run.record.error_note}"
-    for name, each in both:
-        for warning in each.run.record.warnings or ():
-            yield f"{name:<7} warning: {warning}"
 
 
 def different_keys(one: dict[str, Any], other: dict[str, Any]) -> list[str]:

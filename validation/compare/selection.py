@@ -49,12 +49,12 @@ class EngineSelection:
             absent: reason for a missing run, by engine, such as a refusal.
         """
         present = set(ran)
-        words = {name: _did_not_run(name, absent.get(name, "")) for name in self.needed if name not in present}
-        if not (words or self.allow_missing or present & set(codes())):
+        messages = {name: _did_not_run(name, absent.get(name, "")) for name in self.needed if name not in present}
+        if not (messages or self.allow_missing or present & set(codes())):
             missing = ", ".join(f"{name} ({load_engine(name).how_to_get})" for name in missing_codes())
             how = "" if installed_codes() else f": install one of {missing}"
-            words["codes"] = f"no established code ran{how}; use --allow-missing to accept this"
-        return words
+            messages["codes"] = f"no established code ran{how}; use --allow-missing to accept this"
+        return messages
 
 
 ALL_ENGINES = EngineSelection()
@@ -74,9 +74,9 @@ def selected(engines: Iterable[str], required: Iterable[str], *, allow_missing: 
 
 
 def _did_not_run(engine: str, why: str) -> str:
-    found = load_engine(engine)
-    if found.find() is None:
-        return f"{engine} is required and did not run: {found.absence}"
+    loaded = load_engine(engine)
+    if loaded.find() is None:
+        return f"{engine} is required and did not run: {loaded.absence}"
     return f"{engine} did not run: {why}" if why else f"{engine} is required and has no run to compare"
 
 

@@ -72,7 +72,7 @@ def largest_effects(effects: pd.DataFrame) -> pd.DataFrame:
     """
     worst = effects.assign(size=effects["change"].abs()).groupby(["element", "engine"], sort=False)
     table = worst.agg(size=("size", "max"), cost=("cost_ratio", "median")).reset_index()
-    parents = {each.name: each.of or each.name for each in read_elements().element}
+    parents = {item.name: item.of or item.name for item in read_elements().element}
     parent, sizes = table["element"].map(parents), table.groupby("element")["size"].max()
     keys = {"rank": -parent.map(sizes), "parent": parent, "own": parent != table["element"]}
     return table.assign(**keys).sort_values([*keys], kind="stable").drop(columns=["rank", "parent", "own"])
@@ -81,16 +81,16 @@ def largest_effects(effects: pd.DataFrame) -> pd.DataFrame:
 def draw_effects(effects: pd.DataFrame) -> Any:
     """Draws a row for each element: its largest change by code, codes that agree as one dot; to the right its cost."""
     table = largest_effects(effects)
-    names, variants = list(table["element"].unique()), {each.name for each in read_elements().element if each.of}
+    names, variants = list(table["element"].unique()), {item.name for item in read_elements().element if item.of}
     figure, (left, right) = pyplot().subplots(
         1, 2, figsize=(PAGE_IN, 0.8 + 0.19 * len(names)), sharey=True, width_ratios=(3, 2), layout="constrained"
     )
     for place, name in enumerate(names):
-        own = table[table["element"] == name]
-        sizes = own["size"].clip(lower=MIN_CHANGE)
+        rows = table[table["element"] == name]
+        sizes = rows["size"].clip(lower=MIN_CHANGE)
         if sizes.max() <= (1 + SAME) * sizes.min():
             left.plot(sizes.mean(), place, ls="", **DOT)
-        for size, (_, row) in zip(sizes, own.iterrows(), strict=True):
+        for size, (_, row) in zip(sizes, rows.iterrows(), strict=True):
             mark = marker_of(row["engine"])
             if sizes.max() > (1 + SAME) * sizes.min():
                 left.plot(size, place, ls="", **mark)
@@ -138,8 +138,8 @@ def draw_oscilloscope(scene: str, shown: Mapping[str, Sequence[Simulation]]) -> 
     left.legend(*axes[0].get_legend_handles_labels(), loc="outside upper left", ncols=3, fontsize=7)
     numbers = np.atleast_1d(right.subplots(len(panels), 1, sharex=True))
     for axis, (name, label, values) in zip(numbers, panels, strict=True):
-        for place, (look, each) in enumerate(zip(LINES, values, strict=True)):
-            axis.errorbar(place, each.mean(), yerr=each.std(), capsize=2, **DOT | {"color": look["color"]})
+        for place, (look, by_seed) in enumerate(zip(LINES, values, strict=True)):
+            axis.errorbar(place, by_seed.mean(), yerr=by_seed.std(), capsize=2, **DOT | {"color": look["color"]})
         _mark(axis, quoted_here.get(name))
         axis.set_ylabel(label)
         axis.margins(x=0.15, y=0.25)
@@ -151,14 +151,14 @@ def _mark(axis: Any, quote: Quote | None) -> None:
     """Marks a value that the paper quotes."""
     if quote:
         axis.axhline(quote.value, **QUOTED)
-        words, place = f"experiment: {quote.about}{quote.value:g} {quote.unit}", axis.get_yaxis_transform()
-        axis.text(0.02, quote.value, words, transform=place, fontsize=7, color=text_color(QUOTED["color"]), va="top")
+        text, place = f"experiment: {quote.about}{quote.value:g} {quote.unit}", axis.get_yaxis_transform()
+        axis.text(0.02, quote.value, text, transform=place, fontsize=7, color=text_color(QUOTED["color"]), va="top")
 
 
 def _panels(shown: Mapping[str, Sequence[Simulation]], upper: str, lower: str) -> Iterator[tuple[str, str, list[Any]]]:
     """Names, labels and values by step, shape (seeds,), of the drawn observables that the scene shows."""
-    for words, (pattern, scale, unit) in OBSERVABLES.items():
+    for label, (pattern, scale, unit) in OBSERVABLES.items():
         name = pattern.format(upper=upper, lower=lower)
         values = [scale * np.array([run.values[name] for run in runs]) for runs in shown.values()]
         if any(np.isfinite(value.mean()) for value in values):
-            yield name, f"{words}\n{unit}", values
+            yield name, f"{label}\n{unit}", values

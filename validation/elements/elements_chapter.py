@@ -39,22 +39,22 @@ def measure(options: Options) -> dict[str, Any]:
     fastest = min(in_tubes or [VERLET], key=lambda name: cost_on(name).run_s(tube))
     pairs = [*switches.pairs_of(asked.model_copy(update={"scene": scenes}), seeds)]
     steps = {scene.name: [*gauge_steps.add_steps(scene, seeds)] for scene in scenes}
-    varied = [each for scene in scenes[:2] for each in gauge_steps.vary(scene, seeds)]
+    varied = [variant for scene in scenes[:2] for variant in gauge_steps.vary(scene, seeds)]
     jobs: dict[str, list[Case]] = defaultdict(list)
     for engine in engines:
         jobs[engine] += [case for pair in switches.taken_by(engine, pairs) for case in pair.cases]
     for engine, scene in product(in_tubes or [VERLET], scenes):
         jobs[engine] += switches.straight(scene)
         jobs[engine] += [case for cases in switches.in_tube(scene, seeds).values() for case in cases]
-    jobs[fastest] += [case for each in (*chain.from_iterable(steps.values()), *varied) for case in each.cases]
+    jobs[fastest] += [case for variant in (*chain.from_iterable(steps.values()), *varied) for case in variant.cases]
     done = run_codes({engine: [*dict.fromkeys(cases)] for engine, cases in jobs.items()}, options.runs)
-    found = {(run.case, engine): run for engine, own in done.items() for run in own}
-    shown = {name: {each.step: runs_of(each, fastest, found) for each in own} for name, own in steps.items()}
+    ran = {(run.case, engine): run for engine, own in done.items() for run in own}
+    shown = {name: {variant.step: runs_of(variant, fastest, ran) for variant in own} for name, own in steps.items()}
     return {
-        "elements": [*switches.measure_effects(pairs, engines, 0 if options.quick else REPEATS, found)],
-        "elements-checks": switches.omitted_effects(scenes, in_tubes or [VERLET], found),
-        "elements-between": switches.compare_codes(scenes, seeds, in_tubes, found),
-        "oscilloscope": gauge_steps.rows_of(chain(*steps.values(), varied), fastest, found),
+        "elements": [*switches.measure_effects(pairs, engines, 0 if options.quick else REPEATS, ran)],
+        "elements-checks": switches.omitted_effects(scenes, in_tubes or [VERLET], ran),
+        "elements-between": switches.compare_codes(scenes, seeds, in_tubes, ran),
+        "oscilloscope": gauge_steps.rows_of(chain(*steps.values(), varied), fastest, ran),
         **{f"oscilloscope-{name}": draw_oscilloscope(name, own) for name, own in shown.items()},
     }
 
@@ -93,14 +93,15 @@ def _on_gap(numbers: pd.DataFrame) -> Iterator[str]:
             explained = ", ".join(f"{step} {_percent(shares[step])}" for step in steps.index[1:])
             yield (
                 f"{quote.scene}, {quote.words}: {steps[ELASTIC]:.3g} {quote.unit} on the elastic line,"
-                f" {quote.about}{quote.value:g} {quote.unit} in the experiment; of this gap explains: {explained}."
+                f" {quote.about}{quote.value:g} {quote.unit} in the experiment; the steps"
+                f" explain of this gap: {explained}."
             )
 
 
 def _means(quote: Quote, numbers: pd.DataFrame) -> pd.DataFrame:
     """Rows of a quoted observable, with the means in the unit of the quote."""
-    own = numbers[(numbers["scene"] == quote.scene) & (numbers["observable"] == quote.observable)]
-    return own.assign(mean=quote.scale * own["mean"])
+    rows = numbers[(numbers["scene"] == quote.scene) & (numbers["observable"] == quote.observable)]
+    return rows.assign(mean=quote.scale * rows["mean"])
 
 
 def _on_codes(between: pd.DataFrame) -> str:
@@ -119,9 +120,9 @@ def figures(tables: Tables) -> dict[str, Picture]:
     """Effects with costs, and for each scene the gauges, drawn while measuring."""
     effects = tables["elements"]
     title = "Largest change by each element, and its cost"
-    words = "gauge signals, step by step from the elastic line to the experiment"
+    caption = "gauge signals, step by step from the elastic line to the experiment"
     return {"elements": (title, partial(draw_effects, effects))} | {
-        f"oscilloscope-{scene}": (f"{scene}: {words}", None) for scene in effects["scene"].unique()
+        f"oscilloscope-{scene}": (f"{scene}: {caption}", None) for scene in effects["scene"].unique()
     }
 
 
@@ -133,7 +134,7 @@ def section(tables: Tables) -> dict[str, Any]:
     return {
         "short": not {scene.name for scene in read_elements().scene} <= set(effects["scene"]),
         "observables": observables,
-        "effects": {scene: [*effect_rows(own, observables)] for scene, own in effects.groupby("scene", sort=False)},
+        "effects": {scene: [*effect_rows(rows, observables)] for scene, rows in effects.groupby("scene", sort=False)},
         "quotes": [f"{quote.scene}: {quote.words}, {quote.unit}" for quote in quoted_here],
         "steps": [*_step_rows(quoted_here, tables["oscilloscope"])],
         "between": [*_between_rows(tables["elements-between"])],
@@ -142,9 +143,9 @@ def section(tables: Tables) -> dict[str, Any]:
 
 def effect_rows(effects: pd.DataFrame, observables: list[str]) -> Iterator[list[str]]:
     """A row for each element: changes in per cent, of codes that agree together."""
-    for element, own in effects.groupby("element", sort=False):
+    for element, of_element in effects.groupby("element", sort=False):
         engines: dict[tuple[str, ...], list[str]] = defaultdict(list)
-        for engine, rows in own.groupby("engine", sort=False):
+        for engine, rows in of_element.groupby("engine", sort=False):
             by_name = rows.set_index("observable").reindex(observables)
             cells = tuple(map(_change, by_name["change"], by_name["spread"]))
             engines[cells].append(str(engine))

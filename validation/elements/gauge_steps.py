@@ -58,10 +58,10 @@ def vary(subject: SwitchedScene, seeds: int) -> Iterator[Variant]:
             yield Variant(subject.name, name, seeded(subject, gauge_steps()[step], seeds, *changed), f"{value:g}")
 
 
-def rows_of(variants: Iterable[Variant], engine: str, found: Found) -> Iterator[StepRow]:
+def rows_of(variants: Iterable[Variant], engine: str, ran: Found) -> Iterator[StepRow]:
     """Observables of variants on one code."""
     for variant in variants:
-        runs = runs_of(variant, engine, found)
+        runs = runs_of(variant, engine, ran)
         for name in runs[0].values:
             values = np.array([run.values[name] for run in runs])
             yield StepRow(variant.scene, variant.step, variant.value, name, *spread_of(values), len(values))

@@ -161,9 +161,9 @@ def observables_of(case: Case) -> dict[str, str]:
     }
 
 
-def runs_of(variant: Variant, engine: str, found: Found) -> list[Simulation]:
+def runs_of(variant: Variant, engine: str, ran: Found) -> list[Simulation]:
     """Runs of a variant on one code, in the order of its cases."""
-    return [found[case, engine] for case in variant.cases]
+    return [ran[case, engine] for case in variant.cases]
 
 
 def spread_of(values: Array) -> tuple[float, float]:
@@ -171,13 +171,13 @@ def spread_of(values: Array) -> tuple[float, float]:
     return float(values.mean()), float(values.std(ddof=1)) if len(values) > 1 else nan
 
 
-def measure_effects(pairs: Sequence[Variant], engines: Iterable[str], repeats: int, found: Found) -> Iterator[Effect]:
+def measure_effects(pairs: Sequence[Variant], engines: Iterable[str], repeats: int, ran: Found) -> Iterator[Effect]:
     """Effects of all elements on all codes that can model them."""
     for engine in engines:
-        own = taken_by(engine, pairs)
-        costs = _costs([pair for pair in own if pair.scene == pairs[0].scene], engine, repeats, found)
-        for pair in own:
-            runs, (cost_without, cost) = runs_of(pair, engine, found), costs[pair.step]
+        possible = taken_by(engine, pairs)
+        costs = _costs([pair for pair in possible if pair.scene == pairs[0].scene], engine, repeats, ran)
+        for pair in possible:
+            runs, (cost_without, cost) = runs_of(pair, engine, ran), costs[pair.step]
             for word, name in observables_of(pair.cases[0]).items():
                 without, with_ = np.split(np.array([run.values[name] for run in runs]), 2)
                 change, spread = spread_of(with_ / without - 1)
@@ -192,12 +192,12 @@ def taken_by(engine: str, pairs: Iterable[Variant]) -> list[Variant]:
     return [pair for pair in pairs if not any(inability(case, engine) for case in pair.cases)]
 
 
-def _costs(pairs: Sequence[Variant], engine: str, repeats: int, found: Found) -> dict[str, tuple[float, float]]:
+def _costs(pairs: Sequence[Variant], engine: str, repeats: int, ran: Found) -> dict[str, tuple[float, float]]:
     """Loop time in ns per body and step without and with each element: the least of all seeds and repetitions.
 
     The runs of the study are parallel; the repetitions, of the first seed, run one after the other.
     """
-    loops_s = {case: found[case, engine].loop_s for pair in pairs for case in pair.cases}
+    loops_s = {case: ran[case, engine].loop_s for pair in pairs for case in pair.cases}
     repeated = {case for pair in pairs for case in (pair.cases[0], pair.cases[len(pair.cases) // 2])}
     what = f"costs on {engine}, one run after the other"
     for case in following([*repeated] * repeats, what, len(repeated) * repeats):
@@ -240,10 +240,10 @@ def straight(subject: SwitchedScene) -> list[Case]:
     return [case_on(subject, side, 1) for side in (Side(), STRAIGHT)]
 
 
-def omitted_effects(subjects: Iterable[SwitchedScene], engines: Iterable[str], found: Found) -> Iterator[Check]:
+def omitted_effects(subjects: Iterable[SwitchedScene], engines: Iterable[str], ran: Found) -> Iterator[Check]:
     """Do straight chains omit only what has no effect? Differences divided by the largest change of force."""
     for engine, subject in product(engines, subjects):
-        one, other = (found[case, engine].trace for case in straight(subject))
+        one, other = (ran[case, engine].trace for case in straight(subject))
         change, place = float(residual(other, one).max()), "straight chain against one with lateral freedom in its tube"
         yield judged(subject.name, engine, OMITTED, change, tolerance("elements", "nothing"), place)
 
@@ -253,14 +253,12 @@ def in_tube(subject: SwitchedScene, seeds: int) -> dict[str, list[Case]]:
     return {friction: seeded(subject, side, seeds) for friction, side in TUBES.items()}
 
 
-def compare_codes(
-    subjects: Iterable[SwitchedScene], seeds: int, codes: Sequence[str], found: Found
-) -> Iterator[Between]:
+def compare_codes(subjects: Iterable[SwitchedScene], seeds: int, codes: Sequence[str], ran: Found) -> Iterator[Between]:
     """Comparison of every two codes on all scenes in the tube."""
     for subject in subjects:
         for friction, cases in in_tube(subject, seeds).items():
             for pair in combinations(codes, 2):
-                one, other = ([found[case, code] for case in cases] for code in pair)
+                one, other = ([ran[case, code] for case in cases] for code in pair)
                 yield _compared(subject.name, friction, one, other)
 
 

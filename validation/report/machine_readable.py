@@ -92,7 +92,7 @@ def as_json(
         "made_with": made,
         "unmet": unmet,
         "to_come": to_come,
-        "counts": {key: {kind: found[kind] for kind in (PASS, FAIL, NOT_RUN)} for key, found in counts.items()},
+        "counts": {key: {kind: verdicts[kind] for kind in (PASS, FAIL, NOT_RUN)} for key, verdicts in counts.items()},
         SCENES: [_scene(scene, row) for scene, row in zip(scenes, rows, strict=True)],
         CASES: [_row(row) for row in cases],
     }
@@ -101,13 +101,13 @@ def as_json(
 
 
 def _scene(scene: ComparedScene, row: ReportRow) -> dict[str, Any]:
-    case, found = scene.case, _row(row)
-    for engine, own in found["engines"].items():
+    case, entry = scene.case, _row(row)
+    for engine, of_engine in entry["engines"].items():
         if engine in scene.runs:
             run = scene.runs[engine]
-            own["run"] = {"folder": paths.shown(run.folder)} | _without(asdict(run.record), LEFT_OUT)
-        own["departure"] = scene.departures.get(engine)
-    return found | {
+            of_engine["run"] = {"folder": paths.shown(run.folder)} | _without(asdict(run.record), LEFT_OUT)
+        of_engine["departure"] = scene.departures.get(engine)
+    return entry | {
         "summary": case.summary,
         "source": source_of(case.scene),
         "time_step_s": case.scene.time_step_s,

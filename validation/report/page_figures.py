@@ -90,8 +90,9 @@ def read_figures(results: Path, to_come: Collection[str] = ()) -> dict[str, Any]
     Raises:
         InputError: a figure or its table is damaged.
     """
-    found = {name: _read_figure(results, name, caption) for name, caption in captions().items() if name not in to_come}
-    made = {name: each for name, each in found.items() if each["image"] or each["rows"]}
+    asked = {name: caption for name, caption in captions().items() if name not in to_come}
+    figures = {name: _read_figure(results, name, caption) for name, caption in asked.items()}
+    made = {name: item for name, item in figures.items() if item["image"] or item["rows"]}
     return {"made": [*made.values()], "missing": [name for name in captions() if name not in made]}
 
 
@@ -138,10 +139,10 @@ def scores_in(table: pd.DataFrame) -> dict[str, Any]:
     Deviations are in per cent of the computed speed by amplitude, root mean squares in standard errors.
     """
     table, rows = table[table["source"] == "score"], []
-    for modulus, own in table.groupby("modulus_MPa"):
-        large = own["force_N"] >= LARGE_N
-        rms = [np.sqrt((own["deviation_standard_errors"][which] ** 2).mean()) for which in (large, ~large)]
-        deviations = [f"{value:+.1f}" for value in own["deviation_pct"]]
+    for modulus, points in table.groupby("modulus_MPa"):
+        large = points["force_N"] >= LARGE_N
+        rms = [np.sqrt((points["deviation_standard_errors"][which] ** 2).mean()) for which in (large, ~large)]
+        deviations = [f"{value:+.1f}" for value in points["deviation_pct"]]
         rows.append([f"{modulus:g}", *deviations, *(f"{value:.1f}" for value in rms)])
     at = [f"{force:g} N" for force in table["force_N"].unique()]
     return {

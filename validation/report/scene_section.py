@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from drivers.base import paths
-from drivers.base.decks import Deck
 from drivers.base.errors import InputError
 from drivers.base.progress import in_words
 from drivers.chain.case import Case
@@ -94,10 +93,10 @@ def scene_row(scene: ComparedScene, runs: Path | None = None) -> ReportRow:
     for engine in in_order([*scene.runs, *scene.absent]):
         record = scene.runs[engine].record if engine in scene.runs else None
         cells[engine] = Cell(scene.of_engine(engine), record, scene.diagnoses.get(engine, ""))
-    own = scene.case.scene
+    source = scene.case.scene
     options = [*(["--runs", str(runs)] if runs else []), *engines_again()]
-    again = " ".join(["beads compare", source_of(own), *map(shlex.quote, options)])
-    return ReportRow(own.name, own.title or own.name, again, cells)
+    again = " ".join(["beads compare", source_of(source), *map(shlex.quote, options)])
+    return ReportRow(source.name, source.title or source.name, again, cells)
 
 
 def case_rows(claims: Mapping[str, Any]) -> list[ReportRow]:
@@ -116,19 +115,14 @@ def counted(rows: Iterable[ReportRow]) -> Counter[str]:
     return Counter(cell.verdict for row in rows for cell in row.cells.values())
 
 
-def failures_in(rows: Iterable[ReportRow]) -> list[tuple[ReportRow, str, Cell]]:
-    """Row, engine and cell of each failure."""
-    return [(row, engine, cell) for row in rows for engine, cell in row.cells.items() if cell.verdict == FAIL]
-
-
 def tolerances(scenes: Iterable[ComparedScene]) -> list[tuple[str, str, str, str]]:
     """Quantity, limits, scenes and reason of every applied tolerance; limits with the same reason share a row."""
     used: dict[tuple[str, str], list[Check]] = {}
     for check in (check for scene in scenes for check in scene.checks if not math.isnan(check.limit)):
         used.setdefault((check.quantity, check.reason), []).append(check)
     return [
-        (quantity, _limits_of(found), ", ".join(dict.fromkeys(each.scene for each in found)), reason)
-        for (quantity, reason), found in sorted(used.items())
+        (quantity, _limits_of(checks), ", ".join(dict.fromkeys(applied.scene for applied in checks)), reason)
+        for (quantity, reason), checks in sorted(used.items())
     ]
 
 
@@ -158,21 +152,21 @@ def overlay_of(case: Case, engine: str, trace: Trace, results: Path) -> dict[str
     """
     scene = case.scene
     overlay: dict[str, Any] = {"engine": engine, "image": None, "headings": HEADINGS}
-    own = scene.name.startswith("fit-")
-    fit = scene.folder if own else results / f"fit-{scene.name}"
+    is_fit = scene.name.startswith("fit-")
+    fit = scene.folder if is_fit else results / f"fit-{scene.name}"
     figure, fitted = fit / FITTED_PARAMETERS, fit / f"fit-{scene.name}.toml"
     parameters = image_of(figure.read_text(encoding="utf-8")) if figure.is_file() else None
-    fitted_scene = paths.shown(fitted) if parameters and not own else ""
+    fitted_scene = paths.shown(fitted) if parameters and not is_fit else ""
     overlay |= {"rows": [], "remarks": [], "problem": "", "far": None, "parameters": parameters, "fitted": fitted_scene}
     try:
-        curves, found, remarks = lay_over(*entries_of(scene, None, scene.file), case.layout, trace)
+        curves, misfits, remarks = lay_over(*entries_of(scene, None, scene.file), case.layout, trace)
     except InputError as error:  # the file was read before; it does not fit the run
         return overlay | {"problem": str(error)}
-    drawn = draw_overlay(case.layout, trace, engine, curves, found) if curves else None
+    drawn = draw_overlay(case.layout, trace, engine, curves, misfits) if curves else None
     image = image_of(svg_of(drawn.figure)) if drawn else None
-    known = [each for each in found if not math.isnan(each.errors_off)]
-    far = max(known, key=lambda each: abs(each.errors_off), default=None)
-    return overlay | {"image": image, "rows": misfit_rows(found), "remarks": remarks, "far": far}
+    known = [misfit for misfit in misfits if not math.isnan(misfit.errors_off)]
+    far = max(known, key=lambda misfit: abs(misfit.errors_off), default=None)
+    return overlay | {"image": image, "rows": misfit_rows(misfits), "remarks": remarks, "far": far}
 
 
 FORCE_RANGE = 2.0  # largest drawn force of a failed run, divided by the largest force of the finished runs
@@ -220,7 +214,7 @@ def section_of(scene: ComparedScene, results: Path, runs: Path | None = None) ->
         "case": case,
         "runs": finished,
         "timing": _timing(scene),
-        "judged": [(name, *own, _limits_of(filter(None, own))) for name, own in judged.items()],
+        "judged": [(name, *of_quantity, _limits_of(filter(None, of_quantity))) for name, of_quantity in judged.items()],
         "forces": _forces_picture(scene),
         "left_out": max(0, len(gauges_of(case.layout)) - MAX_GAUGES),
         "overlay": overlay_of(case, shown, trace, results) if trace and case.scene.measured else None,
@@ -232,10 +226,11 @@ def section_of(scene: ComparedScene, results: Path, runs: Path | None = None) ->
         ],
         "elements": [(element.name, "in" if element.modelled else "out", element.reason) for element in case.elements],
         "decks": [
-            (engine, file, text)
-            for engine, cell in row.cells.items()
-            if (cell.verdict == FAIL if engine in scene.absent else not load_engine(engine).in_repository)
-            for file, text in _written_deck(case, engine).files.items()
+            (name, file, text)
+            for name, cell in row.cells.items()
+            for engine in [load_engine(name)]
+            if (cell.verdict == FAIL if name in scene.absent else not engine.in_repository)
+            for file, text in engine.deck_by_hand(engine.render(case)).files.items()
         ],
     }
 
@@ -243,11 +238,11 @@ def section_of(scene: ComparedScene, results: Path, runs: Path | None = None) ->
 def _timing(scene: ComparedScene) -> str:
     """Time step, numbers of steps and samples, share of the stable step, and computing time, as a sentence."""
     own, records = scene.case.scene, [run.record for run in scene.runs.values()]
-    words = f"time step {own.time_step_s * 1e6:g} µs, {own.steps} steps, {own.samples} samples"
+    text = f"time step {own.time_step_s * 1e6:g} µs, {own.steps} steps, {own.samples} samples"
     for limit_s in [record.step_limit_s for record in records if record.step_limit_s][:1]:
-        words += f"; stable up to {limit_s * 1e6:.3g} µs, this run uses {100 * own.time_step_s / limit_s:.2g} % of that"
+        text += f"; stable up to {limit_s * 1e6:.3g} µs, this run uses {100 * own.time_step_s / limit_s:.2g} % of that"
     loops = [f"{record.engine} {in_words(record.loop_s)}" for record in records if record.loop_s is not None]
-    return words + (f"; computing time: {', '.join(loops)}" if loops else "")
+    return text + (f"; computing time: {', '.join(loops)}" if loops else "")
 
 
 def _forces_picture(scene: ComparedScene) -> Image | None:
@@ -256,11 +251,6 @@ def _forces_picture(scene: ComparedScene) -> Image | None:
     refused = {engine: part_in_range(scene.case, scene.refused[engine], traces) for engine in in_order(scene.refused)}
     figure = draw_gauge_forces(scene.case.layout, traces, refused) if traces or refused else None
     return image_of(svg_of(figure)) if figure else None
-
-
-def _written_deck(case: Case, name: str) -> Deck:
-    engine = load_engine(name)
-    return engine.deck_by_hand(engine.render(case))
 
 
 def part_in_range(case: Case, failed: Trace, finished: Mapping[str, Trace]) -> Trace:

@@ -30,13 +30,13 @@ from validation.chapters import (
     write_chapter,
     write_paper_figure,
 )
-from validation.checks import FAIL, NOT_RUN, PASS, Check, short, table
+from validation.checks import FAIL, NOT_RUN, PASS, short, table
 from validation.compare.answer import answer, display_name, listed
 from validation.compare.comparison import ComparedScene, run_and_compare_all
 from validation.compare.selection import EngineSelection, print_unmet
 from validation.report.machine_readable import as_json, made_with, when_made
 from validation.report.page_figures import read_figures, read_image
-from validation.report.scene_section import case_rows, counted, failures_in, section_of, tolerances
+from validation.report.scene_section import case_rows, counted, section_of, tolerances
 
 SUBJECT = "Strongly nonlinear waves in a chain of Teflon beads"
 PAPER = ("fig4", "fig5", "fig6b", "fig6d")
@@ -99,32 +99,25 @@ def report(
     failed = False
     for number, name in enumerate([*to_come], 2):
         options = Options(page.parent, folder, quick=name in QUICK_CHAPTERS)
-        with step(named(_title(name), options), number, steps):
+        chapter = None if name in captions() else load_chapter(name)
+        with step(named(chapter.title if chapter else captions()[name].title, options), number, steps):
             try:
-                _make(name, options)
+                if chapter is None:
+                    write_paper_figure(name, folder, page.parent)
+                else:
+                    write_chapter(chapter, chapter.measure(options), page.parent)
             except (RunError, InputError, OSError) as error:  # continue with the other parts
                 say(f"{name}: {error}")
                 failed = True
             to_come.remove(name)
             counts = write_report(compared, page, command, runs, unmet, to_come, sections)
         _announce(page, counts, to_come)
-    missed = [check for name in CHAPTERS if studies for check in _failed(name, page.parent)]
+    chapters = [load_chapter(name) for name in CHAPTERS if studies]
+    there = [chapter for chapter in chapters if (page.parent / f"{chapter.main_table}.csv").exists()]
+    missed = [check for chapter in there for check in chapter.failed(chapter.read(page.parent))]
     for line in table(missed) if missed else ():
         say(line)
     return 1 if print_unmet(unmet) or counts[FAIL] or missed or failed else 0
-
-
-def _title(part: str) -> str:
-    return captions()[part].title if part in captions() else load_chapter(part).title
-
-
-def _make(part: str, options: Options) -> None:
-    """Make a figure or a chapter."""
-    if part in captions():
-        write_paper_figure(part, options.runs, options.results)
-    else:
-        chapter = load_chapter(part)
-        write_chapter(chapter, chapter.measure(options), options.results)
 
 
 def _made(part: str, results: Path) -> bool:
@@ -137,11 +130,6 @@ def _made(part: str, results: Path) -> bool:
     except (InputError, OSError) as error:  # such as a folder in place of a file
         say(str(error))
         return False
-
-
-def _failed(name: str, results: Path) -> Sequence[Check]:
-    chapter = load_chapter(name)
-    return chapter.failed(chapter.read(results)) if (results / f"{chapter.main_table}.csv").exists() else ()
 
 
 def _announce(page: Path, counts: Counter[str], to_come: Sequence[str]) -> None:
@@ -181,7 +169,7 @@ def write_report(
     claims = sections.get("claims")
     cases = case_rows(claims or {})
     about = [section_of(scene, results, runs) for scene in scenes]
-    rows = [each["row"] for each in about]
+    rows = [described["row"] for described in about]
     engines = in_order(engine for row in (*rows, *cases) for engine in row.cells)
     verdicts = {row.name: {name: cell.verdict for name, cell in row.cells.items()} for row in cases}
     page = deck.render(
@@ -190,7 +178,9 @@ def write_report(
         answer=" ".join(answer(scenes, verdicts)),
         codes=listed([display_name(name) for name in engines if not load_engine(name).in_repository]),
         claims=claims,
-        failures=failures_in((*rows, *cases)),
+        failures=[
+            (row, engine, cell) for row in (*rows, *cases) for engine, cell in row.cells.items() if cell.verdict == FAIL
+        ],
         made=made,
         builds=[(name, build["version"], build["command"], build["sha256"]) for name, build in made["engines"].items()],
         unmet=unmet,

@@ -179,12 +179,8 @@ def measure_limits(subjects: Sequence[MeasuredChain], names: Sequence[str] | Non
     """
     names = installed_codes() if names is None else names
     predicted_s = [predicted_limit(subject.case.chain, float(subject.case.sample_times_s[-1])) for subject in subjects]
-    by_verlet = [
-        _scan(each, VERLET, bound_s, lambda case: gain(case, verlet_of(case)))
-        for each, bound_s in following(
-            zip(subjects, predicted_s, strict=True), "limits by verlet", len(subjects), "scene"
-        )
-    ]
+    pairs = following(zip(subjects, predicted_s, strict=True), "limits by verlet", len(subjects), "scene")
+    by_verlet = [_scan(chain, VERLET, bound_s, lambda case: gain(case, verlet_of(case))) for chain, bound_s in pairs]
     with counted("limits by codes", len(subjects) * len(names), "scene") as count:
         by_code = dict(execute(lambda name: _by_code(name, subjects, by_verlet, count), names))
     return [*by_verlet, *(limit for name in names for limit in by_code[name])]
@@ -235,10 +231,10 @@ def _scan(
     case, measured_s, bad_s = subject.case, nan, nan
     for step_s in predicted_s * SHARES[lowest <= SHARES]:
         with np.errstate(all="ignore"):
-            found = gain_at(case.sampled_at_every(step_s))
-        if lowest == LOWEST and found > BAD_GAIN and np.isnan(bad_s):
+            gained = gain_at(case.sampled_at_every(step_s))
+        if lowest == LOWEST and gained > BAD_GAIN and np.isnan(bad_s):
             bad_s = step_s
-        if found > UNSTABLE_GAIN:
+        if gained > UNSTABLE_GAIN:
             measured_s = step_s
             break
     criteria = {key: share * time(case) for key, (share, time) in zip(CRITERION_KEYS, CRITERIA.values(), strict=True)}

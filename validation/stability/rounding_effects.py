@@ -96,8 +96,8 @@ def horizons() -> Iterator[Horizon]:
 def _by_all(case: Case) -> dict[str, Trace]:
     """Traces of a case by the in-repo engines and by every installed code, in parallel."""
     engines = [VERLET, REFERENCE, *installed_codes()]
-    found = dict(execute(lambda name: compute(case, name).done, engines))
-    return {name: found[name] for name in engines}
+    traces = dict(execute(lambda name: compute(case, name).done, engines))
+    return {name: traces[name] for name in engines}
 
 
 def energy_of(scene: str, method: str, case: Case, trace: Trace) -> Energy:

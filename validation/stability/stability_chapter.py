@@ -30,9 +30,10 @@ from validation.stability.measured_limits import (
 )
 
 RANDOM_SCENES = 100
+ENERGY = "stability-energy"
 Part = tuple[str, Callable[[], Iterable[Any]]]  # words for progress lines, and the function that measures
 LONG_PARTS: dict[str, Part] = {
-    "stability-energy": ("energy over ten million steps", rounding_effects.energies),
+    ENERGY: ("energy over ten million steps", rounding_effects.energies),
     "stability-horizons": ("horizons of pairs of methods", rounding_effects.horizons),
     "stability-rounding": ("rounding of heights", rounding_effects.measure_rounding),
 }
@@ -74,7 +75,7 @@ def judge(tables: Tables) -> Iterator[Check]:
 def sentences(tables: Tables) -> list[str]:
     """Limits, extreme scenes and long runs in a sentence each."""
     said = [_on_limits(tables["stability"]), _on_extremes(tables["stability-extremes"])]
-    return [*said, _on_energy(tables["stability-energy"])] if "stability-energy" in tables else said
+    return [*said, _on_energy(tables[ENERGY])] if ENERGY in tables else said
 
 
 def _on_limits(limits: pd.DataFrame) -> str:
@@ -85,8 +86,8 @@ def _on_limits(limits: pd.DataFrame) -> str:
     same = int((wide.sub(wide[VERLET], axis=0).abs().max(axis=1) < 1e-9 * wide[VERLET]).sum())
     return (
         f"The measured limit of the time step is {ratio.min():.2f} to {ratio.max():.2f} times the predicted one, which"
-        f" {exceeded} ({len(ratio)} checks); {listed(methods)} become unstable at the same step of the scan on {same}"
-        f" of {len(wide)} scenes."
+        f" {exceeded} in {len(ratio)} measurements; {listed(methods)} become unstable at the same measured step"
+        f" on {same} of {len(wide)} scenes."
     )
 
 
@@ -107,8 +108,8 @@ def _on_energy(energy: pd.DataFrame) -> str:
 
 def _outcome(checks: pd.DataFrame) -> str:
     """Outcome of a scene on an engine; not accurate means an error above a general ceiling."""
-    found = {*checks["verdict"]}
-    return next((verdict for verdict in (FAIL, NOT_RUN, NOT_ACCURATE) if verdict in found), PASS)
+    verdicts = {*checks["verdict"]}
+    return next((verdict for verdict in (FAIL, NOT_RUN, NOT_ACCURATE) if verdict in verdicts), PASS)
 
 
 def figures(tables: Tables) -> dict[str, Picture]:
@@ -136,9 +137,10 @@ def draw_limits(limits: pd.DataFrame) -> Any:
         axis.axhline(1.0, color="black", lw=0.8)
         for key, label, colour, dashes in zip(CRITERION_KEYS, CRITERIA, COLOURS, DASHES, strict=True):
             axis.plot(x, verlet[key] / limit, color=colour, ls=dashes, lw=1.2, label=label)
-        for methods, own in _coinciding(part, "value", "measured_s", list(limits["method"].unique())):
-            share, mark = own["predicted_s"] / own["measured_s"], COINCIDING if methods[1:] else marker_of(methods[0])
-            axis.plot(own["value"], share, ls="", label=f"predicted: {listed(methods)}", **mark)
+        for methods, points in _coinciding(part, "value", "measured_s", list(limits["method"].unique())):
+            share = points["predicted_s"] / points["measured_s"]
+            mark = COINCIDING if methods[1:] else marker_of(methods[0])
+            axis.plot(points["value"], share, ls="", label=f"predicted: {listed(methods)}", **mark)
         axis.set(xscale="log", yscale="log", xlabel=group)
     grid[0].set_ylabel("step / measured limit")
     handles = {label: handle for axis in grid for handle, label in zip(*axis.get_legend_handles_labels(), strict=True)}
@@ -181,17 +183,12 @@ def draw_rounding(rounding: pd.DataFrame) -> Any:
     colours = pyplot().get_cmap("viridis")(0.9 * np.arange(len(heights)) / max(len(heights) - 1, 1))
     for colour, height in zip(colours[::-1], heights[::-1], strict=True):
         axis.plot(overlaps_m, 1.5 * np.spacing(max(height, 0.01)) / overlaps_m, lw=0.8, color=colour)
-        own = by_codes[by_codes["height_m"] == height]
-        for methods, points in _coinciding(own, "overlap_m", "error", list(by_codes["method"].unique())):
+        at_height = by_codes[by_codes["height_m"] == height]
+        for methods, points in _coinciding(at_height, "overlap_m", "error", list(by_codes["method"].unique())):
             mark = COINCIDING if methods[1:] else marker_of(methods[0])
             some = "" if len(methods) == by_codes["method"].nunique() else f", {listed(methods)}"
-            axis.plot(
-                points["overlap_m"],
-                points["error"],
-                ls="",
-                label=f"wall at {height:g} m{some}",
-                **mark | {"color": colour},
-            )
+            look = mark | {"color": colour, "ls": "", "label": f"wall at {height:g} m{some}"}
+            axis.plot(points["overlap_m"], points["error"], **look)
     axis.set(xscale="log", yscale="log", xlabel="overlap, m", ylabel="relative error of the force")
     axis.set_title("circles: all codes; lines: 3/2 of a unit in the last place, divided by the overlap", fontsize=7)
     figure.legend(fontsize=7, loc="outside right upper")
@@ -213,13 +210,9 @@ def section(tables: Tables) -> dict[str, Any]:
         ],
         "energy": [
             [f"{row.scene}, {row.method}", short(row.largest), f"{short(row.drift)} ± {short(row.drift_error)}"]
-            for row in _rows(tables, "stability-energy", rounding_effects.Energy)
+            for row in (rows_in(tables[ENERGY], rounding_effects.Energy) if ENERGY in tables else ())
         ],
     }
-
-
-def _rows(tables: Tables, name: str, kind: type[Any]) -> list[Any]:
-    return rows_in(tables[name], kind) if name in tables else []
 
 
 def _limit_row(scene: str, by_method: pd.DataFrame) -> list[str]:
@@ -247,10 +240,8 @@ def _micro(seconds: float) -> str:
 
 def _cell(checks: pd.DataFrame) -> dict[str, str]:
     """Outcome of a scene on an engine, its error of the force, and the reason for a missing run."""
-    missing, forces = (
-        checks[checks["quantity"] == RUN]["where"],
-        checks[checks["quantity"] == f"{ERROR}: {FORCE}"]["value"],
-    )
+    missing = checks[checks["quantity"] == RUN]["where"]
+    forces = checks[checks["quantity"] == f"{ERROR}: {FORCE}"]["value"]
     return {
         "verdict": _outcome(checks),
         "number": short(forces.iloc[0]) if len(forces) else "",
@@ -264,7 +255,7 @@ CHAPTER = Chapter(
     tables={
         "stability": Limit,
         "stability-extremes": Check,
-        "stability-energy": rounding_effects.Energy,
+        ENERGY: rounding_effects.Energy,
         "stability-horizons": rounding_effects.Horizon,
         "stability-rounding": rounding_effects.Rounded,
     },

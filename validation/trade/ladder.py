@@ -209,9 +209,9 @@ def errors_by_group(case: Case, trace: Trace, exact_motion: ExactMotion) -> dict
         "width": [name for name in of_kind(exact_motion.true, "width") if name.endswith("_4pct")],
     }
     single = (FORCE, ENERGY, MOMENTUM)
-    found = errors_of(case, trace, exact_motion, (*single, *chain(*groups.values())))
-    errors = {name: found[name] for name in single}
-    return errors | {group: max((found[name] for name in names), default=nan) for group, names in groups.items()}
+    measured = errors_of(case, trace, exact_motion, (*single, *chain(*groups.values())))
+    errors = {name: measured[name] for name in single}
+    return errors | {group: max((measured[name] for name in names), default=nan) for group, names in groups.items()}
 
 
 def start_up(case: Case, name: str) -> float:

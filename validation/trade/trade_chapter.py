@@ -67,20 +67,20 @@ def orders(rows: pd.DataFrame) -> dict[str, tuple[float, float]]:
     """Smallest and largest order of convergence of the force over the scenes, by method of second order."""
     fixed = done(rows).dropna(subset=["time_step_s"])
     straight = fixed[fixed["share_of_limit"].between(*STRAIGHT) & (fixed["method"] != ORDER_4)]
-    found: dict[str, list[float]] = defaultdict(list)
-    for (method, _), own in straight.groupby(["method", "scene"], sort=False):
-        if len(own) > 1:
-            found[str(method)].append(float(np.polyfit(np.log(own["time_step_s"]), np.log(own["force"]), 1)[0]))
-    return {method: (min(slopes), max(slopes)) for method, slopes in found.items()}
+    by_method: dict[str, list[float]] = defaultdict(list)
+    for (method, _), part in straight.groupby(["method", "scene"], sort=False):
+        if len(part) > 1:
+            by_method[str(method)].append(float(np.polyfit(np.log(part["time_step_s"]), np.log(part["force"]), 1)[0]))
+    return {method: (min(slopes), max(slopes)) for method, slopes in by_method.items()}
 
 
 def advice(rows: pd.DataFrame) -> Iterator[Advice]:
-    """Largest steps by scene, method, quantity and error; no error counts that is larger at a smaller step."""
-    for (scene, method), own in done(rows).groupby(["scene", "method"], sort=False):
+    """Largest step by scene, method and quantity that keeps an error, as all smaller measured steps do."""
+    for (scene, method), ladder in done(rows).groupby(["scene", "method"], sort=False):
         for quantity in QUANTITIES:
-            largest = own[quantity].fillna(inf).cummax()  # so that no error is small by chance
+            largest = ladder[quantity].fillna(inf).cummax()  # so that no error is small by chance
             for target in TARGETS:
-                good = own[largest <= target].tail(1)
+                good = ladder[largest <= target].tail(1)
                 for step_s, loop_s, error in good[["time_step_s", "loop_s", quantity]].itertuples(index=False):
                     yield Advice(str(scene), quantity, target, str(method), step_s, loop_s, error)
 
@@ -117,8 +117,8 @@ def _usual(advised: pd.DataFrame, scene: str) -> pd.DataFrame:
 
 def figures(tables: Tables) -> dict[str, Picture]:
     """Error of the force against time, for all scenes."""
-    words = "Largest error of the force against the time of the loop, by scene"
-    return {"trade": (words, partial(draw_trade, tables["trade"]))}
+    caption = "Largest error of the force against the time of the loop, by scene"
+    return {"trade": (caption, partial(draw_trade, tables["trade"]))}
 
 
 def draw_trade(rows: pd.DataFrame) -> Any:
@@ -130,9 +130,9 @@ def draw_trade(rows: pd.DataFrame) -> Any:
     axes = figure.subplot_mosaic(places)
     shown = done(rows[rows["force"] > 0])
     for scene, axis in axes.items():
-        own = shown[shown["scene"] == scene]
-        for method in in_order(own["method"]):
-            points = own[own["method"] == method]
+        of_scene = shown[shown["scene"] == scene]
+        for method in in_order(of_scene["method"]):
+            points = of_scene[of_scene["method"] == method]
             style = line_of(method)
             look = LOOK if method == ORDER_4 else {"color": style.colour, "ls": style.dashes, "marker": style.marker}
             axis.plot(points["loop_s"], points["force"], ms=3.5, lw=0.9, label=method, **look)
@@ -162,17 +162,15 @@ def section(tables: Tables) -> dict[str, Any]:
         "short": not set(SCENES) <= set(rows["scene"]),
         "targets": [_power(target) for target in SHOWN_TARGETS],
         "advice": [
-            [f"{scene}, {QUANTITIES[quantity]}", *map(_time, kept_s), _cheapest_code(advised, scene)]
+            [
+                f"{scene}, {QUANTITIES[quantity]}",
+                *map(_time, kept_s),
+                next(iter(_usual(by_codes, scene)["method"]), "–"),
+            ]
             for (scene, quantity), *kept_s in shown.itertuples()
         ],
         "softened": [[setting, short(error), f"{gain:.1f}"] for setting, error, gain in worst.itertuples()],
     }
-
-
-def _cheapest_code(advised: pd.DataFrame, scene: str) -> str:
-    """Code with the shortest loop at a usual error of the force."""
-    by_codes = [name for name in _usual(advised, scene)["method"] if name in codes()]
-    return by_codes[0] if by_codes else "–"
 
 
 def _power(error: float) -> str:

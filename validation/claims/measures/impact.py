@@ -32,7 +32,7 @@ def measure(case: Case, trace: Trace) -> dict[str, float]:
     if trace.height_m is None or trace.velocity_m_s is None:
         raise ValueError("no state recorded; set run.record to forces and state")
     overlap = overlaps(case.chain, trace.height_m)[:, contact]
-    strongest, deepest = (peak_in(trace.time_s, each, "the force has no maximum") for each in (force, overlap))
+    strongest, deepest = (peak_in(trace.time_s, signal, "the force has no maximum") for signal in (force, overlap))
     values = {"peak_force_N": strongest.value, "peak_overlap_m": deepest.value}
     values["restitution"] = -_closing(trace.velocity_m_s[-1], contact) / _closing(trace.velocity_m_s[0], contact)
     if not case.chain.damped:

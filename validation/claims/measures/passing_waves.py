@@ -65,10 +65,10 @@ def forces(mass: Array, stiffness: Array, overlap: Array, velocity_down: Array, 
 
     time = np.linspace(0.0, duration, int(SAMPLES_PER_UNIT * duration) + 2)
     start = np.concatenate([overlap, velocity_down])
-    found = solve_ivp(rates, (0.0, duration), start, "DOP853", time, rtol=TOLERANCE, atol=TOLERANCE)
-    if not found.success:
-        raise ArithmeticError(f"scipy's DOP853: {found.message}")
-    return time, force_of(found.y[:bodies].T)
+    solution = solve_ivp(rates, (0.0, duration), start, "DOP853", time, rtol=TOLERANCE, atol=TOLERANCE)
+    if not solution.success:
+        raise ArithmeticError(f"scipy's DOP853: {solution.message}")
+    return time, force_of(solution.y[:bodies].T)
 
 
 def forces_of(chain: Chain, duration_s: float) -> tuple[Array, Array]:
