@@ -72,15 +72,14 @@ def test_processes_are_killed_only_within_all_stopped(tmp_path: Path) -> None:
 @pytest.mark.long
 def test_simultaneous_runs_of_one_case_share_a_folder(scene_file: SceneWriter, tmp_path: Path) -> None:
     """In processes and in threads; all can read it meanwhile."""
-    path = scene_file()
-    words = [*map(str, (*BEADS, "run", path, "--engine", VERLET, "--runs", tmp_path / "runs"))]
-    processes = [subprocess.Popen(words, stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    path, runs = scene_file(), tmp_path / "runs"
+    words = [*map(str, (*BEADS, "run", path, "--engine", VERLET, "--runs", runs))]
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
     with ThreadPoolExecutor(3) as pool:
-        ended = [pool.submit(run_case, case_of(path), VERLET, tmp_path / "runs") for _ in range(3)]
-        folders = {run.result().folder for run in ended if len(open_run(run.result().folder).trace.time_s) == 301}
-    folders |= {Path(process.communicate(timeout=100)[0].strip()) for process in processes}
-    assert [process.returncode for process in processes] == [0, 0]
-    assert folders == {*(tmp_path / "runs" / VERLET).iterdir()}
+        ended = [*pool.map(lambda _: run_case(case_of(path), VERLET, runs), range(3))]
+    assert {len(open_run(run.folder).trace.time_s) for run in ended} == {301}
+    folders = {run.folder for run in ended} | {Path(process.communicate(timeout=100)[0].strip())}
+    assert (process.returncode, folders) == (0, {*(runs / VERLET).iterdir()})
     assert len(folders) == 1
 
 

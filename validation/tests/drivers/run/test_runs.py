@@ -7,20 +7,27 @@ import numpy as np
 import pandas as pd
 
 from drivers.run.run import run_case, run_many
-from drivers.run.run_folder import SENSORS, open_run
+from drivers.run.run_folder import FORCES, RECORD, SENSORS, open_run
 from validation.accuracy.assess import assess
 from validation.tests.helpers.runs import assessed, finished
 from validation.tests.helpers.scenes import SceneWriter, case_of
 
 
 def test_done_run_is_found_again_under_any_name(scene_file: SceneWriter, tmp_path: Path) -> None:
-    first = run_case(case_of(scene_file("one")), "verlet", tmp_path)
-    stamp = (first.folder / "forces.parquet").stat().st_mtime_ns
-    again = run_case(case_of(scene_file("two")), "verlet", tmp_path)
-    assert again.folder == first.folder
-    assert (again.folder / "forces.parquet").stat().st_mtime_ns == stamp
-    assert again.record.scene_name == "two"
-    anew = run_case(case_of(scene_file("two")), "verlet", tmp_path, rerun=True)
+    """It is assessed once for each scene."""
+    case, other = case_of(scene_file("one")), case_of(scene_file("two"))
+    first = run_case(case, "verlet", tmp_path)
+    assert (first.record.error_budget, first.record.warnings, first.has_sensors) == (None, None, False)
+    once = assess(first, case)
+    assert once.record.error_budget
+    files = [first.folder / name for name in (FORCES, RECORD)]
+    stamps = [file.stat().st_mtime_ns for file in files]
+    assert assess(run_case(case, "verlet", tmp_path), case).record.error_budget == once.record.error_budget
+    assert [file.stat().st_mtime_ns for file in files] == stamps
+    again = run_case(other, "verlet", tmp_path)
+    assert (again.folder, again.record.scene_name, again.record.error_budget) == (first.folder, "two", None)
+    assert files[0].stat().st_mtime_ns == stamps[0]
+    anew = run_case(other, "verlet", tmp_path, rerun=True)
     assert anew.folder.name.startswith("two-")
     assert not first.folder.exists()
 
@@ -73,21 +80,6 @@ def test_scenes_that_differ_in_gauges_share_a_run(scene_file: SceneWriter, tmp_p
     again = run_case(cases[0], "verlet", tmp_path, rerun=True)
     assert not run_case(cases[1], "verlet", tmp_path, rerun=True, limit_s=1e-6).done
     assert all((folder / SENSORS).read_bytes() == signals[folder] for folder in {*signals} - {again.folder})
-
-
-def test_run_is_assessed_once_for_each_scene(scene_file: SceneWriter, tmp_path: Path) -> None:
-    case = case_of(scene_file("one"))
-    bare = run_case(case, "verlet", tmp_path)
-    assert (bare.record.error_budget, bare.record.warnings) == (None, None)
-    assert not (bare.folder / SENSORS).exists()
-    once = assess(bare, case)
-    assert once.record.error_budget
-    stamp = (bare.folder / "run.json").stat().st_mtime_ns
-    assert assess(run_case(case, "verlet", tmp_path), case).record.error_budget == once.record.error_budget
-    assert (bare.folder / "run.json").stat().st_mtime_ns == stamp
-    other = run_case(case_of(scene_file("two")), "verlet", tmp_path)
-    assert other.folder == bare.folder
-    assert other.record.error_budget is None
 
 
 def test_weak_impact_under_gravity_is_no_instability(scene_file: SceneWriter, tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 import time
 from pathlib import Path
-from random import Random
 
 import pytest
 
@@ -52,12 +51,7 @@ BAD = [
     ("chain.bead=[{from_wall='1-999999999', mass='1 g'}]", "chain.bead.0.from_wall", '"1-999999999"', ""),
     (f"chain.pattern=[{'{}, ' * 22}]", "chain.pattern", "22 members", "1 to 21"),
     ("chain.taper=0.1", "chain.taper", "", "a ratio closer to 1, or fewer beads"),
-    (
-        "chain={count=9, material='ptfe', diameter='2 mm', taper=0.9, taper_to='1 mm'}",
-        "",
-        "both taper and taper_to",
-        "",
-    ),
+    ("chain={count=9,material='ptfe',diameter='2 mm',taper=0.9,taper_to='1 mm'}", "", "both taper and taper_to", ""),
     ("chain.angle=91 deg", "chain.angle", "91 deg", "0, or from 1e-09 to 90 deg"),
     ("chain.count.x=1", "chain.count.x", "unknown key", "only tables and lists have keys"),
     ("chain.count=" + "1" * 5000, "chain.count", "111", "a whole number"),
@@ -127,20 +121,10 @@ def test_scene_that_needs_a_billion_steps_is_refused_within_seconds(setting: str
     assert time.process_time() - began < 3, "about 0.2 s; 16 s if the whole motion is integrated"
 
 
-def test_message_is_one_short_line() -> None:
-    """Messages stay short and printable for parts of any length and content; short parts are kept whole."""
-    random = Random(17)
-    for _ in range(30):
-        where, key, found, allowed = (
-            "".join(random.choices("ab /.\n\x1b\u2028", k=int(10 ** random.uniform(0, 5)))) for _ in range(4)
-        )
-        message = str(InputError(where, key, found, allowed))
-        assert len(message) <= 270
-        assert len(message.splitlines()) == 1
-        assert message.isprintable()
-        assert "found " in message
-    whole = str(InputError("a" * 4000, "chain.mass", "1 mm", "a mass"))
-    assert whole.endswith("chain.mass: found 1 mm; allowed: a mass")
+def test_short_parts_of_a_message_are_kept_whole() -> None:
+    message = str(InputError("a" * 4000, "chain.mass", "1 mm", "a mass"))
+    assert len(message) <= 270
+    assert message.endswith("chain.mass: found 1 mm; allowed: a mass")
 
 
 def test_all_problems_of_a_scene_are_listed_on_one_line() -> None:
@@ -154,7 +138,7 @@ def test_all_problems_of_a_scene_are_listed_on_one_line() -> None:
     assert_in_order(
         message_of("fig4", "chain.sensors.0.from_wall=22", "striker.diameter=", "run.record=['state']"),
         "3 problems: (1) run.record",
-        "(2) chain.sensors.0",
+        "(2) chain.sensors.0.from_wall: found 22; allowed: 1 to 21",
         "(3) striker.diameter: missing",
     )
     entries = ", ".join("{from_wall='%s'}" % ("x" * 300) for _ in range(100))
@@ -215,11 +199,9 @@ def test_bad_command_ends_with_code_two_and_one_line(tmp_path: Path, words: tupl
 def test_control_characters_do_not_reach_the_terminal(scene_file: SceneWriter, tmp_path: Path) -> None:
     """Titles, names of files, and folders on standard output."""
     signs = ("\x1b[31m", "\x9b31m", "\u202e", "\u2066", "\x00", "\r")
-    titles = ["".join(f"\\u{ord(letter):04x}" for letter in sign) for sign in signs]
-    titled = [scene_file(f"titled{place}", top=f'title = "fine{title}"') for place, title in enumerate(titles)]
-    odd = "odd" + "".join(signs).replace("\0", "")
-    refused = [beads("plan", scene) for scene in titled]
-    refused += [beads(name, titled[0]) for name in ("run", "compare", "draw")]
+    title = "".join(f"\\u{ord(letter):04x}" for letter in "".join(signs))
+    titled, odd = scene_file("titled", top=f'title = "fine{title}"'), "odd" + "".join(signs).replace("\0", "")
+    refused = [beads(name, titled) for name in ("plan", "run", "compare", "draw")]
     refused += [beads("plan", f"{tmp_path}/{odd}.toml")]
     assert {(ended.returncode, ended.stderr.count("\n")) for ended in refused} == {(2, 1)}
     plain, runs = scene_file("plain", duration="20 us"), ("--runs", tmp_path / odd)

@@ -68,7 +68,6 @@ def dump(*settings: str, scene: str = "fig4") -> dict[str, Any]:
         ("gravity=0 m/s^2", "chain.count=60", "seed=7", "wall.material=steel"),
         ('run.record=["forces", "state"]', "contact.rotation=false"),
         ("wall=", "tube=", "striker="),
-        ('chain.sensors=[{from_wall=3, mass="0.1 g"}]', 'chain.bead=[{from_wall=1, gap_below="1 um"}]'),
         ("chain.sensors.0.mass=0.117 g", "chain.lateral_offset=30 um"),
     ],
 )
