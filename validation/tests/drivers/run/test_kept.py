@@ -3,6 +3,7 @@
 import subprocess
 import sys
 from collections.abc import Iterator
+from itertools import count
 from pathlib import Path
 
 import pytest
@@ -48,12 +49,13 @@ def test_altered_entry_is_computed_again(capsys: pytest.CaptureFixture[str]) -> 
 def test_other_sources_and_inputs_compute_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(paths, "ROOT", tmp_path)
     monkeypatch.setattr(paths, "INPUTS", tmp_path / "inputs")
+    numbers = count()
     for number, name in enumerate(("validation/reference/law.py", "inputs/scenes/a.toml", "inputs/scenes/b.toml")):
-        assert kept([], lambda number=number: number) == kept([], lambda: -1) == number
+        assert kept([], lambda: next(numbers)) == kept([], lambda: -1) == number
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("k = 1")
         _forget()
-    assert kept([], lambda: 3) == 3
+    assert kept([], lambda: next(numbers)) == 3
 
 
 def test_without_a_writable_folder_results_are_computed() -> None:
