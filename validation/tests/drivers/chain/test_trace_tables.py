@@ -10,8 +10,6 @@ import pyarrow.parquet as pq
 import pytest
 
 import postproc
-from drivers.base.errors import InputError
-from drivers.chain import trace as traces
 from drivers.chain.trace import MAX_COLUMNS, Trace, finite_part, forces_table, state_in, state_table, trace_in
 from drivers.run.run_folder import open_run
 from validation.tests.helpers.runs import finished
@@ -54,20 +52,6 @@ def test_a_long_chain_is_kept_in_a_list_a_sample(tmp_path: Path) -> None:
     assert forces.columns[MAX_COLUMNS] == f"contact_{MAX_COLUMNS + 1}_N"
     assert np.array_equal(forces["contact_2_N"], stored.trace.force_N[:, 1])
     assert stored.state.place_m.shape == (3, MAX_COLUMNS + 1, 3)
-
-
-def test_more_samples_than_memory_are_refused() -> None:
-    message = r"run.sample_interval: found 800 samples of 1000001 contacts; .* at most 100,000,000"
-    with pytest.raises(InputError, match=message):
-        case_of("fig4", "chain.count=1000000")
-
-
-def test_energies_do_not_depend_on_the_parts_in_which_they_are_computed(monkeypatch: pytest.MonkeyPatch) -> None:
-    chain = case_of("fig4").chain
-    moved = 1e-6 * np.random.default_rng(1).random((50, chain.bodies))
-    whole = traces.potential_energy_change(chain, moved)
-    monkeypatch.setattr(traces, "CACHED_VALUES", 3 * chain.bodies)
-    assert np.allclose(traces.potential_energy_change(chain, moved), whole, rtol=1e-12, atol=0)
 
 
 def test_only_finite_samples_of_a_failed_run_are_kept() -> None:

@@ -10,13 +10,11 @@ from scipy.optimize import brentq
 
 from drivers.base.errors import InputError
 from drivers.chain.case import Case
-from drivers.chain.chain import AT_REST, Array
+from drivers.chain.chain import AT_REST
 from drivers.chain.contact_law import conformity, hertz_stiffness
 from drivers.chain.lateral import Lateral
 from drivers.chain.schemes import verlet_of
-from drivers.limits.refusal import inability
 from drivers.run.run import run_case
-from drivers.run.run_folder import EndedRun
 from postproc.read.observables import observe
 from validation.accuracy.budget import budget_of
 from validation.checks import PASS
@@ -25,18 +23,6 @@ from validation.tests.helpers.scenes import case_of
 
 CODES = ("liggghts", "yade")
 STATE = "run.record=['forces', 'state']"
-
-
-def state_of(run: EndedRun, name: str) -> Array:
-    """Columns of the state file, such as ``x_m``. Shape (samples, bodies)."""
-    table = pd.read_parquet(run.folder / "state.parquet")
-    return table[[f"body_{j}_{name}" for j in range(1, run.record.bodies + 1)]].to_numpy()
-
-
-def bore_of(run: EndedRun) -> Array:
-    """Forces of the bore. Shape (samples, bodies)."""
-    table = pd.read_parquet(run.folder / "forces.parquet")
-    return table[[f"bore_{j}_N" for j in range(1, run.record.bodies + 1)]].to_numpy()
 
 
 def lateral_of(case: Case) -> Lateral:
@@ -114,31 +100,16 @@ def elliptic(radius_m: float, bore_m: float) -> float:
     return float(np.pi * np.sqrt(integral(3, 1, ratio) / across) / integral(1, 1, ratio) ** 1.5 / np.sqrt(radius_m))
 
 
-def test_a_bore_contact_is_2_54_times_as_stiff_as_a_flat() -> None:
+def test_contact_with_the_bore_is_the_elliptic_one() -> None:
+    """Of a bead in a bore 5 % wider it is 2.54 times as stiff as on a flat."""
     for radius, bore, ratio in ((2.38e-3, 2.5e-3, 2.54), (1.19e-3, 1.25e-3, 2.54), (1e-3, 1e4, 1)):
         assert elliptic(radius, bore) == pytest.approx(ratio, rel=2e-3)
         assert conformity(radius, bore) == pytest.approx(elliptic(radius, bore), rel=1e-8)
-
-
-def test_contact_with_the_bore_is_the_elliptic_one() -> None:
-    case = case_of(
-        "fig6b-tube", "chain.count=1", "chain.sensors=[]", "chain.lateral_offset=", "striker=", "wall=", "gravity=",
-        "contact.friction=0", "tube.friction=0", "chain.bead=[{from_wall=1, lateral_velocity='1 m/s'}]",
-        "run.duration=0.3 ms", "run.time_step=20 ns",
-    )  # fmt: skip
-    trace, tube, ptfe = verlet_of(case), case.scene.tube, case.scene.materials["ptfe"]
-    assert tube is not None
-    assert trace.across_m is not None
-    assert trace.bore_N is not None
-    radius, bore = case.scene.chain.diameter / 2, tube.inner_diameter / 2
-    expected = elliptic(radius, bore) * hertz_stiffness(ptfe, radius, ptfe, np.inf)
-    overlap, force = np.maximum(np.abs(trace.across_m[:, 0, 0]) + radius - bore, 0.0), trace.bore_N[:, 0]
-    assert (overlap > 0).sum() > 20
-    assert np.abs(force - expected * overlap**1.5).max() < 1e-8 * force.max()
-    # at the largest overlap the contact has all the energy
-    energy = 0.5 * case.chain.mass_kg[0]
-    assert force.max() == pytest.approx(expected * (2.5 * energy / expected) ** 0.6, rel=1e-3)
-    assert np.abs(trace.total_energy_J / energy - 1).max() < 1e-4
+    case = case_of("fig4-tube")
+    bore_contact, ptfe, radius = lateral_of(case).bore, case.scene.materials["ptfe"], case.scene.chain.diameter / 2
+    assert bore_contact is not None
+    flat = hertz_stiffness(ptfe, radius, ptfe, np.inf)
+    assert bore_contact.stiffness == pytest.approx(elliptic(radius, bore_contact.radius_m) * flat, rel=1e-8)
 
 
 SHORT_CHAIN = ("chain.count=6", "chain.sensors=[]", "run.duration=0.15 ms", STATE)
@@ -147,18 +118,13 @@ SCENES = {
         "chain.bead=[{from_wall=2, diameter='4.6 mm', velocity='0.5 m/s'}, {from_wall=3, material='steel', "
         "mass='0.3 g'}, {from_wall=5, mass='0.1 g', material='glass', gap_below='3 um', lateral_velocity='3 m/s'}]",
     ),
-    "pressed, raised, damped": (
-        "chain.precompression=5 N", "tube.friction=0.3", "chain.origin=1 m", "contact.restitution=0.9",
+    "pressed, raised, damped, flat striker, rough bore": (
+        "chain.precompression=5 N", "tube.friction=0.4", "chain.origin=1 m", "contact.restitution=0.9",
+        "striker.shape=flat", "striker.diameter=", "tube.top=1.028 m", "contact.friction=0",
     ),
     "weightless, wide striker": (
         "gravity=", "wall.material=rigid", 'chain.lateral_offset="110 um"', "striker.diameter=6 mm",
         "striker.mass=0.2 g", "tube.top=29 mm",
-    ),
-    "flat striker, rough bore": (
-        "striker.shape=flat", "striker.diameter=", "tube.top=28 mm", "contact.friction=0", "tube.friction=0.4",
-    ),
-    "a bead leaves a chain without tube": (
-        "tube=", "chain.lateral_offset=", "chain.bead=[{from_wall=3, lateral_velocity='50 m/s'}]", "run.duration=1 ms",
     ),
 }  # fmt: skip
 
@@ -171,10 +137,8 @@ def test_codes_agree_with_the_integrator(name: str, shared_runs: Path) -> None:
         run = finished(case, engine, shared_runs)
         assert {check.verdict for check in budget_of(case, engine, run.trace).checks} == {PASS}
         assert run.record.warnings == []
-        if case.scene.tube is None:
-            assert 0.04 < state_of(run, "x_m")[-1, 2] < 0.05
-        else:
-            assert bore_of(run).max() > 0
+        assert run.trace.bore_N is not None
+        assert run.trace.bore_N.max() > 0
 
 
 def test_run_files_contain_sideways_motion_and_bore_forces(shared_runs: Path) -> None:
@@ -188,7 +152,7 @@ def test_run_files_contain_sideways_motion_and_bore_forces(shared_runs: Path) ->
     names = ["height_m", "velocity_m_s", *motion, *(f"spin_{axis}_rad_s" for axis in "xyz")]
     assert set(state) == {"time_s"} | {f"body_{j}_{name}" for j in bodies for name in names}
     assert not np.isnan(state.to_numpy()).any()
-    momentum = state_of(run, "velocity_m_s") @ case.chain.mass_kg
+    momentum = state[[f"body_{j}_velocity_m_s" for j in bodies]].to_numpy() @ case.chain.mass_kg
     assert forces["momentum_N_s"].to_numpy() == pytest.approx(momentum, rel=1e-12)
     assert observe(run.layout, run.trace)["impulse_imbalance_share"] < 1e-4
 
@@ -198,11 +162,3 @@ def test_a_run_fails_if_the_striker_hits_the_tube(tmp_path: Path) -> None:
     assert not ended.done
     assert ended.record.reason.startswith("at t = ")
     assert "the striker comes down to the end of the tube" in ended.record.reason
-
-
-def test_the_reference_refuses_a_tube_by_name() -> None:
-    problem = str(inability(case_of("fig4-tube"), "reference"))
-    assert (
-        "lateral freedom, tube, friction, rotation; allowed: an engine that models it: liggghts, verlet, yade"
-        in problem
-    )

@@ -11,12 +11,10 @@ import pytest
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
 from drivers.base.processes import run_command
-from drivers.engines import installed, installed_codes, load_engine
+from drivers.engines import installed, load_engine
 from drivers.run.build import build_of
 from drivers.run.run import run_case
-from postproc.read.residual import residual
 from validation.tests.helpers.commands import beads
-from validation.tests.helpers.runs import finished, need
 from validation.tests.helpers.scenes import EnginesWriter, SceneWriter, StandIn, case_of
 
 OWN_ADAPTER = """
@@ -28,40 +26,32 @@ ENGINE = replace(load_engine("verlet"), integrate=None, version=lambda command: 
 """
 
 
-def test_wrong_build_of_the_same_version_gets_its_own_run(
-    stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path
+def test_another_build_of_the_same_version_gets_its_own_run(
+    engines_file: EnginesWriter, scene_file: SceneWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The other build makes the beads softer and passes everything else to the real one, including ``--version``."""
-    need("liggghts")
-    case = case_of(scene_file(duration="0.1 ms"))
-    right = finished(case, "liggghts", tmp_path)
-    softer = "for deck in chain.*; do [ -e $deck ] && sed -i s/1460000000/1459990000/ $deck; done"
-    stand_in("liggghts", f'{softer}\nexec {shutil.which("liggghts")} "$@"\n')
-    wrong = run_case(case, "liggghts", tmp_path)
-    assert wrong.folder != right.folder
-    assert wrong.record.engine_version == right.record.engine_version
-    assert wrong.record.build_sha256 != right.record.build_sha256
-    assert wrong.record.executable == str(tmp_path / "bin" / "liggghts")
-    assert residual(wrong.trace, right.trace).max() > 1e-6
-
-
-def test_deck_and_its_record_carry_the_command_of_the_entry(
-    engines_file: EnginesWriter, scene_file: SceneWriter, tmp_path: Path
-) -> None:
-    """Typed by hand, the first line starts the registered program; of several commands the first that is installed."""
-    (tmp_path / "mine.py").write_text(OWN_ADAPTER)
-    entry = '[other]\nadapter = "lammps"\ncommand = "mpirun -np 1 /opt/own/lmp"\n'
-    engines_file(f'{entry}[mine]\nadapter = "mine.py"\ncommand = ["no-such-program", "env A=1 {sys.executable}"]\n')
+    """Deck and record carry the command of the entry, the first that is installed; another adapter is another build."""
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "yade.py").write_text(f"{OWN_ADAPTER}\n# {name}\n")
+    (tmp_path / "start").write_text(f'#!/bin/sh\nexec {sys.executable} "$@"\n')
+    (tmp_path / "start").chmod(0o755)
+    entry = '[mine]\nadapter = "{}/yade.py"\ncommand = ["no-such-program", "env A=1 ./start"]\n'
+    engines_file(entry.format("one"))
     assert installed(["mine"]) == ("mine",)
-    other = load_engine("other")
-    deck = other.render(case_of("fig4"))
-    by_hand = other.deck_by_hand(deck).files
-    assert by_hand["chain.in"].startswith("# stdbuf -oL mpirun -np 1 /opt/own/lmp -in chain.in\n")
-    assert [*by_hand] == [*deck.files]
-    run = run_case(case_of(scene_file(duration="20 us")), "mine", tmp_path / "runs")
-    assert run.record.command == f"env A=1 {sys.executable} -m validation.reference chain.json"
-    assert run.record.executable == f"{shutil.which('env')} A=1 {sys.executable}"
-    assert run.record.command in (run.folder / "chain.json").read_text().partition("\n")[0]
+    assert load_engine("yade").program == "yade"
+    case = case_of(scene_file(duration="20 us"))
+    first = run_case(case, "mine", tmp_path / "runs")
+    assert first.record.command == f"env A=1 {tmp_path}/start -m validation.reference chain.json"
+    assert first.record.command in (first.folder / "chain.json").read_text().partition("\n")[0]
+    assert first.record.executable == f"{shutil.which('env')} A=1 {tmp_path}/start"
+    with (tmp_path / "start").open("a") as script:
+        script.write("# another\n")
+    second = run_case(case, "mine", tmp_path / "runs")
+    (tmp_path / "other.toml").write_text(entry.format("two"))
+    monkeypatch.setenv(paths.ENGINES_VARIABLE, str(tmp_path / "other.toml"))
+    third = run_case(case, "mine", tmp_path / "runs")
+    assert len({run.folder for run in (first, second, third)}) == 3
+    assert {run.record.engine_version for run in (first, second, third)} == {"mine 1.0"}
 
 
 INSIDE = 'echo "LIGGGHTS (Version 1)" # '
@@ -72,12 +62,9 @@ LIBRARY = next(line.split()[-1] for line in Path("/proc/self/maps").read_text().
     "wrapper",
     [
         'inside "$@"',
-        "exec env A=1 inside",
-        'exec "$(dirname "$0")/bin/inside" "$@"',
         "exec {folder}/aside/bin/inside",
         "export D={folder}\nexec ${{D}}/bin/inside",
         '"$(dirname "$0")/once-more"',
-        ". {folder}/bin/inside",
         '#!{python}\nimport subprocess, sys\nsys.exit(subprocess.call(["inside", *sys.argv[1:]]))',
         "export LD_LIBRARY_PATH={folder}/bin; exec {python} -c 'import math; print(\"LIGGGHTS (Version 1)\")'",
     ],
@@ -104,23 +91,19 @@ def test_program_that_a_script_starts_is_part_of_the_build(
     assert before.version == "LIGGGHTS (Version 1)"
 
 
-def test_variables_are_passed_on_by_name(engines_file: EnginesWriter, stand_in: StandIn, tmp_path: Path,
-                                         monkeypatch: pytest.MonkeyPatch) -> None:  # fmt: skip
+def test_variables_are_passed_on_by_name(
+    engines_file: EnginesWriter, stand_in: StandIn, monkeypatch: pytest.MonkeyPatch
+) -> None:
     stand_in("teller", 'echo "LIGGGHTS (Version $MODULE_ONE $OTHER"')
     monkeypatch.setenv("MODULE_ONE", "one")
     monkeypatch.setenv("OTHER", "two")
     engines_file('[mine]\nadapter = "liggghts"\ncommand = "teller"\nvariables = ["MODULE_*"]\n')
-    engine = load_engine("mine")
-    command = engine.find()
-    assert command is not None
-    run_command(command, tmp_path, 10.0, **engine.environment)
-    assert (tmp_path / "stdout.txt").read_text() == "LIGGGHTS (Version one \n"
-    before = build_of(engine)
+    before = build_of(load_engine("mine"))
     assert before.version == "LIGGGHTS (Version one"
     monkeypatch.setenv("OTHER", "three")
-    assert build_of(engine) == before
+    assert build_of(load_engine("mine")) == before
     monkeypatch.setenv("MODULE_ONE", "another")
-    assert build_of(engine).sha256 != before.sha256
+    assert build_of(load_engine("mine")).sha256 != before.sha256
 
 
 def test_memory_of_a_program_is_its_own(tmp_path: Path) -> None:
@@ -131,36 +114,18 @@ def test_memory_of_a_program_is_its_own(tmp_path: Path) -> None:
     assert small < 30e6 < 70e6 < more < 120e6 < large.nbytes
 
 
-def test_another_adapter_under_the_same_name_is_another_build(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also with the file name of a shipped one, started by the same program; the first build stays as it is."""
-    builds = set[str]()
-    for folder in (tmp_path / "one", tmp_path / "two"):
-        folder.mkdir()
-        (folder / "yade.py").write_text(f"{OWN_ADAPTER}\n# {folder.name}\n")
-        (folder / "engines.toml").write_text(f'[mine]\nadapter = "yade.py"\ncommand = "{sys.executable}"\n')
-        monkeypatch.setenv(paths.ENGINES_VARIABLE, str(folder / "engines.toml"))
-        assert "mine" in installed_codes()
-        assert (load_engine("mine").program, load_engine("yade").program) == (load_engine("verlet").program, "yade")
-        builds.add(build_of(load_engine("mine")).sha256)
-    assert len(builds) == 2
-
-
 @pytest.mark.parametrize(
     ("text", "words"),
     [
         ('[liggghts]\ncomand = "lmp"', r"liggghts.comand: unknown key; did you mean command\?"),
         ('[liggghts]\ncommand = "lmp \\u0000"', 'liggghts.command: found "lmp ?"; allowed: a command such as'),
-        ("[liggghts]\ncommand = 3", 'liggghts.command: found 3; allowed: a command such as "mpirun -np 1 lmp"'),
         ("[liggghts]\ncommand = 'lmp \"'", "liggghts.command: .*a command"),
         ('[mine]\nadapter = "lamps"', 'mine.adapter: found "lamps"; allowed: .*yade, or the path of a .py file'),
-        ('[mine]\nadapter = "gone.py"', "mine.adapter: .*path of a .py file"),
         ('[liggghts]\ntime_limit = "10"', "liggghts.time_limit: .*a time above zero with its unit"),
-        ('[liggghts]\nvariables = "LMP"', "liggghts.variables"),
         ('["../x"]\nadapter = "yade"', "letters, digits"),
         ("liggghts = 1", "liggghts: found 1; allowed: a table"),
         ('[verlet]\nadapter = "yade"', "verlet: found a reserved name"),
         ('[mine]\nadapter = "verlet"', "mine: found .*in-repo engines take no entry"),
-        ("[", "TOML"),
     ],
 )
 def test_wrong_entry_is_named(text: str, words: str, engines_file: EnginesWriter) -> None:
@@ -174,7 +139,6 @@ def test_wrong_entry_is_named(text: str, words: str, engines_file: EnginesWriter
     ("text", "words"),
     [
         ("import json\n\njson.loads('{')\n", "mine.py:3: JSONDecodeError"),
-        ("import nothing_of_that_name\n", "mine.py:1: .*nothing_of_that_name"),
         ("raise SystemExit(0)\n", "mine.py:1: SystemExit: 0"),
         ("A = 1", "mine.py: AttributeError: module .* no attribute 'ENGINE'"),
         ("(", r"mine.py: SyntaxError: '\(' was never closed \(mine.py, line 1\)"),
@@ -208,7 +172,6 @@ ENGINE = replace(ENGINE, **dict.fromkeys({functions}, wrong))
     [
         ("return 1 / 0", r"mine.py:10: \w+: [^\n]*"),
         ("yield 1 / 0", r"mine.py:10: \w+: [^\n]*"),
-        ("raise ValueError('two\\nlines')", r"mine.py:10: \w+: [^\n]*"),
         ("raise SystemExit", r"mine.py:10: \w+: [^\n]*"),
         ("return None", r"mine.py: \w+ returns None"),
     ],
@@ -225,10 +188,7 @@ def test_error_of_any_function_of_an_adapter_is_one_line(
 
 
 def test_wrong_loop_pattern_is_named(engines_file: EnginesWriter, tmp_path: Path) -> None:
-    patterns = {"none": ("completed", "no such group"), "word": ("(completed)", "'completed'")}
-    for name, (pattern, _) in patterns.items():
-        (tmp_path / f"{name}.py").write_text(f"{OWN_ADAPTER}\nENGINE = replace(ENGINE, loop_pattern={pattern!r})\n")
-    engines_file('[none]\nadapter = "none.py"\n[word]\nadapter = "word.py"\n')
-    for name, (_, words) in patterns.items():
-        with pytest.raises(RunError, match=f"loop_pattern of {name} finds no seconds: .*{words}"):
-            load_engine(name).loop_seconds("completed 3 samples")
+    (tmp_path / "mine.py").write_text(f"{OWN_ADAPTER}\nENGINE = replace(ENGINE, loop_pattern='(completed)')\n")
+    engines_file('[mine]\nadapter = "mine.py"\n')
+    with pytest.raises(RunError, match=r"loop_pattern of mine finds no seconds: .*'completed'"):
+        load_engine("mine").loop_seconds("completed 3 samples")

@@ -2,7 +2,8 @@
 
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from itertools import count
 from pathlib import Path
 
 import pytest
@@ -12,8 +13,6 @@ from drivers.base import paths
 from drivers.base.kept import kept
 from drivers.base.processes import run_command
 from validation.tests.helpers.commands import BEADS
-
-Count = Callable[[], list[float]]
 
 
 @pytest.fixture(autouse=True)
@@ -28,18 +27,6 @@ def _forget() -> None:
     """Digests are computed once in a process."""
     module._program.cache_clear()
     module.digest_of_sources.cache_clear()
-
-
-@pytest.fixture
-def count() -> Count:
-    """Function that returns a longer list at each call."""
-    calls: list[float] = []
-
-    def compute() -> list[float]:
-        calls.append(0.1 + 0.2)
-        return calls
-
-    return compute
 
 
 def test_altered_entry_is_computed_again(capsys: pytest.CaptureFixture[str]) -> None:
@@ -59,21 +46,21 @@ def test_altered_entry_is_computed_again(capsys: pytest.CaptureFixture[str]) -> 
         assert not capsys.readouterr().err
 
 
-def test_other_sources_and_inputs_compute_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, count: Count) -> None:
+def test_other_sources_and_inputs_compute_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(paths, "ROOT", tmp_path)
     monkeypatch.setattr(paths, "INPUTS", tmp_path / "inputs")
-    for number, name in enumerate(("validation/reference/law.py", "inputs/scenes/a.toml", "inputs/scenes/b.toml"), 2):
-        kept([], count)
+    numbers = count()
+    for number, name in enumerate(("validation/reference/law.py", "inputs/scenes/a.toml", "inputs/scenes/b.toml")):
+        assert kept([], lambda: next(numbers)) == kept([], lambda: -1) == number
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("k = 1")
         _forget()
-        assert len(kept([], count)) == number
+    assert kept([], lambda: next(numbers)) == 3
 
 
-def test_without_a_writable_folder_results_are_computed(count: Count) -> None:
+def test_without_a_writable_folder_results_are_computed() -> None:
     paths.CACHE.write_text("a file in the place of the folder")
-    assert len(kept([], count)) == 1
-    assert len(kept([], count)) == 2
+    assert (kept([], lambda: 1), kept([], lambda: 2)) == (1, 2)
 
 
 def test_oldest_files_are_removed(monkeypatch: pytest.MonkeyPatch) -> None:

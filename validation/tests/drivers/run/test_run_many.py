@@ -14,12 +14,10 @@ import pytest
 from drivers.base.processes import all_stopped, run_command
 from drivers.chain.trace import digest_of
 from drivers.engines import REFERENCE, VERLET, load_engine
-from drivers.run import session
-from drivers.run.build import build_of
 from drivers.run.compute import compute
 from drivers.run.run import run_case, run_many
 from drivers.run.run_folder import open_run
-from drivers.run.session import end_all, lent
+from drivers.run.session import end_all
 from validation.tests.helpers.commands import BEADS
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import SceneWriter, StandIn, case_of
@@ -36,29 +34,24 @@ def test_order_is_kept_and_equal_decks_run_once(scene_file: SceneWriter, tmp_pat
     assert len(list((tmp_path / VERLET).glob("[!.]*"))) == 3
 
 
-@pytest.mark.parametrize(("engine", "request_to_end"), [(VERLET, signal.SIGINT), (CODE, signal.SIGTERM)])
-def test_interrupt_ends_all_and_leaves_no_folder(
-    engine: str, request_to_end: signal.Signals, scene_file: SceneWriter, tmp_path: Path
-) -> None:
-    need(engine)
+def test_interrupt_ends_all_and_leaves_no_folder(scene_file: SceneWriter, tmp_path: Path) -> None:
+    need(CODE)
     runs, places = tmp_path / "runs", tmp_path / "temporary"
     places.mkdir()
-    scene = scene_file(duration="100 ms")
     step = ("--unsafe", "--set", "run.time_step=0.1 ns")
-    words = map(str, (*BEADS, "run", scene, "--engine", engine, *step, "--runs", runs))
+    words = map(str, (*BEADS, "run", scene_file(duration="100 ms"), "--engine", CODE, *step, "--runs", runs))
     process = subprocess.Popen([*words], stderr=subprocess.PIPE, text=True, env=os.environ | {"TMPDIR": str(places)})
-    decks = {places: "bead-chains-*/.*/*/case/chain.*", runs: "*/.*/run/chain.*"}
     until = time.monotonic() + 60
-    while not any([*folder.glob(deck)] for folder, deck in decks.items()):
+    while not [*places.glob("bead-chains-*/.*/*/case/chain.*"), *runs.glob("*/.*/run/chain.*")]:
         assert process.poll() is None
         assert time.monotonic() < until
         time.sleep(0.05)
     time.sleep(0.3)
-    process.send_signal(request_to_end)
+    process.send_signal(signal.SIGTERM)
     _, said = process.communicate(timeout=60)
     assert process.returncode == 130
     assert said.strip().splitlines()[-1] == "interrupted"
-    assert not [path for path in (runs / engine).iterdir() if path.is_dir()]
+    assert not [path for path in (runs / CODE).iterdir() if path.is_dir()]
     assert not [*places.glob("[!o]*")]  # Open MPI leaves a folder
     running = subprocess.run(["pgrep", "-f", str(tmp_path)], capture_output=True, text=True, check=False).stdout
     assert not [pid for pid in running.split() if int(pid) != os.getpid()]
@@ -79,15 +72,14 @@ def test_processes_are_killed_only_within_all_stopped(tmp_path: Path) -> None:
 @pytest.mark.long
 def test_simultaneous_runs_of_one_case_share_a_folder(scene_file: SceneWriter, tmp_path: Path) -> None:
     """In processes and in threads; all can read it meanwhile."""
-    path = scene_file()
-    words = [*map(str, (*BEADS, "run", path, "--engine", VERLET, "--runs", tmp_path / "runs"))]
-    processes = [subprocess.Popen(words, stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    path, runs = scene_file(), tmp_path / "runs"
+    words = [*map(str, (*BEADS, "run", path, "--engine", VERLET, "--runs", runs))]
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
     with ThreadPoolExecutor(3) as pool:
-        ended = [pool.submit(run_case, case_of(path), VERLET, tmp_path / "runs") for _ in range(3)]
-        folders = {run.result().folder for run in ended if len(open_run(run.result().folder).trace.time_s) == 301}
-    folders |= {Path(process.communicate(timeout=100)[0].strip()) for process in processes}
-    assert [process.returncode for process in processes] == [0, 0]
-    assert folders == {*(tmp_path / "runs" / VERLET).iterdir()}
+        ended = [*pool.map(lambda _: run_case(case_of(path), VERLET, runs), range(3))]
+    assert {len(open_run(run.folder).trace.time_s) for run in ended} == {301}
+    folders = {run.folder for run in ended} | {Path(process.communicate(timeout=100)[0].strip())}
+    assert (process.returncode, folders) == (0, {*(runs / VERLET).iterdir()})
     assert len(folders) == 1
 
 
@@ -102,13 +94,12 @@ def test_reading_a_run_starts_no_threads(scene_file: SceneWriter, tmp_path: Path
     assert subprocess.run([sys.executable, "-c", script, str(ended.folder)], check=False).returncode == 0
 
 
-@pytest.mark.parametrize("engine", [VERLET, CODE])
-def test_served_run_equals_one_in_its_own_process(engine: str, scene_file: SceneWriter, tmp_path: Path) -> None:
-    need(engine)
+def test_served_run_equals_one_in_its_own_process(scene_file: SceneWriter, tmp_path: Path) -> None:
+    need(CODE)
     cases = [case_of(scene_file(), f"striker.speed={speed} m/s") for speed in (1, 2)]
     end_all()  # an idle session keeps the memory of the cases of other tests
-    for case, served in zip(cases, run_many([(case, engine) for case in cases], tmp_path / "served"), strict=True):
-        alone = run_case(case, engine, tmp_path / "alone")
+    for case, served in zip(cases, run_many([(case, CODE) for case in cases], tmp_path / "served"), strict=True):
+        alone = run_case(case, CODE, tmp_path / "alone")
         assert served.folder.name == alone.folder.name
         assert served.forces_sha256 == alone.forces_sha256
         assert {file.name for file in served.folder.iterdir()} == {file.name for file in alone.folder.iterdir()}
@@ -119,15 +110,11 @@ def test_served_run_equals_one_in_its_own_process(engine: str, scene_file: Scene
 
 
 @pytest.mark.parametrize(
-    ("engine", "scene", "settings"),
-    [
-        (VERLET, "two-spheres", ("contact.restitution=0.8",)),
-        (REFERENCE, "two-spheres", ("contact.restitution=0.8",)),
-        (VERLET, "fig4-tube", ("run.duration=0.1 ms",)),
-    ],
+    ("engine", "scene", "setting"),
+    [(REFERENCE, "two-spheres", "contact.restitution=0.8"), (VERLET, "fig4-tube", "run.duration=0.1 ms")],
 )
-def test_in_repo_engine_gives_the_bits_of_its_deck(engine: str, scene: str, settings: tuple[str, ...]) -> None:
-    case = case_of(scene, *settings)
+def test_in_repo_engine_gives_the_bits_of_its_deck(engine: str, scene: str, setting: str) -> None:
+    case = case_of(scene, setting)
     here, by_hand = compute(case, engine).done, compute(case, engine, by_hand=True).done
     assert digest_of(here) == digest_of(by_hand)
     assert here.height_m is not None
@@ -154,24 +141,3 @@ def test_script_that_looks_at_decks_serves_none(stand_in: StandIn, scene_file: S
     stand_in(engine.program, f'[ -e {next(iter(deck.files))} ] && exit 3\nexec {command[-1]} "$@"\n')
     (ended,) = run_many([(case, CODE)], tmp_path / "runs")
     assert ended.record.reason.startswith("exit code 3")
-
-
-def test_process_that_was_killed_is_followed_by_another(scene_file: SceneWriter, tmp_path: Path) -> None:
-    need(CODE)
-    end_all()
-    engine = load_engine(CODE)
-    build = build_of(engine)
-    first, second = (case_of(scene_file(), f"striker.speed={speed} m/s") for speed in (1, 2))
-    assert run_case(first, CODE, tmp_path, by_hand=False).done
-    with lent(engine, build) as lent_session:
-        assert lent_session._process is not None
-        former = lent_session._process.pid
-    os.kill(former, signal.SIGKILL)
-    assert run_case(second, CODE, tmp_path, by_hand=False).done
-    with lent(engine, build) as same:
-        assert same is lent_session
-        assert same._process is None or same._process.pid != former
-    folder = same.folder
-    end_all()
-    assert not folder.exists()
-    assert not any(session._idle.values())

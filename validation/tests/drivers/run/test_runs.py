@@ -7,20 +7,27 @@ import numpy as np
 import pandas as pd
 
 from drivers.run.run import run_case, run_many
-from drivers.run.run_folder import SENSORS, open_run
+from drivers.run.run_folder import FORCES, RECORD, SENSORS, open_run
 from validation.accuracy.assess import assess
 from validation.tests.helpers.runs import assessed, finished
 from validation.tests.helpers.scenes import SceneWriter, case_of
 
 
 def test_done_run_is_found_again_under_any_name(scene_file: SceneWriter, tmp_path: Path) -> None:
-    first = run_case(case_of(scene_file("one")), "verlet", tmp_path)
-    stamp = (first.folder / "forces.parquet").stat().st_mtime_ns
-    again = run_case(case_of(scene_file("two")), "verlet", tmp_path)
-    assert again.folder == first.folder
-    assert (again.folder / "forces.parquet").stat().st_mtime_ns == stamp
-    assert again.record.scene_name == "two"
-    anew = run_case(case_of(scene_file("two")), "verlet", tmp_path, rerun=True)
+    """It is assessed once for each scene."""
+    case, other = case_of(scene_file("one")), case_of(scene_file("two"))
+    first = run_case(case, "verlet", tmp_path)
+    assert (first.record.error_budget, first.record.warnings, first.has_sensors) == (None, None, False)
+    once = assess(first, case)
+    assert once.record.error_budget
+    files = [first.folder / name for name in (FORCES, RECORD)]
+    stamps = [file.stat().st_mtime_ns for file in files]
+    assert assess(run_case(case, "verlet", tmp_path), case).record.error_budget == once.record.error_budget
+    assert [file.stat().st_mtime_ns for file in files] == stamps
+    again = run_case(other, "verlet", tmp_path)
+    assert (again.folder, again.record.scene_name, again.record.error_budget) == (first.folder, "two", None)
+    assert files[0].stat().st_mtime_ns == stamps[0]
+    anew = run_case(other, "verlet", tmp_path, rerun=True)
     assert anew.folder.name.startswith("two-")
     assert not first.folder.exists()
 
@@ -60,48 +67,19 @@ def test_run_folder_holds_forces_state_signals_and_record(scene_file: SceneWrite
 
 
 def test_scenes_that_differ_in_gauges_share_a_run(scene_file: SceneWriter, tmp_path: Path) -> None:
-    """Each keeps its signals in any order: run, found, run again, failed."""
-    path, runs = scene_file(), tmp_path / "runs"
+    """Each keeps its signals when another is run again or fails."""
+    path = scene_file()
     settings = ("chain.sensors=[{from_wall=2}]", "chain.sensors=[{from_wall=4}]", "sensor.time_constant=1 ms")
     cases = [case_of(path, setting) for setting in settings]
-    signals: dict[Path, bytes] = {}
-    for place in (1, 0, 2, 1, 0, 0, 2):
-        run = assessed(cases[place], "verlet", runs)
-        content = (run.folder / SENSORS).read_bytes()
-        assert signals.setdefault(run.folder, content) == content
-        assert open_run(run.folder).layout == cases[place].layout
-    assert len(set(signals.values())) == len(signals) == 3
-    assert len({open_run(folder).record.wall_s for folder in signals}) == 1, "found, not run again"
-    again = run_case(cases[0], "verlet", runs, rerun=True)
-    assert not run_case(cases[1], "verlet", runs, rerun=True, limit_s=1e-6).done
-    assert all((folder / SENSORS).read_bytes() == signals[folder] for folder in {*signals} - {again.folder})
-    shared = run_many([(case, "verlet") for case in (*cases, cases[0])], tmp_path / "fresh")
-    assert [run.layout for run in shared] == [case.layout for case in (*cases, cases[0])]
+    shared = run_many([(case, "verlet") for case in cases], tmp_path)
+    assert [open_run(run.folder).layout for run in shared] == [case.layout for case in cases]
     assert (len({run.folder for run in shared}), len({run.record.wall_s for run in shared})) == (3, 1)
-
-
-def test_run_is_assessed_once_for_each_scene(scene_file: SceneWriter, tmp_path: Path) -> None:
-    case = case_of(scene_file("one"))
-    bare = run_case(case, "verlet", tmp_path)
-    assert (bare.record.error_budget, bare.record.warnings) == (None, None)
-    assert not (bare.folder / SENSORS).exists()
-    once = assess(bare, case)
-    assert once.record.error_budget
-    stamp = (bare.folder / "run.json").stat().st_mtime_ns
-    assert assess(run_case(case, "verlet", tmp_path), case).record.error_budget == once.record.error_budget
-    assert (bare.folder / "run.json").stat().st_mtime_ns == stamp
-    other = run_case(case_of(scene_file("two")), "verlet", tmp_path)
-    assert other.folder == bare.folder
-    assert other.record.error_budget is None
-
-
-def test_failure_leaves_the_done_run(scene_file: SceneWriter, tmp_path: Path) -> None:
-    case = case_of(scene_file())
-    good = run_case(case, "verlet", tmp_path)
-    bad = run_case(case, "verlet", tmp_path, rerun=True, limit_s=1e-6)
-    assert bad.record.status == "timeout"
-    assert bad.folder != good.folder
-    assert run_case(case, "verlet", tmp_path).folder == good.folder
+    runs = [assessed(case, "verlet", tmp_path) for case in cases]
+    signals = {run.folder: (run.folder / SENSORS).read_bytes() for run in runs}
+    assert (len(signals), len(set(signals.values()))) == (3, 3)
+    again = run_case(cases[0], "verlet", tmp_path, rerun=True)
+    assert not run_case(cases[1], "verlet", tmp_path, rerun=True, limit_s=1e-6).done
+    assert all((folder / SENSORS).read_bytes() == signals[folder] for folder in {*signals} - {again.folder})
 
 
 def test_weak_impact_under_gravity_is_no_instability(scene_file: SceneWriter, tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 import time
 from pathlib import Path
-from random import Random
 
 import pytest
 
@@ -15,99 +14,63 @@ from validation.tests.helpers.scenes import SceneWriter
 
 # settings of fig4, and parts of the message in order: key, value found, values allowed
 BAD = [
-    ("chain.coutn=3", "chain.coutn", "unknown key", "did you mean count?"),
-    ("chain.coutn=", "chain.coutn", "unknown key", "did you mean count?"),
     ("grvity=1", "grvity", "unknown key", "gravity"),
-    ("chain.sensors.0.mas=1", "chain.sensors.0.mas", "unknown key", "mass"),
     ("chain.count=", "chain.count", "missing key", ""),
-    ("run.duration=", "run.duration", "missing key", ""),
     ("chain.count=2.5", "chain.count", "2.5", "whole number"),
     ("chain.count=1000000000000", "chain.count", "1000000000000", "at most"),
     ("chain.mass=2 mm", "chain.mass", "2 mm", "a mass above zero"),
     ("chain.mass=0.1226", "chain.mass", "0.1226", 'with its unit, such as "0.1226 g"'),
-    ("chain.mass=nan g", "chain.mass", "nan g", "a mass"),
     ("chain.mass=٣ g", "chain.mass", "٣ g", "a mass"),
     ("chain.mass=1 g # x", "chain.mass", "1 g # x", "a mass"),
     ("chain.diameter=2*3 mm", "chain.diameter", "2*3 mm", "a length"),
-    ("gravity=-9.81 m/s^2", "gravity", "-9.81 m/s^2", "zero or more"),
-    ("gravity=1e6 m/s^2", "gravity", "", ""),
     ("striker.speed=0 m/s", "striker.speed", "0 m/s", "a speed above zero"),
     ("striker.speed=1e30 m/s", "striker.speed", "1e30 m/s", "from 1e-12 to 10000 m/s"),
     ("striker.shape=cube", "striker.shape", '"cube"', "'sphere' or 'flat'"),
     ("striker.shape=flat", "striker.diameter", "0.00476 m", "no diameter"),
-    ("striker.diameter=", "striker.diameter", "missing key", "diameter"),
     ("materials.ptfe.poisson_ratio=0.5", "materials.ptfe.poisson_ratio", "0.5", "below 0.5"),
     ("materials.ptfe.poisson_ratio=nan", "materials.ptfe.poisson_ratio", "nan", "finite"),
     ("materials.rigid={youngs_modulus='1 GPa', poisson_ratio=0.3}", "materials.rigid", "this name", "another name"),
     ("chain.material=teflon", "chain.material", '"teflon"', "ptfe"),
-    ("wall.material=cheese", "wall.material", '"cheese"', "rigid"),
     ('chain.material="a; b"', "chain.material", '"a; b"', "letters, digits"),
-    ("chain.sensors.0.from_wall=22", "chain.sensors.0.from_wall", "22", "1 to 21"),
     ("chain.sensors.0.from_wall=5", "chain.sensors.1.from_wall", "5 twice", "once"),
-    ("chain.sensors.7.mass=1 g", "chain.sensors.7.mass", "unknown index", "2 entries, counted from 0"),
     ("chain.sensors." + "1" * 5000 + ".mass=1 g", "111", "unknown index", "2 entries, counted from 0"),
     ("chain=3", "chain", "3", "a table"),
     ("run.accuracy=1e-4", "run", "both", "exactly one"),
     ("run.time_step=", "run", "no time_step and no accuracy", "exactly one"),
     ("run.time_step=0.3 us", "run.time_step", "3e-07 s", '"0.333333333333 us"'),
-    ("run.time_step=2 us", "run.time_step", "2e-06 s", '"1 us"'),
     ("run.time_step=1e-16 s", "run.time_step", "steps", "at most"),
     ("run.duration=0.5 us", "run.duration", "5e-07 s", "sample_interval"),
     ("run.duration=1 year", "run.sample_interval", "samples of 22 contacts", "at most"),
-    ("run.record=['state']", "run.record", "state", "forces"),
-    ("contact.restitution=1.1", "contact.restitution", "1.1", "1"),
     ("contact={restitution=0.9, damping_ratio=0.1}", "contact", "both", "one of the two"),
-    ("contact.friction=1e30", "contact.friction", "1e+30", "at most 100"),
-    ("sensor.time_constant=1e-3", "sensor.time_constant", "0.001", 'with its unit, such as "0.8 ms"'),
-    ("tube.inner_diameter=4 mm", "tube.inner_diameter", "0.004 m", "0.00476 m"),
     ("chain.bead=[{from_wall=2, gap_below='-1 um'}]", "chain.bead.0.gap_below", "-1 um", "zero or more"),
-    ("chain.bead=[{from_wall=2, velocity='-1e9 m/s'}]", "chain.bead.0.velocity", "-1e9 m/s", "from -10000 to 10000"),
     ("chain.bead=[{from_wall=9, mass='1 g'}]", "chain.sensors.0.mass", "bead 9", "one of the two"),
     ("chain.bead=[{from_wall='9-5', mass='1 g'}]", "chain.bead.0.from_wall", '"9-5"', "a bead such as 5"),
-    ("chain.bead=[{from_wall='0-3', mass='1 g'}]", "chain.bead.0.from_wall", '"0-3"', ""),
     ("chain.bead=[{from_wall=[3, '2-4'], mass='1 g'}]", "chain.bead.0.from_wall", "3 twice", ""),
     ("chain.bead=[{from_wall='20-30', mass='1 g'}]", "chain.bead.0.from_wall", "22", "1 to 21"),
     ("chain.bead=[{from_wall=1}, {from_wall='2-8', mass='1 m'}]", "chain.bead.1.mass", '"1 m"', ""),
-    ("chain.bead=[{from_wall='2-8', mas='1 g'}]", "chain.bead.0.mas", "unknown key", "did you mean mass?"),
     ("chain.bead=[{from_wall='1-999999999', mass='1 g'}]", "chain.bead.0.from_wall", '"1-999999999"', ""),
-    ("chain.pattern=[]", "chain.pattern", "0 members", "1 to 21"),
     (f"chain.pattern=[{'{}, ' * 22}]", "chain.pattern", "22 members", "1 to 21"),
-    ("chain.taper=0", "chain.taper", "0", "0.01 or more"),
     ("chain.taper=0.1", "chain.taper", "", "a ratio closer to 1, or fewer beads"),
-    (
-        "chain={count=9, material='ptfe', diameter='2 mm', taper=0.9, taper_to='1 mm'}",
-        "",
-        "both taper and taper_to",
-        "",
-    ),
+    ("chain={count=9,material='ptfe',diameter='2 mm',taper=0.9,taper_to='1 mm'}", "", "both taper and taper_to", ""),
     ("chain.angle=91 deg", "chain.angle", "91 deg", "0, or from 1e-09 to 90 deg"),
-    ("chain.angle=30", "chain.angle", "30", "an angle from 0 to 90 deg with its unit"),
-    ("title=3", "title", "3", "text"),
     ("chain.count.x=1", "chain.count.x", "unknown key", "only tables and lists have keys"),
     ("chain.count=" + "1" * 5000, "chain.count", "111", "a whole number"),
     ("chain.count=0x" + "f" * 5000, "chain.count", "thousands of digits", "at most"),
-    ("chain.count=" + "[" * 5000, "chain.count", "[[[", "a whole number"),
     ("chain.count=5\nx=2", "chain.count", "5", "a whole number"),
     ("nonsense", "", "not of the form KEY=VALUE", "chain.count=60"),
-    ("chain.mass_scatter=1 g", "chain.mass_scatter", "", ""),
-    ("chain.precompression=100 kN", "chain.precompression", "", ""),
 ]
 
 # the same for scenes in a tube, with the scene first
 BAD_IN_TUBES = [
     ("fig4-tube", "tube.inner_diameter=4.76 mm", "tube.inner_diameter", "0.00476 m", "more than"),
     ("fig4-tube", "tube.inner_diameter=9.6 mm", "tube.inner_diameter", "0.0096 m", "stay in line"),
-    ("fig4-tube", "striker.diameter=0.1 mm", "tube.inner_diameter", "0.005 m", "stay in line"),
     ("fig6d-tube", "tube.top=", "tube.top", "missing key", "wider than the bore"),
     ("fig6d-tube", "tube.top=45 mm", "tube.top", "0.045 m", "at most 0.0431"),
     ("fig5-tube", "tube.top=53 mm", "tube.top", "0.053 m", "at most 0.05236 m"),
     ("fig4-tube", "tube=", "chain.lateral_offset", "3e-05 m without a tube", "a [tube]"),
     ("fig4-tube", "chain.lateral_offset=121 um", "chain.lateral_offset", "0.000121 m", "the play of 0.00012 m"),
-    ("fig4-tube", "chain.lateral_offset=30", "chain.lateral_offset", "30", "with its unit"),
     ("fig4-tube", "chain.angle=10 deg", "chain.angle", "10 deg", ""),
     ("fig4-tube", "run={duration='1 ms', sample_interval='1 us', accuracy=1e-3}", "run.accuracy", "sideways", "ste"),
-    ("fig4-tube", "chain.bead=[{from_wall=3, lateral_velocity=5}]", "lateral_velocity", "5", "a velocity"),
-    ("fig4-tube", "contact.rotation=2", "contact.rotation", "2", "true or false"),
 ]
 
 
@@ -134,23 +97,17 @@ def test_lateral_offset_may_be_as_large_as_the_play() -> None:
         read_scene("fig4-tube", (f"tube.inner_diameter={diameter}", f"chain.lateral_offset={offset}"))
 
 
-@pytest.mark.parametrize(
-    ("engine", "settings", "message"),
-    [
-        (
-            "reference",
-            (),
-            "lateral freedom, tube, friction, rotation; allowed: an engine that models it: liggghts",
-        ),
-        ("yade", ("run.sample_interval=20 us", "run.time_step=20 us"), "run.time_step: found 2e-05 s; allowed: at mo"),
-        ("yade", ("striker.speed=5 km/s",), "radii deep; allowed: overlaps below a radius"),
-        ("verlet", ("chain.bead=[{from_wall=3, lateral_velocity='2 km/s'}]",), "radii deep into the bore; allowed: ov"),
-    ],
-)
-def test_engine_refuses_a_tube_that_it_cannot_model(engine: str, settings: tuple[str, ...], message: str) -> None:
-    with pytest.raises(InputError) as refused:
-        refuse(build_case(read_scene("fig4-tube", settings)), engine)
-    assert_in_order(str(refused.value), message)
+def test_engine_refuses_a_tube_that_it_cannot_model() -> None:
+    fast, coarse = "chain.bead=[{from_wall=3, lateral_velocity='2 km/s'}]", "run.time_step=20 us"
+    lacks = "lateral freedom, tube, friction, rotation; allowed: an engine that models it: liggghts, verlet, yade"
+    for engine, settings, message in (
+        ("reference", (), lacks),
+        ("yade", (coarse, "run.sample_interval=20 us"), "run.time_step: found 2e-05 s; allowed: at mo"),
+        ("verlet", (fast,), "radii deep into the bore; allowed: ov"),
+    ):
+        with pytest.raises(InputError) as refused:
+            refuse(build_case(read_scene("fig4-tube", settings)), engine)
+        assert_in_order(str(refused.value), message)
 
 
 @pytest.mark.parametrize("setting", ["chain.mass=1e-24 kg", "striker.diameter=1e-9 m"])
@@ -164,20 +121,10 @@ def test_scene_that_needs_a_billion_steps_is_refused_within_seconds(setting: str
     assert time.process_time() - began < 3, "about 0.2 s; 16 s if the whole motion is integrated"
 
 
-def test_message_is_one_short_line() -> None:
-    """Messages stay short and printable for parts of any length and content; short parts are kept whole."""
-    random = Random(17)
-    for _ in range(30):
-        where, key, found, allowed = (
-            "".join(random.choices("ab /.\n\x1b\u2028", k=int(10 ** random.uniform(0, 5)))) for _ in range(4)
-        )
-        message = str(InputError(where, key, found, allowed))
-        assert len(message) <= 270
-        assert len(message.splitlines()) == 1
-        assert message.isprintable()
-        assert "found " in message
-    whole = str(InputError("a" * 4000, "chain.mass", "1 mm", "a mass"))
-    assert whole.endswith("chain.mass: found 1 mm; allowed: a mass")
+def test_short_parts_of_a_message_are_kept_whole() -> None:
+    message = str(InputError("a" * 4000, "chain.mass", "1 mm", "a mass"))
+    assert len(message) <= 270
+    assert message.endswith("chain.mass: found 1 mm; allowed: a mass")
 
 
 def test_all_problems_of_a_scene_are_listed_on_one_line() -> None:
@@ -191,7 +138,7 @@ def test_all_problems_of_a_scene_are_listed_on_one_line() -> None:
     assert_in_order(
         message_of("fig4", "chain.sensors.0.from_wall=22", "striker.diameter=", "run.record=['state']"),
         "3 problems: (1) run.record",
-        "(2) chain.sensors.0",
+        "(2) chain.sensors.0.from_wall: found 22; allowed: 1 to 21",
         "(3) striker.diameter: missing",
     )
     entries = ", ".join("{from_wall='%s'}" % ("x" * 300) for _ in range(100))
@@ -230,17 +177,8 @@ RENDER = ("render", "fig4", "--engine", "verlet", "--out")
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("run", "fig4", "--time-limit", "-1"), "--time-limit"),
-        (("run", "fig4-tube", "--engine", "reference"), "lateral freedom"),
-        (
-            ("run", "fig4-tube", "--set", "tube.inner_diameter=4.760002 mm", "--set", "chain.lateral_offset=1 nm"),
-            "no equilibrium: ",
-        ),
-        (("run",), "SCENE"),
-        (("walk",), "no such command 'walk'"),
         (("run", "fig4", "--runs", "/proc/x"), "--runs /proc/x"),
         ((*RENDER, "/dev/null"), "no folder"),
-        ((*RENDER, "{tmp}/" + "n" * 4000), "File name too long"),
         ((*RENDER, "{tmp}/deck", "--set", "a="), "a: unknown key"),
         (("run", "n" * 4000), "File name too long"),
         (("run", "fig4", "--engine", "n" * 4000), "liggghts"),
@@ -261,11 +199,9 @@ def test_bad_command_ends_with_code_two_and_one_line(tmp_path: Path, words: tupl
 def test_control_characters_do_not_reach_the_terminal(scene_file: SceneWriter, tmp_path: Path) -> None:
     """Titles, names of files, and folders on standard output."""
     signs = ("\x1b[31m", "\x9b31m", "\u202e", "\u2066", "\x00", "\r")
-    titles = ["".join(f"\\u{ord(letter):04x}" for letter in sign) for sign in signs]
-    titled = [scene_file(f"titled{place}", top=f'title = "fine{title}"') for place, title in enumerate(titles)]
-    odd = "odd" + "".join(signs).replace("\0", "")
-    refused = [beads("plan", scene) for scene in titled]
-    refused += [beads(name, titled[0]) for name in ("run", "compare", "draw")]
+    title = "".join(f"\\u{ord(letter):04x}" for letter in "".join(signs))
+    titled, odd = scene_file("titled", top=f'title = "fine{title}"'), "odd" + "".join(signs).replace("\0", "")
+    refused = [beads(name, titled) for name in ("plan", "run", "compare", "draw")]
     refused += [beads("plan", f"{tmp_path}/{odd}.toml")]
     assert {(ended.returncode, ended.stderr.count("\n")) for ended in refused} == {(2, 1)}
     plain, runs = scene_file("plain", duration="20 us"), ("--runs", tmp_path / odd)
