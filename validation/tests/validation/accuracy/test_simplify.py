@@ -3,7 +3,6 @@
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from drivers.chain.case import Case
@@ -86,17 +85,14 @@ def test_a_deck_has_no_line_of_an_element_left_out(shared_runs: Path) -> None:
     assert stored["reason"].startswith("left out (1e-05 N on the top bead): it changes the force by ")
 
 
-@pytest.mark.parametrize("accuracy", ["1e-6", "{ wall_peak = 1e-6 }", "{ force = 1e-2, bead_5_arrival = 1e-6 }"])
+@pytest.mark.parametrize("accuracy", ["1e-6", "{ force = 1e-2, bead_5_arrival = 1e-6 }"])
 def test_no_element_is_left_out_if_all_matter(accuracy: str) -> None:
     case = asking("fig4", accuracy)
     assert case.full is None
     assert case.elements == case_of("fig4").elements
-    assert np.array_equal(case.chain.load_N, case_of("fig4").chain.load_N)
 
 
-def test_no_element_is_left_out_if_there_is_none_or_effects_cannot_be_measured(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_no_element_is_left_out_if_effects_cannot_be_measured(monkeypatch: pytest.MonkeyPatch) -> None:
     missing = case_of("fig4", 'run.duration="20 us"')
     assert simplify(missing, {"wall_peak": 0.9}) is missing
 
@@ -106,6 +102,3 @@ def test_no_element_is_left_out_if_there_is_none_or_effects_cannot_be_measured(
     monkeypatch.setattr("validation.accuracy.step_choice.exact_motion_of", fails)
     case = case_of("fig4")
     assert simplify(case, {"force": 0.9}) is case
-    monkeypatch.setattr("validation.accuracy.step_choice.exact_motion_of", pytest.fail)
-    bare = case_of("fig4", "gravity=", "chain.sensors=[]")
-    assert simplify(bare, {"force": 0.5}) is bare
