@@ -1,20 +1,29 @@
-"""The promise of ``run.accuracy`` on random scenes: never missed, with few more steps than needed."""
+"""The promise of ``run.accuracy``: never missed, with few more steps than needed, or refused; plans and records."""
+
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from drivers.base.tolerances import tolerance
+from drivers.base.errors import InputError
 from drivers.chain.case import Case
 from drivers.chain.schemes import verlet_of
 from drivers.engines import codes
+from drivers.limits.refusal import beyond_rounding, refuse, unattainable
 from drivers.run.compute import compute
 from postproc.read.residual import residual
 from validation.accuracy.exact_motion import exact_motion_of
-from validation.stability.measured_limits import at_random, measure_limits, random_case, shipped
-from validation.tests.helpers.runs import need
+from validation.accuracy.plan import auto_engines, capable_engines
+from validation.accuracy.plan_report import plan_report
+from validation.stability.measured_limits import random_case
+from validation.tests.helpers.commands import beads
+from validation.tests.helpers.runs import finished, need
+from validation.tests.helpers.scenes import SceneWriter, case_of
 
 ACCURACIES = (1e-2, 1e-4, 1e-6)
 MAX_STEP_RATIO = 1.5  # planned steps over the fewest that meet the accuracy
+FREE = "run.time_step="
 
 
 def numbers(quick: int, count: int) -> list[object]:
@@ -60,9 +69,94 @@ def test_the_codes_keep_the_accuracy(number: int) -> None:
         assert residual(compute(case, engine).done, truth.trace).max() <= accuracy, engine
 
 
-@pytest.mark.accuracy
-def test_limits_are_predicted_on_the_papers_scenes_and_at_random() -> None:
-    limits = measure_limits([*shipped(), *at_random(40)])
-    assert {limit.method for limit in limits} >= {"verlet"}
-    outside = [limit for limit in limits if not 1 <= limit.ratio <= tolerance("stability", "measured").limit]
-    assert outside == []
+def test_the_step_of_rare_samples_is_below_the_sample_interval() -> None:
+    rare = case_of("fig4", FREE, "run.accuracy=1e-4", "run.sample_interval=100 us")  # beyond the stability limit
+    assert 1e-7 < rare.scene.time_step_s < 5e-7
+
+
+def test_engines_without_the_law_of_a_scene_are_not_chosen() -> None:
+    power = case_of("fig4", "contact.dissipation=power", "contact.gamma=1")
+    assert capable_engines(power) == ["reference", "verlet", "yade"]
+
+
+def test_heights_far_away_are_refused_to_codes_with_a_limit_that_holds() -> None:
+    settings = (FREE, "chain.origin=1 km")
+    case = case_of("fig4", *settings, "run.accuracy=1e-8")
+    with pytest.raises(InputError, match=r"run.accuracy: found 1e-08; allowed: at least .* on yade") as refusal:
+        refuse(case, "yade")
+    assert beyond_rounding(case, "verlet") is None
+    assert next(auto_engines(case)) in ("verlet", "reference")
+    limit = str(refusal.value).partition("at least ")[2].split()[0]
+    assert beyond_rounding(case_of("fig4", *settings, f"run.accuracy={limit}"), "yade") is None
+
+
+@pytest.mark.parametrize(
+    ("accuracy", "message", "settings"),
+    [
+        ("1e-12", "at least 1e-11", ()),
+        *((wrong, "an error above 0 and below 1", ()) for wrong in ("2", "nan", "true", "{}", "{wall_peak = true}")),
+        ("{bead_3_peak = 1e-3}", "bead_9_peak", ()),
+        ("{wall_peak = 1e-5}", "limited by sampling at any time step", ("run.sample_interval=10 us",)),
+        ("1e-6", r"at least 0.*limited by the error of the exact motion", ("run.duration=20 ms",)),
+    ],
+)
+def test_bad_accuracies(accuracy: str, message: str, settings: tuple[str, ...]) -> None:
+    with pytest.raises(InputError, match=message) as refusal:
+        case_of("fig4", FREE, f"run.accuracy={accuracy}", *settings)
+    assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize("least", [1e-11, 0.0123, 0.989, 0.9901, 1.0, np.nan])
+def test_a_refusal_names_an_attainable_accuracy_that_is_allowed_or_none(least: float) -> None:
+    said = str(unattainable(case_of("fig4"), "force", 1e-12, least, "here is why"))
+    named = re.search(r"allowed: at least (\S+) here, here is why", said)
+    if named is None:
+        assert not least <= 0.99
+        assert "allowed: none here, here is why" in said
+    else:
+        assert least <= float(named[1]) <= min(1.1 * least, 0.99)
+
+
+@pytest.mark.parametrize("engine", ["liggghts", "reference"])
+def test_the_record_of_a_run_has_its_accuracy_and_its_budget(engine: str, shared_runs: Path) -> None:
+    case = case_of("fig4", FREE, "run.accuracy={force = 1e-4, wall_peak = 1e-3}")
+    run = finished(case, engine, shared_runs)
+    budget, accuracy = run.record.error_budget, run.record.accuracy
+    assert budget is not None
+    assert accuracy is not None
+    assert {"force", "bead_9_peak", "bead_5_arrival", "wall_peak", "speed_9_to_5"} <= {p["quantity"] for p in budget}
+    assert all(abs(part["model"]) < 1e-11 for part in budget)
+    error = float(residual(run.trace, exact_motion_of(case).trace).max())
+    assert error <= 1e-4
+    assert accuracy["force"]["measured"] == pytest.approx(error, rel=1e-6, abs=1e-11)
+    assert abs(budget[0]["whole"]) == pytest.approx(error, rel=1e-6, abs=1e-11)
+    assert (abs(budget[0]["truncation"]) > 1e-5) == (engine != "reference")
+
+
+def test_the_plan_reports_step_errors_and_engine() -> None:
+    said = beads("plan", "fig4", "--set", FREE, "--set", "run.accuracy={wall_peak=1e-3, bead_5_peak=1e-3}")
+    assert said.returncode == 0
+    for words in ("time step", "predicted", "engine", "ten times the error", "a tenth of the error", "stability"):
+        assert f"\n{words} " in said.stdout or f" {words} " in said.stdout, words
+    assert "time step  largest error of wall_peak, bead_5_peak  " in said.stdout
+    assert re.search(r"at the gauges: .*wall_peak \d", said.stdout)
+    bounced = beads("plan", "fig4", "--set", "run.duration=20 ms")
+    assert re.search(r"^horizon .*beyond, compare energy", bounced.stdout, re.MULTILINE | re.DOTALL)
+
+
+@pytest.mark.parametrize("timing", [("run.time_step=1 ns", "run.duration=50 us"), (FREE, "run.accuracy=1e-2")])
+@pytest.mark.parametrize(("speed", "refused"), [("3 m/s", False), ("1.5 km/s", True)])
+def test_a_motion_beyond_hertz_is_refused_to_a_run_and_to_its_plan(
+    speed: str, refused: bool, timing: tuple[str, ...], scene_file: SceneWriter
+) -> None:
+    path, settings, messages = scene_file(), (f"striker.speed={speed}", *timing), []
+    for command in (lambda: refuse(case_of(path, *settings), "reference"), lambda: [*plan_report(path, settings)]):
+        try:
+            command()
+        except InputError as error:
+            messages.append(str(error))
+    assert bool(messages) == refused
+    if refused:
+        assert messages[0] == messages[1]
+        assert "striker.speed: found a motion that presses contact 6 " in messages[0]
+        assert "radii deep" in messages[0]

@@ -1,7 +1,9 @@
-"""The error budget: parts that add up, and two judgements that are red for every fault and for nothing else."""
+"""The error budget: parts that add up, judgements that are red for every fault alone, the horizon of judgements."""
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -17,18 +19,20 @@ from drivers.engines import REFERENCE, VERLET
 from drivers.laws.power import Power
 from postproc.read.residual import residual
 from validation.accuracy import motions as module
-from validation.accuracy.budget import PARTS, Budget, budget_of, first_departure
+from validation.accuracy.assess import assess
+from validation.accuracy.budget import AT_REST_NOTE, PARTS, Budget, budget_of, first_departure, kept_budget
 from validation.accuracy.motions import Motions, motions_of
 from validation.checks import FAIL, PASS
 from validation.reference.adaptive import integrate_adaptive
 from validation.reference.hertz_chain import HertzChain, Motion
 from validation.reference.velocity_verlet import integrate_verlet
 from validation.stability.measured_limits import random_case
-from validation.tests.helpers.runs import blown_up
+from validation.tests.helpers.runs import blown_up, finished
 from validation.tests.helpers.scenes import case_of
 
 A_CODE = "yade"  # its traces are made here: it need not be installed
 CHANGE = 1e-6
+ULP = 1e-12  # a unit in the last place of a static load of 4e3 waves, divided by the wave
 Change = Callable[[Array], Array]
 
 
@@ -66,24 +70,25 @@ def values_of(budget: Budget) -> dict[str, float]:
 @pytest.mark.parametrize(
     "settings",
     [
-        ("fig5",),
         ("fig6b",),
         ("two-spheres",),
-        ("sphere-on-plane",),
         ("fig4", "contact.restitution=0.9"),
         ("fig4", "contact.dissipation=power", "contact.gamma=1.25"),
         ("fig4", "run.sample_interval=0.5 us", "run.time_step=0.5 us"),
         ("fig4", "striker="),
+        ("fig4", "wall=", "gravity="),
+        ("fig4", "chain.bead=[{from_wall=3, gap_below='20 um'}]"),
+        ("small-signal",),
         ("fig5-tube", "run.duration=50 us"),
     ],
 )
 def test_faultless_runs_pass_and_their_parts_add_up(settings: tuple[str, ...]) -> None:
     case = case_of(*settings)
     motions = motions_of(case)
-    for engine, trace in (
-        (VERLET, motions.plain),
-        (A_CODE, motions_of(case, A_CODE).plain if case.chain.lateral else motions.rounded),
-    ):
+    runs = {VERLET: motions.plain, A_CODE: motions_of(case, A_CODE).plain}
+    if motions.straight:
+        runs |= {A_CODE: motions.rounded, REFERENCE: motions.exact}
+    for engine, trace in runs.items():
         budget = budget_of(case, engine, trace)
         assert red(budget) == set()
         assert budget.departure == ""
@@ -91,7 +96,7 @@ def test_faultless_runs_pass_and_their_parts_add_up(settings: tuple[str, ...]) -
             assert row["whole"] == pytest.approx(sum(row[part] for part in PARTS[1:]), rel=1e-9, abs=1e-15)
         exact = motions_of(case, engine).exact
         error = float(residual(until(trace, len(exact.time_s)), exact).max())
-        assert values_of(budget)["error: force"] == pytest.approx(error, rel=1e-9, abs=1e-15)
+        assert values_of(budget)["error: force"] == pytest.approx(error, rel=1e-9, abs=ULP)
 
 
 @pytest.mark.parametrize("number", range(3))
@@ -124,18 +129,10 @@ def test_a_millionth_more_stiffness_or_less_mass_and_a_step_twice_as_long_are_wr
     assert {"model: force", "model: energy", "model: momentum"} <= red(budget_of(case, A_CODE, coarse))
 
 
-@pytest.mark.parametrize(("scene", "factor"), [("small-signal", 1.01), ("deep-chain", 1.05)])
-def test_a_wrong_mass_is_red_in_a_wave_that_is_small_against_its_static_load(scene: str, factor: float) -> None:
-    case = case_of(scene)
-    assert not red(budget_of(case, A_CODE, as_code(case)))
-    assert "model: force" in red(budget_of(case, A_CODE, as_code(case, mass_kg=times(factor, case.chain.bodies // 2))))
-
-
 @pytest.mark.parametrize(
     ("settings", "changes", "words"),
     [
         ((), {"stiffness": times(0.707, 1)}, "from the start: the force in contact 1 is "),
-        ((), {"mass_kg": times(1.05, -1)}, "from 1 µs, in the wave: the force in contact 22"),
         ((), {"load_N": times(0.0)}, "before any wave arrives: the force in contact "),
         ((), {"mass_kg": times(1.05, 5)}, ", in the wave: the force in contact "),
         (("gravity=0 m/s^2",), {"stiffness": times(0.707, 1)}, ", in the wave: the force in contact 1 is "),
@@ -158,13 +155,12 @@ def test_velocities_of_another_time_change_energy_and_no_force() -> None:
     assert "the energy is " in budget.departure
 
 
-@pytest.mark.parametrize("samples", [None, 300, 2])
-def test_failed_runs_depart_where_they_begin_to(samples: int | None) -> None:
+def test_failed_runs_depart_where_they_begin_to() -> None:
     case = case_of("fig4")
     bent, right = as_code(case, stiffness=times(0.7, -1)), as_code(case)
-    whole = first_departure(case, A_CODE, bent)
-    assert first_departure(case, A_CODE, until(bent, samples or 801)) == whole != ""
-    assert first_departure(case, A_CODE, until(right, samples or 801)) == ""
+    for samples in (300, 2):
+        assert first_departure(case, A_CODE, until(bent, samples)) == first_departure(case, A_CODE, bent) != ""
+        assert first_departure(case, A_CODE, until(right, samples)) == ""
     assert " from 200 µs" in first_departure(case, A_CODE, blown_up(right, 200))
 
 
@@ -205,14 +201,6 @@ def test_where_the_exact_motion_is_not_known_only_the_model_is_judged(monkeypatc
     assert red(budget_of(case, A_CODE, as_code(case, stiffness=times(1 + CHANGE)))) != set()
 
 
-def test_three_dimensional_runs_are_judged_by_their_own_law_of_friction() -> None:
-    case = case_of("fig5-tube", "run.duration=0.1 ms")
-    total, incremental = (verlet_of(case, law) for law in ("total", "incremental"))
-    assert red(budget_of(case, "liggghts", total)) == set()
-    assert red(budget_of(case, A_CODE, incremental)) == set()
-    assert "model: force" in red(budget_of(case, A_CODE, total))
-
-
 def first_order(chain: HertzChain, step_s: float, every: int, samples: int) -> Motion:
     """Velocity Verlet with contacts that are too stiff by 1e-4 at 0.1 µs, and less at smaller steps."""
     return integrate_verlet(replace(chain, stiffness=chain.stiffness * (1 + 1000 * step_s)), step_s, every, samples)
@@ -225,30 +213,79 @@ def late_velocities(chain: HertzChain, step_s: float, every: int, samples: int) 
     return replace(motion, velocity_m_s=motion.velocity_m_s - 0.5 * step_s * net_N / chain.mass_kg)
 
 
-@pytest.mark.parametrize("scheme", [first_order, late_velocities])
+def soft(chain: HertzChain, *arguments: Any) -> Motion:
+    """The exact motion with contacts that are too soft by a millionth."""
+    return integrate_adaptive(replace(chain, stiffness=chain.stiffness * (1 - CHANGE)), *arguments)
+
+
+def lighter(case: Case) -> Trace:
+    """A baseline of the codes with other masses: it passes for a large effect of rounding."""
+    return verlet_in_heights(replace(case, chain=replace(case.chain, mass_kg=0.999 * case.chain.mass_kg)))
+
+
+@pytest.mark.parametrize(
+    ("where", "name", "wrong", "engine"),
+    [
+        (schemes, "integrate_verlet", first_order, VERLET),
+        (schemes, "integrate_verlet", late_velocities, VERLET),
+        (schemes, "integrate_adaptive", soft, REFERENCE),
+        (module, "verlet_in_heights", lighter, VERLET),
+    ],
+)
 def test_a_wrong_scheme_of_this_repository_is_red(
-    scheme: Callable[..., Motion], monkeypatch: pytest.MonkeyPatch
+    where: ModuleType, name: str, wrong: Callable[..., Any], engine: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its runs agree with itself bit for bit, so its law is measured."""
-    monkeypatch.setattr(schemes, "integrate_verlet", scheme)
+    monkeypatch.setattr(where, name, wrong)
     case = case_of("fig4")
-    assert "model: law" in red(budget_of(case, VERLET, verlet_of(case)))
+    trace = motions_of(case).exact if engine == REFERENCE else verlet_of(case)
+    assert "model: law" in red(budget_of(case, engine, trace))
 
 
-def test_a_wrong_exact_motion_is_red(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Contacts of the reference are too soft by a millionth."""
+def test_a_wrong_wave_on_a_static_load_is_red_and_warned_of() -> None:
+    """Errors are relative to the largest change: a wave of 2.6e-4 of the load of its chain."""
+    sampling = ("run.time_step=40 us", "run.sample_interval=40 us")
+    case = case_of("small-signal", "chain.sensors=[{from_wall=30}]", "run.duration=5 ms", *sampling)
+    coarse, exact = verlet_of(case), motions_of(case).exact
+    wave_N = np.abs(exact.force_N - case.chain.force_N).max()
+    off_N = np.abs(coarse.force_N - exact.force_N).max()
+    assert off_N > 0.1 * wave_N
+    assert off_N < 1e-3 * exact.force_N.max()
+    budget = budget_of(case, VERLET, coarse)
+    failed = {check.quantity: check for check in budget.checks if check.verdict == FAIL}
+    assert failed["error: force"].value == pytest.approx(off_N / wave_N, rel=1e-9)
+    assert "of the largest force" in failed["error: force"].where
+    assert any("of the largest change" in line for line in budget.warnings)
 
-    def soft(chain: HertzChain, *arguments: Any) -> Motion:
-        return integrate_adaptive(replace(chain, stiffness=chain.stiffness * (1 - CHANGE)), *arguments)
 
-    monkeypatch.setattr(schemes, "integrate_adaptive", soft)
-    case = case_of("fig4")
-    assert red(budget_of(case, REFERENCE, motions_of(case).exact)) == {"model: law"}
+@pytest.mark.parametrize(("step", "warned"), [("2 us", False), ("6 us", True)])
+def test_a_growing_energy_under_a_static_load_is_warned_of(step: str, warned: bool) -> None:
+    light = ("striker.diameter=0.6 mm", "striker.mass=0.3 mg", "striker.speed=0.01 m/s", "chain.sensors=[]")
+    case = case_of("fig4", *light, f"run.time_step={step}", f"run.sample_interval={step}", "run.duration=0.3 ms")
+    warnings = budget_of(case, VERLET, verlet_of(case)).warnings
+    assert any(line.startswith("error of the energy up to 0.12 ") for line in warnings) == warned
 
 
-def test_a_wrong_baseline_of_the_codes_is_red(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A wrong scheme in heights passes for a large effect of rounding, but not for the scene's law."""
-    other = verlet_of(case_of("fig4", "chain.mass=0.1225 g"))
-    monkeypatch.setattr(module, "verlet_in_heights", lambda case: other)
-    case = case_of("fig4")
-    assert red(budget_of(case, VERLET, verlet_of(case))) == {"model: law"}
+def test_a_scene_at_rest_has_a_note() -> None:
+    still = case_of("small-signal", "chain.bead=[]", "chain.sensors=[]", "run.duration=1 ms")
+    budget = budget_of(still, VERLET, verlet_of(still))
+    assert AT_REST_NOTE in budget.note
+    assert abs(budget.rows[0]["whole"]) < 1e-9
+
+
+def test_a_chaotic_chain_is_judged_up_to_its_horizon(shared_runs: Path) -> None:
+    case = case_of("fig4", "run.duration=20 ms", "run.sample_interval=5 us", "run.time_step=1 us")
+    motions = motions_of(case)
+    allowed = motions.explained("force")
+    assert allowed[0] == tolerance("model", "force").limit
+    assert module.AGREEMENT / 100 < allowed[-1] <= module.AGREEMENT
+    assert all(8e-3 < case.sample_times_s[horizon] < 19e-3 for horizon in (motions.known, motions.samples))
+    record = assess(finished(case, REFERENCE, shared_runs), case).record
+    assert record.exact_until_s is not None
+    assert record.exact_to is not None
+    assert 5e-3 < record.exact_until_s < 20e-3
+    assert record.exact_to <= module.HORIZON
+    assert any("later errors are not measured" in line for line in record.warnings or ())
+    checks = kept_budget(case, finished(case, VERLET, shared_runs)).checks
+    (error,) = [check for check in checks if check.quantity == "error: force"]
+    assert "where the error of the exact motion exceeds 1e-06" in error.where

@@ -40,28 +40,20 @@ CASES = {
 }  # fmt: skip
 
 
-@pytest.fixture(params=CASES)
-def settings(request: pytest.FixtureRequest, tmp_path: Path) -> list[str]:
-    """Settings of a driven chain, with the files that they name."""
+@pytest.mark.parametrize("name", CASES)
+def test_codes_agree_with_velocity_verlet_and_a_plan_keeps_accuracy_and_bound(name: str, tmp_path: Path) -> None:
     for unit, low, high in (("force_N", -9, 3), ("displacement_nm", -1500, 500)):
         (tmp_path / f"{unit}.csv").write_text(POINTS.format(unit, low=low, high=high))
-    given = (setting.replace("drive.file=", f"drive.file={tmp_path}/") for setting in CASES[request.param])
-    return ["run.duration=0.4 ms", *given]
-
-
-def test_the_codes_agree_with_velocity_verlet(settings: list[str]) -> None:
+    given = (setting.replace("drive.file=", f"drive.file={tmp_path}/") for setting in CASES[name])
+    settings = ["run.duration=0.4 ms", *given]
     case = case_of("driven-steel", *settings)
     expected = verlet_of(case)
     for engine in codes():
         need(engine)
         assert residual(compute(case, engine).done, expected).max() < 1e-9, engine
-
-
-def test_a_plan_keeps_accuracy_and_bound(settings: list[str]) -> None:
-    case = case_of("driven-steel", *settings, "run.time_step=", "run.accuracy=1e-3")
-    trace = verlet_of(case)
-    assert residual(trace, exact_motion_of(case.full or case, finer=False).trace).max() <= 1e-3
-    checked(case, trace)
-    chain, duration_s = case.chain, 4e-4
+    planned = case_of("driven-steel", *settings, "run.time_step=", "run.accuracy=1e-3")
+    trace = checked(planned, verlet_of(planned))
+    assert residual(trace, exact_motion_of(planned.full or planned, finer=False).trace).max() <= 1e-3
+    chain, duration_s = planned.chain, 4e-4
     assert share_at_most(chain, duration_s, predicted_limit(chain, duration_s))[0] >= 0.99
     assert (reached(chain, duration_s).overlap_m <= at_most(chain, duration_s).overlap_m).all()

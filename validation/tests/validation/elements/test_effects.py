@@ -1,7 +1,6 @@
-"""Rows of the study of elements: their order, and codes that agree."""
+"""Rows of the study of elements."""
 
 from validation.chapters import frame_of
-from validation.elements.effect_figures import largest_effects
 from validation.elements.elements_chapter import effect_rows
 from validation.elements.switches import Effect
 
@@ -19,9 +18,3 @@ def test_codes_that_agree_share_a_row() -> None:
         ["rotation (other)", "-4 ± 0.05"],
         ["gravity", "0"],
     ]
-
-
-def test_variants_follow_their_element_and_elements_their_size() -> None:
-    changes = {"gravity": -0.03, "tube of 5.2 mm": -0.23, "tube": -0.08, "restitution 0.9": -0.5}
-    effects = frame_of(Effect, [effect(name, "one", change) for name, change in changes.items()])
-    assert list(largest_effects(effects)["element"]) == ["restitution 0.9", "tube", "tube of 5.2 mm", "gravity"]

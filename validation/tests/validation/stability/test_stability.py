@@ -9,18 +9,16 @@ import pytest
 
 from drivers.base.errors import InputError
 from drivers.base.tolerances import tolerance
-from drivers.chain.chain import Array
 from drivers.chain.schemes import verlet_in_heights, verlet_of
 from drivers.chain.trace import Trace
 from drivers.engines import VERLET, codes, installed
 from drivers.limits import stable_step, trial
 from drivers.limits.energy_bounds import certainly_stable
 from drivers.limits.refusal import inability, refuse
-from drivers.limits.stable_step import linear_limit, predicted_limit
-from drivers.run.compute import compute
+from drivers.limits.stable_step import predicted_limit
 from drivers.run.guard import reason_to_fail
 from validation.accuracy.plan_report import plan_report
-from validation.chapters import read_section, write_chapter
+from validation.chapters import write_chapter
 from validation.checks import FAIL, NOT_RUN, PASS
 from validation.stability import measured_limits
 from validation.stability.extremes import NOT_ACCURATE, Extreme, extremes, run_all
@@ -46,7 +44,6 @@ from validation.tests.helpers.scenes import SceneWriter, case_of
 
 TOO_LARGE = ("run.time_step=20 us", "run.sample_interval=20 us")
 COARSE = ("run.time_step=8 us", "run.sample_interval=8 us")
-FEW_BODIES = [("chain.count=1", "chain.sensors=[]"), ("chain.count=0", "chain.sensors=[]"), ("striker.mass=1e-9 kg",)]
 SHARES_OF_BOUND = (0.7, 0.85, 0.93, 0.97, 1.0)
 QUICK = {each.name: each for each in extremes(quick=True)}
 
@@ -55,19 +52,12 @@ def words_of(settings: tuple[str, ...]) -> list[str]:
     return [word for setting in settings for word in ("--set", setting)]
 
 
-def test_predictions_are_right_on_the_papers_scenes_and_at_random() -> None:
-    subjects = [*(MeasuredChain(RANDOM, name, case_of(name)) for name in PAPER), *at_random(5)]
+@pytest.mark.parametrize("count", [5, pytest.param(40, marks=pytest.mark.accuracy)])
+def test_predictions_are_right_on_the_papers_scenes_and_at_random(count: int) -> None:
+    names = PAPER if count == 5 else ("low-amplitude", "steel-chain")
+    subjects = [*(MeasuredChain(RANDOM, name, case_of(name)) for name in names), *at_random(count)]
     for limit in measure_limits(subjects, names=()):
         assert 1 <= limit.ratio <= tolerance("stability", "measured").limit, limit
-
-
-def test_codes_blow_up_where_the_in_repo_scheme_does() -> None:
-    for name in codes():
-        need(name)
-    limits = measure_limits([MeasuredChain(RANDOM, "fig5", case_of("fig5"))], names=codes())
-    assert len(limits) == 1 + len(codes())
-    assert len({limit.measured_s for limit in limits}) == len({limit.bad_s for limit in limits}) == 1
-    assert limits[0].bad_s < limits[0].measured_s
 
 
 @pytest.mark.parametrize("times", [0.97, 1.05])
@@ -84,7 +74,7 @@ def test_a_code_that_blows_up_elsewhere_is_scanned_itself(times: float, monkeypa
 
 
 def test_the_cheap_bound_never_calls_a_step_stable_that_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
-    for number in range(20):
+    for number in range(10):
         case = random_case(number, accuracy=0.1)
         duration = float(case.sample_times_s[-1])
         limit = predicted_limit(case.chain, duration)
@@ -150,44 +140,18 @@ def test_what_outlasts_a_trial_is_refused_beyond_the_bound(monkeypatch: pytest.M
 
 def test_a_plan_says_what_is_a_bound_and_what_a_trial() -> None:
     lines = [line for line in plan_report("fig4") if line.startswith("stability") or "first trial run" in line]
-    assert lines[0].startswith("stability  stable up to ")
-    assert float(lines[0].split()[4]) == pytest.approx(17.3, rel=0.01)
+    assert lines[0].startswith("stability  stable up to 17.3")
     assert "first trial run to blow up: at " in lines[1]
     assert float(lines[1].split()[-2]) > 17.4
-    beyond = [*plan_report("fig4", ("run.time_step=18 us", "run.sample_interval=18 us"))]
-    assert any("the trial run at this step is stable" in line for line in beyond)
-    refused = [*plan_report("fig4", TOO_LARGE)]
-    assert any("the trial run at this step is unstable" in line and "refused" in line for line in refused)
-    assert len(refused) < len(beyond)
-
-
-@pytest.mark.parametrize("settings", FEW_BODIES)
-def test_limits_of_few_and_of_light_bodies(settings: tuple[str, ...]) -> None:
-    case = case_of("fig4", "gravity=", *settings)
-    limit = predicted_limit(case.chain, float(case.sample_times_s[-1]))
-    gains = [gain(run, verlet_of(run)) for share in (1.0, 1.25) for run in [case.sampled_at_every(share * limit)]]
-    assert gains[0] <= 1 < gains[1]
-
-
-def test_the_linear_limit_of_two_bodies_is_that_of_their_oscillation(scene_file: SceneWriter) -> None:
-    chain = case_of(scene_file(count=1, wall="")).chain
-    spring = 5e5
-    omega = np.sqrt(spring * (1 / chain.mass_kg[0] + 1 / chain.mass_kg[1]))
-    assert linear_limit(chain, np.array([0.0, spring])) == pytest.approx(2 / omega, rel=1e-12)
+    beyond = " ".join(plan_report("fig4", ("run.time_step=18 us", "run.sample_interval=18 us")))
+    assert "the trial run at this step is stable" in beyond
+    refused = " ".join(plan_report("fig4", TOO_LARGE))
+    assert "the trial run at this step is unstable" in refused
+    assert "refused" in refused
 
 
 def test_a_step_that_blows_up_is_refused_and_unsafe_runs_it(tmp_path: Path) -> None:
-    words = [
-        "run",
-        "fig4",
-        *words_of(TOO_LARGE),
-        "--runs",
-        str(tmp_path),
-        "--engine",
-        "verlet",
-        "--engine",
-        "reference",
-    ]
+    words = ["run", "fig4", *words_of(TOO_LARGE), "--runs", tmp_path, "--engine", "verlet", "--engine", "reference"]
     refused = beads(*words)
     assert (refused.returncode, refused.stdout, len(refused.stderr.splitlines())) == (2, "", 1)
     assert "run.time_step: found 2e-05 s; allowed: at most 1.7" in refused.stderr
@@ -201,12 +165,10 @@ def test_a_step_that_blows_up_is_refused_and_unsafe_runs_it(tmp_path: Path) -> N
 
 
 def test_a_step_that_is_too_coarse_is_done_with_a_warning(shared_runs: Path) -> None:
-    warning = "error of the force up to 0.2"
     said = beads("run", "fig4", *words_of(COARSE), "--engine", "verlet", "--runs", shared_runs)
     assert said.returncode == 0
-    assert f"fig4: verlet warning: {warning}" in said.stderr
+    assert "fig4: verlet warning: error of the force up to 0.2" in said.stderr
     (line,) = finished(case_of("fig4", *COARSE), "verlet", shared_runs).record.warnings or [""]
-    assert line.startswith(warning)
     assert line.endswith("cause: the time step")
 
 
@@ -214,12 +176,6 @@ def test_rounding_warns_by_its_own_name(tmp_path: Path) -> None:
     ended = finished(case_of("fig4", "chain.origin=1e6 km"), "liggghts", tmp_path)
     assert ended.record.warnings is not None
     assert "cause: rounding of heights" in ended.record.warnings[0]
-
-
-def test_a_motion_beyond_hertz_is_refused(scene_file: SceneWriter) -> None:
-    case = case_of(scene_file(), "striker.speed=1 km/s", "run.time_step=1 ns")
-    with pytest.raises(InputError, match=r"striker.speed: found a motion that presses contact 6 .* radii deep"):
-        refuse(case, "reference")
 
 
 def test_what_one_engine_cannot_take_others_run(scene_file: SceneWriter, tmp_path: Path) -> None:
@@ -261,17 +217,15 @@ def test_a_coarse_run_is_right_but_not_accurate_and_a_step_beyond_the_limit_is_n
 
 def test_a_drift_is_distinguished_from_a_random_walk() -> None:
     case = case_of("fig4")
-    samples = np.linspace(0, 1, 2000)
-    draw = np.random.default_rng(1)
-
-    def trace(energy: Array) -> Trace:
-        nothing = np.zeros((len(samples), 1))
-        return Trace(samples * case.sample_times_s[-1], nothing, energy, 1 + energy, energy)
-
-    drifting = energy_of("", "", case, trace(1e-6 * samples + 1e-8 * draw.normal(size=2000)))
-    assert abs(drifting.drift) > SIGNIFICANCE * drifting.drift_error
-    walking = energy_of("", "", case, trace(1e-7 * draw.normal(size=2000).cumsum()))
-    assert not abs(walking.drift) > SIGNIFICANCE * walking.drift_error
+    samples, draw = np.linspace(0, 1, 2000), np.random.default_rng(1)
+    nothing = np.zeros((len(samples), 1))
+    for energy, drifts in (
+        (1e-6 * samples + 1e-8 * draw.normal(size=2000), True),
+        (1e-7 * draw.normal(size=2000).cumsum(), False),
+    ):
+        trace = Trace(samples * case.sample_times_s[-1], nothing, energy, 1 + energy, energy)
+        row = energy_of("", "", case, trace)
+        assert (abs(row.drift) > SIGNIFICANCE * row.drift_error) == drifts
 
 
 def test_heights_round_and_overlaps_do_not() -> None:
@@ -279,22 +233,17 @@ def test_heights_round_and_overlaps_do_not() -> None:
     assert max(rounded(case, "", verlet_of(case).force_N).error for case in (near, far)) < 1e-15
     low, high = (rounded(case, "", verlet_in_heights(case).force_N).error for case in (near, far))
     assert high > 1e3 * low
-    need("lammps")
-    assert rounded(far, "lammps", compute(far, "lammps").done.force_N).error == pytest.approx(high, rel=1e-6)
 
 
 def test_the_study_fails_for_a_limit_that_is_exceeded_or_far(tmp_path: Path, shared_runs: Path) -> None:
     """Files of an earlier study are removed."""
     (tmp_path / "stability-energy.csv").write_text("of an earlier study\n")
-    chosen = [MeasuredChain(SHIPPED, "fig5", case_of("fig5")), *sweeps()][::8]
-    edge = Extreme(name="beads <b>", scene="fig4", set=COARSE)
-    extreme = [*run_all([edge], shared_runs)]
-    rows: dict[str, list[Any]] = {"stability": measure_limits(chosen, names=()), "stability-extremes": extreme}
+    chosen = [MeasuredChain(SHIPPED, "fig5", case_of("fig5")), *{sweep.group: sweep for sweep in sweeps()}.values()]
+    edge = [*run_all([Extreme(name="beads <b>", scene="fig4", set=COARSE)], shared_runs)]
+    rows: dict[str, list[Any]] = {"stability": measure_limits(chosen, names=()), "stability-extremes": edge}
     tables = write_chapter(CHAPTER, rows, tmp_path)
     assert CHAPTER.failed(tables) == []
-    written = ["stability-extremes.csv", "stability-limits.png", "stability-limits.svg", "stability.csv"]
-    assert sorted(path.name for path in tmp_path.glob("[!.]*")) == written
-    assert "which never exceeds it" in read_section("stability", tmp_path)["sentences"][0]
+    assert not (tmp_path / "stability-energy.csv").exists()
     table = tables["stability"]
     for ratio, failed in ((0.99, len(table)), (1.3, 1)):  # of the shipped scene alone
         table["ratio"] = ratio
