@@ -1,6 +1,7 @@
 """In-repo integrators against closed formulas, conservation laws, 40 digits, and formulas of scipy."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -150,8 +151,9 @@ def test_slopes_without_weight_are_ignored_even_if_not_finite() -> None:
 )
 def test_wrong_arrays_are_named(change: dict[str, Array], named: str) -> None:
     names = ("mass_kg", "stiffness", "overlap_m", "velocity_m_s", "load_N")
+    arrays: dict[str, Any] = {name: np.array([1.0, 1.0]) for name in names}
     with pytest.raises(ValueError, match=named):
-        HertzChain(**{name: np.array([1.0, 1.0]) for name in names} | change)
+        HertzChain(**arrays | change)
 
 
 def test_wrong_times_and_tolerances_are_named() -> None:
