@@ -4,12 +4,16 @@ import json
 import re
 import sys
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import psutil
 import pytest
 
+from drivers.chain.schemes import verlet_of
 from drivers.engines import missing_codes
+from drivers.run.guard import UNSTABLE, unstable
 from drivers.run.run import run_case
 from drivers.run.workplaces import ALIVE, _machine
 from validation.tests.helpers.commands import beads
@@ -101,3 +105,13 @@ def test_missing_engine_fails_if_asked_for(
     assert unasked.returncode == 0
     assert f"not run, not installed ({len(absent)}): {', '.join(absent)}" in unasked.stderr
     assert len(unasked.stdout.split()) == 2
+
+
+def test_the_first_of_several_faults_is_named() -> None:
+    case = case_of("fig4", "run.duration=20 us")
+    trace = verlet_of(case)
+    force_N = trace.force_N.copy()
+    force_N[4, 1], force_N[7, 2] = 1e9, np.nan
+    assert str(unstable(case, replace(trace, force_N=force_N))).startswith(
+        f"{UNSTABLE}{trace.time_s[4]:g} s: beads are"
+    )

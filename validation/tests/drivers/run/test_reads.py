@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 
@@ -157,6 +158,18 @@ def test_damaged_rows_do_not_count(tmp_path: Path) -> None:
         (store.folder / _name_of(content)).write_bytes(content)
     (store.folder / f"{'0' * 24}{ENDING}").write_bytes(right)
     assert (len(store.refresh()), len(store.damaged)) == (1, 3)
+
+
+def test_a_finished_row_takes_precedence_over_a_later_failure(tmp_path: Path) -> None:
+    finished = StudyRow("1", "2", "study", "case", "verlet", "done", "", {}, 0.0, "3", 4, {}, 5.0)
+    failed = replace(finished, status="failed", reason="killed", ended=6.0)
+    store = Store(tmp_path)
+    store.folder.mkdir()
+    for row in (finished, failed):
+        content = json.dumps(vars(row)).encode() + b"\n"
+        (store.folder / _name_of(content)).write_bytes(content)
+        store.refresh()
+    assert store.rows["1"].status == "done"
 
 
 def batch(path: Path, tmp_path: Path) -> pd.DataFrame:
