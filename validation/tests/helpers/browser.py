@@ -100,14 +100,11 @@ def nameless_pictures(driver: Chrome) -> list[str]:
             if not node["ignored"] and node["role"]["value"] in PICTURES and not named(node)]  # fmt: skip
 
 
-def keep_screenshot(driver: Chrome, file: Path, *, whole: bool) -> None:
-    """Write a screenshot of the first screen, or of the whole page up to the largest possible height."""
-    if whole:
-        size = devtools(driver, "Page.getLayoutMetrics")["cssContentSize"]
-        clip = {"x": 0, "y": 0, "width": size["width"], "height": min(size["height"], MAX_SCREENSHOT_PX), "scale": 1}
-        shot = devtools(driver, "Page.captureScreenshot", format="png", captureBeyondViewport=True, clip=clip)
-    else:
-        shot = devtools(driver, "Page.captureScreenshot", format="png")
+def keep_screenshot(driver: Chrome, file: Path) -> None:
+    """Write a screenshot of the page, up to the largest possible height."""
+    size = devtools(driver, "Page.getLayoutMetrics")["cssContentSize"]
+    clip = {"x": 0, "y": 0, "width": size["width"], "height": min(size["height"], MAX_SCREENSHOT_PX), "scale": 1}
+    shot = devtools(driver, "Page.captureScreenshot", format="png", captureBeyondViewport=True, clip=clip)
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_bytes(base64.b64decode(shot["data"]))
 
