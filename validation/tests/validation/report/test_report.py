@@ -263,6 +263,9 @@ def test_the_command_writes_both_files_and_records_its_arguments(scene_file: Sce
     done = beads("report", scene, *words)
     assert done.returncode == 0, done.stderr
     data = json.loads(page.with_suffix(".json").read_text())
+    text = page.read_text()
+    assert re.findall(r'<section id="([^"]*)"', text) == ["codes", "made"]
+    assert not [words for words in ("Statements", "Table 1", "make claims", "Phys. Rev.") if words in text]
     assert data["made_with"]["command"].startswith(f"beads report {scene}")
     assert data["scenes"][0]["command"].endswith(f" --runs {tmp_path / 'runs'}")
     assert not data["counts"]["checks"].get(FAIL)
