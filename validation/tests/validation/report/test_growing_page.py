@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from drivers.base import kept, paths
 from drivers.base.errors import InputError, RunError
 from postproc.draw.product import Product
 from postproc.draw.style import pyplot
@@ -126,6 +127,22 @@ def test_figures_and_claims_are_made_again_if_a_source_is_newer_and_other_tables
     newer = tmp_path / "root" / "drivers" / "new.py"
     newer.parent.mkdir(parents=True)
     newer.touch()
+    with monkeypatch.context() as changed:
+        changed.setattr(paths, "ROOT", tmp_path / "root")
+        for cached in (kept._program, kept.digest_of_sources):
+            cached.cache_clear()
+        assert grow() == 0
+    assert parts.made == [*PARTS, "fig1", "claims"]
+    for cached in (kept._program, kept.digest_of_sources):
+        cached.cache_clear()
+
+
+@pytest.mark.parametrize("file", ["claims.csv", "trade.csv", "fig1.svg"])
+def test_damaged_files_are_made_again_with_one_line(
+    file: str, parts: Parts, grow: Grow, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert grow() == 0
+    parts.damage(file)
     capsys.readouterr()
     assert grow() == 0
     assert parts.made == [*PARTS, file.partition(".")[0]]
