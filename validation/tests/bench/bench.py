@@ -18,6 +18,7 @@ from drivers.scene.read_scene import read_scene
 from validation.reference.adaptive import integrate_adaptive
 from validation.reference.dop853 import slope
 from validation.reference.hertz_chain import Array, HertzChain, hertz_force
+from validation.reference.symplectic import integrate_symplectic
 from validation.reference.velocity_verlet import integrate_verlet
 
 REPEATS = 5
@@ -39,6 +40,7 @@ def best_time(action: Callable[[], object]) -> float:
 def bench() -> None:
     """Print all tables."""
     bench_adaptive()
+    bench_order()
     bench_fixed_step(bench_engines())
 
 
@@ -81,6 +83,19 @@ def _scipy(chain: HertzChain, times: Array, rtol: float) -> Array:
         derivative, (0.0, times[-1]), start, method="DOP853", t_eval=times, rtol=rtol, atol=0.1 * rtol * scale
     )
     return hertz_force(chain.stiffness, solution.y[:n].T)
+
+
+def bench_order() -> None:
+    """Print the error of Verlet and of the symplectic method of order 4 against the number of forces, for Fig. 4."""
+    chain = arrays_of(build_case(read_scene("fig4")).chain)
+    exact = integrate_adaptive(chain, np.linspace(0, 6e-4, 601)).force_N
+    print("\nFig. 4 at a fixed step: force error by number of force evaluations per microsecond")
+    print(f"{'forces':>8} {'Verlet':>9} {'order 4':>9}")
+    for steps in (1, 2, 4, 8, 16, 32, 64):
+        verlet = integrate_verlet(chain, 1e-6 / (4 * steps), 4 * steps, 601).force_N
+        fourth = integrate_symplectic(chain, 1e-6 / steps, steps, 601).force_N
+        errors = (float(np.abs(force - exact).max() / exact.max()) for force in (verlet, fourth))
+        print(f"{4 * steps:>8}", *(f"{error:9.1e}" for error in errors))
 
 
 def bench_engines() -> dict[tuple[str, int], float]:
