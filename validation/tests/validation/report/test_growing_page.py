@@ -17,6 +17,7 @@ from postproc.figures import Caption
 from validation import chapters
 from validation.chapters import Chapter, Options, frame_of, read_section
 from validation.checks import FAIL, Check, without_run
+from validation.compare.comparison import ComparedScene
 from validation.compare.selection import EngineSelection
 from validation.report import page_figures, write_report
 from validation.report.write_report import report
@@ -106,6 +107,13 @@ def test_the_page_is_announced_before_any_part_and_names_the_parts_to_come(
     assert "A finding." in parts.pages[1]
     assert parts.to_come == []
     assert "to come" not in (parts.results / "report.html").read_text()
+
+
+def test_an_engine_that_fails_gives_exit_code_1(
+    grow: Grow, compared: ComparedScene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(write_report, "run_and_compare_all", lambda *_, **__: [compared])
+    assert grow(compared.case.scene.file, studies=False) == 1
 
 
 @pytest.mark.parametrize("name", ["fig1", "trade"])
