@@ -15,7 +15,6 @@ from selenium.webdriver import Chrome, ChromeOptions, ChromeService
 PAGE_SCRIPT = (Path(__file__).parent / "page.js").read_text()
 MAX_SCREENSHOT_PX = 16_000  # larger screenshots are blank
 A4_IN = {"paperWidth": 8.27, "paperHeight": 11.69}
-PICTURES = ("image", "img", "SvgRoot", "Canvas", "graphics-document")  # roles in Chromium's accessibility tree
 PRINTED_PX, PRINTED_HIGH_PX = 718, 1047  # A4 without margins of 1 cm, at 96 pixels per inch
 
 
@@ -83,21 +82,6 @@ def requests(driver: Chrome) -> list[str]:
     events = [json.loads(entry["message"])["message"] for entry in driver.get_log("performance")]
     asked = [event["params"] for event in events if event["method"] == "Network.requestWillBeSent"]
     return [each["request"]["url"] for each in asked]
-
-
-def nameless_pictures(driver: Chrome) -> list[str]:
-    """Pictures without a text for screen readers, of their own or of a picture around them."""
-    nodes = {node["nodeId"]: node for node in devtools(driver, "Accessibility.getFullAXTree")["nodes"]}
-
-    def named(node: dict[str, Any] | None) -> bool:
-        while node is not None:
-            if node.get("role", {}).get("value") in PICTURES and node.get("name", {}).get("value", "").strip():
-                return True
-            node = nodes.get(node.get("parentId", ""))
-        return False
-
-    return [node["role"]["value"] for node in nodes.values()
-            if not node["ignored"] and node["role"]["value"] in PICTURES and not named(node)]  # fmt: skip
 
 
 def keep_screenshot(driver: Chrome, file: Path) -> None:

@@ -16,7 +16,6 @@ from validation.tests.helpers.browser import (
     browser,
     keep_print,
     keep_screenshot,
-    nameless_pictures,
     need_browser,
     requests,
     said,
@@ -117,7 +116,7 @@ def test_the_page_is_in_order(page: Shown) -> None:
     assert all(words for _, words in headings)
     ask(page.driver, "openAll")
     assert page.driver.find_elements("css selector", "svg, img")
-    assert nameless_pictures(page.driver) == []
+    assert ask(page.driver, "nameless") == []
 
 
 def test_the_print_is_short_and_complete(page: Shown) -> None:
@@ -150,6 +149,6 @@ def test_the_checks_find_faults(driver: Chrome, tmp_path: Path) -> None:
     assert ask(driver, "brokenLinks") == ["#nowhere", "other.html"]
     assert ask(driver, "hidden", "section") == ["<section> hidden-section"]
     assert sorted(round(value, 1) for _, value, _ in ask(driver, "contrasts") if value < MIN_CONTRAST) == [1.9, 3.3]
-    assert len(nameless_pictures(driver)) == 2
+    assert len(ask(driver, "nameless")) == 2
     assert ask(driver, "colliding") == ["one on other"]
     assert set(ask(driver, "torn")) == {"torn"}
