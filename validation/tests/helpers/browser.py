@@ -15,7 +15,6 @@ from selenium.webdriver import Chrome, ChromeOptions, ChromeService
 PAGE_SCRIPT = (Path(__file__).parent / "page.js").read_text()
 MAX_SCREENSHOT_PX = 16_000  # larger screenshots are blank
 A4_IN = {"paperWidth": 8.27, "paperHeight": 11.69}
-PICTURES = ("image", "img", "SvgRoot", "Canvas", "graphics-document")  # roles in Chromium's accessibility tree
 PRINTED_PX, PRINTED_HIGH_PX = 718, 1047  # A4 without margins of 1 cm, at 96 pixels per inch
 
 
@@ -85,29 +84,11 @@ def requests(driver: Chrome) -> list[str]:
     return [each["request"]["url"] for each in asked]
 
 
-def nameless_pictures(driver: Chrome) -> list[str]:
-    """Pictures without a text for screen readers, of their own or of a picture around them."""
-    nodes = {node["nodeId"]: node for node in devtools(driver, "Accessibility.getFullAXTree")["nodes"]}
-
-    def named(node: dict[str, Any] | None) -> bool:
-        while node is not None:
-            if node.get("role", {}).get("value") in PICTURES and node.get("name", {}).get("value", "").strip():
-                return True
-            node = nodes.get(node.get("parentId", ""))
-        return False
-
-    return [node["role"]["value"] for node in nodes.values()
-            if not node["ignored"] and node["role"]["value"] in PICTURES and not named(node)]  # fmt: skip
-
-
-def keep_screenshot(driver: Chrome, file: Path, *, whole: bool) -> None:
-    """Write a screenshot of the first screen, or of the whole page up to the largest possible height."""
-    if whole:
-        size = devtools(driver, "Page.getLayoutMetrics")["cssContentSize"]
-        clip = {"x": 0, "y": 0, "width": size["width"], "height": min(size["height"], MAX_SCREENSHOT_PX), "scale": 1}
-        shot = devtools(driver, "Page.captureScreenshot", format="png", captureBeyondViewport=True, clip=clip)
-    else:
-        shot = devtools(driver, "Page.captureScreenshot", format="png")
+def keep_screenshot(driver: Chrome, file: Path) -> None:
+    """Write a screenshot of the page, up to the largest possible height."""
+    size = devtools(driver, "Page.getLayoutMetrics")["cssContentSize"]
+    clip = {"x": 0, "y": 0, "width": size["width"], "height": min(size["height"], MAX_SCREENSHOT_PX), "scale": 1}
+    shot = devtools(driver, "Page.captureScreenshot", format="png", captureBeyondViewport=True, clip=clip)
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_bytes(base64.b64decode(shot["data"]))
 

@@ -1,10 +1,11 @@
 """Independent integrator in 40 digits, to measure the error of the reference.
 
 It shares nothing with ``validation.reference``: Taylor series of order 30 in multiple-precision numbers (gmpy2), with
-its own step control and its own treatment of contacts. The three cases take about 10 s in all.
+its own step control and its own treatment of contacts.
 """
 
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import gmpy2
 import numpy as np
@@ -12,7 +13,6 @@ from gmpy2 import mpfr
 
 from drivers.chain.chain import Chain
 from validation.reference.hertz_chain import HertzChain
-from validation.tests.helpers.scenes import case_of
 
 DIGITS, ORDER = 40, 30
 TRUNCATION = 1e-22  # local, of the scales of overlap and velocity
@@ -20,34 +20,6 @@ HOP_S = 1e-14  # within this time of an opening or closing a contact counts as o
 HOP_DAMPED_S = 1e-20  # the same with damping, where forces begin with the fourth root of time
 HALVINGS = 120
 SAMPLES = 40
-
-# scene, settings, duration: a scene of the paper, a weak wave, and a chain whose beads separate and meet again
-CASES = {
-    "fig4": ("fig4", (), 8e-4),
-    "weak": ("fig4", ("striker.speed=0.0443 m/s",), 1.2e-3),
-    "separating": (
-        "fig4",
-        (
-            "gravity=",
-            "chain.sensors=[]",
-            "chain.count=5",
-            "chain.bead=[{from_wall=3, gap_below='20 um'}, {from_wall=5, gap_below='5 um'}]",
-        ),
-        8e-4,
-    ),
-}
-
-
-def chain_of(name: str) -> Chain:
-    """Chain of a case."""
-    scene, settings, _ = CASES[name]
-    return case_of(scene, *settings).chain
-
-
-def times_of(name: str) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":
-    """Sample times of a case, which coincide with no time step."""
-    duration = CASES[name][2]
-    return np.concatenate([[0.0], np.arange(1, SAMPLES + 1) * (duration / SAMPLES)])
 
 
 def random_chain(
@@ -145,7 +117,7 @@ class Taylor:
         closing = -1
         for j in range(self.n):
             if not self.closed[j] and self.stiffness[j] > 0 and self.overlap[j] < 0 and value(overlap[j], h) > 0:
-                h, closing = root(overlap[j], h), j
+                h, closing = switch(partial(value, overlap[j]), h, False), j
         if closing >= 0:
             h += min(mpfr(HOP_DAMPED_S if self.damping[closing] else HOP_S), until - self.time - h)
         switching = -1
@@ -198,19 +170,6 @@ def switch(function: Callable[[mpfr], mpfr], high: mpfr, falling: bool) -> mpfr:
         middle = (low + high) / 2
         low, high = (low, middle) if (function(middle) > 0) != falling else (middle, high)
     return high
-
-
-def root(row: list[mpfr], high: mpfr) -> mpfr:
-    """First zero of a series with positive slope, by bisection and Newton's method."""
-    low = mpfr(0)
-    for _ in range(30):
-        middle = (low + high) / 2
-        low, high = (low, middle) if value(row, middle) > 0 else (middle, high)
-    h = high
-    derivative = [i * c for i, c in enumerate(row)][1:]
-    for _ in range(8):
-        h -= value(row, h) / value(derivative, h)
-    return h
 
 
 def forces_at(

@@ -111,6 +111,12 @@ function repeatedIds() {
   return ids.filter((id, i) => ids.indexOf(id) !== i);
 }
 
+// pictures without a text for screen readers
+function nameless() {
+  const bare = "img:not([alt]), img[alt=''], svg:not([aria-label]):not(:has(> title))";
+  return [...document.querySelectorAll(bare)].map(name);
+}
+
 function aboutItself() {
   return [
     !document.documentElement.lang && "no language",

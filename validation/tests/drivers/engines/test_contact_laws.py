@@ -3,25 +3,21 @@
 import re
 from dataclasses import replace
 from itertools import pairwise
-from math import sqrt
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.special import beta
 
 from drivers.base.errors import InputError
 from drivers.base.tolerances import tolerance
-from drivers.chain.chain import Array, arrays_of
+from drivers.chain.chain import arrays_of
 from drivers.chain.schemes import exact_of, heights_and_reach, trace_of, verlet_of
 from drivers.chain.trace import energy_error_J
 from drivers.engines import codes
 from drivers.laws.power import Power
 from drivers.laws.viscoelastic import damping_ratio, restitution
-from drivers.limits.energy_bounds import late_damping
 from drivers.limits.refusal import inability
-from drivers.limits.stable_step import linear_limit
 from drivers.run.guard import reason_to_fail
 from validation.accuracy.budget import MODEL, budget_of
 from validation.accuracy.exact_motion import exact_motion_of
@@ -30,7 +26,7 @@ from validation.reference.adaptive import integrate_adaptive
 from validation.reference.velocity_verlet import integrate_verlet, integrate_verlet_absolute
 from validation.stability.measured_limits import RANDOM, MeasuredChain, measure_limits, random_case
 from validation.tests.helpers import high_precision
-from validation.tests.helpers.by_power import forces_at
+from validation.tests.helpers.by_scipy import forces_at
 from validation.tests.helpers.runs import assessed, finished, need
 from validation.tests.helpers.scenes import case_of
 
@@ -43,6 +39,10 @@ LAWS = {
     "cubic power": (POWER, "contact.gamma=10", "contact.alpha=3"),
 }
 MOVING = "chain.bead=[{from_wall=20, velocity='-0.5 m/s'}]"
+LEANING = (  # contacts that lean close at speeds across the axis, which YADE has half a step earlier
+    "chain.lateral_offset=30 um", "chain.count=6", "chain.sensors=[]", "striker=", "chain.precompression=5 N",
+    "chain.bead=[{from_wall=3, lateral_velocity='1 m/s'}]",
+)  # fmt: skip
 SCENES = {
     "two masses": ("fig4",),
     "flat striker": ("fig5",),
@@ -84,8 +84,8 @@ def test_contacts_that_open_close_again_and_let_go_come_out_exact(kind: str, see
     draw = np.random.default_rng([seed, 99])
     alpha, gamma = float(draw.choice([1, 1.25, 1.75, 2, 3])), 10 ** draw.uniform(-9 * seed, 2.3)
     chain = replace(chain, damping=np.full(6, gamma), alpha=alpha)
-    exact = forces_at(chain, times)
-    assert np.abs(integrate_adaptive(chain, times).force_N - exact).max() <= EXACT * exact.max()
+    exact = forces_at(chain, times)  # to about 2e-9, since a power of the speed has a kink at zero
+    assert np.abs(integrate_adaptive(chain, times).force_N - exact).max() <= 1e-8 * exact.max()
 
 
 def test_without_loss_contacts_are_elastic_bit_for_bit() -> None:
@@ -121,34 +121,28 @@ def test_velocity_verlet_is_of_first_order(law: str) -> None:
         assert np.log2(coarse / fine) == pytest.approx(1, abs=0.1)
 
 
+def rebound_of(*settings: str) -> float:
+    """Restitution of the impact of a pair, from its exact motion."""
+    velocity = exact_of(case_of(*PAIR, *settings)).velocity_m_s
+    assert velocity is not None
+    return float((velocity[-1, 1] - velocity[-1, 0]) / (velocity[0, 0] - velocity[0, 1]))
+
+
 @pytest.mark.parametrize("wanted", [1e-3, 0.1353352832366127, 0.5, 0.9, 0.999999])
-def test_the_formula_of_the_restitution_is_the_impact(wanted: float) -> None:
-    ratio = damping_ratio(wanted)
-    assert restitution(ratio) == pytest.approx(wanted, rel=1e-14)
-    viscous = 2 * ratio * sqrt(1.5)
-
-    def change(time: float, state: Array) -> list[float]:
-        overlap = max(state[0], 0.0)
-        return [state[1], -max(overlap**1.5 + viscous * overlap**0.25 * state[1], 0.0)]
-
-    def force_ends(time: float, state: Array) -> float:
-        return float(max(state[0], 0.0) ** 1.25 + viscous * state[1]) if time > 1e-3 else 1.0
-
-    force_ends.terminal = True  # type: ignore[attr-defined]
-    ended = solve_ivp(change, (0, 1000), [0, 1], "DOP853", rtol=1e-11, atol=1e-13, events=force_ends)
-    assert -ended.y[1, -1] == pytest.approx(wanted, rel=1e-9)
+def test_impacts_have_the_restitution_asked_for(wanted: float) -> None:
+    assert restitution(damping_ratio(wanted)) == pytest.approx(wanted, rel=1e-14)
+    assert rebound_of(f"contact.restitution={wanted}", "run.duration=20 ms") == pytest.approx(wanted, rel=1e-9)
 
 
 @pytest.mark.parametrize("speed", [0.01, 1.0])
 def test_a_weak_loss_of_kuwabara_and_kono_is_that_of_the_elastic_path(speed: float) -> None:
     """``1 - e = 3 A k D^(3/2) / (m* v)`` times the integral of ``sqrt(x - x^(7/2))``, with the largest overlap D."""
-    chain = (case := case_of(*PAIR, f"striker.speed={speed} m/s", KUWABARA_KONO, "contact.relaxation=1 ns")).chain
+    settings = (f"striker.speed={speed} m/s", KUWABARA_KONO, "contact.relaxation=1 ns")
+    chain = case_of(*PAIR, *settings).chain
     stiffness, mass = chain.stiffness[1], chain.reduced_mass_kg[1]
     deepest = (1.25 * mass * speed**2 / stiffness) ** 0.4
     lost = 3e-9 * stiffness * deepest**1.5 / (mass * speed) * 0.4 * beta(0.6, 1.5)
-    velocity = exact_of(case).velocity_m_s
-    assert velocity is not None
-    assert 1 - (velocity[-1, 1] - velocity[-1, 0]) / speed == pytest.approx(lost, rel=2 * lost + 1e-6)
+    assert 1 - rebound_of(*settings) == pytest.approx(lost, rel=2 * lost + 1e-6)
 
 
 @pytest.mark.parametrize(("law", "scene"), LACKING)
@@ -172,6 +166,8 @@ def test_codes_with_the_law_agree_with_their_scheme(law: str, scene: str, shared
         (("contact.restitution=0.214",), "liggghts", ""),
         (("contact.restitution=0.9", MOVING), "yade", "bead 20 pressed and moving"),
         ((MOVING,), "yade", ""),
+        ((*LEANING, "contact.restitution=0.9"), "yade", "bead 3 pressed and moving"),
+        (LEANING, "yade", ""),
         (LAWS["power"], "lammps", 'on lammps 1, or contact.dissipation = "viscoelastic"'),
         (LAWS["power"], "liggghts", "on liggghts another law, since it has no such damping"),
         (MANY_MASSES, "lammps", "with 80 kinds of beads"),
@@ -222,14 +218,6 @@ def test_the_guard_lets_energy_fall_and_never_rise() -> None:
     assert re.search("the energy is off by .* times the energy put in; at this time step at most .* is expected", off)
 
 
-@pytest.mark.parametrize("ratio", [0.0, 0.1, 5.0])
-def test_late_damping_lowers_the_limit_of_an_oscillator(ratio: float) -> None:
-    chain = case_of(*PAIR, "wall.material=brass", "chain.count=0", f"contact.damping_ratio={ratio}").chain
-    spring = np.array([1e4])
-    step = (sqrt(1 + ratio**2) - ratio) * 2 / sqrt(spring[0] / chain.mass_kg[0])
-    assert linear_limit(chain, late_damping(chain, spring, np.zeros(1), step)) == pytest.approx(step, rel=1e-12)
-
-
 def test_damped_chains_blow_up_at_the_limit_predicted_or_just_above() -> None:
     pressed = case_of("fig4", "chain.precompression=20 N", "contact.damping_ratio=0.3")  # stiff all the time
     subjects = [MeasuredChain("damped", "pressed", pressed)]
@@ -255,21 +243,3 @@ def test_an_accuracy_is_kept(law: str, engine: str, shared_runs: Path) -> None:
     ended = assessed(case_of("fig4", *LAWS[law], "run.time_step=", "run.accuracy=1e-3"), engine, shared_runs)
     assert ended.done
     assert ended.missed is None
-
-
-@pytest.mark.parametrize(("gamma", "modelled"), [(1e-6, False), (1.0, True)])
-def test_a_gamma_that_changes_too_little_is_left_out(gamma: float, modelled: bool) -> None:
-    case = case_of("fig4", POWER, f"contact.gamma={gamma}", "run.time_step=", "run.accuracy=1e-3")
-    assert case.models("damping") == case.chain.damped == modelled
-    reason = next(element.reason for element in case.elements if element.name == "damping")
-    assert ("left out" in reason) != modelled
-
-
-@pytest.mark.parametrize(("loss", "refused"), [("contact.restitution=0.9", True), ("contact.restitution=1", False)])
-def test_yade_refuses_damped_beads_that_lean_pressed_and_move_across(loss: str, refused: bool) -> None:
-    """Contacts that lean close at speeds across the axis, which YADE has half a step earlier."""
-    across = "chain.bead=[{from_wall=3, lateral_velocity='1 m/s'}]"
-    case = case_of(
-        "fig4-tube", "chain.count=6", "chain.sensors=[]", "striker=", "chain.precompression=5 N", across, loss
-    )
-    assert ("bead 3 pressed and moving" in str(inability(case, "yade"))) is refused

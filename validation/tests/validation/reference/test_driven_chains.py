@@ -1,14 +1,14 @@
 """Driven chains in the in-repo integrators, against an independent solution of their equations."""
 
-from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from validation.reference.adaptive import integrate_adaptive
 from validation.reference.hertz_chain import COLUMNS, Array, Drive, HertzChain
 from validation.reference.velocity_verlet import integrate_verlet
+from validation.tests.helpers.by_scipy import forces_at
 
 BODIES, FORCE_N, STIFFNESS, MASS_KG = 6, 10.0, 4e9, 1e-3
 TIMES_S: Array = np.arange(151, dtype=float) * 2e-6
@@ -16,15 +16,19 @@ TURN, GROWTH = 2 * np.pi * 9e3, 1.5e8
 KINKS_S = (0.0, 1.8e-5, 1.11e-4, 2.31e-4)  # the last two are not sample times
 
 
-def wave(time_s: float, piece: int, amplitude: float) -> float:
+def wave(time_s: float, amplitude: float) -> float:
     """Sine of growing frequency between the first kinks, then a ramp back to 0."""
+    since = min(max(time_s, KINKS_S[1]), KINKS_S[2]) - KINKS_S[1]
+    left = min(max((KINKS_S[3] - time_s) / (KINKS_S[3] - KINKS_S[2]), 0.0), 1.0)
+    return float(left * amplitude * np.sin(TURN * since + GROWTH * since**2))
 
-    def sine(tau: float) -> float:
-        return float(amplitude * np.sin(TURN * tau + GROWTH * tau**2))
 
-    if piece == 2:
-        return sine(KINKS_S[2] - KINKS_S[1]) * (KINKS_S[3] - time_s) / (KINKS_S[3] - KINKS_S[2])
-    return sine(time_s - KINKS_S[1]) if piece == 1 else 0.0
+def slope(time_s: float, amplitude: float) -> float:
+    """Rate of the wave; at a kink that after it."""
+    since = time_s - KINKS_S[1]
+    if KINKS_S[1] <= time_s < KINKS_S[2]:
+        return float(amplitude * (TURN + 2 * GROWTH * since) * np.cos(TURN * since + GROWTH * since**2))
+    return -wave(KINKS_S[2], amplitude) / (KINKS_S[3] - KINKS_S[2]) if KINKS_S[2] <= time_s < KINKS_S[3] else 0.0
 
 
 def driven(body: int, amplitude: float, *, prescribed: bool, damping: float = 0.0) -> HertzChain:
@@ -32,47 +36,12 @@ def driven(body: int, amplitude: float, *, prescribed: bool, damping: float = 0.
     rows = np.zeros((4, COLUMNS))
     rows[:, 0] = KINKS_S
     rows[1, 3:7] = amplitude, 0.0, TURN, 2 * GROWTH
-    rows[2, 1] = wave(KINKS_S[2], 2, amplitude)
+    rows[2, 1] = wave(KINKS_S[2], amplitude)
     rows[2, 2] = -rows[2, 1] / (KINKS_S[3] - KINKS_S[2])
     ones, load = np.ones(BODIES), -FORCE_N * np.eye(BODIES)[-1]
     overlap = (FORCE_N / STIFFNESS) ** (2 / 3) * ones
     drive = Drive(body, prescribed, rows)
     return HertzChain(MASS_KG * ones, STIFFNESS * ones, overlap, 0 * ones, load, damping * ones, drive=drive)
-
-
-def independent_forces(chain: HertzChain, body: int, prescribed: bool, value: Callable[[float, int], float]) -> Array:
-    """Contact forces by scipy, in positions, restarted at each kink."""
-
-    def contacts(place: Array, velocity: Array) -> Array:
-        overlap = np.maximum(chain.overlap_m - np.diff(place, prepend=0.0), 0)
-        damped = -chain.damping * overlap**0.25 * np.diff(velocity, prepend=0.0)
-        return np.maximum(chain.stiffness * overlap**1.5 + damped, 0)
-
-    def moved(time: float, state: Array, piece: int) -> tuple[Array, Array]:
-        place, velocity = state[:BODIES].copy(), state[BODIES:].copy()
-        if prescribed:
-            h = 1e-9
-            place[body] = value(time, piece)
-            velocity[body] = (value(time + h, piece) - value(time - h, piece)) / (2 * h)
-        return place, velocity
-
-    def rate(time: float, state: Array, piece: int) -> Array:
-        place, velocity = moved(time, state, piece)
-        force = contacts(place, velocity)
-        net = force - np.append(force[1:], 0.0) + chain.load_N
-        net[body] += 0.0 if prescribed else value(time, piece)
-        return np.concatenate([velocity, net / chain.mass_kg])
-
-    forces, state = np.zeros((len(TIMES_S), BODIES)), np.zeros(2 * BODIES)
-    for piece, (begin, end) in enumerate(zip(KINKS_S, (*KINKS_S[1:], TIMES_S[-1]), strict=True)):
-        inside = (begin <= TIMES_S) & ((end > TIMES_S) | (end == TIMES_S[-1]))
-        solved = solve_ivp(
-            rate, (begin, end), state, "DOP853", np.union1d(TIMES_S[inside], end), args=(piece,), rtol=1e-12, atol=1e-16
-        )
-        for sample, column in zip(np.flatnonzero(inside), solved.y.T, strict=False):
-            forces[sample] = contacts(*moved(TIMES_S[sample], column, piece))
-        state = solved.y[:, -1]
-    return forces
 
 
 @pytest.mark.parametrize(
@@ -88,7 +57,7 @@ def test_the_reference_agrees_with_scipy_across_kinks(
     body: int, prescribed: bool, amplitude: float, damping: float, within: float
 ) -> None:
     chain = driven(body, amplitude, prescribed=prescribed, damping=damping)
-    expected = independent_forces(chain, body, prescribed, lambda time, piece: wave(time, piece, amplitude))
+    expected = forces_at(chain, TIMES_S, partial(slope if prescribed else wave, amplitude=amplitude))
     change = np.abs(expected - expected[0]).max()
     assert change > 1
     assert np.abs(integrate_adaptive(chain, TIMES_S, 1e-11).force_N - expected).max() < within * change

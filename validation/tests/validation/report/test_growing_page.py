@@ -109,16 +109,11 @@ def test_the_page_is_announced_before_any_part_and_names_the_parts_to_come(
     assert "to come" not in (parts.results / "report.html").read_text()
 
 
-def test_a_report_on_named_scenes_is_on_these_scenes_alone(
-    grow: Grow, parts: Parts, compared: ComparedScene, monkeypatch: pytest.MonkeyPatch
+def test_an_engine_that_fails_gives_exit_code_1(
+    grow: Grow, compared: ComparedScene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(write_report, "run_and_compare_all", lambda *_, **__: [compared])
-    assert grow(compared.case.scene.file, studies=False) == 1  # an engine failed
-    assert parts.made == []
-    text = (parts.results / "report.html").read_text()
-    assert re.findall(r"<h1>(.*)</h1>", text) == ["scene: do the codes agree?"]
-    assert re.findall(r'<section id="([^"]*)"', text) == ["codes", "made"]
-    assert not [words for words in ("Statements", "Table 1", "make claims", "Phys. Rev.") if words in text]
+    assert grow(compared.case.scene.file, studies=False) == 1
 
 
 @pytest.mark.parametrize("name", ["fig1", "trade"])
@@ -171,12 +166,11 @@ def test_a_damaged_figure_is_named_before_any_run(parts: Parts, grow: Grow, monk
         grow(studies=False)
 
 
-@pytest.mark.parametrize("name", ["fig1", "claims"])
-@pytest.mark.parametrize("failure", [RunError("a bead was lost"), OSError("a bead was lost")])
+@pytest.mark.parametrize(("name", "failure"), [("fig1", OSError), ("claims", RunError)])
 def test_a_part_that_fails_leaves_the_others_and_the_page(
-    name: str, failure: Exception, parts: Parts, grow: Grow, capsys: pytest.CaptureFixture[str]
+    name: str, failure: type[Exception], parts: Parts, grow: Grow, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    parts.instead[name] = failure
+    parts.instead[name] = failure("a bead was lost")
     assert grow() == 1
     assert parts.made == [part for part in PARTS if part != name]
     assert f"{name}: a bead was lost" in capsys.readouterr().err
