@@ -10,8 +10,9 @@ import pandas as pd
 import pytest
 
 from drivers.base import kept, paths
-from drivers.batch import study_cases
+from drivers.batch import study_cases, study_rows
 from drivers.batch.store import Store
+from drivers.run import workplaces
 from postproc.paper.simulate import exact
 from postproc.read.observables import observe
 from validation.tests.helpers.commands import BEADS, beads, beads_process
@@ -47,44 +48,31 @@ def stored(runs: Path) -> Counter[str]:
 
 
 def test_the_table(study_file: StudyWriter, scene_file: SceneWriter, tmp_path: Path) -> None:
-    path = study_file(SPEEDS.format(3) + '[[axis]]\nkey = "chain.count"\nvalues = [3, 5]', "verlet", "reference")
-    done = batch(path, tmp_path / "runs")
-    assert (done.returncode, done.stderr) == (0, "")
-    found = table(tmp_path / "runs")
-    assert list(found.columns[:7]) == [
-        "case", "striker.speed_m_s", "chain.count", "engine", "status", "reason", "force_error_share",
-    ]  # fmt: skip
-    assert list(found["case"]) == [n for n in range(1, 7) for _ in range(2)]
-    assert list(found["engine"]) == ["verlet", "reference"] * 6
-    assert set(found["status"]) == {"done"}
-    case = case_of(scene_file(), "striker.speed=1.25 m/s", "chain.count=5")
-    expected = observe(case.layout, exact(case).trace)
-    row = found[(found["case"] == 4) & (found["engine"] == "reference")].iloc[0]
-    assert (row["striker.speed_m_s"], row["chain.count"]) == (1.25, 5)
-    assert row["wall_peak_N"] == pytest.approx(expected["wall_peak_N"], rel=1e-9)
-    errors = found.groupby("engine")["force_error_share"]
-    assert errors.count()["reference"] == 0
-    assert (errors.get_group("verlet") < 1e-4).all()
-    costs = pd.read_parquet(results_of(tmp_path / "runs") / "study-cost.parquet")
-    assert list(costs.columns)[3:] == ["start_s", "engine_s", "loop_s", "workflow_s", "reference_s"]
-    assert (costs["engine_s"] > 0).all()
-
-
-def test_a_batch_in_a_process_of_its_own(study_file: StudyWriter, tmp_path: Path) -> None:
-    """Workers take identities from the cache of the process that planned; temporary files may lie deep, and go.
-
-    On clusters the path of a socket in TMPDIR exceeds the system's limit.
-    """
-    need("lammps")
-    deep = tmp_path / ("job" * 40)
+    """On clusters the path of a socket in TMPDIR exceeds the system's limit."""
+    axes = f'{SPEEDS.format(3)}[[axis]]\nkey = "chain.count"\nvalues = [3, 5]'
+    path, runs, deep = study_file(axes, "verlet", "reference"), tmp_path / "runs", tmp_path / ("job" * 40)
     deep.mkdir()
-    path, runs = study_file(SPEEDS.format(3), "lammps", "verlet"), tmp_path / "runs"
     done = beads_process("batch", path, "--runs", runs, "--results", results_of(runs), TMPDIR=str(deep))
     assert (done.returncode, done.stderr) == (0, "")
     assert [*deep.iterdir()] == []
-    for _, rows in table(runs).groupby("engine"):
-        assert rows["wall_peak_N"].is_monotonic_increasing
-        assert len(set(rows["wall_peak_N"])) == 3
+    rows = table(runs)
+    assert list(rows.columns[:7]) == [
+        "case", "striker.speed_m_s", "chain.count", "engine", "status", "reason", "force_error_share",
+    ]  # fmt: skip
+    assert list(rows["case"]) == [n for n in range(1, 7) for _ in range(2)]
+    assert list(rows["engine"]) == ["verlet", "reference"] * 6
+    assert set(rows["status"]) == {"done"}
+    case = case_of(scene_file(), "striker.speed=1.25 m/s", "chain.count=5")
+    expected = observe(case.layout, exact(case).trace)
+    row = rows[(rows["case"] == 4) & (rows["engine"] == "reference")].iloc[0]
+    assert (row["striker.speed_m_s"], row["chain.count"]) == (1.25, 5)
+    assert row["wall_peak_N"] == pytest.approx(expected["wall_peak_N"], rel=1e-9)
+    errors = rows.groupby("engine")["force_error_share"]
+    assert errors.count()["reference"] == 0
+    assert (errors.get_group("verlet") < 1e-4).all()
+    costs = pd.read_parquet(results_of(runs) / "study-cost.parquet")
+    assert list(costs.columns)[3:] == ["start_s", "engine_s", "loop_s", "workflow_s", "reference_s"]
+    assert (costs["engine_s"] > 0).all()
 
 
 def test_an_unfinished_table_replaces_none_with_more_rows(study_file: StudyWriter, tmp_path: Path) -> None:
@@ -107,7 +95,7 @@ def test_an_unfinished_table_replaces_none_with_more_rows(study_file: StudyWrite
     assert list(table(runs)["status"]) == ["done"] * 2
 
 
-def test_what_is_done_or_equal_is_not_run_again(study_file: StudyWriter, tmp_path: Path) -> None:
+def test_what_is_done_or_equal_is_not_run_again_unless_damaged(study_file: StudyWriter, tmp_path: Path) -> None:
     """Nothing is drawn at random, so cases that differ by their seed are equal."""
     path, runs = study_file(f"{SPEEDS.format(2)}[[axis]]\nseeds = 2\n", "verlet"), tmp_path / "runs"
     assert "verlet  0 done, 4 to do, cost not measured yet" in batch(path, runs, "--dry-run").stdout
@@ -128,6 +116,13 @@ def test_what_is_done_or_equal_is_not_run_again(study_file: StudyWriter, tmp_pat
     assert sorted((runs / "batch").glob("*.jsonl")) == before
     assert table_bytes(runs) == first
     assert list(stored(runs).values()) == [1, 1]
+    for file in before:
+        file.write_text(file.read_text().replace("1", "2", 1))
+    damaged = beads("status", path, "--runs", runs)
+    assert "damaged file" in damaged.stderr
+    assert damaged.stdout == "verlet  4 to do\n"
+    assert batch_here(path, runs).returncode == 0
+    assert table_bytes(runs) == first
     copy = path.with_name("renamed.toml")  # the same cases under another name, and more of them
     copy.write_text(path.read_text() + '[[axis]]\nkey = "wall.material"\nvalues = ["brass", "steel"]')
     assert "verlet  4 done, 4 to do" in batch(copy, runs, "--dry-run").stdout
@@ -159,45 +154,34 @@ def test_cases_of_one_process_are_bit_identical_to_single_runs(scene_file: Scene
     assert {"chain.py", "forces.parquet", "sensors.csv", "run.json"} <= {file.name for file in folder.iterdir()}
 
 
-# a script in place of LIGGGHTS that changes the deck of one case
-MEDDLER = """case "$*" in *-help*) exec {real} "$@";; esac
+# a script in place of LIGGGHTS that is killed at the deck of one case
+KILLED = """case "$*" in *-help*) exec {real} "$@";; esac
 fifo=$(mktemp -u); mkfifo $fifo; exec 3<&0
 (while IFS= read -r line; do
-  if [ ! -e {repaired} ] && [ "$line" = "include chain.in" ] && grep -q -- " -1 0 0 0" case/chain.data; then {command}
-  else echo "$line"; fi
+  [ ! -e {repaired} ] && [ "$line" = "include chain.in" ] && grep -q -- " -1 0 0 0" case/chain.data && kill -SEGV $$
+  echo "$line"
 done <&3) > $fifo &
 exec {real} "$@" < $fifo
 """
 
 
-@pytest.mark.parametrize(
-    ("command", "status", "reason"),
-    [
-        ("kill -SEGV $$", "failed", "killed by signal 11"),
-        pytest.param("echo shell sleep 300", "timeout", "killed at the time limit of 3 s", marks=pytest.mark.long),
-    ],
-)
-def test_a_failure_is_charged_to_its_case(
-    command: str, status: str, reason: str, study_file: StudyWriter, stand_in: StandIn, tmp_path: Path
+def test_a_failure_is_charged_to_its_case_and_not_run_again(
+    study_file: StudyWriter, stand_in: StandIn, tmp_path: Path
 ) -> None:
     need("liggghts")
-    path, runs = study_file(SPEEDS.format(4), "liggghts", top='limit = "3 s"'), tmp_path / "runs"
-    repaired = tmp_path / "repaired"
-    stand_in("liggghts", MEDDLER.format(real=shutil.which("liggghts"), repaired=repaired, command=command))
-    assert batch(path, runs, "--slice", "1/1").returncode == 1
-    done = batch(path, runs)  # a failure stays one, and is not run again
+    path, runs, repaired = study_file(SPEEDS.format(4), "liggghts"), tmp_path / "runs", tmp_path / "repaired"
+    stand_in("liggghts", KILLED.format(real=shutil.which("liggghts"), repaired=repaired))
+    done = batch_here(path, runs)
     assert done.returncode == 1
-    last = done.stderr.splitlines()
-    assert reason in last[-2]
-    assert last[-1] == "1 row failed; --retry runs them again"
+    reason, last = done.stderr.splitlines()[-2:]
+    assert "killed by signal 11" in reason
+    assert last == "1 row failed; --retry runs them again"
     failed = table(runs)
-    assert list(failed["status"]) == ["done", status, "done", "done"]
+    assert list(failed["status"]) == ["done", "failed", "done", "done"]
     assert set(stored(runs).values()) == {1}
     repaired.touch()
-    assert batch(path, runs, "--slice", "1/1", "--retry").returncode == 0
-    assert batch(path, runs).returncode == 0
-    good = [0, 2, 3]
-    assert failed.iloc[good].equals(table(runs).iloc[good])
+    assert batch_here(path, runs, "--retry").returncode == 0
+    assert failed.iloc[[0, 2, 3]].equals(table(runs).iloc[[0, 2, 3]])
     assert set(table(runs)["status"]) == {"done"}
     assert sorted(stored(runs).values()) == [1, 1, 1, 2]
 
@@ -239,6 +223,22 @@ def test_rows_of_a_changed_template_build_or_source_are_stale(
     assert status() == "verlet  2 stale\nlammps  2 stale\n"
 
 
+def test_rows_are_stored_before_their_lease_ends(
+    study_file: StudyWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another worker would run them again."""
+    path, runs, rows = study_file(SPEEDS.format(3), "verlet"), tmp_path / "runs", list[int]()
+
+    def lease(place: Path, identities: set[str]) -> set[str]:
+        rows.append(len(stored(runs)))
+        return workplaces.lease(place, identities)
+
+    monkeypatch.setattr(study_rows, "CHUNK", 1)
+    monkeypatch.setattr(study_rows, "lease", lease)
+    assert batch(path, runs, "--slice", "1/1").returncode == 0
+    assert rows == [0, 1, 2]
+
+
 @pytest.mark.long
 def test_two_simultaneous_batches_share_the_work(study_file: StudyWriter, tmp_path: Path) -> None:
     path, runs = study_file(SPEEDS.format(100), "verlet", "reference"), tmp_path / "runs"
@@ -276,16 +276,3 @@ def test_observables_that_rows_do_not_show_are_counted(study_file: StudyWriter, 
         assert [line for line in done.stdout.splitlines() if ": not " in line] == lines
         assert (done.returncode, done.stderr) == (1, f'{path}: observables: "wal_*" matches no observable\n')
         assert [*table(runs).columns[-2:]] == ["wall_peak_N", "bead_3_peak_N"]
-
-
-def test_damaged_files_do_not_count(study_file: StudyWriter, tmp_path: Path) -> None:
-    path, runs = study_file(SPEEDS.format(4), "verlet"), tmp_path / "runs"
-    assert batch_here(path, runs).returncode == 0
-    first = table_bytes(runs)
-    for file in (runs / "batch").glob("*.jsonl"):
-        file.write_text(file.read_text().replace("1", "2", 1))
-    status = beads("status", path, "--runs", runs)
-    assert "damaged file" in status.stderr
-    assert status.stdout == "verlet  4 to do\n"
-    assert batch_here(path, runs).returncode == 0
-    assert table_bytes(runs) == first

@@ -15,8 +15,7 @@ from drivers.base import paths
 from drivers.batch.job_array import most_tasks
 from drivers.batch.store import Store, StudyRow, _name_of
 from drivers.batch.study_cases import opened
-from drivers.engines import load_engine
-from drivers.run.build import build_of
+from drivers.run.build import Build
 from validation.commands.batch_commands import request_of
 from validation.tests.drivers.batch.test_batch import batch, table
 from validation.tests.helpers.commands import beads
@@ -33,10 +32,9 @@ def status(study: Path, runs: Path) -> str:
     return counted.stdout
 
 
-def put(runs: Path, *rows: StudyRow | dict[str, object]) -> None:
-    """Store rows."""
-    texts = (json.dumps(row if isinstance(row, dict) else vars(row)) for row in rows)
-    content = "".join(f"{text}\n" for text in texts).encode()
+def put(runs: Path, row: StudyRow) -> None:
+    """Store a row."""
+    content = f"{json.dumps(vars(row))}\n".encode()
     (runs / "batch" / _name_of(content)).write_bytes(content)
 
 
@@ -79,7 +77,7 @@ def test_an_engine_may_exist_in_the_job_alone(
     assert (done.returncode, done.stderr) == (0, "")
     assert "not installed here, assumed to exist in the job: by-module\n" in done.stdout
     assert done.stdout.endswith("4 of 4 rows done\n")
-    again = batch(study, runs, "--slurm", "--wait", *LOAD)
+    again = batch(study, runs, "--slurm", "--wait", *LOAD)  # nothing to do, so no job
     assert (again.returncode, "job 7" in again.stdout) == (0, False)
     assert run_with_module(study, here).returncode == 0
     assert batch(study, here).returncode == 0  # without the engine its finished rows still count
@@ -87,65 +85,31 @@ def test_an_engine_may_exist_in_the_job_alone(
     assert {row.identity for row in Store(runs).refresh()} == {row.identity for row in Store(here).refresh()}
 
 
-def test_a_slice_without_its_engine_fails_and_runs_the_others(study: Path, tmp_path: Path) -> None:
-    runs = tmp_path / "runs"
-    done = batch(study, runs, "--slice", "1/1")
-    assert (done.returncode, done.stdout) == (1, "slice 1/1: 2 rows done, 0 failed\n")
-    assert done.stderr.startswith("by-module: not installed; it comes with module load dem ")
-    assert status(study, runs) == "verlet     2 done\nby-module  2 not installed\n"
-    chosen = batch(study, runs, "--slice", "1/1", "--engine", "verlet")
-    assert (chosen.returncode, chosen.stderr) == (0, "")
-    whole = batch(study, runs)
-    assert (whole.returncode, "by-module  2 not installed" in whole.stdout) == (1, True)
-    assert list(table(runs)["status"]) == ["done", "not installed"] * 2
-
-
-def test_rows_of_an_older_deck_are_stale_without_the_engine(
-    study: Path, run_with_module: RunWithModule, tmp_path: Path
-) -> None:
-    runs = tmp_path / "runs"
-    assert run_with_module(study, runs, "--only", "striker.speed=0.5*").returncode == 0
-    assert status(study, runs) == "verlet     1 done, 1 to do\nby-module  1 done, 1 not installed\n"
-    assert run_with_module(study, runs).returncode == 0
-    study.write_text(f'set = {{ "chain.count" = 4 }}\n{study.read_text()}')
-    assert status(study, runs) == "verlet     2 stale\nby-module  2 stale\n"
-    planned = batch(study, runs, "--slurm", "--dry-run").stdout
-    assert "verlet     0 done, 2 to do" in planned
-    assert "by-module  0 done, 2 to do" in planned
-    assert "by-module  0 done, 2 not installed" in batch(study, runs, "--dry-run").stdout
-
-
 def test_the_build_is_that_of_the_newest_row_done(
-    study: Path, modules: Path, run_with_module: RunWithModule, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    study: Path, run_with_module: RunWithModule, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A failed row of a broken build hides no row done; a changed command has no rows; rows may lack their build."""
+    """A failed row of a broken build hides no row done; a changed command has no rows."""
     runs = tmp_path / "runs"
-    assert run_with_module(study, runs).returncode == 0
-    with monkeypatch.context() as loaded:
-        loaded.setenv("PATH", f"{modules}:{os.environ['PATH']}")
-        installed = build_of(load_engine("by-module"))
-    rows = Store(runs).refresh()
-    done = max((row for row in rows if row.engine == "by-module"), key=lambda row: row.ended)
-    assert done.build == installed.identity
+    assert run_with_module(study, runs, "--only", "*=0.5*").returncode == 0
+    done = next(row for row in Store(runs).refresh() if row.engine == "by-module")
+
+    def build() -> Build:
+        return opened(request_of(study, runs)).builds["by-module"]
+
+    installed = build()
+    assert installed.identity == done.build
     broken = replace(done, identity="b", status="failed", build=done.build.replace(installed.version, "broken"))
     put(runs, replace(broken, ended=done.ended + 1))
-    assert opened(request_of(study, runs)).builds["by-module"].identity == installed.identity
+    assert build() == installed
     put(runs, replace(broken, identity="n", status="done", ended=done.ended + 2))
-    assert opened(request_of(study, runs)).builds["by-module"].version == "broken"
-    for file in (runs / "batch").glob("*.jsonl"):
-        file.unlink()
-    put(runs, *({key: value for key, value in vars(row).items() if key != "build"} for row in rows))
-    assert status(study, runs) == "verlet     2 done\nby-module  2 stale\n"
-    put(runs, *rows)
+    assert build().version == "broken"
     other = tmp_path / "other-engines.toml"
     other.write_text('[by-module]\nadapter = "lammps"\ncommand = "lmp-of-module -log none"\n')
     monkeypatch.setenv(paths.ENGINES_VARIABLE, str(other))
-    assert opened(request_of(study, runs)).builds["by-module"].version == "unknown"
+    assert build().version == "unknown"
 
 
-def test_the_script_and_the_site_s_limit_of_arrays(
-    study_file: StudyWriter, tmp_path: Path, stand_in: StandIn, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_script_and_the_site_s_limit_of_arrays(study_file: StudyWriter, tmp_path: Path, stand_in: StandIn) -> None:
     """Programs found here are found in the job, whose login profile may replace PATH."""
     study, runs = study_file(SPEEDS.format(9), "verlet"), tmp_path / "runs"
     stand_in("scontrol", 'test "$*" = "show config" && echo "MaxArraySize            = 5"\n')
@@ -170,8 +134,25 @@ def test_the_script_and_the_site_s_limit_of_arrays(
     assert again.endswith("; all rows are done, so without --dry-run it is not submitted\n")
     stand_in("scontrol", "exit 1\n")
     assert most_tasks() == 1000
-    monkeypatch.setenv("PATH", "/nowhere")
-    assert most_tasks() == 1000
+
+
+def test_rows_of_an_absent_engine_wait_count_and_get_stale(
+    study: Path, run_with_module: RunWithModule, tmp_path: Path
+) -> None:
+    runs = tmp_path / "runs"
+    done = batch(study, runs, "--slice", "1/1")
+    assert (done.returncode, done.stdout) == (1, "slice 1/1: 2 rows done, 0 failed\n")
+    assert done.stderr.startswith("by-module: not installed; it comes with module load dem ")
+    whole = batch(study, runs)
+    assert (whole.returncode, "by-module  2 not installed" in whole.stdout) == (1, True)
+    assert list(table(runs)["status"]) == ["done", "not installed"] * 2
+    assert run_with_module(study, runs, "--only", "striker.speed=0.5*").returncode == 0
+    assert status(study, runs) == "verlet     2 done\nby-module  1 done, 1 not installed\n"
+    assert run_with_module(study, runs).returncode == 0
+    study.write_text(f'set = {{ "chain.count" = 4 }}\n{study.read_text()}')
+    assert status(study, runs) == "verlet     2 stale\nby-module  2 stale\n"
+    assert "by-module  0 done, 2 to do" in batch(study, runs, "--slurm", "--dry-run").stdout
+    assert "by-module  0 done, 2 not installed" in batch(study, runs, "--dry-run").stdout
 
 
 def test_an_engine_of_the_job_refuses_cases_before_the_job(modules: Path, tmp_path: Path) -> None:

@@ -5,19 +5,16 @@ import re
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TypeVar
 
 import pytest
 
 from drivers.batch.store import Store
-from validation.tests.drivers.batch.test_batch import batch, table_bytes
+from validation.tests.drivers.batch.test_batch import batch
+from validation.tests.drivers.batch.test_killed_batches import wait_for
 from validation.tests.helpers.commands import BEADS, beads
 from validation.tests.helpers.scenes import SPEEDS, StudyWriter
-
-Result = TypeVar("Result")
 
 DURATION = 'set = { "run.duration" = "6 ms" }'  # a case then takes some tenths of a second
 
@@ -73,7 +70,7 @@ def slurm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
             with (home / f"{words[0]}.txt").open("wb") as said:
                 servers.append(subprocess.Popen(words, start_new_session=True, stdout=said, stderr=said))
         os.environ["SLURM_CONF"] = str(conf)
-        _wait_for(lambda: "idle" in _said("sinfo", "--noheader", "--format=%T"))
+        wait_for(lambda: "idle" in _said("sinfo", "--noheader", "--format=%T"))
         yield str(conf)
     finally:
         os.environ.pop("SLURM_CONF", None)
@@ -84,14 +81,6 @@ def slurm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 def _said(*words: str) -> str:
     return subprocess.run(words, capture_output=True, text=True, check=False).stdout
-
-
-def _wait_for(happened: Callable[[], Result | None], seconds: float = 60) -> Result:
-    until = time.monotonic() + seconds
-    while not (result := happened()):
-        assert time.monotonic() < until, "it did not happen in time"
-        time.sleep(0.1)
-    return result
 
 
 @pytest.fixture
@@ -108,7 +97,7 @@ def dask(tmp_path: Path) -> Iterator[tuple[str, int]]:
 
     try:
         start("dask_scheduler", "--host", "127.0.0.1", "--port", "0", log=said)
-        address = str(_wait_for(lambda: re.search(r"Scheduler at: +(tcp://[0-9.:]+)", said.read_text()))[1])
+        address = str(wait_for(lambda: re.search(r"Scheduler at: +(tcp://[0-9.:]+)", said.read_text()))[1])
         options = (address, "--nthreads", "1", "--no-nanny", "--local-directory", str(tmp_path / "dask"))
         workers = [start("dask_worker", *options, log=tmp_path / f"worker{i}.txt") for i in (1, 2)]
         yield address, workers[0]
@@ -123,7 +112,7 @@ def test_a_killed_worker_loses_nothing(dask: tuple[str, int], study_file: StudyW
     path, runs, here = study_file(SPEEDS.format(100), "reference", "verlet"), tmp_path / "runs", tmp_path / "here"
     words = ["batch", str(path), "--dask", dask[0], "--runs", str(runs), "--results", str(tmp_path)]
     process = subprocess.Popen([*BEADS, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    rows = _wait_for(lambda: len(Store(runs).refresh()))
+    rows = wait_for(lambda: len(Store(runs).refresh()))
     os.killpg(dask[1], signal.SIGKILL)
     assert rows < 200
     printed, complaints = process.communicate(timeout=120)
@@ -135,22 +124,6 @@ def test_a_killed_worker_loses_nothing(dask: tuple[str, int], study_file: StudyW
 
 
 @pytest.mark.slurm
-def test_an_array_runs_what_is_missing_and_makes_the_same_table(
-    slurm: str, study_file: StudyWriter, tmp_path: Path
-) -> None:
-    study, here, there = study_file(SPEEDS.format(12), "reference", "verlet"), tmp_path / "here", tmp_path / "there"
-    assert batch(study, here).returncode == 0
-    for part in ("1/4", "4/4"):
-        assert batch(study, there, "--slice", part).returncode == 0
-    done = batch(study, there, "--slurm", "--wait", "--slices", "4")
-    assert done.returncode == 0, done.stderr
-    assert "#SBATCH --array=2-3\n" in (there / "batch" / ".slurm" / "study.sh").read_text()
-    assert table_bytes(there) == table_bytes(here)
-    again = batch(study, there, "--slurm", "--wait")
-    assert (again.returncode, "job" in again.stdout) == (0, False)
-
-
-@pytest.mark.slurm
 def test_a_second_job_shares_the_work_of_a_running_one(
     slurm: str, study_file: StudyWriter, modules: Path, tmp_path: Path
 ) -> None:
@@ -158,14 +131,16 @@ def test_a_second_job_shares_the_work_of_a_running_one(
     study, runs = study_file(SPEEDS.format(80), "by-module", top=DURATION), tmp_path / "runs"
     words = ("--slurm", "--slices", "1", "--slurm-line", "module load dem")
     job = batch(study, runs, *words).stdout.split("job ")[-1].partition(":")[0]
-    _wait_for(lambda: any((runs / "batch").glob("*.jsonl")))
-    assert batch(study, runs, *words).returncode == 0
-    _wait_for(lambda: _said("squeue", "--noheader", "--format=%T") == "RUNNING\n" * 2)
+    wait_for(lambda: any((runs / "batch").glob("*.jsonl")))
+    second = batch(study, runs, *words, "--slices", "2")
+    assert second.returncode == 0, second.stderr
+    assert "#SBATCH --array=1-2\n" in (runs / "batch" / ".slurm" / "study.sh").read_text()
+    wait_for(lambda: _said("squeue", "--noheader", "--format=%T").count("RUNNING\n") == 2)
     state = beads("status", study, "--runs", runs).stdout
     assert " done" in state
     assert " claimed" in state
     subprocess.run(["scancel", "--signal=KILL", "--full", job], check=True)
     subprocess.run(["scancel", job], check=True)
-    _wait_for(lambda: not _said("squeue", "--noheader"))
+    wait_for(lambda: not _said("squeue", "--noheader"))
     assert beads("status", study, "--runs", runs).stdout == "by-module  80 done\n"
     assert len(Store(runs).refresh()) == 80

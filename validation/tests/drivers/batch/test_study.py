@@ -37,12 +37,7 @@ def test_a_grid_varies_the_last_axis_fastest_and_one_by_one_begins_with_the_base
 @pytest.mark.parametrize(
     ("key", "ends", "expected"),
     [
-        ("striker.speed", 'from = "1 m/s"\nto = "3 m/s"\ncount = 3', ["1.0 m/s", "2.0 m/s", "3.0 m/s"]),
-        (
-            "striker.speed",
-            'from = "1 m/s"\nto = "400 cm/s"\ncount = 3\nspacing = "log"',
-            ["1.0 m/s", "2.0 m/s", "4.0 m/s"],
-        ),
+        ("striker.speed", 'from = "1 m/s"\nto = "300 cm/s"\ncount = 3', ["1.0 m/s", "2.0 m/s", "3.0 m/s"]),
         ("chain.count", 'from = 1\nto = 100\ncount = 9\nspacing = "log"', [1, 2, 3, 6, 10, 18, 32, 56, 100]),
         ("chain.count", "from = 5\nto = 1\ncount = 3", [5, 3, 1]),
     ],
@@ -70,23 +65,19 @@ def test_factors_of_the_base_and_of_the_library(write: StudyWriter) -> None:
 def test_zipped_keys_and_a_table(write: StudyWriter, tmp_path: Path) -> None:
     (tmp_path / "cases.csv").write_text("striker.speed [cm/s],wall.material\n150,rigid\n2e2,steel\n")
     pairs = '{ "chain.count" = [3, 9], "run.duration" = ["0.2 ms", "0.4 ms"] }'
-    axes = f'[[axis]]\nzip = {pairs}\n[[axis]]\ntable = "cases.csv"'
-    study = read_study(write(axes))
-    scenes = [study.case(number).scene for number in range(1, 5)]
-    assert [
-        (s.chain.count, s.run.duration, s.striker and s.striker.speed, s.wall and s.wall.material) for s in scenes
-    ] == [
-        (3, 0.0002, 1.5, "rigid"),
-        (3, 0.0002, 2.0, "steel"),
-        (9, 0.0004, 1.5, "rigid"),
-        (9, 0.0004, 2.0, "steel"),
+    study = read_study(write(f'[[axis]]\nzip = {pairs}\n[[axis]]\ntable = "cases.csv"'))
+    keys = ("chain.count", "run.duration", "striker.speed", "wall.material")
+    assert [[value_at(study.case(number).scene, key) for key in keys] for number in range(1, 5)] == [
+        [3, 0.0002, 1.5, "rigid"],
+        [3, 0.0002, 2.0, "steel"],
+        [9, 0.0004, 1.5, "rigid"],
+        [9, 0.0004, 2.0, "steel"],
     ]
 
 
 def test_a_key_may_be_left_out_and_set_for_all(write: StudyWriter) -> None:
-    study = read_study(
-        write('[[axis]]\nkey = "wall"\nvalues = ["", { material = "steel" }]', 'set = { gravity = "1 m/s^2" }')
-    )
+    axes, top = '[[axis]]\nkey = "wall"\nvalues = ["", { material = "steel" }]', 'set = { gravity = "1 m/s^2" }'
+    study = read_study(write(axes, top))
     assert [study.case(n).chain.wall for n in (1, 2)] == [None, "steel"]
     assert study.case(1).scene.gravity == 1.0
 
@@ -125,38 +116,33 @@ BAD = {
     "an empty axis": (f"{COUNT}values = []", "axis.0.values: found an empty list"),
     "no form": (COUNT, "exactly one of values, from, factors, zip, seeds, table"),
     "two forms": (f"{COUNT}values = [1]\nseeds = 2", "found values, seeds"),
-    "no key": ("[[axis]]\nvalues = [1]", "axis.0.key: found []; allowed: a key"),
     "a key too many": (f"{COUNT}seeds = 2", "no key with seeds"),
     "no count": (f"{COUNT}from = 1\nto = 2", "axis.0.count: missing key"),
     "units apart": (f'{SPEED}from = "1 m/s"\nto = "2 kg"\ncount = 3', "a quantity in m/s"),
     "log of nothing": (f'{COUNT}from = 0\nto = 9\ncount = 3\nspacing = "log"', "ends above zero"),
     "NaN": (f"{COUNT}from = nan\nto = 2\ncount = 3", "a finite number"),
     "an endless number": (f'[[axis]]\nkey = "seed"\nfrom = {"9" * 400}\nto = 2\ncount = 2', "a finite number"),
-    "lists of unlike lengths": (
-        '[[axis]]\nzip = { "chain.count" = [1, 2], "seed" = [1] }',
-        "2 of chain.count, 1 of seed",
-    ),
+    "lists of unlike lengths": ('[[axis]]\nzip = { "chain.count" = [1, 2], "seed" = [1] }', "2 of chain.count, 1 of"),
     "a key twice": ('[[axis]]\nkey = "seed"\nvalues = [1]\n[[axis]]\nseeds = 2', "seed, which overlaps seed of axis.0"),
-    "a key also set": ("set = { seed = 1 }\n[[axis]]\nseeds = 2", "seed, which overlaps seed of set"),
-    "keys one below the other": (
-        f'{SPEED}values = ["1 m/s"]\n[[axis]]\nkey = "striker"\nvalues = [""]',
-        "striker, which overlaps striker.speed of axis.0",
+    "a key also set": (
+        f'set = {{ striker = "" }}\n{SPEED}values = ["1 m/s"]',
+        "striker.speed, which overlaps striker of set",
     ),
     "a factor of nothing": ('[[axis]]\nkey = "chain.precompression"\nfactors = [2]', "nothing at chain.precompression"),
     "a factor of a word": ('[[axis]]\nkey = "wall.material"\nfactors = [2]', '"brass" at wall.material'),
-    "no table": ('[[axis]]\ntable = "none.csv"', "No such file"),
     "a device as table": ('[[axis]]\ntable = "/dev/zero"', "/dev/zero: no regular file; allowed: a readable CSV"),
-    "a table without a name": ('[[axis]]\ntable = "a\\u0000b"', "a readable CSV file"),
-    "a word in the table": (
-        '[[axis]]\ntable = "word.csv"',
-        'line 3, striker.speed: found "fast"; allowed: a plain number',
-    ),
+    "a word in the table": ('[[axis]]\ntable = "word.csv"', 'line 3, striker.speed: found "fast"; allowed: a plain'),
     "a ragged table": ('[[axis]]\ntable = "ragged.csv"', "line 2: found 1 values; allowed: 2"),
     "an empty table": ('[[axis]]\ntable = "empty.csv"', "at least one line of values"),
     "a scene that cannot be": (f"{COUNT}values = [3, -1]", "case 2 (chain.count=-1): chain.count: found -1"),
     "an unknown engine": ('engines = ["abaqus"]', f'"abaqus"; allowed: {", ".join(engine_names())}'),
     "no base scene": ('scene = "nowhere"', 'scene: found "nowhere"'),
     "a name that is taken": ('[[axis]]\nkey = "seed"\nname = "case"\nvalues = [1]', '"case", the name of another'),
+    "all problems": (f'engines = ["abaqus"]\n{COUNT}{COUNT}', ": 3 problems: (1) axis.0: "),
+    "a million cases": (
+        f"[[axis]]\nseeds = 1000\n{COUNT}from = 1\nto = 1000\ncount = 1000",
+        "1,000,000 cases; allowed: ",
+    ),
     "a name that is another with its unit": (
         f'{SPEED}name = "a"\nvalues = ["1 m/s"]\n{COUNT}name = "a_m_s"\nvalues = [3]',
         'axis.1.name: found "a_m_s", the name of another column',
@@ -183,16 +169,14 @@ def test_bad_studies(name: str, scene_file: SceneWriter, tmp_path: Path) -> None
     assert not (tmp_path / "results").exists()
 
 
-@pytest.mark.parametrize("ending", ["-cost", "-figure"])
-def test_no_study_has_the_name_of_a_file_of_another(ending: str, study_file: StudyWriter) -> None:
+def test_no_study_has_the_name_of_a_file_of_another(study_file: StudyWriter) -> None:
     path = study_file(SPEEDS.format(2), "verlet")
-    with pytest.raises(InputError, match=f"the study name study{ending}"):
-        read_study(path.rename(path.with_stem(f"study{ending}")))
+    with pytest.raises(InputError, match="the study name study-cost"):
+        read_study(path.rename(path.with_stem("study-cost")))
 
 
-def test_no_column_has_the_name_of_an_observable(study_file: StudyWriter, tmp_path: Path) -> None:
-    path = study_file('[[axis]]\nkey = "chain.count"\nname = "wall_peak_N"\nvalues = [3, 4]', "verlet")
-    request = request_of(path, tmp_path / "runs")
+def test_no_column_has_the_name_of_an_observable(write: StudyWriter, tmp_path: Path) -> None:
+    request = request_of(write(f'{COUNT}name = "wall_peak_N"\nvalues = [3]'), tmp_path / "runs")
     with pytest.raises(InputError, match='"wall_peak_N", the name of an observable'):
         batch(request, tmp_path / "results", Place(1, processes=True))
     assert not [*(tmp_path / "results").iterdir()]
@@ -204,6 +188,7 @@ def test_no_column_has_the_name_of_an_observable(study_file: StudyWriter, tmp_pa
         (["--slice", "0/2"], "I/N with I from 1 to N"),
         (["--workers", "0"], "a whole number from 1"),
         (["--dask", "carrier pigeon"], "no scheduler answers"),
+        (["--dask"], "make cluster"),
         (["--slurm", "--dask"], "--slurm: not allowed with --dask"),
         (["--slurm", "--slice", "1/2"], "--slurm: not allowed with --slice"),
         (["--slice", "1/2", "--dry-run"], "not allowed with --slice"),
@@ -218,38 +203,14 @@ def test_bad_options(
     words: list[str], message: str, study_file: StudyWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PATH", "/nowhere")
+    if words == ["--dask"]:
+        monkeypatch.setitem(sys.modules, "distributed", None)
     path = study_file("[[axis]]\nseeds = 3", "reference")
     done = beads("batch", path, "--runs", tmp_path / "runs", "--results", tmp_path / "results", *words)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
     assert message in done.stderr
     assert not list(tmp_path.glob("runs/batch/*.jsonl"))
     assert "--dask" not in words or not (tmp_path / "runs").exists()
-
-
-def test_all_problems_of_a_study_are_listed(study_file: StudyWriter) -> None:
-    path = study_file('[[axis]]\nkey = "chain.count"\n[[axis]]\nkey = "seed"\nvalues = []', "abaqus", "reference")
-    with pytest.raises(InputError) as refused:
-        read_study(path)
-    first, second, third = refused.value.problems
-    assert (first[0], second[0], third[:2]) == ("axis.0", "axis.1.values", ("engines", '"abaqus"'))
-    assert ": 3 problems: (1) axis.0: " in str(refused.value)
-
-
-def test_a_missing_dask_says_how_to_get_it(
-    study_file: StudyWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    done = beads("batch", study_file("[[axis]]\nseeds = 3", "reference"), "--dask", "--runs", tmp_path / "runs")
-    assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
-    assert "make cluster" in done.stderr
-    assert not (tmp_path / "runs").exists()
-
-
-def test_a_million_cases_by_accident(write: StudyWriter, tmp_path: Path) -> None:
-    path = write('[[axis]]\nseeds = 1000\n[[axis]]\nkey = "chain.count"\nfrom = 1\nto = 1000\ncount = 1000')
-    done = beads("batch", path, "--runs", tmp_path / "runs", "--dry-run")
-    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-    assert "1,000,000 cases; allowed: at most 20,000, or --yes" in done.stderr
 
 
 @pytest.mark.long

@@ -1,6 +1,5 @@
 """Tests of existing runs: listed with their settings, found, and named without a hash."""
 
-import json
 import os
 import shutil
 from pathlib import Path
@@ -75,21 +74,13 @@ def test_a_scene_without_its_file_is_listed(home: Path, capsys: pytest.CaptureFi
     assert said.endswith(", which is the newest run recorded as small\n")
 
 
-@pytest.mark.parametrize(
-    "text",
-    ["", "[]", '{"engine": 1}', "\ud800", "record", "scene = 5", "chain = 5", "time_step = x", "engine = 5"],
-)
-def test_a_damaged_record_is_a_line(home: Path, text: str, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("text", [None, "", "[]", '{"engine": 1}', "\ud800", "another digest"])
+def test_a_damaged_record_is_a_line(home: Path, text: str | None, capsys: pytest.CaptureFixture[str]) -> None:
     folder = kept_runs(home / "runs")[0].folder
-    if " = " in text:  # without a new digest
-        record = json.loads((folder / RECORD).read_text())
-        key, _, value = text.partition(" = ")
-        place = {"chain": record["scene"], "time_step": record["scene"]["run"]}.get(key, record)
-        place[key] = 5 if value == "5" else value
-        text = json.dumps(record)
-    if text == "record":
-        (folder / RECORD).unlink()
-    else:
+    record = (folder / RECORD).read_text()
+    (folder / RECORD).unlink()
+    if text is not None:
+        text = record.replace(VERLET, REFERENCE) if text == "another digest" else text
         (folder / RECORD).write_bytes(text.encode(errors="surrogatepass"))
     *rows, total = listed(capsys, home)
     (row,) = [row for row in rows if folder.name in row[0]]
