@@ -32,7 +32,7 @@ MAX_ITERATIONS = 500
 CHANGE_TOLERANCE = 1e-14  # relative change per iteration
 MAX_RESIDUAL_PRECOMPRESSED = 1e-13
 MAX_MACH = 1e4
-MIN_AMPLITUDE, MAX_AMPLITUDE = 1e-2, 1e20  # divided by the static force; both limits are tested
+MIN_AMPLITUDE, MAX_AMPLITUDE = 1e-2, 1e20  # divided by the static force
 
 
 @dataclass(frozen=True)

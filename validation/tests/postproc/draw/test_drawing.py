@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from postproc.draw.scene_drawing import draw_scene
@@ -10,35 +11,33 @@ from validation.tests.helpers.commands import beads
 from validation.tests.helpers.scenes import SceneWriter, case_of
 
 
-def test_a_short_chain_is_drawn_where_it_is() -> None:
-    case = case_of("fig4")
-    _, table = draw_scene(case.scene, case.chain)
-    assert len(table) == case.chain.bodies
+def test_a_short_chain_is_drawn_where_it_is(scene_file: SceneWriter, tmp_path: Path) -> None:
+    done = beads("draw", scene_file("mine"), "--set", "chain.sensors=[{ from_wall = 2 }]", "--results", tmp_path)
+    assert done.returncode == 0, done.stderr
+    table = pd.read_csv(tmp_path / "scene-mine.csv")
     assert (table["height_m"] == table["drawn_height_m"]).all()
-    assert list(table["role"]).count("sensor") == len(case.scene.chain.sensors)
+    assert [*table["role"]] == ["bead", "sensor", "bead", "bead", "bead", "striker"]
+    assert {path.suffix for path in tmp_path.glob("scene-mine.*")} == {".csv", ".png", ".svg"}
 
 
 @pytest.mark.parametrize(
     "settings",
     [
-        ("chain.count=0", "chain.sensors=[]"),
         ("wall=", "gravity=", "striker=", "chain.bead=[{ from_wall = 1, velocity = '1 m/s' }]"),
         ("chain.bead=[{ from_wall = 3, diameter = '1 m' }]", "striker.diameter=1 um", "tube=", "gravity="),
-        ("tube=",),
         ("striker.shape=flat", "striker.diameter=", "striker.mass=50 kg"),
+        ("chain.count=0", "chain.sensors=[]"),
         ("chain.bead=[{ from_wall = 8, gap_below = '100 m' }]",),
-        ("tube.inner_diameter=1 m",),
         ("tube.top=3 m",),
-        ("tube.top=0 mm",),
         ("chain.count=100000",),
     ],
 )
-def test_any_scene_can_be_drawn(settings: tuple[str, ...]) -> None:
+def test_any_scene_fits_a_column(settings: tuple[str, ...]) -> None:
     case = case_of("fig4", *settings)
     figure, _ = draw_scene(case.scene, case.chain)
     width, height = figure.get_size_inches()
-    assert 0.3 < height < 9
     assert width < 5
+    assert 0.3 < height < 9
     figure.draw_without_rendering()
     pyplot().close(figure)
 
@@ -51,10 +50,3 @@ def test_a_long_chain_is_cut_but_keeps_its_ends_sensors_and_special_beads() -> N
     assert (table["drawn_height_m"].diff().iloc[1:] > 0).all()
     drawn = " ".join(text.get_text() for text in figure.axes[0].texts)
     assert all(text in drawn for text in ("bead 400: ⌀ 4 mm", "590 beads", "386 beads"))
-
-
-def test_the_command_writes_three_files(scene_file: SceneWriter, tmp_path: Path) -> None:
-    done = beads("draw", scene_file("mine"), "--set", "chain.count=7", "--results", tmp_path / "out")
-    assert done.returncode == 0, done.stderr
-    names = {path.name for path in (tmp_path / "out").glob("[!.]*")}
-    assert names == {f"scene-mine.{ending}" for ending in ("csv", "png", "svg")}

@@ -4,6 +4,7 @@ import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -59,8 +60,6 @@ def test_a_record_gives_back_its_chain() -> None:
     [
         (("fig5",), 5),
         (("fig4", "chain.count=0", "chain.sensors=[]", "gravity="), 2),
-        (("fig4", "wall=", "tube=", "gravity="), 3),
-        (("fig4", "chain.bead=[{ from_wall = 8, gap_below = '10 m' }]", "gravity="), 3),
         (("long-chain", "run.duration=0.1 ms"), 12),
     ],
 )
@@ -73,9 +72,6 @@ def test_a_sheet_has_every_body_at_every_time(settings: tuple[str, ...], frames:
         rows = table.loc[run.trace.time_s[sample]]
         assert np.array_equal(rows["height_m"], run.state.place_m[sample, :, 2])
         assert np.array_equal(rows["force_N"], forces[sample])
-    width, height = product.figure.get_size_inches()
-    assert width < 8
-    assert 1 < height < 7
     product.figure.draw_without_rendering()
 
 
@@ -98,23 +94,22 @@ def test_without_positions_bodies_stay_where_they_were(scene_file: SceneWriter, 
     assert "kept no others" in notes_of(shown)
 
 
-def test_an_animation_has_all_frames_and_an_interrupted_one_leaves_the_former(
+def test_an_interrupted_animation_leaves_the_former(
     run_of: Runner, scene_file: SceneWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    shown = film_of(run_of(scene_file()), 5)
-    path = write_animation(shown, "a chain", tmp_path / "out" / "film.gif")
-    with Image.open(path) as animation:
-        assert animation.n_frames == 5  # type: ignore[attr-defined]
-    before = path.read_bytes()
+    save, path = Image.Image.save, tmp_path / "out" / "film.gif"
+    path.parent.mkdir()
+    path.write_text("the former")
 
-    def break_off(*_: object) -> None:
-        raise KeyboardInterrupt
+    def break_off(image: Image.Image, file: Any, *words: Any, **look: Any) -> None:
+        save(image, file, *words, **look)
+        if look["format"] == "GIF":
+            raise KeyboardInterrupt
 
-    monkeypatch.setattr(film, "_draw_chain", break_off)
+    monkeypatch.setattr(Image.Image, "save", break_off)
     with pytest.raises(KeyboardInterrupt):
-        write_animation(shown, "a chain", path)
-    assert path.read_bytes() == before
-    assert list(path.parent.iterdir()) == [path]
+        write_animation(film_of(run_of(scene_file()), 2), "a chain", path)
+    assert [(file, file.read_bytes()) for file in path.parent.iterdir()] == [(path, b"the former")]
 
 
 def test_cells_keep_the_largest_force() -> None:
@@ -129,15 +124,18 @@ def test_cells_keep_the_largest_force() -> None:
 
 
 def test_commands_write_their_files_or_refuse_in_one_line(
-    run_of: Runner, scene_file: SceneWriter, tmp_path: Path
+    run_of: Runner, scene_file: SceneWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = run_of(scene_file()).folder
+    monkeypatch.setattr(film, "GIF_FRAMES", 5)
     for command, kinds in (("film", {"csv", "png", "svg", "gif"}), ("spacetime", {"csv", "png", "svg"})):
         frames = ("--frames", "3") if command == "film" else ()
         done = beads(command, folder, *frames, "--results", tmp_path / command)
         assert done.returncode == 0, done.stderr
         names = {path.name for path in (tmp_path / command).glob("[!.]*")}
         assert names == {f"{command}-verlet-{folder.name}.{kind}" for kind in kinds}
+    with Image.open(tmp_path / "film" / f"film-verlet-{folder.name}.gif") as animation:
+        assert animation.n_frames == 5  # type: ignore[attr-defined]
     for words in (("film", folder, "--frames", "0"), ("film", folder, "--sideways", "-1"), ("spacetime", tmp_path)):
         refused = beads(*words)
         assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)

@@ -1,7 +1,6 @@
 """The paper's figures and its table, made by all engines."""
 
 import re
-import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +17,7 @@ from postproc.figures import captions, make_figure
 from postproc.figures.table1 import equals_printed
 from postproc.paper.calibrated import calibrated
 from postproc.paper.quoted import quoted
-from postproc.paper.strikes import contact_peak, sensor_amplitude, strike_for
+from postproc.paper.strikes import contact_peak, strike_for
 from postproc.read.signals import incident_pulse
 from validation.reference.travelling_wave import solve_at_amplitude
 from validation.tests.helpers.commands import beads
@@ -51,16 +50,6 @@ def _absent(name: str, *numbers: str) -> list[str]:
     return [number for number in numbers if not re.search(rf"(?<![\d.-]){re.escape(number)}(?!\.?\d)", text)]
 
 
-def test_a_figure_is_known_by_its_file() -> None:
-    """``make help`` and the command line take its first line."""
-    assert list(captions()) == sorted(file.stem for file in (paths.ROOT / "postproc" / "figures").glob("[a-z]*.py"))
-    named = beads("figures", "--help").stdout.split()
-    listed = subprocess.run(["make", "help"], cwd=paths.ROOT, capture_output=True, text=True, check=True).stdout
-    for name, caption in captions().items():
-        assert name in named
-        assert re.search(f"make {name} +{re.escape(caption.title)}\n", listed)
-
-
 @pytest.mark.long
 @pytest.mark.parametrize("name", captions())
 def test_drawn_numbers_are_in_the_table_and_nothing_is_cut(made: Made, name: str) -> None:
@@ -69,20 +58,11 @@ def test_drawn_numbers_are_in_the_table_and_nothing_is_cut(made: Made, name: str
     assert out_of_bounds(product.figure, (COLUMN_IN, PAGE_IN)) == []
     letters = {letter for letter, _ in lettered_axes(product.figure) if letter}
     assert set(re.findall(r"(?:^|[ .;])\(([a-d])\)", captions()[name].text)) == letters
-    readme = (paths.ROOT / "postproc" / "README.md").read_text()
-    (row,) = re.findall(rf"^\| `{name}\.csv` \| (.*) \|$", readme, re.MULTILINE)
-    columns = {re.sub(rf"^({'|'.join(ENGINES)})_", "{engine}_", column) for column in product.table.columns}
-    assert set(re.findall(r"`([^`]+)`", row)) == columns
 
 
 @pytest.mark.long
 def test_table_1_is_reproduced_by_every_engine_with_the_printed_numbers(made: Made) -> None:
     table = made["table1"].table
-    wide_foot = np.where(table["force_N"] <= 0.1, 0.2, 0.1)
-    for engine in ENGINES:
-        assert (table[f"{engine}_speed_m_s"] / table["computed_speed_m_s"] - 1).abs().max() < 0.01
-        for name, allowed in (("width_0.2pct_diameters", wide_foot), ("width_4pct_diameters", 0.1)):
-            assert ((table[f"{engine}_{name}"] - table[f"computed_{name}"]).abs() < allowed).all()
     for code in CODES:
         for column in ("striker_m_s", "speed_m_s", "width_0.2pct_diameters", "width_4pct_diameters"):
             off = (table[f"{code}_{column}"] / table[f"reference_{column}"] - 1).abs()
@@ -98,22 +78,12 @@ def test_table_1_is_reproduced_by_every_engine_with_the_printed_numbers(made: Ma
     assert _absent("table1", f"20 beads and the striker: {short} of 15", f"{long} do") == []
 
 
-def test_numbers_are_rounded_before_they_are_compared() -> None:
-    row = dict.fromkeys(("computed_speed_m_s", "exact_speed_m_s"), 103) | {
-        "computed_width_0.2pct_diameters": 4.3, "exact_width_0.2pct_diameters": 4.3538,
-        "computed_width_4pct_diameters": 4.0, "exact_width_4pct_diameters": 3.951,
-    }  # fmt: skip
-    assert equals_printed(row, "exact") == [True, False, True]
-
-
 @pytest.mark.long
 def test_runs_of_fig_2_lie_on_the_curve_of_beta_and_the_caption_has_its_limit(made: Made) -> None:
     table = made["fig2"].table
     limit = table[table["engine"] == "travelling wave without static force"]["beta"].iloc[0]
     assert _absent("fig2", f"{limit:.3f} times") == []
     waves = table.query("panel == 'c' and engine == 'travelling wave'")
-    assert waves["force_over_static"].min() <= 1.11
-    assert waves["force_over_static"].max() >= 1e4
     points = table[(table["panel"] == "c") & ~table["engine"].str.startswith("travelling wave")]
     assert set(points["engine"]) == set(ENGINES)
     solitary = points[points["solitary"].astype(bool)]
@@ -125,19 +95,15 @@ def test_runs_of_fig_2_lie_on_the_curve_of_beta_and_the_caption_has_its_limit(ma
 @pytest.mark.long
 def test_fig_3_draws_the_experiment_at_the_contact_force_of_eq_6(made: Made) -> None:
     dots = made["fig3"].table.query("source == 'experiment'")
-    assert [*dots["sensor_amplitude_N"]] == [*quoted().table1.force_N]
     betas = (dots["force_N"] - dots["static_N"]) / dots["sensor_amplitude_N"]
     for force_N, beta, static_N in zip(dots["force_N"], betas, dots["static_N"], strict=True):
         assert solve_at_amplitude(2.0, 3.0, static_N, force_N / static_N - 1).beta == pytest.approx(beta, rel=1e-4)
-    strike = strike_for(5.0, sensor_amplitude)
-    assert contact_peak(strike) == pytest.approx(float(dots["force_N"].iloc[0]), rel=2e-3)
 
 
 @pytest.mark.long
 def test_speeds_of_fig_3_follow_the_theory_without_gravity_and_exceed_it_with(made: Made) -> None:
     table = made["fig3"].table
     exact = table[table["engine"] == "reference"]
-    assert [exact["force_N"].min(), exact["force_N"].max()] == pytest.approx([0.03, 20], rel=1e-9)
     bare = exact[~exact["gravity"].astype(bool)]
     for _, chain in bare.groupby("modulus_MPa"):
         slope = np.polyfit(np.log(chain["force_N"]), np.log(chain["speed_m_s"]), 1)[0]
@@ -186,18 +152,14 @@ def test_dissipation_makes_the_reflected_wave_of_fig_4_smaller(made: Made) -> No
     for quantity in ("speed_m_s", "duration_us"):
         assert damped[quantity] == pytest.approx(stated[quantity], rel=0.13)
         assert elastic[quantity] != pytest.approx(stated[quantity], rel=0.25)
-    table = made["fig4"].table[made["fig4"].table["time_s"].notna()]
-    for _, rows in table[table["engine"] == "reference"].groupby("panel"):  # both waves have passed the upper sensor
-        signal = rows["bead_9_N"].to_numpy()
-        tops = [signal[i] for i in range(1, len(signal) - 1) if signal[i - 1] < signal[i] >= signal[i + 1]]
-        incident, reflected = (top for top in tops if top > 1)
-        assert signal[-1] < 0.2 * reflected < incident
-    marks = table.query("engine == 'paper' and quantity == 'speed_m_s'")
-    upper_s, lower_s, wall_s = (
-        marks[marks[gauge].notna()]["time_s"].iloc[0] for gauge in ("bead_9_N", "bead_5_N", "wall_N")
-    )
-    assert 4 * 4.76e-3 / (lower_s - upper_s) == pytest.approx(152, rel=2e-3)
-    assert 4.5 * 4.76e-3 / (wall_s - lower_s) == pytest.approx(152, rel=2e-3)
+    marks = made["fig4"].table.query("time_s.notna() and engine == 'paper' and quantity == 'speed_m_s'")
+    times = [marks[marks[gauge].notna()]["time_s"].iloc[0] for gauge in ("bead_9_N", "bead_5_N", "wall_N")]
+    assert np.diff(times) == pytest.approx(np.array([4, 4.5]) * 4.76e-3 / 152, rel=2e-3)
+    modulus, restitution = (parameter.value for parameter in calibrated().parameter)
+    assert _absent("fig4", f"{modulus * 1e-9:.3f} GPa", f"{restitution:.3f}") == []
+    for force, speed, duration, ratio in (damped.values(), elastic.values()):
+        assert _absent("fig4", f"{force:.3g} N", f"{speed:.3g} m/s", f"{duration:.0f} µs", f"{ratio:.2f}") == []
+    assert _absent("fig4", "2 N", "152 m/s", "164 µs") == []
 
 
 @pytest.mark.long
@@ -216,6 +178,8 @@ def test_fig_5_has_the_differences_of_the_incident_pulse_and_every_reading_of_th
         assert set(drawn["quantity"]) == {"envelope_3_maxima"}
         slope = np.polyfit(drawn["time_s"], np.log(drawn["wall_N"]), 1)[0]
         assert slope == pytest.approx(1e6 * rates[1], abs=2)
+        assert _absent("fig5", f"{rates[1]:.4f}") == []
+    assert _absent("fig5", "-0.0049", "31, -0.0125, 404", "50 µs", "-0.0185 per µs", "370 µs") == []
 
 
 @pytest.mark.long
@@ -229,25 +193,6 @@ def test_dissipation_delays_the_splitting_of_fig_6(made: Made) -> None:
         assert [*level] == [elastic["maximum_1_N"]] * 2
         ratio = f"by {elastic['maximum_1_N'] / damped['maximum_1_N']:.1f} in ({panel})"
         assert _absent("fig6", f"{damped['valley_over_second_maximum']:.2f}", ratio) == []
-
-
-@pytest.mark.long
-def test_captions_of_figs_4_and_5_have_their_numbers(made: Made) -> None:
-    modulus, restitution = (parameter.value for parameter in calibrated().parameter)
-    assert _absent("fig4", f"{modulus * 1e-9:.3f} GPa", f"{restitution:.3f}") == []
-    for panel in "ab":
-        force, speed, duration, ratio = _numbers(made["fig4"], panel).values()
-        assert _absent("fig4", f"{force:.3g} N", f"{speed:.3g} m/s", f"{duration:.0f} µs", f"{ratio:.2f}") == []
-    force, speed, duration = _numbers(made["fig4"], "a", "paper").values()
-    assert _absent("fig4", f"{force:g} N", f"{speed:g} m/s", f"{duration:g} µs") == []
-    rates = [_numbers(made["fig5"], panel)["envelope_3_maxima_per_us"] for panel in "ab"]
-    rates += [_numbers(made["fig5"], panel, "paper")["envelope_per_us"] for panel in "ab"]
-    rates.append(_numbers(made["fig5"], "b")["envelope_4_maxima_per_us"])
-    assert _absent("fig5", *(f"{rate:.4f}" for rate in rates)) == []
-    rise, decay, duration = [*_numbers(made["fig5"], "b").values()][3:6]
-    assert _absent("fig5", f"{rise:.0f}, {decay:.4f}, {duration:.0f}") == []
-    rise, decay, duration = _numbers(made["fig5"], "c", "paper").values()
-    assert _absent("fig5", f"{rise:g} µs", f"{decay:g} per µs", f"{duration:g} µs") == []
 
 
 def test_the_shape_of_a_pulse_made_of_known_pieces() -> None:
@@ -271,9 +216,8 @@ def test_figures_without_engines_say_so(tmp_path: Path, monkeypatch: pytest.Monk
     assert done.returncode == 0, done.stderr
     assert f"left out, since not installed: {', '.join(missing_codes())}" in done.stderr
     names = ("fig5", "fig5-spacetime", "table1")
-    files = {path.name: path.read_text() for path in (tmp_path / "out").glob("[!.]*") if path.suffix != ".png"}
-    assert set(files) == {f"{name}.{ending}" for name in names for ending in ("csv", "svg")}
-    assert all("<svg" in content for name, content in files.items() if name.endswith("svg"))
+    files = {path.name for path in (tmp_path / "out").glob("[!.]*")}
+    assert files == {f"{name}.{ending}" for name in names for ending in ("csv", "png", "svg")}
     engines = set(pd.read_csv(tmp_path / "out" / "fig5.csv")["engine"])
     assert engines == {"reference", "paper", *installed_codes()}
 
@@ -336,6 +280,6 @@ def test_scenes_without_sensors_and_dissipation_without_a_train_are_refused(
         text = (paths.SCENES / f"{scene}.toml").read_text()
         (tmp_path / f"{scene}.toml").write_text("\n".join(line for line in text.splitlines() if "sensors" not in line))
     monkeypatch.setattr(paths, "SCENES", tmp_path)
-    for name in ("fig4", "table1", "fig3"):
+    for name in ("fig4", "table1"):
         with pytest.raises(InputError, match=r"chain\.sensors"):
             make_figure(name, tmp_path / "runs")
