@@ -131,7 +131,8 @@ def test_a_plan_says_what_is_a_bound_and_what_a_trial() -> None:
 
 
 def test_a_step_that_blows_up_is_refused_and_unsafe_runs_it(tmp_path: Path) -> None:
-    words = ["run", "fig4", *words_of(TOO_LARGE), "--runs", tmp_path, "--engine", "verlet", "--engine", "reference"]
+    engines = ("--engine", "verlet", "--engine", "reference")
+    words = ["run", "fig4", *words_of(TOO_LARGE), "--runs", str(tmp_path), *engines]
     refused = beads(*words)
     assert (refused.returncode, refused.stdout, len(refused.stderr.splitlines())) == (2, "", 1)
     assert "run.time_step: found 2e-05 s; allowed: at most 1.7" in refused.stderr
