@@ -9,16 +9,14 @@ import pytest
 from drivers.base.errors import InputError
 from drivers.chain.case import Case
 from drivers.chain.schemes import verlet_of
-from drivers.engines import codes
 from drivers.limits.refusal import beyond_rounding, refuse, unattainable
-from drivers.run.compute import compute
 from postproc.read.residual import residual
 from validation.accuracy.exact_motion import exact_motion_of
-from validation.accuracy.plan import auto_engines, capable_engines
+from validation.accuracy.plan import auto_engines
 from validation.accuracy.plan_report import plan_report
 from validation.stability.measured_limits import random_case
 from validation.tests.helpers.commands import beads
-from validation.tests.helpers.runs import finished, need
+from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import SceneWriter, case_of
 
 ACCURACIES = (1e-2, 1e-4, 1e-6)
@@ -26,12 +24,9 @@ MAX_STEP_RATIO = 1.5  # planned steps over the fewest that meet the accuracy
 FREE = "run.time_step="
 
 
-def numbers(quick: int, count: int) -> list[object]:
-    """Numbers of random scenes: the first in the quick tests, the rest in the accuracy tests."""
-    return [pytest.param(number, marks=pytest.mark.accuracy if number >= quick else ()) for number in range(count)]
-
-
-@pytest.mark.parametrize("number", numbers(4, 100))
+@pytest.mark.parametrize(
+    "number", [pytest.param(number, marks=pytest.mark.accuracy if number >= 4 else ()) for number in range(100)]
+)
 def test_the_planned_step_meets_the_accuracy_and_is_nearly_the_largest(number: int) -> None:
     whole = random_case(number, accuracy=1e-2)
     truth = exact_motion_of(whole.full or whole, finer=False)
@@ -59,24 +54,9 @@ def test_the_planned_step_meets_the_accuracy_and_is_nearly_the_largest(number: i
         assert all(not error_at(each) <= accuracy for each in fewer), f"{steps} steps a sample at {accuracy}"
 
 
-@pytest.mark.parametrize("number", numbers(1, 20))
-def test_the_codes_keep_the_accuracy(number: int) -> None:
-    accuracy = ACCURACIES[number % 2]
-    case = random_case(number, accuracy=accuracy)
-    truth = exact_motion_of(case.full or case, finer=False)
-    for engine in codes():
-        need(engine)
-        assert residual(compute(case, engine).done, truth.trace).max() <= accuracy, engine
-
-
 def test_the_step_of_rare_samples_is_below_the_sample_interval() -> None:
     rare = case_of("fig4", FREE, "run.accuracy=1e-4", "run.sample_interval=100 us")  # beyond the stability limit
     assert 1e-7 < rare.scene.time_step_s < 5e-7
-
-
-def test_engines_without_the_law_of_a_scene_are_not_chosen() -> None:
-    power = case_of("fig4", "contact.dissipation=power", "contact.gamma=1")
-    assert capable_engines(power) == ["reference", "verlet", "yade"]
 
 
 def test_heights_far_away_are_refused_to_codes_with_a_limit_that_holds() -> None:

@@ -145,16 +145,6 @@ def test_the_first_departure_names_time_and_contact(
     assert words in budget_of(case, A_CODE, as_code(case, **changes)).departure
 
 
-def test_velocities_of_another_time_change_energy_and_no_force() -> None:
-    case = case_of("fig4")
-    right = as_code(case)
-    assert right.velocity_m_s is not None
-    energy = right.total_energy_J + np.gradient(right.kinetic_energy_J, right.time_s) * case.scene.time_step_s / 2
-    budget = budget_of(case, A_CODE, replace(right, total_energy_J=energy))
-    assert red(budget) == {"model: energy"}
-    assert "the energy is " in budget.departure
-
-
 def test_failed_runs_depart_where_they_begin_to() -> None:
     case = case_of("fig4")
     bent, right = as_code(case, stiffness=times(0.7, -1)), as_code(case)

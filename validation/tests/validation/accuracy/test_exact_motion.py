@@ -15,6 +15,8 @@ SAMPLES = 12  # compared with the motion in 40 digits
 TRUE_FACTOR = 128  # samples of the true motion for each of the scene
 LEAST_ERROR = 1e-8  # smaller errors are not of interest here
 ACCURACY = 3e-4
+GAPS = "chain.bead=[{from_wall=3, gap_below='20 um'}, {from_wall=5, gap_below='5 um', mass='2 mg'}]"
+LOOSE = ("gravity=", "chain.sensors=[]", "chain.count=5", GAPS, "run.sample_interval=10 us", "run.duration=0.25 ms")
 LAWS = (
     (),
     ("contact.damping_ratio=0.05",),
@@ -53,6 +55,19 @@ def test_the_stated_error_is_no_less_than_the_true_one(kind: str, number: int, d
     true = float(np.abs(motion.trace.force_N[chosen] - right).max()) / change_N
     stated = float(motion.error_N[chosen[-1]]) / change_N
     assert true <= stated <= (30 * max(true, 1e-13) if kind == "pressed" else 1e-8)
+
+
+def test_errors_stated_at_looser_tolerances_are_near_the_true_ones() -> None:
+    """The range stated by the docstring of ``error_N`` holds for a further chain with light and loose beads."""
+    case = case_of("fig4", *LOOSE)
+    right = np.array(list(high_precision.forces_at(case.chain, case.sample_times_s)))
+    for tolerance in (1e-5, 1e-9):
+        motion = exact_motion_of(case, tolerance, finer=False)
+        true_N = np.maximum.accumulate(np.abs(motion.trace.force_N - right).max(axis=1))
+        moving = true_N > 1e-14 * right.max()
+        assert moving.sum() > 10
+        assert (motion.error_N[moving] > true_N[moving] / 12).all()
+        assert (motion.error_N[moving] < 30 * true_N[moving]).all()
 
 
 def train(number: int, *settings: str) -> Case:

@@ -23,12 +23,10 @@ FREE = ("chain.precompression=0 N", "wall=")
 CHIRP = ("drive.form=chirp", "drive.frequency=2 kHz", "drive.end_frequency=20 kHz", "drive.duration=0.3 ms")
 POINTS = "time_us,{}\n0,0\n37.3,{low}\n80.04,{high}\n333,0\n"
 CASES = {
-    "the shipped scene": (),
     "a sine at an inner bead, gravity": ("drive.from_wall=7", "drive.window=", "drive.cycles=3.3", *HEAVY),
     "a half-sine displacement of a free chain": (
         *RESET, *FREE, "drive.form=half-sine", "drive.duration=50 us", "drive.displacement=-1 um",
     ),
-    "a step": (*RESET, *HEAVY, "drive.form=step", "drive.force=-9 N"),
     "a ramp of bead 1": (
         *RESET, *HEAVY, "drive.form=ramp", "drive.duration=60 us", "drive.displacement=1 um", "drive.from_wall=1",
     ),

@@ -16,10 +16,9 @@ from drivers.limits import stable_step, trial
 from drivers.limits.energy_bounds import certainly_stable
 from drivers.limits.refusal import inability, refuse
 from drivers.limits.stable_step import predicted_limit
-from drivers.run.guard import reason_to_fail
 from validation.accuracy.plan_report import plan_report
 from validation.chapters import write_chapter
-from validation.checks import FAIL, NOT_RUN, PASS
+from validation.checks import NOT_RUN, PASS
 from validation.stability import measured_limits
 from validation.stability.extremes import NOT_ACCURATE, Extreme, extremes, run_all
 from validation.stability.measured_limits import (
@@ -106,25 +105,6 @@ def test_nothing_blows_up_below_the_bound(kind: str, numbers: range, damped: boo
             assert gain(run, verlet_of(run)) <= 1, f"{case.scene.name} blows up at {share:.2f} of its bound"
 
 
-def test_beyond_the_bound_steps_are_refused_where_the_scheme_fails() -> None:
-    refused = []
-    for kind in KINDS:
-        for number in range(4):
-            case = adversarial_case(kind, number)
-            run = case.sampled_at_every(1.7 * predicted_limit(case.chain, float(case.sample_times_s[-1])))
-            with np.errstate(all="ignore"):
-                fails = reason_to_fail(run, verlet_of(run))
-            refused.append(fails is not None)
-            if fails is None:
-                refuse(run, "verlet")
-                continue
-            with pytest.raises(InputError, match="a trial at this step is unstable at t = ") as error:
-                refuse(run, "verlet")
-            assert "\n" not in str(error.value)
-    assert any(refused)
-    assert not all(refused)
-
-
 def test_what_outlasts_a_trial_is_refused_beyond_the_bound(monkeypatch: pytest.MonkeyPatch) -> None:
     case = case_of("fig4")
     limit = predicted_limit(case.chain, float(case.sample_times_s[-1]))
@@ -152,7 +132,7 @@ def test_a_plan_says_what_is_a_bound_and_what_a_trial() -> None:
 
 def test_a_step_that_blows_up_is_refused_and_unsafe_runs_it(tmp_path: Path) -> None:
     engines = ("--engine", "verlet", "--engine", "reference")
-    words: list[str | Path] = ["run", "fig4", *words_of(TOO_LARGE), "--runs", tmp_path, *engines]
+    words = ["run", "fig4", *words_of(TOO_LARGE), "--runs", str(tmp_path), *engines]
     refused = beads(*words)
     assert (refused.returncode, refused.stdout, len(refused.stderr.splitlines())) == (2, "", 1)
     assert "run.time_step: found 2e-05 s; allowed: at most 1.7" in refused.stderr
@@ -179,17 +159,13 @@ def test_rounding_warns_by_its_own_name(tmp_path: Path) -> None:
     assert "cause: rounding of heights" in ended.record.warnings[0]
 
 
-def test_what_one_engine_cannot_take_others_run(scene_file: SceneWriter, tmp_path: Path) -> None:
+def test_a_gap_too_far_for_a_neighbour_search_is_refused(scene_file: SceneWriter, tmp_path: Path) -> None:
     need("liggghts")
     path = scene_file(count=220)
     far = words_of(("chain.bead=[{from_wall=3, gap_below='100 km'}]", "run.duration=20 us"))
     by_name = beads("run", path, *far, "--runs", tmp_path, "--engine", "liggghts")
     assert (by_name.returncode, by_name.stdout) == (2, "")
     assert "on liggghts at most 1e+08 bins" in by_name.stderr
-    compared = beads("compare", path, *far, "--runs", tmp_path, "--engine", "liggghts", "--allow-missing")
-    assert compared.returncode == 0, compared.stderr
-    assert "liggghts   run    " in compared.stdout
-    assert "not run: refused: " in compared.stdout
     assert inability(case_of(path), "liggghts") is None
 
 
@@ -203,17 +179,6 @@ def test_at_the_edge(name: str, shared_runs: Path) -> None:
             assert (check.verdict, check.where[:7]) == (NOT_RUN, "refused")
         else:
             assert check.verdict == PASS, check
-
-
-def test_a_coarse_run_is_right_but_not_accurate_and_a_step_beyond_the_limit_is_not_run(shared_runs: Path) -> None:
-    checks = [*run_all([Extreme(name="", scene="fig4", set=COARSE)], shared_runs)]
-    coarse = {(check.engine, check.quantity.partition(":")[0]) for check in checks if check.verdict == NOT_ACCURATE}
-    assert {kind for _, kind in coarse} == {"error"}
-    assert {engine for engine, _ in coarse} == {VERLET, *installed(codes())}
-    assert not [check for check in checks if check.verdict == FAIL]
-    too_large = Extreme(name="", scene="fig4", set=TOO_LARGE)
-    refused = {check.engine for check in run_all([too_large], shared_runs) if check.where.startswith("refused")}
-    assert refused == {VERLET, *installed(codes())}
 
 
 def test_a_drift_is_distinguished_from_a_random_walk() -> None:
@@ -237,10 +202,12 @@ def test_heights_round_and_overlaps_do_not() -> None:
 
 
 def test_the_study_fails_for_a_limit_that_is_exceeded_or_far(tmp_path: Path, shared_runs: Path) -> None:
-    """Files of an earlier study are removed."""
+    """A coarse run is right but not accurate; files of an earlier study are removed."""
     (tmp_path / "stability-energy.csv").write_text("of an earlier study\n")
     chosen = [MeasuredChain(SHIPPED, "fig5", case_of("fig5")), *{sweep.group: sweep for sweep in sweeps()}.values()]
-    edge = [*run_all([Extreme(name="beads <b>", scene="fig4", set=COARSE)], shared_runs)]
+    edge = [*run_all([Extreme(name="coarse", scene="fig4", set=COARSE)], shared_runs)]
+    coarse = {(check.engine, check.quantity.partition(":")[0]) for check in edge if check.verdict == NOT_ACCURATE}
+    assert coarse == {(engine, "error") for engine in (VERLET, *installed(codes()))}
     rows: dict[str, list[Any]] = {"stability": measure_limits(chosen, names=()), "stability-extremes": edge}
     tables = write_chapter(CHAPTER, rows, tmp_path)
     assert CHAPTER.failed(tables) == []
