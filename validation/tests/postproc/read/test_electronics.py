@@ -7,9 +7,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from drivers.chain.case import Case, read_layout
+from drivers.chain.case import read_layout
 from drivers.engines import engine_names, load_engine
-from drivers.run.run_folder import EndedRun, open_run
+from drivers.run.run_folder import open_run
 from postproc.paper.simulate import exact
 from postproc.read.observables import observe
 from postproc.read.sensors import high_passed, sensor_signals
@@ -19,7 +19,6 @@ from validation.tests.helpers.scenes import SceneWriter, case_of
 
 US = 1e-6
 WIDTH_S, CENTRE_S = 60 * US, 200.37 * US  # of a solitary wave in the paper's beads, between samples
-ONE_MS, FAST = "sensor.time_constant=1 ms", "sensor.time_constant=0.1 ms"
 
 
 def times(samples: int, interval_s: float = US) -> np.ndarray:
@@ -57,28 +56,23 @@ def test_the_filter_of_a_pulse_is_that_of_the_closed_form(tau_us: float, measure
     assert largest_error(US / 2, tau_us * US) < largest_error(US, tau_us * US) / 2**4
 
 
-def test_extreme_time_constants_leave_the_change_or_nothing() -> None:
+def test_ramps_and_extreme_time_constants_have_their_known_signals() -> None:
     time = times(1000)
+    for samples in (1, 2, 3, 5, 6, 7, 9):
+        short = time[:samples]
+        expected = 2e6 * 3 * US * -np.expm1(-short / (3 * US))
+        np.testing.assert_allclose(high_passed(short, 7 + 2e6 * short, 3 * US), expected, atol=1e-13)
     signal, answer = pulse_and_answer(time, 1e-8)
     for tau_s in (1e10, 1e30):
         np.testing.assert_allclose(high_passed(time, 3 + signal, tau_s), signal, atol=1e-12)
     error = np.abs(high_passed(time, signal, 1e-8) - answer).max()
     assert error < 1e-4 * np.abs(answer).max(), "the polynomial's slope: measured 3e-5"
     assert np.abs(high_passed(time, signal, 1e-30)).max() < 1e-14, "rounding"
-    case = case_of("fig4", "sensor.time_constant=1e-20 s")
-    assert np.isnan(observe(case.layout, exact(case).trace)["wall_peak_N"])
-
-
-@pytest.mark.parametrize("samples", [1, 2, 3, 5, 6, 7, 9])
-def test_the_filter_of_a_ramp_is_exact_however_short(samples: int) -> None:
-    time = times(samples)
-    expected = 2e6 * 3 * US * -np.expm1(-time / (3 * US))
-    np.testing.assert_allclose(high_passed(time, 7 + 2e6 * time, 3 * US), expected, atol=1e-13)
 
 
 def test_gauges_with_electronics_attenuate_fig5() -> None:
     """Tolerances are half of the last digit; the static load is lost, and balances are those of the motion."""
-    case = case_of("fig5", ONE_MS)
+    case = case_of("fig5", "sensor.time_constant=1 ms")
     trace = exact(case).trace
     plain, shown = observe(replace(case.layout, time_constant_s=None), trace), observe(case.layout, trace)
     lost = [1 - shown[name] / plain[name] for name in ("wall_peak_2_N", "wall_peak_3_N")]
@@ -92,25 +86,13 @@ def test_gauges_with_electronics_attenuate_fig5() -> None:
     assert {name: plain[name] for name in balances} == {name: shown[name] for name in balances}
 
 
-def small(scene_file: SceneWriter, *settings: str) -> Case:
-    return case_of(scene_file(chain="sensors = [{ from_wall = 3 }]"), *settings)
-
-
-def test_decks_do_not_depend_on_the_electronics(scene_file: SceneWriter) -> None:
-    for name in engine_names():
-        decks = [load_engine(name).render(small(scene_file, *settings)).files for settings in ((), (ONE_MS,))]
-        assert decks[0] == decks[1]
-
-
 def test_one_run_serves_all_time_constants(scene_file: SceneWriter, tmp_path: Path) -> None:
     """Each folder has its own signals; errors compare filtered with filtered, which 0.1 ms lowers by a third."""
-    rereads: list[tuple[EndedRun, bytes, bytes]] = []
-    for settings in ((), (ONE_MS,), (FAST,), (), (ONE_MS,)):
-        case = small(scene_file, *settings)
+    scene = scene_file(chain="sensors = [{ from_wall = 3 }]")
+    decks, runs, forces, signals = [], [], [], []
+    for settings in ((), ("sensor.time_constant=0.1 ms",), ()):
+        case = case_of(scene, *settings)
         ended = assessed(case, "verlet", tmp_path / "runs")
-        assert ended.done
-        forces, sensors = ((ended.folder / name).read_bytes() for name in ("forces.parquet", "sensors.csv"))
-        rereads.append((ended, forces, sensors))
         run, table = open_run(ended.folder), pd.read_csv(ended.folder / "sensors.csv")
         assert run.layout == case.layout
         for name, signal in sensor_signals(case.layout, run.trace).items():
@@ -119,12 +101,15 @@ def test_one_run_serves_all_time_constants(scene_file: SceneWriter, tmp_path: Pa
         (wall,) = (part for part in run.record.error_budget or () if part["quantity"] == "wall_peak")
         assert wall["whole"] == pytest.approx(peak_N / true_N - 1, abs=1e-9)
         assert 0 < abs(wall["whole"]) < 1e-4
-    assert len({ended.folder for ended, _, _ in rereads}) == 3
-    assert len({ended.record.wall_s for ended, _, _ in rereads}) == 1, "found, not run again"
-    assert len({forces for _, forces, _ in rereads}) == 1
-    tables = [sensors for _, _, sensors in rereads]
-    assert len(set(tables[:3])) == 3
-    assert tables[3:] == tables[:2]
-    older = dict(rereads[0][0].record.layout)
+        decks.append([load_engine(name).render(case).files for name in engine_names()])
+        runs.append((ended.folder, ended.record.wall_s))
+        forces.append((ended.folder / "forces.parquet").read_bytes())
+        signals.append((ended.folder / "sensors.csv").read_bytes())
+    assert runs[0] == runs[2] != runs[1]
+    assert runs[0][1] == runs[1][1], "found, not run again"
+    assert decks[0] == decks[1]
+    assert forces[0] == forces[1]
+    assert signals[0] == signals[2] != signals[1]
+    older = dict(run.record.layout)
     del older["time_constant_s"]
-    assert read_layout(older) == read_layout(rereads[0][0].record.layout), "older records are read"
+    assert read_layout(older) == read_layout(run.record.layout), "older records are read"
