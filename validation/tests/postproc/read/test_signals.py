@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 from drivers.chain.case import Layout, SensorBead
 from drivers.chain.trace import Trace
 from postproc.read.observables import observe
-from postproc.read.sensors import sensor_average
+from postproc.read.sensors import going_up, sensor_average
 from postproc.read.signals import Peak, integral, peaks, rising_crossing, train_envelope
 
 WIDTH = 60.0
@@ -137,3 +137,12 @@ def test_a_trace_without_a_wave_has_no_peak() -> None:
     values = observe(layout, Trace(time, np.ones((5, 2)), nothing, nothing, nothing))
     assert np.isnan(values["wall_peak_N"])
     assert values["wall_static_N"] == 1
+
+
+@pytest.mark.parametrize(("share", "up"), [(1.0, False), (1.0 + 1e-7, False), (1.001, True)])
+def test_a_pulse_goes_up_if_the_bead_gains_momentum_beyond_rounding(share: float, up: bool) -> None:
+    """Where two equal waves meet, the contacts below and above a bead are alike: a tie, which does not go up."""
+    time = np.linspace(0.0, 1.0, 101)
+    above_N = pulse(time, 0.5)
+    wave = Peak(0.5, 1.0, 50)
+    assert going_up(np.column_stack([share * above_N, above_N]), 1, [wave]) == [wave] * up

@@ -29,6 +29,8 @@ def test_a_fit_to_a_trace_recovers_its_parameters(tmp_path: Path) -> None:
     assert (row.high_95pct - row.low_95pct) / 2 == pytest.approx(1.96 * row.error, rel=0.05)
     assert outcome.explained
     assert outcome.fit.chi_square == pytest.approx(outcome.fit.freedom, rel=0.2)
+    gauges = sum(len(record.measured.reading) for record in data.records)  # each with the constant of its base line
+    assert outcome.fit.freedom == outcome.fit.problem.rows - len(outcome.fit.place) - gauges
 
 
 REPEATS = 20
