@@ -177,6 +177,7 @@ def _begin() -> None:
     """Initialize a worker process: it heeds SIGTERM alone, which its parent sends, and dies with its parent."""
     for ignored in (signal.SIGINT, signal.SIGHUP):
         signal.signal(ignored, signal.SIG_IGN)
+    sys.unraisablehook = _end_again
     tempfile.gettempdir()  # tries its folder with a file, which a signal would leave there
     signal.pthread_sigmask(signal.SIG_SETMASK, ())
     parent = multiprocessing.parent_process()
@@ -206,6 +207,15 @@ def _end(*_: object) -> None:
     """Leave all contexts; SIGTERM may be sent again meanwhile."""
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     raise SystemExit
+
+
+def _end_again(dropped: "sys.UnraisableHookArgs") -> None:
+    """Send SIGTERM again if ``_end`` was called where Python drops exceptions, as in callbacks of weak references."""
+    if issubclass(dropped.exc_type, SystemExit):
+        signal.signal(signal.SIGTERM, _end)
+        threading.Timer(0.01, os.kill, (os.getpid(), signal.SIGTERM)).start()
+    else:
+        sys.__unraisablehook__(dropped)
 
 
 @contextmanager

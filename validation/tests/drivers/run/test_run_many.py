@@ -141,3 +141,20 @@ def test_script_that_looks_at_decks_serves_none(stand_in: StandIn, scene_file: S
     stand_in(engine.program, f'[ -e {next(iter(deck.files))} ] && exit 3\nexec {command[-1]} "$@"\n')
     (ended,) = run_many([(case, CODE)], tmp_path / "runs")
     assert ended.record.reason.startswith("exit code 3")
+
+
+def test_a_worker_ends_in_order_if_its_signal_comes_in_a_callback() -> None:
+    """Python drops exceptions of callbacks of weak references, so the worker signals itself again."""
+    script = (
+        "import os, signal, sys, time, weakref; from drivers.run import execute\n"
+        "sys.unraisablehook = execute._end_again\n"
+        "signal.signal(signal.SIGTERM, execute._end)\n"
+        "class Thing: pass\n"
+        "thing = Thing()\n"
+        "reference = weakref.ref(thing, lambda _: (os.kill(os.getpid(), signal.SIGTERM), time.sleep(0.01)))\n"
+        "del thing\n"
+        "time.sleep(20)\n"
+        "sys.exit(1)"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, check=False, timeout=60)
+    assert (done.returncode, done.stderr) == (0, b"")
