@@ -1,10 +1,8 @@
 """Tests of studies on a Dask cluster and on a Slurm of one machine, started on loopback and stopped afterwards."""
 
 import os
-import re
 import signal
 import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -83,39 +81,27 @@ def _said(*words: str) -> str:
     return subprocess.run(words, capture_output=True, text=True, check=False).stdout
 
 
-@pytest.fixture
-def dask(tmp_path: Path) -> Iterator[tuple[str, int]]:
-    """Address of a Dask scheduler, and process of one of its two workers; all are stopped afterwards."""
-    said = tmp_path / "scheduler.txt"
-    started = []
-
-    def start(program: str, *words: str, log: Path) -> int:
-        command = [sys.executable, "-m", f"distributed.cli.{program}", "--no-dashboard", *words]
-        with log.open("wb") as output:
-            started.append(subprocess.Popen(command, stdout=output, stderr=output, start_new_session=True))
-        return started[-1].pid
-
-    try:
-        start("dask_scheduler", "--host", "127.0.0.1", "--port", "0", log=said)
-        address = str(wait_for(lambda: re.search(r"Scheduler at: +(tcp://[0-9.:]+)", said.read_text()))[1])
-        options = (address, "--nthreads", "1", "--no-nanny", "--local-directory", str(tmp_path / "dask"))
-        workers = [start("dask_worker", *options, log=tmp_path / f"worker{i}.txt") for i in (1, 2)]
-        yield address, workers[0]
-    finally:
-        for process in started:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.wait()
-
-
 @pytest.mark.long
-def test_a_killed_worker_loses_nothing(dask: tuple[str, int], study_file: StudyWriter, tmp_path: Path) -> None:
+def test_a_killed_worker_loses_nothing(study_file: StudyWriter, tmp_path: Path) -> None:
+    from distributed import LocalCluster
+
     path, runs, here = study_file(SPEEDS.format(100), "reference", "verlet"), tmp_path / "runs", tmp_path / "here"
-    words = ["batch", str(path), "--dask", dask[0], "--runs", str(runs), "--results", str(tmp_path)]
-    process = subprocess.Popen([*BEADS, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    rows = wait_for(lambda: len(Store(runs).refresh()))
-    os.killpg(dask[1], signal.SIGKILL)
-    assert rows < 200
-    printed, complaints = process.communicate(timeout=120)
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        words = [
+            "batch",
+            str(path),
+            "--dask",
+            cluster.scheduler_address,
+            "--runs",
+            str(runs),
+            "--results",
+            str(tmp_path),
+        ]
+        process = subprocess.Popen([*BEADS, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        rows = wait_for(lambda: len(Store(runs).refresh()))
+        os.kill(cluster.workers[0].pid, signal.SIGKILL)
+        assert rows < 200
+        printed, complaints = process.communicate(timeout=120)
     assert process.returncode == 0, complaints
     assert "verlet     100 done" in printed
     local = beads("batch", path, "--dask", "--runs", here, "--results", here)  # on a cluster of its own
