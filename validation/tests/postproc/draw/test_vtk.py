@@ -10,6 +10,7 @@ import meshio
 import numpy as np
 import pytest
 
+from drivers.chain.chain import Array
 from drivers.run.run_folder import STATE, EndedRun, open_run
 from postproc.draw import vtk
 from postproc.draw.vtk import tube_mesh, write_mesh, write_series
@@ -47,7 +48,7 @@ def test_a_series_has_the_values_of_the_run_to_the_last_bit(run_of: Runner, tmp_
     folder = tmp_path / run.folder.name
     shutil.copytree(run.folder, folder)
     random, place_m, velocity_m_s = np.random.default_rng(1), run.state.place_m.copy(), run.state.velocity_m_s.copy()
-    moved = {}
+    moved: dict[str, Array] = {}
     for ending, values in (("m", place_m), ("velocity_m_s", velocity_m_s)):
         values[..., :2] = random.normal(size=(*values.shape[:2], 2))
         moved |= {f"body_{j + 1}_{'xy'[k]}_{ending}": values[:, j, k] for j in range(6) for k in range(2)}

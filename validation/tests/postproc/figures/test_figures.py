@@ -212,31 +212,27 @@ def test_a_figure_with_a_failed_run_leaves_no_files(stand_in: StandIn, tmp_path:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "message"),
+    ("reader", "old", "new", "message"),
     [
-        ("fig5_incident_rise_us", "fig5_incident_rize_us", "missing key fig5_incident_rise_us"),
-        ("force_N = [5, 2, 0.6, 0.1, 0.06]", "force_N = [5, 2]", "5 numbers"),
-        ("force_N = [5, 2,", "force_N = [5, 5,", "the same force twice"),
-        ("force_N = [5, 2,", "force_N = [nan, 2,", "table1.force_N"),
-        ("[table1]", "[[", "TOML"),
-        ("value = 8.287e8", "value = -1.0", "above 0"),
-        ('law = "viscoelastic"', "", "law"),
+        ("QUOTED", "fig5_incident_rise_us", "fig5_incident_rize_us", "missing key fig5_incident_rise_us"),
+        ("QUOTED", "force_N = [5, 2, 0.6, 0.1, 0.06]", "force_N = [5, 2]", "5 numbers"),
+        ("QUOTED", "force_N = [5, 2,", "force_N = [5, 5,", "the same force twice"),
+        ("QUOTED", "force_N = [5, 2,", "force_N = [nan, 2,", "table1.force_N"),
+        ("QUOTED", "[table1]", "[[", "TOML"),
+        ("CALIBRATED", "value = 8.287e8", "value = -1.0", "above 0"),
+        ("CALIBRATED", 'law = "viscoelastic"', "", "law"),
     ],
 )
 def test_broken_numbers_of_the_paper_are_refused_in_one_line(
-    old: str, new: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    reader: str, old: str, new: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    name, reader = next(pair for pair in READERS.items() if old in getattr(paths, pair[0]).read_text())
-    file: Path = getattr(paths, name)
-    path = tmp_path / file.name
-    path.write_text(file.read_text().replace(old, new))
-    monkeypatch.setattr(paths, name, path)
-    reader.cache_clear()
-    try:
-        with pytest.raises(InputError, match=re.escape(message)) as caught:
-            reader()
-    finally:
-        reader.cache_clear()
+    file: Path = getattr(paths, reader)
+    path, text = tmp_path / file.name, file.read_text()
+    path.write_text(text.replace(old, new))
+    assert path.read_text() != text
+    monkeypatch.setattr(paths, reader, path)
+    with pytest.raises(InputError, match=re.escape(message)) as caught:
+        READERS[reader].__wrapped__()  # past the cache
     assert path.name in str(caught.value)
 
 
