@@ -12,11 +12,10 @@ from drivers.base.errors import InputError
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace
 from postproc.paper.simulate import exact
-from validation.chapters import Options, read_table, rows_in
+from validation.chapters import read_table, rows_in
 from validation.checks import FAIL, NOT_RUN, PASS, RUN, Check
 from validation.claims import judged
-from validation.claims.cases import Posed, pose, read_independent, unit_of
-from validation.claims.claims_chapter import measure
+from validation.claims.cases import Posed, pose, read_independent
 from validation.claims.judged import IN_REPO, judge_cases
 from validation.tests.helpers.commands import assert_in_order, beads
 from validation.tests.helpers.runs import need
@@ -82,26 +81,22 @@ def test_a_wrong_file_is_named_in_one_line(tmp_path: Path, text: str, found: str
     assert_in_order(str(caught.value), found, allowed)
 
 
-def test_a_wrong_file_ends_the_command_with_code_two(tmp_path: Path) -> None:
-    (tmp_path / "cases.toml").write_text(CASE.replace("10697.0", '"a lot"'))
-    where = [f"--{name}" for name in ("results", "runs")]
-    done = beads("claims", "--file", tmp_path / "cases.toml", where[0], tmp_path / "r", where[1], tmp_path / "q")
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("10697.0", '"a lot"', "case.0.check.0.expected"),
+        ('"glass"', '"supersonic"', "case supersonic: found the id of a statement"),
+    ],
+)
+def test_a_wrong_file_ends_the_command_with_code_two_before_a_run(
+    old: str, new: str, message: str, tmp_path: Path
+) -> None:
+    (tmp_path / "cases.toml").write_text(CASE.replace(old, new))
+    done = beads("claims", "--file", tmp_path / "cases.toml", "--results", tmp_path / "r", "--runs", tmp_path / "q")
     assert done.returncode == 2
     assert len(done.stderr.strip().splitlines()) == 1
-    assert "case.0.check.0.expected" in done.stderr
-    assert [each.name for each in tmp_path.iterdir()] == ["cases.toml"]
-
-
-def test_an_own_case_with_the_id_of_a_statement_is_refused_before_a_run(tmp_path: Path) -> None:
-    (tmp_path / "cases.toml").write_text(CASE.replace('"glass"', '"supersonic"'))
-    with pytest.raises(InputError, match="case supersonic: found the id of a statement"):
-        measure(Options(file=tmp_path / "cases.toml", runs=tmp_path / "runs"))
-    assert not (tmp_path / "runs").exists()
-
-
-def test_units_stand_at_the_end_of_names() -> None:
-    names = ("peak_force_N", "duration_s", "peak_overlap_m", "sound_speed_m_s", "cutoff_Hz", "restitution")
-    assert [unit_of(name) for name in names] == ["N", "s", "m", "m/s", "Hz", ""]
+    assert message in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["cases.toml"]
 
 
 @pytest.fixture
@@ -194,7 +189,7 @@ def test_a_case_without_state_does_not_take_it_from_another(tmp_path: Path, monk
     assert (bare.scene, bare.verdict, bare.where[:18]) == ("bare", FAIL, "no state recorded;")
 
 
-@pytest.mark.long
 @pytest.mark.usefixtures("in_repo")
 def test_the_engines_of_the_repository_pass_all_cases(tmp_path: Path) -> None:
+    """Theories are those of two integrators; the report asks the codes."""
     assert [check for check in judge_cases(runs=tmp_path) if check.verdict != PASS] == []
