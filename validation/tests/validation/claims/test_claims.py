@@ -14,6 +14,7 @@ from validation.checks import Check
 from validation.claims.claim import Claim, Reading, read_claims
 from validation.claims.claims_chapter import headline, misfit
 from validation.claims.judged import DIFFERS, REPRODUCED, check_of, fault_of, favoured, hangs
+from validation.tests.helpers.commands import assert_in_order
 from validation.tests.validation.claims.published import published_checks
 
 JudgedClaim = tuple[Claim, list[Check]]
@@ -79,7 +80,6 @@ def test_a_difference_nobody_explained_and_engines_that_disagree_are_faults() ->
         (ONE + READ.replace('favoured = "it says so"', 'favoured = ""'), "0 favoured"),
         (ONE + READ.replace('"another"', '"another", favoured = "too"'), "2 favoured"),
         (ONE + READ.replace('"another"', '"another", arguments = { force_N = 5 }'), "unexpected keyword argument"),
-        (ONE + 'shared_readings = "table2"\n', "table2"),
         (ONE + ONE, "twice"),
         (ONE.replace("within = 1", "within = -1"), "above 0"),
         (ONE.replace("quoted = 1", "quoted = nan"), "finite"),
@@ -89,7 +89,6 @@ def test_a_difference_nobody_explained_and_engines_that_disagree_are_faults() ->
         (ONE.replace("convergence_order", "_particles"), "equations._particles"),
         (ONE.replace('because = "c"', ""), "missing key because"),
         (ONE.replace("within = 1\n", ""), "missing key within"),
-        (ONE.replace("within", "withn"), "withn"),
         ("[[claim]\n", "TOML"),
     ],
 )
@@ -142,19 +141,13 @@ def test_the_headline_counts_statements_that_can_fail_on_physics() -> None:
     assert misfit(whole) == f"1 statements differ: {words} (1)."
 
 
-@pytest.mark.parametrize("damage", ["headings", "cut", "verdict", "value", "claim"])
+@pytest.mark.parametrize("damage", ["verdict", "value", "claim"])
 def test_a_damaged_table_is_not_shown_as_if_whole(damage: str, tmp_path: Path) -> None:
-    path, checks = tmp_path / "claims.csv", published_checks()
-    write_table(path, Check, checks)
+    first, *others = published_checks()
+    changed = {"verdict": [replace(first, verdict="great")], "value": [replace(first, found=nan)], "claim": []}
+    write_table(tmp_path / "claims.csv", Check, [first, *others])
     assert len(read_section("claims", tmp_path)["checks"]) > 100
-    whole = path.read_text()
-    if damage in ("value", "claim"):
-        first = [replace(checks[0], found=nan)] if damage == "value" else []
-        write_table(path, Check, [*first, *checks[1:]])
-    else:
-        texts = {"headings": "id,where\n", "cut": whole[: len(whole) // 2]}
-        path.write_text(texts.get(damage, whole.replace(",reproduced,", ",great,")))
+    write_table(tmp_path / "claims.csv", Check, [*changed[damage], *others])
     with pytest.raises(InputError) as caught:
         read_section("claims", tmp_path)
-    assert "claims.csv" in str(caught.value)
-    assert "make claims" in str(caught.value)
+    assert_in_order(str(caught.value), "claims.csv", "make claims")
