@@ -81,21 +81,11 @@ def test_a_wrong_file_is_named_in_one_line(tmp_path: Path, text: str, found: str
     assert_in_order(str(caught.value), found, allowed)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("10697.0", '"a lot"', "case.0.check.0.expected"),
-        ('"glass"', '"supersonic"', "case supersonic: found the id of a statement"),
-    ],
-)
-def test_a_wrong_file_ends_the_command_with_code_two_before_a_run(
-    old: str, new: str, message: str, tmp_path: Path
-) -> None:
-    (tmp_path / "cases.toml").write_text(CASE.replace(old, new))
+def test_a_case_with_the_id_of_a_statement_ends_the_command_before_a_run(tmp_path: Path) -> None:
+    (tmp_path / "cases.toml").write_text(CASE.replace('"glass"', '"supersonic"'))
     done = beads("claims", "--file", tmp_path / "cases.toml", "--results", tmp_path / "r", "--runs", tmp_path / "q")
-    assert done.returncode == 2
-    assert len(done.stderr.strip().splitlines()) == 1
-    assert message in done.stderr
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "case supersonic: found the id of a statement" in done.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["cases.toml"]
 
 

@@ -51,20 +51,13 @@ def verdict_of(whole: Claim, checks: list[Check]) -> str:
     return favoured(whole, checks)["reference"].verdict
 
 
-@pytest.mark.parametrize(
-    ("values", "computed", "verdict"),
-    [
-        ({"within": 0.1}, 2.09, REPRODUCED),
-        ({"within": 0.1}, 2.11, DIFFERS),
-        ({"relation": "at most"}, 2.0, REPRODUCED),
-        ({"relation": "at most"}, 2.1, DIFFERS),
-        ({"relation": "at least"}, 1.9, DIFFERS),
-        ({"within": 0.1}, nan, DIFFERS),
-        ({"relation": "at least"}, nan, DIFFERS),
-    ],
-)
-def test_verdicts(values: dict[str, object], computed: float, verdict: str) -> None:
-    assert verdict_of(*by_engines(claim(**values), reference=computed)) == verdict
+def test_verdicts_hold_up_to_their_limits() -> None:
+    for values, computed, verdict in (
+        ({"within": 0.1}, 2.09, REPRODUCED), ({"within": 0.1}, 2.11, DIFFERS), ({"within": 0.1}, nan, DIFFERS),
+        ({"relation": "at most"}, 2.0, REPRODUCED), ({"relation": "at most"}, 2.1, DIFFERS),
+        ({"relation": "at least"}, 1.9, DIFFERS), ({"relation": "at least"}, nan, DIFFERS),
+    ):  # fmt: skip
+        assert verdict_of(*by_engines(claim(**values), reference=computed)) == verdict, (values, computed)
 
 
 def test_a_difference_nobody_explained_and_engines_that_disagree_are_faults() -> None:
