@@ -77,13 +77,11 @@ def test_gauges_with_electronics_attenuate_fig5() -> None:
     plain, shown = observe(replace(case.layout, time_constant_s=None), trace), observe(case.layout, trace)
     lost = [1 - shown[name] / plain[name] for name in ("wall_peak_2_N", "wall_peak_3_N")]
     assert lost == [pytest.approx(0.11, abs=0.005), pytest.approx(0.28, abs=0.005)]
-    rates = [values["wall_envelope_per_s"] * US for values in (plain, shown)]
-    assert rates == [pytest.approx(-0.0060, abs=5e-5), pytest.approx(-0.0072, abs=5e-5)]
     assert plain["wall_static_N"] > 0 == shown["wall_static_N"]
     assert shown["wall_peak_N"] == shown["wall_amplitude_N"] < plain["wall_amplitude_N"]
     balances = [name for name in plain if "energy" in name or "momentum" in name or "impulse" in name]
     assert len(balances) == 8
-    assert {name: plain[name] for name in balances} == {name: shown[name] for name in balances}
+    assert all(plain[name] == shown[name] for name in balances)
 
 
 def test_one_run_serves_all_time_constants(scene_file: SceneWriter, tmp_path: Path) -> None:

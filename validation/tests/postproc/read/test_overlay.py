@@ -10,7 +10,6 @@ import pytest
 from scipy.interpolate import make_interp_spline
 
 from drivers.base.errors import InputError
-from drivers.chain.trace import Trace
 from postproc.paper.simulate import Simulation, case_of, exact
 from postproc.read.alignment import AlignedGauge, align, check_length, noise_of
 from postproc.read.measured import MeasuredTrace
@@ -178,17 +177,17 @@ def test_records_that_cannot_be_compared_are_named(
     assert "\n" not in str(caught.value)
 
 
-def test_a_gauge_that_no_wave_reaches_is_named(base: Simulation) -> None:
-    still = Trace(**{**vars(base.trace), "force_N": np.zeros_like(base.trace.force_N)})
-    with pytest.raises(InputError, match="at rest in the run"):
-        align([measured(base)], base.case.layout, still)
-
-
-@pytest.mark.parametrize(("factor", "unit"), [(1e-6, "s rather than us"), (100, "us rather than ms")])
-def test_a_wrong_unit_of_time_is_named(base: Simulation, factor: float, unit: str) -> None:
+def test_a_wrong_unit_of_time_and_a_run_at_rest_are_named(base: Simulation) -> None:
     trace = measured(base)
-    with pytest.raises(InputError, match=f"is the unit of time {unit}?"):
-        align([replace(trace, time_s=factor * trace.time_s)], base.case.layout, base.trace)
+    still = replace(base.trace, force_N=np.zeros_like(base.trace.force_N))
+    for factor, run, found in (
+        (1e-6, base.trace, "is the unit of time s rather than us?"),
+        (100, base.trace, "is the unit of time us rather than ms?"),
+        (1, still, "at rest in the run"),
+    ):
+        with pytest.raises(InputError) as caught:
+            align([replace(trace, time_s=factor * trace.time_s)], base.case.layout, run)
+        assert found in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -278,7 +277,6 @@ def test_runs_are_compared_with_files_and_with_the_scene_as_it_is_now(
     [
         (("fig4",), "fig4: measured: no measured data: add a [[measured]] table"),
         (("fig4", "--measured", made_up_trace.FILE), "measured.gauges: found headings"),
-        (("example-measured", "--set", "measured.0.gain=2 N/A"), "measured.0.gain: found"),
         (("verlet:example-measured", "--set", "chain.count=9"), "not allowed for a finished run"),
     ],
 )

@@ -8,13 +8,13 @@ import pytest
 
 from drivers.base.errors import InputError
 from postproc.paper.quoted import quoted
-from postproc.paper.strikes import COLUMNS, exact_table1
+from postproc.paper.strikes import COLUMNS
 from validation.chapters import read_section, write_table
 from validation.checks import Check
-from validation.claims import judged
 from validation.claims.claim import Claim, Reading, read_claims
 from validation.claims.claims_chapter import headline, misfit
-from validation.claims.judged import DIFFERS, REPRODUCED, check_of, fault_of, favoured, hangs, judge_claims
+from validation.claims.judged import DIFFERS, REPRODUCED, check_of, fault_of, favoured, hangs
+from validation.tests.helpers.commands import assert_in_order
 from validation.tests.validation.claims.published import published_checks
 
 JudgedClaim = tuple[Claim, list[Check]]
@@ -51,38 +51,13 @@ def verdict_of(whole: Claim, checks: list[Check]) -> str:
     return favoured(whole, checks)["reference"].verdict
 
 
-def read_both_ways(value: float, other: float, **values: object) -> JudgedClaim:
-    """A claim within 0.1 of 2.0, the favoured reading first."""
-    ways = (Reading(words="one way", favoured="it says so"), Reading(words="another"))
-    whole = claim(within=0.1, readings=ways, **values)
-    return whole, [check_of(whole, way, "reference", v) for way, v in zip(ways, (value, other), strict=True)]
-
-
-@pytest.mark.long
-@pytest.mark.timeout(400)
-def test_the_reference_finds_no_claim_at_fault(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(judged, "run_codes_on", lambda cases, runs: {})
-    monkeypatch.setattr(judged, "solve_table1", lambda runs, setting: exact_table1(setting))
-    checks, faults = judge_claims(tmp_path), {}
-    for whole in read_claims().claim:
-        faults[whole.id] = fault_of(whole, [check for check in checks if check.scene == whole.id])
-    assert {name: fault for name, fault in faults.items() if fault} == {}
-
-
-@pytest.mark.parametrize(
-    ("values", "computed", "verdict"),
-    [
-        ({"within": 0.1}, 2.09, REPRODUCED),
-        ({"within": 0.1}, 2.11, DIFFERS),
-        ({"relation": "at most"}, 2.0, REPRODUCED),
-        ({"relation": "at most"}, 2.1, DIFFERS),
-        ({"relation": "at least"}, 1.9, DIFFERS),
-        ({"within": 0.1}, nan, DIFFERS),
-        ({"relation": "at least"}, nan, DIFFERS),
-    ],
-)
-def test_verdicts(values: dict[str, object], computed: float, verdict: str) -> None:
-    assert verdict_of(*by_engines(claim(**values), reference=computed)) == verdict
+def test_verdicts_hold_up_to_their_limits() -> None:
+    for values, computed, verdict in (
+        ({"within": 0.1}, 2.09, REPRODUCED), ({"within": 0.1}, 2.11, DIFFERS), ({"within": 0.1}, nan, DIFFERS),
+        ({"relation": "at most"}, 2.0, REPRODUCED), ({"relation": "at most"}, 2.1, DIFFERS),
+        ({"relation": "at least"}, 1.9, DIFFERS), ({"relation": "at least"}, nan, DIFFERS),
+    ):  # fmt: skip
+        assert verdict_of(*by_engines(claim(**values), reference=computed)) == verdict, (values, computed)
 
 
 def test_a_difference_nobody_explained_and_engines_that_disagree_are_faults() -> None:
@@ -98,7 +73,6 @@ def test_a_difference_nobody_explained_and_engines_that_disagree_are_faults() ->
         (ONE + READ.replace('favoured = "it says so"', 'favoured = ""'), "0 favoured"),
         (ONE + READ.replace('"another"', '"another", favoured = "too"'), "2 favoured"),
         (ONE + READ.replace('"another"', '"another", arguments = { force_N = 5 }'), "unexpected keyword argument"),
-        (ONE + 'shared_readings = "table2"\n', "table2"),
         (ONE + ONE, "twice"),
         (ONE.replace("within = 1", "within = -1"), "above 0"),
         (ONE.replace("quoted = 1", "quoted = nan"), "finite"),
@@ -108,7 +82,6 @@ def test_a_difference_nobody_explained_and_engines_that_disagree_are_faults() ->
         (ONE.replace("convergence_order", "_particles"), "equations._particles"),
         (ONE.replace('because = "c"', ""), "missing key because"),
         (ONE.replace("within = 1\n", ""), "missing key within"),
-        (ONE.replace("within", "withn"), "withn"),
         ("[[claim]\n", "TOML"),
     ],
 )
@@ -122,26 +95,28 @@ def test_a_broken_list_is_refused_in_one_line(text: str, problem: str, tmp_path:
 
 
 def test_numbers_quoted_twice_are_the_same() -> None:
-    claims, table = {each.id: each.quoted for each in read_claims().claim}, quoted().table1.frame
-    for _, row in table.iterrows():
+    claims, paper = {whole.id: whole.quoted for whole in read_claims().claim}, quoted()
+    for _, row in paper.table1.frame.iterrows():
         for name, column in zip(("speed", "width-0.2", "width-4"), COLUMNS, strict=True):
             assert claims[f"table1-{row['force_N']:g}N-{name}"] == row[f"computed_{column}"]
-    paper = quoted()
-    assert claims["fig4-force"] == paper.fig4_leading_force_N
-    assert claims["fig4-speed"] == paper.fig4_speed_m_s
-    assert claims["fig5-envelope"] == paper.fig5_computed_envelope_per_us
-    assert claims["fig5-rise"] == paper.fig5_incident_rise_us
-    assert claims["fig5-decay"] == paper.fig5_incident_decay_per_us
-    assert claims["fig5-duration"] == paper.fig5_incident_duration_us
+    for name, value in (
+        ("fig4-force", paper.fig4_leading_force_N), ("fig4-speed", paper.fig4_speed_m_s),
+        ("fig5-envelope", paper.fig5_computed_envelope_per_us), ("fig5-rise", paper.fig5_incident_rise_us),
+        ("fig5-decay", paper.fig5_incident_decay_per_us), ("fig5-duration", paper.fig5_incident_duration_us),
+    ):  # fmt: skip
+        assert claims[name] == value
 
 
 def test_a_verdict_is_that_of_the_favoured_reading_and_hangs_where_another_differs() -> None:
-    assert verdict_of(*read_both_ways(2.0, 2.01)) == REPRODUCED
-    assert not hangs(read_both_ways(2.0, 2.01)[1])
-    assert verdict_of(*read_both_ways(2.0, 3.0)) == REPRODUCED
-    assert hangs(read_both_ways(2.0, 3.0)[1])
-    assert verdict_of(*read_both_ways(3.0, 2.0)) == DIFFERS
-    assert "without an explanation" in fault_of(*read_both_ways(3.0, 2.0))
+    ways = (Reading(words="one way", favoured="it says so"), Reading(words="another"))
+    whole = claim(within=0.1, readings=ways)
+    for values, verdict, hanging in (
+        ((2.0, 2.01), REPRODUCED, False), ((2.0, 3.0), REPRODUCED, True), ((3.0, 2.0), DIFFERS, True),
+    ):  # fmt: skip
+        checks = [check_of(whole, way, "reference", value) for way, value in zip(ways, values, strict=True)]
+        assert verdict_of(whole, checks) == verdict
+        assert bool(hangs(checks)) == hanging
+        assert ("without an explanation" in fault_of(whole, checks)) == (verdict == DIFFERS)
 
 
 def test_the_headline_counts_statements_that_can_fail_on_physics() -> None:
@@ -159,19 +134,13 @@ def test_the_headline_counts_statements_that_can_fail_on_physics() -> None:
     assert misfit(whole) == f"1 statements differ: {words} (1)."
 
 
-@pytest.mark.parametrize("damage", ["empty", "headings", "bytes", "cut", "verdict", "value", "claim"])
+@pytest.mark.parametrize("damage", ["verdict", "value", "claim"])
 def test_a_damaged_table_is_not_shown_as_if_whole(damage: str, tmp_path: Path) -> None:
-    path, checks = tmp_path / "claims.csv", published_checks()
-    write_table(path, Check, checks)
+    first, *others = published_checks()
+    changed = {"verdict": [replace(first, verdict="great")], "value": [replace(first, found=nan)], "claim": []}
+    write_table(tmp_path / "claims.csv", Check, [first, *others])
     assert len(read_section("claims", tmp_path)["checks"]) > 100
-    whole = path.read_text()
-    if damage in ("value", "claim"):
-        first = [replace(checks[0], found=nan)] if damage == "value" else []
-        write_table(path, Check, [*first, *checks[1:]])
-    else:
-        texts = {"empty": "", "headings": "id,where\n", "bytes": "\x00\xff", "cut": whole[: len(whole) // 2]}
-        path.write_bytes(texts.get(damage, whole.replace(",reproduced,", ",great,")).encode("latin-1", "replace"))
+    write_table(tmp_path / "claims.csv", Check, [*changed[damage], *others])
     with pytest.raises(InputError) as caught:
         read_section("claims", tmp_path)
-    assert "claims.csv" in str(caught.value)
-    assert "make claims" in str(caught.value)
+    assert_in_order(str(caught.value), "claims.csv", "make claims")
