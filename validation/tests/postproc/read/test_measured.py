@@ -106,7 +106,7 @@ def test_files_are_read_as_oscilloscopes_write_them(
 def test_stated_values_of_a_trace_come_in_si_units(scene: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
     file = written(tmp_path_factory.mktemp("elsewhere"), "time_us,CH1 [mV],CH2 [mV]")
     keys = """gauges = { wall = "CH2", bead_3 = "CH1" }
-gain = "2.1 N/V"
+gain = "0.5 V/N"
 gain_uncertainty = 0.03
 trigger = "-12 us"
 baseline = "3 mV"
@@ -115,7 +115,7 @@ drift = true
 """
     add_entry(scene, f'file = "{file}"\n{keys}')
     trace = trace_of(scene)
-    assert (trace.gain, trace.gain_uncertainty, trace.trigger_s) == (2.1, 0.03, -12e-6)
+    assert (trace.gain, trace.gain_uncertainty, trace.trigger_s) == (2.0, 0.03, -12e-6)
     assert (trace.baseline, trace.noise, trace.drift) == (3e-3, 5e-6, True)
     assert list(trace.reading) == ["wall", "bead_3"]
     assert trace.reading["wall"].max() == 1e-3
@@ -135,10 +135,10 @@ def test_quoted_values_come_in_si_units(scene: Path) -> None:
         "bead_9_amplitude_N": 2.0, "bead_9_peak_N": 2.0,
         "wall_envelope_per_s": -6700.0, "bead_5_width_4pct_diameters": 4.1,
     }  # fmt: skip
-    numbers = read(scene)
-    assert isinstance(numbers, dict)
-    assert {name: value for name, (value, _) in numbers.items()} == pytest.approx(expected, rel=1e-14)
-    assert {share for _, share in numbers.values()} == {0.1}
+    quoted = read(scene)
+    assert isinstance(quoted, dict)
+    assert {name: value for name, (value, _) in quoted.items()} == pytest.approx(expected, rel=1e-14)
+    assert {error for _, error in quoted.values()} == {0.1}
 
 
 def table(separator: str, rows: Iterable[str]) -> bytes:

@@ -129,7 +129,10 @@ def test_readings_may_be_irregular_few_or_many(base: Simulation) -> None:
     end_s = TRIGGER_S + float(base.trace.time_s[-1])
     random = np.random.default_rng(3)
     for times_s in (np.sort(random.uniform(0, end_s, 700)), np.arange(0, end_s, 8e-6), np.arange(0, 3 * end_s, 1e-8)):
-        gauges, rows = found_in(measured(base, 0.02, times_s=times_s), base)
+        trace = measured(base, 0.02, times_s=times_s)
+        noise_N = noise_of(times_s, trace.reading["wall"]) * GAIN
+        assert noise_N == pytest.approx(0.02 * base.values["wall_amplitude_N"], rel=0.4)
+        gauges, rows = found_in(trace, base)
         for name in ("bead_9_amplitude_N", "bead_5_arrival_s", "wall_amplitude_N", "speed_9_to_5_m_s", "trigger_s"):
             truth = exact_motion_of(base, gauges)[name]
             assert abs(rows[name].measured - truth) < 4 * rows[name].error, (name, len(times_s))

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from drivers.base import paths
@@ -16,6 +17,7 @@ from validation.checks import FAIL, NOT_RUN, PASS, RUN, Check
 from validation.claims import judged
 from validation.claims.cases import MEASURES, Posed, pose, read_independent
 from validation.claims.judged import IN_REPO, judge_cases
+from validation.claims.measures import linear, weak
 from validation.tests.helpers.commands import assert_in_order, beads
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import EnginesWriter, StandIn
@@ -169,6 +171,20 @@ def test_a_case_without_state_does_not_take_it_from_another(tmp_path: Path, monk
 def test_the_engines_of_the_repository_pass_all_cases(tmp_path: Path) -> None:
     """Theories are those of two integrators; the report asks the codes."""
     assert [check for check in judge_cases(runs=tmp_path) if check.verdict != PASS] == []
+
+
+def test_made_up_records_have_their_known_rates_and_peaks() -> None:
+    """A fit finds a rate from any start, and a polynomial a peak in noise."""
+    time, rate = np.arange(0.0, 100.0, 0.05), 1.0173
+    fitted, _, misfit = linear.fit(time, 3.0 * linear.response(2, rate * time), 2, linear.LAST_TAU)
+    assert fitted == pytest.approx(rate, rel=1e-12)
+    assert misfit < 1e-12
+    time = np.arange(0.0, 15.0, 0.1)
+    noise = 1e-4 * np.random.default_rng(1).normal(size=time.size)
+    signal = np.exp(-((time - 4.03) ** 2) / 2) + 2 * np.exp(-((time - 12.0) ** 2) / 2)
+    for disturbed, error in ((signal, 2e-5), (signal + noise, 2e-4)):
+        peak = weak.leading_peak(time, disturbed)
+        assert (peak.time_s, peak.value) == pytest.approx((4.03, 1.0), abs=error)
 
 
 @pytest.mark.parametrize(
