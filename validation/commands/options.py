@@ -192,7 +192,7 @@ ENGINES = click.Option(
     type=_engines_file,
     is_eager=True,
     expose_value=False,
-    help="File with engines of your own, as well as those of each engines.toml (see inputs/README.md).",
+    help="File with engines of your own, as well as those of each engines.toml (see drivers/README.md).",
 )
 REQUIRE = option(
     "--require required",

@@ -95,7 +95,7 @@ def test_an_unfinished_table_replaces_none_with_more_rows(study_file: StudyWrite
     assert list(table(runs)["status"]) == ["done"] * 2
 
 
-def test_what_is_done_or_equal_is_not_run_again_unless_damaged(study_file: StudyWriter, tmp_path: Path) -> None:
+def test_rows_done_or_equal_are_not_run_again_unless_damaged(study_file: StudyWriter, tmp_path: Path) -> None:
     """Nothing is drawn at random, so cases that differ by their seed are equal."""
     path, runs = study_file(f"{SPEEDS.format(2)}[[axis]]\nseeds = 2\n", "verlet"), tmp_path / "runs"
     assert "verlet  0 done, 4 to do, cost not measured yet" in batch(path, runs, "--dry-run").stdout

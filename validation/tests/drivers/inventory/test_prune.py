@@ -79,7 +79,7 @@ def pruned(capsys: pytest.CaptureFixture[str], runs: Path) -> list[str]:
     return lines
 
 
-def test_what_no_command_would_use_goes(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_runs_that_no_command_would_use_go(runs: Path, capsys: pytest.CaptureFixture[str]) -> None:
     used = {f"{engine}/{done(runs, engine).name}" for engine in (VERLET, REFERENCE)}
     run, former = done(runs, VERLET), "f" * 64
     start, identity = run.name[:-12], run_identity(VERLET, build_of(load_engine(VERLET)), former)
@@ -105,7 +105,7 @@ def test_what_no_command_would_use_goes(runs: Path, capsys: pytest.CaptureFixtur
     assert [place.name for place in (runs / VERLET).iterdir() if place.name[0] == "."] == []
 
 
-def test_what_cannot_be_judged_or_just_ended_stays(
+def test_runs_that_cannot_be_judged_or_just_ended_stay(
     runs: Path, tmp_path: Path, engines_file: EnginesWriter, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A link stays too: its folder is kept elsewhere on purpose, and its removal would free nothing."""

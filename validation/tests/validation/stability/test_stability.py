@@ -105,7 +105,7 @@ def test_nothing_blows_up_below_the_bound(kind: str, numbers: range, damped: boo
             assert gain(run, verlet_of(run)) <= 1, f"{case.scene.name} blows up at {share:.2f} of its bound"
 
 
-def test_what_outlasts_a_trial_is_refused_beyond_the_bound(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_scene_too_long_for_a_trial_is_refused_beyond_the_bound(monkeypatch: pytest.MonkeyPatch) -> None:
     case = case_of("fig4")
     limit = predicted_limit(case.chain, float(case.sample_times_s[-1]))
     slightly = case.sampled_at_every(1.01 * limit)

@@ -35,7 +35,7 @@ def test_the_largest_step_is_not_below_its_error_by_chance() -> None:
     assert 1e-8 not in steps
 
 
-def test_what_is_too_dear_is_left_out_and_large_steps_have_fewer_samples() -> None:
+def test_dear_runs_are_left_out_and_large_steps_have_fewer_samples() -> None:
     case = case_of("fig4")
     rungs = [Rung("fig4", "m", case, 1.0, seconds) for seconds in (0.3, 0.1, 5.0, 0.2)]
     kept, left = affordable(rungs, 10.0)
