@@ -100,35 +100,6 @@ def contact_stiffness_at(stiffness: float, force_N: float) -> float:
     return float(EXPONENT * float(stiffness) ** (2 / 3) * float(force_N) ** (1 / 3))
 
 
-def hertz_energy(stiffness: Any, overlap_m: Value) -> Value:
-    """Elastic energy ``E = (2/5) k d^(5/2)`` for an overlap of 0 or more, in J."""
-    energy: Value = ENERGY_SHARE * stiffness * overlap_m**2 * overlap_m**0.5  # a tenth of the time of a power of 5/2
-    return energy
-
-
-def hertz_energy_beyond_tangent(stiffness: Array, overlap_m: Array, change_m: Array) -> Array:
-    """Change of the elastic energy less its linear part, ``E(d + x) - E(d) - F(d) x``, in J; zero for open contacts.
-
-    For d > 0 it is ``E(d) y^2 (15/2 + 10 y + 5 y^2 + y^3)`` with ``y = sqrt(1 + x/d) - 1``, without cancellation; for
-    x < -d, where the contact is open, y is -1 and ``-F(d) (x + d)`` is added.
-
-    Args:
-        stiffness: k of each contact. Shape (contacts,).
-        overlap_m: overlaps d; a gap is negative. Shape (contacts,).
-        change_m: changes x of the overlaps. Shape (..., contacts).
-    """
-    pressed = overlap_m > 0
-    start = np.where(pressed, overlap_m, 1.0)
-    ratio = np.maximum(change_m / start, -1.0)
-    y = ratio / (np.sqrt(1 + ratio) + 1)
-    energy = hertz_energy(stiffness, start) * y**2 * (7.5 + y * (10 + y * (5 + y)))
-    energy -= hertz_force(stiffness, start) * np.minimum(change_m + start, 0.0)
-    loose = ~pressed
-    overlap = np.maximum(overlap_m[loose] + change_m[..., loose], 0.0)
-    energy[..., loose] = hertz_energy(stiffness[loose], overlap)
-    return np.asarray(energy)
-
-
 def overlap_of_energy(stiffness: Value, energy_J: float) -> Value:
     """Overlap at which a contact has the elastic energy E, ``d = (5 E / (2 k))^(2/5)``, in m."""
     overlap: Value = ((1 + EXPONENT) * energy_J / stiffness) ** ENERGY_SHARE

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from drivers.chain.chain import Array, Chain
-from drivers.chain.contact_law import hertz_energy, hertz_energy_beyond_tangent
 from drivers.chain.drive_work import drive_columns
+from validation.reference.hertz_chain import hertz_energy, hertz_energy_beyond_tangent
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -22,11 +22,12 @@ import numpy as np
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.chain.chain import Array, Chain
-from drivers.chain.contact_law import hertz_energy_beyond_tangent, hertz_force
+from drivers.chain.contact_law import hertz_force
 from drivers.chain.trace import Trace, overlaps
 from drivers.run.run_folder import EndedRun
 from postproc.read.motion import chain_of, motion_of
 from postproc.read.signals import integral
+from validation.reference.hertz_chain import hertz_energy_beyond_tangent
 
 LEFT_SHARE = 0.01  # of the largest energy of a range: with less the energy has left
 

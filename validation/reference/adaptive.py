@@ -23,8 +23,12 @@ from validation.reference.hertz_chain import (
     Flag,
     HertzChain,
     Motion,
+    columns_of_sums,
     contact_force,
     displacements,
+    hertz_energy_beyond_tangent,
+    hertz_force,
+    motion_with,
     wave,
 )
 
@@ -35,9 +39,16 @@ SCALE_TIMES = 2001  # times at which a drive is looked at, for scales of errors 
 
 
 def integrate_adaptive(
-    chain: HertzChain, time_s: Array, tolerance: float = MIN_TOLERANCE, stop: Flag | None = None
+    chain: HertzChain,
+    time_s: Array,
+    tolerance: float = MIN_TOLERANCE,
+    stop: Flag | None = None,
+    *,
+    energies: bool = False,
 ) -> Motion:
     """Integrates from time 0 and samples the motion at ``time_s``, which begins at 0.
+
+    The work of a drive, and with ``energies`` those of the contacts and bodies, are components of the state.
 
     The largest force error over all contacts and samples stays below ``tolerance`` times the largest force if the
     motion amplifies small errors at most a thousandfold. A chain that bounces for long is chaotic;
@@ -57,17 +68,23 @@ def integrate_adaptive(
         raise ValueError(f"tolerance: {tolerance:g}, expected from {MIN_TOLERANCE:g} to below 1")
     n = chain.mass_kg.size
     overlap_scale, speed_scale = scales(chain, float(time_s[-1]))
-    start, scale = np.concatenate([chain.overlap_m, chain.velocity_m_s]), np.repeat([overlap_scale, speed_scale], n)
+    sums = np.zeros(columns_of_sums(chain, energies=energies))
+    start = np.concatenate([chain.overlap_m, chain.velocity_m_s, sums])
+    scale = np.repeat([overlap_scale, speed_scale], n)
     first = FIRST_STEP * overlap_scale / speed_scale
     stop = np.zeros(1, bool) if stop is None else stop
     states = np.empty((time_s.size, start.size))
     done = _fill(states, start, time_s, chain, LOCAL_SHARE * tolerance, scale, first, stop)
     if not done or not np.isfinite(states).all():
         raise ArithmeticError("the adaptive reference cannot integrate this motion: its steps become too small")
-    overlap, velocity = np.ascontiguousarray(states[:, :n]), np.ascontiguousarray(states[:, n:])
+    overlap, velocity = (np.ascontiguousarray(states[:, place : place + n]) for place in (0, n))
     if chain.drive is not None and chain.drive.prescribed:
         velocity[:, chain.drive.body] = chain.drive.at(time_s)[1]  # after a kink
-    return Motion(contact_force(chain, overlap, velocity), displacements(chain, overlap), velocity)
+    columns, sums = (contact_force(chain, overlap, velocity), displacements(chain, overlap), velocity), states[:, 2 * n :]
+    if energies:  # of the work (F - F(0)) d' the rest is elastic
+        stored = hertz_energy_beyond_tangent(chain.stiffness, chain.overlap_m, overlap - chain.overlap_m)
+        sums[:, 2 : 2 + n] = 0.0 if chain.elastic else sums[:, 2 : 2 + n] - stored
+    return motion_with(chain, time_s, columns, sums)
 
 
 def _fill(
@@ -85,10 +102,11 @@ def _fill(
         acceleration,
         *((float(chain.alpha), np.zeros(n)) if chain.alpha else (float(chain.overlap_power),)),
     )
+    static = hertz_force(chain.stiffness, chain.overlap_m)
     if drive is None:
-        undriven = (False, np.zeros(COLUMNS), np.zeros(2), 0, False, 0.0)
+        undriven = (False, np.zeros(COLUMNS), np.zeros(2), 0, False, 0.0, 0.0, static)
         return bool(fill_states(states, start, time_s, (*bodies, undriven), tolerance, scale, first, stop))
-    constant = float(acceleration[drive.body])
+    load_N, constant = float(chain.load_N[drive.body]), float(acceleration[drive.body])
     if drive.prescribed:
         inverse_mass[drive.body] = 0.0
     states[0] = start
@@ -101,7 +119,7 @@ def _fill(
         if times[-1] < end - begin:
             times = np.append(times, end - begin)
         part = np.empty((times.size, start.size))
-        driven = (True, segment, np.zeros(2), drive.body, drive.prescribed, constant)
+        driven = (True, segment, np.zeros(2), drive.body, drive.prescribed, constant, load_N, static)
         if not fill_states(part, start, times, (*bodies, driven), tolerance, scale, min(first, end - begin), stop):
             return False
         states[first_sample:beyond], start = part[1 : 1 + beyond - first_sample], part[-1].copy()

@@ -48,9 +48,10 @@ def fill_states(
     samples: Array, start: Array, times: Array, bodies: Bodies, tolerance: float, scale: Array, first_step: float,
     stop: Flag,
 ) -> bool:  # fmt: skip
-    """Fills states of a chain at all times, shape (samples, 2 bodies); True if the integration reached the end.
+    """Fills states of a chain at all times; True if the integration reached the end.
 
-    Local errors of each step stay below ``tolerance`` times ``scale``, shape (2 bodies,). The states are filled into a
+    A state has overlaps, velocities, and integrals as ``hertz_chain.columns_of_sums`` counts them. Local errors of
+    overlaps and velocities stay below ``tolerance`` times ``scale``, shape (2 bodies,), in each step. The states are filled into a
     given array: to return one, numba would run Python code, and lose the exception of a signal in it.
     """
     size = start.size
@@ -94,7 +95,7 @@ def _fill(
             continue
         if event >= 0:
             if _at_zero_overlap(state[0], event, bodies):
-                share = _refined(share, event, state[0], end[0], s, length, power)
+                share = _refined(share, event, state[0], end[0], s, length, power, bodies)
             guess = _raised(s + share * length, power)
             begin, length, stretch, target = _step_to_event(state, s, power, guess, target, event, slopes, end, bodies)
             another = nobody
@@ -190,13 +191,15 @@ def _at_zero_overlap(state: Array, event: int, bodies: Bodies) -> bool:
 
 
 @njit(error_model="numpy")
-def _refined(share: float, contact: int, start: Array, end: Array, s: float, length: float, power: float) -> float:
+def _refined(
+    share: float, contact: int, start: Array, end: Array, s: float, length: float, power: float, bodies: Bodies
+) -> float:
     """Fraction of a step at which an overlap is zero, by the cubic polynomial of its values and speeds at both ends.
 
     ``share`` is the linear estimate, which is the result if Newton's method on the polynomial leaves the step.
     """
-    first = length * stretch_at(s, power) * closing_speed(start, contact)
-    last = length * stretch_at(s + length, power) * closing_speed(end, contact)
+    first = length * stretch_at(s, power) * closing_speed(start, contact, bodies)
+    last = length * stretch_at(s + length, power) * closing_speed(end, contact, bodies)
     change = end[contact] - start[contact]
     square, cube = 3.0 * change - 2.0 * first - last, first + last - 2.0 * change
     x = share
@@ -211,7 +214,7 @@ def _grip(state: Array, contact: int, bodies: Bodies) -> float:
     """``k d^(3/2 - p) + C d'``, negative after a closed dissipative contact has released."""
     overlap = max(state[contact], 0.0)
     spring = bodies[1][contact] * overlap * root_raised(sqrt(overlap), 0.5 - bodies[4])
-    return float(spring + bodies[2][contact] * closing_speed(state, contact))
+    return float(spring + bodies[2][contact] * closing_speed(state, contact, bodies))
 
 
 @njit(error_model="numpy")
@@ -249,7 +252,7 @@ def _step_to_event(
             length = -begin
             bodies[-1][2][1] = guess
         step(state, begin, length, stretch, slopes, end, bodies)
-        value, rate = end[0, contact], closing_speed(end[0], contact)
+        value, rate = end[0, contact], closing_speed(end[0], contact, bodies)
         drive_until(guess, bodies)
         if len(bodies) == POWER_LAW_LENGTH:
             slope(end[0], 1.0, end[2], bodies)
@@ -258,13 +261,13 @@ def _step_to_event(
             slope(end[0], 1.0, end[2], bodies)
             value = _grip(end[0], contact, bodies)
             rate *= (1.5 - bodies[4]) * bodies[1][contact] * max(end[0, contact], 0.0) ** (0.5 - bodies[4])
-            rate += bodies[2][contact] * closing_speed(end[2], contact)
+            rate += bodies[2][contact] * closing_speed(end[2], contact, bodies)
         if rate == 0.0 and len(bodies) != POWER_LAW_LENGTH:
             break
         change = -value / rate
         if _at_zero_overlap(state[0], event, bodies):  # to second order, which saves a step
             slope(end[0], 1.0, end[2], bodies)
-            bend = 0.5 * change * closing_speed(end[2], contact) / rate
+            bend = 0.5 * change * closing_speed(end[2], contact, bodies) / rate
             change *= 1.0 - bend if abs(bend) < 0.5 else 1.0
         if abs(change) <= rounding * guess + 1e-14 * (guess - elapsed):
             return begin, length, stretch, guess

@@ -6,7 +6,8 @@ smooth in ``s = |t - t_e|^(1/2)`` but not in t. The force of a dissipative conta
 ``t = t_e + s^power`` the equations are ``dy/ds = power s^(power - 1) f(y)``, and the method keeps its order through
 the event. Powers -2 and -4 mean ``t = t_e - s^2`` and ``t = t_e - s^4``.
 
-Rows of a state: values (overlaps, then velocities); their rounding errors (Kahan); their slopes dy/dt.
+Rows of a state: values (overlaps, velocities, and integrals of ``hertz_chain.motion_with``, which no step size depends
+on); their rounding errors (Kahan); their slopes dy/dt.
 """
 
 from math import sqrt
@@ -125,7 +126,8 @@ ROUNDING = 0.5**53  # relative rounding error of a double
 # inverse masses, stiffness, damping (empty for an elastic chain), acceleration by the loads alone, power of the overlap
 # in damping; with the power law alpha in its place, and for each contact 1 if it may exert a force in the present step;
 # last the drive: True if there is one, its segment, times of the last and of the next event since the segment begins,
-# body, True if it moves as prescribed (with an inverse mass of 0), acceleration by its constant load
+# body, True if it moves as prescribed (with an inverse mass of 0), acceleration by its constant load, this load, and
+# for integrals the elastic forces at time 0
 Bodies = tuple[Any, ...]
 POWER_LAW_LENGTH = 7  # length of Bodies with the power law; numba compiles a kernel for each of the two lengths
 
@@ -139,7 +141,7 @@ def slope(state: Array, stretch: float, result: Array, bodies: Bodies) -> None:
         return
     inverse_mass, stiffness, damping, acceleration, overlap_power = bodies[:5]
     n = inverse_mass.size
-    velocity, closing, force = state[n:], result[:n], result[n:]
+    velocity, closing, force = state[n : 2 * n], result[:n], result[n : 2 * n]
     closing[0] = -velocity[0]
     for j in range(1, n):
         closing[j] = velocity[j - 1] - velocity[j]
@@ -152,6 +154,8 @@ def slope(state: Array, stretch: float, result: Array, bodies: Bodies) -> None:
     else:
         for j in range(n):
             force[j] = elastic_force(stiffness[j], state[j] if state[j] > 0.0 else 0.0)
+    if state.size > 2 * n:
+        _powers(state, stretch, force, result, bodies)
     for j in range(n - 1):
         force[j] = stretch * ((force[j] - force[j + 1]) * inverse_mass[j] + acceleration[j])
     force[n - 1] = stretch * (force[n - 1] * inverse_mass[n - 1] + acceleration[n - 1])
@@ -160,23 +164,47 @@ def slope(state: Array, stretch: float, result: Array, bodies: Bodies) -> None:
 
 
 @njit(error_model="numpy")
+def _powers(state: Array, stretch: float, force: Array, result: Array, bodies: Bodies) -> None:
+    """Writes ``stretch`` times the integrands of ``hertz_chain.motion_with``, with the forces of all contacts.
+
+    For a contact it is ``(F - F(0)) d'``, which stays smooth when the overlap of a released contact reaches 0.
+    """
+    inverse_mass, acceleration = bodies[0], bodies[3]
+    driven, _, _, body, prescribed, constant, load, static = bodies[-1]
+    n = inverse_mass.size
+    powers = result[2 * n :]
+    if driven:
+        if prescribed:
+            by_drive = (force[body + 1] if body + 1 < n else 0.0) - force[body] - load
+        else:
+            by_drive = (acceleration[body] - constant) / inverse_mass[body]
+        powers[0], powers[1] = stretch * by_drive * state[n + body], stretch * by_drive
+    below = 0.0
+    for j in range(n if powers.size > 2 else 0):
+        here, further = state[n + j], stretch * (force[j] - static[j])
+        powers[2 + j] = further * (below - here)
+        powers[2 + n + j] = -further * here
+        below = here
+
+
+@njit(error_model="numpy")
 def _slope_power(state: Array, stretch: float, result: Array, bodies: Bodies) -> None:
     """``slope`` for the power law; it is smooth, as the contacts with a force stay the same within a step."""
     inverse_mass, stiffness, gamma, acceleration, alpha, holds = bodies[:6]
     n = inverse_mass.size
-    below, force_below = 0.0, 0.0
+    below, force = 0.0, result[n : 2 * n]
     for j in range(n):
         velocity = state[n + j]
         closing = below - velocity
         result[j] = stretch * closing
-        below = velocity
-        force = 0.0
+        below, force[j] = velocity, 0.0
         if holds[j] > 0.0:
-            force = power_force(stiffness[j], gamma[j], alpha, max(state[j], 0.0), closing)
-        if j > 0:
-            result[n + j - 1] = stretch * ((force_below - force) * inverse_mass[j - 1] + acceleration[j - 1])
-        force_below = force
-    result[2 * n - 1] = stretch * (force_below * inverse_mass[n - 1] + acceleration[n - 1])
+            force[j] = power_force(stiffness[j], gamma[j], alpha, max(state[j], 0.0), closing)
+    if state.size > 2 * n:
+        _powers(state, stretch, force, result, bodies)
+    for j in range(n):
+        above = force[j + 1] if j + 1 < n else 0.0
+        force[j] = stretch * ((force[j] - above) * inverse_mass[j] + acceleration[j])
 
 
 @njit(error_model="numpy", forceinline=True)
@@ -189,7 +217,7 @@ def stretch_at(s: float, power: float) -> float:
 def drive_until(elapsed: float, bodies: Bodies) -> None:
     """Sets the acceleration of the driven body without contact forces, at a time since the last event."""
     if bodies[-1][0]:
-        _, segment, clock, body, prescribed, constant = bodies[-1]
+        _, segment, clock, body, prescribed, constant = bodies[-1][:6]
         value, _, bend = segment_value(segment, clock[0] + elapsed)
         bodies[3][body] = bend if prescribed else constant + value * bodies[0][body]
 
@@ -249,14 +277,14 @@ def error(
     if bodies[-1][0]:
         drive_until(elapsed_at(s_end, power, bodies), bodies)
     slope(end[0], 1.0, end[2], bodies)
-    stretch, largest, n = stretch_at(s_end, power), 0.0, scale.size // 2
+    stretch, largest, n = stretch_at(s_end, power), 0.0, bodies[0].size
     rounding = ROUNDING * abs(h * stretch) / tolerance
-    for i in range(scale.size):
+    for i in range(slopes.shape[1]):
         slopes[STAGES, i] = stretch * end[2, i]
     weigh(np.int64(FIFTH), 1.0, slopes, work[0])
     weigh(np.int64(THIRD), 1.0, slopes, work[1])
     inverse_mass, stiffness = bodies[0], bodies[1]
-    fifth, third, estimate, force, rounded = work[0], work[1], work[1], work[2, :n], work[2, n:]
+    fifth, third, estimate, force, rounded = work[0], work[1], work[1], work[2, :n], work[2, n : 2 * n]
     for j in range(n):
         force[j] = elastic_force(stiffness[j], end[0, j] if end[0, j] > 0.0 else 0.0)
     for j in range(n - 1):

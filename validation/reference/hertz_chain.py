@@ -134,11 +134,20 @@ class Motion:
         force_N: Force of each contact, compression positive.
         displacement_m: Displacement of each body since time 0, upwards positive.
         velocity_m_s: Velocity of each body, upwards positive.
+        drive_work_J: Work of the drive since time 0. Shape (samples,); None without a drive.
+        drive_impulse_N_s: Impulse of the drive since time 0. Shape (samples,); None without a drive.
+        dissipated_J: Energy dissipated in each contact since time 0; None unless asked for, as the next.
+        passed_J: Energy that each body has passed to the contact below it since time 0, without the work of the static
+            force.
     """
 
     force_N: Array
     displacement_m: Array
     velocity_m_s: Array
+    drive_work_J: Array | None = None
+    drive_impulse_N_s: Array | None = None
+    dissipated_J: Array | None = None
+    passed_J: Array | None = None
 
 
 # field of TubeChain -> key of the deck; the deck also has the keys of a straight chain
@@ -214,19 +223,15 @@ class Extremes:
 
     Attributes:
         overlap_m: Largest overlap of the contact under each body.
-        closing_m_s: Largest normal speed at which this contact closes.
         bore_overlap_m: Largest overlap of each body with the bore.
-        bore_closing_m_s: Largest normal speed at which the contact with the bore closes.
-        impacts_J: Sum of ``mu v^2 / 2`` over all closings of the contact under each body, with the reduced mass mu.
-        speed_m_s: Largest relative speed of the contact while it has a force; straight chains only.
+        speed_m_s: Largest relative speed of the contact while it has a force; zeros for a tube.
+        kinetic_J: Largest kinetic energy of all bodies but one that moves as prescribed; NaN after a blow-up.
     """
 
     overlap_m: Array
-    closing_m_s: Array
     bore_overlap_m: Array
-    bore_closing_m_s: Array
-    impacts_J: Array
-    speed_m_s: Array = field(default_factory=lambda: np.zeros(0))
+    speed_m_s: Array
+    kinetic_J: float
 
 
 @dataclass(frozen=True)
@@ -317,6 +322,66 @@ def contact_force(chain: HertzChain, overlap_m: Array, velocity_m_s: Array) -> A
     closing = np.concatenate([np.zeros_like(velocity_m_s[..., :1]), velocity_m_s[..., :-1]], axis=-1) - velocity_m_s
     law = chain.damping, chain.alpha, chain.overlap_power
     return np.asarray(np.maximum(elastic + dissipative_force(*law, overlap_m, closing), 0.0))
+
+
+def hertz_energy(stiffness: Any, overlap_m: Array) -> Array:
+    """Elastic energy ``E = (2/5) k d^(5/2)`` for an overlap of 0 or more, in J."""
+    return np.asarray(ENERGY_SHARE * stiffness * overlap_m**2 * overlap_m**0.5)  # a tenth of the time of a power of 5/2
+
+
+def hertz_energy_beyond_tangent(stiffness: Array, overlap_m: Array, change_m: Array) -> Array:
+    """Change of the elastic energy less its linear part, ``E(d + x) - E(d) - F(d) x``, in J; zero for open contacts.
+
+    For d > 0 it is ``E(d) y^2 (15/2 + 10 y + 5 y^2 + y^3)`` with ``y = sqrt(1 + x/d) - 1``, without cancellation; for
+    x < -d, where the contact is open, y is -1 and ``-F(d) (x + d)`` is added.
+
+    Args:
+        stiffness: k of each contact. Shape (contacts,).
+        overlap_m: overlaps d; a gap is negative. Shape (contacts,).
+        change_m: changes x of the overlaps. Shape (..., contacts).
+    """
+    pressed = overlap_m > 0
+    start = np.where(pressed, overlap_m, 1.0)
+    ratio = np.maximum(change_m / start, -1.0)
+    y = ratio / (np.sqrt(1 + ratio) + 1)
+    energy = hertz_energy(stiffness, start) * y**2 * (7.5 + y * (10 + y * (5 + y)))
+    energy -= hertz_force(stiffness, start) * np.minimum(change_m + start, 0.0)
+    loose = ~pressed
+    overlap = np.maximum(overlap_m[loose] + change_m[..., loose], 0.0)
+    energy[..., loose] = hertz_energy(stiffness[loose], overlap)
+    return np.asarray(energy)
+
+
+def columns_of_sums(chain: HertzChain, *, energies: bool) -> int:
+    """Number of integrals besides the motion: work and impulse of a drive; with ``energies`` two more a body."""
+    return 2 * (chain.drive is not None or energies) + 2 * energies * chain.mass_kg.size
+
+
+def motion_with(chain: HertzChain, time_s: Array, columns: tuple[Array, Array, Array], sums: Array) -> Motion:
+    """Motion with the integrals of the kernels.
+
+    Integrated are, with the speed v and the net force N of contacts and constant load of the driven body, ``f v`` and
+    ``f`` of a force f, or ``-N u'`` and ``-N`` of a displacement u, whose actuator has the force ``m u'' - N``; the
+    power dissipated in each contact, ``(F - k d^(3/2)) d'``; and ``(F(0) - F) v`` of each body, with the elastic force
+    F(0) at time 0.
+
+    Args:
+        chain: The chain.
+        time_s: Sample times. Shape (samples,).
+        columns: Forces, displacements and velocities.
+        sums: Integrals as ``columns_of_sums`` counts them. Shape (samples, columns).
+    """
+    n, drive = chain.mass_kg.size, chain.drive
+    more: dict[str, Array] = {}
+    if drive is not None:
+        work, impulse = sums[:, 0], sums[:, 1]
+        if drive.prescribed:
+            mass, rate = chain.mass_kg[drive.body], drive.at(time_s)[1]
+            work, impulse = work + 0.5 * mass * (rate**2 - rate[0] ** 2), impulse + mass * (rate - rate[0])
+        more = {"drive_work_J": work, "drive_impulse_N_s": impulse}
+    if sums.shape[1] > 2:
+        more |= {"dissipated_J": sums[:, 2 : 2 + n], "passed_J": sums[:, 2 + n :]}
+    return Motion(*columns, **more)
 
 
 def displacements(chain: HertzChain, overlap_m: Array) -> Array:

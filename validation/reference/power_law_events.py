@@ -24,9 +24,9 @@ RETRY = (0, -1.0)  # repeat the step with a smaller size
 
 
 @njit(error_model="numpy")
-def closing_speed(state: Array, contact: int) -> float:
+def closing_speed(state: Array, contact: int, bodies: Bodies) -> float:
     """Closing speed ``d'`` of a contact from a state, or its rate of change from a slope."""
-    velocity = state[state.size // 2 :]
+    velocity = state[bodies[1].size :]
     return float((velocity[contact - 1] if contact > 0 else 0.0) - velocity[contact])
 
 
@@ -35,7 +35,7 @@ def _grip(state: Array, contact: int, bodies: Bodies) -> float:
     """``(k d^(3/2))^(1/alpha) + gamma^(1/alpha) d'``, negative after a closed contact has released."""
     overlap, inverse = max(state[contact], 0.0), 1.0 / bodies[4]
     spring = (bodies[1][contact] * overlap * sqrt(overlap)) ** inverse
-    return float(spring + bodies[2][contact] ** inverse * closing_speed(state, contact))
+    return float(spring + bodies[2][contact] ** inverse * closing_speed(state, contact, bodies))
 
 
 @njit(error_model="numpy")
@@ -85,7 +85,7 @@ def first_power_event(
             if passed and before / (before - after) < where:
                 first, where = j, before / (before - after)
         if kinked and holds[j] > 0.0 and n + j != known and n + j != last:
-            before, after = closing_speed(start, j), closing_speed(end, j)
+            before, after = closing_speed(start, j, bodies), closing_speed(end, j, bodies)
             kick = gamma[j] * abs(after) ** alpha * (inverse_mass[j] + (inverse_mass[j - 1] if j > 0 else 0.0)) * span
             turns = before * after < 0.0 and abs(before) > still and kick > MIN_KICK * tolerance * scale[n]
             if turns and before / (before - after) < where:
@@ -101,7 +101,7 @@ def passing(state: Array, slope: Array, event: int, closes: bool, bodies: Bodies
     """Quantity that is 0 at an event, and its rate of change, for a state with this slope."""
     n = bodies[1].size
     contact = event % n
-    speed, change = closing_speed(state, contact), closing_speed(slope, contact)
+    speed, change = closing_speed(state, contact, bodies), closing_speed(slope, contact, bodies)
     if event >= n:
         return speed, change
     if closes:

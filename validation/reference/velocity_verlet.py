@@ -16,23 +16,31 @@ from validation.reference.hertz_chain import (
     HertzChain,
     Motion,
     check_timing,
+    columns_of_sums,
     contact_force,
     displacements,
+    hertz_force,
     loads_N,
+    motion_with,
 )
 
 if TYPE_CHECKING:
     from validation.reference.verlet_kernels import Arrays, DriveArrays
 
-UNINTERRUPTED = 5_000_000  # bodies times steps between two looks for a signal
-
 
 def integrate_verlet(
-    chain: HertzChain, time_step_s: float, steps_per_sample: int, samples: int, stop: Flag | None = None
+    chain: HertzChain,
+    time_step_s: float,
+    steps_per_sample: int,
+    samples: int,
+    stop: Flag | None = None,
+    *,
+    energies: bool = False,
 ) -> Motion:
     """Integrates from time 0 and samples the motion every ``steps_per_sample`` steps, beginning at time 0.
 
-    Half kick, drift, new forces, half kick: ``v += a dt/2; x += v dt; a = a(x); v += a dt/2``.
+    Half kick, drift, new forces, half kick: ``v += a dt/2; x += v dt; a = a(x); v += a dt/2``. The work of a drive, and
+    with ``energies`` those of the contacts and bodies, are summed over all steps.
 
     Raises:
         ValueError: the step is not above zero, or a count is below one.
@@ -41,28 +49,30 @@ def integrate_verlet(
     from validation.reference.verlet_kernels import fill_samples
 
     arrays, half_kick = _start(chain, time_step_s), 0.5 * time_step_s / chain.mass_kg
-    motion = Motion(*(np.empty((samples, chain.mass_kg.size)) for _ in range(3)))
-    kept = (motion.force_N, motion.displacement_m, motion.velocity_m_s)
+    force, overlap, velocity = (np.empty((samples, chain.mass_kg.size)) for _ in range(3))
+    sums = np.zeros((samples, columns_of_sums(chain, energies=energies)))
     stop = np.zeros(1, bool) if stop is None else stop
-    drive = _drive(chain, *arrays[4:6], half_kick)
-    fill_samples(arrays, drive, time_step_s, steps_per_sample, half_kick, chain.load_N.copy(), *kept, stop)
-    return Motion(motion.force_N, displacements(chain, motion.displacement_m), motion.velocity_m_s)
+    drive, static = _drive(chain, *arrays[4:6], half_kick), hertz_force(chain.stiffness, chain.overlap_m)
+    loads = half_kick, chain.load_N.copy(), static
+    fill_samples(arrays, drive, time_step_s, steps_per_sample, *loads, force, overlap, velocity, sums, stop)
+    times = np.arange(samples) * (steps_per_sample * time_step_s)
+    return motion_with(chain, times, (force, displacements(chain, overlap), velocity), sums)
 
 
-def follow_verlet(chain: HertzChain, time_step_s: float, steps: int) -> Extremes:
+def follow_verlet(chain: HertzChain, time_step_s: float, steps: int, stop: Flag | None = None) -> Extremes:
     """Extremes of the motion over all steps of ``integrate_verlet``; no contact with a bore."""
     from validation.reference.verlet_kernels import follow
 
-    arrays, inverse = _start(chain, time_step_s), 1 / chain.mass_kg
-    reduced = 1 / (inverse + np.append(0.0, inverse[:-1]))
+    arrays, n = _start(chain, time_step_s), chain.mass_kg.size
     # rows of one array: separate ones may all begin at the same place of a page and then share few lines of the cache
-    rows = np.vstack([0.5 * time_step_s * inverse, chain.load_N, reduced, np.zeros((6, inverse.size))])
-    chunk, drive = max(1, UNINTERRUPTED // inverse.size), _drive(chain, *arrays[4:6], rows[0])
-    for start in range(0, steps + 1, chunk):
-        times = min(chunk, steps + 1 - start)
-        follow(arrays, drive, time_step_s, start, times, *rows[:8])
-    *_, overlap, closing, impacts, speed, nothing = rows
-    return Extremes(overlap, closing, nothing, nothing, impacts, speed)
+    half_kick, load, mass, overlap, speed, nothing = np.zeros((6, n))
+    half_kick[:], load[:], mass[:] = 0.5 * time_step_s / chain.mass_kg, chain.load_N, chain.mass_kg
+    if chain.drive is not None and chain.drive.prescribed:
+        mass[chain.drive.body] = 0.0
+    stop = np.zeros(1, bool) if stop is None else stop
+    drive = _drive(chain, *arrays[4:6], half_kick)
+    kinetic = follow(arrays, drive, time_step_s, steps, half_kick, load, mass, overlap, speed, stop)
+    return Extremes(overlap, nothing, speed, float(kinetic))
 
 
 def _start(chain: HertzChain, time_step_s: float) -> "Arrays":
@@ -89,7 +99,13 @@ def _drive(chain: HertzChain, *kicks: Array) -> "DriveArrays":
 
 
 def integrate_verlet_absolute(
-    chain: HertzChain, height_m: Array, reach_m: Array, time_step_s: float, steps_per_sample: int, samples: int
+    chain: HertzChain,
+    height_m: Array,
+    reach_m: Array,
+    time_step_s: float,
+    steps_per_sample: int,
+    samples: int,
+    stop: Flag | None = None,
 ) -> Motion:
     """Integrates as ``integrate_verlet``, with heights instead of overlaps as the state, as in the codes.
 
@@ -103,6 +119,7 @@ def integrate_verlet_absolute(
         time_step_s: As for ``integrate_verlet``.
         steps_per_sample: As for ``integrate_verlet``.
         samples: As for ``integrate_verlet``.
+        stop: As for ``integrate_verlet``.
 
     Returns:
         Motion with arrays of shape (samples, bodies).
@@ -114,6 +131,6 @@ def integrate_verlet_absolute(
         _drive(chain), chain.mass_kg, chain.stiffness, np.array(height_m), reach_m, chain.velocity_m_s.copy(),
         chain.load_N.copy(), chain.damping, float(chain.alpha) if chain.alpha else None, float(chain.overlap_power),
         np.zeros(len(reach_m) + 1), np.zeros(len(reach_m)), time_step_s, steps_per_sample, motion.force_N,
-        motion.displacement_m, motion.velocity_m_s,
+        motion.displacement_m, motion.velocity_m_s, np.zeros(1, bool) if stop is None else stop,
     )  # fmt: skip
     return Motion(motion.force_N, motion.displacement_m - height_m, motion.velocity_m_s)

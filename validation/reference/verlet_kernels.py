@@ -99,50 +99,80 @@ def _drive(arrays: Arrays, drive: DriveArrays, load: Array, dt: float, step: int
     return rate
 
 
+@njit(error_model="numpy", forceinline=True)
+def _sync(j: int, arrays: Arrays, drive: DriveArrays, half_kick: Array, load: Array, rate: float) -> float:
+    """Velocity of a body at the time of the forces."""
+    if drive[0].size and drive[2] and j == drive[1]:
+        return rate
+    return float(arrays[0][j] + half_kick[j] * (arrays[2][j] - arrays[2][j + 1] + load[j]))
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def follow(
-    arrays: Arrays, drive: DriveArrays, dt: float, begin: int, times: int, half_kick: Array, load: Array,
-    reduced: Array, approach: Array, overlaps: Array, closings: Array, impacts: Array, speeds: Array,
-) -> None:  # fmt: skip
-    """Updates the extremes by the state at some times from step ``begin`` on, each followed by a step.
+    arrays: Arrays, drive: DriveArrays, dt: float, steps: int, half_kick: Array, load: Array, mass: Array,
+    overlaps: Array, speeds: Array, stop: Flag,
+) -> float:  # fmt: skip
+    """Updates the largest overlaps, and speeds while a contact has a force, at all steps from time 0 on.
 
-    With the power law, bodies that just touch may have a force. A contact that touches at time 0 makes no impact.
-    ``approach`` holds the closing speeds one step before of contacts with a gap; else 0.
+    ``mass`` is 0 for a body whose energy does not count. Returns the largest kinetic energy, NaN after a blow-up.
     """
-    velocity, overlap, force, stiffness = arrays[:4]
-    for step in range(begin, begin + times):
+    overlap, force, rate, largest = arrays[1], arrays[2], 0.0, 0.0
+    for step in range(steps + 1):
+        if stop[0]:
+            break
         if drive[0].size:
-            _drive(arrays, drive, load, dt, step)
-        below = 0.0
+            rate = _drive(arrays, drive, load, dt, step)
+        below, kinetic = 0.0, 0.0
         for j in range(overlap.size):
-            here = velocity[j] + half_kick[j] * (force[j] - force[j + 1] + load[j])
-            closing = below - here
+            here = _sync(j, arrays, drive, half_kick, load, rate)
+            if force[j] > 0.0:
+                speeds[j] = max(speeds[j], abs(below - here))
+            overlaps[j] = max(overlaps[j], overlap[j])
             below = here
-            pressed, apart = force[j] > 0.0, overlap[j] <= 0.0
-            if pressed:
-                impacts[j] += 0.5 * reduced[j] * approach[j] ** 2
-            if pressed or (apart and closing > 0.0):
-                speeds[j] = max(speeds[j], abs(closing))
-            approach[j] = 0.0
-            if stiffness[j] > 0.0:
-                overlaps[j] = max(overlaps[j], overlap[j])
-                if not pressed or apart:
-                    closings[j] = max(closings[j], closing)
-                if not pressed and overlap[j] < 0.0:
-                    approach[j] = max(closing, 0.0)
+            kinetic += 0.5 * mass[j] * here * here
+        if not kinetic < np.inf:
+            return np.nan
+        largest = max(largest, kinetic)
         _step(arrays, dt)
+    return largest
+
+
+@njit(error_model="numpy")
+def _powers(
+    arrays: Arrays, drive: DriveArrays, half_kick: Array, load: Array, rate: float, static: Array, powers: Array
+) -> None:
+    """Fills the integrands of ``hertz_chain.motion_with``; only those of a drive if there is no room for more."""
+    overlap, force, stiffness, n = arrays[1], arrays[2], arrays[3], arrays[1].size
+    if drive[0].size:
+        body = drive[1]
+        by_drive = force[body + 1] - force[body] - load[body] if drive[2] else load[body] - drive[3]
+        powers[0] = by_drive * _sync(body, arrays, drive, half_kick, load, rate)
+        powers[1] = by_drive
+    below = 0.0
+    for j in range(n if powers.size > 2 else 0):
+        here = _sync(j, arrays, drive, half_kick, load, rate)
+        powers[2 + j] = (force[j] - elastic_force(stiffness[j], max(overlap[j], 0.0))) * (below - here)
+        powers[2 + n + j] = (static[j] - force[j]) * here
+        below = here
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def fill_samples(
-    arrays: Arrays, drive: DriveArrays, dt: float, every: int, half_kick: Array, load: Array,
-    forces: Array, overlaps: Array, velocities: Array, stop: Flag,
+    arrays: Arrays, drive: DriveArrays, dt: float, every: int, half_kick: Array, load: Array, static: Array,
+    forces: Array, overlaps: Array, velocities: Array, sums: Array, stop: Flag,
 ) -> None:  # fmt: skip
-    """Fills the samples, the first with the initial state; velocities are shifted to the time of the forces."""
-    velocity, overlap, force = arrays[:3]
-    step, driven, rate = 0, drive[0].size > 0, 0.0
+    """Fills the samples, the first with the initial state; velocities are shifted to the time of the forces.
+
+    Integrals are sums over all steps by the trapezoidal rule: so the kinetic energy changes by the work of the forces.
+    """
+    overlap, force = arrays[1:3]
+    step, driven, rate, summed = 0, drive[0].size > 0, 0.0, sums.shape[1] > 0
+    work = np.zeros((3, sums.shape[1]))
+    running, powers, before = work[0], work[1], work[2]
     if driven:
         rate = _drive(arrays, drive, load, dt, step)
+    if summed:
+        _powers(arrays, drive, half_kick, load, rate, static, powers)
     for sample in range(len(forces)):
         for _ in range(every if sample else 0):
             if stop[0]:
@@ -151,25 +181,31 @@ def fill_samples(
             step += 1
             if driven:
                 rate = _drive(arrays, drive, load, dt, step)
+            if summed:
+                copy(powers, before)
+                _powers(arrays, drive, half_kick, load, rate, static, powers)
+                for i in range(running.size):
+                    running[i] += 0.5 * dt * (before[i] + powers[i])
         for j in range(overlap.size):
             forces[sample, j] = force[j]
             overlaps[sample, j] = overlap[j]
-            velocities[sample, j] = velocity[j] + half_kick[j] * (force[j] - force[j + 1] + load[j])
-        if driven and drive[2]:
-            velocities[sample, drive[1]] = rate
+            velocities[sample, j] = _sync(j, arrays, drive, half_kick, load, rate)
+        copy(running, sums[sample])
 
 
 @njit(cache=True, nogil=True)
 def integrate_absolute(
     drive: DriveArrays, mass: Array, stiffness: Array, height: Array, reach: Array, velocity: Array, load: Array,
     damping: Array, alpha: float | None, overlap_power: float, force: Array, net: Array, dt: float, every: int,
-    forces: Array, heights: Array, velocities: Array,
+    forces: Array, heights: Array, velocities: Array, stop: Flag,
 ) -> None:  # fmt: skip
     """Fills the samples of ``integrate_verlet_absolute``; alpha is None without the power law."""
     n, half = mass.size, 0.5 * dt
     segments, body, prescribed, constant = drive
     start = height[body]
     for step in range((len(forces) - 1) * every + 1):
+        if stop[0]:
+            return
         if step:
             for j in range(n):
                 velocity[j] += half * net[j] / mass[j]
