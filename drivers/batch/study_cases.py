@@ -20,12 +20,12 @@ from drivers.base.tolerances import tolerance
 from drivers.batch.store import WORK, Store, StudyRow
 from drivers.batch.study import Study, column_name, read_study, select, value_at
 from drivers.chain.case import Case, Layout
-from drivers.chain.chain import Array
+from drivers.chain.residual import FORCE
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, Engine, installed, load_engine
 from drivers.engines._entries import entry_files, use_entries
-from drivers.limits.energy_bounds import needed_tolerance
 from drivers.limits.refusal import inability, refuse
+from drivers.limits.stable_step import needed_tolerance
 from drivers.run.build import Build, build_of, names_of
 from drivers.run.execute import Place, execute
 from drivers.run.run import run_identity
@@ -46,8 +46,6 @@ class Request:
         runs: runs folder, the same for all workers.
         plan: function that returns a case with the time step planned for its accuracy.
         observe: function that returns observables by name, from a layout and a trace.
-        residual: function that returns the largest force difference of two traces at each sample, divided by the
-            largest change of force of the second.
         engines: selected engines, also beyond the study; if empty, the engines of the study.
         patterns: patterns that select cases; if empty, all cases.
         retry: True to run failures again that ended before ``asked``.
@@ -62,7 +60,6 @@ class Request:
     runs: Path
     plan: Callable[[Case], Case]
     observe: Callable[[Layout, Trace], Mapping[str, float]]
-    residual: Callable[[Trace, Trace], Array]
     engines: tuple[str, ...] = ()
     patterns: tuple[str, ...] = ()
     retry: bool = False
@@ -251,12 +248,12 @@ def opened(request: Request) -> Batch:
     runnable = study.engines if request.elsewhere else here
     if here != study.engines:
         store.refresh()
-    guards = [tolerance("guard", quantity).limit for quantity in ("energy", "impacts", "rounding", "friction", "least")]
+    limits = [tolerance("model", quantity).limit for quantity in (FORCE, "motion", "level")]
     for name in dict.fromkeys((*study.engines, REFERENCE)):
         engine = load_engine(name)
         builds[name] = build_of(engine) if name in (*here, REFERENCE) else _build_elsewhere(engine, store)
         adapter = content_of(_adapter_file(name))
-        readers[name] = _digest(f"{digest_of_sources()}\0{adapter}\0{engine.server.sha256}\0{guards}")
+        readers[name] = _digest(f"{digest_of_sources()}\0{adapter}\0{engine.server.sha256}\0{limits}")
     return Batch(request, study, engines, numbers, here, runnable, builds, readers, store)
 
 

@@ -8,6 +8,7 @@ from drivers.base.errors import RunError
 from drivers.batch.store import WORK, Outbox, Store, StudyRow
 from drivers.batch.study_cases import Batch, Request, opened
 from drivers.chain.case import Case
+from drivers.chain.residual import residual
 from drivers.chain.trace import digest_of
 from drivers.engines import REFERENCE
 from drivers.run.compute import Computed, compute
@@ -146,7 +147,7 @@ def _row(batch: Batch, number: int, case: Case, name: str, exact: dict[str, Comp
             assert truth.fault is not None
             fault = RunError(f"the reference failed, so the error is unknown: {truth.fault}", truth.fault.status)
         else:
-            force_error = float(request.residual(trace, truth.trace).max())
+            force_error = float(residual(trace, truth.trace).max())
     values = {} if trace is None else request.observe(case.layout, trace)
     digest = "" if trace is None else digest_of(trace)
     cost = {"start_s": ended.start_s, "engine_s": ended.wall_s, "loop_s": ended.loop_s, "reference_s": reference_s}

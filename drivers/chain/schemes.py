@@ -3,37 +3,103 @@
 Every part of the project that needs such a motion in memory takes it from here.
 """
 
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor, wait
+from contextvars import copy_context
 from dataclasses import replace
+from functools import partial
+from math import inf
+from typing import TypeVar
 
 import numpy as np
 
+from drivers.base.processes import stoppable
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, arrays_of, sphere_for_face, tube_arrays_of
-from drivers.chain.trace import Trace, make_trace
+from drivers.chain.trace import Trace, make_trace, with_work
 from validation.reference.adaptive import MIN_TOLERANCE, integrate_adaptive
-from validation.reference.hertz_chain import Motion, TubeChain, TubeMotion
+from validation.reference.hertz_chain import Flag, Motion, TubeChain, TubeMotion
 from validation.reference.tube import TOTAL, integrate_tube
 from validation.reference.velocity_verlet import integrate_verlet, integrate_verlet_absolute
 
 TURN_RAD = 1.0  # rotation about the axis, which changes rounding errors only
+MIN_LIMIT_S = 60.0
+SECONDS_PER_BODY_AND_STEP = 5e-6  # ten times the cost of the slowest engine
+SHORT = 1_000_000  # bodies times steps: some hundredths of a second, in three dimensions some tenths
+
+Result = TypeVar("Result")
 
 
-def exact_of(case: Case, tolerance: float = MIN_TOLERANCE, finer: int = 1) -> Trace:
-    """Exact motion of a straight chain, at the samples of the case.
+def default_limit_s(case: Case) -> float:
+    """Time limit of a run and of an exact motion, in proportion to bodies times steps."""
+    return MIN_LIMIT_S + SECONDS_PER_BODY_AND_STEP * case.work
+
+
+def endable(integrate: Callable[[Flag], Result], limit_s: float = inf) -> Result:
+    """Result of a compiled integration in a thread, which a signal or the time limit ends by its flag.
+
+    Raises:
+        TimeoutError: it was ended at the time limit.
+    """
+    stop: Flag = np.zeros(1, bool)
+
+    def end() -> None:
+        stop[0] = True
+
+    with ThreadPoolExecutor(1) as thread, stoppable(end):
+        integration = thread.submit(copy_context().run, integrate, stop)  # with its treatment of overflows
+        try:
+            late = wait([integration], min(limit_s, threading.TIMEOUT_MAX)).not_done
+        finally:
+            end()
+    if late:
+        raise TimeoutError
+    return integration.result()
+
+
+def _at_step(case: Case, finer: int, integrate: Callable[[Flag], Result]) -> Result:
+    """Result of an integration at a fixed step; one that takes long can be ended."""
+    return integrate(np.zeros(1, bool)) if finer * case.work <= SHORT else endable(integrate)
+
+
+def exact_motion(
+    case: Case, tolerance: float, time_s: Array, *, limit_s: float | None = None, energies: bool = False
+) -> Motion:
+    """Exact motion of a straight chain at any times.
 
     Args:
         case: the case.
         tolerance: largest force error, relative to the largest force.
-        finer: factor of the number of samples.
+        time_s: times in s, from 0 on.
+        limit_s: time limit; None for ``default_limit_s``.
+        energies: True to integrate the energies of contacts and bodies as well.
 
     Raises:
-        ArithmeticError: the integrator fails.
+        ArithmeticError: the integrator fails, or takes longer than the limit.
     """
+    limit_s = limit_s or default_limit_s(case)
+    integrate = partial(integrate_adaptive, arrays_of(case.chain), time_s, tolerance, energies=energies)
+    try:
+        return endable(lambda stop: integrate(stop=stop), limit_s)
+    except TimeoutError:
+        raise ArithmeticError(f"the exact motion takes longer than {limit_s:g} s") from None
+
+
+def exact_of(case: Case, tolerance: float = MIN_TOLERANCE, finer: int = 1, limit_s: float | None = None) -> Trace:
+    """``exact_motion`` as a trace at the samples of the case, or at ``finer`` times as many."""
     times = case.sample_times_s
     if finer > 1:
         spacing = case.scene.steps_per_sample * case.scene.time_step_s / finer
         times = np.arange(finer * (case.scene.samples - 1) + 1, dtype=float) * spacing
-    return trace_of(case, times, integrate_adaptive(arrays_of(case.chain), times, tolerance))
+    return trace_of(case, times, exact_motion(case, tolerance, times, limit_s=limit_s))
+
+
+def verlet_motion(case: Case, finer: int = 1, *, energies: bool = False) -> Motion:
+    """Motion of a straight chain by velocity Verlet in overlaps, at the step of the case divided by ``finer``."""
+    timing = case.scene.time_step_s / finer, finer * case.scene.steps_per_sample, case.scene.samples
+    integrate = partial(integrate_verlet, arrays_of(case.chain), *timing, energies=energies)
+    return _at_step(case, finer, lambda stop: integrate(stop=stop))
 
 
 def verlet_of(case: Case, law: str = TOTAL, finer: int = 1) -> Trace:
@@ -46,23 +112,19 @@ def verlet_of(case: Case, law: str = TOTAL, finer: int = 1) -> Trace:
     """
     if case.chain.lateral is not None:
         return _trace_of_tube(case, _tube_motion(case, tube_arrays_of(case.chain), law, finer))
-    scene = case.scene
-    timing = scene.time_step_s / finer, finer * scene.steps_per_sample, scene.samples
-    motion = integrate_verlet(arrays_of(case.chain), *timing)
-    return trace_of(case, case.sample_times_s, motion)
+    return trace_of(case, case.sample_times_s, verlet_motion(case, finer))
 
 
 def verlet_in_heights(case: Case) -> Trace:
     """Integrate a case by velocity Verlet with absolute heights as its state, as the codes do.
 
     The only difference from ``verlet_of`` is the rounding of positions, a few 1e-18 m a step, which accumulates for
-    slow beads and grows exponentially in a chaotic chain.
+    slow beads and grows exponentially in a chaotic chain. The work of a drive is not summed.
     """
     scene = case.scene
-    height, reach = heights_and_reach(case)
     timing = (scene.time_step_s, scene.steps_per_sample, scene.samples)
-    motion = integrate_verlet_absolute(arrays_of(case.chain), height, reach, *timing)
-    return trace_of(case, case.sample_times_s, motion)
+    integrate = partial(integrate_verlet_absolute, arrays_of(case.chain), *heights_and_reach(case), *timing)
+    return trace_of(case, case.sample_times_s, _at_step(case, 1, integrate))
 
 
 def turned_verlet_of(case: Case, law: str) -> Trace:
@@ -98,13 +160,15 @@ def trace_of(case: Case, time_s: Array, motion: Motion) -> Trace:
     """Trace of an in-repo motion."""
     displacement, velocity = motion.displacement_m, motion.velocity_m_s
     height = case.chain.height_m + displacement
-    return make_trace(case.chain, time_s, motion.force_N, height, velocity, displacement_m=displacement)
+    trace = make_trace(case.chain, time_s, motion.force_N, height, velocity, displacement_m=displacement)
+    return with_work(trace, motion)
 
 
 def _tube_motion(case: Case, chain: TubeChain, law: str, finer: int = 1) -> TubeMotion:
     scene = case.scene
+    timing = scene.time_step_s / finer, finer * scene.steps_per_sample, scene.samples
     with np.errstate(all="ignore"):  # too large a step blows up
-        return integrate_tube(chain, scene.time_step_s / finer, finer * scene.steps_per_sample, scene.samples, law)
+        return _at_step(case, finer, partial(integrate_tube, chain, *timing, law))
 
 
 def _trace_of_tube(case: Case, motion: TubeMotion) -> Trace:

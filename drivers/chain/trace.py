@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from drivers.chain.chain import Array, Chain
-from drivers.chain.drive_work import drive_columns
-from validation.reference.hertz_chain import hertz_energy, hertz_energy_beyond_tangent
+from validation.reference.hertz_chain import Motion, hertz_energy, hertz_energy_beyond_tangent
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -37,7 +36,7 @@ class Trace:
             j-1 is contact j, below body j.
         kinetic_energy_J: kinetic energy of all bodies. Shape (samples,).
         total_energy_J: kinetic energy, and the change of Hertz energy and of the potential of weight and
-            precompression since time 0, without the work of a drive. Shape (samples,).
+            precompression since time 0, without the work of a drive where that is known. Shape (samples,).
         momentum_N_s: momentum of all bodies, upwards positive. Shape (samples,).
         height_m: heights of the centres, or of a flat striker's face. Shape (samples, bodies); None if not kept.
         velocity_m_s: velocities, upwards positive. Shape (samples, bodies); None if not kept.
@@ -47,8 +46,9 @@ class Trace:
         across_velocity_m_s: x and y velocities. Shape (samples, bodies, 2).
         spin_rad_s: spin about x, y and z. Shape (samples, bodies, 3).
         bore_N: force of the bore on each body, towards the axis. Shape (samples, bodies).
-        drive_N, drive_work_J, drive_impulse_N_s: force of the drive on its body, upwards positive, its work and its
-            impulse since time 0 (``drivers.chain.drive_work``). Shape (samples,); None without a drive.
+        drive_N: force of the drive on its body, upwards positive. Shape (samples,); None without a drive.
+        drive_work_J, drive_impulse_N_s: work and impulse of the drive since time 0, integrated with the motion. Those
+            of a code are those of its scheme; None before it has been compared with that, and without a drive.
     """
 
     time_s: Array
@@ -73,15 +73,6 @@ def part_of(trace: Trace, chosen: slice) -> Trace:
     return replace(trace, **{name: values[chosen] for name, values in vars(trace).items() if values is not None})
 
 
-def every_of(chain: Chain, trace: Trace, step: int) -> Trace:
-    """Every ``step``-th sample of a trace with velocities, with the work of a drive from these samples alone."""
-    part = part_of(trace, slice(None, None, step))
-    if part.drive_work_J is None or part.velocity_m_s is None:
-        return part
-    columns = drive_columns(chain, part.time_s, part.force_N, part.velocity_m_s)
-    return replace(part, total_energy_J=part.total_energy_J + part.drive_work_J - columns["drive_work_J"], **columns)
-
-
 def until(trace: Trace, samples: int) -> Trace:
     """First samples of a trace."""
     return part_of(trace, slice(samples))
@@ -92,6 +83,16 @@ def finite_part(trace: Trace) -> Trace | None:
     wrong = ~(np.isfinite(trace.force_N).all(axis=1) & np.isfinite(trace.total_energy_J))
     samples = int(np.argmax(wrong)) if wrong.any() else len(wrong)
     return until(trace, samples) if samples else None
+
+
+def with_work(trace: Trace, scheme: Trace | Motion) -> Trace:
+    """Trace with the work and the impulse of the drive by its scheme, at samples of the scheme or fewer."""
+    if trace.drive_work_J is not None or scheme.drive_work_J is None or scheme.drive_impulse_N_s is None:
+        return trace
+    work, impulse = (values[: len(trace.time_s)] for values in (scheme.drive_work_J, scheme.drive_impulse_N_s))
+    return replace(
+        trace, total_energy_J=trace.total_energy_J - work, drive_work_J=work, drive_impulse_N_s=impulse
+    )
 
 
 def make_trace(
@@ -144,10 +145,22 @@ def make_trace(
             moved = height - chain.height_m if displacement_m is None else displacement_m
             potential = potential_energy_change(chain, moved)
             kinetic = 0.5 * (upward**2 @ chain.mass_kg)
-            more = drive_columns(chain, time_s, force_N, upward)
-            potential = potential - more.get("drive_work_J", 0.0)
+            if chain.drive is not None:
+                more = {"drive_N": _drive_force(chain, time_s, force_N)}
         momentum = upward @ chain.mass_kg
     return Trace(time_s, force_N, kinetic, kinetic + potential, momentum, height, upward, **more)
+
+
+def _drive_force(chain: Chain, time_s: Array, force_N: Array) -> Array:
+    """Force f of the drive, or ``m u'' - N`` of a displacement u with the net force N of contacts and loads."""
+    drive = chain.drive
+    assert drive is not None
+    value, _, bend = drive.at(time_s)
+    if not drive.prescribed:
+        return value
+    above = force_N[:, drive.body + 1] if drive.body + 1 < chain.bodies else 0.0
+    net = force_N[:, drive.body] - above + chain.load_N[drive.body]
+    return np.asarray(chain.mass_kg[drive.body] * bend - net)
 
 
 def potential_energy_change(chain: Chain, displacement_m: Array) -> Array:

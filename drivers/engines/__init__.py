@@ -67,21 +67,6 @@ class Style:
 
 
 @dataclass(frozen=True)
-class Defaults:
-    """Default values of a code, used to recognise missing lines of a deck; None if the code has no default.
-
-    Attributes:
-        local_damping: d of Cundall's non-viscous damping, ``a (1 - d sign(a v))``.
-        wall_stiffness: stiffness of a sphere's contact with a wall divided by the stiffness on a plane.
-    """
-
-    youngs_modulus_Pa: float | None = None
-    poisson_ratio: float | None = None
-    local_damping: float | None = None
-    wall_stiffness: float | None = None
-
-
-@dataclass(frozen=True)
 class Engine:
     """Interface of an engine, provided by its adapter module.
 
@@ -112,7 +97,6 @@ class Engine:
         failure_reason: function that extracts the code's own error message from its standard output and error.
         loss_message: text in the failure reason if a body left the simulated space, which means a blow-up; empty if
             the code does not check for that.
-        defaults: default values of the code.
         style: style in figures; None gives the engine a style of its own.
         name, entry: set by ``load_engine``.
     """
@@ -135,7 +119,6 @@ class Engine:
     partial_trace: Callable[[Case, Path], Trace | None] = lambda case, folder: None
     failure_reason: Callable[[str, str], str] = last_line
     loss_message: str = ""
-    defaults: Defaults = Defaults()
     style: Style | None = None
     libraries: Callable[[Path], Iterable[Path]] = lambda program: ()
     name: str = ""

@@ -16,15 +16,13 @@ from drivers.chain.case import Case
 from drivers.chain.drives import drive_words, pieces_of
 from drivers.chain.elements import SIDEWAYS, STRAIGHT
 from drivers.chain.trace import Trace, make_trace
-from drivers.engines import INCREMENTAL, Defaults, Engine, Style, last_line
+from drivers.engines import INCREMENTAL, Engine, Style, last_line
 from drivers.engines._raw_output import contact_forces, read_arrays
 from drivers.laws import LAWS
 from drivers.laws.viscoelastic import Viscoelastic
 from validation.reference.hertz_chain import loads_N
 
 COMMAND = ("yade", "-n", "-x", "chain.py")
-# defaults of FrictMat and NewtonIntegrator (2023.02a); walls have R* = R/2 by default
-DEFAULTS = Defaults(youngs_modulus_Pa=1e9, poisson_ratio=0.25, local_damping=0.2, wall_stiffness=0.5**0.5)
 CHATTER = ("Welcome to Yade", "Using python version", "TCP python prompt", "XMLRPC info", "Running script")
 
 
@@ -151,6 +149,5 @@ ENGINE = Engine(
     read=read,
     failure_reason=lambda stdout, stderr: last_line(stdout, stderr, CHATTER),
     loop_pattern=r"^completed \d+ steps in ([0-9.]+) s$",
-    defaults=DEFAULTS,
     style=Style("#d55e00", dashes=(0, (4, 3)), marker="x", size=4.0),
 )

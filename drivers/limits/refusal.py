@@ -10,12 +10,9 @@ import numpy as np
 
 from drivers.base.errors import InputError
 from drivers.chain.case import Case
-from drivers.chain.chain import Array, Chain
-from drivers.engines import EXACT, IN_HEIGHTS, engine_names, load_engine
-from drivers.limits.energy_bounds import at_most, certainly_stable
-from validation.reference.hertz_chain import Extremes
+from drivers.chain.residual import FORCE
+from drivers.engines import EXACT, IN_HEIGHTS, TOTAL, engine_names, load_engine
 
-FORCE = "force"  # quantity of an accuracy given as a plain number
 ROUNDING_MARGIN = 1.3  # factor on the predicted rounding error when a step is chosen
 ON_COMMAND = "--unsafe"
 
@@ -24,8 +21,7 @@ def refuse(case: Case, engine: str, override: str = ON_COMMAND) -> None:
     """Refuse a case that would fail on an engine; ``override`` is the option that runs it anyway, for the message.
 
     Raises:
-        InputError: the time step blows up in a trial, or may blow up and a trial takes too long; an overlap exceeds a
-            radius; rounding of absolute heights exceeds the accuracy; the engine cannot model the case; or the
+        InputError: the time step blows up in a trial; an overlap exceeds a radius; rounding of absolute heights exceeds the accuracy; the engine cannot model the case; or the
             scene has an accuracy and no time step was planned for it.
     """
     if case.scene.run.accuracy is not None and case.plan is None:
@@ -36,7 +32,7 @@ def refuse(case: Case, engine: str, override: str = ON_COMMAND) -> None:
         raise unattainable(case, lost, share, attainable_in_heights(share, case.plan.rounding_share), why)
     if cannot := inability(case, engine):
         raise cannot
-    refuse_depth(case, override)
+    refuse_depth(case, override, load_engine(engine).shear)
     if load_engine(engine).scheme != EXACT:
         _refuse_step(case, load_engine(engine).shear, override)
 
@@ -61,51 +57,35 @@ def inability(case: Case, engine: str) -> InputError | None:
 
 
 def _refuse_step(case: Case, shear: str, override: str) -> None:
-    """Refuse a step above the predicted limit if a trial fails or takes too long."""
-    chain, duration, step = case.chain, case.duration_s, case.scene.time_step_s
-    if certainly_stable(chain, duration, step):
-        return
-    from drivers.limits.stable_step import FIRST_SHARE, predicted_limit  # the integrators take long to load
-    from drivers.limits.trial import failure
+    """Refuse a step at which a trial blows up."""
+    from drivers.limits.stable_step import step_limit, why_unstable  # the integrators take long to load
 
-    for share in (FIRST_SHARE, 1.0):
-        limit = predicted_limit(chain, duration, share)
-        if step > limit:
-            if problem := failure(case, shear):
-                digits = 10.0 ** (floor(log10(limit)) - 2)
-                most = f"at most {floor(limit / digits) * digits:.3g} s, the predicted stability limit"
-                allowed = f"{most}; a trial at this step {problem} ({override} runs it)"
-                raise InputError(case.scene.file, "run.time_step", f"{step:g} s", allowed)
-            return
+    if problem := why_unstable(case, shear):
+        limit = step_limit(case, shear).stable_s
+        digits = 10.0 ** (floor(log10(limit)) - 2)
+        most = f"at most {floor(limit / digits) * digits:.3g} s, the largest stable step that was found"
+        allowed = f"{most}; a trial at this step {problem} ({override} runs it)"
+        raise InputError(case.scene.file, "run.time_step", f"{case.scene.time_step_s:g} s", allowed)
 
 
-def refuse_depth(case: Case, override: str = ON_COMMAND) -> None:
+def refuse_depth(case: Case, override: str = ON_COMMAND, shear: str = TOTAL) -> None:
     """Refuse overlaps of contacts, or with the bore, of a radius or more.
 
     Raises:
         InputError: a motion that reaches them.
     """
-    chain, duration = case.chain, case.duration_s
-    if (_depths(chain, at_most(chain, duration)) < 1).all():
-        return
-    from drivers.limits.stable_step import FIRST_SHARE, reached
+    from drivers.limits.stable_step import resolved_trial
 
-    for share in (FIRST_SHARE, 1.0):
-        between, in_bore = _depths(chain, reached(chain, duration, share))
-        for key, what, depth, where in (
-            ("striker.speed" if case.scene.striker else "chain", "contact", between, ""),
-            ("chain", "body", in_bore, " into the bore"),
-        ):
-            if (depth >= 1).any():
-                place = int(np.argmax(depth))
-                found = f"a motion that presses {what} {place + 1} {depth[place]:.3g} radii deep{where}"
-                allowed = f"overlaps below a radius, the range of Hertz's law ({override} runs it)"
-                raise InputError(case.scene.file, key, found, allowed)
-
-
-def _depths(chain: Chain, extremes: Extremes) -> Array:
-    """Overlaps of contacts and of bore contacts divided by the smaller radius. Shape (2, bodies)."""
-    return np.array([extremes.overlap_m / chain.smaller_radius_m, extremes.bore_overlap_m / chain.radius_m])
+    chain, reached = case.chain, resolved_trial(case, shear).extremes
+    for key, what, depth, where in (
+        ("striker.speed" if case.scene.striker else "chain", "contact", reached.overlap_m / chain.smaller_radius_m, ""),
+        ("chain", "body", reached.bore_overlap_m / chain.radius_m, " into the bore"),
+    ):
+        if (depth >= 1).any():
+            place = int(np.argmax(depth))
+            found = f"a motion that presses {what} {place + 1} {depth[place]:.3g} radii deep{where}"
+            allowed = f"overlaps below a radius, the range of Hertz's law ({override} runs it)"
+            raise InputError(case.scene.file, key, found, allowed)
 
 
 def unattainable(case: Case, name: str, asked: float, least: float, why: str) -> InputError:

@@ -1,178 +1,214 @@
-"""Lower bound of the stability limit of velocity Verlet on a chain, 2 / omega_max.
+"""Stable time steps of velocity Verlet: a trial at the step, over the whole run or as much of it as seconds allow.
 
-All contacts are assumed to have their largest stiffness, simultaneously and permanently. Contacts that close one at a
-time and only for a few steps may be stable at several times this limit; ``drivers.limits.trial`` tests such steps.
+A step is stable if the kinetic energy of the trial stays below ``GAIN`` times that of the resolved motion, whose step is
+far below 2 / omega of the overlaps that it reaches. A trial that is resolved itself needs no other. Drives near a
+resonance need the comparison of motions: a large step shifts the frequency of a mode onto that of the drive, and the
+balance of energies does not show it.
 
-In three dimensions the bound includes shear springs, bore contacts, displacements across the axis and spin. Contacts
-are assumed to have the largest overlaps of the motion and lines of centres along the axis, and all beads to touch the
-bore on the same side. Sliding only weakens shear springs.
+``two_over_omega`` assumes that all contacts have their largest stiffness at the same time. It only chooses where to
+try: contacts that close one at a time, and only for a few steps, are stable at several times this step.
 """
 
-from dataclasses import replace
-from math import log
-from weakref import WeakKeyDictionary
+from dataclasses import dataclass
+from functools import lru_cache
+from math import floor, log10
 
 import numpy as np
 
-from drivers.chain.chain import Array, Chain, arrays_of, energy_put_in, tube_arrays_of
-from drivers.chain.contact_law import contact_stiffness
-from drivers.chain.lateral import block_bands
-from drivers.limits.energy_bounds import SAFETY, at_most, bore_stiffness, deepest_m, late_damping, wear
-from validation.reference.hertz_chain import Extremes
+from drivers.chain.case import Case
+from drivers.chain.chain import Array, Chain, arrays_of, tube_arrays_of
+from drivers.chain.contact_law import contact_stiffness, hertz_force
+from drivers.chain.schemes import SHORT, endable
+from drivers.engines import TOTAL
+from validation.reference.adaptive import MIN_TOLERANCE
+from validation.reference.hertz_chain import ENERGY_SHARE, Extremes, Flag
 from validation.reference.tube import integrate_tube
 from validation.reference.velocity_verlet import follow_verlet
 
-STEP_TOLERANCE, MAX_ITERATIONS = 1e-9, 100
-# step divided by the energy bound of the limit; 0.01 would change limits by up to 0.3 %, or 2 % with light flying beads
-FINE_STEP_SHARE = 0.05
-# largest number of bodies times steps integrated, a few seconds; the rest of the run is extrapolated
-MAX_BODY_STEPS, MAX_BODY_STEPS_3D = 500_000_000, 20_000_000
-FIRST_SHARE = 0.01  # fraction of these steps integrated first; sufficient for most refusals
+RESOLVED = 0.25  # largest step of a resolved motion, divided by 2 / omega
+GAIN = 2.0  # of kinetic energy: larger ones are unstable
+REST_SHARE = 1e-6  # of the elastic energy at time 0: less kinetic energy is rest
+# bodies times steps of a trial, and of all trials of a scan: about a second
+MAX_WORK, MAX_WORK_3D = 100_000_000, 5_000_000
+SCAN_WORK, SCAN_WORK_3D = 100_000_000, 2_000_000
+FINENESS, COARSE = 1.01, 1.05  # factors between the steps of a scan: usual one, largest one
+SCANNED = 8.0  # largest step of a scan, divided by 2 / omega
+EXACT_SHARE = 1e-3  # of an error: allowed error of the exact motion against which it is measured
+MAX_TOLERANCE = 1e-6  # of the reference, whose own values count as exact
 
-_limits: WeakKeyDictionary[Chain, dict[tuple[float, float], float]] = WeakKeyDictionary()
 
+@dataclass(frozen=True)
+class Trial:
+    """Motion of a chain by velocity Verlet at one step.
 
-def predicted_limit(chain: Chain, duration_s: float, share: float = 1.0) -> float:
-    """Lower bound of the stability limit of a run, in s; inf if no contact closes.
-
-    Computed once for each chain, duration and share.
+    Attributes:
+        step_s: time step.
+        until_s: time until which the motion was followed.
+        extremes: extreme values of the motion.
+        two_over_omega_s: 2 / omega at these overlaps.
     """
-    known = _limits.setdefault(chain, {})
-    if (duration_s, share) not in known:
-        known[duration_s, share] = stable_step(chain, reached(chain, duration_s, share), duration_s)
-    return known[duration_s, share]
+
+    step_s: float
+    until_s: float
+    extremes: Extremes
+    two_over_omega_s: float
+
+    @property
+    def resolved(self) -> bool:
+        """True if the step resolves each contact of the motion."""
+        finite = np.isfinite(self.extremes.kinetic_J)
+        return bool(finite and self.step_s <= RESOLVED * self.two_over_omega_s)
 
 
-def reached(chain: Chain, duration_s: float, share: float = 1.0) -> Extremes:
-    """Extremes of the motion, integrated at a fine step for at most the fraction ``share`` of ``MAX_BODY_STEPS``."""
-    bounds = at_most(chain, duration_s)
-    step = FINE_STEP_SHARE * stable_step(chain, bounds, duration_s)
-    if not np.isfinite(step):
-        return bounds
-    steps = max(1.0, np.ceil(duration_s / step))
-    most = share * (MAX_BODY_STEPS if chain.lateral is None else MAX_BODY_STEPS_3D)
-    followed = min(steps, max(1.0, most // chain.bodies))
-    if chain.lateral is None:
-        extremes = follow_verlet(arrays_of(chain), step, int(followed))
-    else:
-        extremes = integrate_tube(tube_arrays_of(chain), step, int(followed), 2).extremes
-    return replace(extremes, impacts_J=extremes.impacts_J * steps / followed)
+@dataclass(frozen=True)
+class StepLimit:
+    """Limit of the time step found by trials.
 
-
-def stable_step(chain: Chain, reached: Extremes, duration_s: float) -> float:
-    """Predicted limit in s, ``SAFETY / wear * 2 / omega_max``; inf for a chain in which no contact closes.
-
-    Contact stiffnesses belong to the largest overlap of the motion, or to the overlap made by one step, if larger.
-    Many impacts lower the limit, and so does damping (``late_damping``).
+    Attributes:
+        stable_s: largest stable step of the scan, below which all tried steps are stable; inf if no contact closes.
+        unstable_s: the next step of the scan, which is unstable; None if the scan ended before.
+        until_s: time until which the trials followed the motion.
     """
-    safety = SAFETY / wear(impacts_counted(chain, reached, duration_s))
-    step = safety * _limit(chain, reached, 0.0, safety)
-    if not np.isfinite(step):  # no overlap in the motion
-        step = 1.0
-    limit = step
-    for _ in range(MAX_ITERATIONS):
-        limit = safety * _limit(chain, reached, step, safety)
-        if not np.isfinite(limit) or abs(limit / step - 1) < STEP_TOLERANCE:
-            break
-        step = (step * limit**4) ** 0.2  # the limit scales as step^(-1/4) if one step makes the overlap
-    return limit
+
+    stable_s: float
+    unstable_s: float | None
+    until_s: float
 
 
-def impacts_counted(chain: Chain, reached: Extremes, duration_s: float) -> float:
-    """Largest weighted number of impacts of any body.
+@lru_cache(maxsize=8)
+def trial(chain: Chain, duration_s: float, step_s: float, law: str = TOTAL) -> Trial:
+    """Trial at a step over a duration, or over as much of it as ``MAX_WORK`` allows.
 
-    An impact has the fraction f of the energy put in. Its error multiplies its energy, so the logarithm of the energy
-    is a random walk, which has to cover ``ln (1 + 1/f)`` to gain the energy put in. The number of steps of a random
-    walk scales as the square of the distance, so an impact has the weight ``(ln 2 / ln (1 + 1/f))^2``.
+    ``law`` is the law of friction of three-dimensional chains.
     """
-    largest = 0.5 * chain.reduced_mass_kg * reached.closing_m_s**2
-    hit = (reached.impacts_J > 0) & (largest > 0)
-    put_in = max(energy_put_in(chain, duration_s), float(largest.max()))
-    counted = np.zeros(chain.bodies + 1)  # contacts under each body and above the last
-    counted[:-1][hit] = reached.impacts_J[hit] / largest[hit] * (log(2) / np.log1p(put_in / largest[hit])) ** 2
-    return float((counted[:-1] + counted[1:]).max())
+    straight = chain.lateral is None
+    affordable = (MAX_WORK if straight else MAX_WORK_3D) // chain.bodies
+    steps = int(min(max(np.ceil(duration_s / step_s * (1 - 1e-12)), 1), max(affordable, 1)))
+
+    def follow(stop: Flag) -> Extremes:
+        if straight:
+            return follow_verlet(arrays_of(chain), step_s, steps, stop)
+        motion = integrate_tube(tube_arrays_of(chain), step_s, steps, 2, law, stop, extremes=True)
+        assert motion.extremes is not None
+        return motion.extremes
+
+    with np.errstate(all="ignore"):  # too large a step blows up
+        reached = endable(follow) if steps * chain.bodies > SHORT else follow(np.zeros(1, bool))
+        return Trial(step_s, min(steps * step_s, duration_s), reached, two_over_omega(chain, reached, step_s))
 
 
-def _limit(chain: Chain, reached: Extremes, step: float, safety: float) -> float:
-    """``2 / omega_max`` of the contact springs at a given step, in s."""
-    deepest = deepest_m(reached.overlap_m, reached.closing_m_s, step)
+def resolved_trial(case: Case, law: str = TOTAL) -> Trial:
+    """Trial at the first of the sample interval, its half, quarter and so on that resolves the motion.
+
+    A drive may have another period than the samples: then the time step is the first.
+    """
+    step_s = case.scene.run.sample_interval if case.chain.drive is None else case.scene.time_step_s
+    return _resolved_from(case.chain, case.duration_s, step_s, law)
+
+
+@lru_cache(maxsize=8)
+def _resolved_from(chain: Chain, duration_s: float, step_s: float, law: str) -> Trial:
+    while not (tried := trial(chain, duration_s, step_s, law)).resolved:
+        step_s /= 2
+    return tried
+
+
+def why_unstable(case: Case, law: str = TOTAL) -> str:
+    """Reason why the time step of a case is unstable, by a trial; empty if it is stable."""
+    right, step_s = resolved_trial(case, law), case.scene.time_step_s
+    return "" if step_s <= right.step_s else _gained(case, right, step_s, law)
+
+
+def _gained(case: Case, right: Trial, step_s: float, law: str) -> str:
+    """Reason why a step is unstable in comparison with a resolved motion; empty if it is stable."""
+    chain = case.chain
+    tried = trial(chain, right.until_s, step_s, law)
+    at_rest_J = ENERGY_SHARE * float(chain.elastic_N @ np.maximum(chain.overlap_m, 0.0))
+    gain = tried.extremes.kinetic_J / (max(right.extremes.kinetic_J, REST_SHARE * at_rest_J) or 1e-300)
+    if tried.resolved or gain <= GAIN:
+        return ""
+    times = f"{gain:.2g}" if np.isfinite(gain) else "infinitely many"
+    return f"reaches {times} times the kinetic energy of the motion{until_words(case, tried.until_s)}"
+
+
+def until_words(case: Case, until_s: float) -> str:
+    """End of a sentence on trials: the part of the run that they cover; empty if it is the whole run."""
+    whole = until_s >= case.duration_s * (1 - 1e-9)
+    return "" if whole else f" (tried until {until_s * 1e3:.4g} of {case.duration_s * 1e3:.4g} ms)"
+
+
+def step_limit(case: Case, law: str = TOTAL) -> StepLimit:
+    """Limit of the time step of a case, by a scan, since stable and unstable steps alternate.
+
+    The scan begins at a resolved step. Its steps are closer together where trials are cheap; where they are expensive,
+    trials follow a part of the run.
+    """
+    chain = case.chain
+    guess_s = resolved_trial(case, law).two_over_omega_s
+    if not np.isfinite(guess_s):
+        return StepLimit(np.inf, None, case.duration_s)
+    first_s = RESOLVED * guess_s
+    # the work of all trials is that of the first, divided by 1 - 1 / factor
+    most = (SCAN_WORK if chain.lateral is None else SCAN_WORK_3D) * first_s / chain.bodies
+    factor = min(max(1 / (1 - min(case.duration_s / most, 0.5)), FINENESS), COARSE)
+    until_s = min(case.duration_s, most * (1 - 1 / factor))
+    right = _resolved_from(chain, until_s, first_s, law)
+    stable_s = right.step_s
+    while stable_s * factor <= min(SCANNED * guess_s, until_s):
+        if _gained(case, right, stable_s * factor, law):
+            return StepLimit(stable_s, stable_s * factor, until_s)
+        stable_s *= factor
+    return StepLimit(stable_s, None, until_s)
+
+
+def two_over_omega(chain: Chain, reached: Extremes, step_s: float) -> float:
+    """Lower bound of 2 / omega in s with all contacts at the largest overlaps of a motion; inf if none closes.
+
+    The highest frequency is at most that of the row sums of the stiffness matrix (Gershgorin). The codes use the
+    closing speed of half a step before, ``M (x+ - 2 x + x-) / dt^2 = -K x - D (x - x-) / dt`` with the slope D of the
+    dissipative force; the solution alternates in sign at ``4 M / dt^2 = K + 2 D / dt``, so damping counts as the
+    stiffness ``2 D / dt``. A body that moves as prescribed is held.
+    """
+    inverse = 1 / chain.mass_kg
+    if chain.drive is not None and chain.drive.prescribed:
+        inverse[chain.drive.body] = 0.0
+    deepest = reached.overlap_m
     spring = contact_stiffness(chain.stiffness, deepest)
-    normal = late_damping(chain, spring, reached.speed_m_s, step / safety)
-    if chain.lateral is None:
-        return linear_limit(chain, normal)
-    shear, dragged = np.zeros(chain.bodies), np.zeros(chain.bodies)
-    if chain.lateral.friction > 0:
-        shear = chain.lateral.shear_stiffness * np.sqrt(deepest)
-    pressed = deepest_m(reached.bore_overlap_m, reached.bore_closing_m_s, step)
-    if chain.bore is not None and chain.bore.friction > 0:
-        dragged = chain.bore.shear_stiffness * np.sqrt(pressed)
-    held = contact_stiffness(bore_stiffness(chain), pressed)
-    return linear_sideways_limit(chain, normal, shear, held, dragged)
+    if chain.damped:
+        slope = chain.law.slope(chain.damping, deepest, reached.speed_m_s)
+        spring = spring + 2 / step_s * np.where(deepest > 0, slope, 0.0)
+    rows = _rows(inverse, spring)
+    if chain.lateral is not None:
+        # a shear spring moves bodies across the axis and turns them, with the inertia 2/5 m: 3.5 times a normal one
+        bore = np.zeros(chain.bodies) if chain.bore is None else chain.bore.stiffness
+        sheared, dragged = np.zeros(chain.bodies), np.zeros(chain.bodies)
+        if chain.lateral.friction > 0:
+            sheared = chain.lateral.shear_stiffness * np.sqrt(deepest)
+        if chain.bore is not None and chain.bore.friction > 0:
+            dragged = chain.bore.shear_stiffness * np.sqrt(reached.bore_overlap_m)
+        across = 3.5 * _rows(inverse, sheared) + contact_stiffness(bore, reached.bore_overlap_m) * inverse
+        rows = np.maximum(rows, across) + 3.5 * dragged * inverse
+    highest = float(rows.max())
+    return float(2 / np.sqrt(highest)) if highest > 0 else np.inf
 
 
-def linear_limit(chain: Chain, spring_N_m: Array) -> float:
-    """``2 / omega_max`` in s of a straight chain of springs (a tridiagonal matrix); inf without springs."""
-    from scipy.linalg import eigvalsh_tridiagonal
-
-    above = np.append(spring_N_m[1:], 0.0)
-    mass = chain.mass_kg
-    diagonal = (spring_N_m + above) / mass
-    coupling = -spring_N_m[1:] / np.sqrt(mass[:-1] * mass[1:])
-    last = len(mass) - 1
-    highest = (
-        eigvalsh_tridiagonal(diagonal, coupling, select="i", select_range=(last, last))[0] if last else diagonal[0]
-    )
-    return float(2 / np.sqrt(highest)) if highest > 0 else float("inf")
+def _rows(inverse_kg: Array, spring_N_m: Array) -> Array:
+    """Row sums of a chain of springs that bound its eigenvalues, in 1/s^2. Shape (bodies,)."""
+    below = spring_N_m * np.append(0.0, np.sqrt(inverse_kg[1:] * inverse_kg[:-1]))
+    return np.asarray((spring_N_m + np.append(spring_N_m[1:], 0.0)) * inverse_kg + below + np.append(below[1:], 0.0))
 
 
-def linear_sideways_limit(chain: Chain, normal: Array, shear: Array, held: Array, dragged: Array) -> float:
-    """``2 / omega_max`` in s of a three-dimensional chain of springs in N/m (banded matrices); inf without springs.
+def needed_tolerance(case: Case) -> float:
+    """Tolerance of the reference that determines the force error of a run to 1 %: a power of ten.
 
-    In the plane through the axis and the bore's contact each body has a displacement w along the axis, u across the
-    axis, and s, the spin times the radius. Contact j has the strains ``w_j - w_{j-1}`` and
-    ``u_j - u_{j-1} - s_j - s_{j-1}``, the bore contact ``u`` and ``w + s``. Perpendicular to that plane the bore
-    contact has the strain ``u + t``, with t for the spin about the axis. Inertias are m and ``2/5 m``.
-
-    Args:
-        chain: the chain; a flat face moves along the axis only.
-        normal: normal stiffness of contacts, shape (bodies,).
-        shear: shear stiffness of contacts.
-        held: normal stiffness of the bore contacts.
-        dragged: shear stiffness of the bore contacts.
+    At a step of x times 2 / omega, the force error of velocity Verlet is 0.25 x^2 times the largest change or more on
+    all shipped scenes. Powers of ten let cases of similar steps share a run of the reference.
     """
-    level = np.isinf(chain.radius_m)
-    inverse = np.column_stack([1 / chain.mass_kg, np.where(level, 0, 1 / chain.mass_kg)])
-    inverse = np.sqrt(np.column_stack([inverse, 2.5 * inverse[:, 1]]))
-    along, across, spin = np.eye(3)
-    contacts = [(normal, along, -along), (shear, across - spin, -across - spin)]
-    within = _highest(inverse, contacts, [(held, across), (dragged, along + spin)])
-    aside, about = np.eye(3)[1], np.eye(3)[0]  # the first coordinate is the spin about the axis here
-    turned = np.column_stack([inverse[:, 2], inverse[:, 1:]])
-    beyond = _highest(turned, [(shear, aside - spin, -aside - spin)], [(dragged, aside + about)])
-    highest = max(within, beyond)
-    return float(2 / np.sqrt(highest)) if highest > 0 else float("inf")
-
-
-def _highest(inverse: Array, contacts: list[tuple[Array, Array, Array]], alone: list[tuple[Array, Array]]) -> float:
-    """Largest eigenvalue of springs with three coordinates for each body.
-
-    Args:
-        inverse: square roots of the inverse inertias, shape (bodies, 3).
-        contacts: for each kind of spring below the bodies: stiffnesses, and strains per coordinate of the body and per
-            coordinate of the body below.
-        alone: for each kind of spring between body and bore: stiffnesses, and strains per coordinate of the body.
-    """
-    from scipy.linalg import eigvals_banded
-
-    bodies = len(inverse)
-    diagonal, coupling = np.zeros((bodies, 3, 3)), np.zeros((bodies, 3, 3))
-    for spring, here, below in contacts:
-        diagonal += spring[:, None, None] * np.outer(here, here)
-        diagonal[:-1] += spring[1:, None, None] * np.outer(below, below)
-        coupling[1:] += spring[1:, None, None] * np.outer(below, here)
-    for spring, here in alone:
-        diagonal += spring[:, None, None] * np.outer(here, here)
-    diagonal *= inverse[:, :, None] * inverse[:, None, :]
-    coupling[1:] *= inverse[:-1, :, None] * inverse[1:, None, :]
-    last = 3 * bodies - 1
-    return float(eigvals_banded(block_bands(diagonal, coupling[1:]), select="i", select_range=(last, last))[0])
+    chain = case.chain
+    if chain.lateral is not None:  # no reference
+        return MAX_TOLERANCE
+    right = resolved_trial(case)
+    force = hertz_force(chain.stiffness, right.extremes.overlap_m)
+    change = float((force - chain.elastic_N).max() / (force.max() or 1.0))
+    share = case.scene.time_step_s / right.two_over_omega_s
+    return float(10.0 ** floor(log10(min(max(EXACT_SHARE * share**2 * change, MIN_TOLERANCE), MAX_TOLERANCE))))

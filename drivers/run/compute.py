@@ -8,7 +8,6 @@ import os
 import shutil
 import threading
 import time
-from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cache
@@ -21,8 +20,9 @@ import psutil
 from drivers.base.decks import Deck
 from drivers.base.errors import RunError
 from drivers.base.kept import kept
-from drivers.base.processes import STDERR, STDOUT, EndedProcess, run_command, stoppable
+from drivers.base.processes import STDERR, STDOUT, EndedProcess, run_command
 from drivers.chain.case import Case, build_case
+from drivers.chain.schemes import default_limit_s, endable
 from drivers.chain.trace import Trace, digest_of
 from drivers.engines import Engine, load_engine
 from drivers.run.build import Build, build_of
@@ -32,10 +32,7 @@ from drivers.scene.read_scene import read_scene
 from validation.reference.hertz_chain import Flag
 
 PROBE = ("fig4", ("run.duration=20 us", "run.time_step=0.1 us"))  # short run that tests servers
-MIN_LIMIT_S = 60.0
-SECONDS_PER_BODY_AND_STEP = 5e-6  # ten times the cost of the slowest engine
 PROBE_BYTES = 1 << 24  # room without which a disk counts as full: Open MPI frees 8 MB as soon as a code has ended
-SHORT_S = 5.0  # bound on the time of an integration that cannot be ended, typically some hundredths
 
 _server_test = threading.Lock()
 
@@ -100,7 +97,7 @@ def compute(
         OSError: the run failed on a full disk.
     """
     engine = load_engine(name)
-    limit_s = limit_s or default_limit_s(case, engine)
+    limit_s = limit_s or engine.entry.time_limit or default_limit_s(case)
     if engine.integrate is not None and not by_hand:
         if folder is not None:
             engine.deck_by_hand(deck or engine.render(case)).write(folder)
@@ -120,11 +117,6 @@ def _check_room(folder: Path) -> None:
             os.posix_fallocate(probe.fileno(), 0, PROBE_BYTES)
     except OSError as error:
         raise OSError(error.errno, error.strerror, str(folder)) from error
-
-
-def default_limit_s(case: Case, engine: Engine) -> float:
-    """Time limit of a run: given by the engine's entry, or in proportion to bodies times steps."""
-    return engine.entry.time_limit or MIN_LIMIT_S + SECONDS_PER_BODY_AND_STEP * case.work
 
 
 def _in_memory(case: Case, engine: Engine, limit_s: float, folder: Path | None) -> Computed:
@@ -149,15 +141,11 @@ def _in_memory(case: Case, engine: Engine, limit_s: float, folder: Path | None) 
 def _integrated(case: Case, engine: Engine, limit_s: float, cpu_s: list[float]) -> tuple[Trace, float]:
     """Trace and time of the loop; ``cpu_s`` receives the CPU time.
 
-    A long integration runs in a thread, so that the time limit and Ctrl-C end it; for a short one the thread's start
-    would be a third of the cost.
-
     Raises:
         RunError: the integration was ended at its time limit.
     """
-    stop: Flag = np.zeros(1, bool)
 
-    def integrate() -> tuple[Trace, float]:
+    def integrate(stop: Flag) -> tuple[Trace, float]:
         before_s = time.thread_time()
         assert engine.integrate is not None
         try:
@@ -166,21 +154,10 @@ def _integrated(case: Case, engine: Engine, limit_s: float, cpu_s: list[float]) 
         finally:
             cpu_s.append(time.thread_time() - before_s)
 
-    def end() -> None:
-        stop[0] = True
-
-    if case.work * SECONDS_PER_BODY_AND_STEP <= min(limit_s, SHORT_S):
-        return integrate()
-    began = time.perf_counter()
-    with ThreadPoolExecutor(1) as thread, stoppable(end):
-        integration = thread.submit(integrate)
-        try:
-            wait([integration], min(limit_s, threading.TIMEOUT_MAX))
-        finally:
-            end()
-    if time.perf_counter() - began > limit_s:
-        raise timed_out(limit_s)
-    return integration.result()
+    try:
+        return endable(integrate, limit_s)
+    except TimeoutError:
+        raise timed_out(limit_s) from None
 
 
 def _by_hand(case: Case, engine: Engine, build: Build, deck: Deck, limit_s: float, folder: Path | None) -> Computed:
@@ -224,7 +201,7 @@ def _serves_alike(name: str, build: Build) -> bool:
 
     def tested() -> bool:
         case = build_case(read_scene(*PROBE))
-        given = (case, engine, build, engine.render(case), default_limit_s(case, engine), None)
+        given = (case, engine, build, engine.render(case), default_limit_s(case), None)
         alone, other = _by_hand(*given).trace, _served(*given).trace
         return alone is not None and other is not None and digest_of(alone) == digest_of(other)
 

@@ -1,4 +1,7 @@
-"""Guard: checks of a run's output before the run counts as done."""
+"""Guard: checks of the output of a run before the run counts as done.
+
+A run fails if it is not that of its scheme (``drivers.run.scheme``), or if its output rules out that comparison.
+"""
 
 import re
 from collections.abc import Iterator
@@ -10,25 +13,22 @@ from numpy.typing import NDArray
 
 from drivers.base.errors import RunError, digits_apart
 from drivers.base.processes import STDERR, STDOUT, EndedProcess
-from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
-from drivers.chain.chain import Array, Chain, energy_put_in, furthest_m
+from drivers.chain.chain import Chain, furthest_m
 from drivers.chain.contact_law import hertz_force
-from validation.reference.hertz_chain import hertz_energy
-from drivers.chain.drive_work import work_error_J
-from drivers.chain.trace import Trace, energy_error_J
+from drivers.chain.trace import Trace, with_work
 from drivers.engines import Engine
-from drivers.limits.energy_bounds import share_at_most
+from drivers.run.scheme import Scheme
 
 REASON_CHARACTERS = 300
-UNSTABLE, WRONG_ENERGY = "unstable at t = ", "wrong energy from t = "  # beginnings of messages
+UNSTABLE = "unstable at t = "  # beginning of messages
 OWN_ERRORS = ("ERROR", "Traceback")  # beginnings of lines that lead to the code's own message
 ROUNDINGS = 64  # largest deviation of a start in units in the last place of the coordinates
 START_TOLERANCE = 1e-9  # of the largest force and speed
 
 
 def checked_trace(case: Case, engine: Engine, outcome: EndedProcess, folder: Path) -> Trace:
-    """Read and check the trace of a process that ended.
+    """Read a trace of a process that ended, check it, and compare it with the scheme of the engine.
 
     Raises:
         RunError: the run failed; with the partial trace if there is one.
@@ -48,7 +48,7 @@ def checked_trace(case: Case, engine: Engine, outcome: EndedProcess, folder: Pat
     except RunError as error:
         error.partial = engine.partial_trace(case, folder)
         raise
-    return checked(case, trace)
+    return compared(case, engine, checked(case, trace))
 
 
 def checked(case: Case, trace: Trace) -> Trace:
@@ -57,11 +57,24 @@ def checked(case: Case, trace: Trace) -> Trace:
     Raises:
         RunError: it cannot be that of the case.
     """
-    reason = unstable(case, trace) or wrong_start(case, trace) or wrong_energy(case, trace)
-    reason = reason or not_modelled(case.chain, trace)
-    if reason:
+    if reason := unstable(case, trace) or wrong_start(case, trace) or not_modelled(case.chain, trace):
         raise RunError(reason, partial=trace)
     return trace
+
+
+def compared(case: Case, engine: Engine, trace: Trace) -> Trace:
+    """Compare a trace with the scheme of its engine; returns it with the work of the drive by that scheme.
+
+    Raises:
+        RunError: it departs from its scheme.
+    """
+    scheme = Scheme(case, engine.shear)
+    try:
+        if departure := scheme.departure(engine.name, trace):
+            raise RunError(departure, partial=trace)
+    except ArithmeticError as error:  # no exact motion to compare a run of ``reference`` with
+        raise RunError(f"cannot be compared: {error}", partial=trace) from error
+    return trace if case.chain.drive is None else with_work(trace, scheme.of(engine.name))
 
 
 def timed_out(limit_s: float) -> RunError:
@@ -109,16 +122,11 @@ def wrong_start(case: Case, trace: Trace) -> str | None:
 
 def _blown_up(case: Case, engine: Engine, message: str, before: Trace | None) -> str | None:
     """Message on a blow-up of a failed run, from its samples or the code's error message; None if there was none."""
-    reason = reason_to_fail(case, before) if before is not None else None
-    if engine.loss_message and engine.loss_message in message and not (reason or "").startswith(UNSTABLE):
+    reason = unstable(case, before) if before is not None else None
+    if reason is None and engine.loss_message and engine.loss_message in message:
         seen = 0 if before is None else len(before.time_s)
         reason = f"{UNSTABLE}{case.sample_times_s[min(seen, case.scene.samples - 1)]:g} s: a body was lost"
     return reason
-
-
-def reason_to_fail(case: Case, trace: Trace) -> str | None:
-    """Message on a trace that cannot be right, with the time of the first fault; None if there is no fault."""
-    return unstable(case, trace) or wrong_energy(case, trace)
 
 
 def unstable(case: Case, trace: Trace) -> str | None:
@@ -128,23 +136,6 @@ def unstable(case: Case, trace: Trace) -> str | None:
         return None
     first, message = min(faults, key=lambda fault: fault[0])
     return f"{UNSTABLE}{trace.time_s[first]:g} s: {message}"
-
-
-def wrong_energy(case: Case, trace: Trace) -> str | None:
-    """Message on a change of the total energy beyond the effects of step and rounding; None if there is none.
-
-    The energy must stay constant, or must not grow if contacts dissipate energy, within the truncation error of this
-    step and the rounding error of heights. A run whose energy changes by more than was put in is unstable.
-    """
-    share, allowed = energy_error(case.chain, trace), explained_energy(case, trace)
-    if not (share > allowed).any():
-        return None
-    since_s = trace.time_s[int(np.argmax(share > allowed))]
-    does = "grows" if case.chain.damped or case.chain.slips else "is off"
-    message = (
-        f"the energy {does} by {share.max():.2g} times the energy put in; at this time step at most {allowed:.2g} times"
-    )
-    return f"{UNSTABLE if share.max() > 1 else WRONG_ENERGY}{since_s:g} s: {message} is expected"
 
 
 def _faults(case: Case, trace: Trace) -> Iterator[tuple[NDArray[np.bool_], str]]:
@@ -173,49 +164,3 @@ def not_modelled(chain: Chain, trace: Trace) -> str | None:
     down = trace.height_m[:, -1] - below < bore.top_m
     when = f"at t = {trace.time_s[int(np.argmax(down))]:g} s the striker comes down to the end of the tube"
     return f"{when}: lower tube.top" if down.any() else None
-
-
-def energy_error(chain: Chain, trace: Trace) -> Array:
-    """Energy error (``drivers.chain.trace.energy_error_J``) divided by the energy put in. Shape (samples,)."""
-    change = energy_error_J(trace.total_energy_J, damped=chain.damped, slips=chain.slips)
-    scale = energy_scale_J(chain, trace)
-    if scale:
-        return np.asarray(change / scale)
-    rounded = ROUNDINGS * float(np.spacing(furthest_m(chain)))  # overlap by rounding of bodies that just touch
-    return np.asarray(np.where(change > hertz_energy(chain.stiffness.sum(), rounded), np.inf, 0.0))
-
-
-def energy_scale_J(chain: Chain, trace: Trace) -> float:
-    """Energy put in; that of a drive is the one really there, as its bound may be many times larger."""
-    bound = energy_put_in(chain, float(trace.time_s[-1]))
-    if trace.drive_work_J is None:
-        return bound
-    return min(float(max(np.abs(trace.drive_work_J).max(), trace.kinetic_energy_J.max())) or bound, bound)
-
-
-def explained_energy(case: Case, trace: Trace) -> float:
-    """Largest ``energy_error`` explained by velocity Verlet at the case's step and by rounding.
-
-    The truncation error scales as the square of the step divided by the stability limit, and grows as a random walk
-    with the number of impacts. Heights are rounded at every step; the net force on a body does work along this
-    rounding. The work of a drive has an error by the distance of samples.
-    """
-    chain, duration = case.chain, case.duration_s
-    share, impacts = share_at_most(chain, duration, case.scene.time_step_s)
-    share = min(share, 1.0)
-    scale = energy_scale_J(chain, trace) or 1.0
-    rounded = float(np.spacing(furthest_m(chain)))
-    with np.errstate(over="ignore", invalid="ignore"):  # runs that blew up
-        net = trace.force_N + chain.load_N
-        net[:, :-1] -= trace.force_N[:, 1:]
-        walked, held = (  # by the motion, and in the evaluation of the energy
-            float(np.maximum(values.max(axis=0), -values.min(axis=0)).sum()) for values in (net, trace.force_N)
-        )
-        walked *= sqrt(case.scene.steps + 1)
-        rounding = rounded * (tolerance("guard", "rounding").limit * walked + held) / scale
-        if trace.velocity_m_s is not None:
-            rounding += work_error_J(chain, trace.time_s, trace.force_N, trace.velocity_m_s) / scale
-    walk = 1 + tolerance("guard", "impacts").limit * sqrt(impacts)
-    friction = tolerance("guard", "friction").limit if chain.slips else 0.0
-    truncation = min(tolerance("guard", "energy").limit * share**2 * walk, 1.0)
-    return max(truncation + friction + (rounding if np.isfinite(rounding) else 0.0), tolerance("guard", "least").limit)

@@ -16,7 +16,7 @@ from drivers.chain.trace import finite_part
 from drivers.engines import load_engine
 from drivers.run.build import Build
 from drivers.run.compute import Computed
-from drivers.run.guard import reason_to_fail, unstable, wrong_start
+from drivers.run.guard import checked, compared, unstable
 from drivers.run.run import move_into_place, record_of_end
 from drivers.run.run_folder import RECORD, EndedRun, folder_name, in_si, is_run, record_of, write_run
 from drivers.run.workplaces import workplace
@@ -52,8 +52,8 @@ def scene_of(folder: Path) -> Scene:
 def import_run(source: Path, case: Case, engine_name: str, runs: Path = paths.RUNS) -> EndedRun:
     """Make a run folder of a folder with a deck and its raw output; the record holds the differences of the deck.
 
-    The output is read as that of the case. A run that is unstable has failed and keeps its forces; so has one that has
-    another start or energy without a change of its deck.
+    The output is read as that of the case. A run that is unstable has failed and keeps its forces; so has one that is
+    not that of its scheme without a change of its deck.
 
     Args:
         source: folder with the deck, whose files have the names of the engine's decks, and the raw output.
@@ -78,10 +78,16 @@ def import_run(source: Path, case: Case, engine_name: str, runs: Path = paths.RU
         trace = engine.read(case, source)
     except RunError as error:
         raise RunError(f"{paths.shown(source)}: {error}") from error
-    # a changed deck may have another start and another energy than the scene
-    reason = unstable(case, trace) if edits else reason_to_fail(case, trace) or wrong_start(case, trace)
+    fault = None
+    try:
+        if not edits:
+            trace = compared(case, engine, checked(case, trace))
+        elif reason := unstable(case, trace):  # a changed deck may have another motion than the scene
+            fault = RunError(reason)
+    except RunError as error:
+        fault = error
     digest = hashlib.sha256(repr((engine_name, edited)).encode() + b"".join(file.read_bytes() for file in raw))
-    ended = Computed(trace, RunError(reason) if reason else None, wall_s=0.0, cpu_s=0.0, memory_bytes=0, loop_s=None)
+    ended = Computed(trace, fault, wall_s=0.0, cpu_s=0.0, memory_bytes=0, loop_s=None)
     deck = replace(deck, files=edited)
     record = record_of_end(case, engine, Build((), BY_HAND, ""), deck, ended)
     record = replace(record, identity=digest.hexdigest()[:12], edits=edits, wall_s=None, cpu_s=None, memory_bytes=None)

@@ -36,7 +36,7 @@ TIME_TOLERANCE = 1e-12  # of a sample time
 DAMAGED = "damaged"  # status of a run whose record cannot be read
 ALLOWED_FOLDER = "a run folder, or its name, as beads runs prints it"
 NOT_ASSESSED: dict[str, Any] = dict.fromkeys(
-    ("error_budget", "error_note", "exact_to", "exact_until_s", "warnings", "step_limit_s", "accuracy")
+    ("error_budget", "error_note", "exact_to", "exact_until_s", "warnings", "accuracy")
 )
 
 
@@ -44,7 +44,7 @@ NOT_ASSESSED: dict[str, Any] = dict.fromkeys(
 class RunRecord:
     """Record of a run, the content of ``run.json`` besides its digest; times in seconds.
 
-    ``error_budget``, ``error_note``, ``exact_to``, ``exact_until_s``, ``warnings``, ``step_limit_s`` and ``accuracy``
+    ``error_budget``, ``error_note``, ``exact_to``, ``exact_until_s``, ``warnings`` and ``accuracy``
     are None until ``validation.accuracy.assess`` has assessed the run.
 
     Attributes:
@@ -71,8 +71,8 @@ class RunRecord:
         exact_to: error of the exact motion until ``exact_until_s``, divided by the largest change of force; None for
             three-dimensional chains.
         warnings: reasons why a finished run is of little use.
-        step_limit_s: predicted stability limit of the time step; None if no contact closes.
-        accuracy: ``asked``, ``predicted`` and ``measured`` error by quantity; None without an accuracy.
+        accuracy: ``asked``, ``predicted`` and ``measured`` error by quantity, measured None if the exact motion is not
+            known; None without an accuracy.
         edits: differences of an imported run's deck from the scene's; None for a run of this project.
         host, commit, dirty, lock_sha256: machine, commit of the checkout, True if it had local changes (new files
             outside the packages do not count), digest of the lock file.
@@ -104,8 +104,7 @@ class RunRecord:
     exact_to: float | None
     exact_until_s: float | None
     warnings: list[str] | None
-    step_limit_s: float | None
-    accuracy: dict[str, dict[str, float]] | None
+    accuracy: dict[str, dict[str, float | None]] | None
     host: str
     commit: str
     dirty: bool
@@ -189,7 +188,7 @@ class EndedRun:
         beyond = [
             f"{name} has an error of {errors['measured']:.3g}, at most {errors['asked']:g} is allowed"
             for name, errors in (self.record.accuracy or {}).items()
-            if not errors["measured"] <= errors["asked"]
+            if errors["measured"] is not None and not errors["measured"] <= errors["asked"]
         ]
         return "; ".join(beyond) or None
 

@@ -9,12 +9,12 @@ import pandas as pd
 
 from drivers.chain.case import Layout
 from drivers.chain.chain import Array
+from drivers.chain.residual import residual
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
 from postproc.draw.style import GREY, MICRO, draw_codes, drawing_order, letter_panel, pyplot
 from postproc.paper.simulate import Simulation
-from postproc.read.residual import residual
 from postproc.read.sensors import sensor_signals
 
 GAUGE_IN = 1.126  # height of a panel

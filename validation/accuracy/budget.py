@@ -4,7 +4,7 @@ Values of a quantity: Q of the engine's run, Q_h of its own scheme at the same s
 heights), Q_v of velocity Verlet in overlaps, Q_e exact at the same samples, Q_t true (exact, from finer samples, with
 all elements of the scene). The parts of the error add up to the whole Q - Q_t:
 
-* model = Q - Q_h: rounding in another order of addition, unless something is wrong;
+* model = Q - Q_h: rounding in another order of addition, unless something is wrong (``drivers.run.scheme``);
 * rounding = Q_h - Q_v: rounding of absolute coordinates;
 * truncation = Q_v - Q_e: error of the time step, of ``reference`` error of its tolerance;
 * sampling = Q_e - Q_t: error of a peak read from samples;
@@ -20,36 +20,32 @@ scheme does, plus rounding.
 In three dimensions Q_e is extrapolated, rounding is included in model, and sampling is not measured.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
-from itertools import chain, pairwise
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from drivers.base.errors import digits_apart
-from drivers.base.kept import kept
+from drivers.base.kept import keep, recall
 from drivers.base.text_table import text_table
 from drivers.base.tolerances import Tolerance, tolerance
 from drivers.chain.case import Case
-from drivers.chain.chain import Array
-from drivers.chain.trace import Trace, energy_error_J, until
+from drivers.chain.residual import FORCE, is_at_rest, share_of_change
+from drivers.chain.trace import Trace, energy_error_J, until, with_work
 from drivers.engines import EXACT, load_engine
-from drivers.limits.refusal import FORCE
 from drivers.run.run_folder import EndedRun
+from drivers.run.scheme import FIELDS, apart, field_of, judged_until, largest_difference
 from postproc.read.observables import of_kind, scale_of
-from postproc.read.residual import is_at_rest, share_of_change, static_load_remark
 from validation.accuracy.exact_motion import errors_of, quantities
-from validation.accuracy.measured_law import SIGNIFICANCE, measure_law
-from validation.accuracy.motions import FIELDS, HORIZON, Motions, judged_until, motions_of, predicted_error
-from validation.checks import FAIL, Check, judged, worst_of
+from validation.accuracy.motions import HORIZON, Motions, motions_of, predicted_error
+from validation.checks import Check, judged, worst_of
 
 AT_REST_NOTE = "nothing moves: errors are relative to the largest force"
 PARTS = ("whole", "model", "rounding", "truncation", "sampling")
 ELEMENTS = "elements"
 BUDGET_WORDS = "relative errors; model, rounding, truncation (time step) and sampling add up to the whole"
 MODEL, ERROR = "model", "error"  # judgements: the right computation, accurate enough
-LAW_REASON = f"{SIGNIFICANCE:g} times the uncertainty of the measured value, by rounding, time step and sampling"
 CAUSES = {
     "model": "the run is not that of its scheme",
     "rounding": "rounding of heights far from 0",
@@ -83,23 +79,30 @@ class Budget:
     exact_until_s: float | None
 
 
-def kept_budget(case: Case, run: EndedRun) -> Budget:
-    """Budget of a finished run, from the cache or computed and stored there; checks have the scene's name."""
+def kept_budget(case: Case, run: EndedRun, limit_s: float | None = None) -> Budget:
+    """Budget of a finished run, from the cache or computed and stored there; checks have the scene's name.
+
+    ``limit_s`` is the time limit of the exact motion. A budget without the exact motion is not stored.
+    """
     record, engine = run.record, load_engine(run.record.engine)
     scenes = [variant.scene.model_dump(mode="json") for variant in (case, case.full) if variant]
     depends_on = ["budget", scenes, engine.name, engine.scheme, engine.shear, record.build_sha256, run.forces_sha256]
-    stored = kept(depends_on, lambda: asdict(budget_of(case, engine.name, run.trace)))
+    stored = recall(depends_on)
+    if stored is None:
+        stored = asdict(budget_of(case, engine.name, run.trace, limit_s))
+        if not motions_of(case, engine.name, limit_s).why_unknown:
+            keep(depends_on, stored)
     checks = [Check(**check | {"scene": case.scene.name}) for check in stored["checks"]]
     return Budget(**stored | {"checks": checks})
 
 
-def budget_of(case: Case, engine: str, trace: Trace) -> Budget:
+def budget_of(case: Case, engine: str, trace: Trace, limit_s: float | None = None) -> Budget:
     """Budget of a run of a case on an engine, from its trace at all samples of the case."""
-    motions = motions_of(case, engine)
+    motions = motions_of(case, engine, limit_s)
     with np.errstate(over="ignore", invalid="ignore"):  # too large a step blows up
         rows, missing = _rows(motions, engine, trace)
-        departure = first_departure(case, engine, trace)
-        checks = [*_model_checks(case, engine, trace), *_error_checks(case, engine, trace, rows)]
+        departure = departure_of(case, engine, trace)
+        checks = [*_model_checks(motions, engine, trace), *_error_checks(motions, engine, trace, rows)]
         known = not motions.why_unknown and motions.straight
         samples = motions.known if known else 0
         return Budget(
@@ -107,46 +110,10 @@ def budget_of(case: Case, engine: str, trace: Trace) -> Budget:
             checks=checks,
             note="; ".join([*_notes(motions, engine), *missing]),
             departure=departure,
-            warnings=[*_warnings(motions, engine, trace, checks, rows)],
+            warnings=[*_warnings(motions, engine, trace, departure, rows)],
             exact_to=float(motions.exact_error[samples - 1]) if known else None,
             exact_until_s=float(case.sample_times_s[samples - 1]) if known else None,
         )
-
-
-def field_of(trace: Trace, quantity: str) -> Array:
-    """Forces of all contacts, change of the energy, or momentum. Shape (samples, contacts) or (samples, 1)."""
-    if quantity == FORCE:
-        return trace.force_N
-    column = getattr(trace, FIELDS[quantity])
-    return np.asarray(column - column[0] if quantity == "energy" else column)[:, np.newaxis]
-
-
-def apart(one: Array, other: Array, scale: float) -> Array:
-    """Magnitude of the difference of two fields over the common samples, divided by a scale; inf for NaN."""
-    samples = min(len(one), len(other))
-    return np.nan_to_num(np.abs(one[:samples] - other[:samples]) / scale, nan=np.inf)
-
-
-def largest_difference(
-    quantity: str, trace: Trace, right: Trace, scale: float, limits: Array | None = None
-) -> tuple[float, tuple[int, int], str]:
-    """Largest difference of two motions at common samples: its size divided by a scale, sample and column, place.
-
-    With limits at each sample, shape (samples,), the difference closest to its limit.
-    """
-    has, expected = field_of(trace, quantity), field_of(right, quantity)
-    share = apart(has, expected, scale)
-    of_limit = share if limits is None else share / limits[: len(share), np.newaxis]
-    sample, column = map(int, np.unravel_index(int(np.argmax(of_limit)), of_limit.shape))
-    size = float(share[sample, column])
-    remark = static_load_remark(size, expected) if quantity == FORCE else ""
-    return size, (sample, column), place_of(quantity, right.time_s, (sample, column)) + remark
-
-
-def place_of(quantity: str, time_s: Array, place: tuple[int, int]) -> str:
-    """Contact and time of a sample and column, as text."""
-    contact = f"contact {place[1] + 1} " if quantity == FORCE else ""
-    return f"{contact}at {time_s[place[0]] * 1e6:.6g} µs"
 
 
 def _rows(motions: Motions, engine: str, trace: Trace) -> tuple[list[dict[str, Any]], list[str]]:
@@ -156,7 +123,7 @@ def _rows(motions: Motions, engine: str, trace: Trace) -> tuple[list[dict[str, A
     exact, full, scheme = motions.exact, motions.full, motions.scheme_of(engine)
     samples = min(len(part.time_s) for part in (exact, full.exact if full else exact))
     same = not motions.straight or load_engine(engine).scheme == EXACT  # rounding is included in model, or nil
-    stages = [until(part, samples) for part in (trace, scheme, scheme if same else motions.plain, exact)]
+    stages = [until(part, samples) for part in (trace, scheme, scheme if same else motions.scheme.plain, exact)]
     stages += [stages[-1], *([until(full.exact, samples)] if full else [])]
 
     rows = []
@@ -189,45 +156,37 @@ def _row(quantity: str, shares: list[float], where: str = "") -> dict[str, Any]:
     }
 
 
-def _model_checks(case: Case, engine: str, trace: Trace) -> Iterator[Check]:
-    """Is it the right computation? Difference from the engine's scheme that is closest to its limit at its sample."""
+def _comparable(motions: Motions, engine: str) -> bool:
+    """True if the engine's scheme can be integrated, as that of ``reference`` if the exact motion is known."""
+    return load_engine(engine).scheme != EXACT or not motions.why_unknown
+
+
+def departure_of(case: Case, engine: str, trace: Trace) -> str:
+    """First departure of a run, finished or failed, from its scheme; empty if there is none or it is not known."""
     motions = motions_of(case, engine)
-    scheme = until(motions.scheme_of(engine), motions.samples)
+    return motions.scheme.departure(engine, trace) if _comparable(motions, engine) else ""
+
+
+def _model_checks(motions: Motions, engine: str, trace: Trace) -> Iterator[Check]:
+    """Is it the right computation? Difference from the engine's scheme that is closest to its limit at its sample."""
+    if not _comparable(motions, engine):
+        return
+    scheme = motions.scheme
+    right = until(scheme.of(engine), scheme.samples)
     for quantity in (FORCE, *FIELDS):
-        scale, limits = motions.scale(quantity), motions.explained(quantity)
-        size, (sample, _), where = largest_difference(quantity, trace, scheme, scale, limits)
-        limit, where = motions.tolerance_at(quantity, sample), where + motions.until_horizon
-        yield judged(case.scene.name, engine, f"{MODEL}: {quantity}", size, limit, where)
-    if load_engine(engine).in_repository:
-        yield from _law_check(case, engine)
+        scale, limits = scheme.scale(quantity), scheme.explained(quantity)
+        size, (sample, _), where = largest_difference(quantity, with_work(trace, right), right, scale, limits)
+        limit, where = scheme.tolerance_at(quantity, sample), where + scheme.until_horizon
+        yield judged(motions.case.scene.name, engine, f"{MODEL}: {quantity}", size, limit, where)
 
 
-def _law_check(case: Case, engine: str) -> Iterator[Check]:
-    """Check of the law of an in-repo scheme, measured from its own motions, which are compared with no other scheme."""
-    motions, exact = motions_of(case, engine), load_engine(engine).scheme == EXACT
-    if motions.why_unknown or not motions.straight:
-        return
-    step_s = 0.0 if exact else case.scene.time_step_s
-    try:
-        measured = [motions.exact_to_end.fine] if exact else [motions.plain, motions.rounded]
-        laws = [measure_law(case, motion, step_s) for motion in measured]
-    except ValueError:  # too few samples
-        return
-    if not all(laws):  # nothing moves
-        return
-    row = max(chain.from_iterable(laws), key=lambda row: row.uncertainties_off)
-    place = f" of contact or body {row.place}" if row.place else ""
-    limit = Tolerance(float(SIGNIFICANCE * row.uncertainty), LAW_REASON)
-    yield judged(case.scene.name, engine, f"{MODEL}: law", float(abs(row.ratio - 1)), limit, f"{row.quantity}{place}")
-
-
-def _error_checks(case: Case, engine: str, trace: Trace, rows: list[dict[str, Any]]) -> Iterator[Check]:
+def _error_checks(motions: Motions, engine: str, trace: Trace, rows: list[dict[str, Any]]) -> Iterator[Check]:
     """Is it accurate enough? Whole errors against the accuracy of the scene, else against the general ceilings.
 
     An error is at least that of the exact motion.
     """
-    motions = motions_of(case, engine)
-    if case.plan is not None:
+    case = motions.case
+    if case.plan is not None and not motions.why_unknown:
         truth = (motions.full or motions).exact_to_end
         known = float(share_of_change(truth.error_N, truth.trace)[-1])
         for name, error in errors_of(case, trace, truth, case.plan.asked).items():
@@ -252,33 +211,6 @@ def _error_checks(case: Case, engine: str, trace: Trace, rows: list[dict[str, An
             yield worst
 
 
-def first_departure(case: Case, engine: str, trace: Trace) -> str:
-    """First time and contact at which a run, finished or failed, departs from its scheme; empty if it never does.
-
-    A fault in the set-up shows at time 0 or before a wave arrives, a fault in the law or in a mass in the wave.
-    """
-    motions = motions_of(case, engine)
-    samples = min(motions.samples, len(trace.time_s))
-    scheme = until(motions.scheme_of(engine), samples)
-    for quantity in (FORCE, *FIELDS):
-        has, right, scale = field_of(trace, quantity)[:samples], field_of(scheme, quantity), motions.scale(quantity)
-        share, allowed = apart(has, right, scale), motions.explained(quantity)
-        beyond = share.max(axis=1) > allowed[: len(share)]
-        if not beyond.any():
-            continue
-        sample = int(np.argmax(beyond))
-        column = int(np.argmax(share[sample]))
-        one, other = digits_apart(float(has[sample, column]), float(right[sample, column]))
-        unit = {FORCE: "N", "energy": "J", "momentum": "N s"}[quantity]
-        when = "from the start" if sample == 0 else f"from {case.sample_times_s[sample] * 1e6:.6g} µs"
-        if sample and quantity == FORCE:
-            change = np.abs(right[: sample + 1, column] - right[0, column]).max() / scale
-            when += ", before any wave arrives" if change <= allowed[sample] else ", in the wave"
-        name = f"the force in contact {column + 1}" if quantity == FORCE else f"the {quantity}"
-        return f"departs from its scheme {when}: {name} is {one} {unit}, by its scheme {other} {unit}"
-    return ""
-
-
 def _notes(motions: Motions, engine: str) -> Iterator[str]:
     """Notes on parts of the budget that were not measured."""
     case = motions.case
@@ -294,7 +226,7 @@ def _notes(motions: Motions, engine: str) -> Iterator[str]:
             yield exactness_note(motions)
         return
     yield f"truncation extrapolated from half and a quarter of the step (order of convergence {motions.order:.2g})"
-    yield f"rounding is included in model: at most {motions.rounding_bound[motions.known - 1]:.1g} of the force"
+    yield f"rounding is included in model: at most {motions.scheme.rounding_bound[motions.known - 1]:.1g} of the force"
     yield "sampling not measured"
     if motions.known < case.scene.samples:
         end = case.sample_times_s[motions.known - 1]
@@ -314,9 +246,9 @@ def exactness_note(motions: Motions) -> str:
 
 
 def _warnings(
-    motions: Motions, engine: str, trace: Trace, checks: Iterable[Check], rows: list[dict[str, Any]]
+    motions: Motions, engine: str, trace: Trace, departure: str, rows: list[dict[str, Any]]
 ) -> Iterator[str]:
-    """Warnings on errors above a tenth, on an exact motion that is lost, and on codes that deviate from the scheme."""
+    """Warnings on errors above a tenth, on an exact motion that is lost, and on a run that departs from its scheme."""
     case, unknown = motions.case, bool(motions.why_unknown)
     if unknown and not motions.straight:
         return
@@ -338,15 +270,10 @@ def _warnings(
             row = next((row for row in rows if row["quantity"] == quantity), None)
             cause = max(PARTS[1:], key=lambda part: abs(row[part])) if row else "truncation"
             yield f"{most}, above {limit:g} from t = {since:g} s; cause: {CAUSES[cause]}"
-    scheme = load_engine(engine).scheme
-    if scheme == EXACT and exact is not None and motions.exact_error[-1] > HORIZON:
+    if load_engine(engine).scheme == EXACT and exact is not None and motions.exact_error[-1] > HORIZON:
         yield exactness_note(motions)
-    force = next(check for check in checks if check.quantity == f"{MODEL}: {FORCE}")
-    if force.verdict == FAIL and scheme != EXACT:
-        yield (
-            f"forces differ from velocity Verlet at the same step by up to {force.value:.2g} of the largest change,"
-            f" {force.where}; rounding explains {force.limit:.1g}: the engine did not run the scene as written"
-        )
+    if departure:  # of a changed deck
+        yield departure
 
 
 def budget_lines(heading: str, runs: Mapping[str, EndedRun]) -> Iterator[str]:

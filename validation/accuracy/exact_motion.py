@@ -18,11 +18,10 @@ import numpy as np
 
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, moving_at_start
+from drivers.chain.residual import FORCE, largest_change_N, largest_kinetic_J, residual, share_of_change
 from drivers.chain.schemes import exact_of
-from drivers.chain.trace import Trace, every_of, part_of, until
-from drivers.limits.refusal import FORCE
+from drivers.chain.trace import Trace, part_of, until
 from postproc.read.observables import describe, observe, scale_of, without_unit
-from postproc.read.residual import largest_change_N, largest_kinetic_J, residual, share_of_change
 from validation.reference.adaptive import MIN_TOLERANCE
 
 ENERGY, MOMENTUM = "energy", "momentum"
@@ -46,12 +45,14 @@ class ExactMotion:
         trace: at the sample times of the case.
         fine: with ``SAMPLE_FACTOR`` times as many samples; the same object as ``trace`` if that is too many.
         tolerance: tolerance of the integration.
+        limit_s: time limit of each integration; None for that of ``drivers.chain.schemes``.
     """
 
     case: Case
     trace: Trace
     fine: Trace
     tolerance: float
+    limit_s: float | None = None
 
     @cached_property
     def true(self) -> dict[str, float]:
@@ -68,7 +69,7 @@ class ExactMotion:
             factor *= SAMPLE_FACTOR
             if factor * samples * self.case.chain.bodies > MAX_FINE_VALUES:
                 break
-            fine = until(exact_of(self.case, self.tolerance, factor), factor * (samples - 1) + 1)
+            fine = until(exact_of(self.case, self.tolerance, factor, self.limit_s), factor * (samples - 1) + 1)
             values = quantities(self.case, fine)
         return values
 
@@ -109,7 +110,7 @@ class ExactMotion:
         exact = self.trace
 
         def apart(factor: float) -> Array:
-            other = exact_of(self.case, min(factor * self.tolerance, COARSE_ERROR))
+            other = exact_of(self.case, min(factor * self.tolerance, COARSE_ERROR), limit_s=self.limit_s)
             return np.asarray(np.maximum.accumulate(np.abs(other.force_N - exact.force_N).max(axis=1)))
 
         rough = apart(ROUGH_FACTOR)
@@ -126,18 +127,20 @@ class ExactMotion:
         return replace(self, trace=trace, fine=until(self.fine, factor * (samples - 1) + 1) if factor > 1 else trace)
 
 
-def exact_motion_of(case: Case, tolerance: float = MIN_TOLERANCE, *, finer: bool = True) -> ExactMotion:
+def exact_motion_of(
+    case: Case, tolerance: float = MIN_TOLERANCE, *, finer: bool = True, limit_s: float | None = None
+) -> ExactMotion:
     """Exact motion of a case, with a force error of at most ``tolerance`` times the largest change.
 
     Raises:
-        ArithmeticError: the integrator fails.
+        ArithmeticError: the integrator fails, or takes longer than the limit.
     """
     factor = SAMPLE_FACTOR if finer and SAMPLE_FACTOR * case.scene.samples * case.chain.bodies <= MAX_FINE_VALUES else 1
-    fine = exact_of(case, tolerance, factor)
+    fine = exact_of(case, tolerance, factor, limit_s)
     if factor == 1:
-        return ExactMotion(case, fine, fine, tolerance)
-    samples = replace(every_of(case.chain, fine, factor), time_s=case.sample_times_s)
-    return ExactMotion(case, samples, fine, tolerance)
+        return ExactMotion(case, fine, fine, tolerance, limit_s)
+    samples = replace(part_of(fine, slice(None, None, factor)), time_s=case.sample_times_s)
+    return ExactMotion(case, samples, fine, tolerance, limit_s)
 
 
 def quantities(case: Case, trace: Trace) -> dict[str, float]:
@@ -158,8 +161,7 @@ def errors_of(case: Case, trace: Trace, truth: ExactMotion, names: Collection[st
         if name == FORCE:
             errors[name] = float(residual(trace, truth.trace).max())
         elif name == ENERGY:
-            changing = case.chain.damped or case.chain.drive is not None  # the work of a drive has an error of sampling
-            right_J = truth.trace.total_energy_J if changing else trace.total_energy_J[0]
+            right_J = truth.trace.total_energy_J if case.chain.damped else trace.total_energy_J[0]
             errors[name] = float(np.abs(trace.total_energy_J - right_J).max())
             errors[name] /= largest_kinetic_J(case.chain, truth.trace)
         elif name == MOMENTUM:

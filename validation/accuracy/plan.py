@@ -12,8 +12,9 @@ from drivers.base.errors import RunError
 from drivers.base.kept import recall
 from drivers.base.progress import say
 from drivers.chain.case import Case, build_case
+from drivers.chain.residual import FORCE
 from drivers.engines import VERLET, engine_names, installed, load_engine
-from drivers.limits.refusal import FORCE, beyond_rounding, inability
+from drivers.limits.refusal import beyond_rounding, inability
 from drivers.run.build import build_of
 from drivers.run.run import run_identity
 from drivers.run.run_folder import find_run

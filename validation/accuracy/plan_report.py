@@ -13,20 +13,20 @@ from drivers.base.kept import kept
 from drivers.base.text_table import text_table
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
+from drivers.chain.residual import FORCE, is_at_rest
 from drivers.chain.schemes import verlet_of
-from drivers.engines import installed, load_engine
+from drivers.engines import TOTAL, VERLET, installed, load_engine
 from drivers.limits.criteria import CRITERIA
-from drivers.limits.refusal import FORCE, inability, refuse_depth
-from drivers.limits.stable_step import predicted_limit
-from drivers.limits.trial import failure, first_failure_s
+from drivers.limits.refusal import inability, refuse_depth
+from drivers.limits.stable_step import step_limit, until_words, why_unstable
+from drivers.run.scheme import AGREEMENT, ROUNDING_MARGIN
 from postproc.read.measured import read_traces
 from postproc.read.observables import of_kind
-from postproc.read.residual import is_at_rest
 from postproc.read.sensors import gauges_of
 from validation.accuracy.budget import AT_REST_NOTE
 from validation.accuracy.costs import cost_on
 from validation.accuracy.exact_motion import errors_of
-from validation.accuracy.motions import AGREEMENT, ROUNDING_MARGIN, motions_of, predicted_error
+from validation.accuracy.motions import motions_of, predicted_error
 from validation.accuracy.plan import capable_engines, fault, planned_case
 from validation.accuracy.step_choice import ROUNDING_FACTOR, Chooser
 
@@ -79,9 +79,8 @@ def _straight(case: Case, among: Collection[str]) -> Iterator[str]:
         if plan.refused_steps:
             coarser = _us(case.scene.run.sample_interval / plan.refused_steps)
             why = f"; {coarser} would exceed the accuracy ({_listed(chooser.errors_at(plan.refused_steps))})"
-    problem = failure(case) if case.scene.time_step_s > chooser.stable_s else None
-    yield from _stability(case, chooser.stable_s, why, problem)
-    if problem:
+    yield from _stability(case, TOTAL, why)
+    if why_unstable(case):
         return
     allowance = ROUNDING_FACTOR * float(rounding[-1])
     if is_at_rest(chooser.truth.trace.force_N):
@@ -117,10 +116,9 @@ def _gauge_errors(case: Case, chooser: Chooser) -> dict[str, float]:
 
 def _three_dimensional(case: Case, among: Collection[str]) -> Iterator[str]:
     """Report on a three-dimensional scene: errors by extrapolation."""
-    limit = predicted_limit(case.chain, float(case.sample_times_s[-1]))
-    problem = failure(case) if case.scene.time_step_s > limit else None
-    yield from _stability(case, limit, AS_GIVEN, problem)
-    if problem:
+    law = load_engine(min(capable_engines(case, among), key=lambda name: name != VERLET, default=VERLET)).shear
+    yield from _stability(case, law, AS_GIVEN)
+    if why_unstable(case, law):
         return
     yield from _engines(case, among)
     if motions_of(case).why_unknown:
@@ -133,7 +131,7 @@ def _three_dimensional(case: Case, among: Collection[str]) -> Iterator[str]:
         error, motions = float(predicted_error(case, names[0]).max()), motions_of(case, names[0])
         order = f"order of convergence {motions.order:.2g}"
         yield f"predicted  relative error: force {error:.3g} on {', '.join(names)}; {order}"
-        end = case.sample_times_s[motions.samples - 1]
+        end = case.sample_times_s[motions.scheme.samples - 1]
         yield f"horizon    engines with this law of friction can be compared point by point until {end * 1e3:.4g} ms"
 
 
@@ -202,21 +200,22 @@ def _horizon(case: Case, share: Array) -> str:
     )
 
 
-def _stability(case: Case, stable_s: float, why: str, problem: str | None) -> Iterator[str]:
-    """Lines on the time step, its stability limit, trial runs, and the usual criteria, which ignore the motion."""
-    steps = case.scene.steps_per_sample
-    yield f"time step  {_us(case.scene.time_step_s)} ({steps} step{'s' if steps > 1 else ''} per sample){why}"
-    if stable_s == float("inf"):
+def _stability(case: Case, law: str, why: str) -> Iterator[str]:
+    """Lines on the time step, the limit found by trials, and the usual criteria, which ignore the motion."""
+    step_s, steps = case.scene.time_step_s, case.scene.steps_per_sample
+    yield f"time step  {_us(step_s)} ({steps} step{'s' if steps > 1 else ''} per sample){why}"
+    limit = step_limit(case, law)
+    if limit.stable_s == float("inf"):
         yield "stability  no limit: no contact closes"
         return
-    share = case.scene.time_step_s / stable_s
+    share = step_s / limit.stable_s
     percent = f"{100 * share:.2g}" if share < 0.99 else f"{100 * share:.0f}"
-    yield f"stability  stable up to {_us(stable_s)} (a lower bound); this run uses {percent} % of that"
-    if share > 1:
-        trial = f"{problem}: the run is refused" if problem else "is stable"
-        yield f"           the trial run at this step {trial}"
-    fails_s = first_failure_s(case, stable_s)
-    yield f"           first trial run to blow up: {f'at {_us(fails_s)}' if fails_s else 'none found'}"
+    followed = until_words(case, limit.until_s)
+    yield f"stability  stable up to {_us(limit.stable_s)}, by trials{followed}; this run uses {percent} % of that"
+    if limit.unstable_s:
+        yield f"           the next trial, at {_us(limit.unstable_s)}, blows up"
+    if problem := why_unstable(case, law):
+        yield f"           a trial at this step {problem}: the run is refused"
     others = (f"{label} {_us(fraction * time(case))}" for label, (fraction, time) in CRITERIA.items())
     yield f"           usual criteria, which ignore the motion: {', '.join(others)}"
 

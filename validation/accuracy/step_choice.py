@@ -15,16 +15,15 @@ from drivers.base.errors import InputError
 from drivers.chain.case import Case, StepPlan
 from drivers.chain.chain import Array, arrays_of, build_chain
 from drivers.chain.elements import choose_elements
+from drivers.chain.residual import FORCE, share_of_change
 from drivers.chain.schemes import exact_of, verlet_of
-from drivers.limits.energy_bounds import EXACT_SHARE
-from drivers.limits.refusal import FORCE, ROUNDING_MARGIN, unattainable
-from drivers.limits.stable_step import predicted_limit
+from drivers.limits.refusal import ROUNDING_MARGIN, unattainable
+from drivers.limits.stable_step import EXACT_SHARE, resolved_trial, why_unstable
+from drivers.run.scheme import Scheme
 from drivers.scene.model import Scene
 from drivers.scene.read_scene import MAX_STEPS
 from postproc.read.observables import scale_of
-from postproc.read.residual import share_of_change
 from validation.accuracy.exact_motion import COARSE_ERROR, ENERGY, ExactMotion, errors_of, exact_motion_of
-from validation.accuracy.motions import Motions
 from validation.reference.adaptive import MIN_TOLERANCE, scales
 from validation.reference.tube import TOTAL
 
@@ -139,7 +138,7 @@ class Chooser:
             if not self.truth.sampling_known:
                 found = "too many samples times contacts to measure the sampling error"
                 self._refuse(name, f"{found}; allowed: {FORCE}, {ENERGY}")
-        self.stable_s = predicted_limit(case.chain, duration)
+        self.guess_s = resolved_trial(case).two_over_omega_s  # the order of magnitude of the largest stable step
 
     def _refuse(self, name: str, statement: str) -> NoReturn:
         raise InputError(self.case.scene.file, f"run.accuracy{name and f'.{name}'}", statement)
@@ -186,8 +185,8 @@ class Chooser:
         self._check_attainable(wanted)
         scene, order = self.case.scene, 1 if self.case.chain.damped else 2
         work = self.case.chain.bodies * (scene.samples - 1)
-        steps = max(1, ceil(min(scene.run.sample_interval / self.stable_s, 1e15)))  # the largest stable step
-        refused, taken, tries = steps - 1, 0, 0
+        steps = max(1, ceil(min(scene.run.sample_interval / self.guess_s, 1e15)))
+        refused, taken, tries = 0, 0, 0
         while not (taken and (taken <= refused + 1 or taken <= STEP_RATIO * refused)):
             if steps * work > most_work or steps * (scene.samples - 1) > MAX_STEPS or tries > MAX_TRIES:
                 if taken:
@@ -199,7 +198,7 @@ class Chooser:
                 raise unattainable(self.case, worst, wanted[worst], least, why)
             excess = self._excess(steps, wanted)
             tries += 1
-            if excess <= 1:
+            if excess <= 1 and not why_unstable(self.case.at(steps)):  # after the gauges it may blow up
                 taken = steps
             else:
                 refused = max(refused, steps)
@@ -237,10 +236,10 @@ class Chooser:
 
         Measured if that is cheap, else scaled: rounding grows as a random walk with the number of steps.
         """
-        first = ceil(min(0.5 * self.case.scene.run.sample_interval / self.stable_s, 1e9))
+        first = ceil(min(0.5 * self.case.scene.run.sample_interval / self.guess_s, 1e9))
         affordable = ROUNDING_WORK // (self.case.chain.bodies * self.case.scene.samples)
         measured = min(steps_per_sample, max(first, affordable, 1))
-        error_N = Motions(self.case.at(measured), TOTAL).rounding_N
+        error_N = Scheme(self.case.at(measured), TOTAL).rounding_N
         error = share_of_change(error_N, self.truth.trace)
         return np.asarray(np.maximum.accumulate(error) * sqrt(steps_per_sample / measured))
 

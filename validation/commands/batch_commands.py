@@ -30,10 +30,9 @@ def request_of(
     from drivers.batch.study_cases import Request
     from drivers.engines._entries import entry_files
     from postproc.read.observables import not_shown, observe
-    from postproc.read.residual import residual
     from validation.accuracy.plan import plan_case
 
-    functions, chosen = (plan_case, observe, residual), (tuple(engines), tuple(patterns))
+    functions, chosen = (plan_case, observe), (tuple(engines), tuple(patterns))
     files = entry_files()
     return Request(study, runs.absolute(), *functions, *chosen, retry=retry, entries=files, not_shown=not_shown)
 

@@ -64,7 +64,7 @@ def run(
             with counted(f"running {case.scene.name} on {name}"):
                 ended = run_case(case, name, runs, rerun=rerun, limit_s=time_limit)
             with counted(f"measuring the error of {case.scene.name} on {name}"):
-                ended = assess(ended, case)
+                ended = assess(ended, case, time_limit)
         except (RunError, OSError) as error:
             wrong = f": {error}"
         else:
@@ -130,18 +130,18 @@ def import_(folder: Path, scene: str | None, settings: tuple[str, ...], engines:
     return int(bool(wrong))
 
 
-@command("fig4", "fig4 --set run.time_step='1 us'", "yade:fig4 liggghts:fig4", "--runs old --against new")
+@command("fig4", "fig4 --set run.time_step='1 us'", "yade:fig4 liggghts:fig4")
 @click.argument(
     "what",
-    metavar="[SCENE|RUN]...",
+    metavar="SCENE|RUN...",
     nargs=-1,
+    required=True,
     help="Scenes by name or file, or exactly two runs: run folders, or ENGINE:SCENE for the newest run.",
     shell_complete=completion.scenes_and_runs,
 )
 @options.SETTINGS
 @options.ENGINE
 @options.RUNS_READ
-@option("--against", "DIR", "Compare the run folders in --runs with those in this folder, run by run.", type=Path)
 @options.REQUIRE
 @options.ALLOW_MISSING
 @options.UNSAFE
@@ -150,14 +150,12 @@ def compare(
     settings: tuple[str, ...],
     engines: tuple[str, ...],
     runs: Path,
-    against: Path | None,
     required: tuple[str, ...],
     allow_missing: bool,
     unsafe: bool,
 ) -> int:
     """Run scenes and judge them on every engine, or compare runs."""
-    if not against:
-        must_be_folder("--runs", runs)
+    must_be_folder("--runs", runs)
     from validation.compare.selection import selected
 
     asked = selected(engines, required, allow_missing=allow_missing)
@@ -165,22 +163,13 @@ def compare(
     if folders:
         if len(folders) != 2 or len(what) != 2:
             raise InputError("compare", "", " ".join(what), "scenes, or exactly two runs")
-        for option, given in (("set", settings), ("engine", engines), ("require", required), ("against", against)):
+        for option, given in (("set", settings), ("engine", engines), ("require", required)):
             if given:
                 raise InputError(f"--{option}", "", "not allowed with two runs")
         from drivers.inventory.run_folders import run_folder
         from validation.compare.pair import compare_runs
 
         return compare_runs(*(run_folder(folder, runs) for folder in folders))
-    if against:
-        if settings:
-            raise InputError("--set", "", "not allowed with --against")
-        from validation.compare.folders import compare_folders
-
-        return compare_folders(runs, against, what, asked)
-    if not what and not asked.builds:
-        needed = "scenes, two runs, --against DIR, or --engine twice with builds of one code"
-        raise InputError("compare", "", f"scene missing; give {needed}")
     from validation.compare.compare_command import compare_scenes
 
     return compare_scenes(what, settings, runs, asked, unsafe=unsafe)

@@ -3,8 +3,8 @@
 from collections.abc import Iterable, Mapping, Sequence
 
 from drivers.base.progress import in_words
+from drivers.chain.residual import FORCE
 from drivers.engines import VERLET, in_order, load_engine
-from drivers.limits.refusal import FORCE
 from validation.accuracy.budget import ERROR, MODEL
 from validation.checks import FAIL, NOT_RUN, Check, outcome, short
 from validation.compare.comparison import ComparedScene

@@ -11,7 +11,6 @@ from validation.accuracy.budget import budget_lines
 from validation.checks import FAIL, NOT_RUN, RUN, Check, outcome, summary, table, without_run, worst_of
 from validation.compare.answer import answer
 from validation.compare.comparison import ComparedScene, run_and_compare_all
-from validation.compare.folders import moved
 from validation.compare.selection import EngineSelection, print_unmet
 
 
@@ -26,42 +25,23 @@ def compare_scenes(
 ) -> int:
     """Prints checks, departures, diagnoses and error budgets of scenes.
 
-    Selected builds of one code are also compared with each other; without ``sources`` only that, on all shipped
-    scenes. With ``brief`` the answer and the worst check of each engine. The exit code is 1 if a check fails or a
-    required engine did not run.
+    With ``brief`` the answer and the worst check of each engine. The exit code is 1 if a check fails or a required
+    engine did not run.
 
     Raises:
         InputError: a scene is wrong, or a run would be refused and ``unsafe`` is False.
     """
     checks: list[Check] = []
-    between: list[Check] = []
     ran, absent = set[str](), dict[str, str]()
-    scenes = sources or sorted(path.stem for path in paths.SCENES.glob("*.toml"))
-    with counted(f"{scenes[0] if len(scenes) == 1 else f'{len(scenes)} scenes'} on all engines, compared"):
-        for compared in run_and_compare_all(scenes, settings, runs, asked, unsafe=unsafe):
-            between += [check for pair in asked.builds for check in _between(compared, *pair)]
+    with counted(f"{sources[0] if len(sources) == 1 else f'{len(sources)} scenes'} on all engines, compared"):
+        for compared in run_and_compare_all(sources, settings, runs, asked, unsafe=unsafe):
             ran |= compared.ran
             for engine, why in compared.absent.items():
                 absent.setdefault(engine, why)
-            if sources:
-                print(*(_brief_lines(compared) if brief else _lines(compared, asked)), "", sep="\n", flush=True)
-                checks += compared.checks
-    if between:
-        print(*table(between), sep="\n")
-    failed = any(check.verdict == FAIL for check in checks + between)
+            print(*(_brief_lines(compared) if brief else _lines(compared, asked)), "", sep="\n", flush=True)
+            checks += compared.checks
+    failed = any(check.verdict == FAIL for check in checks)
     return 1 if print_unmet(asked.unmet(ran, absent)) or failed else 0
-
-
-def _between(compared: ComparedScene, one: str, other: str) -> list[Check]:
-    """Checks of the quantities that differ between two builds of a code."""
-    scene, pair = compared.case.scene.name, f"{other} against {one}"
-    why = [f"{engine}: {compared.absent[engine]}" for engine in (one, other) if engine in compared.absent]
-    if why:
-        failed = any(
-            check.verdict == FAIL for check in compared.checks if check.quantity == RUN and check.engine in pair
-        )
-        return [without_run(scene, pair, "; ".join(why), FAIL if failed else NOT_RUN)]
-    return moved(compared.runs[one].folder, compared.runs[other].folder, scene, pair)
 
 
 def _headline(compared: ComparedScene, asked: EngineSelection) -> str:

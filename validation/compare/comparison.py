@@ -14,10 +14,10 @@ from drivers.run.run import refuse_all, run_many
 from drivers.run.run_folder import EndedRun
 from postproc.read.motion import trace_with_state
 from validation.accuracy.assess import assess
-from validation.accuracy.budget import first_departure, kept_budget
+from validation.accuracy.budget import departure_of, kept_budget
 from validation.accuracy.plan import planned_case
 from validation.checks import FAIL, NOT_RUN, Check, without_run
-from validation.compare.law_sentence import diagnoses_of
+from validation.compare.diagnosis import diagnosis
 from validation.compare.selection import ALL_ENGINES, EngineSelection
 
 NOT_INSTALLED, REFUSED = "not installed", "refused"  # accepted reasons for a missing run
@@ -32,7 +32,7 @@ class ComparedScene:
         absent: reason for a missing run, by engine.
         checks: checks of all engines.
         departures: first departure of a run, finished or failed, from its scheme, by engine; only of those that depart.
-        diagnoses: sentence on the measured law of a run with a failed check, by engine.
+        diagnoses: the change of the scene that explains a run that departs, as a sentence, by engine.
         refused: partial trace of a failed run, by engine; used for no check and no observable.
     """
 
@@ -73,7 +73,7 @@ def run_and_compare_all(
     refuse_all([] if unsafe else jobs)
     ended = iter(run_many(jobs, runs, by_hand=True))
     for case, absent in following(pairs, "scenes compared", len(pairs), "scene"):
-        yield _compared(case, {name: next(ended) for name in asked.names if name not in absent}, absent, runs)
+        yield _compared(case, {name: next(ended) for name in asked.names if name not in absent}, absent)
 
 
 def absences(case: Case, engines: Iterable[str]) -> dict[str, str]:
@@ -87,7 +87,7 @@ def absences(case: Case, engines: Iterable[str]) -> dict[str, str]:
     return absent
 
 
-def _compared(case: Case, ended: dict[str, EndedRun], absent: dict[str, str], runs: Path) -> ComparedScene:
+def _compared(case: Case, ended: dict[str, EndedRun], absent: dict[str, str]) -> ComparedScene:
     """Assess and judge the finished and failed runs of a case."""
     assessed = {engine: assess(run, case) for engine, run in ended.items()}
     finished = {engine: run for engine, run in assessed.items() if run.done}
@@ -97,9 +97,9 @@ def _compared(case: Case, ended: dict[str, EndedRun], absent: dict[str, str], ru
     budgets = {engine: kept_budget(case, run) for engine, run in finished.items()}
     checks = [*missing(case, absent), *(check for budget in budgets.values() for check in budget.checks)]
     departures = {engine: budget.departure for engine, budget in budgets.items()}
-    departures |= {engine: first_departure(case, engine, part) for engine, part in refused.items()}
+    departures |= {engine: departure_of(case, engine, part) for engine, part in refused.items()}
     departures = {engine: departures[engine] for engine in in_order(departures) if departures[engine]}
-    diagnoses = diagnoses_of(case, checks, finished, refused, runs)
+    diagnoses = {name: diagnosis(case, name, part) for name, part in refused.items() if name in departures}
     return ComparedScene(case, finished, absent, checks, departures, diagnoses, refused)
 
 

@@ -20,24 +20,19 @@ from drivers.batch.store import ENDING
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.elements import choose_elements
+from drivers.chain.residual import FORCE
 from drivers.chain.trace import Trace, part_of, until
 from drivers.engines import EXACT, load_engine
-from drivers.limits.refusal import FORCE
 from drivers.run.run_folder import EndedRun, is_run, open_run
+from drivers.run.scheme import FIELDS, apart, force_tolerance, largest_difference, place_of
 from drivers.scene.settings import differences, setting_text
 from postproc.read.error_bounds import bounds_on_observables
 from postproc.read.motion import chain_of, trace_with_state
 from postproc.read.observables import describe, observe, of_kind, scale_of, without_unit
-from validation.accuracy.budget import (
-    apart,
-    budget_lines,
-    first_departure,
-    largest_difference,
-    place_of,
-)
-from validation.accuracy.motions import FIELDS, Motions, force_tolerance, motions_of
+from validation.accuracy.budget import budget_lines, departure_of
+from validation.accuracy.motions import Motions, motions_of
 from validation.checks import FAIL, Check, judged, table
-from validation.compare.law_sentence import law_sentence
+from validation.compare.diagnosis import diagnosis
 
 KINDS = ("peak", "later peak", "speed")  # of judged observables
 # of the largest change: rounding, horizon, coarse steps, experiments
@@ -153,7 +148,7 @@ def compare_pair(one: PairedRun, other: PairedRun) -> Pair:
     if not same_scheme(one, other) and other.case.scene.steps_per_sample != one.case.scene.steps_per_sample:
         motions[1] = Motions(one.case.at(other.case.scene.steps_per_sample), motions[1].law)
     known = motions[0].straight or not any(motion.why_unknown for motion in motions)
-    samples = min(motion.samples for motion in motions) if known else len(one.trace.time_s)
+    samples = min(motion.scheme.samples for motion in motions) if known else len(one.trace.time_s)
     expected = until(one.trace, samples)
     if known and not same_scheme(one, other):
         expected = _with_other_scheme(expected, motions[0].scheme_of(one.engine), motions[1].scheme_of(other.engine))
@@ -162,7 +157,7 @@ def compare_pair(one: PairedRun, other: PairedRun) -> Pair:
         first=one,
         second=other,
         checks=[*_checks(one, other, motions, expected, known=known)],
-        until=max((motion.until_horizon for motion in motions), key=len) if known else "",
+        until=max((motion.scheme.until_horizon for motion in motions), key=len) if known else "",
         parted={level: _first_beyond(share, one.trace, level) for level in LEVELS},
     )
 
@@ -198,10 +193,10 @@ def _allowed(
         general = tolerance("model", force_tolerance(one.case)) if same else tolerance("truncation", FORCE)
     elif same_scheme(one, other):
         others = [motions_of(other.case, other.engine)] if one.case.scene != other.case.scene else []
-        limits = [each.explained(quantity)[:samples] for each in (motions[0], *others)]
+        limits = [each.scheme.explained(quantity)[:samples] for each in (motions[0], *others)]
         return np.max([limit[: min(map(len, limits))] for limit in limits], axis=0), SAME
     else:
-        return np.sum([motion.explained(quantity)[:samples] for motion in motions], axis=0), OTHER
+        return np.sum([motion.scheme.explained(quantity)[:samples] for motion in motions], axis=0), OTHER
     return np.full(samples, general.limit), general.reason
 
 
@@ -292,10 +287,10 @@ def _times(pair: Pair) -> Iterator[str]:
     for level, place in pair.parted.items():
         yield f"forces differ by more than {level:g} of the largest change: {f'first in {place}' if place else 'never'}"
     for name, paired in (("first", pair.first), ("second", pair.second)):
-        if departure := first_departure(paired.case, paired.engine, paired.trace):
+        if departure := departure_of(paired.case, paired.engine, paired.trace):
             yield f"{name:<7} {departure}"
             if paired.run.has_state:
-                yield f"{name:<7} {law_sentence(paired.case, paired.engine, trace_with_state(paired.run))}"
+                yield f"{name:<7} {diagnosis(paired.case, paired.engine, trace_with_state(paired.run))}"
 
 
 def different_keys(one: dict[str, Any], other: dict[str, Any]) -> list[str]:

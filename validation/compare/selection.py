@@ -30,13 +30,6 @@ class EngineSelection:
         return [name for name in engine_names() if not self.engines or name in some]
 
     @property
-    def builds(self) -> list[tuple[str, str]]:
-        """Pairs of selected engines with the same adapter, each with the first of them."""
-        first: dict[str, str] = {}
-        pairs = ((first.setdefault(load_engine(name).entry.adapter, name), name) for name in self.engines)
-        return [(one, other) for one, other in pairs if one != other]
-
-    @property
     def needed(self) -> list[str]:
         """Names of the engines that have to run."""
         return list(dict.fromkeys([*self.require, *(() if self.allow_missing else self.engines)]))

@@ -20,12 +20,12 @@ from drivers.base.progress import following
 from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
+from drivers.chain.residual import parted_s, residual
 from drivers.limits.refusal import inability
 from drivers.run.compute import compute
 from drivers.scene.part import Part
 from drivers.scene.read_scene import read_toml
 from postproc.paper.simulate import Simulation, case_of
-from postproc.read.residual import parted_s, residual
 from validation.checks import Check, judged
 
 SCATTER = "scatter"  # in a setting: replaced by the scene's value

@@ -244,7 +244,7 @@ class TubeMotion:
         place_m: Centre of each body. Shape (samples, bodies, 3).
         velocity_m_s: Velocity of each body. Shape (samples, bodies, 3).
         spin_rad_s: Angular velocity of each body. Shape (samples, bodies, 3).
-        extremes: Extreme values over all steps.
+        extremes: Extreme values over all steps; None unless asked for.
     """
 
     force_N: Array
@@ -252,7 +252,7 @@ class TubeMotion:
     place_m: Array
     velocity_m_s: Array
     spin_rad_s: Array
-    extremes: Extremes
+    extremes: Extremes | None
 
 
 def check_timing(time_step_s: float, steps_per_sample: int, samples: int) -> None:

@@ -29,10 +29,12 @@ def integrate_tube(
     samples: int,
     law: str = TOTAL,
     stop: Flag | None = None,
+    *,
+    extremes: bool = False,
 ) -> TubeMotion:
     """Integrates from time 0 and samples the motion every ``steps_per_sample`` steps, beginning at time 0.
 
-    ``law`` is the law of the tangential force, ``total`` or ``incremental``.
+    ``law`` is the law of the tangential force, ``total`` or ``incremental``. With ``extremes`` it ends at a blow-up.
 
     Raises:
         ValueError: the step is not above zero, a count is below one, or the law is unknown.
@@ -52,11 +54,12 @@ def integrate_tube(
     rows, flat = partial(np.zeros, (n, 3)), partial(np.zeros, n)
     place, velocity = chain.place_m.copy(), chain.velocity_m_s.copy()
     state = (place, velocity, rows(), rows(), rows(), rows(), flat())
-    marks = (flat(), flat(), flat(), flat(), flat(), flat(), flat())
+    marks = (flat(), flat(), np.zeros(int(extremes)))
     memory = (rows(), rows(), rows(), rows())
     forces, kept = np.empty((samples, n)), np.empty((4, samples, n, 3))
     timing = (law == INCREMENTAL, time_step_s, steps_per_sample)
     stop = np.zeros(1, bool) if stop is None else stop
     run_tube(bodies, inertia, numbers, state, memory, marks, *timing, forces, kept, stop)
-    extremes = Extremes(marks[0], marks[1], marks[3], marks[4], marks[6])
-    return TubeMotion(forces, kept[0], kept[1], kept[2], kept[3], extremes)
+    kinetic = float(marks[2].max(initial=0.0))
+    reached = Extremes(marks[0], marks[1], flat(), kinetic if np.isfinite(kinetic) else np.nan) if extremes else None
+    return TubeMotion(forces, kept[0], kept[1], kept[2], kept[3], reached)

@@ -17,8 +17,8 @@ Numbers = tuple[float, float, float, float, float]
 State = tuple[Array, Array, Array, Array, Array, Array, Array]
 # stored vectors of contacts and of bore contacts, normals of both at the previous step
 Memory = tuple[Array, Array, Array, Array]
-# contacts: largest overlap, largest closing speed, 1 if closed; bore contacts: the same three; sum of impact energies
-Marks = tuple[Array, Array, Array, Array, Array, Array, Array]
+# largest overlaps of contacts and of bore contacts; largest kinetic energy (one value, or none if it is not wanted)
+Marks = tuple[Array, Array, Array]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -39,6 +39,10 @@ def run_tube(
             return
         if step or incremental:  # LIGGGHTS: the first forces use the velocities at time 0 and zero shear
             _forces(bodies, numbers, state, memory, marks, incremental, dt, dt > 0.0)
+        if marks[2].size:
+            marks[2][0] = max(marks[2][0], _kinetic(mass, inertia, state, dt))
+            if not marks[2][0] < np.inf:
+                return
         if step % every == 0:
             sample = step // every
             for j in range(mass.size):
@@ -53,6 +57,19 @@ def run_tube(
                 velocity[j, axis] += dt * force[j, axis] / mass[j]
                 place[j, axis] += dt * velocity[j, axis]
                 spin[j, axis] += dt * torque[j, axis] / inertia[j]
+
+
+@njit(error_model="numpy")
+def _kinetic(mass: Array, inertia: Array, state: State, dt: float) -> float:
+    """Kinetic energy at the time of the forces; inf in place of NaN."""
+    _, velocity, spin, force, torque, _, _ = state
+    kinetic = 0.0
+    for j in range(mass.size):
+        for axis in range(3):
+            kinetic += 0.5 * mass[j] * (velocity[j, axis] + 0.5 * dt * force[j, axis] / mass[j]) ** 2
+            if inertia[j] < np.inf:
+                kinetic += 0.5 * inertia[j] * (spin[j, axis] + 0.5 * dt * torque[j, axis] / inertia[j]) ** 2
+    return kinetic if kinetic < np.inf else np.inf
 
 
 @njit(error_model="numpy", forceinline=True)
@@ -80,7 +97,7 @@ def _between(
     moved: bool,
 ) -> None:  # fmt: skip
     """Contact under body j: sphere on wall, sphere on sphere, or flat striker on sphere."""
-    mass, radius, stiffness, damping, shear = bodies[:5]
+    _, radius, stiffness, damping, shear = bodies[:5]
     place, velocity, spin, force, torque, _, axial = state
     wall, face = j == 0, np.isinf(radius[j])
     if wall or face:
@@ -104,8 +121,7 @@ def _between(
         ux, uy, uz = ux - velocity[j - 1, 0], uy - velocity[j - 1, 1], uz - velocity[j - 1, 2]
         wx, wy, wz = wx + under * spin[j - 1, 0], wy + under * spin[j - 1, 1], wz + under * spin[j - 1, 2]
     closing = -(ux * nx + uy * ny + uz * nz)
-    inverse = 1.0 / mass[j] + (0.0 if wall else 1.0 / mass[j - 1])
-    _mark(j, overlap, closing, 0.5 * closing * closing / inverse, marks[0], marks[1], marks[2], marks[6])
+    marks[0][j] = max(marks[0][j], overlap)
     kept, before = memory[0][j], memory[2][j]
     if overlap <= 0.0:
         kept[:] = 0.0
@@ -168,7 +184,7 @@ def _in_bore(
     nx, ny = (-place[j, 0] / off, -place[j, 1] / off) if off > 0.0 else (0.0, 0.0)
     ux, uy, uz = velocity[j, 0], velocity[j, 1], velocity[j, 2]
     closing = -(ux * nx + uy * ny)
-    _mark(j, overlap, closing, 0.0, marks[3], marks[4], marks[5], marks[6])
+    marks[1][j] = max(marks[1][j], overlap)
     if overlap <= 0.0:
         kept[:] = 0.0
         before[0], before[1] = nx, ny
@@ -234,18 +250,3 @@ def _friction(
     if moved:
         kept[0], kept[1], kept[2] = x, y, z
     return scale * x, scale * y, scale * z
-
-
-@njit(error_model="numpy", forceinline=True)
-def _mark(
-    j: int, overlap: float, closing: float, energy: float, deepest: Array, fastest: Array, closed: Array,
-    energies: Array,
-) -> None:  # fmt: skip
-    """Updates the extreme values; the closing speed is taken at the last step before the contact closes."""
-    deepest[j] = max(deepest[j], overlap)
-    if overlap <= 0.0:
-        fastest[j] = max(fastest[j], closing)
-        closed[j] = 0.0
-    elif closed[j] == 0.0:
-        closed[j] = 1.0
-        energies[j] += energy if fastest[j] > 0.0 else 0.0  # no impact if it touches at time 0

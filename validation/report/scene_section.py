@@ -16,10 +16,11 @@ from drivers.base.errors import InputError
 from drivers.base.progress import in_words
 from drivers.chain.case import Case
 from drivers.chain.contact_law import hertz_force
+from drivers.chain.residual import FORCE
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, in_order, load_engine
 from drivers.engines._entries import engines_again
-from drivers.limits.refusal import FORCE
+from drivers.limits.stable_step import step_limit
 from drivers.run.run_folder import RunRecord
 from drivers.scene.model import Scene
 from postproc.draw.gauge_forces import MAX_GAUGES, draw_gauge_forces
@@ -239,7 +240,7 @@ def _timing(scene: ComparedScene) -> str:
     """Time step, numbers of steps and samples, share of the stable step, and computing time, as a sentence."""
     own, records = scene.case.scene, [run.record for run in scene.runs.values()]
     text = f"time step {own.time_step_s * 1e6:g} µs, {own.steps} steps, {own.samples} samples"
-    for limit_s in [record.step_limit_s for record in records if record.step_limit_s][:1]:
+    if (limit_s := step_limit(scene.case).stable_s) < math.inf:
         text += f"; stable up to {limit_s * 1e6:.3g} µs, this run uses {100 * own.time_step_s / limit_s:.2g} % of that"
     loops = [f"{record.engine} {in_words(record.loop_s)}" for record in records if record.loop_s is not None]
     return text + (f"; computing time: {', '.join(loops)}" if loops else "")

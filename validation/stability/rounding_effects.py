@@ -11,15 +11,14 @@ import numpy as np
 
 from drivers.base.progress import following
 from drivers.chain.case import Case
-from drivers.chain.chain import Array
+from drivers.chain.chain import Array, energy_put_in
+from drivers.chain.residual import parted_s
 from drivers.chain.schemes import verlet_in_heights, verlet_of
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, VERLET, installed_codes
 from drivers.run.compute import compute
 from drivers.run.execute import execute
-from drivers.run.guard import energy_error
 from postproc.paper.simulate import case_of
-from postproc.read.residual import parted_s
 from validation.chapters import left_out_if_failed
 
 # five beads that bounce under gravity, and five that are pressed together so that no contact opens
@@ -102,8 +101,7 @@ def _by_all(case: Case) -> dict[str, Trace]:
 
 def energy_of(scene: str, method: str, case: Case, trace: Trace) -> Energy:
     """Largest energy error of a trace, and its drift from the means of its blocks."""
-    change = energy_error(case.chain, trace)
-    signed = np.sign(trace.total_energy_J - trace.total_energy_J[0]) * change
+    signed = (trace.total_energy_J - trace.total_energy_J[0]) / energy_put_in(case.chain, case.duration_s)
     levels = np.array([part.mean() for part in np.array_split(signed, BLOCKS)])
     steps = np.diff(levels)
     walk, count = float(steps.std(ddof=1)), len(steps)

@@ -15,11 +15,11 @@ from drivers.base.errors import RunError
 from drivers.base.progress import counted
 from drivers.chain.case import Case
 from drivers.chain.chain import arrays_of
+from drivers.chain.residual import FORCE
 from drivers.chain.schemes import trace_of
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, VERLET, installed_codes
-from drivers.limits.refusal import FORCE
-from drivers.limits.stable_step import predicted_limit
+from drivers.limits.stable_step import step_limit
 from drivers.run.compute import compute
 from drivers.run.execute import execute
 from postproc.paper.simulate import case_of
@@ -97,7 +97,7 @@ class LadderRun:
 def rungs_of(scene: str, code_shares: Sequence[float]) -> Iterator[Rung]:
     """Runs of a scene: in-repo schemes at all steps, codes at some, ``reference`` at all tolerances."""
     base = case_of(scene)
-    stable_s = predicted_limit(base.chain, float(base.sample_times_s[-1]))
+    stable_s = step_limit(base).stable_s
     for share in SHARES:
         case = at_step(base, share, stable_s)
         for method in (*(installed_codes() if share in code_shares else ()), VERLET, ORDER_4):

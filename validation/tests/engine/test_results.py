@@ -5,16 +5,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from drivers.limits.trial import first_failure_s
 
 from drivers.base.errors import RunError
 from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
+from drivers.chain.residual import FORCE, residual
 from drivers.chain.trace import Trace
-from drivers.limits.refusal import FORCE, inability
+from drivers.limits.refusal import inability
 from drivers.limits.stable_step import predicted_limit
-from drivers.limits.trial import first_failure_s
 from drivers.run.guard import UNSTABLE
-from postproc.read.residual import residual
 from validation.accuracy.budget import MODEL, budget_of
 from validation.accuracy.exact_motion import exact_motion_of
 from validation.accuracy.motions import Motions, motions_of

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drivers.chain.drive_work import work_error_J
 
 from drivers.base.errors import InputError
 from drivers.chain.case import Case
 from drivers.chain.chain import energy_put_in
-from drivers.chain.drive_work import work_error_J
 from drivers.chain.drives import drive_of, pieces_of
 from drivers.chain.schemes import exact_of, verlet_of
 from drivers.engines import load_engine

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from drivers.chain.residual import residual
 from drivers.chain.schemes import verlet_of
 from postproc.draw.gauge_forces import draw_gauge_forces
 from postproc.paper.simulate import exact
-from postproc.read.residual import residual
 from postproc.read.sensors import sensor_signals
 from validation.tests.helpers.scenes import case_of
 

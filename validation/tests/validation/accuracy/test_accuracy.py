@@ -8,9 +8,9 @@ import pytest
 
 from drivers.base.errors import InputError
 from drivers.chain.case import Case
+from drivers.chain.residual import residual
 from drivers.chain.schemes import verlet_of
 from drivers.limits.refusal import beyond_rounding, refuse, unattainable
-from postproc.read.residual import residual
 from validation.accuracy.exact_motion import exact_motion_of
 from validation.accuracy.plan import auto_engines
 from validation.accuracy.plan_report import plan_report

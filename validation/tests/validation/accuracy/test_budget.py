@@ -13,11 +13,11 @@ from drivers.base.tolerances import tolerance
 from drivers.chain import schemes
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
+from drivers.chain.residual import residual
 from drivers.chain.schemes import verlet_in_heights, verlet_of
 from drivers.chain.trace import Trace, until
 from drivers.engines import REFERENCE, VERLET
 from drivers.laws.power import Power
-from postproc.read.residual import residual
 from validation.accuracy import motions as module
 from validation.accuracy.assess import assess
 from validation.accuracy.budget import AT_REST_NOTE, PARTS, Budget, budget_of, first_departure, kept_budget

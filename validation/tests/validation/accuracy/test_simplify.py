@@ -7,9 +7,9 @@ import pytest
 
 from drivers.chain.case import Case
 from drivers.chain.chain import build_chain
+from drivers.chain.residual import residual
 from drivers.chain.schemes import verlet_of
 from drivers.engines import load_engine
-from postproc.read.residual import residual
 from validation.accuracy.exact_motion import errors_of, exact_motion_of
 from validation.accuracy.step_choice import ELEMENTS_SHARE, REMOVALS, simplify
 from validation.tests.helpers.runs import finished

@@ -3,14 +3,14 @@
 from pathlib import Path
 
 import pytest
+from drivers.limits.energy_bounds import at_most, share_at_most
 
+from drivers.chain.residual import residual
 from drivers.chain.schemes import verlet_of
 from drivers.engines import codes
-from drivers.limits.energy_bounds import at_most, share_at_most
 from drivers.limits.stable_step import predicted_limit, reached
 from drivers.run.compute import compute
 from drivers.run.guard import checked
-from postproc.read.residual import residual
 from validation.accuracy.exact_motion import exact_motion_of
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import case_of

@@ -6,16 +6,16 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from drivers.limits.energy_bounds import certainly_stable
 
 from drivers.base.errors import InputError
 from drivers.chain.case import Case
 from drivers.chain.chain import arrays_of, energy_put_in, tube_arrays_of
+from drivers.chain.residual import residual
 from drivers.chain.schemes import verlet_of
 from drivers.engines import INCREMENTAL, TOTAL, load_engine
-from drivers.limits.energy_bounds import certainly_stable
 from drivers.limits.refusal import refuse
 from drivers.limits.stable_step import linear_limit, linear_sideways_limit, predicted_limit
-from postproc.read.residual import residual
 from validation.accuracy.budget import budget_of
 from validation.reference.hertz_chain import TubeMotion
 from validation.reference.tube import integrate_tube

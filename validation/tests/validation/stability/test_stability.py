@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from drivers.limits.energy_bounds import certainly_stable
 
 from drivers.base.errors import InputError
 from drivers.base.tolerances import tolerance
@@ -13,7 +14,6 @@ from drivers.chain.schemes import verlet_in_heights, verlet_of
 from drivers.chain.trace import Trace
 from drivers.engines import VERLET, codes, installed
 from drivers.limits import stable_step, trial
-from drivers.limits.energy_bounds import certainly_stable
 from drivers.limits.refusal import inability, refuse
 from drivers.limits.stable_step import predicted_limit
 from validation.accuracy.plan_report import plan_report

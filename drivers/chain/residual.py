@@ -7,6 +7,7 @@ import numpy as np
 from drivers.chain.chain import Array, Chain, energy_put_in
 from drivers.chain.trace import Trace
 
+FORCE = "force"  # quantity: forces of all contacts
 REST_SHARE = 1e-12  # of the largest force: smaller changes are rounding
 
 
