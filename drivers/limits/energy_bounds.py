@@ -14,7 +14,7 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain, energy_put_in
 from drivers.chain.contact_law import contact_stiffness, hertz_force, overlap_of_energy
 from validation.reference.adaptive import MIN_TOLERANCE
-from validation.reference.hertz_chain import Extremes
+from validation.reference.hertz_chain import EXPONENT, Extremes
 
 SAFETY = 0.968  # factor on 2 / omega_max; below this limit none of 2,750 random scenes blows up
 # Factor on the overlap v dt of the first step of an impact. A light body that hits a heavy one doubles its kinetic
@@ -44,7 +44,8 @@ def late_damping(chain: Chain, spring_N_m: Array, speed_m_s: Array, time_step_s:
     """
     if not chain.damped or not time_step_s:
         return spring_N_m
-    slope = chain.law.slope(spring_N_m, chain.reduced_mass_kg, speed_m_s)
+    root = np.divide(spring_N_m, EXPONENT * chain.stiffness, out=np.zeros(chain.bodies), where=chain.stiffness > 0)
+    slope = chain.law.slope(chain.damping, root**2, speed_m_s)
     return np.asarray(spring_N_m + 2 * slope / time_step_s)
 
 
