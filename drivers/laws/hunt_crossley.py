@@ -1,8 +1,8 @@
 """Law of Hunt and Crossley: ``F = max(0, k d^(3/2) (1 + a d'))``, a dissipation in proportion to the elastic force.
 
-Hunt and Crossley, J. Appl. Mech. 42:440, 1975, with ``lambda = a k``. With ``v = d'`` an impact of two free bodies obeys
-``v dv/(1 + a v) = -(k/m*) d^(3/2) dd``. Its integral from d = 0 to d = 0 is zero, so that the restitution e at the
-speed v depends on ``x = a v`` alone:
+Hunt and Crossley, J. Appl. Mech. 42:440, 1975, with ``lambda = a k``. An impact of two free bodies obeys
+``v dv/(1 + a v) = -(k/m*) d^(3/2) dd`` with ``v = d'``. The integral of the right side from contact to separation is
+zero, so that the restitution e of an impact at the speed v depends on ``x = a v`` alone:
 
 ``x - ln(1 + x) = -e x - ln(1 - e x)``, ``e = 1 - (2/3) x + (4/9) x^2 - ...``
 

@@ -158,8 +158,8 @@ def _first_event(
 ) -> tuple[int, float]:  # fmt: skip
     """First contact that opens, closes or releases in a step (-1: none), and the fraction of the step at which it does.
 
-    The fraction is linearly interpolated. A dissipative contact releases before it opens, except with p = 3/2, where its
-    opening has the number of the contact plus the number of contacts. With the power law the event is one of
+    The fraction is linearly interpolated. A dissipative contact releases before it opens, except with p = 3/2: its
+    opening is the event of the contact plus the number of contacts. With the power law the event is one of
     ``power_law_events``; a negative fraction means that the step must be repeated with a smaller size.
     """
     if len(bodies) == POWER_LAW_LENGTH:
