@@ -101,7 +101,7 @@ class InUnit(BeforeValidator):
     most: float = 0.0
 
 
-def _quantity(what: str, unit: str, example: str, least: float, most: float, *, zero: bool = False) -> InUnit:
+def in_unit(what: str, unit: str, example: str, least: float, most: float, *, zero: bool = False) -> InUnit:
     """Validator of quantities between bounds in the SI unit; with ``zero``, 0 is allowed as well."""
     allowed = f'{what} with its unit, such as "{example}"'
     bounds = f"{'0, or ' * zero}from {least:g} to {most:g} {unit}"
@@ -124,23 +124,23 @@ def _quantity(what: str, unit: str, example: str, least: float, most: float, *, 
 
 
 # generous bounds, from colloids to boulders
-Length = Annotated[float, _quantity("a length above zero", "m", "4.76 mm", 1e-9, 1e3)]
-Gap = Annotated[float, _quantity("a length of zero or more", "m", "10 um", 1e-30, 1e12, zero=True)]
-Angle = Annotated[float, _quantity("an angle from 0 to 90 deg", "deg", "30 deg", 1e-9, 90, zero=True)]
-Height = Annotated[float, _quantity("a height", "m", "0.1 m", -1e12, 1e12)]
-Mass = Annotated[float, _quantity("a mass above zero", "kg", "0.1226 g", 1e-24, 1e12)]
-MassSpread = Annotated[float, _quantity("a mass of zero or more", "kg", "0.0008 g", 1e-30, 1e12, zero=True)]
-Duration = Annotated[float, _quantity("a time above zero", "s", "0.8 ms", 1e-21, 1e9)]
-StartTime = Annotated[float, _quantity("a time of zero or more", "s", "10 us", 1e-21, 1e9, zero=True)]
-Instant = Annotated[float, _quantity("a time", "s", "12 us", -1e9, 1e9)]
-Speed = Annotated[float, _quantity("a speed above zero", "m/s", "2 m/s", 1e-12, 1e4)]
-Velocity = Annotated[float, _quantity("a velocity (upwards positive)", "m/s", "-0.5 m/s", -1e4, 1e4)]
+Length = Annotated[float, in_unit("a length above zero", "m", "4.76 mm", 1e-9, 1e3)]
+Gap = Annotated[float, in_unit("a length of zero or more", "m", "10 um", 1e-30, 1e12, zero=True)]
+Angle = Annotated[float, in_unit("an angle from 0 to 90 deg", "deg", "30 deg", 1e-9, 90, zero=True)]
+Height = Annotated[float, in_unit("a height", "m", "0.1 m", -1e12, 1e12)]
+Mass = Annotated[float, in_unit("a mass above zero", "kg", "0.1226 g", 1e-24, 1e12)]
+MassSpread = Annotated[float, in_unit("a mass of zero or more", "kg", "0.0008 g", 1e-30, 1e12, zero=True)]
+Duration = Annotated[float, in_unit("a time above zero", "s", "0.8 ms", 1e-21, 1e9)]
+StartTime = Annotated[float, in_unit("a time of zero or more", "s", "10 us", 1e-21, 1e9, zero=True)]
+Instant = Annotated[float, in_unit("a time", "s", "12 us", -1e9, 1e9)]
+Speed = Annotated[float, in_unit("a speed above zero", "m/s", "2 m/s", 1e-12, 1e4)]
+Velocity = Annotated[float, in_unit("a velocity (upwards positive)", "m/s", "-0.5 m/s", -1e4, 1e4)]
 Acceleration = Annotated[
-    float, _quantity("an acceleration of zero or more", "m/s^2", "9.81 m/s^2", 1e-30, 1e7, zero=True)
+    float, in_unit("an acceleration of zero or more", "m/s^2", "9.81 m/s^2", 1e-30, 1e7, zero=True)
 ]
-Force = Annotated[float, _quantity("a force of zero or more", "N", "2 N", 1e-30, 1e9, zero=True)]
-SignedForce = Annotated[float, _quantity("a force (upwards positive)", "N", "-0.5 mN", -1e9, 1e9)]
-Displacement = Annotated[float, _quantity("a displacement (upwards positive)", "m", "-20 nm", -1e3, 1e3)]
-Frequency = Annotated[float, _quantity("a frequency above zero", "Hz", "5 kHz", 1e-9, 1e18)]
-Modulus = Annotated[float, _quantity("a pressure above zero", "Pa", "1.46 GPa", 1.0, 1e14)]
-Density = Annotated[float, _quantity("a density above zero", "kg/m^3", "2200 kg/m^3", 1e-3, 1e6)]
+Force = Annotated[float, in_unit("a force of zero or more", "N", "2 N", 1e-30, 1e9, zero=True)]
+SignedForce = Annotated[float, in_unit("a force (upwards positive)", "N", "-0.5 mN", -1e9, 1e9)]
+Displacement = Annotated[float, in_unit("a displacement (upwards positive)", "m", "-20 nm", -1e3, 1e3)]
+Frequency = Annotated[float, in_unit("a frequency above zero", "Hz", "5 kHz", 1e-9, 1e18)]
+Modulus = Annotated[float, in_unit("a pressure above zero", "Pa", "1.46 GPa", 1.0, 1e14)]
+Density = Annotated[float, in_unit("a density above zero", "kg/m^3", "2200 kg/m^3", 1e-3, 1e6)]

@@ -23,7 +23,7 @@ from drivers.chain.contact_law import (
 from drivers.chain.drives import drive_of, energy_with_drive
 from drivers.chain.lateral import Bore, Lateral
 from drivers.chain.masses import beads_of, sphere_mass
-from drivers.laws.law import ELASTIC, ContactLaw
+from drivers.laws.law import ELASTIC, Dissipation
 from drivers.scene.model import Scene
 from validation.reference.hertz_chain import ENERGY_SHARE, Drive, HertzChain, TubeChain
 
@@ -51,7 +51,7 @@ class Chain:
         wall_height_m: height of the wall, or of bead 1's lowest point in a free chain.
         gravity_m_s2: acceleration of gravity along the axis.
         precompression_N: constant force downwards on the top bead.
-        law: contact law.
+        law: law of dissipation.
         lateral: additional properties of a three-dimensional chain; None for a straight chain.
         drive: force of time on a body, or its motion; its velocity at time 0 is that of the drive. None: no drive.
     """
@@ -68,7 +68,7 @@ class Chain:
     wall_height_m: float
     gravity_m_s2: float
     precompression_N: float
-    law: ContactLaw = ELASTIC
+    law: Dissipation = ELASTIC
     lateral: Lateral | None = None
     drive: Drive | None = None
 

@@ -13,18 +13,17 @@ from pydantic import Field
 
 from drivers.base import units
 from drivers.base.errors import InputProblem
-from drivers.laws.law import ContactLaw
+from drivers.laws.law import Dissipation
 from validation.reference.hertz_chain import EXPONENT, Array
 
 
 @dataclass(frozen=True)
-class KuwabaraKono(ContactLaw):
+class KuwabaraKono(Dissipation):
     """Dissipative force proportional to ``sqrt(d) d'``, by the relaxation time A in s."""
 
     relaxation: float
 
     name: ClassVar[str] = "kuwabara-kono"
-    damped: ClassVar[bool] = True
     keys: ClassVar[Mapping[str, Any]] = {
         "relaxation": Annotated[units.Duration, Field(description="A of kuwabara-kono")]
     }
@@ -35,7 +34,6 @@ class KuwabaraKono(ContactLaw):
         "yade": "damping * sqrt(overlap) * closing",
     }
     by_mass: ClassVar[bool] = True
-    sideways: ClassVar[bool] = False
 
     @classmethod
     def problems(cls, given: Mapping[str, float]) -> Iterator[InputProblem]:
@@ -51,10 +49,6 @@ class KuwabaraKono(ContactLaw):
     def coefficient(self, stiffness: Array, reduced_mass_kg: Array) -> Array:
         """``C = (3/2) A k`` in ``F = max(0, k d^(3/2) + C d^(1/2) d')``, in N s m^-3/2. Shape (contacts,)."""
         return np.asarray(EXPONENT * self.relaxation * stiffness)
-
-    def slope(self, spring_N_m: Array, reduced_mass_kg: Array, speed_m_s: Array) -> Array:
-        """``A K``."""
-        return np.asarray(self.relaxation * spring_N_m)
 
     def lammps(self, kn: float, reduced_mass_kg: float) -> float:
         """Coefficient eta of LAMMPS' ``damping viscoelastic``, whose force is ``eta m* sqrt(R* d) d'``."""

@@ -13,31 +13,30 @@ import numpy as np
 from pydantic import Field
 
 from drivers.base.errors import InputProblem
-from drivers.laws.law import ELASTIC, ContactLaw
-from validation.reference.hertz_chain import Array
+from drivers.laws.law import ELASTIC, Dissipation
+from validation.reference.hertz_chain import VISCOELASTIC_POWER, Array
 
 ALPHA = 1.75  # default
 
 
 @dataclass(frozen=True)
-class Power(ContactLaw):
+class Power(Dissipation):
     """Dissipative force by a power of the closing speed; gamma in N (s/m)^alpha."""
 
     gamma: float
     exponent: float = ALPHA
 
     name: ClassVar[str] = "power"
-    damped: ClassVar[bool] = True
     keys: ClassVar[Mapping[str, Any]] = {
         "gamma": Annotated[float, Field(ge=0, allow_inf_nan=False, description="coefficient in N (s/m)^alpha")],
         "alpha": Annotated[float, Field(ge=1, le=3, description=f"exponent of the speed; else {ALPHA}")],
     }
+    overlap_power: ClassVar[float] = VISCOELASTIC_POWER
     codes: ClassVar[Mapping[str, str]] = {
         "lammps": "velocity limit_damping",
         "yade": "damping * copysign(abs(closing) ** alpha, closing)",
     }
     cannot: ClassVar[Mapping[str, str]] = {"liggghts": "it has no such damping and runs no code in its loop"}
-    sideways: ClassVar[bool] = False
 
     @classmethod
     def problems(cls, given: Mapping[str, float]) -> Iterator[InputProblem]:
@@ -46,7 +45,7 @@ class Power(ContactLaw):
             yield "contact.gamma", "missing key; give a number of 0 or more, in N (s/m)^alpha", ""
 
     @classmethod
-    def of(cls, given: Mapping[str, float]) -> ContactLaw:
+    def of(cls, given: Mapping[str, float]) -> Dissipation:
         """Law of the keys ``gamma`` and ``alpha``; elastic without gamma."""
         return cls(given["gamma"], given.get("alpha", ALPHA)) if given.get("gamma") else ELASTIC
 
@@ -63,11 +62,6 @@ class Power(ContactLaw):
     def coefficient(self, stiffness: Array, reduced_mass_kg: Array) -> Array:
         """Gamma at each contact. Shape (contacts,)."""
         return np.where(stiffness > 0, self.gamma, 0.0)
-
-    def slope(self, spring_N_m: Array, reduced_mass_kg: Array, speed_m_s: Array) -> Array:
-        """``gamma alpha |d'|^(alpha - 1)``; 0 at a missing contact."""
-        there = (spring_N_m > 0) & (speed_m_s > 0)
-        return np.where(there, self.gamma * self.alpha * speed_m_s ** (self.alpha - 1), 0.0)
 
     def lammps(self, kn: float, reduced_mass_kg: float) -> float:
         """Gamma: LAMMPS' ``damping velocity`` is a linear dashpot."""

@@ -19,8 +19,8 @@ import numpy as np
 from pydantic import Field
 
 from drivers.base.errors import InputProblem
-from drivers.laws.law import ELASTIC, ContactLaw
-from validation.reference.hertz_chain import EXPONENT, Array
+from drivers.laws.law import ELASTIC, Dissipation
+from validation.reference.hertz_chain import EXPONENT, VISCOELASTIC_POWER, Array
 
 ZETA_1 = sqrt(5 / 6)  # damping ratio B at which zeta is 1
 MIN_RESTITUTION, MAX_DAMPING_RATIO = 1e-4, 50.0  # about equivalent; with stronger damping bodies stick together
@@ -31,25 +31,26 @@ MINIMUM_AT = 1.1  # coefficient close to the polynomial's minimum, which is nega
 
 
 @dataclass(frozen=True)
-class Viscoelastic(ContactLaw):
+class Viscoelastic(Dissipation):
     """Dissipative force with a constant restitution, by the damping ratio B; ``given`` is the restitution if given."""
 
     damping_ratio: float
     given: float | None = None
 
     name: ClassVar[str] = "viscoelastic"
-    damped: ClassVar[bool] = True
     keys: ClassVar[Mapping[str, Any]] = {
         "restitution": Annotated[
             float, Field(ge=MIN_RESTITUTION, le=1, allow_inf_nan=False, description="restitution of an impact")
         ],
         "damping_ratio": Annotated[float, Field(ge=0, le=MAX_DAMPING_RATIO, description="damping ratio B")],
     }
+    overlap_power: ClassVar[float] = VISCOELASTIC_POWER
     codes: ClassVar[Mapping[str, str]] = {
         "lammps": "tsuji limit_damping",
         "liggghts": " limitForce on",
         "yade": "betan",
     }
+    sideways: ClassVar[bool] = True
 
     @classmethod
     def problems(cls, given: Mapping[str, float]) -> Iterator[InputProblem]:
@@ -58,7 +59,7 @@ class Viscoelastic(ContactLaw):
             yield "contact", "both restitution and damping_ratio", "one of the two; each determines the other"
 
     @classmethod
-    def of(cls, given: Mapping[str, float]) -> ContactLaw:
+    def of(cls, given: Mapping[str, float]) -> Dissipation:
         """Law of the key ``restitution`` or ``damping_ratio``; elastic without either, or at B = 0."""
         wanted = given.get("restitution")
         ratio = given.get("damping_ratio", damping_ratio(wanted) if wanted else 0.0)
@@ -72,10 +73,6 @@ class Viscoelastic(ContactLaw):
     def coefficient(self, stiffness: Array, reduced_mass_kg: Array) -> Array:
         """``C = 2 B sqrt((3/2) k m*)`` in ``F = max(0, k d^(3/2) + C d^(1/4) d')``, in N s m^-5/4."""
         return np.asarray(2 * self.damping_ratio * np.sqrt(EXPONENT * stiffness * reduced_mass_kg))
-
-    def slope(self, spring_N_m: Array, reduced_mass_kg: Array, speed_m_s: Array) -> Array:
-        """``2 B sqrt(m* K)``."""
-        return np.asarray(2 * self.damping_ratio * np.sqrt(reduced_mass_kg * spring_N_m))
 
     @property
     def with_attraction(self) -> float:
@@ -104,7 +101,7 @@ class Viscoelastic(ContactLaw):
     def refusal(self, code: str) -> InputProblem | None:
         """Refuse a damping that LIGGGHTS does not accept."""
         if code != "liggghts" or self.with_attraction > LIGGGHTS_COEFFICIENT:
-            return None
+            return super().refusal(code)
         loss = -log(LIGGGHTS_COEFFICIENT)
         most = ZETA_1 * loss / sqrt(loss**2 + pi**2)  # damping ratio with this coefficient
         if self.given is None:

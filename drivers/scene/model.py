@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Field, create_model
 
 from drivers.base import units
 from drivers.laws import LAWS
-from drivers.laws.law import ContactLaw
+from drivers.laws.law import Dissipation
 from drivers.laws.viscoelastic import Viscoelastic
 from drivers.scene.bead_entries import ByBead, InOneList, OfBead
 from drivers.scene.part import MAX_BEADS, FromWall, Name, Part, Text, Title
@@ -172,8 +172,8 @@ class ContactTable(Part):
         return {key: value for key, value in values.items() if value is not None}
 
     @property
-    def law(self) -> ContactLaw:
-        """Contact law."""
+    def law(self) -> Dissipation:
+        """Law of dissipation."""
         return LAWS[self.dissipation].of(self.given)
 
     @property

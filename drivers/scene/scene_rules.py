@@ -167,7 +167,8 @@ def _tube_contradictions(scene: Scene, widest: float) -> Iterator[InputProblem]:
         yield "chain.angle", f"{chain.angle:g} deg for beads that move sideways", allowed
     law = scene.contact.law
     if not law.sideways:
-        allowed = '"viscoelastic"; the other laws are modelled for straight chains only'
+        able = " or ".join(f'"{law.name}"' for law in LAWS.values() if law.sideways)
+        allowed = f"{able}; the other laws are modelled for straight chains only"
         yield "contact.dissipation", f'"{law.name}" for beads that move sideways', allowed
     if scene.run.accuracy is not None:
         allowed = "a run.time_step; errors are predicted for straight chains only"

@@ -20,12 +20,13 @@ from validation.reference.dop853 import (
     step_factor,
     stretch_at,
 )
-from validation.reference.hertz_chain import Array, Flag
+from validation.reference.hertz_chain import EXPONENT, Array, Flag
 from validation.reference.power_law_events import closing_speed, first_holds, first_power_event, passing
 
 DENSE_LIMIT = 1e-9  # local tolerance; below it damped forces rise too steeply to interpolate samples
 EVENT_OVERLAP = 1e-13  # share of the overlap scale: smaller gaps and overlaps are rounding, no event
 TIME_ROUNDING = 4e-16  # of a time that is computed from s, for power 2
+TINY = 1e-300  # overlap, for its negative powers
 MAX_TRIES = 12  # iterations of Newton's method for the time of an event
 TRIES_ON_POLYNOMIAL = 4  # for the first estimate of this time
 MAX_TRIES_BETWEEN = 60  # iterations with bisection as fallback
@@ -95,7 +96,7 @@ def _fill(
             continue
         if event >= 0:
             if _at_zero_overlap(state[0], event, bodies):
-                share = _refined(share, event, state[0], end[0], s, length, power, bodies)
+                share = _refined(share, event % bodies[1].size, state[0], end[0], s, length, power, bodies)
             guess = _raised(s + share * length, power)
             begin, length, stretch, target = _step_to_event(state, s, power, guess, target, event, slopes, end, bodies)
             another = nobody
@@ -126,9 +127,9 @@ def _fill(
                 copy(work[0], samples[sample])
             sample += 1
         if event >= 0:
-            contact, switches = event, True
+            contact, switches = event % bodies[1].size, True
             if len(bodies) == POWER_LAW_LENGTH:
-                contact, switches = event % bodies[1].size, state[0, event % bodies[1].size] < 0.0
+                switches = state[0, contact] < 0.0
                 if event < bodies[1].size:
                     bodies[5][event] = 1.0 - bodies[5][event]
             if switches and end[0, contact] <= scale[0] * EVENT_OVERLAP:  # only rounding: move it to row 1
@@ -158,8 +159,9 @@ def _first_event(
 ) -> tuple[int, float]:  # fmt: skip
     """First contact that opens, closes or releases in a step (-1: none), and the fraction of the step at which it does.
 
-    The fraction is linearly interpolated. With the power law the event is one of ``power_law_events``; a negative
-    fraction means that the step must be repeated with a smaller size.
+    The fraction is linearly interpolated. A dissipative contact releases before it opens, except with p = 3/2: its
+    opening is the event of the contact plus the number of contacts. With the power law the event is one of
+    ``power_law_events``; a negative fraction means that the step must be repeated with a smaller size.
     """
     if len(bodies) == POWER_LAW_LENGTH:
         return first_power_event(start, end, bodies, scale, tolerance, elapsed, until, last, known)
@@ -169,16 +171,19 @@ def _first_event(
     for j in range(n):
         if j == known or stiffness[j] == 0.0:
             continue
-        before, after, tiny = start[j], end[j], EVENT_OVERLAP * scale[0]
+        number, before, after, tiny = j, start[j], end[j], EVENT_OVERLAP * scale[0]
         if before >= 0.0 and damping.size and damping[j] > 0.0:
-            if j == last:
+            if j == last or n + j == last:
                 continue
-            before, after = _grip(start, j, bodies), _grip(end, j, bodies)
-            tiny = EVENT_OVERLAP * damping[j] * scale[n]
+            if bodies[4] == EXPONENT and end[j] < 0.0 and n + j != known:
+                number, after = n + j, after if _grip(start, j, bodies) > 0.0 else 0.0
+            else:
+                before, after = _grip(start, j, bodies), _grip(end, j, bodies)
+                tiny = EVENT_OVERLAP * damping[j] * scale[n]
         if before * after < 0.0 and (abs(before) > tiny or abs(after) > tiny):
             share = before / (before - after)
             if share < where:
-                first, where = j, share
+                first, where = number, share
     return first, where
 
 
@@ -187,6 +192,8 @@ def _at_zero_overlap(state: Array, event: int, bodies: Bodies) -> bool:
     """True if an event is a zero of an overlap: any but the release of a dissipative contact and of the power law."""
     if len(bodies) == POWER_LAW_LENGTH:
         return False
+    if event >= bodies[1].size:
+        return True
     return not (state[event] > 0.0 and bodies[2].size > 0 and bodies[2][event] > 0.0)
 
 
@@ -212,8 +219,11 @@ def _refined(
 @njit(error_model="numpy")
 def _grip(state: Array, contact: int, bodies: Bodies) -> float:
     """``k d^(3/2 - p) + C d'``, negative after a closed dissipative contact has released."""
-    overlap = max(state[contact], 0.0)
-    spring = bodies[1][contact] * overlap * root_raised(sqrt(overlap), 0.5 - bodies[4])
+    overlap, power = max(state[contact], 0.0), bodies[4]
+    if power <= 0.5:
+        spring = bodies[1][contact] * overlap * root_raised(sqrt(overlap), 0.5 - power)
+    else:
+        spring = bodies[1][contact] * root_raised(sqrt(overlap), 1.5 - power)
     return float(spring + bodies[2][contact] * closing_speed(state, contact, bodies))
 
 
@@ -233,10 +243,10 @@ def _step_to_event(
     """
     n = bodies[1].size
     contact = event % n
-    damped = bodies[2].size > 0 and bodies[2][contact] > 0.0
+    damped = event < n and bodies[2].size > 0 and bodies[2][contact] > 0.0
     closed, elapsed = state[0, contact] > 0.0, _raised(s, power)
     backwards = 0.0
-    if event >= n:
+    if event >= n and len(bodies) == POWER_LAW_LENGTH:
         backwards = 4.0
     elif closed and not damped:
         backwards = 2.0
@@ -260,7 +270,7 @@ def _step_to_event(
         elif closed and damped:
             slope(end[0], 1.0, end[2], bodies)
             value = _grip(end[0], contact, bodies)
-            rate *= (1.5 - bodies[4]) * bodies[1][contact] * max(end[0, contact], 0.0) ** (0.5 - bodies[4])
+            rate *= (1.5 - bodies[4]) * bodies[1][contact] * max(end[0, contact], TINY) ** (0.5 - bodies[4])
             rate += bodies[2][contact] * closing_speed(end[2], contact, bodies)
         if rate == 0.0 and len(bodies) != POWER_LAW_LENGTH:
             break

@@ -82,7 +82,7 @@ class HertzChain:
         load_N: Constant force on each body, upwards positive.
         damping: C of each contact in ``F = max(0, k overlap^(3/2) + C overlap^p d overlap/dt)``; default 0.
         alpha: Exponent of the velocity-power law (``dissipative_force``), with gamma in ``damping``; 0: the law above.
-        overlap_power: p of the law above, above 0 and at most 1/2; without meaning for the velocity-power law.
+        overlap_power: p of the law above, above 0 and at most 3/2; without meaning for the velocity-power law.
         drive: Force of time on a body, added to its load, or motion of a body; its velocity at time 0 is that of the
             drive. None: no drive.
 
@@ -110,8 +110,8 @@ class HertzChain:
                 object.__setattr__(self, name, _checked(name, getattr(self, name), (np.size(self.mass_kg),)))
         if self.alpha and not 1 <= self.alpha < np.inf:
             raise ValueError(f"alpha: {self.alpha}, expected 0, or 1 or more")
-        if not 0 < self.overlap_power <= 1 / 2:
-            raise ValueError(f"overlap_power: {self.overlap_power}, expected above 0 and at most 1/2")
+        if not 0 < self.overlap_power <= EXPONENT:
+            raise ValueError(f"overlap_power: {self.overlap_power}, expected above 0 and at most 3/2")
         if self.alpha and (self.damping[self.stiffness > 0] == 0).any():
             raise ValueError("damping: 0 at a contact, expected a gamma above zero at each contact")
         if self.drive is not None:

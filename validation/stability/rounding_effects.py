@@ -106,7 +106,7 @@ def energy_of(scene: str, method: str, case: Case, trace: Trace) -> Energy:
     steps = np.diff(levels)
     walk, count = float(steps.std(ddof=1)), len(steps)
     drift, error = float(levels[-1] - levels[0]) * BLOCKS / count, walk * np.sqrt(count) * BLOCKS / count
-    return Energy(scene, method, case.scene.steps, float(change.max()), drift, float(error), walk)
+    return Energy(scene, method, case.scene.steps, float(np.abs(signed).max()), drift, float(error), walk)
 
 
 @dataclass(frozen=True)

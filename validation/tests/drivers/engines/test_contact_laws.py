@@ -2,7 +2,7 @@
 
 import re
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,9 @@ from drivers.base.tolerances import tolerance
 from drivers.chain.chain import arrays_of
 from drivers.chain.schemes import exact_of, heights_and_reach, trace_of, verlet_of
 from drivers.chain.trace import energy_error_J
-from drivers.engines import codes
+from drivers.engines import codes, load_engine
+from drivers.laws import LAWS
+from drivers.laws.law import Dissipation
 from drivers.laws.power import Power
 from drivers.laws.viscoelastic import damping_ratio, restitution
 from drivers.limits.refusal import inability
@@ -23,6 +25,7 @@ from validation.accuracy.budget import MODEL, budget_of
 from validation.accuracy.exact_motion import exact_motion_of
 from validation.checks import PASS
 from validation.reference.adaptive import integrate_adaptive
+from validation.reference.hertz_chain import Array
 from validation.reference.velocity_verlet import integrate_verlet, integrate_verlet_absolute
 from validation.stability.measured_limits import RANDOM, MeasuredChain, measure_limits, random_case
 from validation.tests.helpers import high_precision
@@ -31,11 +34,14 @@ from validation.tests.helpers.runs import assessed, finished, need
 from validation.tests.helpers.scenes import case_of
 
 POWER, KUWABARA_KONO = "contact.dissipation=power", "contact.dissipation=kuwabara-kono"
-LAWS = {
-    "viscoelastic": ("contact.restitution=0.9",),
-    "kuwabara-kono": (KUWABARA_KONO, "contact.relaxation=2 us"),
+EXAMPLES = {  # a setting of each law
+    "hunt-crossley": "contact.slowness=0.2 s/m",
+    "kuwabara-kono": "contact.relaxation=2 us",
+    "power": "contact.gamma=3",
+    "viscoelastic": "contact.restitution=0.9",
+}
+SETTINGS = {law: (f"contact.dissipation={law}", EXAMPLES[law]) for law in LAWS} | {
     "dashpot": (POWER, "contact.gamma=3", "contact.alpha=1"),
-    "power": (POWER, "contact.gamma=3"),
     "cubic power": (POWER, "contact.gamma=10", "contact.alpha=3"),
 }
 MOVING = "chain.bead=[{from_wall=20, velocity='-0.5 m/s'}]"
@@ -49,25 +55,21 @@ SCENES = {
     "two materials": ("fig6b",),
     "pressed and moving": ("fig4", "striker=", "chain.precompression=2 N", MOVING),
 }
-LACKING: dict[tuple[str, str], set[str]] = {  # codes that cannot run the law, of each law and scene
-    ("viscoelastic", "flat striker"): set(),
-    ("viscoelastic", "pressed and moving"): {"yade"},
-    ("kuwabara-kono", "two masses"): set(),
-    ("kuwabara-kono", "pressed and moving"): set(),
-    ("dashpot", "two masses"): {"liggghts"},
-    ("power", "flat striker"): {"lammps", "liggghts"},
-    ("power", "pressed and moving"): {"lammps", "liggghts"},
-    ("cubic power", "two materials"): {"lammps", "liggghts"},
-}
+CASES = [
+    *product(LAWS, ("flat striker", "pressed and moving")),
+    ("kuwabara-kono", "two masses"),
+    ("dashpot", "two masses"),
+    ("cubic power", "two materials"),
+]
 DURATION_S = 4e-4
-MANY_MASSES = (*LAWS["kuwabara-kono"], "chain.mass_scatter=1 mg", "chain.count=80")
+MANY_MASSES = (*SETTINGS["kuwabara-kono"], "chain.mass_scatter=1 mg", "chain.count=80")
 PAIR = ("fig4", "wall=", "gravity=", "chain.sensors=[]", "chain.count=1", "run.duration=0.5 ms")
 EXACT = 1e-10  # of the largest force
 
 
-@pytest.mark.parametrize(("law", "scene"), LACKING)
+@pytest.mark.parametrize(("law", "scene"), CASES)
 def test_the_reference_is_exact_and_its_energy_never_grows(law: str, scene: str) -> None:
-    case = case_of(*SCENES[scene], *LAWS[law])
+    case = case_of(*SCENES[scene], *SETTINGS[law])
     chain, times = arrays_of(case.chain), np.linspace(0, DURATION_S, 21)
     exact = forces_at(chain, times)
     for asked in (EXACT, 1e-6):
@@ -88,6 +90,27 @@ def test_contacts_that_open_close_again_and_let_go_come_out_exact(kind: str, see
     assert np.abs(integrate_adaptive(chain, times).force_N - exact).max() <= EXACT * exact.max()
 
 
+@pytest.mark.parametrize("power", [0.75, 1.25, 1.5])
+@pytest.mark.parametrize("kind", ["light", "flat", "gaps"])
+def test_damping_by_any_power_of_the_overlap_comes_out_exact(kind: str, power: float) -> None:
+    chain, times = high_precision.random_chain(kind, 3, 6)
+    speed = np.abs(chain.velocity_m_s).max()
+    deepest = (1.25 * chain.mass_kg.max() * speed**2 / chain.stiffness.max()) ** 0.4
+    damping = 0.5 * chain.stiffness * deepest ** (1.5 - power) / speed
+    chain = replace(chain, damping=damping, overlap_power=power)
+    exact = forces_at(chain, times)
+    assert np.abs(integrate_adaptive(chain, times).force_N - exact).max() <= EXACT * exact.max()
+
+
+@pytest.mark.parametrize("law", SETTINGS)
+def test_the_slope_is_the_derivative_of_the_dissipative_force(law: str) -> None:
+    chain, speed, change = case_of("fig4", *SETTINGS[law]).chain, 0.7, 1e-5
+    overlap, ones = np.full(chain.bodies, 1e-5), np.ones(chain.bodies)
+    forces = [chain.law.force(chain.damping, overlap, (speed + side * change) * ones) for side in (-1, 1)]
+    slope = chain.law.slope(chain.damping, overlap, speed * ones)
+    np.testing.assert_allclose(slope, (forces[1] - forces[0]) / (2 * change), rtol=1e-8)
+
+
 def test_without_loss_contacts_are_elastic_bit_for_bit() -> None:
     plain = case_of("fig5")
     for settings in (("contact.restitution=1",), (POWER, "contact.gamma=0")):
@@ -98,7 +121,7 @@ def test_without_loss_contacts_are_elastic_bit_for_bit() -> None:
 
 
 def test_bodies_that_just_touch_start_with_the_force_just_after() -> None:
-    case = case_of("fig4", *LAWS["power"])
+    case = case_of("fig4", *SETTINGS["power"])
     chain, first_N = case.chain, 3 * 2**1.75
     assert chain.force_N[-1] == pytest.approx(first_N, rel=1e-15)
     for motion in (
@@ -112,9 +135,9 @@ def test_bodies_that_just_touch_start_with_the_force_just_after() -> None:
     assert integrate_verlet(parting, 1e-7, 1, 2).force_N[0, -1] == 0
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", SETTINGS)
 def test_velocity_verlet_is_of_first_order(law: str) -> None:
-    case = case_of("fig4", *LAWS[law], "run.duration=0.8 ms")
+    case = case_of("fig4", *SETTINGS[law], "run.duration=0.8 ms")
     exact = exact_motion_of(case, finer=False).trace.force_N
     errors = [np.abs(verlet_of(case.at(steps)).force_N - exact).max() for steps in (50, 100, 200)]
     for coarse, fine in pairwise(errors):
@@ -134,6 +157,16 @@ def test_impacts_have_the_restitution_asked_for(wanted: float) -> None:
     assert rebound_of(f"contact.restitution={wanted}", "run.duration=20 ms") == pytest.approx(wanted, rel=1e-9)
 
 
+@pytest.mark.parametrize("speed", [0.01, 1.0, 20.0])
+def test_hunt_and_crossley_have_a_restitution_by_speed_alone(speed: float) -> None:
+    slowed = 0.3 * speed
+    returned = slowed * rebound_of(
+        f"striker.speed={speed} m/s", "contact.dissipation=hunt-crossley", "contact.slowness=0.3 s/m"
+    )
+    assert np.log1p(-returned) + returned == pytest.approx(np.log1p(slowed) - slowed, rel=1e-9)
+    assert returned < 1
+
+
 @pytest.mark.parametrize("speed", [0.01, 1.0])
 def test_a_weak_loss_of_kuwabara_and_kono_is_that_of_the_elastic_path(speed: float) -> None:
     """``1 - e = 3 A k D^(3/2) / (m* v)`` times the integral of ``sqrt(x - x^(7/2))``, with the largest overlap D."""
@@ -145,17 +178,51 @@ def test_a_weak_loss_of_kuwabara_and_kono_is_that_of_the_elastic_path(speed: flo
     assert 1 - rebound_of(*settings) == pytest.approx(lost, rel=2 * lost + 1e-6)
 
 
-@pytest.mark.parametrize(("law", "scene"), LACKING)
-def test_codes_with_the_law_agree_with_their_scheme(law: str, scene: str, shared_runs: Path) -> None:
-    case, lacking = case_of(*SCENES[scene], *LAWS[law], f"run.duration={DURATION_S} s"), LACKING[law, scene]
-    assert {engine for engine in codes() if inability(case, engine)} == lacking
-    for engine in {*codes()} - lacking:
-        run = finished(case, engine, shared_runs)
-        assert run.record.warnings == []
-        assert run.layout.damped
-        assert run.trace.force_N.min() >= -1e-12 * run.trace.force_N.max()  # nothing pulls
-        model = [check for check in budget_of(case, engine, run.trace).checks if check.quantity.startswith(MODEL)]
-        assert {check.verdict for check in model} == {PASS}
+@pytest.mark.parametrize("engine", codes())
+@pytest.mark.parametrize(("law", "scene"), CASES)
+def test_a_code_agrees_with_its_scheme_or_refuses_the_law_by_name(
+    law: str, scene: str, engine: str, shared_runs: Path
+) -> None:
+    case = case_of(*SCENES[scene], *SETTINGS[law], f"run.duration={DURATION_S} s")
+    texts = case.chain.law.codes
+    if problem := inability(case, engine):
+        ((key, found, allowed),) = problem.problems
+        assert (key == "contact.dissipation") == (engine not in texts)
+        assert found == f'"{case.chain.law.name}"' or engine in texts
+        assert re.fullmatch(f"on {engine} .+|no such velocities, .+", allowed)
+        return
+    deck = load_engine(engine).render(case)
+    assert texts[engine] in "".join(deck.files.values())
+    run = finished(case, engine, shared_runs)
+    assert run.record.warnings == []
+    assert run.layout.damped
+    assert run.trace.force_N.min() >= -1e-12 * run.trace.force_N.max()  # nothing pulls
+    model = [check for check in budget_of(case, engine, run.trace).checks if check.quantity.startswith(MODEL)]
+    assert {check.verdict for check in model} == {PASS}
+
+
+class Silent(Dissipation):
+    """Law that says nothing about codes."""
+
+    name = "silent"
+    overlap_power = 1 / 4
+    description = "dissipative force"
+
+    def coefficient(self, stiffness: Array, reduced_mass_kg: Array) -> Array:
+        return stiffness
+
+
+@pytest.mark.parametrize("law", [*LAWS, Silent.name])
+def test_a_law_that_names_no_code_runs_on_none(law: str) -> None:
+    case = case_of("fig4", *SETTINGS.get(law, ()))
+    given = case.chain.law
+    silent = type("Derived", (type(given),), {})(**vars(given)) if law in LAWS else Silent()
+    unsaid = replace(case, chain=replace(case.chain, law=silent))
+    for code in codes():
+        problem = inability(unsaid, code)
+        assert problem is not None
+        assert f'found "{law}"; allowed: on {code} ' in str(problem) or "contact.alpha" in str(problem)
+        assert silent.refusal(code) is not None
 
 
 @pytest.mark.parametrize(
@@ -168,8 +235,10 @@ def test_codes_with_the_law_agree_with_their_scheme(law: str, scene: str, shared
         ((MOVING,), "yade", ""),
         ((*LEANING, "contact.restitution=0.9"), "yade", "bead 3 pressed and moving"),
         (LEANING, "yade", ""),
-        (LAWS["power"], "lammps", 'on lammps 1, or contact.dissipation = "viscoelastic"'),
-        (LAWS["power"], "liggghts", "on liggghts another law, since it has no such damping"),
+        (SETTINGS["power"], "lammps", 'on lammps 1, or contact.dissipation = "viscoelastic"'),
+        (SETTINGS["power"], "liggghts", "on liggghts another law, since it has no such damping"),
+        (SETTINGS["hunt-crossley"], "lammps", "on lammps another law, since none of its dampings is proportional"),
+        (SETTINGS["hunt-crossley"], "liggghts", "on liggghts another law, since none of its dampings is proportional"),
         (MANY_MASSES, "lammps", "with 80 kinds of beads"),
         (MANY_MASSES, "liggghts", "with 80 kinds of beads"),
         (MANY_MASSES, "yade", ""),
@@ -186,17 +255,18 @@ def test_codes_refuse_by_name_what_they_lack(settings: tuple[str, ...], engine: 
     [
         ((POWER,), "contact.gamma: missing key; give a number of 0 or more"),
         (("contact.gamma=3",), 'contact.gamma: found 3 with contact.dissipation = "viscoelastic"'),
-        ((*LAWS["power"], "contact.restitution=0.9"), "contact.restitution: found 0.9 with contact.dissipation"),
+        ((*SETTINGS["power"], "contact.restitution=0.9"), "contact.restitution: found 0.9 with contact.dissipation"),
         ((POWER, "contact.gamma=-1"), "contact.gamma: found -1; allowed: 0 or more"),
-        ((*LAWS["power"], "contact.alpha=0.9"), "contact.alpha: found 0.9; allowed: 1 or more"),
-        ((*LAWS["power"], "contact.alpha=3.1"), "contact.alpha: found 3.1; allowed: at most 3"),
-        (("contact.dissipation=linear",), "allowed: 'kuwabara-kono', 'power' or 'viscoelastic'"),
-        ((*LAWS["power"], "chain.lateral_offset=30 um"), "beads that move sideways"),
+        ((*SETTINGS["power"], "contact.alpha=0.9"), "contact.alpha: found 0.9; allowed: 1 or more"),
+        ((*SETTINGS["power"], "contact.alpha=3.1"), "contact.alpha: found 3.1; allowed: at most 3"),
+        (("contact.dissipation=linear",), f"allowed: {', '.join(map(repr, [*LAWS][:-1]))} or {[*LAWS][-1]!r}"),
+        ((*SETTINGS["power"], "chain.lateral_offset=30 um"), "beads that move sideways"),
+        (("contact.dissipation=hunt-crossley",), "contact.slowness: missing key; give an inverse speed"),
         ((KUWABARA_KONO,), 'contact.relaxation: missing key; give a time, such as "1 us"'),
         ((KUWABARA_KONO, "contact.relaxation=0 s"), "contact.relaxation: found"),
         ((KUWABARA_KONO, "contact.relaxation=1"), "a time above zero with its unit"),
         (("contact.relaxation=2 us",), 'this key only with contact.dissipation = "kuwabara-kono"'),
-        ((*LAWS["kuwabara-kono"], "chain.lateral_offset=30 um"), "beads that move sideways"),
+        ((*SETTINGS["kuwabara-kono"], "chain.lateral_offset=30 um"), "beads that move sideways"),
     ],
 )
 def test_wrong_keys_are_named_in_one_line(settings: tuple[str, ...], message: str) -> None:
@@ -240,6 +310,6 @@ def test_damped_chains_blow_up_at_the_limit_predicted_or_just_above() -> None:
 )
 def test_an_accuracy_is_kept(law: str, engine: str, shared_runs: Path) -> None:
     need(engine)
-    ended = assessed(case_of("fig4", *LAWS[law], "run.time_step=", "run.accuracy=1e-3"), engine, shared_runs)
+    ended = assessed(case_of("fig4", *SETTINGS[law], "run.time_step=", "run.accuracy=1e-3"), engine, shared_runs)
     assert ended.done
     assert ended.missed is None
