@@ -90,9 +90,7 @@ def with_work(trace: Trace, scheme: Trace | Motion) -> Trace:
     if trace.drive_work_J is not None or scheme.drive_work_J is None or scheme.drive_impulse_N_s is None:
         return trace
     work, impulse = (values[: len(trace.time_s)] for values in (scheme.drive_work_J, scheme.drive_impulse_N_s))
-    return replace(
-        trace, total_energy_J=trace.total_energy_J - work, drive_work_J=work, drive_impulse_N_s=impulse
-    )
+    return replace(trace, total_energy_J=trace.total_energy_J - work, drive_work_J=work, drive_impulse_N_s=impulse)
 
 
 def make_trace(

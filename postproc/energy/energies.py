@@ -10,6 +10,9 @@ elastic force at time 0, and the net load r at time 0, which is zero in equilibr
 * energy dissipated in contact j, the integral of ``(F_j - k d^(3/2)) d'``;
 * energy that body j passes to the contact below it, the integral of ``-G_j v_j``.
 
+Both integrals are those of the scheme of the run, integrated with the motion: samples are too coarse where contacts
+open and close.
+
 Kinetic, potential and elastic energies add up to the total energy of the trace, up to its value of the potential at
 time 0. The energy of a body includes half of the elastic energy of the contact above it and half of that below it; a
 contact at the wall belongs to body 1.
@@ -21,12 +24,13 @@ import numpy as np
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.chain.chain import Array, Chain
-from drivers.chain.contact_law import hertz_force
+from drivers.chain.case import Case
+from drivers.chain.chain import Array
+from drivers.chain.schemes import exact_motion, verlet_motion
 from drivers.chain.trace import Trace, overlaps
+from drivers.engines import EXACT, load_engine
 from drivers.run.run_folder import EndedRun
 from postproc.read.motion import chain_of, motion_of
-from postproc.read.signals import integral
 from validation.reference.hertz_chain import hertz_energy_beyond_tangent
 
 LEFT_SHARE = 0.01  # of the largest energy of a range: with less the energy has left
@@ -78,36 +82,39 @@ def run_energies(run: EndedRun) -> Energies:
     Raises:
         InputError: the beads move sideways; the run recorded no positions, or a file is missing or damaged.
     """
-    _, chain = chain_of(run)
+    scene, chain = chain_of(run)
     if chain.lateral is not None:
         allowed = "a straight chain; forces.parquet has the total energies of all runs"
         raise InputError(paths.shown(run.folder), "", "a scene whose beads move sideways", allowed)
-    return energies_of(chain, motion_of(run))
+    return energies_of(Case(scene, chain, ()), run.record.engine, motion_of(run))
 
 
-def energies_of(chain: Chain, trace: Trace) -> Energies:
-    """Energies of a straight chain from a trace with heights and velocities.
+def energies_of(case: Case, engine: str, trace: Trace) -> Energies:
+    """Energies of a straight chain from a trace with heights and velocities at the samples of the case.
 
     Raises:
         ValueError: the chain is three-dimensional, or the trace has no heights and velocities.
+        ArithmeticError: the exact motion, for a run of ``reference``, cannot be integrated.
     """
+    chain = case.chain
     if chain.lateral is not None or trace.height_m is None or trace.velocity_m_s is None:
         raise ValueError("a three-dimensional chain, or a trace without heights and velocities")
-    time_s, velocity = trace.time_s, trace.velocity_m_s
+    if load_engine(engine).scheme == EXACT:
+        integrated = exact_motion(case, case.reference_tolerance, case.sample_times_s, energies=True)
+    else:
+        integrated = verlet_motion(case, energies=True)
+    assert integrated.dissipated_J is not None
+    assert integrated.passed_J is not None
+    velocity = trace.velocity_m_s
     overlap, static_N = overlaps(chain, trace.height_m), chain.elastic_N
     net_N = static_N - np.append(static_N[1:], 0.0) + chain.load_N
-    dissipated = np.zeros_like(overlap)
-    if chain.damped:
-        closing = np.append(np.zeros((len(time_s), 1)), velocity[:, :-1], axis=1) - velocity
-        lost_N = trace.force_N - hertz_force(chain.stiffness, np.maximum(overlap, 0.0))
-        dissipated = _integrals(time_s, lost_N * closing)
     return Energies(
-        time_s=time_s,
+        time_s=trace.time_s,
         kinetic_J=0.5 * chain.mass_kg * velocity**2,
         load_J=-net_N * (trace.height_m - chain.height_m),
         elastic_J=hertz_energy_beyond_tangent(chain.stiffness, chain.overlap_m, overlap - chain.overlap_m),
-        dissipated_J=dissipated,
-        passed_J=_integrals(time_s, (static_N - trace.force_N) * velocity),
+        dissipated_J=integrated.dissipated_J,
+        passed_J=integrated.passed_J,
     )
 
 
@@ -141,8 +148,3 @@ def range_numbers(energies: Energies, lowest: int, highest: int) -> dict[str, fl
         "left_s": float(energies.time_s[entered + int(np.argmax(left))]) if left.any() else np.nan,
         "passed_J": float(energies.passed_J[:, lowest - 1].max()),
     }
-
-
-def _integrals(time_s: Array, power_W: Array) -> Array:
-    """Running integral of each column. Shape (samples, bodies)."""
-    return np.column_stack([integral(time_s, column) for column in power_W.T])

@@ -245,9 +245,7 @@ def exactness_note(motions: Motions) -> str:
     )
 
 
-def _warnings(
-    motions: Motions, engine: str, trace: Trace, departure: str, rows: list[dict[str, Any]]
-) -> Iterator[str]:
+def _warnings(motions: Motions, engine: str, trace: Trace, departure: str, rows: list[dict[str, Any]]) -> Iterator[str]:
     """Warnings on errors above a tenth, on an exact motion that is lost, and on a run that departs from its scheme."""
     case, unknown = motions.case, bool(motions.why_unknown)
     if unknown and not motions.straight:

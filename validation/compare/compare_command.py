@@ -3,12 +3,11 @@
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from drivers.base import paths
 from drivers.base.progress import counted
 from drivers.base.text_table import text_table
 from drivers.engines import in_order
 from validation.accuracy.budget import budget_lines
-from validation.checks import FAIL, NOT_RUN, RUN, Check, outcome, summary, table, without_run, worst_of
+from validation.checks import FAIL, NOT_RUN, Check, outcome, summary, table, worst_of
 from validation.compare.answer import answer
 from validation.compare.comparison import ComparedScene, run_and_compare_all
 from validation.compare.selection import EngineSelection, print_unmet

@@ -118,7 +118,9 @@ def measured_ratios(case: Case, trace: Trace) -> list[Ratio]:
     for j in (place for place in range(chain.bodies) if place != driven and samples >= MIN_SAMPLES):
         gained, net = velocity[:, j] - velocity[0, j], force[:, j] - above[:, j] + chain.load_N[j]
         impulse, coarse = integral(time_s, net), integral(time_s[::2], net[::2])
-        sampling = float(np.abs(impulse[::2] - coarse).max()) / (chain.mass_kg[j] * float(np.abs(gained).max()) or 1e-300)
+        sampling = float(np.abs(impulse[::2] - coarse).max()) / (
+            chain.mass_kg[j] * float(np.abs(gained).max()) or 1e-300
+        )
         ((ratio, error),) = _fitted([gained * chain.mass_kg[j]], impulse)
         rows.append(Ratio("mass", j + 1, ratio, error + sampling + 1e-12))
     return sorted((row for row in rows if row.uncertainty < SURE), key=lambda row: -row.off)
@@ -159,7 +161,12 @@ def _explains(change: Change, force_N: Array, limits: Array) -> str:
 
 def _changes(case: Case, first: int, table: list[Ratio]) -> Iterator[Change]:
     """Changes to try: of time, start and drive, of all contacts or bodies, then of those that differ or depart first."""
-    chain, arrays, step_s, every = case.chain, arrays_of(case.chain), case.scene.time_step_s, case.scene.steps_per_sample
+    chain, arrays, step_s, every = (
+        case.chain,
+        arrays_of(case.chain),
+        case.scene.time_step_s,
+        case.scene.steps_per_sample,
+    )
     height, reach = heights_and_reach(case)
     bodies = np.arange(chain.bodies)
 

@@ -80,7 +80,10 @@ def integrate_adaptive(
     overlap, velocity = (np.ascontiguousarray(states[:, place : place + n]) for place in (0, n))
     if chain.drive is not None and chain.drive.prescribed:
         velocity[:, chain.drive.body] = chain.drive.at(time_s)[1]  # after a kink
-    columns, sums = (contact_force(chain, overlap, velocity), displacements(chain, overlap), velocity), states[:, 2 * n :]
+    columns, sums = (
+        (contact_force(chain, overlap, velocity), displacements(chain, overlap), velocity),
+        states[:, 2 * n :],
+    )
     if energies:  # of the work (F - F(0)) d' the rest is elastic
         stored = hertz_energy_beyond_tangent(chain.stiffness, chain.overlap_m, overlap - chain.overlap_m)
         sums[:, 2 : 2 + n] = 0.0 if chain.elastic else sums[:, 2 : 2 + n] - stored
