@@ -9,7 +9,7 @@ zero, so that the restitution e of an impact at the speed v depends on ``x = a v
 The restitution decreases with the speed of an impact, and no rebound is faster than 1/a.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
@@ -17,7 +17,6 @@ import numpy as np
 from pydantic import Field
 
 from drivers.base import units
-from drivers.base.errors import InputProblem
 from drivers.laws.law import Dissipation
 from validation.reference.hertz_chain import EXPONENT, Array
 
@@ -33,16 +32,11 @@ class HuntCrossley(Dissipation):
     name: ClassVar[str] = "hunt-crossley"
     keys: ClassVar[Mapping[str, Any]] = {"slowness": Annotated[Slowness, Field(description="a of hunt-crossley")]}
     overlap_power: ClassVar[float] = EXPONENT
+    needed: ClassVar[Mapping[str, str]] = {"slowness": 'an inverse speed, such as "0.1 s/m"'}
     codes: ClassVar[Mapping[str, str]] = {"yade": "damping * overlap * sqrt(overlap) * closing"}
     cannot: ClassVar[Mapping[str, str]] = dict.fromkeys(
         ("lammps", "liggghts"), "none of its dampings is proportional to overlap^(3/2)"
     )
-
-    @classmethod
-    def problems(cls, given: Mapping[str, float]) -> Iterator[InputProblem]:
-        """Problem of a missing slowness."""
-        if "slowness" not in given:
-            yield "contact.slowness", 'missing key; give an inverse speed, such as "0.1 s/m"', ""
 
     @property
     def description(self) -> str:

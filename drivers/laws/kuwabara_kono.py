@@ -4,7 +4,7 @@ Kuwabara and Kono, Jpn. J. Appl. Phys. 26:1230, 1987; Brilliantov, Spahn, Hertzs
 1996, with A, the relaxation time of the material. The restitution decreases with the speed of an impact.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
@@ -12,7 +12,6 @@ import numpy as np
 from pydantic import Field
 
 from drivers.base import units
-from drivers.base.errors import InputProblem
 from drivers.laws.law import Dissipation
 from validation.reference.hertz_chain import EXPONENT, Array
 
@@ -28,18 +27,13 @@ class KuwabaraKono(Dissipation):
         "relaxation": Annotated[units.Duration, Field(description="A of kuwabara-kono")]
     }
     overlap_power: ClassVar[float] = 1 / 2
+    needed: ClassVar[Mapping[str, str]] = {"relaxation": 'a time, such as "1 us"'}
     codes: ClassVar[Mapping[str, str]] = {
         "lammps": "viscoelastic limit_damping",
         "liggghts": " limitForce on",
         "yade": "damping * sqrt(overlap) * closing",
     }
     by_mass: ClassVar[bool] = True
-
-    @classmethod
-    def problems(cls, given: Mapping[str, float]) -> Iterator[InputProblem]:
-        """Problem of a missing relaxation time."""
-        if "relaxation" not in given:
-            yield "contact.relaxation", 'missing key; give a time, such as "1 us"', ""
 
     @property
     def description(self) -> str:

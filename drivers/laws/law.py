@@ -25,6 +25,7 @@ class Dissipation(ABC):
         name: value of ``contact.dissipation`` in a scene.
         damped: True if contacts dissipate energy.
         keys: types of the law's keys in the table ``[contact]``, with their units and ranges.
+        needed: words for the value of a key without which the law is incomplete, by key.
         overlap_power: p of the dissipative force; without meaning with alpha.
         codes: text that a code needs for the law, by code; a law does not inherit it from another law.
         cannot: reason why a code cannot model the law, by code.
@@ -35,6 +36,7 @@ class Dissipation(ABC):
     name: ClassVar[str]
     damped: ClassVar[bool] = True
     keys: ClassVar[Mapping[str, Any]] = {}
+    needed: ClassVar[Mapping[str, str]] = {}
     overlap_power: ClassVar[float]
     codes: ClassVar[Mapping[str, str]] = {}
     cannot: ClassVar[Mapping[str, str]] = {}
@@ -48,7 +50,9 @@ class Dissipation(ABC):
     @classmethod
     def problems(cls, given: Mapping[str, float]) -> Iterator[InputProblem]:
         """Problems with the keys of the law that a scene gives."""
-        yield from ()
+        for key, value in cls.needed.items():
+            if key not in given:
+                yield f"contact.{key}", f"missing key; give {value}", ""
 
     @classmethod
     def of(cls, given: Mapping[str, float]) -> "Dissipation":

@@ -5,7 +5,7 @@ brass and PTFE; with alpha = 1 it is a linear dashpot. The force jumps by ``gamm
 speed v, and the restitution depends on the speed.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
@@ -32,17 +32,12 @@ class Power(Dissipation):
         "alpha": Annotated[float, Field(ge=1, le=3, description=f"exponent of the speed; else {ALPHA}")],
     }
     overlap_power: ClassVar[float] = VISCOELASTIC_POWER
+    needed: ClassVar[Mapping[str, str]] = {"gamma": "a number of 0 or more, in N (s/m)^alpha"}
     codes: ClassVar[Mapping[str, str]] = {
         "lammps": "velocity limit_damping",
         "yade": "damping * copysign(abs(closing) ** alpha, closing)",
     }
     cannot: ClassVar[Mapping[str, str]] = {"liggghts": "it has no such damping and runs no code in its loop"}
-
-    @classmethod
-    def problems(cls, given: Mapping[str, float]) -> Iterator[InputProblem]:
-        """Problem of a missing gamma."""
-        if "gamma" not in given:
-            yield "contact.gamma", "missing key; give a number of 0 or more, in N (s/m)^alpha", ""
 
     @classmethod
     def of(cls, given: Mapping[str, float]) -> Dissipation:
