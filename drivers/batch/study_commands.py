@@ -69,7 +69,7 @@ def batch(
     if place.dask:
         check_dask(place.dask)
     if not (place.dask or array or dry_run):
-        get_ready(run_rows, request.plan, request.observe, request.residual)
+        get_ready(run_rows, request.plan, request.observe)
     planned = _planned(request, place.workers, yes=yes)
     todo = planned.todo()
     absent = [name for name in planned.engines if name not in planned.here]

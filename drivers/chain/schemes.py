@@ -111,7 +111,7 @@ def verlet_of(case: Case, law: str = TOTAL, finer: int = 1) -> Trace:
         finer: divisor of the time step.
     """
     if case.chain.lateral is not None:
-        return _trace_of_tube(case, _tube_motion(case, tube_arrays_of(case.chain), law, finer))
+        return trace_of_tube(case, _tube_motion(case, tube_arrays_of(case.chain), law, finer))
     return trace_of(case, case.sample_times_s, verlet_motion(case, finer))
 
 
@@ -122,9 +122,9 @@ def verlet_in_heights(case: Case) -> Trace:
     slow beads and grows exponentially in a chaotic chain. The work of a drive is not summed.
     """
     scene = case.scene
-    timing = (scene.time_step_s, scene.steps_per_sample, scene.samples)
-    integrate = partial(integrate_verlet_absolute, arrays_of(case.chain), *heights_and_reach(case), *timing)
-    return trace_of(case, case.sample_times_s, _at_step(case, 1, integrate))
+    integrate = partial(integrate_verlet_absolute, arrays_of(case.chain), *heights_and_reach(case), scene.time_step_s)
+    counts = scene.steps_per_sample, scene.samples
+    return trace_of(case, case.sample_times_s, _at_step(case, 1, lambda stop: integrate(*counts, stop)))
 
 
 def turned_verlet_of(case: Case, law: str) -> Trace:
@@ -140,7 +140,7 @@ def turned_verlet_of(case: Case, law: str) -> Trace:
     )
     motion = _tube_motion(case, moved, law)
     turned = {name: getattr(motion, name) @ turn.T for name in ("bore_N", "velocity_m_s", "spin_rad_s")}
-    return _trace_of_tube(case, replace(motion, place_m=(motion.place_m - lift) @ turn.T, **turned))
+    return trace_of_tube(case, replace(motion, place_m=(motion.place_m - lift) @ turn.T, **turned))
 
 
 def heights_and_reach(case: Case) -> tuple[Array, Array]:
@@ -171,7 +171,8 @@ def _tube_motion(case: Case, chain: TubeChain, law: str, finer: int = 1) -> Tube
         return _at_step(case, finer, partial(integrate_tube, chain, *timing, law))
 
 
-def _trace_of_tube(case: Case, motion: TubeMotion) -> Trace:
+def trace_of_tube(case: Case, motion: TubeMotion) -> Trace:
+    """Trace of an in-repo motion of a three-dimensional chain."""
     force, place, velocity = motion.force_N, motion.place_m, motion.velocity_m_s
     times, spin, bore = case.sample_times_s, motion.spin_rad_s, motion.bore_N
     return make_trace(case.chain, times, force, place, velocity, spin, bore)

@@ -15,14 +15,14 @@ from drivers.base.decks import Deck
 from drivers.base.kept import content_of
 from drivers.chain.case import Case
 from drivers.chain.chain import Chain, tube_arrays_of
-from drivers.chain.schemes import trace_of
-from drivers.chain.trace import Trace, make_trace
+from drivers.chain.schemes import trace_of, trace_of_tube
+from drivers.chain.trace import Trace
 from drivers.engines import Engine
 from drivers.engines._raw_output import read_arrays
 from drivers.laws import LAWS
 from validation import reference
 from validation.reference import integrate_deck
-from validation.reference.hertz_chain import TUBE_KEYS, VISCOELASTIC_POWER, Flag, Motion
+from validation.reference.hertz_chain import TUBE_KEYS, VISCOELASTIC_POWER, Flag, Motion, TubeMotion
 
 COMMAND = ("python", "-m", reference.__name__, "chain.json")
 COLUMNS = 13  # three-dimensional chain: axial force; bore force, position, velocity and spin with three each
@@ -88,16 +88,11 @@ def read(case: Case, folder: Path) -> Trace:
         RunError: the file is missing or incomplete.
     """
     shape = (COLUMNS if case.chain.lateral else 3, case.scene.samples, case.chain.bodies)
-    return _trace(case, read_arrays(folder / "chain.npy", {"an array": shape})["an array"])
-
-
-def _trace(case: Case, columns: Any) -> Trace:
-    """Trace of the columns of an output."""
-    chain, times = case.chain, case.sample_times_s
-    if chain.lateral is None:
-        return trace_of(case, times, Motion(*columns))
+    columns = read_arrays(folder / "chain.npy", {"an array": shape})["an array"]
+    if case.chain.lateral is None:
+        return trace_of(case, case.sample_times_s, Motion(*columns))
     bore, place, velocity, spin = np.moveaxis(np.reshape(columns[1:], (4, 3, *columns[0].shape)), 1, 3)
-    return make_trace(chain, times, columns[0], place, velocity, spin, bore)
+    return trace_of_tube(case, TubeMotion(columns[0], bore, place, velocity, spin))
 
 
 def in_repository_engine(method: str, timing: Callable[[Case], Values], **fields: Any) -> Engine:
@@ -125,9 +120,11 @@ def in_repository_engine(method: str, timing: Callable[[Case], Values], **fields
                 integrate_deck(values | {"steps_per_sample": 1}, stop, samples=2)
                 _loaded.add(kind)
         began = time.perf_counter()
-        columns = integrate_deck(values, stop)
+        motion = integrate_deck(values, stop)
         loop_s = time.perf_counter() - began
-        return _trace(case, columns), loop_s
+        if isinstance(motion, TubeMotion):
+            return trace_of_tube(case, motion), loop_s
+        return trace_of(case, case.sample_times_s, motion), loop_s
 
     return Engine(
         how_to_get="nothing: it is part of this repository",

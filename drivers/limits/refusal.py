@@ -21,8 +21,9 @@ def refuse(case: Case, engine: str, override: str = ON_COMMAND) -> None:
     """Refuse a case that would fail on an engine; ``override`` is the option that runs it anyway, for the message.
 
     Raises:
-        InputError: the time step blows up in a trial; an overlap exceeds a radius; rounding of absolute heights exceeds the accuracy; the engine cannot model the case; or the
-            scene has an accuracy and no time step was planned for it.
+        InputError: the time step blows up in a trial; an overlap exceeds a radius; rounding of absolute heights exceeds
+            the accuracy; the engine cannot model the case; or the scene has an accuracy and no time step was planned
+            for it.
     """
     if case.scene.run.accuracy is not None and case.plan is None:
         raise InputError(case.scene.file, "run.accuracy", "no time step is planned for it here; give run.time_step")

@@ -188,7 +188,7 @@ class EndedRun:
         beyond = [
             f"{name} has an error of {errors['measured']:.3g}, at most {errors['asked']:g} is allowed"
             for name, errors in (self.record.accuracy or {}).items()
-            if errors["measured"] is not None and not errors["measured"] <= errors["asked"]
+            if (errors["measured"] or 0.0) > (errors["asked"] or 0.0)
         ]
         return "; ".join(beyond) or None
 

@@ -56,9 +56,10 @@ class Scheme:
     @cached_property
     def rounded(self) -> Trace:
         """``plain`` with other rounding errors; the work of a drive is that of ``plain``."""
-        with np.errstate(all="ignore"):
+        with ThreadPoolExecutor(1) as thread, np.errstate(all="ignore"):
+            plain = thread.submit(lambda: self.plain)
             other = verlet_in_heights(self.case) if self.straight else turned_verlet_of(self.case, self.law)
-        return with_work(other, self.plain)
+            return with_work(other, plain.result())
 
     @cached_property
     def reference(self) -> Trace:
@@ -79,9 +80,9 @@ class Scheme:
     @cached_property
     def rounding_N(self) -> Array:
         """Largest force difference at each sample due to rounding, in N; inf after a blow-up. Shape (samples,)."""
-        with ThreadPoolExecutor(1) as thread, np.errstate(all="ignore"):
-            both = thread.submit(lambda: self.plain), self.rounded
-            return np.nan_to_num(np.abs(both[1].force_N - both[0].result().force_N).max(axis=1), nan=np.inf)
+        with np.errstate(all="ignore"):
+            apart_N = np.abs(self.rounded.force_N - self.plain.force_N).max(axis=1)
+            return np.asarray(np.nan_to_num(apart_N, nan=np.inf))
 
     @cached_property
     def samples(self) -> int:

@@ -95,7 +95,7 @@ class Motions:
 
     @cached_property
     def exact(self) -> Trace:
-        """Exact motion at the samples at which it is known; in three dimensions the scheme with extrapolated columns."""
+        """Exact motion at the samples at which it is known; in three dimensions some columns are extrapolated."""
         if self.straight:
             return until(self.exact_to_end.trace, self.known)
         half, quarter = (until(trace, self.known) for trace in (self.half, self.quarter))

@@ -8,7 +8,7 @@ than rounding explains.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,7 +21,7 @@ from drivers.chain.trace import Trace, overlaps
 from drivers.laws.viscoelastic import Viscoelastic
 from drivers.run.scheme import Scheme, apart
 from postproc.read.signals import integral
-from validation.reference.hertz_chain import COLUMNS, SINES, contact_force, hertz_force
+from validation.reference.hertz_chain import COLUMNS, SINES, HertzChain, contact_force, hertz_force
 from validation.reference.velocity_verlet import integrate_verlet_absolute
 
 MIN_SAMPLES = 12
@@ -58,11 +58,11 @@ class Ratio:
 
 
 class Change(NamedTuple):
-    """A change of the scene: words with the factor, the forces of a run with a factor, and the first factor to try."""
+    """A change of the scene: words with its factor, arguments of ``_forces`` by the factor, the first factor to try."""
 
     words: str
-    forces: Callable[[float], Array]
-    first: float | None = 1.0  # None: nothing to fit
+    changed: Callable[[float], dict[str, Any]]
+    first: float | None = 1.0  # None: there is no factor
 
 
 def diagnosis(case: Case, engine: str, trace: Trace) -> str:
@@ -79,7 +79,7 @@ def diagnosis(case: Case, engine: str, trace: Trace) -> str:
     beyond = apart(force, right, scheme.scale(FORCE)) > limits[:, np.newaxis]
     first = int(np.argmax(beyond[np.argmax(beyond.any(axis=1))]))
     for change in _changes(case, first, table):
-        if sentence := _explains(change, force, limits):
+        if sentence := _explains(case, change, force, limits):
             return sentence
     told = [str(row) for row in table if row.off > SIGNIFICANT][:TOLD]
     return f"no single change explains it; largest: {', '.join(told) or 'no ratio of its law differs'}"
@@ -104,7 +104,7 @@ def measured_ratios(case: Case, trace: Trace) -> list[Ratio]:
     closing = np.column_stack([np.zeros(samples), earlier[:, :-1]]) - earlier
     rounding = ROUNDINGS * float(np.spacing(furthest_m(chain)))
     rows = []
-    for j in np.flatnonzero(chain.stiffness):
+    for j in np.flatnonzero(chain.stiffness).tolist():
         closed = (overlap[:, j] > 0) & (force[:, j] != 0)
         columns = [hertz_force(chain.stiffness[j], overlap[closed, j])]
         if chain.damped:
@@ -113,7 +113,7 @@ def measured_ratios(case: Case, trace: Trace) -> list[Ratio]:
             continue
         wrong = 1.5 * rounding / float(np.ptp(overlap[closed, j]) or rounding) + 1e-12
         for name, (ratio, error) in zip(("stiffness", "dissipation"), _fitted(columns, force[closed, j]), strict=False):
-            rows.append(Ratio(name, int(j) + 1, ratio, error + wrong))
+            rows.append(Ratio(name, j + 1, ratio, error + wrong))
     driven = chain.drive.body if chain.drive else -1
     for j in (place for place in range(chain.bodies) if place != driven and samples >= MIN_SAMPLES):
         gained, net = velocity[:, j] - velocity[0, j], force[:, j] - above[:, j] + chain.load_N[j]
@@ -127,7 +127,7 @@ def measured_ratios(case: Case, trace: Trace) -> list[Ratio]:
 
 
 def _fitted(columns: list[Array], target: Array) -> list[tuple[float, float]]:
-    """Coefficients of columns by least squares, with their standard errors; infinite ones if they are not determined."""
+    """Coefficients of columns by least squares, with standard errors; infinite ones if they are not determined."""
     matrix = np.column_stack(columns)
     sizes = np.abs(matrix).max(axis=0)
     if not sizes.all():
@@ -141,75 +141,60 @@ def _fitted(columns: list[Array], target: Array) -> list[tuple[float, float]]:
     return [*zip((solution / sizes).tolist(), (errors / sizes).tolist(), strict=True)]
 
 
-def _explains(change: Change, force_N: Array, limits: Array) -> str:
+def _explains(case: Case, change: Change, force_N: Array, limits: Array) -> str:
     """Words of a change that explains forces to within their limits, with its fitted factor; else empty."""
-    factor, samples = change.first, len(force_N)
+    factor, samples = 1.0 if change.first is None else change.first, len(force_N)
     with np.errstate(all="ignore"):
-        for _ in range(MAX_TRIES):
-            made = change.forces(1.0 if factor is None else factor)[:samples]
+        for _ in range(1 if change.first is None else MAX_TRIES):
+            made = _forces(case, **change.changed(factor))[:samples]
             if (apart(force_N, made, largest_change_N(made)) <= limits[:, np.newaxis]).all():
-                return change.words.format("" if factor is None else f"{factor:.9g}")
-            if factor is None or not np.isfinite(made).all():
-                return ""
-            slope = (change.forces(factor + PROBE)[:samples] - made) / PROBE
-            step = float((slope * (force_N - made)).sum() / ((slope**2).sum() or np.inf))
+                return change.words.format(f"{factor:.9g}")
+            slope = (_forces(case, **change.changed(factor + PROBE))[:samples] - made) / PROBE
+            step = float((slope * (force_N - made)).sum() / (slope**2).sum())
             if not abs(step) > FITTED:
-                return ""
-            factor += float(np.clip(step, -0.5, 0.5))
+                break
+            factor += min(max(step, -0.5), 0.5)
     return ""
 
 
 def _changes(case: Case, first: int, table: list[Ratio]) -> Iterator[Change]:
-    """Changes to try: of time, start and drive, of all contacts or bodies, then of those that differ or depart first."""
-    chain, arrays, step_s, every = (
-        case.chain,
-        arrays_of(case.chain),
-        case.scene.time_step_s,
-        case.scene.steps_per_sample,
-    )
-    height, reach = heights_and_reach(case)
-    bodies = np.arange(chain.bodies)
+    """Changes to try: of time, start, drive and damping, of all contacts or bodies, of those that differ most."""
+    chain, step_s, every = case.chain, case.scene.time_step_s, case.scene.steps_per_sample
+    speed, load, drive, bodies = chain.velocity_m_s, chain.load_N, chain.drive, np.arange(chain.bodies)
 
-    def forces(*timing: Any, height: Array = height, **changed: Any) -> Array:
-        """Forces of a changed chain; its dissipation follows from stiffnesses and masses, unless that is given."""
-        other = replace(chain, **{name: changed[name] for name in ("mass_kg", "stiffness") if name in changed})
-        damping = chain.law.coefficient(other.stiffness, other.reduced_mass_kg)
-        moved = replace(arrays, **({"damping": damping} | changed))
-        return integrate_verlet_absolute(moved, height, reach, *(timing or (step_s, every, case.scene.samples))).force_N
+    def guess(quantity: str, at: Array = bodies >= 0) -> float:
+        return float(np.median([row.ratio for row in table if row.quantity == quantity and at[row.place - 1]] or [1.0]))
 
-    def median(quantity: str) -> float:
-        return float(np.median([row.ratio for row in table if row.quantity == quantity] or [1.0]))
-
-    yield Change("a time step {} times the scene's", lambda r: forces(r * step_s, every, case.scene.samples))
-    all_steps = cache(lambda: forces(step_s, 1, case.scene.steps + 1 + every))
+    yield Change("a time step {} times the scene's", lambda r: {"step_s": r * step_s})
     for steps, words in ((1, "one step early"), (-1, "one step late"), (every, "one sample early")):
-        place = np.maximum(np.arange(case.scene.samples) * every + steps, 0)
-        later = np.append(0, place[1:])
-        yield Change(f"samples after the first are {words}", lambda _, at=later: all_steps()[at], None)
-        yield Change(f"all samples are {words}", lambda _, at=place: all_steps()[at], None)
-    speed, load, drive = chain.velocity_m_s, chain.load_N, chain.drive
+        places = np.maximum(np.arange(case.scene.samples) * every + steps, 0)
+        yield Change(f"samples after the first are {words}", _always(steps=np.append(0, places[1:])), None)
+        yield Change(f"all samples are {words}", _always(steps=places), None)
     if speed.any():
-        yield Change("start speeds {} times the scene's", lambda r: forces(velocity_m_s=r * speed))
-        for sign, words in ((0.5, "ahead"), (-0.5, "behind")):
-            shifted = speed + sign * step_s * chain.acceleration_m_s2
-            yield Change(f"velocities start half a step {words}", lambda _, v=shifted: forces(velocity_m_s=v), None)
+        yield Change("start speeds {} times the scene's", lambda r: {"velocity_m_s": r * speed})
+        for half, words in ((0.5, "ahead"), (-0.5, "behind")):
+            late = speed + half * step_s * chain.acceleration_m_s2
+            yield Change(f"velocities start half a step {words}", _always(velocity_m_s=late), None)
     if load.any():
-        touching = height - np.cumsum(np.minimum(chain.overlap_m, 0.0) - chain.overlap_m)
-        yield Change("loads {} times the scene's", lambda r: forces(load_N=r * load))
-        yield Change("bodies start just touching", lambda _: forces(height=touching), None)
+        yield Change("loads {} times the scene's", lambda r: {"load_N": r * load})
+        touching = chain.height_m - np.cumsum(np.minimum(chain.overlap_m, 0.0) - chain.overlap_m)
+        yield Change("bodies start just touching", _always(height_m=touching), None)
     if drive is not None:
-        sized = np.isin(np.arange(COLUMNS), (1, 2, *SINES))
-        louder = lambda r: replace(drive, segments=drive.segments * np.where(sized, r, 1.0))  # noqa: E731
-        yield Change("a drive {} times the scene's", lambda r: forces(drive=louder(r)))
+        sized = np.isin(np.arange(COLUMNS), (1, 2, *SINES))  # columns in proportion to the amplitude
+        louder = partial(replace, drive)
+        yield Change(
+            "a drive {} times the scene's",
+            lambda r: {"drive": louder(segments=np.where(sized, r, 1.0) * louder().segments)},
+        )
     if chain.damped:
-        lossy = median("dissipation")
-        yield Change("dissipation {} times the scene's", lambda r: forces(damping=abs(r) * chain.damping), lossy)
+        lossy = guess("dissipation")
+        yield Change("dissipation {} times the scene's", lambda r: {"damping": abs(r) * chain.damping}, lossy)
     else:
         by_ratio = Viscoelastic(1.0).coefficient(chain.stiffness, chain.reduced_mass_kg)
-        yield Change("contacts with a damping ratio of {}", lambda r: forces(damping=abs(r) * by_ratio), 0.01)
+        yield Change("contacts with a damping ratio of {}", lambda r: {"damping": abs(r) * by_ratio}, 0.01)
     if case.scene.steps <= MAX_DRAGGED_STEPS:
-        yield Change("non-viscous damping of {}", lambda r: _dragged(case, r, 0.0), 0.1)
-        yield Change("a viscous drag of {} N s/m on each body", lambda r: _dragged(case, 0.0, r), 0.0)
+        yield Change("non-viscous damping of {}", lambda r: {"local": r}, 0.1)
+        yield Change("a viscous drag of {} N s/m on each body", lambda r: {"viscous": r}, 0.0)
     pairs = np.array([f"{a} with {b}" for a, b in zip(chain.materials, (chain.wall, *chain.materials), strict=False)])
     for quantity, noun in (("stiffness", "contact"), ("mass", "bead")):
         sure = [row.place - 1 for row in table if row.quantity == quantity and row.off > SIGNIFICANT][:CANDIDATES]
@@ -218,40 +203,72 @@ def _changes(case: Case, first: int, table: list[Ratio]) -> Iterator[Change]:
         groups |= {f"contacts of {pair}": pairs == pair for pair in {*pairs}} if quantity == "stiffness" else {}
         groups |= {f"{noun} {place + 1}": bodies == place for place in dict.fromkeys([*sure, *near])}
         for name, at in groups.items():
-            of_group = [row.ratio for row in table if row.quantity == quantity and at[row.place - 1]]
-            guess = float(np.median(of_group or [1.0]))
             if quantity == "stiffness":
-                stiffer = partial(_stiffer, forces, chain.stiffness, at)
-                yield Change(f"{name} {{}} times as stiff", stiffer, guess)
-            for weight_N, words in ((chain.gravity_m_s2 * chain.mass_kg, ""), (0 * load, ", but not of its weight")):
-                if quantity == "mass":
-                    heavier = partial(_heavier, forces, chain, at, weight_N)
-                    yield Change(f"{name} with {{}} of its mass{words}", heavier, guess)
+                yield Change(f"{name} {{}} times as stiff", partial(_stiffer, chain, at), guess(quantity, at))
+                continue
+            for weighs, words in ((True, ""), (False, ", but not of its weight")):
+                heavier = partial(_heavier, chain, at, weighs)
+                yield Change(f"{name} with {{}} of its mass{words}", heavier, guess(quantity, at))
 
 
-def _stiffer(forces: Callable[..., Array], stiffness: Array, at: Array, factor: float) -> Array:
-    return forces(stiffness=np.where(at, factor, 1.0) * stiffness)
+def _always(**changed: Any) -> Callable[[float], dict[str, Any]]:
+    return lambda _: changed
 
 
-def _heavier(forces: Callable[..., Array], chain: Chain, at: Array, weight_N: Array, factor: float) -> Array:
+def _stiffer(chain: Chain, at: Array, factor: float) -> dict[str, Any]:
+    return {"stiffness": np.where(at, factor, 1.0) * chain.stiffness}
+
+
+def _heavier(chain: Chain, at: Array, weighs: bool, factor: float) -> dict[str, Any]:
     more = np.where(at, factor, 1.0)
-    return forces(mass_kg=more * chain.mass_kg, load_N=chain.load_N - (more - 1) * weight_N)
+    weight_N = chain.gravity_m_s2 * chain.mass_kg * weighs
+    return {"mass_kg": more * chain.mass_kg, "load_N": chain.load_N - (more - 1) * weight_N}
 
 
-def _dragged(case: Case, local: float, viscous: float) -> Array:
-    """Forces with Cundall's damping, ``a (1 - local sign(a v))``, or a drag ``-viscous v`` with v of half a step before.
+def _forces(
+    case: Case,
+    *,
+    step_s: float = 0.0,
+    steps: Array | None = None,
+    height_m: Array | None = None,
+    local: float = 0.0,
+    viscous: float = 0.0,
+    **arrays: Any,
+) -> Array:
+    """Forces of a changed case. Shape (samples, bodies).
 
-    Both are those of the codes: YADE's ``damping``, with v predicted for the time of the forces, and ``fix viscous``.
+    Args:
+        case: the case.
+        step_s: another time step, with the steps per sample of the case.
+        steps: steps at which samples are taken.
+        height_m: heights at time 0.
+        local: d of Cundall's damping, ``a (1 - d sign(a v))`` with v predicted for the time of the forces, as in YADE.
+        viscous: c of a drag ``-c v`` of half a step before.
+        arrays: arrays of the chain. Dissipation follows from stiffnesses and masses, unless it is given.
     """
-    chain, step_s, every = case.chain, case.scene.time_step_s, case.scene.steps_per_sample
-    arrays, overlap, kept = arrays_of(case.chain), chain.overlap_m.copy(), []
-    velocity = chain.velocity_m_s - 0.5 * step_s * chain.acceleration_m_s2
+    scene, chain = case.scene, case.chain
+    other = replace(chain, **{name: arrays[name] for name in ("mass_kg", "stiffness") if name in arrays})
+    damping = chain.law.coefficient(other.stiffness, other.reduced_mass_kg)
+    changed = replace(arrays_of(chain), **({"damping": damping} | arrays))
+    if local or viscous:
+        return _dragged(case, changed, local, viscous)
+    height, reach = heights_and_reach(case)
+    height = height if height_m is None else height_m
+    if steps is not None:
+        fine = integrate_verlet_absolute(changed, height, reach, scene.time_step_s, 1, int(steps.max()) + 1)
+        return fine.force_N[steps]
+    timing = step_s or scene.time_step_s, scene.steps_per_sample, scene.samples
+    return integrate_verlet_absolute(changed, height, reach, *timing).force_N
+
+
+def _dragged(case: Case, chain: HertzChain, local: float, viscous: float) -> Array:
+    step_s, overlap, kept = case.scene.time_step_s, chain.overlap_m.copy(), []
+    velocity = chain.velocity_m_s - 0.5 * step_s * case.chain.acceleration_m_s2
     for step in range(case.scene.steps + 1):
-        force = contact_force(arrays, overlap, velocity)
-        kept += [force] if step % every == 0 else []
-        net = force - np.append(force[1:], 0.0) + chain.load_N - viscous * velocity
-        acceleration = net / chain.mass_kg
-        predicted = velocity + 0.5 * step_s * acceleration
-        velocity = velocity + step_s * acceleration * (1 - local * np.sign(acceleration * predicted))
+        force = contact_force(chain, overlap, velocity)
+        kept += [force] if step % case.scene.steps_per_sample == 0 else []
+        acceleration = (force - np.append(force[1:], 0.0) + chain.load_N - viscous * velocity) / chain.mass_kg
+        against = np.sign(acceleration * (velocity + 0.5 * step_s * acceleration))
+        velocity = velocity + step_s * acceleration * (1 - local * against)
         overlap = overlap + step_s * -np.diff(velocity, prepend=0.0)
     return np.array(kept)

@@ -24,11 +24,8 @@ from validation.reference.hertz_chain import (
 DAMPING_KEYS = ("gamma_N_(s/m)^alpha", "damping_N_s_m-5/4", "damping_N_s_m-(1+p)")
 
 
-def integrate_deck(values: dict[str, Any], stop: Flag | None = None, samples: int = 0) -> list[Array]:
-    """Columns of the output, each of shape (samples, bodies): contact force, then the motion.
-
-    A straight chain has displacement and velocity; a three-dimensional one bore force, position, velocity and spin,
-    each by x, y and height.
+def integrate_deck(values: dict[str, Any], stop: Flag | None = None, samples: int = 0) -> Motion | TubeMotion:
+    """Motion of a deck.
 
     Args:
         values: contents of the deck ``chain.json``.
@@ -38,13 +35,20 @@ def integrate_deck(values: dict[str, Any], stop: Flag | None = None, samples: in
     Raises:
         ArithmeticError: the adaptive integrator fails, or was ended.
     """
-    samples = samples or values["samples"]
-    if "place_m" in values:
-        motion = _tube(values, samples, stop)
-        triples = (motion.bore_N, motion.place_m, motion.velocity_m_s, motion.spin_rad_s)
-        return [motion.force_N, *(column for triple in triples for column in np.moveaxis(triple, 2, 0))]
-    straight = _straight(values, samples, stop)
-    return [straight.force_N, straight.displacement_m, straight.velocity_m_s]
+    integrate = _tube if "place_m" in values else _straight
+    return integrate(values, samples or values["samples"], stop)
+
+
+def columns_of(motion: Motion | TubeMotion) -> list[Array]:
+    """Columns of the output, each of shape (samples, bodies): contact force, then the motion.
+
+    A straight chain has displacement and velocity; a three-dimensional one bore force, position, velocity and spin,
+    each by x, y and height.
+    """
+    if isinstance(motion, Motion):
+        return [motion.force_N, motion.displacement_m, motion.velocity_m_s]
+    triples = (motion.bore_N, motion.place_m, motion.velocity_m_s, motion.spin_rad_s)
+    return [motion.force_N, *(column for triple in triples for column in np.moveaxis(triple, 2, 0))]
 
 
 def _straight(values: dict[str, Any], samples: int, stop: Flag | None) -> Motion:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from validation.reference import integrate_deck
+from validation.reference import columns_of, integrate_deck
 from validation.reference.adaptive import integrate_adaptive
 from validation.reference.hertz_chain import HertzChain, TubeChain
 from validation.reference.symplectic import integrate_symplectic
@@ -31,9 +31,9 @@ def main(deck: Path) -> None:
         integrate_deck(values | {"steps_per_sample": 1}, samples=2)
         _compiled.add(method)
     start = time.perf_counter()
-    columns = integrate_deck(values)
+    motion = integrate_deck(values)
     seconds = time.perf_counter() - start
-    np.save(deck.with_suffix(".npy"), columns)
+    np.save(deck.with_suffix(".npy"), columns_of(motion))
     print(f"completed {values['samples']} samples in {seconds:.6f} s")
 
 

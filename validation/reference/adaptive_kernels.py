@@ -52,8 +52,8 @@ def fill_states(
     """Fills states of a chain at all times; True if the integration reached the end.
 
     A state has overlaps, velocities, and integrals as ``hertz_chain.columns_of_sums`` counts them. Local errors of
-    overlaps and velocities stay below ``tolerance`` times ``scale``, shape (2 bodies,), in each step. The states are filled into a
-    given array: to return one, numba would run Python code, and lose the exception of a signal in it.
+    overlaps and velocities stay below ``tolerance`` times ``scale``, shape (2 bodies,), in each step. The states are
+    filled into a given array: to return one, numba would run Python code, and lose the exception of a signal in it.
     """
     size = start.size
     state, end, work = np.zeros((3, size)), np.zeros((3, size)), np.zeros((3, size))

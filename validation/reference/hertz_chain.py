@@ -252,7 +252,7 @@ class TubeMotion:
     place_m: Array
     velocity_m_s: Array
     spin_rad_s: Array
-    extremes: Extremes | None
+    extremes: Extremes | None = None
 
 
 def check_timing(time_step_s: float, steps_per_sample: int, samples: int) -> None:

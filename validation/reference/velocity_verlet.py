@@ -55,7 +55,7 @@ def integrate_verlet(
     drive, static = _drive(chain, *arrays[4:6], half_kick), hertz_force(chain.stiffness, chain.overlap_m)
     loads = half_kick, chain.load_N.copy(), static
     fill_samples(arrays, drive, time_step_s, steps_per_sample, *loads, force, overlap, velocity, sums, stop)
-    times = np.arange(samples) * (steps_per_sample * time_step_s)
+    times = np.arange(samples, dtype=float) * (steps_per_sample * time_step_s)
     return motion_with(chain, times, (force, displacements(chain, overlap), velocity), sums)
 
 
