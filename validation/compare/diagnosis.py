@@ -12,12 +12,15 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.chain.case import Case
-from drivers.chain.chain import Array, Chain, arrays_of, furthest_m
+from drivers.chain.chain import Array, Chain, arrays_of, furthest_m, stiffness_by
+from drivers.chain.contact_law import hertz_stiffness
 from drivers.chain.residual import FORCE, largest_change_N
 from drivers.chain.schemes import heights_and_reach
 from drivers.chain.trace import Trace, overlaps
+from drivers.engines import INCREMENTAL, load_engine
 from drivers.laws.viscoelastic import Viscoelastic
 from drivers.run.scheme import Scheme, apart
 from postproc.read.signals import integral
@@ -57,6 +60,9 @@ class Ratio:
         return f"{self.quantity} of {where} {self.place} {self.ratio:.9g} ± {self.uncertainty:.1g}"
 
 
+Places = NDArray[np.bool_]  # contacts or bodies of a group. Shape (bodies,)
+
+
 class Change(NamedTuple):
     """A change of the scene: words with its factor, arguments of ``_forces`` by the factor, the first factor to try."""
 
@@ -78,8 +84,10 @@ def diagnosis(case: Case, engine: str, trace: Trace) -> str:
     table = measured_ratios(case, trace)
     beyond = apart(force, right, scheme.scale(FORCE)) > limits[:, np.newaxis]
     first = int(np.argmax(beyond[np.argmax(beyond.any(axis=1))]))
-    for change in _changes(case, first, table):
-        if sentence := _explains(case, change, force, limits):
+    limits_N = limits[:, np.newaxis] * max(scheme.scale(FORCE), largest_change_N(force))
+    early = load_engine(engine).shear == INCREMENTAL
+    for change in _changes(case, trace, first, table):
+        if sentence := _explains(case, change, force, limits_N, early=early):
             return sentence
     told = [str(row) for row in table if row.off > SIGNIFICANT][:TOLD]
     return f"no single change explains it; largest: {', '.join(told) or 'no ratio of its law differs'}"
@@ -141,15 +149,15 @@ def _fitted(columns: list[Array], target: Array) -> list[tuple[float, float]]:
     return [*zip((solution / sizes).tolist(), (errors / sizes).tolist(), strict=True)]
 
 
-def _explains(case: Case, change: Change, force_N: Array, limits: Array) -> str:
+def _explains(case: Case, change: Change, force_N: Array, limits_N: Array, *, early: bool) -> str:
     """Words of a change that explains forces to within their limits, with its fitted factor; else empty."""
     factor, samples = 1.0 if change.first is None else change.first, len(force_N)
     with np.errstate(all="ignore"):
         for _ in range(1 if change.first is None else MAX_TRIES):
-            made = _forces(case, **change.changed(factor))[:samples]
-            if (apart(force_N, made, largest_change_N(made)) <= limits[:, np.newaxis]).all():
+            made = _forces(case, early=early, **change.changed(factor))[:samples]
+            if (np.abs(force_N - made) <= limits_N).all():
                 return change.words.format(f"{factor:.9g}")
-            slope = (_forces(case, **change.changed(factor + PROBE))[:samples] - made) / PROBE
+            slope = (_forces(case, early=early, **change.changed(factor + PROBE))[:samples] - made) / PROBE
             step = float((slope * (force_N - made)).sum() / (slope**2).sum())
             if not abs(step) > FITTED:
                 break
@@ -157,26 +165,29 @@ def _explains(case: Case, change: Change, force_N: Array, limits: Array) -> str:
     return ""
 
 
-def _changes(case: Case, first: int, table: list[Ratio]) -> Iterator[Change]:
+def _changes(case: Case, trace: Trace, first: int, table: list[Ratio]) -> Iterator[Change]:
     """Changes to try: of time, start, drive and damping, of all contacts or bodies, of those that differ most."""
     chain, step_s, every = case.chain, case.scene.time_step_s, case.scene.steps_per_sample
     speed, load, drive, bodies = chain.velocity_m_s, chain.load_N, chain.drive, np.arange(chain.bodies)
 
-    def guess(quantity: str, at: Array = bodies >= 0) -> float:
+    def guess(quantity: str, at: Places = bodies >= 0) -> float:
         return float(np.median([row.ratio for row in table if row.quantity == quantity and at[row.place - 1]] or [1.0]))
 
-    yield Change("a time step {} times the scene's", lambda r: {"step_s": r * step_s})
+    # at another step all masses seem to be others, as times are those of the scene
+    yield Change("a time step {} times the scene's", lambda r: {"step_s": r * step_s}, 1 / guess("mass"))
     for steps, words in ((1, "one step early"), (-1, "one step late"), (every, "one sample early")):
         places = np.maximum(np.arange(case.scene.samples) * every + steps, 0)
         yield Change(f"samples after the first are {words}", _always(steps=np.append(0, places[1:])), None)
         yield Change(f"all samples are {words}", _always(steps=places), None)
     if speed.any():
-        yield Change("start speeds {} times the scene's", lambda r: {"velocity_m_s": r * speed})
+        slower = 1.0 if trace.velocity_m_s is None else float(trace.velocity_m_s[0] @ speed / (speed @ speed))
+        yield Change("start speeds {} times the scene's", lambda r: {"velocity_m_s": r * speed}, slower)
         for half, words in ((0.5, "ahead"), (-0.5, "behind")):
             late = speed + half * step_s * chain.acceleration_m_s2
             yield Change(f"velocities start half a step {words}", _always(velocity_m_s=late), None)
     if load.any():
         yield Change("loads {} times the scene's", lambda r: {"load_N": r * load})
+        yield Change("a further load of {} N on each body", lambda r: {"load_N": load + r}, 0.0)
         touching = chain.height_m - np.cumsum(np.minimum(chain.overlap_m, 0.0) - chain.overlap_m)
         yield Change("bodies start just touching", _always(height_m=touching), None)
     if drive is not None:
@@ -192,10 +203,13 @@ def _changes(case: Case, first: int, table: list[Ratio]) -> Iterator[Change]:
     else:
         by_ratio = Viscoelastic(1.0).coefficient(chain.stiffness, chain.reduced_mass_kg)
         yield Change("contacts with a damping ratio of {}", lambda r: {"damping": abs(r) * by_ratio}, 0.01)
-    if case.scene.steps <= MAX_DRAGGED_STEPS:
+    if case.scene.steps <= MAX_DRAGGED_STEPS and drive is None:
         yield Change("non-viscous damping of {}", lambda r: {"local": r}, 0.1)
         yield Change("a viscous drag of {} N s/m on each body", lambda r: {"viscous": r}, 0.0)
     pairs = np.array([f"{a} with {b}" for a, b in zip(chain.materials, (chain.wall, *chain.materials), strict=False)])
+    for name in sorted({*chain.materials, chain.wall or ""} & {*case.scene.materials}):
+        softer = partial(_of_modulus, case, name)
+        yield Change(f"Young's modulus of {name} {{}} times the scene's", softer, guess("stiffness"))
     for quantity, noun in (("stiffness", "contact"), ("mass", "bead")):
         sure = [row.place - 1 for row in table if row.quantity == quantity and row.off > SIGNIFICANT][:CANDIDATES]
         near = [place for place in (first - 1, first, first + 1) if 0 <= place < chain.bodies]
@@ -215,11 +229,19 @@ def _always(**changed: Any) -> Callable[[float], dict[str, Any]]:
     return lambda _: changed
 
 
-def _stiffer(chain: Chain, at: Array, factor: float) -> dict[str, Any]:
+def _of_modulus(case: Case, name: str, factor: float) -> dict[str, Any]:
+    scene, chain = case.scene, case.chain
+    material = scene.materials[name]
+    other = material.model_copy(update={"youngs_modulus": abs(factor) * material.youngs_modulus})
+    scene = scene.model_copy(update={"materials": {**scene.materials, name: other}})
+    return {"stiffness": stiffness_by(hertz_stiffness, scene, chain.materials, chain.radius_m)}
+
+
+def _stiffer(chain: Chain, at: Places, factor: float) -> dict[str, Any]:
     return {"stiffness": np.where(at, factor, 1.0) * chain.stiffness}
 
 
-def _heavier(chain: Chain, at: Array, weighs: bool, factor: float) -> dict[str, Any]:
+def _heavier(chain: Chain, at: Places, weighs: bool, factor: float) -> dict[str, Any]:
     more = np.where(at, factor, 1.0)
     weight_N = chain.gravity_m_s2 * chain.mass_kg * weighs
     return {"mass_kg": more * chain.mass_kg, "load_N": chain.load_N - (more - 1) * weight_N}
@@ -228,6 +250,7 @@ def _heavier(chain: Chain, at: Array, weighs: bool, factor: float) -> dict[str, 
 def _forces(
     case: Case,
     *,
+    early: bool,
     step_s: float = 0.0,
     steps: Array | None = None,
     height_m: Array | None = None,
@@ -237,8 +260,12 @@ def _forces(
 ) -> Array:
     """Forces of a changed case. Shape (samples, bodies).
 
+    They are those that an adapter would read: the codes give net forces on bodies, and the adapter subtracts the loads
+    of the scene from the lowest body upwards.
+
     Args:
         case: the case.
+        early: True for decks with the velocities of half a step before time 0, by the forces of the scene, as YADE's.
         step_s: another time step, with the steps per sample of the case.
         steps: steps at which samples are taken.
         height_m: heights at time 0.
@@ -250,15 +277,21 @@ def _forces(
     other = replace(chain, **{name: arrays[name] for name in ("mass_kg", "stiffness") if name in arrays})
     damping = chain.law.coefficient(other.stiffness, other.reduced_mass_kg)
     changed = replace(arrays_of(chain), **({"damping": damping} | arrays))
+    if early:
+        force = contact_force(changed, changed.overlap_m, changed.velocity_m_s)
+        net = force - np.append(force[1:], 0.0) + changed.load_N
+        gained = 0.5 * scene.time_step_s * (net / changed.mass_kg - chain.acceleration_m_s2)
+        changed = replace(changed, velocity_m_s=changed.velocity_m_s + gained)
+    extra = np.append(0.0, np.cumsum(changed.load_N - chain.load_N)[:-1])
     if local or viscous:
-        return _dragged(case, changed, local, viscous)
+        return np.asarray(_dragged(case, changed, local, viscous) - extra)
     height, reach = heights_and_reach(case)
     height = height if height_m is None else height_m
     if steps is not None:
         fine = integrate_verlet_absolute(changed, height, reach, scene.time_step_s, 1, int(steps.max()) + 1)
-        return fine.force_N[steps]
+        return np.asarray(fine.force_N[steps] - extra)
     timing = step_s or scene.time_step_s, scene.steps_per_sample, scene.samples
-    return integrate_verlet_absolute(changed, height, reach, *timing).force_N
+    return np.asarray(integrate_verlet_absolute(changed, height, reach, *timing).force_N - extra)
 
 
 def _dragged(case: Case, chain: HertzChain, local: float, viscous: float) -> Array:
