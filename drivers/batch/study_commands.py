@@ -20,6 +20,7 @@ from drivers.batch.store import StudyRow
 from drivers.batch.study_cases import STATES, Batch, Request, expected_s, opened, validate_cases
 from drivers.batch.study_rows import run_all, run_rows, run_slice
 from drivers.chain.case import Case
+from drivers.chain.residual import FORCE
 from drivers.chain.trace import digest_of
 from drivers.engines import load_engine
 from drivers.run.execute import LOCAL, Place, check_dask, get_ready
@@ -241,7 +242,7 @@ def _print_plan(batch: Batch, todo: dict[str, list[int]], place: Place, array: J
 
 def _print_end(batch: Batch) -> int:
     """Print counts by engine, then failures; returns 1 unless all requested rows are done."""
-    limit, numbers = tolerance("warning", "force").limit, batch.numbers
+    limit, numbers = tolerance("truncation", FORCE).limit, batch.numbers
     failures: list[str] = []
     code = 0
     done: list[tuple[str, str]] = []
@@ -254,7 +255,7 @@ def _print_end(batch: Batch) -> int:
         failures += [failure_line(batch.study.label(number), row) for number, row in failed]
         useless = sum(row is not None and row.done and (row.force_error or 0.0) > limit for row in rows)
         if useless:
-            warning = f"{useless} rows have force errors above a tenth of the largest force (force_error_share)"
+            warning = f"{useless} rows have force errors above {limit:g} of the largest change (force_error_share)"
             print(f"{name} warning: {warning}", file=sys.stderr)
     print(*text_table(done), sep="\n", flush=True)
     for line in failures:

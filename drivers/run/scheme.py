@@ -9,7 +9,8 @@ exceeds ``AGREEMENT``.
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
+from threading import Lock
 
 import numpy as np
 
@@ -28,6 +29,7 @@ ROUNDING_REASON = (
 )
 AGREEMENT = 1e-2  # of the largest change: runs that differ by more do not agree at all
 FIELDS = {"energy": "total_energy_J", "momentum": "momentum_N_s"}  # compared columns of a trace besides the forces
+NAMES = {"name", "file", "title"}  # keys of a scene on which no motion depends
 UNITS = {FORCE: "N", "energy": "J", "momentum": "N s"}
 
 
@@ -87,13 +89,7 @@ class Scheme:
     @cached_property
     def samples(self) -> int:
         """Horizon: number of samples before rounding alone separates two runs."""
-        samples, bound_N = len(self.rounding_N) + 1, ROUNDING_MARGIN * np.maximum.accumulate(self.rounding_N)
-        while True:  # the scale is that of the samples before the horizon, as forces after a blow-up have no meaning
-            scale_N = largest_change_N(self.plain.force_N[:samples])
-            before = max(1, int(np.searchsorted(bound_N[:samples], AGREEMENT * scale_N, side="right")))
-            if before == samples:
-                return samples
-            samples = before
+        return max(1, int(np.searchsorted(self.rounding_bound, AGREEMENT, side="right")))
 
     def scale(self, quantity: str) -> float:
         """Scale of errors: largest change of force in N, largest kinetic energy in J, largest momentum in N s.
@@ -101,7 +97,8 @@ class Scheme:
         The momentum is at least the sum of m |v| at time 0, since bodies may meet head on; at rest, at least the
         impulse of the loads.
         """
-        return scale_of_motion(self.case, until(self.plain, self.samples), quantity)
+        finite = int(np.argmin(np.append(np.isfinite(self.rounding_N), False)))  # samples before a blow-up
+        return scale_of_motion(self.case, until(self.plain, max(finite, 1)), quantity)
 
     @cached_property
     def rounding(self) -> Array:
@@ -167,6 +164,28 @@ class Scheme:
             name = f"the force in contact {column + 1}" if quantity == FORCE else f"the {quantity}"
             return f"departs from its scheme {when}: {name} is {one} {unit}, by its scheme {other} {unit}"
         return ""
+
+
+def scheme_of(case: Case, law: str) -> Scheme:
+    """Scheme of a case; those of the last case are cached."""
+    with _lock:
+        return _last(motion_key(case)).setdefault(law, Scheme(case, law))
+
+
+_lock = Lock()
+
+
+@lru_cache(maxsize=1)
+def _last(key: str) -> dict[str, Scheme]:
+    """Schemes of the last case by law of friction; ``scheme_of`` fills it."""
+    return {}
+
+
+@lru_cache(maxsize=4)
+def motion_key(case: Case) -> str:
+    """Everything that determines the motions of a case."""
+    scenes = [variant.scene.model_dump_json(exclude=NAMES) for variant in (case, case.full) if variant]
+    return f"{scenes} {case.reference_tolerance}"
 
 
 def scale_of_motion(case: Case, motion: Trace, quantity: str) -> float:

@@ -32,14 +32,14 @@ from drivers.base.text_table import text_table
 from drivers.base.tolerances import Tolerance, tolerance
 from drivers.chain.case import Case
 from drivers.chain.residual import FORCE, is_at_rest, share_of_change
-from drivers.chain.trace import Trace, energy_error_J, until, with_work
+from drivers.chain.trace import Trace, until, with_work
 from drivers.engines import EXACT, load_engine
 from drivers.run.run_folder import EndedRun
-from drivers.run.scheme import FIELDS, apart, field_of, judged_until, largest_difference
+from drivers.run.scheme import FIELDS, field_of, judged_until, largest_difference
 from postproc.read.observables import of_kind, scale_of
 from validation.accuracy.exact_motion import errors_of, quantities
-from validation.accuracy.motions import HORIZON, Motions, motions_of, predicted_error
-from validation.checks import Check, judged, worst_of
+from validation.accuracy.motions import HORIZON, Motions, motions_of
+from validation.checks import FAIL, Check, judged, worst_of
 
 AT_REST_NOTE = "nothing moves: errors are relative to the largest force"
 PARTS = ("whole", "model", "rounding", "truncation", "sampling")
@@ -110,7 +110,7 @@ def budget_of(case: Case, engine: str, trace: Trace, limit_s: float | None = Non
             checks=checks,
             note="; ".join([*_notes(motions, engine), *missing]),
             departure=departure,
-            warnings=[*_warnings(motions, engine, trace, departure, rows)],
+            warnings=[*_warnings(motions, engine, checks, departure, rows)],
             exact_to=float(motions.exact_error[samples - 1]) if known else None,
             exact_until_s=float(case.sample_times_s[samples - 1]) if known else None,
         )
@@ -245,30 +245,17 @@ def exactness_note(motions: Motions) -> str:
     )
 
 
-def _warnings(motions: Motions, engine: str, trace: Trace, departure: str, rows: list[dict[str, Any]]) -> Iterator[str]:
-    """Warnings on errors above a tenth, on an exact motion that is lost, and on a run that departs from its scheme."""
-    case, unknown = motions.case, bool(motions.why_unknown)
-    if unknown and not motions.straight:
-        return
-    exact = None if unknown else motions.exact
-    if exact is None:
-        off_J = energy_error_J(trace.total_energy_J, damped=case.chain.damped, slips=case.chain.slips)
-        errors = {FORCE: predicted_error(case, engine), "energy": off_J / motions.scale("energy")}
-    else:
-        errors = {
-            quantity: apart(field_of(trace, quantity), field_of(exact, quantity), motions.scale(quantity)).max(axis=1)
-            for quantity in (FORCE, "energy")
-        }
-    scales = {FORCE: "largest change of force", "energy": "largest kinetic energy"}
-    for quantity, error in errors.items():
-        limit = tolerance("warning", quantity).limit
-        if not (error <= limit).all():
-            since = case.sample_times_s[int(np.argmax(~(error <= limit)))]
-            most = f"error of the {quantity} up to {error.max():.2g} of the {scales[quantity]}"
-            row = next((row for row in rows if row["quantity"] == quantity), None)
-            cause = max(PARTS[1:], key=lambda part: abs(row[part])) if row else "truncation"
-            yield f"{most}, above {limit:g} from t = {since:g} s; cause: {CAUSES[cause]}"
-    if load_engine(engine).scheme == EXACT and exact is not None and motions.exact_error[-1] > HORIZON:
+def _warnings(
+    motions: Motions, engine: str, checks: list[Check], departure: str, rows: list[dict[str, Any]]
+) -> Iterator[str]:
+    """Warnings on errors beyond the general ceilings, on an exact motion that is lost, and on a departure."""
+    for check in checks:
+        name = check.quantity.removeprefix(f"{ERROR}: ")
+        row = next((row for row in rows if row["quantity"] == name), None)
+        if check.verdict == FAIL and row and motions.case.plan is None:
+            cause = CAUSES[max(PARTS[1:], key=lambda part: abs(row[part]))]
+            yield f"error of the {name} {check.value:.2g}, above {check.limit:g}: {check.where}; cause: {cause}"
+    if load_engine(engine).scheme == EXACT and not motions.why_unknown and motions.exact_error[-1] > HORIZON:
         yield exactness_note(motions)
     if departure:  # of a changed deck
         yield departure

@@ -20,7 +20,7 @@ from drivers.chain.residual import residual, share_of_change
 from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import Trace, until
 from drivers.engines import EXACT, VERLET, load_engine
-from drivers.run.scheme import FIELDS, Scheme, scale_of_motion
+from drivers.run.scheme import FIELDS, Scheme, motion_key, scale_of_motion, scheme_of
 from validation.accuracy.exact_motion import ExactMotion, exact_motion_of, quantities
 from validation.reference.adaptive import MIN_TOLERANCE
 
@@ -28,7 +28,6 @@ HORIZON = 1e-6  # of the largest change: error beyond which the exact motion cou
 MAX_BODIES = 20_000
 MAX_WORK = 20_000_000  # bodies times steps of the finest three-dimensional run, about ten seconds
 MIN_ORDER, MAX_ORDER = 0.5, 2.5  # of convergence, for an extrapolation
-NAMES = {"name", "file", "title"}  # keys of a scene on which no motion depends
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +51,7 @@ class Motions:
     @cached_property
     def scheme(self) -> Scheme:
         """Motions of the schemes."""
-        return Scheme(self.case, self.law)
+        return scheme_of(self.case, self.law)
 
     @cached_property
     def why_unknown(self) -> str:
@@ -124,9 +123,7 @@ class Motions:
 
     @property
     def order(self) -> float:
-        """Order of convergence of the scheme; in three dimensions measured at the whole, half and quarter step."""
-        if self.straight:
-            return 1.0 if self.case.chain.damped else 2.0
+        """Order of convergence of the scheme in three dimensions, measured at the whole, half and quarter step."""
         steps = [until(trace, self.known).force_N for trace in (self.scheme.plain, self.half, self.quarter)]
         apart = [float(np.abs(coarse - fine).max()) for coarse, fine in pairwise(steps)]
         if not (all(apart) and np.isfinite(apart).all()):
@@ -158,16 +155,13 @@ class Motions:
 def predicted_error(case: Case, engine: str) -> Array:
     """Largest force error of the engine's scheme at each sample, divided by the largest change. Shape (samples,).
 
-    The error is measured against the exact motion; for chains too long for that, against half the step.
+    NaN if the exact motion is not known.
     """
     motions = motions_of(case, engine)
+    if motions.why_unknown:
+        return np.full(case.scene.samples, np.nan)
     with np.errstate(over="ignore", invalid="ignore"):  # too large a step blows up
-        if not motions.why_unknown:
-            error = residual(until(motions.scheme_of(engine), motions.known), motions.exact)
-        elif load_engine(engine).scheme == EXACT:
-            error = np.zeros(case.scene.samples)
-        else:  # second order in the step; first order with damping
-            error = residual(motions.scheme.plain, motions.half) * (2 if case.chain.damped else 4 / 3)
+        error = residual(until(motions.scheme_of(engine), motions.known), motions.exact)
     return np.nan_to_num(error, nan=np.inf)
 
 
@@ -178,17 +172,10 @@ def motions_of(case: Case, engine: str = VERLET, limit_s: float | None = None) -
     """Motions of a case for an engine; the motions of the last case are cached."""
     law = load_engine(engine if case.chain.lateral is not None else VERLET).shear
     with _lock:
-        return _last(_key(case), limit_s).setdefault(law, Motions(case, law, limit_s))
+        return _last(motion_key(case), limit_s).setdefault(law, Motions(case, law, limit_s))
 
 
 @lru_cache(maxsize=1)
 def _last(key: str, limit_s: float | None) -> dict[str, Motions]:
     """Motions of the last case by law of friction; ``motions_of`` fills it."""
     return {}
-
-
-@lru_cache(maxsize=4)
-def _key(case: Case) -> str:
-    """Everything that determines the motions of a case."""
-    scenes = [variant.scene.model_dump_json(exclude=NAMES) for variant in (case, case.full) if variant]
-    return f"{scenes} {case.reference_tolerance}"

@@ -13,11 +13,11 @@ from drivers.base import paths
 from drivers.base.decks import Deck
 from drivers.base.processes import EndedProcess, run_command
 from drivers.chain.case import Case
+from drivers.chain.schemes import default_limit_s
 from drivers.chain.trace import Trace
 from drivers.engines import EXACT, Engine
 from drivers.limits.refusal import inability
 from drivers.run.build import Build
-from drivers.run.compute import default_limit_s
 from drivers.run.guard import checked_trace
 from drivers.run.session import Session
 from validation.accuracy.plan import planned_case
@@ -100,7 +100,7 @@ class Candidate:
         folder = self.folder / f"{name}-{sum(1 for _ in self.folder.iterdir())}"
         folder.mkdir()
         deck.write(folder)
-        limit_s = limit_s or default_limit_s(self.base, self.engine)
+        limit_s = limit_s or default_limit_s(self.base)
         command = self.engine.started(deck, self.build.command)
         return folder, run_command(command, folder, limit_s, **self.engine.environment)
 
@@ -110,7 +110,7 @@ class Candidate:
 
     def execute(self, case: Case, deck: Deck) -> tuple[Path, EndedProcess]:
         """Run a deck on the server, with the time limit of a case."""
-        outcome = self.session.run(deck, default_limit_s(case, self.engine))
+        outcome = self.session.run(deck, default_limit_s(case))
         return self.session.case, outcome
 
     def run_deck(self, case: Case, deck: Deck) -> Trace:

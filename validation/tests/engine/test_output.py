@@ -12,9 +12,9 @@ from drivers.base.decks import Deck
 from drivers.base.errors import RunError
 from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
+from drivers.chain.schemes import default_limit_s
 from drivers.chain.trace import digest_of
 from drivers.limits.refusal import inability
-from drivers.run.compute import default_limit_s
 from drivers.run.guard import START_TOLERANCE, checked_trace
 from drivers.run.session import DONE, Session
 from validation.tests.engine.candidate import Candidate, case_with
@@ -150,7 +150,7 @@ def test_server(candidate: Candidate) -> None:
         def ask(case: Case, when: str) -> None:
             """Compare a case with its single run, or with its first run here."""
             try:
-                outcome = session.run(engine.render(case), default_limit_s(case, engine))
+                outcome = session.run(engine.render(case), default_limit_s(case))
                 trace = checked_trace(case, engine, outcome, session.case)
             except RunError as error:
                 silent = f"; the server printed no line {DONE} before" if error.status == "timeout" else ""

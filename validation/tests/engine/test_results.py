@@ -1,54 +1,47 @@
 """Results of an engine: scenes, order of convergence, restitution, blow-up, changed decks."""
 
+from contextlib import suppress
 from math import log2
 from typing import Any
 
 import numpy as np
 import pytest
-from drivers.limits.trial import first_failure_s
 
 from drivers.base.errors import RunError
 from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
-from drivers.chain.residual import FORCE, residual
+from drivers.chain.residual import residual
 from drivers.chain.trace import Trace
-from drivers.limits.refusal import inability
-from drivers.limits.stable_step import predicted_limit
+from drivers.limits.stable_step import step_limit
 from drivers.run.guard import UNSTABLE
-from validation.accuracy.budget import MODEL, budget_of
 from validation.accuracy.exact_motion import exact_motion_of
-from validation.accuracy.motions import Motions, motions_of
-from validation.checks import FAIL, table
 from validation.tests.engine.candidate import Candidate, case_of_variant, case_with, kit
 
-STABLE_SHARE = 0.98  # of the predicted limit: a step at which a run has to be stable
+STABLE_SHARE = 0.98  # of the largest stable step: a step at which a run has to be stable
+PASSES = 1.5  # times the first unstable step: a step at which bodies pass through each other
 PRECOMPRESSION = ("chain.precompression=20 N", "run.duration=1 ms")  # closed contacts make the limit sharp
 COLLISION = ("gravity=", "tube=", "run.duration=0.4 ms", "run.time_step=0.02 us")
 IMPACTS = {"two beads": (*COLLISION, "chain.count=1", "wall="), "a bead on the wall": (*COLLISION, "chain.count=0")}
-LAWS = {"elastic": (), "damped": ("contact.restitution=0.9",)}
+LAWS = {2: (), 1: ("contact.restitution=0.9",)}  # by order: elastic, damped
 RESTITUTIONS = (0.3, 0.8, 0.99)
 STEPS = (5, 10, 20)  # steps per sample for the order of convergence
 
 
 @pytest.mark.parametrize("variant", kit()["variant"], ids=lambda variant: variant["name"].replace(" ", "-"))
 def test_scene(candidate: Candidate, variant: dict[str, Any]) -> None:
-    """Forces, energy and momentum are those of the engine's scheme."""
-    case = case_of_variant(variant)
-    checks = budget_of(case, candidate.engine.name, candidate.run(case)).checks
-    wrong = [check for check in checks if check.verdict == FAIL and check.quantity.startswith(MODEL)]
-    assert wrong == [], "\n".join(table(wrong))
+    """Forces, energy and momentum are those of the engine's scheme, with which the guard compares them."""
+    candidate.run(case_of_variant(variant))
 
 
-@pytest.mark.parametrize("law", LAWS)
-def test_order(candidate: Candidate, law: str) -> None:
-    """Errors converge with the order of the scheme: two, or one with damping."""
+@pytest.mark.parametrize("expected", LAWS, ids=["elastic", "damped"])
+def test_order(candidate: Candidate, expected: int) -> None:
+    """Errors converge with the order of the scheme."""
     if not candidate.steps:
         pytest.skip("the engine has no time step")
-    case = case_with(*LAWS[law])
+    case = case_with(*LAWS[expected])
     exact = exact_motion_of(case, finer=False).trace
     errors = [float(residual(candidate.run(case.at(steps)), exact).max()) for steps in STEPS]
-    order, expected = log2(errors[1] / errors[2]), Motions(case, candidate.engine.shear).order
-    assert order == pytest.approx(expected, abs=tolerance("kit", "order").limit), errors
+    assert log2(errors[1] / errors[2]) == pytest.approx(expected, abs=tolerance("kit", "order").limit), errors
 
 
 @pytest.mark.parametrize("wanted", RESTITUTIONS)
@@ -72,34 +65,26 @@ def bounced(case: Case, trace: Trace) -> float:
 
 
 def test_blow_up(candidate: Candidate) -> None:
-    """Below the predicted stability limit a run is stable; at the step where Verlet blows up the run fails."""
+    """At a stable step a run is done; at a step at which bodies pass through each other it fails."""
     if not candidate.steps:
         pytest.skip("the engine has no time step")
     case = case_with(*PRECOMPRESSION)
-    predicted_s = predicted_limit(case.chain, float(case.sample_times_s[-1]))
-    candidate.run(case.sampled_at_every(STABLE_SHARE * predicted_s))
-    fails_s = first_failure_s(case, predicted_s)
-    assert fails_s is not None
+    limit = step_limit(case)
+    assert limit.unstable_s is not None
+    candidate.run(case.sampled_at_every(STABLE_SHARE * limit.stable_s))
     with pytest.raises(RunError, match=f"^{UNSTABLE}"):
-        candidate.run(case.sampled_at_every(fails_s))
+        candidate.run(case.sampled_at_every(PASSES * limit.unstable_s))
 
 
 def test_changed_decks(candidate: Candidate) -> None:
-    """The output of a deck with one changed number differs from that of the scene by more than the tolerance.
+    """A run of a deck with one changed number is not that of the scene: it fails.
 
     The unchanged deck runs first: an engine that fails on everything notices nothing.
     """
-    case, name = candidate.base, candidate.engine.name
-    motions = motions_of(case, name)
-    right, limits = motions.scheme_of(name), motions.explained(FORCE)
-    assert (residual(candidate.run(case), right) <= limits).all()
-    unseen = {}
+    candidate.run(candidate.base)
+    unseen = []
     for change, other in candidate.changed().items():
-        if inability(other, name) is None:
-            try:
-                share = float(residual(candidate.run_deck(case, candidate.engine.render(other)), right).max())
-            except RunError:  # the guard notices it
-                continue
-            if not share > limits.max():
-                unseen[change] = share
+        with suppress(RunError):
+            candidate.run_deck(candidate.base, candidate.engine.render(other))
+            unseen.append(change)
     assert not unseen, f"not noticed: {unseen}"

@@ -4,10 +4,10 @@ import json
 from pathlib import Path
 
 import pytest
-from drivers.limits.energy_bounds import needed_tolerance
 
 from drivers.chain.residual import residual
 from drivers.chain.schemes import verlet_of
+from drivers.limits.stable_step import needed_tolerance
 from validation.accuracy.exact_motion import exact_motion_of
 from validation.reference.adaptive import MIN_TOLERANCE
 from validation.tests.helpers.adversarial import KINDS, adversarial_case

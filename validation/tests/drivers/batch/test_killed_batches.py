@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TypeVar
 
-import numpy as np
 import pytest
 
 from drivers.batch.store import Store
@@ -133,7 +132,7 @@ def test_a_killed_fork_server_costs_nothing(study_file: StudyWriter, tmp_path: P
 def test_planning_survives_a_kill(study_file: StudyWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The facts of finished parts are kept, and not computed again."""
     path, built = study_file(SPEEDS.format(60), "verlet"), list[int]()
-    request = Request(path, tmp_path / "runs", lambda case: case, lambda *_: {}, lambda *_: np.zeros(1))
+    request = Request(path, tmp_path / "runs", lambda case: case, lambda *_: {})
     batch = opened(request)
     assert [*batch.slice_of(2, 20)] == [2, 22, 42]
     computed = Batch.computed_facts

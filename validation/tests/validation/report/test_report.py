@@ -19,7 +19,7 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.files import SEALS, sealed_file
 from drivers.chain.trace import until
-from validation.accuracy.budget import budget_of, first_departure
+from validation.accuracy.budget import budget_of, departure_of
 from validation.chapters import write_frame
 from validation.checks import FAIL, NOT_RUN, PASS, share_of_limit, short
 from validation.compare.comparison import ComparedScene
@@ -134,7 +134,7 @@ def test_failed_runs_are_shown_with_their_partial_traces_and_decks(compared: Com
     good = compared.runs["verlet"].trace
     refused = {"yade": blown_up(good, 100), "liggghts": until(good, 60)}
     absent = dict.fromkeys(refused, "failed: unstable <b>")
-    departures = {"yade": first_departure(compared.case, "yade", refused["yade"])}
+    departures = {"yade": departure_of(compared.case, "yade", refused["yade"])}
     checks = checks_of(compared.case, compared.runs, absent)
     sick = replace(compared, absent=absent, checks=checks, departures=departures, refused=refused)
     section = section_of(sick, paths.RESULTS)

@@ -1,0 +1,71 @@
+"""Diagnoses of motions with one fault, made in memory."""
+
+import re
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers.chain.case import Case
+from drivers.chain.chain import Array
+from drivers.chain.schemes import verlet_in_heights, verlet_of
+from drivers.chain.trace import Trace, until
+from validation.compare.diagnosis import diagnosis, measured_ratios
+from validation.stability.measured_limits import random_case
+from validation.tests.helpers.scenes import case_of
+
+
+def changed(case: Case, **arrays: Any) -> Trace:
+    return verlet_in_heights(replace(case, chain=replace(case.chain, **arrays)))
+
+
+def one(values: Array, place: int, factor: float) -> Array:
+    return np.where(np.arange(len(values)) == place, factor * values, values)
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_ratios_are_measured_only_where_enough_moved_to_tell(number: int) -> None:
+    case, draw = random_case(number, accuracy=1e-4), np.random.default_rng(number)
+    right = measured_ratios(case, verlet_in_heights(case))
+    assert all(row.off < 30 for row in right)  # an uncertainty by samples is an estimate
+    place = int(draw.choice([row.place for row in right if row.quantity == "stiffness"]))
+    factor = float(draw.choice([0.5, 0.9, 1.1, 2.0]))
+    first, *_ = measured_ratios(case, changed(case, stiffness=one(case.chain.stiffness, place - 1, factor)))
+    assert (first.quantity, first.place) == ("stiffness", place)
+    assert first.ratio == pytest.approx(factor, abs=1e-7)
+
+
+@pytest.mark.parametrize("settings", [(), ("chain.precompression=10 N", "striker.speed=1 cm/s")])
+def test_one_change_is_found_however_small(settings: tuple[str, ...]) -> None:
+    case = case_of("fig4", *settings)
+    chain, step_us = case.chain, 1e6 * case.scene.time_step_s
+    touching = np.where(chain.overlap_m > 0, 0.0, chain.overlap_m)
+    for trace, words in (
+        (changed(case, stiffness=1.0001 * chain.stiffness), r"Young's modulus of ptfe|all contacts 1\.0001 times"),
+        (changed(case, stiffness=one(chain.stiffness, 11, 1.00001)), r"contact 12 1\.00001 times as stiff"),
+        (changed(case, mass_kg=one(chain.mass_kg, 9, 1.00001)), r"bead 10 with 1\.00001 of its mass"),
+        (changed(case, velocity_m_s=0.99 * chain.velocity_m_s), r"start speeds 0\.99 times"),
+        (changed(case, overlap_m=touching), "bodies start just touching"),
+        (verlet_of(case_of("fig4", *settings, "contact.damping_ratio=1e-4")), r"a damping ratio of 0\.0001"),
+        (verlet_of(case_of("fig4", *settings, f"run.time_step={step_us / 2} us")), "no single change|a time step"),
+    ):
+        assert re.search(words, diagnosis(case, "lammps", trace)), words
+
+
+def test_two_changes_are_not_explained_by_one() -> None:
+    case = case_of("fig4")
+    stiffer = one(case.chain.stiffness, 4, 1.1)
+    trace = changed(case, stiffness=stiffer, mass_kg=one(case.chain.mass_kg, 12, 1.1))
+    said = diagnosis(case, "lammps", trace)
+    assert said.startswith("no single change explains it; largest: ")
+    assert "stiffness of contact 5 1.1 ±" in said
+    assert "mass of bead 13 1.1" in said
+
+
+def test_reasons_for_no_diagnosis() -> None:
+    tube, case = case_of("fig4-tube", "run.duration=20 us"), case_of("fig4")
+    assert diagnosis(tube, "yade", verlet_of(tube)) == "only straight chains are diagnosed"
+    assert diagnosis(case, "yade", until(verlet_of(case), 5)).startswith("not diagnosed: 5 samples")
+    blind = replace(changed(case, mass_kg=1.1 * case.chain.mass_kg), height_m=None)
+    assert measured_ratios(case, blind) == []
