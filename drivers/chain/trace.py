@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.chain.chain import Array, Chain
 from validation.reference.hertz_chain import Motion, hertz_energy, hertz_energy_beyond_tangent
@@ -68,7 +69,7 @@ class Trace:
     drive_impulse_N_s: Array | None = None
 
 
-def part_of(trace: Trace, chosen: slice) -> Trace:
+def part_of(trace: Trace, chosen: slice | NDArray[np.intp]) -> Trace:
     """Selected samples of a trace, all columns."""
     return replace(trace, **{name: values[chosen] for name, values in vars(trace).items() if values is not None})
 

@@ -25,12 +25,13 @@ from validation.reference.tube import integrate_tube
 from validation.reference.velocity_verlet import follow_verlet
 
 RESOLVED = 0.25  # largest step of a resolved motion, divided by 2 / omega
-GAIN, GAIN_DRIVEN = 2.0, 10.0  # of kinetic energy; near a resonance a small shift of a mode changes it several times
+GAIN, GAIN_DRIVEN = 2.0, 5.0  # of kinetic energy; near a resonance a small shift of a mode changes it several times
 REST_SHARE = 1e-6  # of the elastic energy at time 0: less kinetic energy is rest
 # bodies times steps of a trial, and of all trials of a scan: some tenths of a second
 MAX_WORK, MAX_WORK_3D = 100_000_000, 5_000_000
 SCAN_WORK, SCAN_WORK_3D = 20_000_000, 1_000_000
-FINENESS, COARSE = 1.0025, 1.05  # factors between the steps of a scan: usual one, largest one
+# factors between the steps of a scan; near a resonance the steps of a window of blow-up are within a thousandth
+FINENESS, FINENESS_DRIVEN, COARSE = 1.005, 1.001, 1.05
 SCANNED = 8.0  # largest step of a scan, divided by 2 / omega
 EXACT_SHARE = 1e-3  # of an error: allowed error of the exact motion against which it is measured
 MAX_TOLERANCE = 1e-6  # of the reference, whose own values count as exact
@@ -150,7 +151,8 @@ def step_limit(case: Case, law: str = TOTAL) -> StepLimit:
     stable_s = RESOLVED * guess_s
     # the work of all trials is that of the first, divided by 1 - 1 / factor
     most = (SCAN_WORK if chain.lateral is None else SCAN_WORK_3D) * stable_s / chain.bodies
-    factor = min(max(1 / (1 - min(case.duration_s / most, 0.5)), FINENESS), COARSE)
+    finest = FINENESS if chain.drive is None else FINENESS_DRIVEN
+    factor = min(max(1 / (1 - min(case.duration_s / most, 0.5)), finest), COARSE)
     until_s = min(case.duration_s, most * (1 - 1 / factor))
     right = trial(chain, until_s, right.step_s, law)
     while _gained(case, right, stable_s, law):  # strong damping

@@ -185,19 +185,11 @@ def _engines(case: Case, among: Collection[str]) -> Iterator[str]:
 
 def _horizon(case: Case, share: Array) -> str:
     """Sentence on the horizon, from the bound on rounding errors until each sample."""
-    ms = 1e3 * case.sample_times_s
-    if share[-1] <= AGREEMENT:
-        return (
-            f"engines can be compared point by point to the end ({ms[-1]:.4g} ms): rounding stays below"
-            f" {share[-1]:.0e} of the largest change"
-        )
-    if share[0] > AGREEMENT:
-        return "engines cannot be compared point by point: heights this far from 0 lose too many digits to rounding"
-    until_ms = ms[int(np.argmax(share > AGREEMENT)) - 1]
-    return (
-        f"engines can be compared point by point until {until_ms:.4g} ms, where rounding alone explains differences of"
-        f" {AGREEMENT:g}; beyond, compare energy, mean forces and other statistics"
-    )
+    known = int(np.searchsorted(share, AGREEMENT, side="right"))
+    if known == len(share):
+        return f"runs can be compared point by point to the end: rounding is below {share[-1]:.0e} of the largest change"
+    until = f"runs can be compared point by point until {1e3 * case.sample_times_s[max(known - 1, 0)]:.4g} ms"
+    return f"{until}, where rounding alone explains differences of {AGREEMENT:g}; beyond, compare energies and means"
 
 
 def _stability(case: Case, law: str, why: str) -> Iterator[str]:

@@ -30,7 +30,6 @@ from validation.reference.tube import TOTAL
 ELEMENTS_SHARE = 0.5  # of the accuracy, for the effect of all elements left out; the rest is for the time step
 MIN_ACCURACY = 10 * MIN_TOLERANCE
 MAX_TOLERANCE = 1e-4  # of the exact motion
-DOUBT_SHARE = 5e-3  # of the accuracy: closer errors are measured again with the tightest exact motion
 STEP_RATIO = 1.2  # the search ends when the steps accepted and refused are within this factor
 MAX_TRIES = 60
 MAX_WORK = 4e9  # bodies times steps of one trial: some seconds
@@ -122,7 +121,6 @@ class Chooser:
         self.gauges = [name for name in strictest if name not in (FORCE, ENERGY)]
         self._errors: dict[int, dict[str, float]] = {}
         least = min(strictest.values())
-        self._best = least * EXACT_SHARE <= MIN_TOLERANCE
         duration = float(case.sample_times_s[-1])
         overlap, speed = scales(arrays_of(case.chain), duration)
         if case.chain.bodies * duration * speed > MAX_EXACT_WORK * overlap:
@@ -143,9 +141,6 @@ class Chooser:
     def _refuse(self, name: str, statement: str) -> NoReturn:
         raise InputError(self.case.scene.file, f"run.accuracy{name and f'.{name}'}", statement)
 
-    def _truth(self, tolerance: float) -> ExactMotion:
-        return exact_motion_of(self.full, tolerance, finer=bool(self.gauges))
-
     def _follow(self, strictest: float) -> tuple[ExactMotion, float]:
         """Exact motion and its error divided by the largest change.
 
@@ -153,7 +148,7 @@ class Chooser:
         """
         tolerance = min(max(EXACT_SHARE * strictest, MIN_TOLERANCE), MAX_TOLERANCE)
         while True:
-            truth = self._truth(tolerance)
+            truth = exact_motion_of(self.full, tolerance, finer=bool(self.gauges))
             known = float(share_of_change(truth.error_N, truth.trace)[-1])
             if known <= EXACT_SHARE * strictest or tolerance <= MIN_TOLERANCE:
                 return truth, known
@@ -168,13 +163,9 @@ class Chooser:
         return self._errors[steps_per_sample]
 
     def _excess(self, steps: int, wanted: dict[str, float]) -> float:
-        """Largest error divided by the wanted accuracy; close to 1, measured against the tightest exact motion."""
-        shares = {name: error / wanted[name] for name, error in self.errors_at(steps).items()}
-        if any(abs(share - 1) < DOUBT_SHARE for share in shares.values()) and not self._best:
-            self.truth, self._best = self._truth(MIN_TOLERANCE), True
-            self._errors.clear()
-            return self._excess(steps, wanted)
-        return max(shares.values())
+        """Largest error, with that of the exact motion, divided by the wanted accuracy."""
+        errors = self.errors_at(steps)
+        return max((errors[name] + self.exact_error) / wanted[name] for name in wanted)
 
     def choose(self, wanted: dict[str, float], most_work: float = MAX_WORK) -> tuple[Case, StepPlan]:
         """Case at the fewest steps per sample that keep all errors below the wanted accuracies.

@@ -8,14 +8,13 @@ than rounding explains.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.chain.case import Case
-from drivers.chain.chain import Array, Chain, arrays_of, furthest_m, stiffness_by
+from drivers.chain.chain import Array, arrays_of, furthest_m, stiffness_by
 from drivers.chain.contact_law import hertz_stiffness
 from drivers.chain.residual import FORCE, largest_change_N
 from drivers.chain.schemes import heights_and_reach
@@ -24,7 +23,7 @@ from drivers.engines import INCREMENTAL, load_engine
 from drivers.laws.viscoelastic import Viscoelastic
 from drivers.run.scheme import Scheme, apart
 from postproc.read.signals import integral
-from validation.reference.hertz_chain import COLUMNS, SINES, HertzChain, contact_force, hertz_force
+from validation.reference.hertz_chain import HertzChain, contact_force, hertz_force
 from validation.reference.velocity_verlet import integrate_verlet_absolute
 
 MIN_SAMPLES = 12
@@ -64,11 +63,11 @@ Places = NDArray[np.bool_]  # contacts or bodies of a group. Shape (bodies,)
 
 
 class Change(NamedTuple):
-    """A change of the scene: words with its factor, arguments of ``_forces`` by the factor, the first factor to try."""
+    """A change of the scene: words with its factor, changed values by the factor, the first factor to try."""
 
     words: str
     changed: Callable[[float], dict[str, Any]]
-    first: float | None = 1.0  # None: there is no factor
+    first: float
 
 
 def diagnosis(case: Case, engine: str, trace: Trace) -> str:
@@ -90,7 +89,9 @@ def diagnosis(case: Case, engine: str, trace: Trace) -> str:
         if sentence := _explains(case, change, force, limits_N, early=early):
             return sentence
     told = [str(row) for row in table if row.off > SIGNIFICANT][:TOLD]
-    return f"no single change explains it; largest: {', '.join(told) or 'no ratio of its law differs'}"
+    return (
+        f"no single change explains it; {'largest: ' * bool(told)}{', '.join(told) or 'its law is that of the scene'}"
+    )
 
 
 def measured_ratios(case: Case, trace: Trace) -> list[Ratio]:
@@ -151,13 +152,13 @@ def _fitted(columns: list[Array], target: Array) -> list[tuple[float, float]]:
 
 def _explains(case: Case, change: Change, force_N: Array, limits_N: Array, *, early: bool) -> str:
     """Words of a change that explains forces to within their limits, with its fitted factor; else empty."""
-    factor, samples = 1.0 if change.first is None else change.first, len(force_N)
+    factor, samples = change.first, len(force_N)
     with np.errstate(all="ignore"):
-        for _ in range(1 if change.first is None else MAX_TRIES):
-            made = _forces(case, early=early, **change.changed(factor))[:samples]
+        for _ in range(MAX_TRIES):
+            made = _forces(case, change.changed(factor), early=early)[:samples]
             if (np.abs(force_N - made) <= limits_N).all():
                 return change.words.format(f"{abs(factor):.7g}")
-            slope = (_forces(case, early=early, **change.changed(factor + PROBE))[:samples] - made) / PROBE
+            slope = (_forces(case, change.changed(factor + PROBE), early=early)[:samples] - made) / PROBE
             step = float((slope * (force_N - made)).sum() / (slope**2).sum())
             if not abs(step) > FITTED:
                 break
@@ -166,135 +167,102 @@ def _explains(case: Case, change: Change, force_N: Array, limits_N: Array, *, ea
 
 
 def _changes(case: Case, trace: Trace, first: int, table: list[Ratio]) -> Iterator[Change]:
-    """Changes to try: of time, start, drive and damping, of all contacts or bodies, of those that differ most."""
-    chain, step_s, every = case.chain, case.scene.time_step_s, case.scene.steps_per_sample
-    speed, load, drive, bodies = chain.velocity_m_s, chain.load_N, chain.drive, np.arange(chain.bodies)
+    """Changes to try: of step, start, loads and damping, of all contacts or bodies, of those that differ most."""
+    chain, materials = case.chain, case.scene.materials
+    speed, bodies = chain.velocity_m_s, np.arange(chain.bodies)
+    masses, stiffnesses = {"mass_kg": chain.mass_kg}, {"stiffness": chain.stiffness}
 
     def guess(quantity: str, at: Places = bodies >= 0) -> float:
         return float(np.median([row.ratio for row in table if row.quantity == quantity and at[row.place - 1]] or [1.0]))
 
-    # at another step all masses seem to be others, as times are those of the scene
-    yield Change("a time step {} times the scene's", lambda r: {"step_s": r * step_s}, 1 / guess("mass"))
-    for steps, words in ((1, "one step early"), (-1, "one step late"), (every, "one sample early")):
-        places = np.maximum(np.arange(case.scene.samples) * every + steps, 0)
-        yield Change(f"samples after the first are {words}", _always(steps=np.append(0, places[1:])), None)
-        yield Change(f"all samples are {words}", _always(steps=places), None)
+    other_step = _scaled({"time_step_s": case.scene.time_step_s})  # then all masses seem to be others
+    yield Change("a time step {} times the scene's", other_step, 1 / guess("mass"))
     if speed.any():
         slower = 1.0 if trace.velocity_m_s is None else float(trace.velocity_m_s[0] @ speed / (speed @ speed))
-        yield Change("start speeds {} times the scene's", lambda r: {"velocity_m_s": r * speed}, slower)
-        for half, words in ((0.5, "ahead"), (-0.5, "behind")):
-            late = speed + half * step_s * chain.acceleration_m_s2
-            yield Change(f"velocities start half a step {words}", _always(velocity_m_s=late), None)
-    if load.any():
-        yield Change("loads {} times the scene's", lambda r: {"load_N": r * load})
-        touching = chain.height_m - np.cumsum(np.minimum(chain.overlap_m, 0.0) - chain.overlap_m)
-        yield Change("bodies start just touching", _always(height_m=touching), None)
-    if drive is not None:
-        sized = np.isin(np.arange(COLUMNS), (1, 2, *SINES))  # columns in proportion to the amplitude
-        louder = partial(replace, drive)
-        yield Change(
-            "a drive {} times the scene's",
-            lambda r: {"drive": louder(segments=np.where(sized, r, 1.0) * louder().segments)},
-        )
+        yield Change("start speeds {} times the scene's", _scaled({"velocity_m_s": speed}), slower)
+    if chain.load_N.any():
+        yield Change("loads {} times the scene's", _scaled({"load_N": chain.load_N}), 1.0)
     if chain.damped:
-        lossy = guess("dissipation")
-        yield Change("dissipation {} times the scene's", lambda r: {"damping": abs(r) * chain.damping}, lossy)
+        yield Change("dissipation {} times the scene's", _scaled({"damping": chain.damping}), guess("dissipation"))
     else:
         by_ratio = Viscoelastic(1.0).coefficient(chain.stiffness, chain.reduced_mass_kg)
-        yield Change("contacts with a damping ratio of {}", lambda r: {"damping": abs(r) * by_ratio}, 0.01)
-    if case.scene.steps <= MAX_DRAGGED_STEPS and drive is None:
-        yield Change("non-viscous damping of {}", lambda r: {"local": r}, 0.1)
-        yield Change("a viscous drag of {} N s/m on each body", lambda r: {"viscous": r}, 0.0)
-    pairs = np.array([f"{a} with {b}" for a, b in zip(chain.materials, (chain.wall, *chain.materials), strict=False)])
-    for name in sorted({*chain.materials, chain.wall or ""} & {*case.scene.materials}):
-        softer = partial(_of_modulus, case, name)
+        yield Change("contacts with a damping ratio of {}", _scaled({"damping": by_ratio}), 0.01)
+    if case.scene.steps <= MAX_DRAGGED_STEPS and chain.drive is None:
+        yield Change("non-viscous damping of {}", _scaled({"local": 1.0}), 0.1)
+        yield Change("a viscous drag of {} N s/m on each body", _scaled({"viscous": 1.0}), 0.0)
+    for name in sorted({*chain.materials, chain.wall or ""} & {*materials}):
+        softer = _scaled({"youngs_modulus": {name: materials[name].youngs_modulus}})
         yield Change(f"Young's modulus of {name} {{}} times the scene's", softer, guess("stiffness"))
+    pairs = np.array([f"{a} with {b}" for a, b in zip(chain.materials, (chain.wall, *chain.materials), strict=False)])
     for quantity, noun in (("stiffness", "contact"), ("mass", "bead")):
         sure = [row.place - 1 for row in table if row.quantity == quantity and row.off > SIGNIFICANT][:CANDIDATES]
         near = [place for place in (first - 1, first, first + 1) if 0 <= place < chain.bodies]
-        groups = {f"all {noun}s": bodies >= 0}
-        groups |= {f"contacts of {pair}": pairs == pair for pair in {*pairs}} if quantity == "stiffness" else {}
-        groups |= {f"{noun} {place + 1}": bodies == place for place in dict.fromkeys([*sure, *near])}
+        groups = {f"all {noun}s": bodies >= 0} | {f"{noun} {j + 1}": bodies == j for j in dict.fromkeys([*sure, *near])}
         for name, at in groups.items():
-            if quantity == "stiffness":
-                yield Change(f"{name} {{}} times as stiff", partial(_stiffer, chain, at), guess(quantity, at))
-                continue
-            for weighs, words in ((True, ""), (False, ", but not of its weight")):
-                heavier = partial(_heavier, chain, at, weighs)
-                yield Change(f"{name} with {{}} of its mass{words}", heavier, guess(quantity, at))
+            if quantity == "mass":
+                heavier = _scaled(masses | {"weight_N": chain.gravity_m_s2 * chain.mass_kg}, at)
+                yield Change(f"{name} with {{}} of its mass", heavier, guess(quantity, at))
+                yield Change(f"{name} with {{}} of its mass, but not of its weight", _scaled(masses, at), 1.0)
+            else:
+                yield Change(f"{name} {{}} times as stiff", _scaled(stiffnesses, at), guess(quantity, at))
+    for pair in sorted({*pairs}):
+        at = pairs == pair
+        yield Change(f"contacts of {pair} {{}} times as stiff", _scaled(stiffnesses, at), guess("stiffness", at))
 
 
-def _always(**changed: Any) -> Callable[[float], dict[str, Any]]:
-    return lambda _: changed
+def _scaled(values: dict[str, Any], at: Any = True) -> Callable[[float], dict[str, Any]]:
+    """Function of a factor that returns values multiplied by it, arrays only ``at`` some places."""
+
+    def changed(factor: float) -> dict[str, Any]:
+        return {
+            name: {key: abs(factor) * each for key, each in value.items()}
+            if isinstance(value, dict)
+            else np.where(at, factor, 1.0) * value
+            for name, value in values.items()
+        }
+
+    return changed
 
 
-def _of_modulus(case: Case, name: str, factor: float) -> dict[str, Any]:
-    scene, chain = case.scene, case.chain
-    material = scene.materials[name]
-    other = material.model_copy(update={"youngs_modulus": abs(factor) * material.youngs_modulus})
-    scene = scene.model_copy(update={"materials": {**scene.materials, name: other}})
-    return {"stiffness": stiffness_by(hertz_stiffness, scene, chain.materials, chain.radius_m)}
-
-
-def _stiffer(chain: Chain, at: Places, factor: float) -> dict[str, Any]:
-    return {"stiffness": np.where(at, factor, 1.0) * chain.stiffness}
-
-
-def _heavier(chain: Chain, at: Places, weighs: bool, factor: float) -> dict[str, Any]:
-    more = np.where(at, factor, 1.0)
-    weight_N = chain.gravity_m_s2 * chain.mass_kg * weighs
-    return {"mass_kg": more * chain.mass_kg, "load_N": chain.load_N - (more - 1) * weight_N}
-
-
-def _forces(
-    case: Case,
-    *,
-    early: bool,
-    step_s: float = 0.0,
-    steps: Array | None = None,
-    height_m: Array | None = None,
-    local: float = 0.0,
-    viscous: float = 0.0,
-    **arrays: Any,
-) -> Array:
-    """Forces of a changed case. Shape (samples, bodies).
+def _forces(case: Case, changed: dict[str, Any], *, early: bool) -> Array:
+    """Forces of a case with some values of its chain changed. Shape (samples, bodies).
 
     They are those that an adapter would read: the codes give net forces on bodies, and the adapter subtracts the loads
-    of the scene from the lowest body upwards.
-
-    Args:
-        case: the case.
-        early: True for decks with the velocities of half a step before time 0, by the forces of the scene, as YADE's.
-        step_s: another time step, with the steps per sample of the case.
-        steps: steps at which samples are taken.
-        height_m: heights at time 0.
-        local: d of Cundall's damping, ``a (1 - d sign(a v))`` with v predicted for the time of the forces, as in YADE.
-        viscous: c of a drag ``-c v`` of half a step before.
-        arrays: arrays of the chain. Dissipation follows from stiffnesses and masses, unless it is given.
+    of the scene from the lowest body upwards. Besides arrays of ``HertzChain``, ``changed`` may have a time step,
+    Young's moduli by material, weights, and the coefficients of ``_dragged``. With ``early`` the deck has the
+    velocities of half a step before time 0, by the forces of the scene, as YADE's.
     """
-    scene, chain = case.scene, case.chain
-    other = replace(chain, **{name: arrays[name] for name in ("mass_kg", "stiffness") if name in arrays})
-    damping = chain.law.coefficient(other.stiffness, other.reduced_mass_kg)
-    changed = replace(arrays_of(chain), **({"damping": damping} | arrays))
+    scene, chain, values = case.scene, case.chain, dict(changed)
+    step_s = float(values.pop("time_step_s", scene.time_step_s))
+    drag = [float(values.pop(name, 0.0)) for name in ("local", "viscous")]
+    for name, modulus in values.pop("youngs_modulus", {}).items():
+        materials = scene.materials | {name: scene.materials[name].model_copy(update={"youngs_modulus": modulus})}
+        other = scene.model_copy(update={"materials": materials})
+        values["stiffness"] = stiffness_by(hertz_stiffness, other, chain.materials, chain.radius_m)
+    if (weight_N := values.pop("weight_N", None)) is not None:
+        values["load_N"] = chain.load_N - weight_N + chain.gravity_m_s2 * chain.mass_kg
+    bent = replace(chain, **{name: values[name] for name in ("mass_kg", "stiffness") if name in values})
+    arrays = replace(
+        arrays_of(bent), **{name: abs(value) if name == "damping" else value for name, value in values.items()}
+    )
     if early:
-        force = contact_force(changed, changed.overlap_m, changed.velocity_m_s)
-        net = force - np.append(force[1:], 0.0) + changed.load_N
-        gained = 0.5 * scene.time_step_s * (net / changed.mass_kg - chain.acceleration_m_s2)
-        changed = replace(changed, velocity_m_s=changed.velocity_m_s + gained)
-    extra = np.append(0.0, np.cumsum(changed.load_N - chain.load_N)[:-1])
-    if local or viscous:
-        return np.asarray(_dragged(case, changed, local, viscous) - extra)
-    height, reach = heights_and_reach(case)
-    height = height if height_m is None else height_m
-    if steps is not None:
-        fine = integrate_verlet_absolute(changed, height, reach, scene.time_step_s, 1, int(steps.max()) + 1)
-        return np.asarray(fine.force_N[steps] - extra)
-    timing = step_s or scene.time_step_s, scene.steps_per_sample, scene.samples
-    return np.asarray(integrate_verlet_absolute(changed, height, reach, *timing).force_N - extra)
+        force = contact_force(arrays, arrays.overlap_m, arrays.velocity_m_s)
+        net = force - np.append(force[1:], 0.0) + arrays.load_N
+        gained = 0.5 * scene.time_step_s * (net / arrays.mass_kg - chain.acceleration_m_s2)
+        arrays = replace(arrays, velocity_m_s=arrays.velocity_m_s + gained)
+    if any(drag):
+        return _dragged(case, arrays, *drag)
+    where, counts = heights_and_reach(case), (scene.steps_per_sample, scene.samples)
+    forces = integrate_verlet_absolute(arrays, *where, step_s, *counts).force_N
+    return np.asarray(forces - np.append(0.0, np.cumsum(arrays.load_N - chain.load_N)[:-1]))
 
 
 def _dragged(case: Case, chain: HertzChain, local: float, viscous: float) -> Array:
-    """Forces of a chain with damping that ``_forces`` describes; a drag is part of the forces that a code gives."""
+    """Forces with Cundall's damping, or with a drag, which is part of the forces that a code gives.
+
+    Cundall's is ``a (1 - local sign(a v))`` with v predicted for the time of the forces, as in YADE; the drag is
+    ``-viscous v`` with v of half a step before, as in LAMMPS.
+    """
     step_s, overlap, kept = case.scene.time_step_s, chain.overlap_m.copy(), []
     drag = -viscous * chain.velocity_m_s
     velocity = chain.velocity_m_s - 0.5 * step_s * (case.chain.acceleration_m_s2 + drag / chain.mass_kg)

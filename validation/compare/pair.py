@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.base import paths
 from drivers.base.errors import InputError
@@ -32,7 +33,7 @@ KINDS = ("peak", "later peak", "speed")  # of observables shown
 # of the largest change: rounding, horizon, coarse steps, experiments
 LEVELS = (1e-9, 1e-6, 1e-3, 1e-2)
 MIN_SAMPLES = 4  # for peaks
-TIME_TOLERANCE = 1e-9  # of a sample time
+TIME_TOLERANCE = 1e-9  # of the longer run
 
 
 @dataclass(frozen=True)
@@ -72,14 +73,16 @@ def open_pair(first: Path, second: Path) -> tuple[PairedRun, PairedRun]:
     counts = [run.trace.force_N.shape[1] for run in (one, other)]
     if counts[0] != counts[1]:
         raise InputError(where, "", f"{counts[0]} contacts against {counts[1]}", "equal numbers of contacts")
-    every, samples = _common(where, one.trace, other.trace)
-    if samples < MIN_SAMPLES:
-        raise InputError(where, "", f"{samples} common sample times", f"{MIN_SAMPLES} or more")
-    pair = (
-        PairedRun(run, Case(*chain_of(run), ()), part_of(run.trace, slice(0, step * samples, step)))
-        for run, step in zip((one, other), every, strict=True)
-    )
-    return next(pair), next(pair)
+    unit = TIME_TOLERANCE * max(float(run.trace.time_s[-1]) for run in (one, other))
+    ticks = [np.round(run.trace.time_s / unit) for run in (one, other)]
+    common, first_at, second_at = np.intersect1d(ticks[0], ticks[1], return_indices=True)
+    if len(common) < MIN_SAMPLES:
+        raise InputError(where, "run.sample_interval", f"{len(common)} common sample times", f"{MIN_SAMPLES} or more")
+    return _paired(one, first_at), _paired(other, second_at)
+
+
+def _paired(run: EndedRun, at: NDArray[np.intp]) -> PairedRun:
+    return PairedRun(run, Case(*chain_of(run), ()), part_of(run.trace, at))
 
 
 def _open(folder: Path) -> EndedRun:
@@ -92,22 +95,6 @@ def _open(folder: Path) -> EndedRun:
     run = open_run(folder, failed=True)
     load_engine(run.record.engine, paths.shown(folder), "engine")
     return run
-
-
-def _common(where: str, *traces: Trace) -> tuple[list[int], int]:
-    """Samples of each run per common sample, and the number of common samples."""
-    times = [trace.time_s for trace in traces]
-    intervals = [float(time[1] - time[0]) if len(time) > 1 else float("nan") for time in times]
-    if np.isfinite(intervals).all():
-        every = [round(max(intervals) / interval) for interval in intervals]
-        thinned = [time[::each] for time, each in zip(times, every, strict=True)]
-        samples = min(len(time) for time in thinned)
-        whole = every == [1, 1] or samples == len(times[every.index(1)])  # all samples of the coarser run
-        if whole and np.allclose(thinned[0][:samples], thinned[1][:samples], rtol=TIME_TOLERANCE, atol=0):
-            return every, samples
-    found = (f"samples each {each:g} s until {time[-1]:g} s" for each, time in zip(intervals, times, strict=True))
-    common = "sample times of one run that the other has as well"
-    raise InputError(where, "run.sample_interval", " against ".join(found), common)
 
 
 def compare_runs(first: Path, second: Path) -> int:

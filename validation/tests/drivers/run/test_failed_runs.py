@@ -6,14 +6,17 @@ import sys
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import psutil
 import pytest
 
+from drivers.base.errors import RunError
 from drivers.chain.schemes import verlet_of
-from drivers.engines import missing_codes
-from drivers.run.guard import UNSTABLE, unstable
+from drivers.chain.trace import Trace
+from drivers.engines import load_engine, missing_codes
+from drivers.run.guard import checked, compared
 from drivers.run.run import run_case
 from drivers.run.workplaces import ALIVE, _machine
 from validation.tests.helpers.commands import beads
@@ -78,7 +81,7 @@ def test_engine_that_cannot_start_leaves_the_others_alone(
 
 def test_failed_run_is_tried_again_and_replaces_no_finished_one(scene_file: SceneWriter, tmp_path: Path) -> None:
     """The next run removes what a killed process has left."""
-    case, home = case_of(scene_file()), tmp_path / "verlet"
+    case, home = case_of(scene_file(duration="20 ms", step="2 ns")), tmp_path / "verlet"
     assert run_case(case, "verlet", tmp_path, limit_s=1e-6).record.status == "timeout"
     left = home / f".{'a' * 12}@{_machine()}"
     left.mkdir()
@@ -107,11 +110,43 @@ def test_missing_engine_fails_if_asked_for(
     assert len(unasked.stdout.split()) == 2
 
 
+# scene, column of a trace, place in it, change there: added, or if None NaN; reason of the failure
+Place = tuple[Any, ...]
+FAULTS: dict[str, tuple[str, str, Place, float | None, str]] = {
+    "not finite": ("fig4", "force_N", (5, 3), None, r"unstable at t = 5e-06 s: values are not finite"),
+    "through a bead": ("fig4", "height_m", (4, 3), -6e-3, r"unstable at t = 4e-06 s: body 4 passed through body 3"),
+    "through the wall": ("fig4", "height_m", (4, 0), -6e-3, r"unstable at .* body 1 passed through the wall"),
+    "too deep": ("fig4", "force_N", (7, 3), 1e9, r"unstable at .* beads are pressed into each other by more than a"),
+    "start": ("fig4", "height_m", (0, 3), 1e-9, r"body 4 starts with a height of .* m, the scene has "),
+    "moving": ("fig4", "velocity_m_s", (0, 3), 1e-6, r"body 4 starts with a velocity of "),
+    "pressed": ("fig4", "force_N", (0, 3), 1e-6, r"body 4 starts with a force below of "),
+    "end of the tube": ("fig6d-tube", "height_m", (9, -1), -7e-4, r"at t = 9e-06 s the striker comes down to the end"),
+    "force": ("fig4", "force_N", (8, 20), 1e-6, r"departs from its scheme from 8 µs, in the wave: the force in conta"),
+    "before": ("fig4", "force_N", (8, 3), 1e-6, r"departs from its scheme from 8 µs, before any wave arrives: the f"),
+    "energy": ("fig4", "total_energy_J", (8,), 1e-9, r"departs from its scheme from 8 µs: the energy is "),
+    "momentum": ("fig4", "momentum_N_s", (8,), 1e-9, r"departs from its scheme from 8 µs: the momentum is "),
+}
+
+
+def changed(trace: Trace, column: str, place: Place, change: float | None) -> Trace:
+    values = getattr(trace, column).copy()
+    values[place] += np.nan if change is None else change
+    return replace(trace, **{column: values})
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_each_fault_of_a_trace_fails_the_run(fault: str) -> None:
+    scene, column, place, change, reason = FAULTS[fault]
+    case, engine = case_of(scene, "run.duration=20 us"), load_engine("liggghts")
+    trace = verlet_of(case, engine.shear)
+    compared(case, engine, checked(case, trace))
+    with pytest.raises(RunError, match=f"^{reason}") as failed:
+        compared(case, engine, checked(case, changed(trace, column, place, change)))
+    assert failed.value.partial is not None
+
+
 def test_the_first_of_several_faults_is_named() -> None:
     case = case_of("fig4", "run.duration=20 us")
-    trace = verlet_of(case)
-    force_N = trace.force_N.copy()
-    force_N[4, 1], force_N[7, 2] = 1e9, np.nan
-    assert str(unstable(case, replace(trace, force_N=force_N))).startswith(
-        f"{UNSTABLE}{trace.time_s[4]:g} s: beads are"
-    )
+    trace = changed(changed(verlet_of(case), "force_N", (4, 1), 1e9), "force_N", (7, 2), None)
+    with pytest.raises(RunError, match=r"^unstable at t = 4e-06 s: beads are"):
+        checked(case, trace)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pytest
 
 from drivers.run.run import run_case, run_many
 from drivers.run.run_folder import FORCES, RECORD, SENSORS, open_run
@@ -66,7 +67,9 @@ def test_run_folder_holds_forces_state_signals_and_record(scene_file: SceneWrite
     assert record["commit"]
 
 
-def test_scenes_that_differ_in_gauges_share_a_run(scene_file: SceneWriter, tmp_path: Path) -> None:
+def test_scenes_that_differ_in_gauges_share_a_run(
+    scene_file: SceneWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Each keeps its signals when another is run again or fails."""
     path = scene_file()
     settings = ("chain.sensors=[{from_wall=2}]", "chain.sensors=[{from_wall=4}]", "sensor.time_constant=1 ms")
@@ -78,7 +81,12 @@ def test_scenes_that_differ_in_gauges_share_a_run(scene_file: SceneWriter, tmp_p
     signals = {run.folder: (run.folder / SENSORS).read_bytes() for run in runs}
     assert (len(signals), len(set(signals.values()))) == (3, 3)
     again = run_case(cases[0], "verlet", tmp_path, rerun=True)
-    assert not run_case(cases[1], "verlet", tmp_path, rerun=True, limit_s=1e-6).done
+
+    def late(*_: object) -> None:
+        raise TimeoutError
+
+    monkeypatch.setattr("drivers.run.compute.endable", late)
+    assert run_case(cases[1], "verlet", tmp_path, rerun=True).record.status == "timeout"
     assert all((folder / SENSORS).read_bytes() == signals[folder] for folder in {*signals} - {again.folder})
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from pyarrow.parquet import read_table
 
+from drivers.chain.schemes import verlet_motion, verlet_of
 from drivers.engines import REFERENCE
 from postproc.energy.energies import energies_of, range_energy_J, range_numbers
 from postproc.paper.simulate import exact
@@ -41,6 +42,14 @@ def test_energies_add_up_what_is_dissipated_is_lost_and_what_is_below_a_bead_has
     below = (energies.kinetic_J + energies.load_J)[:, :8].sum(axis=1)
     below += (energies.elastic_J + energies.dissipated_J)[:, :9].sum(axis=1)
     assert np.abs(energies.passed_J[:, 8] - (below - below[0])).max() < 1e-9 * largest_J
+
+
+def test_what_a_code_dissipates_is_that_of_its_scheme() -> None:
+    case = case_of(*SCENES[3])
+    energies = energies_of(case, "lammps", verlet_of(case))
+    np.testing.assert_array_equal(energies.dissipated_J, verlet_motion(case, energies=True).dissipated_J)
+    exact_J = energies_of(case, REFERENCE, exact(case).trace).dissipated_J
+    assert 1e-6 < np.abs(energies.dissipated_J - exact_J).max() / exact_J.max() < 1e-2
 
 
 def test_a_wave_leaves_a_range_of_beads() -> None:

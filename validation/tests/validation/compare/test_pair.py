@@ -67,7 +67,7 @@ def test_on_the_command_line(run_of: FolderOf, tmp_path: Path) -> None:
     assert (wrong.returncode, wrong.stderr) == (1, "")
     assert wrong.stdout.startswith("FAIL: the second run departs from its scheme\n")
     assert re.search(r"^second +departs from its scheme from 200 µs, .*contact 3 is ", wrong.stdout, re.MULTILINE)
-    assert re.search(r"^second +no single change explains it; largest: ", wrong.stdout, re.MULTILINE)
+    assert re.search(r"^second +no single change explains it; ", wrong.stdout, re.MULTILINE)
     for given, found in (([verlet], "exactly two runs"), ([verlet, other, "--set", "seed=1"], "--set")):
         wrong = beads("compare", *given)
         assert (wrong.returncode, len(wrong.stderr.splitlines())) == (2, 1)
@@ -82,7 +82,6 @@ def test_runs_that_cannot_be_compared(run_of: FolderOf, scene_file: SceneWriter,
     failed, foreign = (Path(shutil.copytree(good, tmp_path / name)) for name in ("failed", "foreign"))
     edit_record(failed, status="failed", reason="unstable", files={})
     edit_record(foreign, engine="abacus")
-    rarer = ("run.sample_interval=0.5 us", "run.duration=0.1 ms")
     for folder, found in (
         (good.parent / "." / good.name, "both are the same run"),
         (tmp_path / "empty", "no record of a run"),
@@ -90,8 +89,6 @@ def test_runs_that_cannot_be_compared(run_of: FolderOf, scene_file: SceneWriter,
         (tmp_path / "batch", "the store of a batch"),
         (failed, "failed: unstable"),
         (foreign, 'engine: found "abacus"'),
-        (run_of("verlet", scene_file(), "run.sample_interval=0.7 us"), r"run\.sample_interval"),
-        (run_of("verlet", scene_file(), *rarer), r"run\.sample_interval"),
         (run_of("verlet", scene_file(count=3)), "6 contacts against 4"),
         (run_of("verlet", scene_file(duration="2 us")), "4 or more"),
     ):

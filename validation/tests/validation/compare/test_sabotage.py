@@ -19,7 +19,7 @@ from validation.tests.helpers.scenes import SceneWriter, StandIn, case_of
 
 DEPARTS = "^departs from its scheme"
 UNSTABLE = "^unstable at t = "
-NONE = "no single change explains it; largest: "
+NONE = "no single change explains it; "
 SENSOR = "chain.sensors=[{from_wall=3, mass='0.116 g'}]"
 SCENES = {
     "struck": ("fig4", "chain.count=5", SENSOR, "striker.speed=1 m/s", "run.duration=0.3 ms"),
@@ -55,13 +55,13 @@ class Sabotage(NamedTuple):
 SABOTAGE = [
     # contacts and materials
     Sabotage("yade", "the default wall law", r"Ig2_Wall_Sphere_ScGeom\(hertzian=True\)", "Ig2_Wall_Sphere_ScGeom()",
-             "force below", r"contacts of ptfe with brass 0\.707106[78]\d* times as stiff"),
+             "force below", r"contact 1 0\.707106[78] times as stiff"),
     Sabotage("liggghts", "a wall of the beads' material", "type 2 zplane", "type 1 zplane",
-             "force below", r"contacts of ptfe with brass 0\.507292[67]\d* times as stiff"),
+             "force below", r"contact 1 0\.507292[67] times as stiff"),
     Sabotage("liggghts", "beads of steel", r" 1460000000 (.*\n.*) 0\.46 ", r" 203000000000 \1 0.30 ",
              "force below", r"Young's modulus of ptfe 120\.4615 times the scene's"),
     Sabotage("yade", "all Poisson's ratios forgotten", " poisson=[^,]+,", "", "force below",
-             rf"{NONE}stiffness of contact \d 0\.84096 ± "),
+             rf"{NONE}largest: stiffness of contact \d 0\.84096 ± "),
     Sabotage("yade", "a Young's modulus forgotten", r'(label="ptfe",) young=[^,]+, poisson=[^,]+,', r"\1",
              "force below", r"Young's modulus of ptfe 0\.576 times the scene's"),
     Sabotage("liggghts", "a stiffness off by 1e-5", r" 1460000000 ", " 1460014600 ",
@@ -96,9 +96,9 @@ SABOTAGE = [
              "velocity of", r"start speeds 1 times the scene's"),
     # clock
     Sabotage("liggghts", "forces one step early", "dump samples all", "run 1\nreset_timestep 0\ndump samples all",
-             "height of", "all samples are one step early"),
+             "height of", NONE),
     Sabotage("yade", "forces one step late", "every if sample", "every - (sample == 1) if sample",
-             DEPARTS, "samples after the first are one step late"),
+             DEPARTS, NONE),
     Sabotage("yade", "a step left out of each sample", "range.every if", "range(9 if", DEPARTS, NONE),
     Sabotage("lammps", "a larger time step", r"timestep +\S+", "timestep 1.1e-07", DEPARTS,
              r"a time step 1\.1 times the scene's"),
@@ -107,10 +107,9 @@ SABOTAGE = [
     Sabotage("yade", "half the time step", "O.dt = time_step", "O.dt = time_step / 2", "height of", NONE),
     # drives
     Sabotage("lammps", "another frequency", "50265.48", "50768.13", DEPARTS, NONE, "driven"),
-    Sabotage("liggghts", "no drive", "fix drive .*\n", "\n", DEPARTS, "a drive 0 times|a drive -?[\\d.]+e-", "driven"),
+    Sabotage("liggghts", "no drive", "fix drive .*\n", "\n", DEPARTS, NONE, "driven"),
     Sabotage("liggghts", "a drive of another bead", "driven id 20", "driven id 19", DEPARTS, NONE, "driven"),
-    Sabotage("yade", "a drive one step early", "tau = step ", "tau = (step + 1) ", DEPARTS,
-             "samples after the first are one step early", "driven"),
+    Sabotage("yade", "a drive one step early", "tau = step ", "tau = (step + 1) ", DEPARTS, NONE, "driven"),
     # ends
     Sabotage("lammps", "NaN", "timestep        1e-07", "timestep        1e200", "simulation unstable"),
     Sabotage("lammps", "a step far too large", "timestep        1e-07", "timestep        2.5e-05", UNSTABLE),
