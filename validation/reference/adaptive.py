@@ -107,7 +107,8 @@ def _fill(
     )
     static = hertz_force(chain.stiffness, chain.overlap_m)
     if drive is None:
-        undriven = (False, np.zeros(COLUMNS), np.zeros(2), 0, False, 0.0, 0.0, static)
+        summed: tuple[Any, ...] = (0.0, static) if start.size > 2 * n else ()
+        undriven = (False, np.zeros(COLUMNS), np.zeros(2), 0, False, 0.0, *summed)
         return bool(fill_states(states, start, time_s, (*bodies, undriven), tolerance, scale, first, stop))
     load_N, constant = float(chain.load_N[drive.body]), float(acceleration[drive.body])
     if drive.prescribed:

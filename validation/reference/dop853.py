@@ -126,10 +126,11 @@ ROUNDING = 0.5**53  # relative rounding error of a double
 # inverse masses, stiffness, damping (empty for an elastic chain), acceleration by the loads alone, power of the overlap
 # in damping; with the power law alpha in its place, and for each contact 1 if it may exert a force in the present step;
 # last the drive: True if there is one, its segment, times of the last and of the next event since the segment begins,
-# body, True if it moves as prescribed (with an inverse mass of 0), acceleration by its constant load, this load, and
-# for integrals the elastic forces at time 0
+# body, True if it moves as prescribed (with an inverse mass of 0), acceleration by its constant load; with integrals
+# this load, and the elastic forces at time 0
 Bodies = tuple[Any, ...]
 POWER_LAW_LENGTH = 7  # length of Bodies with the power law; numba compiles a kernel for each of the two lengths
+SUMMED_LENGTH = 8  # length of the drive's tuple with integrals, in the same way
 
 
 # inlined, since reference counts of its arguments would take a fifth of a small chain's time
@@ -154,8 +155,7 @@ def slope(state: Array, stretch: float, result: Array, bodies: Bodies) -> None:
     else:
         for j in range(n):
             force[j] = elastic_force(stiffness[j], state[j] if state[j] > 0.0 else 0.0)
-    if state.size > 2 * n:
-        _powers(state, stretch, force, result, bodies)
+    _powers(state, stretch, force, result, bodies, bodies[-1])
     for j in range(n - 1):
         force[j] = stretch * ((force[j] - force[j + 1]) * inverse_mass[j] + acceleration[j])
     force[n - 1] = stretch * (force[n - 1] * inverse_mass[n - 1] + acceleration[n - 1])
@@ -163,14 +163,17 @@ def slope(state: Array, stretch: float, result: Array, bodies: Bodies) -> None:
         closing[j] *= stretch
 
 
-@njit(error_model="numpy")
-def _powers(state: Array, stretch: float, force: Array, result: Array, bodies: Bodies) -> None:
+@njit(error_model="numpy", forceinline=True)
+def _powers(state: Array, stretch: float, force: Array, result: Array, bodies: Bodies, drive: tuple[Any, ...]) -> None:
     """Writes ``stretch`` times the integrands of ``hertz_chain.motion_with``, with the forces of all contacts.
 
-    For a contact it is ``(F - F(0)) d'``, which stays smooth when the overlap of a released contact reaches 0.
+    For a contact it is ``(F - F(0)) d'``, which stays smooth when the overlap of a released contact reaches 0. Without
+    integrals nothing is compiled.
     """
+    if len(drive) != SUMMED_LENGTH:
+        return
     inverse_mass, acceleration = bodies[0], bodies[3]
-    driven, _, _, body, prescribed, constant, load, static = bodies[-1]
+    driven, _, _, body, prescribed, constant, load, static = drive
     n = inverse_mass.size
     powers = result[2 * n :]
     if driven:
@@ -200,8 +203,7 @@ def _slope_power(state: Array, stretch: float, result: Array, bodies: Bodies) ->
         below, force[j] = velocity, 0.0
         if holds[j] > 0.0:
             force[j] = power_force(stiffness[j], gamma[j], alpha, max(state[j], 0.0), closing)
-    if state.size > 2 * n:
-        _powers(state, stretch, force, result, bodies)
+    _powers(state, stretch, force, result, bodies, bodies[-1])
     for j in range(n):
         above = force[j + 1] if j + 1 < n else 0.0
         force[j] = stretch * ((force[j] - above) * inverse_mass[j] + acceleration[j])

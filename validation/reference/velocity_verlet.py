@@ -53,8 +53,8 @@ def integrate_verlet(
     sums = np.zeros((samples, columns_of_sums(chain, energies=energies)))
     stop = np.zeros(1, bool) if stop is None else stop
     drive, static = _drive(chain, *arrays[4:6], half_kick), hertz_force(chain.stiffness, chain.overlap_m)
-    loads = half_kick, chain.load_N.copy(), static
-    fill_samples(arrays, drive, time_step_s, steps_per_sample, *loads, force, overlap, velocity, sums, stop)
+    kept = force, overlap, velocity, sums if sums.size else None
+    fill_samples(arrays, drive, time_step_s, steps_per_sample, half_kick, chain.load_N.copy(), *kept, static, stop)
     times = np.arange(samples, dtype=float) * (steps_per_sample * time_step_s)
     return motion_with(chain, times, (force, displacements(chain, overlap), velocity), sums)
 

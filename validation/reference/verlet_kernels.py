@@ -99,14 +99,6 @@ def _drive(arrays: Arrays, drive: DriveArrays, load: Array, dt: float, step: int
     return rate
 
 
-@njit(error_model="numpy", forceinline=True)
-def _sync(j: int, arrays: Arrays, drive: DriveArrays, half_kick: Array, load: Array, rate: float) -> float:
-    """Velocity of a body at the time of the forces."""
-    if drive[0].size and drive[2] and j == drive[1]:
-        return rate
-    return float(arrays[0][j] + half_kick[j] * (arrays[2][j] - arrays[2][j + 1] + load[j]))
-
-
 @njit(cache=True, nogil=True, error_model="numpy")
 def follow(
     arrays: Arrays, drive: DriveArrays, dt: float, steps: int, half_kick: Array, load: Array, mass: Array,
@@ -116,15 +108,17 @@ def follow(
 
     ``mass`` is 0 for a body whose energy does not count. Returns the largest kinetic energy, NaN after a blow-up.
     """
-    overlap, force, rate, largest = arrays[1], arrays[2], 0.0, 0.0
+    velocity, overlap, force = arrays[:3]
+    driven, held = drive[0].size > 0, drive[1] if drive[2] else -1
+    rate, largest = 0.0, 0.0
     for step in range(steps + 1):
         if stop[0]:
             break
-        if drive[0].size:
+        if driven:
             rate = _drive(arrays, drive, load, dt, step)
         below, kinetic = 0.0, 0.0
         for j in range(overlap.size):
-            here = _sync(j, arrays, drive, half_kick, load, rate)
+            here = rate if j == held else velocity[j] + half_kick[j] * (force[j] - force[j + 1] + load[j])
             if force[j] > 0.0:
                 speeds[j] = max(speeds[j], abs(below - here))
             overlaps[j] = max(overlaps[j], overlap[j])
@@ -142,15 +136,15 @@ def _powers(
     arrays: Arrays, drive: DriveArrays, half_kick: Array, load: Array, rate: float, static: Array, powers: Array
 ) -> None:
     """Fills the integrands of ``hertz_chain.motion_with``; only those of a drive if there is no room for more."""
-    overlap, force, stiffness, n = arrays[1], arrays[2], arrays[3], arrays[1].size
+    velocity, overlap, force, stiffness = arrays[:4]
+    n, body, held = overlap.size, drive[1], drive[0].size > 0 and drive[2]
     if drive[0].size:
-        body = drive[1]
-        by_drive = force[body + 1] - force[body] - load[body] if drive[2] else load[body] - drive[3]
-        powers[0] = by_drive * _sync(body, arrays, drive, half_kick, load, rate)
-        powers[1] = by_drive
+        net = force[body] - force[body + 1] + load[body]
+        powers[1] = -net if held else load[body] - drive[3]
+        powers[0] = powers[1] * (rate if held else velocity[body] + half_kick[body] * net)
     below = 0.0
     for j in range(n if powers.size > 2 else 0):
-        here = _sync(j, arrays, drive, half_kick, load, rate)
+        here = rate if held and j == body else velocity[j] + half_kick[j] * (force[j] - force[j + 1] + load[j])
         powers[2 + j] = (force[j] - elastic_force(stiffness[j], max(overlap[j], 0.0))) * (below - here)
         powers[2 + n + j] = (static[j] - force[j]) * here
         below = here
@@ -158,20 +152,20 @@ def _powers(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def fill_samples(
-    arrays: Arrays, drive: DriveArrays, dt: float, every: int, half_kick: Array, load: Array, static: Array,
-    forces: Array, overlaps: Array, velocities: Array, sums: Array, stop: Flag,
+    arrays: Arrays, drive: DriveArrays, dt: float, every: int, half_kick: Array, load: Array, forces: Array,
+    overlaps: Array, velocities: Array, sums: Array | None, static: Array, stop: Flag,
 ) -> None:  # fmt: skip
     """Fills the samples, the first with the initial state; velocities are shifted to the time of the forces.
 
     Integrals are sums over all steps by the trapezoidal rule: so the kinetic energy changes by the work of the forces.
+    ``sums`` is None without integrals: numba then compiles a kernel that has none.
     """
-    overlap, force = arrays[1:3]
-    step, driven, rate, summed = 0, drive[0].size > 0, 0.0, sums.shape[1] > 0
-    work = np.zeros((3, sums.shape[1]))
-    running, powers, before = work[0], work[1], work[2]
+    velocity, overlap, force = arrays[:3]
+    step, driven, rate = 0, drive[0].size > 0, 0.0
     if driven:
         rate = _drive(arrays, drive, load, dt, step)
-    if summed:
+    if sums is not None:
+        running, powers, before = np.zeros(sums.shape[1]), np.zeros(sums.shape[1]), np.zeros(sums.shape[1])
         _powers(arrays, drive, half_kick, load, rate, static, powers)
     for sample in range(len(forces)):
         for _ in range(every if sample else 0):
@@ -181,7 +175,7 @@ def fill_samples(
             step += 1
             if driven:
                 rate = _drive(arrays, drive, load, dt, step)
-            if summed:
+            if sums is not None:
                 copy(powers, before)
                 _powers(arrays, drive, half_kick, load, rate, static, powers)
                 for i in range(running.size):
@@ -189,8 +183,11 @@ def fill_samples(
         for j in range(overlap.size):
             forces[sample, j] = force[j]
             overlaps[sample, j] = overlap[j]
-            velocities[sample, j] = _sync(j, arrays, drive, half_kick, load, rate)
-        copy(running, sums[sample])
+            velocities[sample, j] = velocity[j] + half_kick[j] * (force[j] - force[j + 1] + load[j])
+        if driven and drive[2]:
+            velocities[sample, drive[1]] = rate
+        if sums is not None:
+            copy(running, sums[sample])
 
 
 @njit(cache=True, nogil=True)

@@ -137,12 +137,12 @@ def test_near_a_resonance_the_limit_is_where_the_motion_grows_many_times() -> No
     assert limit.unstable_s is not None
     assert not why_unstable(case.sampled_at_every(0.9 * limit.stable_s))
     assert "times the kinetic energy of the motion" in why_unstable(case.sampled_at_every(limit.unstable_s))
-    assert swing_J(case, 0.9 * limit.stable_s) < 10 * right_J < swing_J(case, limit.unstable_s)
+    assert swing_J(case, 0.9 * limit.stable_s) < 5 * right_J < swing_J(case, limit.unstable_s)
 
 
-@pytest.mark.parametrize(("interval", "trials"), [("1 us", 1), ("8 us", 2)])
-def test_a_resolved_step_needs_no_second_trial(interval: str, trials: int) -> None:
-    case = case_of("fig4", f"run.time_step={interval}", f"run.sample_interval={interval}")
+@pytest.mark.parametrize(("step", "trials"), [((), 1), (COARSE, 2)])
+def test_a_resolved_step_needs_no_second_trial(step: tuple[str, ...], trials: int) -> None:
+    case = case_of("fig4", *step)
     stable_step.trial.cache_clear()
     stable_step._resolved_from.cache_clear()
     assert not why_unstable(case)
