@@ -16,12 +16,12 @@ from drivers.base.kept import content_of
 from drivers.chain.case import Case
 from drivers.chain.chain import Chain, tube_arrays_of
 from drivers.chain.schemes import trace_of, trace_of_tube
-from drivers.chain.trace import Trace
+from drivers.chain.trace import Trace, with_work
 from drivers.engines import Engine
 from drivers.engines._raw_output import read_arrays
 from drivers.laws import LAWS
 from validation import reference
-from validation.reference import integrate_deck
+from validation.reference import columns_of, integrate_deck
 from validation.reference.hertz_chain import TUBE_KEYS, VISCOELASTIC_POWER, Flag, Motion, TubeMotion
 
 COMMAND = ("python", "-m", reference.__name__, "chain.json")
@@ -88,7 +88,11 @@ def read(case: Case, folder: Path) -> Trace:
         RunError: the file is missing or incomplete.
     """
     shape = (COLUMNS if case.chain.lateral else 3, case.scene.samples, case.chain.bodies)
-    columns = read_arrays(folder / "chain.npy", {"an array": shape})["an array"]
+    return _trace(case, read_arrays(folder / "chain.npy", {"an array": shape})["an array"])
+
+
+def _trace(case: Case, columns: Any) -> Trace:
+    """Trace of the columns of an output."""
     if case.chain.lateral is None:
         return trace_of(case, case.sample_times_s, Motion(*columns))
     bore, place, velocity, spin = np.moveaxis(np.reshape(columns[1:], (4, 3, *columns[0].shape)), 1, 3)
@@ -122,9 +126,8 @@ def in_repository_engine(method: str, timing: Callable[[Case], Values], **fields
         began = time.perf_counter()
         motion = integrate_deck(values, stop)
         loop_s = time.perf_counter() - began
-        if isinstance(motion, TubeMotion):
-            return trace_of_tube(case, motion), loop_s
-        return trace_of(case, case.sample_times_s, motion), loop_s
+        trace = _trace(case, columns_of(motion))
+        return trace if isinstance(motion, TubeMotion) else with_work(trace, motion), loop_s
 
     return Engine(
         how_to_get="nothing: it is part of this repository",

@@ -64,8 +64,7 @@ def _refuse_step(case: Case, shear: str, override: str) -> None:
     if problem := why_unstable(case, shear):
         limit = step_limit(case, shear).stable_s
         digits = 10.0 ** (floor(log10(limit)) - 2)
-        most = f"at most {floor(limit / digits) * digits:.3g} s, the largest stable step that was found"
-        allowed = f"{most}; a trial at this step {problem} ({override} runs it)"
+        allowed = f"at most {floor(limit / digits) * digits:.3g} s; a trial {problem} ({override} runs it)"
         raise InputError(case.scene.file, "run.time_step", f"{case.scene.time_step_s:g} s", allowed)
 
 

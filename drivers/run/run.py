@@ -133,7 +133,7 @@ def run_all_done(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS) -> l
         InputError: a case is refused on its engine; nothing has been run.
         RunError: a run failed; the other runs are finished.
     """
-    refuse_all(jobs)
+    refuse_all(jobs, runs)
     ended = run_many(jobs, runs)
     failures = [
         f"{case.scene.file}: {engine} {run.record.status}: {run.record.reason}"
@@ -145,11 +145,12 @@ def run_all_done(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS) -> l
     return ended
 
 
-def refuse_all(jobs: Sequence[tuple[Case, str]]) -> None:
-    """Check all jobs for refusals, in parallel; InputError for the first refused job."""
+def refuse_all(jobs: Sequence[tuple[Case, str]], runs: Path) -> None:
+    """Check all jobs without a finished run for refusals, in parallel; InputError for the first refused job."""
     engines: dict[Case, list[str]] = defaultdict(list)
     for case, engine in jobs:
-        engines[case].append(engine)
+        if not is_done(case, engine, runs):
+            engines[case].append(engine)
 
     def look_at(case: Case) -> None:
         for engine in engines[case]:
@@ -157,6 +158,13 @@ def refuse_all(jobs: Sequence[tuple[Case, str]]) -> None:
 
     for _ in following(execute(look_at, engines), "cases checked", len(engines), "case"):
         pass
+
+
+def is_done(case: Case, engine_name: str, runs: Path) -> bool:
+    """True if there is a finished run of a case on an engine."""
+    engine = load_engine(engine_name)
+    run = find_run(runs / engine_name, run_identity(engine_name, build_of(engine), engine.render(case).sha256), {})
+    return run is not None and run.done
 
 
 def run_identity(engine_name: str, build: Build, deck_sha256: str) -> str:

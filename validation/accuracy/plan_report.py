@@ -187,7 +187,9 @@ def _horizon(case: Case, share: Array) -> str:
     """Sentence on the horizon, from the bound on rounding errors until each sample."""
     known = int(np.searchsorted(share, AGREEMENT, side="right"))
     if known == len(share):
-        return f"runs can be compared point by point to the end: rounding is below {share[-1]:.0e} of the largest change"
+        return (
+            f"runs can be compared point by point to the end: rounding is below {share[-1]:.0e} of the largest change"
+        )
     until = f"runs can be compared point by point until {1e3 * case.sample_times_s[max(known - 1, 0)]:.4g} ms"
     return f"{until}, where rounding alone explains differences of {AGREEMENT:g}; beyond, compare energies and means"
 
@@ -206,6 +208,8 @@ def _stability(case: Case, law: str, why: str) -> Iterator[str]:
     yield f"stability  stable up to {_us(limit.stable_s)}, by trials{followed}; this run uses {percent} % of that"
     if limit.unstable_s:
         yield f"           the next trial, at {_us(limit.unstable_s)}, blows up"
+    else:
+        yield "           larger steps were not tried"
     if problem := why_unstable(case, law):
         yield f"           a trial at this step {problem}: the run is refused"
     others = (f"{label} {_us(fraction * time(case))}" for label, (fraction, time) in CRITERIA.items())

@@ -164,7 +164,7 @@ def judge_cases(path: Path = paths.INDEPENDENT, runs: Path = paths.RUNS) -> list
     # the last of equal decks is run: those that keep the state come last
     jobs.sort(key=lambda pair: "state" in pair[0].case.scene.run.record)
     cases = [(test.case, engine) for test, engine in jobs]
-    refuse_all(cases)
+    refuse_all(cases, runs)
     ended = dict(zip(jobs, run_many(cases, runs), strict=True))
     checks: list[Check] = []
     for pair in pairs:

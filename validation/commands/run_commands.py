@@ -41,7 +41,7 @@ def run(
     from drivers.base.progress import counted
     from drivers.engines import engine_names, installed, load_engine
     from drivers.limits.refusal import inability, refuse
-    from drivers.run.run import run_case
+    from drivers.run.run import is_done, run_case
     from validation.accuracy.assess import assess
     from validation.accuracy.plan import auto_engines, planned_case
 
@@ -56,7 +56,8 @@ def run(
     refusals = {} if asked else {name: error for name in names if (error := inability(case, name))}
     names = [name for name in names if name not in refusals]
     for name in [] if unsafe else names:
-        refuse(case, name)  # before any engine starts
+        if rerun or not is_done(case, name, runs):
+            refuse(case, name)  # before any engine starts
     failures = 0
     for name in names:  # --engine auto adds the next engine after one that fails
         by_auto = bool(asked) and name not in engines

@@ -40,7 +40,7 @@ def run_tube(
         if step or incremental:  # LIGGGHTS: the first forces use the velocities at time 0 and zero shear
             _forces(bodies, numbers, state, memory, marks, incremental, dt, dt > 0.0)
         if marks[2].size:
-            marks[2][0] = max(marks[2][0], _kinetic(mass, inertia, state, dt))
+            marks[2][0] = max(marks[2][0], _kinetic(mass, inertia, state))
             if not marks[2][0] < np.inf:
                 return
         if step % every == 0:
@@ -60,15 +60,14 @@ def run_tube(
 
 
 @njit(error_model="numpy")
-def _kinetic(mass: Array, inertia: Array, state: State, dt: float) -> float:
-    """Kinetic energy at the time of the forces; inf in place of NaN."""
-    _, velocity, spin, force, torque, _, _ = state
-    kinetic = 0.0
+def _kinetic(mass: Array, inertia: Array, state: State) -> float:
+    """Kinetic energy half a step before, as in ``verlet_kernels.follow``; inf in place of NaN."""
+    velocity, spin, kinetic = state[1], state[2], 0.0
     for j in range(mass.size):
         for axis in range(3):
-            kinetic += 0.5 * mass[j] * (velocity[j, axis] + 0.5 * dt * force[j, axis] / mass[j]) ** 2
+            kinetic += 0.5 * mass[j] * velocity[j, axis] ** 2
             if inertia[j] < np.inf:
-                kinetic += 0.5 * inertia[j] * (spin[j, axis] + 0.5 * dt * torque[j, axis] / inertia[j]) ** 2
+                kinetic += 0.5 * inertia[j] * spin[j, axis] ** 2
     return kinetic if kinetic < np.inf else np.inf
 
 

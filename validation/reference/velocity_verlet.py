@@ -55,6 +55,8 @@ def integrate_verlet(
     drive, static = _drive(chain, *arrays[4:6], half_kick), hertz_force(chain.stiffness, chain.overlap_m)
     kept = force, overlap, velocity, sums if sums.size else None
     fill_samples(arrays, drive, time_step_s, steps_per_sample, half_kick, chain.load_N.copy(), *kept, static, stop)
+    if energies and chain.elastic:
+        sums[:, 2 : 2 + chain.mass_kg.size] = 0.0  # but for rounding
     times = np.arange(samples, dtype=float) * (steps_per_sample * time_step_s)
     return motion_with(chain, times, (force, displacements(chain, overlap), velocity), sums)
 
@@ -65,13 +67,13 @@ def follow_verlet(chain: HertzChain, time_step_s: float, steps: int, stop: Flag 
 
     arrays, n = _start(chain, time_step_s), chain.mass_kg.size
     # rows of one array: separate ones may all begin at the same place of a page and then share few lines of the cache
-    half_kick, load, mass, overlap, speed, nothing = np.zeros((6, n))
-    half_kick[:], load[:], mass[:] = 0.5 * time_step_s / chain.mass_kg, chain.load_N, chain.mass_kg
+    load, mass, overlap, speed, nothing = np.zeros((5, n))
+    load[:], mass[:] = chain.load_N, chain.mass_kg
     if chain.drive is not None and chain.drive.prescribed:
         mass[chain.drive.body] = 0.0
     stop = np.zeros(1, bool) if stop is None else stop
-    drive = _drive(chain, *arrays[4:6], half_kick)
-    kinetic = follow(arrays, drive, time_step_s, steps, half_kick, load, mass, overlap, speed, stop)
+    drive = _drive(chain, *arrays[4:6])
+    kinetic = follow(arrays, drive, time_step_s, steps, load, mass, overlap, speed, stop)
     return Extremes(overlap, nothing, speed, float(kinetic))
 
 

@@ -101,24 +101,24 @@ def _drive(arrays: Arrays, drive: DriveArrays, load: Array, dt: float, step: int
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def follow(
-    arrays: Arrays, drive: DriveArrays, dt: float, steps: int, half_kick: Array, load: Array, mass: Array,
-    overlaps: Array, speeds: Array, stop: Flag,
+    arrays: Arrays, drive: DriveArrays, dt: float, steps: int, load: Array, mass: Array, overlaps: Array,
+    speeds: Array, stop: Flag,
 ) -> float:  # fmt: skip
     """Updates the largest overlaps, and speeds while a contact has a force, at all steps from time 0 on.
 
+    Velocities are those of half a step before: at the time of the forces those of a zigzag from step to step are 0.
     ``mass`` is 0 for a body whose energy does not count. Returns the largest kinetic energy, NaN after a blow-up.
     """
     velocity, overlap, force = arrays[:3]
-    driven, held = drive[0].size > 0, drive[1] if drive[2] else -1
-    rate, largest = 0.0, 0.0
+    driven, largest = drive[0].size > 0, 0.0
     for step in range(steps + 1):
         if stop[0]:
             break
         if driven:
-            rate = _drive(arrays, drive, load, dt, step)
+            _drive(arrays, drive, load, dt, step)
         below, kinetic = 0.0, 0.0
         for j in range(overlap.size):
-            here = rate if j == held else velocity[j] + half_kick[j] * (force[j] - force[j + 1] + load[j])
+            here = velocity[j]
             if force[j] > 0.0:
                 speeds[j] = max(speeds[j], abs(below - here))
             overlaps[j] = max(overlaps[j], overlap[j])
@@ -135,13 +135,16 @@ def follow(
 def _powers(
     arrays: Arrays, drive: DriveArrays, half_kick: Array, load: Array, rate: float, static: Array, powers: Array
 ) -> None:
-    """Fills the integrands of ``hertz_chain.motion_with``; only those of a drive if there is no room for more."""
+    """Fills the integrands of ``hertz_chain.motion_with``; only those of a drive if there is no room for more.
+
+    The first is ``-N`` for a displacement, whose rate may jump between steps.
+    """
     velocity, overlap, force, stiffness = arrays[:4]
     n, body, held = overlap.size, drive[1], drive[0].size > 0 and drive[2]
     if drive[0].size:
         net = force[body] - force[body + 1] + load[body]
         powers[1] = -net if held else load[body] - drive[3]
-        powers[0] = powers[1] * (rate if held else velocity[body] + half_kick[body] * net)
+        powers[0] = powers[1] * (1.0 if held else velocity[body] + half_kick[body] * net)
     below = 0.0
     for j in range(n if powers.size > 2 else 0):
         here = rate if held and j == body else velocity[j] + half_kick[j] * (force[j] - force[j + 1] + load[j])
@@ -171,6 +174,7 @@ def fill_samples(
         for _ in range(every if sample else 0):
             if stop[0]:
                 return
+            mean_rate = velocity[drive[1]]  # of a body that moves as prescribed, from step to step
             _step(arrays, dt)
             step += 1
             if driven:
@@ -179,7 +183,8 @@ def fill_samples(
                 copy(powers, before)
                 _powers(arrays, drive, half_kick, load, rate, static, powers)
                 for i in range(running.size):
-                    running[i] += 0.5 * dt * (before[i] + powers[i])
+                    by_time = dt * mean_rate if i == 0 and drive[2] else dt
+                    running[i] += 0.5 * by_time * (before[i] + powers[i])
         for j in range(overlap.size):
             forces[sample, j] = force[j]
             overlaps[sample, j] = overlap[j]
