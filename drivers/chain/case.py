@@ -64,8 +64,7 @@ class StepPlan:
 
     Attributes:
         asked: largest errors allowed.
-        predicted: errors of velocity Verlet at the chosen step, measured on this case.
-        rounding_share: rounding error of engines that hold absolute heights, divided by the largest change of force.
+        predicted: errors of velocity Verlet at the chosen step in absolute heights, measured on this case.
         refused_steps: steps per sample at the smallest step that was too coarse; 0 if no step was too coarse.
         trials: number of Verlet runs of the planner.
         seconds: computing time of the planner.
@@ -73,7 +72,6 @@ class StepPlan:
 
     asked: dict[str, float]
     predicted: dict[str, float]
-    rounding_share: float
     refused_steps: int
     trials: int
     seconds: float = 0.0

@@ -1,7 +1,6 @@
 """Refusal of cases before they run.
 
-Refused are unstable time steps, overlaps beyond the range of Hertz's law, scenes that an engine cannot model, and
-accuracies that rounding of absolute heights makes unattainable.
+Refused are unstable time steps, overlaps beyond the range of Hertz's law, and scenes that an engine cannot model.
 """
 
 from math import ceil, floor, log10
@@ -11,9 +10,8 @@ import numpy as np
 from drivers.base.errors import InputError
 from drivers.chain.case import Case
 from drivers.chain.residual import FORCE
-from drivers.engines import EXACT, IN_HEIGHTS, TOTAL, engine_names, load_engine
+from drivers.engines import EXACT, TOTAL, engine_names, load_engine
 
-ROUNDING_MARGIN = 1.3  # factor on the predicted rounding error when a step is chosen
 ON_COMMAND = "--unsafe"
 
 
@@ -21,16 +19,11 @@ def refuse(case: Case, engine: str, override: str = ON_COMMAND) -> None:
     """Refuse a case that would fail on an engine; ``override`` is the option that runs it anyway, for the message.
 
     Raises:
-        InputError: the time step blows up in a trial; an overlap exceeds a radius; rounding of absolute heights exceeds
-            the accuracy; the engine cannot model the case; or the scene has an accuracy and no time step was planned
-            for it.
+        InputError: the time step blows up in a trial; an overlap exceeds a radius; the engine cannot model the case; or
+            the scene has an accuracy and no time step was planned for it.
     """
     if case.scene.run.accuracy is not None and case.plan is None:
         raise InputError(case.scene.file, "run.accuracy", "no time step is planned for it here; give run.time_step")
-    if case.plan is not None and (lost := beyond_rounding(case, engine)):
-        share = case.plan.asked[lost]
-        why = f"limited by rounding of absolute heights on {engine}; verlet holds overlaps and attains it"
-        raise unattainable(case, lost, share, attainable_in_heights(share, case.plan.rounding_share), why)
     if cannot := inability(case, engine):
         raise cannot
     refuse_depth(case, override, load_engine(engine).shear)
@@ -96,21 +89,3 @@ def unattainable(case: Case, name: str, asked: float, least: float, why: str) ->
         rounded = float(f"{ceil(least / digits) * digits:.2g}")
     allowed = f"at least {rounded:g} here, {why}" if rounded < 1 else f"none here, {why}"
     return InputError(case.scene.file, key, f"{asked:g}", allowed)
-
-
-def attainable_in_heights(asked: float, rounding: float) -> float:
-    """Best accuracy attainable with absolute heights, from the rounding error at the accuracy asked for.
-
-    The number of steps scales as accuracy^(-1/2), and rounding as the square root of the number of steps. So the
-    attainable accuracy a solves ``2.6 rounding (asked / a)^(1/4) = a``.
-    """
-    return 1.5 * float((2 * ROUNDING_MARGIN * rounding * asked**0.25) ** 0.8)
-
-
-def beyond_rounding(case: Case, engine: str) -> str | None:
-    """First quantity whose accuracy is unattainable because of rounding of absolute heights, or None."""
-    if case.plan is None or load_engine(engine).scheme != IN_HEIGHTS:
-        return None
-    plan = case.plan
-    lost = (name for name, share in plan.asked.items() if plan.predicted[name] + plan.rounding_share > share)
-    return next(lost, None)

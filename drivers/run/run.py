@@ -163,6 +163,8 @@ def refuse_all(jobs: Sequence[tuple[Case, str]], runs: Path) -> None:
 def is_done(case: Case, engine_name: str, runs: Path) -> bool:
     """True if there is a finished run of a case on an engine."""
     engine = load_engine(engine_name)
+    if engine.find() is None:
+        return False
     run = find_run(runs / engine_name, run_identity(engine_name, build_of(engine), engine.render(case).sha256), {})
     return run is not None and run.done
 

@@ -14,7 +14,7 @@ from drivers.base.progress import say
 from drivers.chain.case import Case, build_case
 from drivers.chain.residual import FORCE
 from drivers.engines import VERLET, engine_names, installed, load_engine
-from drivers.limits.refusal import beyond_rounding, inability
+from drivers.limits.refusal import inability
 from drivers.run.build import build_of
 from drivers.run.run import run_identity
 from drivers.run.run_folder import find_run
@@ -61,7 +61,7 @@ def plan(
 def capable_engines(case: Case, among: Collection[str] = ()) -> list[str]:
     """Engines, installed or not, that can run a case with its accuracy; ``among`` others, if given."""
     names = among or engine_names()
-    return [name for name in names if inability(case, name) is None and beyond_rounding(case, name) is None]
+    return [name for name in names if inability(case, name) is None]
 
 
 def auto_engines(case: Case, runs: Path | None = None) -> Iterator[str]:
@@ -124,5 +124,5 @@ def plan_case(case: Case) -> Case:
     by_quantity = accuracy if isinstance(accuracy, dict) else {FORCE: accuracy}
     asked = {without_unit(name): share for name, share in by_quantity.items()}
     chooser = Chooser(simplify(case, asked), asked)
-    chosen, plan = chooser.choose_with_room(asked)
+    chosen, plan = chooser.choose(asked)
     return replace(chosen, plan=replace(plan, asked=asked, seconds=round(time.perf_counter() - began, 6)))

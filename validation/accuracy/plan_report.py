@@ -12,14 +12,13 @@ from drivers.base.errors import InputError
 from drivers.base.kept import kept
 from drivers.base.text_table import text_table
 from drivers.chain.case import Case
-from drivers.chain.chain import Array
 from drivers.chain.residual import FORCE, is_at_rest
 from drivers.chain.schemes import verlet_of
 from drivers.engines import TOTAL, VERLET, installed, load_engine
 from drivers.limits.criteria import CRITERIA
 from drivers.limits.refusal import inability, refuse_depth
 from drivers.limits.stable_step import step_limit, until_words, why_unstable
-from drivers.run.scheme import AGREEMENT, ROUNDING_MARGIN
+from drivers.run.scheme import scheme_of
 from postproc.read.measured import read_traces
 from postproc.read.observables import of_kind
 from postproc.read.sensors import gauges_of
@@ -28,7 +27,7 @@ from validation.accuracy.costs import cost_on
 from validation.accuracy.exact_motion import errors_of
 from validation.accuracy.motions import motions_of, predicted_error
 from validation.accuracy.plan import capable_engines, fault, planned_case
-from validation.accuracy.step_choice import ROUNDING_FACTOR, Chooser
+from validation.accuracy.step_choice import Chooser
 
 TENFOLD = 10.0
 MAX_WORK = 5e7  # bodies times steps, for the rows of other accuracies
@@ -68,7 +67,7 @@ def _straight(case: Case, among: Collection[str]) -> Iterator[str]:
     asked = plan.asked if plan else {FORCE: 0.0}
     chooser = Chooser(case, {name: share / TENFOLD for name, share in asked.items()})
     errors = plan.predicted if plan else dict(chooser.errors_at(steps))
-    rounding = chooser.rounding(steps)
+    scheme = scheme_of(case, TOTAL)
     rows = [*_rows(case, chooser, asked if plan else errors, errors)]
     seconds = time.perf_counter() - began
 
@@ -82,10 +81,9 @@ def _straight(case: Case, among: Collection[str]) -> Iterator[str]:
     yield from _stability(case, TOTAL, why)
     if why_unstable(case):
         return
-    allowance = ROUNDING_FACTOR * float(rounding[-1])
     if is_at_rest(chooser.truth.trace.force_N):
         yield f"           {AT_REST_NOTE}"
-    yield f"predicted  relative error: {_listed(errors)}; rounding of absolute heights adds at most {allowance:.1e}"
+    yield f"predicted  relative error: {_listed(errors)}; of that rounding of heights {scheme.rounding[-1]:.1e}"
     if FORCE in errors:
         yield "           (force: the largest error in any contact at any time)"
     if gauges := _gauge_errors(case, chooser):
@@ -101,7 +99,7 @@ def _straight(case: Case, among: Collection[str]) -> Iterator[str]:
         "time steps, errors and run times at larger and smaller errors",
         *_table(rows, among),
         "",
-        f"horizon    {_horizon(case, ROUNDING_MARGIN * rounding)}",
+        f"horizon    codes can be compared point by point{scheme.until_horizon or ' to the end'}",
     )
     if plan:
         yield f"planned in {1e3 * plan.seconds:.0f} ms with {plan.trials} trial runs, table in {1e3 * seconds:.0f} ms"
@@ -181,17 +179,6 @@ def _engines(case: Case, among: Collection[str]) -> Iterator[str]:
     if others:
         yield f"           other engines: {', '.join(f'{name} {seconds[name]:.2g} s' for name in others)}"
     yield from (f"           left out: {name}, since {why}" for name, why in faults.items() if why)
-
-
-def _horizon(case: Case, share: Array) -> str:
-    """Sentence on the horizon, from the bound on rounding errors until each sample."""
-    known = int(np.searchsorted(share, AGREEMENT, side="right"))
-    if known == len(share):
-        return (
-            f"runs can be compared point by point to the end: rounding is below {share[-1]:.0e} of the largest change"
-        )
-    until = f"runs can be compared point by point until {1e3 * case.sample_times_s[max(known - 1, 0)]:.4g} ms"
-    return f"{until}, where rounding alone explains differences of {AGREEMENT:g}; beyond, compare energies and means"
 
 
 def _stability(case: Case, law: str, why: str) -> Iterator[str]:

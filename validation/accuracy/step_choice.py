@@ -1,23 +1,24 @@
 """Choice of the largest time step that meets an accuracy, and of elements whose effect is negligible for it.
 
 Velocity Verlet in this repository costs about a fiftieth of a code's run at the same step and has the same error to
-ten digits, so predicted errors are measured ones. The exact motion is computed only as exactly as needed.
+ten digits, rounding of heights included, so predicted errors are measured ones. The exact motion is computed only as
+exactly as needed.
 """
 
 from collections.abc import Callable
 from dataclasses import replace
-from math import ceil, inf, sqrt
+from math import ceil, inf
 from typing import NoReturn
 
 import numpy as np
 
 from drivers.base.errors import InputError
 from drivers.chain.case import Case, StepPlan
-from drivers.chain.chain import Array, arrays_of, build_chain
+from drivers.chain.chain import arrays_of, build_chain
 from drivers.chain.elements import choose_elements
 from drivers.chain.residual import FORCE, share_of_change
-from drivers.chain.schemes import exact_of, verlet_of
-from drivers.limits.refusal import ROUNDING_MARGIN, unattainable
+from drivers.chain.schemes import exact_of, verlet_in_heights
+from drivers.limits.refusal import unattainable
 from drivers.limits.stable_step import EXACT_SHARE, resolved_trial, why_unstable
 from drivers.run.scheme import Scheme
 from drivers.scene.model import Scene
@@ -32,10 +33,9 @@ MIN_ACCURACY = 10 * MIN_TOLERANCE
 MAX_TOLERANCE = 1e-4  # of the exact motion
 STEP_RATIO = 1.2  # the search ends when the steps accepted and refused are within this factor
 MAX_TRIES = 60
+PLATEAU = 0.9  # an error that a smaller step lowers by less is one of rounding
 MAX_WORK = 4e9  # bodies times steps of one trial: some seconds
 MAX_EXACT_WORK = 4e6  # bodies times duration divided by the time scale of a contact: some seconds for the exact motion
-ROUNDING_FACTOR = 4.0  # margin on predicted rounding, which is scaled as a random walk
-ROUNDING_WORK = 400_000  # bodies times steps for which rounding is measured, some milliseconds; beyond, it is scaled
 MARGIN = 1.25  # on the best accuracy named in errors
 
 
@@ -155,11 +155,12 @@ class Chooser:
             tolerance = max(0.1 * tolerance * min(EXACT_SHARE * strictest / known, 1.0), MIN_TOLERANCE)
 
     def errors_at(self, steps_per_sample: int) -> dict[str, float]:
-        """Errors of velocity Verlet at a number of steps per sample, by quantity."""
+        """Errors of velocity Verlet in absolute heights, as the codes have them, at a number of steps per sample."""
         if steps_per_sample not in self._errors:
             case = self.case.at(steps_per_sample)
             with np.errstate(over="ignore", invalid="ignore"):  # too large a step blows up
-                self._errors[steps_per_sample] = errors_of(case, verlet_of(case), self.truth, self.names)
+                motion = Scheme(case, TOTAL).rounded if case.chain.drive else verlet_in_heights(case)
+                self._errors[steps_per_sample] = errors_of(case, motion, self.truth, self.names)
         return self._errors[steps_per_sample]
 
     def _excess(self, steps: int, wanted: dict[str, float]) -> float:
@@ -177,7 +178,7 @@ class Chooser:
         scene, order = self.case.scene, 1 if self.case.chain.damped else 2
         work = self.case.chain.bodies * (scene.samples - 1)
         steps = max(1, ceil(min(scene.run.sample_interval / self.guess_s, 1e15)))
-        refused, taken, tries = 0, 0, 0
+        refused, taken, tries, before = 0, 0, 0, inf
         while not (taken and (taken <= refused + 1 or taken <= STEP_RATIO * refused)):
             if steps * work > most_work or steps * (scene.samples - 1) > MAX_STEPS or tries > MAX_TRIES:
                 if taken:
@@ -189,14 +190,18 @@ class Chooser:
                 raise unattainable(self.case, worst, wanted[worst], least, why)
             excess = self._excess(steps, wanted)
             tries += 1
+            if 1 < PLATEAU * before < excess and not taken:
+                worst = max(wanted, key=lambda name: self._errors[steps][name] / wanted[name])
+                why = "limited by rounding of absolute heights; a chain.origin near 0 allows more"
+                raise unattainable(self.case, worst, wanted[worst], MARGIN * self._errors[steps][worst], why)
+            before = inf if max(self.errors_at(steps).values()) > COARSE_ERROR else excess
             if excess <= 1 and not why_unstable(self.case.at(steps)):  # after the gauges it may blow up
                 taken = steps
             else:
                 refused = max(refused, steps)
             coarse = max(self.errors_at(steps).values()) > COARSE_ERROR  # too large to extrapolate
             steps = _next(refused, taken, 2 * steps if coarse else ceil(1.003 * steps * excess ** (1 / order)))
-        rounding = ROUNDING_FACTOR * float(self.rounding(taken)[-1])
-        return self.case.at(taken), StepPlan(wanted, self.errors_at(taken), rounding, refused, tries)
+        return self.case.at(taken), StepPlan(wanted, self.errors_at(taken), refused, tries)
 
     def _check_attainable(self, wanted: dict[str, float]) -> None:
         for name, share in wanted.items():
@@ -210,29 +215,6 @@ class Chooser:
                 if left >= share:
                     why = "limited by sampling at any time step; a smaller sample_interval allows more"
                     raise unattainable(self.case, name, share, MARGIN * left, why)
-
-    def choose_with_room(self, wanted: dict[str, float]) -> tuple[Case, StepPlan]:
-        """As ``choose``, with room for rounding of heights if that takes less than half of the accuracy."""
-        case, plan = self.choose(wanted)
-        for _ in range(3):
-            rounding = plan.rounding_share
-            tight = any(plan.predicted[name] + rounding > share for name, share in wanted.items())
-            if not tight or 2 * ROUNDING_MARGIN * rounding > min(wanted.values()):
-                break
-            case, plan = self.choose({name: share - ROUNDING_MARGIN * rounding for name, share in wanted.items()})
-        return case, plan
-
-    def rounding(self, steps_per_sample: int) -> Array:
-        """Largest effect of rounded heights until each sample, divided by the largest change. Shape (samples,).
-
-        Measured if that is cheap, else scaled: rounding grows as a random walk with the number of steps.
-        """
-        first = ceil(min(0.5 * self.case.scene.run.sample_interval / self.guess_s, 1e9))
-        affordable = ROUNDING_WORK // (self.case.chain.bodies * self.case.scene.samples)
-        measured = min(steps_per_sample, max(first, affordable, 1))
-        error_N = Scheme(self.case.at(measured), TOTAL).rounding_N
-        error = share_of_change(error_N, self.truth.trace)
-        return np.asarray(np.maximum.accumulate(error) * sqrt(steps_per_sample / measured))
 
 
 def _next(refused: int, taken: int, guess: int) -> int:
