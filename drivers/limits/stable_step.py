@@ -118,6 +118,8 @@ def _resolved_from(chain: Chain, duration_s: float, step_s: float, law: str) -> 
 def why_unstable(case: Case, law: str = TOTAL) -> str:
     """Reason why the time step of a case is unstable, by a trial; empty if it is stable."""
     right, step_s = resolved_trial(case, law), case.scene.time_step_s
+    if right.until_s < case.duration_s and step_s > SCANNED * right.two_over_omega_s:
+        return f"takes too long: the step is {step_s / right.two_over_omega_s:.2g} times 2/omega of the motion"
     return "" if step_s <= right.step_s else _gained(case, right, step_s, law)
 
 

@@ -101,7 +101,7 @@ def budget_of(case: Case, engine: str, trace: Trace, limit_s: float | None = Non
     motions = motions_of(case, engine, limit_s)
     with np.errstate(over="ignore", invalid="ignore"):  # too large a step blows up
         rows, missing = _rows(motions, engine, trace)
-        departure = departure_of(case, engine, trace)
+        departure = _departure(motions, engine, trace)
         checks = [*_model_checks(motions, engine, trace), *_error_checks(motions, engine, trace, rows)]
         known = not motions.why_unknown and motions.straight
         samples = motions.known if known else 0
@@ -163,7 +163,10 @@ def _comparable(motions: Motions, engine: str) -> bool:
 
 def departure_of(case: Case, engine: str, trace: Trace) -> str:
     """First departure of a run, finished or failed, from its scheme; empty if there is none or it is not known."""
-    motions = motions_of(case, engine)
+    return _departure(motions_of(case, engine), engine, trace)
+
+
+def _departure(motions: Motions, engine: str, trace: Trace) -> str:
     return motions.scheme.departure(engine, trace) if _comparable(motions, engine) else ""
 
 

@@ -116,7 +116,7 @@ def test_scene_that_needs_a_billion_steps_is_refused_within_seconds(setting: str
     refuse(build_case(coarse), "verlet")  # compiles the integrators
     case = build_case(read_scene("fig4", (setting,)))
     began = time.process_time()
-    with pytest.raises(InputError, match=r"largest stable step|radii deep"):
+    with pytest.raises(InputError, match=r"a trial takes too long|radii deep"):
         refuse(case, "verlet")
     assert time.process_time() - began < 3, "about 0.2 s; 16 s if the whole motion is integrated"
 
