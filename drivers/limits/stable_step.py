@@ -34,6 +34,7 @@ MAX_WORK, MAX_WORK_3D = 100_000_000, 5_000_000
 SCAN_WORK, SCAN_WORK_3D = 20_000_000, 1_000_000
 # factors between the steps of a scan; near a resonance the steps of a window of blow-up are within a thousandth
 FINENESS, FINENESS_DRIVEN, COARSE = 1.005, 1.001, 1.05
+MAX_HALVINGS = 64
 SCANNED = 8.0  # largest step of a scan, divided by 2 / omega
 EXACT_SHARE = 1e-3  # of an error: allowed error of the exact motion against which it is measured
 MAX_TOLERANCE = 1e-6  # of the reference, whose own values count as exact
@@ -110,8 +111,11 @@ def resolved_trial(case: Case, law: str = TOTAL) -> Trial:
 
 @lru_cache(maxsize=8)
 def _resolved_from(chain: Chain, duration_s: float, step_s: float, law: str) -> Trial:
-    while not (tried := trial(chain, duration_s, step_s, law)).resolved:
-        step_s /= 2
+    tried = trial(chain, duration_s, step_s, law)
+    for _ in range(MAX_HALVINGS):
+        if tried.resolved:
+            break
+        tried = trial(chain, duration_s, tried.step_s / 2, law)
     return tried
 
 

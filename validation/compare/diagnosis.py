@@ -32,8 +32,8 @@ SURE = 1e-2  # largest uncertainty of a ratio that is told
 SIGNIFICANT = 5.0  # uncertainties by which a ratio differs
 TOLD = 3  # largest number of ratios in a sentence
 CANDIDATES = 3  # contacts and bodies that are tried, besides those of the first departure
-MAX_TRIES, FITTED, PROBE = 12, 1e-13, 1e-6  # of a fit; change of the factor at its end, and for its slope
-MAX_DRAGGED_STEPS, MAX_WORK = 200_000, 20_000_000  # steps of a loop in Python; bodies times steps of a trial
+MAX_TRIES, CONVERGED, PROBE = 12, 0.9, 1e-6  # of a fit; ratio of squares at its end; change of the factor for its slope
+MAX_DRAGGED_STEPS, MAX_WORK = 20_000, 2_000_000  # steps of a loop in Python; bodies times steps of a trial
 
 
 @dataclass(frozen=True)
@@ -152,16 +152,18 @@ def _fitted(columns: list[Array], target: Array) -> list[tuple[float, float]]:
 
 def _explains(case: Case, change: Change, force_N: Array, limits_N: Array, *, early: bool) -> str:
     """Words of a change that explains forces to within their limits, with its fitted factor; else empty."""
-    factor, samples = change.first, len(force_N)
+    factor, samples, before = change.first, len(force_N), np.inf
     with np.errstate(all="ignore"):
         for _ in range(MAX_TRIES):
             made = _forces(case, change.changed(factor), early=early)[:samples]
-            if (np.abs(force_N - made) <= limits_N).all():
+            off = np.abs(force_N - made)
+            if (off <= limits_N).all():
                 return change.words.format(f"{abs(factor):.7g}")
+            if not (off**2).sum() < CONVERGED * before:
+                break
+            before = float((off**2).sum())
             slope = (_forces(case, change.changed(factor + PROBE), early=early)[:samples] - made) / PROBE
             step = float((slope * (force_N - made)).sum() / (slope**2).sum())
-            if not abs(step) > FITTED:
-                break
             factor += min(max(step, -0.5), 0.5)
     return ""
 

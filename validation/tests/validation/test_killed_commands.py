@@ -93,3 +93,26 @@ def _assert_gone(places: Path) -> None:
     while (left := left_from(places)) and time.monotonic() < until:
         time.sleep(0.05)
     assert left == []
+
+
+CHIRP = ("form=chirp", "end_frequency=1e18 Hz", "cycles=", "force=", "displacement=1 um", "duration=30 us")
+ENDLESS = ("run.duration=40 us", "drive.from_wall=4", *(f"drive.{key}" for key in CHIRP))
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, None], ids=["TERM", "Ctrl-C", "time limit"])
+def test_an_exact_motion_without_end_is_ended(number: signal.Signals | None, tmp_path: Path) -> None:
+    """Its steps get too small for a chirp to 1e18 Hz; velocity Verlet takes milliseconds."""
+    settings = [word for setting in ENDLESS for word in ("--set", setting)]
+    words, said = ("run", "driven-steel", *settings, "--engine", "verlet"), tmp_path / "said"
+    process = started(tmp_path, *words, *(() if number else ("--time-limit", "1")), stderr=said.open("w"))
+    if number is None:
+        assert process.wait(timeout=60) == 0
+        (record,) = tmp_path.glob("runs/verlet/*/run.json")
+        assert "not measured: the exact motion takes longer than 1 s" in record.read_text()
+        return
+    until = time.monotonic() + 60
+    while "measuring the error" not in said.read_text():
+        assert time.monotonic() < until
+        time.sleep(0.1)
+    process.send_signal(number)
+    assert process.wait(timeout=GONE_S) == 130

@@ -10,7 +10,7 @@ import pytest
 from drivers.run.run import run_case, run_many
 from drivers.run.run_folder import FORCES, RECORD, SENSORS, open_run
 from validation.accuracy.assess import assess
-from validation.tests.helpers.runs import assessed, finished
+from validation.tests.helpers.runs import assessed, edit_record, finished
 from validation.tests.helpers.scenes import SceneWriter, case_of
 
 
@@ -25,6 +25,8 @@ def test_done_run_is_found_again_under_any_name(scene_file: SceneWriter, tmp_pat
     stamps = [file.stat().st_mtime_ns for file in files]
     assert assess(run_case(case, "verlet", tmp_path), case).record.error_budget == once.record.error_budget
     assert [file.stat().st_mtime_ns for file in files] == stamps
+    edit_record(first.folder, error_note="by other sources")  # the budget is that of the cache
+    assert assess(run_case(case, "verlet", tmp_path), case).record.error_note == once.record.error_note
     again = run_case(other, "verlet", tmp_path)
     assert (again.folder, again.record.scene_name, again.record.error_budget) == (first.folder, "two", None)
     assert files[0].stat().st_mtime_ns == stamps[0]
