@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from drivers.base import processes
 from drivers.base.processes import all_stopped, run_command
 from drivers.chain.trace import digest_of
 from drivers.engines import REFERENCE, VERLET, load_engine
@@ -57,7 +58,8 @@ def test_interrupt_ends_all_and_leaves_no_folder(scene_file: SceneWriter, tmp_pa
     assert not [pid for pid in running.split() if int(pid) != os.getpid()]
 
 
-def test_processes_are_killed_only_within_all_stopped(tmp_path: Path) -> None:
+def test_processes_are_killed_only_within_all_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(processes, "_running", {})  # servers of other tests live on
     with ThreadPoolExecutor() as pool:
         slow = pool.submit(run_command, ("sleep", "60"), tmp_path, 100.0)
         time.sleep(0.5)
