@@ -70,8 +70,9 @@ def refuse_depth(case: Case, override: str = ON_COMMAND, shear: str = TOTAL) -> 
     from drivers.limits.stable_step import resolved_trial
 
     chain, reached = case.chain, resolved_trial(case, shear).extremes
+    pressed = np.where(chain.stiffness > 0, reached.overlap_m / chain.smaller_radius_m, 0.0)  # there may be no wall
     for key, what, depth, where in (
-        ("striker.speed" if case.scene.striker else "chain", "contact", reached.overlap_m / chain.smaller_radius_m, ""),
+        ("striker.speed" if case.scene.striker else "chain", "contact", pressed, ""),
         ("chain", "body", reached.bore_overlap_m / chain.radius_m, " into the bore"),
     ):
         if (depth >= 1).any():

@@ -110,6 +110,11 @@ def test_engine_refuses_a_tube_that_it_cannot_model() -> None:
         assert_in_order(str(refused.value), message)
 
 
+def test_a_free_chain_may_fly_past_the_place_of_a_wall() -> None:
+    free = ("wall=", "gravity=", "chain.count=5", "chain.sensors=[]", "run.duration=10 ms")
+    refuse(build_case(read_scene("table1", free)), "verlet")
+
+
 @pytest.mark.parametrize("setting", ["chain.mass=1e-24 kg", "striker.diameter=1e-9 m"])
 def test_scene_that_needs_a_billion_steps_is_refused_within_seconds(setting: str) -> None:
     coarse = read_scene("fig4", ("run.sample_interval=10 us", "run.time_step=10 us"))
