@@ -249,6 +249,7 @@ def build_chain(scene: Scene) -> Chain:
     )
 
 
+@lru_cache(maxsize=8)
 def arrays_of(chain: Chain) -> HertzChain:
     """Straight chain as input of the integrators."""
     arrays = (chain.mass_kg, chain.stiffness, chain.overlap_m, chain.velocity_m_s, chain.load_N, chain.damping)

@@ -248,9 +248,7 @@ def _forces(case: Case, changed: dict[str, Any], *, early: bool) -> Array:
         arrays_of(bent), **{name: abs(value) if name == "damping" else value for name, value in values.items()}
     )
     if early:
-        force = contact_force(arrays, arrays.overlap_m, arrays.velocity_m_s)
-        net = force - np.append(force[1:], 0.0) + arrays.load_N
-        gained = 0.5 * scene.time_step_s * (net / arrays.mass_kg - chain.acceleration_m_s2)
+        gained = 0.5 * scene.time_step_s * (arrays.acceleration_m_s2 - arrays_of(chain).acceleration_m_s2)
         arrays = replace(arrays, velocity_m_s=arrays.velocity_m_s + gained)
     if any(drag):
         return _dragged(case, arrays, *drag)

@@ -54,12 +54,14 @@ def integrate_tube(
     rows, flat = partial(np.zeros, (n, 3)), partial(np.zeros, n)
     place, velocity = chain.place_m.copy(), chain.velocity_m_s.copy()
     state = (place, velocity, rows(), rows(), rows(), rows(), flat())
-    marks = (flat(), flat(), np.zeros(int(extremes)))
+    marks = (flat(), flat(), np.array([0.0, 0.0, np.nan, 0.0] if extremes else []))
     memory = (rows(), rows(), rows(), rows())
     forces, kept = np.empty((samples, n)), np.empty((4, samples, n, 3))
     timing = (law == INCREMENTAL, time_step_s, steps_per_sample)
     stop = np.zeros(1, bool) if stop is None else stop
     run_tube(bodies, inertia, numbers, state, memory, marks, *timing, forces, kept, stop)
-    kinetic = float(marks[2].max(initial=0.0))
-    reached = Extremes(marks[0], marks[1], flat(), kinetic if np.isfinite(kinetic) else np.nan) if extremes else None
+    reached = None
+    if extremes:
+        kinetic, _, _, risen = marks[2].tolist()
+        reached = Extremes(marks[0], marks[1], flat(), *((kinetic, risen) if kinetic < np.inf else (np.nan, np.nan)))
     return TubeMotion(forces, kept[0], kept[1], kept[2], kept[3], reached)

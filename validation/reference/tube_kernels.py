@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from validation.reference.contact_kernels import damped_force, elastic_force
-from validation.reference.hertz_chain import Array, Flag
+from validation.reference.hertz_chain import ENERGY_SHARE, Array, Flag
 
 Three = tuple[float, float, float]
 # mass, radius, stiffness, damping, shear, load; contact with the bore: stiffness, shear
@@ -17,7 +17,7 @@ Numbers = tuple[float, float, float, float, float]
 State = tuple[Array, Array, Array, Array, Array, Array, Array]
 # stored vectors of contacts and of bore contacts, normals of both at the previous step
 Memory = tuple[Array, Array, Array, Array]
-# largest overlaps of contacts and of bore contacts; largest kinetic energy (one value, or none if it is not wanted)
+# largest overlaps of contacts and of bore contacts; energies as in ``_mark_energies`` (none if they are not wanted)
 Marks = tuple[Array, Array, Array]
 
 
@@ -40,7 +40,7 @@ def run_tube(
         if step or incremental:  # LIGGGHTS: the first forces use the velocities at time 0 and zero shear
             _forces(bodies, numbers, state, memory, marks, incremental, dt, dt > 0.0)
         if marks[2].size:
-            marks[2][0] = max(marks[2][0], _kinetic(mass, inertia, state))
+            _mark_energies(mass, inertia, bodies[5], state, marks[2], dt)
             if not marks[2][0] < np.inf:
                 return
         if step % every == 0:
@@ -60,15 +60,27 @@ def run_tube(
 
 
 @njit(error_model="numpy")
-def _kinetic(mass: Array, inertia: Array, state: State) -> float:
-    """Kinetic energy half a step before, as in ``verlet_kernels.follow``; inf in place of NaN."""
-    velocity, spin, kinetic = state[1], state[2], 0.0
+def _mark_energies(mass: Array, inertia: Array, load: Array, state: State, energies: Array, dt: float) -> None:
+    """Updates energies: largest kinetic one (inf after a blow-up), elastic one, total at time 0, its largest rise.
+
+    As in ``verlet_kernels.follow``: the kinetic energy half a step before, the total one at the time of the forces.
+    """
+    place, velocity, spin, force, torque = state[:5]
+    kinetic, total = 0.0, energies[1]
     for j in range(mass.size):
+        total -= load[j] * place[j, 2]
         for axis in range(3):
+            now = velocity[j, axis] + 0.5 * dt * force[j, axis] / mass[j]
             kinetic += 0.5 * mass[j] * velocity[j, axis] ** 2
+            total += 0.5 * mass[j] * now**2
             if inertia[j] < np.inf:
+                now = spin[j, axis] + 0.5 * dt * torque[j, axis] / inertia[j]
                 kinetic += 0.5 * inertia[j] * spin[j, axis] ** 2
-    return kinetic if kinetic < np.inf else np.inf
+                total += 0.5 * inertia[j] * now**2
+    if np.isnan(energies[2]):
+        energies[2] = total
+    energies[0] = max(energies[0], kinetic) if kinetic < np.inf else np.inf
+    energies[3] = max(energies[3], total - energies[2])
 
 
 @njit(error_model="numpy", forceinline=True)
@@ -80,6 +92,7 @@ def _forces(
     radius, load = bodies[1], bodies[5]
     force, torque, bore, axial = state[3:]
     force[:], torque[:], bore[:], axial[:] = 0.0, 0.0, 0.0, 0.0
+    marks[2][1:2] = 0.0
     for j in range(radius.size):
         force[j, 2] += load[j]
         if bodies[2][j] > 0.0:
@@ -127,6 +140,7 @@ def _between(
         before[0], before[1], before[2] = nx, ny, nz
         return
     root = sqrt(overlap)
+    marks[2][1:2] += ENERGY_SHARE * elastic_force(stiffness[j], overlap) * overlap
     if damping[j] > 0.0:
         normal = damped_force(stiffness[j], damping[j], numbers[4], overlap, closing)
     else:
@@ -190,6 +204,7 @@ def _in_bore(
         return
     root = sqrt(overlap)
     normal = elastic_force(stiffness, overlap)
+    marks[2][1:2] += ENERGY_SHARE * normal * overlap
     fx, fy, fz = nx * normal, ny * normal, 0.0
     if numbers[3] > 0.0:
         arm = radius - 0.5 * overlap

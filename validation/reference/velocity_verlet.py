@@ -17,10 +17,8 @@ from validation.reference.hertz_chain import (
     Motion,
     check_timing,
     columns_of_sums,
-    contact_force,
     displacements,
     hertz_force,
-    loads_N,
     motion_with,
 )
 
@@ -73,16 +71,14 @@ def follow_verlet(chain: HertzChain, time_step_s: float, steps: int, stop: Flag 
         mass[chain.drive.body] = 0.0
     stop = np.zeros(1, bool) if stop is None else stop
     drive = _drive(chain, *arrays[4:6])
-    kinetic = follow(arrays, drive, time_step_s, steps, load, mass, overlap, speed, stop)
-    return Extremes(overlap, nothing, speed, float(kinetic))
+    kinetic, risen = follow(arrays, drive, time_step_s, steps, load, mass, overlap, speed, stop)
+    return Extremes(overlap, nothing, speed, float(kinetic), float(risen))
 
 
 def _start(chain: HertzChain, time_step_s: float) -> "Arrays":
     """Arrays of the kernels (``Arrays``), with velocities half a step before time 0 and force 0 above the chain."""
-    force = np.append(contact_force(chain, chain.overlap_m, chain.velocity_m_s), 0.0)
-    load = np.ravel(loads_N(chain.load_N, chain.drive, np.zeros(1)))
-    acceleration = (force[:-1] - force[1:] + load) / chain.mass_kg
-    velocity = chain.velocity_m_s - 0.5 * time_step_s * acceleration
+    force = np.append(chain.force_N, 0.0)
+    velocity = chain.velocity_m_s - 0.5 * time_step_s * chain.acceleration_m_s2
     kick, drop = time_step_s / chain.mass_kg, time_step_s * chain.load_N / chain.mass_kg
     damping = np.zeros(0) if chain.elastic else chain.damping
     law = damping, float(chain.alpha), float(chain.overlap_power)

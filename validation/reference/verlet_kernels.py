@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from validation.reference.contact_kernels import copy, drive_value, elastic_force, power_force, root_raised
-from validation.reference.hertz_chain import Array, Flag
+from validation.reference.hertz_chain import ENERGY_SHARE, Array, Flag
 
 # velocity, overlap, force (with a 0 above the chain); constants: stiffness, kick, drop, damping (empty for an elastic
 # chain), alpha (0 without the power law), power of the overlap in damping
@@ -103,32 +103,37 @@ def _drive(arrays: Arrays, drive: DriveArrays, load: Array, dt: float, step: int
 def follow(
     arrays: Arrays, drive: DriveArrays, dt: float, steps: int, load: Array, mass: Array, overlaps: Array,
     speeds: Array, stop: Flag,
-) -> float:  # fmt: skip
+) -> tuple[float, float]:  # fmt: skip
     """Updates the largest overlaps, and speeds while a contact has a force, at all steps from time 0 on.
 
-    Velocities are those of half a step before: at the time of the forces those of a zigzag from step to step are 0.
-    ``mass`` is 0 for a body whose energy does not count. Returns the largest kinetic energy, NaN after a blow-up.
+    These speeds and the kinetic energy are those of half a step before: at the time of the forces the velocities of a
+    zigzag from step to step are 0. ``mass`` is 0 for a body whose energy does not count. Returns the largest kinetic
+    energy and the largest rise of the total energy, that of a chain without a drive; NaN after a blow-up.
     """
-    velocity, overlap, force = arrays[:3]
-    driven, largest = drive[0].size > 0, 0.0
+    velocity, overlap, force, stiffness, kick, drop = arrays[:6]
+    driven, largest, start, risen, worked = drive[0].size > 0, 0.0, 0.0, 0.0, 0.0
     for step in range(steps + 1):
         if stop[0]:
             break
         if driven:
             _drive(arrays, drive, load, dt, step)
-        below, kinetic = 0.0, 0.0
+        below, kinetic, total = 0.0, 0.0, 0.0
         for j in range(overlap.size):
-            here = velocity[j]
+            here, closed = velocity[j], max(overlap[j], 0.0)
             if force[j] > 0.0:
                 speeds[j] = max(speeds[j], abs(below - here))
             overlaps[j] = max(overlaps[j], overlap[j])
             below = here
             kinetic += 0.5 * mass[j] * here * here
+            now = here + 0.5 * (kick[j] * (force[j] - force[j + 1]) + drop[j])
+            total += 0.5 * mass[j] * now * now + ENERGY_SHARE * stiffness[j] * closed * closed * sqrt(closed)
+            worked += dt * load[j] * here if step else 0.0
         if not kinetic < np.inf:
-            return np.nan
-        largest = max(largest, kinetic)
+            return np.nan, np.nan
+        start = start if step else total
+        largest, risen = max(largest, kinetic), max(risen, total - worked - start)
         _step(arrays, dt)
-    return largest
+    return largest, 0.0 if driven else risen
 
 
 @njit(error_model="numpy")

@@ -15,7 +15,6 @@ import numpy as np
 
 from drivers.base.progress import counted, following
 from drivers.chain.case import Case, build_case
-from drivers.chain.chain import energy_put_in
 from drivers.chain.contact_law import hertz_force
 from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import Trace
@@ -41,7 +40,7 @@ SWEEPS = {
 BEAD_KG = 0.1226e-3
 DENSITY = 2200.0  # kg/m^3, of beads of random scenes
 TRAVERSE = 45.0  # duration of a sweep's scene in 2 / omega: the wave reaches the wall and returns
-UNSTABLE_GAIN, BAD_GAIN = 1.0, 0.1  # energy gained / energy put in
+UNSTABLE_GAIN, BAD_GAIN = 1.0, 0.1  # energy gained / largest kinetic energy
 FINENESS = 0.01  # relative step of the scan
 LOWEST, HIGHEST = 0.15, 2.5  # scanned range, in limits of `beads plan`
 CODE_LOWEST = 0.9  # start of the scan of a code that does not blow up where Verlet does
@@ -62,6 +61,11 @@ class MeasuredChain:
     name: str
     case: Case
     value: float = nan
+
+    def gain(self, trace: Trace) -> float:
+        """Largest energy gain divided by the largest kinetic energy; inf if values are not finite."""
+        change = np.nan_to_num(trace.total_energy_J - trace.total_energy_J[0], nan=np.inf)
+        return float(change.max() / resolved_trial(self.case).extremes.kinetic_J)
 
 
 def shipped() -> Iterator[MeasuredChain]:
@@ -147,7 +151,7 @@ class Limit:
         value: value of a sweep's parameter.
         predicted_s: predicted limit, a lower bound.
         measured_s: smallest scanned step at which the energy blows up; NaN if none does.
-        bad_s: smallest scanned step at which the energy gains a tenth of the energy put in; NaN if none was found.
+        bad_s: smallest scanned step at which the energy gains a tenth of the largest kinetic energy; NaN if none was found.
         ratio: measured limit divided by the predicted one.
         rayleigh_s, hertz_s, p_wave_s: steps of usual criteria (``drivers.limits.criteria.CRITERIA``).
         steps: number of steps of the run at the limit.
@@ -177,27 +181,18 @@ def measure_limits(subjects: Sequence[MeasuredChain], names: Sequence[str] | Non
     names = installed_codes() if names is None else names
     predicted_s = [step_limit(subject.case).stable_s for subject in subjects]
     pairs = following(zip(subjects, predicted_s, strict=True), "limits by verlet", len(subjects), "scene")
-    by_verlet = [_scan(chain, VERLET, bound_s, lambda case: gain(case, verlet_of(case))) for chain, bound_s in pairs]
+    by_verlet = [_scan(chain, VERLET, bound_s, lambda case: chain.gain(verlet_of(case))) for chain, bound_s in pairs]
     with counted("limits by codes", len(subjects) * len(names), "scene") as count:
         by_code = dict(execute(lambda name: _by_code(name, subjects, by_verlet, count), names))
     return [*by_verlet, *(limit for name in names for limit in by_code[name])]
 
 
-def gain(case: Case, trace: Trace) -> float:
-    """Largest energy gain divided by the energy that the scene puts in; inf if values are not finite.
-
-    For a free chain divided by the kinetic energy at time 0, since loads move the chain as a whole.
-    """
-    change = np.nan_to_num(trace.total_energy_J - trace.total_energy_J[0], nan=np.inf)
-    kinetic = 0.0 if case.chain.wall else float(trace.kinetic_energy_J[0])
-    return float(change.max() / (kinetic or energy_put_in(case.chain, float(case.sample_times_s[-1]))))
-
-
 def _by_code(
     name: str, subjects: Sequence[MeasuredChain], by_verlet: Sequence[Limit], count: Callable[[], None]
 ) -> list[Limit]:
-    limits, gain_at = [], partial(_gain_on, name)
+    limits = []
     for subject, verlet in zip(subjects, by_verlet, strict=True):
+        gain_at = partial(_gain_on, name, subject)
         if _passes(subject.case, verlet.measured_s, UNSTABLE_GAIN, gain_at):
             bad_s = verlet.bad_s if _passes(subject.case, verlet.bad_s, BAD_GAIN, gain_at) else nan
             limits.append(replace(verlet, method=name, bad_s=bad_s))
@@ -214,11 +209,11 @@ def _passes(case: Case, step_s: float, share: float, gain_at: Callable[[Case], f
     return gain_at(case.sampled_at_every(step_s)) > share >= gain_at(case.sampled_at_every(step_s / (1 + FINENESS)))
 
 
-def _gain_on(name: str, case: Case) -> float:
+def _gain_on(name: str, subject: MeasuredChain, case: Case) -> float:
     """Energy gain on a code, also of a run that the guard fails; inf if the code lost a body before."""
     ended = compute(case, name)
     trace = ended.fault.partial if ended.fault else ended.trace
-    return gain(case, trace) if trace is not None and len(trace.time_s) == case.scene.samples else inf
+    return subject.gain(trace) if trace is not None and len(trace.time_s) == case.scene.samples else inf
 
 
 def _scan(

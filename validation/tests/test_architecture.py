@@ -15,8 +15,7 @@ from drivers.base.processes import git
 from drivers.engines import codes, engine_names
 
 LAYERS = ("validation.reference", "drivers", "postproc", "validation")  # each imports those before it
-MAX_MODULES = 12
-MAX_LINES = 400
+MAX_LINES = 600
 NAMES_A_MODULE = re.compile(r"(drivers|postproc|validation)(\.\w+)+(:\w+)?")
 ENTRY_POINTS = ("__init__", "__main__", "conftest")
 TOP_FOLDERS = {"inputs", "templates", "drivers", "postproc", "validation"}
@@ -105,11 +104,6 @@ def test_no_module_is_named_in_a_string() -> None:
 
 def test_imports_run_in_no_circle() -> None:
     graphlib.TopologicalSorter(imports()).prepare()  # raises CycleError, which names the circle
-
-
-def test_a_folder_has_few_modules() -> None:
-    counts = Counter(file.parent for file in sources(tests=True) if file.stem not in ENTRY_POINTS)
-    assert {str(folder): count for folder, count in counts.items() if count > MAX_MODULES} == {}
 
 
 def test_module_names_are_unique() -> None:
