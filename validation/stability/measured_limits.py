@@ -7,7 +7,6 @@ milliseconds; the codes confirm the limit.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from math import inf, nan
 from typing import Any
 
@@ -151,7 +150,7 @@ class Limit:
         value: value of a sweep's parameter.
         predicted_s: predicted limit, a lower bound.
         measured_s: smallest scanned step at which the energy blows up; NaN if none does.
-        bad_s: smallest scanned step at which the energy gains a tenth of the largest kinetic energy; NaN if none was found.
+        bad_s: smallest scanned step at which the energy gains a tenth of the largest kinetic energy; NaN if none is.
         ratio: measured limit divided by the predicted one.
         rayleigh_s, hertz_s, p_wave_s: steps of usual criteria (``drivers.limits.criteria.CRITERIA``).
         steps: number of steps of the run at the limit.
@@ -181,7 +180,7 @@ def measure_limits(subjects: Sequence[MeasuredChain], names: Sequence[str] | Non
     names = installed_codes() if names is None else names
     predicted_s = [step_limit(subject.case).stable_s for subject in subjects]
     pairs = following(zip(subjects, predicted_s, strict=True), "limits by verlet", len(subjects), "scene")
-    by_verlet = [_scan(chain, VERLET, bound_s, lambda case: chain.gain(verlet_of(case))) for chain, bound_s in pairs]
+    by_verlet = [_scan(chain, VERLET, bound_s) for chain, bound_s in pairs]
     with counted("limits by codes", len(subjects) * len(names), "scene") as count:
         by_code = dict(execute(lambda name: _by_code(name, subjects, by_verlet, count), names))
     return [*by_verlet, *(limit for name in names for limit in by_code[name])]
@@ -192,38 +191,38 @@ def _by_code(
 ) -> list[Limit]:
     limits = []
     for subject, verlet in zip(subjects, by_verlet, strict=True):
-        gain_at = partial(_gain_on, name, subject)
-        if _passes(subject.case, verlet.measured_s, UNSTABLE_GAIN, gain_at):
-            bad_s = verlet.bad_s if _passes(subject.case, verlet.bad_s, BAD_GAIN, gain_at) else nan
+        if _passes(name, subject, verlet.measured_s, UNSTABLE_GAIN):
+            bad_s = verlet.bad_s if _passes(name, subject, verlet.bad_s, BAD_GAIN) else nan
             limits.append(replace(verlet, method=name, bad_s=bad_s))
         else:
-            limits.append(_scan(subject, name, verlet.predicted_s, gain_at, lowest=CODE_LOWEST))
+            limits.append(_scan(subject, name, verlet.predicted_s, lowest=CODE_LOWEST))
         count()
     return limits
 
 
-def _passes(case: Case, step_s: float, share: float, gain_at: Callable[[Case], float]) -> bool:
+def _passes(method: str, subject: MeasuredChain, step_s: float, share: float) -> bool:
     """True if the energy gain exceeds a share at this step, but not at the step before in the scan."""
     if not np.isfinite(step_s):
         return False
-    return gain_at(case.sampled_at_every(step_s)) > share >= gain_at(case.sampled_at_every(step_s / (1 + FINENESS)))
+    return _gain_on(method, subject, step_s) > share >= _gain_on(method, subject, step_s / (1 + FINENESS))
 
 
-def _gain_on(name: str, subject: MeasuredChain, case: Case) -> float:
-    """Energy gain on a code, also of a run that the guard fails; inf if the code lost a body before."""
-    ended = compute(case, name)
+def _gain_on(method: str, subject: MeasuredChain, step_s: float) -> float:
+    """Energy gain at a step, also of a run that the guard fails; inf if a code lost a body before."""
+    case = subject.case.sampled_at_every(step_s)
+    if method == VERLET:
+        return subject.gain(verlet_of(case))
+    ended = compute(case, method)
     trace = ended.fault.partial if ended.fault else ended.trace
     return subject.gain(trace) if trace is not None and len(trace.time_s) == case.scene.samples else inf
 
 
-def _scan(
-    subject: MeasuredChain, method: str, predicted_s: float, gain_at: Callable[[Case], float], lowest: float = LOWEST
-) -> Limit:
+def _scan(subject: MeasuredChain, method: str, predicted_s: float, lowest: float = LOWEST) -> Limit:
     """Tries increasing steps until the energy blows up; a whole scan also finds the step where it is bad."""
     case, measured_s, bad_s = subject.case, nan, nan
     for step_s in predicted_s * SHARES[lowest <= SHARES]:
         with np.errstate(all="ignore"):
-            gained = gain_at(case.sampled_at_every(step_s))
+            gained = _gain_on(method, subject, step_s)
         if lowest == LOWEST and gained > BAD_GAIN and np.isnan(bad_s):
             bad_s = step_s
         if gained > UNSTABLE_GAIN:
