@@ -17,7 +17,7 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Chain, furthest_m
 from drivers.chain.contact_law import hertz_force
 from drivers.chain.trace import Trace, with_work
-from drivers.engines import TOTAL, Engine
+from drivers.engines import Engine
 from drivers.run.scheme import scheme_of
 
 REASON_CHARACTERS = 300
@@ -68,7 +68,7 @@ def compared(case: Case, engine: Engine, trace: Trace) -> Trace:
     Raises:
         RunError: it departs from its scheme.
     """
-    scheme = scheme_of(case, engine.shear if case.chain.lateral is not None else TOTAL)
+    scheme = scheme_of(case, engine.name)
     try:
         if departure := scheme.departure(engine.name, trace):
             raise RunError(departure, partial=trace)

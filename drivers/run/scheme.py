@@ -10,7 +10,6 @@ exceeds ``AGREEMENT``.
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from threading import Lock
 
 import numpy as np
 
@@ -21,7 +20,7 @@ from drivers.chain.chain import Array, moving_at_start
 from drivers.chain.residual import FORCE, is_at_rest, largest_change_N, largest_kinetic_J, static_load_remark
 from drivers.chain.schemes import exact_of, turned_verlet_of, verlet_in_heights, verlet_of
 from drivers.chain.trace import Trace, until, with_work
-from drivers.engines import EXACT, IN_HEIGHTS, load_engine
+from drivers.engines import EXACT, IN_HEIGHTS, VERLET, load_engine
 
 ROUNDING_MARGIN = 10.0  # engines add in another order than the in-repo scheme: rounding errors of the same size
 ROUNDING_REASON = (
@@ -29,7 +28,7 @@ ROUNDING_REASON = (
 )
 AGREEMENT = 1e-2  # of the largest change: runs that differ by more do not agree at all
 FIELDS = {"energy": "total_energy_J", "momentum": "momentum_N_s"}  # compared columns of a trace besides the forces
-NAMES = {"name", "file", "title"}  # keys of a scene on which no motion depends
+COMPARED = (FORCE, *FIELDS)
 UNITS = {FORCE: "N", "energy": "J", "momentum": "N s"}
 
 
@@ -146,7 +145,7 @@ class Scheme:
         """
         scheme = until(self.of(engine), min(self.samples, len(trace.time_s)))
         trace = with_work(trace, scheme)
-        for quantity in (FORCE, *FIELDS):
+        for quantity in COMPARED:
             has, right, scale = field_of(trace, quantity), field_of(scheme, quantity), self.scale(quantity)
             share = apart(has, right, scale)
             allowed = self.explained(quantity)[: len(share)]
@@ -166,26 +165,12 @@ class Scheme:
         return ""
 
 
-def scheme_of(case: Case, law: str) -> Scheme:
-    """Scheme of a case; those of the last case are cached."""
-    with _lock:
-        return _last(motion_key(case)).setdefault(law, Scheme(case, law))
+def scheme_of(case: Case, engine: str = VERLET) -> Scheme:
+    """Scheme of a case on an engine; the last ones are cached."""
+    return cached_scheme(case, load_engine(VERLET if case.chain.lateral is None else engine).shear)
 
 
-_lock = Lock()
-
-
-@lru_cache(maxsize=1)
-def _last(key: str) -> dict[str, Scheme]:
-    """Schemes of the last case by law of friction; ``scheme_of`` fills it."""
-    return {}
-
-
-@lru_cache(maxsize=4)
-def motion_key(case: Case) -> str:
-    """Everything that determines the motions of a case."""
-    scenes = [variant.scene.model_dump_json(exclude=NAMES) for variant in (case, case.full) if variant]
-    return f"{scenes} {case.reference_tolerance}"
+cached_scheme = lru_cache(maxsize=2)(Scheme)
 
 
 def scale_of_motion(case: Case, motion: Trace, quantity: str) -> float:

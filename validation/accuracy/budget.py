@@ -35,7 +35,7 @@ from drivers.chain.residual import FORCE, is_at_rest, share_of_change
 from drivers.chain.trace import Trace, until, with_work
 from drivers.engines import EXACT, load_engine
 from drivers.run.run_folder import EndedRun
-from drivers.run.scheme import FIELDS, field_of, judged_until, largest_difference
+from drivers.run.scheme import COMPARED, field_of, judged_until, largest_difference
 from postproc.read.observables import of_kind, scale_of
 from validation.accuracy.exact_motion import errors_of, quantities
 from validation.accuracy.motions import HORIZON, Motions, motions_of
@@ -64,7 +64,6 @@ class Budget:
             motion is not known.
         checks: the two judgements.
         note: parts that were not measured, with the reason.
-        departure: first time and contact at which the model part passes its limit; empty if it never does.
         warnings: reasons why the run is of little use; most runs have none.
         exact_to: error of the exact motion until ``exact_until_s``, divided by the largest change of force; None for
             three-dimensional chains.
@@ -73,7 +72,6 @@ class Budget:
     rows: list[dict[str, Any]]
     checks: list[Check]
     note: str
-    departure: str
     warnings: list[str]
     exact_to: float | None
     exact_until_s: float | None
@@ -101,7 +99,6 @@ def budget_of(case: Case, engine: str, trace: Trace, limit_s: float | None = Non
     motions = motions_of(case, engine, limit_s)
     with np.errstate(over="ignore", invalid="ignore"):  # too large a step blows up
         rows, missing = _rows(motions, engine, trace)
-        departure = _departure(motions, engine, trace)
         checks = [*_model_checks(motions, engine, trace), *_error_checks(motions, engine, trace, rows)]
         known = not motions.why_unknown and motions.straight
         samples = motions.known if known else 0
@@ -109,8 +106,7 @@ def budget_of(case: Case, engine: str, trace: Trace, limit_s: float | None = Non
             rows=rows,
             checks=checks,
             note="; ".join([*_notes(motions, engine), *missing]),
-            departure=departure,
-            warnings=[*_warnings(motions, engine, checks, departure, rows)],
+            warnings=[*_warnings(motions, engine, trace, checks, rows)],
             exact_to=float(motions.exact_error[samples - 1]) if known else None,
             exact_until_s=float(case.sample_times_s[samples - 1]) if known else None,
         )
@@ -127,7 +123,7 @@ def _rows(motions: Motions, engine: str, trace: Trace) -> tuple[list[dict[str, A
     stages += [stages[-1], *([until(full.exact, samples)] if full else [])]
 
     rows = []
-    for quantity in (FORCE, *FIELDS):
+    for quantity in COMPARED:
         scale = (full or motions).scale(quantity)
         _, place, where = largest_difference(quantity, trace, stages[-1], scale)
         rows.append(_row(quantity, [float(field_of(stage, quantity)[place]) / scale for stage in stages], where))
@@ -156,27 +152,13 @@ def _row(quantity: str, shares: list[float], where: str = "") -> dict[str, Any]:
     }
 
 
-def _comparable(motions: Motions, engine: str) -> bool:
-    """True if the engine's scheme can be integrated, as that of ``reference`` if the exact motion is known."""
-    return load_engine(engine).scheme != EXACT or not motions.why_unknown
-
-
-def departure_of(case: Case, engine: str, trace: Trace) -> str:
-    """First departure of a run, finished or failed, from its scheme; empty if there is none or it is not known."""
-    return _departure(motions_of(case, engine), engine, trace)
-
-
-def _departure(motions: Motions, engine: str, trace: Trace) -> str:
-    return motions.scheme.departure(engine, trace) if _comparable(motions, engine) else ""
-
-
 def _model_checks(motions: Motions, engine: str, trace: Trace) -> Iterator[Check]:
     """Is it the right computation? Difference from the engine's scheme that is closest to its limit at its sample."""
-    if not _comparable(motions, engine):
+    if load_engine(engine).scheme == EXACT and motions.why_unknown:
         return
     scheme = motions.scheme
     right = until(scheme.of(engine), scheme.samples)
-    for quantity in (FORCE, *FIELDS):
+    for quantity in COMPARED:
         scale, limits = scheme.scale(quantity), scheme.explained(quantity)
         size, (sample, _), where = largest_difference(quantity, with_work(trace, right), right, scale, limits)
         limit, where = scheme.tolerance_at(quantity, sample), where + scheme.until_horizon
@@ -249,9 +231,9 @@ def exactness_note(motions: Motions) -> str:
 
 
 def _warnings(
-    motions: Motions, engine: str, checks: list[Check], departure: str, rows: list[dict[str, Any]]
+    motions: Motions, engine: str, trace: Trace, checks: list[Check], rows: list[dict[str, Any]]
 ) -> Iterator[str]:
-    """Warnings on errors beyond the general ceilings, on an exact motion that is lost, and on a departure."""
+    """Warnings on errors beyond the general ceilings, on an exact motion that is lost, and of a changed deck."""
     for check in checks:
         name = check.quantity.removeprefix(f"{ERROR}: ")
         row = next((row for row in rows if row["quantity"] == name), None)
@@ -260,8 +242,8 @@ def _warnings(
             yield f"error of the {name} {check.value:.2g}, above {check.limit:g}: {check.where}; cause: {cause}"
     if load_engine(engine).scheme == EXACT and not motions.why_unknown and motions.exact_error[-1] > HORIZON:
         yield exactness_note(motions)
-    if departure:  # of a changed deck
-        yield departure
+    if any(check.verdict == FAIL and check.quantity.startswith(MODEL) for check in checks):
+        yield motions.scheme.departure(engine, trace)
 
 
 def budget_lines(heading: str, runs: Mapping[str, EndedRun]) -> Iterator[str]:
@@ -273,7 +255,7 @@ def budget_lines(heading: str, runs: Mapping[str, EndedRun]) -> Iterator[str]:
         (name, row) for name, run in runs.items() for row in run.record.error_budget or () if row.keys() >= {*PARTS}
     ]
     quantities = [*dict.fromkeys(row["quantity"] for _, row in rows)]
-    shown = {name for name in quantities if name in (FORCE, *FIELDS)} | {*of_kind(quantities, "peak")}
+    shown = {name for name in quantities if name in COMPARED} | {*of_kind(quantities, "peak")}
     rows = [
         (name, row) for quantity in quantities if quantity in shown for name, row in rows if row["quantity"] == quantity
     ]

@@ -3,8 +3,7 @@
 Quantities are named like observables, without the unit: ``wall_peak``, ``bead_9_arrival``, ``speed_9_to_5``. Errors:
 
 * ``force``: largest difference over all contacts and sample times, divided by the largest change of force;
-* ``energy``: largest change, with damping largest difference from the exact motion, divided by the largest kinetic
-  energy;
+* ``energy``: largest difference of the change of the total energy, divided by the largest kinetic energy;
 * ``momentum``: largest difference divided by the largest momentum;
 * peaks, later ones too: relative to the true value minus the static load;
 * all others: relative to the true value.
@@ -17,14 +16,14 @@ from functools import cached_property
 import numpy as np
 
 from drivers.chain.case import Case
-from drivers.chain.chain import Array, moving_at_start
-from drivers.chain.residual import FORCE, largest_change_N, largest_kinetic_J, residual, share_of_change
+from drivers.chain.chain import Array
+from drivers.chain.residual import largest_change_N, share_of_change
 from drivers.chain.schemes import exact_of
 from drivers.chain.trace import Trace, part_of, until
+from drivers.run.scheme import COMPARED, largest_difference, scale_of_motion
 from postproc.read.observables import describe, observe, scale_of, without_unit
 from validation.reference.adaptive import MIN_TOLERANCE
 
-ENERGY, MOMENTUM = "energy", "momentum"
 SAMPLE_FACTOR = 4  # factor of samples for true values: of smooth forces quintic interpolation leaves 4^-6 of the error
 TRUE_SHARE = 0.05  # of the sampling error, for the error of the true value itself
 LEAST_SAMPLING = 1e-9  # relative sampling error that is taken as it is
@@ -156,17 +155,10 @@ def errors_of(case: Case, trace: Trace, truth: ExactMotion, names: Collection[st
         KeyError: a quantity is missing in the exact motion.
     """
     errors = {}
-    seen = {} if {*names} <= {FORCE, ENERGY} else quantities(case, trace)
+    seen = {} if {*names} <= {*COMPARED} else quantities(case, trace)
     for name in names:
-        if name == FORCE:
-            errors[name] = float(residual(trace, truth.trace).max())
-        elif name == ENERGY:
-            right_J = truth.trace.total_energy_J if case.chain.damped else trace.total_energy_J[0]
-            errors[name] = float(np.abs(trace.total_energy_J - right_J).max())
-            errors[name] /= largest_kinetic_J(case.chain, truth.trace)
-        elif name == MOMENTUM:
-            scale = max(float(np.abs(truth.trace.momentum_N_s).max()), moving_at_start(case.chain)) or 1.0
-            errors[name] = float(np.abs(trace.momentum_N_s - truth.trace.momentum_N_s).max()) / scale
+        if name in COMPARED:
+            errors[name], *_ = largest_difference(name, trace, truth.trace, scale_of_motion(case, truth.trace, name))
         else:
             errors[name] = abs(seen.get(name, np.inf) - truth.true[name]) / scale_of(name, truth.true)
     return {name: error if np.isfinite(error) else np.inf for name, error in errors.items()}

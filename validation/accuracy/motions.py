@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
 from math import log2
-from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,7 @@ from drivers.chain.residual import residual, share_of_change
 from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import Trace, until
 from drivers.engines import EXACT, VERLET, load_engine
-from drivers.run.scheme import FIELDS, Scheme, motion_key, scale_of_motion, scheme_of
+from drivers.run.scheme import FIELDS, Scheme, scale_of_motion, scheme_of
 from validation.accuracy.exact_motion import ExactMotion, exact_motion_of, quantities
 from validation.reference.adaptive import MIN_TOLERANCE
 
@@ -35,23 +34,22 @@ class Motions:
     """Motions of a case, each computed once, on first use.
 
     Attributes:
-        law: law of friction in three dimensions.
+        scheme: motions of the schemes.
         limit_s: time limit of the exact motion; None for ``drivers.chain.schemes.default_limit_s``.
     """
 
-    case: Case
-    law: str
+    scheme: Scheme
     limit_s: float | None = None
+
+    @property
+    def case(self) -> Case:
+        """Case of the motions."""
+        return self.scheme.case
 
     @property
     def straight(self) -> bool:
         """True if the chain is straight."""
-        return self.case.chain.lateral is None
-
-    @cached_property
-    def scheme(self) -> Scheme:
-        """Motions of the schemes."""
-        return scheme_of(self.case, self.law)
+        return self.scheme.straight
 
     @cached_property
     def why_unknown(self) -> str:
@@ -71,12 +69,12 @@ class Motions:
     @cached_property
     def half(self) -> Trace:
         """Velocity Verlet at half the step."""
-        return verlet_of(self.case, self.law, 2)
+        return verlet_of(self.case, self.scheme.law, 2)
 
     @cached_property
     def quarter(self) -> Trace:
         """Velocity Verlet at a quarter of the step."""
-        return verlet_of(self.case, self.law, 4)
+        return verlet_of(self.case, self.scheme.law, 4)
 
     @cached_property
     def exact_to_end(self) -> ExactMotion:
@@ -119,7 +117,7 @@ class Motions:
     @cached_property
     def full(self) -> "Motions | None":
         """Motions of the case with the elements that its accuracy left out; None if there are none."""
-        return Motions(self.case.full, self.law, self.limit_s) if self.case.full else None
+        return Motions(Scheme(self.case.full, self.scheme.law), self.limit_s) if self.case.full else None
 
     @property
     def order(self) -> float:
@@ -165,17 +163,9 @@ def predicted_error(case: Case, engine: str) -> Array:
     return np.nan_to_num(error, nan=np.inf)
 
 
-_lock = Lock()
-
-
 def motions_of(case: Case, engine: str = VERLET, limit_s: float | None = None) -> Motions:
-    """Motions of a case for an engine; the motions of the last case are cached."""
-    law = load_engine(engine if case.chain.lateral is not None else VERLET).shear
-    with _lock:
-        return _last(motion_key(case), limit_s).setdefault(law, Motions(case, law, limit_s))
+    """Motions of a case for an engine; the last ones are cached."""
+    return cached_motions(scheme_of(case, engine), limit_s)
 
 
-@lru_cache(maxsize=1)
-def _last(key: str, limit_s: float | None) -> dict[str, Motions]:
-    """Motions of the last case by law of friction; ``motions_of`` fills it."""
-    return {}
+cached_motions = lru_cache(maxsize=2)(Motions)

@@ -67,7 +67,7 @@ def _straight(case: Case, among: Collection[str]) -> Iterator[str]:
     asked = plan.asked if plan else {FORCE: 0.0}
     chooser = Chooser(case, {name: share / TENFOLD for name, share in asked.items()})
     errors = plan.predicted if plan else dict(chooser.errors_at(steps))
-    scheme = scheme_of(case, TOTAL)
+    scheme = scheme_of(case)
     rows = [*_rows(case, chooser, asked if plan else errors, errors)]
     seconds = time.perf_counter() - began
 

@@ -16,15 +16,15 @@ from drivers.base.errors import InputError
 from drivers.chain.case import Case, StepPlan
 from drivers.chain.chain import arrays_of, build_chain
 from drivers.chain.elements import choose_elements
-from drivers.chain.residual import FORCE, share_of_change
+from drivers.chain.residual import share_of_change
 from drivers.chain.schemes import exact_of, verlet_in_heights
 from drivers.limits.refusal import unattainable
 from drivers.limits.stable_step import EXACT_SHARE, resolved_trial, why_unstable
-from drivers.run.scheme import Scheme
+from drivers.run.scheme import COMPARED, Scheme
 from drivers.scene.model import Scene
 from drivers.scene.read_scene import MAX_STEPS
 from postproc.read.observables import scale_of
-from validation.accuracy.exact_motion import COARSE_ERROR, ENERGY, ExactMotion, errors_of, exact_motion_of
+from validation.accuracy.exact_motion import COARSE_ERROR, ExactMotion, errors_of, exact_motion_of
 from validation.reference.adaptive import MIN_TOLERANCE, scales
 from validation.reference.tube import TOTAL
 
@@ -71,7 +71,7 @@ def simplify(case: Case, asked: dict[str, float]) -> Case:
         return case
     try:
         truth = exact_motion_of(case)
-        if any(name not in truth.true for name in asked if name not in (FORCE, ENERGY)):
+        if any(name not in truth.true for name in asked if name not in COMPARED):
             return case  # ``Chooser`` reports the unknown quantity
 
         def effect(names: list[str]) -> dict[str, float]:
@@ -118,7 +118,7 @@ class Chooser:
         self.case = case
         self.full = case.full or case
         self.names = tuple(strictest)
-        self.gauges = [name for name in strictest if name not in (FORCE, ENERGY)]
+        self.gauges = [name for name in strictest if name not in COMPARED]
         self._errors: dict[int, dict[str, float]] = {}
         least = min(strictest.values())
         duration = float(case.sample_times_s[-1])
@@ -132,10 +132,10 @@ class Chooser:
         for name in self.gauges:
             if not self.truth.true.get(name):
                 has = (quantity for quantity, value in self.truth.true.items() if value)
-                self._refuse(name, f"unknown quantity; allowed: {', '.join([FORCE, ENERGY, *has])}")
+                self._refuse(name, f"unknown quantity; allowed: {', '.join([*COMPARED, *has])}")
             if not self.truth.sampling_known:
                 found = "too many samples times contacts to measure the sampling error"
-                self._refuse(name, f"{found}; allowed: {FORCE}, {ENERGY}")
+                self._refuse(name, f"{found}; allowed: {', '.join(COMPARED)}")
         self.guess_s = resolved_trial(case).two_over_omega_s  # the order of magnitude of the largest stable step
 
     def _refuse(self, name: str, statement: str) -> NoReturn:

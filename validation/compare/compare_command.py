@@ -1,4 +1,4 @@
-"""``beads compare SCENE``: checks, departures, diagnoses and error budgets of scenes on screen."""
+"""``beads compare SCENE``: checks, diagnoses and error budgets of scenes on screen."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -22,7 +22,7 @@ def compare_scenes(
     unsafe: bool,
     brief: bool = False,
 ) -> int:
-    """Prints checks, departures, diagnoses and error budgets of scenes.
+    """Prints checks, diagnoses and error budgets of scenes.
 
     With ``brief`` the answer and the worst check of each engine. The exit code is 1 if a check fails or a required
     engine did not run.
@@ -61,15 +61,13 @@ def _brief_lines(compared: ComparedScene) -> Iterator[str]:
 
 
 def _lines(compared: ComparedScene, asked: EngineSelection) -> Iterator[str]:
-    """Lines on a scene: summary, checks, first departures, diagnoses, error budgets."""
+    """Lines on a scene: summary, checks, diagnoses, error budgets."""
     name = compared.case.scene.name
     yield f"{name}: {_headline(compared, asked)}"
     yield " ".join(answer([compared]))
     yield "model: difference from velocity Verlet at the same step; error: difference from the exact motion;"
     yield "both relative to the largest change of force, unless stated otherwise\n"
     yield from table(compared.checks)
-    engines = in_order({*compared.departures, *compared.diagnoses})
-    said = [(engine, kind.get(engine)) for engine in engines for kind in (compared.departures, compared.diagnoses)]
-    sentences = [(name, engine, sentence) for engine, sentence in said if sentence]
-    yield from ("", *text_table(sentences)) if sentences else ()
+    yield from [""] * bool(compared.diagnoses)
+    yield from text_table([(name, *said) for said in compared.diagnoses.items()])
     yield from budget_lines("engine", compared.runs)

@@ -14,7 +14,7 @@ from drivers.run.run import refuse_all, run_many
 from drivers.run.run_folder import EndedRun
 from postproc.read.motion import trace_with_state
 from validation.accuracy.assess import assess
-from validation.accuracy.budget import departure_of, kept_budget
+from validation.accuracy.budget import kept_budget
 from validation.accuracy.plan import planned_case
 from validation.checks import FAIL, NOT_RUN, Check, without_run
 from validation.compare.diagnosis import diagnosis
@@ -31,8 +31,7 @@ class ComparedScene:
         runs: finished runs by engine.
         absent: reason for a missing run, by engine.
         checks: checks of all engines.
-        departures: first departure of a run, finished or failed, from its scheme, by engine; only of those that depart.
-        diagnoses: the change of the scene that explains a run that departs, as a sentence, by engine.
+        diagnoses: cause of the departure of a failed run from its scheme, by engine.
         refused: partial trace of a failed run, by engine; used for no check and no observable.
     """
 
@@ -40,7 +39,6 @@ class ComparedScene:
     runs: dict[str, EndedRun]
     absent: dict[str, str]
     checks: list[Check]
-    departures: dict[str, str] = field(default_factory=dict)
     diagnoses: dict[str, str] = field(default_factory=dict)
     refused: dict[str, Trace] = field(default_factory=dict)
 
@@ -94,13 +92,10 @@ def _compared(case: Case, ended: dict[str, EndedRun], absent: dict[str, str]) ->
     failed = {engine: run for engine, run in assessed.items() if not run.done}
     absent = absent | {engine: f"{run.record.status}: {run.record.reason}" for engine, run in failed.items()}
     refused = {engine: trace_with_state(run) for engine, run in failed.items() if run.has_forces}
-    budgets = {engine: kept_budget(case, run) for engine, run in finished.items()}
-    checks = [*missing(case, absent), *(check for budget in budgets.values() for check in budget.checks)]
-    departures = {engine: budget.departure for engine, budget in budgets.items()}
-    departures |= {engine: departure_of(case, engine, part) for engine, part in refused.items()}
-    departures = {engine: departures[engine] for engine in in_order(departures) if departures[engine]}
-    diagnoses = {name: diagnosis(case, name, part) for name, part in refused.items() if name in departures}
-    return ComparedScene(case, finished, absent, checks, departures, diagnoses, refused)
+    checks = [*missing(case, absent), *(check for run in finished.values() for check in kept_budget(case, run).checks)]
+    causes = {engine: diagnosis(case, engine, refused[engine])[1] for engine in in_order(refused)}
+    diagnoses = {engine: cause for engine, cause in causes.items() if cause}
+    return ComparedScene(case, finished, absent, checks, diagnoses, refused)
 
 
 def missing(case: Case, absent: dict[str, str]) -> list[Check]:

@@ -21,7 +21,7 @@ from drivers.chain.schemes import heights_and_reach
 from drivers.chain.trace import Trace, overlaps
 from drivers.engines import INCREMENTAL, load_engine
 from drivers.laws.viscoelastic import Viscoelastic
-from drivers.run.scheme import Scheme, apart
+from drivers.run.scheme import Scheme, apart, scheme_of
 from postproc.read.signals import integral
 from validation.reference.hertz_chain import HertzChain, contact_force, hertz_force
 from validation.reference.velocity_verlet import integrate_verlet_absolute
@@ -70,14 +70,21 @@ class Change(NamedTuple):
     first: float
 
 
-def diagnosis(case: Case, engine: str, trace: Trace) -> str:
-    """Sentence on the change of the scene that explains a run, or on the largest ratios of its law."""
-    scheme, chain = Scheme(case, ""), case.chain
-    if chain.lateral is not None:
-        return "only straight chains are diagnosed"
-    samples = min(scheme.samples, len(trace.time_s))
-    if samples < MIN_SAMPLES or case.work > MAX_WORK:
-        return f"not diagnosed: {samples} samples, {case.work:g} bodies times steps"
+def diagnosis(case: Case, engine: str, trace: Trace) -> tuple[str, str]:
+    """First departure of a run, finished or failed, from its scheme, and its cause; empty if there is none."""
+    scheme = scheme_of(case, engine)
+    try:
+        departure = scheme.departure(engine, trace)
+    except ArithmeticError:  # no exact motion to compare a run of ``reference`` with
+        departure = ""
+    return (departure, _cause(scheme, engine, trace)) if departure else ("", "")
+
+
+def _cause(scheme: Scheme, engine: str, trace: Trace) -> str:
+    """The change of the scene that explains a run, else the largest ratios of its law."""
+    case, samples = scheme.case, min(scheme.samples, len(trace.time_s))
+    if case.chain.lateral is not None or samples < MIN_SAMPLES or case.work > MAX_WORK:
+        return f"no cause sought with {samples} samples, {case.work:g} bodies times steps, or in three dimensions"
     right, force = scheme.of(engine).force_N[:samples], trace.force_N[:samples]
     limits = scheme.explained(FORCE)[:samples]
     table = measured_ratios(case, trace)

@@ -22,11 +22,11 @@ from drivers.chain.residual import FORCE
 from drivers.chain.trace import Trace, part_of
 from drivers.engines import load_engine
 from drivers.run.run_folder import EndedRun, is_run, open_run
-from drivers.run.scheme import FIELDS, apart, largest_difference, place_of, scale_of_motion
+from drivers.run.scheme import COMPARED, apart, largest_difference, place_of, scale_of_motion
 from drivers.scene.settings import differences, setting_text
 from postproc.read.motion import chain_of, trace_with_state
 from postproc.read.observables import describe, observe, of_kind, scale_of, without_unit
-from validation.accuracy.budget import budget_lines, departure_of
+from validation.accuracy.budget import budget_lines
 from validation.compare.diagnosis import diagnosis
 
 KINDS = ("peak", "later peak", "speed")  # of observables shown
@@ -48,16 +48,6 @@ class PairedRun:
     run: EndedRun
     case: Case
     trace: Trace
-
-    @property
-    def departure(self) -> str:
-        """First departure of the whole run from its scheme; empty if there is none."""
-        return departure_of(self.case, self.run.record.engine, self.run.trace)
-
-    @property
-    def diagnosis(self) -> str:
-        """The change of the scene that explains a departure."""
-        return diagnosis(self.case, self.run.record.engine, trace_with_state(self.run))
 
 
 def open_pair(first: Path, second: Path) -> tuple[PairedRun, PairedRun]:
@@ -105,17 +95,18 @@ def compare_runs(first: Path, second: Path) -> int:
     """
     pair = open_pair(first, second)
     both = dict(zip(("first", "second"), pair, strict=True))
-    departures = {name: departure for name, each in both.items() if (departure := each.departure)}
-    wrong = {name: "failed" for name, each in both.items() if not each.run.done}
-    wrong |= dict.fromkeys(departures, "departs from its scheme")
-    result = "pass: both runs are those of their schemes"
-    result = f"FAIL: {'; '.join(f'the {name} run {what}' for name, what in wrong.items())}" if wrong else result
-    lines = different_keys(*(each.run.record.scene for each in pair))
-    keys = [f"the scenes differ in {line}" for line in lines] or ["the scenes are the same"]
-    said = [(name, words) for name in departures for words in (departures[name], both[name].diagnosis)]
-    budgets = budget_lines("run", {name: each.run for name, each in both.items()})
-    parts = (_runs(both), keys, text_table(_rows(*pair), right=(1,)), _times(*pair), *([text_table(said)] * bool(said)))
-    print(result, *(line for part in parts for line in ("", *part)), *budgets, sep="\n")
+    wrong, said = [], []
+    for name, each in both.items():
+        departure, cause = diagnosis(each.case, each.run.record.engine, trace_with_state(each.run))
+        if departure or not each.run.done:
+            wrong.append(f"the {name} run {'departs from its scheme' if departure else 'failed'}")
+        said += [(name, words) for words in (departure, cause) if words]
+    print(f"FAIL: {'; '.join(wrong)}" if wrong else "pass: both runs are those of their schemes")
+    keys = [f"the scenes differ in {line}" for line in different_keys(*(each.run.record.scene for each in pair))]
+    table = text_table(_rows(*pair), right=(1,))
+    for part in (_runs(both), keys or ["the scenes are the same"], table, _times(*pair), text_table(said)):
+        print(*("", *part) if part else (), sep="\n")
+    print(*budget_lines("run", {name: each.run for name, each in both.items()}), sep="\n")
     return 1 if wrong else 0
 
 
@@ -139,7 +130,7 @@ def _runs(both: dict[str, PairedRun]) -> Iterator[str]:
 def _rows(one: PairedRun, other: PairedRun) -> Iterator[tuple[str, str, str]]:
     """Quantity, difference, and its place or both values."""
     yield "quantity", "difference", "largest, or values of both runs"
-    for quantity in (FORCE, *FIELDS):
+    for quantity in COMPARED:
         scale = scale_of_motion(one.case, one.trace, quantity)
         size, _, where = largest_difference(quantity, other.trace, one.trace, scale)
         yield quantity, f"{size:.2e}", where

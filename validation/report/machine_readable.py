@@ -71,7 +71,7 @@ def cpu_name(file: Path = CPUS) -> str:
     return next(iter(names), "") or platform.processor() or platform.machine()
 
 
-SCHEMA = 2
+SCHEMA = 3
 LEFT_OUT = ("scene", "layout", "elements", "files")  # of the record of a run
 SCENES, CASES = "scenes", "independent"  # keys
 
@@ -106,7 +106,6 @@ def _scene(scene: ComparedScene, row: ReportRow) -> dict[str, Any]:
         if engine in scene.runs:
             run = scene.runs[engine]
             of_engine["run"] = {"folder": paths.shown(run.folder)} | _without(asdict(run.record), LEFT_OUT)
-        of_engine["departure"] = scene.departures.get(engine)
     return entry | {
         "summary": case.summary,
         "source": source_of(case.scene),

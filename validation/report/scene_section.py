@@ -191,7 +191,6 @@ def section_of(scene: ComparedScene, results: Path, runs: Path | None = None) ->
         left_out: number of gauges without a panel.
         overlay: measured traces over the exact motion, or over the first engine without it; None without traces.
         chain: forces of all contacts in space and time; None if no run finished.
-        departures: engine, and when its run first departs from its scheme.
         budget: quantity, engine, and the whole error followed by its parts.
         observables: name, and the value of each run.
         elements: name, "in" or "out", and the reason.
@@ -220,7 +219,6 @@ def section_of(scene: ComparedScene, results: Path, runs: Path | None = None) ->
         "left_out": max(0, len(gauges_of(case.layout)) - MAX_GAUGES),
         "overlay": overlay_of(case, shown, trace, results) if trace and case.scene.measured else None,
         "chain": image_of(svg_of(draw_spacetime({shown: trace}).figure)) if trace else None,
-        "departures": list(scene.departures.items()),
         "budget": sorted(budget, key=lambda line: order.index(line[0])),
         "observables": [
             (name, *(number(values.get(name, math.nan), 6) for values in observed)) for name in (observed or [{}])[0]

@@ -15,17 +15,17 @@ from drivers.base.errors import RunError
 from drivers.base.progress import counted
 from drivers.chain.case import Case
 from drivers.chain.chain import arrays_of
-from drivers.chain.residual import FORCE
 from drivers.chain.schemes import trace_of
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, VERLET, installed_codes
 from drivers.limits.stable_step import step_limit
 from drivers.run.compute import compute
 from drivers.run.execute import execute
+from drivers.run.scheme import COMPARED
 from postproc.paper.simulate import case_of
 from postproc.read.observables import of_kind
 from validation.accuracy.costs import cost_on
-from validation.accuracy.exact_motion import ENERGY, MOMENTUM, ExactMotion, errors_of, exact_motion_of
+from validation.accuracy.exact_motion import ExactMotion, errors_of, exact_motion_of
 from validation.reference.adaptive import MIN_TOLERANCE, integrate_adaptive
 from validation.reference.symplectic import integrate_symplectic
 from validation.reference.velocity_verlet import integrate_verlet
@@ -208,9 +208,8 @@ def errors_by_group(case: Case, trace: Trace, exact_motion: ExactMotion) -> dict
         "speed": of_kind(exact_motion.true, "speed"),
         "width": [name for name in of_kind(exact_motion.true, "width") if name.endswith("_4pct")],
     }
-    single = (FORCE, ENERGY, MOMENTUM)
-    measured = errors_of(case, trace, exact_motion, (*single, *chain(*groups.values())))
-    errors = {name: measured[name] for name in single}
+    measured = errors_of(case, trace, exact_motion, (*COMPARED, *chain(*groups.values())))
+    errors = {name: measured[name] for name in COMPARED}
     return errors | {group: max((measured[name] for name in names), default=nan) for group, names in groups.items()}
 
 

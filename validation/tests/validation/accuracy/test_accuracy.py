@@ -74,7 +74,7 @@ def test_an_accuracy_below_the_rounding_of_heights_is_refused_with_a_limit_that_
     [
         ("1e-12", "at least 1e-11", ()),
         *((wrong, "an error above 0 and below 1", ()) for wrong in ("2", "nan", "true", "{}", "{wall_peak = true}")),
-        ("{bead_3_peak = 1e-3}", "bead_9_peak", ()),
+        ("{bead_3_peak = 1e-3}", "bead_9_amplitude", ()),
         ("{wall_peak = 1e-5}", "limited by sampling at any time step", ("run.sample_interval=10 us",)),
         ("1e-6", r"at least 0.*limited by the error of the exact motion", ("run.duration=20 ms",)),
     ],

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +19,11 @@ from drivers.chain.trace import Trace, until
 from drivers.engines import REFERENCE, VERLET
 from drivers.laws.power import Power
 from drivers.run import scheme
+from drivers.run.scheme import scheme_of
 from validation.accuracy import motions as module
 from validation.accuracy.assess import assess
-from validation.accuracy.budget import AT_REST_NOTE, PARTS, Budget, budget_of, departure_of, kept_budget
-from validation.accuracy.motions import Motions, motions_of
+from validation.accuracy.budget import AT_REST_NOTE, PARTS, Budget, budget_of, kept_budget
+from validation.accuracy.motions import motions_of
 from validation.checks import FAIL, PASS
 from validation.stability.measured_limits import random_case
 from validation.tests.helpers.runs import blown_up, finished
@@ -36,8 +38,8 @@ Change = Callable[[Array], Array]
 @pytest.fixture(autouse=True)
 def _no_shared_motions() -> None:
     """Tests replace schemes, so none sees the motions of another."""
-    module._last.cache_clear()
-    scheme._last.cache_clear()
+    module.cached_motions.cache_clear()
+    scheme.cached_scheme.cache_clear()
 
 
 def as_code(case: Case, **changes: Change) -> Trace:
@@ -89,7 +91,6 @@ def test_faultless_runs_pass_and_their_parts_add_up(settings: tuple[str, ...]) -
     for engine, trace in runs.items():
         budget = budget_of(case, engine, trace)
         assert red(budget) == set()
-        assert budget.departure == ""
         for row in budget.rows:
             assert row["whole"] == pytest.approx(sum(row[part] for part in PARTS[1:]), rel=1e-9, abs=1e-15)
         exact = motions_of(case, engine).exact
@@ -140,16 +141,17 @@ def test_the_first_departure_names_time_and_contact(
     settings: tuple[str, ...], changes: dict[str, Change], words: str
 ) -> None:
     case = case_of("fig4", *settings)
-    assert words in budget_of(case, A_CODE, as_code(case, **changes)).departure
+    assert words in scheme_of(case).departure(A_CODE, as_code(case, **changes))
 
 
 def test_failed_runs_depart_where_they_begin_to() -> None:
     case = case_of("fig4")
     bent, right = as_code(case, stiffness=times(0.7, -1)), as_code(case)
+    departure_of = partial(scheme_of(case).departure, A_CODE)
     for samples in (300, 2):
-        assert departure_of(case, A_CODE, until(bent, samples)) == departure_of(case, A_CODE, bent) != ""
-        assert departure_of(case, A_CODE, until(right, samples)) == ""
-    assert " from 200 µs" in departure_of(case, A_CODE, blown_up(right, 200))
+        assert departure_of(until(bent, samples)) == departure_of(bent) != ""
+        assert departure_of(until(right, samples)) == ""
+    assert " from 200 µs" in departure_of(blown_up(right, 200))
 
 
 def test_the_ceiling_judges_unless_the_scene_asks_for_an_accuracy() -> None:
@@ -174,7 +176,7 @@ def test_the_effect_of_elements_left_out_is_part_of_the_error() -> None:
     budget = budget_of(case, VERLET, trace)
     row = budget.rows[0]
     assert row["whole"] == pytest.approx(sum(row[part] for part in (*PARTS[1:], "elements")), rel=1e-9)
-    off = float(residual(trace, Motions(case.full, "total").exact).max())
+    off = float(residual(trace, motions_of(case.full).exact).max())
     assert abs(row["whole"]) == pytest.approx(off, rel=1e-6)
     assert values_of(budget)["error: force"] == pytest.approx(off, rel=1e-3)
 

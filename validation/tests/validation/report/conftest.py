@@ -10,7 +10,6 @@ from drivers.chain.trace import until
 from postproc.figures.table1 import EXACT_LONGER
 from postproc.paper.quoted import quoted
 from postproc.paper.strikes import COLUMNS, SPREAD
-from validation.accuracy.budget import departure_of
 from validation.chapters import write_frame, write_table
 from validation.checks import FAIL, NOT_RUN, Check, without_run
 from validation.compare.comparison import ComparedScene
@@ -46,8 +45,7 @@ def hostile(tmp_path_factory: pytest.TempPathFactory, compared: ComparedScene) -
     case = replace(compared.case, scene=compared.case.scene.model_copy(update={"title": TITLE}))
     absent = {"liggghts": "not installed", "yade": f"failed: exit code 1: {HOSTILE}"}
     half = until(blown_up(compared.runs["verlet"].trace, 200), 290)
-    departures, diagnoses = {"yade": departure_of(case, "yade", half)}, {"yade": f"matches {HOSTILE}"}
-    checks = checks_of(case, compared.runs, absent)
-    scene = ComparedScene(case, compared.runs, absent, checks, departures, diagnoses, {"yade": half})
+    checks, diagnoses = checks_of(case, compared.runs, absent), {"yade": f"matches {HOSTILE}"}
+    scene = ComparedScene(case, compared.runs, absent, checks, diagnoses, {"yade": half})
     write_report([scene], folder / "report.html", "make it again", Path("my runs"))
     return folder

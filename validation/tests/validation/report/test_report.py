@@ -19,7 +19,6 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.files import SEALS, sealed_file
 from drivers.chain.trace import until
-from validation.accuracy.budget import budget_of, departure_of
 from validation.chapters import write_frame
 from validation.checks import FAIL, NOT_RUN, PASS, share_of_limit, short
 from validation.compare.comparison import ComparedScene
@@ -108,7 +107,7 @@ def test_a_failure_is_named_first_with_its_diagnosis_and_a_command_for_details(
     object.__setattr__(late, "trace", replace(run.trace, force_N=np.roll(run.trace.force_N, 1, axis=0)))
     runs, absent = compared.runs | {"yade": late}, {"liggghts": "not installed"}
     checks = checks_of(compared.case, runs, absent)
-    sick = ComparedScene(compared.case, runs, absent, checks, {}, {"yade": "matches forces a sample <late>"})
+    sick = ComparedScene(compared.case, runs, absent, checks, {"yade": "matches forces a sample <late>"})
     worst = scene_row(sick).cells["yade"].worst
     assert worst is not None
     assert max(map(share_of_limit, sick.of_engine("yade"))) == share_of_limit(worst)
@@ -134,17 +133,14 @@ def test_failed_runs_are_shown_with_their_partial_traces_and_decks(compared: Com
     good = compared.runs["verlet"].trace
     refused = {"yade": blown_up(good, 100), "liggghts": until(good, 60)}
     absent = dict.fromkeys(refused, "failed: unstable <b>")
-    departures = {"yade": departure_of(compared.case, "yade", refused["yade"])}
     checks = checks_of(compared.case, compared.runs, absent)
-    sick = replace(compared, absent=absent, checks=checks, departures=departures, refused=refused)
+    sick = replace(compared, absent=absent, checks=checks, refused=refused)
     section = section_of(sick, paths.RESULTS)
     assert section["forces"]
-    assert section["departures"] == [*departures.items()]
     assert {engine for engine, _, _ in section["decks"]} == {"yade", "liggghts"}
     assert list(section["runs"]) == ["reference", "verlet"]  # observables are of finished runs alone
     assert write_report([sick], tmp_path / "report.html") == {PASS: 2, FAIL: 2}
     yade = json_of(tmp_path)["scenes"][0]["engines"]["yade"]
-    assert "from 100 µs" in yade["departure"]
     assert yade["checks"][0]["where"] == "failed: unstable <b>"
 
 
@@ -152,7 +148,7 @@ def test_a_scene_without_a_finished_run_shows_partial_traces(compared: ComparedS
     good = compared.runs["verlet"].trace
     refused = {"yade": replace(good, force_N=np.nan * good.force_N)}
     absent = {"yade": "failed: unstable"}
-    alone = ComparedScene(compared.case, {}, absent, checks_of(compared.case, {}, absent), {}, {}, refused)
+    alone = ComparedScene(compared.case, {}, absent, checks_of(compared.case, {}, absent), {}, refused)
     text = page_of([alone], tmp_path)
     assert "No engine finished this scene" in text
     (drawn, *_) = re.findall(r'alt="Gauge forces[^>]*src="data:image/svg.xml;base64,([^"]*)"', text)
@@ -168,7 +164,6 @@ def test_chains_at_rest_and_without_gauges_have_a_page(
     object.__setattr__(odd, "trace", replace(run.trace, momentum_N_s=run.trace.momentum_N_s - 1e-41))
     checks, others = (checks_of(case, {name: trace}, {}) for name, trace in (("verlet", run), ("yade", odd)))
     assert {check.verdict for check in (*checks, *others)} == {PASS}  # without an error of momentum
-    assert budget_of(case, "yade", odd.trace).departure == ""
     text = page_of([ComparedScene(case, {"verlet": run}, {}, checks)], tmp_path)
     assert Page(text).tags["figure"] == 1  # only the chain can be drawn
     assert "nan" not in text[text.index("<section") :].lower().split()
@@ -237,7 +232,7 @@ def test_hostile_texts_stay_texts(hostile: Path) -> None:
 
 def test_the_json_has_its_provenance(hostile: Path) -> None:
     data = json_of(hostile)
-    assert data["schema_version"] == 2
+    assert data["schema_version"] == 3
     assert {"date", "commit", "command", "engines", "machine", "libraries"} <= data["made_with"].keys()
     assert data["made_with"]["machine"]["processor"]
     assert all({"version", "command", "sha256"} == made.keys() for made in data["made_with"]["engines"].values())
