@@ -36,11 +36,11 @@ def report(
 ) -> int:
     """Write the report page and its checks as JSON."""
     from drivers.engines._entries import engines_again
-    from validation.compare.selection import selected
+    from validation.compare.comparison import EngineSelection
     from validation.report.write_report import report as write
 
     arguments = sys.argv[1:] if "--engines" in sys.argv else [*sys.argv[1:], *engines_again()]
-    asked = selected(engines, required, allow_missing=allow_missing)
+    asked = EngineSelection(engines, required, allow_missing)
     given = None if runs == paths.RUNS else runs
     return write(scenes, out, given, asked, shlex.join(["beads", *arguments]), studies=studies)
 

@@ -157,9 +157,9 @@ def compare(
 ) -> int:
     """Run scenes and judge them on every engine, or compare runs."""
     must_be_folder("--runs", runs)
-    from validation.compare.selection import selected
+    from validation.compare.comparison import EngineSelection
 
-    asked = selected(engines, required, allow_missing=allow_missing)
+    asked = EngineSelection(engines, required, allow_missing)
     folders = [source for source in what if Path(source).is_dir() or ":" in source]
     if folders:
         if len(folders) != 2 or len(what) != 2:
@@ -171,7 +171,7 @@ def compare(
         from validation.compare.pair import compare_runs
 
         return compare_runs(*(run_folder(folder, runs) for folder in folders))
-    from validation.compare.compare_command import compare_scenes
+    from validation.compare.answer import compare_scenes
 
     return compare_scenes(what, settings, runs, asked, unsafe=unsafe)
 

@@ -8,7 +8,16 @@ from drivers.base import paths
 from drivers.base.progress import following
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace
-from drivers.engines import in_order, load_engine
+from drivers.engines import (
+    REFERENCE,
+    VERLET,
+    codes,
+    engine_names,
+    in_order,
+    installed_codes,
+    load_engine,
+    missing_codes,
+)
 from drivers.limits.refusal import inability
 from drivers.run.run import refuse_all, run_many
 from drivers.run.run_folder import EndedRun
@@ -18,7 +27,6 @@ from validation.accuracy.budget import kept_budget
 from validation.accuracy.plan import planned_case
 from validation.checks import FAIL, NOT_RUN, Check, without_run
 from validation.compare.diagnosis import diagnosis
-from validation.compare.selection import ALL_ENGINES, EngineSelection
 
 NOT_INSTALLED, REFUSED = "not installed", "refused"  # accepted reasons for a missing run
 
@@ -52,11 +60,60 @@ class ComparedScene:
         return [check for check in self.checks if check.engine == engine]
 
 
+@dataclass(frozen=True)
+class EngineSelection:
+    """Engines selected for a comparison.
+
+    Attributes:
+        engines: engines to compare, in addition to the baseline and the reference; empty for all. Each has to run.
+        require: further engines that have to run.
+        allow_missing: True if only the engines of ``require`` have to run.
+
+    Raises:
+        InputError: an engine is unknown.
+    """
+
+    engines: tuple[str, ...] = ()
+    require: tuple[str, ...] = ()
+    allow_missing: bool = False
+
+    def __post_init__(self) -> None:
+        for option, names in (("--engine", self.engines), ("--require", self.require)):
+            for name in names:
+                load_engine(name, option)
+
+    @property
+    def names(self) -> list[str]:
+        """Names of all engines to compare."""
+        some = {*self.engines, *self.require, VERLET, REFERENCE}
+        return [name for name in engine_names() if not self.engines or name in some]
+
+    @property
+    def needed(self) -> list[str]:
+        """Names of the engines that have to run."""
+        return list(dict.fromkeys([*self.require, *(() if self.allow_missing else self.engines)]))
+
+    def unmet(self, scenes: Sequence[ComparedScene]) -> dict[str, str]:
+        """Messages on unmet requirements, by engine; a failed run counts as a run."""
+        present = {engine for scene in scenes for engine in scene.ran}
+        absent = {engine: why for scene in reversed(scenes) for engine, why in scene.absent.items()}
+        messages = {
+            name: f"{name} is required and did not run: {load_engine(name).absence if why == NOT_INSTALLED else why}"
+            for name, why in absent.items()
+            if name in self.needed and name not in present
+        }
+        if not (messages or self.allow_missing or present & {*codes()}):
+            missing = ", ".join(f"{name} ({load_engine(name).how_to_get})" for name in missing_codes())
+            how = "" if installed_codes() else f": install one of {missing}"
+            messages["codes"] = f"no established code ran{how}; use --allow-missing to accept this"
+        return messages
+
+
 def run_and_compare_all(
     sources: Sequence[str | Path],
     settings: tuple[str, ...] = (),
     runs: Path = paths.RUNS,
-    asked: EngineSelection = ALL_ENGINES,
+    asked: EngineSelection | None = None,
     *,
     unsafe: bool = False,
 ) -> Iterator[ComparedScene]:
@@ -65,6 +122,7 @@ def run_and_compare_all(
     Raises:
         InputError: a scene is wrong, or a run would be refused and ``unsafe`` is False.
     """
+    asked = asked or EngineSelection()
     cases = [planned_case(source, *settings) for source in sources]
     pairs = [(case, absences(case, asked.names)) for case in cases]
     jobs = [(case, engine) for case, absent in pairs for engine in asked.names if engine not in absent]

@@ -8,6 +8,7 @@ than rounding explains.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -60,13 +61,14 @@ class Ratio:
 
 
 Places = NDArray[np.bool_]  # contacts or bodies of a group. Shape (bodies,)
+Values = dict[str, Any]  # changed values of a chain
 
 
 class Change(NamedTuple):
     """A change of the scene: words with its factor, changed values by the factor, the first factor to try."""
 
     words: str
-    changed: Callable[[float], dict[str, Any]]
+    changed: Callable[[float], Values]
     first: float
 
 
@@ -177,83 +179,75 @@ def _explains(case: Case, change: Change, force_N: Array, limits_N: Array, *, ea
 
 def _changes(case: Case, trace: Trace, first: int, table: list[Ratio]) -> Iterator[Change]:
     """Changes to try: of step, start, loads and damping, of all contacts or bodies, of those that differ most."""
-    chain, materials = case.chain, case.scene.materials
-    speed, bodies = chain.velocity_m_s, np.arange(chain.bodies)
-    masses, stiffnesses = {"mass_kg": chain.mass_kg}, {"stiffness": chain.stiffness}
+    chain, materials, scene = case.chain, case.scene.materials, case.scene
+    speed, everywhere = chain.velocity_m_s, np.ones(chain.bodies, bool)
 
-    def guess(quantity: str, at: Places = bodies >= 0) -> float:
+    def guess(quantity: str, at: Places = everywhere) -> float:
         return float(np.median([row.ratio for row in table if row.quantity == quantity and at[row.place - 1]] or [1.0]))
 
-    other_step = _scaled({"time_step_s": case.scene.time_step_s})  # then all masses seem to be others
-    yield Change("a time step {} times the scene's", other_step, 1 / guess("mass"))
-    if speed.any():
-        slower = 1.0 if trace.velocity_m_s is None else float(trace.velocity_m_s[0] @ speed / (speed @ speed))
-        yield Change("start speeds {} times the scene's", _scaled({"velocity_m_s": speed}), slower)
-    if chain.load_N.any():
-        yield Change("loads {} times the scene's", _scaled({"load_N": chain.load_N}), 1.0)
-    if chain.damped:
-        yield Change("dissipation {} times the scene's", _scaled({"damping": chain.damping}), guess("dissipation"))
-    else:
-        by_ratio = Viscoelastic(1.0).coefficient(chain.stiffness, chain.reduced_mass_kg)
-        yield Change("contacts with a damping ratio of {}", _scaled({"damping": by_ratio}), 0.01)
-    if case.scene.steps <= MAX_DRAGGED_STEPS and chain.drive is None:
-        yield Change("non-viscous damping of {}", _scaled({"local": 1.0}), 0.1)
-        yield Change("a viscous drag of {} N s/m on each body", _scaled({"viscous": 1.0}), 0.0)
-    for name in sorted({*chain.materials, chain.wall or ""} & {*materials}):
-        softer = _scaled({"youngs_modulus": {name: materials[name].youngs_modulus}})
-        yield Change(f"Young's modulus of {name} {{}} times the scene's", softer, guess("stiffness"))
-    pairs = np.array([f"{a} with {b}" for a, b in zip(chain.materials, (chain.wall, *chain.materials), strict=False)])
-    for quantity, noun in (("stiffness", "contact"), ("mass", "bead")):
+    def groups(noun: str, quantity: str) -> dict[str, Places]:
         sure = [row.place - 1 for row in table if row.quantity == quantity and row.off > SIGNIFICANT][:CANDIDATES]
         near = [place for place in (first - 1, first, first + 1) if 0 <= place < chain.bodies]
-        groups = {f"all {noun}s": bodies >= 0} | {f"{noun} {j + 1}": bodies == j for j in dict.fromkeys([*sure, *near])}
-        for name, at in groups.items():
-            if quantity == "mass":
-                heavier = _scaled(masses | {"weight_N": chain.gravity_m_s2 * chain.mass_kg}, at)
-                yield Change(f"{name} with {{}} of its mass", heavier, guess(quantity, at))
-                yield Change(f"{name} with {{}} of its mass, but not of its weight", _scaled(masses, at), 1.0)
-            else:
-                yield Change(f"{name} {{}} times as stiff", _scaled(stiffnesses, at), guess(quantity, at))
-    for pair in sorted({*pairs}):
-        at = pairs == pair
-        yield Change(f"contacts of {pair} {{}} times as stiff", _scaled(stiffnesses, at), guess("stiffness", at))
+        single = {f"{noun} {j + 1}": np.arange(chain.bodies) == j for j in (*sure, *near)}
+        return {f"all {noun}s": everywhere} | single
+
+    def stiffer(at: Places, factor: float) -> Values:
+        return {"stiffness": np.where(at, factor, 1.0) * chain.stiffness}
+
+    def heavier(at: Places, gravity_m_s2: float, factor: float) -> Values:
+        mass_kg = np.where(at, factor, 1.0) * chain.mass_kg
+        return {"mass_kg": mass_kg, "load_N": chain.load_N - gravity_m_s2 * (mass_kg - chain.mass_kg)}
+
+    def harder(name: str, factor: float) -> Values:
+        changed = materials[name].model_copy(update={"youngs_modulus": abs(factor) * materials[name].youngs_modulus})
+        other = scene.model_copy(update={"materials": materials | {name: changed}})
+        return {"stiffness": stiffness_by(hertz_stiffness, other, chain.materials, chain.radius_m)}
+
+    slower = 1.0
+    if trace.velocity_m_s is not None and speed.any():
+        slower = float(trace.velocity_m_s[0] @ speed / (speed @ speed))
+    by_ratio = Viscoelastic(1.0).coefficient(chain.stiffness, chain.reduced_mass_kg)
+    dragged = float(scene.steps <= MAX_DRAGGED_STEPS and chain.drive is None)
+    for words, name, value, factor in (
+        ("a time step {} times the scene's", "time_step_s", scene.time_step_s, 1 / guess("mass")),
+        ("start speeds {} times the scene's", "velocity_m_s", speed, slower),
+        ("loads {} times the scene's", "load_N", chain.load_N, 1.0),
+        ("dissipation {} times the scene's", "damping", chain.damping, guess("dissipation")),
+        ("contacts with a damping ratio of {}", "damping", 0.0 if chain.damped else by_ratio, 0.01),
+        ("non-viscous damping of {}", "local", dragged, 0.1),
+        ("a viscous drag of {} N s/m on each body", "viscous", dragged, 0.0),
+    ):
+        if np.any(value):
+            yield Change(words, partial(_times, name, value), factor)
+    for name in sorted({*chain.materials, chain.wall or ""} & {*materials}):
+        yield Change(f"Young's modulus of {name} {{}} times the scene's", partial(harder, name), guess("stiffness"))
+    pairs = np.array([f"{a} with {b}" for a, b in zip(chain.materials, (chain.wall, *chain.materials), strict=False)])
+    contacts, beads = groups("contact", "stiffness"), groups("bead", "mass")
+    for name, at in (contacts | {f"contacts of {pair}": pairs == pair for pair in sorted({*pairs})}).items():
+        yield Change(f"{name} {{}} times as stiff", partial(stiffer, at), guess("stiffness", at))
+    for name, at in beads.items():
+        weighted = partial(heavier, at, chain.gravity_m_s2)
+        yield Change(f"{name} with {{}} of its mass", weighted, guess("mass", at))
+        yield Change(f"{name} with {{}} of its mass, but not of its weight", partial(heavier, at, 0.0), 1.0)
 
 
-def _scaled(values: dict[str, Any], at: Any = True) -> Callable[[float], dict[str, Any]]:
-    """Function of a factor that returns values multiplied by it, arrays only ``at`` some places."""
-
-    def changed(factor: float) -> dict[str, Any]:
-        return {
-            name: {key: abs(factor) * each for key, each in value.items()}
-            if isinstance(value, dict)
-            else np.where(at, factor, 1.0) * value
-            for name, value in values.items()
-        }
-
-    return changed
+def _times(name: str, value: Any, factor: float) -> Values:
+    return {name: factor * value}
 
 
-def _forces(case: Case, changed: dict[str, Any], *, early: bool) -> Array:
+def _forces(case: Case, changed: Values, *, early: bool) -> Array:
     """Forces of a case with some values of its chain changed. Shape (samples, bodies).
 
     They are those that an adapter would read: the codes give net forces on bodies, and the adapter subtracts the loads
-    of the scene from the lowest body upwards. Besides arrays of ``HertzChain``, ``changed`` may have a time step,
-    Young's moduli by material, weights, and the coefficients of ``_dragged``. With ``early`` the deck has the
-    velocities of half a step before time 0, by the forces of the scene, as YADE's.
+    of the scene from the lowest body upwards. Besides arrays of ``HertzChain``, ``changed`` may have a time step and
+    the coefficients of ``_dragged``. With ``early`` the deck has the velocities of half a step before time 0, by the
+    forces of the scene, as YADE's.
     """
     scene, chain, values = case.scene, case.chain, dict(changed)
     step_s = float(values.pop("time_step_s", scene.time_step_s))
     drag = [float(values.pop(name, 0.0)) for name in ("local", "viscous")]
-    for name, modulus in values.pop("youngs_modulus", {}).items():
-        materials = scene.materials | {name: scene.materials[name].model_copy(update={"youngs_modulus": modulus})}
-        other = scene.model_copy(update={"materials": materials})
-        values["stiffness"] = stiffness_by(hertz_stiffness, other, chain.materials, chain.radius_m)
-    if (weight_N := values.pop("weight_N", None)) is not None:
-        values["load_N"] = chain.load_N - weight_N + chain.gravity_m_s2 * chain.mass_kg
     bent = replace(chain, **{name: values[name] for name in ("mass_kg", "stiffness") if name in values})
-    arrays = replace(
-        arrays_of(bent), **{name: abs(value) if name == "damping" else value for name, value in values.items()}
-    )
+    arrays = replace(arrays_of(bent), **values | {name: abs(values[name]) for name in ("damping",) if name in values})
     if early:
         gained = 0.5 * scene.time_step_s * (arrays.acceleration_m_s2 - arrays_of(chain).acceleration_m_s2)
         arrays = replace(arrays, velocity_m_s=arrays.velocity_m_s + gained)

@@ -32,8 +32,7 @@ from validation.chapters import (
 )
 from validation.checks import FAIL, NOT_RUN, PASS, short, table
 from validation.compare.answer import answer, display_name, listed
-from validation.compare.comparison import ComparedScene, run_and_compare_all
-from validation.compare.selection import EngineSelection, print_unmet
+from validation.compare.comparison import ComparedScene, EngineSelection, run_and_compare_all
 from validation.report.machine_readable import as_json, made_with, when_made
 from validation.report.page_figures import read_figures, read_image
 from validation.report.scene_section import case_rows, counted, section_of, tolerances
@@ -92,8 +91,7 @@ def report(
     steps = 1 + len(to_come)
     with step("scenes on all engines, compared", 1, steps):
         compared = [*run_and_compare_all(sources or PAPER, runs=folder, asked=asked)]
-        absent = {engine: why for scene in reversed(compared) for engine, why in scene.absent.items()}
-        unmet = asked.unmet((engine for scene in compared for engine in scene.ran), absent)
+        unmet = asked.unmet(compared)
         counts = write_report(compared, page, command, runs, unmet, to_come, sections)
     _announce(page, counts, to_come)
     failed = False
@@ -117,7 +115,9 @@ def report(
     missed = [check for chapter in there for check in chapter.failed(chapter.read(page.parent))]
     for line in table(missed) if missed else ():
         say(line)
-    return 1 if print_unmet(unmet) or counts[FAIL] or missed or failed else 0
+    if unmet:
+        say("; ".join(unmet.values()))
+    return 1 if unmet or counts[FAIL] or missed or failed else 0
 
 
 def _made(part: str, results: Path) -> bool:

@@ -20,8 +20,7 @@ from drivers.run.run_folder import FORCES, RECORD, EndedRun, read_record
 from validation.accuracy.assess import assess
 from validation.accuracy.budget import budget_of
 from validation.checks import Check
-from validation.compare.comparison import ComparedScene, missing, run_and_compare_all
-from validation.compare.selection import ALL_ENGINES, EngineSelection
+from validation.compare.comparison import ComparedScene, EngineSelection, missing, run_and_compare_all
 from validation.tests.helpers.scenes import case_of
 
 
@@ -30,7 +29,7 @@ def run_and_compare(
     settings: tuple[str, ...] = (),
     *,
     runs: Path,
-    asked: EngineSelection = ALL_ENGINES,
+    asked: EngineSelection | None = None,
     unsafe: bool = False,
 ) -> ComparedScene:
     """Compared runs of one scene."""

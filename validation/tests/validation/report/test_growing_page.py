@@ -17,8 +17,7 @@ from postproc.figures import Caption
 from validation import chapters
 from validation.chapters import Chapter, Options, frame_of, read_section
 from validation.checks import FAIL, Check, without_run
-from validation.compare.comparison import ComparedScene
-from validation.compare.selection import EngineSelection
+from validation.compare.comparison import ComparedScene, EngineSelection
 from validation.report import page_figures, write_report
 from validation.report.write_report import report
 
