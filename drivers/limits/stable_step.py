@@ -106,22 +106,18 @@ def trial(chain: Chain, duration_s: float, step_s: float, law: str = TOTAL) -> T
         return Trial(chain, step_s, min(steps * step_s, duration_s), reached)
 
 
+@lru_cache(maxsize=8)
 def resolved_trial(case: Case, law: str = TOTAL) -> Trial:
     """Trial at the first of the sample interval, its half, quarter and so on that resolves the motion.
 
     A drive may have another period than the samples: then the time step is the first.
     """
     step_s = case.scene.run.sample_interval if case.chain.drive is None else case.scene.time_step_s
-    return _resolved_from(case.chain, case.duration_s, step_s, law)
-
-
-@lru_cache(maxsize=8)
-def _resolved_from(chain: Chain, duration_s: float, step_s: float, law: str) -> Trial:
-    tried = trial(chain, duration_s, step_s, law)
+    tried = trial(case.chain, case.duration_s, step_s, law)
     for _ in range(MAX_HALVINGS):
         if tried.resolved:
             break
-        tried = trial(chain, duration_s, tried.step_s / 2, law)
+        tried = trial(case.chain, case.duration_s, tried.step_s / 2, law)
     return tried
 
 

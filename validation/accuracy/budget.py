@@ -39,7 +39,7 @@ from drivers.run.scheme import COMPARED, field_of, judged_until, largest_differe
 from postproc.read.observables import of_kind, scale_of
 from validation.accuracy.exact_motion import errors_of, quantities
 from validation.accuracy.motions import HORIZON, Motions, motions_of
-from validation.checks import FAIL, Check, judged, worst_of
+from validation.checks import FAIL, Check, judged
 
 AT_REST_NOTE = "nothing moves: errors are relative to the largest force"
 PARTS = ("whole", "model", "rounding", "truncation", "sampling")
@@ -52,7 +52,13 @@ CAUSES = {
     "truncation": "the time step",
     "sampling": "the interval between samples",
 }
-CEILINGS = {"peak": "peaks", "speed": "speeds"}  # kinds of observables that have a general ceiling, with their plural
+# general ceilings of quantities, and of observables by the plural of their kind
+CEILINGS = {
+    FORCE: ("truncation", FORCE),
+    "energy": ("energy", "drift"),
+    "peaks": ("truncation", "peak"),
+    "speeds": ("truncation", "speed"),
+}
 
 
 @dataclass(frozen=True)
@@ -142,14 +148,8 @@ def _rows(motions: Motions, engine: str, trace: Trace) -> tuple[list[dict[str, A
 
 def _row(quantity: str, shares: list[float], where: str = "") -> dict[str, Any]:
     """Signed parts of the error of a quantity, from Q, Q_h, Q_v, Q_e, Q_t and with elements left out the full Q_t."""
-    parts = [first - second for first, second in pairwise(shares)]
-    names = (*PARTS[1:], ELEMENTS)
-    return {
-        "quantity": quantity,
-        "whole": shares[0] - shares[-1],
-        **dict(zip(names, parts, strict=False)),
-        "where": where,
-    }
+    parts = [shares[0] - shares[-1], *(first - second for first, second in pairwise(shares))]
+    return {"quantity": quantity, **dict(zip((*PARTS, ELEMENTS), parts, strict=False)), "where": where}
 
 
 def _model_checks(motions: Motions, engine: str, trace: Trace) -> Iterator[Check]:
@@ -180,20 +180,14 @@ def _error_checks(motions: Motions, engine: str, trace: Trace, rows: list[dict[s
             yield judged(case.scene.name, engine, f"{ERROR}: {name}", max(error, known), limit, where)
         return
     what = "the error of the exact motion" if motions.straight else "rounding alone"
-    end = judged_until(case, motions.known, f"{what} exceeds {HORIZON:g}") if rows else ""
-    whole = {row["quantity"]: row for row in rows}
-    ceilings = {FORCE: ("truncation", FORCE), "energy": ("energy", "drift")}
-    for quantity, ceiling in ceilings.items() if rows else ():
-        error, where = abs(whole[quantity]["whole"]), whole[quantity]["where"] + end
-        yield judged(case.scene.name, engine, f"{ERROR}: {quantity}", error, tolerance(*ceiling), where)
-    for kind, plural in CEILINGS.items():
-        limit = tolerance("truncation", kind)
-        alike = [
-            judged(case.scene.name, engine, f"{ERROR}: {plural}", abs(whole[name]["whole"]), limit, name + end)
-            for name in of_kind(whole, kind)
-        ]
-        if worst := worst_of(alike):
-            yield worst
+    for name, ceiling in CEILINGS.items():
+        alike = [row for row in rows if row["quantity"] in (name, *of_kind([row["quantity"]], name.rstrip("s")))]
+        if not alike:
+            continue
+        row = max(alike, key=lambda each: np.nan_to_num(abs(each["whole"]), nan=np.inf))
+        where = row["where"] or row["quantity"]
+        where += judged_until(case, motions.known, f"{what} exceeds {HORIZON:g}")
+        yield judged(case.scene.name, engine, f"{ERROR}: {name}", abs(row["whole"]), tolerance(*ceiling), where)
 
 
 def _notes(motions: Motions, engine: str) -> Iterator[str]:
@@ -249,18 +243,17 @@ def _warnings(
 def budget_lines(heading: str, runs: Mapping[str, EndedRun]) -> Iterator[str]:
     """Error budgets of runs for a terminal, by quantity: of forces, energy, momentum and peaks; notes and warnings.
 
-    Rows with missing parts, in records of other versions, are left out. ``heading`` is that of the names of the runs.
+    ``heading`` is that of the names of the runs.
     """
-    rows = [
-        (name, row) for name, run in runs.items() for row in run.record.error_budget or () if row.keys() >= {*PARTS}
+    rows = [(row["quantity"], name, row) for name, run in runs.items() for row in run.record.error_budget or ()]
+    order = [*dict.fromkeys(quantity for quantity, *_ in rows)]
+    shown = [name for name in order if name in (*COMPARED, *of_kind(order, "peak"))]
+    parts = [part for part in (*PARTS, ELEMENTS) if any(part in row for *_, row in rows)]
+    cells = [
+        (name, quantity, *(f"{row.get(part, 0.0):.1e}" for part in parts))
+        for quantity, name, row in sorted(rows, key=lambda line: order.index(line[0]))
+        if quantity in shown
     ]
-    quantities = [*dict.fromkeys(row["quantity"] for _, row in rows)]
-    shown = {name for name in quantities if name in COMPARED} | {*of_kind(quantities, "peak")}
-    rows = [
-        (name, row) for quantity in quantities if quantity in shown for name, row in rows if row["quantity"] == quantity
-    ]
-    parts = [*PARTS, *([ELEMENTS] if any(ELEMENTS in row for _, row in rows) else [])]
-    cells = [(name, row["quantity"], *(f"{row[part]:.1e}" for part in parts if part in row)) for name, row in rows]
     if cells:
         yield f"\nerror budget: {BUDGET_WORDS}"
         yield from text_table([(heading, "quantity", *parts), *cells], right=range(2, 8))

@@ -6,7 +6,7 @@ from functools import cache
 
 from drivers.base import paths
 from drivers.base.errors import RunError
-from drivers.base.kept import keep, kept
+from drivers.base.kept import keep, recall
 from drivers.base.progress import say
 from drivers.chain.case import Case, build_case
 from drivers.engines import EXACT, Engine, load_engine
@@ -64,25 +64,15 @@ def _known() -> dict[str, Cost]:
 @cache
 def _measured(name: str, build: Build) -> Cost | None:
     """Measured cost of a build, from the cache if it is known; None if a run fails."""
-
-    def measured() -> dict[str, float]:
-        cost = measure(load_engine(name), build)
-        where = f"no entry in {paths.shown(paths.COSTS)}; cost measured and cached"
-        say(f"{name}: {where}: {', '.join(entry_of(name, cost)[1:])}")
-        return asdict(cost)
-
+    if stored := recall(_key(name, build)):
+        return Cost(**stored)
     try:
-        return Cost(**kept(_key(name, build), measured))
+        cost = measured_cost(load_engine(name), build)
     except RunError as error:
         say(f"{name}: the cost could not be measured: {error}")
         return None
-
-
-def measured_cost(engine: Engine) -> Cost:
-    """Measure the cost of an engine's build, and keep it for ``cost_on``; RunError if a run fails."""
-    build = build_of(engine)
-    cost = measure(engine, build)
-    keep(_key(engine.name, build), asdict(cost))
+    where = f"no entry in {paths.shown(paths.COSTS)}; cost measured and cached"
+    say(f"{name}: {where}: {', '.join(entry_of(name, cost)[1:])}")
     return cost
 
 
@@ -90,8 +80,10 @@ def _key(name: str, build: Build) -> list[str]:
     return ["cost", name, build.identity]
 
 
-def measure(engine: Engine, build: Build) -> Cost:
+def measured_cost(engine: Engine, build: Build) -> Cost:
     """Measure the cost of a build by a few short runs, each the best of three; about two seconds.
+
+    The cost is kept for ``cost_on``.
 
     Raises:
         RunError: a run failed, or the output lacks the time in the loop.
@@ -117,7 +109,9 @@ def measure(engine: Engine, build: Build) -> Cost:
     per_step_s = (longer_s - loop_s) / (few.scene.steps * (factor - 1))
     per_sample_s = (sampled_s - loop_s) / (many.scene.samples - few.scene.samples)
     step_ns, sample_ns = (max(1e9 * per_s / few.chain.bodies, 0.0) for per_s in (per_step_s, per_sample_s))
-    return Cost(start_s, 0.0 if engine.scheme == EXACT else step_ns, sample_ns)
+    cost = Cost(start_s, 0.0 if engine.scheme == EXACT else step_ns, sample_ns)
+    keep(_key(engine.name, build), asdict(cost))
+    return cost
 
 
 def entry_of(name: str, cost: Cost) -> list[str]:

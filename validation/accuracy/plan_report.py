@@ -5,15 +5,12 @@ from collections.abc import Collection, Iterator
 from dataclasses import asdict
 from pathlib import Path
 
-import numpy as np
-
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.kept import kept
 from drivers.base.text_table import text_table
 from drivers.chain.case import Case
 from drivers.chain.residual import FORCE, is_at_rest
-from drivers.chain.schemes import verlet_of
 from drivers.engines import TOTAL, VERLET, installed, load_engine
 from drivers.limits.criteria import CRITERIA
 from drivers.limits.refusal import inability, refuse_depth
@@ -86,8 +83,8 @@ def _straight(case: Case, among: Collection[str]) -> Iterator[str]:
     yield f"predicted  relative error: {_listed(errors)}; of that rounding of heights {scheme.rounding[-1]:.1e}"
     if FORCE in errors:
         yield "           (force: the largest error in any contact at any time)"
-    if gauges := _gauge_errors(case, chooser):
-        yield f"           at the gauges: {_listed(gauges)}"
+    if names := [name for name in of_kind(chooser.truth.true, "peak", "speed") if chooser.truth.true[name]]:
+        yield f"           at the gauges: {_listed(errors_of(case, scheme.plain, chooser.truth, names))}"
     if chooser.exact_error > min(errors.values(), default=1.0) / TENFOLD:
         yield f"           the exact motion is known to {chooser.exact_error:.1e} only: the chain amplifies rounding"
     for element in case.elements:
@@ -105,13 +102,6 @@ def _straight(case: Case, among: Collection[str]) -> Iterator[str]:
         yield f"planned in {1e3 * plan.seconds:.0f} ms with {plan.trials} trial runs, table in {1e3 * seconds:.0f} ms"
 
 
-def _gauge_errors(case: Case, chooser: Chooser) -> dict[str, float]:
-    """Predicted errors of peaks and speeds at the gauges, by name."""
-    names = [name for name in of_kind(chooser.truth.true, "peak", "speed") if chooser.truth.true[name]]
-    with np.errstate(over="ignore", invalid="ignore"):  # too large a step blows up
-        return errors_of(case, verlet_of(case), chooser.truth, names)
-
-
 def _three_dimensional(case: Case, among: Collection[str]) -> Iterator[str]:
     """Report on a three-dimensional scene: errors by extrapolation."""
     law = load_engine(min(capable_engines(case, among), key=lambda name: name != VERLET, default=VERLET)).shear
@@ -119,18 +109,14 @@ def _three_dimensional(case: Case, among: Collection[str]) -> Iterator[str]:
     if why_unstable(case, law):
         return
     yield from _engines(case, among)
-    if motions_of(case).why_unknown:
-        yield f"predicted  {motions_of(case).why_unknown}"
-        return
-    by_law: dict[str, list[str]] = {}
     for name in capable_engines(case, among):
-        by_law.setdefault(load_engine(name).shear, []).append(name)
-    for names in by_law.values():
-        error, motions = float(predicted_error(case, names[0]).max()), motions_of(case, names[0])
+        motions = motions_of(case, name)
+        if motions.why_unknown:
+            yield f"predicted  {motions.why_unknown}"
+            return
+        error, end_ms = float(predicted_error(case, name).max()), 1e3 * case.sample_times_s[motions.scheme.samples - 1]
         order = f"order of convergence {motions.order:.2g}"
-        yield f"predicted  relative error: force {error:.3g} on {', '.join(names)}; {order}"
-        end = case.sample_times_s[motions.scheme.samples - 1]
-        yield f"horizon    engines with this law of friction can be compared point by point until {end * 1e3:.4g} ms"
+        yield f"predicted  relative error: force {error:.3g} on {name}; {order}; comparable until {end_ms:.4g} ms"
 
 
 def _rows(case: Case, chooser: Chooser, asked: dict[str, float], errors: dict[str, float]) -> Iterator[Row]:
@@ -170,14 +156,10 @@ def _table(rows: list[Row], among: Collection[str]) -> Iterator[str]:
 
 
 def _engines(case: Case, among: Collection[str]) -> Iterator[str]:
-    needed = ", ".join(element.name for element in case.elements if element.modelled) or "the beads"
     faults = {name: fault(case, name) for name in installed(capable_engines(case, among))}
     seconds = {name: cost_on(name).run_s(case) for name, why in faults.items() if not why}
-    chosen, *others = sorted(seconds, key=seconds.__getitem__) or ["none"]
-    rank = f", {seconds[chosen]:.2g} s: the cheapest engine" if seconds else " is left"
-    yield f"engine     {chosen}{rank} that models {needed}"
-    if others:
-        yield f"           other engines: {', '.join(f'{name} {seconds[name]:.2g} s' for name in others)}"
+    by_cost = ", ".join(f"{name} {seconds[name]:.2g} s" for name in sorted(seconds, key=seconds.__getitem__))
+    yield f"engines    that model the scene, the cheapest first: {by_cost or 'none is left'}"
     yield from (f"           left out: {name}, since {why}" for name, why in faults.items() if why)
 
 

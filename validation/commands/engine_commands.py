@@ -23,6 +23,7 @@ def engine(name: str, results: Path) -> int:
     """Test an adapter or a build of a code."""
     from drivers.base.kept import keep
     from drivers.engines import load_engine
+    from drivers.run.build import build_of
     from validation.accuracy.costs import entry_of, measured_cost
     from validation.accuracy.plan import kit_key
 
@@ -42,7 +43,7 @@ def engine(name: str, results: Path) -> int:
     code = int(pytest.main([*arguments, "--engine", name, str(paths.ROOT / "validation/tests/engine")]))
     if code in (0, 1):  # else the tests did not end
         keep(kit_key(name), code == 0)
-    cost = measured_cost(tested)
+    cost = measured_cost(tested, build_of(tested))
     where = f"as an entry of {paths.shown(paths.COSTS)}; for own engines no file has to be edited"
     print(f"\nmeasured cost, cached for plans and batches ({where}):\n" + "\n".join(entry_of(name, cost)))
     return int(code != 0)

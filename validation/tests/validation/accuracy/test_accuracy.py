@@ -115,7 +115,7 @@ def test_the_record_of_a_run_has_its_accuracy_and_its_budget(engine: str, shared
 def test_the_plan_reports_step_errors_and_engine() -> None:
     said = beads("plan", "fig4", "--set", FREE, "--set", "run.accuracy={wall_peak=1e-3, bead_5_peak=1e-3}")
     assert said.returncode == 0
-    for words in ("time step", "predicted", "engine", "ten times the error", "a tenth of the error", "stability"):
+    for words in ("time step", "predicted", "engines", "ten times the error", "a tenth of the error", "stability"):
         assert f"\n{words} " in said.stdout or f" {words} " in said.stdout, words
     assert "time step  largest error of wall_peak, bead_5_peak  " in said.stdout
     assert re.search(r"at the gauges: .*wall_peak \d", said.stdout)

@@ -109,15 +109,14 @@ def test_no_engine_is_left(scene: Path, monkeypatch: pytest.MonkeyPatch) -> None
     keep(kit_key("other"), False)
     said = beads("plan", scene)
     assert (said.returncode, said.stderr) == (0, "")
-    assert "\nengine     none is left that models wall, striker\n" in said.stdout
+    assert "the cheapest first: none is left\n" in said.stdout
 
 
 def test_the_plan_names_the_engine_of_auto(scene: Path) -> None:
-    assert "\nengine     mine, 0 s: the cheapest engine that models " in beads("plan", scene).stdout
+    assert "the cheapest first: mine 0 s, other 1 s" in beads("plan", scene).stdout
     keep(kit_key("mine"), False)
     said = beads("plan", scene).stdout  # although a plan is kept
-    assert "\nengine     other, 1 s: the cheapest engine that models " in said
-    assert f"\n           other engines: {VERLET} 2 s, {REFERENCE} 3 s\n" in said
+    assert f"the cheapest first: other 1 s, {VERLET} 2 s, {REFERENCE} 3 s\n" in said
     assert "\n           left out: mine, since its build failed beads engine mine\n" in said
 
 
@@ -128,7 +127,7 @@ def test_the_outcome_of_the_tests_of_a_build_is_kept(
 ) -> None:
     """Tests that were interrupted have no outcome."""
     monkeypatch.setattr(pytest, "main", lambda words: code)
-    monkeypatch.setattr(costs, "measured_cost", lambda engine: Cost(1.0, 1.0, 1.0))
+    monkeypatch.setattr(costs, "measured_cost", lambda engine, build: Cost(1.0, 1.0, 1.0))
     assert beads("engine", "mine").returncode == int(code > 0)
     assert recall(kit_key("mine")) is kept
 
@@ -154,7 +153,7 @@ def test_a_cost_is_measured_once_for_each_build_and_never_infinite(
     def fails(*_: object) -> Cost:
         raise RunError("out of order")
 
-    monkeypatch.setattr(costs, "measure", fails)
+    monkeypatch.setattr(costs, "measured_cost", fails)
     costs._measured.cache_clear()  # as in another process
     assert cost_on("mine") == measured
     adapter.write_text(f"{MINE}\n# another build\n")

@@ -158,7 +158,7 @@ def test_near_a_resonance_the_limit_is_where_the_motion_grows_many_times() -> No
 def test_a_resolved_step_needs_no_second_trial(step: tuple[str, ...], trials: int) -> None:
     case = case_of("fig4", *step)
     stable_step.trial.cache_clear()
-    stable_step._resolved_from.cache_clear()
+    stable_step.resolved_trial.cache_clear()
     assert not why_unstable(case)
     assert stable_step.trial.cache_info().misses == trials
 
