@@ -19,10 +19,10 @@ from drivers.chain.chain import Array, arrays_of, furthest_m, stiffness_by
 from drivers.chain.contact_law import hertz_stiffness
 from drivers.chain.residual import FORCE, largest_change_N
 from drivers.chain.schemes import heights_and_reach
-from drivers.chain.trace import Trace, overlaps
+from drivers.chain.trace import Trace, finite_part, overlaps
 from drivers.engines import INCREMENTAL, load_engine
 from drivers.laws.viscoelastic import Viscoelastic
-from drivers.run.scheme import Scheme, apart, scheme_of
+from drivers.run.scheme import Scheme, scheme_of
 from postproc.read.signals import integral
 from validation.reference.hertz_chain import HertzChain, contact_force, hertz_force
 from validation.reference.velocity_verlet import integrate_verlet_absolute
@@ -32,7 +32,7 @@ ROUNDINGS = 8.0  # rounding errors of a height, in an overlap
 SURE = 1e-2  # largest uncertainty of a ratio that is told
 SIGNIFICANT = 5.0  # uncertainties by which a ratio differs
 TOLD = 3  # largest number of ratios in a sentence
-CANDIDATES = 3  # contacts and bodies that are tried, besides those of the first departure
+CANDIDATES = 3  # contacts and bodies that are tried alone
 MAX_TRIES, CONVERGED, PROBE = 12, 0.9, 1e-6  # of a fit; ratio of squares at its end; change of the factor for its slope
 MAX_DRAGGED_STEPS, MAX_WORK = 20_000, 2_000_000  # steps of a loop in Python; bodies times steps of a trial
 
@@ -87,14 +87,10 @@ def _cause(scheme: Scheme, engine: str, trace: Trace) -> str:
     case, samples = scheme.case, min(scheme.samples, len(trace.time_s))
     if case.chain.lateral is not None or samples < MIN_SAMPLES or case.work > MAX_WORK:
         return f"no cause sought with {samples} samples, {case.work:g} bodies times steps, or in three dimensions"
-    right, force = scheme.of(engine).force_N[:samples], trace.force_N[:samples]
-    limits = scheme.explained(FORCE)[:samples]
-    table = measured_ratios(case, trace)
-    beyond = apart(force, right, scheme.scale(FORCE)) > limits[:, np.newaxis]
-    first = int(np.argmax(beyond[np.argmax(beyond.any(axis=1))]))
-    limits_N = limits[:, np.newaxis] * max(scheme.scale(FORCE), largest_change_N(force))
+    force, table = trace.force_N[:samples], measured_ratios(case, trace)
+    limits_N = scheme.explained(FORCE)[:samples, np.newaxis] * max(scheme.scale(FORCE), largest_change_N(force))
     early = load_engine(engine).shear == INCREMENTAL
-    for change in _changes(case, trace, first, table):
+    for change in _changes(case, trace, table):
         if sentence := _explains(case, change, force, limits_N, early=early):
             return sentence
     told = [str(row) for row in table if row.off > SIGNIFICANT][:TOLD]
@@ -111,12 +107,11 @@ def measured_ratios(case: Case, trace: Trace) -> list[Ratio]:
     make a ratio uncertain.
     """
     chain, step_s = case.chain, case.scene.time_step_s
-    if trace.height_m is None or trace.velocity_m_s is None:
+    part = finite_part(trace)
+    if part is None or part.height_m is None or part.velocity_m_s is None:
         return []
-    state = np.hstack([trace.force_N, trace.height_m, trace.velocity_m_s])
-    samples = int(np.argmin(np.append(np.isfinite(state).all(axis=1), False)))
-    force, height, velocity = np.split(state[:samples], 3, axis=1)
-    time_s, overlap = trace.time_s[:samples], overlaps(chain, height)
+    time_s, force, velocity, overlap = part.time_s, part.force_N, part.velocity_m_s, overlaps(chain, part.height_m)
+    samples = len(time_s)
     above = np.column_stack([force[:, 1:], np.zeros(samples)])
     earlier = velocity - 0.5 * step_s * (force - above + chain.load_N) / chain.mass_kg
     closing = np.column_stack([np.zeros(samples), earlier[:, :-1]]) - earlier
@@ -147,9 +142,7 @@ def measured_ratios(case: Case, trace: Trace) -> list[Ratio]:
 def _fitted(columns: list[Array], target: Array) -> list[tuple[float, float]]:
     """Coefficients of columns by least squares, with standard errors; infinite ones if they are not determined."""
     matrix = np.column_stack(columns)
-    sizes = np.abs(matrix).max(axis=0)
-    if not sizes.all():
-        return [(1.0, np.inf)] * len(columns)
+    sizes = np.abs(matrix).max(axis=0) + 1e-300
     scaled = matrix / sizes
     solution, _, rank, _ = np.linalg.lstsq(scaled, target)
     if rank < len(columns):
@@ -177,7 +170,7 @@ def _explains(case: Case, change: Change, force_N: Array, limits_N: Array, *, ea
     return ""
 
 
-def _changes(case: Case, trace: Trace, first: int, table: list[Ratio]) -> Iterator[Change]:
+def _changes(case: Case, trace: Trace, table: list[Ratio]) -> Iterator[Change]:
     """Changes to try: of step, start, loads and damping, of all contacts or bodies, of those that differ most."""
     chain, materials, scene = case.chain, case.scene.materials, case.scene
     speed, everywhere = chain.velocity_m_s, np.ones(chain.bodies, bool)
@@ -186,17 +179,16 @@ def _changes(case: Case, trace: Trace, first: int, table: list[Ratio]) -> Iterat
         return float(np.median([row.ratio for row in table if row.quantity == quantity and at[row.place - 1]] or [1.0]))
 
     def groups(noun: str, quantity: str) -> dict[str, Places]:
-        sure = [row.place - 1 for row in table if row.quantity == quantity and row.off > SIGNIFICANT][:CANDIDATES]
-        near = [place for place in (first - 1, first, first + 1) if 0 <= place < chain.bodies]
-        single = {f"{noun} {j + 1}": np.arange(chain.bodies) == j for j in (*sure, *near)}
+        surest = [row.place for row in table if row.quantity == quantity][:CANDIDATES]
+        single = {f"{noun} {place}": np.arange(chain.bodies) == place - 1 for place in surest}
         return {f"all {noun}s": everywhere} | single
 
     def stiffer(at: Places, factor: float) -> Values:
         return {"stiffness": np.where(at, factor, 1.0) * chain.stiffness}
 
-    def heavier(at: Places, gravity_m_s2: float, factor: float) -> Values:
+    def heavier(at: Places, factor: float) -> Values:
         mass_kg = np.where(at, factor, 1.0) * chain.mass_kg
-        return {"mass_kg": mass_kg, "load_N": chain.load_N - gravity_m_s2 * (mass_kg - chain.mass_kg)}
+        return {"mass_kg": mass_kg, "load_N": chain.load_N - chain.gravity_m_s2 * (mass_kg - chain.mass_kg)}
 
     def harder(name: str, factor: float) -> Values:
         changed = materials[name].model_copy(update={"youngs_modulus": abs(factor) * materials[name].youngs_modulus})
@@ -226,9 +218,7 @@ def _changes(case: Case, trace: Trace, first: int, table: list[Ratio]) -> Iterat
     for name, at in (contacts | {f"contacts of {pair}": pairs == pair for pair in sorted({*pairs})}).items():
         yield Change(f"{name} {{}} times as stiff", partial(stiffer, at), guess("stiffness", at))
     for name, at in beads.items():
-        weighted = partial(heavier, at, chain.gravity_m_s2)
-        yield Change(f"{name} with {{}} of its mass", weighted, guess("mass", at))
-        yield Change(f"{name} with {{}} of its mass, but not of its weight", partial(heavier, at, 0.0), 1.0)
+        yield Change(f"{name} with {{}} of its mass", partial(heavier, at), guess("mass", at))
 
 
 def _times(name: str, value: Any, factor: float) -> Values:
