@@ -7,11 +7,11 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from validation.accuracy.assess import assess
+    from validation.accuracy.budget import assess
     from validation.accuracy.plan import plan
 
 __all__ = ["assess", "plan"]
-EXPORTS = {"assess": "validation.accuracy.assess", "plan": "validation.accuracy.plan"}
+EXPORTS = {"assess": "validation.accuracy.budget", "plan": "validation.accuracy.plan"}
 
 
 def __getattr__(name: str) -> Any:

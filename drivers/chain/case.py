@@ -60,7 +60,7 @@ def read_layout(stored: dict[str, Any]) -> Layout:
 
 @dataclass(frozen=True)
 class StepPlan:
-    """Time step planned for an accuracy; errors by quantity, as in ``validation.accuracy.exact_motion``.
+    """Time step planned for an accuracy; errors by quantity, as in ``validation.accuracy.motions``.
 
     Attributes:
         asked: largest errors allowed.

@@ -45,7 +45,7 @@ class RunRecord:
     """Record of a run, the content of ``run.json`` besides its digest; times in seconds.
 
     ``error_budget``, ``error_note``, ``exact_to``, ``exact_until_s``, ``warnings`` and ``accuracy``
-    are None until ``validation.accuracy.assess`` has assessed the run.
+    are None until ``validation.accuracy.budget`` has assessed the run.
 
     Attributes:
         identity: digest of engine, build and deck, with which the name of the folder ends.

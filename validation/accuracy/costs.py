@@ -1,17 +1,23 @@
-"""Cost of a run by engine, from ``inputs/costs.toml`` or measured once for each build."""
+"""Cost of a run by engine, from ``inputs/costs.toml`` or measured once for each build; engines by cost."""
 
 import tomllib
+from collections.abc import Collection, Iterator
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cache
+from pathlib import Path
 
 from drivers.base import paths
 from drivers.base.errors import RunError
 from drivers.base.kept import keep, recall
 from drivers.base.progress import say
 from drivers.chain.case import Case, build_case
-from drivers.engines import EXACT, Engine, load_engine
+from drivers.engines import EXACT, Engine, engine_names, installed, load_engine
+from drivers.limits.refusal import inability
 from drivers.run.build import Build, build_of
 from drivers.run.compute import compute
+from drivers.run.run import run_identity
+from drivers.run.run_folder import find_run
 from drivers.scene.read_scene import read_scene
 
 MEASURED_ON = ("fig4", "run.duration=0.2 ms", "run.time_step=0.1 us")  # 2000 steps of 22 bodies
@@ -117,3 +123,45 @@ def measured_cost(engine: Engine, build: Build) -> Cost:
 def entry_of(name: str, cost: Cost) -> list[str]:
     """Lines of an entry of ``inputs/costs.toml``."""
     return [f"[{name}]", *(f"{key} = {value:.2g}" for key, value in asdict(cost).items())]
+
+
+def capable_engines(case: Case, among: Collection[str] = ()) -> list[str]:
+    """Engines, installed or not, that can run a case with its accuracy; ``among`` others, if given."""
+    names = among or engine_names()
+    return [name for name in names if inability(case, name) is None]
+
+
+def auto_engines(case: Case, runs: Path | None = None) -> Iterator[str]:
+    """Installed engines that can run a case, the cheapest first; those with a ``fault`` become lines on stderr.
+
+    Raises:
+        RunError: no engine is left.
+    """
+    capable = capable_engines(case)
+    by_cost = sorted(installed(capable), key=lambda name: cost_on(name).run_s(case))
+    for name in by_cost:
+        if why := fault(case, name, runs):
+            say(f"{case.scene.name}: {name}: {why}; --engine auto leaves it out")
+        else:
+            yield name
+    if by_cost:
+        raise RunError(f"{case.scene.name}: no engine is left for --engine auto, after {', '.join(by_cost)}")
+    others = f"; {', '.join(capable)} would" if capable else ""
+    raise RunError(f"no installed engine models all of this scene{others}")
+
+
+def fault(case: Case, name: str, runs: Path | None = None) -> str:
+    """Reason to leave out an engine: its build failed ``beads engine``, or its run of the case in ``runs`` failed."""
+    if recall(kit_key(name)) is False:
+        return f"its build failed beads engine {name}"
+    with suppress(RunError):  # a faulty adapter renders no deck
+        engine = load_engine(name)
+        identity = run_identity(name, build_of(engine), engine.render(case).sha256) if runs else ""
+        if runs and (run := find_run(runs / name, identity, {})) and not run.done:
+            return f"{run.trouble} (see {paths.shown(run.folder)}; --rerun tries again)"
+    return ""
+
+
+def kit_key(name: str) -> list[str]:
+    """Key in the cache of the outcome of ``beads engine``: True if the installed build passed."""
+    return ["kit", name, build_of(load_engine(name)).identity]

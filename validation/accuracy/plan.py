@@ -1,29 +1,235 @@
-"""Planning of a case: the largest time step that meets the accuracy of its scene, and engines by cost."""
+"""Planning of a case: the largest time step that meets an accuracy, without elements of negligible effect.
+
+Velocity Verlet in this repository costs about a fiftieth of a code's run at the same step and has the same error to
+ten digits, rounding of heights included, so predicted errors are measured ones. The exact motion is computed only as
+exactly as needed.
+"""
 
 import time
-from collections.abc import Collection, Iterator, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from math import ceil, inf
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
-from drivers.base import paths
-from drivers.base.errors import RunError
-from drivers.base.kept import recall
-from drivers.base.progress import say
-from drivers.chain.case import Case, build_case
-from drivers.chain.residual import FORCE
-from drivers.engines import VERLET, engine_names, installed, load_engine
-from drivers.limits.refusal import inability
-from drivers.run.build import build_of
-from drivers.run.run import run_identity
-from drivers.run.run_folder import find_run
-from drivers.scene.read_scene import read_scene
+import numpy as np
+
+from drivers.base.errors import InputError
+from drivers.chain.case import Case, StepPlan, build_case
+from drivers.chain.chain import arrays_of, build_chain
+from drivers.chain.elements import choose_elements
+from drivers.chain.residual import FORCE, share_of_change
+from drivers.chain.schemes import exact_of, verlet_in_heights
+from drivers.engines import VERLET
+from drivers.limits.refusal import unattainable
+from drivers.limits.stable_step import EXACT_SHARE, resolved_trial, why_unstable
+from drivers.run.scheme import COMPARED, Scheme
+from drivers.scene.model import Scene
+from drivers.scene.read_scene import MAX_STEPS, read_scene
 from drivers.scene.settings import setting_texts
-from postproc.read.observables import without_unit
-from validation.accuracy.costs import cost_on
-from validation.accuracy.motions import predicted_error
-from validation.accuracy.step_choice import Chooser, simplify
+from postproc.read.observables import scale_of, without_unit
+from validation.accuracy.motions import COARSE_ERROR, ExactMotion, errors_of, exact_motion_of, predicted_error
+from validation.reference.adaptive import MIN_TOLERANCE, scales
+from validation.reference.tube import TOTAL
+
+ELEMENTS_SHARE = 0.5  # of the accuracy, for the effect of all elements left out; the rest is for the time step
+MIN_ACCURACY = 10 * MIN_TOLERANCE
+MAX_TOLERANCE = 1e-4  # of the exact motion
+STEP_RATIO = 1.2  # the search ends when the steps accepted and refused are within this factor
+MAX_TRIES = 60
+PLATEAU = 0.9  # an error that a smaller step lowers by less is one of rounding
+MAX_WORK = 4e9  # bodies times steps of one trial: some seconds
+MAX_EXACT_WORK = 4e6  # bodies times duration divided by the time scale of a contact: some seconds for the exact motion
+MARGIN = 1.25  # on the best accuracy named in errors
+
+
+def _with(scene: Scene, **changes: object) -> Scene:
+    """Scene with changes of its chain."""
+    return scene.model_copy(update={"chain": scene.chain.model_copy(update=changes)})
+
+
+# functions that remove an element of ``drivers.chain.elements`` from a scene
+REMOVALS: dict[str, Callable[[Scene], Scene]] = {
+    "gravity": lambda scene: scene.model_copy(update={"gravity": 0.0}),
+    "precompression": lambda scene: _with(scene, precompression=0.0),
+    "sensor masses": lambda scene: _with(
+        scene, sensors=tuple(sensor.model_copy(update={"mass": None}) for sensor in scene.chain.sensors)
+    ),
+    "mass scatter": lambda scene: _with(scene, mass_scatter=0.0),
+    "damping": lambda scene: scene.model_copy(update={"contact": scene.contact.elastic}),
+}
+
+
+def simplify(case: Case, asked: dict[str, float]) -> Case:
+    """Case without the elements whose effect is negligible for its accuracy, removed in order of increasing effect.
+
+    Effects are measured on the exact motion, one by one and together. If they cannot be measured, the case is
+    returned unchanged.
+
+    Args:
+        case: case of a straight chain.
+        asked: accuracy by quantity; errors as in ``validation.accuracy.motions``.
+    """
+    candidates = [element.name for element in case.elements if element.modelled and element.name in REMOVALS]
+    if not candidates:
+        return case
+    try:
+        truth = exact_motion_of(case)
+        if any(name not in truth.true for name in asked if name not in COMPARED):
+            return case  # ``Chooser`` reports the unknown quantity
+
+        def effect(names: list[str]) -> dict[str, float]:
+            changed = errors_of(case, exact_of(_without(case, names)), truth, asked)
+            return {name: changed[name] / share for name, share in asked.items()}
+
+        alone = {name: effect([name]) for name in candidates}
+    except ArithmeticError:
+        return case
+    left: list[str] = []
+    for largest, name in sorted((max(shares.values()), name) for name, shares in alone.items()):
+        if largest <= ELEMENTS_SHARE and max(effect([*left, name]).values()) <= ELEMENTS_SHARE:
+            left.append(name)
+    if not left:
+        return case
+    simple = _without(case, left)
+    elements = {element.name: element for element in simple.elements}
+    for name in left:
+        worst = max(alone[name], key=lambda quantity: alone[name][quantity])
+        change = alone[name][worst] * asked[worst]
+        scene_has = next(element.reason for element in case.elements if element.name == name)
+        why = f"it changes the {worst} by {change:.1e}; the requested accuracy is {asked[worst]:g}"
+        elements[name] = replace(elements[name], reason=f"left out ({scene_has}): {why}")
+    return replace(simple, elements=tuple(elements.values()), full=case)
+
+
+def _without(case: Case, names: list[str]) -> Case:
+    scene = case.scene
+    for name in names:
+        scene = REMOVALS[name](scene)
+    chain = build_chain(scene)
+    return replace(case, scene=scene, chain=chain, elements=choose_elements(scene, chain))
+
+
+class Chooser:
+    """Chooses time steps of one case; exact motions and trial runs are cached."""
+
+    def __init__(self, case: Case, strictest: dict[str, float]) -> None:
+        """Compute the exact motion of the full case, for accuracies down to the strictest, by quantity.
+
+        Raises:
+            InputError: the case lacks a quantity, or its exact motion cannot be computed.
+        """
+        self.case = case
+        self.full = case.full or case
+        self.names = tuple(strictest)
+        self.gauges = [name for name in strictest if name not in COMPARED]
+        self._errors: dict[int, dict[str, float]] = {}
+        least = min(strictest.values())
+        duration = float(case.sample_times_s[-1])
+        overlap, speed = scales(arrays_of(case.chain), duration)
+        if case.chain.bodies * duration * speed > MAX_EXACT_WORK * overlap:
+            self._refuse("", "the run is too long for its exact motion; set run.time_step instead, or shorten the run")
+        try:
+            self.truth, self.exact_error = self._follow(least)
+        except ArithmeticError as error:
+            raise InputError(case.scene.file, "run.accuracy", f"{error}; set run.time_step instead") from error
+        for name in self.gauges:
+            if not self.truth.true.get(name):
+                has = (quantity for quantity, value in self.truth.true.items() if value)
+                self._refuse(name, f"unknown quantity; allowed: {', '.join([*COMPARED, *has])}")
+            if not self.truth.sampling_known:
+                found = "too many samples times contacts to measure the sampling error"
+                self._refuse(name, f"{found}; allowed: {', '.join(COMPARED)}")
+        self.guess_s = resolved_trial(case).two_over_omega_s  # the order of magnitude of the largest stable step
+
+    def _refuse(self, name: str, statement: str) -> NoReturn:
+        raise InputError(self.case.scene.file, f"run.accuracy{name and f'.{name}'}", statement)
+
+    def _follow(self, strictest: float) -> tuple[ExactMotion, float]:
+        """Exact motion and its error divided by the largest change.
+
+        Errors grow in a chaotic motion, so the tolerance is tightened until the error is small.
+        """
+        tolerance = min(max(EXACT_SHARE * strictest, MIN_TOLERANCE), MAX_TOLERANCE)
+        while True:
+            truth = exact_motion_of(self.full, tolerance, finer=bool(self.gauges))
+            known = float(share_of_change(truth.error_N, truth.trace)[-1])
+            if known <= EXACT_SHARE * strictest or tolerance <= MIN_TOLERANCE:
+                return truth, known
+            tolerance = max(0.1 * tolerance * min(EXACT_SHARE * strictest / known, 1.0), MIN_TOLERANCE)
+
+    def errors_at(self, steps_per_sample: int) -> dict[str, float]:
+        """Errors of velocity Verlet in absolute heights, as the codes have them, at a number of steps per sample."""
+        if steps_per_sample not in self._errors:
+            case = self.case.at(steps_per_sample)
+            with np.errstate(over="ignore", invalid="ignore"):  # too large a step blows up
+                motion = Scheme(case, TOTAL).rounded if case.chain.drive else verlet_in_heights(case)
+                self._errors[steps_per_sample] = errors_of(case, motion, self.truth, self.names)
+        return self._errors[steps_per_sample]
+
+    def _excess(self, steps: int, wanted: dict[str, float]) -> float:
+        """Largest error, with that of the exact motion, divided by the wanted accuracy."""
+        errors = self.errors_at(steps)
+        return max((errors[name] + self.exact_error) / wanted[name] for name in wanted)
+
+    def choose(self, wanted: dict[str, float], most_work: float = MAX_WORK) -> tuple[Case, StepPlan]:
+        """Case at the fewest steps per sample that keep all errors below the wanted accuracies.
+
+        Raises:
+            InputError: no step does; the attainable accuracy is named.
+        """
+        self._check_attainable(wanted)
+        scene, order = self.case.scene, 1 if self.case.chain.damped else 2
+        work = self.case.chain.bodies * (scene.samples - 1)
+        steps = max(1, ceil(min(scene.run.sample_interval / self.guess_s, 1e15)))
+        refused, taken, tries, before = 0, 0, 0, inf
+        while not (taken and (taken <= refused + 1 or taken <= STEP_RATIO * refused)):
+            if steps * work > most_work or steps * (scene.samples - 1) > MAX_STEPS or tries > MAX_TRIES:
+                if taken:
+                    break
+                errors = self._errors.get(refused, {})
+                worst = max(wanted, key=lambda name: errors.get(name, 0.0) / wanted[name])
+                least = MARGIN * errors[worst] if errors else 1.0
+                why = "within the steps that a plan may try; run.time_step takes any step"
+                raise unattainable(self.case, worst, wanted[worst], least, why)
+            excess = self._excess(steps, wanted)
+            tries += 1
+            if 1 < PLATEAU * before < excess and not taken:
+                worst = max(wanted, key=lambda name: self._errors[steps][name] / wanted[name])
+                why = "limited by rounding of absolute heights; a chain.origin near 0 allows more"
+                raise unattainable(self.case, worst, wanted[worst], MARGIN * self._errors[steps][worst], why)
+            before = inf if max(self.errors_at(steps).values()) > COARSE_ERROR else excess
+            if excess <= 1 and not why_unstable(self.case.at(steps)):  # after the gauges it may blow up
+                taken = steps
+            else:
+                refused = max(refused, steps)
+            coarse = max(self.errors_at(steps).values()) > COARSE_ERROR  # too large to extrapolate
+            steps = _next(refused, taken, 2 * steps if coarse else ceil(1.003 * steps * excess ** (1 / order)))
+        return self.case.at(taken), StepPlan(wanted, self.errors_at(taken), refused, tries)
+
+    def _check_attainable(self, wanted: dict[str, float]) -> None:
+        for name, share in wanted.items():
+            least = max(MIN_ACCURACY, 10 * self.exact_error)
+            if share < least:
+                why = "limited by the error of the exact motion itself"
+                raise unattainable(self.case, name, share, MARGIN * least if least > MIN_ACCURACY else least, why)
+            if name in self.gauges:
+                true = self.truth.true
+                left = abs(self.truth.sampled.get(name, inf) - true[name]) / scale_of(name, true)
+                if left >= share:
+                    why = "limited by sampling at any time step; a smaller sample_interval allows more"
+                    raise unattainable(self.case, name, share, MARGIN * left, why)
+
+
+def _next(refused: int, taken: int, guess: int) -> int:
+    """Next number of steps to try: the guess, or one whose refusal ends the search, between refused and taken."""
+    if not taken:
+        return max(refused + 1, guess)
+    if guess >= taken:
+        guess = min(taken - 1, ceil(taken / STEP_RATIO))
+    if guess <= refused:
+        return refused + max(1, round((taken - refused) / 2))
+    return min(guess, taken - 1)
 
 
 def plan(
@@ -56,48 +262,6 @@ def plan(
     if case.plan is not None:
         return case, dict(case.plan.predicted)
     return case, {FORCE: float(predicted_error(case, engine).max())}
-
-
-def capable_engines(case: Case, among: Collection[str] = ()) -> list[str]:
-    """Engines, installed or not, that can run a case with its accuracy; ``among`` others, if given."""
-    names = among or engine_names()
-    return [name for name in names if inability(case, name) is None]
-
-
-def auto_engines(case: Case, runs: Path | None = None) -> Iterator[str]:
-    """Installed engines that can run a case, the cheapest first; those with a ``fault`` become lines on stderr.
-
-    Raises:
-        RunError: no engine is left.
-    """
-    capable = capable_engines(case)
-    by_cost = sorted(installed(capable), key=lambda name: cost_on(name).run_s(case))
-    for name in by_cost:
-        if why := fault(case, name, runs):
-            say(f"{case.scene.name}: {name}: {why}; --engine auto leaves it out")
-        else:
-            yield name
-    if by_cost:
-        raise RunError(f"{case.scene.name}: no engine is left for --engine auto, after {', '.join(by_cost)}")
-    others = f"; {', '.join(capable)} would" if capable else ""
-    raise RunError(f"no installed engine models all of this scene{others}")
-
-
-def fault(case: Case, name: str, runs: Path | None = None) -> str:
-    """Reason to leave out an engine: its build failed ``beads engine``, or its run of the case in ``runs`` failed."""
-    if recall(kit_key(name)) is False:
-        return f"its build failed beads engine {name}"
-    with suppress(RunError):  # a faulty adapter renders no deck
-        engine = load_engine(name)
-        identity = run_identity(name, build_of(engine), engine.render(case).sha256) if runs else ""
-        if runs and (run := find_run(runs / name, identity, {})) and not run.done:
-            return f"{run.trouble} (see {paths.shown(run.folder)}; --rerun tries again)"
-    return ""
-
-
-def kit_key(name: str) -> list[str]:
-    """Key in the cache of the outcome of ``beads engine``: True if the installed build passed."""
-    return ["kit", name, build_of(load_engine(name)).identity]
 
 
 def planned_case(source: str | Path, *settings: str) -> Case:

@@ -12,19 +12,16 @@ from drivers.base.text_table import text_table
 from drivers.chain.case import Case
 from drivers.chain.residual import FORCE, is_at_rest
 from drivers.engines import TOTAL, VERLET, installed, load_engine
-from drivers.limits.criteria import CRITERIA
 from drivers.limits.refusal import inability, refuse_depth
-from drivers.limits.stable_step import step_limit, until_words, why_unstable
+from drivers.limits.stable_step import CRITERIA, step_limit, until_words, why_unstable
 from drivers.run.scheme import scheme_of
 from postproc.read.measured import read_traces
 from postproc.read.observables import of_kind
 from postproc.read.sensors import gauges_of
 from validation.accuracy.budget import AT_REST_NOTE
-from validation.accuracy.costs import cost_on
-from validation.accuracy.exact_motion import errors_of
-from validation.accuracy.motions import motions_of, predicted_error
-from validation.accuracy.plan import capable_engines, fault, planned_case
-from validation.accuracy.step_choice import Chooser
+from validation.accuracy.costs import capable_engines, cost_on, fault
+from validation.accuracy.motions import errors_of, motions_of, predicted_error
+from validation.accuracy.plan import Chooser, planned_case
 
 TENFOLD = 10.0
 MAX_WORK = 5e7  # bodies times steps, for the rows of other accuracies

@@ -165,6 +165,6 @@ def status(study: str, engines: tuple[str, ...], patterns: tuple[str, ...], runs
 def show(study: str, case: int, engines: tuple[str, ...], runs: Path) -> int:
     """Write one case of a study as run folders with their decks."""
     from drivers.batch.study_commands import show as show_case
-    from validation.accuracy.assess import assess
+    from validation.accuracy.budget import assess
 
     return show_case(request_of(study, runs, engines), case, assess)

@@ -24,8 +24,7 @@ def engine(name: str, results: Path) -> int:
     from drivers.base.kept import keep
     from drivers.engines import load_engine
     from drivers.run.build import build_of
-    from validation.accuracy.costs import entry_of, measured_cost
-    from validation.accuracy.plan import kit_key
+    from validation.accuracy.costs import entry_of, kit_key, measured_cost
 
     tested = load_engine(name)
     if tested.find() is None:

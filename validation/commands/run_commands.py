@@ -42,8 +42,9 @@ def run(
     from drivers.engines import engine_names, installed, load_engine
     from drivers.limits.refusal import inability, refuse
     from drivers.run.run import is_done, run_case
-    from validation.accuracy.assess import assess
-    from validation.accuracy.plan import auto_engines, planned_case
+    from validation.accuracy.budget import assess
+    from validation.accuracy.costs import auto_engines
+    from validation.accuracy.plan import planned_case
 
     for name in engines:
         if name != AUTO:
@@ -116,7 +117,7 @@ def import_(folder: Path, scene: str | None, settings: tuple[str, ...], engines:
     from drivers.chain.case import build_case
     from drivers.engines import load_engine
     from drivers.run.run_by_hand import import_run, scene_of
-    from validation.accuracy.assess import assess
+    from validation.accuracy.budget import assess
     from validation.accuracy.plan import planned_case
 
     engine = load_engine(one_of(engines), "--engine")

@@ -22,8 +22,7 @@ from drivers.limits.refusal import inability
 from drivers.run.run import refuse_all, run_many
 from drivers.run.run_folder import EndedRun
 from postproc.read.motion import trace_with_state
-from validation.accuracy.assess import assess
-from validation.accuracy.budget import kept_budget
+from validation.accuracy.budget import assess, kept_budget
 from validation.accuracy.plan import planned_case
 from validation.checks import FAIL, NOT_RUN, Check, without_run
 from validation.compare.diagnosis import diagnosis

@@ -52,7 +52,7 @@ def integrate_adaptive(
 
     The largest force error over all contacts and samples stays below ``tolerance`` times the largest force if the
     motion amplifies small errors at most a thousandfold. A chain that bounces for long is chaotic;
-    ``error_N`` of ``validation.accuracy.exact_motion`` measures the remaining error.
+    ``error_N`` of ``validation.accuracy.motions`` measures the remaining error.
 
     Raises:
         ValueError: sample times do not begin at 0 or do not increase; the tolerance is below ``MIN_TOLERANCE`` or not

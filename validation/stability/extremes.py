@@ -14,8 +14,7 @@ from drivers.limits.refusal import refuse
 from drivers.run.run import run_many
 from drivers.scene.part import Part
 from drivers.scene.read_scene import read_entries
-from validation.accuracy.assess import assess
-from validation.accuracy.budget import ERROR, kept_budget
+from validation.accuracy.budget import ERROR, assess, kept_budget
 from validation.accuracy.plan import planned_case
 from validation.checks import FAIL, NOT_RUN, Check, without_run
 

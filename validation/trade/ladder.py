@@ -25,7 +25,7 @@ from drivers.run.scheme import COMPARED
 from postproc.paper.simulate import case_of
 from postproc.read.observables import of_kind
 from validation.accuracy.costs import cost_on
-from validation.accuracy.exact_motion import ExactMotion, errors_of, exact_motion_of
+from validation.accuracy.motions import ExactMotion, errors_of, exact_motion_of
 from validation.reference.adaptive import MIN_TOLERANCE, integrate_adaptive
 from validation.reference.symplectic import integrate_symplectic
 from validation.reference.velocity_verlet import integrate_verlet

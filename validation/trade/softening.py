@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from drivers.chain.schemes import exact_of
 from postproc.paper.simulate import case_of
-from validation.accuracy.exact_motion import quantities
+from validation.accuracy.motions import quantities
 
 FACTORS = (10, 100, 1000)  # by which the modulus is divided
 

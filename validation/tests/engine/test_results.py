@@ -14,7 +14,7 @@ from drivers.chain.residual import residual
 from drivers.chain.trace import Trace
 from drivers.limits.stable_step import step_limit
 from drivers.run.guard import UNSTABLE
-from validation.accuracy.exact_motion import exact_motion_of
+from validation.accuracy.motions import exact_motion_of
 from validation.tests.engine.candidate import Candidate, case_of_variant, case_with, kit
 
 STABLE_SHARE = 0.98  # of the largest stable step: a step at which a run has to be stable

@@ -17,8 +17,7 @@ from drivers.engines import load_engine
 from drivers.limits.refusal import refuse
 from drivers.run.run import run_case
 from drivers.run.run_folder import FORCES, RECORD, EndedRun, read_record
-from validation.accuracy.assess import assess
-from validation.accuracy.budget import budget_of
+from validation.accuracy.budget import assess, budget_of
 from validation.checks import Check
 from validation.compare.comparison import ComparedScene, EngineSelection, missing, run_and_compare_all
 from validation.tests.helpers.scenes import case_of

@@ -8,7 +8,7 @@ import pytest
 from drivers.chain.residual import residual
 from drivers.chain.schemes import verlet_of
 from drivers.limits.stable_step import needed_tolerance
-from validation.accuracy.exact_motion import exact_motion_of
+from validation.accuracy.motions import exact_motion_of
 from validation.reference.adaptive import MIN_TOLERANCE
 from validation.tests.helpers.adversarial import KINDS, adversarial_case
 from validation.tests.helpers.commands import beads

@@ -19,7 +19,7 @@ from drivers.laws.law import Dissipation
 from drivers.laws.viscoelastic import damping_ratio, restitution
 from drivers.limits.refusal import inability
 from validation.accuracy.budget import MODEL, budget_of
-from validation.accuracy.exact_motion import exact_motion_of
+from validation.accuracy.motions import exact_motion_of
 from validation.checks import PASS
 from validation.reference.adaptive import integrate_adaptive
 from validation.reference.hertz_chain import Array

@@ -9,7 +9,7 @@ import pytest
 
 from drivers.run.run import run_case, run_many
 from drivers.run.run_folder import FORCES, RECORD, SENSORS, open_run
-from validation.accuracy.assess import assess
+from validation.accuracy.budget import assess
 from validation.tests.helpers.runs import assessed, edit_record, finished
 from validation.tests.helpers.scenes import SceneWriter, case_of
 

@@ -13,7 +13,7 @@ from drivers.run.run_folder import open_run
 from postproc.paper.simulate import exact
 from postproc.read.observables import observe
 from postproc.read.sensors import high_passed, sensor_signals
-from validation.accuracy.exact_motion import exact_motion_of
+from validation.accuracy.motions import exact_motion_of
 from validation.tests.helpers.runs import assessed
 from validation.tests.helpers.scenes import SceneWriter, case_of
 

@@ -9,8 +9,8 @@ import postproc
 from drivers.chain.schemes import exact_of
 from drivers.run.run import run_case
 from postproc.read.observables import scale_of, without_unit
-from validation.accuracy.assess import assess
-from validation.accuracy.exact_motion import quantities
+from validation.accuracy.budget import assess
+from validation.accuracy.motions import quantities
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.scenes import case_of
 

@@ -12,9 +12,8 @@ from drivers.base.kept import keep, recall
 from drivers.engines import REFERENCE, VERLET, codes, engine_names, load_engine
 from drivers.run import guard
 from drivers.run.run_folder import RECORD
-from validation.accuracy import costs, plan, plan_report
-from validation.accuracy.costs import Cost, cost_on
-from validation.accuracy.plan import kit_key
+from validation.accuracy import costs, plan_report
+from validation.accuracy.costs import Cost, cost_on, kit_key
 from validation.tests.engine.candidate import MINE
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.scenes import EnginesWriter, SceneWriter
@@ -32,7 +31,7 @@ FAILED_KIT = "scene: {0}: its build failed beads engine {0}" + LEFT_OUT
 
 
 def only_installed(monkeypatch: pytest.MonkeyPatch, *engines: str) -> None:
-    for module in (plan, plan_report):
+    for module in (costs, plan_report):
         monkeypatch.setattr(module, "installed", lambda names: [name for name in names if name in engines])
 
 
@@ -47,7 +46,7 @@ def scene(
     )
     monkeypatch.chdir(tmp_path)
     only_installed(monkeypatch, *ORDER)
-    for module in (plan, plan_report):
+    for module in (costs, plan_report):
         monkeypatch.setattr(module, "cost_on", lambda name: Cost(float((*ORDER, name).index(name)), 0.0, 0.0))
     return scene_file(duration="20 us")
 

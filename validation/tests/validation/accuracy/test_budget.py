@@ -21,8 +21,7 @@ from drivers.laws.power import Power
 from drivers.run import scheme
 from drivers.run.scheme import scheme_of
 from validation.accuracy import motions as module
-from validation.accuracy.assess import assess
-from validation.accuracy.budget import AT_REST_NOTE, PARTS, Budget, budget_of, kept_budget
+from validation.accuracy.budget import AT_REST_NOTE, PARTS, Budget, assess, budget_of, kept_budget
 from validation.accuracy.motions import motions_of
 from validation.checks import FAIL, PASS
 from validation.stability.measured_limits import random_case

@@ -6,7 +6,7 @@ import pytest
 from drivers.chain.case import Case
 from drivers.chain.residual import largest_change_N
 from drivers.chain.schemes import exact_of, verlet_of
-from validation.accuracy.exact_motion import exact_motion_of, quantities
+from validation.accuracy.motions import exact_motion_of, quantities
 from validation.tests.helpers import high_precision
 from validation.tests.helpers.adversarial import adversarial_case
 from validation.tests.helpers.scenes import case_of

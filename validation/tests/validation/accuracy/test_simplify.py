@@ -10,8 +10,8 @@ from drivers.chain.chain import build_chain
 from drivers.chain.residual import residual
 from drivers.chain.schemes import verlet_of
 from drivers.engines import load_engine
-from validation.accuracy.exact_motion import errors_of, exact_motion_of
-from validation.accuracy.step_choice import ELEMENTS_SHARE, REMOVALS, simplify
+from validation.accuracy.motions import errors_of, exact_motion_of
+from validation.accuracy.plan import ELEMENTS_SHARE, REMOVALS, simplify
 from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import case_of
 
@@ -99,6 +99,6 @@ def test_no_element_is_left_out_if_effects_cannot_be_measured(monkeypatch: pytes
     def fails(*_: object, **__: object) -> None:
         raise ArithmeticError("no step is small enough")
 
-    monkeypatch.setattr("validation.accuracy.step_choice.exact_motion_of", fails)
+    monkeypatch.setattr("validation.accuracy.plan.exact_motion_of", fails)
     case = case_of("fig4")
     assert simplify(case, {"force": 0.9}) is case

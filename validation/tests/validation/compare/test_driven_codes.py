@@ -10,7 +10,7 @@ from drivers.engines import codes
 from drivers.limits.refusal import refuse
 from drivers.run.compute import compute
 from drivers.run.guard import checked
-from validation.accuracy.exact_motion import exact_motion_of
+from validation.accuracy.motions import exact_motion_of
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import case_of
 
