@@ -3,8 +3,6 @@
 Refused are unstable time steps, overlaps beyond the range of Hertz's law, and scenes that an engine cannot model.
 """
 
-from math import ceil, floor, log10
-
 import numpy as np
 
 from drivers.base.errors import InputError
@@ -55,9 +53,8 @@ def _refuse_step(case: Case, shear: str, override: str) -> None:
     from drivers.limits.stable_step import step_limit, why_unstable  # the integrators take long to load
 
     if problem := why_unstable(case, shear):
-        limit = step_limit(case, shear).stable_s
-        digits = 10.0 ** (floor(log10(limit)) - 2)
-        allowed = f"at most {floor(limit / digits) * digits:.3g} s; a trial {problem} ({override} runs it)"
+        rounded_down_s = 0.995 * step_limit(case, shear).stable_s
+        allowed = f"at most {rounded_down_s:.3g} s; a trial {problem} ({override} runs it)"
         raise InputError(case.scene.file, "run.time_step", f"{case.scene.time_step_s:g} s", allowed)
 
 
@@ -84,9 +81,6 @@ def refuse_depth(case: Case, override: str = ON_COMMAND, shear: str = TOTAL) -> 
 
 def unattainable(case: Case, name: str, asked: float, least: float, why: str) -> InputError:
     """Error for an unattainable accuracy; it names the best attainable one, rounded up to two digits, if below 1."""
-    key, rounded = "run.accuracy" if name == FORCE else f"run.accuracy.{name}", 1.0
-    if 0 < least < 1:
-        digits = 10.0 ** (floor(log10(least)) - 1)
-        rounded = float(f"{ceil(least / digits) * digits:.2g}")
-    allowed = f"at least {rounded:g} here, {why}" if rounded < 1 else f"none here, {why}"
+    key, rounded_up = "run.accuracy" if name == FORCE else f"run.accuracy.{name}", f"{1.05 * least:.2g}"
+    allowed = f"at least {rounded_up} here, {why}" if 0 < float(rounded_up) < 1 else f"none here, {why}"
     return InputError(case.scene.file, key, f"{asked:g}", allowed)

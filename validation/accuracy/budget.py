@@ -66,18 +66,18 @@ class Budget:
     """Errors of a run and the judgements on them.
 
     Attributes:
-        rows: quantity, its parts as in ``PARTS``, and ``where`` for forces, energy and momentum; empty if the exact
-            motion is not known.
+        error_budget: quantity, its parts as in ``PARTS``, and ``where`` for forces, energy and momentum; empty if the
+            exact motion is not known.
         checks: the two judgements.
-        note: parts that were not measured, with the reason.
+        error_note: parts that were not measured, with the reason.
         warnings: reasons why the run is of little use; most runs have none.
         exact_to: error of the exact motion until ``exact_until_s``, divided by the largest change of force; None for
             three-dimensional chains.
     """
 
-    rows: list[dict[str, Any]]
+    error_budget: list[dict[str, Any]]
     checks: list[Check]
-    note: str
+    error_note: str
     warnings: list[str]
     exact_to: float | None
     exact_until_s: float | None
@@ -109,9 +109,9 @@ def budget_of(case: Case, engine: str, trace: Trace, limit_s: float | None = Non
         known = not motions.why_unknown and motions.straight
         samples = motions.known if known else 0
         return Budget(
-            rows=rows,
+            error_budget=rows,
             checks=checks,
-            note="; ".join([*_notes(motions, engine), *missing]),
+            error_note="; ".join([*_notes(motions, engine), *missing]),
             warnings=[*_warnings(motions, engine, trace, checks, rows)],
             exact_to=float(motions.exact_error[samples - 1]) if known else None,
             exact_until_s=float(case.sample_times_s[samples - 1]) if known else None,
@@ -277,14 +277,7 @@ def assess(ended: EndedRun, case: Case, limit_s: float | None = None) -> EndedRu
             name: {"asked": share, "predicted": plan.predicted[name], "measured": measured.get(f"{ERROR}: {name}")}
             for name, share in plan.asked.items()
         }
-    copied = {
-        "error_budget": budget.rows,
-        "error_note": budget.note,
-        "exact_to": budget.exact_to,
-        "exact_until_s": budget.exact_until_s,
-        "warnings": budget.warnings,
-        "accuracy": accuracy,
-    }
+    copied = {name: value for name, value in vars(budget).items() if name != "checks"} | {"accuracy": accuracy}
     if ended.has_sensors and all(getattr(ended.record, name) == value for name, value in copied.items()):
         return ended
     return ended.with_sensors(signals_csv(case.layout, ended.trace), **copied)

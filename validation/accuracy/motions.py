@@ -214,14 +214,9 @@ class Motions:
         return ""
 
     @cached_property
-    def half(self) -> Trace:
-        """Velocity Verlet at half the step."""
-        return verlet_of(self.case, self.scheme.law, 2)
-
-    @cached_property
-    def quarter(self) -> Trace:
-        """Velocity Verlet at a quarter of the step."""
-        return verlet_of(self.case, self.scheme.law, 4)
+    def finer(self) -> tuple[Trace, Trace]:
+        """Velocity Verlet at half and at a quarter of the step."""
+        return verlet_of(self.case, self.scheme.law, 2), verlet_of(self.case, self.scheme.law, 4)
 
     @cached_property
     def exact_to_end(self) -> ExactMotion:
@@ -242,7 +237,7 @@ class Motions:
         """Exact motion at the samples at which it is known; in three dimensions some columns are extrapolated."""
         if self.straight:
             return until(self.exact_to_end.trace, self.known)
-        half, quarter = (until(trace, self.known) for trace in (self.half, self.quarter))
+        half, quarter = (until(trace, self.known) for trace in self.finer)
         columns = ("force_N", "kinetic_energy_J", *FIELDS.values())
         values: dict[str, Any] = {
             name: np.asarray(self.at_zero(getattr(half, name), getattr(quarter, name))) for name in columns
@@ -258,7 +253,7 @@ class Motions:
         if self.straight:
             known = self.exact_to_end.first(self.known)
             return [known.sampled, known.true]
-        half, quarter = (quantities(self.case, until(trace, self.known)) for trace in (self.half, self.quarter))
+        half, quarter = (quantities(self.case, until(trace, self.known)) for trace in self.finer)
         return [{name: self.at_zero(half[name], quarter[name]) for name in half if name in quarter}] * 2
 
     @cached_property
@@ -269,7 +264,7 @@ class Motions:
     @property
     def order(self) -> float:
         """Order of convergence of the scheme in three dimensions, measured at the whole, half and quarter step."""
-        steps = [until(trace, self.known).force_N for trace in (self.scheme.plain, self.half, self.quarter)]
+        steps = [until(trace, self.known).force_N for trace in (self.scheme.plain, *self.finer)]
         apart = [float(np.abs(coarse - fine).max()) for coarse, fine in pairwise(steps)]
         if not (all(apart) and np.isfinite(apart).all()):
             return 2.0

@@ -78,8 +78,6 @@ def _straight(case: Case, among: Collection[str]) -> Iterator[str]:
     if is_at_rest(chooser.truth.trace.force_N):
         yield f"           {AT_REST_NOTE}"
     yield f"predicted  relative error: {_listed(errors)}; of that rounding of heights {scheme.rounding[-1]:.1e}"
-    if FORCE in errors:
-        yield "           (force: the largest error in any contact at any time)"
     if names := [name for name in of_kind(chooser.truth.true, "peak", "speed") if chooser.truth.true[name]]:
         yield f"           at the gauges: {_listed(errors_of(case, scheme.plain, chooser.truth, names))}"
     if chooser.exact_error > min(errors.values(), default=1.0) / TENFOLD:
@@ -168,14 +166,10 @@ def _stability(case: Case, law: str, why: str) -> Iterator[str]:
     if limit.stable_s == float("inf"):
         yield "stability  no limit: no contact closes"
         return
-    share = step_s / limit.stable_s
-    percent = f"{100 * share:.2g}" if share < 0.99 else f"{100 * share:.0f}"
-    followed = until_words(case, limit.until_s)
-    yield f"stability  stable up to {_us(limit.stable_s)}, by trials{followed}; this run uses {percent} % of that"
-    if limit.unstable_s:
-        yield f"           the next trial, at {_us(limit.unstable_s)}, blows up"
-    else:
-        yield "           larger steps were not tried"
+    used = f"this run uses {100 * step_s / limit.stable_s:.3g} % of that"
+    yield f"stability  stable up to {_us(limit.stable_s)}, by trials{until_words(case, limit.until_s)}; {used}"
+    blown_up = f"the next one, at {_us(limit.unstable_s)}, blows up" if limit.unstable_s else "larger ones not tried"
+    yield f"           {blown_up}"
     if problem := why_unstable(case, law):
         yield f"           a trial at this step {problem}: the run is refused"
     others = (f"{label} {_us(fraction * time(case))}" for label, (fraction, time) in CRITERIA.items())

@@ -8,20 +8,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from math import nan
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.text_table import text_table
-from drivers.batch.store import ENDING
 from drivers.chain.case import Case
 from drivers.chain.residual import FORCE
 from drivers.chain.trace import Trace, part_of
 from drivers.engines import load_engine
-from drivers.run.run_folder import EndedRun, is_run, open_run
+from drivers.run.run_folder import EndedRun, open_run
 from drivers.run.scheme import COMPARED, apart, largest_difference, place_of, scale_of_motion
 from drivers.scene.settings import differences, setting_text
 from postproc.read.motion import chain_of, trace_with_state
@@ -59,32 +56,21 @@ def open_pair(first: Path, second: Path) -> tuple[PairedRun, PairedRun]:
     where = f"{paths.shown(first)} {paths.shown(second)}"
     if first.resolve() == second.resolve():
         raise InputError(where, "", "both are the same run; name two run folders")
-    one, other = _open(first), _open(second)
-    counts = [run.trace.force_N.shape[1] for run in (one, other)]
+    runs = [open_run(folder, failed=True) for folder in (first, second)]
+    for run in runs:
+        load_engine(run.record.engine, paths.shown(run.folder), "engine")
+    counts = [run.trace.force_N.shape[1] for run in runs]
     if counts[0] != counts[1]:
         raise InputError(where, "", f"{counts[0]} contacts against {counts[1]}", "equal numbers of contacts")
-    unit = TIME_TOLERANCE * max(float(run.trace.time_s[-1]) for run in (one, other))
-    ticks = [np.round(run.trace.time_s / unit) for run in (one, other)]
-    common, first_at, second_at = np.intersect1d(ticks[0], ticks[1], return_indices=True)
+    unit = TIME_TOLERANCE * max(float(run.trace.time_s[-1]) for run in runs)
+    ticks = [np.round(run.trace.time_s / unit) for run in runs]
+    common, *places = np.intersect1d(ticks[0], ticks[1], return_indices=True)
     if len(common) < MIN_SAMPLES:
         raise InputError(where, "run.sample_interval", f"{len(common)} common sample times", f"{MIN_SAMPLES} or more")
-    return _paired(one, first_at), _paired(other, second_at)
-
-
-def _paired(run: EndedRun, at: NDArray[np.intp]) -> PairedRun:
-    return PairedRun(run, Case(*chain_of(run), ()), part_of(run.trace, at))
-
-
-def _open(folder: Path) -> EndedRun:
-    if not is_run(folder):
-        if next(folder.glob(f"*{ENDING}"), None) or next(folder.glob(f"batch/*{ENDING}"), None):
-            lay_out = "run folders (beads show STUDY CASE lays a case out as one)"
-            raise InputError(paths.shown(folder), "", "the store of a batch", lay_out)
-        if any(map(is_run, folder.glob("*/"))):
-            raise InputError(paths.shown(folder), "", "a folder of runs", "one of the run folders in it")
-    run = open_run(folder, failed=True)
-    load_engine(run.record.engine, paths.shown(folder), "engine")
-    return run
+    one, other = (
+        PairedRun(run, Case(*chain_of(run), ()), part_of(run.trace, at)) for run, at in zip(runs, places, strict=True)
+    )
+    return one, other
 
 
 def compare_runs(first: Path, second: Path) -> int:
@@ -102,7 +88,10 @@ def compare_runs(first: Path, second: Path) -> int:
             wrong.append(f"the {name} run {'departs from its scheme' if departure else 'failed'}")
         said += [(name, words) for words in (departure, cause) if words]
     print(f"FAIL: {'; '.join(wrong)}" if wrong else "pass: both runs are those of their schemes")
-    keys = [f"the scenes differ in {line}" for line in different_keys(*(each.run.record.scene for each in pair))]
+    keys = [
+        f"the scenes differ in {key}: {setting_text(key, a) or 'none'} against {setting_text(key, b) or 'none'}"
+        for key, a, b in differences(pair[0].run.record.scene, pair[1].run.record.scene)
+    ]
     table = text_table(_rows(*pair), right=(1,))
     for part in (_runs(both), keys or ["the scenes are the same"], table, _times(*pair), text_table(said)):
         print(*("", *part) if part else (), sep="\n")
@@ -151,16 +140,3 @@ def _times(one: PairedRun, other: PairedRun) -> Iterator[str]:
         place = place_of(FORCE, one.trace.time_s, (sample, int(np.argmax(share[sample]))))
         when = f"first in {place}" if beyond.any() else "never"
         yield f"forces differ by more than {level:g} of the largest change: {when}"
-
-
-def different_keys(one: dict[str, Any], other: dict[str, Any]) -> list[str]:
-    """Lines for the keys that differ, such as ``run.time_step: 0.1 us against 1 us``.
-
-    Args:
-        one: scene of a run record, in SI units.
-        other: scene of another run record.
-    """
-    return [
-        f"{key}: {setting_text(key, a) or 'none'} against {setting_text(key, b) or 'none'}"
-        for key, a, b in differences(one, other)
-    ]

@@ -90,7 +90,7 @@ def test_faultless_runs_pass_and_their_parts_add_up(settings: tuple[str, ...]) -
     for engine, trace in runs.items():
         budget = budget_of(case, engine, trace)
         assert red(budget) == set()
-        for row in budget.rows:
+        for row in budget.error_budget:
             assert row["whole"] == pytest.approx(sum(row[part] for part in PARTS[1:]), rel=1e-9, abs=1e-15)
         exact = motions_of(case, engine).exact
         error = float(residual(until(trace, len(exact.time_s)), exact).max())
@@ -173,7 +173,7 @@ def test_the_effect_of_elements_left_out_is_part_of_the_error() -> None:
     assert case.plan is not None
     trace = verlet_of(case)
     budget = budget_of(case, VERLET, trace)
-    row = budget.rows[0]
+    row = budget.error_budget[0]
     assert row["whole"] == pytest.approx(sum(row[part] for part in (*PARTS[1:], "elements")), rel=1e-9)
     off = float(residual(trace, motions_of(case.full).exact).max())
     assert abs(row["whole"]) == pytest.approx(off, rel=1e-6)
@@ -185,8 +185,8 @@ def test_where_the_exact_motion_is_not_known_only_the_model_is_judged(monkeypatc
     case = case_of("fig4")
     budget = budget_of(case, A_CODE, verlet_in_heights(case))
     assert set(values_of(budget)) == {"model: force", "model: energy", "model: momentum"}
-    assert budget.rows == []
-    assert "too expensive" in budget.note
+    assert budget.error_budget == []
+    assert "too expensive" in budget.error_note
     assert red(budget_of(case, A_CODE, as_code(case, stiffness=times(1 + CHANGE)))) != set()
 
 
@@ -218,8 +218,8 @@ def test_a_growing_energy_under_a_static_load_is_warned_of() -> None:
 def test_a_scene_at_rest_has_a_note() -> None:
     still = case_of("small-signal", "chain.bead=[]", "chain.sensors=[]", "run.duration=1 ms")
     budget = budget_of(still, VERLET, verlet_of(still))
-    assert AT_REST_NOTE in budget.note
-    assert abs(budget.rows[0]["whole"]) < 1e-9
+    assert AT_REST_NOTE in budget.error_note
+    assert abs(budget.error_budget[0]["whole"]) < 1e-9
 
 
 def test_a_chaotic_chain_is_judged_up_to_its_horizon(shared_runs: Path) -> None:

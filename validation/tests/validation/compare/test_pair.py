@@ -76,17 +76,14 @@ def test_on_the_command_line(run_of: FolderOf, tmp_path: Path) -> None:
 
 def test_runs_that_cannot_be_compared(run_of: FolderOf, scene_file: SceneWriter, tmp_path: Path) -> None:
     good = run_of("verlet", scene_file())
-    for folder in (tmp_path / "empty", tmp_path / "batch"):
-        folder.mkdir()
-    (tmp_path / "batch" / "part.jsonl").write_text("{}\n")
+    (tmp_path / "empty").mkdir()
     failed, foreign = (Path(shutil.copytree(good, tmp_path / name)) for name in ("failed", "foreign"))
     edit_record(failed, status="failed", reason="unstable", files={})
     edit_record(foreign, engine="abacus")
     for folder, found in (
         (good.parent / "." / good.name, "both are the same run"),
         (tmp_path / "empty", "no record of a run"),
-        (good.parent, "a folder of runs"),
-        (tmp_path / "batch", "the store of a batch"),
+        (good.parent, "no record of a run"),
         (failed, "failed: unstable"),
         (foreign, 'engine: found "abacus"'),
         (run_of("verlet", scene_file(count=3)), "6 contacts against 4"),

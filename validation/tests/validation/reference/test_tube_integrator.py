@@ -85,10 +85,10 @@ def test_a_chain_on_the_axis_moves_as_a_straight_chain() -> None:
 def test_the_budget_measures_the_truncation_and_names_the_other_law() -> None:
     case = sideways(*STICKY)
     budget = budget_of(case, "liggghts", verlet_of(case, TOTAL))
-    force = budget.rows[0]
+    force = budget.error_budget[0]
     true = residual(verlet_of(case, TOTAL), verlet_of(case, TOTAL, 16)).max()
     assert abs(force["truncation"]) == pytest.approx(true, rel=0.1)
-    assert "sampling not measured" in budget.note
+    assert "sampling not measured" in budget.error_note
     *_, warning = budget_of(case, "yade", verlet_of(case, TOTAL)).warnings
     assert warning.startswith("departs from its scheme ")
 
