@@ -66,15 +66,11 @@ class StepPlan:
         asked: largest errors allowed.
         predicted: errors of velocity Verlet at the chosen step in absolute heights, measured on this case.
         refused_steps: steps per sample at the smallest step that was too coarse; 0 if no step was too coarse.
-        trials: number of Verlet runs of the planner.
-        seconds: computing time of the planner.
     """
 
     asked: dict[str, float]
     predicted: dict[str, float]
     refused_steps: int
-    trials: int
-    seconds: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

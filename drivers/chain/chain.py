@@ -161,6 +161,11 @@ class Chain:
         """Elastic part of the contact forces along the axis at time 0. Shape (bodies,)."""
         return np.asarray(hertz_force(self.stiffness, np.maximum(self.overlap_m, 0.0)) * self.axial_share)
 
+    @property
+    def straight(self) -> bool:
+        """True if the bodies move along the axis only."""
+        return self.lateral is None
+
     @cached_property
     def reduced_mass_kg(self) -> Array:
         """``1 / (1/m1 + 1/m2)`` of the two bodies at each contact; at the wall the bead's mass. Shape (bodies,)."""

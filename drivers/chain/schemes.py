@@ -112,7 +112,7 @@ def verlet_of(case: Case, law: str = TOTAL, finer: int = 1) -> Trace:
         law: law of friction in three dimensions, as in ``shear`` of an engine.
         finer: divisor of the time step.
     """
-    if case.chain.lateral is not None:
+    if not case.chain.straight:
         return trace_of_tube(case, _tube_motion(case, tube_arrays_of(case.chain), law, finer))
     return trace_of(case, case.sample_times_s, verlet_motion(case, finer))
 

@@ -122,7 +122,7 @@ def make_trace(
         displacement_m: displacements of a straight chain since time 0, shape (samples, bodies), if they are known more
             exactly than from heights.
     """
-    three_dimensional = chain.lateral is not None
+    three_dimensional = not chain.straight
     height, upward = (place_m[..., 2], velocity_m_s[..., 2]) if three_dimensional else (place_m, velocity_m_s)
     more: dict[str, Array] = {}
     with np.errstate(over="ignore", invalid="ignore"):  # runs that blow up are reported by the guard

@@ -63,7 +63,7 @@ def _values(case: Case, method: str, timing: Values) -> Values:
         "height_m": chain.height_m,  # not integrated, but used for the trace
         "diameter_m": [None if np.isinf(radius) else 2 * radius for radius in chain.radius_m],
     }
-    if chain.lateral is not None:
+    if not chain.straight:
         arrays = tube_arrays_of(chain)
         values |= {key: getattr(arrays, field) for field, key in TUBE_KEYS.items()}
     return values
@@ -93,7 +93,7 @@ def read(case: Case, folder: Path) -> Trace:
 
 def _trace(case: Case, columns: Any) -> Trace:
     """Trace of the columns of an output."""
-    if case.chain.lateral is None:
+    if case.chain.straight:
         return trace_of(case, case.sample_times_s, Motion(*columns))
     bore, place, velocity, spin = np.moveaxis(np.reshape(columns[1:], (4, 3, *columns[0].shape)), 1, 3)
     return trace_of_tube(case, TubeMotion(columns[0], bore, place, velocity, spin))

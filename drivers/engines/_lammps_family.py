@@ -176,7 +176,7 @@ def _trace(case: Case, radius_m: Array, dump: dict[str, Array], wall_force: str)
     """Trace of a dump's columns."""
     chain, height = case.chain, dump["z"] - above_face(case.chain, radius_m)
     times = case.sample_times_s[: len(height)]
-    if chain.lateral is None:
+    if chain.straight:
         return make_trace(chain, times, _axial_forces(chain, times, dump, wall_force), height, dump["vz"])
 
     def vectors(names: tuple[str, ...]) -> Array:

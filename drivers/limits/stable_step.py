@@ -91,7 +91,7 @@ def trial(chain: Chain, duration_s: float, step_s: float, law: str = TOTAL) -> T
 
     ``law`` is the law of friction of three-dimensional chains.
     """
-    straight = chain.lateral is None
+    straight = chain.straight
     affordable = (MAX_WORK if straight else MAX_WORK_3D) / chain.bodies
     steps = int(max(min(np.ceil(duration_s / step_s * (1 - 1e-12)), affordable), 1))
 
@@ -162,7 +162,7 @@ def step_limit(case: Case, law: str = TOTAL) -> StepLimit:
         return StepLimit(np.inf, None, case.duration_s)
     stable_s = RESOLVED * guess_s
     # the work of all trials is that of the first, divided by 1 - 1 / factor
-    most = (SCAN_WORK if chain.lateral is None else SCAN_WORK_3D) * stable_s / chain.bodies
+    most = (SCAN_WORK if chain.straight else SCAN_WORK_3D) * stable_s / chain.bodies
     factor = min(max(1 / (1 - min(case.duration_s / most, 0.5)), FINENESS), COARSE)
     until_s = min(case.duration_s, most * (1 - 1 / factor))
     right = trial(chain, until_s, right.step_s, law)
@@ -219,7 +219,7 @@ def needed_tolerance(case: Case) -> float:
     all shipped scenes. Powers of ten let cases of similar steps share a run of the reference.
     """
     chain = case.chain
-    if chain.lateral is not None:  # no reference
+    if not chain.straight:  # no reference
         return MAX_TOLERANCE
     right = resolved_trial(case)
     force = hertz_force(chain.stiffness, right.extremes.overlap_m)

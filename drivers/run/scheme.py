@@ -43,11 +43,6 @@ class Scheme:
     case: Case
     law: str
 
-    @property
-    def straight(self) -> bool:
-        """True if the chain is straight."""
-        return self.case.chain.lateral is None
-
     @cached_property
     def plain(self) -> Trace:
         """Velocity Verlet at the case's step."""
@@ -59,7 +54,7 @@ class Scheme:
         """``plain`` with other rounding errors; the work of a drive is that of ``plain``."""
         with ThreadPoolExecutor(1) as thread, np.errstate(all="ignore"):
             plain = thread.submit(lambda: self.plain)
-            other = verlet_in_heights(self.case) if self.straight else turned_verlet_of(self.case, self.law)
+            other = verlet_in_heights(self.case) if self.case.chain.straight else turned_verlet_of(self.case, self.law)
             return with_work(other, plain.result())
 
     @cached_property
@@ -76,7 +71,7 @@ class Scheme:
         scheme = load_engine(engine).scheme
         if scheme == EXACT:
             return self.reference
-        return self.rounded if self.straight and scheme == IN_HEIGHTS else self.plain
+        return self.rounded if self.case.chain.straight and scheme == IN_HEIGHTS else self.plain
 
     @cached_property
     def rounding_N(self) -> Array:
@@ -167,7 +162,7 @@ class Scheme:
 
 def scheme_of(case: Case, engine: str = VERLET) -> Scheme:
     """Scheme of a case on an engine; the last ones are cached."""
-    return cached_scheme(case, load_engine(VERLET if case.chain.lateral is None else engine).shear)
+    return cached_scheme(case, load_engine(VERLET if case.chain.straight else engine).shear)
 
 
 cached_scheme = lru_cache(maxsize=2)(Scheme)
@@ -229,5 +224,5 @@ def judged_until(case: Case, samples: int, why: str) -> str:
 
 def force_tolerance(case: Case) -> str:
     """Name of the tolerance of the forces of a case: LIGGGHTS has no level flat face in three dimensions."""
-    level = case.chain.lateral is not None and bool(np.isinf(case.chain.radius_m[-1]))
+    level = not case.chain.straight and bool(np.isinf(case.chain.radius_m[-1]))
     return "level" if level else FORCE

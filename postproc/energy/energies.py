@@ -83,7 +83,7 @@ def run_energies(run: EndedRun) -> Energies:
         InputError: the beads move sideways; the run recorded no positions, or a file is missing or damaged.
     """
     scene, chain = chain_of(run)
-    if chain.lateral is not None:
+    if not chain.straight:
         allowed = "a straight chain; forces.parquet has the total energies of all runs"
         raise InputError(paths.shown(run.folder), "", "a scene whose beads move sideways", allowed)
     return energies_of(Case(scene, chain, ()), run.record.engine, motion_of(run))
@@ -97,7 +97,7 @@ def energies_of(case: Case, engine: str, trace: Trace) -> Energies:
         ArithmeticError: the exact motion, for a run of ``reference``, cannot be integrated.
     """
     chain = case.chain
-    if chain.lateral is not None or trace.height_m is None or trace.velocity_m_s is None:
+    if not chain.straight or trace.height_m is None or trace.velocity_m_s is None:
         raise ValueError("a three-dimensional chain, or a trace without heights and velocities")
     if load_engine(engine).scheme == EXACT:
         integrated = exact_motion(case, case.reference_tolerance, case.sample_times_s, energies=True)

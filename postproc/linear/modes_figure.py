@@ -36,7 +36,7 @@ def modes_product(case: Case) -> Product:
         ValueError: no contact has a load, no bead is free, or beads move sideways.
     """
     chain = case.chain
-    if chain.lateral is not None:
+    if not chain.straight:
         raise ValueError("beads that move sideways: modes are those of straight chains")
     if chain.beads == 1 and chain.drive is not None and chain.drive.prescribed:
         raise ValueError("the only bead moves as prescribed: there is no mode")
@@ -105,7 +105,7 @@ def _lines(case: Case, modes: Modes, bands: list[Bands]) -> Iterator[str]:
 
 def _end_of_linear_theory(case: Case) -> Iterator[str]:
     """Line on the motion of the scene: its changes of overlaps against the static ones."""
-    if case.chain.lateral is not None or case.work > MAX_WORK:
+    if not case.chain.straight or case.work > MAX_WORK:
         yield f"motion not compared with linear theory: more than {MAX_WORK:g} bodies times steps, or three dimensions"
         return
     ratio = overlap_ratio(case, verlet_of(case).force_N)

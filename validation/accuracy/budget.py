@@ -106,7 +106,7 @@ def budget_of(case: Case, engine: str, trace: Trace, limit_s: float | None = Non
     with np.errstate(over="ignore", invalid="ignore"):  # too large a step blows up
         rows, missing = _rows(motions, engine, trace)
         checks = [*_model_checks(motions, engine, trace), *_error_checks(motions, engine, trace, rows)]
-        known = not motions.why_unknown and motions.straight
+        known = not motions.why_unknown and motions.case.chain.straight
         samples = motions.known if known else 0
         return Budget(
             error_budget=rows,
@@ -124,8 +124,8 @@ def _rows(motions: Motions, engine: str, trace: Trace) -> tuple[list[dict[str, A
         return [], []
     exact, full, scheme = motions.exact, motions.full, motions.scheme_of(engine)
     samples = min(len(part.time_s) for part in (exact, full.exact if full else exact))
-    same = not motions.straight or load_engine(engine).scheme == EXACT  # rounding is included in model, or nil
-    stages = [until(part, samples) for part in (trace, scheme, scheme if same else motions.scheme.plain, exact)]
+    apart = motions.case.chain.straight and load_engine(engine).scheme != EXACT  # else rounding is in model, or nil
+    stages = [until(part, samples) for part in (trace, scheme, motions.scheme.plain if apart else scheme, exact)]
     stages += [stages[-1], *([until(full.exact, samples)] if full else [])]
 
     rows = []
@@ -136,13 +136,10 @@ def _rows(motions: Motions, engine: str, trace: Trace) -> tuple[list[dict[str, A
 
     observed = [quantities(motions.case, stage) for stage in stages[:3]] + motions.values
     observed += [full.values[1]] if full else []
-    missing = []
-    for name, true in observed[-1].items():
-        if all(name in values for values in observed):
-            if scale := scale_of(name, observed[-1]):
-                rows.append(_row(name, [values[name] / scale for values in observed]))
-        elif true and name not in observed[0]:
-            missing.append(name)
+    for name in observed[-1]:
+        if all(name in values for values in observed) and (scale := scale_of(name, observed[-1])):
+            rows.append(_row(name, [values[name] / scale for values in observed]))
+    missing = [name for name, true in observed[-1].items() if true and name not in observed[0]]
     return rows, [f"missing in the run, present in the exact motion: {', '.join(missing)}"] if missing else []
 
 
@@ -179,7 +176,7 @@ def _error_checks(motions: Motions, engine: str, trace: Trace, rows: list[dict[s
             where = "to the end of the run"
             yield judged(case.scene.name, engine, f"{ERROR}: {name}", max(error, known), limit, where)
         return
-    what = "the error of the exact motion" if motions.straight else "rounding alone"
+    what = "the error of the exact motion" if motions.case.chain.straight else "rounding alone"
     for name, ceiling in CEILINGS.items():
         alike = [row for row in rows if row["quantity"] in (name, *of_kind([row["quantity"]], name.rstrip("s")))]
         if not alike:
@@ -198,7 +195,7 @@ def _notes(motions: Motions, engine: str) -> Iterator[str]:
         return
     if is_at_rest(motions.exact.force_N):
         yield AT_REST_NOTE
-    if motions.straight:
+    if motions.case.chain.straight:
         if not motions.exact_to_end.sampling_known:
             yield "sampling not measured: too many samples"
         if load_engine(engine).scheme == EXACT or motions.known < case.scene.samples:
@@ -207,21 +204,14 @@ def _notes(motions: Motions, engine: str) -> Iterator[str]:
     yield f"truncation extrapolated from half and a quarter of the step (order of convergence {motions.order:.2g})"
     yield f"rounding is included in model: at most {motions.scheme.rounding_bound[motions.known - 1]:.1g} of the force"
     yield "sampling not measured"
-    if motions.known < case.scene.samples:
-        end = case.sample_times_s[motions.known - 1]
-        yield f"measured until t = {end:g} s; later rounding alone separates two runs"
 
 
 def exactness_note(motions: Motions) -> str:
     """Sentence on the error of the exact motion of a straight chain."""
-    samples, times = motions.known, motions.case.sample_times_s
-    if samples == len(times):
-        return f"exact to {motions.exact_error[-1]:.0e} of the largest change, measured by a run at another tolerance"
-    return (
-        f"the exact motion is known to {HORIZON:g} of the largest change until t = {times[samples - 1]:g} s, and to"
-        f" {motions.exact_error[-1]:.1g} at the end, since the chain amplifies rounding errors; later errors are not"
-        " measured"
-    )
+    error, times, last = motions.exact_error, motions.case.sample_times_s, motions.known - 1
+    known = f"the exact motion is known to {error[last]:.0e} of the largest change"
+    lost = f" until t = {times[last]:g} s, to {error[-1]:.1g} at the end: later errors are not measured"
+    return known + lost * (motions.known < len(times))
 
 
 def _warnings(

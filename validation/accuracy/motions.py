@@ -17,14 +17,14 @@ from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
-from math import log2
+from math import log2, nan
 from typing import Any
 
 import numpy as np
 
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
-from drivers.chain.residual import largest_change_N, residual, share_of_change
+from drivers.chain.residual import FORCE, largest_change_N, share_of_change
 from drivers.chain.schemes import exact_of, verlet_of
 from drivers.chain.trace import Trace, part_of, until
 from drivers.engines import EXACT, VERLET, load_engine
@@ -193,15 +193,10 @@ class Motions:
         """Case of the motions."""
         return self.scheme.case
 
-    @property
-    def straight(self) -> bool:
-        """True if the chain is straight."""
-        return self.scheme.straight
-
     @cached_property
     def why_unknown(self) -> str:
         """Reason why the exact motion is not known; empty if it is."""
-        if not self.straight:
+        if not self.case.chain.straight:
             costly = 4 * self.case.chain.bodies * self.case.scene.steps > MAX_WORK
             most = f"more than {MAX_WORK:g} bodies times steps"
             return f"not measured: a run at a quarter of the step takes {most}" if costly else ""
@@ -235,7 +230,7 @@ class Motions:
     @cached_property
     def exact(self) -> Trace:
         """Exact motion at the samples at which it is known; in three dimensions some columns are extrapolated."""
-        if self.straight:
+        if self.case.chain.straight:
             return until(self.exact_to_end.trace, self.known)
         half, quarter = (until(trace, self.known) for trace in self.finer)
         columns = ("force_N", "kinetic_energy_J", *FIELDS.values())
@@ -250,7 +245,7 @@ class Motions:
 
         In three dimensions both are extrapolated.
         """
-        if self.straight:
+        if self.case.chain.straight:
             known = self.exact_to_end.first(self.known)
             return [known.sampled, known.true]
         half, quarter = (quantities(self.case, until(trace, self.known)) for trace in self.finer)
@@ -282,27 +277,23 @@ class Motions:
     @cached_property
     def known(self) -> int:
         """Number of samples at which the exact motion is known: by its error, in three dimensions by rounding."""
-        error = self.exact_error if self.straight else self.scheme.rounding
+        error = self.exact_error if self.case.chain.straight else self.scheme.rounding
         return max(1, int(np.searchsorted(error, HORIZON, side="right")))
 
     def scale(self, quantity: str) -> float:
         """Scale of errors, as ``Scheme.scale``, by the exact motion where that is known."""
         if self.why_unknown:
             return self.scheme.scale(quantity)
-        return scale_of_motion(self.case, self.exact_to_end.trace if self.straight else self.exact, quantity)
+        return scale_of_motion(self.case, self.exact_to_end.trace if self.case.chain.straight else self.exact, quantity)
 
 
-def predicted_error(case: Case, engine: str) -> Array:
-    """Largest force error of the engine's scheme at each sample, divided by the largest change. Shape (samples,).
-
-    NaN if the exact motion is not known.
-    """
+def predicted_error(case: Case, engine: str) -> float:
+    """Largest force error of the engine's scheme, divided by the largest change; NaN without the exact motion."""
     motions = motions_of(case, engine)
     if motions.why_unknown:
-        return np.full(case.scene.samples, np.nan)
-    with np.errstate(over="ignore", invalid="ignore"):  # too large a step blows up
-        error = residual(until(motions.scheme_of(engine), motions.known), motions.exact)
-    return np.nan_to_num(error, nan=np.inf)
+        return nan
+    error, *_ = largest_difference(FORCE, motions.scheme_of(engine), motions.exact, motions.scale(FORCE))
+    return error
 
 
 def motions_of(case: Case, engine: str = VERLET, limit_s: float | None = None) -> Motions:

@@ -1,6 +1,5 @@
 """Output of ``beads plan``: time step, stability, errors, cheapest engine, other accuracies, horizon."""
 
-import time
 from collections.abc import Collection, Iterator
 from dataclasses import asdict
 from pathlib import Path
@@ -48,7 +47,7 @@ def plan_report(source: str | Path, settings: tuple[str, ...] = (), among: Colle
     engines = [(name, load_engine(name).shear, asdict(cost_on(name))) for name in capable_engines(case, among)]
     there = [(name, fault(case, name)) for name in installed(name for name, *_ in engines)]
     scenes = [variant.scene.model_dump(mode="json") for variant in (case, case.full) if variant]
-    report = _straight if case.chain.lateral is None else _three_dimensional
+    report = _straight if case.chain.straight else _three_dimensional
     lines = kept(["plan", scenes, engines, there], lambda: [*report(case, among)])
     yield from (f"{case.scene.name}: {case.summary}", *lines)
     for trace in traces:
@@ -56,14 +55,12 @@ def plan_report(source: str | Path, settings: tuple[str, ...] = (), among: Colle
 
 
 def _straight(case: Case, among: Collection[str]) -> Iterator[str]:
-    began = time.perf_counter()
     steps, plan = case.scene.steps_per_sample, case.plan
     asked = plan.asked if plan else {FORCE: 0.0}
     chooser = Chooser(case, {name: share / TENFOLD for name, share in asked.items()})
     errors = plan.predicted if plan else dict(chooser.errors_at(steps))
     scheme = scheme_of(case)
     rows = [*_rows(case, chooser, asked if plan else errors, errors)]
-    seconds = time.perf_counter() - began
 
     why = AS_GIVEN
     if plan:
@@ -93,8 +90,6 @@ def _straight(case: Case, among: Collection[str]) -> Iterator[str]:
         "",
         f"horizon    codes can be compared point by point{scheme.until_horizon or ' to the end'}",
     )
-    if plan:
-        yield f"planned in {1e3 * plan.seconds:.0f} ms with {plan.trials} trial runs, table in {1e3 * seconds:.0f} ms"
 
 
 def _three_dimensional(case: Case, among: Collection[str]) -> Iterator[str]:
@@ -109,7 +104,7 @@ def _three_dimensional(case: Case, among: Collection[str]) -> Iterator[str]:
         if motions.why_unknown:
             yield f"predicted  {motions.why_unknown}"
             return
-        error, end_ms = float(predicted_error(case, name).max()), 1e3 * case.sample_times_s[motions.scheme.samples - 1]
+        error, end_ms = predicted_error(case, name), 1e3 * case.sample_times_s[motions.scheme.samples - 1]
         order = f"order of convergence {motions.order:.2g}"
         yield f"predicted  relative error: force {error:.3g} on {name}; {order}; comparable until {end_ms:.4g} ms"
 

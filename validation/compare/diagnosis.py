@@ -85,7 +85,7 @@ def diagnosis(case: Case, engine: str, trace: Trace) -> tuple[str, str]:
 def _cause(scheme: Scheme, engine: str, trace: Trace) -> str:
     """The change of the scene that explains a run, else the largest ratios of its law."""
     case, samples = scheme.case, min(scheme.samples, len(trace.time_s))
-    if case.chain.lateral is not None or samples < MIN_SAMPLES or case.work > MAX_WORK:
+    if not case.chain.straight or samples < MIN_SAMPLES or case.work > MAX_WORK:
         return f"no cause sought with {samples} samples, {case.work:g} bodies times steps, or in three dimensions"
     force, table = trace.force_N[:samples], measured_ratios(case, trace)
     limits_N = scheme.explained(FORCE)[:samples, np.newaxis] * max(scheme.scale(FORCE), largest_change_N(force))

@@ -78,7 +78,7 @@ def forces_of(chain: Chain, duration_s: float) -> tuple[Array, Array]:
         ArithmeticError: scipy does not converge.
         ValueError: the chain has loads, damping or lateral motion.
     """
-    if chain.load_N.any() or chain.damped or chain.lateral is not None:
+    if chain.load_N.any() or chain.damped or not chain.straight:
         raise ValueError("a chain with loads, damping or sideways motion")
     mass, stiffness = float(chain.mass_kg[0]), float(chain.stiffness.max())
     speed = float(np.abs(chain.velocity_m_s).max())

@@ -85,7 +85,7 @@ def test_faultless_runs_pass_and_their_parts_add_up(settings: tuple[str, ...]) -
     case = case_of(*settings)
     motions = motions_of(case)
     runs = {VERLET: motions.scheme.plain, A_CODE: motions_of(case, A_CODE).scheme.plain}
-    if motions.straight:
+    if motions.case.chain.straight:
         runs |= {A_CODE: motions.scheme.rounded, REFERENCE: motions.exact}
     for engine, trace in runs.items():
         budget = budget_of(case, engine, trace)
