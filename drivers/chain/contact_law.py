@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from drivers.scene.model import Material
-from validation.reference.hertz_chain import ENERGY_SHARE, EXPONENT, Array
+from validation.reference.hertz_chain import EXPONENT, Array
 
 Value = TypeVar("Value", float, Array)  # stiffnesses of type Any are also floats or Arrays
 # k or k_t of a contact, from material and radius of both bodies
@@ -98,9 +98,3 @@ def contact_stiffness(stiffness: float | Array, overlap_m: Array) -> Array:
 def contact_stiffness_at(stiffness: float, force_N: float) -> float:
     """Tangent stiffness at the force F, ``(3/2) k^(2/3) F^(1/3)``, in N/m."""
     return float(EXPONENT * float(stiffness) ** (2 / 3) * float(force_N) ** (1 / 3))
-
-
-def overlap_of_energy(stiffness: Value, energy_J: float) -> Value:
-    """Overlap at which a contact has the elastic energy E, ``d = (5 E / (2 k))^(2/5)``, in m."""
-    overlap: Value = ((1 + EXPONENT) * energy_J / stiffness) ** ENERGY_SHARE
-    return overlap
