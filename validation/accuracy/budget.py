@@ -136,9 +136,8 @@ def _rows(motions: Motions, engine: str, trace: Trace) -> tuple[list[dict[str, A
 
     observed = [quantities(motions.case, stage) for stage in stages[:3]] + motions.values
     observed += [full.values[1]] if full else []
-    for name in observed[-1]:
-        if all(name in values for values in observed) and (scale := scale_of(name, observed[-1])):
-            rows.append(_row(name, [values[name] / scale for values in observed]))
+    scales = {name: scale_of(name, observed[-1]) for name in observed[-1] if all(name in values for values in observed)}
+    rows += [_row(name, [values[name] / scale for values in observed]) for name, scale in scales.items() if scale]
     missing = [name for name, true in observed[-1].items() if true and name not in observed[0]]
     return rows, [f"missing in the run, present in the exact motion: {', '.join(missing)}"] if missing else []
 
