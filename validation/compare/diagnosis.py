@@ -9,7 +9,7 @@ than rounding explains.
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,14 +62,8 @@ class Ratio:
 
 Places = NDArray[np.bool_]  # contacts or bodies of a group. Shape (bodies,)
 Values = dict[str, Any]  # changed values of a chain
-
-
-class Change(NamedTuple):
-    """A change of the scene: words with its factor, changed values by the factor, the first factor to try."""
-
-    words: str
-    changed: Callable[[float], Values]
-    first: float
+# words of a change of the scene with its factor, changed values by the factor, and the first factor to try
+Change = tuple[str, Callable[[float], Values], float]
 
 
 def diagnosis(case: Case, engine: str, trace: Trace) -> tuple[str, str]:
@@ -154,17 +148,17 @@ def _fitted(columns: list[Array], target: Array) -> list[tuple[float, float]]:
 
 def _explains(case: Case, change: Change, force_N: Array, limits_N: Array, *, early: bool) -> str:
     """Words of a change that explains forces to within their limits, with its fitted factor; else empty."""
-    factor, samples, before = change.first, len(force_N), np.inf
+    (words, changed, factor), samples, before = change, len(force_N), np.inf
     with np.errstate(all="ignore"):
         for _ in range(MAX_TRIES):
-            made = _forces(case, change.changed(factor), early=early)[:samples]
+            made = _forces(case, changed(factor), early=early)[:samples]
             off = np.abs(force_N - made)
             if (off <= limits_N).all():
-                return change.words.format(f"{abs(factor):.7g}")
+                return words.format(f"{abs(factor):.7g}")
             if not (off**2).sum() < CONVERGED * before:
                 break
             before = float((off**2).sum())
-            slope = (_forces(case, change.changed(factor + PROBE), early=early)[:samples] - made) / PROBE
+            slope = (_forces(case, changed(factor + PROBE), early=early)[:samples] - made) / PROBE
             step = float((slope * (force_N - made)).sum() / (slope**2).sum())
             factor += min(max(step, -0.5), 0.5)
     return ""
@@ -210,15 +204,15 @@ def _changes(case: Case, trace: Trace, table: list[Ratio]) -> Iterator[Change]:
         ("a viscous drag of {} N s/m on each body", "viscous", dragged, 0.0),
     ):
         if np.any(value):
-            yield Change(words, partial(_times, name, value), factor)
+            yield words, partial(_times, name, value), factor
     for name in sorted({*chain.materials, chain.wall or ""} & {*materials}):
-        yield Change(f"Young's modulus of {name} {{}} times the scene's", partial(harder, name), guess("stiffness"))
+        yield f"Young's modulus of {name} {{}} times the scene's", partial(harder, name), guess("stiffness")
     pairs = np.array([f"{a} with {b}" for a, b in zip(chain.materials, (chain.wall, *chain.materials), strict=False)])
     contacts, beads = groups("contact", "stiffness"), groups("bead", "mass")
     for name, at in (contacts | {f"contacts of {pair}": pairs == pair for pair in sorted({*pairs})}).items():
-        yield Change(f"{name} {{}} times as stiff", partial(stiffer, at), guess("stiffness", at))
+        yield f"{name} {{}} times as stiff", partial(stiffer, at), guess("stiffness", at)
     for name, at in beads.items():
-        yield Change(f"{name} with {{}} of its mass", partial(heavier, at), guess("mass", at))
+        yield f"{name} with {{}} of its mass", partial(heavier, at), guess("mass", at)
 
 
 def _times(name: str, value: Any, factor: float) -> Values:
