@@ -47,7 +47,9 @@ def _headline(compared: ComparedScene, asked: EngineSelection) -> str:
     """Summary of the checks; says first which engines that have to run did not."""
     rest = [check for check in compared.checks if check.verdict != NOT_RUN or check.engine not in asked.needed]
     missing = [f"{check.engine} did not run ({check.where})" for check in compared.checks if check not in rest]
-    return f"{'not judged: ' * bool(missing)}{'; '.join([*missing, summary(rest)])}"
+    if not missing or outcome(rest) == FAIL:
+        return summary(compared.checks)
+    return f"not judged: {'; '.join([*missing, summary(rest)])}"
 
 
 def _brief_lines(compared: ComparedScene) -> Iterator[str]:
