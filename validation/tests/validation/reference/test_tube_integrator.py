@@ -18,7 +18,7 @@ from drivers.limits.stable_step import step_limit, two_over_omega
 from validation.accuracy.budget import budget_of
 from validation.reference.hertz_chain import Extremes, TubeMotion
 from validation.reference.tube import integrate_tube
-from validation.reference.velocity_verlet import integrate_verlet
+from validation.reference.velocity_verlet import follow_verlet, integrate_verlet
 from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import case_of
 
@@ -80,6 +80,13 @@ def test_a_chain_on_the_axis_moves_as_a_straight_chain() -> None:
     expected = integrate_verlet(arrays_of(straight.chain), scene.time_step_s, scene.steps_per_sample, scene.samples)
     assert np.abs(motion.force_N - expected.force_N).max() < ROUNDED * expected.force_N.max()
     assert not motion.place_m[:, :, :2].any()
+    coarse_s, steps = 15e-6, 20
+    reached = integrate_tube(tube_arrays_of(chain), coarse_s, 2, steps // 2 + 1, extremes=True).extremes
+    same = follow_verlet(arrays_of(straight.chain), coarse_s, steps)
+    assert reached is not None
+    assert reached.kinetic_J == pytest.approx(same.kinetic_J, rel=1e-9)
+    assert reached.risen_J == pytest.approx(same.risen_J, rel=1e-6)
+    assert same.risen_J > 1e-2 * same.kinetic_J
 
 
 def test_the_budget_measures_the_truncation_and_names_the_other_law() -> None:
