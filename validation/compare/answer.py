@@ -82,7 +82,7 @@ def answer(scenes: Sequence[ComparedScene], cases: Outcomes | None = None) -> li
     rows = {scene.case.scene.name: _outcomes(scene) for scene in scenes}
     judged = [check for scene in scenes for check in scene.checks if check.verdict != NOT_RUN]
     right = [check for check in judged if rows[check.scene][check.engine] not in (FAIL, INACCURATE)]
-    codes = in_order({check.engine for check in right if not load_engine(check.engine).in_repository})
+    codes = [name for name in in_order({check.engine for check in right}) if not load_engine(name).in_repository]
     failed = [*_by_engine(rows | dict(cases or {}), FAIL, "fails on")]
     failed += _by_engine(rows, INACCURATE, "is right but not accurate enough on")
     first = "Yes." if codes else "Not known whether the codes are right: none of them ran."
