@@ -21,7 +21,7 @@ from drivers.base.progress import following, say
 from drivers.chain.case import Case
 from drivers.chain.trace import finite_part
 from drivers.engines import Engine, load_engine
-from drivers.limits.refusal import refuse
+from drivers.limits.refusal import inability, refuse
 from drivers.run.build import Build, build_of
 from drivers.run.compute import Computed, compute
 from drivers.run.execute import execute
@@ -163,7 +163,7 @@ def refuse_all(jobs: Sequence[tuple[Case, str]], runs: Path) -> None:
 def is_done(case: Case, engine_name: str, runs: Path) -> bool:
     """True if there is a finished run of a case on an engine."""
     engine = load_engine(engine_name)
-    if engine.find() is None:
+    if engine.find() is None or inability(case, engine_name):  # whose deck cannot be rendered
         return False
     run = find_run(runs / engine_name, run_identity(engine_name, build_of(engine), engine.render(case).sha256), {})
     return run is not None and run.done

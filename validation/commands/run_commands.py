@@ -54,7 +54,9 @@ def run(
     asked = [next(auto) if name == AUTO else name for name in dict.fromkeys(engines)]
     names = list(dict.fromkeys(asked or installed(engine_names())))
     missing = [] if asked else [name for name in engine_names() if name not in names]
-    refusals = {} if asked else {name: error for name in names if (error := inability(case, name))}
+    refusals = {name: error for name in names if (error := inability(case, name))}
+    for refusal in refusals.values() if asked else ():
+        raise refusal
     names = [name for name in names if name not in refusals]
     for name in [] if unsafe else names:
         if rerun or not is_done(case, name, runs):

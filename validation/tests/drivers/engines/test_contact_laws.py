@@ -18,6 +18,7 @@ from drivers.laws import LAWS
 from drivers.laws.law import Dissipation
 from drivers.laws.viscoelastic import damping_ratio, restitution
 from drivers.limits.refusal import inability
+from drivers.run.run import run_all_done
 from validation.accuracy.budget import MODEL, budget_of
 from validation.accuracy.motions import exact_motion_of
 from validation.checks import PASS
@@ -26,6 +27,7 @@ from validation.reference.hertz_chain import Array
 from validation.reference.velocity_verlet import integrate_verlet, integrate_verlet_absolute
 from validation.tests.helpers import high_precision
 from validation.tests.helpers.by_power import forces_at
+from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import assessed, finished, need
 from validation.tests.helpers.scenes import case_of
 
@@ -241,6 +243,18 @@ def test_codes_refuse_by_name_what_they_lack(settings: tuple[str, ...], engine: 
     problem = inability(case_of("fig4", *settings), engine)
     assert (problem is not None) == bool(message)
     assert message in str(problem)
+
+
+@pytest.mark.parametrize("more", [(), ("--unsafe",), ("--rerun",)])
+def test_the_command_refuses_a_law_before_it_renders_a_deck(more: tuple[str, ...], tmp_path: Path) -> None:
+    """There is no deck of the case to find a finished run by."""
+    need("liggghts")
+    words = [word for setting in SETTINGS["power"] for word in ("--set", setting)]
+    refused = beads("run", "fig4", *words, "--engine", "liggghts", "--runs", tmp_path, *more)
+    assert (refused.returncode, refused.stdout, len(refused.stderr.splitlines())) == (2, "", 1)
+    assert "on liggghts another law" in refused.stderr
+    with pytest.raises(InputError, match="on liggghts another law"):
+        run_all_done([(case_of("fig4", *SETTINGS["power"]), "liggghts")], tmp_path)
 
 
 @pytest.mark.parametrize(
