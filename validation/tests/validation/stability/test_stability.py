@@ -172,9 +172,9 @@ def test_a_run_too_long_for_a_trial_is_tried_in_part(monkeypatch: pytest.MonkeyP
 
 def test_a_plan_says_which_trials_blow_up() -> None:
     stable, blows_up, *_ = (line for line in plan_report("fig4") if line.startswith("stability") or "next one" in line)
-    assert stable.startswith("stability  stable up to 18.8")
-    assert "µs, by trials; this run uses 0.531 % of that" in stable
-    assert "the next one, at 18.8" in blows_up
+    assert stable.startswith("stability  stable up to 18.2")
+    assert "µs, by trials; this run uses 0.547 % of that" in stable
+    assert "the next one, at 18.3" in blows_up
     refused = " ".join(plan_report("fig4", TOO_LARGE))
     assert "a trial at this step gains " in refused
     assert "the run is refused" in refused
@@ -185,7 +185,7 @@ def test_a_step_that_blows_up_is_refused_and_unsafe_runs_it(tmp_path: Path) -> N
     words = ["run", "fig4", *words_of(TOO_LARGE), "--runs", str(tmp_path), *engines]
     refused = beads(*words)
     assert (refused.returncode, refused.stdout, len(refused.stderr.splitlines())) == (2, "", 1)
-    assert "run.time_step: found 2e-05 s; allowed: at most 1.87" in refused.stderr
+    assert "run.time_step: found 2e-05 s; allowed: at most 1.82" in refused.stderr
     assert not list(tmp_path.rglob("run.json"))
     step = refused.stderr.partition("at most ")[2].partition(" s;")[0]
     refuse(case_of("fig4", f"run.time_step={step} s", f"run.sample_interval={step} s"), "verlet")
