@@ -35,7 +35,7 @@ GAIN, GAIN_DRIVEN = 0.8, 4.0
 REST_SHARE = 1e-6  # of the elastic energy at time 0: less kinetic energy is rest
 # bodies times steps of a trial, and of all trials of a scan: some tenths of a second, with a drive some seconds
 MAX_WORK, MAX_WORK_3D = 100_000_000, 5_000_000
-SCAN_WORK, SCAN_WORK_3D = 20_000_000, 1_000_000
+SCAN_WORK, SCAN_WORK_3D = 10_000_000, 1_000_000
 FINENESS, COARSE = (
     1.001,
     1.05,
