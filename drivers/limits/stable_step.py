@@ -36,10 +36,7 @@ REST_SHARE = 1e-6  # of the elastic energy at time 0: less kinetic energy is res
 # bodies times steps of a trial, and of all trials of a scan: some tenths of a second, with a drive some seconds
 MAX_WORK, MAX_WORK_3D = 100_000_000, 5_000_000
 SCAN_WORK, SCAN_WORK_3D = 10_000_000, 1_000_000
-FINENESS, COARSE = (
-    1.001,
-    1.05,
-)  # factors between the steps of a scan; a window of blow-up may be that narrow
+FINENESS, COARSE = 1.002, 1.05  # factors between the steps of a scan; windows of blow-up are narrow
 MAX_HALVINGS = 64
 SCANNED = 8.0  # largest step of a scan, divided by 2 / omega
 EXACT_SHARE = 1e-3  # of an error: allowed error of the exact motion against which it is measured
