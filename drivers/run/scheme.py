@@ -26,6 +26,7 @@ ROUNDING_MARGIN = 10.0  # engines add in another order than the in-repo scheme: 
 ROUNDING_REASON = (
     f"{ROUNDING_MARGIN:g} times the effect of rounding absolute coordinates, measured in-repo on this scene"
 )
+MOMENTUM_SHARE = 1e-2  # of the momentum of all bodies together at the largest kinetic energy: less cancels
 AGREEMENT = 1e-2  # of the largest change: runs that differ by more do not agree at all
 FIELDS = {"energy": "total_energy_J", "momentum": "momentum_N_s"}  # compared columns of a trace besides the forces
 COMPARED = (FORCE, *FIELDS)
@@ -138,8 +139,9 @@ class Scheme:
         Raises:
             ArithmeticError: the exact motion, with which a run of ``reference`` is compared, fails.
         """
-        scheme = until(self.of(engine), min(self.samples, len(trace.time_s)))
-        trace = with_work(trace, scheme)
+        samples = min(self.samples, len(trace.time_s))
+        scheme = until(self.of(engine), samples)
+        trace = with_work(until(trace, samples), scheme)
         for quantity in COMPARED:
             has, right, scale = field_of(trace, quantity), field_of(scheme, quantity), self.scale(quantity)
             share = apart(has, right, scale)
@@ -176,7 +178,10 @@ def scale_of_motion(case: Case, motion: Trace, quantity: str) -> float:
         return largest_kinetic_J(case.chain, motion)
     resting = is_at_rest(motion.force_N)
     loads = abs(float(case.chain.load_N.sum())) * float(motion.time_s[-1]) if resting else 0.0
-    return max(float(np.abs(motion.momentum_N_s).max()), moving_at_start(case.chain), loads) or 1.0
+    # of a total momentum that vanishes at all samples, while bodies move against each other or between samples
+    least = MOMENTUM_SHARE * np.sqrt(2 * case.chain.mass_kg.sum() * largest_kinetic_J(case.chain, motion))
+    largest = float(np.abs(motion.momentum_N_s).max())
+    return max(largest, moving_at_start(case.chain), loads, float(least)) or 1.0
 
 
 def field_of(trace: Trace, quantity: str) -> Array:

@@ -154,9 +154,10 @@ def _model_checks(motions: Motions, engine: str, trace: Trace) -> Iterator[Check
         return
     scheme = motions.scheme
     right = until(scheme.of(engine), scheme.samples)
+    trace = with_work(until(trace, scheme.samples), right)
     for quantity in COMPARED:
         scale, limits = scheme.scale(quantity), scheme.explained(quantity)
-        size, (sample, _), where = largest_difference(quantity, with_work(trace, right), right, scale, limits)
+        size, (sample, _), where = largest_difference(quantity, trace, right, scale, limits)
         limit, where = scheme.tolerance_at(quantity, sample), where + scheme.until_horizon
         yield judged(motions.case.scene.name, engine, f"{MODEL}: {quantity}", size, limit, where)
 

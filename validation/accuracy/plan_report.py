@@ -57,7 +57,14 @@ def plan_report(source: str | Path, settings: tuple[str, ...] = (), among: Colle
 def _straight(case: Case, among: Collection[str]) -> Iterator[str]:
     steps, plan = case.scene.steps_per_sample, case.plan
     asked = plan.asked if plan else {FORCE: 0.0}
-    chooser = Chooser(case, {name: share / TENFOLD for name, share in asked.items()})
+    try:
+        chooser = Chooser(case, {name: share / TENFOLD for name, share in asked.items()})
+    except InputError as error:
+        if plan:
+            raise
+        yield from (*_stability(case, TOTAL, AS_GIVEN), *_engines(case, among))
+        yield f"predicted  not measured: {error.args[2].partition(';')[0]}"
+        return
     errors = plan.predicted if plan else dict(chooser.errors_at(steps))
     scheme = scheme_of(case)
     rows = [*_rows(case, chooser, asked if plan else errors, errors)]

@@ -37,6 +37,20 @@ CASES = {
 }  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    "settings",
+    [
+        pytest.param(("drive.frequency=1 MHz",), id="rounding separates two runs after 20 of 1001 samples"),
+        pytest.param(("drive.frequency=1 MHz", "drive.window=", "drive.cycles="), id="no momentum at any sample"),
+    ],
+)
+def test_right_runs_of_fast_drives_pass(settings: tuple[str, ...]) -> None:
+    case = case_of("driven-steel", "wall=", "chain.precompression=", "chain.origin=", *settings)
+    for engine in codes():
+        need(engine)
+        assert compute(case, engine).fault is None, engine
+
+
 @pytest.mark.parametrize("name", CASES)
 def test_codes_agree_with_velocity_verlet_and_a_plan_keeps_its_accuracy(name: str, tmp_path: Path) -> None:
     for unit, low, high in (("force_N", -9, 3), ("displacement_nm", -1500, 500)):
