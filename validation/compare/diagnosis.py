@@ -222,10 +222,10 @@ def _times(name: str, value: Any, factor: float) -> Values:
 def _forces(case: Case, changed: Values, *, early: bool) -> Array:
     """Forces of a case with some values of its chain changed. Shape (samples, bodies).
 
-    They are those that an adapter would read: the codes give net forces on bodies, and the adapter subtracts the loads
-    of the scene from the lowest body upwards. Besides arrays of ``HertzChain``, ``changed`` may have a time step and
-    the coefficients of ``_dragged``. With ``early`` the deck has the velocities of half a step before time 0, by the
-    forces of the scene, as YADE's.
+    They are those that an adapter would read. YADE gives the forces of contacts, and its deck (``early``) has the
+    velocities of half a step before time 0, by the forces of the scene. The others give net forces on bodies, from
+    which the adapter subtracts the loads of the scene from the lowest body upwards. Besides arrays of ``HertzChain``,
+    ``changed`` may have a time step and the coefficients of ``_dragged``.
     """
     scene, chain, values = case.scene, case.chain, dict(changed)
     step_s = float(values.pop("time_step_s", scene.time_step_s))
@@ -239,7 +239,7 @@ def _forces(case: Case, changed: Values, *, early: bool) -> Array:
         return _dragged(case, arrays, *drag)
     where, counts = heights_and_reach(case), (scene.steps_per_sample, scene.samples)
     forces = integrate_verlet_absolute(arrays, *where, step_s, *counts).force_N
-    return np.asarray(forces - np.append(0.0, np.cumsum(arrays.load_N - chain.load_N)[:-1]))
+    return forces if early else np.asarray(forces - np.append(0.0, np.cumsum(arrays.load_N - chain.load_N)[:-1]))
 
 
 def _dragged(case: Case, chain: HertzChain, local: float, viscous: float) -> Array:
