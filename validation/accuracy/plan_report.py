@@ -174,8 +174,9 @@ def _stability(case: Case, law: str, why: str) -> Iterator[str]:
     yield f"           {blown_up}"
     if problem := why_unstable(case, law):
         yield f"           a trial at this step {problem}: the run is refused"
-    others = (f"{label} {_us(fraction * time(case))}" for label, (fraction, time) in CRITERIA.items())
-    yield f"           usual criteria, which ignore the motion: {', '.join(others)}"
+    criteria = {label: fraction * time(case) for label, (fraction, time) in CRITERIA.items()}
+    others = ", ".join(f"{label} {_us(step_s)}" for label, step_s in criteria.items() if step_s < float("inf"))
+    yield f"           usual criteria, which ignore the motion: {others}"
 
 
 def _listed(errors: dict[str, float]) -> str:
