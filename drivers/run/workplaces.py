@@ -24,6 +24,7 @@ LEASE = "lease.json"
 ALIVE = "alive"
 ALIVE_S = 120.0  # a workplace of another machine is alive if touched within this time
 ABANDONED_S = 86400.0  # and abandoned if not touched for this time
+REMOVALS, REMOVAL_S = 20, 0.05  # attempts to remove a folder in which a killed code still removes its own files
 NO_LOCKS = (OSError, NotImplementedError)  # on a file system without locks
 
 
@@ -42,7 +43,11 @@ def workplace(home: Path) -> Iterator[Path]:
         (folder / "unlocked").rename(folder / ALIVE)
         yield folder
     finally:
-        shutil.rmtree(folder, ignore_errors=True)
+        for _ in range(REMOVALS):
+            shutil.rmtree(folder, ignore_errors=True)
+            if not folder.exists():
+                break
+            time.sleep(REMOVAL_S)
         lock.release(force=True)
 
 
