@@ -29,8 +29,8 @@ from validation.reference.velocity_verlet import follow_verlet
 
 RESOLVED = 0.25  # largest step of a resolved motion, divided by 2 / omega
 # energy gained by an unstable step / largest kinetic energy. Without a drive less than a doubling: over hundreds of
-# impacts the energy wanders, and steps between those tried may double it. A small shift of a resonance changes the
-# kinetic energy several times.
+# impacts the energy wanders, and steps between those tried may double it. With a drive more: a small shift of a
+# resonance changes the kinetic energy several times.
 GAIN, GAIN_DRIVEN = 0.8, 4.0
 REST_SHARE = 1e-6  # of the elastic energy at time 0: less kinetic energy is rest
 # bodies times steps of a trial, and of all trials of a scan: some tenths of a second, with a drive some seconds
@@ -48,6 +48,7 @@ class Trial:
     """Motion of a chain by velocity Verlet at one step.
 
     Attributes:
+        chain: chain that moves.
         step_s: time step.
         until_s: time until which the motion was followed.
         extremes: extreme values of the motion.

@@ -36,7 +36,7 @@ from drivers.chain.trace import Trace, until, with_work
 from drivers.engines import EXACT, load_engine
 from drivers.run.run_folder import EndedRun
 from drivers.run.scheme import COMPARED, field_of, judged_until, largest_difference
-from postproc.read.observables import of_kind, scale_of
+from postproc.read.observables import describe, of_kind, scale_of
 from postproc.read.sensors import signals_csv
 from validation.accuracy.motions import HORIZON, Motions, errors_of, motions_of, quantities
 from validation.checks import FAIL, Check, judged
@@ -178,7 +178,7 @@ def _error_checks(motions: Motions, engine: str, trace: Trace, rows: list[dict[s
         return
     what = "the error of the exact motion" if motions.case.chain.straight else "rounding alone"
     for name, ceiling in CEILINGS.items():
-        alike = [row for row in rows if row["quantity"] in (name, *of_kind([row["quantity"]], name.rstrip("s")))]
+        alike = [row for row in rows if name in (row["quantity"], f"{describe(row['quantity']).kind}s")]
         if not alike:
             continue
         row = max(alike, key=lambda each: np.nan_to_num(abs(each["whole"]), nan=np.inf))
