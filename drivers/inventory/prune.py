@@ -11,7 +11,6 @@ from pathlib import Path
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
 from drivers.base.processes import UNKNOWN_VERSION
-from drivers.batch.store import WORK, Store
 from drivers.engines import engine_names, load_engine
 from drivers.inventory.run_folders import UNREADABLE, batches_text, kept_runs, key_of, select, size_below, size_text
 from drivers.run.build import Build, build_of
@@ -44,7 +43,7 @@ def prune(
     With ``dry_run`` nothing is removed, and the runs to be removed are listed.
     """
     kept = kept_runs(runs)
-    homes = [runs / engine for engine in engines] or [*runs.glob("[!.]*/"), Store(runs).folder / WORK]
+    homes = [runs / engine for engine in engines] or [*runs.glob("[!.]*/")]
     left = [] if scenes or settings else [folder for home in homes for folder in leftovers(home)]
     left_bytes = sum(map(size_below, left))
     reasons = _reasons(kept)

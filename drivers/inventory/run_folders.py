@@ -17,7 +17,6 @@ from drivers.base import paths
 from drivers.base.errors import InputError, one_line
 from drivers.base.text_table import text_table
 from drivers.base.units import to_si
-from drivers.batch.store import ENDING, WORK, Store
 from drivers.run.run_folder import DAMAGED, FOLDER_NAME, EndedRun, RunRecord, in_si, read_record
 from drivers.scene.model import Scene
 from drivers.scene.read_scene import read_scene, read_value
@@ -62,8 +61,7 @@ def _asked_keys(source: str, base: Json) -> list[str]:
 
 def kept_runs(runs: Path) -> list[EndedRun]:
     """All runs of a folder, damaged ones among them, the newest last; other folders are ignored."""
-    batches = Store(runs).folder
-    read = (_read(folder) for folder in runs.glob("[!.]*/[!.]*") if folder.parent != batches)
+    read = (_read(folder) for folder in runs.glob("[!.]*/[!.]*"))
     return sorted(filter(None, read), key=lambda run: (run.ended, run.folder))
 
 
@@ -237,10 +235,8 @@ def print_runs(runs: Path, scenes: Sequence[str], engines: Sequence[str], settin
 
 def batches_text(runs: Path) -> str:
     """Number and size of the rows of batches, as text; empty if there are none."""
-    folder = Store(runs).folder
-    rows = sum(file.read_bytes().count(b"\n") for file in folder.glob(f"*{ENDING}") if file.is_file())
-    size = size_text(size_below(folder) - size_below(folder / WORK))
-    return f"{paths.shown(folder)}: {rows:,} rows of batches: {size}" if folder.is_dir() else ""
+    file = runs / "batch.sqlite"
+    return f"{paths.shown(file)}: rows of batches: {size_text(file.stat().st_size)}" if file.exists() else ""
 
 
 def size_below(folder: Path) -> int:
