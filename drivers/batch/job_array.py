@@ -15,6 +15,7 @@ from drivers.base import paths
 from drivers.base.errors import RunError
 from drivers.batch.rows import CHUNK, Batch
 from drivers.chain.case import Case
+from drivers.engines import load_engine
 
 MAX_ARRAY_SIZE = 1001  # Slurm's default
 SECONDS_PER_TASK = 60.0  # shorter tasks are dominated by the scheduler
@@ -35,7 +36,7 @@ SCRIPT = """\
 #SBATCH --time={minutes}
 #SBATCH --mem={megabytes}M
 {options}set -e
-export PATH={path}:"$PATH"
+export PATH={path}"$PATH"
 {lines}export {variable}={entries}
 cd {root}
 exec {command} --slice "$SLURM_ARRAY_TASK_ID/{parts}"
@@ -75,7 +76,8 @@ def job_script(
     command += [word for pattern in request.patterns for word in ("--only", pattern)]
     command += ["--retry"] if request.retry else []
     folder = (request.runs / FOLDER).resolve()
-    programs = [word for name in batch.here for word in batch.builds[name].command if "/" in word]
+    codes = [name for name in batch.here if not load_engine(name).in_repository]
+    programs = [word for name in codes for word in batch.builds[name].command if "/" in word]
     unfinished = set(todo)
     slices = [part for part in range(1, parts + 1) if not unfinished.isdisjoint(batch.slice_of(part, parts))]
     text = SCRIPT.format(
@@ -86,7 +88,7 @@ def job_script(
         array=_ranges(slices),
         output=shlex.quote(str(folder / OUTPUT.format(study=study.name, job="%A", task="%a"))),
         options="".join(f"{line}\n" for line in lines if line.startswith("#SBATCH")),
-        path=shlex.quote(os.pathsep.join(dict.fromkeys(str(Path(program).parent) for program in programs))),
+        path="".join(f"{shlex.quote(folder)}:" for folder in dict.fromkeys(str(Path(p).parent) for p in programs)),
         minutes=ceil(max(MARGIN * task_s, LEAST_TIME_S) / 60),
         megabytes=ceil(memory / 1e8) * 100,
         lines="".join(f"{line}\n" for line in lines if not line.startswith("#SBATCH")),
