@@ -32,6 +32,7 @@ STATES = ("done", "failed", "timeout", "refused", "stale", "claimed", "to do", "
 WORKER_COSTS = ("start_s", "engine_s", "workflow_s", "reference_s")  # they add up to a worker's time
 MAX_CASES = 20_000  # more need --yes
 MAX_LINES = 20  # on failed rows
+MARGIN = 3.0  # of the time limit of a job over its expected time; machines differ
 
 
 @dataclass(frozen=True)
@@ -234,7 +235,7 @@ def expected_s(batch: Batch, store: Store, todo: dict[str, list[int]], sample: S
             seconds += len(numbers) * spent / len(of_study)
         elif rows:
             work = sum(case.work for case in sample) / len(sample)
-            seconds += len(numbers) * work * spent / sum(row.bodies_times_steps for row in rows)
+            seconds += len(numbers) * work * spent / sum(row.bodies_times_steps or 0 for row in rows)
     return seconds
 
 
@@ -248,10 +249,9 @@ def _job_script(
     if parts > limit:
         print(f"{parts} tasks cut to {limit}, the limit of job arrays here (MaxArraySize)")
         parts = limit
-    if time_s is None:
-        longest_s = batch.study.file.limit or max(map(default_limit_s, sample))
-        time_s = longest_s * sum(map(len, todo.values()))
-    return job_script(batch, numbers, parts, array.lines, time_s / parts, max(map(memory_bytes, sample)))
+    row_limit_s = batch.study.file.limit or max(map(default_limit_s, sample))
+    limit_s = row_limit_s * sum(map(len, todo.values())) if time_s is None else MARGIN * time_s
+    return job_script(batch, numbers, parts, array.lines, limit_s / parts, max(map(memory_bytes, sample)))
 
 
 def _print_plan(

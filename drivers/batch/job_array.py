@@ -22,7 +22,6 @@ SECONDS_PER_TASK = 60.0  # shorter tasks are dominated by the scheduler
 POLL_INTERVAL_S = 2.0
 MAX_FAILURES = 30  # of squeue in a row
 FOLDER = ".slurm"  # in the runs folder
-MARGIN = 3.0  # of the time limit of a task; machines differ
 LEAST_TIME_S = 600.0  # of a task: its start from a network file system may take minutes
 LEAST_BYTES, BYTES_PER_VALUE = 1.5e9, 400.0  # memory of a worker and a code, and for each body and sample
 OUTPUT = "{study}-{job}_{task}.txt"
@@ -61,12 +60,12 @@ def memory_bytes(case: Case) -> float:
 
 
 def job_script(
-    batch: Batch, todo: list[int], parts: int, lines: Sequence[str], task_s: float, memory: float
+    batch: Batch, todo: list[int], parts: int, lines: Sequence[str], limit_s: float, memory: float
 ) -> tuple[Path, str, int]:
     """File and text of the script of a job array for the slices with unfinished cases, and the number of its tasks.
 
     ``lines`` are inserted before its command, those with #SBATCH before all commands, as Slurm requires; they replace
-    the limits by the expected time ``task_s`` in s of a task and its ``memory`` in bytes. The folders of the programs
+    the time limit ``limit_s`` in s of a task and its ``memory`` in bytes. The folders of the programs
     of engines that are installed here are added to the PATH of the login profile.
     """
     request, study = batch.request, batch.study
@@ -89,7 +88,7 @@ def job_script(
         output=shlex.quote(str(folder / OUTPUT.format(study=study.name, job="%A", task="%a"))),
         options="".join(f"{line}\n" for line in lines if line.startswith("#SBATCH")),
         path="".join(f"{shlex.quote(folder)}:" for folder in dict.fromkeys(str(Path(p).parent) for p in programs)),
-        minutes=ceil(max(MARGIN * task_s, LEAST_TIME_S) / 60),
+        minutes=ceil(max(limit_s, LEAST_TIME_S) / 60),
         megabytes=ceil(memory / 1e8) * 100,
         lines="".join(f"{line}\n" for line in lines if not line.startswith("#SBATCH")),
         variable=paths.ENGINES_VARIABLE,

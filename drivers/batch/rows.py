@@ -293,25 +293,14 @@ def _rows_of_case(
     study, case = batch.study, None
     for name in names:
         blank = StudyRow(
-            case_sha256=study.case_sha256(number),
-            engine=name,
-            program=batch.programs[name],
-            identity="",
-            study=study.name,
-            label=study.label(number),
-            status="refused",
-            reason="",
-            observables="{}",
-            force_error_share=None,
-            trace_sha256="",
-            bodies_times_steps=0,
-            start_s=None,
-            engine_s=None,
-            loop_s=None,
-            workflow_s=None,
-            reference_s=None,
-            ended=time.time(),
-            build=batch.builds[name].identity,
+            study.case_sha256(number),
+            name,
+            batch.programs[name],
+            study.name,
+            study.label(number),
+            batch.builds[name].identity,
+            time.time(),
+            "refused",
         )
         try:
             case = case or planned(methods.plan(study.case(number)))

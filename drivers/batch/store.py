@@ -29,35 +29,6 @@ from drivers.base.files import DamagedError
 
 NAME = "batch.sqlite"
 SCHEMA_VERSION = 1
-SCHEMA = """
-CREATE TABLE IF NOT EXISTS rows (
-    case_sha256 TEXT NOT NULL,
-    engine TEXT NOT NULL,
-    program TEXT NOT NULL,
-    identity TEXT NOT NULL,
-    study TEXT NOT NULL,
-    label TEXT NOT NULL,
-    status TEXT NOT NULL,
-    reason TEXT NOT NULL,
-    observables TEXT NOT NULL,
-    force_error_share REAL,
-    trace_sha256 TEXT NOT NULL,
-    bodies_times_steps INTEGER NOT NULL,
-    start_s REAL, engine_s REAL, loop_s REAL, workflow_s REAL, reference_s REAL,
-    ended REAL NOT NULL,
-    build TEXT NOT NULL,
-    sha256 TEXT NOT NULL,
-    PRIMARY KEY (case_sha256, engine)
-);
-CREATE INDEX IF NOT EXISTS by_identity ON rows (identity);
-CREATE TABLE IF NOT EXISTS claims (
-    case_sha256 TEXT NOT NULL,
-    engine TEXT NOT NULL,
-    owner TEXT NOT NULL,
-    since REAL NOT NULL,
-    PRIMARY KEY (case_sha256, engine)
-);
-"""
 ALLOWED = "the rows of batches; move the file away to begin anew"
 BUSY_LIMIT_S = 60.0  # longest wait for the transaction of another process
 KEYS = 10_000  # of one query
@@ -75,38 +46,38 @@ class StudyRow:
         case_sha256: digest of the case, as the study describes it.
         engine: name of the engine.
         program: digest of build, sources, templates and tolerances; a row with another one is stale.
-        identity: digest of everything that determines the numbers.
         study, label: study and case for which the row was made.
+        build: identity of the build (``Build.identity``).
+        ended: time of the end, in seconds of Unix time.
         status: ``done``, ``failed``, ``timeout`` or ``refused``.
-        reason: reason of a failure; else empty.
+        reason: reason of a failure.
+        identity: digest of deck, gauges and program; rows of the same identity have equal numbers.
         observables: numbers by name, as JSON with null for NaN.
-        force_error_share: largest error of the force divided by the largest change of force; None for the reference.
         trace_sha256: digest of forces and energies.
+        force_error_share: largest error of the force divided by the largest change of force; None for the reference.
         bodies_times_steps: size of the case.
         start_s, engine_s, loop_s, workflow_s, reference_s: cost in s by activity.
-        ended: time of the end, in seconds of Unix time.
-        build: identity of the build (``Build.identity``).
     """
 
     case_sha256: str
     engine: str
     program: str
-    identity: str
     study: str
     label: str
-    status: str
-    reason: str
-    observables: str
-    force_error_share: float | None
-    trace_sha256: str
-    bodies_times_steps: int
-    start_s: float | None
-    engine_s: float | None
-    loop_s: float | None
-    workflow_s: float | None
-    reference_s: float | None
-    ended: float
     build: str
+    ended: float
+    status: str
+    reason: str = ""
+    identity: str = ""
+    observables: str = "{}"
+    trace_sha256: str = ""
+    force_error_share: float | None = None
+    bodies_times_steps: int | None = None
+    start_s: float | None = None
+    engine_s: float | None = None
+    loop_s: float | None = None
+    workflow_s: float | None = None
+    reference_s: float | None = None
 
     @property
     def done(self) -> bool:
@@ -121,6 +92,11 @@ class StudyRow:
 
 COLUMNS = ", ".join(field.name for field in fields(StudyRow))
 MARKS = ", ".join("?" * (len(fields(StudyRow)) + 1))
+SCHEMA = f"""
+CREATE TABLE IF NOT EXISTS rows ({COLUMNS}, sha256, PRIMARY KEY (case_sha256, engine));
+CREATE INDEX IF NOT EXISTS by_identity ON rows (identity);
+CREATE TABLE IF NOT EXISTS claims (case_sha256, engine, owner, since, PRIMARY KEY (case_sha256, engine));
+"""
 OF_CASES = "FROM rows JOIN json_each(?) ON case_sha256 = value WHERE engine = ?"
 
 

@@ -147,9 +147,7 @@ def test_a_database_that_is_none_or_of_another_version_is_refused(study_file: St
     assert "rows of version 7 of the store; allowed: version 1" in refused.stderr
 
 
-ROW = StudyRow(
-    "case", "verlet", "p", "i", "study", "l", "done", "", "{}", 0.0, "t", 4, 0.0, 1.0, 1.0, 0.1, 0.0, 5.0, "b"
-)
+ROW = StudyRow("case", "verlet", "program", "study", "label", "build", 5.0, "done")
 
 
 def test_a_row_done_takes_precedence_over_a_later_failure(tmp_path: Path) -> None:
