@@ -130,7 +130,9 @@ def _write(batch: Batch, methods: Methods, store: Store, results: Path) -> int:
     for path in write_tables(batch, rows, results):
         print(paths.shown(path))
     if study.file.figure:
-        print(f"to draw the table: {shlex.join(['beads', 'study', str(batch.request.source)])}")
+        given = (("--runs", batch.request.runs, paths.RUNS), ("--results", results, paths.RESULTS))
+        folders = [word for option, folder, usual in given if folder != usual for word in (option, paths.shown(folder))]
+        print(f"to draw the table: {shlex.join(['beads', 'study', str(batch.request.source), *folders])}")
     done = [row for *_, row in rows if row and row.done]
     for line in methods.not_shown(shown(batch, [*done]), [row.values for row in done]):
         print(line)

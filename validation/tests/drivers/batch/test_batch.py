@@ -54,7 +54,8 @@ def sql(runs: Path, query: str, *values: Any) -> list[tuple[Any, ...]]:
     if not (runs / "batch.sqlite").exists():
         return []
     with closing(sqlite3.connect(runs / "batch.sqlite", timeout=20)) as connection, connection:
-        return connection.execute(query, values).fetchall()
+        made = connection.execute("PRAGMA user_version").fetchone() != (0,)  # not by a process that was killed before
+        return connection.execute(query, values).fetchall() if made else []
 
 
 def stored(runs: Path) -> list[int]:
