@@ -20,8 +20,7 @@ from drivers.base.tolerances import tolerance
 from drivers.batch.store import WORK, Store, StudyRow
 from drivers.batch.study import Study, column_name, read_study, select, value_at
 from drivers.chain.case import Case, Layout
-from drivers.chain.residual import FORCE
-from drivers.chain.trace import Trace
+from drivers.chain.trace import FORCE, Trace
 from drivers.engines import REFERENCE, Engine, installed, load_engine
 from drivers.engines._entries import entry_files, use_entries
 from drivers.limits.refusal import inability, refuse

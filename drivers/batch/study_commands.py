@@ -20,8 +20,7 @@ from drivers.batch.store import StudyRow
 from drivers.batch.study_cases import STATES, Batch, Request, expected_s, opened, validate_cases
 from drivers.batch.study_rows import run_all, run_rows, run_slice
 from drivers.chain.case import Case
-from drivers.chain.residual import FORCE
-from drivers.chain.trace import digest_of
+from drivers.chain.trace import FORCE, digest_of
 from drivers.engines import load_engine
 from drivers.run.execute import LOCAL, Place, check_dask, get_ready
 from drivers.run.run import run_case

@@ -8,8 +8,7 @@ from drivers.base.errors import RunError
 from drivers.batch.store import WORK, Outbox, Store, StudyRow
 from drivers.batch.study_cases import Batch, Request, opened
 from drivers.chain.case import Case
-from drivers.chain.residual import residual
-from drivers.chain.trace import digest_of
+from drivers.chain.trace import digest_of, residual
 from drivers.engines import REFERENCE
 from drivers.run.compute import Computed, compute
 from drivers.run.execute import Place, WorkersKilledError, execute

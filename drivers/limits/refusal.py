@@ -7,7 +7,7 @@ import numpy as np
 
 from drivers.base.errors import InputError
 from drivers.chain.case import Case
-from drivers.chain.residual import FORCE
+from drivers.chain.trace import FORCE
 from drivers.engines import EXACT, TOTAL, engine_names, load_engine
 
 ON_COMMAND = "--unsafe"

@@ -17,8 +17,8 @@ from drivers.base.errors import InputError
 from drivers.chain.case import Case, StepPlan, build_case
 from drivers.chain.chain import arrays_of, build_chain
 from drivers.chain.elements import choose_elements
-from drivers.chain.residual import FORCE, share_of_change
 from drivers.chain.schemes import exact_of, verlet_in_heights
+from drivers.chain.trace import FORCE, share_of_change
 from drivers.engines import VERLET
 from drivers.limits.refusal import unattainable
 from drivers.limits.stable_step import EXACT_SHARE, resolved_trial, why_unstable

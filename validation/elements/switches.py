@@ -20,7 +20,7 @@ from drivers.base.progress import following
 from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
-from drivers.chain.residual import parted_s, residual
+from drivers.chain.trace import parted_s, residual
 from drivers.limits.refusal import inability
 from drivers.run.compute import compute
 from drivers.scene.part import Part

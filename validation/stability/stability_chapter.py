@@ -10,7 +10,7 @@ import pandas as pd
 
 from drivers.base.progress import step
 from drivers.base.tolerances import tolerance
-from drivers.chain.residual import FORCE
+from drivers.chain.trace import FORCE
 from drivers.engines import VERLET, codes
 from drivers.limits.stable_step import CRITERIA
 from postproc.draw.style import COLUMN_IN, PAGE_IN, marker_of, pyplot

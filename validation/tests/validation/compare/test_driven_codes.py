@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from drivers.chain.residual import residual
 from drivers.chain.schemes import verlet_of
+from drivers.chain.trace import residual
 from drivers.engines import codes
 from drivers.limits.refusal import refuse
 from drivers.run.compute import compute

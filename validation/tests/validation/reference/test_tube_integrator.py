@@ -10,8 +10,8 @@ import pytest
 from drivers.base.errors import InputError
 from drivers.chain.case import Case
 from drivers.chain.chain import arrays_of, energy_put_in, tube_arrays_of
-from drivers.chain.residual import residual
 from drivers.chain.schemes import verlet_of
+from drivers.chain.trace import residual
 from drivers.engines import INCREMENTAL, TOTAL, load_engine
 from drivers.limits.refusal import refuse
 from drivers.limits.stable_step import step_limit, two_over_omega
