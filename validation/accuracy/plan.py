@@ -14,9 +14,8 @@ from typing import Any, NoReturn
 import numpy as np
 
 from drivers.base.errors import InputError
-from drivers.chain.case import Case, StepPlan, build_case
+from drivers.chain.case import Case, StepPlan, build_case, choose_elements
 from drivers.chain.chain import arrays_of, build_chain
-from drivers.chain.elements import choose_elements
 from drivers.chain.schemes import exact_of, verlet_in_heights
 from drivers.chain.trace import FORCE, share_of_change
 from drivers.engines import VERLET
@@ -47,7 +46,7 @@ def _with(scene: Scene, **changes: object) -> Scene:
     return scene.model_copy(update={"chain": scene.chain.model_copy(update=changes)})
 
 
-# functions that remove an element of ``drivers.chain.elements`` from a scene
+# functions that remove an element of ``drivers.chain.case`` from a scene
 REMOVALS: dict[str, Callable[[Scene], Scene]] = {
     "gravity": lambda scene: scene.model_copy(update={"gravity": 0.0}),
     "precompression": lambda scene: _with(scene, precompression=0.0),

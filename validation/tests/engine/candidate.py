@@ -30,7 +30,7 @@ MINE = '''"""An adapter outside the tree."""
 from dataclasses import replace
 
 from drivers.base.processes import line_of
-from drivers.chain.elements import STRAIGHT
+from drivers.chain.case import STRAIGHT
 from drivers.engines import load_engine
 
 ENGINE = replace(
