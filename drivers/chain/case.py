@@ -13,10 +13,8 @@ import numpy as np
 
 from drivers.base.errors import InputProblem, refuse_any
 from drivers.base.units import divided
-from drivers.chain.chain import Array, Chain, build_chain, moving_at_start
+from drivers.chain.chain import Array, Chain, Lateral, build_chain, moving_at_start, ordinary_beads
 from drivers.chain.drives import drive_words
-from drivers.chain.lateral import Lateral
-from drivers.chain.masses import ordinary_beads
 from drivers.laws.viscoelastic import Viscoelastic
 from drivers.scene.model import RIGID, Scene
 from validation.reference.adaptive import MIN_TOLERANCE
@@ -255,7 +253,7 @@ def build_case(scene: Scene) -> Case:
     chain = build_chain(scene)
     refuse_any(scene.file, _impossible(scene, chain))
     if scene.three_dimensional:
-        from drivers.chain.lateral_start import with_lateral  # imports scipy
+        from drivers.chain.lateral import with_lateral  # imports scipy
 
         chain = with_lateral(scene, chain)
     return Case(scene, chain, choose_elements(scene, chain))

@@ -1,7 +1,7 @@
 """Interface of a law of dissipation: a force in addition to Hertz's elastic force, which all contacts share.
 
 The force is ``F = max(0, k d^(3/2) + C d^p d')`` of the overlap d and the closing speed d', or with an exponent alpha
-``F = max(0, k d^(3/2) + C sgn(d') |d'|^alpha)`` for d >= 0. Its elastic part is in ``drivers.chain.contact_law``, its
+``F = max(0, k d^(3/2) + C sgn(d') |d'|^alpha)`` for d >= 0. Its elastic part is in ``drivers.chain.chain``, its
 integration in ``validation.reference``. To add a law of this form, write a module of this package with one class; its
 texts for the codes go into the class, and a comment for the reader of a deck into the templates.
 """

@@ -18,8 +18,7 @@ from math import floor, inf, log10, pi, sqrt
 import numpy as np
 
 from drivers.chain.case import Case
-from drivers.chain.chain import Array, Chain, arrays_of, tube_arrays_of
-from drivers.chain.contact_law import contact_stiffness, hertz_force
+from drivers.chain.chain import Array, Chain, arrays_of, contact_stiffness, hertz_force, tube_arrays_of
 from drivers.chain.schemes import SHORT, endable
 from drivers.engines import TOTAL
 from validation.reference.adaptive import MIN_TOLERANCE

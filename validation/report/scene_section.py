@@ -15,7 +15,7 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.progress import in_words
 from drivers.chain.case import Case
-from drivers.chain.contact_law import hertz_force
+from drivers.chain.chain import hertz_force
 from drivers.chain.trace import FORCE, Trace
 from drivers.engines import REFERENCE, in_order, load_engine
 from drivers.engines._entries import engines_again

@@ -14,7 +14,7 @@ import numpy as np
 
 from drivers.base.progress import counted, following
 from drivers.chain.case import Case, build_case
-from drivers.chain.contact_law import hertz_force
+from drivers.chain.chain import hertz_force
 from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import Trace
 from drivers.engines import VERLET, installed_codes
