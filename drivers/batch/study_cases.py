@@ -23,8 +23,7 @@ from drivers.chain.case import Case, Layout
 from drivers.chain.trace import FORCE, Trace
 from drivers.engines import REFERENCE, Engine, installed, load_engine
 from drivers.engines._entries import entry_files, use_entries
-from drivers.limits.refusal import inability, refuse
-from drivers.limits.stable_step import needed_tolerance
+from drivers.limits import inability, needed_tolerance, refuse
 from drivers.run.build import Build, build_of, names_of
 from drivers.run.execute import Place, execute
 from drivers.run.run import run_identity
@@ -155,7 +154,7 @@ class Batch:
         """Validate a case and compute its facts.
 
         Raises:
-            InputError: the scene is wrong, or an engine refuses the case (``drivers.limits.refusal``).
+            InputError: the scene is wrong, or an engine refuses the case (``drivers.limits``).
         """
         study, case = self.study, self.case(number)
         # the exact motion, for errors, is known for straight chains only

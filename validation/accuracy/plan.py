@@ -19,8 +19,7 @@ from drivers.chain.chain import arrays_of, build_chain
 from drivers.chain.schemes import exact_of, verlet_in_heights
 from drivers.chain.trace import FORCE, share_of_change
 from drivers.engines import VERLET
-from drivers.limits.refusal import unattainable
-from drivers.limits.stable_step import EXACT_SHARE, resolved_trial, why_unstable
+from drivers.limits import EXACT_SHARE, resolved_trial, unattainable, why_unstable
 from drivers.run.scheme import COMPARED, Scheme
 from drivers.scene.model import Scene
 from drivers.scene.read_scene import MAX_STEPS, read_scene

@@ -21,7 +21,7 @@ from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.trace import parted_s, residual
-from drivers.limits.refusal import inability
+from drivers.limits import inability
 from drivers.run.compute import compute
 from drivers.scene.part import Part
 from drivers.scene.read_scene import read_toml

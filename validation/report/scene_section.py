@@ -19,7 +19,7 @@ from drivers.chain.chain import hertz_force
 from drivers.chain.trace import FORCE, Trace
 from drivers.engines import REFERENCE, in_order, load_engine
 from drivers.engines._entries import engines_again
-from drivers.limits.stable_step import step_limit
+from drivers.limits import step_limit
 from drivers.run.run_folder import RunRecord
 from drivers.scene.model import Scene
 from postproc.draw.gauge_forces import MAX_GAUGES, draw_gauge_forces

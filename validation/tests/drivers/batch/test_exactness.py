@@ -7,7 +7,7 @@ import pytest
 
 from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import residual
-from drivers.limits.stable_step import needed_tolerance
+from drivers.limits import needed_tolerance
 from validation.accuracy.motions import exact_motion_of
 from validation.reference.adaptive import MIN_TOLERANCE
 from validation.tests.helpers.adversarial import KINDS, adversarial_case

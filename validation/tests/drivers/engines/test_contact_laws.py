@@ -17,7 +17,7 @@ from drivers.engines import codes, load_engine
 from drivers.laws import LAWS
 from drivers.laws.law import Dissipation
 from drivers.laws.viscoelastic import damping_ratio, restitution
-from drivers.limits.refusal import inability
+from drivers.limits import inability
 from drivers.run.run import run_all_done
 from validation.accuracy.budget import MODEL, budget_of
 from validation.accuracy.motions import exact_motion_of

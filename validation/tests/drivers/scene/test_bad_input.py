@@ -7,7 +7,7 @@ import pytest
 
 from drivers.base.errors import CONTROL, InputError
 from drivers.chain.case import build_case
-from drivers.limits.refusal import refuse
+from drivers.limits import refuse
 from drivers.scene.read_scene import read_scene
 from validation.tests.helpers.commands import assert_in_order, beads
 from validation.tests.helpers.scenes import SceneWriter
