@@ -13,8 +13,7 @@ from drivers.base import paths, units
 from drivers.base.errors import InputError, InputProblem, refuse_any
 from drivers.base.messages import model_at, shorten, validate
 from drivers.scene.drive_rules import with_points
-from drivers.scene.model import RIGID, Bead, Material, Member, Scene, SceneFile
-from drivers.scene.part import Part
+from drivers.scene.model import RIGID, Bead, Material, Member, Part, Scene, SceneFile
 from drivers.scene.scene_rules import contradictions, problems_of_alternatives
 
 NAME_RULE = "a name of letters, digits, '-', '_' and '.', beginning with a letter or digit"

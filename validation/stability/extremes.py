@@ -12,7 +12,7 @@ from drivers.base.progress import following
 from drivers.engines import REFERENCE, VERLET, codes, installed
 from drivers.limits import refuse
 from drivers.run.run import run_many
-from drivers.scene.part import Part
+from drivers.scene.model import Part
 from drivers.scene.read_scene import read_entries
 from validation.accuracy.budget import ERROR, assess, kept_budget
 from validation.accuracy.plan import planned_case
