@@ -15,7 +15,7 @@ from drivers.base.errors import InputProblem, refuse_any
 from drivers.base.units import divided
 from drivers.chain.chain import Array, Chain, Lateral, build_chain, moving_at_start, ordinary_beads
 from drivers.chain.drives import drive_words
-from drivers.laws.viscoelastic import Viscoelastic
+from drivers.laws import Viscoelastic
 from drivers.scene.model import RIGID, Scene
 from validation.reference.adaptive import MIN_TOLERANCE
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.chain.drives import drive_of, energy_with_drive
-from drivers.laws.law import ELASTIC, Dissipation
+from drivers.laws import ELASTIC, Dissipation
 from drivers.scene.model import Material, Member, Scene
 from validation.reference.hertz_chain import ENERGY_SHARE, EXPONENT, Drive, HertzChain, TubeChain
 
@@ -260,7 +260,7 @@ class Chain:
 
     @cached_property
     def damping(self) -> Array:
-        """Coefficient C of the dissipative force of each contact (``drivers.laws.law``). Shape (bodies,)."""
+        """Coefficient C of the dissipative force of each contact (``drivers.laws``). Shape (bodies,)."""
         return self.law.coefficient(self.stiffness, self.reduced_mass_kg)
 
     @cached_property

@@ -25,7 +25,7 @@ from drivers.base.processes import find_command
 from drivers.chain.case import STRAIGHT, Case
 from drivers.chain.trace import Trace
 from drivers.engines._entries import Entry, entries
-from drivers.laws.viscoelastic import Viscoelastic
+from drivers.laws import Viscoelastic
 from validation.reference.hertz_chain import Flag
 
 REFERENCE, VERLET = "reference", "verlet"  # in-repo engines: exact motion, and the scheme of the codes

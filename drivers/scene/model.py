@@ -6,7 +6,7 @@ Beads are counted from the wall, as in the paper: bead 1 rests on the wall.
 import re
 from math import cos, isfinite, radians
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import (
     AfterValidator,
@@ -18,15 +18,12 @@ from pydantic import (
     StringConstraints,
     ValidatorFunctionWrapHandler,
     WrapValidator,
-    create_model,
 )
 
 from drivers.base import units
 from drivers.base.errors import CONTROL
 from drivers.base.units import NotAllowedError
-from drivers.laws import LAWS
-from drivers.laws.law import Dissipation
-from drivers.laws.viscoelastic import Viscoelastic
+from drivers.laws import ALPHA, LAWS, Dissipation
 
 RIGID = "rigid"
 RIGID_PA = 1e40  # modulus of a rigid wall in decks: its part of 1/E* is below rounding
@@ -242,12 +239,27 @@ class Tube(Part):
     top: units.Height | None = Field(default=None, description="height of the upper end; else above all bodies")
 
 
-class ContactTable(Part):
+class Contact(Part):
     """Friction of contacts, and their law of dissipation (``drivers.laws``) with its keys; elastic by default."""
 
-    dissipation: str
+    dissipation: Literal["hunt-crossley", "kuwabara-kono", "power", "viscoelastic"] = Field(
+        default="viscoelastic", description="law of dissipation"
+    )
     friction: Friction = Field(default=0.0, description="friction of beads, wall and striker")
     rotation: bool = Field(default=True, description="false: beads do not spin")
+    slowness: units.Slowness | None = Field(default=None, description="a of hunt-crossley")
+    relaxation: units.Duration | None = Field(default=None, description="A of kuwabara-kono")
+    gamma: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = Field(
+        default=None, description="coefficient in N (s/m)^alpha"
+    )
+    alpha: Annotated[float, Field(ge=1, le=3)] | None = Field(
+        default=None, description=f"exponent of the speed; else {ALPHA}"
+    )
+    # about equivalent limits; with stronger damping bodies stick together
+    restitution: Annotated[float, Field(ge=1e-4, le=1, allow_inf_nan=False)] | None = Field(
+        default=None, description="restitution of an impact"
+    )
+    damping_ratio: Annotated[float, Field(ge=0, le=50)] | None = Field(default=None, description="damping ratio B")
 
     @property
     def given(self) -> dict[str, float]:
@@ -263,15 +275,7 @@ class ContactTable(Part):
     @property
     def elastic(self) -> "Contact":
         """This contact without dissipation."""
-        return self.model_copy(update=dict.fromkeys(self.given) | {"dissipation": Viscoelastic.name})
-
-
-if TYPE_CHECKING:
-    Contact = ContactTable
-else:
-    _keys: dict[str, Any] = {key: (kind | None, None) for law in LAWS.values() for key, kind in law.keys.items()}
-    _name = (Literal[tuple(LAWS)], Field(default=Viscoelastic.name, description="law of dissipation"))
-    Contact = create_model("Contact", __base__=ContactTable, __module__=__name__, dissipation=_name, **_keys)
+        return self.model_copy(update=dict.fromkeys(self.given) | {"dissipation": "viscoelastic"})
 
 
 class DriveTable(Part):
@@ -361,7 +365,7 @@ class SceneFile(Part):
     striker: Striker | None = Field(default=None, description="body that strikes the top bead")
     wall: Wall | None = Field(default=None, description="half-space below bead 1")
     tube: Tube | None = Field(default=None, description="bore around the beads")
-    contact: Contact = Field(default=Contact(dissipation=Viscoelastic.name), description="friction and dissipation")
+    contact: Contact = Field(default=Contact(), description="friction and dissipation")
     drive: DriveTable | None = Field(default=None, description="driven body")
     sensor: Gauge | None = Field(default=None, description="electronics of gauges")
     materials: dict[Name, Material] = Field(default_factory=dict, description="materials of this scene")

@@ -5,7 +5,7 @@ from contextlib import suppress
 
 from drivers.base.errors import InputProblem
 from drivers.base.messages import shorten
-from drivers.laws import LAWS
+from drivers.laws import LAWS, Viscoelastic
 from drivers.scene.model import (
     RIGID,
     Bead,
@@ -55,7 +55,11 @@ def _dissipation(contact: Contact) -> Iterator[InputProblem]:
             found = f'{value:g} with contact.dissipation = "{contact.dissipation}"'
             law = next(law.name for law in LAWS.values() if key in law.keys)
             yield f"contact.{key}", found, f'this key only with contact.dissipation = "{law}"'
-    yield from chosen.problems({key: value for key, value in given.items() if key in chosen.keys})
+    for key, needed in chosen.keys.items():
+        if needed and key not in given:
+            yield f"contact.{key}", f"missing key; give {needed}", ""
+    if chosen is Viscoelastic and given.keys() >= chosen.keys.keys():
+        yield "contact", "both restitution and damping_ratio", "one of the two; each determines the other"
 
 
 def _measured_choices(measured: MeasuredEntry, key: str) -> Iterator[InputProblem]:
@@ -185,7 +189,7 @@ def _tube_contradictions(scene: Scene, widest: float) -> Iterator[InputProblem]:
         allowed = "an upright chain, as beads that move sideways would fall across the axis"
         yield "chain.angle", f"{chain.angle:g} deg for beads that move sideways", allowed
     law = scene.contact.law
-    if not law.sideways:
+    if law.damped and not law.sideways:
         able = " or ".join(f'"{law.name}"' for law in LAWS.values() if law.sideways)
         allowed = f"{able}; the other laws are modelled for straight chains only"
         yield "contact.dissipation", f'"{law.name}" for beads that move sideways', allowed

@@ -19,7 +19,7 @@ from drivers.chain.chain import Array, arrays_of, furthest_m, hertz_stiffness, s
 from drivers.chain.schemes import heights_and_reach
 from drivers.chain.trace import FORCE, Trace, finite_part, largest_change_N, overlaps
 from drivers.engines import INCREMENTAL, load_engine
-from drivers.laws.viscoelastic import Viscoelastic
+from drivers.laws import Viscoelastic
 from drivers.run.scheme import Scheme, scheme_of
 from postproc.read.signals import integral
 from validation.reference.hertz_chain import HertzChain, contact_force, hertz_force

@@ -15,7 +15,7 @@ import numpy as np
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, hertz_force
 from drivers.chain.trace import Trace, overlaps
-from drivers.laws.viscoelastic import Viscoelastic, restitution
+from drivers.laws import Viscoelastic, restitution
 from postproc.read.signals import peak_in
 
 DURATION = 2 * sqrt(pi) * gamma(7 / 5) / gamma(9 / 10)  # in d_max / v: 2.94328
