@@ -8,7 +8,7 @@ from drivers.base import paths
 from drivers.base.errors import InputError, RunError
 from drivers.chain.case import Case, build_case
 from drivers.inventory.run_folders import run_folder
-from drivers.limits.refusal import refuse
+from drivers.limits import refuse
 from drivers.run.run import run_case
 from drivers.run.run_folder import EndedRun
 from drivers.run.run_folder import open_run as open_folder

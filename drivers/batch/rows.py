@@ -17,12 +17,10 @@ from drivers.base.tolerances import tolerance
 from drivers.batch.store import Store, StudyRow
 from drivers.batch.study import Study, read_study, select
 from drivers.chain.case import Case, Layout
-from drivers.chain.residual import FORCE, residual
-from drivers.chain.trace import Trace, digest_of
+from drivers.chain.trace import FORCE, Trace, digest_of, residual
 from drivers.engines import REFERENCE, Engine, installed, load_engine
 from drivers.engines._entries import entry_files, use_entries
-from drivers.limits.refusal import inability, refuse
-from drivers.limits.stable_step import needed_tolerance
+from drivers.limits import inability, needed_tolerance, refuse
 from drivers.run.build import Build, build_of, names_of
 from drivers.run.compute import Computed, compute
 from drivers.run.execute import Place, WorkersKilledError, execute

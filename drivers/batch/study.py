@@ -25,8 +25,7 @@ from drivers.base.messages import shorten, validate
 from drivers.batch.axes import Axis, Choice, expand
 from drivers.chain.case import Case, build_case
 from drivers.engines import engine_names, installed, load_engine
-from drivers.scene.model import Scene
-from drivers.scene.part import Part, Title
+from drivers.scene.model import Part, Scene, Title
 from drivers.scene.read_scene import find_input, find_scene, library, make_scene, read_toml, set_value
 from drivers.scene.settings import look_up, unit_of
 

@@ -13,7 +13,7 @@ from drivers.base import paths, units
 from drivers.base.errors import InputError
 from drivers.base.files import home_of, readable
 from drivers.base.messages import validate
-from drivers.scene.part import Name, Part
+from drivers.scene.model import Name, Part
 from drivers.scene.read_scene import read_toml
 
 RESERVED = ("auto", "batch", "reference", "verlet")  # a value of --engine, a folder of runs/, the in-repo engines

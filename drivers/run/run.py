@@ -21,7 +21,7 @@ from drivers.base.progress import following, say
 from drivers.chain.case import Case
 from drivers.chain.trace import finite_part
 from drivers.engines import Engine, load_engine
-from drivers.limits.refusal import inability, refuse
+from drivers.limits import inability, refuse
 from drivers.run.build import Build, build_of
 from drivers.run.compute import Computed, compute
 from drivers.run.execute import execute

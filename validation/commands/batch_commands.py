@@ -99,8 +99,8 @@ def batch(
     if workers and (part or slurm):
         raise InputError("--workers", "", f"not allowed with {places[0]}")
     from drivers.base.processes import cores
-    from drivers.batch.commands import JobArray, run_part
-    from drivers.batch.commands import batch as run_study
+    from drivers.batch.study_commands import JobArray, run_part
+    from drivers.batch.study_commands import batch as run_study
     from drivers.run.execute import Place
 
     request = replace(request_of(study, runs, engines, patterns, retry=retry), elsewhere=slurm)
@@ -160,7 +160,7 @@ def study(study: str, runs: Path, results: Path, x: str, y: str, log: bool, powe
 )
 def status(study: str, engines: tuple[str, ...], patterns: tuple[str, ...], runs: Path, every: bool) -> int:
     """Count the rows of a study by state."""
-    from drivers.batch.commands import status as print_status
+    from drivers.batch.study_commands import status as print_status
 
     return print_status(request_of(study, runs, engines, patterns), every=every)
 
@@ -172,7 +172,7 @@ def status(study: str, engines: tuple[str, ...], patterns: tuple[str, ...], runs
 @options.RUNS
 def show(study: str, case: int, engines: tuple[str, ...], runs: Path) -> int:
     """Write one case of a study as run folders with their decks."""
-    from drivers.batch.commands import show as show_case
+    from drivers.batch.study_commands import show as show_case
     from validation.accuracy.budget import assess
 
     return show_case(request_of(study, runs, engines), methods(), case, assess)

@@ -74,7 +74,7 @@ def overlay(run: str, settings: tuple[str, ...], measured: Path | None, runs: Pa
     """Draw measured traces over computed ones, with deviations."""
     from drivers.engines import REFERENCE
     from drivers.inventory.run_folders import first_scene
-    from drivers.limits.refusal import refuse
+    from drivers.limits import refuse
     from postproc.draw.overlay import HEADINGS, draw_overlay, misfit_rows
     from postproc.draw.product import write_product
     from postproc.paper.simulate import exact

@@ -40,7 +40,7 @@ def run(
     """
     from drivers.base.progress import counted
     from drivers.engines import engine_names, installed, load_engine
-    from drivers.limits.refusal import inability, refuse
+    from drivers.limits import inability, refuse
     from drivers.run.run import is_done, run_case
     from validation.accuracy.budget import assess
     from validation.accuracy.costs import auto_engines

@@ -11,7 +11,7 @@ from pathlib import Path
 import pandas as pd
 
 from drivers.base.processes import run_command
-from drivers.batch.commands import WORKER_COSTS, batch, status
+from drivers.batch.study_commands import WORKER_COSTS, batch, status
 from drivers.chain.case import build_case
 from drivers.engines import installed_codes, load_engine
 from drivers.run.execute import Place

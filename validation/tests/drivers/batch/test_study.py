@@ -7,8 +7,8 @@ import pytest
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.batch.commands import batch
 from drivers.batch.study import column_name, read_study, select, value_at
+from drivers.batch.study_commands import batch
 from drivers.engines import engine_names
 from drivers.run.execute import Place
 from validation.commands.batch_commands import methods, request_of

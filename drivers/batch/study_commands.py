@@ -19,11 +19,10 @@ from drivers.batch.job_array import job_script, memory_bytes, most_tasks, parts_
 from drivers.batch.rows import NEWEST, Batch, Methods, Request, opened, planned, run_all, run_rows, run_slice
 from drivers.batch.store import Store, StudyRow
 from drivers.chain.case import Case
-from drivers.chain.residual import FORCE
 from drivers.chain.schemes import default_limit_s
-from drivers.chain.trace import digest_of
+from drivers.chain.trace import FORCE, digest_of
 from drivers.engines import load_engine
-from drivers.limits.refusal import refuse
+from drivers.limits import refuse
 from drivers.run.execute import LOCAL, Place, check_dask, get_ready
 from drivers.run.run import run_case
 from drivers.run.run_folder import EndedRun
