@@ -1,5 +1,6 @@
 """Tables of a study: one row for each case and engine, and the costs of these rows."""
 
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from drivers.base.files import csv_of, whole_file
 from drivers.base.progress import say
 from drivers.batch.rows import Batch, Request, opened
 from drivers.batch.store import Store, StudyRow
+from drivers.engines import engine_names
 
 # times in s; the last one is that of the reference, for the error
 COSTS = ("start_s", "engine_s", "loop_s", "workflow_s", "reference_s")
@@ -76,7 +78,7 @@ def write_tables(batch: Batch, rows: list[Row], results: Path) -> list[Path]:
 def read_study_table(study: str | Path, runs: str | Path | None = None) -> pd.DataFrame:
     """Read the rows of a study, as its file is now, from the database that batches write.
 
-    Rows of an earlier version of the program or of an engine count; a line on stderr tells their number.
+    The engines are those of the study, and further ones with rows. Rows of an earlier version of the program or of an engine count; a line on stderr tells their number.
 
     Args:
         study: Name of a study in ``inputs/studies``, or path of a study file.
@@ -97,8 +99,12 @@ def read_study_table(study: str | Path, runs: str | Path | None = None) -> pd.Da
         >>> print(done.groupby("wall.material")["wall_peak_N"].max().round(2).to_dict())
         {'brass': 16.37, 'glass': 16.33, 'ptfe': 14.37, 'rigid': 16.4, 'steel': 16.39}
     """
-    batch = opened(Request(study, Path(runs or paths.RUNS)))
-    with Store(batch.request.runs) as store:
+    request = Request(study, Path(runs or paths.RUNS))
+    swept = opened(request).study
+    cases = [swept.case_sha256(number) for number in range(1, swept.count + 1)]
+    with Store(request.runs) as store:
+        further = [name for name in engine_names() if name not in swept.engines and store.states(name, cases)]
+        batch = opened(replace(request, engines=tuple(further)))
         rows = rows_of(batch, store, stale=True)
     present = [row for *_, row in rows if row]
     if not present:
