@@ -10,7 +10,6 @@ import stat
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -28,19 +27,18 @@ from drivers.base.files import home_of
 KEPT_VARIABLES = ("PATH", "HOME", "USER", "LOGNAME", "TMPDIR", "LD_LIBRARY_PATH")
 PROBE_LIMIT_S = 20.0
 UNKNOWN_VERSION = "unknown"
-COULD_NOT_START = 127  # as in a shell
 STDOUT, STDERR = "stdout.txt", "stderr.txt"  # output of a process, in its folder
 
 LAUNCHER = Path(__file__).with_name("launcher.py")
-MAX_WAIT_S = 3600.0  # longest single wait; poll() overflows after some weeks
 PLACE, LOCK = ".bead-chains-", "alive"  # beginning of the names of workplaces, and their lock files
 ABANDONED_S = 86400.0
 
+POLL_INTERVAL_S = 0.1
+
 Stream = IO[bytes] | int
 
-_lock = threading.RLock()  # a signal's handler may interrupt its holder
-_running: dict[object, Callable[[], None]] = {}  # work under way, with the function that ends it
-_stops = 0  # number of active all_stopped()
+_stopping = False  # within all_stopped()
+_launchers: set[socket.socket] = set()  # of the commands under way
 _places: set[Path] = set()  # workplaces of this process
 
 
@@ -87,28 +85,49 @@ def run_command(command: tuple[str, ...], folder: Path, limit_s: float, **variab
     """Run a command inside ``folder``; its output goes to ``STDOUT`` and ``STDERR`` there.
 
     ``variables`` are added to the environment. The process is killed at the time limit, with all that it has started.
+
+    Raises:
+        OSError: no process can be started.
+        KeyboardInterrupt: all work is being stopped.
     """
     began = time.perf_counter()
     with open(folder / STDOUT, "wb") as out, open(folder / STDERR, "wb") as err:
+        launched = start(command, folder, subprocess.DEVNULL, out, err, variables)
+        in_time = False
         try:
-            launched = start(command, folder, subprocess.DEVNULL, out, err, variables)
-        except OSError as error:
-            err.write(f"cannot start: {error}\n".encode())
-            return EndedProcess(COULD_NOT_START, False, limit_s)
-        timed_out = False
-        try:
-            timed_out = not wait_for(launched.launcher, began + limit_s)
+            in_time = waited(lambda seconds: connection.wait([launched.launcher], seconds), began + limit_s)
         finally:
             code, cpu_s, memory_bytes = end(launched)
-    return EndedProcess(code, timed_out, limit_s, time.perf_counter() - began, cpu_s, memory_bytes)
+    return EndedProcess(code, not in_time, limit_s, time.perf_counter() - began, cpu_s, memory_bytes)
 
 
-def wait_for(stream: socket.socket | int, until_s: float) -> bool:
-    """Wait until a stream has something to read, or has ended; False at a time of ``time.perf_counter``."""
+def waited(wait: Callable[[float], object], until_s: float) -> bool:
+    """Wait for work under way until a time of ``time.perf_counter``; True if it ended before.
+
+    Args:
+        wait: function that waits for so many seconds, and returns something true if the work has ended.
+        until_s: the time.
+
+    Raises:
+        KeyboardInterrupt: all work is being stopped.
+    """
     while (left_s := until_s - time.perf_counter()) > 0:
-        if connection.wait([stream], min(left_s, MAX_WAIT_S)):
+        if wait(min(left_s, POLL_INTERVAL_S)):
             return True
+        if _stopping:
+            raise KeyboardInterrupt
     return False
+
+
+@contextmanager
+def all_stopped() -> Iterator[None]:
+    """End the work of other threads within this context, as Ctrl-C ends it."""
+    global _stopping
+    former, _stopping = _stopping, True
+    try:
+        yield
+    finally:
+        _stopping = former
 
 
 def start(
@@ -117,10 +136,10 @@ def start(
     """Start a command in a session of its own, which ends at ``end`` or with this process, however it ends.
 
     Raises:
-        OSError: the process cannot be started.
+        OSError: no process can be started.
     """
     ours, theirs = socket.socketpair()
-    _register(ours, lambda: _ask_to_end(ours))  # before the start, which a signal may interrupt
+    _launchers.add(ours)  # before the start, which a signal may interrupt
     try:
         with theirs:
             process = subprocess.Popen(
@@ -135,21 +154,15 @@ def start(
             )
     except BaseException:
         _report(ours)
-        _unregister(ours)
         raise
     return Launched(process, ours)
 
 
 def end(launched: Launched) -> tuple[int, float, int]:
-    """End a command with all that it has started; returns exit code, CPU time in s and peak memory in bytes.
-
-    Raises:
-        KeyboardInterrupt: all work is being stopped.
-    """
-    code, cpu_s, memory_bytes = _report(launched.launcher) or (launched.process.wait(), 0, 0)
+    """End a command with all that it has started; returns exit code, CPU time in s and peak memory in bytes."""
+    report = _report(launched.launcher)
+    code, cpu_s, memory_bytes = report or (launched.process.wait(), 0, 0)
     launched.process.wait()
-    if _unregister(launched.launcher):
-        raise KeyboardInterrupt
     return int(code), float(cpu_s), int(memory_bytes)
 
 
@@ -157,7 +170,9 @@ def _report(launcher: socket.socket) -> list[str]:
     """Ask a launcher to end; its report when it has ended, empty if it was killed or could not start the command."""
     _ask_to_end(launcher)
     with launcher, launcher.makefile() as report:
-        return report.read().split()
+        words = report.read().split()
+    _launchers.discard(launcher)
+    return words
 
 
 def _ask_to_end(launcher: socket.socket) -> None:
@@ -165,66 +180,21 @@ def _ask_to_end(launcher: socket.socket) -> None:
         launcher.shutdown(socket.SHUT_WR)
 
 
-@contextmanager
-def stoppable(stop: Callable[[], None]) -> Iterator[None]:
-    """Context for work of this process, which ``all_stopped`` ends by calling ``stop``.
-
-    Raises:
-        KeyboardInterrupt: all work is being stopped.
-    """
-    work = object()
-    _register(work, stop)
-    try:
-        yield
-    finally:
-        if _unregister(work):
-            raise KeyboardInterrupt
-
-
-def _register(work: object, stop: Callable[[], None]) -> None:
-    with _lock:
-        _running[work] = stop
-        stopped = _stops > 0
-    if stopped:
-        stop()
-
-
-def _unregister(work: object) -> bool:
-    """Forget a piece of work; True if all work is being stopped."""
-    with _lock:
-        _running.pop(work, None)
-        return _stops > 0
-
-
 def cores() -> int:
     """Number of cores available to this process."""
     return len(psutil.Process().cpu_affinity()) if psutil.LINUX else psutil.cpu_count() or 1
 
 
-@contextmanager
-def all_stopped() -> Iterator[None]:
-    """End the work of other threads, and all that they begin within this context, as Ctrl-C ends it."""
-    global _stops
-    with _lock:
-        _stops += 1
-        for stop in [*_running.values()]:
-            stop()
-    try:
-        yield
-    finally:
-        with _lock:
-            _stops -= 1
-
-
 def leave() -> NoReturn:
     """End this process, from the handler of a signal, with all that it has started and without its workplaces."""
-    with all_stopped():
-        with suppress(ChildProcessError):
-            while True:
-                os.wait()
-        for folder in _places:
-            shutil.rmtree(folder, ignore_errors=True)
-        os._exit(1)
+    for launcher in [*_launchers]:
+        _ask_to_end(launcher)
+    with suppress(ChildProcessError):
+        while True:
+            os.wait()
+    for folder in [*_places]:
+        shutil.rmtree(folder, ignore_errors=True)
+    os._exit(1)
 
 
 @contextmanager

@@ -20,14 +20,7 @@ import numpy as np
 from drivers.base.decks import Deck
 from drivers.base.errors import RunError
 from drivers.base.kept import keep, recall
-from drivers.base.processes import (
-    STDERR,
-    STDOUT,
-    EndedProcess,
-    private_temporary_folder,
-    run_command,
-    workplace,
-)
+from drivers.base.processes import STDERR, STDOUT, EndedProcess, private_temporary_folder, run_command, workplace
 from drivers.chain.case import Case, build_case
 from drivers.chain.schemes import default_limit_s, endable
 from drivers.chain.trace import Trace, digest_of
@@ -131,13 +124,20 @@ def _check_room(folder: Path) -> None:
 
 def _in_memory(case: Case, engine: Engine, limit_s: float, folder: Path | None) -> Computed:
     """Integrate a case in this process."""
-    began, loop_s, trace, fault = time.perf_counter(), None, None, None
-    cpu_s: list[float] = []
+    began, loop_s, cpu_s, trace, fault = time.perf_counter(), None, 0.0, None, None
+
+    def integrate(stop: Flag) -> tuple[Trace, float, float]:
+        assert engine.integrate is not None
+        with np.errstate(all="ignore"):  # runs that blow up are reported by the guard
+            return *engine.integrate(case, stop), time.thread_time()  # of a thread of its own
+
     try:
-        integrated, loop_s = _integrated(case, engine, limit_s, cpu_s)
+        integrated, loop_s, cpu_s = endable(integrate, limit_s)
         trace = checked(case, integrated)
     except RunError as error:
         fault = error
+    except TimeoutError:
+        fault = timed_out(limit_s)
     except Exception as error:  # of the integrator fails the run, as an error of a code does
         fault = RunError(f"{type(error).__name__}: {error}")
     if folder is not None:
@@ -145,29 +145,7 @@ def _in_memory(case: Case, engine: Engine, limit_s: float, folder: Path | None) 
         (folder / STDOUT).write_text(said)
         (folder / STDERR).write_text(f"{fault}\n" if fault and loop_s is None else "")
     memory_bytes = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return Computed(trace, fault, time.perf_counter() - began, sum(cpu_s), memory_bytes, loop_s)
-
-
-def _integrated(case: Case, engine: Engine, limit_s: float, cpu_s: list[float]) -> tuple[Trace, float]:
-    """Trace and time of the loop; ``cpu_s`` receives the CPU time.
-
-    Raises:
-        RunError: the integration was ended at its time limit.
-    """
-
-    def integrate(stop: Flag) -> tuple[Trace, float]:
-        before_s = time.thread_time()
-        assert engine.integrate is not None
-        try:
-            with np.errstate(all="ignore"):  # runs that blow up are reported by the guard
-                return engine.integrate(case, stop)
-        finally:
-            cpu_s.append(time.thread_time() - before_s)
-
-    try:
-        return endable(integrate, limit_s)
-    except TimeoutError:
-        raise timed_out(limit_s) from None
+    return Computed(trace, fault, time.perf_counter() - began, cpu_s, memory_bytes, loop_s)
 
 
 def _own_process(

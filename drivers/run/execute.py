@@ -7,7 +7,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
+from concurrent.futures import CancelledError, Executor, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -74,7 +74,10 @@ def execute(
     """
     executor_at = _on_dask if place.dask else _processes if place.processes else _threads
     with executor_at(place) as executor:
-        under_way = _submitted(executor, work, items)
+        with ThreadPoolExecutor(1) as thread:  # no signal interrupts it: a worker with half of its setup complains
+            under_way = thread.submit(
+                lambda: {executor.submit(work, item): (number, item) for number, item in enumerate(items)}
+            ).result()
         waiting = set(under_way)
         while waiting:
             ended, waiting = wait(waiting, POLL_INTERVAL_S, return_when="FIRST_COMPLETED")
@@ -86,20 +89,6 @@ def execute(
 def side_by_side(work: Mapping[str, Callable[[], Result]]) -> Iterator[tuple[str, Result]]:
     """Call functions on threads; yields each name with its result, as results come."""
     return execute(lambda name: work[name](), work)
-
-
-def _submitted(
-    executor: Executor, work: Callable[[Item], Result], items: Iterable[Item]
-) -> dict[Future[Result], tuple[int, Item]]:
-    """Number and item by future.
-
-    Processes start in another thread, since a signal interrupts the main thread: a worker that gets half of its setup
-    prints a traceback.
-    """
-    with ThreadPoolExecutor(1) as thread:
-        return thread.submit(
-            lambda: {executor.submit(work, item): (number, item) for number, item in enumerate(items)}
-        ).result()
 
 
 @contextmanager

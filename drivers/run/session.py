@@ -6,12 +6,12 @@ import subprocess
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from multiprocessing import connection
 from multiprocessing.util import Finalize
 from pathlib import Path
 
 from drivers.base.decks import Deck
 from drivers.base.processes import (
-    COULD_NOT_START,
     STDERR,
     STDOUT,
     EndedProcess,
@@ -19,7 +19,7 @@ from drivers.base.processes import (
     end,
     private_temporary_folder,
     start,
-    wait_for,
+    waited,
     workplace,
 )
 from drivers.engines import Engine
@@ -52,6 +52,10 @@ class Session:
         """Run a deck in the folder ``case``; its output stays there until the next run.
 
         A case that ends the process has the same outcome as in its own process; the next case gets a new process.
+
+        Raises:
+            OSError: no process can be started.
+            KeyboardInterrupt: all work is being stopped.
         """
         if self.ended or not self.served:
             shutil.rmtree(self.case, ignore_errors=True)  # remove files of a failed case
@@ -61,12 +65,7 @@ class Session:
             (self.case / name).unlink(missing_ok=True)
         deck.write(self.case)
         began = time.perf_counter()
-        try:
-            self.start()
-        except OSError as error:
-            (self.case / STDOUT).write_text("")
-            (self.case / STDERR).write_text(f"cannot start: {error}\n")
-            return EndedProcess(COULD_NOT_START, False, limit_s)
+        self._start()
         if self.served == 0:
             outcome = self._ask("", min(MAX_START_S, max(limit_s, MIN_START_S)))
             self.start_s += time.perf_counter() - began
@@ -75,8 +74,8 @@ class Session:
         self.served += 1
         return self._ask(self.case.name, limit_s)
 
-    def start(self) -> None:
-        """Start the server if there is none, without waiting for it; OSError if it cannot be started."""
+    def _start(self) -> None:
+        """Start the server if there is none, without waiting for it."""
         if self._launched is not None:
             return
         self.engine.server.write(self.folder)
@@ -151,7 +150,7 @@ def _listen(stdout: int, until_s: float) -> tuple[bytes, str]:
     word = f"{DONE}\n".encode()
     output = b""
     while not output.endswith(word):
-        if not wait_for(stdout, until_s):
+        if not waited(lambda seconds: connection.wait([stdout], seconds), until_s):
             return output, "late"
         part = os.read(stdout, 1 << 16)
         if not part:

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.base import processes
 from drivers.base.processes import all_stopped, run_command
 from drivers.chain.trace import digest_of
 from drivers.engines import REFERENCE, VERLET, load_engine
@@ -57,8 +56,7 @@ def test_interrupt_ends_all_and_leaves_no_folder(scene_file: SceneWriter, tmp_pa
     assert not [pid for pid in running.split() if int(pid) != os.getpid()]
 
 
-def test_processes_are_killed_only_within_all_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(processes, "_running", {})  # servers of other tests live on
+def test_processes_are_killed_only_within_all_stopped(tmp_path: Path) -> None:
     with ThreadPoolExecutor() as pool:
         slow = pool.submit(run_command, ("sleep", "60"), tmp_path, 100.0)
         time.sleep(0.5)
@@ -133,3 +131,22 @@ def test_script_that_looks_at_decks_serves_none(stand_in: StandIn, scene_file: S
     assert command is not None
     stand_in(engine.program, f'[ -e {next(iter(deck.files))} ] && exit 3\nexec {command[-1]} "$@"\n')
     assert str(compute(case, CODE).fault).startswith("exit code 3")
+
+
+def test_an_interrupt_while_a_worker_gets_its_setup_prints_nothing() -> None:
+    script = (
+        "import os, signal; from multiprocessing import forkserver; from drivers.run.execute import Place, execute\n"
+        "read = forkserver.read_signed\n"
+        "def interrupted(pid):\n"
+        "    forkserver.read_signed = read\n"
+        "    os.kill(os.getpid(), signal.SIGINT)\n"
+        "    return read(pid)\n"
+        "forkserver.read_signed = interrupted\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "try:\n"
+        "    [*execute(abs, [1], Place(1, processes=True))]\n"
+        "except KeyboardInterrupt:\n"
+        "    print('interrupted')"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, check=False, timeout=60)
+    assert (done.stdout, done.stderr) == (b"interrupted\n", b"")
