@@ -16,7 +16,7 @@ from drivers.base import paths
 from drivers.base.decks import Deck
 from drivers.base.errors import RunError
 from drivers.base.files import sha256_of
-from drivers.base.processes import git, local_changes
+from drivers.base.processes import git, local_changes, workplace
 from drivers.base.progress import following, say
 from drivers.chain.case import Case
 from drivers.chain.trace import finite_part
@@ -36,7 +36,6 @@ from drivers.run.run_folder import (
     read_record,
     write_run,
 )
-from drivers.run.workplaces import workplace
 
 
 def run_case(
@@ -46,7 +45,6 @@ def run_case(
     *,
     rerun: bool = False,
     limit_s: float | None = None,
-    by_hand: bool = True,
 ) -> EndedRun:
     """Run a case, or find a finished run of it.
 
@@ -59,8 +57,7 @@ def run_case(
         engine_name: name of the engine.
         runs: folder of all run folders.
         rerun: True to run again even if a finished run exists.
-        limit_s: time limit in s; None for ``drivers.run.compute.default_limit_s``.
-        by_hand: True to run the deck of a code in a process of its own; False for a server that runs many decks.
+        limit_s: time limit in s; None for ``drivers.chain.schemes.default_limit_s``.
 
     Raises:
         RunError: the engine is not installed.
@@ -80,8 +77,7 @@ def run_case(
     with workplace(home) as place:
         folder = place / "run"
         folder.mkdir()
-        alone = by_hand and not engine.in_repository
-        ended = compute(case, engine_name, build=build, deck=deck, limit_s=limit_s, folder=folder, by_hand=alone)
+        ended = compute(case, engine_name, build=build, deck=deck, limit_s=limit_s, folder=folder)
         record = record_of_end(case, engine, build, deck, ended)
         for raw in (folder / name for name in (*deck.raw, *deck.logs)):
             if raw.is_dir():
@@ -102,7 +98,7 @@ def run_case(
     return EndedRun(target, record)
 
 
-def run_many(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS, *, by_hand: bool = False) -> list[EndedRun]:
+def run_many(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS) -> list[EndedRun]:
     """Run pairs of a case and an engine, or find finished runs; results in the order of ``jobs``.
 
     Equal decks run once, and the largest cases run first.
@@ -110,7 +106,6 @@ def run_many(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS, *, by_ha
     Args:
         jobs: cases with the names of their engines.
         runs: folder of all run folders.
-        by_hand: as for ``run_case``.
 
     Raises:
         RunError: an engine is not installed.
@@ -118,7 +113,7 @@ def run_many(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS, *, by_ha
     keys = [(engine, load_engine(engine).render(case).sha256) for case, engine in jobs]
     different = dict(zip(keys, jobs, strict=True))
     largest_first = sorted(different, key=lambda key: -different[key][0].work)
-    under_way = execute(lambda key: run_case(*different[key], runs, by_hand=by_hand), largest_first)
+    under_way = execute(lambda key: run_case(*different[key], runs), largest_first)
     ended = dict(following(under_way, "engines", len(different)))
     return [
         run_case(case, engine, runs) if run.done and run.layout != case.layout else run  # other gauges: found again

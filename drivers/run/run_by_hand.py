@@ -10,6 +10,7 @@ from textwrap import shorten
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
 from drivers.base.files import DamagedError, read_sealed, write_sealed
+from drivers.base.processes import workplace
 from drivers.base.progress import say
 from drivers.chain.case import Case
 from drivers.chain.trace import finite_part
@@ -19,7 +20,6 @@ from drivers.run.compute import Computed
 from drivers.run.guard import checked, compared, unstable
 from drivers.run.run import move_into_place, record_of_end
 from drivers.run.run_folder import RECORD, EndedRun, folder_name, in_si, is_run, record_of, write_run
-from drivers.run.workplaces import workplace
 from drivers.scene.model import Scene
 from drivers.scene.read_scene import stored_scene
 

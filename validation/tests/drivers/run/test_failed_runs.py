@@ -1,6 +1,7 @@
 """Tests of runs that fail: the engine's own words, time limits, engines that are missing or cannot start."""
 
 import json
+import platform
 import re
 import sys
 from contextlib import suppress
@@ -13,12 +14,12 @@ import psutil
 import pytest
 
 from drivers.base.errors import RunError
+from drivers.base.processes import LOCK, PLACE
 from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import Trace
 from drivers.engines import load_engine, missing_codes
 from drivers.run.guard import checked, compared
 from drivers.run.run import run_case
-from drivers.run.workplaces import ALIVE, _machine
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import failing_run
 from validation.tests.helpers.scenes import SceneWriter, StandIn, case_of
@@ -83,9 +84,9 @@ def test_failed_run_is_tried_again_and_replaces_no_finished_one(scene_file: Scen
     """The next run removes what a killed process has left."""
     case, home = case_of(scene_file(duration="20 ms", step="2 ns")), tmp_path / "verlet"
     assert run_case(case, "verlet", tmp_path, limit_s=1e-6).record.status == "timeout"
-    left = home / f".{'a' * 12}@{_machine()}"
+    left = home / f"{PLACE}x@{platform.node()}"
     left.mkdir()
-    (left / ALIVE).touch()
+    (left / LOCK).touch()
     good = run_case(case, "verlet", tmp_path)
     assert good.done
     assert [folder for folder in home.iterdir() if folder.is_dir()] == [good.folder]
