@@ -78,7 +78,8 @@ def write_tables(batch: Batch, rows: list[Row], results: Path) -> list[Path]:
 def read_study_table(study: str | Path, runs: str | Path | None = None) -> pd.DataFrame:
     """Read the rows of a study, as its file is now, from the database that batches write.
 
-    The engines are those of the study, and further ones with rows. Rows of an earlier version of the program or of an engine count; a line on stderr tells their number.
+    The engines are those of the study, and further ones with rows. Rows of an earlier version of the program or of an
+    engine count; a line on stderr tells their number.
 
     Args:
         study: Name of a study in ``inputs/studies``, or path of a study file.
