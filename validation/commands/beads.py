@@ -10,14 +10,12 @@ import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from tempfile import gettempdir
 from typing import NoReturn
 
 import click
 
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError, one_line, printable
-from drivers.base.files import home_of
 from validation.commands import (
     batch_commands,
     engine_commands,
@@ -155,8 +153,6 @@ def run_main(main: Callable[[], int]) -> NoReturn:
     """
     for request in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(request, signal.default_int_handler)
-    if not any(os.access(place, os.W_OK) for place in (paths.ROOT, home_of("~"))):  # numba writes compiled code there
-        os.environ.setdefault("NUMBA_CACHE_DIR", gettempdir())
     for stream in ("stdout", "stderr"):  # None if closed by the caller, and then print() would write to the other
         if getattr(sys, stream) is None:
             setattr(sys, stream, os.fdopen(os.open(os.devnull, os.O_WRONLY), "w"))
