@@ -6,6 +6,7 @@ from pathlib import Path
 
 from drivers.base import paths
 from drivers.base.errors import InputError, InputProblem
+from drivers.base.files import read_file
 from drivers.base.messages import shorten
 from drivers.base.units import to_si
 from drivers.scene.model import DriveTable, Scene, StoredDrive
@@ -81,10 +82,11 @@ def with_points(drive: DriveTable, folder: Path, where: str) -> StoredDrive:
     values = {key: getattr(drive, key) for key in DriveTable.model_fields}
     if drive.file is not None:
         path = folder / drive.file
-        if not path.is_file():
-            found = f"{'a folder' if path.is_dir() else 'no such file'}: {paths.shown(path)}"
-            raise InputError(where, "drive.file", found, f"a CSV file, relative to {paths.shown(folder)}")
-        values |= _points(path)
+        try:
+            values |= _points(path)
+        except FileNotFoundError as error:
+            found, allowed = f"no such file: {paths.shown(path)}", f"a CSV file, relative to {paths.shown(folder)}"
+            raise InputError(where, "drive.file", found, allowed) from error
     return StoredDrive.model_construct(**values)
 
 
@@ -92,8 +94,8 @@ def _points(path: Path) -> dict[str, tuple[float, ...]]:
     """Times and values of a file by key of ``StoredDrive``, in SI units; lines with # are comments."""
     shown = paths.shown(path)
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, ValueError) as error:
+        lines = read_file(path, "a CSV file").decode("utf-8-sig").splitlines()
+    except ValueError as error:
         raise InputError(shown, "", f"a file that cannot be read: {error}", "CSV text in UTF-8") from error
     rows = [(n, line.split(",")) for n, line in enumerate(lines, 1) if line.strip() and not line.startswith("#")]
     headings = [tuple(cell.strip().partition("_")[::2]) for cell in rows[0][1]] if rows else []

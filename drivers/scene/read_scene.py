@@ -11,6 +11,7 @@ from pydantic import Field, create_model
 
 from drivers.base import paths, units
 from drivers.base.errors import InputError, InputProblem, refuse_any
+from drivers.base.files import read_file
 from drivers.base.messages import model_at, shorten, validate
 from drivers.scene.drive_rules import with_points
 from drivers.scene.model import RIGID, Bead, Material, Member, Scene, SceneFile
@@ -181,14 +182,10 @@ def read_toml(path: Path) -> dict[str, Any]:
         InputError: the file cannot be read, or does not contain TOML in UTF-8.
     """
     where = paths.shown(path)
-    if not path.exists():
-        raise InputError(where, "", "file not found")
-    if not path.is_file():
-        raise InputError(where, "", "a directory" if path.is_dir() else "a device or a pipe", "a TOML file")
     try:
-        return tomllib.loads(path.read_bytes().decode("utf-8"))
-    except OSError as error:
-        raise InputError(where, "", f"file cannot be read: {error.strerror or error}") from error
+        return tomllib.loads(read_file(path, "a TOML file").decode("utf-8"))
+    except FileNotFoundError as error:
+        raise InputError(where, "", "file not found") from error
     except UnicodeDecodeError as error:
         raise InputError(where, "", f"byte 0x{error.object[error.start]:02x} at {error.start}", "UTF-8 text") from error
     except (ValueError, RecursionError) as error:  # TOMLDecodeError, and numbers too long to read
