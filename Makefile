@@ -101,8 +101,8 @@ $(MEASURED:%=results/.%): results/.%: $(MADE_FROM) $$(if $$(wildcard results/$$*
 # codes that have to run: all if make can install them, else those that are installed
 REQUIRED = $(if $(APT),$(CODES),$(shell cat .venv/.engines))
 # the page is written first, then extended by each figure and chapter; the stamp is written if no verdict is fail
-# newer tables and figures of other targets also make the report out of date
-NEWS = $(shell find results -maxdepth 1 \( -name '*.csv' -o -name '*.svg' \) -newer results/.report 2>/dev/null)
+# newer figures and chapters of other targets also make the report out of date
+NEWS = $(shell find results/parts -name '*.json' -newer results/.report 2>/dev/null)
 results/.report: $(MADE_FROM) $(if $(wildcard results/report.html),$(if $(NEWS),FORCE),FORCE)
 	$(BEADS) report --studies $(REQUIRED:%=--require %)
 	@touch $@ $(addprefix results/.,claims $(FIGURES))

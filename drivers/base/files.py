@@ -84,14 +84,36 @@ def _seal_of(path: Path) -> Path:
     return path.parent / SEALS / path.name
 
 
+def read_file(path: Path, allowed: str) -> bytes:
+    """Content of a regular file; a pipe or a device is refused, since reading it might never end.
+
+    Args:
+        path: the file.
+        allowed: the file that belongs here, for messages.
+
+    Raises:
+        FileNotFoundError: no such file.
+        InputError: no regular file, or one that cannot be read.
+    """
+    try:
+        if path.exists() and not path.is_file():
+            raise InputError(paths.shown(path), "", "a folder" if path.is_dir() else "no regular file", allowed)
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise
+    except OSError as error:
+        found = f"a file that cannot be read ({error.strerror})"
+        raise InputError(paths.shown(path), "", found, allowed) from error
+
+
 def read_checked(path: Path, sha256: str, allowed: str) -> bytes:
     """Content of a file of known digest; read once, so that what was checked is what is parsed.
 
     Raises:
         FileNotFoundError: no such file.
-        DamagedError: the content has another digest, or cannot be read.
+        InputError: the content has another digest, or cannot be read.
     """
-    content = _read(path, allowed)
+    content = read_file(path, allowed)
     if hashlib.sha256(content).hexdigest() != sha256:
         raise DamagedError(paths.shown(path), "", ALTERED, allowed)
     return content
@@ -109,9 +131,9 @@ def read_sealed(path: Path, allowed: str) -> dict[str, Any]:
 
     Raises:
         FileNotFoundError: no such file.
-        DamagedError: the values are not those that were written.
+        InputError: the values are not those that were written, or cannot be read.
     """
-    content = _read(path, allowed)
+    content = read_file(path, allowed)
     try:
         values = json.loads(content)
         digest = values.pop(DIGEST, None)
@@ -128,18 +150,6 @@ def read_sealed(path: Path, allowed: str) -> dict[str, Any]:
 def digest_of_json(content: Any) -> str:
     """SHA-256 digest of a JSON value."""
     return hashlib.sha256(json.dumps(content).encode()).hexdigest()
-
-
-def _read(path: Path, allowed: str) -> bytes:
-    try:
-        if path.exists() and not path.is_file():  # reading a pipe would wait for ever
-            raise DamagedError(paths.shown(path), "", "a folder" if path.is_dir() else "no regular file", allowed)
-        return path.read_bytes()
-    except FileNotFoundError:
-        raise
-    except OSError as error:
-        found = f"a file that cannot be read ({error.strerror})"
-        raise DamagedError(paths.shown(path), "", found, allowed) from error
 
 
 def csv_of(table: "pd.DataFrame") -> bytes:
