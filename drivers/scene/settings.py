@@ -57,30 +57,30 @@ def differences(first: Any, second: Any, path: str = "") -> Iterator[tuple[str, 
 
 
 def setting_text(key: str, value: Any) -> str:
-    """Text of a value in a setting; numbers are given in SI units."""
+    """Text of a value in a setting; numbers are given in SI units, and free text in tables is left out."""
     if value is None or isinstance(value, str):
         return value or ""
-    unit = unit_of(key)
-    return units.quantity(value, unit) if unit and isinstance(value, float) else _toml(key, value)
+    return _quantity(key, value) or _toml(key, value)
 
 
 def setting_texts(settings: Mapping[str, Any]) -> tuple[str, ...]:
     """``KEY=VALUE`` texts of settings by key; numbers are given in SI units, None removes the key."""
-    texts = []
-    for key, value in settings.items():
-        number = unit_of(key) and isinstance(value, (int, float))
-        texts.append(f"{key}={setting_text(key, float(value) if number else value)}")
-    return tuple(texts)
+    return tuple(f"{key}={setting_text(key, value)}" for key, value in settings.items())
+
+
+def _quantity(key: str, value: Any) -> str:
+    """Number with the unit of its key; empty for other values."""
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return units.quantity(float(value), unit) if number and (unit := unit_of(key)) else ""
 
 
 def _toml(key: str, value: Any) -> str:
-    """TOML text of a value, with its unit; free text is left out."""
     if isinstance(value, dict):
-        table = {name: entry for name, entry in value.items() if name not in FREE_TEXT}
-        return "{" + ", ".join(f"{name}={_toml(f'{key}.{name}', entry)}" for name, entry in table.items()) + "}"
+        entries = (f"{name}={_toml(f'{key}.{name}', entry)}" for name, entry in value.items() if name not in FREE_TEXT)
+        return f"{{{', '.join(entries)}}}"
     if isinstance(value, list):
-        return "[" + ", ".join(_toml(f"{key}.{index}", entry) for index, entry in enumerate(value)) + "]"
-    return json.dumps(units.quantity(value, unit) if isinstance(value, float) and (unit := unit_of(key)) else value)
+        return f"[{', '.join(_toml(f'{key}.{index}', entry) for index, entry in enumerate(value))}]"
+    return json.dumps(_quantity(key, value) or value)
 
 
 @cache
@@ -109,9 +109,7 @@ def key_rows(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, ..
     """Row of each key of a model, and after the key of a table the rows of its own keys, with dots between names."""
     for name, field in model.model_fields.items():
         key, annotation = f"{prefix}{field.alias or name}", parts_of(field.annotation)
-        parts = [field, *field.metadata, *annotation]
-        meaning = next((part.description for part in parts if isinstance(part, FieldInfo) and part.description), "")
-        yield key, _values(parts), _default(field), meaning
+        yield key, _values([field, *field.metadata, *annotation]), _default(field), field.description or ""
         for inner in filter(_is_model, annotation):
             yield from key_rows(inner, f"{key}.NAME." if dict in _origins(annotation) else f"{key}.")
 
