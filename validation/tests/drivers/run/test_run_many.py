@@ -1,6 +1,7 @@
 """Tests of many runs: in order, in parallel, interrupted, and on servers as by hand."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -14,7 +15,7 @@ import pytest
 from drivers.base.processes import all_stopped, run_command
 from drivers.chain.trace import digest_of
 from drivers.engines import REFERENCE, VERLET, load_engine
-from drivers.run.compute import compute
+from drivers.run.compute import _serves_alike, compute
 from drivers.run.run import run_case, run_many
 from drivers.run.run_folder import open_run
 from validation.tests.helpers.commands import BEADS
@@ -131,6 +132,22 @@ def test_script_that_looks_at_decks_serves_none(stand_in: StandIn, scene_file: S
     assert command is not None
     stand_in(engine.program, f'[ -e {next(iter(deck.files))} ] && exit 3\nexec {command[-1]} "$@"\n')
     assert str(compute(case, CODE).fault).startswith("exit code 3")
+
+
+def test_a_disturbed_test_of_a_server_is_not_cached(stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path) -> None:
+    need(CODE)
+    count, real = tmp_path / "count", shutil.which("lmp")
+    stand_in(
+        "lmp",
+        f'case "$*" in *-h*) ;; *) echo >> {count}; [ $(wc -l < {count}) = 2 ] && kill -9 $$ ;; esac\nexec {real} "$@"',
+    )
+    case, starts = case_of(scene_file()), [0]
+    for _ in range(3):
+        _serves_alike.cache_clear()
+        assert compute(case, CODE).done
+        starts.append(count.read_text().count("\n"))
+    # alone, as a server that is killed, and alone since there is none; alone and as a server; on this server
+    assert starts == [0, 3, 5, 5]
 
 
 def test_an_interrupt_while_a_worker_gets_its_setup_prints_nothing() -> None:
