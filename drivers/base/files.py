@@ -10,9 +10,8 @@ import json
 import os
 import re
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -153,20 +152,18 @@ def digest_of_json(content: Any) -> str:
 
 
 def csv_of(table: "pd.DataFrame") -> bytes:
-    """Table as CSV; an apostrophe before text that a spreadsheet would take for a formula."""
-    safe = _in_texts(table, lambda text: f"'{text}" if FORMULA.match(text) else text)
-    text = str(safe.to_csv(index=False))
+    """Table as CSV; an apostrophe before text, headings included, that a spreadsheet would take for a formula."""
+
+    def safe(value: Any) -> Any:
+        return f"'{value}" if isinstance(value, str) and FORMULA.match(value) else value
+
+    table = table.rename(columns=safe)
+    for name in [name for name, kind in table.dtypes.items() if kind.kind not in "biufc"]:
+        table[name] = table[name].map(safe)
+    text = str(table.to_csv(index=False))
     if "\r" in text:  # the end of a line for readers, which Python does not quote
-        text = str(safe.to_csv(index=False, quoting=csv.QUOTE_NONNUMERIC))
+        text = str(table.to_csv(index=False, quoting=csv.QUOTE_NONNUMERIC))
     return text.encode()
-
-
-def table_in(content: bytes, **options: Any) -> "pd.DataFrame":
-    """Table from the CSV of ``csv_of``, with the text that was written; options as of ``pandas.read_csv``."""
-    import pandas as pd
-
-    table = pd.read_csv(BytesIO(content), **options)
-    return _in_texts(table, lambda text: text[1:] if text.startswith("'") and FORMULA.match(text) else text)
 
 
 def parquet_in(content: bytes) -> "pd.DataFrame":
@@ -185,19 +182,6 @@ def arrow_in(content: bytes) -> "pa.Table":
     from pyarrow.parquet import ParquetFile
 
     return ParquetFile(BufferReader(content)).read(use_threads=False)
-
-
-def _in_texts(table: "pd.DataFrame", change: Callable[[str], str]) -> "pd.DataFrame":
-    """Table with all texts changed, also those of the heading."""
-
-    def changed(value: Any) -> Any:
-        return change(value) if isinstance(value, str) else value
-
-    texts = [name for name, kind in table.dtypes.items() if kind.kind not in "biufc"]
-    table = table.copy(deep=False)
-    for name in texts:
-        table[name] = table[name].map(changed)
-    return table.rename(columns=changed)
 
 
 def sha256_of(path: Path) -> str:
