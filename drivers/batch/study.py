@@ -30,7 +30,6 @@ from drivers.scene.model import Part, Scene, Title
 from drivers.scene.read_scene import find_input, find_scene, library, make_scene, read_toml, set_value
 from drivers.scene.settings import look_up, unit_of
 
-DERIVED = ("-cost", "-figure", "-xy")  # endings of the files of a study besides its table
 MAX_SAMPLE = 100  # cases that are checked before the first one runs
 RESERVED = ("case", "engine", "status", "reason", "force_error_share")  # columns of every table
 
@@ -113,7 +112,7 @@ class Study:
         """Number of cases."""
         return prod(map(len, self.axes))
 
-    def _places(self, number: int) -> tuple[int, ...]:
+    def _places(self, number: int) -> tuple[Any, ...]:
         """Place of a case on each axis; cases are numbered from 1, and the last axis varies fastest."""
         return np.unravel_index(number - 1, [len(axis) for axis in self.axes])
 
@@ -174,8 +173,6 @@ def read_study(source: str | Path, also: Sequence[str] = ()) -> Study:
     """
     path = find_input(source, paths.STUDIES, "study")
     where = paths.shown(path)
-    if path.stem.endswith(DERIVED):
-        raise InputError(where, "", f"the study name {path.stem}", "a name without the ending of another study's files")
     file = validate(StudyFile, read_toml(path), where)
     scene = _base_scene(file.scene, path, where)
     base = read_toml(scene)
