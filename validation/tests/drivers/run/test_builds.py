@@ -1,5 +1,6 @@
 """Tests of builds: a run belongs to a build, and entries and adapters of users are engines like the shipped ones."""
 
+import os
 import re
 import shutil
 import sys
@@ -24,6 +25,7 @@ from drivers.engines import load_engine
 
 ENGINE = replace(load_engine("verlet"), integrate=None, version=lambda command: "mine 1.0", style=None)
 """
+ENTRY_IN_FOLDER = '[mine]\nadapter = "mine.py"\ncommand = "./programs/mine"\n'
 
 
 def test_another_build_of_the_same_version_gets_its_own_run(
@@ -138,6 +140,34 @@ def test_memory_of_a_program_is_its_own(tmp_path: Path) -> None:
     small = run_command(("true",), tmp_path, 10.0).memory_bytes
     more = run_command((sys.executable, "-c", "bytearray(70_000_000)"), tmp_path, 10.0).memory_bytes
     assert small < 30e6 < 70e6 < more < 120e6 < large.nbytes
+
+
+def test_files_of_the_present_folder_that_others_can_change_are_taken_on_request(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "programs").mkdir()
+    for name, text in {"mine.py": OWN_ADAPTER, "programs/mine": "", "engines.toml": ENTRY_IN_FOLDER}.items():
+        (tmp_path / name).write_text(text)
+    for name in (".", "engines.toml", "mine.py", "programs/mine", "programs"):
+        path, shown = tmp_path / name, {"programs": "programs/mine", ".": "engines.toml"}.get(name, name)
+        mode = path.stat().st_mode
+        refused = f"^{shown}: found a file that others can change; .* or --engines engines.toml$"
+        path.chmod(mode | 0o020)
+        with pytest.raises(InputError, match=refused):
+            load_engine("mine")
+        path.chmod(mode)
+        if os.geteuid() == 0:
+            os.chown(path, 1, 1)
+            with pytest.raises(InputError, match=refused):
+                load_engine("mine")
+            os.chown(path, 0, 0)
+    (tmp_path / "engines.toml").chmod(0o666)
+    monkeypatch.setenv(paths.ENGINES_VARIABLE, "engines.toml")
+    assert load_engine("mine").entry.command == ((f"{tmp_path}/programs/mine",),)
+    monkeypatch.delenv(paths.ENGINES_VARIABLE)
+    (tmp_path / "engines.toml").chmod(0o600)
+    assert load_engine("mine").entry.command == ((f"{tmp_path}/programs/mine",),)
 
 
 @pytest.mark.parametrize(
