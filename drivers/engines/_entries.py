@@ -30,7 +30,7 @@ def _alternatives(value: object) -> object:
             return tuple(tuple(shlex.split(line)) for line in lines)
     except ValueError:  # an open quote
         pass
-    raise units.NotAllowedError('a command such as "mpirun -np 1 lmp", or a list of them')
+    raise ValueError('a command such as "mpirun -np 1 lmp", or a list of them')
 
 
 def engines_again() -> list[str]:
