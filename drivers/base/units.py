@@ -12,7 +12,8 @@ from functools import cache, lru_cache
 from math import nan
 from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import BeforeValidator, ValidationInfo
+from pydantic import BeforeValidator, GetJsonSchemaHandler, ValidationInfo
+from pydantic_core import CoreSchema
 
 from drivers.base.kept import kept
 
@@ -97,6 +98,10 @@ class InUnit(BeforeValidator):
     unit: str = ""
     least: float = 0.0
     most: float = 0.0
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        """JSON schema of the number, with its unit."""
+        return handler(schema) | {"unit": self.unit, "minimum": self.least, "maximum": self.most}
 
 
 def in_unit(what: str, unit: str, example: str, least: float, most: float, *, zero: bool = False) -> InUnit:
