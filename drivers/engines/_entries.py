@@ -27,7 +27,7 @@ def _alternatives(value: object) -> tuple[tuple[str, ...], ...]:
             commands = tuple(tuple(shlex.split(line)) for line in lines)
             if all(commands):
                 return commands
-    raise units.NotAllowedError('a command such as "mpirun -np 1 lmp", or a list of them')
+    raise ValueError('a command such as "mpirun -np 1 lmp", or a list of them')
 
 
 def engines_again() -> list[str]:

@@ -22,7 +22,6 @@ from pydantic import (
 
 from drivers.base import units
 from drivers.base.errors import CONTROL
-from drivers.base.units import NotAllowedError
 from drivers.laws import ALPHA, LAWS, Dissipation
 
 RIGID = "rigid"
@@ -37,7 +36,7 @@ FromWall = Annotated[int, Field(ge=1, le=MAX_BEADS)]
 
 def _plain_text(value: str) -> str:
     if CONTROL.search(value):
-        raise NotAllowedError("text without control characters")
+        raise ValueError("text without control characters")
     return value
 
 
@@ -80,7 +79,7 @@ def _in_one_list(entries: tuple[list[Any], ...]) -> tuple[Any, ...]:
 
 def _place(value: object) -> object:
     if isinstance(value, str | list | tuple):
-        raise NotAllowedError(f'a bead such as 5, a range such as "5-9", up to {MAX_IN_RANGE}, or a list of them')
+        raise ValueError(f'a bead such as 5, a range such as "5-9", up to {MAX_IN_RANGE}, or a list of them')
     return value
 
 
@@ -109,7 +108,7 @@ def _accuracy(value: object) -> object:
     if not all(
         isinstance(number, int | float) and not isinstance(number, bool) and 0 < number < 1 for number in numbers
     ):
-        raise NotAllowedError(
+        raise ValueError(
             "an error above 0 and below 1, such as 1e-4 for the force, or { wall_peak = 1e-3 } for an observable"
         )
     return value
@@ -121,7 +120,7 @@ Accuracy = Annotated[float | dict[str, float], BeforeValidator(_accuracy)]
 def _number_with_unit(value: object) -> object:
     plain = isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
     if not plain and not (isinstance(value, str) and units.NUMBER_AND_UNIT.fullmatch(value)):
-        raise NotAllowedError('a number with its unit, such as "2.1 N/V", or a plain number without a unit')
+        raise ValueError('a number with its unit, such as "2.1 N/V", or a plain number without a unit')
     return value
 
 

@@ -1,12 +1,11 @@
 """Keys of scenes: their units, values and meaning, and differences between scenes as settings of ``--set``."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from functools import cache
-from typing import Any, Literal, get_args, get_origin
+from typing import Any
 
 from pydantic import BaseModel
-from pydantic.fields import FieldInfo
 
 from drivers.base import units
 from drivers.base.messages import model_at, parts_of
@@ -15,8 +14,9 @@ from drivers.scene.read_scene import library
 
 DERIVED = ("units", "name", "steps_per_sample", "samples")  # not in scene files
 FREE_TEXT = ("source",)
-WORDS = {bool: "true or false", str: "text", tuple: "list", dict: "table"}
-ENDS = ("ge", "le", "lt")
+WORDS = {"boolean": "true or false", "string": "text", "object": "table"}  # by type of a JSON schema
+ENDS = ("minimum", "maximum", "exclusiveMaximum")
+Schema = dict[str, Any]
 
 
 def settings_between(scene: dict[str, Any], base: dict[str, Any]) -> dict[str, str]:
@@ -107,53 +107,37 @@ def look_up(tables: Any, key: str) -> Any:
 
 def key_rows(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, ...]]:
     """Row of each key of a model, and after the key of a table the rows of its own keys, with dots between names."""
-    for name, field in model.model_fields.items():
-        key, annotation = f"{prefix}{field.alias or name}", parts_of(field.annotation)
-        yield key, _values([field, *field.metadata, *annotation]), _default(field), field.description or ""
-        for inner in filter(_is_model, annotation):
-            yield from key_rows(inner, f"{key}.NAME." if dict in _origins(annotation) else f"{key}.")
+    schema = model.model_json_schema()
+    return _rows(schema, schema.get("$defs", {}), prefix)
 
 
-def _is_model(part: object) -> bool:
-    return isinstance(part, type) and issubclass(part, BaseModel)
+def _rows(table: Schema, tables: Schema, prefix: str) -> Iterator[tuple[str, ...]]:
+    """Rows of the keys of a table, from its JSON schema and those of all ``tables`` by name."""
+    for name, field in table["properties"].items():
+        kinds = [kind for kind in field.get("anyOf", [field]) if kind.get("type") != "null"]
+        key, default = f"{prefix}{name}", field.get("default")
+        empty = default in (None, "", []) or isinstance(default, dict)
+        text = "" if empty else _number(default) if isinstance(default, float) else json.dumps(default)
+        text = "required" if name in table.get("required", ()) else text
+        yield key, " or ".join(dict.fromkeys(map(_values, kinds))), text, field.get("description", "")
+        for kind in kinds:
+            for inner in (kind, kind.get("items", {}), *kind.get("patternProperties", {}).values()):
+                if "$ref" in inner:
+                    free = "NAME." if "patternProperties" in kind else ""
+                    yield from _rows(tables[inner["$ref"].rpartition("/")[2]], tables, f"{key}.{free}")
 
 
-def _origins(parts: Sequence[Any]) -> list[Any]:
-    return [get_origin(part) or part for part in parts]
-
-
-def _default(field: FieldInfo) -> str:
-    """TOML text of a default; empty if there is none."""
-    if field.is_required():
-        return "required"
-    value = field.get_default(call_default_factory=True)
-    if value is None or isinstance(value, BaseModel) or value in ("", (), {}):
-        return ""
-    return _number(value) if isinstance(value, float) else json.dumps(value)
-
-
-def _values(parts: Sequence[Any]) -> str:
-    """Range, choices or type of a key, from the parts of its annotation."""
-    origins = _origins(parts)
-    if quantity := next((part for part in parts if isinstance(part, units.InUnit)), None):
-        return f"{_number(quantity.least)}..{_number(quantity.most)} {quantity.unit}"
-    if Literal in origins:
-        choices = ", ".join(f'"{choice}"' for choice in get_args(parts[origins.index(Literal)]))
-        return f"list of {choices}" if tuple in origins else choices
-    if any(map(_is_model, parts)):
-        return "list of tables" if tuple in origins else "table"
-    kinds = [kind for kind in origins if isinstance(kind, type) and kind in (*WORDS, int, float)]
-    last = next((place for place, kind in enumerate(kinds) if kind in (tuple, dict)), len(kinds))  # then its members
-    return " or ".join(dict.fromkeys(WORDS.get(kind) or _range(parts) for kind in kinds[: last + 1]))
-
-
-def _range(parts: Sequence[Any]) -> str:
-    """Range of a number."""
-    limits = [limit for part in parts for limit in (part, *getattr(part, "metadata", ()))]
-    ends = {end: _number(getattr(limit, end)) for limit in limits for end in ENDS if hasattr(limit, end)}
-    if "le" in ends or "lt" in ends:
-        return f"{ends['ge']}..{ends['le']}" if "le" in ends else f"{ends['ge']} to below {ends['lt']}"
-    return f"{ends['ge']} or more" if "ge" in ends else "number"
+def _values(kind: Schema) -> str:
+    """Range, choices or type of a key, from its JSON schema."""
+    if "enum" in kind:
+        return ", ".join(map(json.dumps, kind["enum"]))
+    if kind.get("type") == "array":
+        entries = "tables" if "$ref" in kind["items"] else ", ".join(map(json.dumps, kind["items"].get("enum", ())))
+        return f"list of {entries}" if entries else "list"
+    least, most, below = (_number(kind[end]) if end in kind else "" for end in ENDS)
+    if most or below:
+        return f"{least}..{most} {kind.get('unit', '')}".rstrip() if most else f"{least} to below {below}"
+    return f"{least} or more" if least else WORDS.get(kind.get("type", "object"), "number")
 
 
 def _number(number: float) -> str:
