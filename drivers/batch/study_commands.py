@@ -72,6 +72,8 @@ def batch(
     with Store(request.runs) as store:
         store.merge()
         todo = batch.todo(store)
+        if any(store.former.glob("*.jsonl")):
+            print(f"{paths.shown(store.former)}: rows of an earlier version, not read; may be removed", file=sys.stderr)
         if store.damaged:
             print(f"{len(store.damaged)} damaged rows in {paths.shown(store.common)}: run again", file=sys.stderr)
         if dry_run:
