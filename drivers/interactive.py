@@ -7,7 +7,7 @@ from typing import Any
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
 from drivers.chain.case import Case, build_case
-from drivers.limits.refusal import refuse
+from drivers.limits import refuse
 from drivers.run.inventory import run_folder
 from drivers.run.run import run_case
 from drivers.run.run_folder import EndedRun

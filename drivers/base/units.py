@@ -134,6 +134,7 @@ Duration = Annotated[float, in_unit("a time above zero", "s", "0.8 ms", 1e-21, 1
 StartTime = Annotated[float, in_unit("a time of zero or more", "s", "10 us", 1e-21, 1e9, zero=True)]
 Instant = Annotated[float, in_unit("a time", "s", "12 us", -1e9, 1e9)]
 Speed = Annotated[float, in_unit("a speed above zero", "m/s", "2 m/s", 1e-12, 1e4)]
+Slowness = Annotated[float, in_unit("a slowness above zero", "s/m", "0.1 s/m", 1e-9, 1e9)]
 Velocity = Annotated[float, in_unit("a velocity (upwards positive)", "m/s", "-0.5 m/s", -1e4, 1e4)]
 Acceleration = Annotated[
     float, in_unit("an acceleration of zero or more", "m/s^2", "9.81 m/s^2", 1e-30, 1e7, zero=True)

@@ -6,8 +6,7 @@ the present contact radius; YADE stores the shear force instead.
 
 from typing import Any
 
-from drivers.chain.case import Case
-from drivers.chain.elements import SIDEWAYS, STRAIGHT
+from drivers.chain.case import SIDEWAYS, STRAIGHT, Case
 from drivers.engines import IN_OVERLAPS, Style, _in_repo
 
 

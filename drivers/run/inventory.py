@@ -12,7 +12,7 @@ from typing import Any
 
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError, one_line
-from drivers.base.processes import UNKNOWN_VERSION
+from drivers.base.processes import UNKNOWN_VERSION, workplace
 from drivers.base.text_table import text_table
 from drivers.base.units import to_si
 from drivers.chain.case import build_case
@@ -20,7 +20,6 @@ from drivers.engines import engine_names, load_engine
 from drivers.run.build import build_of
 from drivers.run.run import run_identity
 from drivers.run.run_folder import DAMAGED, FOLDER_NAME, EndedRun, RunRecord, in_si, read_record
-from drivers.run.workplaces import workplace
 from drivers.scene.model import Scene
 from drivers.scene.read_scene import find_scene, read_scene, stored_scene
 from drivers.scene.settings import look_up, setting_text, settings_between, unit_of

@@ -1,11 +1,12 @@
-"""Differences between scenes as settings of ``--set``, with units."""
+"""Keys of scenes: their units, values and meaning, and differences between scenes as settings of ``--set``."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
-from typing import Any
+from typing import Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel
+from pydantic.fields import FieldInfo
 
 from drivers.base import units
 from drivers.base.messages import model_at, parts_of
@@ -14,6 +15,8 @@ from drivers.scene.read_scene import library
 
 DERIVED = ("units", "name", "steps_per_sample", "samples")  # not in scene files
 FREE_TEXT = ("source",)
+WORDS = {bool: "true or false", str: "text", tuple: "list", dict: "table"}
+ENDS = ("ge", "le", "lt")
 
 
 def settings_between(scene: dict[str, Any], base: dict[str, Any]) -> dict[str, str]:
@@ -54,30 +57,30 @@ def differences(first: Any, second: Any, path: str = "") -> Iterator[tuple[str, 
 
 
 def setting_text(key: str, value: Any) -> str:
-    """Text of a value in a setting; numbers are given in SI units."""
+    """Text of a value in a setting; numbers are given in SI units, and free text in tables is left out."""
     if value is None or isinstance(value, str):
         return value or ""
-    unit = unit_of(key)
-    return units.quantity(value, unit) if unit and isinstance(value, float) else _toml(key, value)
+    return _quantity(key, value) or _toml(key, value)
 
 
 def setting_texts(settings: Mapping[str, Any]) -> tuple[str, ...]:
     """``KEY=VALUE`` texts of settings by key; numbers are given in SI units, None removes the key."""
-    texts = []
-    for key, value in settings.items():
-        number = unit_of(key) and isinstance(value, (int, float))
-        texts.append(f"{key}={setting_text(key, float(value) if number else value)}")
-    return tuple(texts)
+    return tuple(f"{key}={setting_text(key, value)}" for key, value in settings.items())
+
+
+def _quantity(key: str, value: Any) -> str:
+    """Number with the unit of its key; empty for other values."""
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return units.quantity(float(value), unit) if number and (unit := unit_of(key)) else ""
 
 
 def _toml(key: str, value: Any) -> str:
-    """TOML text of a value, with its unit; free text is left out."""
     if isinstance(value, dict):
-        table = {name: entry for name, entry in value.items() if name not in FREE_TEXT}
-        return "{" + ", ".join(f"{name}={_toml(f'{key}.{name}', entry)}" for name, entry in table.items()) + "}"
+        entries = (f"{name}={_toml(f'{key}.{name}', entry)}" for name, entry in value.items() if name not in FREE_TEXT)
+        return f"{{{', '.join(entries)}}}"
     if isinstance(value, list):
-        return "[" + ", ".join(_toml(f"{key}.{index}", entry) for index, entry in enumerate(value)) + "]"
-    return json.dumps(units.quantity(value, unit) if isinstance(value, float) and (unit := unit_of(key)) else value)
+        return f"[{', '.join(_toml(f'{key}.{index}', entry) for index, entry in enumerate(value))}]"
+    return json.dumps(_quantity(key, value) or value)
 
 
 @cache
@@ -100,3 +103,59 @@ def look_up(tables: Any, key: str) -> Any:
         else:
             tables = getattr(tables, part, None) if isinstance(tables, BaseModel) else None
     return tables
+
+
+def key_rows(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, ...]]:
+    """Row of each key of a model, and after the key of a table the rows of its own keys, with dots between names."""
+    for name, field in model.model_fields.items():
+        key, annotation = f"{prefix}{field.alias or name}", parts_of(field.annotation)
+        yield key, _values([field, *field.metadata, *annotation]), _default(field), field.description or ""
+        for inner in filter(_is_model, annotation):
+            yield from key_rows(inner, f"{key}.NAME." if dict in _origins(annotation) else f"{key}.")
+
+
+def _is_model(part: object) -> bool:
+    return isinstance(part, type) and issubclass(part, BaseModel)
+
+
+def _origins(parts: Sequence[Any]) -> list[Any]:
+    return [get_origin(part) or part for part in parts]
+
+
+def _default(field: FieldInfo) -> str:
+    """TOML text of a default; empty if there is none."""
+    if field.is_required():
+        return "required"
+    value = field.get_default(call_default_factory=True)
+    if value is None or isinstance(value, BaseModel) or value in ("", (), {}):
+        return ""
+    return _number(value) if isinstance(value, float) else json.dumps(value)
+
+
+def _values(parts: Sequence[Any]) -> str:
+    """Range, choices or type of a key, from the parts of its annotation."""
+    origins = _origins(parts)
+    if quantity := next((part for part in parts if isinstance(part, units.InUnit)), None):
+        return f"{_number(quantity.least)}..{_number(quantity.most)} {quantity.unit}"
+    if Literal in origins:
+        choices = ", ".join(f'"{choice}"' for choice in get_args(parts[origins.index(Literal)]))
+        return f"list of {choices}" if tuple in origins else choices
+    if any(map(_is_model, parts)):
+        return "list of tables" if tuple in origins else "table"
+    kinds = [kind for kind in origins if isinstance(kind, type) and kind in (*WORDS, int, float)]
+    last = next((place for place, kind in enumerate(kinds) if kind in (tuple, dict)), len(kinds))  # then its members
+    return " or ".join(dict.fromkeys(WORDS.get(kind) or _range(parts) for kind in kinds[: last + 1]))
+
+
+def _range(parts: Sequence[Any]) -> str:
+    """Range of a number."""
+    limits = [limit for part in parts for limit in (part, *getattr(part, "metadata", ()))]
+    ends = {end: _number(getattr(limit, end)) for limit in limits for end in ENDS if hasattr(limit, end)}
+    if "le" in ends or "lt" in ends:
+        return f"{ends['ge']}..{ends['le']}" if "le" in ends else f"{ends['ge']} to below {ends['lt']}"
+    return f"{ends['ge']} or more" if "ge" in ends else "number"
+
+
+def _number(number: float) -> str:
+    """Short text of a number that TOML can read, such as 1e-9."""
+    return f"{number:g}".replace("e+0", "e").replace("e+", "e").replace("e-0", "e-")

@@ -73,7 +73,7 @@ def _print_definitions(context: click.Context) -> None:
 def overlay(run: str, settings: tuple[str, ...], measured: Path | None, runs: Path, results: Path) -> None:
     """Draw measured traces over computed ones, with deviations."""
     from drivers.engines import REFERENCE
-    from drivers.limits.refusal import refuse
+    from drivers.limits import refuse
     from drivers.run.inventory import scene_now
     from postproc.draw.overlay import HEADINGS, draw_overlay, misfit_rows
     from postproc.draw.product import write_product

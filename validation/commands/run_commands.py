@@ -40,7 +40,7 @@ def run(
     """
     from drivers.base.progress import counted
     from drivers.engines import engine_names, installed, load_engine
-    from drivers.limits.refusal import inability, refuse
+    from drivers.limits import inability, refuse
     from drivers.run.run import is_done, run_case
     from validation.accuracy.budget import assess
     from validation.accuracy.costs import auto_engines
@@ -118,7 +118,7 @@ def import_(folder: Path, scene: str | None, settings: tuple[str, ...], engines:
     """
     from drivers.chain.case import build_case
     from drivers.engines import load_engine
-    from drivers.run.run_by_hand import import_run, scene_of
+    from drivers.run.run import import_run, scene_of
     from validation.accuracy.budget import assess
     from validation.accuracy.plan import planned_case
 

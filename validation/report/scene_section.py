@@ -15,12 +15,11 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.progress import in_words
 from drivers.chain.case import Case
-from drivers.chain.contact_law import hertz_force
-from drivers.chain.residual import FORCE
-from drivers.chain.trace import Trace
+from drivers.chain.chain import hertz_force
+from drivers.chain.trace import FORCE, Trace
 from drivers.engines import REFERENCE, in_order, load_engine
 from drivers.engines._entries import engines_again
-from drivers.limits.stable_step import step_limit
+from drivers.limits import step_limit
 from drivers.run.run_folder import RunRecord
 from drivers.scene.model import Scene
 from postproc.draw.gauge_forces import MAX_GAUGES, draw_gauge_forces

@@ -59,7 +59,7 @@ BAD = [
     (CASE.replace("scene =", 'study = "restitution"\nscene ='), "case glass: keys scene and study", "give one of them"),
     (CASE.replace("absolute = 0.5", ""), "peak_force_N: missing key within or absolute", ""),
     (CASE.replace("absolute = 0.5", "absolute = 1.0\nwithin = 0.1"), "keys within and absolute", "give one of them"),
-    (CASE.replace("absolute = 0.5", "absolute = -0.5"), "absolute: found -0.5", "above 0"),
+    (CASE.replace("absolute = 0.5", "absolute = -0.5"), "absolute: found -0.5", "greater than 0"),
     (CASE.replace("10697.0\nabsolute", "0.0\nwithin"), "within with expected = 0", "absolute"),
     (CASE.replace('id = "glass"', 'id = "../x"'), 'id: found "../x"', "letters, digits"),
     (CASE + CASE, "case glass: id used twice", ""),

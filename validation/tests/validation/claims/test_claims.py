@@ -75,7 +75,7 @@ def test_a_difference_nobody_explained_and_engines_that_disagree_are_faults() ->
         (ONE + READ.replace('"another"', '"another", favoured = "too"'), "2 favoured"),
         (ONE + READ.replace('"another"', '"another", arguments = { force_N = 5 }'), "unexpected keyword argument"),
         (ONE + ONE, "twice"),
-        (ONE.replace("within = 1", "within = -1"), "above 0"),
+        (ONE.replace("within = 1", "within = -1"), "greater than 0"),
         (ONE.replace("quoted = 1", "quoted = nan"), "finite"),
         (SOLVED, "missing a required argument: 'force_N'"),
         (SOLVED.replace("quoted", 'arguments = { force_N = 7, column = "speed_m_s" }\nquoted'), "force_N: found 7.0"),
