@@ -195,7 +195,8 @@ def test_wrong_entry_is_named(text: str, words: str, engines_file: EnginesWriter
     ("text", "words"),
     [
         ("import json\n\njson.loads('{')\n", "mine.py:3: JSONDecodeError"),
-        ("raise SystemExit(0)\n", "mine.py:1: SystemExit: 0"),
+        ("raise BaseException('enough')\n", "mine.py:1: BaseException: enough"),
+        ("import os\nos._exit(0)\n", r"mine.py:2: SystemExit: os._exit\(0\)"),
         ("A = 1", "mine.py: AttributeError: module .* no attribute 'ENGINE'"),
         ("(", r"mine.py: SyntaxError: '\(' was never closed \(mine.py, line 1\)"),
         (f"{OWN_ADAPTER}\nENGINE = replace(ENGINE, loop_pattern='(completed')", "error: missing \\)"),
@@ -228,7 +229,8 @@ ENGINE = replace(ENGINE, **dict.fromkeys({functions}, wrong))
     [
         ("return 1 / 0", r"mine.py:10: \w+: [^\n]*"),
         ("yield 1 / 0", r"mine.py:10: \w+: [^\n]*"),
-        ("raise SystemExit", r"mine.py:10: \w+: [^\n]*"),
+        ("raise BaseException", r"mine.py:10: BaseException: "),
+        ("__import__('os')._exit(0)", r"mine.py:10: SystemExit: os._exit\(0\)"),
         ("return None", r"mine.py: \w+ returns None"),
     ],
 )
