@@ -1,4 +1,4 @@
-"""Engine processes: a minimal environment, a time limit, no orphans."""
+"""Processes of engines and their folders: a minimal environment, a time limit, and nothing left when they end."""
 
 import fcntl
 import os
@@ -30,11 +30,9 @@ UNKNOWN_VERSION = "unknown"
 STDOUT, STDERR = "stdout.txt", "stderr.txt"  # output of a process, in its folder
 
 LAUNCHER = Path(__file__).with_name("launcher.py")
-PLACE, LOCK = ".bead-chains-", "alive"  # beginning of the names of workplaces, and their lock files
-ABANDONED_S = 86400.0
-
 POLL_INTERVAL_S = 0.1
-
+PLACE, LOCK = ".bead-chains-", "alive"  # beginning of the names of workplaces, and the lock file in them
+ABANDONED_S = 86400.0  # age of a workplace that counts as that of a dead process if its lock says nothing
 
 _stopping = False  # within all_stopped()
 _launchers: set[socket.socket] = set()  # of the commands under way
