@@ -1,6 +1,5 @@
 """Slices of a study as a Slurm job array."""
 
-import math
 import os
 import re
 import shlex
@@ -9,18 +8,22 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from itertools import groupby
+from math import ceil
 from pathlib import Path
 
 from drivers.base import paths
 from drivers.base.errors import RunError
-from drivers.batch.study_cases import Batch
-from drivers.batch.study_rows import CHUNK
+from drivers.batch.rows import CHUNK, Batch
+from drivers.chain.case import Case
+from drivers.engines import load_engine
 
 MAX_ARRAY_SIZE = 1001  # Slurm's default
 SECONDS_PER_TASK = 60.0  # shorter tasks are dominated by the scheduler
 POLL_INTERVAL_S = 2.0
 MAX_FAILURES = 30  # of squeue in a row
-FOLDER = ".slurm"
+FOLDER = ".slurm"  # in the runs folder
+LEAST_TIME_S = 600.0  # of a task: its start from a network file system may take minutes
+LEAST_BYTES, BYTES_PER_VALUE = 1.5e9, 400.0  # memory of a worker and a code, and for each body and sample
 OUTPUT = "{study}-{job}_{task}.txt"
 
 SCRIPT = """\
@@ -29,8 +32,10 @@ SCRIPT = """\
 #SBATCH --job-name={name}
 #SBATCH --array={array}
 #SBATCH --output={output}
+#SBATCH --time={minutes}
+#SBATCH --mem={megabytes}M
 {options}set -e
-export PATH={path}:"$PATH"
+export PATH={path}"$PATH"
 {lines}export {variable}={entries}
 cd {root}
 exec {command} --slice "$SLURM_ARRAY_TASK_ID/{parts}"
@@ -39,7 +44,7 @@ exec {command} --slice "$SLURM_ARRAY_TASK_ID/{parts}"
 
 def parts_for(cases: int, expected_s: float | None) -> int:
     """Number of tasks for a number of cases with an expected total time."""
-    wanted = math.ceil(cases / CHUNK) if expected_s is None else math.ceil(expected_s / SECONDS_PER_TASK)
+    wanted = ceil(cases / CHUNK) if expected_s is None else ceil(expected_s / SECONDS_PER_TASK)
     return max(1, min(wanted, cases))
 
 
@@ -49,19 +54,29 @@ def most_tasks() -> int:
     return max(1, (int(size[1]) if size else MAX_ARRAY_SIZE) - 1)  # indices begin at 0, tasks at 1
 
 
-def job_script(batch: Batch, todo: list[int], parts: int, lines: Sequence[str]) -> tuple[Path, str, int]:
+def memory_bytes(case: Case) -> float:
+    """Memory of a worker that runs a case and compares it with its scheme and the exact motion."""
+    return LEAST_BYTES + BYTES_PER_VALUE * case.chain.bodies * case.scene.samples
+
+
+def job_script(
+    batch: Batch, todo: list[int], parts: int, lines: Sequence[str], limit_s: float, memory: float
+) -> tuple[Path, str, int]:
     """File and text of the script of a job array for the slices with unfinished cases, and the number of its tasks.
 
-    ``lines`` are inserted before its command, those with #SBATCH before all commands, as Slurm requires. The PATH of
-    this process is added to that of the login profile, for programs that are installed here.
+    ``lines`` are inserted before its command, those with #SBATCH before all commands, as Slurm requires; they replace
+    the time limit ``limit_s`` in s of a task and its ``memory`` in bytes. The folders of the programs
+    of engines that are installed here are added to the PATH of the login profile.
     """
     request, study = batch.request, batch.study
     command = [str(Path(sys.executable).with_name("beads")), "batch", str(study.path)]
-    command += ["--runs", str(batch.store.runs.resolve())]
+    command += ["--runs", str(request.runs.resolve())]
     command += [word for name in batch.engines for word in ("--engine", name)]
     command += [word for pattern in request.patterns for word in ("--only", pattern)]
     command += ["--retry"] if request.retry else []
-    folder = (batch.store.folder / FOLDER).resolve()
+    folder = (request.runs / FOLDER).resolve()
+    codes = [name for name in batch.here if not load_engine(name).in_repository]
+    programs = [word for name in codes for word in batch.builds[name].command if "/" in word]
     unfinished = set(todo)
     slices = [part for part in range(1, parts + 1) if not unfinished.isdisjoint(batch.slice_of(part, parts))]
     text = SCRIPT.format(
@@ -72,7 +87,9 @@ def job_script(batch: Batch, todo: list[int], parts: int, lines: Sequence[str]) 
         array=_ranges(slices),
         output=shlex.quote(str(folder / OUTPUT.format(study=study.name, job="%A", task="%a"))),
         options="".join(f"{line}\n" for line in lines if line.startswith("#SBATCH")),
-        path=shlex.quote(os.environ.get("PATH", "")),
+        path="".join(f"{shlex.quote(folder)}:" for folder in dict.fromkeys(str(Path(p).parent) for p in programs)),
+        minutes=ceil(max(limit_s, LEAST_TIME_S) / 60),
+        megabytes=ceil(memory / 1e8) * 100,
         lines="".join(f"{line}\n" for line in lines if not line.startswith("#SBATCH")),
         variable=paths.ENGINES_VARIABLE,
         entries=shlex.quote(os.pathsep.join(map(str, request.entries))),

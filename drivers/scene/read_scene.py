@@ -12,6 +12,7 @@ from pydantic import Field, create_model
 
 from drivers.base import paths, units
 from drivers.base.errors import InputError, InputProblem, refuse_any
+from drivers.base.files import read_file
 from drivers.base.messages import model_at, shorten, validate
 from drivers.scene.model import RIGID, Bead, DriveTable, Material, Member, Part, Scene, SceneFile, StoredDrive
 from drivers.scene.rules import contradictions, problems_of_alternatives
@@ -186,14 +187,10 @@ def read_toml(path: Path) -> dict[str, Any]:
         InputError: the file cannot be read, or does not contain TOML in UTF-8.
     """
     where = paths.shown(path)
-    if not path.exists():
-        raise InputError(where, "", "file not found")
-    if not path.is_file():
-        raise InputError(where, "", "a directory" if path.is_dir() else "a device or a pipe", "a TOML file")
     try:
-        return tomllib.loads(path.read_bytes().decode("utf-8"))
-    except OSError as error:
-        raise InputError(where, "", f"file cannot be read: {error.strerror or error}") from error
+        return tomllib.loads(read_file(path, "a TOML file").decode("utf-8"))
+    except FileNotFoundError as error:
+        raise InputError(where, "", "file not found") from error
     except UnicodeDecodeError as error:
         raise InputError(where, "", f"byte 0x{error.object[error.start]:02x} at {error.start}", "UTF-8 text") from error
     except (ValueError, RecursionError) as error:  # TOMLDecodeError, and numbers too long to read
@@ -288,10 +285,11 @@ def with_points(drive: DriveTable, folder: Path, where: str) -> StoredDrive:
     values = {key: getattr(drive, key) for key in DriveTable.model_fields}
     if drive.file is not None:
         path = folder / drive.file
-        if not path.is_file():
-            found = f"{'a folder' if path.is_dir() else 'no such file'}: {paths.shown(path)}"
-            raise InputError(where, "drive.file", found, f"a CSV file, relative to {paths.shown(folder)}")
-        values |= _points(path)
+        try:
+            values |= _points(path)
+        except FileNotFoundError as error:
+            found, allowed = f"no such file: {paths.shown(path)}", f"a CSV file, relative to {paths.shown(folder)}"
+            raise InputError(where, "drive.file", found, allowed) from error
     return StoredDrive.model_construct(**values)
 
 
@@ -299,8 +297,8 @@ def _points(path: Path) -> dict[str, tuple[float, ...]]:
     """Times and values of a file by key of ``StoredDrive``, in SI units; lines with # are comments."""
     shown = paths.shown(path)
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, ValueError) as error:
+        lines = read_file(path, "a CSV file").decode("utf-8-sig").splitlines()
+    except ValueError as error:
         raise InputError(shown, "", f"a file that cannot be read: {error}", "CSV text in UTF-8") from error
     rows = [(n, line.split(",")) for n, line in enumerate(lines, 1) if line.strip() and not line.startswith("#")]
     headings = [tuple(cell.strip().partition("_")[::2]) for cell in rows[0][1]] if rows else []

@@ -47,7 +47,7 @@ def differences(first: Any, second: Any, path: str = "") -> Iterator[tuple[str, 
     """Keys whose values differ between two scenes, with both values; a table missing in one scene is one key."""
     if isinstance(first, dict) and isinstance(second, dict):
         for key in dict.fromkeys([*first, *second]):
-            if key not in (FREE_TEXT if path else DERIVED):
+            if key not in (FREE_TEXT if path else DERIVED) or isinstance(first.get(key), dict):  # a material "source"
                 yield from differences(first.get(key), second.get(key), f"{path}.{key}" if path else key)
     elif isinstance(first, list) and isinstance(second, list) and len(first) == len(second):
         for index, values in enumerate(zip(first, second, strict=True)):

