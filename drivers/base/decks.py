@@ -60,8 +60,8 @@ def _environment(folder: Path) -> jinja2.Environment:
         autoescape=jinja2.select_autoescape(enabled_extensions=("html.j2",), default=False),
     )
     environment.filters["num"] = exact
-    environment.filters["nums"] = _line
-    environment.filters["rows"] = lambda rows: "\n".join(_line([n, *row]) for n, row in enumerate(rows.tolist(), 1))
+    environment.filters["nums"] = _numbers
+    environment.filters["rows"] = lambda rows: "\n".join(_numbers([n, *row]) for n, row in enumerate(rows.tolist(), 1))
     return environment
 
 
@@ -71,5 +71,5 @@ def exact(value: float) -> str:
     return text.removesuffix(".0")
 
 
-def _line(values: Iterable[float]) -> str:
-    return " ".join(map(exact, values))
+def _numbers(values: Iterable[float], between: str = " ") -> str:
+    return between.join(map(exact, values))

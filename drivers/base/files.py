@@ -1,7 +1,7 @@
 """Files: atomic writing, and reading that is a check.
 
-Each file that is read back is as it was written, or is refused. A JSON file holds its own digest, a run folder those
-of its files in its record, and tables and pictures have theirs in a hidden folder next to them.
+Each file that is read back is as it was written, or is refused: a JSON file holds its own digest, and the record of a
+run those of the other files. Tables and pictures in a results folder are outputs that nothing reads back.
 """
 
 import csv
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 DIGEST = "sha256"  # key of the digest in a JSON file
-SEALS = ".sha256"  # folder of the digests of tables and pictures
 FORMULA = re.compile(r"'*[=+\-@\t\r\n]")  # start of a text that a spreadsheet takes for a formula, or of one made safe
 DAMAGED, ALTERED = "a damaged file", "a file that was altered since it was written"
 
@@ -45,42 +44,6 @@ def whole_file(path: Path) -> Iterator[Path]:
         raise
     finally:
         draft.unlink(missing_ok=True)
-
-
-@contextmanager
-def sealed_file(path: Path) -> Iterator[Path]:
-    """Like ``whole_file``, with the digest of the file in a hidden folder next to it, as ``sha256sum`` writes it."""
-    with whole_file(path) as draft:
-        yield draft
-        digest = sha256_of(draft)
-    _seal_of(path).parent.mkdir(exist_ok=True)
-    with whole_file(_seal_of(path)) as draft:
-        draft.write_text(f"{digest}  {path.name}\n")
-
-
-def read_sealed_file(path: Path, allowed: str) -> bytes:
-    """Content of a file written by ``sealed_file``; ``allowed`` names in a message the file that belongs here.
-
-    Raises:
-        FileNotFoundError: no such file.
-        DamagedError: the file is not as it was written.
-    """
-    try:
-        digest = _seal_of(path).read_text(encoding="ascii").removesuffix(f"  {path.name}\n")
-    except (OSError, ValueError):
-        path.stat()
-        raise DamagedError(paths.shown(path), "", "a file without its digest", allowed) from None
-    return read_checked(path, digest, allowed)
-
-
-def remove_sealed_file(path: Path) -> None:
-    """Remove a file written by ``sealed_file``, if it exists."""
-    for file in (path, _seal_of(path)):
-        file.unlink(missing_ok=True)
-
-
-def _seal_of(path: Path) -> Path:
-    return path.parent / SEALS / path.name
 
 
 def read_file(path: Path, allowed: str) -> bytes:

@@ -1,4 +1,4 @@
-"""Engine processes: a minimal environment, a time limit, no orphans."""
+"""Processes of engines and their folders: a minimal environment, a time limit, and nothing left when they end."""
 
 import fcntl
 import os
@@ -16,7 +16,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing import connection
 from pathlib import Path
-from typing import IO, NoReturn
+from typing import Any, NoReturn
 
 import psutil
 
@@ -30,12 +30,9 @@ UNKNOWN_VERSION = "unknown"
 STDOUT, STDERR = "stdout.txt", "stderr.txt"  # output of a process, in its folder
 
 LAUNCHER = Path(__file__).with_name("launcher.py")
-PLACE, LOCK = ".bead-chains-", "alive"  # beginning of the names of workplaces, and their lock files
-ABANDONED_S = 86400.0
-
 POLL_INTERVAL_S = 0.1
-
-Stream = IO[bytes] | int
+PLACE, LOCK = ".bead-chains-", "alive"  # beginning of the names of workplaces, and the lock file in them
+ABANDONED_S = 86400.0  # age of a workplace that counts as that of a dead process if its lock says nothing
 
 _stopping = False  # within all_stopped()
 _launchers: set[socket.socket] = set()  # of the commands under way
@@ -92,7 +89,7 @@ def run_command(command: tuple[str, ...], folder: Path, limit_s: float, **variab
     """
     began = time.perf_counter()
     with open(folder / STDOUT, "wb") as out, open(folder / STDERR, "wb") as err:
-        launched = start(command, folder, subprocess.DEVNULL, out, err, variables)
+        launched = start(command, folder, variables, stdin=subprocess.DEVNULL, stdout=out, stderr=err)
         in_time = False
         try:
             in_time = waited(lambda seconds: connection.wait([launched.launcher], seconds), began + limit_s)
@@ -130,10 +127,10 @@ def all_stopped() -> Iterator[None]:
         _stopping = former
 
 
-def start(
-    command: tuple[str, ...], folder: Path, stdin: Stream, stdout: Stream, stderr: Stream, variables: dict[str, str]
-) -> Launched:
+def start(command: tuple[str, ...], folder: Path, variables: dict[str, str], **streams: Any) -> Launched:
     """Start a command in a session of its own, which ends at ``end`` or with this process, however it ends.
+
+    ``variables`` are added to the environment; ``streams`` are those of ``subprocess.Popen``.
 
     Raises:
         OSError: no process can be started.
@@ -146,11 +143,9 @@ def start(
                 (sys.executable, "-I", "-S", str(LAUNCHER), str(theirs.fileno()), *command),
                 cwd=folder,
                 env=scrubbed_environment() | variables,
-                stdin=stdin,
-                stdout=stdout,
-                stderr=stderr,
                 pass_fds=(theirs.fileno(),),
                 start_new_session=True,
+                **streams,
             )
     except BaseException:
         _report(ours)

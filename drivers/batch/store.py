@@ -114,6 +114,7 @@ class Store:
         self.runs = runs
         self.common = runs / NAME
         self.own = self.common if is_shared(runs) else runs / f"batch-{platform.node()}-{os.getpid()}.sqlite"
+        self.former = runs / "batch"  # rows of versions before the database
         self.damaged: set[tuple[str, str]] = set()
         self._open: sqlite3.Connection | None = None
 

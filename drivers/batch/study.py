@@ -15,6 +15,7 @@ from math import ceil, prod
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 from pydantic import BaseModel, Field
 
 from drivers.base import paths, units
@@ -29,7 +30,6 @@ from drivers.scene.model import Part, Scene, Title
 from drivers.scene.read_scene import find_input, find_scene, library, make_scene, read_toml, set_value
 from drivers.scene.settings import look_up, unit_of
 
-DERIVED = ("-cost", "-figure", "-xy")  # endings of the files of a study besides its table
 MAX_SAMPLE = 100  # cases that are checked before the first one runs
 RESERVED = ("case", "engine", "status", "reason", "force_error_share")  # columns of every table
 
@@ -60,7 +60,7 @@ class Study:
         scene: path of the base scene.
         base: tables of the base scene, changed by ``set``.
         engines: names of engines in the order of the table.
-        axes: choices of each axis.
+        axes: choices of each axis; a single axis of all, after the base scene, if axes are varied one by one.
         columns: key of the scene by the name of its column, without unit.
     """
 
@@ -103,46 +103,31 @@ class Study:
 
     def case_sha256(self, number: int) -> str:
         """Digest of all that the study says about a case; equal cases of several studies have the same."""
-        settings = sorted(text for axis, place in self._places(number) for text in self._settings[axis][place])
+        axes = zip(self._settings, self._places(number), strict=True)
+        settings = sorted(setting for axis, place in axes for setting in axis[place])
         return hashlib.sha256("\0".join((self._common_sha256, *settings)).encode()).hexdigest()[:32]
 
     @cached_property
     def count(self) -> int:
         """Number of cases."""
-        lengths = [len(axis) for axis in self.axes]
-        return 1 + sum(lengths) if self.one_by_one else prod(lengths)
+        return prod(map(len, self.axes))
 
-    def _places(self, number: int) -> list[tuple[int, int]]:
-        """Axes that a case varies, with the place of its choice on each; cases are numbered from 1."""
-        place = number - 1
-        if self.one_by_one:
-            place -= 1
-            for axis, choices in enumerate(self.axes):
-                if 0 <= place < len(choices):
-                    return [(axis, place)]
-                place -= len(choices)
-            return []
-        places = []
-        for axis in reversed(range(len(self.axes))):
-            place, here = divmod(place, len(self.axes[axis]))
-            places.append((axis, here))
-        return places[::-1]
+    def _places(self, number: int) -> tuple[Any, ...]:
+        """Place of a case on each axis; cases are numbered from 1, and the last axis varies fastest."""
+        return np.unravel_index(number - 1, [len(axis) for axis in self.axes])
 
     def choice(self, number: int) -> Choice:
         """Varied values of a case."""
-        return {key: value for axis, place in self._places(number) for key, value in self.axes[axis][place].items()}
+        choices = (axis[place] for axis, place in zip(self.axes, self._places(number), strict=True))
+        return {key: value for choice in choices for key, value in choice.items()}
 
     @property
     def sample(self) -> list[int]:
         """Numbers of at most ``MAX_SAMPLE`` cases; each value of each axis occurs if there are not more."""
-        longest = self.count if self.one_by_one else max(map(len, self.axes), default=1)
-        numbers = []
-        for place in range(0, longest, ceil(longest / MAX_SAMPLE)):
-            number = place if self.one_by_one else 0
-            for axis in () if self.one_by_one else self.axes:
-                number = number * len(axis) + place % len(axis)
-            numbers.append(number + 1)
-        return numbers
+        lengths = [len(axis) for axis in self.axes]
+        longest = max(lengths, default=1)
+        places = range(0, longest, ceil(longest / MAX_SAMPLE))
+        return [1 + int(np.ravel_multi_index([place] * len(lengths), lengths, mode="wrap")) for place in places]
 
     @cached_property
     def _base_values(self) -> dict[str, Any]:
@@ -188,8 +173,6 @@ def read_study(source: str | Path, also: Sequence[str] = ()) -> Study:
     """
     path = find_input(source, paths.STUDIES, "study")
     where = paths.shown(path)
-    if path.stem.endswith(DERIVED):
-        raise InputError(where, "", f"the study name {path.stem}", "a name without the ending of another study's files")
     file = validate(StudyFile, read_toml(path), where)
     scene = _base_scene(file.scene, path, where)
     base = read_toml(scene)
@@ -233,7 +216,7 @@ def read_study(source: str | Path, also: Sequence[str] = ()) -> Study:
         scene=scene,
         base=base,
         engines=tuple(dict.fromkeys((*(file.engines or installed(engine_names())), *also))),
-        axes=tuple(axes),
+        axes=(({}, *chain.from_iterable(axes)),) if file.combine == "one by one" else tuple(axes),
         columns=columns,
     )
 

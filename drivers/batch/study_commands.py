@@ -6,7 +6,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 
@@ -15,11 +15,10 @@ from drivers.base.errors import InputError
 from drivers.base.progress import counted, in_words, say
 from drivers.base.text_table import text_table
 from drivers.base.tolerances import tolerance
-from drivers.batch.job_array import job_script, memory_bytes, most_tasks, parts_for, submit, waiting_for
+from drivers.batch.job_array import JobArray, job_script, submit, waiting_for
 from drivers.batch.rows import NEWEST, Batch, Methods, Request, opened, planned, run_all, run_rows, run_slice
 from drivers.batch.store import Store, StudyRow
 from drivers.chain.case import Case
-from drivers.chain.schemes import default_limit_s
 from drivers.chain.trace import FORCE, digest_of
 from drivers.engines import load_engine
 from drivers.limits import refuse
@@ -31,22 +30,6 @@ STATES = ("done", "failed", "timeout", "refused", "stale", "claimed", "to do", "
 WORKER_COSTS = ("start_s", "engine_s", "workflow_s", "reference_s")  # they add up to a worker's time
 MAX_CASES = 20_000  # more need --yes
 MAX_LINES = 20  # on failed rows
-MARGIN = 3.0  # of the time limit of a job over its expected time; machines differ
-
-
-@dataclass(frozen=True)
-class JobArray:
-    """Options of a Slurm job array.
-
-    Attributes:
-        wait: True to wait for the job array.
-        parts: number of tasks; None for one by the expected time.
-        lines: lines of the job's script before its command.
-    """
-
-    wait: bool = False
-    parts: int | None = None
-    lines: tuple[str, ...] = ()
 
 
 def batch(
@@ -89,6 +72,8 @@ def batch(
     with Store(request.runs) as store:
         store.merge()
         todo = batch.todo(store)
+        if any(store.former.glob("*.jsonl")):
+            print(f"{paths.shown(store.former)}: rows of an earlier version, not read; may be removed", file=sys.stderr)
         if store.damaged:
             print(f"{len(store.damaged)} damaged rows in {paths.shown(store.common)}: run again", file=sys.stderr)
         if dry_run:
@@ -99,7 +84,7 @@ def batch(
             try:
                 with _following(batch, store, sum(map(len, todo.values()))) as tick:
                     if array:
-                        path, text, _ = _job_script(batch, store, todo, sample, array)
+                        path, text, _ = job_script(batch, todo, sample, expected_s(batch, store, todo, sample), array)
                         job = submit(path, text)
                         for _ in waiting_for(job) if array.wait else ():
                             tick()
@@ -240,21 +225,6 @@ def expected_s(batch: Batch, store: Store, todo: dict[str, list[int]], sample: S
     return seconds
 
 
-def _job_script(
-    batch: Batch, store: Store, todo: dict[str, list[int]], sample: Sequence[Case], array: JobArray
-) -> tuple[Path, str, int]:
-    """File and text of the script of the Slurm job array for some cases, and the number of its tasks."""
-    numbers = sorted({number for some in todo.values() for number in some}) or [*batch.numbers]
-    cases, limit, time_s = len(batch.numbers), most_tasks(), expected_s(batch, store, todo, sample)
-    parts = min(array.parts or parts_for(cases, time_s), cases)
-    if parts > limit:
-        print(f"{parts} tasks cut to {limit}, the limit of job arrays here (MaxArraySize)")
-        parts = limit
-    row_limit_s = batch.study.file.limit or max(map(default_limit_s, sample))
-    limit_s = row_limit_s * sum(map(len, todo.values())) if time_s is None else MARGIN * time_s
-    return job_script(batch, numbers, parts, array.lines, limit_s / parts, max(map(memory_bytes, sample)))
-
-
 def _print_plan(
     batch: Batch,
     store: Store,
@@ -276,7 +246,7 @@ def _print_plan(
         rows.append((f"  {name}", f"{cases - len(some)} done, {len(some)} {state if some else 'to do'}"))
     print(*text_table(rows), sep="\n")
     if array:
-        path, text, tasks = _job_script(batch, store, todo, sample, array)
+        path, text, tasks = job_script(batch, todo, sample, expected_s(batch, store, todo, sample), array)
         print(f"\n{text}\nsbatch --parsable {shlex.quote(str(path))}")
         end = "nothing submitted" if any(todo.values()) else "all rows are done, so it would not be submitted"
         print(f"job array of {tasks} task{'s' * (tasks != 1)} with one worker each; {end}")

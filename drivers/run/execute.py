@@ -6,10 +6,10 @@ import signal
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError, Executor, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
 from multiprocessing import connection, forkserver, resource_tracker, util
 from typing import Any, TypeVar
@@ -86,23 +86,15 @@ def execute(
             tick()
 
 
-def side_by_side(work: Mapping[str, Callable[[], Result]]) -> Iterator[tuple[str, Result]]:
-    """Call functions on threads; yields each name with its result, as results come."""
-    return execute(lambda name: work[name](), work)
-
-
 @contextmanager
 def _threads(place: Place) -> Iterator[Executor]:
     """Threads; an error lets running items finish, an interrupt ends them."""
     with ThreadPoolExecutor(place.workers or cores()) as pool:
         try:
             yield pool
-        except (KeyboardInterrupt, SystemExit):
-            with all_stopped():
+        except BaseException as error:
+            with all_stopped() if isinstance(error, KeyboardInterrupt) else nullcontext():
                 pool.shutdown(cancel_futures=True)
-            raise
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
             raise
 
 
@@ -119,7 +111,7 @@ def get_ready(*functions: Callable[..., Any]) -> None:
 def _start_fork_server() -> None:
     """Start the fork server if it does not run, deaf to signals that a terminal or a scheduler sends to all processes.
 
-    A server that Ctrl-C ends prints a traceback; after SIGTERM its workers would seem dead while they leave contexts.
+    A server that Ctrl-C ends prints a traceback; after SIGTERM its workers would seem dead while they end engines.
     Its socket is in another folder if temporary files lie too deep for one, as on clusters.
     """
     former = tempfile.tempdir
@@ -162,11 +154,9 @@ def _processes(place: Place) -> Iterator[Executor]:
 
 def _begin() -> None:
     """Initialize a worker process: it heeds SIGTERM alone, which its parent sends, and dies with its parent."""
-    for ignored in (signal.SIGINT, signal.SIGHUP):
-        signal.signal(ignored, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda *_: leave())
     tempfile.gettempdir()  # tries its folder with a file, which a signal would leave there
-    signal.pthread_sigmask(signal.SIG_SETMASK, ())
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
@@ -184,18 +174,14 @@ def _on_dask(place: Place) -> Iterator[Executor]:
     from distributed import Client, LocalCluster
 
     with ExitStack() as stack:
-        client: Any
+        scheduler: Any = place.dask
         if place.dask == LOCAL:
             former = signal.signal(signal.SIGINT, signal.SIG_IGN)  # its processes must ignore Ctrl-C
-            cluster = stack.enter_context(
-                LocalCluster(
-                    n_workers=place.workers or cores(), threads_per_worker=1, dashboard_address=None, silence_logs=50
-                )
-            )
+            workers = place.workers or cores()
+            cluster = LocalCluster(workers, threads_per_worker=1, dashboard_address=None, silence_logs=50)
             signal.signal(signal.SIGINT, former)
-            client = stack.enter_context(Client(cluster))
-        else:
-            client = stack.enter_context(Client(place.dask, timeout=CONNECT_LIMIT_S))
+            scheduler = stack.enter_context(cluster)
+        client = stack.enter_context(Client(scheduler, timeout=CONNECT_LIMIT_S))
         executor = client.get_executor(pure=False, retries=RETRIES)
         stack.callback(executor.shutdown, wait=False)  # does not wait after an error or Ctrl-C
         try:

@@ -57,34 +57,31 @@ class Session:
             OSError: no process can be started.
             KeyboardInterrupt: all work is being stopped.
         """
-        if self.ended or not self.served:
+        if self.ended:
             shutil.rmtree(self.case, ignore_errors=True)  # remove files of a failed case
             self.case.mkdir(parents=True)
+            began = time.perf_counter()
+            outcome = self._start(min(MAX_START_S, max(limit_s, MIN_START_S)))
+            self.start_s += time.perf_counter() - began
+            if self.ended:
+                return outcome
         # removed first: some file systems, such as ext4, wait for the disk when a file is overwritten
         for name in (*deck.raw, *deck.files, STDOUT, STDERR):
             (self.case / name).unlink(missing_ok=True)
         deck.write(self.case)
-        began = time.perf_counter()
-        self._start()
-        if self.served == 0:
-            outcome = self._ask("", min(MAX_START_S, max(limit_s, MIN_START_S)))
-            self.start_s += time.perf_counter() - began
-            if self.ended:
-                return outcome
         self.served += 1
         return self._ask(self.case.name, limit_s)
 
-    def _start(self) -> None:
-        """Start the server if there is none, without waiting for it."""
-        if self._launched is not None:
-            return
+    def _start(self, limit_s: float) -> EndedProcess:
+        """Start the server and wait until it answers."""
         self.engine.server.write(self.folder)
         self.served = 0
         command, pipe = self.engine.started(self.engine.server, self.build), subprocess.PIPE
         with open(self.folder / STDERR, "wb") as stderr:
             # own temporary files: two MPI programs that make their common folder at the same time may fail
             variables = {"TMPDIR": str(self.folder)} | self.engine.environment
-            self._launched = start(command, self.folder, pipe, pipe, stderr, variables)
+            self._launched = start(command, self.folder, variables, stdin=pipe, stdout=pipe, stderr=stderr)
+        return self._ask("", limit_s)
 
     @property
     def ended(self) -> bool:

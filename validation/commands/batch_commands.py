@@ -99,8 +99,9 @@ def batch(
     if workers and (part or slurm):
         raise InputError("--workers", "", f"not allowed with {places[0]}")
     from drivers.base.processes import cores
-    from drivers.batch.study_commands import JobArray, run_part
+    from drivers.batch.job_array import JobArray
     from drivers.batch.study_commands import batch as run_study
+    from drivers.batch.study_commands import run_part
     from drivers.run.execute import Place
 
     request = replace(request_of(study, runs, engines, patterns, retry=retry), elsewhere=slurm)

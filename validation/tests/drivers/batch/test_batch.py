@@ -133,9 +133,12 @@ def test_anybody_reads_the_database(study_file: StudyWriter, tmp_path: Path) -> 
     assert table(runs)[unseen].isna().all(axis=None)
 
 
-def test_a_database_that_is_none_or_of_another_version_is_refused(study_file: StudyWriter, tmp_path: Path) -> None:
+def test_a_store_that_is_damaged_or_of_another_version_is_named(study_file: StudyWriter, tmp_path: Path) -> None:
     path, runs = study_file(SPEEDS.format(2), "verlet"), tmp_path / "runs"
-    runs.mkdir()
+    (runs / "batch").mkdir(parents=True)
+    (runs / "batch" / "0123.jsonl").write_text("{}")
+    said = batch(path, runs, "--dry-run").stderr
+    assert said == f"{runs / 'batch'}: rows of an earlier version, not read; may be removed\n"
     (runs / "batch.sqlite").write_bytes(b"no database" * 1000)
     refused = beads("status", path, "--runs", runs)
     assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)

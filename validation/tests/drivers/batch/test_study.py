@@ -13,7 +13,7 @@ from drivers.engines import engine_names
 from drivers.run.execute import Place
 from validation.commands.batch_commands import methods, request_of
 from validation.tests.helpers.commands import beads
-from validation.tests.helpers.scenes import SPEEDS, SceneWriter, StudyWriter
+from validation.tests.helpers.scenes import SceneWriter, StudyWriter
 
 
 @pytest.fixture
@@ -167,12 +167,6 @@ def test_bad_studies(name: str, scene_file: SceneWriter, tmp_path: Path) -> None
     assert words in str(refused.value)
     assert not (tmp_path / "runs").exists()
     assert not (tmp_path / "results").exists()
-
-
-def test_no_study_has_the_name_of_a_file_of_another(study_file: StudyWriter) -> None:
-    path = study_file(SPEEDS.format(2), "verlet")
-    with pytest.raises(InputError, match="the study name study-cost"):
-        read_study(path.rename(path.with_stem("study-cost")))
 
 
 def test_no_column_has_the_name_of_an_observable(write: StudyWriter, tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """Tests of builds: a run belongs to a build, and entries and adapters of users are engines like the shipped ones."""
 
+import os
 import re
 import shutil
 import sys
@@ -24,6 +25,7 @@ from drivers.engines import load_engine
 
 ENGINE = replace(load_engine("verlet"), integrate=None, version=lambda command: "mine 1.0", style=None)
 """
+ENTRY_IN_FOLDER = '[mine]\nadapter = "mine.py"\ncommand = "./programs/mine"\n'
 
 
 def test_another_build_of_the_same_version_gets_its_own_run(
@@ -140,6 +142,34 @@ def test_memory_of_a_program_is_its_own(tmp_path: Path) -> None:
     assert small < 30e6 < 70e6 < more < 120e6 < large.nbytes
 
 
+def test_files_of_the_present_folder_that_others_can_change_are_taken_on_request(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "programs").mkdir()
+    for name, text in {"mine.py": OWN_ADAPTER, "programs/mine": "", "engines.toml": ENTRY_IN_FOLDER}.items():
+        (tmp_path / name).write_text(text)
+    for name in (".", "engines.toml", "mine.py", "programs/mine", "programs"):
+        path, shown = tmp_path / name, {"programs": "programs/mine", ".": "engines.toml"}.get(name, name)
+        mode = path.stat().st_mode
+        refused = f"^{shown}: found a file that others can change; .* or --engines engines.toml$"
+        path.chmod(mode | 0o020)
+        with pytest.raises(InputError, match=refused):
+            load_engine("mine")
+        path.chmod(mode)
+        if os.geteuid() == 0:
+            os.chown(path, 1, 1)
+            with pytest.raises(InputError, match=refused):
+                load_engine("mine")
+            os.chown(path, 0, 0)
+    (tmp_path / "engines.toml").chmod(0o666)
+    monkeypatch.setenv(paths.ENGINES_VARIABLE, "engines.toml")
+    assert load_engine("mine").entry.command == ((f"{tmp_path}/programs/mine",),)
+    monkeypatch.delenv(paths.ENGINES_VARIABLE)
+    (tmp_path / "engines.toml").chmod(0o600)
+    assert load_engine("mine").entry.command == ((f"{tmp_path}/programs/mine",),)
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -165,7 +195,8 @@ def test_wrong_entry_is_named(text: str, words: str, engines_file: EnginesWriter
     ("text", "words"),
     [
         ("import json\n\njson.loads('{')\n", "mine.py:3: JSONDecodeError"),
-        ("raise SystemExit(0)\n", "mine.py:1: SystemExit: 0"),
+        ("raise BaseException('enough')\n", "mine.py:1: BaseException: enough"),
+        ("import os\nos._exit(0)\n", r"mine.py:2: SystemExit: os._exit\(0\)"),
         ("A = 1", "mine.py: AttributeError: module .* no attribute 'ENGINE'"),
         ("(", r"mine.py: SyntaxError: '\(' was never closed \(mine.py, line 1\)"),
         (f"{OWN_ADAPTER}\nENGINE = replace(ENGINE, loop_pattern='(completed')", "error: missing \\)"),
@@ -198,7 +229,8 @@ ENGINE = replace(ENGINE, **dict.fromkeys({functions}, wrong))
     [
         ("return 1 / 0", r"mine.py:10: \w+: [^\n]*"),
         ("yield 1 / 0", r"mine.py:10: \w+: [^\n]*"),
-        ("raise SystemExit", r"mine.py:10: \w+: [^\n]*"),
+        ("raise BaseException", r"mine.py:10: BaseException: "),
+        ("__import__('os')._exit(0)", r"mine.py:10: SystemExit: os._exit\(0\)"),
         ("return None", r"mine.py: \w+ returns None"),
     ],
 )

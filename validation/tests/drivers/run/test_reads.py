@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 from drivers.base.errors import InputError
-from drivers.base.files import csv_of, read_sealed_file, sealed_file
+from drivers.base.files import csv_of
 from drivers.batch import rows
 from drivers.batch.tables import read_study_table
 from drivers.run.run_folder import FORCES, RECORD, SENSORS, STATE, EndedRun, open_run, read_record
@@ -172,17 +172,6 @@ def test_rows_of_a_study_are_read_as_its_file_is_now(
     monkeypatch.setattr(rows, "digest_of_sources", lambda: "of another version")
     pd.testing.assert_frame_equal(read_study_table(path, runs), right)
     assert capsys.readouterr().err.startswith("2 of 2 rows are of an earlier version")
-
-
-def test_sealed_files_have_the_name_under_which_they_were_written(tmp_path: Path) -> None:
-    for name in ("a", "b"):
-        with sealed_file(tmp_path / name) as draft:
-            draft.write_text(name)
-    assert read_sealed_file(tmp_path / "a", "") == b"a"
-    for source, target in ((tmp_path / "b", tmp_path / "a"), (tmp_path / ".sha256/b", tmp_path / ".sha256/a")):
-        shutil.copy(source, target)
-        with pytest.raises(InputError, match="altered"):
-            read_sealed_file(tmp_path / "a", "")
 
 
 def test_text_does_not_become_a_formula() -> None:
