@@ -1,14 +1,12 @@
 """Decks: the input files of an engine, rendered from templates that read like decks written by hand."""
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 import jinja2
-import numpy as np
-from numpy.typing import NDArray
 
 from drivers.base import paths
 
@@ -62,9 +60,8 @@ def _environment(folder: Path) -> jinja2.Environment:
         autoescape=jinja2.select_autoescape(enabled_extensions=("html.j2",), default=False),
     )
     environment.filters["num"] = exact
-    # one call for many numbers, since a filter's call costs as much as ten numbers
-    environment.filters["nums"] = lambda values, between=" ": between.join(map(exact, values))
-    environment.filters["rows"] = _numbered_rows
+    environment.filters["nums"] = _numbers
+    environment.filters["rows"] = lambda rows: "\n".join(_numbers([n, *row]) for n, row in enumerate(rows.tolist(), 1))
     return environment
 
 
@@ -74,8 +71,5 @@ def exact(value: float) -> str:
     return text.removesuffix(".0")
 
 
-def _numbered_rows(rows: NDArray[np.float64]) -> str:
-    """Lines of an array of shape (lines, numbers), each after its number from 1; one call for many lines."""
-    numbered = np.column_stack([np.arange(1.0, len(rows) + 1), rows]).tolist()
-    text = repr(numbered)[2:-2].replace("], [", "\n").replace(",", "")
-    return text.replace(".0 ", " ").replace(".0\n", "\n").removesuffix(".0")
+def _numbers(values: Iterable[float], between: str = " ") -> str:
+    return between.join(map(exact, values))

@@ -75,11 +75,14 @@ def refuse_any(where: str, problems: Iterable[InputProblem]) -> None:
     """Refuse an input that has any problems.
 
     Raises:
-        InputError: lists them all.
+        InputError: lists the first of each key.
     """
-    listed = list(problems)
-    if listed:
-        raise InputError(where, *listed[0], *listed[1:])
+    by_key = dict[str, InputProblem]()
+    for problem in problems:
+        by_key.setdefault(problem[0], problem)
+    if by_key:
+        first, *more = by_key.values()
+        raise InputError(where, *first, *more)
 
 
 @contextmanager

@@ -9,7 +9,7 @@ from typing import Any, TypeVar, get_args
 from pydantic import BaseModel, ValidationError
 
 from drivers.base import paths
-from drivers.base.errors import InputError, InputProblem
+from drivers.base.errors import InputProblem, refuse_any
 
 Model = TypeVar("Model", bound=BaseModel)
 MISPLACED = ("missing", "extra_forbidden")  # types of pydantic's errors on keys
@@ -28,18 +28,15 @@ def validate(model: type[Model], data: object, where: str | Path, prefix: str = 
     """Validate ``data`` as a ``model``; ``where`` is the file, or its name in messages.
 
     Raises:
-        InputError: lists every problem, each with its key, the value found and those allowed.
+        InputError: lists the first problem of each key, with the key, the value found and those allowed.
     """
     try:
         return model.model_validate(data)
-    except ValidationError as failure:
+    except ValidationError as failure:  # problems on keys come first, as they explain others
         errors = sorted(failure.errors(include_url=False), key=lambda error: error["type"] not in MISPLACED)
-    problems = dict[str, InputProblem]()  # one a key; those on keys come first, as they explain others
-    for error in errors:
-        key, found, allowed = _problem(error, model, prefix)
-        problems.setdefault(key, (key, found, allowed))
-    first, *more = problems.values()
-    raise InputError(where if isinstance(where, str) else paths.shown(where), *first, *more)
+        shown = where if isinstance(where, str) else paths.shown(where)
+        refuse_any(shown, (_problem(error, model, prefix) for error in errors))
+        raise
 
 
 def _problem(error: Any, model: type[BaseModel], prefix: str) -> InputProblem:

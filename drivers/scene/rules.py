@@ -112,8 +112,7 @@ def contradictions(scene: Scene) -> Iterator[InputProblem]:
 
 
 def _wrong_beads(chain: ChainTable) -> Iterator[InputProblem]:
-    """Problems with the beads of the entries of a chain, one for each key."""
-    wrong: dict[str, tuple[str, str]] = {}
+    """Problems with the beads of the entries of a chain."""
     allowed = f"1 to {chain.count}, the beads of the chain" if chain.count else "no entry, as the chain has no beads"
     lists: dict[str, tuple[Sensor | Bead, ...]] = {"sensors": chain.sensors, "bead": chain.bead}
     for what, entries in lists.items():
@@ -121,16 +120,15 @@ def _wrong_beads(chain: ChainTable) -> Iterator[InputProblem]:
         for entry in sorted(entries, key=lambda bead: bead.entry):
             key = f"chain.{what}.{entry.entry}.from_wall"
             if entry.from_wall > chain.count:
-                wrong.setdefault(key, (str(entry.from_wall), allowed))
+                yield key, str(entry.from_wall), allowed
             elif entry.from_wall in places:
-                wrong.setdefault(key, (f"{entry.from_wall} twice", "each bead once"))
+                yield key, f"{entry.from_wall} twice", "each bead once"
             places.add(entry.from_wall)
     with_mass = {bead.from_wall for bead in chain.bead if bead.mass is not None}
     for sensor in chain.sensors:
         if sensor.mass is not None and sensor.from_wall in with_mass:
             found = f"a mass of bead {sensor.from_wall} both here and in chain.bead"
-            wrong.setdefault(f"chain.sensors.{sensor.entry}.mass", (found, "one of the two"))
-    yield from ((key, *problem) for key, problem in wrong.items())
+            yield f"chain.sensors.{sensor.entry}.mass", found, "one of the two"
 
 
 def _missing_densities(scene: Scene) -> Iterator[InputProblem]:
