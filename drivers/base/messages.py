@@ -8,7 +8,7 @@ from typing import Any, TypeVar, get_args
 from pydantic import BaseModel, ValidationError
 
 from drivers.base import paths
-from drivers.base.errors import InputError, InputProblem
+from drivers.base.errors import MAX_PROBLEMS, InputError, InputProblem
 from drivers.base.units import NotAllowedError
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -73,13 +73,13 @@ def _dotted(prefix: str, path: tuple[int | str, ...]) -> str:
 
 def _misplaced(table: str, missing: list[str], unknown: list[str], known: list[str]) -> InputProblem:
     """The missing and the unknown keys of a table."""
-    close = {name: get_close_matches(name, known, 1) for name in unknown}
+    close = {name: get_close_matches(name, known, 1) for name in unknown[:MAX_PROBLEMS]}  # of the first that are shown
     if len(missing) + len(unknown) == 1:
         (name,) = missing or unknown
         hint = f"did you mean {close[name][0]}?" if close.get(name) else f"allowed: {', '.join(known)}"
         return f"{table}.{name}".lstrip("."), "missing key" if missing else f"unknown key; {hint}", ""
     hinted = [
-        f"{name} (did you mean {close[name][0]}?)" if close[name] and close[name][0] not in missing else name
+        f"{name} (did you mean {close[name][0]}?)" if close.get(name) and close[name][0] not in missing else name
         for name in unknown
     ]
     lists = (("missing", missing), ("unknown", hinted))
