@@ -1,74 +1,42 @@
-"""Engine processes: a minimal environment, a time limit, no orphans."""
+"""Processes of engines and their folders: a minimal environment, a time limit, and nothing left when they end."""
 
+import fcntl
 import os
+import platform
 import re
-import resource
 import shutil
-import signal
+import socket
+import stat
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from multiprocessing import connection
 from pathlib import Path
-from typing import IO
+from typing import Any, NoReturn
 
 import psutil
 
 from drivers.base import paths
+from drivers.base.errors import InputError
 from drivers.base.files import home_of
 
 KEPT_VARIABLES = ("PATH", "HOME", "USER", "LOGNAME", "TMPDIR", "LD_LIBRARY_PATH")
 PROBE_LIMIT_S = 20.0
 UNKNOWN_VERSION = "unknown"
-COULD_NOT_START = 127  # as in a shell
 STDOUT, STDERR = "stdout.txt", "stderr.txt"  # output of a process, in its folder
 
-Stream = IO[bytes] | int
+LAUNCHER = Path(__file__).with_name("launcher.py")
+POLL_INTERVAL_S = 0.1
+PLACE, LOCK = ".bead-chains-", "alive"  # beginning of the names of workplaces, and the lock file in them
+ABANDONED_S = 86400.0  # age of a workplace that counts as that of a dead process if its lock says nothing
 
-_lock = threading.Lock()
-_running: dict[object, Callable[[], None]] = {}  # work under way, with the function that ends it
-_stops = 0  # number of active all_stopped()
-
-
-# Runs a command. At SIGTERM, which the system sends when this process dies, it kills the command's session: otherwise
-# only a script would die, not the code that it starts. It writes the command's peak memory into a pipe: started
-# directly, the peak would include the memory that this large Python process holds at the fork.
-LAUNCHER = """
-import os, signal, sys
-def end(*_):
-    for name in filter(str.isdigit, os.listdir("/proc")):
-        try:
-            if int(name) != os.getpid() and os.getsid(int(name)) == os.getsid(0):
-                os.kill(int(name), signal.SIGKILL)
-        except OSError:
-            pass
-    os._exit(1)
-signal.signal(signal.SIGTERM, end)
-parent, pipe, command = int(sys.argv[1]), int(sys.argv[2]), sys.argv[3:]
-if os.getppid() != parent:  # it died before the system was asked for the signal
-    sys.exit(1)
-if pipe >= 0:
-    os.set_inheritable(pipe, False)  # children that outlive the command must not hold the pipe open
-try:
-    child = os.posix_spawnp(command[0], command, os.environ, setsigdef=[signal.SIGPIPE, signal.SIGXFSZ])
-except OSError as error:
-    sys.exit(f"cannot start: {error}")
-null = os.open(os.devnull, os.O_RDWR)
-for stream in (0, 1, 2):  # so that the command alone holds its output open
-    os.dup2(null, stream)
-_, status, usage = os.wait4(child, 0)
-if pipe >= 0:
-    os.write(pipe, str(usage.ru_maxrss * 1024).encode())
-code = os.waitstatus_to_exitcode(status)
-if code < 0:
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    os.kill(os.getpid(), -code)
-os._exit(code)
-"""
+_stopping = False  # within all_stopped()
+_launchers: set[socket.socket] = set()  # of the commands under way
+_places: set[Path] = set()  # workplaces of this process
 
 
 @dataclass(frozen=True)
@@ -80,7 +48,7 @@ class EndedProcess:
         timed_out: True if it was killed at the time limit.
         limit_s: time limit.
         wall_s, cpu_s: wall and CPU time of the process with its children.
-        memory_bytes: peak memory; 0 if the process was killed from here.
+        memory_bytes: peak memory.
     """
 
     code: int
@@ -97,151 +65,114 @@ def scrubbed_environment() -> dict[str, str]:
     return kept | {"LC_ALL": "C.UTF-8", "PYTHONNOUSERSITE": "1", "OMP_NUM_THREADS": "1", "MPLBACKEND": "Agg"}
 
 
+@dataclass(frozen=True)
+class Launched:
+    """A command under way.
+
+    Attributes:
+        process: its launcher (``drivers.base.launcher``), with the streams of the command.
+        launcher: socket to the launcher.
+    """
+
+    process: subprocess.Popen[bytes]
+    launcher: socket.socket
+
+
 def run_command(command: tuple[str, ...], folder: Path, limit_s: float, **variables: str) -> EndedProcess:
     """Run a command inside ``folder``; its output goes to ``STDOUT`` and ``STDERR`` there.
 
     ``variables`` are added to the environment. The process is killed at the time limit, with all that it has started.
+
+    Raises:
+        OSError: no process can be started.
+        KeyboardInterrupt: all work is being stopped.
     """
-    began, (read_end, pipe) = time.perf_counter(), os.pipe()
-    with open(folder / STDOUT, "wb") as out, open(folder / STDERR, "wb") as err, open(read_end, "rb") as memory:
+    began = time.perf_counter()
+    with open(folder / STDOUT, "wb") as out, open(folder / STDERR, "wb") as err:
+        launched = start(command, folder, variables, stdin=subprocess.DEVNULL, stdout=out, stderr=err)
+        in_time = False
         try:
-            with open(pipe, "wb"):
-                process = start(command, folder, subprocess.DEVNULL, out, err, variables, pipe)
-        except OSError as error:
-            err.write(f"cannot start: {error}\n".encode())
-            return EndedProcess(COULD_NOT_START, False, limit_s)
-        expired = threading.Event()
-
-        def expire() -> None:
-            expired.set()
-            kill_group(process.pid)
-
-        timer = threading.Timer(min(limit_s, threading.TIMEOUT_MAX), expire)
-        timer.start()
-        try:
-            os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)  # the id stays reserved until reaped below
+            in_time = waited(lambda seconds: connection.wait([launched.launcher], seconds), began + limit_s)
         finally:
-            timer.cancel()
-            usage = reap(process)  # also kills it after an interruption
-        memory_bytes = int(memory.read() or 0)
-    return EndedProcess(
-        code=process.returncode,
-        timed_out=expired.is_set(),
-        limit_s=limit_s,
-        wall_s=time.perf_counter() - began,
-        cpu_s=usage.ru_utime + usage.ru_stime,
-        memory_bytes=memory_bytes,
-    )
+            code, cpu_s, memory_bytes = end(launched)
+    return EndedProcess(code, not in_time, limit_s, time.perf_counter() - began, cpu_s, memory_bytes)
 
 
-def _at_death_of_parent(signal_name: str) -> tuple[str, ...]:
-    """Prefix of a command to which the system sends a signal when its parent dies; empty without ``setpriv``."""
-    return ("setpriv", "--pdeathsig", signal_name) if shutil.which("setpriv") else ()
+def waited(wait: Callable[[float], object], until_s: float) -> bool:
+    """Wait for work under way until a time of ``time.perf_counter``; True if it ended before.
 
-
-def start(
-    command: tuple[str, ...],
-    folder: Path,
-    stdin: Stream,
-    stdout: Stream,
-    stderr: Stream,
-    variables: dict[str, str],
-    pipe: int = -1,
-) -> subprocess.Popen[bytes]:
-    """Start a command in a session of its own, which dies with this process where ``setpriv`` is available.
-
-    ``pipe`` receives the peak memory in bytes; -1 for none.
-
-    Raises:
-        OSError: the process cannot be started.
-    """
-    launcher = (sys.executable, "-I", "-S", "-c", LAUNCHER, str(os.getpid()), str(pipe))
-    process = subprocess.Popen(
-        (*_at_death_of_parent("TERM"), *launcher, *_at_death_of_parent("KILL"), *command),
-        cwd=folder,
-        env=scrubbed_environment() | variables,
-        stdin=stdin,
-        stdout=stdout,
-        stderr=stderr,
-        pass_fds=(pipe,) if pipe >= 0 else (),
-        start_new_session=True,
-    )
-    _register(process.pid, lambda: kill_group(process.pid))
-    return process
-
-
-def reap(process: subprocess.Popen[bytes]) -> resource.struct_rusage:
-    """Kill the rest of a process and its group; return the resources it used.
-
-    Raises:
-        KeyboardInterrupt: all processes are being stopped.
-    """
-    stopped = _unregister(process.pid)
-    kill_group(process.pid)
-    _, status, usage = os.wait4(process.pid, 0)
-    process.returncode = os.waitstatus_to_exitcode(status)
-    if stopped:
-        raise KeyboardInterrupt
-    return usage
-
-
-@contextmanager
-def stoppable(stop: Callable[[], None]) -> Iterator[None]:
-    """Context for work of this process, which ``all_stopped`` ends by calling ``stop``.
+    Args:
+        wait: function that waits for so many seconds, and returns something true if the work has ended.
+        until_s: the time.
 
     Raises:
         KeyboardInterrupt: all work is being stopped.
     """
-    work = object()
-    _register(work, stop)
+    while (left_s := until_s - time.perf_counter()) > 0:
+        if wait(min(left_s, POLL_INTERVAL_S)):
+            return True
+        if _stopping:
+            raise KeyboardInterrupt
+    return False
+
+
+@contextmanager
+def all_stopped() -> Iterator[None]:
+    """End the work of other threads within this context, as Ctrl-C ends it."""
+    global _stopping
+    former, _stopping = _stopping, True
     try:
         yield
     finally:
-        if _unregister(work):
-            raise KeyboardInterrupt
+        _stopping = former
 
 
-def _register(work: object, stop: Callable[[], None]) -> None:
-    with _lock:
-        _running[work] = stop
-        stopped = _stops > 0
-    if stopped:
-        stop()
+def start(command: tuple[str, ...], folder: Path, variables: dict[str, str], **streams: Any) -> Launched:
+    """Start a command in a session of its own, which ends at ``end`` or with this process, however it ends.
 
+    ``variables`` are added to the environment; ``streams`` are those of ``subprocess.Popen``.
 
-def _unregister(work: object) -> bool:
-    """Forget a piece of work; True if all work is being stopped."""
-    with _lock:
-        _running.pop(work, None)
-        return _stops > 0
-
-
-def used_by(leader: int) -> tuple[float, int]:
-    """CPU seconds of a process with its children, and the largest peak memory of one of them in bytes.
-
-    Zeros without ``/proc``. psutil counts CPU time in hundredths of a second and knows no peak.
+    Raises:
+        OSError: no process can be started.
     """
-    cpu_s, memory_bytes = 0.0, 0
-    with suppress(OSError, IndexError, ValueError):
-        for process in _family(leader):
-            for thread in Path(f"/proc/{process}/task").iterdir():
-                cpu_s += int((thread / "schedstat").read_text().split()[0]) * 1e-9
-            peak = re.search(r"VmHWM:\s+(\d+) kB", Path(f"/proc/{process}/status").read_text())
-            memory_bytes = max(memory_bytes, 1024 * int(peak[1]) if peak else 0)
-    return cpu_s, memory_bytes
+    ours, theirs = socket.socketpair()
+    _launchers.add(ours)  # before the start, which a signal may interrupt
+    try:
+        with theirs:
+            process = subprocess.Popen(
+                (sys.executable, "-I", "-S", str(LAUNCHER), str(theirs.fileno()), *command),
+                cwd=folder,
+                env=scrubbed_environment() | variables,
+                pass_fds=(theirs.fileno(),),
+                start_new_session=True,
+                **streams,
+            )
+    except BaseException:
+        _report(ours)
+        raise
+    return Launched(process, ours)
 
 
-def reset_peak(leader: int) -> None:
-    """Reset the peak memory of a process and its children, where the system allows it."""
-    with suppress(OSError):
-        for process in _family(leader):
-            Path(f"/proc/{process}/clear_refs").write_text("5")
+def end(launched: Launched) -> tuple[int, float, int]:
+    """End a command with all that it has started; returns exit code, CPU time in s and peak memory in bytes."""
+    report = _report(launched.launcher)
+    code, cpu_s, memory_bytes = report or (launched.process.wait(), 0, 0)
+    launched.process.wait()
+    return int(code), float(cpu_s), int(memory_bytes)
 
 
-def _family(process: int) -> list[int]:
-    with suppress(psutil.Error):
-        return [process, *(child.pid for child in psutil.Process(process).children(recursive=True))]
-    return []
+def _report(launcher: socket.socket) -> list[str]:
+    """Ask a launcher to end; its report when it has ended, empty if it was killed or could not start the command."""
+    _ask_to_end(launcher)
+    with launcher, launcher.makefile() as report:
+        words = report.read().split()
+    _launchers.discard(launcher)
+    return words
+
+
+def _ask_to_end(launcher: socket.socket) -> None:
+    with suppress(OSError):  # it has ended
+        launcher.shutdown(socket.SHUT_WR)
 
 
 def cores() -> int:
@@ -249,19 +180,71 @@ def cores() -> int:
     return len(psutil.Process().cpu_affinity()) if psutil.LINUX else psutil.cpu_count() or 1
 
 
+def leave() -> NoReturn:
+    """End this process, from the handler of a signal, with all that it has started and without its workplaces."""
+    for launcher in [*_launchers]:
+        _ask_to_end(launcher)
+    with suppress(ChildProcessError):
+        while True:
+            os.wait()
+    for folder in [*_places]:
+        shutil.rmtree(folder, ignore_errors=True)
+    os._exit(1)
+
+
 @contextmanager
-def all_stopped() -> Iterator[None]:
-    """End the work of other threads, and all that they begin within this context, as Ctrl-C ends it."""
-    global _stops
-    with _lock:
-        _stops += 1
-        for stop in _running.values():
-            stop()
+def workplace(home: Path) -> Iterator[Path]:
+    """Yield a new folder below ``home``, private to this user, and remove it afterwards.
+
+    The folder holds a file lock, which the system releases when the process ends in any way; the next workplace there
+    removes the folders of dead processes.
+    """
+    home.mkdir(parents=True, exist_ok=True)
+    for left in home.glob(f"{PLACE}*"):
+        if _is_abandoned(left):
+            shutil.rmtree(left, ignore_errors=True)
+    folder = Path(tempfile.mkdtemp(f"@{platform.node()}", PLACE, home))
+    _places.add(folder)
     try:
-        yield
+        with open(folder / "unlocked", "w") as lock:
+            with suppress(OSError):  # on a file system without locks
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            (folder / "unlocked").rename(folder / LOCK)
+            yield folder
     finally:
-        with _lock:
-            _stops -= 1
+        shutil.rmtree(folder, ignore_errors=True)
+        _places.discard(folder)
+
+
+def _is_abandoned(folder: Path) -> bool:
+    """True for a workplace of this user whose process has died; if its lock says nothing here, after a day."""
+    with suppress(OSError):  # removed meanwhile
+        status, here = folder.lstat(), folder.name.endswith(f"@{platform.node()}")
+        if status.st_uid != os.getuid() or not stat.S_ISDIR(status.st_mode):
+            return False
+        try:
+            with open(folder / LOCK, "r+") as lock:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+        except OSError:  # just made, or on a file system without locks
+            here = False
+        dates = [status.st_mtime, *(file.lstat().st_mtime for file in folder.rglob("*"))]
+        return here or time.time() - max(dates) > ABANDONED_S
+    return False
+
+
+def private_temporary_folder() -> Path:
+    """Folder of temporary files.
+
+    Raises:
+        InputError: other users could put files of their own in place of those in it.
+    """
+    folder = Path(tempfile.gettempdir())
+    status = folder.stat()
+    if status.st_uid not in (0, os.getuid()) or (status.st_mode & (stat.S_IWOTH | stat.S_ISVTX)) == stat.S_IWOTH:
+        raise InputError(f"TMPDIR={folder}", "", "a folder in which others can replace files", "a folder of your own")
+    return folder
 
 
 def find_command(words: tuple[str, ...]) -> tuple[str, ...] | None:
@@ -301,13 +284,3 @@ def local_changes() -> bool:
     """True if the checkout has changed files, or new files in its packages; other new files do not count."""
     new = tuple(f"?? {package}/" for package in paths.PACKAGES)
     return any(line.startswith(new) or not line.startswith("??") for line in git("status", "--porcelain").splitlines())
-
-
-def kill_group(leader: int) -> None:
-    """Kill a process with its group and with the other groups of its session, which mpirun makes."""
-    with suppress(ProcessLookupError, PermissionError):
-        os.killpg(leader, signal.SIGKILL)
-    for process in psutil.pids():
-        with suppress(OSError):
-            if os.getsid(process) == leader:
-                os.kill(process, signal.SIGKILL)

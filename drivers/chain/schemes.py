@@ -3,7 +3,6 @@
 Every part of the project that needs such a motion in memory takes it from here.
 """
 
-import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
@@ -15,7 +14,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from drivers.base.processes import stoppable
+from drivers.base.processes import waited
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, arrays_of, sphere_for_face, tube_arrays_of
 from drivers.chain.trace import Trace, make_trace, with_work
@@ -44,18 +43,14 @@ def endable(integrate: Callable[[Flag], Result], limit_s: float = inf) -> Result
         TimeoutError: it was ended at the time limit.
     """
     stop: Flag = np.zeros(1, bool)
-    began = time.perf_counter()
-
-    def end() -> None:
-        stop[0] = True
-
-    with ThreadPoolExecutor(1) as thread, stoppable(end):
+    until_s = time.perf_counter() + limit_s
+    with ThreadPoolExecutor(1) as thread:
         integration = thread.submit(copy_context().run, integrate, stop)  # with its treatment of overflows
         try:
-            wait([integration], min(limit_s, threading.TIMEOUT_MAX))
+            in_time = waited(lambda seconds: wait([integration], seconds).done, until_s)
         finally:
-            end()
-    if time.perf_counter() - began > limit_s:
+            stop[0] = True
+    if not in_time:
         raise TimeoutError
     return integration.result()
 

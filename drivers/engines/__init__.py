@@ -22,11 +22,10 @@ from typing import Any, NoReturn
 from drivers.base.decks import Deck
 from drivers.base.errors import InputError, InputProblem, RunError, one_line
 from drivers.base.processes import find_command
-from drivers.chain.case import Case
-from drivers.chain.elements import STRAIGHT
+from drivers.chain.case import STRAIGHT, Case
 from drivers.chain.trace import Trace
 from drivers.engines._entries import Entry, entries
-from drivers.laws.viscoelastic import Viscoelastic
+from drivers.laws import Viscoelastic
 from validation.reference.hertz_chain import Flag
 
 REFERENCE, VERLET = "reference", "verlet"  # in-repo engines: exact motion, and the scheme of the codes
@@ -93,7 +92,7 @@ class Engine:
             before for damping, and at time 0 the one of time 0.
         shear: ``TOTAL`` or ``INCREMENTAL`` friction in three dimensions.
         dissipation: laws of dissipation that it models, as named in scenes; a shipped code asks the laws.
-        models: modelling elements (``drivers.chain.elements``) that it models.
+        models: modelling elements (``drivers.chain.case``) that it models.
         variables: environment variables that it needs, with their values.
         refusal: function that returns key, found and allowed of a case that the engine cannot run; else None.
         partial_trace: function that reads the samples of a failed run; None if there are none.

@@ -14,7 +14,7 @@ from drivers.base import paths, units
 from drivers.base.errors import InputError
 from drivers.base.files import home_of, readable
 from drivers.base.messages import validate
-from drivers.scene.part import Name, Part
+from drivers.scene.model import Name, Part
 from drivers.scene.read_scene import read_toml
 
 RESERVED = ("auto", "batch", "reference", "verlet")  # a value of --engine, a folder of runs/, the in-repo engines
@@ -27,7 +27,7 @@ def _alternatives(value: object) -> tuple[tuple[str, ...], ...]:
             commands = tuple(tuple(shlex.split(line)) for line in lines)
             if all(commands):
                 return commands
-    raise units.NotAllowedError('a command such as "mpirun -np 1 lmp", or a list of them')
+    raise ValueError('a command such as "mpirun -np 1 lmp", or a list of them')
 
 
 def engines_again() -> list[str]:

@@ -6,18 +6,16 @@ import signal
 import sys
 import tempfile
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import CancelledError, Executor, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
-from functools import partial
 from multiprocessing import connection, forkserver, resource_tracker, util
 from typing import Any, TypeVar
 
 from drivers.base.errors import InputError, RunError
-from drivers.base.processes import all_stopped, cores
-from drivers.run.session import end_all
+from drivers.base.processes import all_stopped, cores, leave
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -76,7 +74,10 @@ def execute(
     """
     executor_at = _on_dask if place.dask else _processes if place.processes else _threads
     with executor_at(place) as executor:
-        under_way = _submitted(executor, partial(_in_worker, work) if place.processes else work, items)
+        with ThreadPoolExecutor(1) as thread:  # no signal interrupts it: a worker with half of its setup complains
+            under_way = thread.submit(
+                lambda: {executor.submit(work, item): (number, item) for number, item in enumerate(items)}
+            ).result()
         waiting = set(under_way)
         while waiting:
             ended, waiting = wait(waiting, POLL_INTERVAL_S, return_when="FIRST_COMPLETED")
@@ -85,37 +86,15 @@ def execute(
             tick()
 
 
-def side_by_side(work: Mapping[str, Callable[[], Result]]) -> Iterator[tuple[str, Result]]:
-    """Call functions on threads; yields each name with its result, as results come."""
-    return execute(lambda name: work[name](), work)
-
-
-def _submitted(
-    executor: Executor, work: Callable[[Item], Result], items: Iterable[Item]
-) -> dict[Future[Result], tuple[int, Item]]:
-    """Number and item by future.
-
-    Processes start in another thread, since a signal interrupts the main thread: a worker that gets half of its setup
-    prints a traceback.
-    """
-    with ThreadPoolExecutor(1) as thread:
-        return thread.submit(
-            lambda: {executor.submit(work, item): (number, item) for number, item in enumerate(items)}
-        ).result()
-
-
 @contextmanager
 def _threads(place: Place) -> Iterator[Executor]:
     """Threads; an error lets running items finish, an interrupt ends them."""
     with ThreadPoolExecutor(place.workers or cores()) as pool:
         try:
             yield pool
-        except (KeyboardInterrupt, SystemExit):
-            with all_stopped():
+        except BaseException as error:
+            with all_stopped() if isinstance(error, KeyboardInterrupt) else nullcontext():
                 pool.shutdown(cancel_futures=True)
-            raise
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
             raise
 
 
@@ -132,7 +111,7 @@ def get_ready(*functions: Callable[..., Any]) -> None:
 def _start_fork_server() -> None:
     """Start the fork server if it does not run, deaf to signals that a terminal or a scheduler sends to all processes.
 
-    A server that Ctrl-C ends prints a traceback; after SIGTERM its workers would seem dead while they leave contexts.
+    A server that Ctrl-C ends prints a traceback; after SIGTERM its workers would seem dead while they end engines.
     Its socket is in another folder if temporary files lie too deep for one, as on clusters.
     """
     former = tempfile.tempdir
@@ -175,47 +154,18 @@ def _processes(place: Place) -> Iterator[Executor]:
 
 def _begin() -> None:
     """Initialize a worker process: it heeds SIGTERM alone, which its parent sends, and dies with its parent."""
-    for ignored in (signal.SIGINT, signal.SIGHUP):
-        signal.signal(ignored, signal.SIG_IGN)
-    sys.unraisablehook = _end_again
+    signal.signal(signal.SIGTERM, lambda *_: leave())
     tempfile.gettempdir()  # tries its folder with a file, which a signal would leave there
-    signal.pthread_sigmask(signal.SIG_SETMASK, ())
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
 
 
 def _end_with(sentinel: int) -> None:
-    """Kill this worker, and so its engines, when its parent dies."""
+    """Kill this worker when its parent dies; its engines end with it."""
     connection.wait([sentinel])
     os.kill(os.getpid(), signal.SIGKILL)
-
-
-def _in_worker(work: Callable[[Item], Result], item: Item) -> Result:
-    """Work on an item in a worker process, which ends in order at SIGTERM: all contexts are left."""
-    try:
-        signal.signal(signal.SIGTERM, _end)
-        return work(item)
-    except SystemExit:
-        end_all()
-        os._exit(1)  # everything is closed: the pool must not submit more, or print
-    finally:
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
-
-
-def _end(*_: object) -> None:
-    """Leave all contexts; SIGTERM may be sent again meanwhile."""
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    raise SystemExit
-
-
-def _end_again(dropped: "sys.UnraisableHookArgs") -> None:
-    """Send SIGTERM again if ``_end`` was called where Python drops exceptions, as in callbacks of weak references."""
-    if issubclass(dropped.exc_type, SystemExit):
-        signal.signal(signal.SIGTERM, _end)
-        threading.Timer(0.01, os.kill, (os.getpid(), signal.SIGTERM)).start()
-    else:
-        sys.__unraisablehook__(dropped)
 
 
 @contextmanager
@@ -224,18 +174,14 @@ def _on_dask(place: Place) -> Iterator[Executor]:
     from distributed import Client, LocalCluster
 
     with ExitStack() as stack:
-        client: Any
+        scheduler: Any = place.dask
         if place.dask == LOCAL:
             former = signal.signal(signal.SIGINT, signal.SIG_IGN)  # its processes must ignore Ctrl-C
-            cluster = stack.enter_context(
-                LocalCluster(
-                    n_workers=place.workers or cores(), threads_per_worker=1, dashboard_address=None, silence_logs=50
-                )
-            )
+            workers = place.workers or cores()
+            cluster = LocalCluster(workers, threads_per_worker=1, dashboard_address=None, silence_logs=50)
             signal.signal(signal.SIGINT, former)
-            client = stack.enter_context(Client(cluster))
-        else:
-            client = stack.enter_context(Client(place.dask, timeout=CONNECT_LIMIT_S))
+            scheduler = stack.enter_context(cluster)
+        client = stack.enter_context(Client(scheduler, timeout=CONNECT_LIMIT_S))
         executor = client.get_executor(pure=False, retries=RETRIES)
         stack.callback(executor.shutdown, wait=False)  # does not wait after an error or Ctrl-C
         try:

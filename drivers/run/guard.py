@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from drivers.base.errors import RunError, digits_apart
 from drivers.base.processes import STDERR, STDOUT, EndedProcess
 from drivers.chain.case import Case
-from drivers.chain.chain import Chain, furthest_m
-from drivers.chain.contact_law import hertz_force
+from drivers.chain.chain import Chain, furthest_m, hertz_force
 from drivers.chain.trace import Trace, with_work
 from drivers.engines import Engine
 from drivers.run.scheme import scheme_of
@@ -33,10 +32,10 @@ def checked_trace(case: Case, engine: Engine, outcome: EndedProcess, folder: Pat
     Raises:
         RunError: the run failed; with the partial trace if there is one.
     """
+    stdout, stderr = ((folder / name).read_text(errors="replace") for name in (STDOUT, STDERR))
     if outcome.timed_out:
-        raise timed_out(outcome.limit_s)
+        raise timed_out(outcome.limit_s, engine.loop_seconds(stdout), _left(case, engine, folder))
     if outcome.code != 0:
-        stdout, stderr = ((folder / name).read_text(errors="replace") for name in (STDOUT, STDERR))
         ending = f"exit code {outcome.code}" if outcome.code > 0 else f"killed by signal {-outcome.code}"
         message = _failed_start(stdout, stderr) or engine.failure_reason(stdout, stderr)
         message = "".join(c if c.isprintable() else " " for c in message)
@@ -77,9 +76,18 @@ def compared(case: Case, engine: Engine, trace: Trace) -> Trace:
     return trace if case.chain.drive is None else with_work(trace, scheme.of(engine.name))
 
 
-def timed_out(limit_s: float) -> RunError:
-    """Error of a run that was ended at its time limit."""
-    return RunError(f"killed at the time limit of {limit_s:g} s", status="timeout")
+def timed_out(limit_s: float, loop_s: float | None = None, left: Trace | None = None) -> RunError:
+    """Error of a run that was ended at its time limit, perhaps after its time loop, with the trace that it left."""
+    hung = "" if loop_s is None else f"the time loop ended after {loop_s:g} s, but the program did not exit; "
+    return RunError(f"{hung}killed at the time limit of {limit_s:g} s", status="timeout", partial=left)
+
+
+def _left(case: Case, engine: Engine, folder: Path) -> Trace | None:
+    """Trace of a run that was ended: all of it, or the samples that it has written."""
+    try:
+        return engine.read(case, folder)
+    except RunError:
+        return engine.partial_trace(case, folder)
 
 
 def _failed_start(stdout: str, stderr: str) -> str:

@@ -11,44 +11,19 @@ import os
 import platform
 import shutil
 import time
-import uuid
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from filelock import FileLock, Timeout
 
 from drivers.base.files import whole_file
+from drivers.base.processes import workplace as workplace
 
 LEASE = "lease.json"
 ALIVE = "alive"
 ALIVE_S = 120.0  # a workplace of another machine is alive if touched within this time
 ABANDONED_S = 86400.0  # and abandoned if not touched for this time
-REMOVALS, REMOVAL_S = 20, 0.05  # attempts to remove a folder in which a killed code still removes its own files
 NO_LOCKS = (OSError, NotImplementedError)  # on a file system without locks
-
-
-@contextmanager
-def workplace(home: Path) -> Iterator[Path]:
-    """Yield a new temporary folder below ``home`` and remove it afterwards; removes those of dead processes."""
-    home.mkdir(parents=True, exist_ok=True)
-    leased(home)
-    folder = home / f".{uuid.uuid4().hex[:12]}@{_machine()}"
-    folder.mkdir()
-    lock = FileLock(folder / "unlocked", timeout=0)
-    try:
-        with suppress(*NO_LOCKS):
-            lock.acquire()
-        (folder / "unlocked").touch()
-        (folder / "unlocked").rename(folder / ALIVE)
-        yield folder
-    finally:
-        for _ in range(REMOVALS):
-            shutil.rmtree(folder, ignore_errors=True)
-            if not folder.exists():
-                break
-            time.sleep(REMOVAL_S)
-        lock.release(force=True)
 
 
 def show_alive(place: Path) -> None:
@@ -105,9 +80,5 @@ def _alive(folder: Path) -> bool | None:
 
 
 def _machine() -> str:
-    """Name of this machine and its last boot, which ends all locks and processes."""
-    try:
-        boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()[:8]
-    except OSError:
-        boot = "boot"
-    return f"{platform.node()}-{boot}"
+    """Name of this machine."""
+    return platform.node()

@@ -13,7 +13,7 @@ from drivers.base.kept import keep, recall
 from drivers.base.progress import say
 from drivers.chain.case import Case, build_case
 from drivers.engines import EXACT, Engine, engine_names, installed, load_engine
-from drivers.limits.refusal import inability
+from drivers.limits import inability
 from drivers.run.build import Build, build_of
 from drivers.run.compute import compute
 from drivers.run.run import run_identity
@@ -106,7 +106,7 @@ def measured_cost(engine: Engine, build: Build) -> Cost:
             raise RunError("no line of the output matches loop_pattern")
         return min(loops_s)
 
-    alone = compute(few, engine.name, build=build, by_hand=True)
+    alone = compute(few, engine.name, build=build, own_process=True)
     start_s = alone.wall_s - (alone.loop_s or 0.0) if alone.done else 0.0
     loop_s = best(few)
     factor = int(min(max(LOOP_S / loop_s, 2), MAX_FACTOR))

@@ -16,7 +16,7 @@ from drivers.chain.case import Case
 from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, VERLET, engine_names
-from drivers.run.execute import side_by_side
+from drivers.run.execute import execute
 from drivers.run.run import refuse_all, run_many
 from drivers.run.run_folder import EndedRun
 from postproc.paper.simulate import Simulation, exact, run_codes_on
@@ -109,7 +109,9 @@ def judge_claims(runs: Path = paths.RUNS) -> list[Check]:
 
     first: dict[str, Any] = {"table": partial(values_with, table=solved), "run": partial(values_with, run=noted)}
     second: dict[str, Any] = {"codes": on_codes, "others": others}
-    done = dict(side_by_side(first)) | dict(side_by_side(second))
+    done: dict[str, Any] = {}
+    for work in (first, second):
+        done |= {name: result for (name, _), result in execute(lambda named: named[1](), work.items())}
     by_engine, (rest, readings) = {REFERENCE: done["run"]} | done["codes"], done["others"]
     values = done["table"] | {name: {REFERENCE: value} for name, value in rest.items()}
     for name in by_engine[REFERENCE]:

@@ -129,10 +129,7 @@ def answer() -> int:
     try:
         with BEADS.make_context("beads", [*arguments] or ["--help"]) as context:
             _check_memory()
-            from drivers.base.progress import counted
-
-            with counted(f"beads {arguments[0]}", bar=False):  # prints a line if a command prints none
-                return BEADS.invoke(context) or 0
+            return BEADS.invoke(context) or 0
     except click.exceptions.Exit as end:
         return end.exit_code if arguments else 2
     except click.UsageError as error:

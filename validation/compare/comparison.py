@@ -18,7 +18,7 @@ from drivers.engines import (
     load_engine,
     missing_codes,
 )
-from drivers.limits.refusal import inability
+from drivers.limits import inability
 from drivers.run.run import refuse_all, run_many
 from drivers.run.run_folder import EndedRun
 from postproc.read.motion import trace_with_state
@@ -126,7 +126,7 @@ def run_and_compare_all(
     pairs = [(case, absences(case, asked.names)) for case in cases]
     jobs = [(case, engine) for case, absent in pairs for engine in asked.names if engine not in absent]
     refuse_all([] if unsafe else jobs, runs)
-    ended = iter(run_many(jobs, runs, by_hand=True))
+    ended = iter(run_many(jobs, runs))
     for case, absent in following(pairs, "scenes compared", len(pairs), "scene"):
         yield _compared(case, {name: next(ended) for name in asked.names if name not in absent}, absent)
 

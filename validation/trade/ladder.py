@@ -18,7 +18,7 @@ from drivers.chain.chain import arrays_of
 from drivers.chain.schemes import trace_of
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, VERLET, installed_codes
-from drivers.limits.stable_step import step_limit
+from drivers.limits import step_limit
 from drivers.run.compute import compute
 from drivers.run.execute import execute
 from drivers.run.scheme import COMPARED
@@ -215,5 +215,5 @@ def errors_by_group(case: Case, trace: Trace, exact_motion: ExactMotion) -> dict
 
 def start_up(case: Case, name: str) -> float:
     """Time of a process outside its loop, in s: the shorter of two, as the first may compile or load."""
-    runs = [compute(case, name, by_hand=True) for _ in range(2)]
+    runs = [compute(case, name, own_process=True) for _ in range(2)]
     return min(run.wall_s - (run.loop_s or 0.0) for run in runs)

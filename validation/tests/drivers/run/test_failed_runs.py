@@ -1,8 +1,9 @@
 """Tests of runs that fail: the engine's own words, time limits, engines that are missing or cannot start."""
 
 import json
+import platform
 import re
-import sys
+import shutil
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -13,14 +14,14 @@ import psutil
 import pytest
 
 from drivers.base.errors import RunError
+from drivers.base.processes import LOCK, PLACE
 from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import Trace
 from drivers.engines import load_engine, missing_codes
 from drivers.run.guard import checked, compared
 from drivers.run.run import run_case
-from drivers.run.workplaces import ALIVE, _machine
 from validation.tests.helpers.commands import beads
-from validation.tests.helpers.runs import failing_run
+from validation.tests.helpers.runs import failing_run, need
 from validation.tests.helpers.scenes import SceneWriter, StandIn, case_of
 
 MPIRUN = """mpirun has detected an attempt to run as root.
@@ -53,10 +54,9 @@ def test_crash_is_reported_in_the_words_of_the_engine(
 
 
 def test_hanging_engine_is_killed_with_its_children(stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path) -> None:
-    """Also a child in a process group of its own, as of mpirun."""
-    group = f'{sys.executable} -c \'import os; os.setpgid(0, 0); os.execlp("sleep", "sleep", "987")\''
+    """Also a child in a session of its own, as the daemon of Open MPI."""
     version = 'case "$*" in *--version*) echo "Yade version: 0"; exit;; esac'
-    stand_in("yade", f'{version}\nsleep 987 & echo $! > "$0.pid"\n{group} & echo $! >> "$0.pid"; wait')
+    stand_in("yade", f'{version}\nsleep 987 & echo $! > "$0.pid"\nsetsid sleep 987 & echo $! >> "$0.pid"; wait')
     status, reason = failing_run(scene_file(), "yade", tmp_path / "runs", limit_s=1)
     assert (status, reason) == ("timeout", "killed at the time limit of 1 s")
     children = (tmp_path / "bin" / "yade.pid").read_text().split()
@@ -64,6 +64,19 @@ def test_hanging_engine_is_killed_with_its_children(stand_in: StandIn, scene_fil
     for child in children:
         with suppress(psutil.NoSuchProcess):
             psutil.Process(int(child)).wait(30)
+
+
+def test_a_code_that_does_not_exit_after_its_time_loop_keeps_its_forces(
+    stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path
+) -> None:
+    need("lammps")
+    stand_in("lmp", f'{shutil.which("lmp")} "$@"; case "$*" in *-h*) ;; *) sleep 987; esac')
+    case = case_of(scene_file())
+    ended = run_case(case, "lammps", tmp_path / "runs", limit_s=5)
+    assert ended.record.status == "timeout"
+    hung = r"the time loop ended after \S+ s, but the program did not exit; killed at the time limit of 5 s"
+    assert re.fullmatch(hung, ended.record.reason)
+    assert len(ended.trace.time_s) == case.scene.samples
 
 
 def test_engine_that_cannot_start_leaves_the_others_alone(
@@ -83,9 +96,9 @@ def test_failed_run_is_tried_again_and_replaces_no_finished_one(scene_file: Scen
     """The next run removes what a killed process has left."""
     case, home = case_of(scene_file(duration="20 ms", step="2 ns")), tmp_path / "verlet"
     assert run_case(case, "verlet", tmp_path, limit_s=1e-6).record.status == "timeout"
-    left = home / f".{'a' * 12}@{_machine()}"
+    left = home / f"{PLACE}x@{platform.node()}"
     left.mkdir()
-    (left / ALIVE).touch()
+    (left / LOCK).touch()
     good = run_case(case, "verlet", tmp_path)
     assert good.done
     assert [folder for folder in home.iterdir() if folder.is_dir()] == [good.folder]

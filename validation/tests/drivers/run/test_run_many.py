@@ -1,6 +1,7 @@
 """Tests of many runs: in order, in parallel, interrupted, and on servers as by hand."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,14 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.base import processes
 from drivers.base.processes import all_stopped, run_command
 from drivers.chain.trace import digest_of
 from drivers.engines import REFERENCE, VERLET, load_engine
-from drivers.run.compute import compute
+from drivers.run.compute import _serves_alike, compute
 from drivers.run.run import run_case, run_many
 from drivers.run.run_folder import open_run
-from drivers.run.session import end_all
 from validation.tests.helpers.commands import BEADS
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import SceneWriter, StandIn, case_of
@@ -43,7 +42,7 @@ def test_interrupt_ends_all_and_leaves_no_folder(scene_file: SceneWriter, tmp_pa
     words = map(str, (*BEADS, "run", scene_file(duration="100 ms"), "--engine", CODE, *step, "--runs", runs))
     process = subprocess.Popen([*words], stderr=subprocess.PIPE, text=True, env=os.environ | {"TMPDIR": str(places)})
     until = time.monotonic() + 60
-    while not [*places.glob("bead-chains-*/.*/*/case/chain.*"), *runs.glob("*/.*/run/chain.*")]:
+    while not [*runs.glob("*/.*/run/chain.*")]:
         assert process.poll() is None
         assert time.monotonic() < until
         time.sleep(0.05)
@@ -58,8 +57,7 @@ def test_interrupt_ends_all_and_leaves_no_folder(scene_file: SceneWriter, tmp_pa
     assert not [pid for pid in running.split() if int(pid) != os.getpid()]
 
 
-def test_processes_are_killed_only_within_all_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(processes, "_running", {})  # servers of other tests live on
+def test_processes_are_killed_only_within_all_stopped(tmp_path: Path) -> None:
     with ThreadPoolExecutor() as pool:
         slow = pool.submit(run_command, ("sleep", "60"), tmp_path, 100.0)
         time.sleep(0.5)
@@ -96,19 +94,14 @@ def test_reading_a_run_starts_no_threads(scene_file: SceneWriter, tmp_path: Path
     assert subprocess.run([sys.executable, "-c", script, str(ended.folder)], check=False).returncode == 0
 
 
-def test_served_run_equals_one_in_its_own_process(scene_file: SceneWriter, tmp_path: Path) -> None:
+def test_a_server_gives_the_bits_of_an_own_process(scene_file: SceneWriter) -> None:
     need(CODE)
-    cases = [case_of(scene_file(), f"striker.speed={speed} m/s") for speed in (1, 2)]
-    end_all()  # an idle session keeps the memory of the cases of other tests
-    for case, served in zip(cases, run_many([(case, CODE) for case in cases], tmp_path / "served"), strict=True):
-        alone = run_case(case, CODE, tmp_path / "alone")
-        assert served.folder.name == alone.folder.name
-        assert served.forces_sha256 == alone.forces_sha256
-        assert {file.name for file in served.folder.iterdir()} == {file.name for file in alone.folder.iterdir()}
-        assert served.record.command == alone.record.command
-        assert served.record.loop_s is not None
-        assert (served.record.cpu_s or 0.0) > 0
-        assert served.record.memory_bytes == pytest.approx(alone.record.memory_bytes, rel=0.5)
+    for speed in (1, 2):
+        case = case_of(scene_file(), f"striker.speed={speed} m/s")
+        served, alone = compute(case, CODE), compute(case, CODE, own_process=True)
+        assert digest_of(served.done) == digest_of(alone.done)
+        assert served.loop_s is not None
+        assert alone.cpu_s > 0 == served.cpu_s
 
 
 @pytest.mark.parametrize(
@@ -117,46 +110,60 @@ def test_served_run_equals_one_in_its_own_process(scene_file: SceneWriter, tmp_p
 )
 def test_in_repo_engine_gives_the_bits_of_its_deck(engine: str, scene: str, setting: str) -> None:
     case = case_of(scene, setting)
-    here, by_hand = compute(case, engine).done, compute(case, engine, by_hand=True).done
-    assert digest_of(here) == digest_of(by_hand)
+    here, alone = compute(case, engine).done, compute(case, engine, own_process=True).done
+    assert digest_of(here) == digest_of(alone)
     assert here.height_m is not None
-    assert by_hand.height_m is not None
-    assert np.array_equal(here.height_m, by_hand.height_m)
+    assert alone.height_m is not None
+    assert np.array_equal(here.height_m, alone.height_m)
 
 
-def test_served_run_that_fails_is_repeated_in_its_own_process(scene_file: SceneWriter, tmp_path: Path) -> None:
-    """It leaves the other runs alone."""
+def test_a_served_case_that_fails_leaves_the_others_alone(scene_file: SceneWriter) -> None:
+    need(CODE)
     unstable, stable = case_of(scene_file(), "run.time_step=50 us", "run.sample_interval=50 us"), case_of(scene_file())
-    served, done = run_many([(unstable, VERLET), (stable, VERLET)], tmp_path / "served")
-    alone = run_case(unstable, VERLET, tmp_path / "alone")
-    assert done.done
-    assert served.record.status == alone.record.status == "failed"
-    assert served.record.reason == alone.record.reason
-    assert (served.folder / "stderr.txt").read_text() == (alone.folder / "stderr.txt").read_text()
+    before, failed, after = (compute(case, CODE) for case in (stable, unstable, stable))
+    assert str(failed.fault) == str(compute(unstable, CODE, own_process=True).fault)
+    assert digest_of(before.done) == digest_of(after.done)
 
 
-def test_script_that_looks_at_decks_serves_none(stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path) -> None:
+def test_script_that_looks_at_decks_serves_none(stand_in: StandIn, scene_file: SceneWriter) -> None:
     need(CODE)
     engine, case = load_engine(CODE), case_of(scene_file())
     command, deck = engine.find(), engine.render(case)
     assert command is not None
     stand_in(engine.program, f'[ -e {next(iter(deck.files))} ] && exit 3\nexec {command[-1]} "$@"\n')
-    (ended,) = run_many([(case, CODE)], tmp_path / "runs")
-    assert ended.record.reason.startswith("exit code 3")
+    assert str(compute(case, CODE).fault).startswith("exit code 3")
 
 
-def test_a_worker_ends_in_order_if_its_signal_comes_in_a_callback() -> None:
-    """Python drops exceptions of callbacks of weak references, so the worker signals itself again."""
+def test_a_disturbed_test_of_a_server_is_not_cached(stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path) -> None:
+    need(CODE)
+    count, real = tmp_path / "count", shutil.which("lmp")
+    stand_in(
+        "lmp",
+        f'case "$*" in *-h*) ;; *) echo >> {count}; [ $(wc -l < {count}) = 2 ] && kill -9 $$ ;; esac\nexec {real} "$@"',
+    )
+    case, starts = case_of(scene_file()), [0]
+    for _ in range(3):
+        _serves_alike.cache_clear()
+        assert compute(case, CODE).done
+        starts.append(count.read_text().count("\n"))
+    # alone, as a server that is killed, and alone since there is none; alone and as a server; on this server
+    assert starts == [0, 3, 5, 5]
+
+
+def test_an_interrupt_while_a_worker_gets_its_setup_prints_nothing() -> None:
     script = (
-        "import os, signal, sys, time, weakref; from drivers.run import execute\n"
-        "sys.unraisablehook = execute._end_again\n"
-        "signal.signal(signal.SIGTERM, execute._end)\n"
-        "class Thing: pass\n"
-        "thing = Thing()\n"
-        "reference = weakref.ref(thing, lambda _: (os.kill(os.getpid(), signal.SIGTERM), time.sleep(0.01)))\n"
-        "del thing\n"
-        "time.sleep(20)\n"
-        "sys.exit(1)"
+        "import os, signal; from multiprocessing import forkserver; from drivers.run.execute import Place, execute\n"
+        "read = forkserver.read_signed\n"
+        "def interrupted(pid):\n"
+        "    forkserver.read_signed = read\n"
+        "    os.kill(os.getpid(), signal.SIGINT)\n"
+        "    return read(pid)\n"
+        "forkserver.read_signed = interrupted\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "try:\n"
+        "    [*execute(abs, [1], Place(1, processes=True))]\n"
+        "except KeyboardInterrupt:\n"
+        "    print('interrupted')"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, check=False, timeout=60)
-    assert (done.returncode, done.stderr) == (0, b"")
+    assert (done.stdout, done.stderr) == (b"interrupted\n", b"")

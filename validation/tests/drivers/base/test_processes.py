@@ -1,0 +1,96 @@
+"""Tests of processes: their end with everything that they have started, their folders, their memory."""
+
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from drivers.base.errors import InputError
+from drivers.base.processes import ABANDONED_S, LOCK, PLACE, private_temporary_folder, run_command, workplace
+
+# SIGTERM comes while a command starts that makes its folder again and again, with all parents, as Open MPI does
+LEFT_AT_A_START = """
+import os, signal, subprocess, sys
+from pathlib import Path
+from drivers.base import processes
+real = subprocess.Popen
+def interrupted(*words, **options):
+    process = real(*words, **options)
+    os.kill(os.getpid(), signal.SIGTERM)
+    return process
+signal.signal(signal.SIGTERM, lambda *_: processes.leave())
+subprocess.Popen = interrupted
+with processes.workplace(Path(sys.argv[1])) as place:
+    processes.run_command(("sh", "-c", f"setsid sh -c 'while :; do mkdir -p {place}/made; done' & wait"), place, 60.0)
+"""
+
+
+def test_a_process_that_leaves_waits_for_what_it_starts(tmp_path: Path) -> None:
+    done = subprocess.run([sys.executable, "-c", LEFT_AT_A_START, str(tmp_path)], capture_output=True, check=False)
+    assert (done.returncode, done.stderr) == (1, b"")
+    assert not [*tmp_path.iterdir()]
+
+
+def test_memory_and_time_are_those_of_the_command(tmp_path: Path) -> None:
+    """With its children; not the memory of this process, which starts it."""
+    held = bytes(300_000_000)
+    small = run_command(("true",), tmp_path, 60.0)
+    assert 0 < small.memory_bytes < 30_000_000 < len(held)
+    code = "import time; held = b'1' * 200_000_000\nwhile time.process_time() < 0.5: pass"
+    large = run_command(("sh", "-c", f'{sys.executable} -c "{code}"; exit 3'), tmp_path, 60.0)
+    assert large.code == 3
+    assert large.memory_bytes == pytest.approx(210_000_000, rel=0.1)
+    assert large.cpu_s == pytest.approx(0.55, rel=0.2)
+
+
+def test_only_abandoned_workplaces_of_this_user_are_removed(tmp_path: Path) -> None:
+    home, elsewhere = tmp_path / "home", tmp_path / "elsewhere"
+    made = {}
+    for name, machine, age_s in (
+        ("dead", platform.node(), 0.0),
+        ("mine", platform.node(), 0.0),
+        ("far", "another", 0.9 * ABANDONED_S),
+        ("old", "another", 1.1 * ABANDONED_S),
+        ("linked", platform.node(), 0.0),
+    ):
+        made[name] = home / f"{PLACE}{name}@{machine}"
+        made[name].mkdir(parents=True)
+        (made[name] / LOCK).touch()
+        for path in (made[name] / LOCK, made[name]):
+            os.utime(path, (time.time() - age_s,) * 2)
+    shutil.move(made["linked"], elsewhere)
+    made["linked"].symlink_to(elsewhere)
+    if os.getuid() == 0:
+        os.chown(made["mine"], 1, 1)
+    else:
+        shutil.rmtree(made["mine"])
+    with workplace(home) as place, workplace(home):
+        assert place.is_dir()
+        assert place.stat().st_mode & 0o777 == 0o700
+        assert not made["dead"].exists()
+        assert not made["old"].exists()
+        assert made["far"].exists()
+        assert (made["linked"] / LOCK).exists()
+        assert made["mine"].exists() is (os.getuid() == 0)
+    assert not place.exists()
+
+
+@pytest.mark.parametrize("mode", [0o777, 0o1777, 0o755])
+def test_temporary_files_lie_where_nobody_replaces_them(
+    mode: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    tmp_path.chmod(mode)
+    if mode != 0o777:
+        assert private_temporary_folder() == tmp_path
+        if os.getuid() == 0:
+            os.chown(tmp_path, 1, 1)
+        else:
+            return
+    with pytest.raises(InputError, match=r"^TMPDIR=.*: found a folder in which others can replace files; allowed: "):
+        private_temporary_folder()
