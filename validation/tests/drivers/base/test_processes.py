@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 
@@ -46,6 +47,15 @@ def test_memory_and_time_are_those_of_the_command(tmp_path: Path) -> None:
     assert large.code == 3
     assert large.memory_bytes == pytest.approx(210_000_000, rel=0.1)
     assert large.cpu_s == pytest.approx(0.55, rel=0.2)
+
+
+def test_sockets_of_a_killed_batch_are_removed_by_the_next_workplace() -> None:
+    batch = "import os; from drivers.run import execute; execute._start_fork_server(); os.kill(os.getpid(), 9)"
+    with TemporaryDirectory(dir="/tmp") as home:  # paths of sockets are short
+        subprocess.run([sys.executable, "-c", batch], check=False, env=os.environ | {"TMPDIR": home})
+        assert len([*Path(home).rglob("listener-*")]) == 1
+        with workplace(Path(home)) as place:
+            assert [*Path(home).iterdir()] == [place]
 
 
 def test_only_abandoned_workplaces_of_this_user_are_removed(tmp_path: Path) -> None:
