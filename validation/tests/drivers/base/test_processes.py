@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from drivers.base.errors import InputError
-from drivers.base.processes import ABANDONED_S, LOCK, PLACE, private_temporary_folder, run_command, workplace
+from drivers.base.processes import ABANDONED_S, LOCK, PLACE, STDERR, private_temporary_folder, run_command, workplace
 
 # SIGTERM comes while a command starts that makes its folder again and again, with all parents, as Open MPI does
 LEFT_AT_A_START = """
@@ -46,6 +46,18 @@ def test_memory_and_time_are_those_of_the_command(tmp_path: Path) -> None:
     assert large.code == 3
     assert large.memory_bytes == pytest.approx(210_000_000, rel=0.1)
     assert large.cpu_s == pytest.approx(0.55, rel=0.2)
+
+
+def test_a_command_hears_of_closed_pipes(tmp_path: Path) -> None:
+    """Python ignores that signal, and so would its children."""
+    assert run_command(("sh", "-c", "yes | head -n 1"), tmp_path, 60.0).code == 0
+    assert (tmp_path / STDERR).read_text() == ""
+
+
+def test_nobody_waits_for_a_killed_launcher(tmp_path: Path) -> None:
+    ended = run_command(("sh", "-c", "kill -9 $PPID; sleep 20"), tmp_path, 60.0)
+    assert ended.code == -9
+    assert ended.wall_s < 10
 
 
 def test_only_abandoned_workplaces_of_this_user_are_removed(tmp_path: Path) -> None:
