@@ -101,8 +101,8 @@ $(MEASURED:%=results/.%): results/.%: $(MADE_FROM) $$(if $$(wildcard results/$$*
 # codes that have to run: all if make can install them, else those that are installed
 REQUIRED = $(if $(APT),$(CODES),$(shell cat .venv/.engines))
 # the page is written first, then extended by each figure and chapter; the stamp is written if no verdict is fail
-# newer tables and figures of other targets also make the report out of date
-NEWS = $(shell find results -maxdepth 1 \( -name '*.csv' -o -name '*.svg' \) -newer results/.report 2>/dev/null)
+# newer figures and chapters of other targets also make the report out of date
+NEWS = $(shell find results/parts -name '*.json' -newer results/.report 2>/dev/null)
 results/.report: $(MADE_FROM) $(if $(wildcard results/report.html),$(if $(NEWS),FORCE),FORCE)
 	$(BEADS) report --studies $(REQUIRED:%=--require %)
 	@touch $@ $(addprefix results/.,claims $(FIGURES))
@@ -113,7 +113,7 @@ MOVED = $(subst x$(CURDIR),,x$(shell cat .venv/.ready 2>/dev/null))
 	$(call make_venv)
 	@$(call packages,requirements.lock)
 	@$(PY) -m pip install -q --disable-pip-version-check --no-index --no-deps --no-build-isolation -e .
-	@$(call talking,compiling the integrators, $(PY) -m validation.reference)
+	@$(call talking,compiling the integrators for a minute or two, $(PY) -m validation.reference)
 	@echo '$(CURDIR)' >$@
 
 .venv/.ready-dev: requirements-dev.lock .venv/.ready
@@ -126,11 +126,15 @@ MOVED = $(subst x$(CURDIR),,x$(shell cat .venv/.ready 2>/dev/null))
 
 # Python's packages of a lock file: $(call packages,FILE)
 packages = $(call talking,Python's packages of $(1) into .venv, \
-  $(PY) -m pip install -q --disable-pip-version-check --require-hashes -r $(1))
+  $(PY) -m pip install --disable-pip-version-check --require-hashes -r $(1))
 
-# run a command, print a line first and one every 2 s: $(call talking,WORDS,COMMAND)
-talking = echo "$(1)"; (while sleep 2 >/dev/null 2>&1 && kill -0 $$$$ 2>/dev/null; do echo "  still running"; done) & talker=$$!; \
-  $(2); code=$$?; kill $$talker; exit $$code
+# run a command and show the last line that it printed, in place on a terminal: $(call talking,WORDS,COMMAND)
+talking = echo "$(1)"; log=$$(mktemp) && trap 'rm -f $$log' EXIT; \
+  if test -t 1; then line='\r\033[K  %.76s' pause=1; else line='  %.76s\n' pause=20; fi; \
+  (while sleep $$pause >/dev/null && kill -0 $$$$; do \
+    test ! -s $$log || printf "$$line" "$$(tail -n 1 $$log)"; \
+  done) 2>/dev/null & talker=$$!; \
+  { $(2); } >$$log; code=$$?; kill $$talker; ! test -t 1 || printf '\r\033[K'; exit $$code
 
 define make_venv
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -143,7 +147,7 @@ endef
 define install
 { test -n "$(APT)" || { echo "install these packages first: $(1)"; exit 1; }; \
   $(call talking,installing from the system's packages: $(1), \
-  $(AS_ROOT) apt-get update -qq && $(INSTALL) -qq $(1) >/dev/null); }
+  $(AS_ROOT) apt-get update -q && $(INSTALL) -q $(1)); }
 endef
 
 .PHONY: .python-venv .slurm .chromium

@@ -7,13 +7,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from drivers.batch.study_table import read_study_table
+    from drivers.batch.tables import read_study_table
     from drivers.interactive import open_run, run_scene
 
 __all__ = ["open_run", "read_study_table", "run_scene"]
 EXPORTS = {
     "open_run": "drivers.interactive",
-    "read_study_table": "drivers.batch.study_table",
+    "read_study_table": "drivers.batch.tables",
     "run_scene": "drivers.interactive",
 }
 

@@ -1,6 +1,7 @@
 """Importing this module ends the program with one line if Python or a package is missing.
 
-Commands import it first. This module and its imports must be valid syntax for Python before 3.11.
+Commands import it first. This module and its imports must be valid syntax for Python before 3.11. From here on Ctrl-C
+ends the program without a traceback.
 """
 
 import re
@@ -9,6 +10,8 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from drivers.base import paths
+
+sys.excepthook = lambda kind, *more: None if kind is KeyboardInterrupt else sys.__excepthook__(kind, *more)
 
 
 def trouble() -> str:

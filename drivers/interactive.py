@@ -7,8 +7,8 @@ from typing import Any
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
 from drivers.chain.case import Case, build_case
-from drivers.inventory.run_folders import run_folder
-from drivers.limits.refusal import refuse
+from drivers.limits import refuse
+from drivers.run.inventory import run_folder
 from drivers.run.run import run_case
 from drivers.run.run_folder import EndedRun
 from drivers.run.run_folder import open_run as open_folder
@@ -72,14 +72,15 @@ def open_run(name: str | Path, runs: str | Path | None = None) -> EndedRun:
 
     Args:
         name: Path of a run folder, or for example ``"yade:fig4"``: the newest done run of the scene as its file is
-            now. If there is none, the newest run with other settings is opened, and a line on stderr says so.
+            now; without a file of this name, the newest done run recorded under it.
         runs: Folder of the run folders; by default ``runs/`` of the checkout.
 
     Returns:
         EndedRun: The run, as ``run_scene`` returns it.
 
     Raises:
-        InputError: There is no such run, the run is not done, or its record is damaged.
+        InputError: There is no such run (the message says how to make it), the run is not done, or its record is
+            damaged.
 
     Examples:
         >>> open_run("verlet:fig4", runs=folder).record.engine

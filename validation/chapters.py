@@ -1,8 +1,8 @@
 """Chapters of the report: each measures, writes tables and figures, states its findings, and has a section in the page.
 
 The chapter of the folder ``validation/<name>`` is ``CHAPTER`` in its module ``<name>_chapter``. A table holds the rows
-of a frozen dataclass as CSV, read back bit for bit with the types of the fields: ``str``, ``int``, ``float`` (NaN is an
-empty cell) or ``bool``.
+of a frozen dataclass with fields of ``str``, ``int``, ``float`` or ``bool``. It is written as CSV for people, and
+stored with the figures for the page, which reads it back bit for bit.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -17,7 +17,7 @@ import pandas as pd
 
 from drivers.base import paths
 from drivers.base.errors import RunError
-from drivers.base.files import csv_of, read_sealed_file, remove_sealed_file, sealed_file, sha256_of, table_in
+from drivers.base.files import csv_of, sha256_of, whole_file
 from drivers.base.kept import content_of, keep, recall
 from drivers.base.progress import counted, say
 from drivers.engines import installed_codes, missing_codes
@@ -25,7 +25,7 @@ from drivers.engines._entries import entry_files
 from postproc.draw.product import write_figure, write_product
 from postproc.figures import make_figure
 from validation.checks import FAIL, Check, table
-from validation.report.page_figures import read_image, refused_if_damaged
+from validation.report.page_figures import part_file, read_part, refused_if_damaged, write_part
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -38,37 +38,30 @@ Picture = tuple[str, Callable[[], Any] | None]  # heading in the report, and the
 
 def frame_of(kind: type[Row], rows: Iterable[Row]) -> pd.DataFrame:
     """Rows as a table with one column per field, also if there are no rows."""
-    rows, types = list(rows), {field.name: field.type for field in fields(kind)}
-    return pd.DataFrame({name: [getattr(row, name) for row in rows] for name in types}).astype(types)
+    rows = list(rows)
+    return _typed(
+        pd.DataFrame({field.name: [getattr(row, field.name) for row in rows] for field in fields(kind)}), kind
+    )
+
+
+def _typed(table: pd.DataFrame, kind: type["DataclassInstance"]) -> pd.DataFrame:
+    """Columns of the fields of a dataclass, with their types; LookupError if one is missing."""
+    types = {field.name: field.type for field in fields(kind)}
+    return table[[*types]].astype(types)
 
 
 def write_table(path: Path, kind: type[Row], rows: Iterable[Row]) -> None:
     """Writes rows as CSV, atomically."""
-    write_frame(path, frame_of(kind, rows))
+    _write_csv(path, frame_of(kind, rows))
 
 
-def write_frame(path: Path, table: pd.DataFrame) -> None:
-    """Writes a table as CSV, atomically."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with sealed_file(path) as draft:
+def _write_csv(path: Path, table: pd.DataFrame) -> None:
+    with whole_file(path) as draft:
         draft.write_bytes(csv_of(table))
 
 
-def read_table(path: Path, kind: type[Row], target: str) -> pd.DataFrame:
-    """Table written by ``make target``, with the types of its fields; InputError if it is missing or damaged."""
-    with refused_if_damaged(path, target):
-        content = read_sealed_file(path, f"the table that make {target} writes")
-        types = {field.name: field.type for field in fields(kind)}
-        empty = {name: [""] for name, type_ in types.items() if type_ is float}
-        table = table_in(content, dtype=types, keep_default_na=False, na_values=empty)
-        missing = [name for name in types if name not in table.columns]
-        if missing:
-            raise ValueError(f"no column {missing[0]}")
-        return table
-
-
 def rows_in(table: pd.DataFrame, kind: type[Row]) -> list[Row]:
-    """Rows of a table from ``read_table``, equal to the rows that were written."""
+    """Rows of a table, equal to the rows that it was made of."""
     names = [field.name for field in fields(kind)]
     return [kind(**{name: record[name] for name in names}) for record in table.to_dict("records")]
 
@@ -121,9 +114,15 @@ class Chapter:
         return next(iter(self.tables))
 
     def read(self, results: Path) -> Tables:
-        """Tables of a results folder; InputError if one is damaged, or missing without being optional."""
-        there = [name for name in self.tables if name not in self.optional or (results / f"{name}.csv").exists()]
-        return {name: read_table(results / f"{name}.csv", self.tables[name], self.name) for name in there}
+        """Stored tables, with the types of their fields; none if the chapter has not been made.
+
+        Raises:
+            InputError: they are damaged, or of another version.
+        """
+        stored, _ = read_part(self.name, results)
+        with refused_if_damaged(part_file(self.name, results), f"make {self.name}"):
+            wanted = {name: kind for name, kind in self.tables.items() if name in stored or name not in self.optional}
+            return {name: _typed(stored[name], kind) for name, kind in wanted.items()} if stored else {}
 
     def failed(self, tables: Tables) -> list[Check]:
         """Failed checks of the chapter."""
@@ -167,53 +166,51 @@ def named(what: str, options: Options) -> str:
     return f"{what}, short study" if options.quick else what
 
 
-def up_to_date(main_table: Path) -> bool:
-    """True if the table of a chapter or figure was written since the last change of a source or of the engines."""
-    return main_table.exists() and recall(_key_of(main_table)) is not None
+def up_to_date(name: str, results: Path) -> bool:
+    """True if a chapter or figure was stored since the last change of a source or of the engines."""
+    return part_file(name, results).exists() and recall(_key_of(name, results)) is not None
 
 
-def _key_of(main_table: Path) -> list[str]:
-    return ["made", main_table.stem, sha256_of(main_table), content_of(entry_files()), *installed_codes()]
+def _key_of(name: str, results: Path) -> list[str]:
+    return ["made", name, sha256_of(part_file(name, results)), content_of(entry_files()), *installed_codes()]
 
 
 def write_chapter(chapter: Chapter, measured: Mapping[str, Any], results: Path) -> Tables:
-    """Writes figures and tables, deletes files of earlier runs that are no longer made, and returns the tables.
+    """Writes figures and tables, deletes those of earlier runs that are no longer made, and returns the tables.
 
-    The main table is deleted first and written last: without it the chapter is not made.
+    The page shows the chapter as it was stored last, which is done at the end.
     """
     tables = {name: frame_of(kind, measured[name]) for name, kind in chapter.tables.items() if name in measured}
-    for name in chapter.tables:
-        if name == chapter.main_table or name not in tables:
-            remove_sealed_file(results / f"{name}.csv")
     results.mkdir(parents=True, exist_ok=True)
-    pictures = chapter.figures(tables)
+    pictures, written = chapter.figures(tables), list[Path]()
     for name, (_, draw) in pictures.items():
-        write_figure(draw() if draw else measured[name], name, results)
-    for path in (*results.glob(f"{chapter.name}-*.svg"), *results.glob(f"{chapter.name}-*.png")):
-        if path.stem not in pictures:
-            remove_sealed_file(path)
-    for name, frame in reversed(tables.items()):
-        write_frame(results / f"{name}.csv", frame)
-    keep(_key_of(results / f"{chapter.main_table}.csv"), True)
+        written += write_figure(draw() if draw else measured[name], name, results)
+    for name, frame in tables.items():
+        _write_csv(results / f"{name}.csv", frame)
+    former = (results / f"{name}.csv" for name in chapter.tables if name not in tables)
+    drawn = (*results.glob(f"{chapter.name}-*.svg"), *results.glob(f"{chapter.name}-*.png"))
+    for path in (*former, *(path for path in drawn if path.stem not in pictures)):
+        path.unlink(missing_ok=True)
+    write_part(chapter.name, results, tables, written)
+    keep(_key_of(chapter.name, results), True)
     return tables
 
 
 def write_paper_figure(name: str, runs: Path, results: Path) -> list[Path]:
     """Makes a figure of the paper with its runs, and returns the written files."""
-    written = write_product(make_figure(name, runs), name, results)
-    keep(_key_of(written[0]), True)
+    product = make_figure(name, runs)
+    written = write_product(product, name, results)
+    write_part(name, results, {name: product.table}, written)
+    keep(_key_of(name, results), True)
     return written
 
 
 def read_section(name: str, results: Path) -> dict[str, Any]:
-    """Values of a chapter's section in the report; empty if the chapter has no tables yet."""
+    """Values of a chapter's section in the report; empty if the chapter has not been made."""
     chapter = load_chapter(name)
-    main = results / f"{chapter.main_table}.csv"
-    if not main.exists():
+    tables, (_, images) = chapter.read(results), read_part(name, results)
+    if not tables:
         return {}
-    tables = chapter.read(results)
-    with refused_if_damaged(main, name):
-        drawn = chapter.figures(tables).items()
-        images = [(title, read_image(results / f"{stem}.svg", name)) for stem, (title, _) in drawn]
-        figures = [(title, image) for title, image in images if image]
+    with refused_if_damaged(part_file(name, results), f"make {name}"):
+        figures = [(title, images[stem]) for stem, (title, _) in chapter.figures(tables).items() if stem in images]
         return {"sentences": list(chapter.sentences(tables)), "figures": figures, **chapter.section(tables)}

@@ -63,7 +63,7 @@ def _environment(folder: Path) -> jinja2.Environment:
     )
     environment.filters["num"] = exact
     # one call for many numbers, since a filter's call costs as much as ten numbers
-    environment.filters["nums"] = lambda values: " ".join(map(exact, values))
+    environment.filters["nums"] = lambda values, between=" ": between.join(map(exact, values))
     environment.filters["rows"] = _numbered_rows
     return environment
 

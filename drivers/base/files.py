@@ -1,7 +1,7 @@
 """Files: atomic writing, and reading that is a check.
 
-Each file that is read back is as it was written, or is refused. A JSON file holds its own digest, a run folder those
-of its files in its record, and tables and pictures have theirs in a hidden folder next to them.
+Each file that is read back is as it was written, or is refused: a JSON file holds its own digest, and the record of a
+run those of the other files. Tables and pictures in a results folder are outputs that nothing reads back.
 """
 
 import csv
@@ -10,9 +10,8 @@ import json
 import os
 import re
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +23,6 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 DIGEST = "sha256"  # key of the digest in a JSON file
-SEALS = ".sha256"  # folder of the digests of tables and pictures
 FORMULA = re.compile(r"'*[=+\-@\t\r\n]")  # start of a text that a spreadsheet takes for a formula, or of one made safe
 DAMAGED, ALTERED = "a damaged file", "a file that was altered since it was written"
 
@@ -48,40 +46,26 @@ def whole_file(path: Path) -> Iterator[Path]:
         draft.unlink(missing_ok=True)
 
 
-@contextmanager
-def sealed_file(path: Path) -> Iterator[Path]:
-    """Like ``whole_file``, with the digest of the file in a hidden folder next to it, as ``sha256sum`` writes it."""
-    with whole_file(path) as draft:
-        yield draft
-        digest = sha256_of(draft)
-    _seal_of(path).parent.mkdir(exist_ok=True)
-    with whole_file(_seal_of(path)) as draft:
-        draft.write_text(f"{digest}  {path.name}\n")
+def read_file(path: Path, allowed: str) -> bytes:
+    """Content of a regular file; a pipe or a device is refused, since reading it might never end.
 
-
-def read_sealed_file(path: Path, allowed: str) -> bytes:
-    """Content of a file written by ``sealed_file``; ``allowed`` names in a message the file that belongs here.
+    Args:
+        path: the file.
+        allowed: the file that belongs here, for messages.
 
     Raises:
         FileNotFoundError: no such file.
-        DamagedError: the file is not as it was written.
+        InputError: no regular file, or one that cannot be read.
     """
     try:
-        digest = _seal_of(path).read_text(encoding="ascii").removesuffix(f"  {path.name}\n")
-    except (OSError, ValueError):
-        path.stat()
-        raise DamagedError(paths.shown(path), "", "a file without its digest", allowed) from None
-    return read_checked(path, digest, allowed)
-
-
-def remove_sealed_file(path: Path) -> None:
-    """Remove a file written by ``sealed_file``, if it exists."""
-    for file in (path, _seal_of(path)):
-        file.unlink(missing_ok=True)
-
-
-def _seal_of(path: Path) -> Path:
-    return path.parent / SEALS / path.name
+        if path.exists() and not path.is_file():
+            raise InputError(paths.shown(path), "", "a folder" if path.is_dir() else "no regular file", allowed)
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise
+    except OSError as error:
+        found = f"a file that cannot be read ({error.strerror})"
+        raise InputError(paths.shown(path), "", found, allowed) from error
 
 
 def read_checked(path: Path, sha256: str, allowed: str) -> bytes:
@@ -89,9 +73,9 @@ def read_checked(path: Path, sha256: str, allowed: str) -> bytes:
 
     Raises:
         FileNotFoundError: no such file.
-        DamagedError: the content has another digest, or cannot be read.
+        InputError: the content has another digest, or cannot be read.
     """
-    content = _read(path, allowed)
+    content = read_file(path, allowed)
     if hashlib.sha256(content).hexdigest() != sha256:
         raise DamagedError(paths.shown(path), "", ALTERED, allowed)
     return content
@@ -109,9 +93,9 @@ def read_sealed(path: Path, allowed: str) -> dict[str, Any]:
 
     Raises:
         FileNotFoundError: no such file.
-        DamagedError: the values are not those that were written.
+        InputError: the values are not those that were written, or cannot be read.
     """
-    content = _read(path, allowed)
+    content = read_file(path, allowed)
     try:
         values = json.loads(content)
         digest = values.pop(DIGEST, None)
@@ -130,33 +114,19 @@ def digest_of_json(content: Any) -> str:
     return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
 
-def _read(path: Path, allowed: str) -> bytes:
-    try:
-        if path.exists() and not path.is_file():  # reading a pipe would wait for ever
-            raise DamagedError(paths.shown(path), "", "a folder" if path.is_dir() else "no regular file", allowed)
-        return path.read_bytes()
-    except FileNotFoundError:
-        raise
-    except OSError as error:
-        found = f"a file that cannot be read ({error.strerror})"
-        raise DamagedError(paths.shown(path), "", found, allowed) from error
-
-
 def csv_of(table: "pd.DataFrame") -> bytes:
-    """Table as CSV; an apostrophe before text that a spreadsheet would take for a formula."""
-    safe = _in_texts(table, lambda text: f"'{text}" if FORMULA.match(text) else text)
-    text = str(safe.to_csv(index=False))
+    """Table as CSV; an apostrophe before text, headings included, that a spreadsheet would take for a formula."""
+
+    def safe(value: Any) -> Any:
+        return f"'{value}" if isinstance(value, str) and FORMULA.match(value) else value
+
+    table = table.rename(columns=safe)
+    for name in [name for name, kind in table.dtypes.items() if kind.kind not in "biufc"]:
+        table[name] = table[name].map(safe)
+    text = str(table.to_csv(index=False))
     if "\r" in text:  # the end of a line for readers, which Python does not quote
-        text = str(safe.to_csv(index=False, quoting=csv.QUOTE_NONNUMERIC))
+        text = str(table.to_csv(index=False, quoting=csv.QUOTE_NONNUMERIC))
     return text.encode()
-
-
-def table_in(content: bytes, **options: Any) -> "pd.DataFrame":
-    """Table from the CSV of ``csv_of``, with the text that was written; options as of ``pandas.read_csv``."""
-    import pandas as pd
-
-    table = pd.read_csv(BytesIO(content), **options)
-    return _in_texts(table, lambda text: text[1:] if text.startswith("'") and FORMULA.match(text) else text)
 
 
 def parquet_in(content: bytes) -> "pd.DataFrame":
@@ -175,19 +145,6 @@ def arrow_in(content: bytes) -> "pa.Table":
     from pyarrow.parquet import ParquetFile
 
     return ParquetFile(BufferReader(content)).read(use_threads=False)
-
-
-def _in_texts(table: "pd.DataFrame", change: Callable[[str], str]) -> "pd.DataFrame":
-    """Table with all texts changed, also those of the heading."""
-
-    def changed(value: Any) -> Any:
-        return change(value) if isinstance(value, str) else value
-
-    texts = [name for name, kind in table.dtypes.items() if kind.kind not in "biufc"]
-    table = table.copy(deep=False)
-    for name in texts:
-        table[name] = table[name].map(changed)
-    return table.rename(columns=changed)
 
 
 def sha256_of(path: Path) -> str:

@@ -5,12 +5,15 @@ The conversion uses decimal arithmetic: "4.76 mm" becomes the double closest to 
 """
 
 import re
+from contextlib import suppress
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import cache, lru_cache
+from math import nan
 from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import BeforeValidator, ValidationInfo
+from pydantic import BeforeValidator, GetJsonSchemaHandler, ValidationInfo
+from pydantic_core import CoreSchema
 
 from drivers.base.kept import kept
 
@@ -25,10 +28,6 @@ SI = "SI"  # context of a validation whose quantities are numbers in SI units, a
 PREFIXED = ("m", "s", "N", "Pa", "m/s")
 # in SI units; products of such numbers stay within the range of doubles
 LARGEST, SMALLEST = Decimal("1e30"), Decimal("1e-30")
-
-
-class NotAllowedError(ValueError):
-    """Value not allowed in a scene; the message names the allowed values."""
 
 
 @cache
@@ -70,7 +69,7 @@ def to_si(text: str, unit: str) -> float:
     except Exception as error:
         raise ValueError(f"not a unit of {unit}") from error
     if value and not SMALLEST <= abs(value) <= LARGEST:
-        raise NotAllowedError(f"from {SMALLEST:g} to {LARGEST:g} {unit}")
+        raise ValueError(f"not from {SMALLEST:g} to {LARGEST:g} {unit}")
     return float(value)
 
 
@@ -100,24 +99,22 @@ class InUnit(BeforeValidator):
     least: float = 0.0
     most: float = 0.0
 
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        """JSON schema of the number, with its unit."""
+        return handler(schema) | {"unit": self.unit, "minimum": self.least, "maximum": self.most}
+
 
 def in_unit(what: str, unit: str, example: str, least: float, most: float, *, zero: bool = False) -> InUnit:
     """Validator of quantities between bounds in the SI unit; with ``zero``, 0 is allowed as well."""
-    allowed = f'{what} with its unit, such as "{example}"'
-    bounds = f"{'0, or ' * zero}from {least:g} to {most:g} {unit}"
+    allowed = f'{what} with its unit, such as "{example}", {"0, or " * zero}from {least:g} to {most:g} {unit}'
 
     def read(value: object, info: ValidationInfo) -> float:
-        if isinstance(value, float) and info.context == SI:
-            number = value
-        elif isinstance(value, str):
-            try:
+        number = value if isinstance(value, float) and info.context == SI else nan
+        if isinstance(value, str):
+            with suppress(ValueError):
                 number = to_si(value, unit)
-            except ValueError as error:
-                raise NotAllowedError(bounds if isinstance(error, NotAllowedError) else allowed) from error
-        else:
-            raise NotAllowedError(allowed)
         if not (least <= number <= most or (zero and number == 0)):
-            raise NotAllowedError(allowed if number <= 0 < least else bounds)
+            raise ValueError(allowed)
         return number
 
     return InUnit(read, unit=unit, least=0.0 if zero else least, most=most)
@@ -134,6 +131,7 @@ Duration = Annotated[float, in_unit("a time above zero", "s", "0.8 ms", 1e-21, 1
 StartTime = Annotated[float, in_unit("a time of zero or more", "s", "10 us", 1e-21, 1e9, zero=True)]
 Instant = Annotated[float, in_unit("a time", "s", "12 us", -1e9, 1e9)]
 Speed = Annotated[float, in_unit("a speed above zero", "m/s", "2 m/s", 1e-12, 1e4)]
+Slowness = Annotated[float, in_unit("a slowness above zero", "s/m", "0.1 s/m", 1e-9, 1e9)]
 Velocity = Annotated[float, in_unit("a velocity (upwards positive)", "m/s", "-0.5 m/s", -1e4, 1e4)]
 Acceleration = Annotated[
     float, in_unit("an acceleration of zero or more", "m/s^2", "9.81 m/s^2", 1e-30, 1e7, zero=True)

@@ -1,5 +1,5 @@
 """Batch studies: many cases of one scene, run once and tabulated.
 
-study (varied values) -> study_cases (all cases validated, with identities; missing rows) -> study_rows (cases that are
-run) -> store (finished rows) -> study_table. ``job_array`` runs slices of a study on Slurm.
+study (varied values) -> rows (cases that are planned and run) -> store (the database) -> tables. ``job_array`` runs
+slices of a study on Slurm.
 """

@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, Field
 from drivers.base import paths, units
 from drivers.base.errors import InputError
 from drivers.base.messages import shorten
-from drivers.scene.part import Part
+from drivers.scene.model import Part
 from drivers.scene.read_scene import library, read_value
 from drivers.scene.settings import look_up
 

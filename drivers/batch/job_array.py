@@ -1,6 +1,5 @@
 """Slices of a study as a Slurm job array."""
 
-import math
 import os
 import re
 import shlex
@@ -8,39 +7,43 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import groupby
+from math import ceil
 from pathlib import Path
 
 from drivers.base import paths
+from drivers.base.decks import render
 from drivers.base.errors import RunError
-from drivers.batch.study_cases import Batch
-from drivers.batch.study_rows import CHUNK
+from drivers.batch.rows import CHUNK, Batch
+from drivers.chain.case import Case
+from drivers.chain.schemes import default_limit_s
+from drivers.engines import load_engine
 
 MAX_ARRAY_SIZE = 1001  # Slurm's default
 SECONDS_PER_TASK = 60.0  # shorter tasks are dominated by the scheduler
 POLL_INTERVAL_S = 2.0
 MAX_FAILURES = 30  # of squeue in a row
-FOLDER = ".slurm"
+FOLDER = ".slurm"  # in the runs folder
+MARGIN = 3.0  # of the time limit of a task over its expected time; machines differ
+LEAST_TIME_S = 600.0  # of a task: its start from a network file system may take minutes
+LEAST_BYTES, BYTES_PER_VALUE = 1.5e9, 400.0  # memory of a worker and a code, and for each body and sample
 OUTPUT = "{study}-{job}_{task}.txt"
 
-SCRIPT = """\
-#!/bin/bash -l
-# {count} of {study} on {engines}; may be submitted again at any time: finished cases are not run again
-#SBATCH --job-name={name}
-#SBATCH --array={array}
-#SBATCH --output={output}
-{options}set -e
-export PATH={path}:"$PATH"
-{lines}export {variable}={entries}
-cd {root}
-exec {command} --slice "$SLURM_ARRAY_TASK_ID/{parts}"
-"""
 
+@dataclass(frozen=True)
+class JobArray:
+    """Options of a Slurm job array.
 
-def parts_for(cases: int, expected_s: float | None) -> int:
-    """Number of tasks for a number of cases with an expected total time."""
-    wanted = math.ceil(cases / CHUNK) if expected_s is None else math.ceil(expected_s / SECONDS_PER_TASK)
-    return max(1, min(wanted, cases))
+    Attributes:
+        wait: True to wait for the job array.
+        parts: number of tasks; None for one by the expected time.
+        lines: lines of the job's script before its command.
+    """
+
+    wait: bool = False
+    parts: int | None = None
+    lines: tuple[str, ...] = ()
 
 
 def most_tasks() -> int:
@@ -49,31 +52,51 @@ def most_tasks() -> int:
     return max(1, (int(size[1]) if size else MAX_ARRAY_SIZE) - 1)  # indices begin at 0, tasks at 1
 
 
-def job_script(batch: Batch, todo: list[int], parts: int, lines: Sequence[str]) -> tuple[Path, str, int]:
+def job_script(
+    batch: Batch, todo: dict[str, list[int]], sample: Sequence[Case], expected_s: float | None, array: JobArray
+) -> tuple[Path, str, int]:
     """File and text of the script of a job array for the slices with unfinished cases, and the number of its tasks.
 
-    ``lines`` are inserted before its command, those with #SBATCH before all commands, as Slurm requires. The PATH of
-    this process is added to that of the login profile, for programs that are installed here.
+    Lines of ``array`` with #SBATCH come before all commands, as Slurm requires, and replace the limits of memory and
+    time. The folders of the programs of engines that are installed here are added to the PATH of the login profile.
+
+    Args:
+        batch: the study.
+        todo: numbers of the cases to run, by engine.
+        sample: some of its cases, for their size.
+        expected_s: expected time in s of one worker; None if it is not known.
+        array: options of the array.
     """
     request, study = batch.request, batch.study
+    unfinished, rows = set().union(*todo.values()) or {*batch.numbers}, sum(map(len, todo.values()))
+    wanted = ceil(len(batch.numbers) / CHUNK if expected_s is None else expected_s / SECONDS_PER_TASK)
+    parts, most = max(1, min(array.parts or wanted, len(batch.numbers))), most_tasks()
+    if parts > most:
+        print(f"{parts} tasks cut to {most}, the limit of job arrays here (MaxArraySize)")
+        parts = most
+    row_limit_s = study.file.limit or max(map(default_limit_s, sample))
+    limit_s = (row_limit_s * rows if expected_s is None else MARGIN * expected_s) / parts
+    memory_bytes = LEAST_BYTES + BYTES_PER_VALUE * max(case.chain.bodies * case.scene.samples for case in sample)
+    slices = [part for part in range(1, parts + 1) if not unfinished.isdisjoint(batch.slice_of(part, parts))]
     command = [str(Path(sys.executable).with_name("beads")), "batch", str(study.path)]
-    command += ["--runs", str(batch.store.runs.resolve())]
+    command += ["--runs", str(request.runs.resolve())]
     command += [word for name in batch.engines for word in ("--engine", name)]
     command += [word for pattern in request.patterns for word in ("--only", pattern)]
     command += ["--retry"] if request.retry else []
-    folder = (batch.store.folder / FOLDER).resolve()
-    unfinished = set(todo)
-    slices = [part for part in range(1, parts + 1) if not unfinished.isdisjoint(batch.slice_of(part, parts))]
-    text = SCRIPT.format(
-        count=f"{len(todo)} case{'s' * (len(todo) > 1)}",
-        study=study.where,
-        engines=", ".join(batch.engines),
+    folder = (request.runs / FOLDER).resolve()
+    codes = [name for name in batch.here if not load_engine(name).in_repository]
+    programs = [Path(word).parent for name in codes for word in batch.builds[name].command if "/" in word]
+    text = render(
+        "slurm/job.sh.j2",
+        batch=batch,
+        cases=f"{len(unfinished)} case{'s' * (len(unfinished) > 1)}",
         name=shlex.quote(f"beads-{study.name}"),
         array=_ranges(slices),
         output=shlex.quote(str(folder / OUTPUT.format(study=study.name, job="%A", task="%a"))),
-        options="".join(f"{line}\n" for line in lines if line.startswith("#SBATCH")),
-        path=shlex.quote(os.environ.get("PATH", "")),
-        lines="".join(f"{line}\n" for line in lines if not line.startswith("#SBATCH")),
+        minutes=ceil(max(limit_s, LEAST_TIME_S) / 60),
+        megabytes=ceil(memory_bytes / 1e8) * 100,
+        lines=array.lines,
+        programs=[shlex.quote(str(place)) for place in dict.fromkeys(programs)],
         variable=paths.ENGINES_VARIABLE,
         entries=shlex.quote(os.pathsep.join(map(str, request.entries))),
         root=shlex.quote(str(paths.ROOT)),

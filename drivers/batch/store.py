@@ -1,174 +1,342 @@
-"""Store of finished rows, many to a file; files are written atomically, named by their digest, and never changed.
+"""Store of the rows of all studies of a runs folder: the SQLite database ``runs/batch.sqlite``.
 
-A finished row is stored within a second.
+Table ``rows`` has one row for each case and engine, table ``claims`` the rows on which processes work now. Processes of
+one machine share the database. On a network file system, where locks cannot be trusted, each process writes a database
+of its own beside it; all are read, and the next batch merges those of ended processes. Each row holds a digest of
+itself, so a row that is read is as it was written, or is reported and does not count.
 """
 
+import errno
 import hashlib
 import json
 import os
-import threading
-from dataclasses import dataclass
+import platform
+import sqlite3
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager, suppress
+from dataclasses import astuple, dataclass, fields
+from functools import cache, cached_property
+from math import nan
 from pathlib import Path
+from typing import Any
+from urllib.parse import quote
 
-from drivers.run.workplaces import show_alive
+import psutil
 
-ENDING = ".jsonl"
-COMMIT_INTERVAL_S = 1.0
-WORK = ".work"  # folder of the workplaces, in the store's folder
+from drivers.base import paths
+from drivers.base.files import DamagedError
+
+NAME = "batch.sqlite"
+SCHEMA_VERSION = 1
+ALLOWED = "the rows of batches; move the file away to begin anew"
+BUSY_LIMIT_S = 60.0  # longest wait for the transaction of another process
+KEYS = 10_000  # of one query
+PAGE_BYTES = 16_384  # a row has about 2 kB
+NETWORK = ("nfs", "nfs4", "cifs", "smb3", "smbfs", "lustre", "gpfs", "beegfs", "ceph", "afs", "glusterfs", "fuse.sshfs")
+CLAIM_S = 600.0  # a claim of another machine counts for this time
+ABANDONED_S = 86400.0  # a database of another machine without a change for this time is merged and removed
 
 
 @dataclass(frozen=True)
 class StudyRow:
-    """Row of the table: one case on one engine.
+    """Row of the table: one case on one engine, with the columns of the database.
 
     Attributes:
-        identity: digest of everything that determines the row.
-        run: digest of everything that determines the run, as in names of run folders.
-        study, label: study and case; a row of the same label with another identity is stale.
+        case_sha256: digest of the case, as the study describes it.
         engine: name of the engine.
-        status: ``done``, ``failed`` or ``timeout``.
-        reason: reason of a failure; else empty.
-        values: observables by name.
-        force_error: largest error of the force divided by the largest change of force; None for the reference.
-        trace_sha256: digest of forces and energies.
-        work: bodies times steps.
-        cost: time in s by activity.
+        program: digest of build, sources, templates and tolerances; a row with another one is stale.
+        study, label: study and case for which the row was made.
+        build: identity of the build (``Build.identity``).
         ended: time of the end, in seconds of Unix time.
-        build: identity of the build (``Build.identity``); empty in rows that were stored without it.
+        status: ``done``, ``failed``, ``timeout`` or ``refused``.
+        reason: reason of a failure.
+        identity: digest of deck, gauges and program; rows of the same identity have equal numbers.
+        observables: numbers by name, as JSON with null for NaN.
+        trace_sha256: digest of forces and energies.
+        force_error_share: largest error of the force divided by the largest change of force; None for the reference.
+        bodies_times_steps: size of the case.
+        start_s, engine_s, loop_s, workflow_s, reference_s: cost in s by activity.
     """
 
-    identity: str
-    run: str
+    case_sha256: str
+    engine: str
+    program: str
     study: str
     label: str
-    engine: str
-    status: str
-    reason: str
-    values: dict[str, float]
-    force_error: float | None
-    trace_sha256: str
-    work: int
-    cost: dict[str, float | None]
+    build: str
     ended: float
-    build: str = ""
+    status: str
+    reason: str = ""
+    identity: str = ""
+    observables: str = "{}"
+    trace_sha256: str = ""
+    force_error_share: float | None = None
+    bodies_times_steps: int | None = None
+    start_s: float | None = None
+    engine_s: float | None = None
+    loop_s: float | None = None
+    workflow_s: float | None = None
+    reference_s: float | None = None
 
     @property
     def done(self) -> bool:
         """True if the run succeeded."""
         return self.status == "done"
 
+    @cached_property
+    def values(self) -> dict[str, float]:
+        """Observables by name; NaN, which JSON lacks, where the run does not show one."""
+        return {name: nan if value is None else value for name, value in json.loads(self.observables).items()}
+
+
+COLUMNS = ", ".join(field.name for field in fields(StudyRow))
+MARKS = ", ".join("?" * (len(fields(StudyRow)) + 1))
+SCHEMA = f"""
+CREATE TABLE IF NOT EXISTS rows ({COLUMNS}, sha256, PRIMARY KEY (case_sha256, engine));
+CREATE INDEX IF NOT EXISTS by_identity ON rows (identity);
+CREATE TABLE IF NOT EXISTS claims (case_sha256, engine, owner, since, PRIMARY KEY (case_sha256, engine));
+"""
+OF_CASES = "FROM rows JOIN json_each(?) ON case_sha256 = value WHERE engine = ?"
+
 
 class Store:
-    """All rows of a runs folder; each file is read once.
+    """Rows of a runs folder.
 
     Attributes:
         runs: the runs folder.
-        folder: folder of the store.
-        rows: rows by identity; finished rows take precedence over failed ones, later rows over earlier ones.
-        labels: study, engine and label of all rows.
-        damaged: files that are damaged or of another version; their rows do not count.
+        common: database that the processes of this machine share.
+        own: database that this process writes: the common one, or on a network file system one of its own.
+        damaged: digests of the cases of damaged rows that were read, with their engines.
     """
 
     def __init__(self, runs: Path) -> None:
         self.runs = runs
-        self.folder = runs / "batch"
-        self.rows: dict[str, StudyRow] = {}
-        self.damaged: set[str] = set()
-        self._read: set[str] = set()
-        self.labels: set[tuple[str, str, str]] = set()
+        self.common = runs / NAME
+        self.own = self.common if is_shared(runs) else runs / f"batch-{platform.node()}-{os.getpid()}.sqlite"
+        self.former = runs / "batch"  # rows of versions before the database
+        self.damaged: set[tuple[str, str]] = set()
+        self._open: sqlite3.Connection | None = None
 
-    def refresh(self) -> list[StudyRow]:
-        """Read new files and return their rows."""
-        names = {file.name for file in self.folder.glob(f"*{ENDING}")}
-        fresh: list[StudyRow] = []
-        for name in sorted(names - self._read):
-            self._read.add(name)
-            try:
-                file = self.folder / name
-                content = file.read_bytes() if file.is_file() else b""
-                if _name_of(content) != name:
-                    raise ValueError("damaged")
-                fresh += [_row(line) for line in content.splitlines()]
-            except (OSError, ValueError, TypeError, RecursionError):  # damaged, no file, or rows of another version
-                self.damaged.add(name)
-        for row in fresh:
-            known = self.rows.get(row.identity)
-            if known is None or (row.done, row.ended) > (known.done, known.ended):
-                self.rows[row.identity] = row
-            self.labels.add((row.study, row.engine, row.label))
-        return fresh
-
-
-def _row(line: bytes) -> StudyRow:
-    row = StudyRow(**json.loads(line))
-    parts = ((row.values, dict), (row.cost, dict), (row.ended, float), (row.work, int), (row.build, str))
-    if not all(isinstance(part, kind) for part, kind in parts):
-        raise ValueError("a row of another version")
-    return row
-
-
-def _name_of(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()[:24] + ENDING
-
-
-class Outbox:
-    """Collector of rows, which commits them to the store every second, and at the end of its ``with`` block."""
-
-    def __init__(self, store: Path, place: Path) -> None:
-        self._store = store
-        self._place = place
-        self._rows: list[StudyRow] = []
-        self._lock = threading.Lock()
-        self._error: OSError | None = None
-        self._through = threading.Event()
-        self._thread = threading.Thread(target=self._keep_flushing, daemon=True)
-
-    def __enter__(self) -> "Outbox":
-        """Start the thread that commits."""
-        self._thread.start()
+    def __enter__(self) -> "Store":
+        """Return the store itself, which is opened when it is used."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Commit the remaining rows, also after an error."""
-        self._through.set()
-        self._thread.join()
-        self.flush()
+        """Release the claims of this process and close the database."""
+        if self._open:
+            with _transaction(self._open, self.own):
+                self._open.execute("DELETE FROM claims WHERE owner = ?", [_owner()])
+            self._open.close()
+            self._open = None
 
-    def add(self, row: StudyRow) -> None:
-        """Add a row; OSError if earlier rows could not be committed."""
-        with self._lock:
-            if self._error is not None:
-                raise self._error
-            self._rows.append(row)
+    @property
+    def files(self) -> list[Path]:
+        """Databases of the runs folder, the common one first."""
+        return [*filter(Path.exists, [self.common]), *sorted(self.runs.glob("batch-*.sqlite"))]
 
-    def flush(self) -> None:
-        """Commit all rows in one file, atomically and synced to the disk.
+    def rows(self, engine: str, cases: Sequence[str]) -> dict[str, StudyRow]:
+        """Rows of cases on an engine, by the digest of the case."""
+        rows: dict[str, StudyRow] = {}
+        for row in self._verified(f"SELECT {COLUMNS}, sha256 {OF_CASES}", cases, engine):
+            known = rows.get(row.case_sha256)
+            if known is None or (row.done, row.ended) > (known.done, known.ended):
+                rows[row.case_sha256] = row
+        return rows
+
+    def states(self, engine: str, cases: Sequence[str]) -> dict[str, tuple[str, str]]:
+        """Status and program of the rows of cases on an engine, not verified, by the digest of the case."""
+        found = self._read(f"SELECT case_sha256, status, program {OF_CASES}", cases, engine)
+        return {case: (state, program) for case, state, program in sorted(found, key=lambda row: row[1] == "done")}
+
+    def equal(self, identity: str) -> StudyRow | None:
+        """Row done of the same numbers, of any case."""
+        query = f"SELECT {COLUMNS}, sha256 FROM rows JOIN json_each(?) ON identity = value WHERE status = ?"
+        return next(self._verified(query, [identity], "done"), None)
+
+    def newest(self, engine: str, count: int) -> list[StudyRow]:
+        """Newest rows of an engine."""
+        query = f"SELECT {COLUMNS}, sha256 FROM rows, json_each(?) WHERE engine = ? ORDER BY ended DESC LIMIT {count}"
+        return sorted(self._verified(query, [""], engine), key=lambda row: -row.ended)[:count]
+
+    def after(self, position: dict[Path, int]) -> list[StudyRow]:
+        """Rows written after a position, which moves on; an empty one is set to the present end, without rows."""
+        fresh: list[StudyRow] = []
+        begun = bool(position)
+        for file in self.files:
+            last = position.setdefault(file, 0 if begun else -1)
+            query = f"SELECT {COLUMNS}, sha256, rowid FROM rows WHERE rowid > ?"
+            if last < 0:
+                query, last = "SELECT max(rowid) FROM rows WHERE rowid > ?", 0
+            with self._reading(file) as connection:
+                found = connection.execute(query, [last]).fetchall()
+            position[file] = max([last, *(values[-1] or 0 for values in found)])
+            fresh += filter(None, (self._checked(values[:-1]) for values in found if len(values) > 1))
+        return fresh
+
+    def claimed(self, engine: str, cases: Sequence[str]) -> set[str]:
+        """Cases of an engine on which other live processes work."""
+        query = f"SELECT case_sha256, owner, since {OF_CASES.replace('rows', 'claims')}"
+        return {case for case, owner, since in self._read(query, cases, engine) if _is_other(owner, since)}
+
+    def claim(self, engine: str, cases: Sequence[str]) -> set[str]:
+        """Claim cases of an engine on which no other live process works; returns them."""
+        with _transaction(self._connection, self.own) as connection:
+            free = set(cases) - self.claimed(engine, cases)
+            claims = [(case, engine, _owner(), time.time()) for case in free]
+            connection.executemany("INSERT OR REPLACE INTO claims VALUES (?, ?, ?, ?)", claims)
+        return free
+
+    def finish(self, row: StudyRow) -> None:
+        """Store a row and release its claim; a failure does not replace a row done by the same program.
 
         Raises:
-            OSError: the disk is full or the runs folder cannot be written to.
+            OSError: the disk is full, or the runs folder cannot be written to.
         """
-        with self._lock:
-            content = "".join(f"{json.dumps(vars(row))}\n" for row in self._rows).encode()
-            if not content:
-                return
-            draft = self._place / "draft"
-            with open(draft, "wb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
-            draft.replace(self._store / _name_of(content))
-            handle = os.open(self._store, os.O_RDONLY)
-            try:
-                os.fsync(handle)
-            finally:
-                os.close(handle)
-            self._rows = []
+        key = (row.case_sha256, row.engine)
+        done = "SELECT 1 FROM rows WHERE case_sha256 = ? AND engine = ? AND program = ? AND status = 'done'"
+        with _transaction(self._connection, self.own) as connection:
+            if row.done or not connection.execute(done, [*key, row.program]).fetchone():
+                values = astuple(row)
+                connection.execute(f"INSERT OR REPLACE INTO rows VALUES ({MARKS})", [*values, _digest_of(values)])
+            connection.execute("DELETE FROM claims WHERE case_sha256 = ? AND engine = ?", key)
 
-    def _keep_flushing(self) -> None:
-        while not self._through.wait(COMMIT_INTERVAL_S):
-            try:
-                show_alive(self._place)
-                self.flush()
-            except OSError as error:
-                self._error = error
-                return
+    def remove(self, rows: set[tuple[str, str]]) -> None:
+        """Remove rows, given by the digest of the case and the engine."""
+        with _transaction(self._connection, self.own) as connection:
+            connection.executemany("DELETE FROM rows WHERE case_sha256 = ? AND engine = ?", rows)
+
+    def merge(self) -> None:
+        """Copy the rows of the databases of ended processes into the common one, and remove these databases."""
+        for file in self.files:
+            _, _, writer = file.stem.partition("-")
+            machine, _, process = writer.rpartition("-")
+            if file in (self.common, self.own):
+                continue
+            if machine == platform.node():
+                in_use = psutil.pid_exists(int(process))
+            else:
+                in_use = time.time() - file.stat().st_mtime < ABANDONED_S
+            if not in_use:
+                with self._reading(file) as connection:
+                    found = connection.execute(f"SELECT {COLUMNS}, sha256 FROM rows").fetchall()
+                for row in filter(None, map(self._checked, found)):
+                    self.finish(row)
+                file.unlink()
+
+    @property
+    def _connection(self) -> sqlite3.Connection:
+        """Connection to the own database, which is made if there is none."""
+        if self._open is None:
+            self.runs.mkdir(parents=True, exist_ok=True)
+            self._open = _opened(self.own)
+        return self._open
+
+    @contextmanager
+    def _reading(self, file: Path) -> Iterator[sqlite3.Connection]:
+        """Connection to a database of the folder."""
+        if file == self.own and self._open:
+            with _named(file):
+                yield self._open
+        else:
+            with closing(_opened(file)) as connection, _named(file):
+                yield connection
+
+    def _read(self, query: str, keys: Sequence[str], value: str) -> Iterator[tuple[Any, ...]]:
+        """Results of a query of all databases for some keys and a further value."""
+        for file in self.files:
+            with self._reading(file) as connection:
+                for start in range(0, len(keys), KEYS):
+                    yield from connection.execute(query, [json.dumps(keys[start : start + KEYS]), value])
+
+    def _verified(self, query: str, keys: Sequence[str], value: str) -> Iterator[StudyRow]:
+        """Rows of a query, without damaged ones."""
+        return filter(None, map(self._checked, self._read(query, keys, value)))
+
+    def _checked(self, values: tuple[Any, ...]) -> StudyRow | None:
+        """Row of its values and their digest; None if it is damaged."""
+        if _digest_of(values[:-1]) == values[-1]:
+            return StudyRow(*values[:-1])
+        self.damaged.add((values[0], values[1]))
+        return None
+
+
+def is_shared(runs: Path) -> bool:
+    """True unless the runs folder is on a network file system, where locks cannot be trusted."""
+    place, best = runs.resolve(), 0
+    kind = ""
+    for partition in psutil.disk_partitions(all=True):
+        if place.is_relative_to(partition.mountpoint) and len(partition.mountpoint) >= best:
+            best, kind = len(partition.mountpoint), partition.fstype
+    return kind not in NETWORK
+
+
+def _digest_of(values: tuple[Any, ...]) -> str:
+    return hashlib.sha256(repr(values).encode()).hexdigest()
+
+
+@cache
+def _owner() -> str:
+    """Machine, number and start of this process."""
+    return f"{platform.node()} {os.getpid()} {psutil.Process().create_time()}"
+
+
+def _is_other(owner: str, since: float) -> bool:
+    """True if the owner of a claim is another process that is alive, as far as this machine can tell."""
+    machine, process, start = owner.rsplit(" ", 2)
+    if machine != platform.node():
+        return time.time() - since < CLAIM_S
+    with suppress(psutil.Error):
+        return owner != _owner() and psutil.Process(int(process)).create_time() == float(start)
+    return False
+
+
+@contextmanager
+def _named(file: Path) -> Iterator[None]:
+    """Raise errors of a database with its name.
+
+    Raises:
+        DamagedError: the database is damaged, or no database.
+        OSError: any other error, such as of a full disk.
+    """
+    try:
+        yield
+    except sqlite3.DatabaseError as error:
+        name = getattr(error, "sqlite_errorname", "")
+        if name.startswith(("SQLITE_CORRUPT", "SQLITE_NOTADB")):
+            raise DamagedError(paths.shown(file), "", f"a damaged file ({error})", ALLOWED) from error
+        code = errno.ENOSPC if name == "SQLITE_FULL" else errno.EIO
+        raise OSError(code, os.strerror(code) if name == "SQLITE_FULL" else str(error), str(file)) from error
+
+
+def _opened(file: Path) -> sqlite3.Connection:
+    """Connection to a database, which is made if there is none.
+
+    Raises:
+        DamagedError: the database is damaged or of another version.
+    """
+    writable = os.access(file.parent, os.W_OK) and (not file.exists() or os.access(file, os.W_OK))
+    uri = f"file:{quote(str(file.absolute()))}{'' if writable else '?immutable=1'}"
+    with _named(file):
+        connection = sqlite3.connect(uri, BUSY_LIMIT_S, isolation_level=None, check_same_thread=False, uri=True)
+        (version,) = connection.execute("PRAGMA user_version").fetchone()
+        if version == 0 and writable:
+            connection.execute(f"PRAGMA page_size = {PAGE_BYTES}")
+            connection.execute(f"PRAGMA journal_mode = {'WAL' if is_shared(file.parent) else 'DELETE'}")
+            connection.executescript(f"BEGIN IMMEDIATE; {SCHEMA} PRAGMA user_version = {SCHEMA_VERSION}; COMMIT")
+        elif version != SCHEMA_VERSION:
+            found = f"rows of version {version} of the store"
+            raise DamagedError(
+                paths.shown(file), "", found, f"version {SCHEMA_VERSION}; move the file away to begin anew"
+            )
+        connection.execute("PRAGMA synchronous = NORMAL")  # commits outlive the process, not a power cut
+    return connection
+
+
+@contextmanager
+def _transaction(connection: sqlite3.Connection, file: Path) -> Iterator[sqlite3.Connection]:
+    """Transaction that no other process' transaction interrupts, undone after an error."""
+    with _named(file):
+        connection.execute("BEGIN IMMEDIATE")
+        with connection:
+            yield connection

@@ -5,27 +5,32 @@ import json
 import pickle
 import re
 from collections.abc import Sequence
+from contextlib import suppress
+from copy import deepcopy
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import cached_property
-from math import prod
+from itertools import chain
+from math import ceil, prod
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 from pydantic import BaseModel, Field
 
 from drivers.base import paths, units
 from drivers.base.errors import InputError, InputProblem, gathered, refuse_any
+from drivers.base.files import readable
+from drivers.base.kept import content_of
 from drivers.base.messages import shorten, validate
 from drivers.batch.axes import Axis, Choice, expand
 from drivers.chain.case import Case, build_case
 from drivers.engines import engine_names, installed, load_engine
-from drivers.scene.model import Scene
-from drivers.scene.part import Part, Title
+from drivers.scene.model import Part, Scene, Title
 from drivers.scene.read_scene import find_input, find_scene, library, make_scene, read_toml, set_value
 from drivers.scene.settings import look_up, unit_of
 
-DERIVED = ("-cost", "-figure", "-xy")  # endings of the files of a study besides its table
+MAX_SAMPLE = 100  # cases that are checked before the first one runs
 RESERVED = ("case", "engine", "status", "reason", "force_error_share")  # columns of every table
 
 
@@ -55,7 +60,7 @@ class Study:
         scene: path of the base scene.
         base: tables of the base scene, changed by ``set``.
         engines: names of engines in the order of the table.
-        axes: choices of each axis.
+        axes: choices of each axis; a single axis of all, after the base scene, if axes are varied one by one.
         columns: key of the scene by the name of its column, without unit.
     """
 
@@ -78,33 +83,67 @@ class Study:
         """True if axes are varied one by one instead of as a grid."""
         return self.file.combine == "one by one"
 
-    @property
-    def cases_sha256(self) -> str:
-        """Digest of all that the file and those it names say about the cases."""
-        content = (self.base, library(), self.axes, self.columns, self.one_by_one)
-        return hashlib.sha256(repr(content).encode()).hexdigest()
+    @cached_property
+    def _common_sha256(self) -> str:
+        """Digest of all that the cases have in common: base scene, materials, files that the scenes name."""
+        named = {look_up(self.base, "drive.file")}
+        for choice in chain.from_iterable(self.axes):
+            named |= {choice.get("drive.file"), look_up(choice.get("drive"), "file")}
+        files = [path for name in named if isinstance(name, str) and readable(path := self.scene.parent / name)]
+        return hashlib.sha256(f"{self.base}\0{library()}\0{content_of(files)}".encode()).hexdigest()
+
+    @cached_property
+    def _settings(self) -> list[list[list[str]]]:
+        """Settings of each choice of each axis that differ from the base scene, as text."""
+
+        def settings(choice: Choice) -> list[str]:
+            return [f"{key}={value!r}" for key, value in choice.items() if look_up(self.base, key) != value]
+
+        return [list(map(settings, axis)) for axis in self.axes]
+
+    def case_sha256(self, number: int) -> str:
+        """Digest of all that the study says about a case; equal cases of several studies have the same."""
+        axes = zip(self._settings, self._places(number), strict=True)
+        settings = sorted(setting for axis, place in axes for setting in axis[place])
+        return hashlib.sha256("\0".join((self._common_sha256, *settings)).encode()).hexdigest()[:32]
 
     @cached_property
     def count(self) -> int:
         """Number of cases."""
-        lengths = [len(axis) for axis in self.axes]
-        return 1 + sum(lengths) if self.one_by_one else prod(lengths)
+        return prod(map(len, self.axes))
+
+    def _places(self, number: int) -> tuple[Any, ...]:
+        """Place of a case on each axis; cases are numbered from 1, and the last axis varies fastest."""
+        return np.unravel_index(number - 1, [len(axis) for axis in self.axes])
 
     def choice(self, number: int) -> Choice:
-        """Varied values of a case; cases are numbered from 1."""
-        if self.one_by_one:
-            place = number - 2
-            for axis in self.axes:
-                if 0 <= place < len(axis):
-                    return axis[place]
-                place -= len(axis)
-            return {}
-        place = number - 1
-        chosen: Choice = {}
-        for axis in reversed(self.axes):
-            place, here = divmod(place, len(axis))
-            chosen = axis[here] | chosen
-        return chosen
+        """Varied values of a case."""
+        choices = (axis[place] for axis, place in zip(self.axes, self._places(number), strict=True))
+        return {key: value for choice in choices for key, value in choice.items()}
+
+    @property
+    def sample(self) -> list[int]:
+        """Numbers of at most ``MAX_SAMPLE`` cases; each value of each axis occurs if there are not more."""
+        lengths = [len(axis) for axis in self.axes]
+        longest = max(lengths, default=1)
+        places = range(0, longest, ceil(longest / MAX_SAMPLE))
+        return [1 + int(np.ravel_multi_index([place] * len(lengths), lengths, mode="wrap")) for place in places]
+
+    @cached_property
+    def _base_values(self) -> dict[str, Any]:
+        """Values of the base scene by column; empty if it is a scene with the varied values only."""
+        with suppress(InputError):
+            base = make_scene(deepcopy(self.base), self.scene.stem, self.where, self.scene.parent)
+            return {name: value_at(base, key) for name, key in self.columns.items()}
+        return {}
+
+    def values(self, number: int) -> dict[str, Any]:
+        """Varied values of a case in SI units, by column with its unit."""
+        choice = self.choice(number)
+        return {
+            column_name(name, key): in_si(key, choice[key]) if key in choice else self._base_values.get(name)
+            for name, key in self.columns.items()
+        }
 
     def label(self, number: int) -> str:
         """Label of a case: its varied values by column."""
@@ -123,7 +162,7 @@ class Study:
         data, choice = pickle.loads(pickle.dumps((self.base, self.choice(number))))
         for key, value in choice.items():
             set_value(data, key, value, where)
-        return build_case(make_scene(data, self.scene.stem, where))
+        return build_case(make_scene(data, self.scene.stem, where, self.scene.parent))
 
 
 def read_study(source: str | Path, also: Sequence[str] = ()) -> Study:
@@ -134,8 +173,6 @@ def read_study(source: str | Path, also: Sequence[str] = ()) -> Study:
     """
     path = find_input(source, paths.STUDIES, "study")
     where = paths.shown(path)
-    if path.stem.endswith(DERIVED):
-        raise InputError(where, "", f"the study name {path.stem}", "a name without the ending of another study's files")
     file = validate(StudyFile, read_toml(path), where)
     scene = _base_scene(file.scene, path, where)
     base = read_toml(scene)
@@ -179,7 +216,7 @@ def read_study(source: str | Path, also: Sequence[str] = ()) -> Study:
         scene=scene,
         base=base,
         engines=tuple(dict.fromkeys((*(file.engines or installed(engine_names())), *also))),
-        axes=tuple(axes),
+        axes=(({}, *chain.from_iterable(axes)),) if file.combine == "one by one" else tuple(axes),
         columns=columns,
     )
 
@@ -229,6 +266,15 @@ def column_name(name: str, key: str) -> str:
     """Name of a column with its unit, such as ``striker.speed_m_s``."""
     unit = unit_of(key)
     return f"{name}_{re.sub(r'[/*]', '_', unit.replace('^', ''))}" if unit else name
+
+
+def in_si(key: str, value: Any) -> Any:
+    """Value of a study at a key of the scene, in SI units; a table as JSON, None for a key that is removed."""
+    if isinstance(value, str):
+        with suppress(ValueError):
+            return units.to_si(value, unit_of(key))
+        return value or None
+    return json.dumps(value) if isinstance(value, (dict, list)) else value
 
 
 def value_at(scene: Scene, key: str) -> Any:

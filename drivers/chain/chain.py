@@ -1,35 +1,121 @@
 """Chain: a scene as arrays of masses, radii, contact stiffnesses, overlaps and start values.
 
 Bodies are the beads 1 to n from the wall upwards, then the striker. Contact j is below body j, so all arrays have one
-entry for each body. A missing contact (below bead 1 of a free chain) has stiffness 0.
+entry for each body. A missing contact (below bead 1 of a free chain) has stiffness 0. Contacts are elastic by Hertz's
+law, of which the functions of overlap and force accept one contact or arrays of contacts; ``drivers.laws`` adds to it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
 from itertools import pairwise
-from math import inf, sqrt
+from math import inf, pi, sqrt
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.chain.contact_law import (
-    ContactStiffness,
-    contact_stiffness,
-    hertz_force,
-    hertz_overlap,
-    hertz_stiffness,
-)
 from drivers.chain.drives import drive_of, energy_with_drive
-from drivers.chain.lateral import Bore, Lateral
-from drivers.chain.masses import beads_of, sphere_mass
-from drivers.laws.law import ELASTIC, Dissipation
-from drivers.scene.model import Scene
-from validation.reference.hertz_chain import ENERGY_SHARE, Drive, HertzChain, TubeChain
+from drivers.laws import ELASTIC, Dissipation
+from drivers.scene.model import Material, Member, Scene
+from validation.reference.hertz_chain import ENERGY_SHARE, EXPONENT, Drive, HertzChain, TubeChain
 
 Array = NDArray[np.float64]
 LEVEL_M = 10.0  # radius of a sphere that replaces a flat face; its slope is 1e-5 at 0.1 mm off the axis
 AT_REST = 1e-9  # largest unbalanced force on a bead at rest, divided by the total load
+Value = TypeVar("Value", float, Array)  # stiffnesses of type Any are also floats or Arrays
+# k or k_t of a contact, from material and radius of both bodies
+ContactStiffness = Callable[[Material | None, float, Material | None, float], float]
+
+
+@dataclass(frozen=True)
+class Bore:
+    """Bore of a tube about the chain's axis; arrays of shape (bodies,).
+
+    Attributes:
+        stiffness: k of each body's contact with the bore in F = k overlap^(3/2); 0 for bodies outside the tube.
+        shear_stiffness: k_t of these contacts, as in ``Lateral.shear_stiffness``.
+        top_m: height of the upper end; inf for a tube above all bodies.
+    """
+
+    radius_m: float
+    stiffness: Array
+    shear_stiffness: Array
+    friction: float
+    top_m: float
+
+    def overlaps(self, radius_m: Array, place_m: Array) -> Array:
+        """Overlaps of bodies with the bore in m; a gap is negative. Shape (..., bodies).
+
+        Args:
+            radius_m: radii of the bodies, shape (bodies,).
+            place_m: positions across the axis, shape (..., bodies, 2).
+        """
+        return np.asarray(np.hypot(place_m[..., 0], place_m[..., 1]) + radius_m - self.radius_m)
+
+    @cached_property
+    def guided(self) -> list[int]:
+        """Indices of the bodies in the tube, from 0."""
+        return [int(body) for body in np.flatnonzero(self.stiffness)]
+
+
+@dataclass(frozen=True)
+class Lateral:
+    """Properties of bodies that can move sideways and turn.
+
+    Attributes:
+        offset_m: positions of the centres across the axis at time 0, shape (bodies, 2).
+        velocity_m_s: velocities across the axis at time 0, shape (bodies, 2).
+        shear_stiffness: k_t of each contact, shape (bodies,): a shear ds adds ``k_t sqrt(overlap) ds`` to the
+            tangential force.
+        friction: coefficient between bodies and with the wall.
+        turns: True if friction turns bodies.
+    """
+
+    offset_m: Array
+    velocity_m_s: Array
+    shear_stiffness: Array
+    friction: float
+    turns: bool
+    bore: Bore | None
+
+    @property
+    def slips(self) -> bool:
+        """True if any contact has friction."""
+        return self.friction > 0 or (self.bore is not None and self.bore.friction > 0)
+
+
+def hertz_stiffness(first: Material | None, radius_1_m: float, second: Material | None, radius_2_m: float) -> float:
+    """Hertz stiffness k in F = k overlap^(3/2), in N m^-3/2.
+
+    ``k = (4/3) E* sqrt(R*)`` with ``1/E* = (1-nu1^2)/E1 + (1-nu2^2)/E2`` and ``1/R* = 1/R1 + 1/R2``, the general
+    form of the paper's Eq. (7). A radius of inf is a flat face; None is a rigid material.
+    """
+    compliance = sum(m.compliance for m in (first, second) if m is not None)
+    curvature = 1 / radius_1_m + 1 / radius_2_m
+    return 4 / 3 / compliance / sqrt(curvature)
+
+
+def hertz_force(stiffness: Any, overlap_m: Value) -> Value:
+    """Force ``F = k d^(3/2)`` for an overlap of 0 or more, in N."""
+    force: Value = stiffness * overlap_m**EXPONENT
+    return force
+
+
+def hertz_overlap(stiffness: Any, force_N: Value) -> Value:
+    """Overlap ``d = (F / k)^(2/3)`` for a force of 0 or more, in m."""
+    overlap: Value = (force_N / stiffness) ** (1 / EXPONENT)
+    return overlap
+
+
+def contact_stiffness(stiffness: float | Array, overlap_m: Array) -> Array:
+    """Tangent stiffness ``dF/dd = (3/2) k d^(1/2)``, in N/m."""
+    return np.asarray(EXPONENT * stiffness * np.sqrt(overlap_m))
+
+
+def contact_stiffness_at(stiffness: float, force_N: float) -> float:
+    """Tangent stiffness at the force F, ``(3/2) k^(2/3) F^(1/3)``, in N/m."""
+    return float(EXPONENT * float(stiffness) ** (2 / 3) * float(force_N) ** (1 / 3))
 
 
 @dataclass(frozen=True, eq=False)  # compared by identity, for caches
@@ -174,7 +260,7 @@ class Chain:
 
     @cached_property
     def damping(self) -> Array:
-        """Coefficient C of the dissipative force of each contact (``drivers.laws.law``). Shape (bodies,)."""
+        """Coefficient C of the dissipative force of each contact (``drivers.laws``). Shape (bodies,)."""
         return self.law.coefficient(self.stiffness, self.reduced_mass_kg)
 
     @cached_property
@@ -202,6 +288,67 @@ class Chain:
         if self.lateral is not None:
             rounding = rounding + AT_REST * np.abs(self.load_N).sum()
         return np.asarray(np.where(np.abs(net) <= rounding, 0.0, net))
+
+
+@dataclass(frozen=True)
+class Beads:
+    """Material, diameter and mass of each bead; arrays of shape (beads,)."""
+
+    materials: list[str]
+    diameter_m: Array
+    mass_kg: Array
+
+
+def ordinary_beads(scene: Scene) -> Beads:
+    """Beads by the keys of the chain, its pattern and its taper, without ``[[chain.bead]]``, sensors and scatter."""
+    table, members = scene.chain, scene.chain.members
+    places, taper = np.arange(table.count) % len(members), table.taper_at(np.arange(1.0, table.count + 1))
+    materials = [member.material or table.material for member in members]
+    diameters = [member.diameter or table.diameter for member in members]
+    masses = [bead_mass(scene, member) for member in members] if table.count else [0.0]
+    return Beads(
+        [materials[place] for place in places.tolist()],
+        np.array(diameters)[places] * taper,
+        np.array(masses)[places] * taper**3,
+    )
+
+
+def beads_of(scene: Scene) -> Beads:
+    """All beads of a scene.
+
+    A mass given for one bead is used without scatter. Other beads have the mass of the chain or of their member in the
+    pattern or, with a diameter or material of their own, the mass computed from the density; the scatter is added to
+    these masses.
+    """
+    table, beads = scene.chain, ordinary_beads(scene)
+    given = {sensor.from_wall: sensor.mass for sensor in table.sensors if sensor.mass is not None}
+    given |= {bead.from_wall: bead.mass for bead in table.bead if bead.mass is not None}
+    materials, diameters, masses = beads.materials, beads.diameter_m, beads.mass_kg
+    for bead in table.bead:
+        place = bead.from_wall - 1
+        materials[place] = bead.material or materials[place]
+        diameters[place] = bead.diameter or diameters[place]
+        if (bead.material is not None or bead.diameter is not None) and bead.from_wall not in given:
+            masses[place] = sphere_mass(scene, materials[place], diameters[place])
+    if table.mass_scatter:  # drawn for all beads, so that a mass given for one bead does not change other masses
+        masses = masses + np.random.default_rng(scene.seed).normal(0.0, table.mass_scatter, table.count)
+    for from_wall, mass in given.items():
+        masses[from_wall - 1] = mass
+    return Beads(materials, diameters, masses)
+
+
+def bead_mass(scene: Scene, member: Member) -> float:
+    """Mass of a member of the pattern without taper, in kg."""
+    table = scene.chain
+    given = member.mass or (table.mass if table.is_like(member) else None)
+    return given or sphere_mass(scene, member.material or table.material, member.diameter or table.diameter)
+
+
+def sphere_mass(scene: Scene, material: str, diameter_m: float) -> float:
+    """Mass of a sphere from the density of its material, in kg."""
+    density = scene.materials[material].density
+    assert density is not None  # read_scene checks it
+    return density * pi / 6 * diameter_m**3
 
 
 def build_chain(scene: Scene) -> Chain:

@@ -1,7 +1,7 @@
 """Wave forms of drives as tables of segments (``Drive`` of ``validation.reference``), and the energy that they put in.
 
 Before ``drive.start`` a drive is 0; after its end it holds its last value, and a half-sine returns to 0. A new form is
-a function here, an entry of ``FORMS``, and its keys in ``drivers.scene.model`` and ``drivers.scene.drive_rules``.
+a function here, an entry of ``FORMS``, and its keys in ``drivers.scene.model`` and ``drivers.scene.rules``.
 """
 
 from collections.abc import Callable

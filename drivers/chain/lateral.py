@@ -1,71 +1,268 @@
-"""Additional properties of three-dimensional chains: positions off the axis, friction, the bore of the tube."""
+"""Contacts with the bore and start of a three-dimensional chain.
 
-from dataclasses import dataclass
-from functools import cached_property
+Beads pressed onto the wall by gravity or a precompression start at the frictionless equilibrium closest to their seeded
+positions, where they lean alternately against the bore. All other beads start at their seeded positions and just touch.
+
+The equilibrium is a minimum of the potential energy, found by damped Newton steps (Levenberg and Marquardt). The
+Hessian is banded, since beads touch neighbours only.
+"""
+
+from dataclasses import replace
+from functools import cache
+from math import pi, sqrt
 
 import numpy as np
+from scipy.linalg import LinAlgError, solveh_banded
 
-from validation.reference.hertz_chain import Array
+from drivers.base.errors import InputError
+from drivers.base.kept import kept
+from drivers.chain.chain import (
+    AT_REST,
+    Array,
+    Bore,
+    Chain,
+    Lateral,
+    contact_stiffness_at,
+    hertz_stiffness,
+    stiffness_by,
+)
+from drivers.scene.model import Material, Scene
+from validation.reference.hertz_chain import ENERGY_SHARE, EXPONENT
+
+OFFSET_STREAM = 1  # stream of random numbers; masses have another stream
+POLISHING_STEPS = 5  # Newton steps after convergence, to reach the rounding error
+MAX_STEPS = 20_000  # Newton steps
+MAX_SHIFT = 1e3  # in contact stiffnesses; a larger shift ends the search
+MIN_SHIFT = 1e-14  # in contact stiffnesses; without a shift the Hessian is singular, by rotation about the axis
+MAX_STEP_SHARE = 0.25  # of a bead's play; its largest step
 
 
-@dataclass(frozen=True)
-class Bore:
-    """Bore of a tube about the chain's axis; arrays of shape (bodies,).
+def mindlin_stiffness(first: Material | None, radius_1_m: float, second: Material | None, radius_2_m: float) -> float:
+    """Shear stiffness k_t in ``dF_t = k_t sqrt(overlap) ds``, in N m^-3/2.
 
-    Attributes:
-        stiffness: k of each body's contact with the bore in F = k overlap^(3/2); 0 for bodies outside the tube.
-        shear_stiffness: k_t of these contacts, as in ``Lateral.shear_stiffness``.
-        top_m: height of the upper end; inf for a tube above all bodies.
+    ``k_t = 8 G* sqrt(R*)`` with ``1/G* = 2(2-nu1)(1+nu1)/E1 + 2(2-nu2)(1+nu2)/E2``: Mindlin's contact without slip.
     """
-
-    radius_m: float
-    stiffness: Array
-    shear_stiffness: Array
-    friction: float
-    top_m: float
-
-    def overlaps(self, radius_m: Array, place_m: Array) -> Array:
-        """Overlaps of bodies with the bore in m; a gap is negative. Shape (..., bodies).
-
-        Args:
-            radius_m: radii of the bodies, shape (bodies,).
-            place_m: positions across the axis, shape (..., bodies, 2).
-        """
-        return np.asarray(np.hypot(place_m[..., 0], place_m[..., 1]) + radius_m - self.radius_m)
-
-    @cached_property
-    def guided(self) -> list[int]:
-        """Indices of the bodies in the tube, from 0."""
-        return [int(body) for body in np.flatnonzero(self.stiffness)]
+    compliance = sum(
+        2 * (2 - m.poisson_ratio) * (1 + m.poisson_ratio) / m.youngs_modulus for m in (first, second) if m is not None
+    )
+    return 8 / compliance / sqrt(1 / radius_1_m + 1 / radius_2_m)
 
 
-@dataclass(frozen=True)
-class Lateral:
-    """Properties of bodies that can move sideways and turn.
+@cache
+def conformity(radius_m: float, bore_radius_m: float) -> float:
+    """Ratio of the contact stiffness of a sphere in a bore to that on a flat of the same material.
 
-    Attributes:
-        offset_m: positions of the centres across the axis at time 0, shape (bodies, 2).
-        velocity_m_s: velocities across the axis at time 0, shape (bodies, 2).
-        shear_stiffness: k_t of each contact, shape (bodies,): a shear ds adds ``k_t sqrt(overlap) ds`` to the
-            tangential force.
-        friction: coefficient between bodies and with the wall.
-        turns: True if friction turns bodies.
+    Hertz's elliptic contact (Johnson, Contact Mechanics, section 4.2) with the relative curvatures ``1/R - 1/R_bore``
+    across the axis and ``1/R`` along the axis; the force is proportional to overlap^(3/2) as well. A bore radius of
+    inf is a flat.
+
+    Raises:
+        ValueError: the sphere does not fit into the bore.
     """
+    from scipy.optimize import brentq
+    from scipy.special import ellipe, ellipkm1
 
-    offset_m: Array
-    velocity_m_s: Array
-    shear_stiffness: Array
-    friction: float
-    turns: bool
-    bore: Bore | None
+    if not 0 < radius_m < bore_radius_m:
+        raise ValueError(f"radius_m: {radius_m}, expected above zero and below that of the bore, {bore_radius_m}")
+    across, along = (1 / radius_m - 1 / bore_radius_m) / 2, 1 / radius_m / 2
+    if across == along:
+        return 1.0
 
-    @property
-    def slips(self) -> bool:
-        """True if any contact has friction."""
-        return self.friction > 0 or (self.bore is not None and self.bore.friction > 0)
+    def curvatures(squared: float) -> tuple[float, float]:
+        """``E/m - K`` and ``K - E``; their ratio is that of the relative curvatures along and across the axis."""
+        second, first = float(ellipkm1(squared)), float(ellipe(1 - squared))
+        return first / squared - second, second - first
+
+    def excess(squared: float) -> float:
+        over, under = curvatures(squared)
+        return over / under - along / across
+
+    squared = brentq(excess, 1e-300, 1 - 1e-12, xtol=1e-300, rtol=1e-15)  # m = (b/a)^2 of the ellipse's axes a > b
+    over, under = curvatures(squared)
+    second, curved = float(ellipkm1(squared)), sqrt(over * under)
+    f1_cubed = 4 / (pi * (1 - squared)) * squared**0.75 * curved
+    f2 = 2 / pi * squared**0.25 * f1_cubed ** (-1 / 3) * second
+    mean_radius = 1 / (2 * sqrt(across * along))
+    return float(sqrt(mean_radius / radius_m) * f2**-1.5)
 
 
-def block_bands(diagonal: Array, coupling: Array) -> Array:
+def with_lateral(scene: Scene, chain: Chain) -> Chain:
+    """Chain with the additional properties and the start of a three-dimensional scene.
+
+    Raises:
+        InputError: no equilibrium was found.
+    """
+    velocity = np.zeros((chain.bodies, 2))
+    for bead in scene.chain.bead:
+        velocity[bead.from_wall - 1, 0] = bead.lateral_velocity or 0.0
+    lateral = Lateral(
+        offset_m=_seeded_offsets(scene, chain),
+        velocity_m_s=velocity,
+        shear_stiffness=stiffness_by(mindlin_stiffness, scene, chain.materials, chain.radius_m),
+        friction=scene.contact.friction,
+        turns=scene.contact.rotation and max(scene.contact.friction, scene.tube.friction if scene.tube else 0.0) > 0,
+        bore=_bore(scene, chain),
+    )
+    started = replace(chain, lateral=lateral)
+    pressed = chain.overlap_m[: chain.beads] > 0  # beads pressed onto the wall
+    resting = int(pressed.argmin()) if not pressed.all() else chain.beads
+    if lateral.bore is None or not lateral.offset_m[:resting].any():
+        return started
+    return _packed(scene, started, resting)
+
+
+def _seeded_offsets(scene: Scene, chain: Chain) -> Array:
+    """Positions across the axis, drawn from a normal distribution and limited to the play. Shape (bodies, 2)."""
+    tube, spread = scene.tube, scene.chain.lateral_offset
+    if tube is None or not spread:
+        return np.zeros((chain.bodies, 2))
+    offset = np.random.default_rng([scene.seed, OFFSET_STREAM]).normal(0.0, spread, (chain.bodies, 2))
+    play = np.maximum(tube.inner_diameter / 2 - chain.radius_m, 0.0)  # a wider body is above the tube, on the axis
+    distance = np.maximum(np.hypot(offset[:, 0], offset[:, 1]), 1e-300)
+    return np.asarray(offset * np.minimum(1.0, play / distance)[:, np.newaxis])
+
+
+def _bore(scene: Scene, chain: Chain) -> Bore | None:
+    tube = scene.tube
+    if tube is None:
+        return None
+    bore_radius = tube.inner_diameter / 2
+    stiffness, shear = np.zeros(chain.bodies), np.zeros(chain.bodies)
+    for j in range(chain.bodies):
+        radius, material = chain.radius_m[j], scene.materials[chain.materials[j]]
+        if radius < bore_radius and (tube.top is None or chain.height_m[j] <= tube.top):
+            stiffer = conformity(radius, bore_radius)
+            stiffness[j] = stiffer * hertz_stiffness(scene.materials[tube.material], np.inf, material, radius)
+            shear[j] = stiffer * mindlin_stiffness(scene.materials[tube.material], np.inf, material, radius)
+    return Bore(bore_radius, stiffness, shear, tube.friction, np.inf if tube.top is None else tube.top)
+
+
+def _packed(scene: Scene, chain: Chain, resting: int) -> Chain:
+    """Chain with its lowest ``resting`` beads in equilibrium."""
+    assert chain.lateral is not None
+    touching = replace(chain, overlap_m=np.minimum(chain.overlap_m, 0.0))
+    start = np.column_stack([chain.lateral.offset_m, touching.height_m - chain.wall_height_m])[:resting]
+    place, left = _rest(chain, start)
+    worst = int(np.argmax(left))
+    if left[worst] > AT_REST * float(np.abs(chain.load_N[:resting]).sum()):
+        found = f"no equilibrium: {left[worst]:.2g} N are unbalanced on bead {worst + 1}"
+        allowed = f"at most {AT_REST:g} of the load; try fewer beads, another seed or a wider tube"
+        raise InputError(scene.file, "chain.lateral_offset", found, allowed)
+    offset, overlap = chain.lateral.offset_m.copy(), chain.overlap_m.copy()
+    offset[:resting] = place[:, :2]
+    along = np.diff(place, axis=0)
+    radius = chain.radius_m[:resting]
+    overlap[0] = radius[0] - place[0, 2]
+    overlap[1:resting] = radius[1:] + radius[:-1] - np.sqrt((along**2).sum(axis=1))
+    return replace(chain, overlap_m=overlap, lateral=replace(chain.lateral, offset_m=offset))
+
+
+def _rest(chain: Chain, start: Array) -> tuple[Array, Array]:
+    """Result of ``find_rest``, cached."""
+    beads, bore = len(start), chain.bore
+    assert bore is not None
+    arrays = (start, chain.load_N[:beads], chain.stiffness[:beads], chain.radius_m[:beads], bore.stiffness[:beads])
+    depends_on = [*(array.tolist() for array in arrays), bore.radius_m]
+    place, left = kept(["rest", depends_on], lambda: [array.tolist() for array in find_rest(chain, start)])
+    return np.array(place), np.array(left)
+
+
+def find_rest(chain: Chain, place_m: Array) -> tuple[Array, Array]:
+    """Frictionless equilibrium of a chain's lowest beads.
+
+    Args:
+        chain: the chain.
+        place_m: positions to start from, heights above the wall, shape (beads, 3).
+
+    Returns:
+        Positions in equilibrium, and the unbalanced force on each bead in N.
+    """
+    place, shift, beads = place_m.copy(), 1e-6, len(place_m)
+    assert chain.bore is not None
+    load = float(np.abs(chain.load_N[:beads]).sum())
+    scale = contact_stiffness_at(chain.stiffness[:beads].max(), load)
+    longest = MAX_STEP_SHARE * float((chain.bore.radius_m - chain.radius_m[:beads]).min())
+    rounding = 1e-15 * load * float(place[-1, 2])  # rounding error of the energy; smaller decreases are accepted
+    energy, gradient, bands = _potential(chain, chain.bore, place)
+    best, least, polished = place, float(np.abs(gradient).max()), 0
+    for _ in range(MAX_STEPS):
+        polished += least <= AT_REST * load
+        if polished > POLISHING_STEPS or shift > MAX_SHIFT:
+            break
+        step = _step(bands, gradient, shift * scale)
+        if step is not None and np.abs(step).max() <= longest:
+            trial = _potential(chain, chain.bore, place + step)
+            if trial[0] < energy or -float((gradient * step).sum()) < rounding:
+                place, (energy, gradient, bands) = place + step, trial
+                residual = float(np.abs(gradient).max())
+                if residual < least:
+                    best, least = place, residual
+                shift = max(shift / 4, MIN_SHIFT)
+                continue
+        shift = max(4 * shift, 1e-12)
+    return best, np.abs(_potential(chain, chain.bore, best)[1]).max(axis=1)
+
+
+def _step(bands: Array, gradient: Array, shift: float) -> Array | None:
+    """Newton step with ``shift`` added to the Hessian's diagonal; None if the Hessian is not positive definite."""
+    shifted = bands.copy()
+    shifted[-1] += shift
+    try:
+        return np.asarray(solveh_banded(shifted, -gradient.ravel(), check_finite=False)).reshape(-1, 3)
+    except LinAlgError:
+        return None
+
+
+def _potential(chain: Chain, bore: Bore, place: Array) -> tuple[float, Array, Array]:
+    """Potential energy, its gradient (beads, 3), and its Hessian as upper bands (6, 3 beads)."""
+    count = len(place)
+    radius, load, stiffness = chain.radius_m[:count], chain.load_N[:count], chain.stiffness[:count]
+    energy = -float(load @ place[:, 2])
+    gradient = np.zeros((count, 3))
+    gradient[:, 2] -= load
+    diagonal = np.zeros((count, 3, 3))
+
+    along = np.diff(place, axis=0)
+    distance = np.linalg.norm(along, axis=1)
+    normal = along / distance[:, None]
+    pair_energy, force, slope = _hertz(stiffness[1:], radius[1:] + radius[:-1] - distance)
+    push = force[:, None] * normal
+    gradient[1:] -= push
+    gradient[:-1] += push
+    outer = normal[:, :, None] * normal[:, None, :]
+    block = slope[:, None, None] * outer - (force / distance)[:, None, None] * (np.eye(3) - outer)
+    diagonal[1:] += block
+    diagonal[:-1] += block
+
+    wall_energy, force, slope = _hertz(stiffness[:1], radius[:1] - place[:1, 2])
+    gradient[0, 2] -= force[0]
+    diagonal[0, 2, 2] += slope[0]
+
+    bore_energy, push, block_in_bore = _bore_potential(bore, radius, place[:, :2])
+    gradient[:, :2] += push
+    diagonal[:, :2, :2] += block_in_bore
+    energy += float(pair_energy.sum() + wall_energy.sum()) + bore_energy
+    return energy, gradient, _block_bands(diagonal, -block)
+
+
+def _bore_potential(bore: Bore, radius: Array, place: Array) -> tuple[float, Array, Array]:
+    """Potential energy in the bore contacts, its gradient (beads, 2) and its Hessian (beads, 2, 2)."""
+    energy, force, slope = _hertz(bore.stiffness[: len(place)], bore.overlaps(radius, place))
+    off = np.maximum(np.hypot(place[:, 0], place[:, 1]), 1e-300)
+    radial = place / off[:, None]
+    outer = radial[:, :, None] * radial[:, None, :]
+    turned = (force / off)[:, None, None] * (np.eye(2) - outer)
+    return float(energy.sum()), force[:, None] * radial, slope[:, None, None] * outer + turned
+
+
+def _hertz(stiffness: Array, overlap: Array) -> tuple[Array, Array, Array]:
+    """Energy, force and tangent stiffness of Hertz contacts."""
+    closed = np.maximum(overlap, 0.0)
+    root = np.sqrt(closed)
+    return ENERGY_SHARE * stiffness * closed**2 * root, stiffness * closed * root, EXPONENT * stiffness * root
+
+
+def _block_bands(diagonal: Array, coupling: Array) -> Array:
     """Upper bands, in scipy's layout, of a symmetric block-tridiagonal matrix.
 
     Args:

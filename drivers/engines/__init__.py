@@ -17,23 +17,25 @@ from functools import cache, wraps
 from importlib import import_module, util
 from pathlib import Path
 from traceback import extract_tb
-from typing import Any
+from typing import Any, NoReturn
 
 from drivers.base.decks import Deck
 from drivers.base.errors import InputError, InputProblem, RunError, one_line
 from drivers.base.processes import find_command
-from drivers.chain.case import Case
-from drivers.chain.elements import STRAIGHT
+from drivers.chain.case import STRAIGHT, Case
 from drivers.chain.trace import Trace
 from drivers.engines._entries import Entry, entries
-from drivers.laws.viscoelastic import Viscoelastic
+from drivers.laws import Viscoelastic
 from validation.reference.hertz_chain import Flag
 
 REFERENCE, VERLET = "reference", "verlet"  # in-repo engines: exact motion, and the scheme of the codes
 IN_HEIGHTS = "velocity Verlet in absolute heights"
 IN_OVERLAPS = "velocity Verlet in overlaps"
 EXACT = "exact to its tolerance, at any time step"
+EXTERNAL = f"{__name__}.at."  # first part of the names of modules of external adapters
 TOTAL, INCREMENTAL = "total", "incremental"  # friction that stores the shear displacement, or the shear force
+
+_exit = os._exit
 
 
 def last_line(stdout: str, stderr: str, chatter: tuple[str, ...] = ()) -> str:
@@ -90,7 +92,7 @@ class Engine:
             before for damping, and at time 0 the one of time 0.
         shear: ``TOTAL`` or ``INCREMENTAL`` friction in three dimensions.
         dissipation: laws of dissipation that it models, as named in scenes; a shipped code asks the laws.
-        models: modelling elements (``drivers.chain.elements``) that it models.
+        models: modelling elements (``drivers.chain.case``) that it models.
         variables: environment variables that it needs, with their values.
         refusal: function that returns key, found and allowed of a case that the engine cannot run; else None.
         partial_trace: function that reads the samples of a failed run; None if there are none.
@@ -170,9 +172,9 @@ class Engine:
         where = f" of {self.entry.where}" if self.entry.where else ""
         return f"not installed; it comes with {self.how_to_get} (looked for {commands}{where})"
 
-    def version_of(self, command: tuple[str, ...], **more: str) -> str:
-        """Version line of a command, in the environment of runs with ``more`` variables."""
-        variables = [f"{name}={value}" for name, value in (self.environment | more).items()]
+    def version_of(self, command: tuple[str, ...]) -> str:
+        """Version line of a command, in the environment of runs."""
+        variables = [f"{name}={value}" for name, value in self.environment.items()]
         return self.version(("env", *variables, *command) if variables else command)
 
     def loop_seconds(self, stdout: str) -> float | None:
@@ -235,20 +237,25 @@ def _guarded(name: str, function: Callable[..., Any], path: Path) -> Callable[..
             if result is None and name not in ("refusal", "partial_trace"):
                 raise RunError(f"{path.name}: {name} returns None")
             return list(result) if isinstance(result, Iterator) else result  # a generator raises errors when it is read
-        except (InputError, RunError):
+        except (InputError, RunError, KeyboardInterrupt):
             raise
-        except (Exception, SystemExit) as error:
+        except BaseException as error:
             raise RunError(_error_line(error, path)) from error
 
     return guarded
 
 
 def _error_line(error: BaseException, path: Path) -> str:
-    """Error of an adapter on one line, with the last line of its file that was running, else of another file."""
-    frames = [frame for frame in extract_tb(error.__traceback__) if not frame.filename.startswith(("<", __file__))]
-    last = ([frame for frame in frames if frame.filename == str(path)] or frames)[-1:]
-    where = [f"{Path(frame.filename).name}:{frame.lineno}" for frame in last] or [path.name]
-    return one_line(*where, ": ", f"{type(error).__name__}: {error}")
+    """Error of an adapter on one line, with the last line of its file that was running."""
+    lines = [f":{frame.lineno}" for frame in extract_tb(error.__traceback__) if frame.filename == str(path)]
+    return one_line(path.name, *lines[-1:], ": ", f"{type(error).__name__}: {error}")
+
+
+def _exit_unless_adapter(status: int) -> NoReturn:
+    """Take the place of ``os._exit`` in adapters, where it would end a command without a word."""
+    if sys._getframe(1).f_globals.get("__name__", "").startswith(EXTERNAL):
+        raise SystemExit(f"os._exit({status})")
+    _exit(status)
 
 
 @cache
@@ -258,7 +265,8 @@ def _external_adapter(path: Path, where: str) -> Engine:
     Raises:
         InputError: the file cannot be loaded or defines no ``ENGINE``.
     """
-    spec = util.spec_from_file_location(f"{__name__}.at.{path}", path)  # no module of the package has such a name
+    os._exit = _exit_unless_adapter
+    spec = util.spec_from_file_location(f"{EXTERNAL}{path}", path)
     assert spec is not None
     assert spec.loader is not None
     module = sys.modules[spec.name] = util.module_from_spec(spec)
@@ -268,7 +276,9 @@ def _external_adapter(path: Path, where: str) -> Engine:
         if not isinstance(engine, Engine):
             raise TypeError(f"ENGINE is {type(engine).__name__}")
         re.compile(engine.loop_pattern)
-    except (Exception, SystemExit) as error:  # any error of the adapter
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # any error of the adapter
         raise InputError(where, "adapter", _error_line(error, path), "ENGINE = Engine(...)") from error
     guarded: dict[str, Any] = {
         name: _guarded(name, function, path) for name, function in vars(engine).items() if callable(function)

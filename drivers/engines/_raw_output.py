@@ -2,8 +2,6 @@
 
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -24,17 +22,6 @@ _FRAME: tuple[tuple[Any, ...], ...] = (
     ("columns", "i4"),
 )
 _MAGIC = (-10).to_bytes(8, sys.byteorder, signed=True) + b"DUMPCUSTOM"  # first bytes of frames since LAMMPS 2020
-
-
-@dataclass(frozen=True)
-class _Dump:
-    """Binary dump; ``frames`` assumes that all frames have chunks of the first frame's sizes (in values)."""
-
-    raw: bytes
-    head: np.dtype[np.void]
-    sizes: tuple[int, ...]
-    frames: NDArray[np.void]
-    whole: NDArray[np.bool_]
 
 
 def read_arrays(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Array]:
@@ -70,22 +57,19 @@ def read_dump(case: Case, path: Path, columns: tuple[str, ...]) -> dict[str, Arr
         RunError: frames or bodies are missing, or the file is damaged.
     """
     bodies, samples = case.chain.bodies, case.scene.samples
-    dump = _open_dump(path, columns, bodies)
-    frames = dump.frames
-    if not dump.whole.all():
-        first = int(np.argmin(dump.whole))
-        atoms, values = frames["atoms"][first], sum(_chunks(dump.raw, dump.head, first * frames.itemsize))
-        if 0 <= atoms < bodies and values == atoms * len(columns):
+    frames, whole = _frames(path, columns, bodies)
+    if not whole.all():
+        first = int(np.argmin(whole))
+        atoms = frames["atoms"][first]
+        if 0 <= atoms < bodies:
             at = case.sample_times_s[min(first, samples - 1)]
             raise RunError(f"unstable at t = {at:g} s: {atoms} bodies instead of {bodies}, one was lost")
-        if atoms == bodies and values == bodies * len(columns):
-            raise RunError(f"output of {len(dump.sizes)} processes is in another order from sample {first + 1} on")
-        raise RunError(f"output is damaged in sample {first + 1}")
+        raise RunError(f"output is damaged in sample {first + 1}, or its processes share the beads in another way")
     if len(frames) != samples:
         raise RunError(f"output ends in sample {min(len(frames) + 1, samples)} of {samples}")
     if not np.array_equal(frames["step"], case.sample_steps):
         raise RunError("output has other time steps than the samples")
-    arrays = _columns(dump, columns, samples)
+    arrays = _columns(frames, columns)
     if (arrays[columns[0]] != np.arange(1, bodies + 1)).any():
         raise RunError("output has its beads in another order")
     return arrays
@@ -94,52 +78,44 @@ def read_dump(case: Case, path: Path, columns: tuple[str, ...]) -> dict[str, Arr
 def read_partial_dump(case: Case, path: Path, columns: tuple[str, ...]) -> dict[str, Array] | None:
     """Like ``read_dump``, for the samples before a body was lost or the run ended; None if there are none."""
     try:
-        dump = _open_dump(path, columns, case.chain.bodies)
+        frames, whole = _frames(path, columns, case.chain.bodies)
     except RunError:
         return None
-    whole = int(np.logical_and.accumulate(dump.whole)[: case.scene.samples].sum())
-    return _columns(dump, columns, whole) if whole else None
+    samples = int(np.logical_and.accumulate(whole)[: case.scene.samples].sum())
+    return _columns(frames[:samples], columns) if samples else None
 
 
-def _open_dump(path: Path, columns: tuple[str, ...], bodies: int) -> _Dump:
-    """Open a dump; its complete frames are not checked further."""
+def _frames(path: Path, columns: tuple[str, ...], bodies: int) -> tuple[NDArray[np.void], NDArray[np.bool_]]:
+    """Frames of a dump, if all have chunks of the sizes of the first, and whether each of them is of that kind."""
     try:
         raw = path.read_bytes()
     except OSError as error:
         raise RunError(f"no output: {error.strerror}") from error
-    fields = list(_FRAME)
+    fields = [*_FRAME, ("processes", "i4")]
     if raw.startswith(_MAGIC):
         names = ("names", f"S{len(' '.join(columns))}")
-        fields = [("magic", "V26"), *fields, ("units", "i4"), ("timed", "i1"), ("letters", "i4"), names]
-    head = np.dtype([*fields, ("processes", "i4")])
-    sizes = _chunks(raw, head, 0)
+        fields = [("magic", "V26"), *_FRAME, ("units", "i4"), ("timed", "i1"), ("letters", "i4"), names, fields[-1]]
+    at, sizes = np.dtype(fields).itemsize, list[int]()
+    processes = np.frombuffer(raw[:at], fields)["processes"] if len(raw) >= at else np.zeros(1)
+    while len(sizes) < processes[0] and at + 4 <= len(raw):
+        sizes.append(int(np.frombuffer(raw, "i4", 1, at)[0]))
+        at += 4 + 8 * max(sizes[-1], 0)
     if sum(sizes) != bodies * len(columns):
-        sizes = (bodies * len(columns),)  # the first frame is incomplete or has lost a body
-    chunks = [((f"count{i}", "i4"), (f"values{i}", "f8", size)) for i, size in enumerate(sizes)]
-    frame = np.dtype([*fields, ("processes", "i4"), *chain.from_iterable(chunks)])
-    frames = np.frombuffer(raw, frame, count=len(raw) // frame.itemsize)
+        sizes = [bodies * len(columns)]  # the first frame is incomplete or has lost a body
+    for i, size in enumerate(sizes):
+        fields += [(f"count{i}", "i4"), (f"values{i}", "f8", (size,))]
+    frames = np.frombuffer(raw, fields, count=len(raw) // np.dtype(fields).itemsize)
     whole = (frames["atoms"] == bodies) & (frames["processes"] == len(sizes))
     for i, size in enumerate(sizes):
         whole &= frames[f"count{i}"] == size
-    return _Dump(raw, head, sizes, frames, np.asarray(whole))
+    return frames, np.asarray(whole)
 
 
-def _chunks(raw: bytes, head: np.dtype[np.void], start: int) -> tuple[int, ...]:
-    """Number of values of each process in the frame that begins at ``start``, as far as the file is complete."""
-    if start + head.itemsize > len(raw):
-        return ()
-    (begun,), at = np.frombuffer(raw, head, 1, start), start + head.itemsize
-    sizes: list[int] = []
-    while len(sizes) < begun["processes"] and at + 4 <= len(raw):
-        sizes.append(int(np.frombuffer(raw, "i4", 1, at)[0]))
-        at += 4 + 8 * max(sizes[-1], 0)
-    return tuple(sizes)
-
-
-def _columns(dump: _Dump, columns: tuple[str, ...], samples: int) -> dict[str, Array]:
-    chunks = [dump.frames[f"values{i}"][:samples] for i in range(len(dump.sizes))]
+def _columns(frames: NDArray[np.void], columns: tuple[str, ...]) -> dict[str, Array]:
+    """Columns of whole frames by name, each of shape (frames, bodies)."""
+    chunks = [frames[name] for name in frames.dtype.names or () if name.startswith("values")]
     values = chunks[0] if len(chunks) == 1 else np.concatenate(chunks, axis=1)
-    values = values.reshape(samples, -1, len(columns))
+    values = values.reshape(len(frames), -1, len(columns))
     return {name: values[:, :, place] for place, name in enumerate(columns)}
 
 

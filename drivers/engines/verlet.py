@@ -4,21 +4,12 @@ In three dimensions its friction stores the shear displacement, as in LIGGGHTS. 
 the present contact radius; YADE stores the shear force instead.
 """
 
-from typing import Any
-
-from drivers.chain.case import Case
-from drivers.chain.elements import SIDEWAYS, STRAIGHT
+from drivers.chain.case import SIDEWAYS, STRAIGHT
 from drivers.engines import IN_OVERLAPS, Style, _in_repo
-
-
-def _timing(case: Case) -> dict[str, Any]:
-    """Time step, and steps between samples."""
-    return {"time_step_s": case.scene.time_step_s, "steps_per_sample": case.scene.steps_per_sample}
-
 
 ENGINE = _in_repo.in_repository_engine(
     "verlet",
-    _timing,
+    lambda case: {"time_step_s": case.scene.time_step_s, "steps_per_sample": case.scene.steps_per_sample},
     scheme=IN_OVERLAPS,
     models=STRAIGHT | SIDEWAYS,
     style=Style("#009e73", 1.1, (0, (1, 2))),

@@ -12,14 +12,12 @@ from drivers.base.decks import Deck
 from drivers.base.decks import render as render_template
 from drivers.base.errors import InputProblem, RunError
 from drivers.base.processes import STDOUT, line_of
-from drivers.chain.case import Case
+from drivers.chain.case import SIDEWAYS, STRAIGHT, Case
 from drivers.chain.drives import drive_words, pieces_of
-from drivers.chain.elements import SIDEWAYS, STRAIGHT
 from drivers.chain.trace import Trace, make_trace
 from drivers.engines import INCREMENTAL, Engine, Style, last_line
 from drivers.engines._raw_output import contact_forces, read_arrays
-from drivers.laws import LAWS
-from drivers.laws.viscoelastic import Viscoelastic
+from drivers.laws import LAWS, Viscoelastic
 from validation.reference.hertz_chain import loads_N
 
 COMMAND = ("yade", "-n", "-x", "chain.py")

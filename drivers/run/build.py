@@ -5,29 +5,24 @@ Two builds of one version may give different numbers, so both are part of a run'
 
 import os
 import re
+import subprocess
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from shutil import which
-from string import Template
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from drivers.base.errors import RunError
-from drivers.base.files import digest_of_json, home_of, readable, sha256_of
+from drivers.base.files import digest_of_json, readable, sha256_of
 from drivers.base.kept import keep, recall
 from drivers.base.processes import UNKNOWN_VERSION
 from drivers.base.progress import counted
 from drivers.engines import Engine
 
-SCRIPT_BYTES = 100_000  # length of a script that is searched for names of files
-WRAPPER_BYTES = 4000  # in shorter scripts each word may be the name of a program
-WRITTEN = re.compile(r">+ *\S+")  # files that a script writes
-ASSIGNED = re.compile(r"^\s*(?:export +)?(\w+)=([^\s;]+)", re.MULTILINE)  # variables of a script
-WORD = re.compile(r"""[^\s'"`;|&()\[\]{}<>=,:]+""")
-LOADED = re.compile(r"(?:calling init|initialize program): (.+)")  # output of glibc's dynamic linker
-SEARCHED = ("PATH", "LD_LIBRARY_PATH")
+WRAPPER_BYTES = 4000  # a longer script is a program of its own: its words are not names of programs
+WORD = re.compile(r"""[^\s'"`;|&()\[\]{}<>=,:$#!]+""")
+LIBRARY = re.compile(r"(/.*) \(0x[0-9a-f]+\)$", re.MULTILINE)  # in the output of ldd
 _probing = threading.Lock()
 _seen: dict[str, dict[str, Any]] = {}  # entries of the cache that this process knows, by digest of their key
 
@@ -75,25 +70,23 @@ def build_of(engine: Engine) -> Build:
         raise RunError(engine.absence)
     if engine.in_repository:  # its version contains the digest of its sources
         return Build(command, engine.version_of(command), "")
-    variables = sorted(({name: os.environ.get(name, "") for name in SEARCHED} | engine.environment).items())
-    key = ["build", engine.name, engine.entry.adapter, command, digest_of_json(variables)]  # values may be secret
+    searched = {name: os.environ.get(name, "") for name in ("PATH", "LD_LIBRARY_PATH")}
+    passed = sorted(engine.environment.items())
+    key = ["build", engine.name, engine.entry.adapter, command, digest_of_json([searched, passed])]  # maybe secret
     name = digest_of_json(key)
     with _probing:
         known = _seen.get(name) or recall(key)
-        if known and known["files"] == _dates(known["files"]):
-            _seen[name] = known
-            return Build(command, known["version"], known["sha256"])
-        with counted(f"checking the build of {engine.name}"), TemporaryDirectory() as folder:
-            version = engine.version_of(command, LD_DEBUG="files", LD_DEBUG_OUTPUT=f"{folder}/loaded")
-            loaded = "\n".join(file.read_text(errors="replace") for file in Path(folder).iterdir())
-        adapter = [engine.entry.adapter] * engine.entry.adapter.endswith(".py")
-        files = sorted(_files(engine, [*command, *adapter, *LOADED.findall(loaded)]))
-        digests = sorted(sha256_of(file) for file in files)
-        build = Build(command, version, digest_of_json([*digests, sorted(engine.environment.items())]))
-        if build.version != UNKNOWN_VERSION:  # else it is probed again the next time
-            entry = {"files": _dates(map(str, files)), "version": version, "sha256": build.sha256}
-            _seen[name] = keep(key, entry)
-    return build
+        if not known or known["files"] != _dates(known["files"]):
+            with counted(f"checking the build of {engine.name}"):
+                version = engine.version_of(command)
+                files = sorted(_files(engine, command, searched | dict(passed)))
+                dates = _dates(files)
+                digest = digest_of_json([*sorted(sha256_of(Path(file)) for file in files), passed])
+            if version == UNKNOWN_VERSION:  # the probe was disturbed: it is repeated the next time
+                return Build(command, version, digest)
+            known = keep(key, {"files": dates, "version": version, "sha256": digest})
+        _seen[name] = known
+    return Build(command, known["version"], known["sha256"])
 
 
 def _dates(files: Iterable[str]) -> dict[str, list[int]] | None:
@@ -105,27 +98,26 @@ def _dates(files: Iterable[str]) -> dict[str, list[int]] | None:
     return {file: [stat.st_size, stat.st_mtime_ns, stat.st_ino] for file, stat in stats.items()}
 
 
-def _files(engine: Engine, words: Iterable[str]) -> set[Path]:
-    """Files that words name, and files that scripts among them name."""
-    waiting, files = {Path(which(word) or word) for word in words}, set[Path]()
+def _files(engine: Engine, command: Iterable[str], variables: dict[str, str]) -> set[str]:
+    """Programs of a command, an external adapter, programs that scripts among them name, and the libraries of all."""
+    adapter = engine.entry.adapter
+    waiting, files, folders = [*command, adapter * adapter.endswith(".py")], set[str](), list[str]()
     while waiting:
-        file = waiting.pop()
-        if file in files or not (file.is_absolute() and readable(file)):
+        word = waiting.pop()
+        file = which(word) or word
+        if file in files or not (file.startswith("/") and readable(Path(file))):
             continue
-        files |= {file, *engine.libraries(file)}
-        with file.open("rb") as opened:
-            head = opened.read(SCRIPT_BYTES)
-        if head.startswith(b"#!"):
-            waiting.update(_in_script(file, head.decode(errors="replace")))
-    return files
-
-
-def _in_script(script: Path, text: str) -> Iterator[Path]:
-    """Files named in a script: paths, the same paths relative to the script's folder, and programs."""
-    variables = os.environ | {name: value.strip("\"'") for name, value in ASSIGNED.findall(text)}
-    for word in dict.fromkeys(WORD.findall(Template(WRITTEN.sub("", text)).safe_substitute(variables))):
-        if "/" in word:
-            path = home_of(word)
-            yield from (path, *(script.parent.joinpath(*path.parts[start:]) for start in range(1, len(path.parts))))
-        elif len(text) <= WRAPPER_BYTES:
-            yield Path(which(word) or word)
+        files.add(file)
+        with open(file, "rb") as opened:
+            text = opened.read(WRAPPER_BYTES + 1).decode(errors="replace")
+        if text.startswith("#!"):
+            script = text if len(text) <= WRAPPER_BYTES else text.partition("\n")[0]
+            named = WORD.findall(os.path.expandvars(script.replace("~/", "$HOME/")))
+            paths = [*filter(os.path.isabs, named)]
+            paths += [f"{folder}/{word}" for folder in (Path(file).parent, *paths) for word in named]
+            waiting += filter(which, [*named, *paths])
+            folders += filter(os.path.isdir, paths)  # it may set them as LD_LIBRARY_PATH
+    variables = variables | {"LD_LIBRARY_PATH": ":".join([*folders, variables["LD_LIBRARY_PATH"]])}
+    ldd = [which("ldd") or "true", *files]
+    listed = subprocess.run(ldd, env=variables, capture_output=True, text=True, check=False).stdout
+    return files.union(LIBRARY.findall(listed), *(map(str, engine.libraries(Path(file))) for file in files))

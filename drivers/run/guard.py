@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from drivers.base.errors import RunError, digits_apart
 from drivers.base.processes import STDERR, STDOUT, EndedProcess
 from drivers.chain.case import Case
-from drivers.chain.chain import Chain, furthest_m
-from drivers.chain.contact_law import hertz_force
+from drivers.chain.chain import Chain, furthest_m, hertz_force
 from drivers.chain.trace import Trace, with_work
 from drivers.engines import Engine
 from drivers.run.scheme import scheme_of

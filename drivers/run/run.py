@@ -20,13 +20,13 @@ from typing import Any
 from drivers.base import paths
 from drivers.base.decks import Deck
 from drivers.base.errors import InputError, RunError
-from drivers.base.files import DamagedError, read_sealed, sha256_of, write_sealed
+from drivers.base.files import DamagedError, read_file, read_sealed, sha256_of, write_sealed
 from drivers.base.processes import git, local_changes, workplace
 from drivers.base.progress import following, say
 from drivers.chain.case import Case
 from drivers.chain.trace import finite_part
 from drivers.engines import Engine, load_engine
-from drivers.limits.refusal import inability, refuse
+from drivers.limits import inability, refuse
 from drivers.run.build import Build, build_of
 from drivers.run.compute import Computed, compute
 from drivers.run.execute import execute
@@ -305,6 +305,9 @@ def import_run(source: Path, case: Case, engine_name: str, runs: Path = paths.RU
     edited = {name: _text_of(source / name) for name in deck.files}
     edits = [line for name, text in deck.files.items() for line in _edits(name, text, edited[name])]
     raw = [source / name for name in deck.raw if (source / name).is_file()]
+    for file in source.iterdir():
+        if file.exists() and not (file.is_file() or file.is_dir()):  # a reader of output would wait for ever
+            raise InputError(paths.shown(file), "", "no regular file", "files and folders")
     newest = max((source / name).stat().st_mtime for name in edited)
     for file in raw:
         if file.stat().st_mtime < newest:
@@ -337,11 +340,11 @@ def import_run(source: Path, case: Case, engine_name: str, runs: Path = paths.RU
 
 
 def _text_of(path: Path) -> str:
+    allowed = "a file of the deck, as beads render writes it, perhaps changed"
     try:
-        return path.read_text()
-    except (OSError, ValueError) as error:
+        return read_file(path, allowed).decode()
+    except (FileNotFoundError, ValueError) as error:
         found = "no such file" if isinstance(error, FileNotFoundError) else f"no readable text: {error}"
-        allowed = "a file of the deck, as beads render writes it, perhaps changed"
         raise InputError(paths.shown(path), "", found, allowed) from error
 
 

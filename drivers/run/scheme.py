@@ -17,9 +17,17 @@ from drivers.base.errors import digits_apart
 from drivers.base.tolerances import Tolerance, tolerance
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, moving_at_start
-from drivers.chain.residual import FORCE, is_at_rest, largest_change_N, largest_kinetic_J, static_load_remark
 from drivers.chain.schemes import exact_of, turned_verlet_of, verlet_in_heights, verlet_of
-from drivers.chain.trace import Trace, until, with_work
+from drivers.chain.trace import (
+    FORCE,
+    Trace,
+    is_at_rest,
+    largest_change_N,
+    largest_kinetic_J,
+    static_load_remark,
+    until,
+    with_work,
+)
 from drivers.engines import EXACT, IN_HEIGHTS, VERLET, load_engine
 
 ROUNDING_MARGIN = 10.0  # engines add in another order than the in-repo scheme: rounding errors of the same size

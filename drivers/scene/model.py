@@ -3,21 +3,101 @@
 Beads are counted from the wall, as in the paper: bead 1 rests on the wall.
 """
 
+import re
 from math import cos, isfinite, radians
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, create_model
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PrivateAttr,
+    StringConstraints,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+)
 
 from drivers.base import units
-from drivers.laws import LAWS
-from drivers.laws.law import Dissipation
-from drivers.laws.viscoelastic import Viscoelastic
-from drivers.scene.bead_entries import ByBead, InOneList, OfBead
-from drivers.scene.part import MAX_BEADS, FromWall, Name, Part, Text, Title
+from drivers.base.errors import CONTROL
+from drivers.laws import ALPHA, LAWS, Dissipation
 
 RIGID = "rigid"
 RIGID_PA = 1e40  # modulus of a rigid wall in decks: its part of 1/E* is below rounding
+MAX_BEADS = 1_000_000
+RANGE = re.compile(r" *([0-9]{1,9}) *(?:- *([0-9]{1,9}) *)?")  # of beads
+MAX_IN_RANGE = 100_000
+
+Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=60)]
+FromWall = Annotated[int, Field(ge=1, le=MAX_BEADS)]
+
+
+def _plain_text(value: str) -> str:
+    if CONTROL.search(value):
+        raise ValueError("text without control characters")
+    return value
+
+
+Title = Annotated[str, AfterValidator(_plain_text)]
+Text = Annotated[str, StringConstraints(min_length=1, max_length=1000), AfterValidator(_plain_text)]
+
+
+class Part(BaseModel):
+    """Table of the scene file: frozen, strict, no unknown keys."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+
+def places_of(value: object) -> list[object]:
+    """Beads of a ``from_wall``: one number, a range such as ``"5-9"``, or a list of both."""
+    if isinstance(value, list | tuple):
+        return [place for entry in value for place in places_of(entry)]
+    if isinstance(value, str) and (ends := RANGE.fullmatch(value)):
+        first, last = int(ends[1]), int(ends[2] or ends[1])
+        if 1 <= first <= last <= MAX_IN_RANGE:
+            return [*range(first, last + 1)]
+    return [value]  # refused by the type of the key, unless it is a number
+
+
+def _by_bead(entry: object, read: ValidatorFunctionWrapHandler) -> list[Any]:
+    """Read an entry as one entry for each of its beads; errors have the index of the entry in the file."""
+    if not isinstance(entry, dict) or "from_wall" not in entry:
+        return [read(entry)]
+    return [read(entry | {"from_wall": place}) for place in places_of(entry["from_wall"]) or [[]]]
+
+
+def _in_one_list(entries: tuple[list[Any], ...]) -> tuple[Any, ...]:
+    """Entries of all beads. Further beads of a range come last: ``chain.bead.2`` is the entry 2 of the file."""
+    for index, beads in enumerate(entries):
+        for bead in beads:
+            bead._entry = index
+    first = [beads[0] for beads in entries]
+    return (*first, *(bead for beads in entries for bead in beads[1:]))
+
+
+def _place(value: object) -> object:
+    if isinstance(value, str | list | tuple):
+        raise ValueError(f'a bead such as 5, a range such as "5-9", up to {MAX_IN_RANGE}, or a list of them')
+    return value
+
+
+Place = Annotated[FromWall, BeforeValidator(_place)]
+ByBead, InOneList = WrapValidator(_by_bead), AfterValidator(_in_one_list)
+
+
+class OfBead(Part):
+    """Entry of one bead; a range in the file becomes an entry for each of its beads."""
+
+    from_wall: Place = Field(description='bead, "5-9", or list')
+    _entry: int = PrivateAttr(default=0)
+
+    @property
+    def entry(self) -> int:
+        """Index of the entry in the file, for messages."""
+        return self._entry
+
 
 PoissonRatio = Annotated[float, Field(ge=0, lt=0.5, allow_inf_nan=False)]
 Friction = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
@@ -28,7 +108,7 @@ def _accuracy(value: object) -> object:
     if not all(
         isinstance(number, int | float) and not isinstance(number, bool) and 0 < number < 1 for number in numbers
     ):
-        raise units.NotAllowedError(
+        raise ValueError(
             "an error above 0 and below 1, such as 1e-4 for the force, or { wall_peak = 1e-3 } for an observable"
         )
     return value
@@ -40,7 +120,7 @@ Accuracy = Annotated[float | dict[str, float], BeforeValidator(_accuracy)]
 def _number_with_unit(value: object) -> object:
     plain = isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
     if not plain and not (isinstance(value, str) and units.NUMBER_AND_UNIT.fullmatch(value)):
-        raise units.NotAllowedError('a number with its unit, such as "2.1 N/V", or a plain number without a unit')
+        raise ValueError('a number with its unit, such as "2.1 N/V", or a plain number without a unit')
     return value
 
 
@@ -158,12 +238,27 @@ class Tube(Part):
     top: units.Height | None = Field(default=None, description="height of the upper end; else above all bodies")
 
 
-class ContactTable(Part):
+class Contact(Part):
     """Friction of contacts, and their law of dissipation (``drivers.laws``) with its keys; elastic by default."""
 
-    dissipation: str
+    dissipation: Literal["hunt-crossley", "kuwabara-kono", "power", "viscoelastic"] = Field(
+        default="viscoelastic", description="law of dissipation"
+    )
     friction: Friction = Field(default=0.0, description="friction of beads, wall and striker")
     rotation: bool = Field(default=True, description="false: beads do not spin")
+    slowness: units.Slowness | None = Field(default=None, description="a of hunt-crossley")
+    relaxation: units.Duration | None = Field(default=None, description="A of kuwabara-kono")
+    gamma: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = Field(
+        default=None, description="coefficient in N (s/m)^alpha"
+    )
+    alpha: Annotated[float, Field(ge=1, le=3)] | None = Field(
+        default=None, description=f"exponent of the speed; else {ALPHA}"
+    )
+    # about equivalent limits; with stronger damping bodies stick together
+    restitution: Annotated[float, Field(ge=1e-4, le=1, allow_inf_nan=False)] | None = Field(
+        default=None, description="restitution of an impact"
+    )
+    damping_ratio: Annotated[float, Field(ge=0, le=50)] | None = Field(default=None, description="damping ratio B")
 
     @property
     def given(self) -> dict[str, float]:
@@ -179,15 +274,7 @@ class ContactTable(Part):
     @property
     def elastic(self) -> "Contact":
         """This contact without dissipation."""
-        return self.model_copy(update=dict.fromkeys(self.given) | {"dissipation": Viscoelastic.name})
-
-
-if TYPE_CHECKING:
-    Contact = ContactTable
-else:
-    _keys: dict[str, Any] = {key: (kind | None, None) for law in LAWS.values() for key, kind in law.keys.items()}
-    _name = (Literal[tuple(LAWS)], Field(default=Viscoelastic.name, description="law of dissipation"))
-    Contact = create_model("Contact", __base__=ContactTable, __module__=__name__, dissipation=_name, **_keys)
+        return self.model_copy(update=dict.fromkeys(self.given) | {"dissipation": "viscoelastic"})
 
 
 class DriveTable(Part):
@@ -277,7 +364,7 @@ class SceneFile(Part):
     striker: Striker | None = Field(default=None, description="body that strikes the top bead")
     wall: Wall | None = Field(default=None, description="half-space below bead 1")
     tube: Tube | None = Field(default=None, description="bore around the beads")
-    contact: Contact = Field(default=Contact(dissipation=Viscoelastic.name), description="friction and dissipation")
+    contact: Contact = Field(default=Contact(), description="friction and dissipation")
     drive: DriveTable | None = Field(default=None, description="driven body")
     sensor: Gauge | None = Field(default=None, description="electronics of gauges")
     materials: dict[Name, Material] = Field(default_factory=dict, description="materials of this scene")

@@ -1,8 +1,9 @@
-"""Reading of scene files with settings; each error message is one line."""
+"""Reading of scene files with settings, and of files of drives; each error message is one line."""
 
 import tomllib
 from collections.abc import Iterator
 from functools import cache
+from math import nan
 from pathlib import Path
 from types import GenericAlias
 from typing import Any, TypeVar
@@ -11,16 +12,21 @@ from pydantic import Field, create_model
 
 from drivers.base import paths, units
 from drivers.base.errors import InputError, InputProblem, refuse_any
+from drivers.base.files import read_file
 from drivers.base.messages import model_at, shorten, validate
-from drivers.scene.drive_rules import with_points
-from drivers.scene.model import RIGID, Bead, Material, Member, Scene, SceneFile
-from drivers.scene.part import Part
-from drivers.scene.scene_rules import contradictions, problems_of_alternatives
+from drivers.scene.model import RIGID, Bead, DriveTable, Material, Member, Part, Scene, SceneFile, StoredDrive
+from drivers.scene.rules import contradictions, problems_of_alternatives
 
 NAME_RULE = "a name of letters, digits, '-', '_' and '.', beginning with a letter or digit"
 STEP_TOLERANCE = 1e-9  # relative; accepts steps written with ten digits
 MAX_STEPS = 2**31 - 1  # LIGGGHTS counts steps in 32 bits
 MAX_VALUES = 100_000_000  # samples x contacts; a run and its assessment take 150 bytes of memory for each
+# files of drives
+VALUES = {"force": "force_N", "displacement": "displacement_m"}  # first words of headings and keys of stored values
+SI = {"time": "s", "force": "N", "displacement": "m"}
+LEAST_S, LARGEST = 1e-300, 1e9  # in SI units
+HEADINGS = "two headings with units, such as time_us,force_mN or time_us,displacement_nm"
+MAX_POINTS = 100_000
 Entry = TypeVar("Entry", bound=Part)
 
 
@@ -181,14 +187,10 @@ def read_toml(path: Path) -> dict[str, Any]:
         InputError: the file cannot be read, or does not contain TOML in UTF-8.
     """
     where = paths.shown(path)
-    if not path.exists():
-        raise InputError(where, "", "file not found")
-    if not path.is_file():
-        raise InputError(where, "", "a directory" if path.is_dir() else "a device or a pipe", "a TOML file")
     try:
-        return tomllib.loads(path.read_bytes().decode("utf-8"))
-    except OSError as error:
-        raise InputError(where, "", f"file cannot be read: {error.strerror or error}") from error
+        return tomllib.loads(read_file(path, "a TOML file").decode("utf-8"))
+    except FileNotFoundError as error:
+        raise InputError(where, "", "file not found") from error
     except UnicodeDecodeError as error:
         raise InputError(where, "", f"byte 0x{error.object[error.start]:02x} at {error.start}", "UTF-8 text") from error
     except (ValueError, RecursionError) as error:  # TOMLDecodeError, and numbers too long to read
@@ -266,3 +268,60 @@ def _bad_times(file: SceneFile, steps_per_sample: int, samples: float) -> Iterat
     if samples * contacts > MAX_VALUES:
         allowed = f"at most {MAX_VALUES:,} samples times contacts; use a longer interval or a shorter duration"
         yield "run.sample_interval", f"{samples:.3g} samples of {contacts} contacts", allowed
+
+
+def with_points(drive: DriveTable, folder: Path, where: str) -> StoredDrive:
+    """Drive with the points of its file, if it has one.
+
+    Args:
+        drive: table of the scene.
+        folder: folder of the scene file.
+        where: scene as messages name it.
+
+    Raises:
+        InputError: the file is missing or has no such table of numbers, times do not increase from 0 on, or a first
+            displacement is not 0.
+    """
+    values = {key: getattr(drive, key) for key in DriveTable.model_fields}
+    if drive.file is not None:
+        path = folder / drive.file
+        try:
+            values |= _points(path)
+        except FileNotFoundError as error:
+            found, allowed = f"no such file: {paths.shown(path)}", f"a CSV file, relative to {paths.shown(folder)}"
+            raise InputError(where, "drive.file", found, allowed) from error
+    return StoredDrive.model_construct(**values)
+
+
+def _points(path: Path) -> dict[str, tuple[float, ...]]:
+    """Times and values of a file by key of ``StoredDrive``, in SI units; lines with # are comments."""
+    shown = paths.shown(path)
+    try:
+        lines = read_file(path, "a CSV file").decode("utf-8-sig").splitlines()
+    except ValueError as error:
+        raise InputError(shown, "", f"a file that cannot be read: {error}", "CSV text in UTF-8") from error
+    rows = [(n, line.split(",")) for n, line in enumerate(lines, 1) if line.strip() and not line.startswith("#")]
+    headings = [tuple(cell.strip().partition("_")[::2]) for cell in rows[0][1]] if rows else []
+    name = next((key for key in VALUES if [word for word, _ in headings] == ["time", key]), None)
+    if name is None:
+        raise InputError(shown, "line 1", shorten(lines[0] if lines else ""), HEADINGS)
+    try:
+        factors = [units.to_si(f"1 {unit}", SI[word]) for word, unit in headings]
+    except ValueError as error:
+        raise InputError(shown, f"line {rows[0][0]}", shorten(lines[rows[0][0] - 1]), HEADINGS) from error
+    if not 2 < len(rows) <= MAX_POINTS:
+        raise InputError(shown, "", f"{len(rows) - 1} rows of numbers", f"2 to {MAX_POINTS:,} rows")
+    points, last = list[tuple[float, float]](), -LEAST_S
+    for n, cells in rows[1:]:
+        try:
+            time, value = (float(cell) * factor for cell, factor in zip(cells, factors, strict=True))
+        except ValueError:
+            time = value = nan
+        if not (last < time < LARGEST and abs(value) < LARGEST):
+            raise InputError(shown, f"line {n}", shorten(",".join(cells)), "two numbers, times that increase from 0")
+        points.append((time, value))
+        last = time
+    if name == "displacement" and points[0][1] != 0:
+        raise InputError(shown, name, f"{points[0][1]:g} m first", "0 first, the displacement at time 0")
+    times, values = zip(*points, strict=True)
+    return {"time_s": times, VALUES[name]: values}

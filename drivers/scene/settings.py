@@ -1,4 +1,4 @@
-"""Differences between scenes as settings of ``--set``, with units."""
+"""Keys of scenes: their units, values and meaning, and differences between scenes as settings of ``--set``."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -14,6 +14,9 @@ from drivers.scene.read_scene import library
 
 DERIVED = ("units", "name", "steps_per_sample", "samples")  # not in scene files
 FREE_TEXT = ("source",)
+WORDS = {"boolean": "true or false", "string": "text", "object": "table"}  # by type of a JSON schema
+ENDS = ("minimum", "maximum", "exclusiveMaximum")
+Schema = dict[str, Any]
 
 
 def settings_between(scene: dict[str, Any], base: dict[str, Any]) -> dict[str, str]:
@@ -44,7 +47,7 @@ def differences(first: Any, second: Any, path: str = "") -> Iterator[tuple[str, 
     """Keys whose values differ between two scenes, with both values; a table missing in one scene is one key."""
     if isinstance(first, dict) and isinstance(second, dict):
         for key in dict.fromkeys([*first, *second]):
-            if key not in (FREE_TEXT if path else DERIVED):
+            if key not in (FREE_TEXT if path else DERIVED) or isinstance(first.get(key), dict):  # a material "source"
                 yield from differences(first.get(key), second.get(key), f"{path}.{key}" if path else key)
     elif isinstance(first, list) and isinstance(second, list) and len(first) == len(second):
         for index, values in enumerate(zip(first, second, strict=True)):
@@ -54,30 +57,30 @@ def differences(first: Any, second: Any, path: str = "") -> Iterator[tuple[str, 
 
 
 def setting_text(key: str, value: Any) -> str:
-    """Text of a value in a setting; numbers are given in SI units."""
+    """Text of a value in a setting; numbers are given in SI units, and free text in tables is left out."""
     if value is None or isinstance(value, str):
         return value or ""
-    unit = unit_of(key)
-    return units.quantity(value, unit) if unit and isinstance(value, float) else _toml(key, value)
+    return _quantity(key, value) or _toml(key, value)
 
 
 def setting_texts(settings: Mapping[str, Any]) -> tuple[str, ...]:
     """``KEY=VALUE`` texts of settings by key; numbers are given in SI units, None removes the key."""
-    texts = []
-    for key, value in settings.items():
-        number = unit_of(key) and isinstance(value, (int, float))
-        texts.append(f"{key}={setting_text(key, float(value) if number else value)}")
-    return tuple(texts)
+    return tuple(f"{key}={setting_text(key, value)}" for key, value in settings.items())
+
+
+def _quantity(key: str, value: Any) -> str:
+    """Number with the unit of its key; empty for other values."""
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return units.quantity(float(value), unit) if number and (unit := unit_of(key)) else ""
 
 
 def _toml(key: str, value: Any) -> str:
-    """TOML text of a value, with its unit; free text is left out."""
     if isinstance(value, dict):
-        table = {name: entry for name, entry in value.items() if name not in FREE_TEXT}
-        return "{" + ", ".join(f"{name}={_toml(f'{key}.{name}', entry)}" for name, entry in table.items()) + "}"
+        entries = (f"{name}={_toml(f'{key}.{name}', entry)}" for name, entry in value.items() if name not in FREE_TEXT)
+        return f"{{{', '.join(entries)}}}"
     if isinstance(value, list):
-        return "[" + ", ".join(_toml(f"{key}.{index}", entry) for index, entry in enumerate(value)) + "]"
-    return json.dumps(units.quantity(value, unit) if isinstance(value, float) and (unit := unit_of(key)) else value)
+        return f"[{', '.join(_toml(f'{key}.{index}', entry) for index, entry in enumerate(value))}]"
+    return json.dumps(_quantity(key, value) or value)
 
 
 @cache
@@ -100,3 +103,43 @@ def look_up(tables: Any, key: str) -> Any:
         else:
             tables = getattr(tables, part, None) if isinstance(tables, BaseModel) else None
     return tables
+
+
+def key_rows(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, ...]]:
+    """Row of each key of a model, and after the key of a table the rows of its own keys, with dots between names."""
+    schema = model.model_json_schema()
+    return _rows(schema, schema.get("$defs", {}), prefix)
+
+
+def _rows(table: Schema, tables: Schema, prefix: str) -> Iterator[tuple[str, ...]]:
+    """Rows of the keys of a table, from its JSON schema and those of all ``tables`` by name."""
+    for name, field in table["properties"].items():
+        kinds = [kind for kind in field.get("anyOf", [field]) if kind.get("type") != "null"]
+        key, default = f"{prefix}{name}", field.get("default")
+        empty = default in (None, "", []) or isinstance(default, dict)
+        text = "" if empty else _number(default) if isinstance(default, float) else json.dumps(default)
+        text = "required" if name in table.get("required", ()) else text
+        yield key, " or ".join(dict.fromkeys(map(_values, kinds))), text, field.get("description", "")
+        for kind in kinds:
+            for inner in (kind, kind.get("items", {}), *kind.get("patternProperties", {}).values()):
+                if "$ref" in inner:
+                    free = "NAME." if "patternProperties" in kind else ""
+                    yield from _rows(tables[inner["$ref"].rpartition("/")[2]], tables, f"{key}.{free}")
+
+
+def _values(kind: Schema) -> str:
+    """Range, choices or type of a key, from its JSON schema."""
+    if "enum" in kind:
+        return ", ".join(map(json.dumps, kind["enum"]))
+    if kind.get("type") == "array":
+        entries = "tables" if "$ref" in kind["items"] else ", ".join(map(json.dumps, kind["items"].get("enum", ())))
+        return f"list of {entries}" if entries else "list"
+    least, most, below = (_number(kind[end]) if end in kind else "" for end in ENDS)
+    if most or below:
+        return f"{least}..{most} {kind.get('unit', '')}".rstrip() if most else f"{least} to below {below}"
+    return f"{least} or more" if least else WORDS.get(kind.get("type", "object"), "number")
+
+
+def _number(number: float) -> str:
+    """Short text of a number that TOML can read, such as 1e-9."""
+    return f"{number:g}".replace("e+0", "e").replace("e+", "e").replace("e-0", "e-")

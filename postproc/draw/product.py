@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from drivers.base.files import csv_of, sealed_file
+from drivers.base.files import csv_of, whole_file
 from drivers.chain.chain import Array
 from drivers.chain.trace import CONTACT, Trace
 from postproc.draw.style import COLUMN_IN, MICRO, finish_bar, force_colours, pyplot
@@ -56,7 +56,7 @@ def write_product(product: Product, name: str, folder: Path) -> list[Path]:
     """Writes ``name.csv``, ``name.png`` and ``name.svg``, each whole or not at all, and the spacetime diagram."""
     folder.mkdir(parents=True, exist_ok=True)
     table = folder / f"{name}.csv"
-    with sealed_file(table) as draft:
+    with whole_file(table) as draft:
         draft.write_bytes(csv_of(product.table))
     written = [table, *write_figure(product.figure, name, folder)]
     if product.chains:
@@ -72,7 +72,7 @@ def write_figure(figure: Any, name: str, folder: Path) -> list[Path]:
     figure.set_layout_engine("none")
     edges = figure.get_tightbbox().padded(plt.rcParams["savefig.pad_inches"])
     for path, (ending, metadata) in zip(written, METADATA.items(), strict=True):
-        with sealed_file(path) as draft, plt.rc_context({"svg.hashsalt": name}):
+        with whole_file(path) as draft, plt.rc_context({"svg.hashsalt": name}):
             figure.savefig(draft, format=ending, dpi=DPI, bbox_inches=edges, metadata=metadata)
     plt.close(figure)
     return written

@@ -15,8 +15,7 @@ from matplotlib.patches import Circle, Rectangle
 from matplotlib.text import Annotation, Text
 from matplotlib.transforms import Affine2D
 
-from drivers.chain.chain import Array, Chain
-from drivers.chain.masses import ordinary_beads
+from drivers.chain.chain import Array, Chain, ordinary_beads
 from drivers.scene.model import RIGID, Scene
 from postproc.draw.style import COLUMN_IN, GREY, pyplot
 

@@ -9,8 +9,7 @@ import pandas as pd
 
 from drivers.chain.case import Layout
 from drivers.chain.chain import Array
-from drivers.chain.residual import residual
-from drivers.chain.trace import Trace
+from drivers.chain.trace import Trace, residual
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
 from postproc.draw.style import GREY, MICRO, draw_codes, drawing_order, letter_panel, pyplot

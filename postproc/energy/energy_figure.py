@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from drivers.base.files import sealed_file
+from drivers.base.files import whole_file
 from drivers.chain.trace import numbered_table
 from drivers.run.run_folder import COMPRESSED
 from postproc.draw.product import Product, Quantity, draw_cells
@@ -50,5 +50,5 @@ def write_energies(energies: Energies, path: Path) -> None:
         "contact_{}_elastic_J": energies.elastic_J,
         "contact_{}_dissipated_J": energies.dissipated_J,
     }
-    with sealed_file(path) as draft:
+    with whole_file(path) as draft:
         write_table(numbered_table(energies.time_s, columns), draft, **COMPRESSED)

@@ -14,8 +14,7 @@ from math import pi, sqrt
 import numpy as np
 
 from drivers.chain.case import Case
-from drivers.chain.chain import Array, Chain
-from drivers.chain.contact_law import contact_stiffness, contact_stiffness_at
+from drivers.chain.chain import Array, Chain, contact_stiffness, contact_stiffness_at
 
 MAX_BEADS = 5_000  # with modes; all shapes of 5,000 beads take 200 MB
 PHASES = 101  # of the dispersion curve

@@ -7,7 +7,7 @@ from pydantic import Field
 
 from drivers.base import paths
 from drivers.base.messages import validate
-from drivers.scene.part import Part
+from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml
 from postproc.paper.quoted import Positive
 

@@ -10,9 +10,7 @@ from math import pi, sqrt
 import numpy as np
 
 from drivers.chain.case import Case
-from drivers.chain.chain import Array
-from drivers.chain.contact_law import hertz_force, hertz_overlap
-from drivers.chain.masses import bead_mass
+from drivers.chain.chain import Array, bead_mass, hertz_force, hertz_overlap
 from drivers.scene.model import Member
 
 

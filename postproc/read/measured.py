@@ -97,11 +97,11 @@ def read_measured(
     """
     assert entry.file is not None  # checked by the rules of the scene
     path = folder / entry.file
-    if not path.is_file():
-        found = "a folder" if path.is_dir() else "no such file"
-        allowed = f"a CSV file, relative to {paths.shown(folder)}"
-        raise InputError(where, f"{key}.file", f"{found}: {paths.shown(path)}", allowed)
-    columns = read_scope_file(path)
+    try:
+        columns = read_scope_file(path)
+    except FileNotFoundError as error:
+        found, allowed = f"no such file: {paths.shown(path)}", f"a CSV file, relative to {paths.shown(folder)}"
+        raise InputError(where, f"{key}.file", found, allowed) from error
     time = _time(columns, entry, where, f"{key}.time")
     chosen = _gauge_columns(columns, entry, gauges, where, f"{key}.gauges")
     scale, _ = _unit(time, entry.time_unit, {TIME: "time"}, where, f"{key}.time_unit")

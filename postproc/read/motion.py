@@ -23,7 +23,7 @@ def chain_of(run: EndedRun) -> tuple[Scene, Chain]:
         scene = stored_scene(run.record.scene)
         chain = build_chain(scene)
         if scene.three_dimensional:
-            from drivers.chain.lateral_start import with_lateral  # imports scipy
+            from drivers.chain.lateral import with_lateral  # imports scipy
 
             chain = with_lateral(scene, chain)
         if not np.isfinite([*chain.mass_kg, *chain.stiffness, *chain.velocity_m_s, *chain.load_N]).all():

@@ -16,8 +16,7 @@ from math import isnan
 import numpy as np
 
 from drivers.chain.case import Layout
-from drivers.chain.residual import is_at_rest
-from drivers.chain.trace import Trace, energy_error_J
+from drivers.chain.trace import Trace, energy_error_J, is_at_rest
 from postproc.read.sensors import going_up, sensor_signals
 from postproc.read.signals import ENVELOPE_MAXIMA, ONSET, integral, peaks, pulses, rising_crossing, train_envelope
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from drivers.base import paths
 from drivers.base.errors import InputError
+from drivers.base.files import read_file
 from drivers.base.messages import shorten
 from drivers.base.units import to_si
 from drivers.chain.chain import Array
@@ -128,10 +129,7 @@ def numbers_of(column: Column) -> Array:
 
 def _text(path: Path) -> str:
     """Text of a file, with line feeds alone at the ends of lines and without comments."""
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(paths.shown(path), "", str(error), "a file that can be read") from error
+    data = read_file(path, "a CSV file")
     try:
         text = data.decode("utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
     except UnicodeDecodeError:

@@ -31,8 +31,7 @@ from drivers.base.kept import keep, recall
 from drivers.base.text_table import text_table
 from drivers.base.tolerances import Tolerance, tolerance
 from drivers.chain.case import Case
-from drivers.chain.residual import FORCE, is_at_rest, share_of_change
-from drivers.chain.trace import Trace, until, with_work
+from drivers.chain.trace import FORCE, Trace, is_at_rest, share_of_change, until, with_work
 from drivers.engines import EXACT, load_engine
 from drivers.run.run_folder import EndedRun
 from drivers.run.scheme import COMPARED, field_of, judged_until, largest_difference

@@ -13,7 +13,7 @@ from drivers.base.kept import keep, recall
 from drivers.base.progress import say
 from drivers.chain.case import Case, build_case
 from drivers.engines import EXACT, Engine, engine_names, installed, load_engine
-from drivers.limits.refusal import inability
+from drivers.limits import inability
 from drivers.run.build import Build, build_of
 from drivers.run.compute import compute
 from drivers.run.run import run_identity

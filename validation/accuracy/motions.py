@@ -24,9 +24,8 @@ import numpy as np
 
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
-from drivers.chain.residual import FORCE, largest_change_N, share_of_change
 from drivers.chain.schemes import exact_of, verlet_of
-from drivers.chain.trace import Trace, part_of, until
+from drivers.chain.trace import FORCE, Trace, largest_change_N, part_of, share_of_change, until
 from drivers.engines import EXACT, VERLET, load_engine
 from drivers.run.scheme import COMPARED, FIELDS, Scheme, largest_difference, scale_of_motion, scheme_of
 from postproc.read.observables import describe, observe, scale_of, without_unit

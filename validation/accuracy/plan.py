@@ -14,14 +14,13 @@ from typing import Any, NoReturn
 import numpy as np
 
 from drivers.base.errors import InputError
-from drivers.chain.case import Case, StepPlan, build_case
+from drivers.base.progress import counted
+from drivers.chain.case import Case, StepPlan, build_case, choose_elements
 from drivers.chain.chain import arrays_of, build_chain
-from drivers.chain.elements import choose_elements
-from drivers.chain.residual import FORCE, share_of_change
 from drivers.chain.schemes import exact_of, verlet_in_heights
+from drivers.chain.trace import FORCE, share_of_change
 from drivers.engines import VERLET
-from drivers.limits.refusal import unattainable
-from drivers.limits.stable_step import EXACT_SHARE, resolved_trial, why_unstable
+from drivers.limits import EXACT_SHARE, resolved_trial, unattainable, why_unstable
 from drivers.run.scheme import COMPARED, Scheme
 from drivers.scene.model import Scene
 from drivers.scene.read_scene import MAX_STEPS, read_scene
@@ -47,7 +46,7 @@ def _with(scene: Scene, **changes: object) -> Scene:
     return scene.model_copy(update={"chain": scene.chain.model_copy(update=changes)})
 
 
-# functions that remove an element of ``drivers.chain.elements`` from a scene
+# functions that remove an element of ``drivers.chain.case`` from a scene
 REMOVALS: dict[str, Callable[[Scene], Scene]] = {
     "gravity": lambda scene: scene.model_copy(update={"gravity": 0.0}),
     "precompression": lambda scene: _with(scene, precompression=0.0),
@@ -283,5 +282,6 @@ def plan_case(case: Case) -> Case:
         return case
     by_quantity = accuracy if isinstance(accuracy, dict) else {FORCE: accuracy}
     asked = {without_unit(name): share for name, share in by_quantity.items()}
-    chosen, plan = Chooser(simplify(case, asked), asked).choose(asked)
+    with counted(f"planning {case.scene.name}"):
+        chosen, plan = Chooser(simplify(case, asked), asked).choose(asked)
     return replace(chosen, plan=plan)

@@ -9,10 +9,9 @@ from drivers.base.errors import InputError
 from drivers.base.kept import kept
 from drivers.base.text_table import text_table
 from drivers.chain.case import Case
-from drivers.chain.residual import FORCE, is_at_rest
+from drivers.chain.trace import FORCE, is_at_rest
 from drivers.engines import TOTAL, VERLET, installed, load_engine
-from drivers.limits.refusal import inability, refuse_depth
-from drivers.limits.stable_step import CRITERIA, step_limit, until_words, why_unstable
+from drivers.limits import CRITERIA, inability, refuse_depth, step_limit, until_words, why_unstable
 from drivers.run.scheme import scheme_of
 from postproc.read.measured import read_traces
 from postproc.read.observables import of_kind

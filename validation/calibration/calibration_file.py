@@ -9,7 +9,7 @@ from pydantic import Field
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.messages import validate
-from drivers.scene.part import Part
+from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml
 
 Texts = Annotated[tuple[str, ...], Field(strict=False)]

@@ -12,7 +12,7 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.chain.case import Case, build_case
 from drivers.engines import REFERENCE
-from drivers.limits.refusal import inability
+from drivers.limits import inability
 from drivers.scene.model import MeasuredEntry, Scene
 from drivers.scene.read_scene import apply_setting, find_scene, make_scene, read_scene, read_toml
 from drivers.scene.settings import look_up, unit_of

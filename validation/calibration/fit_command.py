@@ -16,8 +16,8 @@ from drivers.base.text_table import text_table
 from drivers.chain.case import build_case
 from drivers.chain.chain import Array
 from drivers.engines import codes
-from drivers.limits.refusal import inability
-from drivers.scene.bead_entries import places_of
+from drivers.limits import inability
+from drivers.scene.model import places_of
 from drivers.scene.read_scene import read_scene
 from postproc.read.observables import describe, without_unit
 from validation.calibration.calibration_file import calibration_file

@@ -26,6 +26,7 @@ from validation.calibration.draw import draw_parameters
 from validation.calibration.free import GAIN, TRIGGER
 from validation.calibration.outcome import DatumRow, FitRow, Outcome, Parameter, value_text
 from validation.chapters import write_table
+from validation.report.page_figures import write_part
 
 PARAMETERS, DATA, LAWS, PREDICTIONS = "parameters", "data", "laws", "predictions"
 README = "README.md"
@@ -93,7 +94,8 @@ def write_folder(
         write_table(draft / f"{DATA}.csv", DatumRow, [row for solved in outcomes.values() for row in solved.data])
         write_table(draft / f"{LAWS}.csv", FitRow, [solved.row for solved in outcomes.values()])
         write_table(draft / f"{PREDICTIONS}.csv", DatumRow, predictions)
-        write_figure(draw_parameters(parameters), PARAMETERS, draft)
+        figure = write_figure(draw_parameters(parameters), PARAMETERS, draft)
+        write_part(folder.name, results, {}, figure)
         fitted, remarks = dict[str, list[Path]](), list[str]()
         for law, outcome in outcomes.items():
             fitted[law], said = _scenes(request, law, outcome, draft)

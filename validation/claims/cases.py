@@ -18,7 +18,7 @@ from drivers.base.messages import shorten
 from drivers.batch.study import read_study, seen_from
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace
-from drivers.scene.part import Name, Part
+from drivers.scene.model import Name, Part
 from drivers.scene.read_scene import apply_setting, read_entries
 from validation.accuracy.plan import plan_case, planned_case
 from validation.claims.measures import (

@@ -11,7 +11,7 @@ from pydantic import Field
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.messages import shorten, validate
-from drivers.scene.part import Part
+from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml
 from postproc.paper.quoted import quoted
 from validation.claims import dissipation, equations, single_waves, trains

@@ -77,14 +77,16 @@ def checks_in(tables: Tables) -> tuple[list[JudgedClaim], list[Check]]:
             right = pass_or_fail(check.value, check.limit)
         if check.verdict != right:
             wrong = f"{check.verdict} of {check.scene} on {check.engine}: {check.value:g}, allowed {check.limit:g}"
-            raise InputError("claims.csv", "verdict", wrong, f"{right}; run make claims")
+            raise InputError("parts/claims.json", "verdict", wrong, f"{right}; run make claims")
         (of_claim[claim.id] if claim else cases).append(check)
     if not any(of_claim.values()):
         return [], cases
     for name, claim in claims.items():
         known = {quantity_of(claim, reading) for reading in claim.readings or [claim.favoured]}
         if {check.quantity for check in of_claim[name] if check.engine == REFERENCE} != known:
-            raise InputError("claims.csv", "scene", f"other claims than in {paths.shown(paths.CLAIMS)}; {REMEDY}")
+            raise InputError(
+                "parts/claims.json", "scene", f"other claims than in {paths.shown(paths.CLAIMS)}; {REMEDY}"
+            )
     return [(claim, of_claim[name]) for name, claim in claims.items()], cases
 
 
@@ -147,7 +149,7 @@ def section(tables: Tables) -> dict[str, Any]:
     """
     (judged, checks), entries = checks_in(tables), read_independent()
     if not judged or list(dict.fromkeys(check.scene for check in checks)) != [entry.id for entry in entries]:
-        raise InputError("claims.csv", "scene", f"other claims or cases than the shipped ones; {REMEDY}")
+        raise InputError("parts/claims.json", "scene", f"other claims or cases than the shipped ones; {REMEDY}")
     physics = [pair for pair in judged if pair[0].kind != ARITHMETIC]
     return {
         "headline": headline(judged),

@@ -13,7 +13,7 @@ from validation.commands import options
 from validation.commands.options import at_least_one, command, option, print_paths
 
 if TYPE_CHECKING:
-    from drivers.batch.study_cases import Request
+    from drivers.batch.rows import Methods, Request
 
 
 def _slice(text: str) -> tuple[int, int]:
@@ -26,15 +26,20 @@ def _slice(text: str) -> tuple[int, int]:
 def request_of(
     study: str | Path, runs: Path, engines: Sequence[str] = (), patterns: Sequence[str] = (), *, retry: bool = False
 ) -> "Request":
-    """Request for a study, with the functions of higher packages that a batch calls."""
-    from drivers.batch.study_cases import Request
+    """Request for a study."""
+    from drivers.batch.rows import Request
     from drivers.engines._entries import entry_files
+
+    return Request(study, runs.absolute(), tuple(engines), tuple(patterns), retry=retry, entries=entry_files())
+
+
+def methods() -> "Methods":
+    """Functions of higher packages that a batch calls."""
+    from drivers.batch.rows import Methods
     from postproc.read.observables import not_shown, observe
     from validation.accuracy.plan import plan_case
 
-    functions, chosen = (plan_case, observe), (tuple(engines), tuple(patterns))
-    files = entry_files()
-    return Request(study, runs.absolute(), *functions, *chosen, retry=retry, entries=files, not_shown=not_shown)
+    return Methods(plan_case, observe, not_shown)
 
 
 @command("sensitivity", "wall-material --engine verlet --workers 2 --dry-run", "sensitivity --slurm --wait")
@@ -94,38 +99,40 @@ def batch(
     if workers and (part or slurm):
         raise InputError("--workers", "", f"not allowed with {places[0]}")
     from drivers.base.processes import cores
-    from drivers.batch.study_commands import JobArray, run_part
+    from drivers.batch.job_array import JobArray
     from drivers.batch.study_commands import batch as run_study
+    from drivers.batch.study_commands import run_part
     from drivers.run.execute import Place
 
     request = replace(request_of(study, runs, engines, patterns, retry=retry), elsewhere=slurm)
     if part:
-        return run_part(request, *part)
+        return run_part(request, methods(), *part)
     place = Place(workers or cores(), processes=not dask, dask=dask)
     array = JobArray(wait, slices, slurm_lines) if slurm else None
-    return run_study(request, results, place, array, dry_run=dry_run, yes=yes)
+    return run_study(request, methods(), results, place, array, dry_run=dry_run, yes=yes)
 
 
 @command("sensitivity", "speed-amplitude --x bead_5_amplitude --y speed_9_to_5 --log")
 @options.STUDY
+@options.RUNS
 @options.RESULTS
 @option("--x", "COLUMN", "Draw --y against this column of the table.", default="")
 @option("--y", "COLUMN", "Column of numbers; a name may be without its unit.", default="")
 @option("--log", "", "Make the axes of --x and --y logarithmic.")
 @option("--power-law", "", "Fit y = C x^n to each curve of each engine.")
-def study(study: str, results: Path, x: str, y: str, log: bool, power_law: bool) -> None:
-    """Draw the table of a finished study, or two of its columns."""
+def study(study: str, runs: Path, results: Path, x: str, y: str, log: bool, power_law: bool) -> None:
+    """Draw the rows of a study, or two columns of its table."""
     given = {"--x": x, "--y": y, "--log": log, "--power-law": power_law}
     missing = [name for name in ("--x", "--y") if not given[name]]
     if missing and any(given.values()):
         raise InputError(next(filter(given.get, given)), "", f"needs {' and '.join(missing)}")
     from drivers.batch.study import column_name, read_study
-    from drivers.batch.study_table import read_study_table
+    from drivers.batch.tables import read_study_table
     from postproc.draw.product import write_product
     from postproc.draw.study_figure import column_of, draw_study, draw_tornado
     from postproc.read.labels import key_label
 
-    swept, table = read_study(study), read_study_table(study, results)
+    swept, table = read_study(study), read_study_table(study, runs)
     columns = {name: column_name(name, key) for name, key in swept.columns.items()}
     labels = {columns[name]: key_label(name, key) for name, key in swept.columns.items()}
     name, title = f"{swept.name}-figure", swept.file.title or swept.name
@@ -148,7 +155,9 @@ def study(study: str, results: Path, x: str, y: str, log: bool, power_law: bool)
 @options.ONLY
 @options.RUNS
 @option(
-    "--list every", "", "Print the state of each case: done, failed, timeout, stale, claimed, to do, not installed."
+    "--list every",
+    "",
+    "Print the state of each case: done, failed, timeout, refused, stale, claimed, to do, not installed.",
 )
 def status(study: str, engines: tuple[str, ...], patterns: tuple[str, ...], runs: Path, every: bool) -> int:
     """Count the rows of a study by state."""
@@ -167,4 +176,4 @@ def show(study: str, case: int, engines: tuple[str, ...], runs: Path) -> int:
     from drivers.batch.study_commands import show as show_case
     from validation.accuracy.budget import assess
 
-    return show_case(request_of(study, runs, engines), case, assess)
+    return show_case(request_of(study, runs, engines), methods(), case, assess)

@@ -6,18 +6,18 @@ import drivers.environment  # noqa: F401 - checks the environment before further
 import errno
 import os
 import re
+import resource
 import signal
 import sys
+import threading
 from collections.abc import Callable
 from pathlib import Path
-from tempfile import gettempdir
 from typing import NoReturn
 
 import click
 
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError, one_line, printable
-from drivers.base.files import home_of
 from validation.commands import (
     batch_commands,
     engine_commands,
@@ -31,6 +31,7 @@ from validation.commands.options import HELP_OPTIONS
 
 IMPOSSIBLE_NAMES = (errno.ENAMETOOLONG, errno.ELOOP)
 EMPTY = re.compile(r"(--[\w-]+=)?")  # a word without a value, as of a variable that is not set
+LEAST_MEMORY_BYTES = 1.5e9  # of addresses: libraries need 1.0e9 to start threads, else they wait for ever or abort
 COMPLETE = "_BEADS_COMPLETE"  # set by a shell that asks for completions
 SECTIONS = {
     "a scene": (
@@ -127,10 +128,8 @@ def answer() -> int:
         raise InputError("beads", "", f"an empty word after {before}", "a value")
     try:
         with BEADS.make_context("beads", [*arguments] or ["--help"]) as context:
-            from drivers.base.progress import counted
-
-            with counted(f"beads {arguments[0]}", bar=False):  # prints a line if a command prints none
-                return BEADS.invoke(context) or 0
+            _check_memory()
+            return BEADS.invoke(context) or 0
     except click.exceptions.Exit as end:
         return end.exit_code if arguments else 2
     except click.UsageError as error:
@@ -148,6 +147,13 @@ def _statement(error: click.UsageError) -> str:
     return f"{message[0].lower()}{message[1:]}"
 
 
+def _check_memory() -> None:
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if 0 <= limit < LEAST_MEMORY_BYTES:
+        least = f"{LEAST_MEMORY_BYTES / 1e6:.0f} MB are needed"
+        raise RunError(f"the memory is limited to {limit / 1e6:.0f} MB (ulimit -v); {least}")
+
+
 def run_main(main: Callable[[], int]) -> NoReturn:
     """Run a command line and exit with code 0 (all good), 1 (a run failed) or 2 (wrong input).
 
@@ -155,8 +161,7 @@ def run_main(main: Callable[[], int]) -> NoReturn:
     """
     for request in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(request, signal.default_int_handler)
-    if not any(os.access(place, os.W_OK) for place in (paths.ROOT, home_of("~"))):  # numba writes compiled code there
-        os.environ.setdefault("NUMBA_CACHE_DIR", gettempdir())
+    sys.unraisablehook = _interrupt_again
     for stream in ("stdout", "stderr"):  # None if closed by the caller, and then print() would write to the other
         if getattr(sys, stream) is None:
             setattr(sys, stream, os.fdopen(os.open(os.devnull, os.O_WRONLY), "w"))
@@ -169,11 +174,11 @@ def run_main(main: Callable[[], int]) -> NoReturn:
     except InputError as error:
         print(error, file=sys.stderr)
         code = 2
-    except (RunError, OSError, UnicodeError) as error:
+    except (RunError, OSError, UnicodeError, MemoryError) as error:
         if isinstance(error, BrokenPipeError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader has closed the pipe
         else:
-            print(one_line("error: ", error), file=sys.stderr)
+            print(one_line("error: ", str(error) or "out of memory"), file=sys.stderr)
         code = 2 if isinstance(error, OSError) and error.errno in IMPOSSIBLE_NAMES else 1
     except (KeyboardInterrupt, SystemError) as error:
         interrupt = error if isinstance(error, KeyboardInterrupt) else error.__cause__  # inside compiled code
@@ -182,6 +187,14 @@ def run_main(main: Callable[[], int]) -> NoReturn:
         print(": ".join(["interrupted", *map(str, interrupt.args)]), file=sys.stderr)
         code = 130
     sys.exit(code)
+
+
+def _interrupt_again(dropped: "sys.UnraisableHookArgs") -> None:
+    """Repeat an interrupt that came where Python drops exceptions, as in callbacks of compiled code."""
+    if issubclass(dropped.exc_type, KeyboardInterrupt):
+        threading.Timer(0.01, os.kill, (os.getpid(), signal.SIGTERM)).start()
+    else:
+        sys.__unraisablehook__(dropped)
 
 
 def _check_present_folder() -> None:

@@ -39,8 +39,8 @@ def key_tables() -> dict[str, list[tuple[str, ...]]]:
     """Rows of the keys of each file, by name."""
     from drivers.batch.study import StudyFile
     from drivers.engines._entries import EntryTable
-    from drivers.scene.key_rows import key_rows
     from drivers.scene.model import SceneFile
+    from drivers.scene.settings import key_rows
 
     engines = [*key_rows(EntryTable, "NAME.")]
     return {"scene": [*key_rows(SceneFile)], "study": [*key_rows(StudyFile)], "engines": engines}

@@ -251,4 +251,4 @@ ONLY = option(
     "(default: all cases).",
     multiple=True,
 )
-DRY_RUN = option("--dry-run", "", "Print what would be done, without doing it; batch still checks every case.")
+DRY_RUN = option("--dry-run", "", "Print what would be done, without doing it.")

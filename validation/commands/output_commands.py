@@ -73,8 +73,8 @@ def _print_definitions(context: click.Context) -> None:
 def overlay(run: str, settings: tuple[str, ...], measured: Path | None, runs: Path, results: Path) -> None:
     """Draw measured traces over computed ones, with deviations."""
     from drivers.engines import REFERENCE
-    from drivers.inventory.run_folders import first_scene
-    from drivers.limits.refusal import refuse
+    from drivers.limits import refuse
+    from drivers.run.inventory import scene_now
     from postproc.draw.overlay import HEADINGS, draw_overlay, misfit_rows
     from postproc.draw.product import write_product
     from postproc.paper.simulate import exact
@@ -86,9 +86,7 @@ def overlay(run: str, settings: tuple[str, ...], measured: Path | None, runs: Pa
         if settings:
             raise InputError(f"--set {settings[0]}", "", "not allowed for a finished run")
         opened, name, _ = _open("overlay", run, runs)
-        recorded = opened.record.scene_name
-        asked = run.partition(":")[2]
-        scene = first_scene(asked, f"{asked}.toml", recorded, f"{recorded}.toml")  # its file names the measured data
+        scene = scene_now(run.partition(":")[2]) or scene_now(opened.record.scene_name)  # names the measured data
         layout, trace, engine = opened.layout, opened.trace, opened.record.engine
     else:
         case = planned_case(run, *settings)
@@ -261,7 +259,7 @@ def vtk(run: str, frames: int | None, runs: Path, results: Path) -> None:
 
 def _open(what: str, run: str, runs: Path) -> tuple["EndedRun", str, str]:
     """A run, a name for the files that a command makes from it, and a title."""
-    from drivers.inventory.run_folders import run_folder
+    from drivers.run.inventory import run_folder
     from drivers.run.run_folder import open_run
 
     opened = open_run(run_folder(run, runs), failed=True)

@@ -40,7 +40,7 @@ def run(
     """
     from drivers.base.progress import counted
     from drivers.engines import engine_names, installed, load_engine
-    from drivers.limits.refusal import inability, refuse
+    from drivers.limits import inability, refuse
     from drivers.run.run import is_done, run_case
     from validation.accuracy.budget import assess
     from validation.accuracy.costs import auto_engines
@@ -170,7 +170,7 @@ def compare(
         for option, given in (("set", settings), ("engine", engines), ("require", required)):
             if given:
                 raise InputError(f"--{option}", "", "not allowed with two runs")
-        from drivers.inventory.run_folders import run_folder
+        from drivers.run.inventory import run_folder
         from validation.compare.pair import compare_runs
 
         return compare_runs(*(run_folder(folder, runs) for folder in folders))
@@ -233,8 +233,7 @@ def fit(results: Path, runs: Path, **asked: Any) -> int:
 @option(
     "--prune",
     "",
-    "Remove runs that no command will use again: failed runs, runs of other builds and older decks; runs of the "
-    "last ten minutes are kept.",
+    "Remove runs that are not done, or whose build or deck is not today's.",
 )
 @options.DRY_RUN
 def runs(
@@ -246,14 +245,13 @@ def runs(
     dry_run: bool,
 ) -> None:
     """List the run folders, or remove those that are obsolete."""
-    from drivers.inventory.prune import prune as remove
-    from drivers.inventory.run_folders import print_runs
+    from drivers.run import inventory
 
     if dry_run and not prune:
         raise InputError("--dry-run", "", "needs --prune")
     if runs != paths.RUNS and not runs.is_dir():
         raise InputError(f"--runs {runs}", "", "folder not found")
     if prune:
-        remove(runs, scenes, engines, settings, dry_run=dry_run)
+        inventory.prune(runs, scenes, engines, settings, dry_run=dry_run)
     else:
-        print_runs(runs, scenes, engines, settings)
+        inventory.print_runs(runs, scenes, engines, settings)

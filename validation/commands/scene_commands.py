@@ -87,7 +87,7 @@ def modes(scene: str, settings: tuple[str, ...], results: Path) -> None:
 def render(scene: str, settings: tuple[str, ...], engines: tuple[str, ...], out: Path, unsafe: bool) -> None:
     """Write the deck of a scene for one engine, without running it."""
     from drivers.engines import load_engine
-    from drivers.limits.refusal import refuse
+    from drivers.limits import refuse
     from drivers.run.run import write_scene
     from validation.accuracy.plan import planned_case
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from drivers.base.progress import counted, in_words, say
 from drivers.base.text_table import text_table
-from drivers.chain.residual import FORCE
+from drivers.chain.trace import FORCE
 from drivers.engines import VERLET, in_order, load_engine
 from validation.accuracy.budget import ERROR, MODEL, budget_lines
 from validation.checks import FAIL, NOT_RUN, Check, outcome, short, summary, table, worst_of

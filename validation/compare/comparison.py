@@ -18,7 +18,7 @@ from drivers.engines import (
     load_engine,
     missing_codes,
 )
-from drivers.limits.refusal import inability
+from drivers.limits import inability
 from drivers.run.run import refuse_all, run_many
 from drivers.run.run_folder import EndedRun
 from postproc.read.motion import trace_with_state

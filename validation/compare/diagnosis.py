@@ -15,13 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.chain.case import Case
-from drivers.chain.chain import Array, arrays_of, furthest_m, stiffness_by
-from drivers.chain.contact_law import hertz_stiffness
-from drivers.chain.residual import FORCE, largest_change_N
+from drivers.chain.chain import Array, arrays_of, furthest_m, hertz_stiffness, stiffness_by
 from drivers.chain.schemes import heights_and_reach
-from drivers.chain.trace import Trace, finite_part, overlaps
+from drivers.chain.trace import FORCE, Trace, finite_part, largest_change_N, overlaps
 from drivers.engines import INCREMENTAL, load_engine
-from drivers.laws.viscoelastic import Viscoelastic
+from drivers.laws import Viscoelastic
 from drivers.run.scheme import Scheme, scheme_of
 from postproc.read.signals import integral
 from validation.reference.hertz_chain import HertzChain, contact_force, hertz_force

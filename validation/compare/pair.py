@@ -15,8 +15,7 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.text_table import text_table
 from drivers.chain.case import Case
-from drivers.chain.residual import FORCE
-from drivers.chain.trace import Trace, part_of
+from drivers.chain.trace import FORCE, Trace, part_of
 from drivers.engines import load_engine
 from drivers.run.run_folder import EndedRun, open_run
 from drivers.run.scheme import COMPARED, apart, largest_difference, place_of, scale_of_motion

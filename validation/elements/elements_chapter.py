@@ -12,7 +12,7 @@ import pandas as pd
 from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
 from drivers.engines import VERLET, installed_codes
-from drivers.limits.refusal import inability
+from drivers.limits import inability
 from postproc.paper.simulate import case_of, run_codes
 from validation.accuracy.costs import cost_on
 from validation.chapters import Chapter, Options, Picture, Tables, rows_in

@@ -20,10 +20,10 @@ from drivers.base.progress import following
 from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
-from drivers.chain.residual import parted_s, residual
-from drivers.limits.refusal import inability
+from drivers.chain.trace import parted_s, residual
+from drivers.limits import inability
 from drivers.run.compute import compute
-from drivers.scene.part import Part
+from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml
 from postproc.paper.simulate import Simulation, case_of
 from validation.checks import Check, judged

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from validation.reference.contact_kernels import copy, root_raised
+from validation.reference.contact_kernels import CACHED, copy, root_raised
 from validation.reference.dop853 import (
     POWER_LAW_LENGTH,
     ROWS,
@@ -44,7 +44,7 @@ def _root(elapsed: float, power: float) -> float:
     return sqrt(root) if power == 4.0 else root
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=CACHED, nogil=True, error_model="numpy")
 def fill_states(
     samples: Array, start: Array, times: Array, bodies: Bodies, tolerance: float, scale: Array, first_step: float,
     stop: Flag,

@@ -2,7 +2,9 @@
 
 import hashlib
 import multiprocessing
+import os
 import sys
+from contextlib import suppress
 from math import sqrt
 from pathlib import Path
 from typing import Any
@@ -12,17 +14,42 @@ from numba.core import event
 
 from validation.reference.hertz_chain import SAME_TIME, Array, wave
 
-# numba notices changes in a function's own file only, not in files of called functions: one cache folder per state
 HOME = Path(__file__).parent
-SOURCES = hashlib.sha256(b"".join(file.read_bytes() for file in sorted(HOME.glob("*.py")))).hexdigest()
-vars(config)["CACHE_DIR"] = str(Path(vars(config)["CACHE_DIR"] or HOME / "__pycache__") / f"kernels-{SOURCES[:12]}")
+
+
+def _cache_folder() -> Path | None:
+    """Folder for compiled code, which runs when it is loaded: the given one, or one where nobody else can write.
+
+    It is in the checkout, else in the cache of the user; None if both fail.
+    """
+    if given := vars(config)["CACHE_DIR"]:
+        return Path(given)
+    folder = HOME / "__pycache__"
+    if os.access(folder if folder.exists() else HOME, os.W_OK):
+        return folder
+    with suppress(OSError, RuntimeError):  # no home, or none to write to
+        folder = Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser().resolve() / "bead-chains"
+        folder.mkdir(0o700, parents=True, exist_ok=True)
+        safe = all(place.stat().st_uid in (0, os.geteuid()) for place in (folder, *folder.parents))
+        if safe and not folder.stat().st_mode & 0o022:
+            return folder
+    return None
+
+
+CACHE = _cache_folder()
+if CACHE:  # numba notices changes in a function's own file only, not in files of called functions: a folder per state
+    SOURCES = hashlib.sha256(b"".join(file.read_bytes() for file in sorted(HOME.glob("*.py")))).hexdigest()
+    vars(config)["CACHE_DIR"] = str(CACHE / f"kernels-{SOURCES[:12]}")
+CACHED = CACHE is not None
+ONCE = "once after a change of them"
+EACH_TIME = "in each process: NUMBA_CACHE_DIR may name a folder to keep them in"
 
 
 def _announce(_: event.Event) -> None:
     """Print a line before the first compilation of a process, which takes seconds."""
     event.unregister("numba:compile", LISTENER)  # type: ignore[no-untyped-call]
     if multiprocessing.parent_process() is None:
-        print("compiling the integrators, once after a change of them", file=sys.stderr, flush=True)
+        print(f"compiling the integrators, {ONCE if CACHED else EACH_TIME}", file=sys.stderr, flush=True)
 
 
 class _Listener(event.Listener):

@@ -8,7 +8,7 @@ often, the order falls towards 2.5.
 import numpy as np
 from numba import njit
 
-from validation.reference.contact_kernels import copy, elastic_force
+from validation.reference.contact_kernels import CACHED, copy, elastic_force
 from validation.reference.hertz_chain import Array, HertzChain, Motion, check_timing, displacements, hertz_force
 
 XI, LAMBDA, CHI = 0.1786178958448091, -0.2123418310626054, -0.06626458266981849
@@ -31,7 +31,7 @@ def integrate_symplectic(chain: HertzChain, time_step_s: float, steps_per_sample
     return Motion(hertz_force(chain.stiffness, overlap), displacements(chain, overlap), velocity)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=CACHED, nogil=True, error_model="numpy")
 def _fill(
     overlaps: Array, velocities: Array, start: Array, start_velocity: Array, stiffness: Array, inverse_mass: Array,
     acceleration: Array, dt: float, every: int,

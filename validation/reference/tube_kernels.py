@@ -5,7 +5,7 @@ from math import sqrt
 import numpy as np
 from numba import njit
 
-from validation.reference.contact_kernels import damped_force, elastic_force
+from validation.reference.contact_kernels import CACHED, damped_force, elastic_force
 from validation.reference.hertz_chain import ENERGY_SHARE, Array, Flag
 
 Three = tuple[float, float, float]
@@ -21,7 +21,7 @@ Memory = tuple[Array, Array, Array, Array]
 Marks = tuple[Array, Array, Array]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=CACHED, nogil=True, error_model="numpy")
 def run_tube(
     bodies: Bodies, inertia: Array, numbers: Numbers, state: State, memory: Memory, marks: Marks, incremental: bool,
     dt: float, every: int, forces: Array, samples: Array, stop: Flag,

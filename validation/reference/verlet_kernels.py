@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from validation.reference.contact_kernels import copy, drive_value, elastic_force, power_force, root_raised
+from validation.reference.contact_kernels import CACHED, copy, drive_value, elastic_force, power_force, root_raised
 from validation.reference.hertz_chain import ENERGY_SHARE, Array, Flag
 
 # velocity, overlap, force (with a 0 above the chain); constants: stiffness, kick, drop, damping (empty for an elastic
@@ -99,7 +99,7 @@ def _drive(arrays: Arrays, drive: DriveArrays, load: Array, dt: float, step: int
     return rate
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=CACHED, nogil=True, error_model="numpy")
 def follow(
     arrays: Arrays, drive: DriveArrays, dt: float, steps: int, load: Array, mass: Array, overlaps: Array,
     speeds: Array, stop: Flag,
@@ -158,7 +158,7 @@ def _powers(
         below = here
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=CACHED, nogil=True, error_model="numpy")
 def fill_samples(
     arrays: Arrays, drive: DriveArrays, dt: float, every: int, half_kick: Array, load: Array, forces: Array,
     overlaps: Array, velocities: Array, sums: Array | None, static: Array, stop: Flag,
@@ -200,7 +200,7 @@ def fill_samples(
             copy(running, sums[sample])
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=CACHED, nogil=True)
 def integrate_absolute(
     drive: DriveArrays, mass: Array, stiffness: Array, height: Array, reach: Array, velocity: Array, load: Array,
     damping: Array, alpha: float | None, overlap_power: float, force: Array, net: Array, dt: float, every: int,

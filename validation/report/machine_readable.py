@@ -18,6 +18,7 @@ from drivers.engines import in_order
 from drivers.run.run import provenance
 from validation.checks import FAIL, NOT_RUN, PASS
 from validation.compare.comparison import ComparedScene
+from validation.report.page_figures import PARTS
 from validation.report.scene_section import ReportRow, counted, source_of
 
 LIBRARIES = ("numpy", "scipy", "numba")
@@ -53,8 +54,8 @@ def made_with(scenes: Sequence[ComparedScene], command: str) -> dict[str, Any]:
 
 
 def when_made(results: Path) -> list[tuple[str, str]]:
-    """Name and date of each table of a results folder."""
-    return [(path.name, _utc(path.stat().st_mtime)) for path in sorted(results.glob("*.csv"))]
+    """Name and date of each stored chapter and figure of a results folder."""
+    return [(path.stem, _utc(path.stat().st_mtime)) for path in sorted((results / PARTS).glob("*.json"))]
 
 
 def _utc(seconds: float) -> str:

@@ -1,11 +1,13 @@
-"""Figures of the page, embedded as images, and its section on the paper's figures and Table 1.
+"""Parts of the page: stored results of chapters and figures, and its section on the paper's figures and Table 1.
 
-A browser runs no script of an SVG inside an ``<img>`` and loads nothing from outside the file.
+The page is made from the stored results alone, each a JSON file with its digest; tables and pictures of the results
+folder are outputs for people. Figures are embedded as images: a browser runs no script of an SVG inside an ``<img>``
+and loads nothing from outside the file.
 """
 
 import re
 from base64 import b64encode
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,11 +20,12 @@ from markupsafe import Markup, escape
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.base.files import read_sealed_file, table_in
+from drivers.base.files import read_sealed, write_sealed
 from postproc.draw.product import SPACETIME
 from postproc.figures import Caption, captions
 from postproc.figures.table1 import GROUPS, printed
 
+PARTS = "parts"  # folder of the stored results, below that of tables and pictures
 TABLE, SCORED = "table1", "fig3"
 LARGE_N = 2.0  # smallest force counted among the large amplitudes of the scores
 PX_PER_PT = 1.6  # scale that makes the figures' type as large as the page's
@@ -42,14 +45,12 @@ class Image:
 
 
 @contextmanager
-def refused_if_damaged(path: Path, target: str) -> Iterator[None]:
-    """Turns errors of reading or using a file into an InputError that names the make target."""
+def refused_if_damaged(path: Path, command: str) -> Iterator[None]:
+    """Turns errors of reading or using a stored result into an InputError that names the command."""
     try:
         yield
-    except FileNotFoundError as error:
-        raise InputError(paths.shown(path), "", f"file not found; make {target} writes it") from error
     except (ValueError, LookupError, TypeError, AttributeError) as error:  # errors of pandas and of XML among them
-        found = f"damaged file, or one of another version ({error}); make {target} writes it again"
+        found = f"damaged file, or one of another version ({error}); {command} writes it again"
         raise InputError(paths.shown(path), "", found) from error
 
 
@@ -67,16 +68,41 @@ def image_of(svg: str) -> Image:
     return Image(address, round(PX_PER_PT * float(width.removesuffix("pt"))))
 
 
-def read_image(path: Path, target: str) -> Image | None:
-    """Image of a figure's file, written by ``make target``; None if the file does not exist.
+def part_file(name: str, results: Path) -> Path:
+    """File with the stored result of a chapter or figure."""
+    return results / PARTS / f"{name}.json"
+
+
+def write_part(name: str, results: Path, tables: Mapping[str, pd.DataFrame], written: Iterable[Path]) -> None:
+    """Store the tables of a chapter or figure, by name, and those of its written files that are SVG figures."""
+    path = part_file(name, results)
+    columns = {key: table.to_dict("list") for key, table in tables.items()}
+    figures = {file.stem: file.read_text(encoding="utf-8") for file in written if file.suffix == ".svg"}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_sealed(path, {"name": name, "tables": columns, "figures": figures})
+
+
+def read_part(name: str, results: Path, command: str = "") -> tuple[dict[str, pd.DataFrame], dict[str, Image]]:
+    """Tables and images of a stored result, by name; none if it has not been made.
+
+    Args:
+        name: chapter or figure.
+        results: folder of its tables and pictures.
+        command: makes it, for messages; empty for ``make NAME``.
 
     Raises:
-        InputError: the file is not an SVG figure.
+        InputError: the file is not as it was written, or of another version.
     """
-    if not path.exists():
-        return None
-    with refused_if_damaged(path, target):
-        return image_of(read_sealed_file(path, f"the figure that make {target} writes").decode())
+    path, command = part_file(name, results), command or f"make {name}"
+    with refused_if_damaged(path, command):
+        try:
+            stored = read_sealed(path, f"the result that {command} stores")
+        except FileNotFoundError:
+            return {}, {}
+        if stored["name"] != name:
+            raise ValueError(f"the result of {stored['name']}")
+        tables = {key: pd.DataFrame(columns) for key, columns in stored["tables"].items()}
+        return tables, {key: image_of(svg) for key, svg in stored["figures"].items()}
 
 
 def read_figures(results: Path, to_come: Collection[str] = ()) -> dict[str, Any]:
@@ -97,14 +123,18 @@ def read_figures(results: Path, to_come: Collection[str] = ()) -> dict[str, Any]
 
 
 def _read_figure(results: Path, name: str, caption: Caption) -> dict[str, Any]:
+    tables, images = read_part(name, results)
+    with refused_if_damaged(part_file(name, results), f"make {name}"):
+        scores = scores_in(tables[name]) if tables and name == SCORED else None
+        rows = rows_in(tables[name]) if tables and name == TABLE else None
     return {
         "title": caption.title,
         "shows": set_symbols(caption.shows),
         "text": set_symbols(caption.text),
-        "image": read_image(results / f"{name}.svg", name) if name != TABLE else None,
-        "spacetime": read_image(results / f"{name}-{SPACETIME}.svg", name),
-        "scores": read_values(results, SCORED, scores_in) if name == SCORED else None,
-        "rows": read_values(results, TABLE, rows_in) if name == TABLE else None,
+        "image": images.get(name) if name != TABLE else None,
+        "spacetime": images.get(f"{name}-{SPACETIME}"),
+        "scores": scores,
+        "rows": rows,
         "headings": TABLE_HEADINGS,
         "groups": TABLE_GROUPS,
     }
@@ -113,19 +143,6 @@ def _read_figure(results: Path, name: str, caption: Caption) -> dict[str, Any]:
 def set_symbols(caption: str) -> Markup:
     """Caption with subscripts in its symbols."""
     return Markup(SUBSCRIPT.sub(r"\1<sub>\2</sub>", str(escape(caption))))
-
-
-def read_values(results: Path, name: str, values_in: Callable[[pd.DataFrame], Any]) -> Any:
-    """Values in the table of a figure; None without the table.
-
-    Raises:
-        InputError: the table is damaged.
-    """
-    path = results / f"{name}.csv"
-    if not path.exists():
-        return None
-    with refused_if_damaged(path, name):
-        return values_in(table_in(read_sealed_file(path, f"the table that make {name} writes")))
 
 
 def rows_in(table: pd.DataFrame) -> list[list[tuple[str, bool]]]:

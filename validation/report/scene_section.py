@@ -15,12 +15,11 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.progress import in_words
 from drivers.chain.case import Case
-from drivers.chain.contact_law import hertz_force
-from drivers.chain.residual import FORCE
-from drivers.chain.trace import Trace
+from drivers.chain.chain import hertz_force
+from drivers.chain.trace import FORCE, Trace
 from drivers.engines import REFERENCE, in_order, load_engine
 from drivers.engines._entries import engines_again
-from drivers.limits.stable_step import step_limit
+from drivers.limits import step_limit
 from drivers.run.run_folder import RunRecord
 from drivers.scene.model import Scene
 from postproc.draw.gauge_forces import MAX_GAUGES, draw_gauge_forces
@@ -34,7 +33,7 @@ from postproc.read.sensors import gauges_of
 from validation.accuracy.budget import ERROR, PARTS
 from validation.checks import FAIL, Check, outcome, short, worst_of
 from validation.compare.comparison import ComparedScene
-from validation.report.page_figures import Image, image_of
+from validation.report.page_figures import Image, image_of, read_part
 
 EXACT_FORCE = f"{ERROR}: {FORCE}"  # quantity of a check
 
@@ -140,7 +139,7 @@ def source_of(scene: Scene) -> str:
     return scene.name if same or scene.file == scene.name else shlex.quote(scene.file)
 
 
-FITTED_PARAMETERS = "parameters.svg"  # in the folder of a fit
+FITTED_PARAMETERS = "parameters"  # stored figure of a fit
 
 
 def overlay_of(case: Case, engine: str, trace: Trace, results: Path) -> dict[str, Any]:
@@ -155,8 +154,8 @@ def overlay_of(case: Case, engine: str, trace: Trace, results: Path) -> dict[str
     overlay: dict[str, Any] = {"engine": engine, "image": None, "headings": HEADINGS}
     is_fit = scene.name.startswith("fit-")
     fit = scene.folder if is_fit else results / f"fit-{scene.name}"
-    figure, fitted = fit / FITTED_PARAMETERS, fit / f"fit-{scene.name}.toml"
-    parameters = image_of(figure.read_text(encoding="utf-8")) if figure.is_file() else None
+    fitted = fit / f"fit-{scene.name}.toml"
+    parameters = read_part(fit.name, fit.parent, "beads fit")[1].get(FITTED_PARAMETERS)
     fitted_scene = paths.shown(fitted) if parameters and not is_fit else ""
     overlay |= {"rows": [], "remarks": [], "problem": "", "far": None, "parameters": parameters, "fitted": fitted_scene}
     try:

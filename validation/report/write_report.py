@@ -34,7 +34,7 @@ from validation.checks import FAIL, NOT_RUN, PASS, short, table
 from validation.compare.answer import answer, display_name, listed
 from validation.compare.comparison import ComparedScene, EngineSelection, run_and_compare_all
 from validation.report.machine_readable import as_json, made_with, when_made
-from validation.report.page_figures import read_figures, read_image
+from validation.report.page_figures import read_figures, read_part
 from validation.report.scene_section import case_rows, counted, section_of, tolerances
 
 SUBJECT = "Strongly nonlinear waves in a chain of Teflon beads"
@@ -111,8 +111,8 @@ def report(
             counts = write_report(compared, page, command, runs, unmet, to_come, sections)
         _announce(page, counts, to_come)
     chapters = [load_chapter(name) for name in CHAPTERS if studies]
-    there = [chapter for chapter in chapters if (page.parent / f"{chapter.main_table}.csv").exists()]
-    missed = [check for chapter in there for check in chapter.failed(chapter.read(page.parent))]
+    stored = [(chapter, tables) for chapter in chapters if (tables := chapter.read(page.parent))]
+    missed = [check for chapter, tables in stored for check in chapter.failed(tables)]
     for line in table(missed) if missed else ():
         say(line)
     if unmet:
@@ -121,12 +121,10 @@ def report(
 
 
 def _made(part: str, results: Path) -> bool:
-    """True if a figure or a chapter is up to date; an existing table counts for a chapter with a short form."""
-    figure = part in captions()
-    main = results / f"{part if figure else load_chapter(part).main_table}.csv"
+    """True if a figure or a chapter is up to date; any stored one counts for a chapter with a short form."""
     try:
-        there = bool(read_image(main.with_suffix(".svg"), part) if figure else read_section(part, results))
-        return there and (part in QUICK_CHAPTERS or up_to_date(main))
+        there = any(read_part(part, results)) if part in captions() else read_section(part, results)
+        return bool(there) and (part in QUICK_CHAPTERS or up_to_date(part, results))
     except (InputError, OSError) as error:  # such as a folder in place of a file
         say(str(error))
         return False

@@ -10,9 +10,9 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.progress import following
 from drivers.engines import REFERENCE, VERLET, codes, installed
-from drivers.limits.refusal import refuse
+from drivers.limits import refuse
 from drivers.run.run import run_many
-from drivers.scene.part import Part
+from drivers.scene.model import Part
 from drivers.scene.read_scene import read_entries
 from validation.accuracy.budget import ERROR, assess, kept_budget
 from validation.accuracy.plan import planned_case

@@ -14,11 +14,11 @@ import numpy as np
 
 from drivers.base.progress import counted, following
 from drivers.chain.case import Case, build_case
-from drivers.chain.contact_law import hertz_force
+from drivers.chain.chain import hertz_force
 from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import Trace
 from drivers.engines import VERLET, installed_codes
-from drivers.limits.stable_step import CRITERIA, resolved_trial, step_limit
+from drivers.limits import CRITERIA, resolved_trial, step_limit
 from drivers.run.compute import compute
 from drivers.run.execute import execute
 from drivers.scene.read_scene import make_scene
@@ -151,7 +151,7 @@ class Limit:
         measured_s: smallest scanned step at which the energy blows up; NaN if none does.
         bad_s: smallest scanned step at which the energy gains a tenth of the largest kinetic energy; NaN if none is.
         ratio: measured limit divided by the predicted one.
-        rayleigh_s, hertz_s, p_wave_s: steps of usual criteria (``drivers.limits.stable_step.CRITERIA``).
+        rayleigh_s, hertz_s, p_wave_s: steps of usual criteria (``drivers.limits.CRITERIA``).
         steps: number of steps of the run at the limit.
     """
 

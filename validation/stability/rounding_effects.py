@@ -12,9 +12,8 @@ import numpy as np
 from drivers.base.progress import following
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, energy_put_in
-from drivers.chain.residual import parted_s
 from drivers.chain.schemes import verlet_in_heights, verlet_of
-from drivers.chain.trace import Trace
+from drivers.chain.trace import Trace, parted_s
 from drivers.engines import REFERENCE, VERLET, installed_codes
 from drivers.run.compute import compute
 from drivers.run.execute import execute

@@ -10,9 +10,9 @@ import pandas as pd
 
 from drivers.base.progress import step
 from drivers.base.tolerances import tolerance
-from drivers.chain.residual import FORCE
+from drivers.chain.trace import FORCE
 from drivers.engines import VERLET, codes
-from drivers.limits.stable_step import CRITERIA
+from drivers.limits import CRITERIA
 from postproc.draw.style import COLUMN_IN, PAGE_IN, marker_of, pyplot
 from validation.accuracy.budget import ERROR
 from validation.chapters import Chapter, Options, Picture, Tables, named, rows_in

@@ -18,7 +18,7 @@ from drivers.chain.chain import arrays_of
 from drivers.chain.schemes import trace_of
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, VERLET, installed_codes
-from drivers.limits.stable_step import step_limit
+from drivers.limits import step_limit
 from drivers.run.compute import compute
 from drivers.run.execute import execute
 from drivers.run.scheme import COMPARED

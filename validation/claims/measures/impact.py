@@ -13,10 +13,9 @@ from math import gamma, pi, sqrt
 import numpy as np
 
 from drivers.chain.case import Case
-from drivers.chain.chain import Array
-from drivers.chain.contact_law import hertz_force
+from drivers.chain.chain import Array, hertz_force
 from drivers.chain.trace import Trace, overlaps
-from drivers.laws.viscoelastic import Viscoelastic, restitution
+from drivers.laws import Viscoelastic, restitution
 from postproc.read.signals import peak_in
 
 DURATION = 2 * sqrt(pi) * gamma(7 / 5) / gamma(9 / 10)  # in d_max / v: 2.94328

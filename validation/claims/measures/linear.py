@@ -17,8 +17,7 @@ from scipy.optimize import brentq, curve_fit
 from scipy.special import jn_zeros, jv, jvp
 
 from drivers.chain.case import Case
-from drivers.chain.chain import Array
-from drivers.chain.contact_law import contact_stiffness_at
+from drivers.chain.chain import Array, contact_stiffness_at
 from drivers.chain.trace import Trace
 from postproc.read.signals import peak_in
 

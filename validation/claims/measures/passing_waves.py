@@ -15,8 +15,7 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 from drivers.chain.case import Case
-from drivers.chain.chain import Array, Chain
-from drivers.chain.contact_law import hertz_force
+from drivers.chain.chain import Array, Chain, hertz_force
 from drivers.chain.trace import Trace
 from postproc.read.signals import first_peak, peak_in, peaks
 from validation.reference.travelling_wave import solve_travelling_wave

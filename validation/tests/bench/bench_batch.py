@@ -11,13 +11,12 @@ from pathlib import Path
 import pandas as pd
 
 from drivers.base.processes import run_command
-from drivers.batch.study_cases import WORKER_COSTS
-from drivers.batch.study_commands import batch, status
+from drivers.batch.study_commands import WORKER_COSTS, batch, status
 from drivers.chain.case import build_case
 from drivers.engines import installed_codes, load_engine
 from drivers.run.execute import Place
 from drivers.scene.read_scene import read_scene
-from validation.commands.batch_commands import request_of
+from validation.commands.batch_commands import methods, request_of
 
 WORKERS = 2
 SINGLE_CASES = 12
@@ -82,7 +81,7 @@ def _rate_in_batch(names: tuple[str, ...], cases: int) -> tuple[float, float]:
 
 
 def _listing_s() -> float:
-    """Time of ``status`` in s, from a store with rows of many cases and a stored plan."""
+    """Time of ``status`` in s, from a database with rows of many cases."""
     with tempfile.TemporaryDirectory() as home:
         study = _study(Path(home), ("verlet",), LISTED)
         _quietly(study, Path(home))
@@ -100,6 +99,6 @@ def _study(home: Path, names: tuple[str, ...], cases: int) -> Path:
 
 def _quietly(study: Path, home: Path) -> None:
     with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere):
-        code = batch(request_of(study, home / "runs"), home, Place(WORKERS, processes=True))
+        code = batch(request_of(study, home / "runs"), methods(), home, Place(WORKERS, processes=True))
     if code:
         raise RuntimeError("a case of the benchmark failed")

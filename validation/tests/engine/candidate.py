@@ -16,7 +16,7 @@ from drivers.chain.case import Case
 from drivers.chain.schemes import default_limit_s
 from drivers.chain.trace import Trace
 from drivers.engines import EXACT, Engine
-from drivers.limits.refusal import inability
+from drivers.limits import inability
 from drivers.run.build import Build
 from drivers.run.guard import checked_trace
 from drivers.run.session import Session
@@ -30,7 +30,7 @@ MINE = '''"""An adapter outside the tree."""
 from dataclasses import replace
 
 from drivers.base.processes import line_of
-from drivers.chain.elements import STRAIGHT
+from drivers.chain.case import STRAIGHT
 from drivers.engines import load_engine
 
 ENGINE = replace(

@@ -13,7 +13,7 @@ from shutil import which
 import pytest
 
 from drivers.base.processes import UNKNOWN_VERSION, scrubbed_environment
-from drivers.chain.elements import SIDEWAYS, STRAIGHT
+from drivers.chain.case import SIDEWAYS, STRAIGHT
 from drivers.chain.trace import digest_of
 from drivers.engines import EXACT, IN_HEIGHTS, IN_OVERLAPS, INCREMENTAL, TOTAL
 from drivers.run.build import build_of

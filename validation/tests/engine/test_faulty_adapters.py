@@ -17,7 +17,7 @@ from drivers.chain.case import Case
 from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import Trace
 from drivers.engines import Engine, load_engine
-from drivers.laws.viscoelastic import Viscoelastic
+from drivers.laws import Viscoelastic
 from validation.tests.engine.candidate import MINE, STAND_INS
 from validation.tests.helpers.commands import beads, beads_process
 from validation.tests.helpers.scenes import EnginesWriter

@@ -14,7 +14,7 @@ from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
 from drivers.chain.schemes import default_limit_s
 from drivers.chain.trace import digest_of
-from drivers.limits.refusal import inability
+from drivers.limits import inability
 from drivers.run.guard import START_TOLERANCE, checked_trace
 from drivers.run.session import DONE, Session
 from validation.tests.engine.candidate import Candidate, case_with

@@ -10,9 +10,8 @@ import pytest
 from drivers.base.errors import RunError
 from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
-from drivers.chain.residual import residual
-from drivers.chain.trace import Trace
-from drivers.limits.stable_step import step_limit
+from drivers.chain.trace import Trace, residual
+from drivers.limits import step_limit
 from drivers.run.guard import UNSTABLE
 from validation.accuracy.motions import exact_motion_of
 from validation.tests.engine.candidate import Candidate, case_of_variant, case_with, kit

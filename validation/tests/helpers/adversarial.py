@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from drivers.chain.case import Case, build_case
-from drivers.chain.contact_law import hertz_force
+from drivers.chain.chain import hertz_force
 from drivers.scene.read_scene import make_scene
 
 KINDS = ("light bead", "light striker", "bounces", "gaps", "head on")

@@ -12,7 +12,7 @@ from unittest.mock import patch
 from validation.commands.beads import main
 
 BEADS = (sys.executable, "-m", main.__module__)  # the command, also where it is not installed
-PROGRESS = re.compile(r": (\d+ of \d+ \w+ in \d+ s|\d+ s so far)")
+PROGRESS = re.compile(r": (\d+ of \d+ \w+ in )?(\d+:)?\d\d:\d\d(, \S+ left)?$", re.MULTILINE)
 
 
 def beads(*words: str | Path) -> subprocess.CompletedProcess[str]:

@@ -14,7 +14,7 @@ from drivers.base.files import read_sealed, sha256_of, write_sealed
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace
 from drivers.engines import load_engine
-from drivers.limits.refusal import refuse
+from drivers.limits import refuse
 from drivers.run.run import run_case
 from drivers.run.run_folder import FORCES, RECORD, EndedRun, read_record
 from validation.accuracy.budget import assess, budget_of

@@ -25,20 +25,20 @@ def run(shared_runs: Path) -> EndedRun:
 
 
 @pytest.fixture(scope="module")
-def tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Results of a study for which docstrings have examples."""
-    folder = tmp_path_factory.mktemp("tables")
-    options = ("--engine", "verlet", "--only", "striker.speed=2 m/s", "--runs", folder / "runs", "--results", folder)
-    assert beads("batch", "wall-material", *options).returncode == 0
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Runs folder with rows of a study for which docstrings have examples."""
+    folder = tmp_path_factory.mktemp("runs")
+    options = ("--engine", "verlet", "--only", "striker.speed=2 m/s", "--slice", "1/1")
+    assert beads("batch", "wall-material", "--runs", folder, *options).returncode == 0
     return folder
 
 
 @pytest.mark.parametrize("name", [f"{package.__name__}.{name}" for package in PACKAGES for name in package.__all__])
-def test_examples_in_docstrings(name: str, run: EndedRun, tables: Path) -> None:
+def test_examples_in_docstrings(name: str, run: EndedRun, runs: Path) -> None:
     package, _, function = name.partition(".")
     exported = getattr(sys.modules[package], function)
     assert isinstance(exported, FunctionType)
-    names = exported.__globals__ | {"folder": run.folder.parents[1], "run": run, "tables": tables, function: exported}
+    names = exported.__globals__ | {"folder": run.folder.parents[1], "run": run, "runs": runs, function: exported}
     (examples,) = doctest.DocTestFinder(recurse=False).find(exported, function, globs=names)
     assert examples.examples or function == "assess"
     failures: list[str] = []
@@ -61,4 +61,4 @@ def test_wrong_calls_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError):
         drivers.open_run("verlet:fig4", runs=tmp_path)
     with pytest.raises(InputError, match="beads batch striker-mass"):
-        drivers.read_study_table("striker-mass", results=tmp_path)
+        drivers.read_study_table("striker-mass", runs=tmp_path)

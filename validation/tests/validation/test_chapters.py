@@ -6,29 +6,29 @@ from dataclasses import dataclass, replace
 from math import inf, isnan, nan, nextafter
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 import drivers.engines
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.base.files import sealed_file
 from drivers.chain.case import Case
 from drivers.engines import installed_codes, load_engine
 from postproc.paper.simulate import Simulation, run_codes
 from validation.chapters import (
     CHAPTERS,
+    Chapter,
     Options,
     frame_of,
     load_chapter,
     read_section,
-    read_table,
     rows_in,
     write_chapter,
-    write_table,
 )
 from validation.commands.beads import BEADS
 from validation.elements import elements_chapter, gauge_steps
 from validation.elements.switches import read_elements
+from validation.report.page_figures import write_part
 from validation.stability.extremes import Extreme, run_all
 from validation.stability.measured_limits import SHIPPED, MeasuredChain, measure_limits, sweeps
 from validation.stability.stability_chapter import CHAPTER as STABILITY
@@ -121,32 +121,31 @@ ROWS = [
 ]
 
 
+CHAPTER = Chapter("trade", "about trade", {"t": Measured}, lambda _: {}, lambda _: (), lambda _: {})
+
+
 def test_rows_come_back_bit_for_bit(tmp_path: Path) -> None:
     for rows in (ROWS, []):
-        write_table(tmp_path / "new" / "t.csv", Measured, rows)
-        assert rows_in(read_table(tmp_path / "new" / "t.csv", Measured, "trade"), Measured) == rows
-    write_table(tmp_path / "t.csv", Measured, [Measured("a", 1, nan, True)])
+        written = write_chapter(CHAPTER, {"t": rows}, tmp_path)["t"]
+        stored = CHAPTER.read(tmp_path)["t"]
+        pd.testing.assert_frame_equal(stored, written, check_exact=True)
+        assert rows_in(stored, Measured) == rows
+    write_chapter(CHAPTER, {"t": [Measured("a", 1, nan, True)]}, tmp_path)
     assert (tmp_path / "t.csv").read_text() == "name,steps,value,good\na,1,,True\n"
-    assert isnan(rows_in(read_table(tmp_path / "t.csv", Measured, "trade"), Measured)[0].value)
+    assert isnan(rows_in(CHAPTER.read(tmp_path)["t"], Measured)[0].value)
 
 
 @pytest.mark.parametrize(
-    ("content", "message"),
+    ("columns", "message"),
     [
-        (None, "file not found; make trade writes it$"),
-        (b"", "damaged file.*; make trade writes it again$"),
-        (b"name,steps,value\na,1,2\n", "no column good"),
-        (b"name,steps,value,good\na,1,two,True\n", "could not convert string to float: 'two'"),
-        (b"name,steps,value,good\na,,2,True\n", "damaged file"),
-        (b"name,steps,value,good\na,1,2,True,5,6\nb,1\n", "damaged file"),
-        (b"\xff\xfe\x00", "damaged file"),
+        ({"name": ["a"], "steps": [1], "value": [2.0]}, "good"),
+        ({"name": ["a"], "steps": [1], "value": ["two"], "good": [True]}, "could not convert string to float: 'two'"),
+        ({"name": ["a"], "steps": [nan], "value": [2.0], "good": [True]}, "Cannot convert non-finite values"),
     ],
 )
-def test_a_damaged_table_is_named_with_the_target_that_writes_it(
-    tmp_path: Path, content: bytes | None, message: str
+def test_a_table_of_another_version_is_named_with_the_target_that_writes_it(
+    tmp_path: Path, columns: dict[str, list[object]], message: str
 ) -> None:
-    if content is not None:
-        with sealed_file(tmp_path / "t.csv") as draft:  # by another version
-            draft.write_bytes(content)
-    with pytest.raises(InputError, match=f"t.csv: .*{message}"):
-        rows_in(read_table(tmp_path / "t.csv", Measured, "trade"), Measured)
+    write_part("trade", tmp_path, {"t": pd.DataFrame(columns)}, ())
+    with pytest.raises(InputError, match=rf"trade\.json: .*another version .*{message}.*make trade writes it again"):
+        CHAPTER.read(tmp_path)

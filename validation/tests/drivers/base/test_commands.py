@@ -3,6 +3,7 @@
 import ast
 import os
 import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -151,3 +152,31 @@ def test_a_wrong_command_line_ends_in_one_line(words: tuple[str, ...], said: str
     assert (ended.returncode, ended.stdout, ended.stderr.count("\n")) == (2, "", 1)
     program = "beads" if len(words) == 1 and words[0] != "run" else f"beads {words[0]}"
     assert ended.stderr == f"{said} (see {program} --help)\n"
+
+
+IMPORTS = "import os, signal, time, drivers.environment; os.kill(os.getpid(), signal.SIGINT); time.sleep(20)"
+MAIN = "import time; from validation.commands.beads import run_main; run_main(lambda: {work})"
+DROPPED = "type('', (), {'__del__': lambda _: (_ for _ in ()).throw(KeyboardInterrupt)})() and time.sleep(20)"
+
+
+@pytest.mark.parametrize(
+    ("code", "words", "end"),
+    [
+        (IMPORTS, "", -signal.SIGINT),
+        (MAIN.format(work=DROPPED), "interrupted\n", 130),
+        (MAIN.format(work="bytearray(1 << 62)"), "error: out of memory\n", 1),
+    ],
+)
+def test_an_interrupt_and_the_end_of_memory_are_at_most_a_line(code: str, words: str, end: int) -> None:
+    """While modules are imported; where Python drops exceptions."""
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stderr) == (end, words)
+
+
+def test_too_little_memory_for_the_libraries_is_refused_in_one_line() -> None:
+    limit = "import resource, sys; resource.setrlimit(resource.RLIMIT_AS, (600_000_000,) * 2); sys.argv[1:] = {}; "
+    for words, code in ((["--help"], 0), (["plan", "fig4"], 1)):
+        run = f"{limit.format(words)}from validation.commands.beads import main; main()"
+        ended = subprocess.run([sys.executable, "-c", run], capture_output=True, text=True, check=False)
+        refusal = "error: the memory is limited to 600 MB (ulimit -v); 1500 MB are needed\n"
+        assert (ended.returncode, ended.stderr) == (code, refusal * code)

@@ -1,18 +1,25 @@
 """Tests of batches: finished rows are kept and never run again, also after failures."""
 
-import shlex
+import json
+import os
+import platform
 import shutil
+import sqlite3
 import subprocess
-from collections import Counter
+import time
+from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
+import psutil
 import pytest
 
-from drivers.base import kept, paths
-from drivers.batch import study_cases, study_rows
-from drivers.batch.store import Store
-from drivers.run import workplaces
+from drivers.base import paths
+from drivers.batch import rows as batch_rows
+from drivers.batch import store as batch_store
+from drivers.batch.store import Store, StudyRow
 from postproc.paper.simulate import exact
 from postproc.read.observables import observe
 from validation.tests.helpers.commands import BEADS, beads, beads_process
@@ -42,9 +49,18 @@ def table_bytes(runs: Path) -> list[bytes]:
     return [(results_of(runs) / f"study.{ending}").read_bytes() for ending in ("parquet", "csv")]
 
 
-def stored(runs: Path) -> Counter[str]:
-    """Number of times that each row is in the store."""
-    return Counter(row.identity for row in Store(runs).refresh())
+def sql(runs: Path, query: str, *values: Any) -> list[tuple[Any, ...]]:
+    """Result of a query of the database, as anybody may ask it."""
+    if not (runs / "batch.sqlite").exists():
+        return []
+    with closing(sqlite3.connect(runs / "batch.sqlite", timeout=20)) as connection, connection:
+        made = connection.execute("PRAGMA user_version").fetchone() != (0,)  # not by a process that was killed before
+        return connection.execute(query, values).fetchall() if made else []
+
+
+def stored(runs: Path) -> list[int]:
+    """Places of the rows in the order of their writing: a row that is written again leaves a gap."""
+    return [place for (place,) in sql(runs, "SELECT rowid FROM rows ORDER BY rowid")]
 
 
 def test_the_table(study_file: StudyWriter, scene_file: SceneWriter, tmp_path: Path) -> None:
@@ -75,33 +91,14 @@ def test_the_table(study_file: StudyWriter, scene_file: SceneWriter, tmp_path: P
     assert (costs["engine_s"] > 0).all()
 
 
-def test_an_unfinished_table_replaces_none_with_more_rows(study_file: StudyWriter, tmp_path: Path) -> None:
-    path, runs = study_file(SPEEDS.format(3), "verlet", top='figure = ["wall_peak_N"]'), tmp_path / "runs"
-    part = ("--only", "*=0.5*")
-    assert batch_here(path, runs, *part).stdout.splitlines()[-2:] == ["verlet  1 done", "1 of 3 rows done"]
-    done = batch_here(path, runs).stdout.splitlines()
-    assert f"to draw the table: {shlex.join(['beads', 'study', str(path), '--results', str(results_of(runs))])}" in done
-    assert done[-1] == "3 of 3 rows done"
-    complete = table_bytes(runs)
-    kept = beads("batch", path, "--runs", tmp_path / "others", *part, "--results", results_of(runs))
-    assert (kept.returncode, kept.stdout) == (1, "verlet  1 done\n1 of 3 rows done\n")
-    assert kept.stderr == (
-        f"table {results_of(runs) / 'study.csv'} kept: it has 3 rows done, this batch 1 of 3; "
-        "--results DIR writes another table\n"
-    )
-    assert table_bytes(runs) == complete
-    path.write_text(path.read_text().replace("count = 3", "count = 2"))
-    assert batch_here(path, runs).returncode == 0  # complete, although with fewer rows
-    assert list(table(runs)["status"]) == ["done"] * 2
-
-
 def test_rows_done_or_equal_are_not_run_again_unless_damaged(study_file: StudyWriter, tmp_path: Path) -> None:
-    """Nothing is drawn at random, so cases that differ by their seed are equal."""
+    """Nothing is drawn at random, so cases that differ by their seed have equal numbers."""
     path, runs = study_file(f"{SPEEDS.format(2)}[[axis]]\nseeds = 2\n", "verlet"), tmp_path / "runs"
     assert "verlet  0 done, 4 to do, cost not measured yet" in batch(path, runs, "--dry-run").stdout
-    assert not stored(runs)
-    assert batch_here(path, runs, "--only", "striker.speed=0.5*").returncode == 0
+    assert not runs.exists()
+    assert batch_here(path, runs, "--only", "striker.speed=0.5*").stdout.endswith("verlet  2 done\n2 of 4 rows done\n")
     assert list(table(runs)["status"]) == ["done", "done", "to do", "to do"]
+    assert sql(runs, "SELECT count(DISTINCT identity), count(DISTINCT loop_s) FROM rows") == [(1, 1)]
     assert "2 done, 2 to do, about " in batch(path, runs, "--dry-run").stdout
     assert beads("status", path, "--runs", runs, "--list").stdout.splitlines()[1:] == [
         "2: striker.speed=0.5 m/s, seed=2: verlet done",
@@ -110,22 +107,100 @@ def test_rows_done_or_equal_are_not_run_again_unless_damaged(study_file: StudyWr
         "verlet  2 done, 2 to do",
     ]
     assert batch_here(path, runs).returncode == 0
-    before = sorted((runs / "batch").glob("*.jsonl"))
     first = table_bytes(runs)
     assert batch_here(path, runs).returncode == 0
-    assert sorted((runs / "batch").glob("*.jsonl")) == before
+    assert stored(runs) == [1, 2, 3, 4]
     assert table_bytes(runs) == first
-    assert list(stored(runs).values()) == [1, 1]
-    for file in before:
-        file.write_text(file.read_text().replace("1", "2", 1))
-    damaged = beads("status", path, "--runs", runs)
-    assert "damaged file" in damaged.stderr
-    assert damaged.stdout == "verlet  4 to do\n"
-    assert batch_here(path, runs).returncode == 0
+    sql(runs, "UPDATE rows SET observables = replace(observables, '1', '2') WHERE rowid < 3")
+    again = batch(path, runs)
+    assert (again.returncode, again.stderr) == (0, f"2 damaged rows in {runs / 'batch.sqlite'}: run again\n")
     assert table_bytes(runs) == first
     copy = path.with_name("renamed.toml")  # the same cases under another name, and more of them
     copy.write_text(path.read_text() + '[[axis]]\nkey = "wall.material"\nvalues = ["brass", "steel"]')
     assert "verlet  4 done, 4 to do" in batch(copy, runs, "--dry-run").stdout
+
+
+def test_anybody_reads_the_database(study_file: StudyWriter, tmp_path: Path) -> None:
+    path, runs = study_file(SPEEDS.format(2), "verlet"), tmp_path / "runs"
+    assert batch_here(path, runs).returncode == 0
+    peaks = sql(runs, "SELECT label, observables ->> 'wall_peak_N' FROM rows WHERE study = 'study' ORDER BY label")
+    assert [label for label, _ in peaks] == ["striker.speed=0.5 m/s", "striker.speed=2.0 m/s"]
+    assert [peak for _, peak in peaks] == table(runs)["wall_peak_N"].to_list()
+    with closing(sqlite3.connect(runs / "batch.sqlite")) as connection:
+        frame = pd.read_sql("SELECT * FROM rows", connection)
+    assert set(frame["status"]) == {"done"}
+    unseen = [name for name, value in json.loads(frame["observables"][0]).items() if value is None]
+    assert table(runs)[unseen].isna().all(axis=None)
+
+
+def test_a_store_that_is_damaged_or_of_another_version_is_named(study_file: StudyWriter, tmp_path: Path) -> None:
+    path, runs = study_file(SPEEDS.format(2), "verlet"), tmp_path / "runs"
+    (runs / "batch").mkdir(parents=True)
+    (runs / "batch" / "0123.jsonl").write_text("{}")
+    said = batch(path, runs, "--dry-run").stderr
+    assert said == f"{runs / 'batch'}: rows of an earlier version, not read; may be removed\n"
+    (runs / "batch.sqlite").write_bytes(b"no database" * 1000)
+    refused = beads("status", path, "--runs", runs)
+    assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
+    assert f"{runs / 'batch.sqlite'}: found a damaged file (file is not a database)" in refused.stderr
+    (runs / "batch.sqlite").unlink()
+    with closing(sqlite3.connect(runs / "batch.sqlite")) as connection:
+        connection.execute("PRAGMA user_version = 7")
+    refused = batch(path, runs)
+    assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
+    assert "rows of version 7 of the store; allowed: version 1" in refused.stderr
+
+
+ROW = StudyRow("case", "verlet", "program", "study", "label", "build", 5.0, "done")
+
+
+def test_a_row_done_takes_precedence_over_a_later_failure(tmp_path: Path) -> None:
+    failed = replace(ROW, status="failed", reason="killed", ended=6.0)
+    with Store(tmp_path) as store:
+        for row in (failed, ROW, failed):
+            store.finish(row)
+        assert store.rows("verlet", ["case"]) == {"case": ROW}
+        store.finish(replace(failed, program="another"))  # which its own failure says more about
+        assert store.rows("verlet", ["case"])["case"].status == "failed"
+
+
+def test_claims_end_with_their_process(tmp_path: Path) -> None:
+    with Store(tmp_path) as store:
+        assert store.claim("verlet", ["a", "b"]) == {"a", "b"}
+        ours, dead = (
+            batch_store._owner(),
+            f"{platform.node()} {os.getpid()} 0.0",
+        )  # another start: the number was reused
+        for owner, free in ((f"{platform.node()} 1 {psutil.Process(1).create_time()}", set()), (dead, {"a"})):
+            sql(tmp_path, "UPDATE claims SET owner = ? WHERE case_sha256 = 'a'", owner)
+            assert store.claim("verlet", ["a"]) == free
+        for since, free in ((time.time(), set()), (0.0, {"a"})):
+            sql(tmp_path, "UPDATE claims SET owner = 'elsewhere 1 0.0', since = ?", since)
+            assert store.claim("verlet", ["a"]) == free
+        store.finish(replace(ROW, case_sha256="a"))
+        assert sql(tmp_path, "SELECT case_sha256, owner FROM claims") == [("b", "elsewhere 1 0.0")]
+        assert store.claim("verlet", ["c"]) == {"c"}
+    assert ours not in {owner for (owner,) in sql(tmp_path, "SELECT owner FROM claims")}
+
+
+def test_processes_on_a_network_write_databases_of_their_own(
+    study_file: StudyWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All are read; the next batch merges those of processes that have ended."""
+    path, runs = study_file(SPEEDS.format(4), "verlet"), tmp_path / "runs"
+    assert batch_store.is_shared(tmp_path)
+    monkeypatch.setattr(batch_store, "is_shared", lambda runs: False)
+    assert batch(path, runs, "--slice", "1/2").returncode == 0
+    (own,) = runs.glob("*.sqlite")
+    own.rename(runs / f"batch-{platform.node()}-{2**22 + 1}.sqlite")  # of a process that cannot be
+    assert batch(path, runs, "--slice", "2/2").returncode == 0
+    assert beads("status", path, "--runs", runs).stdout == "verlet  4 done\n"
+    assert len([*runs.iterdir()]) == 2
+    monkeypatch.undo()
+    assert batch(path, runs).returncode == 0
+    assert len(stored(runs)) == 2
+    assert {file.name for file in runs.iterdir()} == {"batch.sqlite", f"batch-{platform.node()}-{os.getpid()}.sqlite"}
+    assert set(table(runs)["status"]) == {"done"}
 
 
 @pytest.mark.long
@@ -178,20 +253,21 @@ def test_a_failure_is_charged_to_its_case_and_not_run_again(
     assert last == "1 row failed; --retry runs them again"
     failed = table(runs)
     assert list(failed["status"]) == ["done", "failed", "done", "done"]
-    assert set(stored(runs).values()) == {1}
+    assert stored(runs) == [1, 2, 3, 4]
     repaired.touch()
     assert batch_here(path, runs, "--retry").returncode == 0
     assert failed.iloc[[0, 2, 3]].equals(table(runs).iloc[[0, 2, 3]])
     assert set(table(runs)["status"]) == {"done"}
-    assert sorted(stored(runs).values()) == [1, 1, 1, 2]
+    assert stored(runs) == [1, 3, 4, 5]
 
 
 def test_an_unstable_case_is_refused_or_fails_alone(study_file: StudyWriter, tmp_path: Path) -> None:
     axes = '[[axis]]\nzip = { "run.time_step" = ["0.1 us", "25 us"], "run.sample_interval" = ["1 us", "25 us"] }'
-    refused = batch(study_file(axes, "verlet", "reference"), tmp_path / "runs")
+    refused = batch_here(study_file(axes, "verlet", "reference"), tmp_path / "runs")
     assert refused.returncode == 2
     assert "case 2 (" in refused.stderr
     assert "run.time_step: found 2.5e-05 s; allowed: at most" in refused.stderr
+    assert list(table(tmp_path / "runs")["status"]) == ["done", "done", "refused", "done"]
     done = batch_here(study_file(axes, "verlet", "reference", top="unsafe = true"), tmp_path / "runs")
     assert done.returncode == 1
     assert "unstable at t = " in done.stderr
@@ -205,38 +281,22 @@ def test_rows_of_a_changed_template_build_or_source_are_stale(
     path, runs = study_file('[[axis]]\nkey = "chain.count"\nvalues = [3, 4]', "verlet", "lammps"), tmp_path / "runs"
 
     def status() -> str:
-        kept._program.cache_clear()
+        batch_rows.opened.cache_clear()
         return beads("status", path, "--runs", runs).stdout
 
+    monkeypatch.setattr(paths, "TEMPLATES", shutil.copytree(paths.TEMPLATES, tmp_path / "templates"))
     assert batch(path, runs, "--slice", "1/1").returncode == 0
-    templates = shutil.copytree(paths.TEMPLATES, tmp_path / "templates")
-    with monkeypatch.context() as edited:
-        edited.setattr(paths, "TEMPLATES", templates)
-        assert status() == "verlet  2 done\nlammps  2 done\n"
-        with (templates / "lammps" / "chain.in.j2").open("a") as template:
-            template.write("# another line\n")
-        assert status() == "verlet  2 done\nlammps  2 stale\n"
+    assert status() == "verlet  2 done\nlammps  2 done\n"
+    template = tmp_path / "templates" / "lammps" / "chain.in.j2"
+    text = template.read_text()
+    template.write_text(f"{text}# another line\n")
+    assert status() == "verlet  2 done\nlammps  2 stale\n"
+    template.write_text(text)
     assert status() == "verlet  2 done\nlammps  2 done\n"
     stand_in("lmp", f'exec {shutil.which("lmp")} "$@"\n')  # another build
     assert status() == "verlet  2 done\nlammps  2 stale\n"
-    monkeypatch.setattr(study_cases, "digest_of_sources", lambda: "another")
+    monkeypatch.setattr(batch_rows, "digest_of_sources", lambda: "another")
     assert status() == "verlet  2 stale\nlammps  2 stale\n"
-
-
-def test_rows_are_stored_before_their_lease_ends(
-    study_file: StudyWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Another worker would run them again."""
-    path, runs, rows = study_file(SPEEDS.format(3), "verlet"), tmp_path / "runs", list[int]()
-
-    def lease(place: Path, identities: set[str]) -> set[str]:
-        rows.append(len(stored(runs)))
-        return workplaces.lease(place, identities)
-
-    monkeypatch.setattr(study_rows, "CHUNK", 1)
-    monkeypatch.setattr(study_rows, "lease", lease)
-    assert batch(path, runs, "--slice", "1/1").returncode == 0
-    assert rows == [0, 1, 2]
 
 
 @pytest.mark.long
@@ -247,7 +307,7 @@ def test_two_simultaneous_batches_share_the_work(study_file: StudyWriter, tmp_pa
     both = [subprocess.Popen([*words, "--results", str(place)], stdout=subprocess.DEVNULL) for place in results]
     assert [process.wait(120) for process in both] == [0, 0]
     assert results[0].joinpath("study.parquet").read_bytes() == results[1].joinpath("study.parquet").read_bytes()
-    assert [*stored(runs).values()] == [1] * 200
+    assert stored(runs) == [*range(1, 201)]
 
 
 def test_rows_without_a_reference_run_are_tried_again(study_file: StudyWriter, tmp_path: Path) -> None:

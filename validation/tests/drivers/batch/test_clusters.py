@@ -1,8 +1,8 @@
 """Tests of studies on engines that are not installed on the submitting machine; Slurm is replaced by scripts."""
 
-import json
 import os
 import shlex
+import shutil
 import subprocess
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,14 +13,16 @@ import pytest
 
 from drivers.base import paths
 from drivers.batch.job_array import most_tasks
-from drivers.batch.store import Store, StudyRow, _name_of
-from drivers.batch.study_cases import opened
+from drivers.batch.rows import opened
+from drivers.batch.store import Store
 from drivers.run.build import Build
 from validation.commands.batch_commands import request_of
-from validation.tests.drivers.batch.test_batch import batch, table
+from validation.tests.drivers.batch.test_batch import batch, sql, table
 from validation.tests.helpers.commands import beads
+from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import SPEEDS, StandIn, StudyWriter
 
+IDENTITIES = "SELECT identity FROM rows"
 LOAD = ("--slurm-line", "module load dem")
 
 RunWithModule = Callable[..., subprocess.CompletedProcess[str]]
@@ -30,12 +32,6 @@ def status(study: Path, runs: Path) -> str:
     counted = beads("status", study, "--runs", runs)
     assert (counted.returncode, counted.stderr) == (0, "")
     return counted.stdout
-
-
-def put(runs: Path, row: StudyRow) -> None:
-    """Store a row."""
-    content = f"{json.dumps(vars(row))}\n".encode()
-    (runs / "batch" / _name_of(content)).write_bytes(content)
 
 
 @pytest.fixture
@@ -70,7 +66,7 @@ def test_an_engine_may_exist_in_the_job_alone(
     runs, here = tmp_path / "runs", tmp_path / "here"
     failed = batch(study, runs, "--slurm", "--wait", "--slurm-line", "module load typo")
     assert failed.returncode == 1
-    assert (runs / "batch" / ".slurm" / "study-7_1.txt").read_text() == "module: typo not found\n"
+    assert (runs / ".slurm" / "study-7_1.txt").read_text() == "module: typo not found\n"
     assert "verlet     2 to do\nby-module  2 to do\n" in failed.stdout
     assert "output in " in failed.stdout
     done = batch(study, runs, "--slurm", "--wait", *LOAD)
@@ -82,7 +78,8 @@ def test_an_engine_may_exist_in_the_job_alone(
     assert run_with_module(study, here).returncode == 0
     assert batch(study, here).returncode == 0  # without the engine its finished rows still count
     pd.testing.assert_frame_equal(table(runs), table(here), check_exact=True)
-    assert {row.identity for row in Store(runs).refresh()} == {row.identity for row in Store(here).refresh()}
+    assert len({*sql(runs, IDENTITIES)}) == 4
+    assert {*sql(runs, IDENTITIES)} == {*sql(here, IDENTITIES)}
 
 
 def test_the_build_is_that_of_the_newest_row_done(
@@ -91,18 +88,20 @@ def test_the_build_is_that_of_the_newest_row_done(
     """A failed row of a broken build hides no row done; a changed command has no rows."""
     runs = tmp_path / "runs"
     assert run_with_module(study, runs, "--only", "*=0.5*").returncode == 0
-    done = next(row for row in Store(runs).refresh() if row.engine == "by-module")
+    with Store(runs) as store:
+        (done,) = store.newest("by-module", 2)
 
     def build() -> Build:
         return opened(request_of(study, runs)).builds["by-module"]
 
     installed = build()
     assert installed.identity == done.build
-    broken = replace(done, identity="b", status="failed", build=done.build.replace(installed.version, "broken"))
-    put(runs, replace(broken, ended=done.ended + 1))
-    assert build() == installed
-    put(runs, replace(broken, identity="n", status="done", ended=done.ended + 2))
-    assert build().version == "broken"
+    broken = replace(done, status="failed", build=done.build.replace(installed.version, "broken"))
+    with Store(runs) as store:
+        store.finish(replace(broken, case_sha256="b", ended=done.ended + 1))
+        assert build() == installed
+        store.finish(replace(broken, case_sha256="n", status="done", ended=done.ended + 2))
+        assert build().version == "broken"
     other = tmp_path / "other-engines.toml"
     other.write_text('[by-module]\nadapter = "lammps"\ncommand = "lmp-of-module -log none"\n')
     monkeypatch.setenv(paths.ENGINES_VARIABLE, str(other))
@@ -110,8 +109,10 @@ def test_the_build_is_that_of_the_newest_row_done(
 
 
 def test_the_script_and_the_site_s_limit_of_arrays(study_file: StudyWriter, tmp_path: Path, stand_in: StandIn) -> None:
-    """Programs found here are found in the job, whose login profile may replace PATH."""
-    study, runs = study_file(SPEEDS.format(9), "verlet"), tmp_path / "runs"
+    """Codes that are found here are found in the job, whose login profile may replace PATH."""
+    need("lammps")
+    study, runs = study_file(SPEEDS.format(9), "verlet", "lammps"), tmp_path / "runs"
+    stand_in("lmp", f'exec {shutil.which("lmp")} "$@"\n')
     stand_in("scontrol", 'test "$*" = "show config" && echo "MaxArraySize            = 5"\n')
     words = ("--slurm", "--dry-run", "--retry", *LOAD, "--slurm-line", "#SBATCH --mem=2G")
     planned = batch(study, runs, *words, "--slices", "8").stdout
@@ -120,8 +121,10 @@ def test_the_script_and_the_site_s_limit_of_arrays(study_file: StudyWriter, tmp_
     assert lines[0] == "#!/bin/bash -l"
     assert "#SBATCH --array=1-4" in lines
     commands = [line for line in lines[1:] if not line.startswith("#")]
-    assert commands[:3] == ["set -e", f'export PATH={shlex.quote(os.environ["PATH"])}:"$PATH"', "module load dem"]
-    assert lines.index("#SBATCH --mem=2G") < lines.index("set -e")
+    assert commands[:3] == ["set -e", f'export PATH={shlex.quote(str(tmp_path / "bin"))}:"$PATH"', "module load dem"]
+    limits = [lines.index(f"#SBATCH --{limit}") for limit in ("time=10", "mem=1600M", "mem=2G")]  # the last one counts
+    assert sorted(limits) == limits
+    assert limits[-1] < lines.index("set -e")
     assert next(line for line in commands if line.startswith("exec ")).endswith(
         '--retry --slice "$SLURM_ARRAY_TASK_ID/4"'
     )
@@ -131,14 +134,12 @@ def test_the_script_and_the_site_s_limit_of_arrays(study_file: StudyWriter, tmp_
     assert batch(study, runs, "--slice", "2/3").returncode == 0
     again = batch(study, runs, *words, "--slices", "3").stdout
     assert "#SBATCH --array=1-3\n" in again
-    assert again.endswith("; all rows are done, so without --dry-run it is not submitted\n")
+    assert again.endswith("; all rows are done, so it would not be submitted\n")
     stand_in("scontrol", "exit 1\n")
     assert most_tasks() == 1000
 
 
-def test_rows_of_an_absent_engine_wait_count_and_get_stale(
-    study: Path, run_with_module: RunWithModule, tmp_path: Path
-) -> None:
+def test_rows_of_an_absent_engine_wait_and_count(study: Path, run_with_module: RunWithModule, tmp_path: Path) -> None:
     runs = tmp_path / "runs"
     done = batch(study, runs, "--slice", "1/1")
     assert (done.returncode, done.stdout) == (1, "slice 1/1: 2 rows done, 0 failed\n")
@@ -150,7 +151,7 @@ def test_rows_of_an_absent_engine_wait_count_and_get_stale(
     assert status(study, runs) == "verlet     2 done\nby-module  1 done, 1 not installed\n"
     assert run_with_module(study, runs).returncode == 0
     study.write_text(f'set = {{ "chain.count" = 4 }}\n{study.read_text()}')
-    assert status(study, runs) == "verlet     2 stale\nby-module  2 stale\n"
+    assert status(study, runs) == "verlet     2 to do\nby-module  2 not installed\n"
     assert "by-module  0 done, 2 to do" in batch(study, runs, "--slurm", "--dry-run").stdout
     assert "by-module  0 done, 2 not installed" in batch(study, runs, "--dry-run").stdout
 

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from drivers.chain.residual import residual
 from drivers.chain.schemes import verlet_of
-from drivers.limits.stable_step import needed_tolerance
+from drivers.chain.trace import residual
+from drivers.limits import needed_tolerance
 from validation.accuracy.motions import exact_motion_of
 from validation.reference.adaptive import MIN_TOLERANCE
 from validation.tests.helpers.adversarial import KINDS, adversarial_case

@@ -12,10 +12,8 @@ from typing import TypeVar
 
 import pytest
 
-from drivers.batch.store import Store
-from drivers.batch.study_cases import Batch, CaseFacts, Request, opened, validate_cases
 from drivers.run.execute import EXIT_LIMIT_S
-from validation.tests.drivers.batch.test_batch import batch, batch_here, stored, table, table_bytes
+from validation.tests.drivers.batch.test_batch import batch, batch_here, sql, stored, table, table_bytes
 from validation.tests.helpers.commands import BEADS, beads, without_progress
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import SPEEDS, SceneWriter, StandIn, StudyWriter
@@ -75,7 +73,7 @@ def test_killed_at_random_moments(study_file: StudyWriter, tmp_path: Path) -> No
             process.wait(moments.uniform(0.3, 3.2))
             assert process.returncode == 0, said_by(process)
             kept = 0
-            shutil.rmtree(runs / "batch")  # finished too early: start again for the remaining kills
+            shutil.rmtree(runs)  # finished too early: start again for the remaining kills
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
@@ -86,7 +84,8 @@ def test_killed_at_random_moments(study_file: StudyWriter, tmp_path: Path) -> No
     assert batch(path, runs).returncode == 0
     assert batch_here(path, tmp_path / "undisturbed").returncode == 0
     assert table_bytes(runs) == table_bytes(tmp_path / "undisturbed")
-    assert not list((runs / "batch" / ".work").glob("*@*"))
+    assert sql(runs, "SELECT * FROM claims") == []
+    assert [file.name for file in runs.iterdir()] == ["batch.sqlite"]
     wait_for(lambda: not any(processes_of(leader, tmp_path) for leader in leaders), 20)
 
 
@@ -110,7 +109,8 @@ def test_a_signal_to_all_processes_leaves_no_files(study_file: StudyWriter, tmp_
     assert process.wait(timeout=EXIT_LIMIT_S) == 130  # a worker that has to be waited for takes longer
     assert said_by(process) == f"interrupted: {len(stored(runs))} of 300 rows done; the same command continues\n"
     assert not [place for place in places.iterdir() if not place.name.startswith("ompi.")]  # of a killed Open MPI
-    assert not [*(runs / "batch" / ".work").glob("*@*")]
+    assert sql(runs, "SELECT * FROM claims") == []
+    assert [file.name for file in runs.iterdir()] == ["batch.sqlite"]
 
 
 @pytest.mark.long
@@ -126,34 +126,7 @@ def test_a_killed_fork_server_costs_nothing(study_file: StudyWriter, tmp_path: P
         time.sleep(0.3)
     assert (process.returncode, said_by(process)) == (0, "")
     assert kills
-    assert [*stored(runs).values()] == [1] * 60
-
-
-def test_planning_survives_a_kill(study_file: StudyWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The facts of finished parts are kept, and not computed again."""
-    path, built = study_file(SPEEDS.format(60), "verlet"), list[int]()
-    request = Request(path, tmp_path / "runs", lambda case: case, lambda *_: {})
-    batch = opened(request)
-    assert [*batch.slice_of(2, 20)] == [2, 22, 42]
-    computed = Batch.computed_facts
-
-    def facts(self: Batch, number: int) -> CaseFacts:
-        if number == 40 and not built.count(40):
-            built.append(40)
-            raise KeyboardInterrupt
-        built.append(number)
-        return computed(self, number)
-
-    monkeypatch.setattr(Batch, "computed_facts", facts)
-    with pytest.raises(KeyboardInterrupt):
-        validate_cases(batch, 1)
-    assert built == [*range(1, 41)]
-    built[:] = [40]
-    validate_cases(batch, 1)
-    assert built == [40, *range(26, 61)]
-    assert [*batch.known] == [*range(1, 61)]
-    validate_cases(batch, 1)
-    assert len(built) == 36
+    assert stored(runs) == [*range(1, 61)]
 
 
 @pytest.fixture
@@ -175,7 +148,6 @@ def test_a_full_disk_ends_the_batch(study_file: StudyWriter, small_disk: Path) -
     done = batch(path, runs)
     assert (done.returncode, done.stderr.count("\n")) == (1, 1)
     assert "No space left on device" in done.stderr
-    assert all(row.done for row in Store(runs).refresh())
     (small_disk / "ballast").unlink()
     again = batch(path, runs)
     assert again.returncode == 0, again.stderr

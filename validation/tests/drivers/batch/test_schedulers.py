@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.batch.store import Store
-from validation.tests.drivers.batch.test_batch import batch
+from validation.tests.drivers.batch.test_batch import batch, stored
 from validation.tests.drivers.batch.test_killed_batches import wait_for
 from validation.tests.helpers.commands import BEADS, beads
 from validation.tests.helpers.scenes import SPEEDS, StudyWriter
@@ -98,7 +97,7 @@ def test_a_killed_worker_loses_nothing(study_file: StudyWriter, tmp_path: Path) 
             str(tmp_path),
         ]
         process = subprocess.Popen([*BEADS, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        rows = wait_for(lambda: len(Store(runs).refresh()))
+        rows = wait_for(lambda: len(stored(runs)))
         os.kill(cluster.workers[0].pid, signal.SIGKILL)
         assert rows < 200
         printed, complaints = process.communicate(timeout=120)
@@ -117,10 +116,10 @@ def test_a_second_job_shares_the_work_of_a_running_one(
     study, runs = study_file(SPEEDS.format(80), "by-module", top=DURATION), tmp_path / "runs"
     words = ("--slurm", "--slices", "1", "--slurm-line", "module load dem")
     job = batch(study, runs, *words).stdout.split("job ")[-1].partition(":")[0]
-    wait_for(lambda: any((runs / "batch").glob("*.jsonl")))
+    wait_for(lambda: stored(runs))
     second = batch(study, runs, *words, "--slices", "2")
     assert second.returncode == 0, second.stderr
-    assert "#SBATCH --array=1-2\n" in (runs / "batch" / ".slurm" / "study.sh").read_text()
+    assert "#SBATCH --array=1-2\n" in (runs / ".slurm" / "study.sh").read_text()
     wait_for(lambda: _said("squeue", "--noheader", "--format=%T").count("RUNNING\n") == 2)
     state = beads("status", study, "--runs", runs).stdout
     assert " done" in state
@@ -129,4 +128,4 @@ def test_a_second_job_shares_the_work_of_a_running_one(
     subprocess.run(["scancel", job], check=True)
     wait_for(lambda: not _said("squeue", "--noheader"))
     assert beads("status", study, "--runs", runs).stdout == "by-module  80 done\n"
-    assert len(Store(runs).refresh()) == 80
+    assert len(stored(runs)) == 80

@@ -10,9 +10,8 @@ from scipy.optimize import brentq
 
 from drivers.base.errors import InputError
 from drivers.chain.case import Case
-from drivers.chain.chain import AT_REST
-from drivers.chain.contact_law import conformity, hertz_stiffness
-from drivers.chain.lateral import Lateral
+from drivers.chain.chain import AT_REST, Lateral, hertz_stiffness
+from drivers.chain.lateral import conformity
 from drivers.chain.schemes import verlet_of
 from drivers.run.run import run_case
 from postproc.read.observables import observe
@@ -76,7 +75,7 @@ def test_seeded_positions_are_limited_to_the_play() -> None:
 
 
 def test_a_chain_without_equilibrium_is_refused_with_its_worst_bead(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("drivers.chain.lateral_start.MAX_STEPS", 3)
+    monkeypatch.setattr("drivers.chain.lateral.MAX_STEPS", 3)
     with pytest.raises(InputError, match=r"chain.lateral_offset: found no equilibrium: .* N are unbalanced on bead "):
         case_of("fig4-tube")
 

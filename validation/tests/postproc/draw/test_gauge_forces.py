@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from drivers.chain.residual import residual
 from drivers.chain.schemes import verlet_of
+from drivers.chain.trace import residual
 from postproc.draw.gauge_forces import draw_gauge_forces
 from postproc.paper.simulate import exact
 from postproc.read.sensors import sensor_signals

@@ -203,13 +203,26 @@ WRONG = {
 def test_the_command_draws_a_relation_under_a_name_of_its_own(study_file: StudyWriter, tmp_path: Path) -> None:
     axes = SPEEDS.format(2) + '[[axis]]\nkey = "wall.material"\nvalues = ["brass"]'
     path, results = study_file(axes, "reference", top='figure = ["wall_peak_N"]'), tmp_path / "results"
-    assert beads("batch", path, "--runs", tmp_path / "runs", "--results", results).returncode == 0
+    folders = ("--runs", tmp_path / "runs", "--results", results)
+    assert beads("batch", path, *folders).returncode == 0
     before = {*results.iterdir()}
-    done = beads("study", path, "--results", results, "--x", "striker.speed", "--y", "wall_peak_N", "--log")
+    done = beads(
+        "study",
+        path,
+        "--runs",
+        tmp_path / "runs",
+        "--results",
+        results,
+        "--x",
+        "striker.speed",
+        "--y",
+        "wall_peak_N",
+        "--log",
+    )
     assert (done.returncode, done.stderr) == (0, "")
     new = {file.name for file in {*results.iterdir()} - before}
     assert new == {f"study-wall_peak_N-{STRIKER}-xy.{end}" for end in ("csv", "png", "svg")}
     for options, message in WRONG.items():
-        done = beads("study", path, "--results", results, *options.split())
+        done = beads("study", path, *folders, *options.split())
         assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1), options
         assert message in done.stderr, options

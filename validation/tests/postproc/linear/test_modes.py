@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from drivers.chain.case import Case
-from drivers.chain.chain import Array, arrays_of
-from drivers.chain.contact_law import contact_stiffness_at
+from drivers.chain.chain import Array, arrays_of, contact_stiffness_at
 from postproc.linear.modes import SOFTENING, bands_of, modes_of, sound_speed_m_s
 from validation.reference.adaptive import integrate_adaptive
 from validation.tests.helpers.commands import beads

@@ -8,9 +8,9 @@ import pytest
 
 from drivers.base.errors import InputError
 from drivers.chain.case import Case
-from drivers.chain.residual import residual
 from drivers.chain.schemes import verlet_in_heights
-from drivers.limits.refusal import refuse, unattainable
+from drivers.chain.trace import residual
+from drivers.limits import refuse, unattainable
 from validation.accuracy.motions import exact_motion_of
 from validation.accuracy.plan_report import plan_report
 from validation.stability.measured_limits import random_case

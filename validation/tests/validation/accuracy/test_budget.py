@@ -13,11 +13,10 @@ import pytest
 from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
-from drivers.chain.residual import residual
 from drivers.chain.schemes import verlet_in_heights, verlet_of
-from drivers.chain.trace import Trace, until
+from drivers.chain.trace import Trace, residual, until
 from drivers.engines import REFERENCE, VERLET
-from drivers.laws.power import Power
+from drivers.laws import Power
 from drivers.run import scheme
 from drivers.run.scheme import scheme_of
 from validation.accuracy import motions as module

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from drivers.chain.case import Case
-from drivers.chain.residual import largest_change_N
 from drivers.chain.schemes import exact_of, verlet_of
+from drivers.chain.trace import largest_change_N
 from validation.accuracy.motions import exact_motion_of, quantities
 from validation.tests.helpers import high_precision
 from validation.tests.helpers.adversarial import adversarial_case

@@ -7,8 +7,8 @@ import pytest
 
 from drivers.chain.case import Case
 from drivers.chain.chain import build_chain
-from drivers.chain.residual import residual
 from drivers.chain.schemes import verlet_of
+from drivers.chain.trace import residual
 from drivers.engines import load_engine
 from validation.accuracy.motions import errors_of, exact_motion_of
 from validation.accuracy.plan import ELEMENTS_SHARE, REMOVALS, simplify

@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 from drivers.scene.read_scene import read_scene
+from validation.report.page_figures import read_part
 from validation.tests.helpers.commands import beads
 from validation.tests.validation.calibration.test_fit import MODULUS, RESTITUTION, SHORT, made_up
 
@@ -28,6 +29,7 @@ def test_quoted_numbers_give_a_folder_without_traces_unless_another_has_its_name
     tables = {f"{name}.csv" for name in ("parameters", "data", "laws", "predictions")}
     names = {"README.md", "fit-fig4.toml", "parameters.png", "parameters.svg"} | tables
     assert {path.name for path in folder.glob("[!.]*")} == names
+    assert [*read_part("fit-fig4", tmp_path)[1]] == ["parameters"]  # for the page
     assert read_scene(folder / "fit-fig4.toml").chain.sensors[0].mass != 1.16e-4
 
 

@@ -12,7 +12,7 @@ from drivers.chain.case import Case, build_case
 from drivers.chain.trace import Trace
 from drivers.scene.read_scene import read_scene
 from postproc.paper.simulate import exact
-from validation.chapters import read_table, rows_in
+from validation.chapters import load_chapter, rows_in
 from validation.checks import FAIL, NOT_RUN, PASS, RUN, Check
 from validation.claims import judged
 from validation.claims.cases import MEASURES, Posed, pose, read_independent
@@ -59,7 +59,7 @@ BAD = [
     (CASE.replace("scene =", 'study = "restitution"\nscene ='), "case glass: keys scene and study", "give one of them"),
     (CASE.replace("absolute = 0.5", ""), "peak_force_N: missing key within or absolute", ""),
     (CASE.replace("absolute = 0.5", "absolute = 1.0\nwithin = 0.1"), "keys within and absolute", "give one of them"),
-    (CASE.replace("absolute = 0.5", "absolute = -0.5"), "absolute: found -0.5", "above 0"),
+    (CASE.replace("absolute = 0.5", "absolute = -0.5"), "absolute: found -0.5", "greater than 0"),
     (CASE.replace("10697.0\nabsolute", "0.0\nwithin"), "within with expected = 0", "absolute"),
     (CASE.replace('id = "glass"', 'id = "../x"'), 'id: found "../x"', "letters, digits"),
     (CASE + CASE, "case glass: id used twice", ""),
@@ -113,7 +113,7 @@ def test_the_command_passes_a_right_case_and_fails_a_wrong_one(cheap: Path, tmp_
     cheap.write_text(cheap.read_text().replace("expected = 11370.0", "expected = 11371.0"))
     done = beads(*words)
     assert done.returncode == 1
-    checks = rows_in(read_table(tmp_path / "results" / "claims.csv", Check, "claims"), Check)
+    checks = rows_in(load_chapter("claims").read(tmp_path / "results")["claims"], Check)
     red = [(check.engine, check.quantity) for check in checks if check.verdict == FAIL]
     assert red == [("reference", "peak_force_N against quoted"), ("verlet", "peak_force_N against quoted")]
     assert len(done.stderr.strip().splitlines()) == 1 + len(red)  # with the heading

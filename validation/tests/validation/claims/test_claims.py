@@ -9,11 +9,12 @@ import pytest
 from drivers.base.errors import InputError
 from postproc.paper.quoted import quoted
 from postproc.paper.strikes import COLUMNS
-from validation.chapters import read_section, write_table
+from validation.chapters import frame_of, read_section
 from validation.checks import Check
 from validation.claims.claim import Claim, Reading, read_claims
 from validation.claims.claims_chapter import headline, misfit
 from validation.claims.judged import DIFFERS, REPRODUCED, check_of, fault_of, favoured, hangs
+from validation.report.page_figures import write_part
 from validation.tests.helpers.commands import assert_in_order
 from validation.tests.validation.claims.published import published_checks
 
@@ -74,7 +75,7 @@ def test_a_difference_nobody_explained_and_engines_that_disagree_are_faults() ->
         (ONE + READ.replace('"another"', '"another", favoured = "too"'), "2 favoured"),
         (ONE + READ.replace('"another"', '"another", arguments = { force_N = 5 }'), "unexpected keyword argument"),
         (ONE + ONE, "twice"),
-        (ONE.replace("within = 1", "within = -1"), "above 0"),
+        (ONE.replace("within = 1", "within = -1"), "greater than 0"),
         (ONE.replace("quoted = 1", "quoted = nan"), "finite"),
         (SOLVED, "missing a required argument: 'force_N'"),
         (SOLVED.replace("quoted", 'arguments = { force_N = 7, column = "speed_m_s" }\nquoted'), "force_N: found 7.0"),
@@ -138,9 +139,9 @@ def test_the_headline_counts_statements_that_can_fail_on_physics() -> None:
 def test_a_damaged_table_is_not_shown_as_if_whole(damage: str, tmp_path: Path) -> None:
     first, *others = published_checks()
     changed = {"verdict": [replace(first, verdict="great")], "value": [replace(first, found=nan)], "claim": []}
-    write_table(tmp_path / "claims.csv", Check, [first, *others])
+    write_part("claims", tmp_path, {"claims": frame_of(Check, [first, *others])}, ())
     assert len(read_section("claims", tmp_path)["checks"]) > 100
-    write_table(tmp_path / "claims.csv", Check, [*changed[damage], *others])
+    write_part("claims", tmp_path, {"claims": frame_of(Check, [*changed[damage], *others])}, ())
     with pytest.raises(InputError) as caught:
         read_section("claims", tmp_path)
-    assert_in_order(str(caught.value), "claims.csv", "make claims")
+    assert_in_order(str(caught.value), "claims.json", "make claims")

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from drivers.chain.residual import residual
 from drivers.chain.schemes import verlet_of
+from drivers.chain.trace import residual
 from drivers.engines import codes
-from drivers.limits.refusal import refuse
+from drivers.limits import refuse
 from drivers.run.compute import compute
 from drivers.run.guard import checked
 from validation.accuracy.motions import exact_motion_of

@@ -11,7 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numba import config
 
+from validation.reference import contact_kernels
 from validation.reference.adaptive import integrate_adaptive
 from validation.reference.hertz_chain import HertzChain, Motion
 from validation.reference.symplectic import integrate_symplectic
@@ -29,6 +31,31 @@ def test_a_line_says_that_the_integrators_are_compiled(tmp_path: Path, monkeypat
     for line in ("compiling the integrators, once after a change of them\n", ""):  # the second time code is loaded
         ended = subprocess.run([sys.executable, "-c", INTEGRATION], capture_output=True, text=True, check=True)
         assert (ended.stdout, ended.stderr) == ("", line)
+
+
+def test_compiled_code_is_kept_only_where_nobody_else_can_write(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(contact_kernels, "HOME", tmp_path / "read-only")
+    monkeypatch.setitem(vars(config), "CACHE_DIR", "")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    own = tmp_path / "cache" / "bead-chains"
+    assert contact_kernels._cache_folder() == own
+    assert own.stat().st_mode & 0o777 == 0o700
+    own.chmod(0o770)
+    assert contact_kernels._cache_folder() is None
+    own.chmod(0o700)
+    if os.geteuid() == 0:
+        os.chown(own.parent, 1, 1)
+        assert contact_kernels._cache_folder() is None
+
+
+def test_without_such_a_folder_a_line_says_that_each_process_compiles(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", os.devnull)
+    read_only = f"import os\nos.access = lambda *given, **more: False\n{INTEGRATION}"
+    ended = subprocess.run([sys.executable, "-c", read_only], capture_output=True, text=True, check=True)
+    assert ended.stderr.startswith("compiling the integrators, in each process: ")
 
 
 SIGNATURES = """import gc, sys, time

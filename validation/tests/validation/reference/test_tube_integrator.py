@@ -10,11 +10,10 @@ import pytest
 from drivers.base.errors import InputError
 from drivers.chain.case import Case
 from drivers.chain.chain import arrays_of, energy_put_in, tube_arrays_of
-from drivers.chain.residual import residual
 from drivers.chain.schemes import verlet_of
+from drivers.chain.trace import residual
 from drivers.engines import INCREMENTAL, TOTAL, load_engine
-from drivers.limits.refusal import refuse
-from drivers.limits.stable_step import step_limit, two_over_omega
+from drivers.limits import refuse, step_limit, two_over_omega
 from validation.accuracy.budget import budget_of
 from validation.reference.hertz_chain import Extremes, TubeMotion
 from validation.reference.tube import integrate_tube

@@ -69,7 +69,7 @@ class Parts:
 
     def damage(self, file: str) -> None:
         """Alter a file that has been written."""
-        (self.results / file).write_text((self.results / file).read_text().replace("1", "2"))
+        (self.results / file).write_text((self.results / file).read_text().replace("1", "2", 1))
 
 
 @pytest.fixture
@@ -144,7 +144,7 @@ def test_figures_and_claims_are_made_again_if_a_source_is_newer_and_other_tables
         cached.cache_clear()
 
 
-@pytest.mark.parametrize("file", ["claims.csv", "trade.csv", "fig1.svg"])
+@pytest.mark.parametrize("file", ["parts/claims.json", "parts/trade.json", "parts/fig1.json"])
 def test_damaged_files_are_made_again_with_one_line(
     file: str, parts: Parts, grow: Grow, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -152,16 +152,27 @@ def test_damaged_files_are_made_again_with_one_line(
     parts.damage(file)
     capsys.readouterr()
     assert grow() == 0
-    assert parts.made == [*PARTS, file.partition(".")[0]]
+    assert parts.made == [*PARTS, Path(file).stem]
     (line,) = [line for line in capsys.readouterr().err.splitlines() if file in line]
     assert "altered since it was written" in line
 
 
+def test_an_edited_table_or_picture_is_an_output_that_nothing_reads(parts: Parts, grow: Grow) -> None:
+    assert grow() == 0
+    page = (parts.results / "report.html").read_text()
+    for file in ("claims.csv", "fig1.csv", "fig1.svg"):
+        parts.damage(file)
+    assert grow() == 0
+    assert parts.made == PARTS
+    made = page.index('<section id="made"') if '<section id="made"' in page else len(page)
+    assert (parts.results / "report.html").read_text()[:made] == page[:made]
+
+
 def test_a_damaged_figure_is_named_before_any_run(parts: Parts, grow: Grow, monkeypatch: pytest.MonkeyPatch) -> None:
     assert grow() == 0
-    parts.damage("fig1.svg")
+    parts.damage("parts/fig1.json")
     monkeypatch.setattr(write_report, "run_and_compare_all", lambda *_, **__: pytest.fail("runs"))
-    with pytest.raises(InputError, match=r"fig1\.svg"):
+    with pytest.raises(InputError, match=r"fig1\.json"):
         grow(studies=False)
 
 
@@ -176,18 +187,16 @@ def test_a_part_that_fails_leaves_the_others_and_the_page(
     assert parts.to_come == []
 
 
-def test_a_chapter_is_complete_with_its_main_table(parts: Parts, grow: Grow) -> None:
-    """A study that is stopped while it writes has no main table, and is made again."""
-    assert grow() == 0
-
-    (parts.results / "trade-more.csv").mkdir()
+def test_a_chapter_is_stored_when_all_its_files_are_written(parts: Parts, grow: Grow) -> None:
+    """A chapter that is stopped while it writes is not on the page."""
+    (parts.results / "trade-more.csv").mkdir(parents=True)
     longer = replace(parts.load("trade"), tables={"trade": Row, "trade-more": Row})
     with pytest.raises(OSError, match=r"trade-more\.csv"):
         chapters.write_chapter(longer, {"trade": [Row(1.0)], "trade-more": [Row(1.0)]}, parts.results)
-    assert not (parts.results / "trade.csv").exists()
     assert read_section("trade", parts.results) == {}
+    (parts.results / "trade-more.csv").rmdir()
     assert grow() == 0
-    assert parts.made == [*PARTS, "trade"]
+    assert parts.made == PARTS
 
 
 def test_every_call_reports_a_missed_requirement(parts: Parts, grow: Grow, capsys: pytest.CaptureFixture[str]) -> None:

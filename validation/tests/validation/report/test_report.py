@@ -4,7 +4,7 @@ import html
 import json
 import os
 import re
-from base64 import b64decode
+from base64 import b64decode, b64encode
 from collections import Counter
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -17,11 +17,11 @@ import pytest
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.base.files import SEALS, sealed_file
+from drivers.base.files import DAMAGED
 from drivers.chain.trace import until
-from validation.chapters import write_frame
 from validation.checks import FAIL, NOT_RUN, PASS, share_of_limit, short
 from validation.compare.comparison import ComparedScene
+from validation.report.page_figures import part_file, write_part
 from validation.report.scene_section import scene_row, section_of
 from validation.report.write_report import write_report
 from validation.tests.helpers.commands import beads
@@ -175,9 +175,9 @@ def test_table_1_has_a_row_per_amplitude_and_the_figure_of_speeds_has_its_scores
         [("score", modulus, force, 7.04, -0.3 * force) for modulus in (600.0, 1460.0) for force in (5.0, 0.06)],
         columns=["source", "modulus_MPa", "force_N", "deviation_pct", "deviation_standard_errors"],
     )
-    write_frame(tmp_path / "fig3.csv", pd.concat([score, pd.DataFrame({"source": ["experiment"]})]))
-    with sealed_file(tmp_path / "fig3.svg") as draft:
-        draft.write_text('<svg xmlns="http://www.w3.org/2000/svg" width="252pt" height="10pt"></svg>')
+    figure, table = tmp_path / "fig3.svg", pd.concat([score, pd.DataFrame({"source": ["experiment"]})])
+    figure.write_text('<svg xmlns="http://www.w3.org/2000/svg" width="252pt" height="10pt"></svg>')
+    write_part("fig3", tmp_path, {"fig3": table}, [figure])
     text = page_of([], tmp_path)
     shown = [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row) for row in re.findall(r"<tr>(<th scope=.row.*?)</tr>", text)]
     equal = [f"<b>{cell}</b>" for cell in ("190.2", "5.41", "4.00", "190.0", "5.40", "4.00")]
@@ -188,25 +188,44 @@ def test_table_1_has_a_row_per_amplitude_and_the_figure_of_speeds_has_its_scores
 
 
 @pytest.mark.parametrize(
-    ("file", "content"),
-    [("table1.csv", "force_N\n1"), ("fig4.svg", "<svg><g></svg>"), ("claims.csv", "id\n1"), ("fig3.csv", "source\n1")],
+    ("name", "tables", "svg"),
+    [
+        ("table1", {"table1": {"force_N": [1]}}, ""),
+        ("table1", {"other": {"force_N": [1]}}, ""),
+        ("fig4", {}, "<svg><g></svg>"),
+        ("claims", {"claims": {"id": [1]}}, ""),
+        ("fig3", {"fig3": {"source": [1]}}, '<svg width="9pt"></svg>'),
+    ],
 )
-def test_a_damaged_file_is_named_in_one_line(file: str, content: str, tmp_path: Path) -> None:
-    with sealed_file(tmp_path / "fig3.svg") as draft:
-        draft.write_text('<svg width="9pt"></svg>')
-    (tmp_path / file).write_text(content)
-    with pytest.raises(InputError, match=f"{file}: found a file without its digest"):
+def test_a_stored_result_of_another_version_is_named_in_one_line(
+    name: str, tables: dict[str, Any], svg: str, tmp_path: Path
+) -> None:
+    figure = tmp_path / f"{name}.svg"
+    figure.write_text(svg)
+    write_part(name, tmp_path, {key: pd.DataFrame(columns) for key, columns in tables.items()}, [figure] if svg else ())
+    with pytest.raises(InputError, match=rf"{name}\.json: .*make {name} writes it again"):
         write_report([], tmp_path / "report.html")
-    with sealed_file(tmp_path / file) as draft:  # by another version
-        draft.write_text(content)
-    with pytest.raises(InputError, match=file):
+    assert {path.name for path in tmp_path.iterdir()} == {"parts", figure.name}
+
+
+def test_a_damaged_stored_result_is_named_in_one_line(tmp_path: Path) -> None:
+    """The page shows no result that is not as it was stored, or under another name."""
+    write_table_1(tmp_path)
+    stored = part_file("table1", tmp_path)
+    text = stored.read_text()
+    for content, found in ((text.replace("1", "2", 1), "altered"), (text[:-9], DAMAGED), ("", DAMAGED)):
+        stored.write_text(content)
+        with pytest.raises(InputError, match=rf"table1\.json: found .*{found}"):
+            write_report([], tmp_path / "report.html")
+    stored.unlink()
+    part_file("fig4", tmp_path).write_text(text)
+    with pytest.raises(InputError, match=r"fig4\.json: .*the result of table1"):
         write_report([], tmp_path / "report.html")
-    assert {path.name for path in tmp_path.iterdir()} == {file, "fig3.svg", SEALS}
 
 
 def test_the_same_verdicts_in_both(hostile: Path) -> None:
     written = sorted(path.name for path in hostile.glob("[!.]*"))
-    assert written == ["claims.csv", "fig4.svg", "report.html", "report.json", "table1.csv"]
+    assert written == ["fig4.svg", "parts", "report.html", "report.json"]
     page, data = (hostile / "report.html").read_text(), json_of(hostile)
     verdicts = {
         kind: {(row["name"], name, cell["verdict"]) for row in data[kind] for name, cell in row["engines"].items()}
@@ -287,8 +306,12 @@ def test_a_scene_shows_its_measured_traces_and_quoted_values(scene_file: SceneWr
     quoted_values = "[[measured]]\nvalues = { wall_peak = '9 N' }\nerrors = { wall_peak = 0.1 }\n"
     scene.write_text(f'{scene.read_text()}{quoted_values}[[measured]]\nfile = "shot.csv"\n')
     words = ("report", scene, "--out", scene.with_suffix(".html"), "--engine", "verlet", "--allow-missing", "--runs")
+    figure = scene.with_suffix(".svg")
+    figure.write_text('<svg width="11pt"></svg>')
+    write_part(f"fit-{scene.stem}", scene.parent, {}, [figure.rename(scene.with_name("parameters.svg"))])
     assert beads(*words, shared_runs).returncode == 0
     page = scene.with_suffix(".html").read_text()
+    assert b64encode(b'<svg width="11pt"></svg>').decode() in page  # fitted parameters
     measured = page.split("Measured and computed forces (reference)")[1]
     assert {"wall_impulse_N_s", "shot.csv"} <= set(re.findall(r"[\w.]+", measured))
     assert re.search(r"Do the measurements fit\?.*is the furthest, [\d.e+]+ standard errors", page)

@@ -7,15 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from drivers import limits
 from drivers.base.errors import InputError
 from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
 from drivers.chain.schemes import verlet_in_heights, verlet_of
 from drivers.chain.trace import Trace
 from drivers.engines import VERLET, codes, installed
-from drivers.limits import stable_step
-from drivers.limits.refusal import inability, refuse
-from drivers.limits.stable_step import step_limit, why_unstable
+from drivers.limits import inability, refuse, step_limit, why_unstable
 from validation.accuracy.plan_report import plan_report
 from validation.chapters import write_chapter
 from validation.checks import NOT_RUN, PASS
@@ -124,16 +123,16 @@ def test_the_limit_is_close_to_the_first_step_whose_energy_rises(law: str, press
             return float(np.nan_to_num(energy - energy[0], nan=inf).max()) / right_J
 
     step_s = limit.stable_s / 2
-    while gain(step_s) <= stable_step.GAIN:
+    while gain(step_s) <= limits.GAIN:
         step_s *= 1.01
     assert step_s / limit.stable_s > 0.99
-    assert limit.unstable_s is None or (step_s < 1.02 * limit.stable_s and gain(limit.unstable_s) > stable_step.GAIN)
+    assert limit.unstable_s is None or (step_s < 1.02 * limit.stable_s and gain(limit.unstable_s) > limits.GAIN)
 
 
 def test_the_energy_of_a_body_that_moves_as_prescribed_does_not_count() -> None:
     """Unless a force drives it: half a kilogram at the speed of the ramp."""
     heavy, slow = "chain.bead=[{from_wall=3, mass='0.5 kg'}]", RAMP + "displacement='-0.1 um'}"
-    light, same = (stable_step.resolved_trial(case_of("fig4", *HELD, slow, *more)) for more in ((), (heavy,)))
+    light, same = (limits.resolved_trial(case_of("fig4", *HELD, slow, *more)) for more in ((), (heavy,)))
     assert light.extremes.kinetic_J == pytest.approx(same.extremes.kinetic_J, rel=1e-9)
 
 
@@ -157,15 +156,15 @@ def test_near_a_resonance_the_limit_is_where_the_motion_grows_many_times() -> No
 @pytest.mark.parametrize(("step", "trials"), [((), 1), (COARSE, 2)])
 def test_a_resolved_step_needs_no_second_trial(step: tuple[str, ...], trials: int) -> None:
     case = case_of("fig4", *step)
-    stable_step.trial.cache_clear()
-    stable_step.resolved_trial.cache_clear()
+    limits.trial.cache_clear()
+    limits.resolved_trial.cache_clear()
     assert not why_unstable(case)
-    assert stable_step.trial.cache_info().misses == trials
+    assert limits.trial.cache_info().misses == trials
 
 
 def test_a_run_too_long_for_a_trial_is_tried_in_part(monkeypatch: pytest.MonkeyPatch) -> None:
     case = case_of("fig4", *TOO_LARGE, "striker.speed=2.01 m/s")
-    monkeypatch.setattr(stable_step, "MAX_WORK", 240 * case.chain.bodies)  # resolved at 2.5 us
+    monkeypatch.setattr(limits, "MAX_WORK", 240 * case.chain.bodies)  # resolved at 2.5 us
     with pytest.raises(InputError, match=r"at most 1.* s; .* \(tried until 0\.\d+ of 0\.8 ms\)"):
         refuse(case, "verlet")
 

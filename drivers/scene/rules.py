@@ -5,11 +5,30 @@ from contextlib import suppress
 
 from drivers.base.errors import InputProblem
 from drivers.base.messages import shorten
-from drivers.laws import LAWS
-from drivers.scene.drive_rules import drive_contradictions, drive_problems
-from drivers.scene.model import RIGID, Bead, ChainTable, Contact, MeasuredEntry, Scene, SceneFile, Sensor
+from drivers.laws import LAWS, Viscoelastic
+from drivers.scene.model import (
+    RIGID,
+    Bead,
+    ChainTable,
+    Contact,
+    DriveTable,
+    MeasuredEntry,
+    Scene,
+    SceneFile,
+    Sensor,
+)
 
 LEAST_M, MOST_M = 1e-9, 1e3  # diameters of beads
+# keys of drives by form: needed ones, then optional ones; other keys are refused
+KEYS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "sine": (("frequency",), ("cycles", "window")),
+    "half-sine": (("duration",), ()),
+    "step": ((), ()),
+    "ramp": (("duration",), ()),
+    "chirp": (("frequency", "end_frequency", "duration"), ("window",)),
+    "file": (("file",), ()),
+}
+AMPLITUDES = ("force", "displacement")
 PLAY_TOLERANCE = 1e-6  # relative; for rounding of the difference of two diameters
 
 
@@ -36,7 +55,11 @@ def _dissipation(contact: Contact) -> Iterator[InputProblem]:
             found = f'{value:g} with contact.dissipation = "{contact.dissipation}"'
             law = next(law.name for law in LAWS.values() if key in law.keys)
             yield f"contact.{key}", found, f'this key only with contact.dissipation = "{law}"'
-    yield from chosen.problems({key: value for key, value in given.items() if key in chosen.keys})
+    for key, needed in chosen.keys.items():
+        if needed and key not in given:
+            yield f"contact.{key}", f"missing key; give {needed}", ""
+    if chosen is Viscoelastic and given.keys() >= chosen.keys.keys():
+        yield "contact", "both restitution and damping_ratio", "one of the two; each determines the other"
 
 
 def _measured_choices(measured: MeasuredEntry, key: str) -> Iterator[InputProblem]:
@@ -166,7 +189,7 @@ def _tube_contradictions(scene: Scene, widest: float) -> Iterator[InputProblem]:
         allowed = "an upright chain, as beads that move sideways would fall across the axis"
         yield "chain.angle", f"{chain.angle:g} deg for beads that move sideways", allowed
     law = scene.contact.law
-    if not law.sideways:
+    if law.damped and not law.sideways:
         able = " or ".join(f'"{law.name}"' for law in LAWS.values() if law.sideways)
         allowed = f"{able}; the other laws are modelled for straight chains only"
         yield "contact.dissipation", f'"{law.name}" for beads that move sideways', allowed
@@ -185,3 +208,42 @@ def _tube_contradictions(scene: Scene, widest: float) -> Iterator[InputProblem]:
         yield "tube.inner_diameter", f"{tube.inner_diameter:g} m", f"more than the largest bead diameter, {widest:g} m"
     elif offset is not None and offset > play * (1 + PLAY_TOLERANCE):
         yield "chain.lateral_offset", f"{offset:g} m", f"at most the play of {play:.4g} m"
+
+
+def drive_problems(drive: DriveTable) -> Iterator[InputProblem]:
+    """Problems with the keys of a drive."""
+    needed, optional = KEYS[drive.form]
+    given = [key for key in AMPLITUDES if getattr(drive, key) is not None]
+    wanted = "no amplitude, since the file has values" if drive.form == "file" else "exactly one of the two"
+    if len(given) != (drive.form != "file"):
+        yield "drive", " and ".join(given) or "no force and no displacement", wanted
+    for key in sorted({key for keys in KEYS.values() for part in keys for key in part} - {*needed, *optional}):
+        if getattr(drive, key) is not None:
+            forms = " or ".join(f'"{form}"' for form, keys in KEYS.items() if key in (*keys[0], *keys[1]))
+            yield f"drive.{key}", f'this key with drive.form = "{drive.form}"', f"this key only with {forms}"
+    for key in needed:
+        if getattr(drive, key) is None:
+            yield f"drive.{key}", f'missing key; drive.form = "{drive.form}" needs it', ""
+    if drive.form == "sine" and drive.window == "hann" and drive.cycles is None:
+        yield "drive.cycles", "missing key; a window needs a number of cycles", ""
+    if drive.form == "step" and drive.displacement is not None:
+        yield "drive.form", '"step" of a displacement, a motion of infinite speed', '"ramp" with a drive.duration'
+
+
+def drive_contradictions(scene: Scene) -> Iterator[InputProblem]:
+    """Problems of a drive with other keys of its scene."""
+    drive, count = scene.drive, scene.chain.count
+    if drive is None:
+        return
+    if scene.three_dimensional:
+        yield "drive", "a drive of beads that move sideways", "a drive of a straight chain"
+    if drive.from_wall is not None and drive.from_wall > count:
+        allowed = f"1 to {count}, the beads of the chain" if count else "no such key, as the chain has no beads"
+        yield "drive.from_wall", str(drive.from_wall), allowed
+    if drive.prescribed and drive.from_wall is None and scene.striker is not None:
+        yield "drive", "a displacement of the striker, which has a speed", "drive.from_wall of a bead, or a force"
+    for i, bead in enumerate(scene.chain.bead):
+        if drive.prescribed and bead.velocity is not None and bead.from_wall == (drive.from_wall or count):
+            yield f"chain.bead.{i}.velocity", "a velocity of a bead with a prescribed displacement", "no velocity"
+    if drive.start >= scene.run.duration:
+        yield "drive.start", f"{drive.start:g} s", f"below run.duration, {scene.run.duration:g} s"
