@@ -13,25 +13,43 @@ import pytest
 from drivers.base.errors import InputError
 from drivers.base.processes import ABANDONED_S, LOCK, PLACE, STDERR, private_temporary_folder, run_command, workplace
 
-# SIGTERM comes while a command starts that makes its folder again and again, with all parents, as Open MPI does
-LEFT_AT_A_START = """
-import os, signal, subprocess, sys
+# a signal comes when a slow launcher runs a command that makes its folder again and again, as Open MPI does
+LEFT_AT_A_START = '''
+import signal, subprocess, sys, time
 from pathlib import Path
 from drivers.base import processes
+AGAIN = """
+import os, sys
+while True:
+    try:
+        os.makedirs(sys.argv[1] + "/made", exist_ok=True)
+    except OSError:
+        pass
+"""
 real = subprocess.Popen
 def interrupted(*words, **options):
     process = real(*words, **options)
-    os.kill(os.getpid(), signal.SIGTERM)
+    while not [*Path(sys.argv[1]).glob("*/made")]:
+        time.sleep(0.01)
+    process.send_signal(signal.SIGSTOP)
+    real(("sh", "-c", f"sleep 0.3; kill -CONT {process.pid}"))
+    signal.raise_signal(signal.SIGTERM)
     return process
-signal.signal(signal.SIGTERM, lambda *_: processes.leave())
+leaves = sys.argv[2] == "leaves"
+signal.signal(signal.SIGTERM, lambda *_: processes.leave() if leaves else signal.default_int_handler(2, None))
 subprocess.Popen = interrupted
-with processes.workplace(Path(sys.argv[1])) as place:
-    processes.run_command(("sh", "-c", f"setsid sh -c 'while :; do mkdir -p {place}/made; done' & wait"), place, 60.0)
-"""
+try:
+    with processes.workplace(Path(sys.argv[1])) as place:
+        processes.run_command(("setsid", "--fork", "--wait", sys.executable, "-c", AGAIN, str(place)), place, 60.0)
+except KeyboardInterrupt:
+    sys.exit(1)
+'''
 
 
-def test_a_process_that_leaves_waits_for_what_it_starts(tmp_path: Path) -> None:
-    done = subprocess.run([sys.executable, "-c", LEFT_AT_A_START, str(tmp_path)], capture_output=True, check=False)
+@pytest.mark.parametrize("how", ["leaves", "raises"])
+def test_a_process_that_is_interrupted_waits_for_what_it_starts(how: str, tmp_path: Path) -> None:
+    words = [sys.executable, "-c", LEFT_AT_A_START, str(tmp_path), how]
+    done = subprocess.run(words, capture_output=True, check=False, timeout=60)
     assert (done.returncode, done.stderr) == (1, b"")
     assert not [*tmp_path.iterdir()]
 
