@@ -12,7 +12,6 @@ from drivers.base import paths
 from drivers.base.errors import InputError, InputProblem
 
 Model = TypeVar("Model", bound=BaseModel)
-MAX_ERRORS = 1000  # that are put into words: a dozen are shown, and each takes a fraction of a millisecond
 MISPLACED = ("missing", "extra_forbidden")  # types of pydantic's errors on keys
 EXPECTED = {  # words of TOML for allowed values, by the type of pydantic's error
     "int_type": "a whole number",
@@ -36,7 +35,7 @@ def validate(model: type[Model], data: object, where: str | Path, prefix: str = 
     except ValidationError as failure:
         errors = sorted(failure.errors(include_url=False), key=lambda error: error["type"] not in MISPLACED)
     problems = dict[str, InputProblem]()  # one a key; those on keys come first, as they explain others
-    for error in errors[:MAX_ERRORS]:
+    for error in errors:
         key, found, allowed = _problem(error, model, prefix)
         problems.setdefault(key, (key, found, allowed))
     first, *more = problems.values()
