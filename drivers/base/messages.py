@@ -12,7 +12,6 @@ from drivers.base import paths
 from drivers.base.errors import InputProblem, refuse_any
 
 Model = TypeVar("Model", bound=BaseModel)
-MAX_ERRORS = 100  # of pydantic that are worded, since looking for a close name takes long
 MISPLACED = ("missing", "extra_forbidden")  # types of pydantic's errors on keys
 EXPECTED = {  # words of TOML for allowed values, by the type of pydantic's error
     "int_type": "a whole number",
@@ -36,7 +35,7 @@ def validate(model: type[Model], data: object, where: str | Path, prefix: str = 
     except ValidationError as failure:  # problems on keys come first, as they explain others
         errors = sorted(failure.errors(include_url=False), key=lambda error: error["type"] not in MISPLACED)
         shown = where if isinstance(where, str) else paths.shown(where)
-        refuse_any(shown, (_problem(error, model, prefix) for error in errors[:MAX_ERRORS]))
+        refuse_any(shown, (_problem(error, model, prefix) for error in errors))
         raise
 
 
