@@ -70,9 +70,10 @@ def _keep_talking() -> None:
 
     def talk() -> None:
         while True:
-            time.sleep(REFRESH_S if sys.stderr.isatty() else SILENCE_S)
+            watched = not sys.stderr.closed and sys.stderr.isatty()
+            time.sleep(REFRESH_S if watched else SILENCE_S)
             for bar in _under_way[-1:]:
-                bar.refresh() if sys.stderr.isatty() else say(str(bar))
+                bar.refresh() if watched else say(str(bar))
 
     threading.Thread(target=talk, daemon=True).start()
 

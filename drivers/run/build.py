@@ -118,6 +118,7 @@ def _files(engine: Engine, command: Iterable[str], variables: dict[str, str]) ->
             waiting += filter(which, [*named, *paths])
             folders += filter(os.path.isdir, paths)  # it may set them as LD_LIBRARY_PATH
     variables = variables | {"LD_LIBRARY_PATH": ":".join([*folders, variables["LD_LIBRARY_PATH"]])}
-    ldd = [which("ldd") or "true", *files]
-    listed = subprocess.run(ldd, env=variables, capture_output=True, text=True, check=False).stdout
+    ldd, listed = which("ldd"), ""
+    if ldd:
+        listed = subprocess.run([ldd, *files], env=variables, capture_output=True, text=True, check=False).stdout
     return files.union(LIBRARY.findall(listed), *(map(str, engine.libraries(Path(file))) for file in files))

@@ -214,12 +214,12 @@ def test_a_figure_with_a_failed_run_leaves_no_files(stand_in: StandIn, tmp_path:
 @pytest.mark.parametrize(
     ("reader", "old", "new", "message"),
     [
-        ("QUOTED", "fig5_incident_rise_us", "fig5_incident_rize_us", "missing key fig5_incident_rise_us"),
+        ("QUOTED", "fig5_incident_rise_us", "fig5_incident_rize_us", "fig5_incident_rise_us: missing key"),
         ("QUOTED", "force_N = [5, 2, 0.6, 0.1, 0.06]", "force_N = [5, 2]", "5 numbers"),
         ("QUOTED", "force_N = [5, 2,", "force_N = [5, 5,", "the same force twice"),
         ("QUOTED", "force_N = [5, 2,", "force_N = [nan, 2,", "table1.force_N"),
         ("QUOTED", "[table1]", "[[", "TOML"),
-        ("CALIBRATED", "value = 8.287e8", "value = -1.0", "above 0"),
+        ("CALIBRATED", "value = 8.287e8", "value = -1.0", "greater than 0"),
         ("CALIBRATED", 'law = "viscoelastic"', "", "law"),
     ],
 )
