@@ -41,7 +41,7 @@ def step(what: str, number: int, of: int) -> Iterator[None]:
 @contextmanager
 def counted(what: str, total: int | None = None, unit: str = "run") -> Iterator[Callable[..., Any]]:
     """Show a task; yields a function that counts units."""
-    file = sys.stderr if sys.stderr.isatty() else StringIO()
+    file = sys.stderr if _watched() else StringIO()
     look = COUNTED if total else "{desc}: {elapsed}"
     bar = tqdm(desc=printable(what), total=total, unit=unit, bar_format=look, file=file, position=0, nrows=2, delay=inf)
     _under_way.append(bar)
@@ -70,12 +70,16 @@ def _keep_talking() -> None:
 
     def talk() -> None:
         while True:
-            watched = not sys.stderr.closed and sys.stderr.isatty()
-            time.sleep(REFRESH_S if watched else SILENCE_S)
+            time.sleep(REFRESH_S if _watched() else SILENCE_S)
             for bar in _under_way[-1:]:
-                bar.refresh() if watched else say(str(bar))
+                bar.refresh() if _watched() else say(str(bar))
 
     threading.Thread(target=talk, daemon=True).start()
+
+
+def _watched() -> bool:
+    """True if the standard error is a terminal; it may have been closed at the end of the program."""
+    return not sys.stderr.closed and sys.stderr.isatty()
 
 
 def in_words(seconds: float) -> str:
