@@ -20,8 +20,9 @@ from drivers.base.kept import kept
 if TYPE_CHECKING:
     import pint
 
+# a unit is short, since pint takes minutes for a long word
 NUMBER_AND_UNIT = re.compile(
-    r" *([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?) *([A-Za-zµμ][\w*/^() .·-]*?) *"
+    r" *([+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?) *([A-Za-zµμ](?:[\w*/^() .·-]{0,58}[\w)])?) *"
 )
 PREFIXES = {-9: "n", -6: "u", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 SI = "SI"  # context of a validation whose quantities are numbers in SI units, as in a run record

@@ -126,6 +126,13 @@ def test_scene_that_needs_a_billion_steps_is_refused_within_seconds(setting: str
     assert time.process_time() - began < 3, "about 0.2 s; 16 s if the whole motion is integrated"
 
 
+@pytest.mark.parametrize("mass", ["1 g" + " " * 40_000 + "!", "1" * 40_000 + "!", "1 " + "m" * 40_000])
+def test_long_quantities_are_refused_at_once(mass: str) -> None:
+    began = time.process_time()
+    message_of("fig4", f"chain.mass={mass}")
+    assert time.process_time() - began < 3, "0.1 s; minutes if a pattern or pint tries every part"
+
+
 def test_short_parts_of_a_message_are_kept_whole() -> None:
     message = str(InputError("a" * 4000, "chain.mass", "1 mm", "a mass"))
     assert len(message) <= 270
