@@ -129,12 +129,6 @@ def csv_of(table: "pd.DataFrame") -> bytes:
     return text.encode()
 
 
-def parquet_in(content: bytes) -> "pd.DataFrame":
-    """Table from the content of a ``.parquet`` file, for texts and numbers; ``arrow_in`` is faster for many columns."""
-    table: pd.DataFrame = arrow_in(content).to_pandas(use_threads=False)
-    return table
-
-
 def arrow_in(content: bytes) -> "pa.Table":
     """Table of Arrow from the content of a ``.parquet`` file.
 

@@ -20,9 +20,8 @@ from drivers.base.kept import kept
 if TYPE_CHECKING:
     import pint
 
-# a unit is short, since pint takes minutes for a long word
-NUMBER_AND_UNIT = re.compile(
-    r" *([+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?) *([A-Za-zµμ](?:[\w*/^() .·-]{0,58}[\w)])?) *"
+NUMBER_AND_UNIT = re.compile(  # without ways back, which would take the square of the length of a wrong text
+    r" *+([+-]?+(?:[0-9]++\.?+[0-9]*+|\.[0-9]++)(?:[eE][+-]?+[0-9]{1,4}+)?) *+([A-Za-zµμ](?: *+[\w*/^().·-])*+) *+"
 )
 PREFIXES = {-9: "n", -6: "u", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 SI = "SI"  # context of a validation whose quantities are numbers in SI units, as in a run record
@@ -61,7 +60,7 @@ def to_si(text: str, unit: str) -> float:
         ValueError: not a number with a unit of that dimension, or out of range.
     """
     match = NUMBER_AND_UNIT.fullmatch(text)
-    if match is None:
+    if match is None or len(match[2]) > 60:  # pint takes minutes for a long word
         raise ValueError("not a number with a unit")
     number, unit_text = match.groups()
     try:

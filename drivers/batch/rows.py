@@ -194,11 +194,7 @@ def _digest(parts: object) -> str:
 
 
 def run_all(
-    request: Request,
-    methods: Methods,
-    numbers: Sequence[int],
-    place: Place,
-    tick: Callable[[], None],
+    request: Request, methods: Methods, numbers: Sequence[int], place: Place, store: Store, tick: Callable[[], None]
 ) -> None:
     """Run the unfinished rows of cases, until they are stored by this or another batch.
 
@@ -207,27 +203,25 @@ def run_all(
         methods: functions of higher packages.
         numbers: numbers of the cases.
         place: worker processes or a Dask cluster.
+        store: store of the rows.
         tick: function called several times a second.
 
     Raises:
         RunError: workers were killed repeatedly.
         OSError: the disk is full or the runs folder cannot be written to.
     """
-    deaths = 0
-    with Store(request.runs) as store:
-        position: dict[Path, int] = {}
-        store.after(position)
-        while numbers:
-            try:
-                work = partial(run_rows, request, methods)
-                under_way = execute(work, _chunks(numbers, place.workers), place, tick)
-                numbers = [number for _, left in under_way for number in left]
-                if numbers:  # another batch works on them
-                    time.sleep(RETRY_INTERVAL_S)
-            except WorkersKilledError:
-                deaths = 0 if store.after(position) else deaths + 1
-                if deaths == MAX_DEATHS:
-                    raise
+    deaths, position = 0, dict[Path, int]()
+    store.after(position)
+    while numbers:
+        try:
+            under_way = execute(partial(run_rows, request, methods), _chunks(numbers, place.workers), place, tick)
+            numbers = [number for _, left in under_way for number in left]
+            if numbers:  # another batch works on them
+                time.sleep(RETRY_INTERVAL_S)
+        except WorkersKilledError:
+            deaths = 0 if store.after(position) else deaths + 1
+            if deaths == MAX_DEATHS:
+                raise
 
 
 def _chunks(numbers: Sequence[int], workers: int) -> Iterator[Sequence[int]]:

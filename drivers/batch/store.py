@@ -123,10 +123,12 @@ class Store:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Release the claims of this process and close the database."""
+        """Release the claims of this process and of dead ones, and close the database."""
         if self._open:
-            with _transaction(self._open, self.own):
-                self._open.execute("DELETE FROM claims WHERE owner = ?", [_owner()])
+            with _transaction(self._open, self.own) as connection:
+                owners = connection.execute("SELECT owner, max(since) FROM claims GROUP BY owner").fetchall()
+                released = [(owner,) for owner, since in owners if not _is_other(owner, since)]
+                connection.executemany("DELETE FROM claims WHERE owner = ?", released)
             self._open.close()
             self._open = None
 

@@ -89,7 +89,7 @@ def batch(
                         for _ in waiting_for(job) if array.wait else ():
                             tick()
                     else:
-                        run_all(replace(request, source=study.path), methods, numbers, place, tick)
+                        run_all(replace(request, source=study.path), methods, numbers, place, store, tick)
             except KeyboardInterrupt as interrupt:
                 goes_on = "the same command continues"
                 if array:

@@ -6,7 +6,7 @@ touch the tube, slip or turn.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from math import sqrt
+from math import pi, sqrt
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from drivers.laws import Viscoelastic
 from drivers.scene.model import RIGID, Scene
 from validation.reference.adaptive import MIN_TOLERANCE
 
+LEAST_DENSITY_KG_M3 = 1e-4  # of a bead, far below that of air; the motion of lighter ones takes for ever
 MAX_OVERLAP = 0.5  # at rest, divided by the radius; far beyond Hertz's law, and codes lose contacts at larger overlaps
 # elements of straight chains, and further elements of three-dimensional chains
 STRAIGHT = frozenset(
@@ -260,11 +261,15 @@ def build_case(scene: Scene) -> Case:
 
 
 def _impossible(scene: Scene, chain: Chain) -> Iterator[InputProblem]:
-    """Problems of the built chain: masses below zero, large overlaps at rest, tubes that do not fit."""
+    """Problems of the built chain: masses below zero or of no matter, large overlaps at rest, tubes that do not fit."""
     if (chain.mass_kg <= 0).any():
         place = int(np.argmin(chain.mass_kg)) + 1
         found = f"{scene.chain.mass_scatter:g} kg, with which the mass of bead {place} is not above zero"
         yield "chain.mass_scatter", found, "a smaller scatter"
+    least_kg = LEAST_DENSITY_KG_M3 * 4 / 3 * pi * chain.radius_m**3
+    for body in np.flatnonzero((chain.mass_kg > 0) & (chain.mass_kg < least_kg) & np.isfinite(least_kg))[:1].tolist():
+        key = "striker.mass" if body == chain.beads else "chain.mass"
+        yield key, f"{chain.mass_kg[body]:g} kg of body {body + 1}", f"at least {least_kg[body]:.2g} kg for its size"
     deepest = chain.overlap_m / chain.smaller_radius_m
     if (deepest > MAX_OVERLAP).any():
         contact = int(np.argmax(deepest)) + 1

@@ -34,8 +34,8 @@ class Build:
     Attributes:
         command: command that starts it, with paths of programs.
         version: version line.
-        sha256: digest of the programs, the files named by scripts among them, all libraries that they load, an external
-            adapter, and the variables passed on.
+        sha256: digest of the programs, those that scripts among them name, their libraries, an external adapter, and
+            the variables passed on.
     """
 
     command: tuple[str, ...]

@@ -1,7 +1,9 @@
 """The executor: all work in parallel, on threads, on worker processes of this machine, or on a Dask cluster."""
 
+import atexit
 import multiprocessing
 import os
+import platform
 import signal
 import sys
 import tempfile
@@ -11,11 +13,13 @@ from concurrent.futures import CancelledError, Executor, ProcessPoolExecutor, Th
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
-from multiprocessing import connection, forkserver, resource_tracker, util
+from functools import cache
+from multiprocessing import connection, forkserver, resource_tracker
+from pathlib import Path
 from typing import Any, TypeVar
 
 from drivers.base.errors import InputError, RunError
-from drivers.base.processes import all_stopped, cores, leave
+from drivers.base.processes import all_stopped, cores, leave, private_temporary_folder, workplace
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -24,7 +28,7 @@ CONNECT_LIMIT_S = 5
 RETRIES = 3  # of an item whose Dask worker died
 POLL_INTERVAL_S = 0.2
 EXIT_LIMIT_S = 10.0  # for workers that are asked to end
-MAX_PLACE_BYTES = 70  # of a folder of sockets, whose paths Linux limits to 107 bytes
+MAX_PLACE_BYTES = 66  # of the folder and the machine's name in paths of sockets, which Linux limits to 107 bytes
 LIBRARIES = ("scipy.interpolate", "scipy.signal")  # imported once for all workers
 WARNING_FILTER = "ignore:resource_tracker"  # after a kill, Python would warn of leaked semaphores
 
@@ -108,19 +112,24 @@ def get_ready(*functions: Callable[..., Any]) -> None:
     _start_fork_server()
 
 
+@cache
+def _keep_sockets() -> None:
+    """Have multiprocessing keep its sockets in a workplace, which the next one removes if this process is killed.
+
+    It is in another folder if temporary files lie too deep for a socket, as on clusters.
+    """
+    home, node = private_temporary_folder(), platform.node()
+    places = workplace(home if len(os.fsencode(home)) + len(node) <= MAX_PLACE_BYTES else Path("/tmp"))
+    multiprocessing.current_process()._config["tempdir"] = str(places.__enter__())  # type: ignore[attr-defined]
+    atexit.register(places.__exit__, None, None, None)
+
+
 def _start_fork_server() -> None:
     """Start the fork server if it does not run, deaf to signals that a terminal or a scheduler sends to all processes.
 
     A server that Ctrl-C ends prints a traceback; after SIGTERM its workers would seem dead while they end engines.
-    Its socket is in another folder if temporary files lie too deep for one, as on clusters.
     """
-    former = tempfile.tempdir
-    if len(os.fsencode(tempfile.gettempdir())) > MAX_PLACE_BYTES:
-        tempfile.tempdir = "/tmp"
-    try:
-        util.get_temp_dir()  # made once, and then kept by multiprocessing
-    finally:
-        tempfile.tempdir = former
+    _keep_sockets()
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGHUP})  # inherited, as the others
     try:
         resource_tracker.ensure_running()  # which unblocks the others here, and ignores them

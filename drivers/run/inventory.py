@@ -174,7 +174,8 @@ def print_runs(runs: Path, scenes: Sequence[str], engines: Sequence[str], settin
     for line in text_table(rows):
         print(line)
     counts = ", ".join(f"{count} {status}" for status, count in sorted(Counter(row[5] for row in rows).items()))
-    print(f"{len(chosen)} runs{f' ({counts})' * bool(counts)}: {_size_text(chosen)}")
+    plural = "s" * (len(chosen) != 1)
+    print(f"{len(chosen)} run{plural}{f' ({counts})' * bool(counts)}: {_size_text(chosen)}")
     if (runs / ROWS).is_file():
         print(f"{home / ROWS}: rows of batches: {(runs / ROWS).stat().st_size / 1e6:,.1f} MB")
 

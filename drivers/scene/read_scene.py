@@ -22,6 +22,7 @@ NAME_RULE = "a name of letters, digits, '-', '_' and '.', beginning with a lette
 STEP_TOLERANCE = 1e-9  # relative; accepts steps written with ten digits
 MAX_STEPS = 2**31 - 1  # LIGGGHTS counts steps in 32 bits
 MAX_VALUES = 100_000_000  # samples x contacts; a run and its assessment take 150 bytes of memory for each
+LONG_KEY = re.compile(r"""(?:[\w"'-]{1,99}+[ \t]*+\.[ \t]*+){99}""")  # reading takes the square of the number of parts
 # files of drives
 HEADING = re.compile(r"\s*time_([^,]*),\s*(force|displacement)_([^,]*)")
 SI = {"force": "N", "displacement": "m"}
@@ -189,7 +190,10 @@ def read_toml(path: Path) -> dict[str, Any]:
     """
     where = paths.shown(path)
     try:
-        return tomllib.loads(read_file(path, "a TOML file").decode("utf-8"))
+        text = read_file(path, "a TOML file").decode("utf-8")
+        if LONG_KEY.search(text):
+            raise ValueError("a key of a hundred parts")
+        return tomllib.loads(text)
     except FileNotFoundError as error:
         raise InputError(where, "", "file not found") from error
     except UnicodeDecodeError as error:

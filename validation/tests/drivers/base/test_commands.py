@@ -56,7 +56,7 @@ def test_outside_the_environment_one_line_gives_the_command_that_enters_it(tmp_p
         words, variables = [*BARE_PYTHON, *BEADS[1:], "--help"], {"PYTHONPATH": str(paths.ROOT)}
         ended = subprocess.run(words, capture_output=True, text=True, check=False, cwd=place, env=variables)
         assert (ended.returncode, ended.stdout, ended.stderr.count("\n")) == (2, "", 1)
-        assert ended.stderr.startswith("Python without click, filelock, jinja2, ...: ")
+        assert ended.stderr.startswith("Python without click, jinja2, lmfit, ...: ")
         there = (paths.ROOT / ".venv" / "bin" / "activate").exists()
         how = f". {'' if place == paths.ROOT else f'{paths.ROOT}/'}.venv/bin/activate"
         assert ended.stderr.rstrip().endswith(how if there else "setup")

@@ -7,31 +7,50 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 
 from drivers.base.errors import InputError
-from drivers.base.processes import ABANDONED_S, LOCK, PLACE, private_temporary_folder, run_command, workplace
+from drivers.base.processes import ABANDONED_S, LOCK, PLACE, STDERR, private_temporary_folder, run_command, workplace
 
-# SIGTERM comes while a command starts that makes its folder again and again, with all parents, as Open MPI does
-LEFT_AT_A_START = """
-import os, signal, subprocess, sys
+# a signal comes when a slow launcher runs a command that makes its folder again and again, as Open MPI does
+LEFT_AT_A_START = '''
+import signal, subprocess, sys, time
 from pathlib import Path
 from drivers.base import processes
+AGAIN = """
+import os, sys
+while True:
+    try:
+        os.makedirs(sys.argv[1] + "/made", exist_ok=True)
+    except OSError:
+        pass
+"""
 real = subprocess.Popen
 def interrupted(*words, **options):
     process = real(*words, **options)
-    os.kill(os.getpid(), signal.SIGTERM)
+    while not [*Path(sys.argv[1]).glob("*/made")]:
+        time.sleep(0.01)
+    process.send_signal(signal.SIGSTOP)
+    real(("sh", "-c", f"sleep 0.3; kill -CONT {process.pid}"))
+    signal.raise_signal(signal.SIGTERM)
     return process
-signal.signal(signal.SIGTERM, lambda *_: processes.leave())
+leaves = sys.argv[2] == "leaves"
+signal.signal(signal.SIGTERM, lambda *_: processes.leave() if leaves else signal.default_int_handler(2, None))
 subprocess.Popen = interrupted
-with processes.workplace(Path(sys.argv[1])) as place:
-    processes.run_command(("sh", "-c", f"setsid sh -c 'while :; do mkdir -p {place}/made; done' & wait"), place, 60.0)
-"""
+try:
+    with processes.workplace(Path(sys.argv[1])) as place:
+        processes.run_command(("setsid", "--fork", "--wait", sys.executable, "-c", AGAIN, str(place)), place, 60.0)
+except KeyboardInterrupt:
+    sys.exit(1)
+'''
 
 
-def test_a_process_that_leaves_waits_for_what_it_starts(tmp_path: Path) -> None:
-    done = subprocess.run([sys.executable, "-c", LEFT_AT_A_START, str(tmp_path)], capture_output=True, check=False)
+@pytest.mark.parametrize("how", ["leaves", "raises"])
+def test_a_process_that_is_interrupted_waits_for_what_it_starts(how: str, tmp_path: Path) -> None:
+    words = [sys.executable, "-c", LEFT_AT_A_START, str(tmp_path), how]
+    done = subprocess.run(words, capture_output=True, check=False, timeout=60)
     assert (done.returncode, done.stderr) == (1, b"")
     assert not [*tmp_path.iterdir()]
 
@@ -46,6 +65,27 @@ def test_memory_and_time_are_those_of_the_command(tmp_path: Path) -> None:
     assert large.code == 3
     assert large.memory_bytes == pytest.approx(210_000_000, rel=0.1)
     assert large.cpu_s == pytest.approx(0.55, rel=0.2)
+
+
+def test_sockets_of_a_killed_batch_are_removed_by_the_next_workplace() -> None:
+    batch = "import os; from drivers.run import execute; execute._start_fork_server(); os.kill(os.getpid(), 9)"
+    with TemporaryDirectory(dir="/tmp") as home:  # paths of sockets are short
+        subprocess.run([sys.executable, "-c", batch], check=False, env=os.environ | {"TMPDIR": home})
+        assert len([*Path(home).rglob("listener-*")]) == 1
+        with workplace(Path(home)) as place:
+            assert [*Path(home).iterdir()] == [place]
+
+
+def test_a_command_hears_of_closed_pipes(tmp_path: Path) -> None:
+    """Python ignores that signal, and so would its children."""
+    assert run_command(("sh", "-c", "yes | head -n 1"), tmp_path, 60.0).code == 0
+    assert (tmp_path / STDERR).read_text() == ""
+
+
+def test_nobody_waits_for_a_killed_launcher(tmp_path: Path) -> None:
+    ended = run_command(("sh", "-c", "kill -9 $PPID; sleep 20"), tmp_path, 60.0)
+    assert ended.code == -9
+    assert ended.wall_s < 10
 
 
 def test_only_abandoned_workplaces_of_this_user_are_removed(tmp_path: Path) -> None:

@@ -58,6 +58,7 @@ BAD = [
     ("chain.count=0x" + "f" * 5000, "chain.count", "thousands of digits", "less than or equal to"),
     ("chain.count=5\nx=2", "chain.count", "5", "a whole number"),
     ("nonsense", "", "not of the form KEY=VALUE", "chain.count=60"),
+    ("chain.mass=1e-24 kg", "chain.mass", "1e-24 kg of body 1", "at least 5.6e-12 kg"),
 ]
 
 # the same for scenes in a tube, with the scene first
@@ -115,22 +116,26 @@ def test_a_free_chain_may_fly_past_the_place_of_a_wall() -> None:
     refuse(build_case(read_scene("table1", free)), "verlet")
 
 
-@pytest.mark.parametrize("setting", ["chain.mass=1e-24 kg", "striker.diameter=1e-9 m"])
+@pytest.mark.parametrize("setting", ["chain.mass=6e-12 kg", "striker.diameter=1e-9 m"])
 def test_scene_that_needs_a_billion_steps_is_refused_within_seconds(setting: str) -> None:
     coarse = read_scene("fig4", ("run.sample_interval=10 us", "run.time_step=10 us"))
     refuse(build_case(coarse), "verlet")  # compiles the integrators
     case = build_case(read_scene("fig4", (setting,)))
     began = time.process_time()
-    with pytest.raises(InputError, match=r"a trial takes too long|radii deep"):
+    with pytest.raises(InputError, match=r"a trial gains|radii deep"):
         refuse(case, "verlet")
     assert time.process_time() - began < 3, "about 0.2 s; 16 s if the whole motion is integrated"
 
 
-@pytest.mark.parametrize("mass", ["1 g" + " " * 40_000 + "!", "1" * 40_000 + "!", "1 " + "m" * 40_000])
-def test_long_quantities_are_refused_at_once(mass: str) -> None:
-    began = time.process_time()
-    message_of("fig4", f"chain.mass={mass}")
-    assert time.process_time() - began < 3, "0.1 s; minutes if a pattern or pint tries every part"
+def test_long_texts_are_refused_within_seconds(scene_file: SceneWriter, tmp_path: Path) -> None:
+    began, long = time.process_time(), 100_000
+    for text in (f"[{'a.' * long}a]", f"{'a . ' * long}a = 1", f"[materials{'.a' * long}]"):
+        with pytest.raises(InputError, match="not valid TOML: a key of a hundred parts"):
+            read_scene(scene_file(top=text))
+    for text in ("9" * long, f"1 m{' ' * long}%", f"1 {'m' * long}"):
+        with pytest.raises(InputError, match=r"striker.speed: found .*; allowed: a speed"):
+            read_scene("fig4", (f"striker.speed={text}",))
+    assert time.process_time() - began < 5, "about 0.5 s; 20 s or more for each of them without its limit"
 
 
 def test_short_parts_of_a_message_are_kept_whole() -> None:
