@@ -60,7 +60,7 @@ def to_si(text: str, unit: str) -> float:
         ValueError: not a number with a unit of that dimension, or out of range.
     """
     match = NUMBER_AND_UNIT.fullmatch(text)
-    if match is None:
+    if match is None or len(match[2]) > 60:  # pint takes minutes for a long word
         raise ValueError("not a number with a unit")
     number, unit_text = match.groups()
     try:

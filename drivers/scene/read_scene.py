@@ -24,8 +24,8 @@ MAX_STEPS = 2**31 - 1  # LIGGGHTS counts steps in 32 bits
 MAX_VALUES = 100_000_000  # samples x contacts; a run and its assessment take 150 bytes of memory for each
 LONG_KEY = re.compile(r"""(?:[\w"'-]{1,99}+[ \t]*+\.[ \t]*+){99}""")  # reading takes the square of the number of parts
 # files of drives
-VALUES = {"force": "force_N", "displacement": "displacement_m"}  # first words of headings and keys of stored values
-SI = {"time": "s", "force": "N", "displacement": "m"}
+HEADING = re.compile(r"\s*time_([^,]*),\s*(force|displacement)_([^,]*)")
+SI = {"force": "N", "displacement": "m"}
 LEAST_S, LARGEST = 1e-300, 1e9  # in SI units
 HEADINGS = "two headings with units, such as time_us,force_mN or time_us,displacement_nm"
 MAX_POINTS = 100_000
@@ -302,31 +302,29 @@ def _points(path: Path) -> dict[str, tuple[float, ...]]:
     """Times and values of a file by key of ``StoredDrive``, in SI units; lines with # are comments."""
     shown = paths.shown(path)
     try:
-        lines = read_file(path, "a CSV file").decode("utf-8-sig").splitlines()
+        lines = enumerate(read_file(path, "a CSV file").decode("utf-8-sig").splitlines(), 1)
     except ValueError as error:
         raise InputError(shown, "", f"a file that cannot be read: {error}", "CSV text in UTF-8") from error
-    rows = [(n, line.split(",")) for n, line in enumerate(lines, 1) if line.strip() and not line.startswith("#")]
-    headings = [tuple(cell.strip().partition("_")[::2]) for cell in rows[0][1]] if rows else []
-    name = next((key for key in VALUES if [word for word, _ in headings] == ["time", key]), None)
-    if name is None:
-        raise InputError(shown, "line 1", shorten(lines[0] if lines else ""), HEADINGS)
+    (first, heading), *rows = [row for row in lines if row[1].strip() and not row[1].startswith("#")] or [(1, "")]
+    match = HEADING.fullmatch(heading)
     try:
-        factors = [units.to_si(f"1 {unit}", SI[word]) for word, unit in headings]
+        time_unit, name, unit = match.groups() if match else ("", "force", "")
+        factors = units.to_si(f"1 {time_unit}", "s"), units.to_si(f"1 {unit}", SI[name])
     except ValueError as error:
-        raise InputError(shown, f"line {rows[0][0]}", shorten(lines[rows[0][0] - 1]), HEADINGS) from error
-    if not 2 < len(rows) <= MAX_POINTS:
-        raise InputError(shown, "", f"{len(rows) - 1} rows of numbers", f"2 to {MAX_POINTS:,} rows")
+        raise InputError(shown, f"line {first}", shorten(heading), HEADINGS) from error
+    if not 2 <= len(rows) <= MAX_POINTS:
+        raise InputError(shown, "", f"{len(rows)} rows of numbers", f"2 to {MAX_POINTS:,} rows")
     points, last = list[tuple[float, float]](), -LEAST_S
-    for n, cells in rows[1:]:
+    for n, line in rows:
         try:
-            time, value = (float(cell) * factor for cell, factor in zip(cells, factors, strict=True))
+            time, value = (float(cell) * factor for cell, factor in zip(line.split(","), factors, strict=True))
         except ValueError:
             time = value = nan
         if not (last < time < LARGEST and abs(value) < LARGEST):
-            raise InputError(shown, f"line {n}", shorten(",".join(cells)), "two numbers, times that increase from 0")
+            raise InputError(shown, f"line {n}", shorten(line), "two numbers, times that increase from 0")
         points.append((time, value))
         last = time
     if name == "displacement" and points[0][1] != 0:
         raise InputError(shown, name, f"{points[0][1]:g} m first", "0 first, the displacement at time 0")
     times, values = zip(*points, strict=True)
-    return {"time_s": times, VALUES[name]: values}
+    return {"time_s": times, f"{name}_{SI[name]}": values}
