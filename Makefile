@@ -83,7 +83,7 @@ lint: .venv/.ready-dev ## run ruff and mypy
 	$(PY) -m mypy
 
 clean: ## remove runs and results, and their cache (not .venv)
-	rm -rf runs results .kept_cache
+	rm -rf runs results .cache
 
 # a stamp is written if its command succeeds, and is valid while the files of that command exist
 .SECONDEXPANSION:

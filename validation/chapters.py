@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import pandas as pd
 
 from drivers.base import paths
+from drivers.base.cache import content_of, load, store
 from drivers.base.errors import RunError
 from drivers.base.files import csv_of, sha256_of, whole_file
-from drivers.base.kept import content_of, keep, recall
 from drivers.base.progress import counted, say
 from drivers.engines import installed_codes, missing_codes
 from drivers.engines._entries import entry_files
@@ -168,7 +168,7 @@ def named(what: str, options: Options) -> str:
 
 def up_to_date(name: str, results: Path) -> bool:
     """True if a chapter or figure was stored since the last change of a source or of the engines."""
-    return part_file(name, results).exists() and recall(_key_of(name, results)) is not None
+    return part_file(name, results).exists() and load(_key_of(name, results)) is not None
 
 
 def _key_of(name: str, results: Path) -> list[str]:
@@ -192,7 +192,7 @@ def write_chapter(chapter: Chapter, measured: Mapping[str, Any], results: Path) 
     for path in (*former, *(path for path in drawn if path.stem not in pictures)):
         path.unlink(missing_ok=True)
     write_part(chapter.name, results, tables, written)
-    keep(_key_of(chapter.name, results), True)
+    store(_key_of(chapter.name, results), True)
     return tables
 
 
@@ -201,7 +201,7 @@ def write_paper_figure(name: str, runs: Path, results: Path) -> list[Path]:
     product = make_figure(name, runs)
     written = write_product(product, name, results)
     write_part(name, results, {name: product.table}, written)
-    keep(_key_of(name, results), True)
+    store(_key_of(name, results), True)
     return written
 
 

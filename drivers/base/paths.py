@@ -24,7 +24,7 @@ CLAIMS = INPUTS / "paper" / "claims.toml"
 TEMPLATES = ROOT / "templates"
 RUNS = ROOT / "runs"
 RESULTS = ROOT / "results"
-CACHE = ROOT / ".kept_cache"  # may be deleted at any time
+CACHE = ROOT / ".cache"  # may be deleted at any time
 LOCK = ROOT / "requirements.lock"
 ENGINES_VARIABLE = "BEAD_CHAINS_ENGINES"  # set by --engines, read by all child processes
 

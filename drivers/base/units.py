@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import BeforeValidator, GetJsonSchemaHandler, ValidationInfo
 from pydantic_core import CoreSchema
 
-from drivers.base.kept import kept
+from drivers.base.cache import cached
 
 if TYPE_CHECKING:
     import pint
@@ -49,7 +49,7 @@ def _factor(unit_text: str, unit: str) -> str:
             raise ValueError("a unit with an offset")
         return str(single)
 
-    return str(kept([unit_text, unit], by_pint))
+    return str(cached([unit_text, unit], by_pint))
 
 
 @lru_cache(maxsize=4096)  # scenes that differ in one key are read by the thousand

@@ -10,8 +10,8 @@ from math import isfinite
 from pathlib import Path
 
 from drivers.base import paths
+from drivers.base.cache import content_of, digest_of_sources
 from drivers.base.errors import InputError, RunError
-from drivers.base.kept import content_of, digest_of_sources
 from drivers.base.processes import UNKNOWN_VERSION
 from drivers.base.tolerances import tolerance
 from drivers.batch.store import Store, StudyRow

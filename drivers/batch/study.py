@@ -19,9 +19,9 @@ import numpy as np
 from pydantic import BaseModel, Field
 
 from drivers.base import paths, units
+from drivers.base.cache import content_of
 from drivers.base.errors import InputError, InputProblem, gathered, refuse_any
 from drivers.base.files import readable
-from drivers.base.kept import content_of
 from drivers.base.messages import shorten, validate
 from drivers.batch.axes import Axis, Choice, expand
 from drivers.chain.case import Case, build_case

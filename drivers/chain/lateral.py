@@ -14,8 +14,8 @@ from math import pi, sqrt
 import numpy as np
 from scipy.linalg import LinAlgError, solveh_banded
 
+from drivers.base.cache import cached
 from drivers.base.errors import InputError
-from drivers.base.kept import kept
 from drivers.chain.chain import (
     AT_REST,
     Array,
@@ -163,7 +163,7 @@ def _rest(chain: Chain, start: Array) -> tuple[Array, Array]:
     assert bore is not None
     arrays = (start, chain.load_N[:beads], chain.stiffness[:beads], chain.radius_m[:beads], bore.stiffness[:beads])
     depends_on = [*(array.tolist() for array in arrays), bore.radius_m]
-    place, left = kept(["rest", depends_on], lambda: [array.tolist() for array in find_rest(chain, start)])
+    place, left = cached(["rest", depends_on], lambda: [array.tolist() for array in find_rest(chain, start)])
     return np.array(place), np.array(left)
 
 

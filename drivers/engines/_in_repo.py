@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from drivers.base import paths
+from drivers.base.cache import content_of
 from drivers.base.decks import Deck
-from drivers.base.kept import content_of
 from drivers.chain.case import Case
 from drivers.chain.chain import Chain, tube_arrays_of
 from drivers.chain.schemes import trace_of, trace_of_tube

@@ -13,9 +13,9 @@ from pathlib import Path
 from shutil import which
 from typing import Any
 
+from drivers.base.cache import load, store
 from drivers.base.errors import RunError
 from drivers.base.files import digest_of_json, readable, sha256_of
-from drivers.base.kept import keep, recall
 from drivers.base.processes import UNKNOWN_VERSION
 from drivers.base.progress import counted
 from drivers.engines import Engine
@@ -75,7 +75,7 @@ def build_of(engine: Engine) -> Build:
     key = ["build", engine.name, engine.entry.adapter, command, digest_of_json([searched, passed])]  # maybe secret
     name = digest_of_json(key)
     with _probing:
-        known = _seen.get(name) or recall(key)
+        known = _seen.get(name) or load(key)
         if not known or known["files"] != _dates(known["files"]):
             with counted(f"checking the build of {engine.name}"):
                 version = engine.version_of(command)
@@ -84,7 +84,7 @@ def build_of(engine: Engine) -> Build:
                 digest = digest_of_json([*sorted(sha256_of(Path(file)) for file in files), passed])
             if version == UNKNOWN_VERSION:  # the probe was disturbed: it is repeated the next time
                 return Build(command, version, digest)
-            known = keep(key, {"files": dates, "version": version, "sha256": digest})
+            known = store(key, {"files": dates, "version": version, "sha256": digest})
         _seen[name] = known
     return Build(command, known["version"], known["sha256"])
 

@@ -17,9 +17,9 @@ from tempfile import TemporaryFile, gettempdir
 
 import numpy as np
 
+from drivers.base.cache import load, store
 from drivers.base.decks import Deck
 from drivers.base.errors import RunError
-from drivers.base.kept import keep, recall
 from drivers.base.processes import STDERR, STDOUT, EndedProcess, private_temporary_folder, run_command, workplace
 from drivers.chain.case import Case, build_case
 from drivers.chain.schemes import default_limit_s, endable
@@ -187,12 +187,12 @@ def _serves_alike(name: str, build: Build) -> bool:
     """
     key = ["serves alike", name, build.identity]
     with _server_test:
-        alike = recall(key)
+        alike = load(key)
         if alike is None:
             case, engine = build_case(read_scene(*PROBE)), load_engine(name)
             given = (case, engine, build, engine.render(case), default_limit_s(case))
             alone, served = _own_process(*given).trace, _served(*given).trace
             if alone is None or served is None:
                 return False
-            alike = keep(key, digest_of(alone) == digest_of(served))
+            alike = store(key, digest_of(alone) == digest_of(served))
         return bool(alike)

@@ -27,7 +27,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.base.kept import keep, recall
+from drivers.base.cache import load, store
 from drivers.base.text_table import text_table
 from drivers.base.tolerances import Tolerance, tolerance
 from drivers.chain.case import Case
@@ -90,11 +90,11 @@ def kept_budget(case: Case, run: EndedRun, limit_s: float | None = None) -> Budg
     record, engine = run.record, load_engine(run.record.engine)
     scenes = [variant.scene.model_dump(mode="json") for variant in (case, case.full) if variant]
     depends_on = ["budget", scenes, engine.name, engine.scheme, engine.shear, record.build_sha256, run.forces_sha256]
-    stored = recall(depends_on)
+    stored = load(depends_on)
     if stored is None:
         stored = asdict(budget_of(case, engine.name, run.trace, limit_s))
         if not motions_of(case, engine.name, limit_s).why_unknown:
-            keep(depends_on, stored)
+            store(depends_on, stored)
     checks = [Check(**check | {"scene": case.scene.name}) for check in stored["checks"]]
     return Budget(**stored | {"checks": checks})
 

@@ -8,8 +8,8 @@ from functools import cache
 from pathlib import Path
 
 from drivers.base import paths
+from drivers.base.cache import load, store
 from drivers.base.errors import RunError
-from drivers.base.kept import keep, recall
 from drivers.base.progress import say
 from drivers.chain.case import Case, build_case
 from drivers.engines import EXACT, Engine, engine_names, installed, load_engine
@@ -70,7 +70,7 @@ def _known() -> dict[str, Cost]:
 @cache
 def _measured(name: str, build: Build) -> Cost | None:
     """Measured cost of a build, from the cache if it is known; None if a run fails."""
-    if stored := recall(_key(name, build)):
+    if stored := load(_key(name, build)):
         return Cost(**stored)
     try:
         cost = measured_cost(load_engine(name), build)
@@ -116,7 +116,7 @@ def measured_cost(engine: Engine, build: Build) -> Cost:
     per_sample_s = (sampled_s - loop_s) / (many.scene.samples - few.scene.samples)
     step_ns, sample_ns = (max(1e9 * per_s / few.chain.bodies, 0.0) for per_s in (per_step_s, per_sample_s))
     cost = Cost(start_s, 0.0 if engine.scheme == EXACT else step_ns, sample_ns)
-    keep(_key(engine.name, build), asdict(cost))
+    store(_key(engine.name, build), asdict(cost))
     return cost
 
 
@@ -152,7 +152,7 @@ def auto_engines(case: Case, runs: Path | None = None) -> Iterator[str]:
 
 def fault(case: Case, name: str, runs: Path | None = None) -> str:
     """Reason to leave out an engine: its build failed ``beads engine``, or its run of the case in ``runs`` failed."""
-    if recall(kit_key(name)) is False:
+    if load(kit_key(name)) is False:
         return f"its build failed beads engine {name}"
     with suppress(RunError):  # a faulty adapter renders no deck
         engine = load_engine(name)

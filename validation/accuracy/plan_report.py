@@ -5,8 +5,8 @@ from dataclasses import asdict
 from pathlib import Path
 
 from drivers.base import paths
+from drivers.base.cache import cached
 from drivers.base.errors import InputError
-from drivers.base.kept import kept
 from drivers.base.text_table import text_table
 from drivers.chain.case import Case
 from drivers.chain.trace import FORCE, is_at_rest
@@ -47,7 +47,7 @@ def plan_report(source: str | Path, settings: tuple[str, ...] = (), among: Colle
     there = [(name, fault(case, name)) for name in installed(name for name, *_ in engines)]
     scenes = [variant.scene.model_dump(mode="json") for variant in (case, case.full) if variant]
     report = _straight if case.chain.straight else _three_dimensional
-    lines = kept(["plan", scenes, engines, there], lambda: [*report(case, among)])
+    lines = cached(["plan", scenes, engines, there], lambda: [*report(case, among)])
     yield from (f"{case.scene.name}: {case.summary}", *lines)
     for trace in traces:
         yield f"measured   {paths.shown(trace.file)}: {len(trace.time_s)} readings of {', '.join(trace.reading)}"

@@ -21,7 +21,7 @@ from validation.commands.options import command
 @options.RESULTS
 def engine(name: str, results: Path) -> int:
     """Test an adapter or a build of a code."""
-    from drivers.base.kept import keep
+    from drivers.base.cache import store
     from drivers.engines import load_engine
     from drivers.run.build import build_of
     from validation.accuracy.costs import entry_of, kit_key, measured_cost
@@ -41,7 +41,7 @@ def engine(name: str, results: Path) -> int:
         arguments += ["--junitxml", str(results / f"engine-{name}.xml")]
     code = int(pytest.main([*arguments, "--engine", name, str(paths.ROOT / "validation/tests/engine")]))
     if code in (0, 1):  # else the tests did not end
-        keep(kit_key(name), code == 0)
+        store(kit_key(name), code == 0)
     cost = measured_cost(tested, build_of(tested))
     where = f"as an entry of {paths.shown(paths.COSTS)}; for own engines no file has to be edited"
     print(f"\nmeasured cost, cached for plans and batches ({where}):\n" + "\n".join(entry_of(name, cost)))

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from drivers import engines as engines_module
+from drivers.base.cache import load, store
 from drivers.base.errors import RunError
-from drivers.base.kept import keep, recall
 from drivers.engines import REFERENCE, VERLET, codes, engine_names, load_engine
 from drivers.run import guard
 from drivers.run.run_folder import RECORD
@@ -83,13 +83,13 @@ def test_a_build_that_failed_its_tests_is_not_started_and_one_that_misses_the_ac
 ) -> None:
     """One that departs from its scheme fails, and misses the accuracy only without that comparison."""
     for name in ("mine", "other"):
-        keep(kit_key(name), False)
+        store(kit_key(name), False)
     assert run(scene, "--rerun") == (0, [VERLET], [FAILED_KIT.format("mine"), FAILED_KIT.format("other")])
     assert not Path("runs/mine").exists()
     Path("mine.py").write_text(MINE + MISSES)  # another build, as with a wrong modulus: its run is done
     for cached in (engines_module._engine_of, engines_module._external_adapter):
         cached.cache_clear()  # as in another process
-    keep(kit_key("other"), False)
+    store(kit_key("other"), False)
     words = ("--set", "run.time_step=", "--set", "run.accuracy=1e-4")
     for begins in ("failed: departs from its scheme ", "missed the accuracy: force has an error of 0.001"):
         code, engines, lines = run(scene, *words, "--rerun")
@@ -100,12 +100,12 @@ def test_a_build_that_failed_its_tests_is_not_started_and_one_that_misses_the_ac
 
 def test_no_engine_is_left(scene: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     only_installed(monkeypatch, "mine", "other")
-    keep(kit_key("mine"), False)
+    store(kit_key("mine"), False)
     code, engines, (first, second, third) = run(scene)
     assert (code, engines, first) == (1, [], FAILED_KIT.format("mine"))
     assert second.startswith("scene: other failed: ")
     assert third == "error: scene: no engine is left for --engine auto, after mine, other\n"
-    keep(kit_key("other"), False)
+    store(kit_key("other"), False)
     said = beads("plan", scene)
     assert (said.returncode, said.stderr) == (0, "")
     assert "the cheapest first: none is left\n" in said.stdout
@@ -113,7 +113,7 @@ def test_no_engine_is_left(scene: Path, monkeypatch: pytest.MonkeyPatch) -> None
 
 def test_the_plan_names_the_engine_of_auto(scene: Path) -> None:
     assert "the cheapest first: mine 0 s, other 1 s" in beads("plan", scene).stdout
-    keep(kit_key("mine"), False)
+    store(kit_key("mine"), False)
     said = beads("plan", scene).stdout  # although a plan is kept
     assert f"the cheapest first: other 1 s, {VERLET} 2 s, {REFERENCE} 3 s\n" in said
     assert "\n           left out: mine, since its build failed beads engine mine\n" in said
@@ -128,7 +128,7 @@ def test_the_outcome_of_the_tests_of_a_build_is_kept(
     monkeypatch.setattr(pytest, "main", lambda words: code)
     monkeypatch.setattr(costs, "measured_cost", lambda engine, build: Cost(1.0, 1.0, 1.0))
     assert beads("engine", "mine").returncode == int(code > 0)
-    assert recall(kit_key("mine")) is kept
+    assert load(kit_key("mine")) is kept
 
 
 def test_a_cost_is_measured_once_for_each_build_and_never_infinite(

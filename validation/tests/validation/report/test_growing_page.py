@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from drivers.base import kept, paths
+from drivers.base import cache, paths
 from drivers.base.errors import InputError, RunError
 from postproc.draw.product import Product
 from postproc.draw.style import pyplot
@@ -136,12 +136,12 @@ def test_figures_and_claims_are_made_again_if_a_source_is_newer_and_other_tables
     newer.touch()
     with monkeypatch.context() as changed:
         changed.setattr(paths, "ROOT", tmp_path / "root")
-        for cached in (kept._program, kept.digest_of_sources):
-            cached.cache_clear()
+        for function in (cache._program, cache.digest_of_sources):
+            function.cache_clear()
         assert grow() == 0
     assert parts.made == [*PARTS, "fig1", "claims"]
-    for cached in (kept._program, kept.digest_of_sources):
-        cached.cache_clear()
+    for function in (cache._program, cache.digest_of_sources):
+        function.cache_clear()
 
 
 @pytest.mark.parametrize("file", ["parts/claims.json", "parts/trade.json", "parts/fig1.json"])

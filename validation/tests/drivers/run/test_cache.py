@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from drivers.base import kept as module
+from drivers.base import cache as module
 from drivers.base import paths
-from drivers.base.kept import kept
+from drivers.base.cache import cached
 from drivers.base.processes import run_command
 from validation.tests.helpers.commands import BEADS
 
@@ -31,18 +31,18 @@ def _forget() -> None:
 
 def test_altered_entry_is_computed_again(capsys: pytest.CaptureFixture[str]) -> None:
     """A factor of 0.002 in the place of 0.001 would give beads of twice the diameter."""
-    assert kept(["mm", "m"], lambda: 0.001) == kept(["mm", "m"], lambda: 5.0) == 0.001
+    assert cached(["mm", "m"], lambda: 0.001) == cached(["mm", "m"], lambda: 5.0) == 0.001
     (path,) = paths.CACHE.iterdir()
-    kept(["other"], lambda: 2.0)
+    cached(["other"], lambda: 2.0)
     (other,) = {*paths.CACHE.iterdir()} - {path}
     wrong = ("", "5", "null", "[1, 2]", "{}", "[" * 100_000, '{"a": NaN}')
     for content in (path.read_text().replace("0.001", "0.002"), other.read_text(), *wrong):
         path.write_text(content)
-        assert kept(["mm", "m"], lambda: 0.001) == 0.001
+        assert cached(["mm", "m"], lambda: 0.001) == 0.001
         (line,) = capsys.readouterr().err.splitlines()
         assert path.name in line
         assert line.endswith("computed again")
-        assert kept(["mm", "m"], lambda: 5.0) == 0.001
+        assert cached(["mm", "m"], lambda: 5.0) == 0.001
         assert not capsys.readouterr().err
 
 
@@ -51,23 +51,23 @@ def test_other_sources_and_inputs_compute_again(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setattr(paths, "INPUTS", tmp_path / "inputs")
     numbers = count()
     for number, name in enumerate(("validation/reference/law.py", "inputs/scenes/a.toml", "inputs/scenes/b.toml")):
-        assert kept([], lambda: next(numbers)) == kept([], lambda: -1) == number
+        assert cached([], lambda: next(numbers)) == cached([], lambda: -1) == number
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("k = 1")
         _forget()
-    assert kept([], lambda: next(numbers)) == 3
+    assert cached([], lambda: next(numbers)) == 3
 
 
 def test_without_a_writable_folder_results_are_computed() -> None:
     paths.CACHE.write_text("a file in the place of the folder")
-    assert (kept([], lambda: 1), kept([], lambda: 2)) == (1, 2)
+    assert (cached([], lambda: 1), cached([], lambda: 2)) == (1, 2)
 
 
 def test_oldest_files_are_removed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "MAX_FILES", 3)
     monkeypatch.setattr(module, "MIN_AGE_S", -1.0)
     for number in range(5):
-        kept([number], lambda: 0)
+        cached([number], lambda: 0)
     assert len([*paths.CACHE.iterdir()]) == 3
 
 

@@ -24,18 +24,18 @@ MIN_AGE_S = 3600.0  # but none that a command under way may have written
 LIBRARIES = ("numpy", "scipy", "numba", "pint")  # their versions may change numbers
 
 
-def kept(depends_on: Any, compute: Callable[[], Any]) -> Any:
+def cached(depends_on: Any, compute: Callable[[], Any]) -> Any:
     """Result of ``compute``, from the cache or computed and stored there.
 
     Args:
         depends_on: JSON value with everything the result depends on besides sources, inputs, packages and machine.
         compute: function without side effects that returns a JSON value other than null.
     """
-    stored = recall(depends_on)
-    return keep(depends_on, compute()) if stored is None else stored
+    stored = load(depends_on)
+    return store(depends_on, compute()) if stored is None else stored
 
 
-def recall(depends_on: Any) -> Any:
+def load(depends_on: Any) -> Any:
     """Result in the cache; None if there is none. A damaged entry is reported and ignored."""
     path = _entry(depends_on)
     try:
@@ -50,7 +50,7 @@ def recall(depends_on: Any) -> Any:
     return None
 
 
-def keep(depends_on: Any, result: Any) -> Any:
+def store(depends_on: Any, result: Any) -> Any:
     """Store a result in the cache, and return it as it is read back."""
     path = _entry(depends_on)
     with suppress(OSError):  # not writable: computed again the next time
