@@ -16,7 +16,7 @@ from typing import Any
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.base.files import DamagedError, digest_of_json, read_sealed, write_sealed
+from drivers.base.files import digest_of_json, read_sealed, write_sealed
 from drivers.base.progress import say
 
 MAX_FILES = 2000  # beyond these the oldest are removed
@@ -41,7 +41,7 @@ def load(depends_on: Any) -> Any:
     try:
         entry = read_sealed(path, "a result as it was computed")
         if entry.get("name") != path.stem:
-            raise DamagedError(paths.shown(path), "", "a result under another name", "the name of its file")
+            raise InputError(paths.shown(path), "", "a result under another name", "the name of its file")
         return entry["result"]
     except InputError as error:
         say(f"{error}: computed again")

@@ -27,10 +27,6 @@ FORMULA = re.compile(r"'*[=+\-@\t\r\n]")  # start of a text that a spreadsheet t
 DAMAGED, ALTERED = "a damaged file", "a file that was altered since it was written"
 
 
-class DamagedError(InputError):
-    """File that is not as it was written."""
-
-
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
     """Yield a temporary path; on success it replaces ``path``, on failure it is removed."""
@@ -77,7 +73,7 @@ def read_checked(path: Path, sha256: str, allowed: str) -> bytes:
     """
     content = read_file(path, allowed)
     if hashlib.sha256(content).hexdigest() != sha256:
-        raise DamagedError(paths.shown(path), "", ALTERED, allowed)
+        raise InputError(paths.shown(path), "", ALTERED, allowed)
     return content
 
 
@@ -101,10 +97,10 @@ def read_sealed(path: Path, allowed: str) -> dict[str, Any]:
         digest = values.pop(DIGEST, None)
         altered = digest != digest_of_json(values)
     except (ValueError, TypeError, AttributeError, RecursionError) as error:
-        raise DamagedError(paths.shown(path), "", DAMAGED, allowed) from error
+        raise InputError(paths.shown(path), "", DAMAGED, allowed) from error
     if altered:
         problem = ALTERED if digest else "a file without its digest"
-        raise DamagedError(paths.shown(path), "", problem, allowed)
+        raise InputError(paths.shown(path), "", problem, allowed)
     assert isinstance(values, dict)
     return values
 

@@ -25,7 +25,7 @@ from urllib.parse import quote
 import psutil
 
 from drivers.base import paths
-from drivers.base.files import DamagedError
+from drivers.base.errors import InputError
 
 NAME = "batch.sqlite"
 SCHEMA_VERSION = 1
@@ -298,7 +298,7 @@ def _named(file: Path) -> Iterator[None]:
     """Raise errors of a database with its name.
 
     Raises:
-        DamagedError: the database is damaged, or no database.
+        InputError: the database is damaged, or no database.
         OSError: any other error, such as of a full disk.
     """
     try:
@@ -306,7 +306,7 @@ def _named(file: Path) -> Iterator[None]:
     except sqlite3.DatabaseError as error:
         name = getattr(error, "sqlite_errorname", "")
         if name.startswith(("SQLITE_CORRUPT", "SQLITE_NOTADB")):
-            raise DamagedError(paths.shown(file), "", f"a damaged file ({error})", ALLOWED) from error
+            raise InputError(paths.shown(file), "", f"a damaged file ({error})", ALLOWED) from error
         code = errno.ENOSPC if name == "SQLITE_FULL" else errno.EIO
         raise OSError(code, os.strerror(code) if name == "SQLITE_FULL" else str(error), str(file)) from error
 
@@ -315,7 +315,7 @@ def _opened(file: Path) -> sqlite3.Connection:
     """Connection to a database, which is made if there is none.
 
     Raises:
-        DamagedError: the database is damaged or of another version.
+        InputError: the database is damaged or of another version.
     """
     writable = os.access(file.parent, os.W_OK) and (not file.exists() or os.access(file, os.W_OK))
     uri = f"file:{quote(str(file.absolute()))}{'' if writable else '?immutable=1'}"
@@ -328,7 +328,7 @@ def _opened(file: Path) -> sqlite3.Connection:
             connection.executescript(f"BEGIN IMMEDIATE; {SCHEMA} PRAGMA user_version = {SCHEMA_VERSION}; COMMIT")
         elif version != SCHEMA_VERSION:
             found = f"rows of version {version} of the store"
-            raise DamagedError(
+            raise InputError(
                 paths.shown(file), "", found, f"version {SCHEMA_VERSION}; move the file away to begin anew"
             )
         connection.execute("PRAGMA synchronous = NORMAL")  # commits outlive the process, not a power cut

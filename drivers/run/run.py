@@ -20,7 +20,7 @@ from typing import Any
 from drivers.base import paths
 from drivers.base.decks import Deck
 from drivers.base.errors import InputError, RunError
-from drivers.base.files import DamagedError, read_file, read_sealed, sha256_of, write_sealed
+from drivers.base.files import read_file, read_sealed, sha256_of, write_sealed
 from drivers.base.processes import git, local_changes, workplace
 from drivers.base.progress import following, say
 from drivers.chain.case import Case
@@ -281,7 +281,7 @@ def scene_of(folder: Path) -> Scene:
     except FileNotFoundError:
         raise InputError(paths.shown(path), "", "no such file; give the scene of the deck by --scene") from None
     except (TypeError, ValueError, AttributeError) as error:
-        raise DamagedError(paths.shown(path), "", "a scene of another version", "one of this version") from error
+        raise InputError(paths.shown(path), "", "a scene of another version", "one of this version") from error
 
 
 def import_run(source: Path, case: Case, engine_name: str, runs: Path = paths.RUNS) -> EndedRun:

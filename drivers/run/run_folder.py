@@ -19,7 +19,7 @@ import numpy as np
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.base.files import DamagedError, arrow_in, read_checked, read_sealed, sha256_of, whole_file, write_sealed
+from drivers.base.files import arrow_in, read_checked, read_sealed, sha256_of, whole_file, write_sealed
 from drivers.base.progress import say
 from drivers.chain.case import Layout, read_layout
 from drivers.chain.trace import State, Trace, forces_table, state_in, state_table, trace_in
@@ -135,11 +135,11 @@ def record_of(folder: Path) -> RunRecord:
         raise InputError(paths.shown(folder), RECORD, "no record of a run", ALLOWED_FOLDER) from None
     except (TypeError, LookupError) as error:
         allowed = "the record of a run of this version"
-        raise DamagedError(paths.shown(path), "", "a record of another version", allowed) from error
+        raise InputError(paths.shown(path), "", "a record of another version", allowed) from error
     named = FOLDER_NAME.fullmatch(folder.name)
     if named and named[3] != record.identity:
         found = f"the record of the run {record.identity}"
-        raise DamagedError(paths.shown(path), "", found, f"the record of {named[3]}, as the folder is named")
+        raise InputError(paths.shown(path), "", found, f"the record of {named[3]}, as the folder is named")
     return record
 
 
@@ -255,7 +255,7 @@ class EndedRun:
             last_s = trace.time_s.max(initial=0.0)
             found = "forces of {} samples and {} contacts until {:g} s".format(*trace.force_N.shape, last_s)
             allowed = f"forces of the record's scene, {shape[0]} samples and {shape[1]} contacts until {times[-1]:g} s"
-            raise DamagedError(paths.shown(self.folder / FORCES), "", found, allowed)
+            raise InputError(paths.shown(self.folder / FORCES), "", found, allowed)
         return trace
 
     @cached_property
@@ -275,7 +275,7 @@ class EndedRun:
         with self._refused(STATE):
             state = state_in(arrow_in(self._content(STATE)), record.bodies)
         if not np.array_equal(state.time_s, self.trace.time_s):
-            raise DamagedError(paths.shown(path), "time_s", "other times", f"the times of {FORCES}")
+            raise InputError(paths.shown(path), "time_s", "other times", f"the times of {FORCES}")
         return state
 
     @contextmanager
@@ -287,7 +287,7 @@ class EndedRun:
             raise
         except Exception as error:  # pyarrow raises many kinds
             found = f"a damaged file ({type(error).__name__}: {error})"
-            raise DamagedError(paths.shown(self.folder / name), "", found, CONTENTS[name]) from error
+            raise InputError(paths.shown(self.folder / name), "", found, CONTENTS[name]) from error
 
     def _content(self, name: str) -> bytes:
         """Content of a file as it was written."""
@@ -295,7 +295,7 @@ class EndedRun:
         try:
             return read_checked(path, self.record.files.get(name, ""), CONTENTS[name])
         except (FileNotFoundError, NotADirectoryError):
-            raise DamagedError(paths.shown(path), "", "no such file", CONTENTS[name]) from None
+            raise InputError(paths.shown(path), "", "no such file", CONTENTS[name]) from None
 
     def damage(self, *names: str) -> Iterator[str]:
         """Messages on the files, of those named or else of all, that are not as they were written."""

@@ -11,7 +11,7 @@ from drivers.base.text_table import text_table
 from drivers.chain.case import Case
 from drivers.chain.trace import FORCE, is_at_rest
 from drivers.engines import TOTAL, VERLET, installed, load_engine
-from drivers.limits import CRITERIA, inability, refuse_depth, step_limit, until_words, why_unstable
+from drivers.limits import inability, refuse_depth, step_limit, until_words, why_unstable
 from drivers.run.scheme import scheme_of
 from postproc.read.measured import read_traces
 from postproc.read.observables import of_kind
@@ -19,7 +19,7 @@ from postproc.read.sensors import gauges_of
 from validation.accuracy.budget import AT_REST_NOTE
 from validation.accuracy.costs import capable_engines, cost_on, fault
 from validation.accuracy.motions import errors_of, motions_of, predicted_error
-from validation.accuracy.plan import Chooser, planned_case
+from validation.accuracy.plan import CRITERIA, Chooser, planned_case
 
 TENFOLD = 10.0
 MAX_WORK = 5e7  # bodies times steps, for the rows of other accuracies

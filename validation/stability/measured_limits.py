@@ -18,12 +18,12 @@ from drivers.chain.chain import hertz_force
 from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import Trace
 from drivers.engines import VERLET, installed_codes
-from drivers.limits import CRITERIA, resolved_trial, step_limit
+from drivers.limits import resolved_trial, step_limit
 from drivers.run.compute import compute
 from drivers.run.execute import execute
 from drivers.scene.read_scene import make_scene
 from postproc.paper.simulate import case_of
-from validation.accuracy.plan import plan_case
+from validation.accuracy.plan import CRITERIA, plan_case
 
 PAPER = ("fig4", "fig5", "fig6b", "fig6d", "table1")
 SHIPPED, RANDOM, BOUNCING = "shipped scenes", "random scenes", "impacts"
@@ -151,7 +151,7 @@ class Limit:
         measured_s: smallest scanned step at which the energy blows up; NaN if none does.
         bad_s: smallest scanned step at which the energy gains a tenth of the largest kinetic energy; NaN if none is.
         ratio: measured limit divided by the predicted one.
-        rayleigh_s, hertz_s, p_wave_s: steps of usual criteria (``drivers.limits.CRITERIA``).
+        rayleigh_s, hertz_s, p_wave_s: steps of usual criteria (``validation.accuracy.plan.CRITERIA``).
         steps: number of steps of the run at the limit.
     """
 

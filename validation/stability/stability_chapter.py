@@ -12,9 +12,9 @@ from drivers.base.progress import step
 from drivers.base.tolerances import tolerance
 from drivers.chain.trace import FORCE
 from drivers.engines import VERLET, codes
-from drivers.limits import CRITERIA
 from postproc.draw.style import COLUMN_IN, PAGE_IN, marker_of, pyplot
 from validation.accuracy.budget import ERROR
+from validation.accuracy.plan import CRITERIA
 from validation.chapters import Chapter, Options, Picture, Tables, named, rows_in
 from validation.checks import FAIL, NOT_RUN, PASS, RUN, Check, judged, short
 from validation.compare.answer import listed
