@@ -12,7 +12,7 @@ from pathlib import Path
 from drivers.base import paths
 from drivers.base.cache import content_of, digest_of_sources
 from drivers.base.errors import InputError, RunError
-from drivers.base.processes import UNKNOWN_VERSION
+from drivers.base.processes import UNKNOWN_VERSION, private_temporary_folder
 from drivers.base.tolerances import tolerance
 from drivers.batch.store import Store, StudyRow
 from drivers.batch.study import Study, read_study, select
@@ -256,10 +256,13 @@ def run_rows(request: Request, methods: Methods, numbers: Sequence[int]) -> list
         Numbers of the cases with a row on which another process is working.
 
     Raises:
+        InputError: other users could change temporary files, which no row would be to blame for.
         OSError: the disk is full or the runs folder cannot be written to.
     """
     batch, left = opened(request), set[int]()
     runnable = [name for name in batch.engines if name in batch.runnable]
+    if not all(load_engine(name).in_repository for name in runnable):
+        private_temporary_folder()
     with Store(request.runs) as store:
         exact: dict[str, Computed] = {}
         for start in range(0, len(numbers), CHUNK):

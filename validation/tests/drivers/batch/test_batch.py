@@ -299,6 +299,17 @@ def test_rows_of_a_changed_template_build_or_source_are_stale(
     assert status() == "verlet  2 stale\nlammps  2 stale\n"
 
 
+def test_an_open_temporary_folder_is_not_the_fault_of_the_rows(study_file: StudyWriter, tmp_path: Path) -> None:
+    need("lammps")
+    place, runs = tmp_path / "open", tmp_path / "runs"
+    place.mkdir()
+    place.chmod(0o777)
+    done = beads_process("batch", study_file(SPEEDS.format(2), "lammps"), "--runs", runs, TMPDIR=str(place))
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"TMPDIR={place}: found a folder in which others can replace files; allowed: ")
+    assert not stored(runs)
+
+
 @pytest.mark.long
 def test_two_simultaneous_batches_share_the_work(study_file: StudyWriter, tmp_path: Path) -> None:
     path, runs = study_file(SPEEDS.format(100), "verlet", "reference"), tmp_path / "runs"
