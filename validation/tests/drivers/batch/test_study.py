@@ -130,7 +130,7 @@ BAD = {
     ),
     "a factor of nothing": ('[[axis]]\nkey = "chain.precompression"\nfactors = [2]', "nothing at chain.precompression"),
     "a factor of a word": ('[[axis]]\nkey = "wall.material"\nfactors = [2]', '"brass" at wall.material'),
-    "a device as table": ('[[axis]]\ntable = "/dev/zero"', "/dev/zero: no regular file; allowed: a readable CSV"),
+    "a device as table": ('[[axis]]\ntable = "/dev/zero"', "/dev/zero: found no regular file; allowed: a CSV"),
     "a word in the table": ('[[axis]]\ntable = "word.csv"', 'line 3, striker.speed: found "fast"; allowed: a plain'),
     "a ragged table": ('[[axis]]\ntable = "ragged.csv"', "line 2: found 1 values; allowed: 2"),
     "an empty table": ('[[axis]]\ntable = "empty.csv"', "at least one line of values"),
