@@ -27,7 +27,7 @@ MAX_FAILURES = 30  # of squeue in a row
 FOLDER = ".slurm"  # in the runs folder
 MARGIN = 3.0  # of the time limit of a task over its expected time; machines differ
 LEAST_TIME_S = 600.0  # of a task: its start from a network file system may take minutes
-LEAST_BYTES, BYTES_PER_VALUE = 1.5e9, 400.0  # memory of a worker and a code, and for each body and sample
+LEAST_BYTES, BYTES_PER_VALUE = 0.75e9, 300.0  # memory of a task, and for each body and sample: measured 0.4e9, 160
 OUTPUT = "{study}-{job}_{task}.txt"
 
 

@@ -122,7 +122,7 @@ def test_the_script_and_the_site_s_limit_of_arrays(study_file: StudyWriter, tmp_
     assert "#SBATCH --array=1-4" in lines
     commands = [line for line in lines[1:] if not line.startswith("#")]
     assert commands[:3] == ["set -e", f'export PATH={shlex.quote(str(tmp_path / "bin"))}:"$PATH"', "module load dem"]
-    limits = [lines.index(f"#SBATCH --{limit}") for limit in ("time=10", "mem=1600M", "mem=2G")]  # the last one counts
+    limits = [lines.index(f"#SBATCH --{limit}") for limit in ("time=10", "mem=800M", "mem=2G")]  # the last one counts
     assert sorted(limits) == limits
     assert limits[-1] < lines.index("set -e")
     assert next(line for line in commands if line.startswith("exec ")).endswith(
