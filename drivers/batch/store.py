@@ -97,6 +97,7 @@ CREATE TABLE IF NOT EXISTS rows ({COLUMNS}, sha256, PRIMARY KEY (case_sha256, en
 CREATE INDEX IF NOT EXISTS by_identity ON rows (identity);
 CREATE TABLE IF NOT EXISTS claims (case_sha256, engine, owner, since, PRIMARY KEY (case_sha256, engine));
 """
+KEY = "case_sha256 = ? AND engine = ?"
 OF_CASES = "FROM rows JOIN json_each(?) ON case_sha256 = value WHERE engine = ?"
 
 
@@ -195,18 +196,14 @@ class Store:
         Raises:
             OSError: the disk is full, or the runs folder cannot be written to.
         """
-        key = (row.case_sha256, row.engine)
-        done = "SELECT 1 FROM rows WHERE case_sha256 = ? AND engine = ? AND program = ? AND status = 'done'"
         with _transaction(self._connection, self.own) as connection:
-            if row.done or not connection.execute(done, [*key, row.program]).fetchone():
-                values = astuple(row)
-                connection.execute(f"INSERT OR REPLACE INTO rows VALUES ({MARKS})", [*values, _digest_of(values)])
-            connection.execute("DELETE FROM claims WHERE case_sha256 = ? AND engine = ?", key)
+            _put(connection, row)
+            connection.execute(f"DELETE FROM claims WHERE {KEY}", [row.case_sha256, row.engine])
 
     def remove(self, rows: set[tuple[str, str]]) -> None:
         """Remove rows, given by the digest of the case and the engine."""
         with _transaction(self._connection, self.own) as connection:
-            connection.executemany("DELETE FROM rows WHERE case_sha256 = ? AND engine = ?", rows)
+            connection.executemany(f"DELETE FROM rows WHERE {KEY}", rows)
 
     def merge(self) -> None:
         """Copy the rows of the databases of ended processes into the common one, and remove these databases."""
@@ -222,8 +219,9 @@ class Store:
             if not in_use:
                 with self._reading(file) as connection:
                     found = connection.execute(f"SELECT {COLUMNS}, sha256 FROM rows").fetchall()
-                for row in filter(None, map(self._checked, found)):
-                    self.finish(row)
+                with closing(_opened(self.common)) as common, _transaction(common, self.common):
+                    for row in filter(None, map(self._checked, found)):
+                        _put(common, row)
                 file.unlink()
 
     @property
@@ -261,6 +259,16 @@ class Store:
             return StudyRow(*values[:-1])
         self.damaged.add((values[0], values[1]))
         return None
+
+
+def _put(connection: sqlite3.Connection, row: StudyRow) -> None:
+    """Insert a row, unless there is a newer one, or one that the same program has done while this one failed."""
+    key = [row.case_sha256, row.engine]
+    for status, program, ended in connection.execute(f"SELECT status, program, ended FROM rows WHERE {KEY}", key):
+        if row.done < (status == "done") if program == row.program else row.ended < ended:
+            return
+    values = astuple(row)
+    connection.execute(f"INSERT OR REPLACE INTO rows VALUES ({MARKS})", [*values, _digest_of(values)])
 
 
 def is_shared(runs: Path) -> bool:
