@@ -263,11 +263,11 @@ def find_command(words: tuple[str, ...]) -> tuple[str, ...] | None:
 
 def line_of(command: tuple[str, ...], option: str, pattern: str) -> str:
     """First line printed by a program with ``option`` that matches ``pattern``; unknown if the program was killed."""
-    with tempfile.TemporaryDirectory() as folder:  # LIGGGHTS leaves a log in its folder
-        ended = run_command((*command, option), Path(folder), PROBE_LIMIT_S)
+    with workplace(private_temporary_folder()) as folder:  # LIGGGHTS leaves a log in its folder
+        ended = run_command((*command, option), folder, PROBE_LIMIT_S)
         if ended.code < 0:
             return UNKNOWN_VERSION
-        lines = (Path(folder) / STDOUT).read_text(errors="replace").splitlines()
+        lines = (folder / STDOUT).read_text(errors="replace").splitlines()
     return next((line.strip() for line in lines if re.search(pattern, line)), UNKNOWN_VERSION)
 
 

@@ -75,9 +75,10 @@ def job_script(
         print(f"{parts} tasks cut to {most}, the limit of job arrays here (MaxArraySize)")
         parts = most
     row_limit_s = study.file.limit or max(map(default_limit_s, sample))
-    limit_s = (row_limit_s * rows if expected_s is None else MARGIN * expected_s) / parts
+    counts = [len(unfinished.intersection(batch.slice_of(part, parts))) for part in range(1, parts + 1)]
+    limit_s = (row_limit_s * rows if expected_s is None else MARGIN * expected_s) * max(counts) / len(unfinished)
     memory_bytes = LEAST_BYTES + BYTES_PER_VALUE * max(case.chain.bodies * case.scene.samples for case in sample)
-    slices = [part for part in range(1, parts + 1) if not unfinished.isdisjoint(batch.slice_of(part, parts))]
+    slices = [part for part, count in enumerate(counts, 1) if count]
     command = [str(Path(sys.executable).with_name("beads")), "batch", str(study.path)]
     command += ["--runs", str(request.runs.resolve())]
     command += [word for name in batch.engines for word in ("--engine", name)]

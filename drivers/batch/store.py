@@ -11,12 +11,14 @@ import hashlib
 import json
 import os
 import platform
+import re
 import sqlite3
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import astuple, dataclass, fields
 from functools import cache, cached_property
+from itertools import count
 from math import nan
 from pathlib import Path
 from typing import Any
@@ -29,13 +31,17 @@ from drivers.base.errors import InputError
 
 NAME = "batch.sqlite"
 SCHEMA_VERSION = 1
+OF_PROCESS = re.compile(r"batch-(.+)-([0-9]+)\.sqlite")  # machine and number of the process
 ALLOWED = "the rows of batches; move the file away to begin anew"
 BUSY_LIMIT_S = 60.0  # longest wait for the transaction of another process
 KEYS = 10_000  # of one query
 PAGE_BYTES = 16_384  # a row has about 2 kB
 NETWORK = ("nfs", "nfs4", "cifs", "smb3", "smbfs", "lustre", "gpfs", "beegfs", "ceph", "afs", "glusterfs", "fuse.sshfs")
+CLOCK_S = 10.0  # by which the start of a process may seem to move when the clock is set
 CLAIM_S = 600.0  # a claim of another machine counts for this time
 ABANDONED_S = 86400.0  # a database of another machine without a change for this time is merged and removed
+
+_stores = count()
 
 
 @dataclass(frozen=True)
@@ -108,7 +114,7 @@ class Store:
         runs: the runs folder.
         common: database that the processes of this machine share.
         own: database that this process writes: the common one, or on a network file system one of its own.
-        damaged: digests of the cases of damaged rows that were read, with their engines.
+        damaged: damaged rows that were read: digest of the case, engine, and the digest that is not that of the row.
     """
 
     def __init__(self, runs: Path) -> None:
@@ -116,7 +122,8 @@ class Store:
         self.common = runs / NAME
         self.own = self.common if is_shared(runs) else runs / f"batch-{platform.node()}-{os.getpid()}.sqlite"
         self.former = runs / "batch"  # rows of versions before the database
-        self.damaged: set[tuple[str, str]] = set()
+        self.damaged: set[tuple[str, str, str]] = set()
+        self.owner = f"{_process()} {next(_stores)}"  # threads of Dask share a process
         self._open: sqlite3.Connection | None = None
 
     def __enter__(self) -> "Store":
@@ -124,33 +131,41 @@ class Store:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Release the claims of this process and of dead ones, and close the database."""
+        """Release the claims of this store and of dead processes, and close the database if it has been written."""
         if self._open:
-            with _transaction(self._open, self.own) as connection:
-                owners = connection.execute("SELECT owner, max(since) FROM claims GROUP BY owner").fetchall()
-                released = [(owner,) for owner, since in owners if not _is_other(owner, since)]
-                connection.executemany("DELETE FROM claims WHERE owner = ?", released)
+            self.release()
             self._open.close()
             self._open = None
+
+    def release(self) -> None:
+        """Release the claims of this store and of dead processes."""
+        with _transaction(self._connection, self.own) as connection:
+            owners = connection.execute("SELECT owner, max(since) FROM claims GROUP BY owner").fetchall()
+            released = [(owner,) for owner, since in owners if not self._is_other(owner, since)]
+            connection.executemany("DELETE FROM claims WHERE owner = ?", released)
 
     @property
     def files(self) -> list[Path]:
         """Databases of the runs folder, the common one first."""
-        return [*filter(Path.exists, [self.common]), *sorted(self.runs.glob("batch-*.sqlite"))]
+        others = (file for file in self.runs.glob("batch-*.sqlite") if OF_PROCESS.fullmatch(file.name))
+        return [*filter(Path.exists, [self.common]), *sorted(others)]
 
     def rows(self, engine: str, cases: Sequence[str]) -> dict[str, StudyRow]:
         """Rows of cases on an engine, by the digest of the case."""
         rows: dict[str, StudyRow] = {}
         for row in self._verified(f"SELECT {COLUMNS}, sha256 {OF_CASES}", cases, engine):
-            known = rows.get(row.case_sha256)
-            if known is None or (row.done, row.ended) > (known.done, known.ended):
+            known = rows.setdefault(row.case_sha256, row)
+            if _outranks((row.status, row.program, row.ended), (known.status, known.program, known.ended)):
                 rows[row.case_sha256] = row
         return rows
 
     def states(self, engine: str, cases: Sequence[str]) -> dict[str, tuple[str, str]]:
         """Status and program of the rows of cases on an engine, not verified, by the digest of the case."""
-        found = self._read(f"SELECT case_sha256, status, program {OF_CASES}", cases, engine)
-        return {case: (state, program) for case, state, program in sorted(found, key=lambda row: row[1] == "done")}
+        states: dict[str, tuple[str, str, float]] = {}
+        for case, *state in self._read(f"SELECT case_sha256, status, program, ended {OF_CASES}", cases, engine):
+            if case not in states or _outranks((*state,), states[case]):
+                states[case] = (*state,)
+        return {case: state[:2] for case, state in states.items()}
 
     def equal(self, identity: str) -> StudyRow | None:
         """Row done of the same numbers, of any case."""
@@ -180,13 +195,13 @@ class Store:
     def claimed(self, engine: str, cases: Sequence[str]) -> set[str]:
         """Cases of an engine on which other live processes work."""
         query = f"SELECT case_sha256, owner, since {OF_CASES.replace('rows', 'claims')}"
-        return {case for case, owner, since in self._read(query, cases, engine) if _is_other(owner, since)}
+        return {case for case, owner, since in self._read(query, cases, engine) if self._is_other(owner, since)}
 
     def claim(self, engine: str, cases: Sequence[str]) -> set[str]:
         """Claim cases of an engine on which no other live process works; returns them."""
         with _transaction(self._connection, self.own) as connection:
             free = set(cases) - self.claimed(engine, cases)
-            claims = [(case, engine, _owner(), time.time()) for case in free]
+            claims = [(case, engine, self.owner, time.time()) for case in free]
             connection.executemany("INSERT OR REPLACE INTO claims VALUES (?, ?, ?, ?)", claims)
         return free
 
@@ -200,20 +215,20 @@ class Store:
             _put(connection, row)
             connection.execute(f"DELETE FROM claims WHERE {KEY}", [row.case_sha256, row.engine])
 
-    def remove(self, rows: set[tuple[str, str]]) -> None:
-        """Remove rows, given by the digest of the case and the engine."""
-        with _transaction(self._connection, self.own) as connection:
-            connection.executemany(f"DELETE FROM rows WHERE {KEY}", rows)
+    def remove_damaged(self) -> None:
+        """Remove the damaged rows that were read."""
+        for file in self.files if self.damaged else ():
+            with closing(_opened(file)) as connection, _transaction(connection, file):
+                connection.executemany(f"DELETE FROM rows WHERE {KEY} AND sha256 = ?", self.damaged)
 
     def merge(self) -> None:
         """Copy the rows of the databases of ended processes into the common one, and remove these databases."""
         for file in self.files:
-            _, _, writer = file.stem.partition("-")
-            machine, _, process = writer.rpartition("-")
-            if file in (self.common, self.own):
+            writer = OF_PROCESS.fullmatch(file.name)
+            if writer is None or file == self.own:
                 continue
-            if machine == platform.node():
-                in_use = psutil.pid_exists(int(process))
+            if writer[1] == platform.node():
+                in_use = psutil.pid_exists(int(writer[2]))
             else:
                 in_use = time.time() - file.stat().st_mtime < ABANDONED_S
             if not in_use:
@@ -221,8 +236,18 @@ class Store:
                     found = connection.execute(f"SELECT {COLUMNS}, sha256 FROM rows").fetchall()
                 with closing(_opened(self.common)) as common, _transaction(common, self.common):
                     for row in filter(None, map(self._checked, found)):
-                        _put(common, row)
+                        _put(common, row, merged=True)
                 file.unlink()
+
+    def _is_other(self, owner: str, since: float) -> bool:
+        """True if the owner of a claim is another that is alive, as far as this machine can tell."""
+        machine, process, start, _ = owner.rsplit(" ", 3)
+        if machine != platform.node():
+            return time.time() - since < CLAIM_S
+        with suppress(psutil.Error):
+            apart_s = psutil.Process(int(process)).create_time() - float(start)
+            return owner != self.owner and abs(apart_s) < CLOCK_S
+        return False
 
     @property
     def _connection(self) -> sqlite3.Connection:
@@ -257,18 +282,25 @@ class Store:
         """Row of its values and their digest; None if it is damaged."""
         if _digest_of(values[:-1]) == values[-1]:
             return StudyRow(*values[:-1])
-        self.damaged.add((values[0], values[1]))
+        self.damaged.add((values[0], values[1], values[-1]))
         return None
 
 
-def _put(connection: sqlite3.Connection, row: StudyRow) -> None:
-    """Insert a row, unless there is a newer one, or one that the same program has done while this one failed."""
+def _put(connection: sqlite3.Connection, row: StudyRow, *, merged: bool = False) -> None:
+    """Insert a row, unless its program has done it before; a merged one also unless there is a newer one."""
     key = [row.case_sha256, row.engine]
-    for status, program, ended in connection.execute(f"SELECT status, program, ended FROM rows WHERE {KEY}", key):
-        if row.done < (status == "done") if program == row.program else row.ended < ended:
+    for known in connection.execute(f"SELECT status, program, ended FROM rows WHERE {KEY}", key):
+        if (merged or known[1] == row.program) and not _outranks((row.status, row.program, row.ended), known):
             return
     values = astuple(row)
     connection.execute(f"INSERT OR REPLACE INTO rows VALUES ({MARKS})", [*values, _digest_of(values)])
+
+
+def _outranks(one: tuple[str, str, float], other: tuple[str, str, float]) -> bool:
+    """True if a row counts rather than another: status, program and end; of one program a row done, else the newer."""
+    if one[1] == other[1]:
+        return one[0] == "done" or other[0] != "done"
+    return one[2] >= other[2]
 
 
 def is_shared(runs: Path) -> bool:
@@ -286,19 +318,9 @@ def _digest_of(values: tuple[Any, ...]) -> str:
 
 
 @cache
-def _owner() -> str:
+def _process() -> str:
     """Machine, number and start of this process."""
     return f"{platform.node()} {os.getpid()} {psutil.Process().create_time()}"
-
-
-def _is_other(owner: str, since: float) -> bool:
-    """True if the owner of a claim is another process that is alive, as far as this machine can tell."""
-    machine, process, start = owner.rsplit(" ", 2)
-    if machine != platform.node():
-        return time.time() - since < CLAIM_S
-    with suppress(psutil.Error):
-        return owner != _owner() and psutil.Process(int(process)).create_time() == float(start)
-    return False
 
 
 @contextmanager
@@ -326,7 +348,8 @@ def _opened(file: Path) -> sqlite3.Connection:
         InputError: the database is damaged or of another version.
     """
     writable = os.access(file.parent, os.W_OK) and (not file.exists() or os.access(file, os.W_OK))
-    uri = f"file:{quote(str(file.absolute()))}{'' if writable else '?immutable=1'}"
+    mode = "" if writable else "?mode=ro" if file.with_name(f"{file.name}-wal").exists() else "?immutable=1"
+    uri = f"file://{quote(os.fsencode(file.absolute()))}{mode}"
     with _named(file):
         connection = sqlite3.connect(uri, BUSY_LIMIT_S, isolation_level=None, check_same_thread=False, uri=True)
         (version,) = connection.execute("PRAGMA user_version").fetchone()

@@ -32,6 +32,7 @@ from drivers.scene.model import Part, Scene, Title
 from drivers.scene.read_scene import find_input, find_scene, library, make_scene, read_toml, read_value, set_value
 from drivers.scene.settings import look_up, unit_of
 
+MAX_COUNT = 1_000_000_000
 MAX_SAMPLE = 100  # cases that are checked before the first one runs
 RESERVED = ("case", "engine", "status", "reason", "force_error_share")  # columns of every table
 MAX_VALUES = 1_000_000
@@ -152,9 +153,13 @@ class Study:
         """Number of cases."""
         return prod(map(len, self.axes))
 
-    def _places(self, number: int) -> tuple[Any, ...]:
+    def _places(self, number: int) -> list[int]:
         """Place of a case on each axis; cases are numbered from 1, and the last axis varies fastest."""
-        return np.unravel_index(number - 1, [len(axis) for axis in self.axes])
+        place, places = number - 1, []
+        for axis in reversed(self.axes):
+            place, here = divmod(place, len(axis))
+            places.append(here)
+        return places[::-1]
 
     def choice(self, number: int) -> Choice:
         """Varied values of a case."""
@@ -164,10 +169,13 @@ class Study:
     @property
     def sample(self) -> list[int]:
         """Numbers of at most ``MAX_SAMPLE`` cases; each value of each axis occurs if there are not more."""
-        lengths = [len(axis) for axis in self.axes]
-        longest = max(lengths, default=1)
-        places = range(0, longest, ceil(longest / MAX_SAMPLE))
-        return [1 + int(np.ravel_multi_index([place] * len(lengths), lengths, mode="wrap")) for place in places]
+        longest, numbers = max(map(len, self.axes), default=1), []
+        for place in range(0, longest, ceil(longest / MAX_SAMPLE)):
+            number = 0
+            for axis in self.axes:
+                number = number * len(axis) + place % len(axis)
+            numbers.append(number + 1)
+        return numbers
 
     @cached_property
     def _base_values(self) -> dict[str, Any]:
@@ -249,7 +257,7 @@ def read_study(source: str | Path, also: Sequence[str] = ()) -> Study:
     refuse_any(where, problems)
     for name in also:
         load_engine(name, "--engine")
-    return Study(
+    study = Study(
         file=file,
         path=path.resolve(),
         where=where,
@@ -259,6 +267,9 @@ def read_study(source: str | Path, also: Sequence[str] = ()) -> Study:
         axes=(({}, *chain.from_iterable(axes)),) if file.combine == "one by one" else tuple(axes),
         columns=columns,
     )
+    if study.count > MAX_COUNT:
+        raise InputError(where, "axis", f"{study.count:.3g} cases", f"at most {MAX_COUNT:,}")
+    return study
 
 
 def _base_scene(source: str, study: Path, where: str) -> Path:

@@ -78,7 +78,7 @@ def batch(
             print(f"{len(store.damaged)} damaged rows in {paths.shown(store.common)}: run again", file=sys.stderr)
         if dry_run:
             return _print_plan(batch, store, todo, sample, place, array)
-        store.remove(store.damaged)
+        store.remove_damaged()
         numbers = sorted({number for some in todo.values() for number in some})
         if numbers:
             try:
@@ -97,6 +97,8 @@ def batch(
                 counts = Counter(state for states in batch.states(store).values() for state in states.values())
                 done = f"{counts['done']} of {counts.total()} rows done"
                 raise KeyboardInterrupt(f"{done}; {goes_on}") from interrupt
+            finally:
+                store.release()  # of workers that were killed
             if array and not array.wait:
                 print("when the jobs have ended, the same command without --slurm writes the table")
                 return 0

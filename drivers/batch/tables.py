@@ -108,6 +108,8 @@ def read_study_table(study: str | Path, runs: str | Path | None = None) -> pd.Da
         batch = opened(replace(request, engines=tuple(further)))
         rows = rows_of(batch, store, stale=True)
     present = [row for *_, row in rows if row]
+    if store.damaged:
+        say(f"{len(store.damaged)} damaged rows in {paths.shown(store.common)} do not count; beads batch {study}")
     if not present:
         where = paths.shown(store.common)
         raise InputError(where, "", f"no rows of the study {batch.study.name} as it is now; run beads batch {study}")
@@ -117,11 +119,16 @@ def read_study_table(study: str | Path, runs: str | Path | None = None) -> pd.Da
     return tables(batch, rows)[0]
 
 
+def _is_number(value: Any) -> bool:
+    """True for a number that a column of numbers can hold, and for a missing one."""
+    return value is None or isinstance(value, float) or (type(value) is int and abs(value) < 2**63)
+
+
 def _frame(columns: dict[str, list[Any]], free: set[str]) -> pd.DataFrame:
-    """Table of numbers; a column of ``free`` that contains any text is converted to text."""
+    """Table of numbers; a column of ``free`` with anything else is converted to text."""
     texts = {"engine", "status", "reason"}
     for name in free:
-        if any(isinstance(value, (str, bool)) for value in columns[name]):
+        if not all(map(_is_number, columns[name])):
             texts.add(name)
             columns[name] = [value if value is None else str(value) for value in columns[name]]
     return pd.DataFrame(

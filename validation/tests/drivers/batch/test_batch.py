@@ -160,29 +160,39 @@ def test_a_row_done_takes_precedence_over_a_later_failure(tmp_path: Path) -> Non
         for row in (failed, ROW, failed):
             store.finish(row)
         assert store.rows("verlet", ["case"]) == {"case": ROW}
-        store.finish(replace(failed, program="former", ended=4.0))
-        assert store.rows("verlet", ["case"]) == {"case": ROW}
-        store.finish(replace(failed, program="next"))
+        store.finish(replace(failed, program="next", ended=4.0))  # although the clock was set back
         assert store.rows("verlet", ["case"])["case"].program == "next"
 
 
 def test_claims_end_with_their_process(tmp_path: Path) -> None:
-    with Store(tmp_path) as store:
+    init, used_again = (
+        f"{platform.node()} 1 {psutil.Process(1).create_time()} 0",
+        f"{platform.node()} {os.getpid()} 0.0 0",
+    )
+    with Store(tmp_path) as store, Store(tmp_path) as of_another_thread:
         assert store.claim("verlet", ["a", "b"]) == {"a", "b"}
-        ours, dead = (
-            batch_store._owner(),
-            f"{platform.node()} {os.getpid()} 0.0",
-        )  # another start: the number was reused
-        for owner, free in ((f"{platform.node()} 1 {psutil.Process(1).create_time()}", set()), (dead, {"a"})):
+        assert of_another_thread.claim("verlet", ["b", "d"]) == {"d"}
+        for owner, free in ((init, set()), (used_again, {"a"})):
             sql(tmp_path, "UPDATE claims SET owner = ? WHERE case_sha256 = 'a'", owner)
             assert store.claim("verlet", ["a"]) == free
         for since, free in ((time.time(), set()), (0.0, {"a"})):
-            sql(tmp_path, "UPDATE claims SET owner = 'elsewhere 1 0.0', since = ?", since)
+            sql(tmp_path, "UPDATE claims SET owner = 'elsewhere 1 0.0 0', since = ? WHERE case_sha256 = 'a'", since)
             assert store.claim("verlet", ["a"]) == free
         store.finish(replace(ROW, case_sha256="a"))
-        assert sql(tmp_path, "SELECT case_sha256, owner FROM claims") == [("b", "elsewhere 1 0.0")]
-        assert store.claim("verlet", ["c"]) == {"c"}
-    assert ours not in {owner for (owner,) in sql(tmp_path, "SELECT owner FROM claims")}
+        store.__exit__()
+        assert sql(tmp_path, "SELECT case_sha256 FROM claims") == [("d",)]
+    assert sql(tmp_path, "SELECT case_sha256 FROM claims") == []
+
+
+def test_a_database_that_cannot_be_written_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also with rows that a killed process has not moved from the log."""
+    with Store(tmp_path / "a#b?") as store:
+        store.finish(ROW)
+        shutil.copytree(store.runs, tmp_path / "killed")
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    for runs in (store.runs, tmp_path / "killed"):
+        with Store(runs) as of_another:
+            assert of_another.rows("verlet", ["case"]) == {"case": ROW}
 
 
 def test_processes_on_a_network_write_databases_of_their_own(
@@ -200,6 +210,9 @@ def test_processes_on_a_network_write_databases_of_their_own(
     assert len([*runs.iterdir()]) == 2
     assert batch(path, runs).returncode == 0
     assert len(stored(runs)) == 2
+    shutil.copy(runs / "batch.sqlite", runs / "batch-old.sqlite")  # of the user, who put it aside
+    assert batch(path, runs).returncode == 0
+    (runs / "batch-old.sqlite").unlink()
     assert {file.name for file in runs.iterdir()} == {"batch.sqlite", f"batch-{platform.node()}-{os.getpid()}.sqlite"}
     assert set(table(runs)["status"]) == {"done"}
 

@@ -143,6 +143,10 @@ BAD = {
         f"[[axis]]\nseeds = 1000\n{COUNT}from = 1\nto = 1000\ncount = 1000",
         "1,000,000 cases; allowed: ",
     ),
+    "more cases than can be counted": (
+        "".join(f'[[axis]]\nkey = "chain.bead.{i}.mass"\nvalues = {["1 g"] * 10}\n' for i in range(10)),
+        "1e+10 cases; allowed: at most 1,000,000,000",
+    ),
     "a name that is another with its unit": (
         f'{SPEED}name = "a"\nvalues = ["1 m/s"]\n{COUNT}name = "a_m_s"\nvalues = [3]',
         'axis.1.name: found "a_m_s", the name of another column',
