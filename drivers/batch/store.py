@@ -114,6 +114,8 @@ class Store:
         runs: the runs folder.
         common: database that the processes of this machine share.
         own: database that this process writes: the common one, or on a network file system one of its own.
+        former: folder with the rows of versions before the database.
+        owner: name under which it claims rows: machine, process, and number of the store.
         damaged: damaged rows that were read: digest of the case, engine, and the digest that is not that of the row.
     """
 
