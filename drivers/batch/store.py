@@ -21,6 +21,7 @@ from functools import cache, cached_property
 from itertools import count
 from math import nan
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 from urllib.parse import quote
 
@@ -99,9 +100,9 @@ class StudyRow:
 COLUMNS = ", ".join(field.name for field in fields(StudyRow))
 MARKS = ", ".join("?" * (len(fields(StudyRow)) + 1))
 SCHEMA = f"""
-CREATE TABLE IF NOT EXISTS rows ({COLUMNS}, sha256, PRIMARY KEY (case_sha256, engine));
-CREATE INDEX IF NOT EXISTS by_identity ON rows (identity);
-CREATE TABLE IF NOT EXISTS claims (case_sha256, engine, owner, since, PRIMARY KEY (case_sha256, engine));
+CREATE TABLE rows ({COLUMNS}, sha256, PRIMARY KEY (case_sha256, engine));
+CREATE INDEX by_identity ON rows (identity);
+CREATE TABLE claims (case_sha256, engine, owner, since, PRIMARY KEY (case_sha256, engine));
 """
 KEY = "case_sha256 = ? AND engine = ?"
 OF_CASES = "FROM rows JOIN json_each(?) ON case_sha256 = value WHERE engine = ?"
@@ -352,20 +353,30 @@ def _opened(file: Path) -> sqlite3.Connection:
     writable = os.access(file.parent, os.W_OK) and (not file.exists() or os.access(file, os.W_OK))
     mode = "" if writable else "?mode=ro" if file.with_name(f"{file.name}-wal").exists() else "?immutable=1"
     uri = f"file://{quote(os.fsencode(file.absolute()))}{mode}"
+    if not file.exists():
+        _make(file)
     with _named(file):
         connection = sqlite3.connect(uri, BUSY_LIMIT_S, isolation_level=None, check_same_thread=False, uri=True)
         (version,) = connection.execute("PRAGMA user_version").fetchone()
-        if version == 0 and writable:
-            connection.execute(f"PRAGMA page_size = {PAGE_BYTES}")
-            connection.execute(f"PRAGMA journal_mode = {'WAL' if is_shared(file.parent) else 'DELETE'}")
-            connection.executescript(f"BEGIN IMMEDIATE; {SCHEMA} PRAGMA user_version = {SCHEMA_VERSION}; COMMIT")
-        elif version != SCHEMA_VERSION:
+        if version != SCHEMA_VERSION:
             found = f"rows of version {version} of the store"
             raise InputError(
                 paths.shown(file), "", found, f"version {SCHEMA_VERSION}; move the file away to begin anew"
             )
         connection.execute("PRAGMA synchronous = NORMAL")  # commits outlive the process, not a power cut
     return connection
+
+
+def _make(file: Path) -> None:
+    """Make an empty database, which appears when it is complete, since others may make it at the same time."""
+    with TemporaryDirectory(prefix=".", dir=file.parent) as folder, _named(file):
+        draft = Path(folder, NAME)
+        with closing(sqlite3.connect(draft, isolation_level=None)) as connection:
+            connection.execute(f"PRAGMA page_size = {PAGE_BYTES}")
+            connection.execute(f"PRAGMA journal_mode = {'WAL' if is_shared(file.parent) else 'DELETE'}")
+            connection.executescript(f"BEGIN; {SCHEMA} PRAGMA user_version = {SCHEMA_VERSION}; COMMIT")
+        with suppress(FileExistsError):
+            os.link(draft, file)
 
 
 @contextmanager

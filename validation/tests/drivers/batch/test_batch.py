@@ -6,6 +6,7 @@ import platform
 import shutil
 import sqlite3
 import subprocess
+import sys
 import time
 from contextlib import closing
 from dataclasses import replace
@@ -54,8 +55,7 @@ def sql(runs: Path, query: str, *values: Any) -> list[tuple[Any, ...]]:
     if not (runs / "batch.sqlite").exists():
         return []
     with closing(sqlite3.connect(runs / "batch.sqlite", timeout=20)) as connection, connection:
-        made = connection.execute("PRAGMA user_version").fetchone() != (0,)  # not by a process that was killed before
-        return connection.execute(query, values).fetchall() if made else []
+        return connection.execute(query, values).fetchall()
 
 
 def stored(runs: Path) -> list[int]:
@@ -162,6 +162,23 @@ def test_a_row_done_takes_precedence_over_a_later_failure(tmp_path: Path) -> Non
         assert store.rows("verlet", ["case"]) == {"case": ROW}
         store.finish(replace(failed, program="next", ended=4.0))  # although the clock was set back
         assert store.rows("verlet", ["case"])["case"].program == "next"
+
+
+def test_processes_that_make_the_database_at_the_same_time_share_it(tmp_path: Path) -> None:
+    begin = time.time() + 1.5
+    work = f"""
+import sys, time
+from pathlib import Path
+from drivers.batch.store import Store, StudyRow
+time.sleep(max({begin} - time.time(), 0))
+with Store(Path(sys.argv[1])) as store:
+    store.finish(StudyRow(sys.argv[2], "verlet", "program", "study", "label", "build", 5.0, "done"))
+"""
+    names = [str(number) for number in range(12)]
+    processes = [subprocess.Popen([sys.executable, "-c", work, tmp_path / "runs", name]) for name in names]
+    assert [process.wait(60) for process in processes] == [0] * 12
+    assert stored(tmp_path / "runs") == [*range(1, 13)]
+    assert [file.name for file in (tmp_path / "runs").iterdir()] == ["batch.sqlite"]
 
 
 def test_claims_end_with_their_process(tmp_path: Path) -> None:
