@@ -6,7 +6,6 @@ import platform
 import shutil
 import sqlite3
 import subprocess
-import sys
 import time
 from contextlib import closing
 from dataclasses import replace
@@ -164,20 +163,22 @@ def test_a_row_done_takes_precedence_over_a_later_failure(tmp_path: Path) -> Non
         assert store.rows("verlet", ["case"])["case"].program == "next"
 
 
-def test_processes_that_make_the_database_at_the_same_time_share_it(tmp_path: Path) -> None:
-    begin = time.time() + 1.5
-    work = f"""
-import sys, time
-from pathlib import Path
-from drivers.batch.store import Store, StudyRow
-time.sleep(max({begin} - time.time(), 0))
-with Store(Path(sys.argv[1])) as store:
-    store.finish(StudyRow(sys.argv[2], "verlet", "program", "study", "label", "build", 5.0, "done"))
-"""
-    names = [str(number) for number in range(12)]
-    processes = [subprocess.Popen([sys.executable, "-c", work, tmp_path / "runs", name]) for name in names]
-    assert [process.wait(60) for process in processes] == [0] * 12
-    assert stored(tmp_path / "runs") == [*range(1, 13)]
+def test_the_database_appears_when_it_is_complete(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Processes that make it at the same time share that of the first."""
+    link = os.link
+
+    def of_a_slow_process(draft: Path, file: Path) -> None:
+        assert not file.exists()
+        monkeypatch.setattr(os, "link", link)
+        with Store(tmp_path / "runs") as first:
+            first.finish(ROW)
+        link(draft, file)
+
+    monkeypatch.setattr(os, "link", of_a_slow_process)
+    with Store(tmp_path / "runs") as store:
+        store.finish(replace(ROW, case_sha256="other"))
+        assert store.rows("verlet", ["case"]) == {"case": ROW}
+    assert os.link is link
     assert [file.name for file in (tmp_path / "runs").iterdir()] == ["batch.sqlite"]
 
 
