@@ -375,8 +375,12 @@ def _make(file: Path) -> None:
             connection.execute(f"PRAGMA page_size = {PAGE_BYTES}")
             connection.execute(f"PRAGMA journal_mode = {'WAL' if is_shared(file.parent) else 'DELETE'}")
             connection.executescript(f"BEGIN; {SCHEMA} PRAGMA user_version = {SCHEMA_VERSION}; COMMIT")
-        with suppress(FileExistsError):
+        try:
             os.link(draft, file)
+        except FileExistsError:  # another process was faster
+            pass
+        except OSError:  # there are no hard links, as on some network file systems
+            draft.rename(file)
 
 
 @contextmanager

@@ -182,6 +182,16 @@ def test_the_database_appears_when_it_is_complete(tmp_path: Path, monkeypatch: p
     assert [file.name for file in (tmp_path / "runs").iterdir()] == ["batch.sqlite"]
 
 
+def test_a_file_system_without_hard_links_holds_a_database(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: Path) -> None:
+        raise PermissionError
+
+    monkeypatch.setattr(os, "link", refuse)
+    with Store(tmp_path / "runs") as store:
+        store.finish(ROW)
+    assert stored(tmp_path / "runs") == [1]
+
+
 def test_claims_end_with_their_process(tmp_path: Path) -> None:
     init, used_again = (
         f"{platform.node()} 1 {psutil.Process(1).create_time()} 0",
