@@ -54,7 +54,10 @@ def main() -> None:
         ended, status, usage = os.wait3(0)
     end_orphans()
     report = f"{os.waitstatus_to_exitcode(status)} {usage.ru_utime + usage.ru_stime} {usage.ru_maxrss * 1024}"
-    os.write(request, report.encode())
+    try:
+        os.write(request, report.encode())
+    except BrokenPipeError:  # the process that asked has died
+        pass
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing import connection
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import psutil
 
@@ -35,8 +35,9 @@ PLACE, LOCK = ".bead-chains-", "alive"  # beginning of the names of workplaces, 
 ABANDONED_S = 86400.0  # age of a workplace that counts as that of a dead process if its lock says nothing
 
 _stopping = False  # within all_stopped()
-_launchers: set[socket.socket] = set()  # of the commands under way
-_places: set[Path] = set()  # workplaces of this process
+
+# launcher of a command (``drivers.base.launcher``) with the streams of the command, and the socket to the launcher
+Launched = tuple[subprocess.Popen[bytes], socket.socket]
 
 
 @dataclass(frozen=True)
@@ -65,19 +66,6 @@ def scrubbed_environment() -> dict[str, str]:
     return kept | {"LC_ALL": "C.UTF-8", "PYTHONNOUSERSITE": "1", "OMP_NUM_THREADS": "1", "MPLBACKEND": "Agg"}
 
 
-@dataclass(frozen=True)
-class Launched:
-    """A command under way.
-
-    Attributes:
-        process: its launcher (``drivers.base.launcher``), with the streams of the command.
-        launcher: socket to the launcher.
-    """
-
-    process: subprocess.Popen[bytes]
-    launcher: socket.socket
-
-
 def run_command(command: tuple[str, ...], folder: Path, limit_s: float, **variables: str) -> EndedProcess:
     """Run a command inside ``folder``; its output goes to ``STDOUT`` and ``STDERR`` there.
 
@@ -89,12 +77,12 @@ def run_command(command: tuple[str, ...], folder: Path, limit_s: float, **variab
     """
     began = time.perf_counter()
     with open(folder / STDOUT, "wb") as out, open(folder / STDERR, "wb") as err:
-        launched = start(command, folder, variables, stdin=subprocess.DEVNULL, stdout=out, stderr=err)
+        process, launcher = start(command, folder, variables, stdin=subprocess.DEVNULL, stdout=out, stderr=err)
         in_time = False
         try:
-            in_time = waited(lambda seconds: connection.wait([launched.launcher], seconds), began + limit_s)
+            in_time = waited(lambda seconds: connection.wait([launcher], seconds), began + limit_s)
         finally:
-            code, cpu_s, memory_bytes = end(launched)
+            code, cpu_s, memory_bytes = end(process, launcher)
     return EndedProcess(code, not in_time, limit_s, time.perf_counter() - began, cpu_s, memory_bytes)
 
 
@@ -136,7 +124,6 @@ def start(command: tuple[str, ...], folder: Path, variables: dict[str, str], **s
         OSError: no process can be started.
     """
     ours, theirs = socket.socketpair()
-    _launchers.add(ours)  # before the start, which a signal may interrupt
     try:
         with theirs:
             process = subprocess.Popen(
@@ -147,49 +134,30 @@ def start(command: tuple[str, ...], folder: Path, variables: dict[str, str], **s
                 start_new_session=True,
                 **streams,
             )
-    except BaseException:
+    except BaseException:  # a signal may come when the launcher has been started
         _report(ours)
         raise
-    return Launched(process, ours)
+    return process, ours
 
 
-def end(launched: Launched) -> tuple[int, float, int]:
+def end(process: subprocess.Popen[bytes], launcher: socket.socket) -> tuple[int, float, int]:
     """End a command with all that it has started; returns exit code, CPU time in s and peak memory in bytes."""
-    report = _report(launched.launcher)
-    code, cpu_s, memory_bytes = report or (launched.process.wait(), 0, 0)
-    launched.process.wait()
+    with suppress(OSError), process:  # closes its streams, perhaps with input that nobody has read
+        code, cpu_s, memory_bytes = _report(launcher) or (process.wait(), 0, 0)
     return int(code), float(cpu_s), int(memory_bytes)
 
 
 def _report(launcher: socket.socket) -> list[str]:
     """Ask a launcher to end; its report when it has ended, empty if it was killed or could not start the command."""
-    _ask_to_end(launcher)
-    with launcher, launcher.makefile() as report:
-        words = report.read().split()
-    _launchers.discard(launcher)
-    return words
-
-
-def _ask_to_end(launcher: socket.socket) -> None:
     with suppress(OSError):  # it has ended
         launcher.shutdown(socket.SHUT_WR)
+    with launcher, launcher.makefile() as report:
+        return report.read().split()
 
 
 def cores() -> int:
     """Number of cores available to this process."""
     return len(psutil.Process().cpu_affinity()) if psutil.LINUX else psutil.cpu_count() or 1
-
-
-def leave() -> NoReturn:
-    """End this process, from the handler of a signal, with all that it has started and without its workplaces."""
-    for launcher in [*_launchers]:
-        _ask_to_end(launcher)
-    with suppress(ChildProcessError):
-        while True:
-            os.wait()
-    for folder in [*_places]:
-        shutil.rmtree(folder, ignore_errors=True)
-    os._exit(1)
 
 
 @contextmanager
@@ -200,11 +168,8 @@ def workplace(home: Path) -> Iterator[Path]:
     removes the folders of dead processes.
     """
     home.mkdir(parents=True, exist_ok=True)
-    for left in home.glob(f"{PLACE}*"):
-        if _is_abandoned(left):
-            shutil.rmtree(left, ignore_errors=True)
+    remove_abandoned(home)
     folder = Path(tempfile.mkdtemp(f"@{platform.node()}", PLACE, home))
-    _places.add(folder)
     try:
         with open(folder / "unlocked", "w") as lock:
             with suppress(OSError):  # on a file system without locks
@@ -213,7 +178,13 @@ def workplace(home: Path) -> Iterator[Path]:
             yield folder
     finally:
         shutil.rmtree(folder, ignore_errors=True)
-        _places.discard(folder)
+
+
+def remove_abandoned(home: Path) -> None:
+    """Remove the workplaces of dead processes below ``home``."""
+    for left in home.glob(f"{PLACE}*"):
+        if _is_abandoned(left):
+            shutil.rmtree(left, ignore_errors=True)
 
 
 def _is_abandoned(folder: Path) -> bool:

@@ -23,12 +23,11 @@ from drivers.engines._entries import entry_files, use_entries
 from drivers.limits import inability, needed_tolerance, refuse
 from drivers.run.build import Build, build_of, names_of
 from drivers.run.compute import Computed, compute
-from drivers.run.execute import Place, WorkersKilledError, execute
+from drivers.run.execute import Place, execute
 from drivers.run.run import run_identity
 
 CHUNK = 64  # largest number of cases in a chunk
 RETRY_INTERVAL_S = 2.0  # while another batch works on the remaining cases
-MAX_DEATHS = 5  # of workers in a row, without a finished row
 NEWEST = 1000  # rows of an engine by which its build and its costs are known
 
 
@@ -193,9 +192,7 @@ def _digest(parts: object) -> str:
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:32]
 
 
-def run_all(
-    request: Request, methods: Methods, numbers: Sequence[int], place: Place, store: Store, tick: Callable[[], None]
-) -> None:
+def run_all(request: Request, methods: Methods, numbers: Sequence[int], place: Place, tick: Callable[[], None]) -> None:
     """Run the unfinished rows of cases, until they are stored by this or another batch.
 
     Args:
@@ -203,25 +200,17 @@ def run_all(
         methods: functions of higher packages.
         numbers: numbers of the cases.
         place: worker processes or a Dask cluster.
-        store: store of the rows.
         tick: function called several times a second.
 
     Raises:
         RunError: workers were killed repeatedly.
         OSError: the disk is full or the runs folder cannot be written to.
     """
-    deaths, position = 0, dict[Path, int]()
-    store.after(position)
     while numbers:
-        try:
-            under_way = execute(partial(run_rows, request, methods), _chunks(numbers, place.workers), place, tick)
-            numbers = [number for _, left in under_way for number in left]
-            if numbers:  # another batch works on them
-                time.sleep(RETRY_INTERVAL_S)
-        except WorkersKilledError:
-            deaths = 0 if store.after(position) else deaths + 1
-            if deaths == MAX_DEATHS:
-                raise
+        under_way = execute(partial(run_rows, request, methods), _chunks(numbers, place.workers), place, tick)
+        numbers = [number for _, left in under_way for number in left]
+        if numbers:  # another batch works on them
+            time.sleep(RETRY_INTERVAL_S)
 
 
 def _chunks(numbers: Sequence[int], workers: int) -> Iterator[Sequence[int]]:

@@ -60,7 +60,7 @@ def batch(
     if place.dask:
         check_dask(place.dask)
     if not (place.dask or array or dry_run):
-        get_ready(run_rows, methods.plan, methods.observe)
+        get_ready(place.workers, run_rows, methods.plan, methods.observe)
     batch = opened(request)
     study = batch.study
     if study.count > MAX_CASES and not yes:
@@ -89,7 +89,7 @@ def batch(
                         for _ in waiting_for(job) if array.wait else ():
                             tick()
                     else:
-                        run_all(replace(request, source=study.path), methods, numbers, place, store, tick)
+                        run_all(replace(request, source=study.path), methods, numbers, place, tick)
             except KeyboardInterrupt as interrupt:
                 goes_on = "the same command continues"
                 if array:

@@ -2,39 +2,33 @@
 
 An in-repo engine integrates in this process. The deck of a code runs in a process of its own if it has a folder of its
 own or if that is asked for; else on a server process that runs one deck after another, since start-up dominates the
-cost of small cases.
+cost of small cases. A case that ends the server runs again in a process of its own, and so does one of a build that is
+no server, as behind a script that passes no input on.
 """
 
 import os
 import resource
-import threading
 import time
 from contextlib import nullcontext
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from tempfile import TemporaryFile, gettempdir
 
 import numpy as np
 
-from drivers.base.cache import load, store
 from drivers.base.decks import Deck
 from drivers.base.errors import RunError
 from drivers.base.processes import STDERR, STDOUT, EndedProcess, private_temporary_folder, run_command, workplace
-from drivers.chain.case import Case, build_case
+from drivers.chain.case import Case
 from drivers.chain.schemes import default_limit_s, endable
-from drivers.chain.trace import Trace, digest_of
+from drivers.chain.trace import Trace
 from drivers.engines import Engine, load_engine
 from drivers.run.build import Build, build_of
 from drivers.run.guard import checked, checked_trace, timed_out
 from drivers.run.session import lent
-from drivers.scene.read_scene import read_scene
 from validation.reference.hertz_chain import Flag
 
-PROBE = ("fig4", ("run.duration=20 us", "run.time_step=0.1 us"))  # short run that tests servers
 PROBE_BYTES = 1 << 24  # room without which a disk counts as full: Open MPI frees 8 MB as soon as a code has ended
-
-_server_test = threading.Lock()
 
 
 @dataclass(frozen=True)
@@ -104,10 +98,8 @@ def compute(
             engine.deck_by_hand(deck or engine.render(case)).write(folder)
         return _in_memory(case, engine, limit_s, folder)
     build, deck = build or build_of(engine), deck or engine.render(case)
-    if folder or own_process or not _serves_alike(name, build):
-        ended = _own_process(case, engine, build, deck, limit_s, folder)
-    else:
-        ended = _served(case, engine, build, deck, limit_s)
+    served = None if folder or own_process else _served(case, engine, build, deck, limit_s)
+    ended = served or _own_process(case, engine, build, deck, limit_s, folder)
     for place in (folder or gettempdir(), gettempdir()) if ended.fault else ():
         _check_room(Path(place))
     return ended
@@ -158,13 +150,16 @@ def _own_process(
         return _ended(case, engine, outcome, place)
 
 
-def _served(case: Case, engine: Engine, build: Build, deck: Deck, limit_s: float) -> Computed:
-    """Run a deck on a server, a second time in a new process if it ended one that had served other cases."""
+def _served(case: Case, engine: Engine, build: Build, deck: Deck, limit_s: float) -> Computed | None:
+    """Run a deck on a server; None if that does not answer, or ended before the time limit."""
     with lent(engine, build) as session:
         before_s = session.start_s
-        outcome = session.run(deck, limit_s)
-        if session.ended and session.served > 1 and not outcome.timed_out:
+        try:
             outcome = session.run(deck, limit_s)
+        except RunError:
+            return None
+        if session.ended and not outcome.timed_out:
+            return None
         return _ended(case, engine, outcome, session.case, session.start_s - before_s)
 
 
@@ -177,22 +172,3 @@ def _ended(case: Case, engine: Engine, outcome: EndedProcess, folder: Path, star
         fault = error
     loop_s = engine.loop_seconds((folder / STDOUT).read_text(errors="replace"))
     return Computed(trace, fault, outcome.wall_s, outcome.cpu_s, outcome.memory_bytes, loop_s, start_s)
-
-
-@cache
-def _serves_alike(name: str, build: Build) -> bool:
-    """True if a build as a server gives the same bits as in a process of its own, tested by a short run.
-
-    If a run fails, which another process may have caused, the result is that of this process alone.
-    """
-    key = ["serves alike", name, build.identity]
-    with _server_test:
-        alike = load(key)
-        if alike is None:
-            case, engine = build_case(read_scene(*PROBE)), load_engine(name)
-            given = (case, engine, build, engine.render(case), default_limit_s(case))
-            alone, served = _own_process(*given).trace, _served(*given).trace
-            if alone is None or served is None:
-                return False
-            alike = store(key, digest_of(alone) == digest_of(served))
-        return bool(alike)

@@ -1,40 +1,44 @@
 """The executor: all work in parallel, on threads, on worker processes of this machine, or on a Dask cluster."""
 
 import atexit
-import multiprocessing
 import os
-import platform
 import signal
 import sys
-import tempfile
-import threading
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import CancelledError, Executor, ProcessPoolExecutor, ThreadPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack, contextmanager, nullcontext
+from concurrent.futures import CancelledError, Executor, ThreadPoolExecutor, wait
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
-from functools import cache
-from multiprocessing import connection, forkserver, resource_tracker
+from functools import partial
+from math import inf
+from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
 from typing import Any, TypeVar
 
 from drivers.base.errors import InputError, RunError
-from drivers.base.processes import all_stopped, cores, leave, private_temporary_folder, workplace
+from drivers.base.processes import (
+    Launched,
+    all_stopped,
+    cores,
+    end,
+    private_temporary_folder,
+    remove_abandoned,
+    start,
+    waited,
+)
+from drivers.run import worker
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 LOCAL = "local"  # instead of an address: a Dask cluster on this machine
 CONNECT_LIMIT_S = 5
-RETRIES = 3  # of an item whose Dask worker died
+RETRIES = 3  # of an item whose worker was killed
 POLL_INTERVAL_S = 0.2
-EXIT_LIMIT_S = 10.0  # for workers that are asked to end
-MAX_PLACE_BYTES = 66  # of the folder and the machine's name in paths of sockets, which Linux limits to 107 bytes
-LIBRARIES = ("scipy.interpolate", "scipy.signal")  # imported once for all workers
-WARNING_FILTER = "ignore:resource_tracker"  # after a kill, Python would warn of leaked semaphores
+LIBRARIES = ("scipy.interpolate", "scipy.signal")  # which workers load at their start
 
+Worker = tuple[Launched, Connection]
 
-class WorkersKilledError(RunError):
-    """Workers or their fork server were killed from outside."""
+_new: list[Worker] = []
+_idle: list[Worker] = []  # workers that have worked
 
 
 @dataclass(frozen=True)
@@ -64,7 +68,8 @@ def execute(
     """Work on items in parallel; yields each with its result, as results come.
 
     An error of an item ends the work: items under way are finished on threads and ended in processes. An interrupt
-    ends all engines and integrations. Worker processes and their engines end with this process, however it ends.
+    ends all engines and integrations. Worker processes and their engines end with this process, however it ends. An
+    item whose worker was killed is begun again.
 
     Args:
         work: function of an item; for processes and Dask one that can be pickled.
@@ -73,15 +78,11 @@ def execute(
         tick: function called several times a second.
 
     Raises:
-        WorkersKilledError: a worker process or the fork server was killed.
-        RunError: the connection to a Dask cluster was lost.
+        RunError: workers were killed again and again, or the connection to a Dask cluster was lost.
     """
-    executor_at = _on_dask if place.dask else _processes if place.processes else _threads
-    with executor_at(place) as executor:
-        with ThreadPoolExecutor(1) as thread:  # no signal interrupts it: a worker with half of its setup complains
-            under_way = thread.submit(
-                lambda: {executor.submit(work, item): (number, item) for number, item in enumerate(items)}
-            ).result()
+    with _on_dask(place) if place.dask else _threads(place) as executor:
+        work = partial(_in_worker, work) if place.processes else work
+        under_way = {executor.submit(work, item): (number, item) for number, item in enumerate(items)}
         waiting = set(under_way)
         while waiting:
             ended, waiting = wait(waiting, POLL_INTERVAL_S, return_when="FIRST_COMPLETED")
@@ -92,89 +93,67 @@ def execute(
 
 @contextmanager
 def _threads(place: Place) -> Iterator[Executor]:
-    """Threads; an error lets running items finish, an interrupt ends them."""
+    """Threads; an error lets running items finish, an interrupt ends them, as an error does in worker processes."""
     with ThreadPoolExecutor(place.workers or cores()) as pool:
         try:
             yield pool
         except BaseException as error:
-            with all_stopped() if isinstance(error, KeyboardInterrupt) else nullcontext():
+            with all_stopped() if place.processes or isinstance(error, KeyboardInterrupt) else nullcontext():
                 pool.shutdown(cancel_futures=True)
+            if place.processes:
+                remove_abandoned(private_temporary_folder())  # places of the workers
             raise
 
 
-def get_ready(*functions: Callable[..., Any]) -> None:
-    """Start the fork server of worker processes, with the modules of functions loaded, without waiting for it."""
-    multiprocessing.get_context("forkserver").set_forkserver_preload(
-        [*(function.__module__ for function in functions), *LIBRARIES]
-    )
-    if WARNING_FILTER not in sys.warnoptions:
-        sys.warnoptions.append(WARNING_FILTER)
-    _start_fork_server()
+def get_ready(workers: int, *functions: Callable[..., Any]) -> None:
+    """Start worker processes, which load the modules of functions, without waiting for them."""
+    _new.extend(_started(*(function.__module__ for function in functions)) for _ in range(workers - len(_new)))
 
 
-@cache
-def _keep_sockets() -> None:
-    """Have multiprocessing keep its sockets in a workplace, which the next one removes if this process is killed.
-
-    It is in another folder if temporary files lie too deep for a socket, as on clusters.
-    """
-    home, node = private_temporary_folder(), platform.node()
-    places = workplace(home if len(os.fsencode(home)) + len(node) <= MAX_PLACE_BYTES else Path("/tmp"))
-    multiprocessing.current_process()._config["tempdir"] = str(places.__enter__())  # type: ignore[attr-defined]
-    atexit.register(places.__exit__, None, None, None)
+def _started(*modules: str) -> Worker:
+    """Worker process, in a session of its own, which the signals of a terminal do not reach."""
+    ours, theirs = Pipe()
+    command = (sys.executable, "-P", "-m", worker.__name__, str(private_temporary_folder()), *modules, *LIBRARIES)
+    with theirs:
+        return start(command, Path.cwd(), {**os.environ}, stdin=theirs.fileno()), ours
 
 
-def _start_fork_server() -> None:
-    """Start the fork server if it does not run, deaf to signals that a terminal or a scheduler sends to all processes.
-
-    A server that Ctrl-C ends prints a traceback; after SIGTERM its workers would seem dead while they end engines.
-    """
-    _keep_sockets()
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGHUP})  # inherited, as the others
-    try:
-        resource_tracker.ensure_running()  # which unblocks the others here, and ignores them
-        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
-        forkserver.ensure_running()
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+def _lent() -> Worker:
+    """A worker process without work, or a new one."""
+    for workers in (_idle, _new):
+        with suppress(IndexError):
+            return workers.pop()
+    return _started()
 
 
-@contextmanager
-def _processes(place: Place) -> Iterator[Executor]:
-    """Worker processes, which end with the context."""
-    _start_fork_server()
-    context = multiprocessing.get_context("forkserver")
-    pool = ProcessPoolExecutor(place.workers or cores(), context, _begin)
-    try:
-        yield pool
-    except BaseException as error:
-        processes = multiprocessing.active_children()
-        for process in processes:
-            process.terminate()
-        for process in processes:
-            process.join(EXIT_LIMIT_S)
-        # after the workers have ended: one that is stopped while it reads from the pool's queue would damage the queue
-        pool.shutdown(cancel_futures=True)
-        if isinstance(error, (BrokenProcessPool, EOFError, ConnectionError)):
-            raise WorkersKilledError("workers were killed; finished work is kept") from error
-        raise
-    pool.shutdown()
+def _in_worker(work: Callable[[Any], Any], item: Any) -> Any:
+    """Result of an item by a worker process, by another one if that is killed."""
+    for _ in range(1 + RETRIES):
+        launched, pipe = _lent()
+        try:
+            pipe.send((work, item))
+            waited(pipe.poll, inf)
+            succeeded, result = pipe.recv()
+        except BaseException as error:
+            end(*launched)
+            pipe.close()
+            if not isinstance(error, (EOFError, ConnectionError)):
+                raise
+            continue
+        _idle.append((launched, pipe))
+        if not succeeded:
+            raise result
+        return result
+    raise RunError("workers were killed; finished work is kept")
 
 
-def _begin() -> None:
-    """Initialize a worker process: it heeds SIGTERM alone, which its parent sends, and dies with its parent."""
-    signal.signal(signal.SIGTERM, lambda *_: leave())
-    tempfile.gettempdir()  # tries its folder with a file, which a signal would leave there
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
-
-
-def _end_with(sentinel: int) -> None:
-    """Kill this worker when its parent dies; its engines end with it."""
-    connection.wait([sentinel])
-    os.kill(os.getpid(), signal.SIGKILL)
+@atexit.register
+def _dismiss() -> None:
+    """Let workers that have worked end by themselves, with the servers that they have started."""
+    for _, pipe in _idle:
+        pipe.close()
+    for (process, _), _ in _idle:
+        process.wait()
 
 
 @contextmanager

@@ -1,5 +1,6 @@
 """Engine processes that run one deck after another, since start-up dominates the cost of small cases."""
 
+import atexit
 import os
 import shutil
 import subprocess
@@ -7,10 +8,10 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from multiprocessing import connection
-from multiprocessing.util import Finalize
 from pathlib import Path
 
 from drivers.base.decks import Deck
+from drivers.base.errors import RunError
 from drivers.base.processes import (
     STDERR,
     STDOUT,
@@ -31,12 +32,12 @@ OUTPUT_BYTES = 1 << 20  # last part of the output, which is kept
 
 
 class Session:
-    """Server process of one engine, started by the first case, and again after a case that killed it.
+    """Server process of one engine, started by the first case, and again after a case that ended it.
 
     Attributes:
         case: folder in which decks run.
         start_s: total waiting time for starts.
-        served: number of cases of the present or last process.
+        answers: False after a start without an answer; there is no other start then.
     """
 
     def __init__(self, engine: Engine, build: tuple[str, ...], folder: Path) -> None:
@@ -45,43 +46,41 @@ class Session:
         self.folder = folder
         self.case = folder / "case"
         self.start_s = 0.0
-        self.served = 0
+        self.answers = True
         self._launched: Launched | None = None
 
     def run(self, deck: Deck, limit_s: float) -> EndedProcess:
         """Run a deck in the folder ``case``; its output stays there until the next run.
 
-        A case that ends the process has the same outcome as in its own process; the next case gets a new process.
-
         Raises:
+            RunError: no server answers.
             OSError: no process can be started.
             KeyboardInterrupt: all work is being stopped.
         """
+        if self.ended and self.answers:
+            self._start(min(MAX_START_S, max(limit_s, MIN_START_S)))
         if self.ended:
-            shutil.rmtree(self.case, ignore_errors=True)  # remove files of a failed case
-            self.case.mkdir(parents=True)
-            began = time.perf_counter()
-            outcome = self._start(min(MAX_START_S, max(limit_s, MIN_START_S)))
-            self.start_s += time.perf_counter() - began
-            if self.ended:
-                return outcome
+            raise RunError("the server does not answer")
         # removed first: some file systems, such as ext4, wait for the disk when a file is overwritten
         for name in (*deck.raw, *deck.files, STDOUT, STDERR):
             (self.case / name).unlink(missing_ok=True)
         deck.write(self.case)
-        self.served += 1
         return self._ask(self.case.name, limit_s)
 
-    def _start(self, limit_s: float) -> EndedProcess:
+    def _start(self, limit_s: float) -> None:
         """Start the server and wait until it answers."""
+        began = time.perf_counter()
+        shutil.rmtree(self.case, ignore_errors=True)  # remove files of a failed case
+        self.case.mkdir(parents=True)
         self.engine.server.write(self.folder)
-        self.served = 0
         command, pipe = self.engine.started(self.engine.server, self.build), subprocess.PIPE
         with open(self.folder / STDERR, "wb") as stderr:
             # own temporary files: two MPI programs that make their common folder at the same time may fail
             variables = {"TMPDIR": str(self.folder)} | self.engine.environment
             self._launched = start(command, self.folder, variables, stdin=pipe, stdout=pipe, stderr=stderr)
-        return self._ask("", limit_s)
+        self._ask("", limit_s)
+        self.answers = not self.ended
+        self.start_s += time.perf_counter() - began
 
     @property
     def ended(self) -> bool:
@@ -90,28 +89,23 @@ class Session:
 
     def close(self) -> int:
         """End the process if there is one; return its exit code."""
-        launched, self._launched = self._launched, None
-        if launched is None:
+        if self._launched is None:
             return 0
-        code, *_ = end(launched)
-        for stream in (launched.process.stdin, launched.process.stdout):
-            with suppress(OSError):  # unsent input is not needed any more
-                if stream is not None:
-                    stream.close()
-        return code
+        launched, self._launched = self._launched, None
+        return end(*launched)[0]
 
     def _ask(self, name: str, limit_s: float) -> EndedProcess:
         """Send a request and wait for ``DONE``, the end of the process, or the time limit."""
         assert self._launched is not None
-        stdin, stdout = self._launched.process.stdin, self._launched.process.stdout
-        assert stdin is not None
-        assert stdout is not None
+        process, _ = self._launched
+        assert process.stdin is not None
+        assert process.stdout is not None
         before_bytes = (self.folder / STDERR).stat().st_size
         began = time.perf_counter()
         with suppress(OSError):  # the process has died: its output is read below
-            stdin.write(self.engine.request(name, DONE).encode())
-            stdin.flush()
-        output, state = _listen(stdout.fileno(), began + limit_s)
+            process.stdin.write(self.engine.request(name, DONE).encode())
+            process.stdin.flush()
+        output, state = _listen(process.stdout.fileno(), began + limit_s)
         wall_s = time.perf_counter() - began
         code = 0 if state == "done" else self.close()
         (self.case / STDOUT).write_bytes(output)
@@ -130,7 +124,7 @@ def lent(engine: Engine, build: Build) -> Iterator[Session]:
         session = sessions.pop()
     except IndexError:
         place = ExitStack()
-        Finalize(None, place.close, exitpriority=10)  # also at the end of a worker of multiprocessing
+        atexit.register(place.close)
         session = Session(engine, build.command, place.enter_context(workplace(private_temporary_folder())))
         place.callback(session.close)
     try:

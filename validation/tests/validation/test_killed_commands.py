@@ -11,6 +11,7 @@ import psutil
 import pytest
 
 from drivers.base import paths
+from drivers.run import worker
 from validation.tests.helpers.commands import BEADS
 from validation.tests.helpers.scenes import SPEEDS, EnginesWriter, StandIn, StudyWriter
 
@@ -26,11 +27,11 @@ def started(folder: Path, *words: str, **options: Any) -> subprocess.Popen[str]:
 
 
 def left_from(folder: Path) -> list[str]:
-    """Command lines of the processes whose temporary files go into a folder."""
+    """Command lines of the processes whose temporary files go into a folder, or one in it."""
     found = []
     for process in psutil.process_iter():
         try:
-            if process.status() != psutil.STATUS_ZOMBIE and process.environ().get("TMPDIR") == str(folder):
+            if process.status() != psutil.STATUS_ZOMBIE and process.environ().get("TMPDIR", "").startswith(str(folder)):
                 found.append(" ".join(process.cmdline()))
         except psutil.Error:
             continue
@@ -76,10 +77,10 @@ def test_nothing_outlives_a_killed_command(words: tuple[str, ...], moment_s: flo
 
 
 def test_an_interrupted_start_of_workers_prints_no_traceback(study_file: StudyWriter, tmp_path: Path) -> None:
-    """The fork server has just started, and loads libraries."""
+    """The workers have just started, and load libraries."""
     study = study_file(SPEEDS.format(2), "verlet")
     process = started(tmp_path, "batch", str(study), "--results", "results", stderr=subprocess.PIPE)
-    while not any("forkserver" in " ".join(child.cmdline()) for child in psutil.Process(process.pid).children()):
+    while not any(worker.__name__ in line for line in left_from(tmp_path / "places")):
         assert process.poll() is None
         time.sleep(0.01)
     os.killpg(process.pid, signal.SIGINT)

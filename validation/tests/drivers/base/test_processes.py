@@ -7,7 +7,6 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import pytest
 
@@ -36,8 +35,7 @@ def interrupted(*words, **options):
     real(("sh", "-c", f"sleep 0.3; kill -CONT {process.pid}"))
     signal.raise_signal(signal.SIGTERM)
     return process
-leaves = sys.argv[2] == "leaves"
-signal.signal(signal.SIGTERM, lambda *_: processes.leave() if leaves else signal.default_int_handler(2, None))
+signal.signal(signal.SIGTERM, signal.default_int_handler)
 subprocess.Popen = interrupted
 try:
     with processes.workplace(Path(sys.argv[1])) as place:
@@ -47,9 +45,8 @@ except KeyboardInterrupt:
 '''
 
 
-@pytest.mark.parametrize("how", ["leaves", "raises"])
-def test_a_process_that_is_interrupted_waits_for_what_it_starts(how: str, tmp_path: Path) -> None:
-    words = [sys.executable, "-c", LEFT_AT_A_START, str(tmp_path), how]
+def test_a_process_that_is_interrupted_waits_for_what_it_starts(tmp_path: Path) -> None:
+    words = [sys.executable, "-c", LEFT_AT_A_START, str(tmp_path)]
     done = subprocess.run(words, capture_output=True, check=False, timeout=60)
     assert (done.returncode, done.stderr) == (1, b"")
     assert not [*tmp_path.iterdir()]
@@ -65,15 +62,6 @@ def test_memory_and_time_are_those_of_the_command(tmp_path: Path) -> None:
     assert large.code == 3
     assert large.memory_bytes == pytest.approx(210_000_000, rel=0.1)
     assert large.cpu_s == pytest.approx(0.55, rel=0.2)
-
-
-def test_sockets_of_a_killed_batch_are_removed_by_the_next_workplace() -> None:
-    batch = "import os; from drivers.run import execute; execute._start_fork_server(); os.kill(os.getpid(), 9)"
-    with TemporaryDirectory(dir="/tmp") as home:  # paths of sockets are short
-        subprocess.run([sys.executable, "-c", batch], check=False, env=os.environ | {"TMPDIR": home})
-        assert len([*Path(home).rglob("listener-*")]) == 1
-        with workplace(Path(home)) as place:
-            assert [*Path(home).iterdir()] == [place]
 
 
 def test_a_command_hears_of_closed_pipes(tmp_path: Path) -> None:

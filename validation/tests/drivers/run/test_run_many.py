@@ -12,10 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from drivers.base.errors import RunError
 from drivers.base.processes import all_stopped, run_command
 from drivers.chain.trace import digest_of
-from drivers.engines import REFERENCE, VERLET, load_engine
-from drivers.run.compute import _serves_alike, compute
+from drivers.engines import REFERENCE, VERLET
+from drivers.run import session
+from drivers.run.compute import compute
+from drivers.run.execute import Place, execute
 from drivers.run.run import run_case, run_many
 from drivers.run.run_folder import open_run
 from validation.tests.helpers.commands import BEADS
@@ -125,45 +128,44 @@ def test_a_served_case_that_fails_leaves_the_others_alone(scene_file: SceneWrite
     assert digest_of(before.done) == digest_of(after.done)
 
 
-def test_script_that_looks_at_decks_serves_none(stand_in: StandIn, scene_file: SceneWriter) -> None:
-    need(CODE)
-    engine, case = load_engine(CODE), case_of(scene_file())
-    command, deck = engine.find(), engine.render(case)
-    assert command is not None
-    stand_in(engine.program, f'[ -e {next(iter(deck.files))} ] && exit 3\nexec {command[-1]} "$@"\n')
-    assert str(compute(case, CODE).fault).startswith("exit code 3")
-
-
-def test_a_disturbed_test_of_a_server_is_not_cached(stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path) -> None:
+def test_a_build_that_is_no_server_runs_each_deck_in_its_own_process(
+    stand_in: StandIn, scene_file: SceneWriter, tmp_path: Path
+) -> None:
+    """A script that passes no input on; one start of a server shows it."""
     need(CODE)
     count, real = tmp_path / "count", shutil.which("lmp")
-    stand_in(
-        "lmp",
-        f'case "$*" in *-h*) ;; *) echo >> {count}; [ $(wc -l < {count}) = 2 ] && kill -9 $$ ;; esac\nexec {real} "$@"',
-    )
-    case, starts = case_of(scene_file()), [0]
-    for _ in range(3):
-        _serves_alike.cache_clear()
-        assert compute(case, CODE).done
-        starts.append(count.read_text().count("\n"))
-    # alone, as a server that is killed, and alone since there is none; alone and as a server; on this server
-    assert starts == [0, 3, 5, 5]
+    stand_in("lmp", f'case "$*" in *-h*) ;; *) echo >> {count} ;; esac\nexec {real} "$@" < /dev/null')
+    session._idle.clear()
+    for runs in (2, 3):
+        assert compute(case_of(scene_file()), CODE).done.time_s.size
+        assert count.read_text().count("\n") == runs
 
 
-def test_an_interrupt_while_a_worker_gets_its_setup_prints_nothing() -> None:
+def test_an_interrupt_while_a_worker_starts_prints_nothing() -> None:
     script = (
-        "import os, signal; from multiprocessing import forkserver; from drivers.run.execute import Place, execute\n"
-        "read = forkserver.read_signed\n"
-        "def interrupted(pid):\n"
-        "    forkserver.read_signed = read\n"
+        "import os, signal; from drivers.run import execute\n"
+        "start = execute.start\n"
+        "def interrupted(*words, **streams):\n"
         "    os.kill(os.getpid(), signal.SIGINT)\n"
-        "    return read(pid)\n"
-        "forkserver.read_signed = interrupted\n"
+        "    return start(*words, **streams)\n"
+        "execute.start = interrupted\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "try:\n"
-        "    [*execute(abs, [1], Place(1, processes=True))]\n"
+        "    [*execute.execute(abs, [1], execute.Place(1, processes=True))]\n"
         "except KeyboardInterrupt:\n"
         "    print('interrupted')"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, check=False, timeout=60)
     assert (done.stdout, done.stderr) == (b"interrupted\n", b"")
+
+
+def test_an_item_whose_worker_is_killed_is_begun_again(tmp_path: Path) -> None:
+    """With the result of the next worker, or after several an error."""
+    place = Place(1, processes=True)
+    killed = f"import os, pathlib; first = pathlib.Path({str(tmp_path / 'first')!r})\n"
+    once = f"{killed}if not first.exists():\n    first.touch()\n    os.kill(os.getpid(), 9)"
+    assert [*execute(exec, [once], place)] == [(once, None)]
+    with pytest.raises(RunError, match="workers were killed"):
+        [*execute(exec, [f"{killed}os.kill(os.getpid(), 9)"], place)]
+    with pytest.raises(ZeroDivisionError):
+        [*execute(exec, ["1 / 0"], place)]
