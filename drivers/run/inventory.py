@@ -19,7 +19,7 @@ from drivers.chain.case import build_case
 from drivers.engines import engine_names, load_engine
 from drivers.run.build import build_of
 from drivers.run.run import run_identity
-from drivers.run.run_folder import DAMAGED, FOLDER_NAME, EndedRun, RunRecord, in_si, read_record
+from drivers.run.run_folder import FOLDER_NAME, EndedRun, any_run, in_si, is_run
 from drivers.scene.model import Scene
 from drivers.scene.read_scene import find_scene, read_scene, stored_scene
 from drivers.scene.settings import look_up, setting_text, settings_between, unit_of
@@ -31,21 +31,9 @@ ROUNDING = 1e-12
 
 def kept_runs(runs: Path) -> list[EndedRun]:
     """All runs of a folder, damaged ones among them, the newest last; other folders are ignored."""
-    read = map(_read, runs.glob("[!.]*/[!.]*"))
-    return sorted(filter(None, read), key=lambda run: (run.ended, run.folder))
-
-
-def _read(folder: Path) -> EndedRun | None:
-    """Run of a folder; one that cannot be read has engine and scene by the names of its folders."""
-    record = read_record(folder)
-    if record and (run := EndedRun(folder, record)).resolved:
-        return run
-    named = FOLDER_NAME.fullmatch(folder.name)
-    if not named or not folder.is_dir():
-        return None
-    values: dict[str, Any] = dict.fromkeys(RunRecord.__annotations__) | {"files": {}, "scene": {}}
-    known = {"engine": folder.parent.name, "scene_name": named[1], "status": DAMAGED}
-    return EndedRun(folder, RunRecord(**values | known | {"reason": "a record that is damaged or of another version"}))
+    folders = [folder for folder in runs.glob("[!.]*/[!.]*") if folder.is_dir()]
+    kept = [any_run(folder) for folder in folders if is_run(folder) or FOLDER_NAME.fullmatch(folder.name)]
+    return sorted(kept, key=lambda run: (run.ended, run.folder))
 
 
 def scene_now(source: str) -> Scene | None:

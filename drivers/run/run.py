@@ -34,14 +34,13 @@ from drivers.run.guard import checked, compared, unstable
 from drivers.run.run_folder import (
     NOT_ASSESSED,
     RECORD,
+    SENSORS,
     EndedRun,
     RunRecord,
-    damage_of,
     find_run,
     folder_name,
     in_si,
     is_run,
-    read_record,
     record_of,
     write_run,
 )
@@ -79,41 +78,37 @@ def run_case(
     """
     engine, home = load_engine(engine_name), runs / engine_name
     build, deck = build_of(engine), engine.render(case)
-    identity = run_identity(engine_name, build, deck.sha256)
-    layout = _description(case)["layout"]
+    identity, layout = run_identity(engine_name, build, deck.sha256), _description(case)["layout"]
     target = home / folder_name(case.scene.name, layout, identity)
     keeps_state = "state" in case.scene.run.record
-    if not rerun:
-        known = find_run(home, identity, layout)
-        if known and known.is_complete(state=keeps_state):
-            return refresh_record(known, case, target)
-        for line in damage_of(home, identity):
-            say(f"{line}: run again")
+    known = None if rerun else find_run(home, identity, layout)
+    if known and known.is_complete(state=keeps_state):
+        return _described(known, case, target)
+    for line in known.damage() if known else ():
+        say(f"{line}: run again")
     with workplace(home) as place:
         folder = place / "run"
         folder.mkdir()
         ended = compute(case, engine_name, build=build, deck=deck, limit_s=limit_s, folder=folder)
+        for raw in (folder / name for name in (*deck.raw, *deck.logs)):  # files or folders
+            shutil.rmtree(raw, ignore_errors=True)
+            raw.unlink(missing_ok=True)
+        trace, failed = ended.trace, ended.fault is not None
+        if ended.fault and ended.fault.partial is not None:
+            trace = finite_part(ended.fault.partial)
         record = record_of_end(case, engine, build, deck, ended)
-        for raw in (folder / name for name in (*deck.raw, *deck.logs)):
-            if raw.is_dir():
-                shutil.rmtree(raw)
-            else:
-                raw.unlink(missing_ok=True)
-        if ended.fault is None or ended.fault.partial is None:
-            record = write_run(folder, record, ended.trace, state=keeps_state)
-        else:  # with positions, to see how it went wrong
-            record = write_run(folder, record, finite_part(ended.fault.partial), state=True)
-        faster = find_run(home, identity, layout)  # by another process
-        if faster and not rerun and faster.is_complete(state=keeps_state):
-            return refresh_record(faster, case, target)
-        former = faster if faster and faster.record.layout == layout else None
-        if former and former.done and record.status != "done":  # a failed run does not replace a finished one
+        record = write_run(folder, record, trace, state=keeps_state or failed)  # to see how it went wrong
+        known = find_run(home, identity, layout)
+        if known and not rerun and known.is_complete(state=keeps_state):  # by another process
+            return _described(known, case, target)
+        former = known if known and known.record.layout == layout else None
+        if former and former.done and failed:  # a failed run does not replace a finished one
             target, former = target.with_name(f"{target.name}-failed"), None
-        move_into_place(folder, target, former.folder if former else None)
+        move_into_place(folder, target, former)
     return EndedRun(target, record)
 
 
-def run_many(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS) -> list[EndedRun]:
+def run_many(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS, *, unsafe: bool = False) -> list[EndedRun]:
     """Run pairs of a case and an engine, or find finished runs; results in the order of ``jobs``.
 
     Equal decks run once, and the largest cases run first.
@@ -121,10 +116,19 @@ def run_many(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS) -> list[
     Args:
         jobs: cases with the names of their engines.
         runs: folder of all run folders.
+        unsafe: True to run also what would be refused.
 
     Raises:
+        InputError: a case without a finished run is refused on its engine; nothing has been run.
         RunError: an engine is not installed.
     """
+    engines: dict[Case, list[str]] = defaultdict(list)
+    for case, engine in () if unsafe else jobs:
+        if not is_done(case, engine, runs):
+            engines[case].append(engine)
+    for case in following(engines, "cases checked", len(engines), "case"):
+        for engine in engines[case]:
+            refuse(case, engine)
     keys = [(engine, load_engine(engine).render(case).sha256) for case, engine in jobs]
     different = dict(zip(keys, jobs, strict=True))
     largest_first = sorted(different, key=lambda key: -different[key][0].work)
@@ -143,7 +147,6 @@ def run_all_done(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS) -> l
         InputError: a case is refused on its engine; nothing has been run.
         RunError: a run failed; the other runs are finished.
     """
-    refuse_all(jobs, runs)
     ended = run_many(jobs, runs)
     failures = [
         f"{case.scene.file}: {engine} {run.record.status}: {run.record.reason}"
@@ -153,21 +156,6 @@ def run_all_done(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS) -> l
     if failures:
         raise RunError(failures[0] + (f" (and {len(failures) - 1} more)" if len(failures) > 1 else ""))
     return ended
-
-
-def refuse_all(jobs: Sequence[tuple[Case, str]], runs: Path) -> None:
-    """Check all jobs without a finished run for refusals, in parallel; InputError for the first refused job."""
-    engines: dict[Case, list[str]] = defaultdict(list)
-    for case, engine in jobs:
-        if not is_done(case, engine, runs):
-            engines[case].append(engine)
-
-    def look_at(case: Case) -> None:
-        for engine in engines[case]:
-            refuse(case, engine)
-
-    for _ in following(execute(look_at, engines), "cases checked", len(engines), "case"):
-        pass
 
 
 def is_done(case: Case, engine_name: str, runs: Path) -> bool:
@@ -184,21 +172,23 @@ def run_identity(engine_name: str, build: Build, deck_sha256: str) -> str:
     return hashlib.sha256(f"{engine_name}\0{build.identity}\0{deck_sha256}".encode()).hexdigest()[:12]
 
 
-def refresh_record(run: EndedRun, case: Case, target: Path) -> EndedRun:
-    """Give a run of the same deck, perhaps made for another scene, the record of this case, not yet assessed.
+def _described(run: EndedRun, case: Case, target: Path) -> EndedRun:
+    """Run of the same deck, perhaps made for another scene, with a record of this case, not yet assessed.
 
     If the gauges differ, the run is copied to ``target``, since the stored gauge signals depend on them.
     """
     described = _description(case)
     if all(getattr(run.record, key) == value for key, value in described.items()):
         return run
-    record = run.record.described(described)
+    files = {name: digest for name, digest in run.record.files.items() if name != SENSORS}
+    record = replace(run.record, **described, **NOT_ASSESSED, files=files)
     if run.record.layout == record.layout:
         record.write(run.folder)
         return EndedRun(run.folder, record)
     with workplace(target.parent) as place:
-        run.copy_to(place / "run", record)
-        move_into_place(place / "run", target, None)
+        shutil.copytree(run.folder, place / "run", ignore=shutil.ignore_patterns(SENSORS))
+        record.write(place / "run")
+        move_into_place(place / "run", target)
     return EndedRun(target, record)
 
 
@@ -233,7 +223,6 @@ def record_of_end(case: Case, engine: Engine, build: Build, deck: Deck, ended: C
         loop_s=ended.loop_s,
         memory_bytes=ended.memory_bytes,
         files={},
-        **NOT_ASSESSED,
         **_description(case),
         **provenance(),
     )
@@ -251,15 +240,15 @@ def provenance() -> dict[str, Any]:
     }
 
 
-def move_into_place(folder: Path, target: Path, former: Path | None) -> None:
-    """Move a complete folder to its name; an older run of the same hash stays until then."""
-    for number, old in enumerate({former or target, target}):
-        with suppress(FileNotFoundError):  # no older run, or another process was faster
-            old.rename(folder.with_name(f"former{number}"))
+def move_into_place(folder: Path, target: Path, former: EndedRun | None = None) -> None:
+    """Move a complete folder to its name; an older run, perhaps of another name, stays until then."""
+    for old in {former.folder if former else target, target}:
+        with suppress(FileNotFoundError):
+            old.rename(folder.with_name(f"former-{old.name}"))
     try:
         folder.rename(target)
-    except OSError:
-        if read_record(target) is None:
+    except OSError:  # another process was faster
+        if not is_run(target):
             raise
 
 
@@ -335,7 +324,7 @@ def import_run(source: Path, case: Case, engine_name: str, runs: Path = paths.RU
         deck.write(folder)
         record = write_run(folder, record, finite_part(trace), state=True)
         target = home / folder_name(case.scene.name, record.layout, record.identity)
-        move_into_place(folder, target, None)
+        move_into_place(folder, target)
     return EndedRun(target, record)
 
 

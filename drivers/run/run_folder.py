@@ -7,15 +7,12 @@ the other files, so each file that is read back is as it was written, or is refu
 import hashlib
 import os
 import re
-import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from drivers.base import paths
 from drivers.base.errors import InputError
@@ -32,7 +29,6 @@ CONTENTS = {FORCES: f"the forces {ORIGIN}", STATE: f"the positions {ORIGIN}", SE
 FOLDER_NAME = re.compile(r"(.+?)(-[0-9a-f]{6})?-([0-9a-f]{12})(-failed)?")  # scene, layout, identity of the run
 # options for values that rarely repeat: 30 % smaller and faster than the defaults
 COMPRESSED: dict[str, Any] = {"compression": "zstd", "use_dictionary": False, "use_byte_stream_split": True}
-TIME_TOLERANCE = 1e-12  # of a sample time
 DAMAGED = "damaged"  # status of a run whose record cannot be read
 ALLOWED_FOLDER = "a run folder, or its name, as beads runs prints it"
 NOT_ASSESSED: dict[str, Any] = dict.fromkeys(
@@ -40,7 +36,7 @@ NOT_ASSESSED: dict[str, Any] = dict.fromkeys(
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RunRecord:
     """Record of a run, the content of ``run.json`` besides its digest; times in seconds.
 
@@ -99,22 +95,17 @@ class RunRecord:
     loop_s: float | None
     memory_bytes: int | None
     files: dict[str, str]
-    error_budget: list[dict[str, Any]] | None
-    error_note: str | None
-    exact_to: float | None
-    exact_until_s: float | None
-    warnings: list[str] | None
-    accuracy: dict[str, dict[str, float | None]] | None
+    error_budget: list[dict[str, Any]] | None = None
+    error_note: str | None = None
+    exact_to: float | None = None
+    exact_until_s: float | None = None
+    warnings: list[str] | None = None
+    accuracy: dict[str, dict[str, float | None]] | None = None
     host: str
     commit: str
     dirty: bool
     lock_sha256: str
     edits: list[str] | None = None
-
-    def described(self, described: dict[str, Any]) -> "RunRecord":
-        """Record of the same run for another scene, not yet assessed."""
-        files = {name: digest for name, digest in self.files.items() if name != SENSORS}
-        return replace(self, **described, **NOT_ASSESSED, files=files)
 
     def write(self, folder: Path) -> None:
         """Write the record into the run folder."""
@@ -125,30 +116,19 @@ def record_of(folder: Path) -> RunRecord:
     """Record of a run folder.
 
     Raises:
-        InputError: there is none, it is damaged, or it belongs to another run.
+        InputError: there is none, or it is damaged.
     """
     path = folder / RECORD
     try:
         record = RunRecord(**read_sealed(path, "the record of a run"))
         read_layout(record.layout)
+        stored_scene(record.scene)
     except (FileNotFoundError, NotADirectoryError):
         raise InputError(paths.shown(folder), RECORD, "no record of a run", ALLOWED_FOLDER) from None
-    except (TypeError, LookupError) as error:
+    except (TypeError, ValueError, LookupError, AttributeError) as error:
         allowed = "the record of a run of this version"
         raise InputError(paths.shown(path), "", "a record of another version", allowed) from error
-    named = FOLDER_NAME.fullmatch(folder.name)
-    if named and named[3] != record.identity:
-        found = f"the record of the run {record.identity}"
-        raise InputError(paths.shown(path), "", found, f"the record of {named[3]}, as the folder is named")
     return record
-
-
-def read_record(folder: Path) -> RunRecord | None:
-    """Record of a run folder; None if it cannot be read."""
-    try:
-        return record_of(folder)
-    except InputError:
-        return None
 
 
 def in_si(scene: Scene) -> dict[str, Any]:
@@ -194,11 +174,8 @@ class EndedRun:
 
     @cached_property
     def resolved(self) -> dict[str, Any]:
-        """Complete scene in SI units, as this version has it; empty if the scene of the record is not complete."""
-        try:
-            return in_si(stored_scene(self.record.scene))
-        except (TypeError, ValueError, LookupError, AttributeError):
-            return {}
+        """Complete scene in SI units, as this version has it; empty for a damaged record."""
+        return in_si(stored_scene(self.record.scene)) if self.record.scene else {}
 
     @cached_property
     def stats(self) -> dict[str, os.stat_result]:
@@ -224,11 +201,6 @@ class EndedRun:
         return read_layout(self.record.layout)
 
     @property
-    def forces_sha256(self) -> str:
-        """Digest of the forces of a finished run."""
-        return self.record.files[FORCES]
-
-    @property
     def has_forces(self) -> bool:
         """True if the run kept forces, as a failed run does if its output can be read."""
         return FORCES in self.record.files
@@ -243,51 +215,25 @@ class EndedRun:
         """Trace without positions and velocities; of a failed run the samples before its first fault in the output.
 
         Raises:
-            InputError: the file is missing, damaged or of another scene.
+            InputError: the file is missing, damaged or of another run.
         """
-        scene, record = self.record.scene, self.record
-        with self._refused(FORCES):
-            trace = trace_in(arrow_in(self._content(FORCES)))
-            times = np.arange(scene["samples"], dtype=float) * (scene["steps_per_sample"] * record.time_step_s)
-            times = times if self.done else times[: len(trace.time_s)]
-        shape = (len(times), record.bodies)
-        if trace.force_N.shape != shape or not np.allclose(trace.time_s, times, rtol=TIME_TOLERANCE, atol=0):
-            last_s = trace.time_s.max(initial=0.0)
-            found = "forces of {} samples and {} contacts until {:g} s".format(*trace.force_N.shape, last_s)
-            allowed = f"forces of the record's scene, {shape[0]} samples and {shape[1]} contacts until {times[-1]:g} s"
-            raise InputError(paths.shown(self.folder / FORCES), "", found, allowed)
-        return trace
+        return trace_in(arrow_in(self._content(FORCES)))
 
     @cached_property
     def state(self) -> State:
         """Positions and velocities, bit for bit.
 
         Raises:
-            InputError: the run kept none, they are damaged, or their times differ from those of the forces.
+            InputError: the run kept none, or they are damaged or of another run.
         """
-        path, record = self.folder / STATE, self.record
+        record = self.record
         if not self.has_state:
             name = record.scene_name
             scene = name if (paths.SCENES / f"{name}.toml").is_file() else f"{name}.toml"
             again = f"""beads run {scene} --engine {record.engine} --set run.record='["forces", "state"]'"""
             found = f"file not found: the run kept no positions; this command makes a run with positions: {again}"
-            raise InputError(paths.shown(path), "", found)
-        with self._refused(STATE):
-            state = state_in(arrow_in(self._content(STATE)), record.bodies)
-        if not np.array_equal(state.time_s, self.trace.time_s):
-            raise InputError(paths.shown(path), "time_s", "other times", f"the times of {FORCES}")
-        return state
-
-    @contextmanager
-    def _refused(self, name: str) -> Iterator[None]:
-        """Turn errors of reading a file that another version wrote into a message of one line."""
-        try:
-            yield
-        except InputError:
-            raise
-        except Exception as error:  # pyarrow raises many kinds
-            found = f"a damaged file ({type(error).__name__}: {error})"
-            raise InputError(paths.shown(self.folder / name), "", found, CONTENTS[name]) from error
+            raise InputError(paths.shown(self.folder / STATE), "", found)
+        return state_in(arrow_in(self._content(STATE)), record.bodies)
 
     def _content(self, name: str) -> bytes:
         """Content of a file as it was written."""
@@ -298,7 +244,9 @@ class EndedRun:
             raise InputError(paths.shown(path), "", "no such file", CONTENTS[name]) from None
 
     def damage(self, *names: str) -> Iterator[str]:
-        """Messages on the files, of those named or else of all, that are not as they were written."""
+        """Messages on a damaged record, and on the files, of those named or else of all, that were altered."""
+        if self.record.status == DAMAGED:
+            yield self.record.reason
         for name in names or self.record.files:
             try:
                 self._content(name)
@@ -326,11 +274,6 @@ class EndedRun:
         record = replace(self.record, **changes, files=self.record.files | {SENSORS: digest})
         record.write(self.folder)
         return replace(self, record=record)
-
-    def copy_to(self, folder: Path, record: RunRecord) -> None:
-        """Copy a run with another record, without its gauge signals."""
-        shutil.copytree(self.folder, folder, ignore=shutil.ignore_patterns(SENSORS))
-        record.write(folder)
 
 
 def folder_name(scene: str, layout: dict[str, Any], identity: str) -> str:
@@ -368,20 +311,22 @@ def open_run(folder: Path, *, failed: bool = False) -> EndedRun:
     return run
 
 
+def any_run(folder: Path) -> EndedRun:
+    """Run of a folder; one without a readable record is damaged, and known by the names of its folders."""
+    try:
+        return EndedRun(folder, record_of(folder))
+    except InputError as error:
+        named = FOLDER_NAME.fullmatch(folder.name)
+        scene, identity = (named[1], named[3]) if named else (folder.name, "")
+        known = {"engine": folder.parent.name, "scene_name": scene, "identity": identity, "reason": str(error)}
+        unknown: dict[str, Any] = dict.fromkeys(RunRecord.__annotations__) | {"files": {}, "scene": {}}
+        return EndedRun(folder, RunRecord(**unknown | known | {"status": DAMAGED}))
+
+
 def find_run(home: Path, identity: str, layout: dict[str, Any]) -> EndedRun | None:
-    """Find a run by its hash; finished runs before failed ones, runs with this layout before others."""
-    runs = [EndedRun(folder, record) for folder in _folders(home, identity) if (record := read_record(folder))]
-    return max(runs, key=lambda run: (run.done, run.record.layout == layout), default=None)
-
-
-def damage_of(home: Path, identity: str) -> Iterator[str]:
-    """Messages on damaged files of the runs of a hash."""
-    for folder in _folders(home, identity):
-        try:
-            yield from EndedRun(folder, record_of(folder)).damage()
-        except InputError as error:
-            yield str(error)
-
-
-def _folders(home: Path, identity: str) -> Iterator[Path]:
-    return home.glob(f"[!.]*-{identity}")
+    """Find a run by its hash; finished runs before failed and damaged ones, runs with this layout before others."""
+    found = map(any_run, home.glob(f"[!.]*-{identity}"))
+    runs = [run for run in found if run.record.identity == identity]  # not that of another in a renamed folder
+    return max(
+        runs, key=lambda run: (run.done, run.record.status != DAMAGED, run.record.layout == layout), default=None
+    )

@@ -33,7 +33,7 @@ from drivers.base.tolerances import Tolerance, tolerance
 from drivers.chain.case import Case
 from drivers.chain.trace import FORCE, Trace, is_at_rest, share_of_change, until, with_work
 from drivers.engines import EXACT, load_engine
-from drivers.run.run_folder import EndedRun
+from drivers.run.run_folder import FORCES, EndedRun
 from drivers.run.scheme import COMPARED, field_of, judged_until, largest_difference
 from postproc.read.observables import describe, of_kind, scale_of
 from postproc.read.sensors import signals_csv
@@ -89,7 +89,7 @@ def kept_budget(case: Case, run: EndedRun, limit_s: float | None = None) -> Budg
     """
     record, engine = run.record, load_engine(run.record.engine)
     scenes = [variant.scene.model_dump(mode="json") for variant in (case, case.full) if variant]
-    depends_on = ["budget", scenes, engine.name, engine.scheme, engine.shear, record.build_sha256, run.forces_sha256]
+    depends_on = ["budget", scenes, engine.name, engine.scheme, engine.shear, record.build_sha256, record.files[FORCES]]
     stored = load(depends_on)
     if stored is None:
         stored = asdict(budget_of(case, engine.name, run.trace, limit_s))

@@ -17,7 +17,7 @@ from drivers.limits import inability
 from drivers.run.build import Build, build_of
 from drivers.run.compute import compute
 from drivers.run.run import run_identity
-from drivers.run.run_folder import find_run
+from drivers.run.run_folder import DAMAGED, find_run
 from drivers.scene.read_scene import read_scene
 
 MEASURED_ON = ("fig4", "run.duration=0.2 ms", "run.time_step=0.1 us")  # 2000 steps of 22 bodies
@@ -157,7 +157,7 @@ def fault(case: Case, name: str, runs: Path | None = None) -> str:
     with suppress(RunError):  # a faulty adapter renders no deck
         engine = load_engine(name)
         identity = run_identity(name, build_of(engine), engine.render(case).sha256) if runs else ""
-        if runs and (run := find_run(runs / name, identity, {})) and not run.done:
+        if runs and (run := find_run(runs / name, identity, {})) and run.record.status not in ("done", DAMAGED):
             return f"{run.trouble} (see {paths.shown(run.folder)}; --rerun tries again)"
     return ""
 

@@ -17,7 +17,7 @@ from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, VERLET, engine_names
 from drivers.run.execute import execute
-from drivers.run.run import refuse_all, run_many
+from drivers.run.run import run_many
 from drivers.run.run_folder import EndedRun
 from postproc.paper.simulate import Simulation, exact, run_codes_on
 from postproc.paper.strikes import Amplitude, exact_table1, sensor_amplitude, solve_table1
@@ -166,7 +166,6 @@ def judge_cases(path: Path = paths.INDEPENDENT, runs: Path = paths.RUNS) -> list
     # the last of equal decks is run: those that keep the state come last
     jobs.sort(key=lambda pair: "state" in pair[0].case.scene.run.record)
     cases = [(test.case, engine) for test, engine in jobs]
-    refuse_all(cases, runs)
     ended = dict(zip(jobs, run_many(cases, runs), strict=True))
     checks: list[Check] = []
     for pair in pairs:

@@ -60,13 +60,14 @@ def run_all(chosen: list[Extreme], runs: Path) -> Iterator[Check]:
             except InputError as refusal:
                 absent[extreme, engine] = f"refused: {refusal}"
     jobs = [(extreme, engine) for extreme in cases for engine in names if (extreme, engine) not in absent]
-    ended = dict(zip(jobs, run_many([(cases[extreme], engine) for extreme, engine in jobs], runs), strict=True))
+    ended = run_many([(cases[extreme], engine) for extreme, engine in jobs], runs, unsafe=True)
+    by_job = dict(zip(jobs, ended, strict=True))
     for extreme, case in following(cases.items(), "extreme scenes, assessed", len(cases), "scene"):
         for engine in names:
             if why := absent.get((extreme, engine)):
                 yield without_run(extreme, engine, why, NOT_RUN)
                 continue
-            run = assess(ended[extreme, engine], case)
+            run = assess(by_job[extreme, engine], case)
             if run.done:
                 for check in kept_budget(case, run).checks:
                     inaccurate = check.verdict == FAIL and check.quantity.startswith(ERROR)

@@ -16,7 +16,7 @@ from drivers.chain.trace import Trace
 from drivers.engines import load_engine
 from drivers.limits import refuse
 from drivers.run.run import run_case
-from drivers.run.run_folder import FORCES, RECORD, EndedRun, read_record
+from drivers.run.run_folder import FORCES, RECORD, EndedRun, record_of
 from validation.accuracy.budget import assess, budget_of
 from validation.checks import Check
 from validation.compare.comparison import ComparedScene, EngineSelection, missing, run_and_compare_all
@@ -96,8 +96,7 @@ def blown_up(trace: Trace, sample: int) -> Trace:
 def failing_run(scene: Path, engine: str, runs: Path, limit_s: float = 60) -> tuple[str, str]:
     """Status and reason of a run that has to fail, after checking its run folder."""
     result = run_case(case_of(scene), engine, runs, limit_s=limit_s)
-    stored = read_record(result.folder)
-    assert stored is not None
+    stored = record_of(result.folder)
     assert (stored.status, stored.reason) == (result.record.status, result.record.reason)
     if result.has_forces:  # written before the fault
         assert np.isfinite(result.trace.force_N).all()
