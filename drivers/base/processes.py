@@ -108,11 +108,11 @@ def waited(wait: Callable[[float], object], until_s: float) -> bool:
 def all_stopped() -> Iterator[None]:
     """End the work of other threads within this context, as Ctrl-C ends it."""
     global _stopping
-    former, _stopping = _stopping, True
+    _stopping = True
     try:
         yield
     finally:
-        _stopping = former
+        _stopping = False
 
 
 def start(command: tuple[str, ...], folder: Path, variables: dict[str, str], **streams: Any) -> Launched:

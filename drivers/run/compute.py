@@ -153,14 +153,13 @@ def _own_process(
 def _served(case: Case, engine: Engine, build: Build, deck: Deck, limit_s: float) -> Computed | None:
     """Run a deck on a server; None if that does not answer, or ended before the time limit."""
     with lent(engine, build) as session:
-        before_s = session.start_s
         try:
             outcome = session.run(deck, limit_s)
         except RunError:
             return None
         if session.ended and not outcome.timed_out:
             return None
-        return _ended(case, engine, outcome, session.case, session.start_s - before_s)
+        return _ended(case, engine, outcome, session.case, session.start_s)
 
 
 def _ended(case: Case, engine: Engine, outcome: EndedProcess, folder: Path, start_s: float = 0.0) -> Computed:

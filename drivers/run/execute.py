@@ -6,7 +6,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError, Executor, ThreadPoolExecutor, wait
-from contextlib import ExitStack, contextmanager, nullcontext, suppress
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from math import inf
@@ -37,8 +37,7 @@ LIBRARIES = ("scipy.interpolate", "scipy.signal")  # which workers load at their
 
 Worker = tuple[Launched, Connection]
 
-_new: list[Worker] = []
-_idle: list[Worker] = []  # workers that have worked
+_idle: list[Worker] = []
 
 
 @dataclass(frozen=True)
@@ -107,7 +106,7 @@ def _threads(place: Place) -> Iterator[Executor]:
 
 def get_ready(workers: int, *functions: Callable[..., Any]) -> None:
     """Start worker processes, which load the modules of functions, without waiting for them."""
-    _new.extend(_started(*(function.__module__ for function in functions)) for _ in range(workers - len(_new)))
+    _idle.extend(_started(*(function.__module__ for function in functions)) for _ in range(workers - len(_idle)))
 
 
 def _started(*modules: str) -> Worker:
@@ -118,18 +117,13 @@ def _started(*modules: str) -> Worker:
         return start(command, Path.cwd(), {**os.environ}, stdin=theirs.fileno()), ours
 
 
-def _lent() -> Worker:
-    """A worker process without work, or a new one."""
-    for workers in (_idle, _new):
-        with suppress(IndexError):
-            return workers.pop()
-    return _started()
-
-
 def _in_worker(work: Callable[[Any], Any], item: Any) -> Any:
     """Result of an item by a worker process, by another one if that is killed."""
     for _ in range(1 + RETRIES):
-        launched, pipe = _lent()
+        try:
+            launched, pipe = _idle.pop()
+        except IndexError:
+            launched, pipe = _started()
         try:
             pipe.send((work, item))
             waited(pipe.poll, inf)
@@ -149,11 +143,30 @@ def _in_worker(work: Callable[[Any], Any], item: Any) -> Any:
 
 @atexit.register
 def _dismiss() -> None:
-    """Let workers that have worked end by themselves, with the servers that they have started."""
-    for _, pipe in _idle:
+    """End the workers, with the servers that they have started and their places."""
+    for launched, pipe in _idle:
+        end(*launched)
         pipe.close()
-    for (process, _), _ in _idle:
-        process.wait()
+    if _idle:
+        remove_abandoned(private_temporary_folder())
+
+
+def check_dask(address: str) -> None:
+    """Check that a Dask cluster is available.
+
+    Raises:
+        InputError: ``distributed`` is not installed, or no scheduler answers.
+    """
+    try:
+        from distributed import Client
+
+        if address != LOCAL:
+            Client(address, timeout=CONNECT_LIMIT_S).close()
+    except ImportError as error:
+        raise InputError("--dask", "", "the package distributed is not installed; make cluster installs it") from error
+    except (OSError, ValueError) as error:
+        problem = "no scheduler answers; give the address of a running one, such as tcp://10.0.0.1:8786"
+        raise InputError(f"--dask {address}", "", problem) from error
 
 
 @contextmanager
@@ -180,21 +193,3 @@ def _on_dask(place: Place) -> Iterator[Executor]:
             raise
         except Exception as error:
             raise RunError(f"work failed on the cluster: {type(error).__name__}: {error}") from error
-
-
-def check_dask(address: str) -> None:
-    """Check that a Dask cluster is available.
-
-    Raises:
-        InputError: ``distributed`` is not installed, or no scheduler answers.
-    """
-    try:
-        from distributed import Client
-    except ImportError as error:
-        raise InputError("--dask", "", "the package distributed is not installed; make cluster installs it") from error
-    try:
-        if address != LOCAL:
-            Client(address, timeout=CONNECT_LIMIT_S).close()
-    except (OSError, ValueError) as error:
-        problem = "no scheduler answers; give the address of a running one, such as tcp://10.0.0.1:8786"
-        raise InputError(f"--dask {address}", "", problem) from error

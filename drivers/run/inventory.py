@@ -46,8 +46,7 @@ def scene_now(source: str) -> Scene | None:
     """
     for asked in (source, f"{source}.toml"):
         with suppress(InputError):
-            path = find_scene(asked)
-            if path.exists():
+            if (path := find_scene(asked)).exists():
                 break
     else:
         return None
@@ -141,15 +140,15 @@ def print_runs(runs: Path, scenes: Sequence[str], engines: Sequence[str], settin
     """
     kept = kept_runs(runs)
     chosen = select(kept, scenes, engines, settings)
-    now: dict[str, Scene | None] = dict.fromkeys(run.record.scene_name for run in chosen)
-    for name in now:
+    now = dict[str, Scene | None]()
+    for name in {run.record.scene_name for run in chosen}:
         with suppress(InputError):  # a wrong file is no reason to list no runs
             now[name] = scene_now(name)
     pairs = {(run.record.engine, run.record.scene_name) for run in chosen}
-    named = [_newest(kept, engine, name, now[name]) for engine, name in pairs]
+    named = [_newest(kept, engine, name, now.get(name)) for engine, name in pairs]
     home, rows = Path(paths.shown(runs)), []  # following links takes long
     for run in chosen:
-        record, scene = run.record, now[run.record.scene_name]
+        record, scene = run.record, now.get(run.record.scene_name)
         remarks = [
             "found no scene file of this name" if not scene else _differences(run, scene) if run.resolved else "",
             "deck changed by hand" * bool(record.edits),

@@ -41,7 +41,6 @@ from drivers.run.run_folder import (
     folder_name,
     in_si,
     is_run,
-    record_of,
     write_run,
 )
 from drivers.scene.model import Scene
@@ -177,11 +176,11 @@ def _described(run: EndedRun, case: Case, target: Path) -> EndedRun:
 
     If the gauges differ, the run is copied to ``target``, since the stored gauge signals depend on them.
     """
-    described = _description(case)
-    if all(getattr(run.record, key) == value for key, value in described.items()):
+    record = replace(run.record, **_description(case))
+    if record == run.record:
         return run
-    files = {name: digest for name, digest in run.record.files.items() if name != SENSORS}
-    record = replace(run.record, **described, **NOT_ASSESSED, files=files)
+    files = {name: digest for name, digest in record.files.items() if name != SENSORS}
+    record = replace(record, **NOT_ASSESSED, files=files)
     if run.record.layout == record.layout:
         record.write(run.folder)
         return EndedRun(run.folder, record)
@@ -265,8 +264,8 @@ def scene_of(folder: Path) -> Scene:
     """
     path = folder / (RECORD if is_run(folder) else SCENE)
     try:
-        scene = record_of(folder).scene if is_run(folder) else read_sealed(path, "the scene of a deck")
-        return stored_scene(scene)
+        stored = read_sealed(path, "the scene of a deck")
+        return stored_scene(stored.get("scene", stored))
     except FileNotFoundError:
         raise InputError(paths.shown(path), "", "no such file; give the scene of the deck by --scene") from None
     except (TypeError, ValueError, AttributeError) as error:
@@ -286,7 +285,7 @@ def import_run(source: Path, case: Case, engine_name: str, runs: Path = paths.RU
         runs: folder of all run folders.
 
     Raises:
-        InputError: a file of the deck is missing or no text.
+        InputError: a file of the deck is missing.
         RunError: the output is missing or cannot be read; nothing is kept.
     """
     engine, home = load_engine(engine_name, "--engine"), runs / engine_name
@@ -305,12 +304,10 @@ def import_run(source: Path, case: Case, engine_name: str, runs: Path = paths.RU
         trace = engine.read(case, source)
     except RunError as error:
         raise RunError(f"{paths.shown(source)}: {error}") from error
-    fault = None
+    reason = unstable(case, trace)  # a changed deck may have another motion than the scene
+    fault = RunError(reason) if reason else None
     try:
-        if not edits:
-            trace = compared(case, engine, checked(case, trace))
-        elif reason := unstable(case, trace):  # a changed deck may have another motion than the scene
-            fault = RunError(reason)
+        trace = trace if edits else compared(case, engine, checked(case, trace))
     except RunError as error:
         fault = error
     digest = hashlib.sha256(repr((engine_name, edited)).encode() + b"".join(file.read_bytes() for file in raw))
@@ -331,10 +328,9 @@ def import_run(source: Path, case: Case, engine_name: str, runs: Path = paths.RU
 def _text_of(path: Path) -> str:
     allowed = "a file of the deck, as beads render writes it, perhaps changed"
     try:
-        return read_file(path, allowed).decode()
-    except (FileNotFoundError, ValueError) as error:
-        found = "no such file" if isinstance(error, FileNotFoundError) else f"no readable text: {error}"
-        raise InputError(paths.shown(path), "", found, allowed) from error
+        return read_file(path, allowed).decode(errors="replace")
+    except FileNotFoundError as error:
+        raise InputError(paths.shown(path), "", "no such file", allowed) from error
 
 
 def _edits(name: str, rendered: str, edited: str) -> Iterator[str]:

@@ -162,16 +162,6 @@ class EndedRun:
         lost = [name for name in record.files if name not in self.stats and name != SENSORS]
         return f"{lost[0]}: found no such file" if lost else ""
 
-    @property
-    def missed(self) -> str | None:
-        """Message on quantities that miss the scene's accuracy; None if there are none, or before the assessment."""
-        beyond = [
-            f"{name} has an error of {errors['measured']:.3g}, at most {errors['asked']:g} is allowed"
-            for name, errors in (self.record.accuracy or {}).items()
-            if (errors["measured"] or 0.0) > (errors["asked"] or 0.0)
-        ]
-        return "; ".join(beyond) or None
-
     @cached_property
     def resolved(self) -> dict[str, Any]:
         """Complete scene in SI units, as this version has it; empty for a damaged record."""
@@ -199,11 +189,6 @@ class EndedRun:
     def layout(self) -> Layout:
         """Layout of the chain, for post-processing."""
         return read_layout(self.record.layout)
-
-    @property
-    def has_forces(self) -> bool:
-        """True if the run kept forces, as a failed run does if its output can be read."""
-        return FORCES in self.record.files
 
     @property
     def has_state(self) -> bool:
@@ -265,13 +250,12 @@ class EndedRun:
 
     def with_sensors(self, signals: bytes, **changes: Any) -> "EndedRun":
         """The run with its gauge signals and changes of its record, both written to the folder."""
-        path = self.folder / SENSORS
         for line in self.damage(SENSORS) if SENSORS in self.record.files else ():
             say(f"{line}: written again")
-        with whole_file(path) as draft:
+        with whole_file(self.folder / SENSORS) as draft:
             draft.write_bytes(signals)
-            digest = sha256_of(draft)
-        record = replace(self.record, **changes, files=self.record.files | {SENSORS: digest})
+        files = self.record.files | {SENSORS: hashlib.sha256(signals).hexdigest()}
+        record = replace(self.record, **changes, files=files)
         record.write(self.folder)
         return replace(self, record=record)
 
@@ -305,7 +289,7 @@ def open_run(folder: Path, *, failed: bool = False) -> EndedRun:
         InputError: no run in the folder, one that is damaged, or one that failed.
     """
     run = EndedRun(folder, record_of(folder))
-    if not run.done and not (failed and run.has_forces):
+    if not run.done and not (failed and FORCES in run.record.files):
         allowed = "a run that is done, or one that kept its forces" if failed else "a run that is done"
         raise InputError(str(folder), RECORD, run.trouble, allowed)
     return run

@@ -27,8 +27,7 @@ from drivers.engines import Engine
 from drivers.run.build import Build
 
 DONE = "the-case-has-ended"  # printed by the server after a deck
-MAX_START_S, MIN_START_S = 60.0, 10.0  # bounds of the time limit of a start, which is else the case's
-OUTPUT_BYTES = 1 << 20  # last part of the output, which is kept
+START_LIMIT_S = 60.0
 
 
 class Session:
@@ -36,7 +35,7 @@ class Session:
 
     Attributes:
         case: folder in which decks run.
-        start_s: total waiting time for starts.
+        start_s: waiting time for the start of the process before the last case; else 0.
         answers: False after a start without an answer; there is no other start then.
     """
 
@@ -57,30 +56,27 @@ class Session:
             OSError: no process can be started.
             KeyboardInterrupt: all work is being stopped.
         """
-        if self.ended and self.answers:
-            self._start(min(MAX_START_S, max(limit_s, MIN_START_S)))
+        self.start_s = self._start() if self.ended and self.answers else 0.0
+        self.answers = not self.ended
         if self.ended:
             raise RunError("the server does not answer")
         # removed first: some file systems, such as ext4, wait for the disk when a file is overwritten
-        for name in (*deck.raw, *deck.files, STDOUT, STDERR):
+        for name in (*deck.raw, *deck.files, STDOUT):
             (self.case / name).unlink(missing_ok=True)
         deck.write(self.case)
         return self._ask(self.case.name, limit_s)
 
-    def _start(self, limit_s: float) -> None:
-        """Start the server and wait until it answers."""
-        began = time.perf_counter()
+    def _start(self) -> float:
+        """Start the server; returns the time in s until it answers, or does not."""
         shutil.rmtree(self.case, ignore_errors=True)  # remove files of a failed case
         self.case.mkdir(parents=True)
         self.engine.server.write(self.folder)
         command, pipe = self.engine.started(self.engine.server, self.build), subprocess.PIPE
-        with open(self.folder / STDERR, "wb") as stderr:
+        with open(self.case / STDERR, "wb") as stderr:  # of all cases
             # own temporary files: two MPI programs that make their common folder at the same time may fail
             variables = {"TMPDIR": str(self.folder)} | self.engine.environment
             self._launched = start(command, self.folder, variables, stdin=pipe, stdout=pipe, stderr=stderr)
-        self._ask("", limit_s)
-        self.answers = not self.ended
-        self.start_s += time.perf_counter() - began
+        return self._ask("", START_LIMIT_S).wall_s
 
     @property
     def ended(self) -> bool:
@@ -97,20 +93,22 @@ class Session:
     def _ask(self, name: str, limit_s: float) -> EndedProcess:
         """Send a request and wait for ``DONE``, the end of the process, or the time limit."""
         assert self._launched is not None
-        process, _ = self._launched
-        assert process.stdin is not None
-        assert process.stdout is not None
-        before_bytes = (self.folder / STDERR).stat().st_size
-        began = time.perf_counter()
+        stdin, stdout = self._launched[0].stdin, self._launched[0].stdout
+        assert stdin is not None
+        assert stdout is not None
+        began, word, output, part = time.perf_counter(), f"{DONE}\n".encode(), bytearray(), b" "
         with suppress(OSError):  # the process has died: its output is read below
-            process.stdin.write(self.engine.request(name, DONE).encode())
-            process.stdin.flush()
-        output, state = _listen(process.stdout.fileno(), began + limit_s)
+            stdin.write(self.engine.request(name, DONE).encode())
+            stdin.flush()
+        in_time = True
+        while in_time and part and not output.endswith(word):
+            in_time = waited(lambda seconds: connection.wait([stdout.fileno()], seconds), began + limit_s)
+            part = os.read(stdout.fileno(), 1 << 16) if in_time else b""
+            output += part
         wall_s = time.perf_counter() - began
-        code = 0 if state == "done" else self.close()
-        (self.case / STDOUT).write_bytes(output)
-        (self.case / STDERR).write_bytes((self.folder / STDERR).read_bytes()[before_bytes:])
-        return EndedProcess(code, state == "late", limit_s, wall_s)
+        code = 0 if output.endswith(word) else self.close()
+        (self.case / STDOUT).write_bytes(output.removesuffix(word))
+        return EndedProcess(code, not in_time, limit_s, wall_s)
 
 
 _idle: dict[tuple[object, ...], list[Session]] = {}  # by build; all end with this process
@@ -134,17 +132,3 @@ def lent(engine: Engine, build: Build) -> Iterator[Session]:
         raise
     finally:
         sessions.append(session)
-
-
-def _listen(stdout: int, until_s: float) -> tuple[bytes, str]:
-    """Output of a process before the word ``DONE``, and its state: ``done``, ``ended`` or ``late``."""
-    word = f"{DONE}\n".encode()
-    output = b""
-    while not output.endswith(word):
-        if not waited(lambda seconds: connection.wait([stdout], seconds), until_s):
-            return output, "late"
-        part = os.read(stdout, 1 << 16)
-        if not part:
-            return output, "ended"
-        output = (output + part)[-OUTPUT_BYTES:]
-    return output.removesuffix(word), "done"

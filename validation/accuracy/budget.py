@@ -270,3 +270,12 @@ def assess(ended: EndedRun, case: Case, limit_s: float | None = None) -> EndedRu
     if ended.has_sensors and all(getattr(ended.record, name) == value for name, value in copied.items()):
         return ended
     return ended.with_sensors(signals_csv(case.layout, ended.trace), **copied)
+
+
+def missed_accuracy(ended: EndedRun) -> str:
+    """Message on the quantities of an assessed run that miss the accuracy of the scene; empty if there are none."""
+    return "; ".join(
+        f"{name} has an error of {errors['measured']:.3g}, at most {errors['asked']:g} is allowed"
+        for name, errors in (ended.record.accuracy or {}).items()
+        if (errors["measured"] or 0.0) > (errors["asked"] or 0.0)
+    )

@@ -91,10 +91,12 @@ def run(
 
 def _trouble(ended: "EndedRun") -> str:
     """Print the warnings of a run; returns why it failed or missed its accuracy, as the end of a line, or nothing."""
+    from validation.accuracy.budget import missed_accuracy
+
     for warning in ended.record.warnings or ():
         print(f"{ended.record.scene_name}: {ended.record.engine} warning: {warning}", file=sys.stderr)
     if ended.done:
-        return f" missed the accuracy: {ended.missed}" if ended.missed else ""
+        return f" missed the accuracy: {missed}" if (missed := missed_accuracy(ended)) else ""
     stderr = ended.folder / "stderr.txt"
     said = f" (see {paths.shown(stderr)})" if stderr.is_file() and stderr.stat().st_size else ""
     return f" {ended.trouble}{said}"

@@ -20,7 +20,7 @@ from drivers.engines import (
 )
 from drivers.limits import inability
 from drivers.run.run import run_many
-from drivers.run.run_folder import EndedRun
+from drivers.run.run_folder import FORCES, EndedRun
 from postproc.read.motion import trace_with_state
 from validation.accuracy.budget import assess, kept_budget
 from validation.accuracy.plan import planned_case
@@ -147,7 +147,7 @@ def _compared(case: Case, ended: dict[str, EndedRun], absent: dict[str, str]) ->
     finished = {engine: run for engine, run in assessed.items() if run.done}
     failed = {engine: run for engine, run in assessed.items() if not run.done}
     absent = absent | {engine: f"{run.record.status}: {run.record.reason}" for engine, run in failed.items()}
-    refused = {engine: trace_with_state(run) for engine, run in failed.items() if run.has_forces}
+    refused = {engine: trace_with_state(run) for engine, run in failed.items() if FORCES in run.record.files}
     checks = [*missing(case, absent), *(check for run in finished.values() for check in kept_budget(case, run).checks)]
     causes = {engine: diagnosis(case, engine, refused[engine])[1] for engine in in_order(refused)}
     diagnoses = {engine: cause for engine, cause in causes.items() if cause}

@@ -98,7 +98,7 @@ def failing_run(scene: Path, engine: str, runs: Path, limit_s: float = 60) -> tu
     result = run_case(case_of(scene), engine, runs, limit_s=limit_s)
     stored = record_of(result.folder)
     assert (stored.status, stored.reason) == (result.record.status, result.record.reason)
-    if result.has_forces:  # written before the fault
+    if FORCES in result.record.files:  # written before the fault
         assert np.isfinite(result.trace.force_N).all()
     assert not result.has_sensors
     assert [folder.name for folder in (runs / engine).iterdir() if folder.name[0] != "."] == [result.folder.name]
