@@ -12,11 +12,8 @@ STUDIES = INPUTS / "studies"
 MATERIALS = INPUTS / "materials.toml"
 ENGINES = INPUTS / "engines.toml"
 COSTS = INPUTS / "costs.toml"
-TOLERANCES = INPUTS / "tolerances.toml"
-EXTREMES = INPUTS / "extremes.toml"
 ELEMENTS = INPUTS / "elements.toml"
 INDEPENDENT = INPUTS / "independent.toml"
-KIT = INPUTS / "kit.toml"
 CALIBRATION = INPUTS / "calibration.toml"
 QUOTED = INPUTS / "paper" / "quoted.toml"
 CALIBRATED = INPUTS / "paper" / "calibrated.toml"
@@ -25,7 +22,6 @@ TEMPLATES = ROOT / "templates"
 RUNS = ROOT / "runs"
 RESULTS = ROOT / "results"
 CACHE = ROOT / ".cache"  # may be deleted at any time
-LOCK = ROOT / "requirements.lock"
 ENGINES_VARIABLE = "BEAD_CHAINS_ENGINES"  # set by --engines, read by all child processes
 
 

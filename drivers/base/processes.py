@@ -161,12 +161,13 @@ def cores() -> int:
 
 
 @contextmanager
-def workplace(home: Path) -> Iterator[Path]:
-    """Yield a new folder below ``home``, private to this user, and remove it afterwards.
+def workplace(home: Path | None = None) -> Iterator[Path]:
+    """Yield a new folder below ``home``, else among temporary files, private to this user, and remove it afterwards.
 
     The folder holds a file lock, which the system releases when the process ends in any way; the next workplace there
     removes the folders of dead processes.
     """
+    home = home or private_temporary_folder()
     home.mkdir(parents=True, exist_ok=True)
     remove_abandoned(home)
     folder = Path(tempfile.mkdtemp(f"@{platform.node()}", PLACE, home))
@@ -181,7 +182,7 @@ def workplace(home: Path) -> Iterator[Path]:
 
 
 def remove_abandoned(home: Path) -> None:
-    """Remove the workplaces of dead processes below ``home``."""
+    """Remove the workplaces of dead processes."""
     for left in home.glob(f"{PLACE}*"):
         if _is_abandoned(left):
             shutil.rmtree(left, ignore_errors=True)
@@ -234,7 +235,7 @@ def find_command(words: tuple[str, ...]) -> tuple[str, ...] | None:
 
 def line_of(command: tuple[str, ...], option: str, pattern: str) -> str:
     """First line printed by a program with ``option`` that matches ``pattern``; unknown if the program was killed."""
-    with workplace(private_temporary_folder()) as folder:  # LIGGGHTS leaves a log in its folder
+    with workplace() as folder:  # LIGGGHTS leaves a log in its folder
         ended = run_command((*command, option), folder, PROBE_LIMIT_S)
         if ended.code < 0:
             return UNKNOWN_VERSION

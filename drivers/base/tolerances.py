@@ -18,7 +18,7 @@ class Tolerance:
 
 @cache
 def _table() -> dict[str, Any]:
-    return tomllib.loads(paths.TOLERANCES.read_text())
+    return tomllib.loads((paths.INPUTS / "tolerances.toml").read_text())
 
 
 def tolerance(kind: str, quantity: str) -> Tolerance:

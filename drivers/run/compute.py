@@ -18,7 +18,7 @@ import numpy as np
 
 from drivers.base.decks import Deck
 from drivers.base.errors import RunError
-from drivers.base.processes import STDERR, STDOUT, EndedProcess, private_temporary_folder, run_command, workplace
+from drivers.base.processes import STDERR, STDOUT, EndedProcess, run_command, workplace
 from drivers.chain.case import Case
 from drivers.chain.schemes import default_limit_s, endable
 from drivers.chain.trace import Trace
@@ -144,7 +144,7 @@ def _own_process(
     case: Case, engine: Engine, build: Build, deck: Deck, limit_s: float, folder: Path | None = None
 ) -> Computed:
     """Run a deck in a process of its own."""
-    with nullcontext(folder) if folder else workplace(private_temporary_folder()) as place:
+    with nullcontext(folder) if folder else workplace() as place:
         engine.deck_by_hand(deck).write(place)
         outcome = run_command(engine.started(deck, build.command), place, limit_s, **engine.environment)
         return _ended(case, engine, outcome, place)

@@ -12,19 +12,11 @@ from functools import partial
 from math import inf
 from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
+from tempfile import gettempdir
 from typing import Any, TypeVar
 
 from drivers.base.errors import InputError, RunError
-from drivers.base.processes import (
-    Launched,
-    all_stopped,
-    cores,
-    end,
-    private_temporary_folder,
-    remove_abandoned,
-    start,
-    waited,
-)
+from drivers.base.processes import Launched, all_stopped, cores, end, remove_abandoned, start, waited
 from drivers.run import worker
 
 Item = TypeVar("Item")
@@ -100,7 +92,7 @@ def _threads(place: Place) -> Iterator[Executor]:
             with all_stopped() if place.processes or isinstance(error, KeyboardInterrupt) else nullcontext():
                 pool.shutdown(cancel_futures=True)
             if place.processes:
-                remove_abandoned(private_temporary_folder())  # places of the workers
+                remove_abandoned(Path(gettempdir()))  # places of the workers
             raise
 
 
@@ -112,7 +104,7 @@ def get_ready(workers: int, *functions: Callable[..., Any]) -> None:
 def _started(*modules: str) -> Worker:
     """Worker process, in a session of its own, which the signals of a terminal do not reach."""
     ours, theirs = Pipe()
-    command = (sys.executable, "-P", "-m", worker.__name__, str(private_temporary_folder()), *modules, *LIBRARIES)
+    command = (sys.executable, "-P", "-m", worker.__name__, gettempdir(), *modules, *LIBRARIES)
     with theirs:
         return start(command, Path.cwd(), {**os.environ}, stdin=theirs.fileno()), ours
 
@@ -148,7 +140,7 @@ def _dismiss() -> None:
         end(*launched)
         pipe.close()
     if _idle:
-        remove_abandoned(private_temporary_folder())
+        remove_abandoned(Path(gettempdir()))
 
 
 def check_dask(address: str) -> None:

@@ -1,6 +1,7 @@
 """Existing runs: listed, found by scene, engine and settings, and removed if no command would use them."""
 
 import shlex
+import shutil
 import time
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -12,7 +13,7 @@ from typing import Any
 
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError, one_line
-from drivers.base.processes import UNKNOWN_VERSION, workplace
+from drivers.base.processes import UNKNOWN_VERSION
 from drivers.base.text_table import text_table
 from drivers.base.units import to_si
 from drivers.chain.case import build_case
@@ -185,8 +186,9 @@ def prune(
     selected, removed = select(kept_runs(runs), scenes, engines, settings), list[EndedRun]()
     done = "would remove" if dry_run else "removed"
     for run in selected:
-        why = _why_unused(run)
-        if why and (dry_run or _remove(run)):
+        if why := _why_unused(any_run(run.folder)):  # another process may have repeated it since
+            if not dry_run:
+                shutil.rmtree(run.folder, ignore_errors=True)
             removed.append(run)
             print(one_line(f"{done} {paths.shown(run.folder)}: ", why))
     print(f"{done} {len(removed)} of {len(selected)} runs: {_size_text(removed)}")
@@ -206,14 +208,3 @@ def _why_unused(run: EndedRun) -> str:
         if build.version != UNKNOWN_VERSION and today != record.identity:
             return "of another build or deck than today's"
     return ""
-
-
-def _remove(run: EndedRun) -> bool:
-    """Remove a run, unless another process has replaced or removed it since it was read."""
-    with workplace(run.folder.parent) as place, suppress(FileNotFoundError):
-        away = place / run.folder.name
-        run.folder.rename(away)  # the workplace is removed in any case
-        if EndedRun(away, run.record).ended == run.ended:
-            return True
-        away.rename(run.folder)
-    return False

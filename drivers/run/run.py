@@ -9,7 +9,6 @@ import platform
 import shutil
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import asdict, replace
 from difflib import unified_diff
 from functools import cache
@@ -20,7 +19,7 @@ from typing import Any
 from drivers.base import paths
 from drivers.base.decks import Deck
 from drivers.base.errors import InputError, RunError
-from drivers.base.files import read_file, read_sealed, sha256_of, write_sealed
+from drivers.base.files import read_file, sha256_of
 from drivers.base.processes import git, local_changes, workplace
 from drivers.base.progress import following, say
 from drivers.chain.case import Case
@@ -32,21 +31,16 @@ from drivers.run.compute import Computed, compute
 from drivers.run.execute import execute
 from drivers.run.guard import checked, compared, unstable
 from drivers.run.run_folder import (
-    NOT_ASSESSED,
-    RECORD,
-    SENSORS,
     EndedRun,
     RunRecord,
+    described,
     find_run,
     folder_name,
     in_si,
-    is_run,
+    move_into_place,
     write_run,
 )
-from drivers.scene.model import Scene
-from drivers.scene.read_scene import stored_scene
 
-SCENE = "scene.json"  # next to the deck
 BY_HAND = "run by hand"  # version of the build, which is not known
 WIDTH = 80  # characters of a changed line in the record
 
@@ -82,7 +76,7 @@ def run_case(
     keeps_state = "state" in case.scene.run.record
     known = None if rerun else find_run(home, identity, layout)
     if known and known.is_complete(state=keeps_state):
-        return _described(known, case, target)
+        return described(known, _description(case), target)
     for line in known.damage() if known else ():
         say(f"{line}: run again")
     with workplace(home) as place:
@@ -99,7 +93,7 @@ def run_case(
         record = write_run(folder, record, trace, state=keeps_state or failed)  # to see how it went wrong
         known = find_run(home, identity, layout)
         if known and not rerun and known.is_complete(state=keeps_state):  # by another process
-            return _described(known, case, target)
+            return described(known, _description(case), target)
         former = known if known and known.record.layout == layout else None
         if former and former.done and failed:  # a failed run does not replace a finished one
             target, former = target.with_name(f"{target.name}-failed"), None
@@ -171,26 +165,6 @@ def run_identity(engine_name: str, build: Build, deck_sha256: str) -> str:
     return hashlib.sha256(f"{engine_name}\0{build.identity}\0{deck_sha256}".encode()).hexdigest()[:12]
 
 
-def _described(run: EndedRun, case: Case, target: Path) -> EndedRun:
-    """Run of the same deck, perhaps made for another scene, with a record of this case, not yet assessed.
-
-    If the gauges differ, the run is copied to ``target``, since the stored gauge signals depend on them.
-    """
-    record = replace(run.record, **_description(case))
-    if record == run.record:
-        return run
-    files = {name: digest for name, digest in record.files.items() if name != SENSORS}
-    record = replace(record, **NOT_ASSESSED, files=files)
-    if run.record.layout == record.layout:
-        record.write(run.folder)
-        return EndedRun(run.folder, record)
-    with workplace(target.parent) as place:
-        shutil.copytree(run.folder, place / "run", ignore=shutil.ignore_patterns(SENSORS))
-        record.write(place / "run")
-        move_into_place(place / "run", target)
-    return EndedRun(target, record)
-
-
 def _description(case: Case) -> dict[str, Any]:
     """Keys of the record that describe the scene, as JSON values."""
     described = {
@@ -230,46 +204,13 @@ def record_of_end(case: Case, engine: Engine, build: Build, deck: Deck, ended: C
 @cache
 def provenance() -> dict[str, Any]:
     """Machine, commit, changes of the work tree, and digest of the lock file."""
-    commit = git("rev-parse", "HEAD")
+    commit, lock = git("rev-parse", "HEAD"), paths.ROOT / "requirements.lock"
     return {
         "host": f"{platform.node()}, {platform.system()} {platform.machine()}, Python {platform.python_version()}",
         "commit": commit or "unknown",
         "dirty": local_changes(),
-        "lock_sha256": sha256_of(paths.LOCK) if paths.LOCK.exists() else "",
+        "lock_sha256": sha256_of(lock) if lock.exists() else "",
     }
-
-
-def move_into_place(folder: Path, target: Path, former: EndedRun | None = None) -> None:
-    """Move a complete folder to its name; an older run, perhaps of another name, stays until then."""
-    for old in {former.folder if former else target, target}:
-        with suppress(FileNotFoundError):
-            old.rename(folder.with_name(f"former-{old.name}"))
-    try:
-        folder.rename(target)
-    except OSError:  # another process was faster
-        if not is_run(target):
-            raise
-
-
-def write_scene(folder: Path, scene: Scene) -> None:
-    """Write the scene of a deck next to it, where ``scene_of`` reads it when the deck has been run by hand."""
-    write_sealed(folder / SCENE, in_si(scene), indent=2)
-
-
-def scene_of(folder: Path) -> Scene:
-    """Scene of a run folder, or of a folder with a deck.
-
-    Raises:
-        InputError: there is none, or it is damaged or of another version.
-    """
-    path = folder / (RECORD if is_run(folder) else SCENE)
-    try:
-        stored = read_sealed(path, "the scene of a deck")
-        return stored_scene(stored.get("scene", stored))
-    except FileNotFoundError:
-        raise InputError(paths.shown(path), "", "no such file; give the scene of the deck by --scene") from None
-    except (TypeError, ValueError, AttributeError) as error:
-        raise InputError(paths.shown(path), "", "a scene of another version", "one of this version") from error
 
 
 def import_run(source: Path, case: Case, engine_name: str, runs: Path = paths.RUNS) -> EndedRun:

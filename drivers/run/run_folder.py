@@ -7,6 +7,7 @@ the other files, so each file that is read back is as it was written, or is refu
 import hashlib
 import os
 import re
+import shutil
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
@@ -17,6 +18,7 @@ from typing import Any
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.files import arrow_in, read_checked, read_sealed, sha256_of, whole_file, write_sealed
+from drivers.base.processes import workplace
 from drivers.base.progress import say
 from drivers.chain.case import Layout, read_layout
 from drivers.chain.trace import State, Trace, forces_table, state_in, state_table, trace_in
@@ -24,6 +26,7 @@ from drivers.scene.model import Scene
 from drivers.scene.read_scene import stored_scene
 
 RECORD, FORCES, STATE, SENSORS = "run.json", "forces.parquet", "state.parquet", "sensors.csv"
+SCENE = "scene.json"  # next to a deck
 ORIGIN = "of a run (run it again with --rerun)"
 CONTENTS = {FORCES: f"the forces {ORIGIN}", STATE: f"the positions {ORIGIN}", SENSORS: f"the gauge signals {ORIGIN}"}
 FOLDER_NAME = re.compile(r"(.+?)(-[0-9a-f]{6})?-([0-9a-f]{12})(-failed)?")  # scene, layout, identity of the run
@@ -314,3 +317,56 @@ def find_run(home: Path, identity: str, layout: dict[str, Any]) -> EndedRun | No
     return max(
         runs, key=lambda run: (run.done, run.record.status != DAMAGED, run.record.layout == layout), default=None
     )
+
+
+def described(run: EndedRun, described: dict[str, Any], target: Path) -> EndedRun:
+    """Run of the same deck, perhaps made for another scene, with a record that describes this one, not yet assessed.
+
+    If the gauges differ, the run is copied to ``target``, since the stored gauge signals depend on them.
+    """
+    record = replace(run.record, **described)
+    if record == run.record:
+        return run
+    files = {name: digest for name, digest in record.files.items() if name != SENSORS}
+    record = replace(record, **NOT_ASSESSED, files=files)
+    if run.record.layout == record.layout:
+        record.write(run.folder)
+        return EndedRun(run.folder, record)
+    with workplace(target.parent) as place:
+        shutil.copytree(run.folder, place / "run", ignore=shutil.ignore_patterns(SENSORS))
+        record.write(place / "run")
+        move_into_place(place / "run", target)
+    return EndedRun(target, record)
+
+
+def move_into_place(folder: Path, target: Path, former: EndedRun | None = None) -> None:
+    """Move a complete folder to its name; an older run, perhaps of another name, stays until then."""
+    for old in {former.folder if former else target, target}:
+        with suppress(FileNotFoundError):
+            old.rename(folder.with_name(f"former-{old.name}"))
+    try:
+        folder.rename(target)
+    except OSError:  # another process was faster
+        if not is_run(target):
+            raise
+
+
+def write_scene(folder: Path, scene: Scene) -> None:
+    """Write the scene of a deck next to it, where ``scene_of`` reads it when the deck has been run by hand."""
+    write_sealed(folder / SCENE, in_si(scene), indent=2)
+
+
+def scene_of(folder: Path) -> Scene:
+    """Scene of a run folder, or of a folder with a deck.
+
+    Raises:
+        InputError: there is none, or it is damaged or of another version.
+    """
+    path = folder / (RECORD if is_run(folder) else SCENE)
+    try:
+        stored = read_sealed(path, "the scene of a deck")
+        return stored_scene(stored.get("scene", stored))
+    except FileNotFoundError:
+        raise InputError(paths.shown(path), "", "no such file; give the scene of the deck by --scene") from None
+    except (TypeError, ValueError, AttributeError) as error:
+        raise InputError(paths.shown(path), "", "a scene of another version", "one of this version") from error

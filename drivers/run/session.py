@@ -12,17 +12,7 @@ from pathlib import Path
 
 from drivers.base.decks import Deck
 from drivers.base.errors import RunError
-from drivers.base.processes import (
-    STDERR,
-    STDOUT,
-    EndedProcess,
-    Launched,
-    end,
-    private_temporary_folder,
-    start,
-    waited,
-    workplace,
-)
+from drivers.base.processes import STDERR, STDOUT, EndedProcess, Launched, end, start, waited, workplace
 from drivers.engines import Engine
 from drivers.run.build import Build
 
@@ -123,7 +113,7 @@ def lent(engine: Engine, build: Build) -> Iterator[Session]:
     except IndexError:
         place = ExitStack()
         atexit.register(place.close)
-        session = Session(engine, build.command, place.enter_context(workplace(private_temporary_folder())))
+        session = Session(engine, build.command, place.enter_context(workplace()))
         place.callback(session.close)
     try:
         yield session

@@ -120,7 +120,8 @@ def import_(folder: Path, scene: str | None, settings: tuple[str, ...], engines:
     """
     from drivers.chain.case import build_case
     from drivers.engines import load_engine
-    from drivers.run.run import import_run, scene_of
+    from drivers.run.run import import_run
+    from drivers.run.run_folder import scene_of
     from validation.accuracy.budget import assess
     from validation.accuracy.plan import planned_case
 

@@ -88,7 +88,7 @@ def render(scene: str, settings: tuple[str, ...], engines: tuple[str, ...], out:
     """Write the deck of a scene for one engine, without running it."""
     from drivers.engines import load_engine
     from drivers.limits import refuse
-    from drivers.run.run import write_scene
+    from drivers.run.run_folder import write_scene
     from validation.accuracy.plan import planned_case
 
     engine = load_engine(one_of(engines), "--engine")

@@ -37,7 +37,7 @@ class Extreme(Part):
 
 def extremes(*, quick: bool = False) -> list[Extreme]:
     """Scenes of ``inputs/extremes.toml``, or the quick subset."""
-    entries = read_entries(paths.EXTREMES, "extreme", Extreme)
+    entries = read_entries(paths.INPUTS / "extremes.toml", "extreme", Extreme)
     return [entry for entry in entries if entry.quick or not quick]
 
 

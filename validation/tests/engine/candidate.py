@@ -46,7 +46,7 @@ ENGINE = replace(
 @cache
 def kit() -> dict[str, Any]:
     """Contents of ``inputs/kit.toml``."""
-    return tomllib.loads(paths.KIT.read_text())
+    return tomllib.loads((paths.INPUTS / "kit.toml").read_text())
 
 
 def case_with(*settings: str) -> Case:
