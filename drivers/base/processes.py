@@ -222,15 +222,14 @@ def private_temporary_folder() -> Path:
 def find_command(words: tuple[str, ...]) -> tuple[str, ...] | None:
     """Command with the path of its first program, found on PATH or next to the interpreter; None if not found.
 
-    The last word gets a path only if it is next to the interpreter and not on PATH; in a container it may be neither.
+    Another word gets a path only if it is next to the interpreter and not on PATH; in a container it may be neither.
     """
     beside = str(Path(sys.executable).parent)
-    first, last = shutil.which(words[0]) or shutil.which(words[0], path=beside), words[-1]
+    first = shutil.which(words[0]) or shutil.which(words[0], path=beside)
     if first is None:
         return None
-    if not shutil.which(last):
-        last = shutil.which(last, path=beside) or last
-    return (str(Path(first).absolute()), *words[1:-1], last)[: len(words)]
+    others = (word if shutil.which(word) else shutil.which(word, path=beside) or word for word in words[1:])
+    return (str(Path(first).absolute()), *others)
 
 
 def line_of(command: tuple[str, ...], option: str, pattern: str) -> str:

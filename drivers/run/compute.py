@@ -9,7 +9,7 @@ no server, as behind a script that passes no input on.
 import os
 import resource
 import time
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryFile, gettempdir
@@ -94,9 +94,13 @@ def compute(
     engine = load_engine(name)
     limit_s = limit_s or engine.entry.time_limit or default_limit_s(case)
     if engine.integrate is not None and not own_process:
+        ended = _in_memory(case, engine, limit_s)
         if folder is not None:
             engine.deck_by_hand(deck or engine.render(case)).write(folder)
-        return _in_memory(case, engine, limit_s, folder)
+            said = "" if ended.loop_s is None else f"completed {case.scene.samples} samples in {ended.loop_s:.6f} s\n"
+            (folder / STDOUT).write_text(said)
+            (folder / STDERR).write_text("" if said else f"{ended.fault}\n")
+        return ended
     build, deck = build or build_of(engine), deck or engine.render(case)
     served = None if folder or own_process else _served(case, engine, build, deck, limit_s)
     ended = served or _own_process(case, engine, build, deck, limit_s, folder)
@@ -114,7 +118,7 @@ def _check_room(folder: Path) -> None:
         raise OSError(error.errno, error.strerror, str(folder)) from error
 
 
-def _in_memory(case: Case, engine: Engine, limit_s: float, folder: Path | None) -> Computed:
+def _in_memory(case: Case, engine: Engine, limit_s: float) -> Computed:
     """Integrate a case in this process."""
     began, loop_s, cpu_s, trace, fault = time.perf_counter(), None, 0.0, None, None
 
@@ -132,10 +136,6 @@ def _in_memory(case: Case, engine: Engine, limit_s: float, folder: Path | None) 
         fault = timed_out(limit_s)
     except Exception as error:  # of the integrator fails the run, as an error of a code does
         fault = RunError(f"{type(error).__name__}: {error}")
-    if folder is not None:
-        said = "" if loop_s is None else f"completed {case.scene.samples} samples in {loop_s:.6f} s\n"
-        (folder / STDOUT).write_text(said)
-        (folder / STDERR).write_text(f"{fault}\n" if fault and loop_s is None else "")
     memory_bytes = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return Computed(trace, fault, time.perf_counter() - began, cpu_s, memory_bytes, loop_s)
 
@@ -152,14 +152,11 @@ def _own_process(
 
 def _served(case: Case, engine: Engine, build: Build, deck: Deck, limit_s: float) -> Computed | None:
     """Run a deck on a server; None if that does not answer, or ended before the time limit."""
-    with lent(engine, build) as session:
-        try:
-            outcome = session.run(deck, limit_s)
-        except RunError:
-            return None
-        if session.ended and not outcome.timed_out:
-            return None
-        return _ended(case, engine, outcome, session.case, session.start_s)
+    with lent(engine, build) as session, suppress(RunError):
+        outcome = session.run(deck, limit_s)
+        if outcome.timed_out or not session.ended:
+            return _ended(case, engine, outcome, session.case, session.start_s)
+    return None
 
 
 def _ended(case: Case, engine: Engine, outcome: EndedProcess, folder: Path, start_s: float = 0.0) -> Computed:

@@ -319,12 +319,12 @@ def find_run(home: Path, identity: str, layout: dict[str, Any]) -> EndedRun | No
     )
 
 
-def described(run: EndedRun, described: dict[str, Any], target: Path) -> EndedRun:
+def with_description(run: EndedRun, description: dict[str, Any], target: Path) -> EndedRun:
     """Run of the same deck, perhaps made for another scene, with a record that describes this one, not yet assessed.
 
     If the gauges differ, the run is copied to ``target``, since the stored gauge signals depend on them.
     """
-    record = replace(run.record, **described)
+    record = replace(run.record, **description)
     if record == run.record:
         return run
     files = {name: digest for name, digest in record.files.items() if name != SENSORS}
