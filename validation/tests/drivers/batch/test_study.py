@@ -8,10 +8,10 @@ import pytest
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.batch.study import column_name, read_study, select, value_at
-from drivers.batch.study_commands import batch
+from drivers.batch.study_commands import plan_study
 from drivers.engines import engine_names
 from drivers.run.execute import Place
-from validation.commands.batch_commands import methods, request_of
+from validation.commands.batch_commands import batch_of
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.scenes import SceneWriter, StudyWriter
 
@@ -94,7 +94,7 @@ def test_columns_tell_units_and_values_are_in_si(write: StudyWriter) -> None:
     scene = read_study(write('[[axis]]\nkey = "striker.speed"\nvalues = ["150 cm/s"]')).case(1).scene
     assert value_at(scene, "striker.speed") == 1.5
     assert value_at(scene, "chain.sensors.3.mass") is None
-    assert value_at(scene, "wall") == '{"material":"brass"}'
+    assert value_at(scene, "wall") == '{"material": "brass"}'
 
 
 def test_selection(write: StudyWriter) -> None:
@@ -118,10 +118,13 @@ BAD = {
     "two forms": (f"{COUNT}values = [1]\nseeds = 2", "found values, seeds"),
     "a key too many": (f"{COUNT}seeds = 2", "no key with seeds"),
     "no count": (f"{COUNT}from = 1\nto = 2", "axis.0.count: missing key"),
-    "units apart": (f'{SPEED}from = "1 m/s"\nto = "2 kg"\ncount = 3', "a quantity in m/s"),
-    "log of nothing": (f'{COUNT}from = 0\nto = 9\ncount = 3\nspacing = "log"', "ends above zero"),
-    "NaN": (f"{COUNT}from = nan\nto = 2\ncount = 3", "a finite number"),
-    "an endless number": (f'[[axis]]\nkey = "seed"\nfrom = {"9" * 400}\nto = 2\ncount = 2', "a finite number"),
+    "units apart": (f'{SPEED}from = "1 m/s"\nto = "2 kg"\ncount = 3', "a finite number or quantity at both ends"),
+    "log of nothing": (
+        f'{COUNT}from = 0\nto = 9\ncount = 3\nspacing = "log"',
+        'at both ends, such as "2 m/s", above zero',
+    ),
+    "NaN": (f"{COUNT}from = nan\nto = 2\ncount = 3", "a finite number or"),
+    "an endless number": (f'[[axis]]\nkey = "seed"\nfrom = {"9" * 400}\nto = 2\ncount = 2', "a finite number or"),
     "lists of unlike lengths": ('[[axis]]\nzip = { "chain.count" = [1, 2], "seed" = [1] }', "2 of chain.count, 1 of"),
     "a key twice": ('[[axis]]\nkey = "seed"\nvalues = [1]\n[[axis]]\nseeds = 2', "seed, which overlaps seed of axis.0"),
     "a key also set": (
@@ -139,6 +142,10 @@ BAD = {
     "no base scene": ('scene = "nowhere"', 'scene: found "nowhere"'),
     "a name that is taken": ('[[axis]]\nkey = "seed"\nname = "case"\nvalues = [1]', '"case", the name of another'),
     "all problems": (f'engines = ["abaqus"]\n{COUNT}{COUNT}', ": 3 problems: (1) axis.0: "),
+    "a line of too many cells": (
+        '[[axis]]\ntable = "wide.csv"',
+        "found 2 lines of 100000 cells; allowed: a line of at",
+    ),
     "a million cases": (
         f"[[axis]]\nseeds = 1000\n{COUNT}from = 1\nto = 1000\ncount = 1000",
         "1,000,000 cases; allowed: ",
@@ -159,6 +166,7 @@ def test_bad_studies(name: str, scene_file: SceneWriter, tmp_path: Path) -> None
     scene_file()
     (tmp_path / "word.csv").write_text("striker.speed [m/s]\n1\nfast\n")
     (tmp_path / "ragged.csv").write_text("striker.speed [m/s],chain.count\n1\n")
+    (tmp_path / "wide.csv").write_text(f"{','.join(f'k{i}' for i in range(100_000))}\n1\n")
     (tmp_path / "empty.csv").write_text("striker.speed [m/s]\n")
     text, words = BAD[name]
     top = "".join(
@@ -167,17 +175,17 @@ def test_bad_studies(name: str, scene_file: SceneWriter, tmp_path: Path) -> None
     path = tmp_path / "study.toml"
     path.write_text(top + text)
     with pytest.raises(InputError) as refused:
-        batch(request_of(path, tmp_path / "runs"), methods(), tmp_path / "results", Place(1, processes=True))
+        plan_study(batch_of(path, tmp_path / "runs"), Place(1, processes=True), yes=False)
     assert words in str(refused.value)
     assert not (tmp_path / "runs").exists()
-    assert not (tmp_path / "results").exists()
 
 
 def test_no_column_has_the_name_of_an_observable(write: StudyWriter, tmp_path: Path) -> None:
-    request = request_of(write(f'{COUNT}name = "wall_peak_N"\nvalues = [3]'), tmp_path / "runs")
-    with pytest.raises(InputError, match='"wall_peak_N", the name of an observable'):
-        batch(request, methods(), tmp_path / "results", Place(1, processes=True))
-    assert not [*(tmp_path / "results").iterdir()]
+    path = write(f'{COUNT}name = "wall_peak_N"\nvalues = [3]')
+    refused = beads("batch", path, "--runs", tmp_path / "runs")
+    assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
+    assert '"wall_peak_N", the name of an observable' in refused.stderr
+    assert not (tmp_path / "runs").exists()
 
 
 @pytest.mark.parametrize(
@@ -212,11 +220,6 @@ def test_bad_options(
 
 @pytest.mark.long
 @pytest.mark.parametrize("path", sorted(paths.STUDIES.glob("*.toml")), ids=lambda path: path.stem)
-def test_shipped_studies_are_valid(path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert (
-        batch(
-            request_of(path, tmp_path / "runs"), methods(), tmp_path / "results", Place(1, processes=True), dry_run=True
-        )
-        == 0
-    )
-    assert " checked\n" in capsys.readouterr().out
+def test_shipped_studies_are_valid(path: Path, tmp_path: Path) -> None:
+    done = beads("batch", path, "--runs", tmp_path / "runs", "--dry-run")
+    assert (done.returncode, " checked\n" in done.stdout) == (0, True)
