@@ -39,12 +39,7 @@ def most_tasks() -> int:
 
 
 def job_script(
-    batch: Batch,
-    store: Store,
-    todo: dict[str, list[int]],
-    sample: Sequence[Case],
-    slices: int | None,
-    lines: Sequence[str],
+    batch: Batch, store: Store, sample: Sequence[Case], slices: int | None, lines: Sequence[str]
 ) -> tuple[Path, str, int]:
     """File and text of the script of a job array for the slices with unfinished cases, and the number of its tasks.
 
@@ -53,13 +48,13 @@ def job_script(
 
     Args:
         batch: the batch.
-        store: store of the rows, for the expected time.
-        todo: numbers of the cases to run, by engine.
+        store: store of the rows, for the unfinished ones and the expected time.
         sample: some cases of the study, for their size.
         slices: number of tasks; None for one by the expected time.
         lines: lines of the script before its command.
     """
-    study, expected = batch.study, expected_s(batch, store, todo, sample)
+    study, todo = batch.study, batch.todo(store)
+    expected = expected_s(batch, store, todo, sample)
     unfinished, rows = set().union(*todo.values()) or {*batch.numbers}, sum(map(len, todo.values()))
     wanted = ceil(len(batch.numbers) / MAX_CHUNK if expected is None else expected / SECONDS_PER_TASK)
     parts, most = max(1, min(slices or wanted, len(batch.numbers))), most_tasks()
@@ -98,32 +93,29 @@ def job_script(
     return folder / f"{study.name}.sh", text, len(counts)
 
 
-def submit(path: Path, text: str) -> str:
-    """Write the script of a job array below the runs folder, submit it, and return the job's number.
+def print_job(path: Path, text: str, tasks: int) -> None:
+    """Print the script of a job array that is not submitted."""
+    print(f"\n{text}\nsbatch --parsable {shlex.quote(str(path))}")
+    print(f"job array of {tasks} task{'s' * (tasks != 1)} with one worker each; nothing submitted")
+
+
+def run_job(path: Path, text: str, _: int) -> Iterator[None]:
+    """Submit the script of a job array, and yield repeatedly until all its tasks have ended.
 
     Raises:
-        RunError: sbatch refused the script.
+        RunError: sbatch refused the script, or squeue does not answer.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text)
     done = subprocess.run(["sbatch", "--parsable", str(path)], capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise RunError(f"sbatch refused {paths.shown(path)}: {done.stderr.strip() or done.stdout.strip()}")
-    job = done.stdout.strip().partition(";")[0]
+    job, failures = done.stdout.strip().partition(";")[0], 0
     output = path.with_name(OUTPUT.format(study=path.stem, job=job, task="*"))
     print(f"job {job}: {paths.shown(path)}, output in {paths.shown(output)}", flush=True)
-    return job
-
-
-def waiting_for(job: str) -> Iterator[None]:
-    """Yield repeatedly until all tasks of a Slurm job have ended.
-
-    Raises:
-        RunError: squeue does not answer.
-    """
-    command = ["squeue", "--noheader", "--jobs", job, "--format=%T"]
-    failures = 0
+    yield
     while failures < MAX_FAILURES:
+        command = ["squeue", "--noheader", "--jobs", job, "--format=%T"]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if (done.returncode == 0 and not done.stdout.strip()) or "Invalid job id" in done.stderr:
             return  # ended; Slurm may have forgotten the job

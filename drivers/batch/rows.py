@@ -235,7 +235,7 @@ def run_all(
     """
     deaths, ends, work = 0, store.ends(), partial(run_rows, batch)
     while numbers:
-        size = max(1, min(MAX_CHUNK, len(numbers) // (CHUNKS * (place.workers if place else 1))))
+        size = max(1, min(MAX_CHUNK, len(numbers) // (CHUNKS * ((place and place.workers) or 1))))
         chunks = [numbers[start : start + size] for start in range(0, len(numbers), size)]
         try:
             left = [claimed for _, claimed in execute(work, chunks, place, tick)] if place else map(work, chunks)
@@ -364,16 +364,15 @@ def expected_s(batch: Batch, store: Store, todo: dict[str, list[int]], sample: S
 
     A row costs as much as the newest rows of its study, or else of its engine in proportion to bodies times steps.
     """
-    seconds = 0.0
+    seconds, work = 0.0, sum(case.work for case in sample) / len(sample)
     for engine, numbers in todo.items():
+        if not numbers:
+            continue
         rows = [row for row in store.newest(engine, NEWEST) if row.engine_s is not None]
-        of_study = [row for row in rows if row.study == batch.study.name]
-        spent = sum(getattr(row, name) or 0.0 for row in of_study or rows for name in WORKER_COSTS)
-        if numbers and not rows:
+        if not rows:
             return None
-        if of_study:
-            seconds += len(numbers) * spent / len(of_study)
-        elif rows:
-            work = sum(case.work for case in sample) / len(sample)
-            seconds += len(numbers) * work * spent / sum(row.bodies_times_steps or 0 for row in rows)
+        of_study = [row for row in rows if row.study == batch.study.name]
+        spent_s = sum(getattr(row, name) or 0.0 for row in of_study or rows for name in WORKER_COSTS)
+        alike = len(of_study) or sum(row.bodies_times_steps or 0 for row in rows) / work
+        seconds += len(numbers) * spent_s / alike
     return seconds

@@ -335,9 +335,8 @@ def _named(file: Path) -> Iterator[None]:
         name = getattr(error, "sqlite_errorname", "")
         if name.startswith(("SQLITE_CORRUPT", "SQLITE_NOTADB")):
             raise InputError(paths.shown(file), "", f"a damaged file ({error})", ALLOWED) from error
-        full = name == "SQLITE_FULL"
-        code = errno.ENOSPC if full else errno.EIO
-        raise OSError(code, os.strerror(code) if full else str(error), str(file)) from error
+        reason = os.strerror(errno.ENOSPC) if name == "SQLITE_FULL" else str(error)
+        raise OSError(errno.EIO, reason, str(file)) from error
 
 
 def _opened(file: Path) -> sqlite3.Connection:

@@ -31,7 +31,6 @@ from drivers.scene.model import Part, Scene, Title
 from drivers.scene.read_scene import find_input, find_scene, library, make_scene, read_toml, read_value, set_value
 from drivers.scene.settings import look_up, unit_of
 
-MAX_COUNT = 1_000_000_000
 MAX_SAMPLE = 100  # cases that are checked before the first one runs
 RESERVED = ("case", "engine", "status", "reason", "force_error_share")  # columns of every table
 MAX_VALUES = 1_000_000
@@ -209,7 +208,11 @@ def read_study(source: str | Path, also: Sequence[str] = ()) -> Study:
     path = find_input(source, paths.STUDIES, "study")
     where = paths.shown(path)
     file = validate(StudyFile, read_toml(path), where)
-    scene = _base_scene(file.scene, path, where)
+    try:
+        scene = find_scene(seen_from(path, file.scene)).resolve()
+    except (InputError, OSError, ValueError) as error:
+        allowed = "the name of a scene, or a scene file relative to the study file"
+        raise InputError(where, "scene", shorten(file.scene), allowed) from error
     base = read_toml(scene)
     for key, value in file.set.items():
         set_value(base, key, value, f"{where}: set")
@@ -246,7 +249,7 @@ def read_study(source: str | Path, also: Sequence[str] = ()) -> Study:
         load_engine(name, "--engine")
     if file.combine == "one by one":
         axes = [({}, *chain.from_iterable(axes))]
-    study = Study(
+    return Study(
         file=file,
         path=path.resolve(),
         where=where,
@@ -256,18 +259,6 @@ def read_study(source: str | Path, also: Sequence[str] = ()) -> Study:
         axes=tuple(axes) or (({},),),
         columns=columns,
     )
-    if study.count > MAX_COUNT:
-        raise InputError(where, "axis", f"{study.count:.3g} cases", f"at most {MAX_COUNT:,}")
-    return study
-
-
-def _base_scene(source: str, study: Path, where: str) -> Path:
-    """Path of the base scene, given by name in ``inputs/scenes`` or by path relative to the study file."""
-    try:
-        return find_scene(seen_from(study, source)).resolve()
-    except (InputError, OSError, ValueError) as error:
-        allowed = "the name of a scene, or a scene file relative to the study file"
-        raise InputError(where, "scene", shorten(source), allowed) from error
 
 
 def seen_from(file: Path, source: str) -> str | Path:
@@ -284,18 +275,17 @@ def select(study: Study, patterns: Sequence[str]) -> Sequence[int]:
     Raises:
         InputError: no case matches.
     """
-    by_key: dict[str, list[str]] = {}
+    by_column: dict[str, list[str]] = {}
     for pattern in patterns:
-        key, _, value = pattern.partition("=")
-        known = key in study.columns
-        by_key.setdefault(key if known else "", []).append(value if known else pattern)
+        name = pattern.partition("=")[0]
+        by_column.setdefault(name if name in study.columns else "", []).append(pattern)
 
-    def text_at(key: str, number: int) -> str:
-        return str(study.choice(number).get(study.columns[key], "")) if key else study.label(number)
+    def text(name: str, number: int) -> str:
+        return f"{name}={study.choice(number).get(study.columns[name], '')}" if name else study.label(number)
 
     numbers: Sequence[int] = range(1, study.count + 1)
-    for key, globs in by_key.items():
-        numbers = [number for number in numbers if any(fnmatchcase(text_at(key, number), glob) for glob in globs)]
+    for name, globs in by_column.items():
+        numbers = [number for number in numbers if any(fnmatchcase(text(name, number), glob) for glob in globs)]
     if not numbers:
         labels = "; ".join(study.label(number) for number in range(1, min(study.count, 3) + 1))
         raise InputError(f"--only {' --only '.join(patterns)}", "", f"matches no case; labels are such as {labels}")

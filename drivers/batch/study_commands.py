@@ -16,14 +16,14 @@ from drivers.base.errors import InputError
 from drivers.base.progress import counted, in_words, say
 from drivers.base.text_table import text_table
 from drivers.base.tolerances import tolerance
-from drivers.batch.job_array import job_script, submit, waiting_for
+from drivers.batch.job_array import job_script, print_job, run_job
 from drivers.batch.rows import Batch, Row, expected_s, rows_of, run_all, run_rows
 from drivers.batch.store import Store, StudyRow
 from drivers.chain.case import Case
 from drivers.chain.trace import FORCE, digest_of
 from drivers.engines import load_engine
 from drivers.limits import refuse
-from drivers.run.execute import LOCAL, Place, check_dask, get_ready
+from drivers.run.execute import Place, check_dask, get_ready
 from drivers.run.run import run_case
 from drivers.run.run_folder import EndedRun
 
@@ -31,42 +31,6 @@ STATES = ("done", "failed", "timeout", "refused", "stale", "claimed", "to do", "
 MAX_CASES = 20_000  # more need --yes
 MAX_LINES = 20  # on failed rows
 NotShown = Callable[[Sequence[str], Sequence[Mapping[str, float]]], list[str]]
-
-
-def plan_study(batch: Batch, place: Place, *, slices: int | None = None, lines: Sequence[str] = (), yes: bool) -> int:
-    """Check a study and print what ``run_study`` would do; returns the exit code."""
-    sample = _checked(batch, place, yes=yes)
-    on_dask = place.dask not in ("", LOCAL)
-    workers = 1 if batch.elsewhere or on_dask else place.workers
-    with Store(batch.runs) as store:
-        store.merge()
-        todo, cases = batch.todo(store), len(batch.numbers)
-        print(f"{batch.study.name}: {cases} case{'s' * (cases != 1)}; {len(sample)} of the study checked")
-        rows = []
-        for name, states in _counted(batch, store).items():
-            time_s = expected_s(batch, store, {name: todo.get(name, [])}, sample)
-            costs = (
-                ""
-                if not todo.get(name)
-                else f", about {in_words(time_s / workers)}"
-                if time_s
-                else ", cost not measured yet"
-            )
-            rows.append((f"  {name}", states + costs))
-        print(*text_table(rows), sep="\n")
-        if batch.elsewhere:
-            path, text, tasks = job_script(batch, store, todo, sample, slices, lines)
-            print(f"\n{text}\nsbatch --parsable {shlex.quote(str(path))}")
-            end = "nothing submitted" if any(todo.values()) else "all rows are done, so it would not be submitted"
-            print(f"job array of {tasks} task{'s' * (tasks != 1)} with one worker each; {end}")
-        else:
-            where = (
-                f"one worker of the Dask cluster at {place.dask}"
-                if on_dask
-                else f"{workers} worker{'s' * (workers != 1)}"
-            )
-            print(f"on {where}; nothing has been run")
-    return 0
 
 
 def run_study(
@@ -78,6 +42,7 @@ def run_study(
     slices: int | None = None,
     lines: Sequence[str] = (),
     wait: bool = False,
+    dry_run: bool = False,
     yes: bool = False,
 ) -> int:
     """Run the unfinished cases of a study and write its tables; returns the exit code.
@@ -94,30 +59,41 @@ def run_study(
         slices: number of tasks of the job array; None for one by the expected time.
         lines: lines of the job's script before its command.
         wait: True to wait for the job array.
+        dry_run: True to print what would be run.
         yes: True to accept a study of many cases.
     """
-    if batch.elsewhere and shutil.which("sbatch") is None:
+    if batch.elsewhere and not dry_run and shutil.which("sbatch") is None:
         raise InputError("--slurm", "", "sbatch not found; run this on a machine that submits to Slurm")
-    if not (place.dask or batch.elsewhere):
+    if place.dask:
+        check_dask(place.dask)
+    elif not (batch.elsewhere or dry_run):
         get_ready(run_rows, batch.plan, batch.observe)
-    sample = _checked(batch, place, yes=yes)
+    if batch.study.count > MAX_CASES and not yes:
+        found, allowed = f"{batch.study.count:,} cases", f"at most {MAX_CASES:,}, or --yes"
+        raise InputError(batch.study.where, "axis", found, allowed)
+    sample = batch.check_sample()
+    absent = [name for name in batch.engines if name not in batch.here]
+    if batch.elsewhere and absent:
+        print(f"not installed here, assumed to exist in the job: {', '.join(absent)}", flush=True)
     with Store(batch.runs) as store:
         store.merge()
+        if dry_run:
+            _print_plan(batch, store, sample, place)
+            if batch.elsewhere:
+                print_job(*job_script(batch, store, sample, slices, lines))
+            return 0
         while True:
             todo = batch.todo(store)
-            numbers = sorted({*chain.from_iterable(todo.values())})
-            if numbers:
-                with _followed(batch, store, sum(map(len, todo.values()))) as tick:
+            if any(todo.values()):
+                with _followed(batch, store, todo) as tick:
                     if batch.elsewhere:
-                        path, text, _ = job_script(batch, store, todo, sample, slices, lines)
-                        job = submit(path, text)
-                        for _ in waiting_for(job) if wait else ():
+                        for _ in run_job(*job_script(batch, store, sample, slices, lines)):
+                            if not wait:
+                                print("when the jobs have ended, the same command without --slurm writes the table")
+                                return 0
                             tick()
                     else:
-                        run_all(batch, store, numbers, place, tick)
-                if batch.elsewhere and not wait:
-                    print("when the jobs have ended, the same command without --slurm writes the table")
-                    return 0
+                        run_all(batch, store, sorted({*chain.from_iterable(todo.values())}), place, tick)
                 batch = replace(batch)  # rows of a job may be the first of their build
             rows = rows_of(batch, store)
             if not store.damaged:
@@ -126,29 +102,29 @@ def run_study(
             store.remove_damaged()
 
 
-def _checked(batch: Batch, place: Place, *, yes: bool) -> list[Case]:
-    """Check a batch and a sample of its cases, which is returned."""
-    if place.dask:
-        check_dask(place.dask)
-    study = batch.study
-    if study.count > MAX_CASES and not yes:
-        raise InputError(study.where, "axis", f"{study.count:,} cases", f"at most {MAX_CASES:,}, or --yes")
-    sample = batch.check_sample()
-    absent = [name for name in batch.engines if name not in batch.here]
-    if batch.elsewhere and absent:
-        print(f"not installed here, assumed to exist in the job: {', '.join(absent)}", flush=True)
-    return sample
+def _print_plan(batch: Batch, store: Store, sample: Sequence[Case], place: Place) -> None:
+    """Print the number of rows in each state by engine, and the expected time."""
+    cases, workers = len(batch.numbers), 1 if batch.elsewhere else place.workers
+    print(f"{batch.study.name}: {cases} case{'s' * (cases != 1)}; {len(sample)} of the study checked")
+    rows, todo = [], batch.todo(store)
+    for name, states in _counted(batch, store).items():
+        if todo.get(name):
+            time_s = expected_s(batch, store, {name: todo[name]}, sample)
+            states += ", cost not measured yet" if time_s is None else f", about {in_words(time_s / workers)}"
+        rows.append((f"  {name}", states))
+    print(*text_table(rows), sep="\n")
+    print(f"times of {workers} worker{'s' * (workers != 1)}; nothing has been run")
 
 
 @contextmanager
-def _followed(batch: Batch, store: Store, total: int) -> Iterator[Callable[[], None]]:
+def _followed(batch: Batch, store: Store, todo: dict[str, list[int]]) -> Iterator[Callable[[], None]]:
     """Yield a function that shows progress by the rows that are stored; on a terminal it prints failures at once.
 
     Raises:
         KeyboardInterrupt: says how many rows are done, and how to go on.
     """
     ends = store.ends()
-    with counted(batch.study.name, total, "row") as count:
+    with counted(batch.study.name, sum(map(len, todo.values())), "row") as count:
 
         def tick() -> None:
             for row in store.after(ends):
@@ -206,17 +182,13 @@ def _write(batch: Batch, store: Store, rows: Sequence[Row], results: Path, not_s
 
 def run_part(batch: Batch, part: int, parts: int) -> int:
     """Run part I of N of a study in this process; returns the exit code."""
-    numbers = batch.slice_of(part, parts)
     with Store(batch.runs) as store:
-        run_all(batch, store, numbers)
-        rows = [row for _, name, row in rows_of(batch, store, numbers) if row and name in batch.engines]
-    failures = [row for row in rows if not row.done]
-    print(f"slice {part}/{parts}: {len(rows) - len(failures)} rows done, {len(failures)} failed")
-    code = _print_failures(failures)
-    absent = [name for name in batch.engines if name not in batch.here]
-    for name in absent:
-        print(f"{name}: {load_engine(name).absence}", file=sys.stderr)
-    return max(code, 1 if absent else 0)
+        run_all(batch, store, batch.slice_of(part, parts))
+        rows = rows_of(batch, store, batch.slice_of(part, parts))
+    ended = [row for _, name, row in rows if row and name in batch.engines]
+    failures = [row for row in ended if not row.done]
+    print(f"slice {part}/{parts}: {len(ended) - len(failures)} rows done, {len(failures)} failed")
+    return max(_print_failures(failures), _print_absences(batch))
 
 
 def status(batch: Batch, *, every: bool = False) -> int:
@@ -241,35 +213,34 @@ def show(batch: Batch, number: int, assess: Callable[[EndedRun, Case], EndedRun]
         raise InputError(f"case {number}", "", f"{study.where} has cases 1 to {study.count}")
     case = batch.case(number)
     print(f"case {number}: {study.label(number)}")
-    code = 0
-    for name in batch.engines:
-        bad, line = _shown(batch, name, number, case, assess)
-        print(line, file=sys.stderr if bad else sys.stdout)
+    code = _print_absences(batch)
+    with Store(batch.runs) as store:
+        rows = {name: row for _, name, row in rows_of(batch, store, [number])}
+    for name in batch.runnable:
+        if not study.file.unsafe:
+            refuse(case, name, override="unsafe = true in the study")
+        ended, row = assess(run_case(case, name, batch.runs, limit_s=study.file.limit), case), rows[name]
+        for warning in ended.record.warnings or ():
+            print(f"{name} warning: {warning}", file=sys.stderr)
+        differs = ended.done and row is not None and row.done and digest_of(ended.trace) != row.trace_sha256
+        if not ended.done:
+            verdict = f"{ended.record.status}: {ended.record.reason}"
+        elif row is None or not row.done:
+            verdict = f"{row.status if row else 'not run'} in the batch, so there is nothing to compare with"
+        else:
+            verdict = "differs from the batch" if differs else "as in the batch, bit for bit"
+        bad = differs or not ended.done
+        print(f"{paths.shown(ended.folder)}  {verdict}", file=sys.stderr if bad else sys.stdout)
         code = max(code, bad)
     return code
 
 
-def _shown(
-    batch: Batch, name: str, number: int, case: Case, assess: Callable[[EndedRun, Case], EndedRun]
-) -> tuple[bool, str]:
-    """Run a case on an engine in a run folder; True if it is not as in the batch, and a line that says how it is."""
-    if name not in batch.here:
-        return True, f"{name}: not installed"
-    if not batch.study.file.unsafe:
-        refuse(case, name, override="unsafe = true in the study")
-    ended = assess(run_case(case, name, batch.runs, limit_s=batch.study.file.limit), case)
-    with Store(batch.runs) as store:
-        row = next(row for _, engine, row in rows_of(batch, store, [number]) if engine == name)
-    for warning in ended.record.warnings or ():
-        print(f"{name} warning: {warning}", file=sys.stderr)
-    bad, verdict = True, "differs from the batch"
-    if not ended.done:
-        verdict = f"{ended.record.status}: {ended.record.reason}"
-    elif row is None or not row.done:
-        bad, verdict = False, f"{row.status if row else 'not run'} in the batch, so there is nothing to compare with"
-    elif digest_of(ended.trace) == row.trace_sha256:
-        bad, verdict = False, "as in the batch, bit for bit"
-    return bad, f"{paths.shown(ended.folder)}  {verdict}"
+def _print_absences(batch: Batch) -> int:
+    """Print how to get each engine that is not installed; returns 1 if there is one."""
+    absent = [name for name in batch.engines if name not in batch.here]
+    for name in absent:
+        print(f"{name}: {load_engine(name).absence}", file=sys.stderr)
+    return 1 if absent else 0
 
 
 def _counted(batch: Batch, store: Store) -> dict[str, str]:

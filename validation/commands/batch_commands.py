@@ -111,11 +111,8 @@ def batch(
     if part:
         return study_commands.run_part(asked, *part)
     place = Place(workers or cores(), processes=not dask, dask=dask)
-    if dry_run:
-        return study_commands.plan_study(asked, place, slices=slices, lines=slurm_lines, yes=yes)
-    return study_commands.run_study(
-        asked, results, place, not_shown, slices=slices, lines=slurm_lines, wait=wait, yes=yes
-    )
+    job: dict[str, Any] = {"slices": slices, "lines": slurm_lines, "wait": wait}
+    return study_commands.run_study(asked, results, place, not_shown, dry_run=dry_run, yes=yes, **job)
 
 
 @command("sensitivity", "speed-amplitude --x bead_5_amplitude --y speed_9_to_5 --log")

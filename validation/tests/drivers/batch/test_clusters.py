@@ -133,7 +133,7 @@ def test_the_script_and_the_site_s_limit_of_arrays(study_file: StudyWriter, tmp_
     assert batch(study, runs, "--slice", "2/3").returncode == 0
     again = batch(study, runs, *words, "--slices", "3").stdout
     assert "#SBATCH --array=1-3\n" in again
-    assert again.endswith("; all rows are done, so it would not be submitted\n")
+    assert again.endswith("; nothing submitted\n")
     stand_in("scontrol", "exit 1\n")
     assert most_tasks() == 1000
 
