@@ -137,19 +137,10 @@ class Study:
         files = [path for name in named if isinstance(name, str) and readable(path := self.scene.parent / name)]
         return hashlib.sha256(f"{self.base}\0{library()}\0{content_of(files)}".encode()).hexdigest()
 
-    @cached_property
-    def _settings(self) -> list[list[list[str]]]:
-        """Settings of each choice of each axis that differ from the base scene, as text."""
-
-        def settings(choice: Choice) -> list[str]:
-            return [f"{key}={value!r}" for key, value in choice.items() if look_up(self.base, key) != value]
-
-        return [list(map(settings, axis)) for axis in self.axes]
-
     def case_sha256(self, number: int) -> str:
         """Digest of all that the study says about a case; equal cases of several studies have the same."""
-        axes = zip(self._settings, np.unravel_index(number - 1, self._shape), strict=True)
-        settings = sorted(setting for axis, place in axes for setting in axis[place])
+        choice = self.choice(number).items()
+        settings = sorted(f"{key}={value!r}" for key, value in choice if look_up(self.base, key) != value)
         return hashlib.sha256("\0".join((self._common_sha256, *settings)).encode()).hexdigest()[:32]
 
     def choice(self, number: int) -> Choice:
