@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cache, cached_property, lru_cache, partial
-from itertools import chain
+from itertools import chain, product
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -55,6 +55,7 @@ class Batch:
         runs: runs folder, the same for all workers.
         selected: selected engines, also beyond the study; if empty, the engines of the study.
         patterns: patterns that select cases; if empty, all cases.
+        part: I and N of part I of N of these cases, interleaved so that all parts cost about the same.
         retry: True to run failures again that ended before ``asked``.
         asked: time of the request, in seconds of Unix time.
         entries: ``engines.toml`` files, for workers in other folders or on other machines.
@@ -67,6 +68,7 @@ class Batch:
     runs: Path
     selected: tuple[str, ...] = ()
     patterns: tuple[str, ...] = ()
+    part: tuple[int, int] = (1, 1)
     retry: bool = False
     asked: float = field(default_factory=time.time)
     entries: tuple[Path, ...] = ()
@@ -94,7 +96,8 @@ class Batch:
         Raises:
             InputError: no case matches.
         """
-        return select(self.study, self.patterns)
+        first, step = self.part
+        return select(self.study, self.patterns)[first - 1 :: step]
 
     @cached_property
     def engines(self) -> tuple[str, ...]:
@@ -150,10 +153,6 @@ class Batch:
         case = self.plan(self.study.case(number))
         return replace(case, reference_tolerance=needed_tolerance(case))
 
-    def slice_of(self, part: int, parts: int) -> Sequence[int]:
-        """Numbers of the selected cases of a part (from 1), interleaved so that all parts cost about the same."""
-        return self.numbers[part - 1 :: parts]
-
     def states(self, store: Store, numbers: Sequence[int] | None = None) -> dict[str, dict[int, str]]:
         """States of the selected or other cases by engine and number, without building a case or reading a row.
 
@@ -187,10 +186,9 @@ class Batch:
             InputError: a scene is wrong, or an engine cannot model it.
         """
         cases = [self.study.case(number) for number in self.study.sample]
-        for case in cases:
-            for name in self.engines:
-                if cannot := inability(case, name):
-                    raise cannot
+        for case, name in product(cases, self.engines):
+            if cannot := inability(case, name):
+                raise cannot
         return cases
 
 
@@ -350,12 +348,10 @@ def _row(batch: Batch, store: Store, case: Case, blank: StudyRow, exact: Callabl
 
 def rows_of(batch: Batch, store: Store, numbers: Sequence[int] | None = None, *, stale: bool = False) -> list[Row]:
     """Rows of some or all cases of a study on its engines, None for missing ones; with ``stale`` also stale ones."""
-    study, programs = batch.study, batch.programs
+    study = batch.study
     numbers = range(1, study.count + 1) if numbers is None else numbers
     cases = {number: study.case_sha256(number) for number in numbers}
-    rows = store.rows([*cases.values()], programs)
-    if not stale:
-        rows = {key: row for key, row in rows.items() if row.program == programs.get(row.engine)}
+    rows = store.rows([*cases.values()], {} if stale else batch.programs)
     return [(number, name, rows.get((case, name))) for number, case in cases.items() for name in study.engines]
 
 

@@ -17,7 +17,6 @@ import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager, suppress
 from dataclasses import dataclass, fields
-from functools import cache
 from itertools import chain, count, product
 from math import nan
 from pathlib import Path
@@ -132,7 +131,8 @@ class Store(AbstractContextManager["Store"]):
         self.common = runs / NAME
         self.own = self.common if is_shared(runs) else runs / f"batch-{platform.node()}-{os.getpid()}.sqlite"
         self.damaged: set[tuple[str, str, str]] = set()
-        self.owner = f"{_process()} {next(_stores)}"  # threads of Dask share a process
+        start_s = psutil.Process().create_time()
+        self.owner = f"{platform.node()} {os.getpid()} {start_s} {next(_stores)}"  # threads of Dask share a process
         self._connections: dict[Path, sqlite3.Connection] = {}
 
     def __exit__(self, *_: object) -> None:
@@ -150,16 +150,13 @@ class Store(AbstractContextManager["Store"]):
         return [*filter(Path.exists, [self.common]), *sorted(others)]
 
     def rows(self, cases: Sequence[str], programs: Mapping[str, str]) -> dict[Key, StudyRow]:
-        """Rows of cases, by case and engine.
+        """Rows of cases of the programs of their engines, or of any without programs, by case and engine.
 
-        Of several databases a row of the program of its engine counts rather than others, then a row done, then the
-        newest one.
+        Of several databases a row done counts rather than others, then the newest one.
         """
-        ranked = sorted(
-            self._verified(f"{ROWS} {OF_CASES}", json.dumps(cases)),
-            key=lambda row: (row.program == programs.get(row.engine), row.done, row.ended),
-        )
-        return {(row.case_sha256, row.engine): row for row in ranked}
+        found = self._verified(f"{ROWS} {OF_CASES}", json.dumps(cases))
+        rows = [row for row in found if not programs or row.program == programs.get(row.engine)]
+        return {(row.case_sha256, row.engine): row for row in sorted(rows, key=lambda row: (row.done, row.ended))}
 
     def states(self, cases: Sequence[str], programs: Mapping[str, str]) -> dict[Key, tuple[bool, bool, float, str]]:
         """States of the rows that count, not verified, by case and engine.
@@ -231,7 +228,7 @@ class Store(AbstractContextManager["Store"]):
         """Remove the damaged rows that were read."""
         for file in self.files:
             with self._writing(file) as connection:
-                query = "DELETE FROM rows WHERE case_sha256 = ? AND engine = ? AND sha256 = ?"
+                query = "DELETE FROM rows WHERE case_sha256 IS ? AND engine IS ? AND sha256 IS ?"
                 connection.executemany(query, self.damaged)
         self.damaged.clear()
 
@@ -313,12 +310,6 @@ def is_shared(runs: Path) -> bool:
     mounted = [part for part in psutil.disk_partitions(all=True) if place.is_relative_to(part.mountpoint)]
     innermost = max(reversed(mounted), key=lambda part: len(part.mountpoint), default=None)
     return innermost is None or innermost.fstype not in NETWORK
-
-
-@cache
-def _process() -> str:
-    """Machine, number and start of this process."""
-    return f"{platform.node()} {os.getpid()} {psutil.Process().create_time()}"
 
 
 @contextmanager

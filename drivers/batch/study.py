@@ -27,7 +27,7 @@ from drivers.base.files import read_file, readable
 from drivers.base.messages import shorten, validate
 from drivers.chain.case import Case, build_case
 from drivers.engines import engine_names, installed, load_engine
-from drivers.scene.model import Part, Scene, Title
+from drivers.scene.model import Part, Title
 from drivers.scene.read_scene import find_input, find_scene, library, make_scene, read_toml, read_value, set_value
 from drivers.scene.settings import look_up, unit_of
 
@@ -159,7 +159,7 @@ class Study:
         """Values of the base scene by column; empty if it is a scene with the varied values only."""
         with suppress(InputError):
             base = make_scene(deepcopy(self.base), self.scene.stem, self.where, self.scene.parent)
-            return {name: value_at(base, key) for name, key in self.columns.items()}
+            return {name: in_si(key, look_up(base, key)) for name, key in self.columns.items()}
         return {}
 
     def values(self, number: int) -> dict[str, Any]:
@@ -222,8 +222,6 @@ def read_study(source: str | Path, also: Sequence[str] = ()) -> Study:
                     raise InputError(where, place, found, "each key of the scene once")
             seen |= dict.fromkeys(choices[0], place)
             keys = axis.key[:1] or [*choices[0]]
-            if axis.name and len(keys) > 1:
-                raise InputError(where, f"{place}.name", f"{len(keys)} columns", "a name for one column")
             for key in keys:
                 name = axis.name or key
                 names = {name, column_name(name, key)}
@@ -290,20 +288,14 @@ def column_name(name: str, key: str) -> str:
 
 
 def in_si(key: str, value: Any) -> Any:
-    """Value of a study at a key of the scene, in SI units; a table as JSON, None for a key that is removed."""
+    """Value at a key of a scene or its file, in SI units; tables and lists as JSON, None for a key that is removed."""
     if isinstance(value, str):
         with suppress(ValueError):
             return units.to_si(value, unit_of(key))
         return value or None
-    return json.dumps(value) if isinstance(value, (dict, list)) else value
-
-
-def value_at(scene: Scene, key: str) -> Any:
-    """Value of a scene at a key in SI units, tables and lists as JSON; None if missing."""
-    here = look_up(scene, key)
-    if isinstance(here, (BaseModel, tuple, dict)):
-        return json.dumps(here, default=lambda part: part.model_dump(exclude_none=True, exclude_defaults=True))
-    return here
+    if isinstance(value, (BaseModel, dict, list, tuple)):
+        return json.dumps(value, default=lambda part: part.model_dump(exclude_none=True, exclude_defaults=True))
+    return value
 
 
 def expand(axis: Axis, base: dict[str, Any], folder: Path, where: str, place: str) -> tuple[Choice, ...]:

@@ -92,9 +92,9 @@ def run_study(
                                 print("when the jobs have ended, the same command without --slurm writes the table")
                                 return 0
                             tick()
+                        batch = replace(batch)  # its rows may be the first of their build
                     else:
                         run_all(batch, store, sorted({*chain.from_iterable(todo.values())}), place, tick)
-                batch = replace(batch)  # rows of a job may be the first of their build
             rows = rows_of(batch, store)
             if not store.damaged:
                 return _write(batch, store, rows, results, not_shown)
@@ -162,11 +162,7 @@ def _write(batch: Batch, store: Store, rows: Sequence[Row], results: Path, not_s
     names = [*observables(batch, done)]
     for line in not_shown(names, [row.values for row in done]):
         print(line)
-    here = {(number, name) for number in batch.numbers for name in batch.engines}
-    failed = [row for number, name, row in rows if row and not row.done and (number, name) in here]
-    counts = _counted(batch, store)
-    print(*text_table(counts.items()), sep="\n", flush=True)
-    code = max(_print_failures(failed), 1 if {*counts.values()} != {f"{len(batch.numbers)} done"} else 0)
+    code = _print_states(batch, store, rows)
     limit = tolerance("truncation", FORCE).limit
     useless = Counter(row.engine for row in done if (row.force_error_share or 0.0) > limit)
     for name, count in useless.items():
@@ -180,15 +176,12 @@ def _write(batch: Batch, store: Store, rows: Sequence[Row], results: Path, not_s
     return code
 
 
-def run_part(batch: Batch, part: int, parts: int) -> int:
-    """Run part I of N of a study in this process; returns the exit code."""
+def run_part(batch: Batch) -> int:
+    """Run the unfinished cases of a part of a study in this process; returns the exit code."""
+    print(f"slice {batch.part[0]}/{batch.part[1]}")
     with Store(batch.runs) as store:
-        run_all(batch, store, batch.slice_of(part, parts))
-        rows = rows_of(batch, store, batch.slice_of(part, parts))
-    ended = [row for _, name, row in rows if row and name in batch.engines]
-    failures = [row for row in ended if not row.done]
-    print(f"slice {part}/{parts}: {len(ended) - len(failures)} rows done, {len(failures)} failed")
-    return max(_print_failures(failures), _print_absences(batch))
+        run_all(batch, store, batch.numbers)
+        return max(_print_states(batch, store, rows_of(batch, store, batch.numbers)), _print_absences(batch))
 
 
 def status(batch: Batch, *, every: bool = False) -> int:
@@ -222,14 +215,12 @@ def show(batch: Batch, number: int, assess: Callable[[EndedRun, Case], EndedRun]
         ended, row = assess(run_case(case, name, batch.runs, limit_s=study.file.limit), case), rows[name]
         for warning in ended.record.warnings or ():
             print(f"{name} warning: {warning}", file=sys.stderr)
-        differs = ended.done and row is not None and row.done and digest_of(ended.trace) != row.trace_sha256
-        if not ended.done:
-            verdict = f"{ended.record.status}: {ended.record.reason}"
-        elif row is None or not row.done:
+        bad, verdict = not ended.done, f"{ended.record.status}: {ended.record.reason}"
+        if ended.done and row and row.done:
+            bad = digest_of(ended.trace) != row.trace_sha256
+            verdict = "differs from the batch" if bad else "as in the batch, bit for bit"
+        elif ended.done:
             verdict = f"{row.status if row else 'not run'} in the batch, so there is nothing to compare with"
-        else:
-            verdict = "differs from the batch" if differs else "as in the batch, bit for bit"
-        bad = differs or not ended.done
         print(f"{paths.shown(ended.folder)}  {verdict}", file=sys.stderr if bad else sys.stdout)
         code = max(code, bad)
     return code
@@ -249,15 +240,24 @@ def _counted(batch: Batch, store: Store) -> dict[str, str]:
     return {name: ", ".join(f"{of[state]} {state}" for state in STATES if of[state]) for name, of in counts.items()}
 
 
-def _print_failures(rows: Sequence[StudyRow]) -> int:
-    """Print a line for each failed or refused row; returns 2 if any is refused, else 1, or 0 without rows."""
-    for line in dict.fromkeys(map(failure_line, rows[:MAX_LINES])):
+def _print_states(batch: Batch, store: Store, rows: Sequence[Row]) -> int:
+    """Print the number of the selected rows in each state, and a line for each that failed.
+
+    Returns:
+        Exit code: 2 if a row is refused, 1 if one is not done, else 0.
+    """
+    counts, numbers = _counted(batch, store), {*batch.numbers}
+    print(*text_table(counts.items()), sep="\n", flush=True)
+    failed = [row for number, name, row in rows if row and not row.done and number in numbers and name in batch.engines]
+    for line in dict.fromkeys(map(failure_line, failed[:MAX_LINES])):
         print(line, file=sys.stderr)
-    if len(rows) > MAX_LINES:
-        print(f"and {len(rows) - MAX_LINES} more, as in the column reason of the table", file=sys.stderr)
-    if rows:
-        print(f"{len(rows)} row{'s' * (len(rows) > 1)} failed; --retry runs them again", file=sys.stderr)
-    return 2 if any(row.status == "refused" for row in rows) else 1 if rows else 0
+    if len(failed) > MAX_LINES:
+        print(f"and {len(failed) - MAX_LINES} more, as in the column reason of the table", file=sys.stderr)
+    if failed:
+        print(f"{len(failed)} row{'s' * (len(failed) > 1)} failed; --retry runs them again", file=sys.stderr)
+    if any(row.status == "refused" for row in failed):
+        return 2
+    return 0 if {*counts.values()} <= {f"{len(numbers)} done"} else 1
 
 
 def failure_line(row: StudyRow) -> str:

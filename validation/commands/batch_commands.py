@@ -102,14 +102,14 @@ def batch(
     from drivers.run.execute import Place
     from postproc.read.observables import describe, not_shown
 
-    asked = batch_of(study, runs, engines, patterns, retry=retry, elsewhere=slurm, **functions())
+    asked = batch_of(study, runs, engines, patterns, retry=retry, elsewhere=slurm, part=part or (1, 1), **functions())
     for name, key in asked.study.columns.items():
         known = describe(column_name(name, key))
         if known.kind and column_name(name, key).endswith(known.ending):
             where, found = asked.study.where, f'"{column_name(name, key)}", the name of an observable'
             raise InputError(where, "axis", found, "another name of the column")
     if part:
-        return study_commands.run_part(asked, *part)
+        return study_commands.run_part(asked)
     place = Place(workers or cores(), processes=not dask, dask=dask)
     job: dict[str, Any] = {"slices": slices, "lines": slurm_lines, "wait": wait}
     return study_commands.run_study(asked, results, place, not_shown, dry_run=dry_run, yes=yes, **job)

@@ -141,7 +141,7 @@ def test_the_script_and_the_site_s_limit_of_arrays(study_file: StudyWriter, tmp_
 def test_rows_of_an_absent_engine_wait_and_count(study: Path, run_with_module: RunWithModule, tmp_path: Path) -> None:
     runs = tmp_path / "runs"
     done = batch(study, runs, "--slice", "1/1")
-    assert (done.returncode, done.stdout) == (1, "slice 1/1: 2 rows done, 0 failed\n")
+    assert (done.returncode, done.stdout) == (1, "slice 1/1\nverlet     2 done\nby-module  2 not installed\n")
     assert done.stderr.startswith("by-module: not installed; it comes with module load dem ")
     whole = batch(study, runs)
     assert (whole.returncode, "by-module  2 not installed" in whole.stdout) == (1, True)

@@ -7,10 +7,11 @@ import pytest
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.batch.study import column_name, read_study, select, value_at
+from drivers.batch.study import column_name, in_si, read_study, select
 from drivers.batch.study_commands import run_study
 from drivers.engines import engine_names
 from drivers.run.execute import Place
+from drivers.scene.settings import look_up
 from postproc.read.observables import not_shown
 from validation.commands.batch_commands import batch_of
 from validation.tests.helpers.commands import beads
@@ -68,7 +69,7 @@ def test_zipped_keys_and_a_table(write: StudyWriter, tmp_path: Path) -> None:
     pairs = '{ "chain.count" = [3, 9], "run.duration" = ["0.2 ms", "0.4 ms"] }'
     study = read_study(write(f'[[axis]]\nzip = {pairs}\n[[axis]]\ntable = "cases.csv"'))
     keys = ("chain.count", "run.duration", "striker.speed", "wall.material")
-    assert [[value_at(study.case(number).scene, key) for key in keys] for number in range(1, 5)] == [
+    assert [[look_up(study.case(number).scene, key) for key in keys] for number in range(1, 5)] == [
         [3, 0.0002, 1.5, "rigid"],
         [3, 0.0002, 2.0, "steel"],
         [9, 0.0004, 1.5, "rigid"],
@@ -93,9 +94,9 @@ def test_columns_tell_units_and_values_are_in_si(write: StudyWriter) -> None:
     }
     assert {key: column_name(key, key) for key in keys} == keys
     scene = read_study(write('[[axis]]\nkey = "striker.speed"\nvalues = ["150 cm/s"]')).case(1).scene
-    assert value_at(scene, "striker.speed") == 1.5
-    assert value_at(scene, "chain.sensors.3.mass") is None
-    assert value_at(scene, "wall") == '{"material": "brass"}'
+    assert look_up(scene, "striker.speed") == 1.5
+    assert look_up(scene, "chain.sensors.3.mass") is None
+    assert in_si("wall", scene.wall) == '{"material": "brass"}'
 
 
 def test_selection(write: StudyWriter) -> None:
