@@ -6,8 +6,8 @@ import shlex
 import subprocess
 import sys
 import time
+from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import groupby
 from math import ceil
 from pathlib import Path
@@ -15,7 +15,8 @@ from pathlib import Path
 from drivers.base import paths
 from drivers.base.decks import render
 from drivers.base.errors import RunError
-from drivers.batch.rows import CHUNK, Batch
+from drivers.batch.rows import MAX_CHUNK, Batch, expected_s
+from drivers.batch.store import Store
 from drivers.chain.case import Case
 from drivers.chain.schemes import default_limit_s
 from drivers.engines import load_engine
@@ -31,21 +32,6 @@ LEAST_BYTES, BYTES_PER_VALUE = 0.75e9, 300.0  # memory of a task, and for each b
 OUTPUT = "{study}-{job}_{task}.txt"
 
 
-@dataclass(frozen=True)
-class JobArray:
-    """Options of a Slurm job array.
-
-    Attributes:
-        wait: True to wait for the job array.
-        parts: number of tasks; None for one by the expected time.
-        lines: lines of the job's script before its command.
-    """
-
-    wait: bool = False
-    parts: int | None = None
-    lines: tuple[str, ...] = ()
-
-
 def most_tasks() -> int:
     """Largest number of tasks that this site allows in a job array; Slurm's default if ``scontrol`` does not say."""
     size = re.search(r"^MaxArraySize\s*=\s*(\d+)", subprocess.getoutput("scontrol show config"), re.MULTILINE)
@@ -53,38 +39,38 @@ def most_tasks() -> int:
 
 
 def job_script(
-    batch: Batch, todo: dict[str, list[int]], sample: Sequence[Case], expected_s: float | None, array: JobArray
+    batch: Batch, store: Store, sample: Sequence[Case], slices: int | None, lines: Sequence[str]
 ) -> tuple[Path, str, int]:
     """File and text of the script of a job array for the slices with unfinished cases, and the number of its tasks.
 
-    Lines of ``array`` with #SBATCH come before all commands, as Slurm requires, and replace the limits of memory and
-    time. The folders of the programs of engines that are installed here are added to the PATH of the login profile.
+    Lines with #SBATCH come before all commands, as Slurm requires, and replace the limits of memory and time. The
+    folders of the programs of engines that are installed here are added to the PATH of the login profile.
 
     Args:
-        batch: the study.
-        todo: numbers of the cases to run, by engine.
-        sample: some of its cases, for their size.
-        expected_s: expected time in s of one worker; None if it is not known.
-        array: options of the array.
+        batch: the batch.
+        store: store of the rows, for the unfinished ones and the expected time.
+        sample: some cases of the study, for their size.
+        slices: number of tasks; None for one by the expected time.
+        lines: lines of the script before its command.
     """
-    request, study = batch.request, batch.study
+    study, todo = batch.study, batch.todo(store)
+    expected = expected_s(batch, store, todo, sample)
     unfinished, rows = set().union(*todo.values()) or {*batch.numbers}, sum(map(len, todo.values()))
-    wanted = ceil(len(batch.numbers) / CHUNK if expected_s is None else expected_s / SECONDS_PER_TASK)
-    parts, most = max(1, min(array.parts or wanted, len(batch.numbers))), most_tasks()
+    wanted = ceil(len(batch.numbers) / MAX_CHUNK if expected is None else expected / SECONDS_PER_TASK)
+    parts, most = max(1, min(slices or wanted, len(batch.numbers))), most_tasks()
     if parts > most:
         print(f"{parts} tasks cut to {most}, the limit of job arrays here (MaxArraySize)")
         parts = most
     row_limit_s = study.file.limit or max(map(default_limit_s, sample))
-    counts = [len(unfinished.intersection(batch.slice_of(part, parts))) for part in range(1, parts + 1)]
-    limit_s = (row_limit_s * rows if expected_s is None else MARGIN * expected_s) * max(counts) / len(unfinished)
+    counts = Counter(1 + place % parts for place, number in enumerate(batch.numbers) if number in unfinished)
+    limit_s = (row_limit_s * rows if expected is None else MARGIN * expected) * max(counts.values()) / len(unfinished)
     memory_bytes = LEAST_BYTES + BYTES_PER_VALUE * max(case.chain.bodies * case.scene.samples for case in sample)
-    slices = [part for part, count in enumerate(counts, 1) if count]
     command = [str(Path(sys.executable).with_name("beads")), "batch", str(study.path)]
-    command += ["--runs", str(request.runs.resolve())]
+    command += ["--runs", str(batch.runs.resolve())]
     command += [word for name in batch.engines for word in ("--engine", name)]
-    command += [word for pattern in request.patterns for word in ("--only", pattern)]
-    command += ["--retry"] if request.retry else []
-    folder = (request.runs / FOLDER).resolve()
+    command += [word for pattern in batch.patterns for word in ("--only", pattern)]
+    command += ["--retry"] if batch.retry else []
+    folder = (batch.runs / FOLDER).resolve()
     codes = [name for name in batch.here if not load_engine(name).in_repository]
     programs = [Path(word).parent for name in codes for word in batch.builds[name].command if "/" in word]
     text = render(
@@ -92,47 +78,44 @@ def job_script(
         batch=batch,
         cases=f"{len(unfinished)} case{'s' * (len(unfinished) > 1)}",
         name=shlex.quote(f"beads-{study.name}"),
-        array=_ranges(slices),
+        array=_ranges(sorted(counts)),
         output=shlex.quote(str(folder / OUTPUT.format(study=study.name, job="%A", task="%a"))),
         minutes=ceil(max(limit_s, LEAST_TIME_S) / 60),
         megabytes=ceil(memory_bytes / 1e8) * 100,
-        lines=array.lines,
+        lines=lines,
         programs=[shlex.quote(str(place)) for place in dict.fromkeys(programs)],
         variable=paths.ENGINES_VARIABLE,
-        entries=shlex.quote(os.pathsep.join(map(str, request.entries))),
+        entries=shlex.quote(os.pathsep.join(map(str, batch.entries))),
         root=shlex.quote(str(paths.ROOT)),
         command=shlex.join(command),
         parts=parts,
     )
-    return folder / f"{study.name}.sh", text, len(slices)
+    return folder / f"{study.name}.sh", text, len(counts)
 
 
-def submit(path: Path, text: str) -> str:
-    """Write the script of a job array below the runs folder, submit it, and return the job's number.
+def print_job(path: Path, text: str, tasks: int) -> None:
+    """Print the script of a job array that is not submitted."""
+    print(f"\n{text}\nsbatch --parsable {shlex.quote(str(path))}")
+    print(f"job array of {tasks} task{'s' * (tasks != 1)} with one worker each; nothing submitted")
+
+
+def run_job(path: Path, text: str, _: int) -> Iterator[None]:
+    """Submit the script of a job array, and yield repeatedly until all its tasks have ended.
 
     Raises:
-        RunError: sbatch refused the script.
+        RunError: sbatch refused the script, or squeue does not answer.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text)
     done = subprocess.run(["sbatch", "--parsable", str(path)], capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise RunError(f"sbatch refused {paths.shown(path)}: {done.stderr.strip() or done.stdout.strip()}")
-    job = done.stdout.strip().partition(";")[0]
+    job, failures = done.stdout.strip().partition(";")[0], 0
     output = path.with_name(OUTPUT.format(study=path.stem, job=job, task="*"))
     print(f"job {job}: {paths.shown(path)}, output in {paths.shown(output)}", flush=True)
-    return job
-
-
-def waiting_for(job: str) -> Iterator[None]:
-    """Yield repeatedly until all tasks of a Slurm job have ended.
-
-    Raises:
-        RunError: squeue does not answer.
-    """
-    command = ["squeue", "--noheader", "--jobs", job, "--format=%T"]
-    failures = 0
+    yield
     while failures < MAX_FAILURES:
+        command = ["squeue", "--noheader", "--jobs", job, "--format=%T"]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if (done.returncode == 0 and not done.stdout.strip()) or "Invalid job id" in done.stderr:
             return  # ended; Slurm may have forgotten the job

@@ -14,11 +14,10 @@ import platform
 import re
 import sqlite3
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import closing, contextmanager, suppress
-from dataclasses import astuple, dataclass, fields
-from functools import cache, cached_property
-from itertools import count
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, closing, contextmanager, suppress
+from dataclasses import dataclass, fields
+from itertools import chain, count, product
 from math import nan
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -35,7 +34,6 @@ SCHEMA_VERSION = 1
 OF_PROCESS = re.compile(r"batch-(.+)-([0-9]+)\.sqlite")  # machine and number of the process
 ALLOWED = "the rows of batches; move the file away to begin anew"
 BUSY_LIMIT_S = 60.0  # longest wait for the transaction of another process
-KEYS = 10_000  # of one query
 PAGE_BYTES = 16_384  # a row has about 2 kB
 NETWORK = ("nfs", "nfs4", "cifs", "smb3", "smbfs", "lustre", "gpfs", "beegfs", "ceph", "afs", "glusterfs", "fuse.sshfs")
 CLOCK_S = 10.0  # by which the start of a process may seem to move when the clock is set
@@ -43,6 +41,8 @@ CLAIM_S = 600.0  # a claim of another machine counts for this time
 ABANDONED_S = 86400.0  # a database of another machine without a change for this time is merged and removed
 
 _stores = count()
+
+Key = tuple[str, str]  # digest of a case, engine
 
 
 @dataclass(frozen=True)
@@ -91,31 +91,37 @@ class StudyRow:
         """True if the run succeeded."""
         return self.status == "done"
 
-    @cached_property
+    @property
     def values(self) -> dict[str, float]:
         """Observables by name; NaN, which JSON lacks, where the run does not show one."""
         return {name: nan if value is None else value for name, value in json.loads(self.observables).items()}
 
 
-COLUMNS = ", ".join(field.name for field in fields(StudyRow))
-MARKS = ", ".join("?" * (len(fields(StudyRow)) + 1))
+NAMES = [field.name for field in fields(StudyRow)]
+COLUMNS = ", ".join(NAMES)
 SCHEMA = f"""
 CREATE TABLE rows ({COLUMNS}, sha256, PRIMARY KEY (case_sha256, engine));
 CREATE INDEX by_identity ON rows (identity);
 CREATE TABLE claims (case_sha256, engine, owner, since, PRIMARY KEY (case_sha256, engine));
 """
-KEY = "case_sha256 = ? AND engine = ?"
-OF_CASES = "FROM rows JOIN json_each(?) ON case_sha256 = value WHERE engine = ?"
+ROWS = f"SELECT {COLUMNS}, sha256 FROM rows"
+OF_CASES = "JOIN json_each(?) ON case_sha256 = value"
+# a row done stays instead of a later failure of its program, and a newer row instead of one that is merged
+PUT = f"""
+INSERT OR REPLACE INTO rows SELECT {", ".join(f":{name}" for name in NAMES)}, :sha256 WHERE NOT EXISTS (
+    SELECT * FROM rows WHERE case_sha256 = :case_sha256 AND engine = :engine
+    AND iif(program = :program, status = 'done' AND :status <> 'done', :merged AND ended > :ended)
+)
+"""
 
 
-class Store:
-    """Rows of a runs folder.
+class Store(AbstractContextManager["Store"]):
+    """Rows of a runs folder. The context closes its databases.
 
     Attributes:
         runs: the runs folder.
         common: database that the processes of this machine share.
         own: database that this process writes: the common one, or on a network file system one of its own.
-        former: folder with the rows of versions before the database.
         owner: name under which it claims rows: machine, process, and number of the store.
         damaged: damaged rows that were read: digest of the case, engine, and the digest that is not that of the row.
     """
@@ -124,28 +130,18 @@ class Store:
         self.runs = runs
         self.common = runs / NAME
         self.own = self.common if is_shared(runs) else runs / f"batch-{platform.node()}-{os.getpid()}.sqlite"
-        self.former = runs / "batch"  # rows of versions before the database
         self.damaged: set[tuple[str, str, str]] = set()
-        self.owner = f"{_process()} {next(_stores)}"  # threads of Dask share a process
-        self._open: sqlite3.Connection | None = None
-
-    def __enter__(self) -> "Store":
-        """Return the store itself, which is opened when it is used."""
-        return self
+        start_s = psutil.Process().create_time()
+        self.owner = f"{platform.node()} {os.getpid()} {start_s} {next(_stores)}"  # threads of Dask share a process
+        self._connections: dict[Path, sqlite3.Connection] = {}
 
     def __exit__(self, *_: object) -> None:
-        """Release the claims of this store and of dead processes, and close the database if it has been written."""
-        if self._open:
+        """Close the databases; if this store has written, release its claims and those of dead processes."""
+        if self.own in self._connections and self._connections[self.own].total_changes:
             self.release()
-            self._open.close()
-            self._open = None
-
-    def release(self) -> None:
-        """Release the claims of this store and of dead processes."""
-        with _transaction(self._connection, self.own) as connection:
-            owners = connection.execute("SELECT owner, max(since) FROM claims GROUP BY owner").fetchall()
-            released = [(owner,) for owner, since in owners if not self._is_other(owner, since)]
-            connection.executemany("DELETE FROM claims WHERE owner = ?", released)
+        for connection in self._connections.values():
+            connection.close()
+        self._connections.clear()
 
     @property
     def files(self) -> list[Path]:
@@ -153,60 +149,70 @@ class Store:
         others = (file for file in self.runs.glob("batch-*.sqlite") if OF_PROCESS.fullmatch(file.name))
         return [*filter(Path.exists, [self.common]), *sorted(others)]
 
-    def rows(self, engine: str, cases: Sequence[str]) -> dict[str, StudyRow]:
-        """Rows of cases on an engine, by the digest of the case."""
-        rows: dict[str, StudyRow] = {}
-        for row in self._verified(f"SELECT {COLUMNS}, sha256 {OF_CASES}", cases, engine):
-            known = rows.setdefault(row.case_sha256, row)
-            if _outranks((row.status, row.program, row.ended), (known.status, known.program, known.ended)):
-                rows[row.case_sha256] = row
-        return rows
+    def rows(self, cases: Sequence[str], programs: Mapping[str, str]) -> dict[Key, StudyRow]:
+        """Rows of cases of the programs of their engines, or of any without programs, by case and engine.
 
-    def states(self, engine: str, cases: Sequence[str]) -> dict[str, tuple[str, str]]:
-        """Status and program of the rows of cases on an engine, not verified, by the digest of the case."""
-        states: dict[str, tuple[str, str, float]] = {}
-        for case, *state in self._read(f"SELECT case_sha256, status, program, ended {OF_CASES}", cases, engine):
-            if case not in states or _outranks((*state,), states[case]):
-                states[case] = (*state,)
-        return {case: state[:2] for case, state in states.items()}
+        Of several databases a row done counts rather than others, then the newest one.
+        """
+        found = self._verified(f"{ROWS} {OF_CASES}", json.dumps(cases))
+        rows = [row for row in found if not programs or row.program == programs.get(row.engine)]
+        return {(row.case_sha256, row.engine): row for row in sorted(rows, key=lambda row: (row.done, row.ended))}
+
+    def states(self, cases: Sequence[str], programs: Mapping[str, str]) -> dict[Key, tuple[bool, bool, float, str]]:
+        """States of the rows that count, not verified, by case and engine.
+
+        A state says whether the row is of the program of its engine, whether it is done, its end and its status.
+        """
+        found = self._found(
+            f"SELECT case_sha256, engine, program, ended, status FROM rows {OF_CASES}", json.dumps(cases)
+        )
+        states = (
+            ((case, engine), (program == programs.get(engine), status == "done", ended, status))
+            for case, engine, program, ended, status in found
+        )
+        return dict(sorted(states))
 
     def equal(self, identity: str) -> StudyRow | None:
         """Row done of the same numbers, of any case."""
-        query = f"SELECT {COLUMNS}, sha256 FROM rows JOIN json_each(?) ON identity = value WHERE status = ?"
-        return next(self._verified(query, [identity], "done"), None)
+        return next(self._verified(f"{ROWS} WHERE identity = ? AND status = 'done'", identity), None)
 
     def newest(self, engine: str, count: int) -> list[StudyRow]:
         """Newest rows of an engine."""
-        query = f"SELECT {COLUMNS}, sha256 FROM rows, json_each(?) WHERE engine = ? ORDER BY ended DESC LIMIT {count}"
-        return sorted(self._verified(query, [""], engine), key=lambda row: -row.ended)[:count]
+        found = self._verified(f"{ROWS} WHERE engine = ? ORDER BY ended DESC LIMIT ?", engine, count)
+        return sorted(found, key=lambda row: -row.ended)[:count]
 
-    def after(self, position: dict[Path, int]) -> list[StudyRow]:
-        """Rows written after a position, which moves on; an empty one is set to the present end, without rows."""
+    def ends(self) -> dict[Path, int]:
+        """Place of the last row of each database."""
+        return {file: self._in(file, "SELECT max(rowid) FROM rows")[0][0] or 0 for file in self.files}
+
+    def after(self, ends: dict[Path, int]) -> list[StudyRow]:
+        """Rows written after the ends of the databases, which move on."""
         fresh: list[StudyRow] = []
-        begun = bool(position)
         for file in self.files:
-            last = position.setdefault(file, 0 if begun else -1)
-            query = f"SELECT {COLUMNS}, sha256, rowid FROM rows WHERE rowid > ?"
-            if last < 0:
-                query, last = "SELECT max(rowid) FROM rows WHERE rowid > ?", 0
-            with self._reading(file) as connection:
-                found = connection.execute(query, [last]).fetchall()
-            position[file] = max([last, *(values[-1] or 0 for values in found)])
-            fresh += filter(None, (self._checked(values[:-1]) for values in found if len(values) > 1))
+            query = f"SELECT {COLUMNS}, sha256, rowid FROM rows WHERE rowid > ? ORDER BY rowid"
+            for *values, place in self._in(file, query, ends.get(file, 0)):
+                ends[file] = place
+                fresh += self._checked([values])
         return fresh
 
-    def claimed(self, engine: str, cases: Sequence[str]) -> set[str]:
-        """Cases of an engine on which other live processes work."""
-        query = f"SELECT case_sha256, owner, since {OF_CASES.replace('rows', 'claims')}"
-        return {case for case, owner, since in self._read(query, cases, engine) if self._is_other(owner, since)}
+    def claimed(self, cases: Sequence[str]) -> set[Key]:
+        """Cases and engines on which other live processes work."""
+        claims = self._found(f"SELECT case_sha256, engine, owner, since FROM claims {OF_CASES}", json.dumps(cases))
+        return {(case, engine) for case, engine, owner, since in claims if self._is_other(owner, since)}
 
-    def claim(self, engine: str, cases: Sequence[str]) -> set[str]:
-        """Claim cases of an engine on which no other live process works; returns them."""
-        with _transaction(self._connection, self.own) as connection:
-            free = set(cases) - self.claimed(engine, cases)
-            claims = [(case, engine, self.owner, time.time()) for case in free]
+    def claim(self, cases: Sequence[str], engines: Iterable[str]) -> None:
+        """Claim cases on engines, except those on which other live processes work."""
+        with self._writing(self.own) as connection:
+            free = {*product(cases, engines)} - self.claimed(cases)
+            claims = [(case, engine, self.owner, time.time()) for case, engine in free]
             connection.executemany("INSERT OR REPLACE INTO claims VALUES (?, ?, ?, ?)", claims)
-        return free
+
+    def release(self) -> None:
+        """Release the claims of this store and of dead processes."""
+        with self._writing(self.own) as connection:
+            owners = connection.execute("SELECT owner, max(since) FROM claims GROUP BY owner").fetchall()
+            released = [(owner,) for owner, since in owners if not self._is_other(owner, since)]
+            connection.executemany("DELETE FROM claims WHERE owner = ?", released)
 
     def finish(self, row: StudyRow) -> None:
         """Store a row and release its claim; a failure does not replace a row done by the same program.
@@ -214,15 +220,17 @@ class Store:
         Raises:
             OSError: the disk is full, or the runs folder cannot be written to.
         """
-        with _transaction(self._connection, self.own) as connection:
-            _put(connection, row)
-            connection.execute(f"DELETE FROM claims WHERE {KEY}", [row.case_sha256, row.engine])
+        with self._writing(self.own) as connection:
+            _put(connection, row, merged=False)
+            connection.execute("DELETE FROM claims WHERE case_sha256 = ? AND engine = ?", [row.case_sha256, row.engine])
 
     def remove_damaged(self) -> None:
         """Remove the damaged rows that were read."""
-        for file in self.files if self.damaged else ():
-            with closing(_opened(file)) as connection, _transaction(connection, file):
-                connection.executemany(f"DELETE FROM rows WHERE {KEY} AND sha256 = ?", self.damaged)
+        for file in self.files:
+            with self._writing(file) as connection:
+                query = "DELETE FROM rows WHERE case_sha256 IS ? AND engine IS ? AND sha256 IS ?"
+                connection.executemany(query, self.damaged)
+        self.damaged.clear()
 
     def merge(self) -> None:
         """Copy the rows of the databases of ended processes into the common one, and remove these databases."""
@@ -235,11 +243,10 @@ class Store:
             else:
                 in_use = time.time() - file.stat().st_mtime < ABANDONED_S
             if not in_use:
-                with self._reading(file) as connection:
-                    found = connection.execute(f"SELECT {COLUMNS}, sha256 FROM rows").fetchall()
-                with closing(_opened(self.common)) as common, _transaction(common, self.common):
-                    for row in filter(None, map(self._checked, found)):
-                        _put(common, row, merged=True)
+                with self._writing(self.common) as connection:
+                    for row in self._checked(self._in(file, ROWS)):
+                        _put(connection, row, merged=True)
+                self._connections.pop(file).close()
                 file.unlink()
 
     def _is_other(self, owner: str, since: float) -> bool:
@@ -252,78 +259,57 @@ class Store:
             return owner != self.owner and abs(apart_s) < CLOCK_S
         return False
 
-    @property
-    def _connection(self) -> sqlite3.Connection:
-        """Connection to the own database, which is made if there is none."""
-        if self._open is None:
-            self.runs.mkdir(parents=True, exist_ok=True)
-            self._open = _opened(self.own)
-        return self._open
+    def _connection(self, file: Path) -> sqlite3.Connection:
+        """Connection to a database, which is made if there is none."""
+        if file not in self._connections:
+            self._connections[file] = _opened(file)
+        return self._connections[file]
 
     @contextmanager
-    def _reading(self, file: Path) -> Iterator[sqlite3.Connection]:
-        """Connection to a database of the folder."""
-        if file == self.own and self._open:
-            with _named(file):
-                yield self._open
-        else:
-            with closing(_opened(file)) as connection, _named(file):
-                yield connection
+    def _writing(self, file: Path) -> Iterator[sqlite3.Connection]:
+        """Transaction that no other process' transaction interrupts, undone after an error."""
+        with _named(file), self._connection(file) as connection:
+            connection.execute("BEGIN IMMEDIATE")
+            yield connection
 
-    def _read(self, query: str, keys: Sequence[str], value: str) -> Iterator[tuple[Any, ...]]:
-        """Results of a query of all databases for some keys and a further value."""
-        for file in self.files:
-            with self._reading(file) as connection:
-                for start in range(0, len(keys), KEYS):
-                    yield from connection.execute(query, [json.dumps(keys[start : start + KEYS]), value])
+    def _in(self, file: Path, query: str, *values: Any) -> list[Any]:
+        """Result of a query of a database."""
+        with _named(file):
+            return self._connection(file).execute(query, values).fetchall()
 
-    def _verified(self, query: str, keys: Sequence[str], value: str) -> Iterator[StudyRow]:
-        """Rows of a query, without damaged ones."""
-        return filter(None, map(self._checked, self._read(query, keys, value)))
+    def _found(self, query: str, *values: Any) -> Iterator[Any]:
+        """Results of a query of all databases."""
+        return chain.from_iterable(self._in(file, query, *values) for file in self.files)
 
-    def _checked(self, values: tuple[Any, ...]) -> StudyRow | None:
-        """Row of its values and their digest; None if it is damaged."""
-        if _digest_of(values[:-1]) == values[-1]:
-            return StudyRow(*values[:-1])
-        self.damaged.add((values[0], values[1], values[-1]))
-        return None
+    def _verified(self, query: str, *values: Any) -> Iterator[StudyRow]:
+        """Rows of a query of all databases, without damaged ones."""
+        return self._checked(self._found(query, *values))
 
-
-def _put(connection: sqlite3.Connection, row: StudyRow, *, merged: bool = False) -> None:
-    """Insert a row, unless its program has done it before; a merged one also unless there is a newer one."""
-    key = [row.case_sha256, row.engine]
-    for known in connection.execute(f"SELECT status, program, ended FROM rows WHERE {KEY}", key):
-        if (merged or known[1] == row.program) and not _outranks((row.status, row.program, row.ended), known):
-            return
-    values = astuple(row)
-    connection.execute(f"INSERT OR REPLACE INTO rows VALUES ({MARKS})", [*values, _digest_of(values)])
+    def _checked(self, found: Iterable[Sequence[Any]]) -> Iterator[StudyRow]:
+        """Rows of their values and digests, without damaged ones."""
+        for *values, sha256 in found:
+            row = StudyRow(*values)
+            if _digest_of(row) == sha256:
+                yield row
+            else:
+                self.damaged.add((row.case_sha256, row.engine, sha256))
 
 
-def _outranks(one: tuple[str, str, float], other: tuple[str, str, float]) -> bool:
-    """True if a row counts rather than another: status, program and end; of one program a row done, else the newer."""
-    if one[1] == other[1]:
-        return one[0] == "done" or other[0] != "done"
-    return one[2] >= other[2]
+def _put(connection: sqlite3.Connection, row: StudyRow, *, merged: bool) -> None:
+    """Insert a row unless a row stays that is there."""
+    connection.execute(PUT, {**vars(row), "sha256": _digest_of(row), "merged": merged})
+
+
+def _digest_of(row: StudyRow) -> str:
+    return hashlib.sha256(repr((*vars(row).values(),)).encode()).hexdigest()
 
 
 def is_shared(runs: Path) -> bool:
     """True unless the runs folder is on a network file system, where locks cannot be trusted."""
-    place, best = runs.resolve(), 0
-    kind = ""
-    for partition in psutil.disk_partitions(all=True):
-        if place.is_relative_to(partition.mountpoint) and len(partition.mountpoint) >= best:
-            best, kind = len(partition.mountpoint), partition.fstype
-    return kind not in NETWORK
-
-
-def _digest_of(values: tuple[Any, ...]) -> str:
-    return hashlib.sha256(repr(values).encode()).hexdigest()
-
-
-@cache
-def _process() -> str:
-    """Machine, number and start of this process."""
-    return f"{platform.node()} {os.getpid()} {psutil.Process().create_time()}"
+    place = runs.resolve()
+    mounted = [part for part in psutil.disk_partitions(all=True) if place.is_relative_to(part.mountpoint)]
+    innermost = max(reversed(mounted), key=lambda part: len(part.mountpoint), default=None)
+    return innermost is None or innermost.fstype not in NETWORK
 
 
 @contextmanager
@@ -340,8 +326,8 @@ def _named(file: Path) -> Iterator[None]:
         name = getattr(error, "sqlite_errorname", "")
         if name.startswith(("SQLITE_CORRUPT", "SQLITE_NOTADB")):
             raise InputError(paths.shown(file), "", f"a damaged file ({error})", ALLOWED) from error
-        code = errno.ENOSPC if name == "SQLITE_FULL" else errno.EIO
-        raise OSError(code, os.strerror(code) if name == "SQLITE_FULL" else str(error), str(file)) from error
+        reason = os.strerror(errno.ENOSPC) if name == "SQLITE_FULL" else str(error)
+        raise OSError(errno.EIO, reason, str(file)) from error
 
 
 def _opened(file: Path) -> sqlite3.Connection:
@@ -350,26 +336,27 @@ def _opened(file: Path) -> sqlite3.Connection:
     Raises:
         InputError: the database is damaged or of another version.
     """
-    writable = os.access(file.parent, os.W_OK) and (not file.exists() or os.access(file, os.W_OK))
-    mode = "" if writable else "?mode=ro" if file.with_name(f"{file.name}-wal").exists() else "?immutable=1"
-    uri = f"file://{quote(os.fsencode(file.absolute()))}{mode}"
     if not file.exists():
         _make(file)
-    with _named(file):
-        connection = sqlite3.connect(uri, BUSY_LIMIT_S, isolation_level=None, check_same_thread=False, uri=True)
-        (version,) = connection.execute("PRAGMA user_version").fetchone()
-        if version != SCHEMA_VERSION:
-            found = f"rows of version {version} of the store"
-            raise InputError(
-                paths.shown(file), "", found, f"version {SCHEMA_VERSION}; move the file away to begin anew"
-            )
-        connection.execute("PRAGMA synchronous = NORMAL")  # commits outlive the process, not a power cut
+    writable = os.access(file.parent, os.W_OK) and os.access(file, os.W_OK)
+    mode = "" if writable else "?mode=ro" if file.with_name(f"{file.name}-wal").exists() else "?immutable=1"
+    uri = f"file://{quote(os.fsencode(file.absolute()))}{mode}"
+    connection = sqlite3.connect(uri, BUSY_LIMIT_S, isolation_level=None, check_same_thread=False, uri=True)
+    (version,) = connection.execute("PRAGMA user_version").fetchone()
+    connection.execute("PRAGMA synchronous = NORMAL")  # commits outlive the process, not a power cut
+    if version != SCHEMA_VERSION:
+        found, allowed = (
+            f"rows of version {version} of the store",
+            f"version {SCHEMA_VERSION}; move the file away to begin anew",
+        )
+        raise InputError(paths.shown(file), "", found, allowed)
     return connection
 
 
 def _make(file: Path) -> None:
     """Make an empty database, which appears when it is complete, since others may make it at the same time."""
-    with TemporaryDirectory(prefix=".", dir=file.parent) as folder, _named(file):
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(prefix=".", dir=file.parent) as folder:
         draft = Path(folder, NAME)
         with closing(sqlite3.connect(draft, isolation_level=None)) as connection:
             connection.execute(f"PRAGMA page_size = {PAGE_BYTES}")
@@ -381,12 +368,3 @@ def _make(file: Path) -> None:
             pass
         except OSError:  # there are no hard links, as on some network file systems
             draft.rename(file)
-
-
-@contextmanager
-def _transaction(connection: sqlite3.Connection, file: Path) -> Iterator[sqlite3.Connection]:
-    """Transaction that no other process' transaction interrupts, undone after an error."""
-    with _named(file):
-        connection.execute("BEGIN IMMEDIATE")
-        with connection:
-            yield connection

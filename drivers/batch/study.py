@@ -3,18 +3,17 @@
 import csv
 import hashlib
 import json
-import math
 import pickle
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import cached_property
 from io import StringIO
-from itertools import chain
-from math import ceil, prod
+from itertools import chain, product
+from math import ceil, isfinite, nan, prod
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -28,15 +27,15 @@ from drivers.base.files import read_file, readable
 from drivers.base.messages import shorten, validate
 from drivers.chain.case import Case, build_case
 from drivers.engines import engine_names, installed, load_engine
-from drivers.scene.model import Part, Scene, Title
+from drivers.scene.model import Part, Title
 from drivers.scene.read_scene import find_input, find_scene, library, make_scene, read_toml, read_value, set_value
 from drivers.scene.settings import look_up, unit_of
 
-MAX_COUNT = 1_000_000_000
 MAX_SAMPLE = 100  # cases that are checked before the first one runs
 RESERVED = ("case", "engine", "status", "reason", "force_error_share")  # columns of every table
 MAX_VALUES = 1_000_000
-FORMS = ("values", "from", "factors", "zip", "seeds", "table")
+MAX_KEYS = 1000  # of a table: a message on unknown keys looks for the key that was meant, which takes 0.1 ms for each
+FORMS = ("values", "from_", "factors", "zip", "seeds", "table")
 HEADING = re.compile(r"(?P<key>[^\[\]]+?)(?: *\[(?P<unit>[^\[\]]+)\])?")
 NAME = r"^[A-Za-z][A-Za-z0-9_.-]*$"
 
@@ -46,6 +45,7 @@ Keys = Annotated[
     tuple[Annotated[str, Field(min_length=1)], ...],
     BeforeValidator(lambda value: (value,) if isinstance(value, str) else value),
 ]
+Values = Annotated[tuple[Any, ...], Field(strict=False)]
 
 
 class Axis(Part):
@@ -60,7 +60,7 @@ class Axis(Part):
     name: Annotated[str, Field(pattern=NAME, max_length=60)] | None = Field(
         default=None, description="name of the column"
     )
-    values: tuple[Any, ...] | None = Field(default=None, strict=False, description="values")
+    values: Values | None = Field(default=None, description="values")
     from_: str | int | float | None = Field(default=None, alias="from", description="first value")
     to: str | int | float | None = Field(default=None, description="last value")
     count: Annotated[int, Field(ge=2, le=MAX_VALUES)] | None = Field(default=None, description="number of values")
@@ -68,9 +68,7 @@ class Axis(Part):
     factors: tuple[Annotated[float, Field(gt=0, allow_inf_nan=False)], ...] | None = Field(
         default=None, strict=False, description="factors of the base value"
     )
-    zip: dict[str, Annotated[tuple[Any, ...], Field(strict=False)]] | None = Field(
-        default=None, description="lists by key that vary together"
-    )
+    zip: dict[str, Values] | None = Field(default=None, description="lists by key that vary together")
     seeds: Annotated[int, Field(ge=1, le=MAX_VALUES)] | None = Field(default=None, description="number of random draws")
     table: str | None = Field(default=None, description="CSV file: a column for each key")
 
@@ -101,7 +99,8 @@ class Study:
         scene: path of the base scene.
         base: tables of the base scene, changed by ``set``.
         engines: names of engines in the order of the table.
-        axes: choices of each axis; a single axis of all, after the base scene, if axes are varied one by one.
+        axes: choices of each axis, at least one; a single axis of all, after the base scene, if axes are varied one by
+            one.
         columns: key of the scene by the name of its column, without unit.
     """
 
@@ -119,10 +118,15 @@ class Study:
         """Name of the study file without its suffix."""
         return self.path.stem
 
-    @property
-    def one_by_one(self) -> bool:
-        """True if axes are varied one by one instead of as a grid."""
-        return self.file.combine == "one by one"
+    @cached_property
+    def _shape(self) -> tuple[int, ...]:
+        """Number of choices of each axis; cases are numbered from 1, and the last axis varies fastest."""
+        return tuple(map(len, self.axes))
+
+    @cached_property
+    def count(self) -> int:
+        """Number of cases."""
+        return prod(self._shape)
 
     @cached_property
     def _common_sha256(self) -> str:
@@ -133,56 +137,29 @@ class Study:
         files = [path for name in named if isinstance(name, str) and readable(path := self.scene.parent / name)]
         return hashlib.sha256(f"{self.base}\0{library()}\0{content_of(files)}".encode()).hexdigest()
 
-    @cached_property
-    def _settings(self) -> list[list[list[str]]]:
-        """Settings of each choice of each axis that differ from the base scene, as text."""
-
-        def settings(choice: Choice) -> list[str]:
-            return [f"{key}={value!r}" for key, value in choice.items() if look_up(self.base, key) != value]
-
-        return [list(map(settings, axis)) for axis in self.axes]
-
     def case_sha256(self, number: int) -> str:
         """Digest of all that the study says about a case; equal cases of several studies have the same."""
-        axes = zip(self._settings, self._places(number), strict=True)
-        settings = sorted(setting for axis, place in axes for setting in axis[place])
+        choice = self.choice(number).items()
+        settings = sorted(f"{key}={value!r}" for key, value in choice if look_up(self.base, key) != value)
         return hashlib.sha256("\0".join((self._common_sha256, *settings)).encode()).hexdigest()[:32]
-
-    @cached_property
-    def count(self) -> int:
-        """Number of cases."""
-        return prod(map(len, self.axes))
-
-    def _places(self, number: int) -> list[int]:
-        """Place of a case on each axis; cases are numbered from 1, and the last axis varies fastest."""
-        place, places = number - 1, []
-        for axis in reversed(self.axes):
-            place, here = divmod(place, len(axis))
-            places.append(here)
-        return places[::-1]
 
     def choice(self, number: int) -> Choice:
         """Varied values of a case."""
-        choices = (axis[place] for axis, place in zip(self.axes, self._places(number), strict=True))
-        return {key: value for choice in choices for key, value in choice.items()}
+        axes = zip(self.axes, np.unravel_index(number - 1, self._shape), strict=True)
+        return {key: value for axis, place in axes for key, value in axis[place].items()}
 
     @property
     def sample(self) -> list[int]:
         """Numbers of at most ``MAX_SAMPLE`` cases; each value of each axis occurs if there are not more."""
-        longest, numbers = max(map(len, self.axes), default=1), []
-        for place in range(0, longest, ceil(longest / MAX_SAMPLE)):
-            number = 0
-            for axis in self.axes:
-                number = number * len(axis) + place % len(axis)
-            numbers.append(number + 1)
-        return numbers
+        places = np.arange(0, max(self._shape), ceil(max(self._shape) / MAX_SAMPLE))
+        return [1 + int(place) for place in np.ravel_multi_index([places] * len(self._shape), self._shape, mode="wrap")]
 
     @cached_property
     def _base_values(self) -> dict[str, Any]:
         """Values of the base scene by column; empty if it is a scene with the varied values only."""
         with suppress(InputError):
             base = make_scene(deepcopy(self.base), self.scene.stem, self.where, self.scene.parent)
-            return {name: value_at(base, key) for name, key in self.columns.items()}
+            return {name: in_si(key, look_up(base, key)) for name, key in self.columns.items()}
         return {}
 
     def values(self, number: int) -> dict[str, Any]:
@@ -222,7 +199,11 @@ def read_study(source: str | Path, also: Sequence[str] = ()) -> Study:
     path = find_input(source, paths.STUDIES, "study")
     where = paths.shown(path)
     file = validate(StudyFile, read_toml(path), where)
-    scene = _base_scene(file.scene, path, where)
+    try:
+        scene = find_scene(seen_from(path, file.scene)).resolve()
+    except (InputError, OSError, ValueError) as error:
+        allowed = "the name of a scene, or a scene file relative to the study file"
+        raise InputError(where, "scene", shorten(file.scene), allowed) from error
     base = read_toml(scene)
     for key, value in file.set.items():
         set_value(base, key, value, f"{where}: set")
@@ -235,50 +216,38 @@ def read_study(source: str | Path, also: Sequence[str] = ()) -> Study:
         place = f"axis.{i}"
         with gathered(problems, where):
             choices = expand(axis, base, path.parent, where, place)
-            for key in choices[0]:
-                for old, old_place in seen.items():
-                    if f"{old}.".startswith(f"{key}.") or f"{key}.".startswith(f"{old}."):
-                        found = f"{key}, which overlaps {old} of {old_place}"
-                        raise InputError(where, place, found, "each key of the scene once")
+            for key, (old, old_place) in product(choices[0], seen.items()):
+                if f"{old}.".startswith(f"{key}.") or f"{key}.".startswith(f"{old}."):
+                    found = f"{key}, which overlaps {old} of {old_place}"
+                    raise InputError(where, place, found, "each key of the scene once")
             seen |= dict.fromkeys(choices[0], place)
-            keys = [axis.key[0]] if axis.key else list(choices[0])
-            if axis.name and len(keys) > 1:
-                raise InputError(where, f"{place}.name", f"{len(keys)} columns", "a name for one column")
-            for name, key in ((axis.name or key, key) for key in keys):
+            keys = axis.key[:1] or [*choices[0]]
+            for key in keys:
+                name = axis.name or key
                 names = {name, column_name(name, key)}
                 if names & taken:
                     raise InputError(where, f"{place}.name", f'"{name}", the name of another column', "another name")
                 columns[name] = key
                 taken |= names
-            axes.append(tuple(choices))
+            axes.append(choices)
     for name in file.engines:
         with gathered(problems, where):
             load_engine(name, where, "engines")
     refuse_any(where, problems)
     for name in also:
         load_engine(name, "--engine")
-    study = Study(
+    if file.combine == "one by one":
+        axes = [({}, *chain.from_iterable(axes))]
+    return Study(
         file=file,
         path=path.resolve(),
         where=where,
         scene=scene,
         base=base,
         engines=tuple(dict.fromkeys((*(file.engines or installed(engine_names())), *also))),
-        axes=(({}, *chain.from_iterable(axes)),) if file.combine == "one by one" else tuple(axes),
+        axes=tuple(axes) or (({},),),
         columns=columns,
     )
-    if study.count > MAX_COUNT:
-        raise InputError(where, "axis", f"{study.count:.3g} cases", f"at most {MAX_COUNT:,}")
-    return study
-
-
-def _base_scene(source: str, study: Path, where: str) -> Path:
-    """Path of the base scene, given by name in ``inputs/scenes`` or by path relative to the study file."""
-    try:
-        return find_scene(seen_from(study, source)).resolve()
-    except (InputError, OSError, ValueError) as error:
-        allowed = "the name of a scene, or a scene file relative to the study file"
-        raise InputError(where, "scene", shorten(source), allowed) from error
 
 
 def seen_from(file: Path, source: str) -> str | Path:
@@ -295,18 +264,17 @@ def select(study: Study, patterns: Sequence[str]) -> Sequence[int]:
     Raises:
         InputError: no case matches.
     """
-    by_key: dict[str, list[str]] = {}
+    by_column: dict[str, list[str]] = {}
     for pattern in patterns:
-        key, _, value = pattern.partition("=")
-        known = key in study.columns
-        by_key.setdefault(key if known else "", []).append(value if known else pattern)
+        name = pattern.partition("=")[0]
+        by_column.setdefault(name if name in study.columns else "", []).append(pattern)
 
-    def text_at(key: str, number: int) -> str:
-        return str(study.choice(number).get(study.columns[key], "")) if key else study.label(number)
+    def text(name: str, number: int) -> str:
+        return f"{name}={study.choice(number).get(study.columns[name], '')}" if name else study.label(number)
 
     numbers: Sequence[int] = range(1, study.count + 1)
-    for key, globs in by_key.items():
-        numbers = [number for number in numbers if any(fnmatchcase(text_at(key, number), glob) for glob in globs)]
+    for name, globs in by_column.items():
+        numbers = [number for number in numbers if any(fnmatchcase(text(name, number), glob) for glob in globs)]
     if not numbers:
         labels = "; ".join(study.label(number) for number in range(1, min(study.count, 3) + 1))
         raise InputError(f"--only {' --only '.join(patterns)}", "", f"matches no case; labels are such as {labels}")
@@ -320,26 +288,18 @@ def column_name(name: str, key: str) -> str:
 
 
 def in_si(key: str, value: Any) -> Any:
-    """Value of a study at a key of the scene, in SI units; a table as JSON, None for a key that is removed."""
+    """Value at a key of a scene or its file, in SI units; tables and lists as JSON, None for a key that is removed."""
     if isinstance(value, str):
         with suppress(ValueError):
             return units.to_si(value, unit_of(key))
         return value or None
-    return json.dumps(value) if isinstance(value, (dict, list)) else value
+    if isinstance(value, (BaseModel, dict, list, tuple)):
+        return json.dumps(value, default=lambda part: part.model_dump(exclude_none=True, exclude_defaults=True))
+    return value
 
 
-def value_at(scene: Scene, key: str) -> Any:
-    """Value of a scene at a key in SI units; None if missing."""
-    here = look_up(scene, key)
-    if isinstance(here, BaseModel):
-        return here.model_dump_json(exclude_none=True, exclude_defaults=True)
-    if isinstance(here, (tuple, dict)):
-        return json.dumps(here, default=lambda part: part.model_dump(exclude_none=True, exclude_defaults=True))
-    return here
-
-
-def expand(axis: Axis, base: dict[str, Any], folder: Path, where: str, place: str) -> list[Choice]:
-    """Choices of an axis, in order.
+def expand(axis: Axis, base: dict[str, Any], folder: Path, where: str, place: str) -> tuple[Choice, ...]:
+    """Choices of an axis, in order: the rows of the table of its keys and values, in whichever form it is written.
 
     Args:
         axis: the axis.
@@ -351,93 +311,70 @@ def expand(axis: Axis, base: dict[str, Any], folder: Path, where: str, place: st
     Raises:
         InputError: the axis is wrong or has no values.
     """
-    given = {form: getattr(axis, "from_" if form == "from" else form) for form in FORMS}
-    forms = [form for form, value in given.items() if value is not None]
+    forms = [form.strip("_") for form in FORMS if getattr(axis, form) is not None]
     if len(forms) != 1:
-        raise InputError(where, place, f"{', '.join(forms) or 'none of them'}", f"exactly one of {', '.join(FORMS)}")
-    form, value = forms[0], given[forms[0]]
-    if bool(axis.key) != (form in ("values", "from", "factors")):
-        needs = "a key" if not axis.key else f"no key with {form}"
+        found, allowed = ", ".join(forms) or "none of them", ", ".join(form.strip("_") for form in FORMS)
+        raise InputError(where, place, found, f"exactly one of {allowed}")
+    if bool(axis.key) != (forms[0] in ("values", "from", "factors")):
+        needs = f"no key with {forms[0]}" if axis.key else "a key"
         raise InputError(where, f"{place}.key", str(list(axis.key)), needs)
-    if value == ():
-        raise InputError(where, f"{place}.{form}", "an empty list", f"at least one {form.removesuffix('s')}")
-    match form:
-        case "zip":
-            return _zipped(value, where, f"{place}.zip")
-        case "table":
-            return _table(folder / value, where, f"{place}.table")
-        case "seeds":
-            return [{"seed": seed} for seed in range(1, value + 1)]
-        case "factors":
-            return [{key: _multiplied(base, key, factor, where, place) for key in axis.key} for factor in value]
-    values = _range(axis, where, place) if form == "from" else value
-    return [dict.fromkeys(axis.key, value) for value in values]
-
-
-def _zipped(lists: dict[str, tuple[Any, ...]], where: str, place: str) -> list[Choice]:
-    lengths = {key: len(values) for key, values in lists.items()}
-    if not lists or 0 in lengths.values():
-        raise InputError(where, place, "an empty list", "keys with at least one value each")
-    if len(set(lengths.values())) > 1:
+    columns: Mapping[str, Sequence[Any]] = {"seed": range(1, 1 + (axis.seeds or 0))}
+    if axis.values is not None:
+        columns = dict.fromkeys(axis.key, axis.values)
+    elif axis.from_ is not None:
+        columns = dict.fromkeys(axis.key, _range(axis, where, place))
+    elif axis.factors is not None:
+        columns = {key: _multiplied(base, key, axis.factors, where, place) for key in axis.key}
+    elif axis.zip is not None:
+        columns = axis.zip
+    elif axis.table is not None:
+        columns = _table(folder / axis.table, where, f"{place}.table")
+    lengths = {key: len(values) for key, values in columns.items()}
+    if not all(lengths.values()) or not lengths:
+        raise InputError(where, f"{place}.{forms[0]}", "an empty list", "at least one value for each key")
+    if len({*lengths.values()}) > 1:
         found = ", ".join(f"{length} of {key}" for key, length in lengths.items())
-        raise InputError(where, place, found, "lists of equal length")
-    return [dict(zip(lists, row, strict=True)) for row in zip(*lists.values(), strict=True)]
+        raise InputError(where, f"{place}.{forms[0]}", found, "lists of equal length")
+    return tuple(dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True))
 
 
 def _range(axis: Axis, where: str, place: str) -> list[Any]:
     """Values from one end to the other, both included; whole numbers at both ends give whole numbers."""
-    if axis.from_ is None or axis.to is None or axis.count is None:
-        missing = "count" if axis.to is not None else "to"
-        raise InputError(where, f"{place}.{missing}", "missing key; give from, to and count")
-    low, unit = _number(axis.from_, where, f"{place}.from")
-    high, other = _number(axis.to, where, f"{place}.to")
-    if unit != other:
-        try:
-            high = units.to_si(str(axis.to), unit)
-        except ValueError as error:
-            allowed = f"a quantity in {unit or 'plain numbers'}, as from has"
-            raise InputError(where, f"{place}.to", shorten(str(axis.to)), allowed) from error
-    ends, log = f"{axis.from_} to {axis.to}", axis.spacing == "log"
-    if not math.isfinite(high - low):
-        raise InputError(where, f"{place}.from", shorten(ends), "a finite range")
-    if log and not (low > 0 and high > 0):
-        raise InputError(where, f"{place}.from", ends, 'ends above zero for spacing = "log"')
-    values = (np.geomspace if log else np.linspace)(low, high, axis.count).tolist()
-    if isinstance(axis.from_, int) and isinstance(axis.to, int):
-        return list(dict.fromkeys(round(value) for value in values))
+    for key in ("to", "count"):
+        if getattr(axis, key) is None:
+            raise InputError(where, f"{place}.{key}", "missing key; give from, to and count")
+    ends, log = (axis.from_, axis.to), axis.spacing == "log"
+    quantity = units.NUMBER_AND_UNIT.fullmatch(str(axis.from_))
+    unit = quantity[2] if quantity else ""
+    low = high = nan
+    with suppress(ValueError):
+        low, high = (units.to_si(str(end), unit) if unit else float(str(end)) for end in ends)
+    if not isfinite(high - low) or (log and min(low, high) <= 0):
+        allowed = f'a finite number or quantity at both ends, such as "2 m/s"{", above zero" * log}'
+        raise InputError(where, f"{place}.from", shorten(f"{axis.from_} to {axis.to}"), allowed)
+    values = (np.geomspace if log else np.linspace)(low, high, axis.count or 0).tolist()
+    if all(isinstance(end, int) for end in ends):
+        return list(dict.fromkeys(map(round, values)))
     return [f"{value!r} {unit}" if unit else value for value in values]
 
 
-def _number(value: str | int | float, where: str, place: str) -> tuple[float, str]:
-    """Number and unit of a value; the unit is empty for a plain number."""
-    number, unit = str(value), ""
-    if isinstance(value, str):
-        match = units.NUMBER_AND_UNIT.fullmatch(value)
-        if match is None:
-            raise InputError(where, place, shorten(value), 'a number with its unit, such as "2 m/s", or a plain number')
-        number, unit = match.groups()
-    if not math.isfinite(float(number)):
-        raise InputError(where, place, shorten(value), "a finite number")
-    return float(number), unit
-
-
-def _multiplied(base: dict[str, Any], key: str, factor: float, where: str, place: str) -> Any:
-    """Value of the base scene at a key, times a factor."""
+def _multiplied(base: dict[str, Any], key: str, factors: Sequence[float], where: str, place: str) -> list[Any]:
+    """Products of the value of the base scene at a key, or of that of the library of materials, and factors."""
     value = look_up(base, key)
-    if value is None and key.startswith("materials."):
-        value = look_up(library(), key.removeprefix("materials."))
-    if isinstance(value, (int, float)) and not isinstance(value, bool):
-        product = float(str(value)) * factor  # by its text: float() fails for very large whole numbers
-        return int(product) if isinstance(value, int) and product.is_integer() else product
-    match = units.NUMBER_AND_UNIT.fullmatch(value) if isinstance(value, str) else None
-    if match is None:
+    if value is None:
+        value = look_up({"materials": library()}, key)
+    if type(value) in (int, float):
+        products = [float(str(value)) * factor for factor in factors]  # by its text: float() fails for huge integers
+        return [int(one) if type(value) is int and one.is_integer() else one for one in products]
+    quantity = units.NUMBER_AND_UNIT.fullmatch(str(value))
+    if quantity is None:
         found = f"{'nothing' if value is None else shorten(value)} at {key} of the base scene"
         raise InputError(where, f"{place}.factors", found, "a number or a quantity there")
-    return f"{float(match.group(1)) * factor!r} {match.group(2)}"
+    return [f"{float(quantity[1]) * factor!r} {quantity[2]}" for factor in factors]
 
 
-def _table(path: Path, where: str, place: str) -> list[Choice]:
-    """Rows of a CSV file; headings are keys, with a unit in brackets for columns of plain numbers."""
+def _table(path: Path, where: str, place: str) -> dict[str, list[Any]]:
+    """Columns of a CSV file; headings are keys, with a unit in brackets for columns of plain numbers."""
     shown = paths.shown(path)
     try:
         content = read_file(path, "a CSV file").decode("utf-8-sig")
@@ -445,31 +382,30 @@ def _table(path: Path, where: str, place: str) -> list[Choice]:
     except (FileNotFoundError, ValueError, csv.Error) as error:
         found = "no such file" if isinstance(error, FileNotFoundError) else str(error)
         raise InputError(where, place, f"{shown}: {found}", "a readable CSV file") from error
-    if len(rows) < 2:
-        raise InputError(shown, "", f"{len(rows)} lines", "a line of keys and at least one line of values")
-    columns: dict[str, str] = {}
-    for heading in rows[0]:
+    if len(rows) < 2 or len(rows[0]) > MAX_KEYS:
+        allowed = f"a line of at most {MAX_KEYS} keys and at least one line of values"
+        raise InputError(shown, "", f"{len(rows)} lines of {len(rows[0]) if rows else 0} cells", allowed)
+    for number, row in enumerate(rows, start=1):
+        if len(row) != len(rows[0]):
+            raise InputError(shown, f"line {number}", f"{len(row)} values", f"{len(rows[0])}, one for each key")
+    columns: dict[str, list[Any]] = {}
+    for heading, *cells in zip(*rows, strict=True):
         match = HEADING.fullmatch(heading.strip())
-        if match is None:
-            raise InputError(shown, "line 1", shorten(heading), "a key of the scene, such as striker.speed [m/s]")
-        if match["key"].strip() in columns:
-            raise InputError(shown, "line 1", "a key twice", "each key once")
-        columns[match["key"].strip()] = match["unit"] or ""
-    choices = []
-    for number, row in enumerate(rows[1:], start=2):
-        if len(row) != len(columns):
-            raise InputError(shown, f"line {number}", f"{len(row)} values", f"{len(columns)}, one for each key")
-        cells = zip(columns.items(), row, strict=True)
-        choices.append({key: _cell(cell.strip(), unit, shown, f"line {number}, {key}") for (key, unit), cell in cells})
-    return choices
+        key, unit = (match["key"].strip(), match["unit"]) if match else ("", "")
+        if not key or key in columns:
+            raise InputError(
+                shown, "line 1", shorten(heading), "each key of the scene once, such as striker.speed [m/s]"
+            )
+        places = (f"line {number}, {key}" for number in range(2, len(rows) + 1))
+        columns[key] = [_cell(cell.strip(), unit, shown, place) for cell, place in zip(cells, places, strict=True)]
+    return columns
 
 
-def _cell(text: str, unit: str, where: str, place: str) -> Any:
-    if not unit:
-        if not text:
-            raise InputError(where, place, "empty cell; give a value")
-        return read_value(text)
-    with suppress(ValueError):
-        if math.isfinite(float(text)):
-            return f"{text} {unit}"
-    raise InputError(where, place, shorten(text), f"a plain number, since the heading has its unit ({unit})")
+def _cell(text: str, unit: str | None, where: str, place: str) -> Any:
+    """Value of a cell; a quantity if the heading has a unit."""
+    if unit and units.NUMBER_AND_UNIT.fullmatch(f"{text} {unit}"):
+        return f"{text} {unit}"
+    if unit or not text:
+        allowed = f"a plain number, since the heading has its unit ({unit})" if unit else "a value"
+        raise InputError(where, place, shorten(text), allowed)
+    return read_value(text)

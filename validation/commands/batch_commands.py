@@ -2,9 +2,8 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -13,7 +12,7 @@ from validation.commands import options
 from validation.commands.options import at_least_one, command, option, print_paths
 
 if TYPE_CHECKING:
-    from drivers.batch.rows import Methods, Request
+    from drivers.batch.rows import Batch
 
 
 def _slice(text: str) -> tuple[int, int]:
@@ -23,23 +22,22 @@ def _slice(text: str) -> tuple[int, int]:
     raise click.BadParameter(f"found {text}; allowed: I/N with I from 1 to N")
 
 
-def request_of(
-    study: str | Path, runs: Path, engines: Sequence[str] = (), patterns: Sequence[str] = (), *, retry: bool = False
-) -> "Request":
-    """Request for a study."""
-    from drivers.batch.rows import Request
+def batch_of(
+    study: str | Path, runs: Path, engines: Sequence[str] = (), patterns: Sequence[str] = (), **more: Any
+) -> "Batch":
+    """Batch of a study; ``more`` are fields of ``Batch``."""
+    from drivers.batch.rows import Batch
     from drivers.engines._entries import entry_files
 
-    return Request(study, runs.absolute(), tuple(engines), tuple(patterns), retry=retry, entries=entry_files())
+    return Batch(study, runs.absolute(), tuple(engines), tuple(patterns), entries=entry_files(), **more)
 
 
-def methods() -> "Methods":
-    """Functions of higher packages that a batch calls."""
-    from drivers.batch.rows import Methods
-    from postproc.read.observables import not_shown, observe
+def functions() -> dict[str, Any]:
+    """Functions of higher packages that a batch calls to run its rows."""
+    from postproc.read.observables import observe
     from validation.accuracy.plan import plan_case
 
-    return Methods(plan_case, observe, not_shown)
+    return {"plan": plan_case, "observe": observe}
 
 
 @command("sensitivity", "wall-material --engine verlet --workers 2 --dry-run", "sensitivity --slurm --wait")
@@ -99,17 +97,22 @@ def batch(
     if workers and (part or slurm):
         raise InputError("--workers", "", f"not allowed with {places[0]}")
     from drivers.base.processes import cores
-    from drivers.batch.job_array import JobArray
-    from drivers.batch.study_commands import batch as run_study
-    from drivers.batch.study_commands import run_part
+    from drivers.batch import study_commands
+    from drivers.batch.study import column_name
     from drivers.run.execute import Place
+    from postproc.read.observables import describe, not_shown
 
-    request = replace(request_of(study, runs, engines, patterns, retry=retry), elsewhere=slurm)
+    asked = batch_of(study, runs, engines, patterns, retry=retry, elsewhere=slurm, part=part or (1, 1), **functions())
+    for name, key in asked.study.columns.items():
+        known = describe(column_name(name, key))
+        if known.kind and column_name(name, key).endswith(known.ending):
+            where, found = asked.study.where, f'"{column_name(name, key)}", the name of an observable'
+            raise InputError(where, "axis", found, "another name of the column")
     if part:
-        return run_part(request, methods(), *part)
+        return study_commands.run_part(asked)
     place = Place(workers or cores(), processes=not dask, dask=dask)
-    array = JobArray(wait, slices, slurm_lines) if slurm else None
-    return run_study(request, methods(), results, place, array, dry_run=dry_run, yes=yes)
+    job: dict[str, Any] = {"slices": slices, "lines": slurm_lines, "wait": wait}
+    return study_commands.run_study(asked, results, place, not_shown, dry_run=dry_run, yes=yes, **job)
 
 
 @command("sensitivity", "speed-amplitude --x bead_5_amplitude --y speed_9_to_5 --log")
@@ -139,10 +142,13 @@ def study(study: str, runs: Path, results: Path, x: str, y: str, log: bool, powe
     if x:
         x = column_of(table, x, "--x", columns, numbers=log or power_law)
         y = column_of(table, y, "--y", columns, numbers=True)
-        name, how = f"{swept.name}-{y}-{x}-xy", {"joined": not swept.one_by_one, "log": log, "fitted": power_law}
+        name, how = (
+            f"{swept.name}-{y}-{x}-xy",
+            {"joined": swept.file.combine == "grid", "log": log, "fitted": power_law},
+        )
         product = draw_study(table, title, (y,), f"--x {x} --y {y}", labels, x, **how)
     else:
-        draw = draw_tornado if swept.one_by_one else draw_study
+        draw = draw_study if swept.file.combine == "grid" else draw_tornado
         product = draw(table, title, swept.file.figure, swept.where, labels)
     print_paths(write_product(product, name, results))
     for line in product.notes:
@@ -163,7 +169,7 @@ def status(study: str, engines: tuple[str, ...], patterns: tuple[str, ...], runs
     """Count the rows of a study by state."""
     from drivers.batch.study_commands import status as print_status
 
-    return print_status(request_of(study, runs, engines, patterns), every=every)
+    return print_status(batch_of(study, runs, engines, patterns), every=every)
 
 
 @command("wall-material 3 --engine lammps")
@@ -176,4 +182,4 @@ def show(study: str, case: int, engines: tuple[str, ...], runs: Path) -> int:
     from drivers.batch.study_commands import show as show_case
     from validation.accuracy.budget import assess
 
-    return show_case(request_of(study, runs, engines), methods(), case, assess)
+    return show_case(batch_of(study, runs, engines, **functions()), case, assess)

@@ -11,12 +11,14 @@ from pathlib import Path
 import pandas as pd
 
 from drivers.base.processes import run_command
-from drivers.batch.study_commands import WORKER_COSTS, batch, status
+from drivers.batch.rows import WORKER_COSTS
+from drivers.batch.study_commands import run_study, status
 from drivers.chain.case import build_case
 from drivers.engines import installed_codes, load_engine
 from drivers.run.execute import Place
 from drivers.scene.read_scene import read_scene
-from validation.commands.batch_commands import methods, request_of
+from postproc.read.observables import not_shown
+from validation.commands.batch_commands import batch_of, functions
 
 WORKERS = 2
 SINGLE_CASES = 12
@@ -87,7 +89,7 @@ def _listing_s() -> float:
         _quietly(study, Path(home))
         began = time.perf_counter()
         with contextlib.redirect_stdout(io.StringIO()):
-            status(request_of(study, Path(home, "runs")), every=True)
+            status(batch_of(study, Path(home, "runs")), every=True)
         return time.perf_counter() - began
 
 
@@ -99,6 +101,7 @@ def _study(home: Path, names: tuple[str, ...], cases: int) -> Path:
 
 def _quietly(study: Path, home: Path) -> None:
     with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere):
-        code = batch(request_of(study, home / "runs"), methods(), home, Place(WORKERS, processes=True))
+        batch = batch_of(study, home / "runs", **functions())
+        code = run_study(batch, home, Place(WORKERS, processes=True), not_shown)
     if code:
         raise RuntimeError("a case of the benchmark failed")

@@ -93,7 +93,7 @@ def test_the_table(study_file: StudyWriter, scene_file: SceneWriter, tmp_path: P
 def test_rows_done_or_equal_are_not_run_again_unless_damaged(study_file: StudyWriter, tmp_path: Path) -> None:
     """Nothing is drawn at random, so cases that differ by their seed have equal numbers."""
     path, runs = study_file(f"{SPEEDS.format(2)}[[axis]]\nseeds = 2\n", "verlet"), tmp_path / "runs"
-    assert "verlet  0 done, 4 to do, cost not measured yet" in batch(path, runs, "--dry-run").stdout
+    assert "verlet  4 to do, cost not measured yet" in batch(path, runs, "--dry-run").stdout
     assert not runs.exists()
     assert batch_here(path, runs, "--only", "striker.speed=0.5*").stdout.endswith("verlet  2 done\n2 of 4 rows done\n")
     assert list(table(runs)["status"]) == ["done", "done", "to do", "to do"]
@@ -111,8 +111,9 @@ def test_rows_done_or_equal_are_not_run_again_unless_damaged(study_file: StudyWr
     assert stored(runs) == [1, 2, 3, 4]
     assert table_bytes(runs) == first
     sql(runs, "UPDATE rows SET observables = replace(observables, '1', '2') WHERE rowid < 3")
+    sql(runs, "UPDATE rows SET sha256 = NULL WHERE rowid = 3")
     again = batch(path, runs)
-    assert (again.returncode, again.stderr) == (0, f"2 damaged rows in {runs / 'batch.sqlite'}: run again\n")
+    assert (again.returncode, again.stderr) == (0, f"3 damaged rows in {runs / 'batch.sqlite'}: run again\n")
     assert table_bytes(runs) == first
     copy = path.with_name("renamed.toml")  # the same cases under another name, and more of them
     copy.write_text(path.read_text() + '[[axis]]\nkey = "wall.material"\nvalues = ["brass", "steel"]')
@@ -134,10 +135,7 @@ def test_anybody_reads_the_database(study_file: StudyWriter, tmp_path: Path) -> 
 
 def test_a_store_that_is_damaged_or_of_another_version_is_named(study_file: StudyWriter, tmp_path: Path) -> None:
     path, runs = study_file(SPEEDS.format(2), "verlet"), tmp_path / "runs"
-    (runs / "batch").mkdir(parents=True)
-    (runs / "batch" / "0123.jsonl").write_text("{}")
-    said = batch(path, runs, "--dry-run").stderr
-    assert said == f"{runs / 'batch'}: rows of an earlier version, not read; may be removed\n"
+    runs.mkdir()
     (runs / "batch.sqlite").write_bytes(b"no database" * 1000)
     refused = beads("status", path, "--runs", runs)
     assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
@@ -158,9 +156,9 @@ def test_a_row_done_takes_precedence_over_a_later_failure(tmp_path: Path) -> Non
     with Store(tmp_path) as store:
         for row in (failed, ROW, failed):
             store.finish(row)
-        assert store.rows("verlet", ["case"]) == {"case": ROW}
+        assert store.rows(["case"], {}) == {("case", "verlet"): ROW}
         store.finish(replace(failed, program="next", ended=4.0))  # although the clock was set back
-        assert store.rows("verlet", ["case"])["case"].program == "next"
+        assert store.rows(["case"], {})["case", "verlet"].program == "next"
 
 
 def test_the_database_appears_when_it_is_complete(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -177,7 +175,7 @@ def test_the_database_appears_when_it_is_complete(tmp_path: Path, monkeypatch: p
     monkeypatch.setattr(os, "link", of_a_slow_process)
     with Store(tmp_path / "runs") as store:
         store.finish(replace(ROW, case_sha256="other"))
-        assert store.rows("verlet", ["case"]) == {"case": ROW}
+        assert store.rows(["case"], {}) == {("case", "verlet"): ROW}
     assert os.link is link
     assert [file.name for file in (tmp_path / "runs").iterdir()] == ["batch.sqlite"]
 
@@ -198,14 +196,15 @@ def test_claims_end_with_their_process(tmp_path: Path) -> None:
         f"{platform.node()} {os.getpid()} 0.0 0",
     )
     with Store(tmp_path) as store, Store(tmp_path) as of_another_thread:
-        assert store.claim("verlet", ["a", "b"]) == {"a", "b"}
-        assert of_another_thread.claim("verlet", ["b", "d"]) == {"d"}
-        for owner, free in ((init, set()), (used_again, {"a"})):
+        store.claim(["a", "b"], ["verlet"])
+        of_another_thread.claim(["b", "d"], ["verlet"])
+        assert store.claimed(["a", "b", "d"]) == {("d", "verlet")}
+        for owner, claimed in ((init, {("a", "verlet")}), (used_again, set())):
             sql(tmp_path, "UPDATE claims SET owner = ? WHERE case_sha256 = 'a'", owner)
-            assert store.claim("verlet", ["a"]) == free
-        for since, free in ((time.time(), set()), (0.0, {"a"})):
+            assert store.claimed(["a"]) == claimed
+        for since, claimed in ((time.time(), {("a", "verlet")}), (0.0, set())):
             sql(tmp_path, "UPDATE claims SET owner = 'elsewhere 1 0.0 0', since = ? WHERE case_sha256 = 'a'", since)
-            assert store.claim("verlet", ["a"]) == free
+            assert store.claimed(["a"]) == claimed
         store.finish(replace(ROW, case_sha256="a"))
         store.__exit__()
         assert sql(tmp_path, "SELECT case_sha256 FROM claims") == [("d",)]
@@ -220,7 +219,7 @@ def test_a_database_that_cannot_be_written_is_read(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr(os, "access", lambda *_: False)
     for runs in (store.runs, tmp_path / "killed"):
         with Store(runs) as of_another:
-            assert of_another.rows("verlet", ["case"]) == {"case": ROW}
+            assert of_another.rows(["case"], {}) == {("case", "verlet"): ROW}
 
 
 def test_processes_on_a_network_write_databases_of_their_own(
@@ -324,7 +323,6 @@ def test_rows_of_a_changed_template_build_or_source_are_stale(
     path, runs = study_file('[[axis]]\nkey = "chain.count"\nvalues = [3, 4]', "verlet", "lammps"), tmp_path / "runs"
 
     def status() -> str:
-        batch_rows.opened.cache_clear()
         return beads("status", path, "--runs", runs).stdout
 
     monkeypatch.setattr(paths, "TEMPLATES", shutil.copytree(paths.TEMPLATES, tmp_path / "templates"))

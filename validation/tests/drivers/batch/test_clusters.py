@@ -13,10 +13,9 @@ import pytest
 
 from drivers.base import paths
 from drivers.batch.job_array import most_tasks
-from drivers.batch.rows import opened
 from drivers.batch.store import Store
 from drivers.run.build import Build
-from validation.commands.batch_commands import request_of
+from validation.commands.batch_commands import batch_of
 from validation.tests.drivers.batch.test_batch import batch, sql, table
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import need
@@ -92,7 +91,7 @@ def test_the_build_is_that_of_the_newest_row_done(
         (done,) = store.newest("by-module", 2)
 
     def build() -> Build:
-        return opened(request_of(study, runs)).builds["by-module"]
+        return batch_of(study, runs).builds["by-module"]
 
     installed = build()
     assert installed.identity == done.build
@@ -134,7 +133,7 @@ def test_the_script_and_the_site_s_limit_of_arrays(study_file: StudyWriter, tmp_
     assert batch(study, runs, "--slice", "2/3").returncode == 0
     again = batch(study, runs, *words, "--slices", "3").stdout
     assert "#SBATCH --array=1-3\n" in again
-    assert again.endswith("; all rows are done, so it would not be submitted\n")
+    assert again.endswith("; nothing submitted\n")
     stand_in("scontrol", "exit 1\n")
     assert most_tasks() == 1000
 
@@ -142,7 +141,7 @@ def test_the_script_and_the_site_s_limit_of_arrays(study_file: StudyWriter, tmp_
 def test_rows_of_an_absent_engine_wait_and_count(study: Path, run_with_module: RunWithModule, tmp_path: Path) -> None:
     runs = tmp_path / "runs"
     done = batch(study, runs, "--slice", "1/1")
-    assert (done.returncode, done.stdout) == (1, "slice 1/1: 2 rows done, 0 failed\n")
+    assert (done.returncode, done.stdout) == (1, "slice 1/1\nverlet     2 done\nby-module  2 not installed\n")
     assert done.stderr.startswith("by-module: not installed; it comes with module load dem ")
     whole = batch(study, runs)
     assert (whole.returncode, "by-module  2 not installed" in whole.stdout) == (1, True)
@@ -152,8 +151,8 @@ def test_rows_of_an_absent_engine_wait_and_count(study: Path, run_with_module: R
     assert run_with_module(study, runs).returncode == 0
     study.write_text(f'set = {{ "chain.count" = 4 }}\n{study.read_text()}')
     assert status(study, runs) == "verlet     2 to do\nby-module  2 not installed\n"
-    assert "by-module  0 done, 2 to do" in batch(study, runs, "--slurm", "--dry-run").stdout
-    assert "by-module  0 done, 2 not installed" in batch(study, runs, "--dry-run").stdout
+    assert "by-module  2 to do" in batch(study, runs, "--slurm", "--dry-run").stdout
+    assert "by-module  2 not installed" in batch(study, runs, "--dry-run").stdout
 
 
 def test_an_engine_of_the_job_refuses_cases_before_the_job(modules: Path, tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from validation.tests.drivers.batch.test_batch import batch, stored
+from validation.tests.drivers.batch.test_batch import batch, results_of, stored, table_bytes
 from validation.tests.drivers.batch.test_killed_batches import wait_for
 from validation.tests.helpers.commands import BEADS, beads
 from validation.tests.helpers.scenes import SPEEDS, StudyWriter
@@ -81,38 +81,41 @@ def _said(*words: str) -> str:
 
 
 @pytest.mark.long
-def test_a_killed_worker_loses_nothing(study_file: StudyWriter, tmp_path: Path) -> None:
+def test_tables_are_the_same_wherever_the_rows_are_run(study_file: StudyWriter, tmp_path: Path) -> None:
+    """Byte for byte: on a Dask cluster of which a worker is killed, on one of the batch itself, here, in slices."""
     from distributed import LocalCluster
 
-    path, runs, here = study_file(SPEEDS.format(100), "reference", "verlet"), tmp_path / "runs", tmp_path / "here"
+    path, killed = study_file(SPEEDS.format(100), "reference", "verlet"), tmp_path / "killed"
     with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
-        words = [
-            "batch",
-            str(path),
-            "--dask",
-            cluster.scheduler_address,
-            "--runs",
-            str(runs),
-            "--results",
-            str(tmp_path),
-        ]
-        process = subprocess.Popen([*BEADS, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        rows = wait_for(lambda: len(stored(runs)))
+        words = ("batch", path, "--dask", cluster.scheduler_address, "--runs", killed, "--results", results_of(killed))
+        process = subprocess.Popen(
+            [*BEADS, *map(str, words)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        rows = wait_for(lambda: len(stored(killed)))
         os.kill(cluster.workers[0].pid, signal.SIGKILL)
         assert rows < 200
         printed, complaints = process.communicate(timeout=120)
     assert process.returncode == 0, complaints
     assert "verlet     100 done" in printed
-    local = beads("batch", path, "--dask", "--runs", here, "--results", here)  # on a cluster of its own
-    assert (local.returncode, "reference  100 done" in local.stdout) == (0, True), local.stderr
-    assert (tmp_path / "study.parquet").read_bytes() == (here / "study.parquet").read_bytes()
+    right = table_bytes(killed)
+    ways = {"dask": ["--dask"], "here": [""], "slices": ["--slice 2/3", "--slice 3/3", "--slice 1/3", ""]}
+    for place, options in ways.items():
+        runs = tmp_path / place
+        for option in options:
+            done = batch(path, runs, *option.split())
+            assert done.returncode == 0, done.stderr
+        assert table_bytes(runs) == right, place
+        assert stored(runs) == [*range(1, 201)], place
 
 
 @pytest.mark.slurm
 def test_a_second_job_shares_the_work_of_a_running_one(
-    slurm: str, study_file: StudyWriter, modules: Path, tmp_path: Path
+    slurm: str, study_file: StudyWriter, modules: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The submitting machine has no such engine; the first job is killed, and the second one takes up its rows."""
+    """The submitting machine has no such engine; the first job is killed, and the second one takes up its rows.
+
+    The tables are those of a local batch.
+    """
     study, runs = study_file(SPEEDS.format(80), "by-module", top=DURATION), tmp_path / "runs"
     words = ("--slurm", "--slices", "1", "--slurm-line", "module load dem")
     job = batch(study, runs, *words).stdout.split("job ")[-1].partition(":")[0]
@@ -129,3 +132,7 @@ def test_a_second_job_shares_the_work_of_a_running_one(
     wait_for(lambda: not _said("squeue", "--noheader"))
     assert beads("status", study, "--runs", runs).stdout == "by-module  80 done\n"
     assert len(stored(runs)) == 80
+    monkeypatch.setenv("PATH", f"{modules}:{os.environ['PATH']}")
+    for place in (runs, tmp_path / "here"):
+        assert batch(study, place).returncode == 0
+    assert table_bytes(runs) == table_bytes(tmp_path / "here")

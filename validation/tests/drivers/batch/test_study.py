@@ -7,11 +7,13 @@ import pytest
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.batch.study import column_name, read_study, select, value_at
-from drivers.batch.study_commands import batch
+from drivers.batch.study import column_name, in_si, read_study, select
+from drivers.batch.study_commands import run_study
 from drivers.engines import engine_names
 from drivers.run.execute import Place
-from validation.commands.batch_commands import methods, request_of
+from drivers.scene.settings import look_up
+from postproc.read.observables import not_shown
+from validation.commands.batch_commands import batch_of
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.scenes import SceneWriter, StudyWriter
 
@@ -67,7 +69,7 @@ def test_zipped_keys_and_a_table(write: StudyWriter, tmp_path: Path) -> None:
     pairs = '{ "chain.count" = [3, 9], "run.duration" = ["0.2 ms", "0.4 ms"] }'
     study = read_study(write(f'[[axis]]\nzip = {pairs}\n[[axis]]\ntable = "cases.csv"'))
     keys = ("chain.count", "run.duration", "striker.speed", "wall.material")
-    assert [[value_at(study.case(number).scene, key) for key in keys] for number in range(1, 5)] == [
+    assert [[look_up(study.case(number).scene, key) for key in keys] for number in range(1, 5)] == [
         [3, 0.0002, 1.5, "rigid"],
         [3, 0.0002, 2.0, "steel"],
         [9, 0.0004, 1.5, "rigid"],
@@ -92,9 +94,9 @@ def test_columns_tell_units_and_values_are_in_si(write: StudyWriter) -> None:
     }
     assert {key: column_name(key, key) for key in keys} == keys
     scene = read_study(write('[[axis]]\nkey = "striker.speed"\nvalues = ["150 cm/s"]')).case(1).scene
-    assert value_at(scene, "striker.speed") == 1.5
-    assert value_at(scene, "chain.sensors.3.mass") is None
-    assert value_at(scene, "wall") == '{"material":"brass"}'
+    assert look_up(scene, "striker.speed") == 1.5
+    assert look_up(scene, "chain.sensors.3.mass") is None
+    assert in_si("wall", scene.wall) == '{"material": "brass"}'
 
 
 def test_selection(write: StudyWriter) -> None:
@@ -118,10 +120,13 @@ BAD = {
     "two forms": (f"{COUNT}values = [1]\nseeds = 2", "found values, seeds"),
     "a key too many": (f"{COUNT}seeds = 2", "no key with seeds"),
     "no count": (f"{COUNT}from = 1\nto = 2", "axis.0.count: missing key"),
-    "units apart": (f'{SPEED}from = "1 m/s"\nto = "2 kg"\ncount = 3', "a quantity in m/s"),
-    "log of nothing": (f'{COUNT}from = 0\nto = 9\ncount = 3\nspacing = "log"', "ends above zero"),
-    "NaN": (f"{COUNT}from = nan\nto = 2\ncount = 3", "a finite number"),
-    "an endless number": (f'[[axis]]\nkey = "seed"\nfrom = {"9" * 400}\nto = 2\ncount = 2', "a finite number"),
+    "units apart": (f'{SPEED}from = "1 m/s"\nto = "2 kg"\ncount = 3', "a finite number or quantity at both ends"),
+    "log of nothing": (
+        f'{COUNT}from = 0\nto = 9\ncount = 3\nspacing = "log"',
+        'at both ends, such as "2 m/s", above zero',
+    ),
+    "NaN": (f"{COUNT}from = nan\nto = 2\ncount = 3", "a finite number or"),
+    "an endless number": (f'[[axis]]\nkey = "seed"\nfrom = {"9" * 400}\nto = 2\ncount = 2', "a finite number or"),
     "lists of unlike lengths": ('[[axis]]\nzip = { "chain.count" = [1, 2], "seed" = [1] }', "2 of chain.count, 1 of"),
     "a key twice": ('[[axis]]\nkey = "seed"\nvalues = [1]\n[[axis]]\nseeds = 2', "seed, which overlaps seed of axis.0"),
     "a key also set": (
@@ -139,13 +144,17 @@ BAD = {
     "no base scene": ('scene = "nowhere"', 'scene: found "nowhere"'),
     "a name that is taken": ('[[axis]]\nkey = "seed"\nname = "case"\nvalues = [1]', '"case", the name of another'),
     "all problems": (f'engines = ["abaqus"]\n{COUNT}{COUNT}', ": 3 problems: (1) axis.0: "),
+    "a line of too many cells": (
+        '[[axis]]\ntable = "wide.csv"',
+        "found 2 lines of 100000 cells; allowed: a line of at",
+    ),
     "a million cases": (
         f"[[axis]]\nseeds = 1000\n{COUNT}from = 1\nto = 1000\ncount = 1000",
-        "1,000,000 cases; allowed: ",
+        "1,000,000 cases; allowed: at most 20,000, or --yes",
     ),
-    "more cases than can be counted": (
+    "more cases than can be listed": (
         "".join(f'[[axis]]\nkey = "chain.bead.{i}.mass"\nvalues = {["1 g"] * 10}\n' for i in range(10)),
-        "1e+10 cases; allowed: at most 1,000,000,000",
+        "10,000,000,000 cases; allowed: ",
     ),
     "a name that is another with its unit": (
         f'{SPEED}name = "a"\nvalues = ["1 m/s"]\n{COUNT}name = "a_m_s"\nvalues = [3]',
@@ -159,6 +168,7 @@ def test_bad_studies(name: str, scene_file: SceneWriter, tmp_path: Path) -> None
     scene_file()
     (tmp_path / "word.csv").write_text("striker.speed [m/s]\n1\nfast\n")
     (tmp_path / "ragged.csv").write_text("striker.speed [m/s],chain.count\n1\n")
+    (tmp_path / "wide.csv").write_text(f"{','.join(f'k{i}' for i in range(100_000))}\n1\n")
     (tmp_path / "empty.csv").write_text("striker.speed [m/s]\n")
     text, words = BAD[name]
     top = "".join(
@@ -167,17 +177,17 @@ def test_bad_studies(name: str, scene_file: SceneWriter, tmp_path: Path) -> None
     path = tmp_path / "study.toml"
     path.write_text(top + text)
     with pytest.raises(InputError) as refused:
-        batch(request_of(path, tmp_path / "runs"), methods(), tmp_path / "results", Place(1, processes=True))
+        run_study(batch_of(path, tmp_path / "runs"), tmp_path, Place(1), not_shown, dry_run=True)
     assert words in str(refused.value)
     assert not (tmp_path / "runs").exists()
-    assert not (tmp_path / "results").exists()
 
 
 def test_no_column_has_the_name_of_an_observable(write: StudyWriter, tmp_path: Path) -> None:
-    request = request_of(write(f'{COUNT}name = "wall_peak_N"\nvalues = [3]'), tmp_path / "runs")
-    with pytest.raises(InputError, match='"wall_peak_N", the name of an observable'):
-        batch(request, methods(), tmp_path / "results", Place(1, processes=True))
-    assert not [*(tmp_path / "results").iterdir()]
+    path = write(f'{COUNT}name = "wall_peak_N"\nvalues = [3]')
+    refused = beads("batch", path, "--runs", tmp_path / "runs")
+    assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
+    assert '"wall_peak_N", the name of an observable' in refused.stderr
+    assert not (tmp_path / "runs").exists()
 
 
 @pytest.mark.parametrize(
@@ -212,11 +222,6 @@ def test_bad_options(
 
 @pytest.mark.long
 @pytest.mark.parametrize("path", sorted(paths.STUDIES.glob("*.toml")), ids=lambda path: path.stem)
-def test_shipped_studies_are_valid(path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert (
-        batch(
-            request_of(path, tmp_path / "runs"), methods(), tmp_path / "results", Place(1, processes=True), dry_run=True
-        )
-        == 0
-    )
-    assert " checked\n" in capsys.readouterr().out
+def test_shipped_studies_are_valid(path: Path, tmp_path: Path) -> None:
+    done = beads("batch", path, "--runs", tmp_path / "runs", "--dry-run")
+    assert (done.returncode, " checked\n" in done.stdout) == (0, True)

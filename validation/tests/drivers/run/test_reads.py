@@ -163,7 +163,6 @@ def test_rows_of_a_study_are_read_as_its_file_is_now(
                 read_study_table(path, runs)
         source.write_text(text)
     assert capsys.readouterr().err == ""
-    rows.opened.cache_clear()
     monkeypatch.setattr(rows, "digest_of_sources", lambda: "of another version")
     pd.testing.assert_frame_equal(read_study_table(path, runs), right)
     assert capsys.readouterr().err.startswith("2 of 2 rows are of an earlier version")
