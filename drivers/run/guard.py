@@ -40,7 +40,7 @@ def checked_trace(case: Case, engine: Engine, outcome: EndedProcess, folder: Pat
         message = _failed_start(stdout, stderr) or engine.failure_reason(stdout, stderr)
         message = "".join(c if c.isprintable() else " " for c in message)
         before = engine.partial_trace(case, folder)
-        blown_up = _blown_up(case, engine, message, before)
+        blown_up = unstable(case, before) if before else None
         raise RunError("; ".join(filter(None, (blown_up, f"{ending}: {message[:REASON_CHARACTERS]}"))), partial=before)
     try:
         trace = engine.read(case, folder)
@@ -126,15 +126,6 @@ def wrong_start(case: Case, trace: Trace) -> str | None:
             text, expected_text = digits_apart(float(start[body]), float(expected[body]))
             return f"body {body + 1} starts with a {name} of {text} {unit}, the scene has {expected_text} {unit}"
     return None
-
-
-def _blown_up(case: Case, engine: Engine, message: str, before: Trace | None) -> str | None:
-    """Message on a blow-up of a failed run, from its samples or the code's error message; None if there was none."""
-    reason = unstable(case, before) if before is not None else None
-    if reason is None and engine.loss_message and engine.loss_message in message:
-        seen = 0 if before is None else len(before.time_s)
-        reason = f"{UNSTABLE}{case.sample_times_s[min(seen, case.scene.samples - 1)]:g} s: a body was lost"
-    return reason
 
 
 def unstable(case: Case, trace: Trace) -> str | None:

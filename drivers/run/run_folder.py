@@ -22,7 +22,7 @@ from drivers.base.errors import InputError
 from drivers.base.files import arrow_in, read_checked, read_sealed, sha256_of, whole_file, write_sealed
 from drivers.base.progress import say
 from drivers.chain.case import Layout, read_layout
-from drivers.chain.trace import State, Trace, forces_table, state_in, state_table, trace_in
+from drivers.chain.trace import FORCE_COLUMNS, STATE_COLUMNS, Trace, fields_in, table_of_trace
 from drivers.scene.model import Scene
 from drivers.scene.read_scene import stored_scene
 
@@ -247,7 +247,7 @@ class EndedRun:
         """
         scene, record = self.record.scene, self.record
         with self._refused(FORCES):
-            trace = trace_in(arrow_in(self._content(FORCES)))
+            trace = Trace(**fields_in(arrow_in(self._content(FORCES)), FORCE_COLUMNS, record.bodies))
             times = np.arange(scene["samples"], dtype=float) * (scene["steps_per_sample"] * record.time_step_s)
             times = times if self.done else times[: len(trace.time_s)]
         shape = (len(times), record.bodies)
@@ -259,8 +259,8 @@ class EndedRun:
         return trace
 
     @cached_property
-    def state(self) -> State:
-        """Positions and velocities, bit for bit.
+    def state(self) -> Trace:
+        """Trace with positions and velocities, bit for bit.
 
         Raises:
             InputError: the run kept none, they are damaged, or their times differ from those of the forces.
@@ -273,10 +273,10 @@ class EndedRun:
             found = f"file not found: the run kept no positions; this command makes a run with positions: {again}"
             raise InputError(paths.shown(path), "", found)
         with self._refused(STATE):
-            state = state_in(arrow_in(self._content(STATE)), record.bodies)
-        if not np.array_equal(state.time_s, self.trace.time_s):
+            state = fields_in(arrow_in(self._content(STATE)), STATE_COLUMNS, record.bodies)
+        if not np.array_equal(state["time_s"], self.trace.time_s):
             raise InputError(paths.shown(path), "time_s", "other times", f"the times of {FORCES}")
-        return state
+        return replace(self.trace, **state)
 
     @contextmanager
     def _refused(self, name: str) -> Iterator[None]:
@@ -342,7 +342,8 @@ def write_run(folder: Path, record: RunRecord, trace: Trace | None, *, state: bo
     """Write trace and record of a run into its folder, with ``state`` also positions; returns the record."""
     from pyarrow.parquet import write_table
 
-    tables = {} if trace is None else {FORCES: forces_table(trace)} | ({STATE: state_table(trace)} if state else {})
+    kept = {FORCES: FORCE_COLUMNS} | ({STATE: STATE_COLUMNS} if state else {})
+    tables = {} if trace is None else {name: table_of_trace(trace, columns) for name, columns in kept.items()}
     for name, table in tables.items():
         write_table(table, folder / name, **COMPRESSED)
     record = replace(record, files={name: sha256_of(folder / name) for name in tables})

@@ -116,7 +116,7 @@ SABOTAGE = [
     Sabotage("lammps", "a step far too large", "timestep        1e-07", "timestep        2.5e-05", UNSTABLE),
     Sabotage("liggghts", "no wall at 0", "zplane 0", "zplane -1", "starts with a force below of 0 N"),
     Sabotage("lammps", "a lost bead", "fix motion", "fix push all addforce 1000 0 0\nfix motion",
-             f"{UNSTABLE}.*Lost atoms"),
+             "Lost atoms"),
     Sabotage("liggghts", "half way", "run             3000", "run             1500", "ends in sample 152 of 301"),
     Sabotage("yade", "half way", r"np.savez\(", "force = force[:150]\nnp.savez(", r"shape \(150, 6\)"),
     Sabotage("lammps", "an error in the deck", "pair_style      gran", "pair_style      grain", "pair style"),
