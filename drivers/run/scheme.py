@@ -7,7 +7,6 @@ largest difference of ``rounded`` and ``plain`` until then. Runs are compared un
 exceeds ``AGREEMENT``.
 """
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -61,10 +60,9 @@ class Scheme:
     @cached_property
     def rounded(self) -> Trace:
         """``plain`` with other rounding errors; the work of a drive is that of ``plain``."""
-        with ThreadPoolExecutor(1) as thread, np.errstate(all="ignore"):
-            plain = thread.submit(lambda: self.plain)
+        with np.errstate(all="ignore"):
             other = verlet_in_heights(self.case) if self.case.chain.straight else turned_verlet_of(self.case, self.law)
-            return with_work(other, plain.result())
+            return with_work(other, self.plain)
 
     @cached_property
     def reference(self) -> Trace:
@@ -85,7 +83,7 @@ class Scheme:
     @cached_property
     def samples(self) -> int:
         """Horizon: number of samples before rounding alone separates two runs."""
-        return max(1, int(np.searchsorted(self.rounding_bound, AGREEMENT, side="right")))
+        return max(1, int(np.searchsorted(ROUNDING_MARGIN * self.rounding[FORCE], AGREEMENT, side="right")))
 
     def scale(self, quantity: str) -> float:
         """Scale of errors: largest change of force in N, largest kinetic energy in J, largest momentum in N s.
@@ -95,31 +93,26 @@ class Scheme:
         """
         return scale_of_motion(self.case, finite_part(self.plain) or until(self.plain, 1), quantity)
 
-    def _rounding(self, quantity: str) -> Array:
-        with np.errstate(all="ignore"):
-            apart = difference(quantity, self.rounded, self.plain, self.scale(quantity)).max(axis=1)
-            return np.asarray(np.maximum.accumulate(apart))
-
     @cached_property
-    def rounding(self) -> Array:
-        """Largest effect of rounding until each sample, divided by the largest change; inf after a blow-up."""
-        return self._rounding(FORCE)
+    def rounding(self) -> dict[str, Array]:
+        """Largest effect of rounding until each sample by quantity, divided by its scale; inf after a blow-up.
 
-    @property
-    def rounding_bound(self) -> Array:
-        """Bound on the effect of rounding in any order of addition, until each sample. Shape (samples,)."""
-        return ROUNDING_MARGIN * self.rounding
+        Each is an array of shape (samples,).
+        """
+        apart = {name: difference(name, self.rounded, self.plain, self.scale(name)).max(axis=1) for name in COMPARED}
+        return {name: np.maximum.accumulate(shares) for name, shares in apart.items()}
 
     def explained(self, quantity: str) -> Array:
         """Limits of the difference of a run from its scheme at each sample until the horizon. Shape (samples,).
 
+        Rounding in any order of addition, of forces as well as of the quantity itself, explains less.
+
         Args:
             quantity: ``force``, ``energy`` or ``momentum``, divided by their scales.
         """
-        bound = np.maximum(self.rounding_bound, self._least(quantity).limit)
-        if quantity != FORCE:
-            bound = np.maximum(ROUNDING_MARGIN * self._rounding(quantity), np.maximum(bound, self._least(FORCE).limit))
-        return np.asarray(bound[: self.samples])
+        causes = {FORCE, quantity}
+        bounds = [np.maximum(ROUNDING_MARGIN * self.rounding[name], self._least(name).limit) for name in causes]
+        return np.asarray(np.max(bounds, axis=0)[: self.samples])
 
     def tolerance_at(self, quantity: str, sample: int) -> Tolerance:
         """Limit of ``explained`` at a sample, with its reason."""

@@ -80,7 +80,7 @@ def _straight(case: Case, among: Collection[str]) -> Iterator[str]:
         return
     if is_at_rest(chooser.truth.trace.force_N):
         yield f"           {AT_REST_NOTE}"
-    yield f"predicted  relative error: {_listed(errors)}; of that rounding of heights {scheme.rounding[-1]:.1e}"
+    yield f"predicted  relative error: {_listed(errors)}; of that rounding of heights {scheme.rounding[FORCE][-1]:.1e}"
     if names := [name for name in of_kind(chooser.truth.true, "peak", "speed") if chooser.truth.true[name]]:
         yield f"           at the gauges: {_listed(errors_of(case, scheme.plain, chooser.truth, names))}"
     if chooser.exact_error > min(errors.values(), default=1.0) / TENFOLD:
