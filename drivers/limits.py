@@ -13,7 +13,7 @@ try: contacts that close one at a time, and only for a few steps, are stable at 
 """
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from math import floor, log10
 
 import numpy as np
@@ -21,11 +21,10 @@ import numpy as np
 from drivers.base.errors import InputError
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain, arrays_of, contact_stiffness, hertz_force, tube_arrays_of
-from drivers.chain.schemes import SHORT, endable
-from drivers.chain.trace import FORCE
+from drivers.chain.schemes import endable
 from drivers.engines import EXACT, TOTAL, engine_names, load_engine
 from validation.reference.adaptive import MIN_TOLERANCE
-from validation.reference.hertz_chain import ENERGY_SHARE, Extremes, Flag
+from validation.reference.hertz_chain import Extremes, Flag
 from validation.reference.tube import integrate_tube
 from validation.reference.velocity_verlet import follow_verlet
 
@@ -51,42 +50,22 @@ class Trial:
     """Motion of a chain by velocity Verlet at one step.
 
     Attributes:
-        chain: chain that moves.
         step_s: time step.
         until_s: time until which the motion was followed.
         extremes: extreme values of the motion.
+        two_over_omega_s: 2 / omega at the largest overlaps.
     """
 
-    chain: Chain
     step_s: float
     until_s: float
     extremes: Extremes
-
-    @cached_property
-    def two_over_omega_s(self) -> float:
-        """2 / omega at the largest overlaps."""
-        return two_over_omega(self.chain, self.extremes, self.step_s)
+    two_over_omega_s: float
 
     @property
     def resolved(self) -> bool:
         """True if the step resolves each contact of the motion."""
         finite = np.isfinite(self.extremes.kinetic_J)
         return bool(finite and self.step_s <= RESOLVED * self.two_over_omega_s)
-
-
-@dataclass(frozen=True)
-class StepLimit:
-    """Limit of the time step found by trials.
-
-    Attributes:
-        stable_s: largest stable step of the scan, below which all tried steps are stable; inf if no contact closes.
-        unstable_s: the next step of the scan, which is unstable; None if the scan ended before.
-        until_s: time until which the trials followed the motion.
-    """
-
-    stable_s: float
-    unstable_s: float | None
-    until_s: float
 
 
 @lru_cache(maxsize=8)
@@ -107,8 +86,8 @@ def trial(chain: Chain, duration_s: float, step_s: float, law: str = TOTAL) -> T
         return motion.extremes
 
     with np.errstate(all="ignore"):  # too large a step blows up
-        reached = endable(follow) if steps * chain.bodies > SHORT else follow(np.zeros(1, bool))
-        return Trial(chain, step_s, min(steps * step_s, duration_s), reached)
+        reached = endable(follow, work=steps * chain.bodies)
+        return Trial(step_s, min(steps * step_s, duration_s), reached, two_over_omega(chain, reached, step_s))
 
 
 @lru_cache(maxsize=8)
@@ -138,8 +117,7 @@ def _gained(case: Case, right: Trial, step_s: float, law: str) -> str:
     """Reason why a step is unstable in comparison with a resolved motion; empty if it is stable."""
     chain = case.chain
     tried = trial(chain, right.until_s, step_s, law)
-    at_rest_J = ENERGY_SHARE * float(chain.elastic_N @ np.maximum(chain.overlap_m, 0.0))
-    largest_J = max(right.extremes.kinetic_J, REST_SHARE * at_rest_J) or 1e-300
+    largest_J = max(right.extremes.kinetic_J, REST_SHARE * chain.resting_J) or 1e-300
     gained_J = tried.extremes.kinetic_J - largest_J if chain.drive else tried.extremes.risen_J
     if gained_J <= (GAIN_DRIVEN if chain.drive else GAIN) * largest_J or tried.resolved:
         return ""
@@ -153,17 +131,21 @@ def until_words(case: Case, until_s: float) -> str:
     return "" if whole else f" (tried until {until_s * 1e3:.4g} of {case.duration_s * 1e3:.4g} ms)"
 
 
-def step_limit(case: Case, law: str = TOTAL) -> StepLimit:
+def step_limit(case: Case, law: str = TOTAL) -> tuple[float, float | None, float]:
     """Limit of the time step of a case, by a scan, since stable and unstable steps alternate.
 
     The scan begins at a resolved step. Its steps are closer together where trials are cheap; where they are expensive,
     trials follow a part of the run.
+
+    Returns:
+        Largest stable step in s, below which all tried steps are stable, inf if no contact closes; the next step, which
+        is unstable, None if the scan ended before; and the time in s until which the trials followed the motion.
     """
     chain = case.chain
     right = resolved_trial(case, law)
     guess_s = right.two_over_omega_s
     if not np.isfinite(guess_s):
-        return StepLimit(np.inf, None, case.duration_s)
+        return np.inf, None, case.duration_s
     stable_s = RESOLVED * guess_s
     # the work of all trials is that of the first, divided by 1 - 1 / factor
     most = (SCAN_WORK if chain.straight else SCAN_WORK_3D) * stable_s / chain.bodies
@@ -174,9 +156,9 @@ def step_limit(case: Case, law: str = TOTAL) -> StepLimit:
         stable_s /= 2
     while stable_s * factor <= min(SCANNED * guess_s, until_s):
         if _gained(case, right, stable_s * factor, law):
-            return StepLimit(stable_s, stable_s * factor, until_s)
+            return stable_s, stable_s * factor, until_s
         stable_s *= factor
-    return StepLimit(stable_s, None, until_s)
+    return stable_s, None, until_s
 
 
 def two_over_omega(chain: Chain, reached: Extremes, step_s: float) -> float:
@@ -243,9 +225,12 @@ def refuse(case: Case, engine: str, override: str = ON_COMMAND) -> None:
         raise InputError(case.scene.file, "run.accuracy", "no time step is planned for it here; give run.time_step")
     if cannot := inability(case, engine):
         raise cannot
-    refuse_depth(case, override, load_engine(engine).shear)
-    if load_engine(engine).scheme != EXACT:
-        _refuse_step(case, load_engine(engine).shear, override)
+    shear = load_engine(engine).shear
+    refuse_depth(case, override, shear)
+    if load_engine(engine).scheme != EXACT and (problem := why_unstable(case, shear)):
+        rounded_down_s = 0.995 * step_limit(case, shear)[0]
+        allowed = f"at most {rounded_down_s:.3g} s; a trial {problem} ({override} runs it)"
+        raise InputError(case.scene.file, "run.time_step", f"{case.scene.time_step_s:g} s", allowed)
 
 
 def inability(case: Case, engine: str) -> InputError | None:
@@ -267,14 +252,6 @@ def inability(case: Case, engine: str) -> InputError | None:
     return None
 
 
-def _refuse_step(case: Case, shear: str, override: str) -> None:
-    """Refuse a step at which a trial blows up."""
-    if problem := why_unstable(case, shear):
-        rounded_down_s = 0.995 * step_limit(case, shear).stable_s
-        allowed = f"at most {rounded_down_s:.3g} s; a trial {problem} ({override} runs it)"
-        raise InputError(case.scene.file, "run.time_step", f"{case.scene.time_step_s:g} s", allowed)
-
-
 def refuse_depth(case: Case, override: str = ON_COMMAND, shear: str = TOTAL) -> None:
     """Refuse overlaps of contacts, or with the bore, of a radius or more.
 
@@ -292,10 +269,3 @@ def refuse_depth(case: Case, override: str = ON_COMMAND, shear: str = TOTAL) -> 
             found = f"a motion that presses {what} {place + 1} {depth[place]:.3g} radii deep{where}"
             allowed = f"overlaps below a radius, the range of Hertz's law ({override} runs it)"
             raise InputError(case.scene.file, key, found, allowed)
-
-
-def unattainable(case: Case, name: str, asked: float, least: float, why: str) -> InputError:
-    """Error for an unattainable accuracy; it names the best attainable one, rounded up to two digits, if below 1."""
-    key, rounded_up = "run.accuracy" if name == FORCE else f"run.accuracy.{name}", f"{1.05 * least:.2g}"
-    allowed = f"at least {rounded_up} here, {why}" if 0 < float(rounded_up) < 1 else f"none here, {why}"
-    return InputError(case.scene.file, key, f"{asked:g}", allowed)

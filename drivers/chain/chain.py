@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.chain.drives import drive_of, energy_with_drive
+from drivers.chain.drives import drive_of
 from drivers.laws import ELASTIC, Dissipation
 from drivers.scene.model import Material, Member, Scene
 from validation.reference.hertz_chain import ENERGY_SHARE, EXPONENT, Drive, HertzChain, TubeChain
@@ -25,6 +25,7 @@ LEVEL_M = 10.0  # radius of a sphere that replaces a flat face; its slope is 1e-
 AT_REST = 1e-9  # largest unbalanced force on a bead at rest, divided by the total load
 Value = TypeVar("Value", float, Array)  # stiffnesses of type Any are also floats or Arrays
 # k or k_t of a contact, from material and radius of both bodies
+Beads = tuple[list[str], Array, Array]  # material, diameter in m and mass in kg of each bead
 ContactStiffness = Callable[[Material | None, float, Material | None, float], float]
 
 
@@ -266,37 +267,17 @@ class Chain:
     @cached_property
     def acceleration_m_s2(self) -> Array:
         """Accelerations at time 0 without a drive; exactly zero for beads in equilibrium. Shape (bodies,)."""
-        return self._net(self.force_N) / self.mass_kg
-
-    @property
-    def unbalanced_N(self) -> Array:
-        """Magnitude of the unbalanced force on each body at time 0 with elastic contacts. Shape (bodies,).
-
-        The common fall of a free chain is left out.
-        """
-        net = self._net(self.elastic_N)
-        if self.wall is None:
-            net = net - self.mass_kg * free_fall(self)
-            net[np.abs(net) < 1e-12 * np.abs(self.load_N)] = 0.0  # rounding
-        return np.abs(net)
-
-    def _net(self, force_N: Array) -> Array:
-        """Sum of contact forces and load on each body; sums within the rounding error are set to 0."""
-        above = np.append(force_N[1:], 0.0)
-        net = force_N - above + self.load_N
-        rounding = 1e-12 * (force_N + above + np.abs(self.load_N))
+        above = np.append(self.force_N[1:], 0.0)
+        net = self.force_N - above + self.load_N
+        rounding = 1e-12 * (self.force_N + above + np.abs(self.load_N))
         if self.lateral is not None:
             rounding = rounding + AT_REST * np.abs(self.load_N).sum()
-        return np.asarray(np.where(np.abs(net) <= rounding, 0.0, net))
+        return np.asarray(np.where(np.abs(net) <= rounding, 0.0, net) / self.mass_kg)
 
-
-@dataclass(frozen=True)
-class Beads:
-    """Material, diameter and mass of each bead; arrays of shape (beads,)."""
-
-    materials: list[str]
-    diameter_m: Array
-    mass_kg: Array
+    @property
+    def resting_J(self) -> float:
+        """Hertz energy of the contacts at time 0, in J."""
+        return ENERGY_SHARE * float(self.elastic_N @ np.maximum(self.overlap_m, 0.0))
 
 
 def ordinary_beads(scene: Scene) -> Beads:
@@ -306,11 +287,8 @@ def ordinary_beads(scene: Scene) -> Beads:
     materials = [member.material or table.material for member in members]
     diameters = [member.diameter or table.diameter for member in members]
     masses = [bead_mass(scene, member) for member in members] if table.count else [0.0]
-    return Beads(
-        [materials[place] for place in places.tolist()],
-        np.array(diameters)[places] * taper,
-        np.array(masses)[places] * taper**3,
-    )
+    sizes, weights = np.array(diameters)[places] * taper, np.array(masses)[places] * taper**3
+    return [materials[place] for place in places.tolist()], sizes, weights
 
 
 def beads_of(scene: Scene) -> Beads:
@@ -320,10 +298,9 @@ def beads_of(scene: Scene) -> Beads:
     pattern or, with a diameter or material of their own, the mass computed from the density; the scatter is added to
     these masses.
     """
-    table, beads = scene.chain, ordinary_beads(scene)
+    table, (materials, diameters, masses) = scene.chain, ordinary_beads(scene)
     given = {sensor.from_wall: sensor.mass for sensor in table.sensors if sensor.mass is not None}
     given |= {bead.from_wall: bead.mass for bead in table.bead if bead.mass is not None}
-    materials, diameters, masses = beads.materials, beads.diameter_m, beads.mass_kg
     for bead in table.bead:
         place = bead.from_wall - 1
         materials[place] = bead.material or materials[place]
@@ -334,7 +311,7 @@ def beads_of(scene: Scene) -> Beads:
         masses = masses + np.random.default_rng(scene.seed).normal(0.0, table.mass_scatter, table.count)
     for from_wall, mass in given.items():
         masses[from_wall - 1] = mass
-    return Beads(materials, diameters, masses)
+    return materials, diameters, masses
 
 
 def bead_mass(scene: Scene, member: Member) -> float:
@@ -360,22 +337,20 @@ def build_chain(scene: Scene) -> Chain:
     """
     table = scene.chain
     count, striker = table.count, scene.striker
-    beads = beads_of(scene)
+    materials, diameter, mass = beads_of(scene)
+    radius = diameter / 2
     velocity = np.zeros(scene.bodies)
     for bead in table.bead:
         velocity[bead.from_wall - 1] = bead.velocity or 0.0
     gaps = {bead.from_wall: bead.gap_below for bead in table.bead if bead.gap_below is not None}
-    materials, radii, masses = [*beads.materials], [*(beads.diameter_m / 2)], [*beads.mass_kg]
     if striker is not None:
-        materials.append(striker.material)
-        radii.append(inf if striker.diameter is None else striker.diameter / 2)
-        masses.append(striker.mass or sphere_mass(scene, striker.material, 2 * radii[-1]))
+        materials = [*materials, striker.material]
+        radius = np.append(radius, inf if striker.diameter is None else striker.diameter / 2)
+        mass = np.append(mass, striker.mass or sphere_mass(scene, striker.material, 2 * radius[-1]))
         velocity[-1] = -striker.speed
     drive = drive_of(scene)
     if drive is not None and drive.prescribed:
         velocity[drive.body] = drive.at(np.zeros(1))[1][0]
-    mass, radius = np.array(masses), np.array(radii)
-
     stiffness = stiffness_by(hertz_stiffness, scene, materials, radius)
     load = -scene.axial_gravity * mass
     if count:
@@ -433,29 +408,6 @@ def tube_arrays_of(chain: Chain) -> TubeChain:
     )
 
 
-@lru_cache(maxsize=2)
-def energy_put_in(chain: Chain, duration_s: float) -> float:
-    """Energy in J that can turn into motion; if nothing moves, the Hertz energy at rest.
-
-    Sum of the kinetic energy at time 0, the work of loads while gaps close, the work of unbalanced loads, and a bound
-    on the work of a drive. The Hertz energy of an equilibrium is not included, and neither is the common fall of a free
-    chain, whose beads are pressed together only by differences of their accelerations.
-    """
-    kinetic = 0.5 * float(chain.mass_kg @ chain.velocity_m_s**2)
-    if chain.lateral is not None:
-        kinetic += 0.5 * float(chain.mass_kg @ (chain.lateral.velocity_m_s**2).sum(axis=1))
-    if chain.wall is None:
-        falling = float((chain.unbalanced_N**2 / chain.mass_kg).sum()) * duration_s**2 / 2
-    else:
-        falling = float(np.abs(chain.load_N) @ np.cumsum(np.maximum(-chain.overlap_m, 0.0)))
-    hertz = ENERGY_SHARE * float(chain.elastic_N @ np.maximum(chain.overlap_m, 0.0))
-    put_in = kinetic + falling + _settling(chain)
-    if chain.drive is not None:
-        arrays = chain.mass_kg, chain.stiffness, chain.load_N
-        put_in = energy_with_drive(chain.drive, arrays, put_in, hertz, duration_s)
-    return put_in or hertz
-
-
 def moving_at_start(chain: Chain) -> float:
     """Sum of the magnitudes of all momenta at time 0, in N s.
 
@@ -463,11 +415,6 @@ def moving_at_start(chain: Chain) -> float:
     """
     moving = float(chain.mass_kg @ np.abs(chain.velocity_m_s))
     return max(moving, float(chain.mass_kg.sum() * np.spacing(np.abs(chain.height_m).max(initial=0.0))))
-
-
-def free_fall(chain: Chain) -> float:
-    """Acceleration of the centre of mass of a free chain, in m/s^2, upwards positive."""
-    return float(chain.load_N.sum() / chain.mass_kg.sum())
 
 
 def furthest_m(chain: Chain) -> float:
@@ -490,20 +437,6 @@ def sphere_for_face(scene: Scene, chain: Chain) -> tuple[float, float]:
         radius = max(radius, LEVEL_M)
     compliance = (bead.compliance + face.compliance) * sqrt(radius / (radius + under)) - bead.compliance
     return radius, (1 - face.poisson_ratio**2) / compliance
-
-
-def _settling(chain: Chain) -> float:
-    """Upper bound on the work done by unbalanced loads, in J."""
-    unbalanced = chain.unbalanced_N
-    load = float(unbalanced.sum())
-    if not load:
-        return 0.0
-    below = slice(0, int(np.flatnonzero(unbalanced)[-1]) + 1)
-    stiffness = chain.stiffness[below]
-    with np.errstate(divide="ignore"):
-        by_hertz = hertz_overlap(stiffness, load)
-        by_spring = load / contact_stiffness(stiffness, np.maximum(chain.overlap_m[below], 0.0))
-    return load * float(np.where(stiffness > 0, np.fmin(by_hertz, by_spring), 0.0).sum())
 
 
 def stiffness_by(law: ContactStiffness, scene: Scene, materials: Sequence[str], radius_m: Array) -> Array:

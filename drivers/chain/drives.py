@@ -1,4 +1,4 @@
-"""Wave forms of drives as tables of segments (``Drive`` of ``validation.reference``), and the energy that they put in.
+"""Wave forms of drives as tables of segments (``Drive`` of ``validation.reference``).
 
 Before ``drive.start`` a drive is 0; after its end it holds its last value, and a half-sine returns to 0. A new form is
 a function here, an entry of ``FORMS``, and its keys in ``drivers.scene.model`` and ``drivers.scene.rules``.
@@ -6,16 +6,15 @@ a function here, an entry of ``FORMS``, and its keys in ``drivers.scene.model`` 
 
 from collections.abc import Callable
 from math import ceil, inf, pi
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
 from drivers.base.units import quantity
 from drivers.scene.model import DriveTable, Scene, StoredDrive
 from drivers.scene.settings import unit_of
-from validation.reference.hertz_chain import COLUMNS, SAME_TIME, SINES, Array, Drive
+from validation.reference.hertz_chain import COLUMNS, SAME_TIME, SINES, Drive
 
-SUMMED = 20_001  # times at which a drive is summed up
 ROUNDED = 1e-12  # of the amplitude: a smaller value at the end of a wave is 0
 
 
@@ -96,19 +95,12 @@ def drive_words(scene: Scene) -> str:
     return ", ".join([*parts, *([f"{len(table.time_s)} points"] if table.time_s else [])])
 
 
-class SegmentSteps(NamedTuple):
-    """Steps of a run in one segment, and the segment as decks have it: time, value and rate at its beginning, sines."""
+def pieces_of(drive: Drive | None, time_step_s: float, steps: int) -> list[dict[str, Any]]:
+    """Segments with at least one step of a run, for templates of decks; empty without a drive.
 
-    first: int
-    until: int
-    begin_s: float
-    value: float
-    rate: float
-    sines: list[list[float]]
-
-
-def pieces_of(drive: Drive | None, time_step_s: float, steps: int) -> list[SegmentSteps]:
-    """Segments with at least one step of a run; empty without a drive."""
+    Their keys are ``first`` and ``until``, the first and the last step; ``begin_s``, ``value`` and ``rate``, the time,
+    value and rate at the beginning; and ``sines``, amplitude, phase, angular frequency and its rate of each sine.
+    """
     if drive is None:
         return []
     firsts = [ceil(begin / (time_step_s * SAME_TIME)) for begin in drive.segments[:, 0].tolist()]
@@ -117,35 +109,6 @@ def pieces_of(drive: Drive | None, time_step_s: float, steps: int) -> list[Segme
     for first, until, row in zip(firsts, untils, drive.segments.tolist(), strict=True):
         if first <= until:
             sines = [row[place : place + 4] for place in SINES if row[place]]
-            pieces.append(SegmentSteps(first, until, row[0], row[1], row[2], sines))
+            values = dict(zip(("begin_s", "value", "rate"), row, strict=False))
+            pieces.append({"first": first, "until": until, **values, "sines": sines})
     return pieces
-
-
-def energy_with_drive(
-    drive: Drive, chain: tuple[Array, Array, Array], start_J: float, hertz_J: float, duration_s: float
-) -> float:
-    """Upper bound on the energy that can turn into motion, with the work of the drive.
-
-    A force f on a body of mass m does work at a rate of at most ``|f| sqrt(2 E / m)``, so that ``sqrt(E)`` grows by at
-    most ``integral of |f| / sqrt(2 m)``. A contact with the energy E has a force of at most ``c E^(3/5)`` with
-    ``c = k^(2/5) (5/2)^(3/5)``, so that a displacement u makes ``E^(2/5)`` grow by at most
-    ``(2/5) c integral of |u'|``; here E includes the Hertz energy at rest.
-
-    Args:
-        drive: the drive.
-        chain: masses, stiffnesses of the contacts and constant loads of all bodies.
-        start_J: energy put in without the drive.
-        hertz_J: Hertz energy at time 0.
-        duration_s: duration of the run.
-    """
-    mass_kg, stiffness, load_N = chain
-    mass = float(mass_kg[drive.body])
-    kinks = drive.segments[:, 0]
-    times = np.union1d(np.linspace(0.0, duration_s, SUMMED), kinks[kinks < duration_s])
-    value, rate, _ = drive.at(times)
-    if not drive.prescribed:
-        return float((np.sqrt(start_J) + np.trapezoid(np.abs(value), times) / np.sqrt(2 * mass)) ** 2)
-    loaded = float(np.abs(load_N).sum() * np.ptp(value))
-    forced = stiffness[drive.body : drive.body + 2].max() ** 0.4 * 2.5**0.6
-    root = (start_J + hertz_J + loaded) ** 0.4 + 0.4 * forced * np.trapezoid(np.abs(rate), times)
-    return float(root**2.5 + 0.5 * mass * (rate**2).max())

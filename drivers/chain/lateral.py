@@ -217,49 +217,48 @@ def _potential(chain: Chain, bore: Bore, place: Array) -> tuple[float, Array, Ar
     """Potential energy, its gradient (beads, 3), and its Hessian as upper bands (6, 3 beads)."""
     count = len(place)
     radius, load, stiffness = chain.radius_m[:count], chain.load_N[:count], chain.stiffness[:count]
-    energy = -float(load @ place[:, 2])
-    gradient = np.zeros((count, 3))
+    gradient, diagonal = np.zeros((count, 3)), np.zeros((count, 3, 3))
     gradient[:, 2] -= load
-    diagonal = np.zeros((count, 3, 3))
 
     along = np.diff(place, axis=0)
     distance = np.linalg.norm(along, axis=1)
-    normal = along / distance[:, None]
-    pair_energy, force, slope = _hertz(stiffness[1:], radius[1:] + radius[:-1] - distance)
-    push = force[:, None] * normal
-    gradient[1:] -= push
-    gradient[:-1] += push
-    outer = normal[:, :, None] * normal[:, None, :]
-    block = slope[:, None, None] * outer - (force / distance)[:, None, None] * (np.eye(3) - outer)
+    pairs_J, pull, block = _contacts(stiffness[1:], along, distance, radius[1:] + radius[:-1] - distance, -1)
+    gradient[1:] += pull
+    gradient[:-1] -= pull
     diagonal[1:] += block
     diagonal[:-1] += block
 
-    wall_energy, force, slope = _hertz(stiffness[:1], radius[:1] - place[:1, 2])
-    gradient[0, 2] -= force[0]
-    diagonal[0, 2, 2] += slope[0]
+    height = place[:1, 2]
+    wall_J, pull, bent = _contacts(stiffness[:1], height[:, None], height, radius[:1] - height, -1)
+    gradient[:1, 2:] += pull
+    diagonal[:1, 2:, 2:] += bent
 
-    bore_energy, push, block_in_bore = _bore_potential(bore, radius, place[:, :2])
+    across = place[:, :2]
+    off = np.maximum(np.hypot(across[:, 0], across[:, 1]), 1e-300)
+    bore_J, push, bent = _contacts(bore.stiffness[:count], across, off, bore.overlaps(radius, across), 1)
     gradient[:, :2] += push
-    diagonal[:, :2, :2] += block_in_bore
-    energy += float(pair_energy.sum() + wall_energy.sum()) + bore_energy
-    return energy, gradient, _block_bands(diagonal, -block)
+    diagonal[:, :2, :2] += bent
+    return -float(load @ place[:, 2]) + (pairs_J + wall_J + bore_J), gradient, _block_bands(diagonal, -block)
 
 
-def _bore_potential(bore: Bore, radius: Array, place: Array) -> tuple[float, Array, Array]:
-    """Potential energy in the bore contacts, its gradient (beads, 2) and its Hessian (beads, 2, 2)."""
-    energy, force, slope = _hertz(bore.stiffness[: len(place)], bore.overlaps(radius, place))
-    off = np.maximum(np.hypot(place[:, 0], place[:, 1]), 1e-300)
-    radial = place / off[:, None]
-    outer = radial[:, :, None] * radial[:, None, :]
-    turned = (force / off)[:, None, None] * (np.eye(2) - outer)
-    return float(energy.sum()), force[:, None] * radial, slope[:, None, None] * outer + turned
+def _contacts(stiffness: Array, vector: Array, length: Array, overlap: Array, sign: int) -> tuple[float, Array, Array]:
+    """Energy of Hertz contacts, its gradient (contacts, n), and its Hessian (contacts, n, n), by a vector of each.
 
-
-def _hertz(stiffness: Array, overlap: Array) -> tuple[Array, Array, Array]:
-    """Energy, force and tangent stiffness of Hertz contacts."""
+    Args:
+        stiffness: stiffness of each contact. Shape (contacts,).
+        vector: vector of each contact. Shape (contacts, n).
+        length: length of each vector. Shape (contacts,).
+        overlap: overlap of each contact. Shape (contacts,).
+        sign: 1 if overlaps grow with the length of the vector, as in the bore, -1 if they shrink, as between beads.
+    """
     closed = np.maximum(overlap, 0.0)
     root = np.sqrt(closed)
-    return ENERGY_SHARE * stiffness * closed**2 * root, stiffness * closed * root, EXPONENT * stiffness * root
+    energy, slope = ENERGY_SHARE * stiffness * closed**2 * root, EXPONENT * stiffness * root
+    force = stiffness * closed * root
+    normal = vector / length[:, None]
+    outer = normal[:, :, None] * normal[:, None, :]
+    turned = (sign * force / length)[:, None, None] * (np.eye(vector.shape[1]) - outer)
+    return float(energy.sum()), (sign * force)[:, None] * normal, slope[:, None, None] * outer + turned
 
 
 def _block_bands(diagonal: Array, coupling: Array) -> Array:

@@ -36,13 +36,17 @@ def default_limit_s(case: Case) -> float:
     return MIN_LIMIT_S + SECONDS_PER_BODY_AND_STEP * case.work
 
 
-def endable(integrate: Callable[[Flag], Result], limit_s: float = inf) -> Result:
+def endable(integrate: Callable[[Flag], Result], limit_s: float = inf, work: float = inf) -> Result:
     """Result of a compiled integration in a thread, which a signal or the time limit ends by its flag.
+
+    One that is ``SHORT`` by its ``work``, bodies times steps, runs in this thread.
 
     Raises:
         TimeoutError: it was ended at the time limit.
     """
     stop: Flag = np.zeros(1, bool)
+    if work <= SHORT:
+        return integrate(stop)
     until_s = time.perf_counter() + limit_s
     with ThreadPoolExecutor(1) as thread:
         integration = thread.submit(copy_context().run, integrate, stop)  # with its treatment of overflows
@@ -53,11 +57,6 @@ def endable(integrate: Callable[[Flag], Result], limit_s: float = inf) -> Result
     if not in_time:
         raise TimeoutError
     return integration.result()
-
-
-def _at_step(case: Case, finer: int, integrate: Callable[[Flag], Result]) -> Result:
-    """Result of an integration at a fixed step; one that takes long can be ended."""
-    return integrate(np.zeros(1, bool)) if finer * case.work <= SHORT else endable(integrate)
 
 
 def exact_motion(
@@ -96,7 +95,7 @@ def verlet_motion(case: Case, finer: int = 1, *, energies: bool = False) -> Moti
     """Motion of a straight chain by velocity Verlet in overlaps, at the step of the case divided by ``finer``."""
     timing = case.scene.time_step_s / finer, finer * case.scene.steps_per_sample, case.scene.samples
     integrate = partial(integrate_verlet, arrays_of(case.chain), *timing, energies=energies)
-    return _at_step(case, finer, lambda stop: integrate(stop=stop))
+    return endable(lambda stop: integrate(stop=stop), work=finer * case.work)
 
 
 def verlet_of(case: Case, law: str = TOTAL, finer: int = 1) -> Trace:
@@ -107,9 +106,9 @@ def verlet_of(case: Case, law: str = TOTAL, finer: int = 1) -> Trace:
         law: law of friction in three dimensions, as in ``shear`` of an engine.
         finer: divisor of the time step.
     """
-    if not case.chain.straight:
-        return trace_of_tube(case, _tube_motion(case, tube_arrays_of(case.chain), law, finer))
-    return trace_of(case, case.sample_times_s, verlet_motion(case, finer))
+    straight = case.chain.straight
+    motion = verlet_motion(case, finer) if straight else _tube_motion(case, tube_arrays_of(case.chain), law, finer)
+    return trace_of(case, case.sample_times_s, motion)
 
 
 def verlet_in_heights(case: Case) -> Trace:
@@ -118,10 +117,10 @@ def verlet_in_heights(case: Case) -> Trace:
     The only difference from ``verlet_of`` is the rounding of positions, a few 1e-18 m a step, which accumulates for
     slow beads and grows exponentially in a chaotic chain. The work of a drive is not summed.
     """
-    scene = case.scene
-    integrate = partial(integrate_verlet_absolute, arrays_of(case.chain), *heights_and_reach(case), scene.time_step_s)
-    counts = scene.steps_per_sample, scene.samples
-    return trace_of(case, case.sample_times_s, _at_step(case, 1, lambda stop: integrate(*counts, stop)))
+    scene, (height, reach) = case.scene, heights_and_reach(case)
+    timing = scene.time_step_s, scene.steps_per_sample, scene.samples
+    integrate = partial(integrate_verlet_absolute, arrays_of(case.chain), height, reach, *timing)
+    return trace_of(case, case.sample_times_s, endable(integrate, work=case.work))
 
 
 def turned_verlet_of(case: Case, law: str) -> Trace:
@@ -137,7 +136,7 @@ def turned_verlet_of(case: Case, law: str) -> Trace:
     )
     motion = _tube_motion(case, moved, law)
     turned = {name: getattr(motion, name) @ turn.T for name in ("bore_N", "velocity_m_s", "spin_rad_s")}
-    return trace_of_tube(case, replace(motion, place_m=(motion.place_m - lift) @ turn.T, **turned))
+    return trace_of(case, case.sample_times_s, replace(motion, place_m=(motion.place_m - lift) @ turn.T, **turned))
 
 
 def heights_and_reach(case: Case) -> tuple[Array, Array]:
@@ -153,11 +152,13 @@ def heights_and_reach(case: Case) -> tuple[Array, Array]:
     return np.asarray(chain.height_m + np.where(flat, face, 0.0)), np.asarray(reach)
 
 
-def trace_of(case: Case, time_s: Array, motion: Motion) -> Trace:
+def trace_of(case: Case, time_s: Array, motion: Motion | TubeMotion) -> Trace:
     """Trace of an in-repo motion."""
-    displacement, velocity = motion.displacement_m, motion.velocity_m_s
-    height = case.chain.height_m + displacement
-    trace = make_trace(case.chain, time_s, motion.force_N, height, velocity, displacement_m=displacement)
+    chain, force, velocity = case.chain, motion.force_N, motion.velocity_m_s
+    if isinstance(motion, TubeMotion):
+        return make_trace(chain, time_s, force, motion.place_m, velocity, motion.spin_rad_s, motion.bore_N)
+    moved = motion.displacement_m
+    trace = make_trace(chain, time_s, force, chain.height_m + moved, velocity, displacement_m=moved)
     return with_work(trace, motion)
 
 
@@ -165,11 +166,4 @@ def _tube_motion(case: Case, chain: TubeChain, law: str, finer: int = 1) -> Tube
     scene = case.scene
     timing = scene.time_step_s / finer, finer * scene.steps_per_sample, scene.samples
     with np.errstate(all="ignore"):  # too large a step blows up
-        return _at_step(case, finer, partial(integrate_tube, chain, *timing, law))
-
-
-def trace_of_tube(case: Case, motion: TubeMotion) -> Trace:
-    """Trace of an in-repo motion of a three-dimensional chain."""
-    force, place, velocity = motion.force_N, motion.place_m, motion.velocity_m_s
-    times, spin, bore = case.sample_times_s, motion.spin_rad_s, motion.bore_N
-    return make_trace(case.chain, times, force, place, velocity, spin, bore)
+        return endable(partial(integrate_tube, chain, *timing, law), work=finer * case.work)

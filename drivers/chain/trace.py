@@ -4,6 +4,7 @@ This module defines the columns of its tables, of forces and of positions, and d
 """
 
 import hashlib
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import nan
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.chain.chain import Array, Chain, energy_put_in
+from drivers.chain.chain import Array, Chain
 from validation.reference.hertz_chain import Motion, hertz_energy, hertz_energy_beyond_tangent
 
 if TYPE_CHECKING:
@@ -24,10 +25,25 @@ MAX_COLUMNS = 2000  # bodies with columns of their own; those of longer chains s
 CACHED_VALUES = 100_000  # values of an array that stay in a processor's cache
 CONTACT, BORE, BORE_FRICTION = "contact_{}_N", "bore_{}_N", "bore_friction_N"
 BALANCES = ("kinetic_energy_J", "total_energy_J", "momentum_N_s")
-DRIVE = ("drive_N", "drive_work_J", "drive_impulse_N_s")
-PLACES = ("body_{}_x_m", "body_{}_y_m", "body_{}_height_m")
-VELOCITIES = ("body_{}_x_velocity_m_s", "body_{}_y_velocity_m_s", "body_{}_velocity_m_s")
-SPINS = ("body_{}_spin_x_rad_s", "body_{}_spin_y_rad_s", "body_{}_spin_z_rad_s")
+# columns of the tables: name, with {} for the number of a body; field of a trace; its component
+Columns = tuple[tuple[Any, ...], ...]
+FORCE_COLUMNS: Columns = (
+    ("time_s", "time_s"),
+    (CONTACT, "force_N"),
+    (BORE_FRICTION, "bore_friction_N"),
+    (BORE, "bore_N"),
+    *((name, name) for name in ("drive_N", "drive_work_J", "drive_impulse_N_s", *BALANCES)),
+)
+STATE_COLUMNS: Columns = (
+    ("time_s", "time_s"),
+    ("body_{}_height_m", "height_m"),
+    ("body_{}_velocity_m_s", "velocity_m_s"),
+    ("body_{}_x_m", "across_m", 0),
+    ("body_{}_x_velocity_m_s", "across_velocity_m_s", 0),
+    ("body_{}_y_m", "across_m", 1),
+    ("body_{}_y_velocity_m_s", "across_velocity_m_s", 1),
+    *((f"body_{{}}_spin_{axis}_rad_s", "spin_rad_s", component) for component, axis in enumerate("xyz")),
+)
 
 
 @dataclass(frozen=True)
@@ -70,6 +86,22 @@ class Trace:
     drive_N: Array | None = None
     drive_work_J: Array | None = None
     drive_impulse_N_s: Array | None = None
+
+    @property
+    def place_m(self) -> Array:
+        """Positions of the centres, if they were kept: x, y and height. Shape (samples, bodies, 3)."""
+        return _vectors(self.height_m, self.across_m)
+
+    @property
+    def velocity_xyz_m_s(self) -> Array:
+        """Velocities, if they were kept. Shape (samples, bodies, 3)."""
+        return _vectors(self.velocity_m_s, self.across_velocity_m_s)
+
+
+def _vectors(along: Array | None, across: Array | None) -> Array:
+    """Vectors of their parts along and across the axis, which are 0 for straight chains."""
+    assert along is not None
+    return np.dstack([np.zeros((*along.shape, 2)) if across is None else across, along])
 
 
 def part_of(trace: Trace, chosen: slice | NDArray[np.intp]) -> Trace:
@@ -223,109 +255,50 @@ def digest_of(trace: Trace) -> str:
     return digest.hexdigest()
 
 
-def forces_table(trace: Trace) -> "pa.Table":
-    """Table of time, contact and bore forces, energies and momentum."""
-    columns = {"time_s": trace.time_s} | _by_body(CONTACT, trace.force_N)
-    if trace.bore_friction_N is not None:
-        columns[BORE_FRICTION] = trace.bore_friction_N
-    if trace.bore_N is not None:
-        columns |= _by_body(BORE, trace.bore_N)
-    columns |= {name: getattr(trace, name) for name in DRIVE if getattr(trace, name) is not None}
-    return _table_of(columns | {name: getattr(trace, name) for name in BALANCES})
+def table_of_trace(trace: Trace, columns: Columns) -> "pa.Table":
+    """Table of those columns that a trace has."""
+    there = {name: (getattr(trace, field), axis) for name, field, *axis in columns}
+    return table_of({name: values[(..., *axis)] for name, (values, axis) in there.items() if values is not None})
 
 
-def trace_in(table: "pa.Table") -> Trace:
-    """Trace of a table of forces, without positions and velocities; KeyError for a missing column."""
-    single = {name: _column(table, name) for name in ("time_s", *BALANCES)}
-    there = set(table.column_names)
-    friction = _column(table, BORE_FRICTION) if BORE_FRICTION in there else None
-    single |= {name: _column(table, name) for name in DRIVE if name in there}
-    numbered = there - {_together(CONTACT), BORE_FRICTION}
-    force = _of_bodies(table, CONTACT, sum(name.startswith("contact_") for name in numbered))
-    has_bore = any(name.startswith("bore_") for name in numbered)
-    bore = _of_bodies(table, BORE, force.shape[1], optional=True) if has_bore else None
-    return Trace(force_N=force, bore_friction_N=friction, bore_N=bore, **single)
+def fields_in(table: "pa.Table", columns: Columns, bodies: int) -> dict[str, Array]:
+    """Fields of a trace from a table that ``table_of_trace`` made.
 
-
-def state_table(trace: Trace) -> "pa.Table":
-    """Table of height and velocity of each body; for three-dimensional runs x, y and spin as well."""
-    assert trace.height_m is not None
-    assert trace.velocity_m_s is not None
-    columns = {"time_s": trace.time_s} | _by_body(PLACES[2], trace.height_m)
-    columns |= _by_body(VELOCITIES[2], trace.velocity_m_s)
-    if trace.across_m is not None and trace.across_velocity_m_s is not None and trace.spin_rad_s is not None:
-        for axis in (0, 1):
-            columns |= _by_body(PLACES[axis], trace.across_m[..., axis])
-            columns |= _by_body(VELOCITIES[axis], trace.across_velocity_m_s[..., axis])
-        for axis, spin in enumerate(SPINS):
-            columns |= _by_body(spin, trace.spin_rad_s[..., axis])
-    return _table_of(columns)
-
-
-def numbered_table(time_s: Array, columns: Mapping[str, Array]) -> "pa.Table":
-    """Table of time and of arrays of shape (samples, bodies), by the patterns of their columns."""
-    numbered = [_by_body(pattern, values) for pattern, values in columns.items()]
-    return _table_of({"time_s": time_s} | {name: column for by_name in numbered for name, column in by_name.items()})
-
-
-@dataclass(frozen=True)
-class State:
-    """Positions and velocities of all bodies; x and y are 0 for straight chains.
-
-    Attributes:
-        time_s: sample times. Shape (samples,).
-        place_m: x, y and height of the centres (of a flat striker: its face). Shape (samples, bodies, 3).
-        velocity_m_s: velocities. Shape (samples, bodies, 3).
+    Raises:
+        KeyError, ValueError: the table has columns of another number of bodies, or values that are no numbers.
     """
-
-    time_s: Array
-    place_m: Array
-    velocity_m_s: Array
-
-
-def state_in(table: "pa.Table", bodies: int) -> State:
-    """Positions and velocities in a table written by ``state_table``; KeyError for a missing column."""
-
-    def vectors(names: tuple[str, ...]) -> Array:
-        across = (_of_bodies(table, name, bodies, optional=True) for name in names[:2])
-        return np.stack([*across, _of_bodies(table, names[2], bodies)], axis=-1)
-
-    return State(_column(table, "time_s"), vectors(PLACES), vectors(VELOCITIES))
+    parts: dict[str, list[Array]] = defaultdict(list)
+    for name, field, *_ in columns:
+        numbered = [name.format(body) for body in range(1, bodies + 1)] if "{}" in name else []
+        if numbered and _together(name) in table.column_names:
+            flat = _numbers(table[_together(name)].combine_chunks().flatten())
+            parts[field].append(flat.reshape(len(table), bodies))
+        elif numbered and numbered[0] in table.column_names:
+            parts[field].append(np.column_stack([_numbers(table[each].combine_chunks()) for each in numbered]))
+        elif name in table.column_names:
+            parts[field].append(_numbers(table[name].combine_chunks()))
+    return {field: part[0] if len(part) == 1 else np.stack(part, axis=-1) for field, part in parts.items()}
 
 
-def _by_body(pattern: str, values: Array) -> dict[str, Any]:
-    """Columns of an array of shape (samples, bodies): one a body, numbered from the wall, or all in one."""
-    if values.shape[1] > MAX_COLUMNS:
-        return {_together(pattern): values}
-    return {pattern.format(body): column for body, column in enumerate(values.T, start=1)}
+def table_of(columns: Mapping[str, Array]) -> "pa.Table":
+    """Table of arrays of shape (samples,), and of arrays of shape (samples, bodies) whose name has ``{}``.
 
-
-def _table_of(columns: dict[str, Any]) -> "pa.Table":
-    """Table of arrays, of shape (samples, bodies) as lists; ``pa.array`` would import pandas, a third of a run."""
+    Each body has a column, numbered from the wall; in long chains a sample has a list. ``pa.array`` would import
+    pandas, a third of a run.
+    """
     import pyarrow as pa
 
     def arrow(values: Array) -> pa.Array:
         flat = pa.Array.from_buffers(pa.float64(), values.size, [None, pa.py_buffer(np.ascontiguousarray(values))])
         return flat if values.ndim == 1 else pa.FixedSizeListArray.from_arrays(flat, values.shape[1])
 
-    return pa.table({name: arrow(values) for name, values in columns.items()})
-
-
-def _of_bodies(table: "pa.Table", pattern: str, bodies: int, *, optional: bool = False) -> Array:
-    """Array of the columns that ``_by_body`` made, shape (samples, bodies), with zeros for missing ``optional`` ones.
-
-    Raises:
-        KeyError, ValueError: a column is missing, or lists have another length than ``bodies``, unless that is 0.
-    """
-    there = set(table.column_names)
-    if _together(pattern) in there:
-        return _numbers(table[_together(pattern)].combine_chunks().flatten()).reshape(len(table), bodies or -1)
-    zero, names = np.zeros(len(table)), [pattern.format(body) for body in range(1, bodies + 1)]
-    return np.column_stack([zero if optional and name not in there else _column(table, name) for name in names])
-
-
-def _column(table: "pa.Table", name: str) -> Array:
-    return _numbers(table[name].combine_chunks())
+    table: dict[str, pa.Array] = {}
+    for name, values in columns.items():
+        if values.ndim == 1 or values.shape[1] > MAX_COLUMNS:
+            table[_together(name)] = arrow(values)
+        else:
+            table |= {name.format(body): arrow(column) for body, column in enumerate(values.T, start=1)}
+    return pa.table(table)
 
 
 def _numbers(values: Any) -> Array:
@@ -335,9 +308,9 @@ def _numbers(values: Any) -> Array:
     return np.frombuffer(values.buffers()[1], dtype=float)[values.offset : values.offset + len(values)]
 
 
-def _together(pattern: str) -> str:
+def _together(name: str) -> str:
     """Name of the column of lists."""
-    return pattern.replace("_{}", "")
+    return name.replace("_{}", "")
 
 
 def is_at_rest(force_N: Array) -> bool:
@@ -361,16 +334,10 @@ def _largest(force_N: Array) -> tuple[float, float]:
     return float(np.maximum(high - start, start - low).max()), float(np.maximum(high, -low).max())
 
 
-def static_load_remark(share: float, reference_N: Array) -> str:
-    """Remark with the same error relative to the largest force, if that is more than twice the largest change."""
-    plain, scale_N = float(np.abs(reference_N).max()), largest_change_N(reference_N)
-    return f", {share * scale_N / plain:.1e} of the largest force" if plain > 2 * scale_N else ""
-
-
 def largest_kinetic_J(chain: Chain, motion: Trace) -> float:
-    """Largest kinetic energy, the scale of energy errors; if nothing moves, the energy put in."""
-    kinetic, put_in = float(motion.kinetic_energy_J.max()), energy_put_in(chain, float(motion.time_s[-1]))
-    return kinetic if kinetic > REST_SHARE * put_in else put_in or 1.0
+    """Largest kinetic energy, the scale of energy errors; if no force changes, at least the Hertz energy at rest."""
+    resting_J = chain.resting_J if is_at_rest(motion.force_N) else 0.0
+    return max(float(motion.kinetic_energy_J.max()), resting_J) or 1.0
 
 
 def share_of_change(difference_N: Array, reference: Trace) -> Array:

@@ -97,8 +97,6 @@ class Engine:
         refusal: function that returns key, found and allowed of a case that the engine cannot run; else None.
         partial_trace: function that reads the samples of a failed run; None if there are none.
         failure_reason: function that extracts the code's own error message from its standard output and error.
-        loss_message: text in the failure reason if a body left the simulated space, which means a blow-up; empty if
-            the code does not check for that.
         style: style in figures; None gives the engine a style of its own.
         name, entry: set by ``load_engine``.
     """
@@ -120,7 +118,6 @@ class Engine:
     refusal: Callable[[Case], InputProblem | None] = lambda case: None
     partial_trace: Callable[[Case, Path], Trace | None] = lambda case, folder: None
     failure_reason: Callable[[str, str], str] = last_line
-    loss_message: str = ""
     style: Style | None = None
     libraries: Callable[[Path], Iterable[Path]] = lambda program: ()
     name: str = ""

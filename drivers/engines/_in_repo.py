@@ -15,7 +15,7 @@ from drivers.base.cache import content_of
 from drivers.base.decks import Deck
 from drivers.chain.case import Case
 from drivers.chain.chain import Chain, tube_arrays_of
-from drivers.chain.schemes import trace_of, trace_of_tube
+from drivers.chain.schemes import trace_of
 from drivers.chain.trace import Trace, with_work
 from drivers.engines import Engine
 from drivers.engines._raw_output import read_arrays
@@ -96,7 +96,7 @@ def _trace(case: Case, columns: Any) -> Trace:
     if case.chain.straight:
         return trace_of(case, case.sample_times_s, Motion(*columns))
     bore, place, velocity, spin = np.moveaxis(np.reshape(columns[1:], (4, 3, *columns[0].shape)), 1, 3)
-    return trace_of_tube(case, TubeMotion(columns[0], bore, place, velocity, spin))
+    return trace_of(case, case.sample_times_s, TubeMotion(columns[0], bore, place, velocity, spin))
 
 
 def in_repository_engine(method: str, timing: Callable[[Case], Values], **fields: Any) -> Engine:

@@ -58,7 +58,6 @@ def member(program: str, introduction: str, radii: Callable[[Case], Array], wall
         read=read,
         partial_trace=partial_trace,
         failure_reason=failure_reason,
-        loss_message="Lost atoms",
         loop_pattern=r"^Loop time of ([0-9.e+-]*[0-9]) on",
         **fields,
     )

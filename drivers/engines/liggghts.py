@@ -6,12 +6,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from drivers.base.decks import Deck
-from drivers.base.errors import InputProblem
 from drivers.chain.case import SIDEWAYS, STRAIGHT, Case
-from drivers.chain.chain import Array, Chain, energy_put_in, free_fall, sphere_for_face
+from drivers.chain.chain import Array, Chain, sphere_for_face
 from drivers.engines import Style
 from drivers.engines._lammps_family import (
-    MAX_BODIES_IN_PAIRS,
     above_face,
     contact_kn,
     deck_of,
@@ -23,26 +21,8 @@ from drivers.engines._lammps_family import (
 from drivers.laws import LAWS
 
 HARD_PA, SOFT_PA = 1e9, 5e6  # moduli outside this range need hard_particles or soft_particles
-MAX_BINS = 100_000_000  # bins of the neighbour search take 16 bytes each; LIGGGHTS fails above 2^31
 TUBE = " tube"  # the type of the bore: no material's name begins with a space
 WALL_FORCE = "f_force_wall[3]"
-
-
-def refusal(case: Case) -> InputProblem | None:
-    """Refuse too much damping, or a box with too many bins of half a cutoff."""
-    chain, radius = case.chain, _radii(case)
-    if problem := law_refusal(case, "liggghts"):
-        return problem
-    if chain.bodies <= MAX_BODIES_IN_PAIRS:
-        return None
-    box = _box(case, radius, chain.height_m)
-    bin_m = radius.max() + box["skin"] / 2
-    height = box["high"] - box["low"]
-    bins = height / bin_m * (2 * box["half_width"] / bin_m) ** 2
-    if bins <= MAX_BINS:
-        return None
-    found = f"a box {height:.3g} m high with {bins:.2g} bins"
-    return "run.duration", found, f"at most {MAX_BINS:.0e} bins: less speed, smaller gaps or a shorter run"
 
 
 def _radii(case: Case) -> Array:
@@ -61,27 +41,11 @@ def _by_springs(case: Case) -> bool:
     return (flat or chain.law.by_mass) and chain.lateral is None
 
 
-def _box(case: Case, radius: Array, height: Array) -> dict[str, float]:
-    """Half width, lower and upper end of the simulation box, and the skin of the neighbour search, in m."""
-    chain, duration = case.chain, case.duration_s
-    fastest = math.sqrt(2 * energy_put_in(chain, duration) / chain.mass_kg.min())
-    if chain.wall is None:
-        drift = abs(float(chain.mass_kg @ chain.velocity_m_s / chain.mass_kg.sum()))
-        fastest += drift + abs(free_fall(chain)) * duration
-    # largest possible distance: a bead that leaves the box has blown up
-    reach = 1.1 * fastest * duration + 4 * radius.max()
-    width = float(f"{4 * radius.max():.1g}")
-    if chain.lateral is not None and (chain.bore is None or len(chain.bore.guided) < chain.bodies):
-        width = max(width, float(f"{reach:.2g}"))  # some bodies may leave the axis
-    digits = 2 - math.floor(math.log10(reach))
-    low, high = round(float(height.min() - reach), digits), round(float(height.max() + reach), digits)
-    return {"half_width": width, "low": low, "high": high, "skin": float(f"{0.2 * radius.min():.1g}")}
-
-
 def render(case: Case) -> Deck:
     """Render ``chain.in`` and ``chain.data``."""
     scene, chain, bore, radius = case.scene, case.chain, case.chain.bore, _radii(case)
     flat, springs = bool(np.isinf(chain.radius_m[-1])), _by_springs(case)
+    height = chain.height_m + above_face(chain, radius)
     labels = labels_of(chain)
     material_of = dict(zip(labels, chain.materials, strict=True))
     if chain.wall:
@@ -106,7 +70,12 @@ def render(case: Case) -> Deck:
         radius,
         types,
         WALL_FORCE,
-        box=_box(case, radius, chain.height_m + above_face(chain, radius)),
+        box={
+            "half_width": float(f"{4 * radius.max():.1g}"),
+            "low": (height - radius).min(),
+            "high": (height + radius).max(),
+        },
+        skin=float(f"{0.2 * radius.min():.1g}"),
         moduli=moduli,
         ratios=ratios,
         wall_type=types.index(chain.wall) + 1 if chain.wall else 0,
@@ -150,7 +119,7 @@ ENGINE = member(
     how_to_get="Debian's package liggghts",
     models=STRAIGHT | SIDEWAYS,
     dissipation=frozenset(LAWS),
-    refusal=refusal,
+    refusal=lambda case: law_refusal(case, "liggghts"),
     render=render,
     style=Style("#0072b2", marker="s", size=4.5),
 )

@@ -21,7 +21,7 @@ from drivers.base.files import arrow_in, read_checked, read_sealed, sha256_of, w
 from drivers.base.processes import workplace
 from drivers.base.progress import say
 from drivers.chain.case import Layout, read_layout
-from drivers.chain.trace import State, Trace, forces_table, state_in, state_table, trace_in
+from drivers.chain.trace import FORCE_COLUMNS, STATE_COLUMNS, Trace, fields_in, table_of_trace
 from drivers.scene.model import Scene
 from drivers.scene.read_scene import stored_scene
 
@@ -205,11 +205,11 @@ class EndedRun:
         Raises:
             InputError: the file is missing, damaged or of another run.
         """
-        return trace_in(arrow_in(self._content(FORCES)))
+        return Trace(**fields_in(arrow_in(self._content(FORCES)), FORCE_COLUMNS, self.record.bodies))
 
     @cached_property
-    def state(self) -> State:
-        """Positions and velocities, bit for bit.
+    def state(self) -> Trace:
+        """Trace with positions and velocities, bit for bit.
 
         Raises:
             InputError: the run kept none, or they are damaged or of another run.
@@ -221,7 +221,7 @@ class EndedRun:
             again = f"""beads run {scene} --engine {record.engine} --set run.record='["forces", "state"]'"""
             found = f"file not found: the run kept no positions; this command makes a run with positions: {again}"
             raise InputError(paths.shown(self.folder / STATE), "", found)
-        return state_in(arrow_in(self._content(STATE)), record.bodies)
+        return replace(self.trace, **fields_in(arrow_in(self._content(STATE)), STATE_COLUMNS, record.bodies))
 
     def _content(self, name: str) -> bytes:
         """Content of a file as it was written."""
@@ -272,7 +272,8 @@ def write_run(folder: Path, record: RunRecord, trace: Trace | None, *, state: bo
     """Write trace and record of a run into its folder, with ``state`` also positions; returns the record."""
     from pyarrow.parquet import write_table
 
-    tables = {} if trace is None else {FORCES: forces_table(trace)} | ({STATE: state_table(trace)} if state else {})
+    kept = {FORCES: FORCE_COLUMNS} | ({STATE: STATE_COLUMNS} if state else {})
+    tables = {} if trace is None else {name: table_of_trace(trace, columns) for name, columns in kept.items()}
     for name, table in tables.items():
         write_table(table, folder / name, **COMPRESSED)
     record = replace(record, files={name: sha256_of(folder / name) for name in tables})

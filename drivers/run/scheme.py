@@ -7,7 +7,6 @@ largest difference of ``rounded`` and ``plain`` until then. Runs are compared un
 exceeds ``AGREEMENT``.
 """
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -21,10 +20,10 @@ from drivers.chain.schemes import exact_of, turned_verlet_of, verlet_in_heights,
 from drivers.chain.trace import (
     FORCE,
     Trace,
+    finite_part,
     is_at_rest,
     largest_change_N,
     largest_kinetic_J,
-    static_load_remark,
     until,
     with_work,
 )
@@ -37,8 +36,8 @@ ROUNDING_REASON = (
 MOMENTUM_SHARE = 1e-2  # of the momentum of all bodies together at the largest kinetic energy: less cancels
 AGREEMENT = 1e-2  # of the largest change: runs that differ by more do not agree at all
 FIELDS = {"energy": "total_energy_J", "momentum": "momentum_N_s"}  # compared columns of a trace besides the forces
-COMPARED = (FORCE, *FIELDS)
 UNITS = {FORCE: "N", "energy": "J", "momentum": "N s"}
+COMPARED = tuple(UNITS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,10 +60,9 @@ class Scheme:
     @cached_property
     def rounded(self) -> Trace:
         """``plain`` with other rounding errors; the work of a drive is that of ``plain``."""
-        with ThreadPoolExecutor(1) as thread, np.errstate(all="ignore"):
-            plain = thread.submit(lambda: self.plain)
+        with np.errstate(all="ignore"):
             other = verlet_in_heights(self.case) if self.case.chain.straight else turned_verlet_of(self.case, self.law)
-            return with_work(other, plain.result())
+            return with_work(other, self.plain)
 
     @cached_property
     def reference(self) -> Trace:
@@ -83,16 +81,9 @@ class Scheme:
         return self.rounded if self.case.chain.straight and scheme == IN_HEIGHTS else self.plain
 
     @cached_property
-    def rounding_N(self) -> Array:
-        """Largest force difference at each sample due to rounding, in N; inf after a blow-up. Shape (samples,)."""
-        with np.errstate(all="ignore"):
-            apart_N = np.abs(self.rounded.force_N - self.plain.force_N).max(axis=1)
-            return np.asarray(np.nan_to_num(apart_N, nan=np.inf))
-
-    @cached_property
     def samples(self) -> int:
         """Horizon: number of samples before rounding alone separates two runs."""
-        return max(1, int(np.searchsorted(self.rounding_bound, AGREEMENT, side="right")))
+        return max(1, int(np.searchsorted(ROUNDING_MARGIN * self.rounding[FORCE], AGREEMENT, side="right")))
 
     def scale(self, quantity: str) -> float:
         """Scale of errors: largest change of force in N, largest kinetic energy in J, largest momentum in N s.
@@ -100,31 +91,28 @@ class Scheme:
         The momentum is at least the sum of m |v| at time 0, since bodies may meet head on; at rest, at least the
         impulse of the loads.
         """
-        finite = int(np.argmin(np.append(np.isfinite(self.rounding_N), False)))  # samples before a blow-up
-        return scale_of_motion(self.case, until(self.plain, max(finite, 1)), quantity)
+        return scale_of_motion(self.case, finite_part(self.plain) or until(self.plain, 1), quantity)
 
     @cached_property
-    def rounding(self) -> Array:
-        """Largest effect of rounding until each sample, divided by the largest change. Shape (samples,)."""
-        return np.asarray(np.maximum.accumulate(self.rounding_N) / self.scale(FORCE))
+    def rounding(self) -> dict[str, Array]:
+        """Largest effect of rounding until each sample by quantity, divided by its scale; inf after a blow-up.
 
-    @property
-    def rounding_bound(self) -> Array:
-        """Bound on the effect of rounding in any order of addition, until each sample. Shape (samples,)."""
-        return ROUNDING_MARGIN * self.rounding
+        Each is an array of shape (samples,).
+        """
+        apart = {name: difference(name, self.rounded, self.plain, self.scale(name)).max(axis=1) for name in COMPARED}
+        return {name: np.maximum.accumulate(shares) for name, shares in apart.items()}
 
     def explained(self, quantity: str) -> Array:
         """Limits of the difference of a run from its scheme at each sample until the horizon. Shape (samples,).
 
+        Rounding in any order of addition, of forces as well as of the quantity itself, explains less.
+
         Args:
             quantity: ``force``, ``energy`` or ``momentum``, divided by their scales.
         """
-        bound, least = self.rounding_bound[: self.samples], self._least(quantity).limit
-        if quantity != FORCE:
-            one, other = (getattr(trace, FIELDS[quantity])[: self.samples] for trace in (self.rounded, self.plain))
-            largest = np.maximum.accumulate(np.abs(one - other)) / self.scale(quantity)
-            bound = np.maximum(ROUNDING_MARGIN * largest, self.explained(FORCE))
-        return np.asarray(np.maximum(bound, least))
+        causes = {FORCE, quantity}
+        bounds = [np.maximum(ROUNDING_MARGIN * self.rounding[name], self._least(name).limit) for name in causes]
+        return np.asarray(np.max(bounds, axis=0)[: self.samples])
 
     def tolerance_at(self, quantity: str, sample: int) -> Tolerance:
         """Limit of ``explained`` at a sample, with its reason."""
@@ -132,7 +120,10 @@ class Scheme:
         return least if limit <= least.limit else Tolerance(limit, ROUNDING_REASON)
 
     def _least(self, quantity: str) -> Tolerance:
-        return tolerance("model", force_tolerance(self.case) if quantity == FORCE else "motion")
+        """Limit without rounding; LIGGGHTS has no level flat face in three dimensions."""
+        chain = self.case.chain
+        level = not chain.straight and bool(np.isinf(chain.radius_m[-1]))
+        return tolerance("model", "motion" if quantity != FORCE else "level" if level else FORCE)
 
     @property
     def until_horizon(self) -> str:
@@ -147,24 +138,23 @@ class Scheme:
         Raises:
             ArithmeticError: the exact motion, with which a run of ``reference`` is compared, fails.
         """
-        samples = min(self.samples, len(trace.time_s))
-        scheme = until(self.of(engine), samples)
-        trace = with_work(until(trace, samples), scheme)
-        for quantity in COMPARED:
-            has, right, scale = field_of(trace, quantity), field_of(scheme, quantity), self.scale(quantity)
-            share = apart(has, right, scale)
+        right = until(self.of(engine), min(self.samples, len(trace.time_s)))
+        trace = with_work(until(trace, len(right.time_s)), right)
+        for quantity, unit in UNITS.items():
+            scale = self.scale(quantity)
+            share = difference(quantity, trace, right, scale)
             allowed = self.explained(quantity)[: len(share)]
             beyond = share.max(axis=1) > allowed
             if not beyond.any():
                 continue
             sample = int(np.argmax(beyond))
             column = int(np.argmax(share[sample]))
-            one, other = digits_apart(float(has[sample, column]), float(right[sample, column]))
-            unit = UNITS[quantity]
+            has, expected = (field_of(motion, quantity)[: sample + 1, column] for motion in (trace, right))
+            one, other = digits_apart(float(has[-1]), float(expected[-1]))
             when = "from the start" if sample == 0 else f"from {self.case.sample_times_s[sample] * 1e6:.6g} µs"
             if sample and quantity == FORCE:
-                change = np.abs(right[: sample + 1, column] - right[0, column]).max() / scale
-                when += ", before any wave arrives" if change <= allowed[sample] else ", in the wave"
+                still = np.abs(expected - expected[0]).max() / scale <= allowed[sample]
+                when += ", before any wave arrives" if still else ", in the wave"
             name = f"the force in contact {column + 1}" if quantity == FORCE else f"the {quantity}"
             return f"departs from its scheme {when}: {name} is {one} {unit}, by its scheme {other} {unit}"
         return ""
@@ -200,11 +190,16 @@ def field_of(trace: Trace, quantity: str) -> Array:
     return np.asarray(column - column[0] if quantity == "energy" else column)[:, np.newaxis]
 
 
-def apart(one: Array, other: Array, scale: float) -> Array:
-    """Magnitude of the difference of two fields over the common samples, divided by a scale; inf for NaN."""
-    samples = min(len(one), len(other))
+def difference(quantity: str, one: Trace, other: Trace, scale: float) -> Array:
+    """Magnitude of the difference of two motions at their common samples, divided by a scale; inf for NaN.
+
+    Returns:
+        Array of shape (samples, contacts) for forces, else (samples, 1).
+    """
+    samples = min(len(one.time_s), len(other.time_s))
     with np.errstate(over="ignore", invalid="ignore"):
-        return np.nan_to_num(np.abs(one[:samples] - other[:samples]) / scale, nan=np.inf)
+        apart = np.abs(field_of(one, quantity)[:samples] - field_of(other, quantity)[:samples]) / scale
+        return np.nan_to_num(apart, nan=np.inf)
 
 
 def largest_difference(
@@ -212,15 +207,17 @@ def largest_difference(
 ) -> tuple[float, tuple[int, int], str]:
     """Largest difference of two motions at common samples: its size divided by a scale, sample and column, place.
 
-    With limits at each sample, shape (samples,), the difference closest to its limit.
+    With limits at each sample, shape (samples,), the difference closest to its limit. The place has the size relative
+    to the largest force as well, if that is more than twice the largest change.
     """
-    has, expected = field_of(trace, quantity), field_of(right, quantity)
-    share = apart(has, expected, scale)
+    share = difference(quantity, trace, right, scale)
     of_limit = share if limits is None else share / limits[: len(share), np.newaxis]
     sample, column = map(int, np.unravel_index(int(np.argmax(of_limit)), of_limit.shape))
-    size = float(share[sample, column])
-    remark = static_load_remark(size, expected) if quantity == FORCE else ""
-    return size, (sample, column), place_of(quantity, right.time_s, (sample, column)) + remark
+    size, where = float(share[sample, column]), place_of(quantity, right.time_s, (sample, column))
+    if quantity == FORCE:
+        plain, change_N = float(np.abs(right.force_N).max()), largest_change_N(right.force_N)
+        where += f", {size * change_N / plain:.1e} of the largest force" if plain > 2 * change_N else ""
+    return size, (sample, column), where
 
 
 def place_of(quantity: str, time_s: Array, place: tuple[int, int]) -> str:
@@ -233,9 +230,3 @@ def judged_until(case: Case, samples: int, why: str) -> str:
     """End of a sentence: until when a run is judged, and why; empty if to the end."""
     all_of_it = samples >= case.scene.samples
     return "" if all_of_it else f"; judged until {case.sample_times_s[samples] * 1e6:g} µs, where {why}"
-
-
-def force_tolerance(case: Case) -> str:
-    """Name of the tolerance of the forces of a case: LIGGGHTS has no level flat face in three dimensions."""
-    level = not case.chain.straight and bool(np.isinf(case.chain.radius_m[-1]))
-    return "level" if level else FORCE

@@ -123,14 +123,15 @@ def draw_scene(scene: Scene, chain: Chain) -> tuple[Any, pd.DataFrame]:
 
 def _beads(scene: Scene) -> list[str]:
     """Lines of the label of the beads: material, diameter and mass of each member of the pattern."""
-    beads, count, period = ordinary_beads(scene), scene.chain.count, len(scene.chain.members)
+    materials, diameter_m, mass_kg = ordinary_beads(scene)
+    count, period = scene.chain.count, len(scene.chain.members)
     counted = f"{count} {'beads' if count > 1 else 'bead'}"
     lines = [f"{counted} in turn:"] if period > 1 else []
     for first in range(period):
         ends = first, first + (count - 1 - first) // period * period  # they differ in a taper
-        sizes = dict.fromkeys(_mm(float(beads.diameter_m[i])) for i in ends)
-        masses = dict.fromkeys(f"{1e3 * beads.mass_kg[i]:.4g}" for i in ends)
-        lines.append(beads.materials[first] if period > 1 else f"{counted} of {beads.materials[first]}")
+        sizes = dict.fromkeys(_mm(float(diameter_m[i])) for i in ends)
+        masses = dict.fromkeys(f"{1e3 * mass_kg[i]:.4g}" for i in ends)
+        lines.append(materials[first] if period > 1 else f"{counted} of {materials[first]}")
         lines += [f"⌀ {' to '.join(sizes)}", f"{' to '.join(masses)} g each"]
     return lines
 

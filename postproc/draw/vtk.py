@@ -43,7 +43,7 @@ def write_series(run: EndedRun, folder: Path, frames: int = FRAMES) -> list[Path
     radius = np.where(flat, scene.chain.diameter / 2, chain.radius_m)
     place[:, flat, 2] += radius[flat]
     number = np.arange(1, chain.bodies + 1, dtype=np.int32)
-    moving = {"velocity_m_s": motion.velocity_m_s, "force_N": mean_forces(run.trace.force_N)}
+    moving = {"velocity_m_s": motion.velocity_xyz_m_s, "force_N": mean_forces(run.trace.force_N)}
     moving |= {"bore_N": pressed} if pressed is not None else {}
     folder.parent.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as drafts:  # on the same file system

@@ -30,7 +30,7 @@ from drivers.chain.schemes import exact_motion, verlet_motion
 from drivers.chain.trace import Trace, overlaps
 from drivers.engines import EXACT, load_engine
 from drivers.run.run_folder import EndedRun
-from postproc.read.motion import chain_of, motion_of
+from postproc.read.motion import chain_of
 from validation.reference.hertz_chain import hertz_energy_beyond_tangent
 
 LEFT_SHARE = 0.01  # of the largest energy of a range: with less the energy has left
@@ -86,7 +86,7 @@ def run_energies(run: EndedRun) -> Energies:
     if not chain.straight:
         allowed = "a straight chain; forces.parquet has the total energies of all runs"
         raise InputError(paths.shown(run.folder), "", "a scene whose beads move sideways", allowed)
-    return energies_of(Case(scene, chain, ()), run.record.engine, motion_of(run))
+    return energies_of(Case(scene, chain, ()), run.record.engine, run.state)
 
 
 def energies_of(case: Case, engine: str, trace: Trace) -> Energies:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from drivers.base.files import whole_file
-from drivers.chain.trace import numbered_table
+from drivers.chain.trace import table_of
 from drivers.run.run_folder import COMPRESSED
 from postproc.draw.product import Product, Quantity, draw_cells
 from postproc.draw.style import AVERAGE, DAMPED, FIRST, GREYS, MICRO, SECOND, pyplot
@@ -44,6 +44,7 @@ def write_energies(energies: Energies, path: Path) -> None:
     from pyarrow.parquet import write_table
 
     columns = {
+        "time_s": energies.time_s,
         "body_{}_kinetic_J": energies.kinetic_J,
         "body_{}_load_J": energies.load_J,
         "body_{}_passed_J": energies.passed_J,
@@ -51,4 +52,4 @@ def write_energies(energies: Energies, path: Path) -> None:
         "contact_{}_dissipated_J": energies.dissipated_J,
     }
     with whole_file(path) as draft:
-        write_table(numbered_table(energies.time_s, columns), draft, **COMPRESSED)
+        write_table(table_of(columns), draft, **COMPRESSED)

@@ -1,7 +1,5 @@
 """Chain of a finished run, and its trace with positions."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from drivers.base import paths
@@ -36,22 +34,12 @@ def chain_of(run: EndedRun) -> tuple[Scene, Chain]:
 
 
 def trace_with_state(run: EndedRun) -> Trace:
-    """Trace of a run with heights and axial velocities, if the run recorded them.
+    """Trace of a run with positions and velocities, if the run recorded them.
 
     Raises:
         InputError: a file is missing or damaged.
     """
-    return motion_of(run) if run.has_state else run.trace
-
-
-def motion_of(run: EndedRun) -> Trace:
-    """Trace of a run with heights and axial velocities.
-
-    Raises:
-        InputError: the run recorded no positions, or a file is missing or damaged.
-    """
-    motion = run.state
-    return replace(run.trace, height_m=motion.place_m[:, :, 2], velocity_m_s=motion.velocity_m_s[:, :, 2])
+    return run.state if run.has_state else run.trace
 
 
 def spread(samples: int, frames: int) -> list[int]:

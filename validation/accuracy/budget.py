@@ -34,7 +34,7 @@ from drivers.chain.case import Case
 from drivers.chain.trace import FORCE, Trace, is_at_rest, share_of_change, until, with_work
 from drivers.engines import EXACT, load_engine
 from drivers.run.run_folder import FORCES, EndedRun
-from drivers.run.scheme import COMPARED, field_of, judged_until, largest_difference
+from drivers.run.scheme import COMPARED, ROUNDING_MARGIN, field_of, judged_until, largest_difference
 from postproc.read.observables import describe, of_kind, scale_of
 from postproc.read.sensors import signals_csv
 from validation.accuracy.motions import HORIZON, Motions, errors_of, motions_of, quantities
@@ -201,7 +201,8 @@ def _notes(motions: Motions, engine: str) -> Iterator[str]:
             yield exactness_note(motions)
         return
     yield f"truncation extrapolated from half and a quarter of the step (order of convergence {motions.order:.2g})"
-    yield f"rounding is included in model: at most {motions.scheme.rounding_bound[motions.known - 1]:.1g} of the force"
+    bound = ROUNDING_MARGIN * motions.scheme.rounding[FORCE][motions.known - 1]
+    yield f"rounding is included in model: at most {bound:.1g} of the force"
     yield "sampling not measured"
 
 

@@ -276,7 +276,7 @@ class Motions:
     @cached_property
     def known(self) -> int:
         """Number of samples at which the exact motion is known: by its error, in three dimensions by rounding."""
-        error = self.exact_error if self.case.chain.straight else self.scheme.rounding
+        error = self.exact_error if self.case.chain.straight else self.scheme.rounding[FORCE]
         return max(1, int(np.searchsorted(error, HORIZON, side="right")))
 
     def scale(self, quantity: str) -> float:

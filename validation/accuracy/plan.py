@@ -20,7 +20,7 @@ from drivers.chain.chain import arrays_of, build_chain
 from drivers.chain.schemes import exact_of, verlet_in_heights
 from drivers.chain.trace import FORCE, share_of_change
 from drivers.engines import VERLET
-from drivers.limits import EXACT_SHARE, resolved_trial, unattainable, why_unstable
+from drivers.limits import EXACT_SHARE, resolved_trial, why_unstable
 from drivers.run.scheme import COMPARED, Scheme
 from drivers.scene.model import Scene
 from drivers.scene.read_scene import MAX_STEPS, read_scene
@@ -215,6 +215,13 @@ class Chooser:
                 if left >= share:
                     why = "limited by sampling at any time step; a smaller sample_interval allows more"
                     raise unattainable(self.case, name, share, MARGIN * left, why)
+
+
+def unattainable(case: Case, name: str, asked: float, least: float, why: str) -> InputError:
+    """Error for an unattainable accuracy; it names the best attainable one, rounded up to two digits, if below 1."""
+    key, rounded_up = "run.accuracy" if name == FORCE else f"run.accuracy.{name}", f"{1.05 * least:.2g}"
+    allowed = f"at least {rounded_up} here, {why}" if 0 < float(rounded_up) < 1 else f"none here, {why}"
+    return InputError(case.scene.file, key, f"{asked:g}", allowed)
 
 
 def _next(refused: int, taken: int, guess: int) -> int:

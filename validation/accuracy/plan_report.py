@@ -80,7 +80,7 @@ def _straight(case: Case, among: Collection[str]) -> Iterator[str]:
         return
     if is_at_rest(chooser.truth.trace.force_N):
         yield f"           {AT_REST_NOTE}"
-    yield f"predicted  relative error: {_listed(errors)}; of that rounding of heights {scheme.rounding[-1]:.1e}"
+    yield f"predicted  relative error: {_listed(errors)}; of that rounding of heights {scheme.rounding[FORCE][-1]:.1e}"
     if names := [name for name in of_kind(chooser.truth.true, "peak", "speed") if chooser.truth.true[name]]:
         yield f"           at the gauges: {_listed(errors_of(case, scheme.plain, chooser.truth, names))}"
     if chooser.exact_error > min(errors.values(), default=1.0) / TENFOLD:
@@ -163,13 +163,13 @@ def _stability(case: Case, law: str, why: str) -> Iterator[str]:
     """Lines on the time step, the limit found by trials, and the usual criteria, which ignore the motion."""
     step_s, steps = case.scene.time_step_s, case.scene.steps_per_sample
     yield f"time step  {_us(step_s)} ({steps} step{'s' if steps > 1 else ''} per sample){why}"
-    limit = step_limit(case, law)
-    if limit.stable_s == float("inf"):
+    stable_s, unstable_s, until_s = step_limit(case, law)
+    if stable_s == float("inf"):
         yield "stability  no limit: no contact closes"
         return
-    used = f"this run uses {100 * step_s / limit.stable_s:.3g} % of that"
-    yield f"stability  stable up to {_us(limit.stable_s)}, by trials{until_words(case, limit.until_s)}; {used}"
-    blown_up = f"the next one, at {_us(limit.unstable_s)}, blows up" if limit.unstable_s else "larger ones not tried"
+    used = f"this run uses {100 * step_s / stable_s:.3g} % of that"
+    yield f"stability  stable up to {_us(stable_s)}, by trials{until_words(case, until_s)}; {used}"
+    blown_up = f"the next one, at {_us(unstable_s)}, blows up" if unstable_s else "larger ones not tried"
     yield f"           {blown_up}"
     if problem := why_unstable(case, law):
         yield f"           a trial at this step {problem}: the run is refused"

@@ -18,7 +18,7 @@ from drivers.chain.case import Case
 from drivers.chain.trace import FORCE, Trace, part_of
 from drivers.engines import load_engine
 from drivers.run.run_folder import EndedRun, open_run
-from drivers.run.scheme import COMPARED, apart, largest_difference, place_of, scale_of_motion
+from drivers.run.scheme import COMPARED, difference, largest_difference, place_of, scale_of_motion
 from drivers.scene.settings import differences, setting_text
 from postproc.read.motion import chain_of, trace_with_state
 from postproc.read.observables import describe, observe, of_kind, scale_of, without_unit
@@ -132,7 +132,7 @@ def _rows(one: PairedRun, other: PairedRun) -> Iterator[tuple[str, str, str]]:
 
 def _times(one: PairedRun, other: PairedRun) -> Iterator[str]:
     """Lines on the times at which the forces differ."""
-    share = apart(other.trace.force_N, one.trace.force_N, scale_of_motion(one.case, one.trace, FORCE))
+    share = difference(FORCE, other.trace, one.trace, scale_of_motion(one.case, one.trace, FORCE))
     for level in LEVELS:
         beyond = (share > level).any(axis=1)
         sample = int(np.argmax(beyond))

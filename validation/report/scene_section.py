@@ -237,7 +237,7 @@ def _timing(scene: ComparedScene) -> str:
     """Time step, numbers of steps and samples, share of the stable step, and computing time, as a sentence."""
     own, records = scene.case.scene, [run.record for run in scene.runs.values()]
     text = f"time step {own.time_step_s * 1e6:g} µs, {own.steps} steps, {own.samples} samples"
-    if (limit_s := step_limit(scene.case).stable_s) < math.inf:
+    if (limit_s := step_limit(scene.case)[0]) < math.inf:
         text += f"; stable up to {limit_s * 1e6:.3g} µs, this run uses {100 * own.time_step_s / limit_s:.2g} % of that"
     loops = [f"{record.engine} {in_words(record.loop_s)}" for record in records if record.loop_s is not None]
     return text + (f"; computing time: {', '.join(loops)}" if loops else "")

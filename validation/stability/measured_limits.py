@@ -177,7 +177,7 @@ def measure_limits(subjects: Sequence[MeasuredChain], names: Sequence[str] | Non
     if it behaves differently there.
     """
     names = installed_codes() if names is None else names
-    predicted_s = [step_limit(subject.case).stable_s for subject in subjects]
+    predicted_s = [step_limit(subject.case)[0] for subject in subjects]
     pairs = following(zip(subjects, predicted_s, strict=True), "limits by verlet", len(subjects), "scene")
     by_verlet = [_scan(chain, VERLET, bound_s) for chain, bound_s in pairs]
     with counted("limits by codes", len(subjects) * len(names), "scene") as count:

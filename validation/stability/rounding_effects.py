@@ -11,9 +11,9 @@ import numpy as np
 
 from drivers.base.progress import following
 from drivers.chain.case import Case
-from drivers.chain.chain import Array, energy_put_in
+from drivers.chain.chain import Array
 from drivers.chain.schemes import verlet_in_heights, verlet_of
-from drivers.chain.trace import Trace, parted_s
+from drivers.chain.trace import Trace, largest_kinetic_J, parted_s
 from drivers.engines import REFERENCE, VERLET, installed_codes
 from drivers.run.compute import compute
 from drivers.run.execute import execute
@@ -44,7 +44,7 @@ OVERLAPS, HEIGHTS = "in-repo, overlaps", "in-repo, heights"
 
 @dataclass(frozen=True)
 class Energy:
-    """Energy error of a long run, divided by the energy that the scene puts in.
+    """Energy error of a long run, divided by the largest kinetic energy.
 
     Attributes:
         largest: largest error of all samples.
@@ -100,7 +100,7 @@ def _by_all(case: Case) -> dict[str, Trace]:
 
 def energy_of(scene: str, method: str, case: Case, trace: Trace) -> Energy:
     """Largest energy error of a trace, and its drift from the means of its blocks."""
-    signed = (trace.total_energy_J - trace.total_energy_J[0]) / energy_put_in(case.chain, case.duration_s)
+    signed = (trace.total_energy_J - trace.total_energy_J[0]) / largest_kinetic_J(case.chain, trace)
     levels = np.array([part.mean() for part in np.array_split(signed, BLOCKS)])
     steps = np.diff(levels)
     walk, count = float(steps.std(ddof=1)), len(steps)

@@ -101,8 +101,9 @@ def _on_energy(energy: pd.DataFrame) -> str:
     drifting = energy[energy["drift"].abs() > rounding_effects.SIGNIFICANCE * energy["drift_error"]]
     names = [f"{row['method']}, {row['scene']}: {row['drift']:.1e}" for _, row in drifting.iterrows()]
     return (
-        f"Over {energy['steps'].max():.0e} steps the energy errs by at most {energy['largest'].max():.1e} of what was"
-        f" put in, and drifts in {len(drifting)} of {len(energy)} runs{f' ({listed(names)})' if names else ''}."
+        f"Over {energy['steps'].max():.0e} steps the energy errs by at most {energy['largest'].max():.1e} of the"
+        f" largest kinetic energy, and drifts in {len(drifting)} of {len(energy)} runs"
+        f"{f' ({listed(names)})' if names else ''}."
     )
 
 

@@ -97,7 +97,7 @@ class LadderRun:
 def rungs_of(scene: str, code_shares: Sequence[float]) -> Iterator[Rung]:
     """Runs of a scene: in-repo schemes at all steps, codes at some, ``reference`` at all tolerances."""
     base = case_of(scene)
-    stable_s = step_limit(base).stable_s
+    stable_s, *_ = step_limit(base)
     for share in SHARES:
         case = at_step(base, share, stable_s)
         for method in (*(installed_codes() if share in code_shares else ()), VERLET, ORDER_4):

@@ -15,7 +15,7 @@ from drivers.base import paths
 from drivers.base.decks import Deck
 from drivers.chain.case import Case
 from drivers.chain.schemes import verlet_of
-from drivers.chain.trace import Trace
+from drivers.chain.trace import Trace, make_trace
 from drivers.engines import Engine, load_engine
 from drivers.laws import Viscoelastic
 from validation.tests.engine.candidate import MINE, STAND_INS
@@ -94,9 +94,10 @@ def half_a_step_ahead(engine: Engine) -> Engine:
     def read(case: Case, folder: Path) -> Trace:
         """Read the trace."""
         trace = engine.read(case, folder)
+        assert trace.height_m is not None
         assert trace.velocity_m_s is not None
-        ahead = 0.5 * case.scene.time_step_s * case.chain.load_N / case.chain.mass_kg
-        return replace(trace, velocity_m_s=trace.velocity_m_s + ahead)
+        velocity = trace.velocity_m_s + 0.5 * case.scene.time_step_s * case.chain.load_N / case.chain.mass_kg
+        return make_trace(case.chain, trace.time_s, trace.force_N, trace.height_m, velocity)
 
     return replace(engine, read=read)
 
@@ -127,7 +128,7 @@ FAULTS: dict[str, tuple[Change, dict[str, str]]] = {
         rendering(less_damped), dict.fromkeys(("scene[damped]", "restitution[two beads-0.3]"), DEPARTS),
     ),
     "a smaller step in place of a blow-up": (rendering(finer), {"blow_up": DEPARTS}),
-    "velocities of another time": (half_a_step_ahead, dict.fromkeys(RUN, "starts with a velocity")),
+    "velocities of another time": (half_a_step_ahead, dict.fromkeys(RUN, DEPARTS)),
     "numbers of its own": (
         having(read=lambda case, folder: verlet_of(case)),
         {"changed_decks": "striker speed", "damaged_output": "no raw output: read without"},
@@ -136,7 +137,7 @@ FAULTS: dict[str, tuple[Change, dict[str, str]]] = {
         writing(lambda case, text: text.replace("SI units", case.scene.name)), {"deck": "scene.name"},
     ),
     "decks of six digits": (
-        writing(rounded), {"deck": "is the same as for no change", **dict.fromkeys(RUN, "starts with a force")},
+        writing(rounded), {"deck": "is the same as for no change", **dict.fromkeys(RUN, DEPARTS)},
     ),
     "another command in the first line": (
         writing(lambda case, text: text.replace("-m validation", "-m another")),

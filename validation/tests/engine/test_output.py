@@ -15,7 +15,7 @@ from drivers.chain.case import Case
 from drivers.chain.schemes import default_limit_s
 from drivers.chain.trace import digest_of
 from drivers.limits import inability
-from drivers.run.guard import START_TOLERANCE, checked_trace
+from drivers.run.guard import checked_trace
 from drivers.run.session import DONE, Session
 from validation.tests.engine.candidate import Candidate, case_with
 
@@ -48,7 +48,7 @@ def test_start(candidate: Candidate) -> None:
     assert trace.height_m is not None
     assert trace.velocity_m_s is not None
     for values, right in ((trace.force_N, chain.force_N), (trace.velocity_m_s, chain.velocity_m_s)):
-        assert abs(values[0] - right).max() <= START_TOLERANCE * abs(values).max()
+        assert abs(values[0] - right).max() <= tolerance("model", "motion").limit * abs(values).max()
     moved = abs(trace.height_m - chain.height_m)
     assert moved[0].max() <= tolerance("kit", "height").limit * moved.max()
 

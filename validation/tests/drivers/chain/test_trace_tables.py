@@ -10,7 +10,15 @@ import pyarrow.parquet as pq
 import pytest
 
 import postproc
-from drivers.chain.trace import MAX_COLUMNS, Trace, finite_part, forces_table, state_in, state_table, trace_in
+from drivers.chain.trace import (
+    FORCE_COLUMNS,
+    MAX_COLUMNS,
+    STATE_COLUMNS,
+    Trace,
+    fields_in,
+    finite_part,
+    table_of_trace,
+)
 from drivers.run.run_folder import open_run
 from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import case_of
@@ -28,18 +36,15 @@ def _trace(samples: int, bodies: int) -> Trace:
 @pytest.mark.parametrize("bodies", [1, 7, MAX_COLUMNS, MAX_COLUMNS + 1])
 def test_tables_return_the_same_bits(bodies: int) -> None:
     trace, stored = _trace(3, bodies), BytesIO()
-    pq.write_table(forces_table(trace), stored)
+    state = table_of_trace(trace, STATE_COLUMNS)
+    pq.write_table(table_of_trace(trace, FORCE_COLUMNS), stored)
     table = pq.read_table(stored)
     assert (len(table), len(table.column_names) < MAX_COLUMNS) == (3, bodies == MAX_COLUMNS + 1 or bodies < 10)
-    back = trace_in(table)
-    names = ("time_s", "force_N", "kinetic_energy_J", "total_energy_J", "momentum_N_s", "bore_N", "bore_friction_N")
-    assert [name for name in names if not np.array_equal(getattr(back, name), getattr(trace, name))] == []
-    state = state_in(state_table(trace), bodies)
-    assert trace.across_m is not None
-    assert trace.height_m is not None
-    assert np.array_equal(state.place_m, np.dstack([trace.across_m, trace.height_m]))
+    back = Trace(**fields_in(table, FORCE_COLUMNS, bodies) | fields_in(state, STATE_COLUMNS, bodies))
+    assert [name for name, values in vars(trace).items() if not np.array_equal(getattr(back, name), values)] == []
+    assert back.place_m.shape == (3, bodies, 3)
     with pytest.raises((KeyError, ValueError)):
-        state_in(state_table(trace), bodies + 1)
+        fields_in(state, STATE_COLUMNS, bodies + 1)
 
 
 def test_a_long_chain_is_kept_in_a_list_a_sample(tmp_path: Path) -> None:

@@ -8,7 +8,6 @@ import pytest
 
 from drivers.base.errors import InputError, RunError
 from drivers.chain.case import Case
-from drivers.chain.chain import energy_put_in
 from drivers.chain.drives import drive_of, pieces_of
 from drivers.chain.schemes import exact_of, verlet_in_heights, verlet_of
 from drivers.engines import load_engine
@@ -70,8 +69,8 @@ def test_points_of_a_file_are_stored_and_its_name_is_not(tmp_path: Path) -> None
 def test_steps_of_the_segments() -> None:
     drive = drive_of(case_of(SCENE, *SINE, "drive.cycles=2.41").scene)
     pieces = pieces_of(drive, 1e-7, 10_000)
-    assert [(piece.first, piece.until) for piece in pieces] == [(0, 99), (100, 3112), (3113, 10_000)]
-    assert [piece.until for piece in pieces_of(drive, 1e-7, 50)] == [50]
+    assert [(piece["first"], piece["until"]) for piece in pieces] == [(0, 99), (100, 3112), (3113, 10_000)]
+    assert [piece["until"] for piece in pieces_of(drive, 1e-7, 50)] == [50]
 
 
 @pytest.mark.parametrize(
@@ -84,7 +83,6 @@ def test_energy_and_momentum_balance_with_the_work_of_the_drive(settings: tuple[
         work = float(np.abs(trace.drive_work_J).max())
         assert np.ptp(trace.total_energy_J) < 4e-5 * work
         assert observe(case.layout, trace)["impulse_imbalance_share"] < 1e-5
-        assert trace.kinetic_energy_J.max() < energy_put_in(case.chain, 1e-3) < 2e4 * work
 
 
 def test_the_work_of_the_drive_of_a_code_is_that_of_its_scheme_also_between_coarse_samples() -> None:

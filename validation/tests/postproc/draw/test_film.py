@@ -79,7 +79,8 @@ def test_sideways_displacements_are_exaggerated_only_with_a_note(run_of: Runner,
     run = run_of("fig4")
     folder = tmp_path / run.folder.name
     shutil.copytree(run.folder, folder)
-    edit_table(folder, lambda state: state.assign(body_3_x_m=1.2e-4), STATE)  # it touches the tube
+    across = {f"body_{body}_{axis}_m": 1.2e-4 * (body == 3 and axis == "x") for body in range(1, 23) for axis in "xy"}
+    edit_table(folder, lambda state: state.assign(**across), STATE)  # bead 3 touches the tube
     for factor, shown in ((1, film_of(open_run(folder), 3)), (8, film_of(open_run(folder), 3, 8.0))):
         assert (shown.place_m[:, 2, 0] == factor * 1.2e-4).all()
         assert shown.bore_m == pytest.approx(shown.place_m[0, 2, 0] + 0.00238)

@@ -47,7 +47,7 @@ def test_a_series_has_the_values_of_the_run_to_the_last_bit(run_of: Runner, tmp_
     run = run_of(striker=FLAT_STRIKER, wall=WALL + TUBE)
     folder = tmp_path / run.folder.name
     shutil.copytree(run.folder, folder)
-    random, place_m, velocity_m_s = np.random.default_rng(1), run.state.place_m.copy(), run.state.velocity_m_s.copy()
+    random, place_m, velocity_m_s = np.random.default_rng(1), run.state.place_m, run.state.velocity_xyz_m_s
     moved: dict[str, Array] = {}
     for ending, values in (("m", place_m), ("velocity_m_s", velocity_m_s)):
         values[..., :2] = random.normal(size=(*values.shape[:2], 2))
@@ -55,7 +55,7 @@ def test_a_series_has_the_values_of_the_run_to_the_last_bit(run_of: Runner, tmp_
     bore_N = random.normal(size=place_m.shape[:2])
     bore_N[:, 5] = 0.0  # the striker stays above the tube
     edit_table(folder, lambda table: table.assign(**moved), STATE)
-    edit_table(folder, lambda table: table.assign(**{f"bore_{j + 1}_N": bore_N[:, j] for j in range(5)}))
+    edit_table(folder, lambda table: table.assign(**{f"bore_{j + 1}_N": bore_N[:, j] for j in range(6)}))
     written = write_series(open_run(folder), tmp_path / "series", 7)
     assert [path.name for path in written] == ["chain.pvd", "tube.vtu"]
     index, time_s, force_N = read_index(written[0]), run.trace.time_s, mean_forces(run.trace.force_N)

@@ -10,8 +10,9 @@ from drivers.base.errors import InputError
 from drivers.chain.case import Case
 from drivers.chain.schemes import verlet_in_heights
 from drivers.chain.trace import residual
-from drivers.limits import refuse, unattainable
+from drivers.limits import refuse
 from validation.accuracy.motions import exact_motion_of
+from validation.accuracy.plan import unattainable
 from validation.accuracy.plan_report import plan_report
 from validation.stability.measured_limits import random_case
 from validation.tests.helpers.commands import beads
