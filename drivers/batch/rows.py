@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -19,7 +20,7 @@ from drivers.batch.study import Study, read_study, select
 from drivers.chain.case import Case, Layout
 from drivers.chain.trace import FORCE, Trace, digest_of, residual
 from drivers.engines import REFERENCE, Engine, installed, load_engine
-from drivers.engines._entries import entry_files, use_entries
+from drivers.engines._entries import entry_files
 from drivers.limits import inability, needed_tolerance, refuse
 from drivers.run.build import Build, build_of, names_of
 from drivers.run.compute import Computed, compute
@@ -157,7 +158,7 @@ def opened(request: Request) -> Batch:
         InputError: anything wrong with the study, its base scene or the selection.
     """
     if request.entries not in ((), entry_files()):  # a worker in another folder or on another machine
-        use_entries(request.entries)
+        os.environ[paths.ENGINES_VARIABLE] = os.pathsep.join(map(str, request.entries))
     study = read_study(request.source, request.engines)
     numbers = select(study, request.patterns)
     engines = tuple(name for name in study.engines if name in request.engines or not request.engines)

@@ -6,19 +6,21 @@ this folder or of other files.
 """
 
 import os
-import pkgutil
 import re
 import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import cache, wraps
-from importlib import import_module, util
+from importlib import import_module
 from pathlib import Path
+from runpy import run_path
 from traceback import extract_tb
 from typing import Any, NoReturn
 
+from drivers.base import paths
 from drivers.base.decks import Deck
 from drivers.base.errors import InputError, InputProblem, RunError, one_line
 from drivers.base.processes import find_command
@@ -42,30 +44,6 @@ def last_line(stdout: str, stderr: str, chatter: tuple[str, ...] = ()) -> str:
     """Last line with words, of the standard error or else of the output, that does not begin with ``chatter``."""
     lines = [line.strip() for line in f"{stdout}\n{stderr}".splitlines() if re.search(r"\w", line)]
     return ([line for line in lines if not line.startswith(chatter)] or lines or ["no output"])[-1]
-
-
-def _absolute(word: str) -> str:
-    """Word of a command; the path of an existing file is absolute, as a deck runs in a folder of its own."""
-    return str(Path(word).absolute()) if "/" in word and "=" not in word and Path(word).exists() else word
-
-
-@dataclass(frozen=True)
-class Style:
-    """Colour, line and marker of an engine in figures.
-
-    Attributes:
-        colour: as ``#rrggbb``.
-        width: width of the line in points.
-        dashes: dash pattern of matplotlib.
-        marker: marker of matplotlib.
-        size: size of the marker in points.
-    """
-
-    colour: str
-    width: float = 1.3
-    dashes: Any = "-"
-    marker: str = "^"
-    size: float = 5.0
 
 
 @dataclass(frozen=True)
@@ -94,13 +72,13 @@ class Engine:
         shear: ``TOTAL`` or ``INCREMENTAL`` friction in three dimensions.
         dissipation: laws of dissipation that it models, as named in scenes; a shipped code asks the laws.
         models: modelling elements (``drivers.chain.case``) that it models.
-        variables: environment variables that it needs, with their values.
         refusal: function that returns key, found and allowed of a case that the engine cannot run; else None.
         failure_reason: function that extracts the code's own error message from its standard output and error.
         loss_message: text in the failure reason if a body left the simulated space, which means a blow-up; empty if
             the code does not check for that.
-        style: style in figures; None gives the engine a style of its own.
-        name, entry: set by ``load_engine``.
+        style: style in figures: ``color``, ``lw``, ``ls``, ``marker`` and ``ms`` of matplotlib; without a colour the
+            engine gets one of its own.
+        name, entry, where: name, entry, and the file that holds it; set by ``load_engine``.
     """
 
     how_to_get: str
@@ -116,14 +94,14 @@ class Engine:
     shear: str = TOTAL
     dissipation: frozenset[str] = frozenset({Viscoelastic.name})
     models: frozenset[str] = STRAIGHT
-    variables: Mapping[str, str] = field(default_factory=dict)
     refusal: Callable[[Case], InputProblem | None] = lambda case: None
     failure_reason: Callable[[str, str], str] = last_line
     loss_message: str = ""
-    style: Style | None = None
+    style: Mapping[str, Any] = field(default_factory=dict)
     libraries: Callable[[Path], Iterable[Path]] = lambda program: ()
     name: str = ""
     entry: Entry = field(default_factory=Entry)
+    where: str = ""
 
     @property
     def in_repository(self) -> bool:
@@ -134,63 +112,43 @@ class Engine:
         """Command that starts the build, with paths of its programs; None if it is not installed."""
         if self.in_repository:
             return (sys.executable,)
-        return next((program for command in self.entry.command if (program := find_command(command))), None)
+        return next(filter(None, map(find_command, self.entry.command)), None)
 
     def started(self, deck: Deck, build: tuple[str, ...]) -> tuple[str, ...]:
         """Command of a deck, with the program's name replaced by the command of the build."""
         return tuple(word for part in deck.command for word in (build if part == self.program else (part,)))
 
-    def command_by_hand(self, deck: Deck) -> str:
-        """Command of a deck for a shell, with the program's name replaced by the command of the engine's entry."""
-        registered: tuple[str, ...] = (self.program,)
-        if not self.in_repository and self.entry.command:
-            registered = next(filter(find_command, self.entry.command), self.entry.command[0])
-        return shlex.join(self.started(deck, tuple(map(_absolute, registered))))
-
-    def deck_by_hand(self, deck: Deck) -> Deck:
-        """Deck whose first line names ``command_by_hand``, to be written for a reader; all else is unchanged."""
+    def by_hand(self, deck: Deck) -> Deck:
+        """Deck to be written for a reader: its command, also in its first line, starts the build of the entry."""
+        registered = (not self.in_repository and self.entry.command) or ((self.program,),)
+        command = self.started(deck, next(filter(find_command, registered), registered[0]))
         name, text = next(iter(deck.files.items()))
-        first, end, rest = text.partition("\n")
-        first = first.replace(" ".join(deck.command), self.command_by_hand(deck))
-        return replace(deck, files={**deck.files, name: f"{first}{end}{rest}"})
+        text = text.replace(" ".join(deck.command), shlex.join(command), 1)
+        return replace(deck, files={**deck.files, name: text}, command=command)
 
     @property
     def environment(self) -> dict[str, str]:
-        """Environment variables that the engine needs or its entry passes on, with their values."""
-        passed = {
-            name: value
-            for name, value in os.environ.items()
-            if any(fnmatchcase(name, pattern) for pattern in self.entry.variables)
-        }
-        return passed | dict(self.variables)
+        """Environment variables that the engine's entry passes on, with their values."""
+        patterns = self.entry.variables
+        return {name: value for name, value in os.environ.items() if any(fnmatchcase(name, each) for each in patterns)}
 
     @property
     def absence(self) -> str:
         """Message for an engine that is not installed."""
         commands = ", ".join(shlex.join(command) for command in self.entry.command)
-        where = f" of {self.entry.where}" if self.entry.where else ""
+        where = f" of {self.where}" if self.where else ""
         return f"not installed; it comes with {self.how_to_get} (looked for {commands}{where})"
-
-    def version_of(self, command: tuple[str, ...]) -> str:
-        """Version line of a command, in the environment of runs."""
-        variables = [f"{name}={value}" for name, value in self.environment.items()]
-        return self.version(("env", *variables, *command) if variables else command)
 
     def loop_seconds(self, stdout: str) -> float | None:
         """Seconds spent in the code's time loop, from its standard output; None if the run did not finish.
 
         A deck with several runs of the code has a line for each.
         """
-        matches = list(re.finditer(self.loop_pattern, stdout, re.MULTILINE))
+        found = re.findall(self.loop_pattern, stdout, re.MULTILINE)
         try:
-            return sum(float(match[1]) for match in matches) if matches else None
-        except (IndexError, TypeError, ValueError) as error:  # of an external adapter
+            return sum(map(float, found)) if found else None
+        except (TypeError, ValueError) as error:  # of an external adapter
             raise RunError(f"loop_pattern of {self.name} finds no seconds: {error}") from error
-
-
-@cache
-def _adapters() -> tuple[str, ...]:
-    return tuple(module.name for module in pkgutil.iter_modules(__path__) if not module.name.startswith("_"))
 
 
 def load_engine(name: str, where: str = "engine", key: str = "", also: tuple[str, ...] = ()) -> Engine:
@@ -203,51 +161,47 @@ def load_engine(name: str, where: str = "engine", key: str = "", also: tuple[str
         also: further words that the option allows.
 
     Raises:
-        InputError: unknown name, an adapter that cannot be loaded, or an entry for an in-repo engine.
+        InputError: unknown name, or an adapter that cannot be loaded.
     """
-    known = entries(_adapters())
+    known = entries()
     if name not in known:
         advice = "; own engines are read from ./engines.toml, ~/.config/bead-chains/engines.toml and --engines FILE"
         raise InputError(where, key, f'"{name}"', ", ".join((*sorted(known), *also)) + advice)
-    return _engine_of(name, known[name])
+    return _engine_of(name, *known[name])
 
 
 @cache
-def _engine_of(name: str, entry: Entry) -> Engine:
+def _engine_of(name: str, entry: Entry, where: str) -> Engine:
     """Engine of an entry, cached since a batch loads it for every case."""
-    if entry.adapter in _adapters():
-        engine = import_module(f"{__name__}.{entry.adapter}").ENGINE
-    else:
-        engine = _external_adapter(Path(entry.adapter), f"{entry.where}: {name}")
-    assert isinstance(engine, Engine)
-    if engine.in_repository and entry.where:
-        allowed = "an adapter of a code; in-repo engines take no entry"
-        raise InputError(entry.where, name, f'adapter "{entry.adapter}"', allowed)
-    return replace(engine, name=name, entry=entry, how_to_get=entry.how_to_get or engine.how_to_get)
+    external = entry.adapter.endswith(".py")
+    engine = _external(Path(entry.adapter)) if external else import_module(f"{__name__}.{entry.adapter}").ENGINE
+    return replace(engine, name=name, entry=entry, where=where, how_to_get=entry.how_to_get or engine.how_to_get)
+
+
+@contextmanager
+def _named_errors(path: Path) -> Iterator[None]:
+    """Turn any error of an external adapter into a RunError of one line, with the last line of its file that ran."""
+    try:
+        yield
+    except (InputError, RunError, KeyboardInterrupt):
+        raise
+    except BaseException as error:
+        lines = [f":{frame.lineno}" for frame in extract_tb(error.__traceback__) if frame.filename == str(path)]
+        raise RunError(one_line(path.name, *lines[-1:], ": ", f"{type(error).__name__}: {error}")) from error
 
 
 def _guarded(name: str, function: Callable[..., Any], path: Path) -> Callable[..., Any]:
-    """Wrap a function of an external adapter: any error becomes a RunError with its file and line."""
+    """Wrap a function of an external adapter, so that any error is a RunError."""
 
     @wraps(function)
     def guarded(*arguments: Any) -> Any:
-        try:
+        with _named_errors(path):
             result = function(*arguments)
             if result is None and name != "refusal":
                 raise RunError(f"{path.name}: {name} returns None")
-            return list(result) if isinstance(result, Iterator) else result  # a generator raises errors when it is read
-        except (InputError, RunError, KeyboardInterrupt):
-            raise
-        except BaseException as error:
-            raise RunError(_error_line(error, path)) from error
+            return list(result) if isinstance(result, Iterator) else result  # a generator raises when it is read
 
     return guarded
-
-
-def _error_line(error: BaseException, path: Path) -> str:
-    """Error of an adapter on one line, with the last line of its file that was running."""
-    lines = [f":{frame.lineno}" for frame in extract_tb(error.__traceback__) if frame.filename == str(path)]
-    return one_line(path.name, *lines[-1:], ": ", f"{type(error).__name__}: {error}")
 
 
 def _exit_unless_adapter(status: int) -> NoReturn:
@@ -257,37 +211,30 @@ def _exit_unless_adapter(status: int) -> NoReturn:
     _exit(status)
 
 
-@cache
-def _external_adapter(path: Path, where: str) -> Engine:
+def _external(path: Path) -> Engine:
     """Engine of an adapter outside this package.
 
     Raises:
         InputError: the file cannot be loaded or defines no ``ENGINE``.
     """
     os._exit = _exit_unless_adapter
-    spec = util.spec_from_file_location(f"{EXTERNAL}{path}", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = sys.modules[spec.name] = util.module_from_spec(spec)
     try:
-        spec.loader.exec_module(module)
-        engine = module.ENGINE
-        if not isinstance(engine, Engine):
-            raise TypeError(f"ENGINE is {type(engine).__name__}")
-        re.compile(engine.loop_pattern)
-    except KeyboardInterrupt:
-        raise
-    except BaseException as error:  # any error of the adapter
-        raise InputError(where, "adapter", _error_line(error, path), "ENGINE = Engine(...)") from error
+        with _named_errors(path):
+            engine = run_path(str(path), run_name=f"{EXTERNAL}{path}").get("ENGINE")
+            if not isinstance(engine, Engine):
+                raise TypeError(f"ENGINE is {type(engine).__name__}")
+            re.compile(engine.loop_pattern)
+    except (InputError, RunError) as error:
+        raise InputError(paths.shown(path), "", str(error), "ENGINE = Engine(...)") from error
     guarded: dict[str, Any] = {
-        name: _guarded(name, function, path) for name, function in vars(engine).items() if callable(function)
+        name: _guarded(name, value, path) for name, value in vars(engine).items() if callable(value)
     }
-    return replace(engine, **guarded)
+    return replace(engine, **guarded | {"integrate": None})
 
 
 def engine_names() -> list[str]:
     """Names of all engines, installed or not."""
-    return sorted(entries(_adapters()))
+    return sorted(entries())
 
 
 def in_order(names: Iterable[str]) -> list[str]:

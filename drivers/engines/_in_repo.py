@@ -133,7 +133,6 @@ def in_repository_engine(method: str, timing: Callable[[Case], Values], **fields
         how_to_get="nothing: it is part of this repository",
         program="python",
         version=version,
-        variables={"PYTHONPATH": str(paths.ROOT)},
         dissipation=frozenset(LAWS),
         render=render,
         integrate=integrate,

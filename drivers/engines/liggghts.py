@@ -8,7 +8,6 @@ import numpy as np
 from drivers.base.errors import InputProblem
 from drivers.chain.case import SIDEWAYS, STRAIGHT, Case
 from drivers.chain.chain import Array, energy_put_in, free_fall, sphere_for_face
-from drivers.engines import Style
 from drivers.engines._lammps_family import (
     MAX_BODIES_IN_PAIRS,
     above_face,
@@ -133,5 +132,5 @@ ENGINE = member(
     how_to_get="Debian's package liggghts",
     models=STRAIGHT | SIDEWAYS,
     refusal=refusal,
-    style=Style("#0072b2", marker="s", size=4.5),
+    style={"color": "#0072b2", "marker": "s", "ms": 4.5},
 )

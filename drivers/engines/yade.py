@@ -15,7 +15,7 @@ from drivers.base.processes import STDOUT, line_of
 from drivers.chain.case import SIDEWAYS, STRAIGHT, Case
 from drivers.chain.drives import drive_words, pieces_of
 from drivers.chain.trace import Trace, make_trace
-from drivers.engines import INCREMENTAL, Engine, Style, last_line
+from drivers.engines import INCREMENTAL, Engine, last_line
 from drivers.engines._raw_output import contact_forces, read_arrays
 from drivers.laws import LAWS, Viscoelastic
 from validation.reference.hertz_chain import loads_N
@@ -147,5 +147,5 @@ ENGINE = Engine(
     read=read,
     failure_reason=lambda stdout, stderr: last_line(stdout, stderr, CHATTER),
     loop_pattern=r"^completed \d+ steps in ([0-9.]+) s$",
-    style=Style("#d55e00", dashes=(0, (4, 3)), marker="x", size=4.0),
+    style={"color": "#d55e00", "ls": (0, (4, 3)), "marker": "x", "ms": 4.0},
 )

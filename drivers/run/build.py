@@ -69,7 +69,7 @@ def build_of(engine: Engine) -> Build:
     if command is None:
         raise RunError(engine.absence)
     if engine.in_repository:  # its version contains the digest of its sources
-        return Build(command, engine.version_of(command), "")
+        return Build(command, engine.version(command), "")
     searched = {name: os.environ.get(name, "") for name in ("PATH", "LD_LIBRARY_PATH")}
     passed = sorted(engine.environment.items())
     key = ["build", engine.name, engine.entry.adapter, command, digest_of_json([searched, passed])]  # maybe secret
@@ -78,7 +78,7 @@ def build_of(engine: Engine) -> Build:
         known = _seen.get(name) or load(key)
         if not known or known["files"] != _dates(known["files"]):
             with counted(f"checking the build of {engine.name}"):
-                version = engine.version_of(command)
+                version = engine.version(("env", *(f"{name}={value}" for name, value in passed), *command))
                 files = sorted(_files(engine, command, searched | dict(passed)))
                 dates = _dates(files)
                 digest = digest_of_json([*sorted(sha256_of(Path(file)) for file in files), passed])

@@ -101,7 +101,7 @@ def compute(
     limit_s = limit_s or engine.entry.time_limit or default_limit_s(case)
     if engine.integrate is not None and not own_process:
         if folder is not None:
-            engine.deck_by_hand(deck or engine.render(case)).write(folder)
+            engine.by_hand(deck or engine.render(case)).write(folder)
         return _in_memory(case, engine, limit_s, folder)
     build, deck = build or build_of(engine), deck or engine.render(case)
     if folder or own_process or not _serves_alike(name, build):
@@ -153,7 +153,7 @@ def _own_process(
 ) -> Computed:
     """Run a deck in a process of its own."""
     with nullcontext(folder) if folder else workplace(private_temporary_folder()) as place:
-        engine.deck_by_hand(deck).write(place)
+        engine.by_hand(deck).write(place)
         outcome = run_command(engine.started(deck, build.command), place, limit_s, **engine.environment)
         return _ended(case, engine, outcome, place)
 

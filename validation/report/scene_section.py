@@ -228,7 +228,7 @@ def section_of(scene: ComparedScene, results: Path, runs: Path | None = None) ->
             for name, cell in row.cells.items()
             for engine in [load_engine(name)]
             if (cell.verdict == FAIL if name in scene.absent else not engine.in_repository)
-            for file, text in engine.deck_by_hand(engine.render(case)).files.items()
+            for file, text in engine.by_hand(engine.render(case)).files.items()
         ],
     }
 
