@@ -26,7 +26,7 @@ from drivers.base.errors import InputError, InputProblem, RunError, one_line
 from drivers.base.processes import find_command
 from drivers.chain.case import STRAIGHT, Case
 from drivers.chain.trace import Trace
-from drivers.engines._entries import Entry, entries
+from drivers.engines._entries import Entry, entries_of, entry_files
 from drivers.laws import Viscoelastic
 from validation.reference.hertz_chain import Flag
 
@@ -163,7 +163,7 @@ def load_engine(name: str, where: str = "engine", key: str = "", also: tuple[str
     Raises:
         InputError: unknown name, or an adapter that cannot be loaded.
     """
-    known = entries()
+    known = entries_of(entry_files())
     if name not in known:
         advice = "; own engines are read from ./engines.toml, ~/.config/bead-chains/engines.toml and --engines FILE"
         raise InputError(where, key, f'"{name}"', ", ".join((*sorted(known), *also)) + advice)
@@ -234,7 +234,7 @@ def _external(path: Path) -> Engine:
 
 def engine_names() -> list[str]:
     """Names of all engines, installed or not."""
-    return sorted(entries())
+    return sorted(entries_of(entry_files()))
 
 
 def in_order(names: Iterable[str]) -> list[str]:

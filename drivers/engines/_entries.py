@@ -50,7 +50,7 @@ class Entry(Part):
 
 
 def entry_files() -> tuple[Path, ...]:
-    """Files with entries: shipped, the user's, the present folder's, ``--engines``; later files take precedence."""
+    """Files with entries: shipped, the user's, the present folder's, ``--engines``."""
     of_user = home_of(os.environ.get("XDG_CONFIG_HOME") or "~/.config") / "bead-chains" / paths.ENGINES.name
     here = Path(os.getcwd(), paths.ENGINES.name)  # noqa: PTH109 - Path.cwd() takes ten times as long
     files = [path for path in (paths.ENGINES, of_user, here) if os.access(path, os.R_OK)]
@@ -62,19 +62,15 @@ def _given() -> list[Path]:
     return [Path(path).absolute() for path in os.environ.get(paths.ENGINES_VARIABLE, "").split(os.pathsep) if path]
 
 
-def entries() -> dict[str, tuple[Entry, str]]:
-    """Entries, with their files for messages, by name.
+@cache
+def entries_of(files: tuple[Path, ...]) -> dict[str, tuple[Entry, str]]:
+    """Entries of files, with the file of each for messages, by name; later files take precedence.
 
     Without an entry each adapter of this folder has the command of its own name.
 
     Raises:
         InputError: a file is missing or wrong, or one of the present folder could be changed by others.
     """
-    return _entries(entry_files())
-
-
-@cache
-def _entries(files: tuple[Path, ...]) -> dict[str, tuple[Entry, str]]:
     modules = [module.name for module in pkgutil.iter_modules([str(Path(__file__).parent)])]
     by_name = {name: (_named(name), "") for name in modules if not name.startswith("_")}
     codes = sorted({*by_name} - {*RESERVED})

@@ -1,8 +1,6 @@
 """In-repo engines: they integrate cases in this process; by hand ``validation.reference`` runs the same deck."""
 
 import json
-import threading
-import time
 from collections.abc import Callable
 from importlib.metadata import version as package_version
 from pathlib import Path
@@ -21,15 +19,12 @@ from drivers.engines import Engine
 from drivers.engines._raw_output import read_arrays
 from drivers.laws import LAWS
 from validation import reference
-from validation.reference import columns_of, integrate_deck
+from validation.reference import columns_of, timed
 from validation.reference.hertz_chain import TUBE_KEYS, VISCOELASTIC_POWER, Flag, Motion, TubeMotion
 
 COMMAND = ("python", "-m", reference.__name__, "chain.json")
 COLUMNS = 13  # three-dimensional chain: axial force; bore force, position, velocity and spin with three each
 Values = dict[str, Any]  # of a deck, by key
-
-_loaded: set[str] = set()
-_loading = threading.Lock()
 
 
 def version(command: tuple[str, ...]) -> str:
@@ -117,15 +112,7 @@ def in_repository_engine(method: str, timing: Callable[[Case], Values], **fields
 
     def integrate(case: Case, stop: Flag) -> tuple[Trace, float]:
         """Trace of a case, and the time of the loop in s, without that of loading or compiling it."""
-        values = _values(case, method, timing(case))
-        kind = f"{method} {'place_m' in values} {'alpha' in values} {'drive' in values}"
-        with _loading:
-            if kind not in _loaded:
-                integrate_deck(values | {"steps_per_sample": 1}, stop, samples=2)
-                _loaded.add(kind)
-        began = time.perf_counter()
-        motion = integrate_deck(values, stop)
-        loop_s = time.perf_counter() - began
+        motion, loop_s = timed(_values(case, method, timing(case)), stop)
         trace = _trace(case, columns_of(motion))
         return trace if isinstance(motion, TubeMotion) else with_work(trace, motion), loop_s
 

@@ -34,9 +34,8 @@ def read_arrays(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, 
         raise RunError(f"no output: {path.name} was not written")
     try:
         stored = np.load(path, allow_pickle=False)
-        alone = isinstance(stored, np.ndarray)
-        named = dict(zip(shapes, [stored], strict=True)) if alone else {name: stored[name] for name in shapes}
-        arrays = {name: array.astype(float, casting="safe", copy=False) for name, array in named.items()}
+        named = dict.fromkeys(shapes, stored) if isinstance(stored, np.ndarray) else stored
+        arrays = {name: named[name].astype(float, casting="safe", copy=False) for name in shapes}
     except Exception as error:  # numpy and zipfile raise many kinds of errors for damaged files
         raise RunError(f"output is damaged: {path.name}: {error}") from error
     for name, shape in shapes.items():

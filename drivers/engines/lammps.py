@@ -1,7 +1,6 @@
 """LAMMPS: deck of a straight chain."""
 
 from collections.abc import Iterable
-from itertools import combinations_with_replacement
 from pathlib import Path
 from typing import Any
 
@@ -28,9 +27,6 @@ def values(case: Case, radius_m: Array) -> dict[str, Any]:
     kn = contact_kn(chain, radius_m).tolist()
     damping = [*map(chain.law.lammps, kn, chain.reduced_mass_kg.tolist())]
     below = [None, *labels[:-1]]  # the wall has no type
-    all_kn = table_of_pairs(types, below, labels, kn, 1.0)
-    all_damping = table_of_pairs(types, below, labels, damping, damping[-1])
-    both = combinations_with_replacement(range(len(types)), 2)
     height = chain.height_m + above_face(chain, radius_m)
     return {
         "types": types,
@@ -40,7 +36,8 @@ def values(case: Case, radius_m: Array) -> dict[str, Any]:
             "high": (height + radius_m).max(),
         },
         "skin": float(f"{0.2 * radius_m.min():.1g}"),
-        "pairs": [(i + 1, j + 1, all_kn[i, j], all_damping[i, j]) for i, j in both],
+        "kn": table_of_pairs(types, below, labels, kn, 1.0),
+        "damping": table_of_pairs(types, below, labels, damping, damping[-1]),
         "at_wall": (kn[0], damping[0]),
     }
 

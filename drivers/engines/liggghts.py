@@ -18,7 +18,6 @@ from drivers.engines._lammps_family import (
     table_of_pairs,
 )
 
-HARD_PA, SOFT_PA = 1e9, 5e6  # moduli outside this range need hard_particles or soft_particles
 MAX_BINS = 100_000_000  # bins of the neighbour search take 16 bytes each; LIGGGHTS fails above 2^31
 TUBE = " tube"  # the type of the bore: no material's name begins with a space
 
@@ -110,15 +109,12 @@ def values(case: Case, radius_m: Array) -> dict[str, Any]:
         "box": _box(case, radius_m, chain.height_m + above_face(chain, radius_m)),
         "moduli": moduli,
         "ratios": ratios,
-        "wall_type": types.index(chain.wall) + 1 if chain.wall else 0,
         "springs": springs,
         "contact_kn": table_of_pairs(types, below, labels, kn, 1.0),
         "contact_gn": table_of_pairs(types, below, labels, gn, 0.0),
         "friction": friction,
         "face_radius": radius_m[-1] if flat and not springs else None,
         "guided_face": flat and lateral,
-        "hard": not springs and max(moduli) > HARD_PA,
-        "soft": not springs and min(moduli) < SOFT_PA,
     }
 
 

@@ -24,7 +24,7 @@ WRAPPER_BYTES = 4000  # a longer script is a program of its own: its words are n
 WORD = re.compile(r"""[^\s'"`;|&()\[\]{}<>=,:$#!]+""")
 LIBRARY = re.compile(r"(/.*) \(0x[0-9a-f]+\)$", re.MULTILINE)  # in the output of ldd
 _probing = threading.Lock()
-_seen: dict[str, dict[str, Any]] = {}  # entries of the cache that this process knows, by digest of their key
+_seen: dict[str, dict[str, Any]] = {}  # entries of the cache that this process knows, by their key
 
 
 @dataclass(frozen=True)
@@ -73,9 +73,8 @@ def build_of(engine: Engine) -> Build:
     searched = {name: os.environ.get(name, "") for name in ("PATH", "LD_LIBRARY_PATH")}
     passed = sorted(engine.environment.items())
     key = ["build", engine.name, engine.entry.adapter, command, digest_of_json([searched, passed])]  # maybe secret
-    name = digest_of_json(key)
     with _probing:
-        known = _seen.get(name) or load(key)
+        known = _seen.get(str(key)) or load(key)
         if not known or known["files"] != _dates(known["files"]):
             with counted(f"checking the build of {engine.name}"):
                 version = engine.version(("env", *(f"{name}={value}" for name, value in passed), *command))
@@ -85,7 +84,7 @@ def build_of(engine: Engine) -> Build:
             if version == UNKNOWN_VERSION:  # the probe was disturbed: it is repeated the next time
                 return Build(command, version, digest)
             known = store(key, {"files": dates, "version": version, "sha256": digest})
-        _seen[name] = known
+        _seen[str(key)] = known
     return Build(command, known["version"], known["sha256"])
 
 
@@ -117,8 +116,6 @@ def _files(engine: Engine, command: Iterable[str], variables: dict[str, str]) ->
             paths += [f"{folder}/{word}" for folder in (Path(file).parent, *paths) for word in named]
             waiting += filter(which, [*named, *paths])
             folders += filter(os.path.isdir, paths)  # it may set them as LD_LIBRARY_PATH
-    variables = variables | {"LD_LIBRARY_PATH": ":".join([*folders, variables["LD_LIBRARY_PATH"]])}
-    ldd, listed = which("ldd"), ""
-    if ldd:
-        listed = subprocess.run([ldd, *files], env=variables, capture_output=True, text=True, check=False).stdout
-    return files.union(LIBRARY.findall(listed), *(map(str, engine.libraries(Path(file))) for file in files))
+    searched = {"LD_LIBRARY_PATH": ":".join([*folders, variables["LD_LIBRARY_PATH"]])}
+    ldd = subprocess.run(("env", "ldd", *files), env=variables | searched, capture_output=True, text=True, check=False)
+    return files.union(LIBRARY.findall(ldd.stdout), *(map(str, engine.libraries(Path(file))) for file in files))
