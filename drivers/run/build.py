@@ -77,7 +77,8 @@ def build_of(engine: Engine) -> Build:
         known = _seen.get(str(key)) or load(key)
         if not known or known["files"] != _dates(known["files"]):
             with counted(f"checking the build of {engine.name}"):
-                version = engine.version(("env", *(f"{name}={value}" for name, value in passed), *command))
+                setting = ("env", *(f"{name}={value}" for name, value in passed)) if passed else ()
+                version = engine.version((*setting, *command))
                 files = sorted(_files(engine, command, searched | dict(passed)))
                 dates = _dates(files)
                 digest = digest_of_json([*sorted(sha256_of(Path(file)) for file in files), passed])
@@ -116,6 +117,8 @@ def _files(engine: Engine, command: Iterable[str], variables: dict[str, str]) ->
             paths += [f"{folder}/{word}" for folder in (Path(file).parent, *paths) for word in named]
             waiting += filter(which, [*named, *paths])
             folders += filter(os.path.isdir, paths)  # it may set them as LD_LIBRARY_PATH
-    searched = {"LD_LIBRARY_PATH": ":".join([*folders, variables["LD_LIBRARY_PATH"]])}
-    ldd = subprocess.run(("env", "ldd", *files), env=variables | searched, capture_output=True, text=True, check=False)
-    return files.union(LIBRARY.findall(ldd.stdout), *(map(str, engine.libraries(Path(file))) for file in files))
+    searched, libraries = {"LD_LIBRARY_PATH": ":".join([*folders, variables["LD_LIBRARY_PATH"]])}, ""
+    if ldd := which("ldd"):
+        words, given = (ldd, *files), variables | searched
+        libraries = subprocess.run(words, env=given, capture_output=True, text=True, check=False).stdout
+    return files.union(LIBRARY.findall(libraries), *(map(str, engine.libraries(Path(file))) for file in files))
