@@ -77,16 +77,15 @@ def entries_of(files: tuple[Path, ...]) -> dict[str, tuple[Entry, str]]:
     for path in files:
         _check_owner(path, path)
         for name, table in _read(path):
-            before, _ = by_name.get(name, (None, ""))
-            adapter = table.adapter or (before.adapter if before else name)
+            before, _ = by_name.get(name) or by_name.get(table.adapter) or (_named(name), "")
+            adapter = table.adapter or before.adapter
             if adapter.endswith(".py"):
                 adapter = str(path.parent / home_of(adapter))
             if adapter not in codes and not (adapter.endswith(".py") and readable(Path(adapter))):
                 allowed = f"{', '.join(codes)}, or the path of a .py file"
                 raise InputError(paths.shown(path), f"{name}.adapter", f'"{adapter}"', allowed)
             _check_owner(Path(adapter), path)
-            known = before or by_name.get(adapter, (_named(name), ""))[0]
-            commands = [[_relative_to_file(path, word) for word in words] for words in table.command or known.command]
+            commands = [[_relative_to_file(path, word) for word in words] for words in table.command or before.command]
             filled = {"adapter": adapter, "command": tuple(map(tuple, commands))}
             by_name[name] = table.model_copy(update=filled), paths.shown(path)
     return by_name

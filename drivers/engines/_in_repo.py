@@ -12,9 +12,9 @@ from drivers.base import paths
 from drivers.base.cache import content_of
 from drivers.base.decks import Deck
 from drivers.chain.case import Case
-from drivers.chain.chain import Chain, tube_arrays_of
+from drivers.chain.chain import tube_arrays_of
 from drivers.chain.schemes import trace_of, trace_of_tube
-from drivers.chain.trace import Trace, with_work
+from drivers.chain.trace import Trace
 from drivers.engines import Engine
 from drivers.engines._raw_output import read_arrays
 from drivers.laws import LAWS
@@ -48,8 +48,13 @@ def _values(case: Case, method: str, timing: Values) -> Values:
         "overlap_m": chain.overlap_m,
         "velocity_m_s": chain.velocity_m_s,
         "load_N": chain.load_N,
-        **_dissipation(chain),
     }
+    if chain.law.alpha:
+        values |= {"gamma_N_(s/m)^alpha": chain.damping, "alpha": chain.law.alpha}
+    elif chain.damped and chain.law.overlap_power == VISCOELASTIC_POWER:
+        values |= {"damping_N_s_m-5/4": chain.damping}
+    elif chain.damped:
+        values |= {"damping_N_s_m-(1+p)": chain.damping, "overlap_power": chain.law.overlap_power}
     if chain.drive is not None:
         given = "displacement of" if chain.drive.prescribed else "force on"
         values |= {"driven_body": chain.drive.body + 1, "drive": f"{given} the body"}
@@ -62,18 +67,6 @@ def _values(case: Case, method: str, timing: Values) -> Values:
         arrays = tube_arrays_of(chain)
         values |= {key: getattr(arrays, field) for field, key in TUBE_KEYS.items()}
     return values
-
-
-def _dissipation(chain: Chain) -> Values:
-    """Coefficients of the dissipative force, with its exponent of speed or of overlap unless that is 1/4."""
-    if not chain.damped:
-        return {}
-    if chain.law.alpha:
-        return {"gamma_N_(s/m)^alpha": chain.damping, "alpha": chain.law.alpha}
-    power = chain.law.overlap_power
-    if power == VISCOELASTIC_POWER:
-        return {"damping_N_s_m-5/4": chain.damping}
-    return {"damping_N_s_m-(1+p)": chain.damping, "overlap_power": power}
 
 
 def read(case: Case, folder: Path) -> Trace:
@@ -113,8 +106,9 @@ def in_repository_engine(method: str, timing: Callable[[Case], Values], **fields
     def integrate(case: Case, stop: Flag) -> tuple[Trace, float]:
         """Trace of a case, and the time of the loop in s, without that of loading or compiling it."""
         motion, loop_s = timed(_values(case, method, timing(case)), stop)
-        trace = _trace(case, columns_of(motion))
-        return trace if isinstance(motion, TubeMotion) else with_work(trace, motion), loop_s
+        if isinstance(motion, Motion):  # with the work of a drive, which is no column
+            return trace_of(case, case.sample_times_s, motion), loop_s
+        return _trace(case, columns_of(motion)), loop_s
 
     return Engine(
         how_to_get="nothing: it is part of this repository",

@@ -98,7 +98,5 @@ def contact_forces(lowest_N: Array, contacts_N: Array) -> Array:
     Returns:
         Contact forces, compression positive. Shape (samples, bodies).
     """
-    force = np.empty_like(contacts_N)
-    force[:, 0] = lowest_N
-    np.negative(contacts_N[:, :-1], out=force[:, 1:])
+    force = np.column_stack([lowest_N, -contacts_N[:, :-1]])
     return np.cumsum(force, axis=1, out=force)
