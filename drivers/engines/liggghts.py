@@ -10,8 +10,7 @@ from drivers.chain.case import SIDEWAYS, STRAIGHT, Case
 from drivers.chain.chain import Array, energy_put_in, free_fall, sphere_for_face
 from drivers.engines._lammps_family import (
     MAX_BODIES_IN_PAIRS,
-    above_face,
-    contact_kn,
+    coefficients_of,
     labels_of,
     law_refusal,
     member,
@@ -72,15 +71,10 @@ def _box(case: Case, radius: Array, height: Array) -> dict[str, float]:
     return {"half_width": width, "low": low, "high": high, "skin": float(f"{0.2 * radius.min():.1g}")}
 
 
-def values(case: Case, radius_m: Array) -> dict[str, Any]:
+def values(case: Case, radius_m: Array, height_m: Array) -> dict[str, Any]:
     """Values of the template: types with their constants, box, contacts of each pair of types."""
-    scene, chain, lateral, bore, labels = (
-        case.scene,
-        case.chain,
-        case.chain.lateral,
-        case.chain.bore,
-        labels_of(case.chain),
-    )
+    scene, chain, labels = case.scene, case.chain, labels_of(case.chain)
+    lateral, bore = chain.lateral, chain.bore
     flat, springs = bool(np.isinf(chain.radius_m[-1])), _by_springs(case)
     material_of = dict(zip(labels, chain.materials, strict=True))
     if chain.wall:
@@ -93,8 +87,7 @@ def values(case: Case, radius_m: Array) -> dict[str, Any]:
     if flat and not springs:
         moduli[types.index(labels[-1])] = sphere_for_face(scene, chain)[1]
     below = [chain.wall, *labels[:-1]]
-    kn = contact_kn(chain, radius_m).tolist()
-    gn = [*map(chain.law.lammps, kn, chain.reduced_mass_kg.tolist())]
+    kn, gn = coefficients_of(chain, radius_m)
     friction = np.full((len(types), len(types)), lateral.friction) if lateral and lateral.slips else None
     by_bore = {}
     if bore:
@@ -106,7 +99,7 @@ def values(case: Case, radius_m: Array) -> dict[str, Any]:
             friction[-1] = friction[:, -1] = bore.friction
     return by_bore | {
         "types": types,
-        "box": _box(case, radius_m, chain.height_m + above_face(chain, radius_m)),
+        "box": _box(case, radius_m, height_m),
         "moduli": moduli,
         "ratios": ratios,
         "springs": springs,

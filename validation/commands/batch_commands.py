@@ -28,7 +28,7 @@ def request_of(
 ) -> "Request":
     """Request for a study."""
     from drivers.batch.rows import Request
-    from drivers.engines._entries import entry_files
+    from drivers.engines import entry_files
 
     return Request(study, runs.absolute(), tuple(engines), tuple(patterns), retry=retry, entries=entry_files())
 

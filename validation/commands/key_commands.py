@@ -38,7 +38,7 @@ def keys(table: str, markdown: bool, write: bool) -> None:
 def key_tables() -> dict[str, list[tuple[str, ...]]]:
     """Rows of the keys of each file, by name."""
     from drivers.batch.study import StudyFile
-    from drivers.engines._entries import Entry
+    from drivers.engines import Entry
     from drivers.scene.model import SceneFile
     from drivers.scene.settings import key_rows
 

@@ -17,8 +17,7 @@ from drivers.base.progress import in_words
 from drivers.chain.case import Case
 from drivers.chain.chain import hertz_force
 from drivers.chain.trace import FORCE, Trace
-from drivers.engines import REFERENCE, in_order, load_engine
-from drivers.engines._entries import engines_again
+from drivers.engines import REFERENCE, engines_again, in_order, load_engine
 from drivers.limits import step_limit
 from drivers.run.run_folder import RunRecord
 from drivers.scene.model import Scene
