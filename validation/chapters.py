@@ -20,8 +20,7 @@ from drivers.base.cache import content_of, load, store
 from drivers.base.errors import RunError
 from drivers.base.files import csv_of, sha256_of, whole_file
 from drivers.base.progress import counted, say
-from drivers.engines import installed_codes, missing_codes
-from drivers.engines._entries import entry_files
+from drivers.engines import entry_files, installed_codes, missing_codes
 from postproc.draw.product import write_figure, write_product
 from postproc.figures import make_figure
 from validation.checks import FAIL, Check, table

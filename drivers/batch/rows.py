@@ -20,8 +20,7 @@ from drivers.batch.store import Key, Store, StudyRow
 from drivers.batch.study import Study, read_study, select
 from drivers.chain.case import Case, Layout
 from drivers.chain.trace import FORCE, Trace, digest_of, residual
-from drivers.engines import REFERENCE, Engine, installed, load_engine
-from drivers.engines._entries import entry_files, use_entries
+from drivers.engines import REFERENCE, Engine, entry_files, installed, load_engine
 from drivers.limits import inability, needed_tolerance, refuse
 from drivers.run.build import Build, build_of, names_of
 from drivers.run.compute import Computed, compute
@@ -248,7 +247,7 @@ def run_rows(batch: Batch, numbers: Sequence[int]) -> list[int]:
         OSError: the disk is full or the runs folder cannot be written to.
     """
     if batch.entries not in ((), entry_files()):  # a worker in another folder or on another machine
-        use_entries(batch.entries)
+        os.environ[paths.ENGINES_VARIABLE] = os.pathsep.join(map(str, batch.entries))
     batch = _first(batch)
     if not all(load_engine(name).in_repository for name in batch.runnable):
         private_temporary_folder()

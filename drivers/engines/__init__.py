@@ -11,21 +11,29 @@ import re
 import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import cache, wraps
-from importlib import import_module, util
+from importlib import import_module
 from pathlib import Path
+from runpy import run_path
 from traceback import extract_tb
-from typing import Any, NoReturn
+from typing import Annotated, Any, NoReturn
 
+from pydantic import BeforeValidator, Field, RootModel
+
+from drivers.base import paths, units
 from drivers.base.decks import Deck
 from drivers.base.errors import InputError, InputProblem, RunError, one_line
+from drivers.base.files import home_of, readable
+from drivers.base.messages import validate
 from drivers.base.processes import find_command
 from drivers.chain.case import STRAIGHT, Case
 from drivers.chain.trace import Trace
-from drivers.engines._entries import Entry, entries
 from drivers.laws import Viscoelastic
+from drivers.scene.model import Name, Part
+from drivers.scene.read_scene import read_toml
 from validation.reference.hertz_chain import Flag
 
 REFERENCE, VERLET = "reference", "verlet"  # in-repo engines: exact motion, and the scheme of the codes
@@ -34,6 +42,7 @@ IN_OVERLAPS = "velocity Verlet in overlaps"
 EXACT = "exact to its tolerance, at any time step"
 EXTERNAL = f"{__name__}.at."  # first part of the names of modules of external adapters
 TOTAL, INCREMENTAL = "total", "incremental"  # friction that stores the shear displacement, or the shear force
+RESERVED = ("auto", "batch", "reference", "verlet")  # a value of --engine, a folder of runs/, the in-repo engines
 
 _exit = os._exit
 
@@ -44,28 +53,26 @@ def last_line(stdout: str, stderr: str, chatter: tuple[str, ...] = ()) -> str:
     return ([line for line in lines if not line.startswith(chatter)] or lines or ["no output"])[-1]
 
 
-def _absolute(word: str) -> str:
-    """Word of a command; the path of an existing file is absolute, as a deck runs in a folder of its own."""
-    return str(Path(word).absolute()) if "/" in word and "=" not in word and Path(word).exists() else word
+def _alternatives(value: object) -> tuple[tuple[str, ...], ...]:
+    lines = [value] if isinstance(value, str) else value
+    if isinstance(lines, list) and lines and all(isinstance(line, str) and "\0" not in line for line in lines):
+        with suppress(ValueError):  # an open quote
+            commands = tuple(tuple(shlex.split(line)) for line in lines)
+            if all(commands):
+                return commands
+    raise ValueError('a command such as "mpirun -np 1 lmp", or a list of them')
 
 
-@dataclass(frozen=True)
-class Style:
-    """Colour, line and marker of an engine in figures.
+class Entry(Part):
+    """Table of ``engines.toml``; omitted keys are those of the adapter."""
 
-    Attributes:
-        colour: as ``#rrggbb``.
-        width: width of the line in points.
-        dashes: dash pattern of matplotlib.
-        marker: marker of matplotlib.
-        size: size of the marker in points.
-    """
-
-    colour: str
-    width: float = 1.3
-    dashes: Any = "-"
-    marker: str = "^"
-    size: float = 5.0
+    adapter: str = Field(default="", description="adapter or .py file; else NAME")
+    command: Annotated[tuple[tuple[str, ...], ...], BeforeValidator(_alternatives)] = Field(
+        default=(), description="command, or alternatives in order"
+    )
+    variables: tuple[str, ...] = Field(default=(), strict=False, description="environment variables passed on")
+    time_limit: units.Duration | None = Field(default=None, description="time limit of a run")
+    how_to_get: str = Field(default="", description="advice if the code is missing")
 
 
 @dataclass(frozen=True)
@@ -79,7 +86,8 @@ class Engine:
         libraries: function that lists files that a program loads without naming them, such as those of a script.
         render: function that returns the deck of a case, with the command that runs it inside its folder.
         read: function that reads the raw output of a finished run in its folder as a trace and raises RunError if the
-            output is damaged. Shapes and signs as in ``drivers.chain.trace.make_trace``.
+            output is damaged, with the trace of the samples before as its ``partial`` if there are any. Shapes and
+            signs as in ``drivers.chain.trace.make_trace``.
         loop_pattern: regular expression of the output line with the seconds spent in the code's time loop (group 1).
         server: files and command of a process that runs many decks one after another, requested on its standard
             input. It may end on a deck that fails; the next deck gets a new process.
@@ -93,12 +101,11 @@ class Engine:
         shear: ``TOTAL`` or ``INCREMENTAL`` friction in three dimensions.
         dissipation: laws of dissipation that it models, as named in scenes; a shipped code asks the laws.
         models: modelling elements (``drivers.chain.case``) that it models.
-        variables: environment variables that it needs, with their values.
         refusal: function that returns key, found and allowed of a case that the engine cannot run; else None.
-        partial_trace: function that reads the samples of a failed run; None if there are none.
         failure_reason: function that extracts the code's own error message from its standard output and error.
-        style: style in figures; None gives the engine a style of its own.
-        name, entry: set by ``load_engine``.
+        style: style in figures, ``color``, ``lw``, ``ls``, ``marker`` and ``ms`` of matplotlib; an empty one gives the
+            engine a style that no other has.
+        name, entry, where: name, entry, and the file that holds it; set by ``load_engine``.
     """
 
     how_to_get: str
@@ -114,14 +121,13 @@ class Engine:
     shear: str = TOTAL
     dissipation: frozenset[str] = frozenset({Viscoelastic.name})
     models: frozenset[str] = STRAIGHT
-    variables: Mapping[str, str] = field(default_factory=dict)
     refusal: Callable[[Case], InputProblem | None] = lambda case: None
-    partial_trace: Callable[[Case, Path], Trace | None] = lambda case, folder: None
     failure_reason: Callable[[str, str], str] = last_line
-    style: Style | None = None
+    style: Mapping[str, Any] = field(default_factory=dict)
     libraries: Callable[[Path], Iterable[Path]] = lambda program: ()
     name: str = ""
     entry: Entry = field(default_factory=Entry)
+    where: str = ""
 
     @property
     def in_repository(self) -> bool:
@@ -132,63 +138,135 @@ class Engine:
         """Command that starts the build, with paths of its programs; None if it is not installed."""
         if self.in_repository:
             return (sys.executable,)
-        return next((program for command in self.entry.command if (program := find_command(command))), None)
+        return next(filter(None, map(find_command, self.entry.command)), None)
 
     def started(self, deck: Deck, build: tuple[str, ...]) -> tuple[str, ...]:
         """Command of a deck, with the program's name replaced by the command of the build."""
         return tuple(word for part in deck.command for word in (build if part == self.program else (part,)))
 
-    def command_by_hand(self, deck: Deck) -> str:
-        """Command of a deck for a shell, with the program's name replaced by the command of the engine's entry."""
-        registered: tuple[str, ...] = (self.program,)
-        if not self.in_repository and self.entry.command:
-            registered = next(filter(find_command, self.entry.command), self.entry.command[0])
-        return shlex.join(self.started(deck, tuple(map(_absolute, registered))))
-
-    def deck_by_hand(self, deck: Deck) -> Deck:
-        """Deck whose first line names ``command_by_hand``, to be written for a reader; all else is unchanged."""
+    def by_hand(self, deck: Deck) -> Deck:
+        """Deck to be written for a reader: its command, also in its first line, starts the build of the entry."""
+        registered = (not self.in_repository and self.entry.command) or ((self.program,),)
+        command = self.started(deck, next(filter(find_command, registered), registered[0]))
         name, text = next(iter(deck.files.items()))
-        first, end, rest = text.partition("\n")
-        first = first.replace(" ".join(deck.command), self.command_by_hand(deck))
-        return replace(deck, files={**deck.files, name: f"{first}{end}{rest}"})
+        text = text.replace(" ".join(deck.command), shlex.join(command), 1)
+        return replace(deck, files={**deck.files, name: text}, command=command)
 
     @property
     def environment(self) -> dict[str, str]:
-        """Environment variables that the engine needs or its entry passes on, with their values."""
-        passed = {
-            name: value
-            for name, value in os.environ.items()
-            if any(fnmatchcase(name, pattern) for pattern in self.entry.variables)
-        }
-        return passed | dict(self.variables)
+        """Environment variables that the engine's entry passes on, with their values."""
+        patterns = self.entry.variables
+        return {name: value for name, value in os.environ.items() if any(fnmatchcase(name, each) for each in patterns)}
 
     @property
     def absence(self) -> str:
         """Message for an engine that is not installed."""
         commands = ", ".join(shlex.join(command) for command in self.entry.command)
-        where = f" of {self.entry.where}" if self.entry.where else ""
+        where = f" of {self.where}" if self.where else ""
         return f"not installed; it comes with {self.how_to_get} (looked for {commands}{where})"
-
-    def version_of(self, command: tuple[str, ...]) -> str:
-        """Version line of a command, in the environment of runs."""
-        variables = [f"{name}={value}" for name, value in self.environment.items()]
-        return self.version(("env", *variables, *command) if variables else command)
 
     def loop_seconds(self, stdout: str) -> float | None:
         """Seconds spent in the code's time loop, from its standard output; None if the run did not finish.
 
         A deck with several runs of the code has a line for each.
         """
-        matches = list(re.finditer(self.loop_pattern, stdout, re.MULTILINE))
+        found = re.findall(self.loop_pattern, stdout, re.MULTILINE)
         try:
-            return sum(float(match[1]) for match in matches) if matches else None
-        except (IndexError, TypeError, ValueError) as error:  # of an external adapter
+            return sum(map(float, found)) if found else None
+        except (TypeError, ValueError) as error:  # of an external adapter
             raise RunError(f"loop_pattern of {self.name} finds no seconds: {error}") from error
 
 
+def entry_files() -> tuple[Path, ...]:
+    """Files with entries: shipped, the user's, the present folder's, ``--engines``."""
+    of_user = home_of(os.environ.get("XDG_CONFIG_HOME") or "~/.config") / "bead-chains" / paths.ENGINES.name
+    here = Path(os.getcwd(), paths.ENGINES.name)  # noqa: PTH109 - Path.cwd() takes ten times as long
+    files = [path for path in (paths.ENGINES, of_user, here) if os.access(path, os.R_OK)]
+    return tuple(dict.fromkeys((*files, *_given())))
+
+
+def _given() -> list[Path]:
+    """Files of the option ``--engines``."""
+    return [Path(path).absolute() for path in os.environ.get(paths.ENGINES_VARIABLE, "").split(os.pathsep) if path]
+
+
 @cache
-def _adapters() -> tuple[str, ...]:
-    return tuple(module.name for module in pkgutil.iter_modules(__path__) if not module.name.startswith("_"))
+def entries_of(files: tuple[Path, ...]) -> dict[str, tuple[Entry, str]]:
+    """Entries of files, with the file of each for messages, by name; later files take precedence.
+
+    Without an entry each adapter of this folder has the command of its own name.
+
+    Raises:
+        InputError: a file is missing or wrong, or one of the present folder could be changed by others.
+    """
+    modules = [module.name for module in pkgutil.iter_modules(__path__)]
+    by_name = {name: (_named(name), "") for name in modules if not name.startswith("_")}
+    codes = sorted({*by_name} - {*RESERVED})
+    for path in files:
+        _check_owner(path, path)
+        for name, table in tables_in(path):
+            before, _ = by_name.get(name) or by_name.get(table.adapter) or (_named(name), "")
+            adapter = table.adapter or before.adapter
+            if adapter.endswith(".py"):
+                adapter = str(path.parent / home_of(adapter))
+            if adapter not in codes and not (adapter.endswith(".py") and readable(Path(adapter))):
+                allowed = f"{', '.join(codes)}, or the path of a .py file"
+                raise InputError(paths.shown(path), f"{name}.adapter", f'"{adapter}"', allowed)
+            _check_owner(Path(adapter), path)
+            commands = [[_relative_to_file(path, word) for word in words] for words in table.command or before.command]
+            filled = {"adapter": adapter, "command": tuple(map(tuple, commands))}
+            by_name[name] = table.model_copy(update=filled), paths.shown(path)
+    return by_name
+
+
+def _named(name: str) -> Entry:
+    """Entry of an adapter whose command is its name."""
+    return Entry.model_construct(adapter=name, command=((name,),))
+
+
+def tables_in(path: Path) -> Iterator[tuple[str, Entry]]:
+    """Tables of a file of entries by name.
+
+    Raises:
+        InputError: the file is missing or wrong.
+    """
+    where, tables = paths.shown(path), read_toml(path)
+    validate(RootModel[dict[Name, Any]], tables, where)
+    for name, table in tables.items():
+        if name in RESERVED:
+            raise InputError(where, name, "a reserved name", f"any name except {', '.join(RESERVED)}")
+        yield name, validate(Entry, table, where, f"{name}.")
+
+
+def _relative_to_file(path: Path, word: str) -> str:
+    """Word of a command; a relative path is relative to the folder of the entry's file."""
+    there = path.parent / home_of(word)
+    if "/" not in word or "=" in word or not there.exists():
+        return word
+    _check_owner(there, path)
+    return str(there)
+
+
+def _check_owner(path: Path, file: Path) -> None:
+    """Refuse a path in the present folder, named by its file of entries, that others than the user and root can change.
+
+    A file that was given is the user's word; those of the checkout are part of this program, whoever owns it.
+    """
+    here = Path.cwd()
+    if file.parent != here or file in _given() or file.is_relative_to(paths.ROOT):
+        return
+    for place in {path.parent, path.resolve(), path.resolve().parent} if path.is_relative_to(here) else ():
+        status = place.stat()
+        shared = status.st_mode & 0o022 and not status.st_mode & 0o1000  # in /tmp nobody can change files of others
+        if shared or status.st_uid not in (0, os.geteuid()):
+            allowed = f"one that you alone can change, in such a folder, or --engines {paths.shown(file)}"
+            raise InputError(paths.shown(path), "", "a file that others can change", allowed)
+
+
+def engines_again() -> list[str]:
+    """The given option ``--engines``, for a command line that repeats this one."""
+    given = os.environ.get(paths.ENGINES_VARIABLE)
+    return ["--engines", given] if given else []
 
 
 def load_engine(name: str, where: str = "engine", key: str = "", also: tuple[str, ...] = ()) -> Engine:
@@ -201,51 +279,47 @@ def load_engine(name: str, where: str = "engine", key: str = "", also: tuple[str
         also: further words that the option allows.
 
     Raises:
-        InputError: unknown name, an adapter that cannot be loaded, or an entry for an in-repo engine.
+        InputError: unknown name, or an adapter that cannot be loaded.
     """
-    known = entries(_adapters())
+    known = entries_of(entry_files())
     if name not in known:
         advice = "; own engines are read from ./engines.toml, ~/.config/bead-chains/engines.toml and --engines FILE"
         raise InputError(where, key, f'"{name}"', ", ".join((*sorted(known), *also)) + advice)
-    return _engine_of(name, known[name])
+    return _engine_of(name, *known[name])
 
 
 @cache
-def _engine_of(name: str, entry: Entry) -> Engine:
+def _engine_of(name: str, entry: Entry, where: str) -> Engine:
     """Engine of an entry, cached since a batch loads it for every case."""
-    if entry.adapter in _adapters():
-        engine = import_module(f"{__name__}.{entry.adapter}").ENGINE
-    else:
-        engine = _external_adapter(Path(entry.adapter), f"{entry.where}: {name}")
-    assert isinstance(engine, Engine)
-    if engine.in_repository and entry.where:
-        allowed = "an adapter of a code; in-repo engines take no entry"
-        raise InputError(entry.where, name, f'adapter "{entry.adapter}"', allowed)
-    return replace(engine, name=name, entry=entry, how_to_get=entry.how_to_get or engine.how_to_get)
+    external = entry.adapter.endswith(".py")
+    engine = _external(Path(entry.adapter)) if external else import_module(f"{__name__}.{entry.adapter}").ENGINE
+    return replace(engine, name=name, entry=entry, where=where, how_to_get=entry.how_to_get or engine.how_to_get)
+
+
+@contextmanager
+def _named_errors(path: Path) -> Iterator[None]:
+    """Turn any error of an external adapter into a RunError of one line, with the last line of its file that ran."""
+    try:
+        yield
+    except (InputError, RunError, KeyboardInterrupt):
+        raise
+    except BaseException as error:
+        lines = [f":{frame.lineno}" for frame in extract_tb(error.__traceback__) if frame.filename == str(path)]
+        raise RunError(one_line(path.name, *lines[-1:], ": ", f"{type(error).__name__}: {error}")) from error
 
 
 def _guarded(name: str, function: Callable[..., Any], path: Path) -> Callable[..., Any]:
-    """Wrap a function of an external adapter: any error becomes a RunError with its file and line."""
+    """Wrap a function of an external adapter, so that any error is a RunError."""
 
     @wraps(function)
     def guarded(*arguments: Any) -> Any:
-        try:
+        with _named_errors(path):
             result = function(*arguments)
-            if result is None and name not in ("refusal", "partial_trace"):
+            if result is None and name != "refusal":
                 raise RunError(f"{path.name}: {name} returns None")
-            return list(result) if isinstance(result, Iterator) else result  # a generator raises errors when it is read
-        except (InputError, RunError, KeyboardInterrupt):
-            raise
-        except BaseException as error:
-            raise RunError(_error_line(error, path)) from error
+            return list(result) if isinstance(result, Iterator) else result  # a generator raises when it is read
 
     return guarded
-
-
-def _error_line(error: BaseException, path: Path) -> str:
-    """Error of an adapter on one line, with the last line of its file that was running."""
-    lines = [f":{frame.lineno}" for frame in extract_tb(error.__traceback__) if frame.filename == str(path)]
-    return one_line(path.name, *lines[-1:], ": ", f"{type(error).__name__}: {error}")
 
 
 def _exit_unless_adapter(status: int) -> NoReturn:
@@ -255,37 +329,30 @@ def _exit_unless_adapter(status: int) -> NoReturn:
     _exit(status)
 
 
-@cache
-def _external_adapter(path: Path, where: str) -> Engine:
+def _external(path: Path) -> Engine:
     """Engine of an adapter outside this package.
 
     Raises:
         InputError: the file cannot be loaded or defines no ``ENGINE``.
     """
     os._exit = _exit_unless_adapter
-    spec = util.spec_from_file_location(f"{EXTERNAL}{path}", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = sys.modules[spec.name] = util.module_from_spec(spec)
     try:
-        spec.loader.exec_module(module)
-        engine = module.ENGINE
-        if not isinstance(engine, Engine):
-            raise TypeError(f"ENGINE is {type(engine).__name__}")
-        re.compile(engine.loop_pattern)
-    except KeyboardInterrupt:
-        raise
-    except BaseException as error:  # any error of the adapter
-        raise InputError(where, "adapter", _error_line(error, path), "ENGINE = Engine(...)") from error
+        with _named_errors(path):
+            engine = run_path(str(path), run_name=f"{EXTERNAL}{path}").get("ENGINE")
+            if not isinstance(engine, Engine):
+                raise TypeError(f"ENGINE is {type(engine).__name__}")
+            re.compile(engine.loop_pattern)
+    except (InputError, RunError) as error:
+        raise InputError(paths.shown(path), "", str(error), "ENGINE = Engine(...)") from error
     guarded: dict[str, Any] = {
-        name: _guarded(name, function, path) for name, function in vars(engine).items() if callable(function)
+        name: _guarded(name, value, path) for name, value in vars(engine).items() if callable(value)
     }
-    return replace(engine, **guarded)
+    return replace(engine, **guarded | {"integrate": None})
 
 
 def engine_names() -> list[str]:
     """Names of all engines, installed or not."""
-    return sorted(entries(_adapters()))
+    return sorted(entries_of(entry_files()))
 
 
 def in_order(names: Iterable[str]) -> list[str]:

@@ -1,8 +1,6 @@
 """In-repo engines: they integrate cases in this process; by hand ``validation.reference`` runs the same deck."""
 
 import json
-import threading
-import time
 from collections.abc import Callable
 from importlib.metadata import version as package_version
 from pathlib import Path
@@ -14,22 +12,19 @@ from drivers.base import paths
 from drivers.base.cache import content_of
 from drivers.base.decks import Deck
 from drivers.chain.case import Case
-from drivers.chain.chain import Chain, tube_arrays_of
+from drivers.chain.chain import tube_arrays_of
 from drivers.chain.schemes import trace_of
-from drivers.chain.trace import Trace, with_work
+from drivers.chain.trace import Trace
 from drivers.engines import Engine
 from drivers.engines._raw_output import read_arrays
 from drivers.laws import LAWS
 from validation import reference
-from validation.reference import columns_of, integrate_deck
+from validation.reference import columns_of, timed
 from validation.reference.hertz_chain import TUBE_KEYS, VISCOELASTIC_POWER, Flag, Motion, TubeMotion
 
 COMMAND = ("python", "-m", reference.__name__, "chain.json")
 COLUMNS = 13  # three-dimensional chain: axial force; bore force, position, velocity and spin with three each
 Values = dict[str, Any]  # of a deck, by key
-
-_loaded: set[str] = set()
-_loading = threading.Lock()
 
 
 def version(command: tuple[str, ...]) -> str:
@@ -53,8 +48,13 @@ def _values(case: Case, method: str, timing: Values) -> Values:
         "overlap_m": chain.overlap_m,
         "velocity_m_s": chain.velocity_m_s,
         "load_N": chain.load_N,
-        **_dissipation(chain),
     }
+    if chain.law.alpha:
+        values |= {"gamma_N_(s/m)^alpha": chain.damping, "alpha": chain.law.alpha}
+    elif chain.damped and chain.law.overlap_power == VISCOELASTIC_POWER:
+        values |= {"damping_N_s_m-5/4": chain.damping}
+    elif chain.damped:
+        values |= {"damping_N_s_m-(1+p)": chain.damping, "overlap_power": chain.law.overlap_power}
     if chain.drive is not None:
         given = "displacement of" if chain.drive.prescribed else "force on"
         values |= {"driven_body": chain.drive.body + 1, "drive": f"{given} the body"}
@@ -67,18 +67,6 @@ def _values(case: Case, method: str, timing: Values) -> Values:
         arrays = tube_arrays_of(chain)
         values |= {key: getattr(arrays, field) for field, key in TUBE_KEYS.items()}
     return values
-
-
-def _dissipation(chain: Chain) -> Values:
-    """Coefficients of the dissipative force, with its exponent of speed or of overlap unless that is 1/4."""
-    if not chain.damped:
-        return {}
-    if chain.law.alpha:
-        return {"gamma_N_(s/m)^alpha": chain.damping, "alpha": chain.law.alpha}
-    power = chain.law.overlap_power
-    if power == VISCOELASTIC_POWER:
-        return {"damping_N_s_m-5/4": chain.damping}
-    return {"damping_N_s_m-(1+p)": chain.damping, "overlap_power": power}
 
 
 def read(case: Case, folder: Path) -> Trace:
@@ -117,23 +105,15 @@ def in_repository_engine(method: str, timing: Callable[[Case], Values], **fields
 
     def integrate(case: Case, stop: Flag) -> tuple[Trace, float]:
         """Trace of a case, and the time of the loop in s, without that of loading or compiling it."""
-        values = _values(case, method, timing(case))
-        kind = f"{method} {'place_m' in values} {'alpha' in values} {'drive' in values}"
-        with _loading:
-            if kind not in _loaded:
-                integrate_deck(values | {"steps_per_sample": 1}, stop, samples=2)
-                _loaded.add(kind)
-        began = time.perf_counter()
-        motion = integrate_deck(values, stop)
-        loop_s = time.perf_counter() - began
-        trace = _trace(case, columns_of(motion))
-        return trace if isinstance(motion, TubeMotion) else with_work(trace, motion), loop_s
+        motion, loop_s = timed(_values(case, method, timing(case)), stop)
+        if isinstance(motion, Motion):  # with the work of a drive, which is no column
+            return trace_of(case, case.sample_times_s, motion), loop_s
+        return _trace(case, columns_of(motion)), loop_s
 
     return Engine(
         how_to_get="nothing: it is part of this repository",
         program="python",
         version=version,
-        variables={"PYTHONPATH": str(paths.ROOT)},
         dissipation=frozenset(LAWS),
         render=render,
         integrate=integrate,

@@ -10,14 +10,15 @@ import numpy as np
 
 from drivers.base.decks import Deck
 from drivers.base.decks import render as render_template
-from drivers.base.errors import InputProblem
+from drivers.base.errors import InputProblem, RunError
 from drivers.base.processes import line_of
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain
 from drivers.chain.drives import drive_words, pieces_of
 from drivers.chain.trace import Trace, make_trace
 from drivers.engines import Engine, last_line
-from drivers.engines._raw_output import contact_forces, read_dump, read_partial_dump
+from drivers.engines._raw_output import contact_forces, read_dump
+from drivers.laws import LAWS
 from validation.reference.hertz_chain import loads_N
 
 DUMP = "chain.bin"
@@ -29,73 +30,78 @@ MAX_TYPES = 60  # with a coefficient for each pair
 MAX_BODIES_IN_PAIRS = 200  # with fewer bodies, checking all pairs is faster than bins of the whole space
 
 
-def member(program: str, introduction: str, radii: Callable[[Case], Array], wall_force: str, **fields: Any) -> Engine:
+def member(
+    code: str,
+    program: str,
+    introduction: str,
+    wall_force: str,
+    radii: Callable[[Case], Array],
+    values: Callable[[Case, Array], dict[str, Any]],
+    **fields: Any,
+) -> Engine:
     """Build the engine of LAMMPS or a descendant.
-
-    Args:
-        program: name of the program.
-        introduction: regular expression that matches the line with the version.
-        radii: function that returns the radii of the atoms of a case.
-        wall_force: column of the dump with the wall's force along the axis.
-        fields: further fields of ``Engine``.
-    """
-
-    def read(case: Case, folder: Path) -> Trace:
-        """Read the binary dump as a trace; RunError if frames or beads are missing or the file is damaged."""
-        dump = read_dump(case, folder / DUMP, _columns(case, wall_force))
-        return _trace(case, radii(case), dump, wall_force)
-
-    def partial_trace(case: Case, folder: Path) -> Trace | None:
-        """Read the samples before a body was lost or the run ended."""
-        dump = read_partial_dump(case, folder / DUMP, _columns(case, wall_force))
-        return _trace(case, radii(case), dump, wall_force) if dump else None
-
-    return Engine(
-        program=program,
-        version=lambda command: line_of(command, "-help", introduction),
-        server=Deck({}, ("stdbuf", "-oL", program, "-log", "none"), raw=()),  # reads commands from stdin
-        request=request_by_include,
-        read=read,
-        partial_trace=partial_trace,
-        failure_reason=failure_reason,
-        loop_pattern=r"^Loop time of ([0-9.e+-]*[0-9]) on",
-        **fields,
-    )
-
-
-def deck_of(
-    code: str, program: str, case: Case, radius_m: Array, types: Sequence[str], wall_force: str, **values: Any
-) -> Deck:
-    """Deck of ``chain.in`` and ``chain.data``; atoms have the numbers of the bodies, from the wall up.
 
     Args:
         code: name of the code; the folder of the template of ``chain.in`` has the same name in lower case.
         program: name of the program.
-        case: the case.
-        radius_m: radii of the atoms. Shape (bodies,).
-        types: names of all types, including those of ``labels_of``.
+        introduction: regular expression that matches the line with the version.
         wall_force: column of the dump with the wall's force along the axis.
-        values: further values of the templates.
+        radii: function that returns the radii of the atoms of a case.
+        values: function of a case and the radii of its atoms that returns further values of the templates,
+            among them ``types``, the names of all types, including those of ``labels_of``.
+        fields: further fields of ``Engine``.
     """
-    chain, place = case.chain, case.chain.place_m
-    place[:, 2] += above_face(chain, radius_m)
-    type_of = [types.index(label) + 1 for label in labels_of(chain)]
-    density = chain.mass_kg / (4 / 3 * math.pi * radius_m**3)
-    values |= {
-        "code": code,
-        "case": case,
-        "atoms": np.column_stack([type_of, 2 * radius_m, density, place]),
-        "velocities": np.column_stack([chain.velocity_xyz_m_s, np.zeros((chain.bodies, 3))]),
-        "types": [name.strip() for name in types],
-        "binned": chain.bodies > MAX_BODIES_IN_PAIRS,
-        "columns": _columns(case, wall_force),
-        "pieces": pieces_of(chain.drive, case.scene.time_step_s, case.scene.steps),
-        "drive_words": drive_words(case.scene),
-    }
-    templates = (f"{code.lower()}/chain.in.j2", "lammps/chain.data.j2")  # same format of data files
-    files = {Path(name).stem: render_template(name, **values) for name in templates}
-    command = ("stdbuf", "-oL", program, "-in", "chain.in")  # -oL keeps the last lines of an abort
-    return Deck(files, command, raw=(DUMP,), logs=(f"log.{code.lower()}",))
+
+    def render(case: Case) -> Deck:
+        """Render ``chain.in`` and ``chain.data``; atoms have the numbers of the bodies, from the wall up."""
+        chain, place, radius_m = case.chain, case.chain.place_m, radii(case)
+        place[:, 2] += above_face(chain, radius_m)
+        given = values(case, radius_m)
+        type_of = [given["types"].index(label) + 1 for label in labels_of(chain)]
+        density = chain.mass_kg / (4 / 3 * math.pi * radius_m**3)
+        given |= {
+            "code": code,
+            "case": case,
+            "atoms": np.column_stack([type_of, 2 * radius_m, density, place]),
+            "velocities": np.column_stack([chain.velocity_xyz_m_s, np.zeros((chain.bodies, 3))]),
+            "types": [name.strip() for name in given["types"]],
+            "box": {
+                "half_width": float(f"{4 * radius_m.max():.1g}"),
+                "low": (place[:, 2] - radius_m).min(),
+                "high": (place[:, 2] + radius_m).max(),
+            },
+            "skin": float(f"{0.2 * radius_m.min():.1g}"),
+            "binned": chain.bodies > MAX_BODIES_IN_PAIRS,
+            "columns": _columns(case, wall_force),
+            "pieces": pieces_of(chain.drive, case.scene.time_step_s, case.scene.steps),
+            "drive_words": drive_words(case.scene),
+        }
+        templates = (f"{code.lower()}/chain.in.j2", "lammps/chain.data.j2")  # same format of data files
+        files = {Path(name).stem: render_template(name, **given) for name in templates}
+        command = ("stdbuf", "-oL", program, "-in", "chain.in")  # -oL keeps the last lines of an abort
+        return Deck(files, command, raw=(DUMP,), logs=(f"log.{code.lower()}",))
+
+    def read(case: Case, folder: Path) -> Trace:
+        """Read the binary dump as a trace; RunError, with the samples before, if it is incomplete or damaged."""
+        try:
+            return _trace(case, radii(case), read_dump(case, folder / DUMP, _columns(case, wall_force)), wall_force)
+        except RunError as error:
+            if error.partial is not None:
+                error.partial = _trace(case, radii(case), error.partial, wall_force)
+            raise
+
+    return Engine(
+        program=program,
+        version=lambda command: line_of(command, "-help", introduction),
+        render=render,
+        server=Deck({}, ("stdbuf", "-oL", program, "-log", "none"), raw=()),  # reads commands from stdin
+        request=request_by_include,
+        read=read,
+        failure_reason=failure_reason,
+        loop_pattern=r"^Loop time of ([0-9.e+-]*[0-9]) on",
+        dissipation=frozenset(LAWS),
+        **fields,
+    )
 
 
 def labels_of(chain: Chain) -> list[str]:
@@ -135,13 +141,24 @@ def above_face(chain: Chain, radius_m: Array) -> Array:
     return above
 
 
-def table_of_pairs(types: Sequence[str], pairs: Iterable[tuple[str, str, float]], otherwise: float) -> list[float]:
-    """Symmetric table with a value for each pair of types, row by row; the last value given for a pair counts."""
+def table_of_pairs(
+    types: Sequence[str], below: Sequence[str | None], above: Sequence[str], values: Iterable[float], otherwise: float
+) -> Array:
+    """Symmetric table with a value for each pair of types; of several contacts of a pair the last one counts.
+
+    Args:
+        types: names of all types.
+        below: type on one side of each contact; None if there is no contact.
+        above: type on the other side.
+        values: value of each contact.
+        otherwise: value of pairs without a contact.
+    """
     table = np.full((len(types), len(types)), otherwise)
-    for first, second, value in pairs:
-        i, j = types.index(first), types.index(second)
-        table[i, j] = table[j, i] = value
-    return [float(value) for value in table.ravel()]
+    for first, second, value in zip(below, above, values, strict=True):
+        if first is not None:
+            i, j = types.index(first), types.index(second)
+            table[i, j] = table[j, i] = value
+    return table
 
 
 def request_by_include(folder: str, word: str) -> str:
@@ -156,10 +173,11 @@ def failure_reason(stdout: str, stderr: str) -> str:
     return errors[-1] if errors else last_line(stderr, stdout, ("[hwloc/",))
 
 
-def contact_kn(chain: Chain, radius_m: Array) -> Array:
-    """Stiffness kn of each contact in ``F = kn sqrt(R*) overlap^(3/2)``, with radii of atoms. Shape (bodies,)."""
+def coefficients_of(chain: Chain, radius_m: Array) -> tuple[list[float], list[float]]:
+    """Stiffness kn in ``F = kn sqrt(R*) overlap^(3/2)`` of each contact of atoms, and its damping coefficient."""
     reduced = np.append(radius_m[0], 1 / (1 / radius_m[1:] + 1 / radius_m[:-1]))
-    return np.asarray(chain.stiffness / np.sqrt(reduced))
+    kn = (chain.stiffness / np.sqrt(reduced)).tolist()
+    return kn, [*map(chain.law.lammps, kn, chain.reduced_mass_kg.tolist())]
 
 
 def _columns(case: Case, wall_force: str) -> tuple[str, ...]:
@@ -172,29 +190,23 @@ def _columns(case: Case, wall_force: str) -> tuple[str, ...]:
 
 
 def _trace(case: Case, radius_m: Array, dump: dict[str, Array], wall_force: str) -> Trace:
-    """Trace of a dump's columns."""
+    """Trace of a dump's columns.
+
+    Contact forces follow from the wall's force F_1 upwards, with the total force on each bead in the column ``fz``:
+    ``F_{j+1} = F_j - fz_j + load_j + bore_j``.
+    """
     chain, height = case.chain, dump["z"] - above_face(case.chain, radius_m)
     times = case.sample_times_s[: len(height)]
-    if chain.straight:
-        return make_trace(chain, times, _axial_forces(chain, times, dump, wall_force), height, dump["vz"])
 
-    def vectors(names: tuple[str, ...]) -> Array:
-        return np.stack([dump[name] for name in names], axis=2)
+    def vectors(names: tuple[str, ...]) -> Array | None:
+        return np.stack([dump[name] for name in names], axis=2) if names[0] in dump else None
 
-    place, velocity = vectors(PLACE), vectors(VELOCITY)
-    spin, bore = (vectors(names) if names[0] in dump else None for names in (SPIN, BORE_FORCE))
+    place, velocity, spin, bore = map(vectors, (PLACE, VELOCITY, SPIN, BORE_FORCE))
+    on_bodies = dump["fz"] - loads_N(chain.load_N, chain.drive, times)
+    if bore is not None:
+        on_bodies -= bore[:, :, 2]
+    force = contact_forces(dump[wall_force][:, 0] if chain.wall else np.zeros(len(times)), on_bodies)
+    if place is None or velocity is None:
+        return make_trace(chain, times, force, height, dump["vz"])
     place[:, :, 2] = height
-    force = _axial_forces(chain, times, dump, wall_force, None if bore is None else bore[:, :, 2])
     return make_trace(chain, times, force, place, velocity, spin, bore)
-
-
-def _axial_forces(
-    chain: Chain, time_s: Array, dump: dict[str, Array], wall_force: str, bore_N: Array | None = None
-) -> Array:
-    """Contact forces from the columns ``fz``, the total force on a bead, and ``wall_force`` of a dump.
-
-    They follow from the wall's force F_1 upwards: ``F_{j+1} = F_j - fz_j + load_j + bore_j``.
-    """
-    on_bodies = dump["fz"] - loads_N(chain.load_N, chain.drive, time_s)
-    lowest = dump[wall_force][:, 0] if chain.wall else np.zeros(len(on_bodies))
-    return contact_forces(lowest, on_bodies if bore_N is None else on_bodies - bore_N)

@@ -1,27 +1,22 @@
 """Readers of raw output for all adapters: arrays, binary dumps, contact forces from forces on bodies."""
 
+import struct
 import sys
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.base.errors import RunError
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
 
-# fields of a frame of a binary dump; then follows one chunk for each process, a count and as many values
-_FRAME: tuple[tuple[Any, ...], ...] = (
-    ("step", "i8"),
-    ("atoms", "i8"),
-    ("triclinic", "i4"),
-    ("boundary", "i4", 6),
-    ("box", "f8", 6),
-    ("columns", "i4"),
-)
-_MAGIC = (-10).to_bytes(8, sys.byteorder, signed=True) + b"DUMPCUSTOM"  # first bytes of frames since LAMMPS 2020
+# head of a frame of a binary dump: step, number of atoms, 80 bytes of boundary and box, number of processes; since
+# LAMMPS of 2020 a mark comes first, and 9 bytes and the names of the columns come before the number of processes; then
+# follows a chunk for each process: a count and as many values
+_MARK = (-10).to_bytes(8, sys.byteorder, signed=True) + b"DUMPCUSTOM"
+_MARKED, _PLAIN, _COUNT = "=26x2q89x{}xi", "=2q80xi", struct.Struct("=i")
 
 
 def read_arrays(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Array]:
@@ -34,9 +29,8 @@ def read_arrays(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, 
         raise RunError(f"no output: {path.name} was not written")
     try:
         stored = np.load(path, allow_pickle=False)
-        alone = isinstance(stored, np.ndarray)
-        named = dict(zip(shapes, [stored], strict=True)) if alone else {name: stored[name] for name in shapes}
-        arrays = {name: array.astype(float, casting="safe", copy=False) for name, array in named.items()}
+        named = dict.fromkeys(shapes, stored) if isinstance(stored, np.ndarray) else stored
+        arrays = {name: named[name].astype(float, casting="safe", copy=False) for name in shapes}
     except Exception as error:  # numpy and zipfile raise many kinds of errors for damaged files
         raise RunError(f"output is damaged: {path.name}: {error}") from error
     for name, shape in shapes.items():
@@ -54,69 +48,44 @@ def read_dump(case: Case, path: Path, columns: tuple[str, ...]) -> dict[str, Arr
         columns: names of the columns; the first is the atom's number.
 
     Raises:
-        RunError: frames or bodies are missing, or the file is damaged.
+        RunError: frames or bodies are missing, or the file is damaged; its ``partial`` holds the columns of the samples
+            before, if there are any.
     """
-    bodies, samples = case.chain.bodies, case.scene.samples
-    frames, whole = _frames(path, columns, bodies)
-    if not whole.all():
-        first = int(np.argmin(whole))
-        atoms = frames["atoms"][first]
-        if 0 <= atoms < bodies:
-            at = case.sample_times_s[min(first, samples - 1)]
-            raise RunError(f"unstable at t = {at:g} s: {atoms} bodies instead of {bodies}, one was lost")
-        raise RunError(f"output is damaged in sample {first + 1}, or its processes share the beads in another way")
-    if len(frames) != samples:
-        raise RunError(f"output ends in sample {min(len(frames) + 1, samples)} of {samples}")
-    if not np.array_equal(frames["step"], case.sample_steps):
-        raise RunError("output has other time steps than the samples")
-    arrays = _columns(frames, columns)
-    if (arrays[columns[0]] != np.arange(1, bodies + 1)).any():
-        raise RunError("output has its beads in another order")
-    return arrays
-
-
-def read_partial_dump(case: Case, path: Path, columns: tuple[str, ...]) -> dict[str, Array] | None:
-    """Like ``read_dump``, for the samples before a body was lost or the run ended; None if there are none."""
-    try:
-        frames, whole = _frames(path, columns, case.chain.bodies)
-    except RunError:
-        return None
-    samples = int(np.logical_and.accumulate(whole)[: case.scene.samples].sum())
-    return _columns(frames[:samples], columns) if samples else None
-
-
-def _frames(path: Path, columns: tuple[str, ...], bodies: int) -> tuple[NDArray[np.void], NDArray[np.bool_]]:
-    """Frames of a dump, if all have chunks of the sizes of the first, and whether each of them is of that kind."""
+    bodies, samples, width = case.chain.bodies, case.scene.samples, len(columns)
     try:
         raw = path.read_bytes()
     except OSError as error:
         raise RunError(f"no output: {error.strerror}") from error
-    fields = [*_FRAME, ("processes", "i4")]
-    if raw.startswith(_MAGIC):
-        names = ("names", f"S{len(' '.join(columns))}")
-        fields = [("magic", "V26"), *_FRAME, ("units", "i4"), ("timed", "i1"), ("letters", "i4"), names, fields[-1]]
-    at, sizes = np.dtype(fields).itemsize, list[int]()
-    processes = np.frombuffer(raw[:at], fields)["processes"] if len(raw) >= at else np.zeros(1)
-    while len(sizes) < processes[0] and at + 4 <= len(raw):
-        sizes.append(int(np.frombuffer(raw, "i4", 1, at)[0]))
-        at += 4 + 8 * max(sizes[-1], 0)
-    if sum(sizes) != bodies * len(columns):
-        sizes = [bodies * len(columns)]  # the first frame is incomplete or has lost a body
-    for i, size in enumerate(sizes):
-        fields += [(f"count{i}", "i4"), (f"values{i}", "f8", (size,))]
-    frames = np.frombuffer(raw, fields, count=len(raw) // np.dtype(fields).itemsize)
-    whole = (frames["atoms"] == bodies) & (frames["processes"] == len(sizes))
-    for i, size in enumerate(sizes):
-        whole &= frames[f"count{i}"] == size
-    return frames, np.asarray(whole)
-
-
-def _columns(frames: NDArray[np.void], columns: tuple[str, ...]) -> dict[str, Array]:
-    """Columns of whole frames by name, each of shape (frames, bodies)."""
-    chunks = [frames[name] for name in frames.dtype.names or () if name.startswith("values")]
-    values = chunks[0] if len(chunks) == 1 else np.concatenate(chunks, axis=1)
-    values = values.reshape(len(frames), -1, len(columns))
-    return {name: values[:, :, place] for place, name in enumerate(columns)}
+    head = struct.Struct(_MARKED.format(len(" ".join(columns))) if raw.startswith(_MARK) else _PLAIN)
+    values, steps, at, problem = np.empty((samples, bodies * width)), list[int](), 0, ""
+    with suppress(struct.error, ValueError):  # the last frame is incomplete
+        while at < len(raw):
+            step, atoms, processes = head.unpack_from(raw, at)
+            at, chunks = at + head.size, [np.zeros(0)]
+            for _ in range(processes):
+                count = max(_COUNT.unpack_from(raw, at)[0], 0)
+                chunks.append(np.frombuffer(raw, float, count, at + _COUNT.size))
+                at += _COUNT.size + 8 * count
+            if atoms != bodies or sum(map(len, chunks)) != bodies * width:
+                if 0 < atoms < bodies:
+                    when = case.sample_times_s[min(len(steps), samples - 1)]
+                    problem = f"unstable at t = {when:g} s: {atoms} bodies instead of {bodies}, one was lost"
+                break
+            if len(steps) < samples:
+                np.concatenate(chunks, out=values[len(steps)])
+            steps.append(step)
+    by_body = values[: len(steps)].reshape(-1, bodies, width)
+    arrays = {name: by_body[:, :, place] for place, name in enumerate(columns)}
+    if not problem:
+        if len(steps) != samples:
+            problem = f"output ends in sample {min(len(steps) + 1, samples)} of {samples}, or is damaged there"
+        elif steps != [*case.sample_steps]:
+            problem = "output has other time steps than the samples"
+        elif (arrays[columns[0]] != np.arange(1, bodies + 1)).any():
+            problem = "output has its beads in another order"
+    if problem:
+        raise RunError(problem, partial=arrays if steps else None)
+    return arrays
 
 
 def contact_forces(lowest_N: Array, contacts_N: Array) -> Array:
@@ -129,7 +98,5 @@ def contact_forces(lowest_N: Array, contacts_N: Array) -> Array:
     Returns:
         Contact forces, compression positive. Shape (samples, bodies).
     """
-    force = np.empty_like(contacts_N)
-    force[:, 0] = lowest_N
-    np.negative(contacts_N[:, :-1], out=force[:, 1:])
+    force = np.column_stack([lowest_N, -contacts_N[:, :-1]])
     return np.cumsum(force, axis=1, out=force)

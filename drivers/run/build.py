@@ -16,7 +16,7 @@ from typing import Any
 from drivers.base.cache import load, store
 from drivers.base.errors import RunError
 from drivers.base.files import digest_of_json, readable, sha256_of
-from drivers.base.processes import UNKNOWN_VERSION
+from drivers.base.processes import UNKNOWN_VERSION, scrubbed_environment
 from drivers.base.progress import counted
 from drivers.engines import Engine
 
@@ -24,7 +24,7 @@ WRAPPER_BYTES = 4000  # a longer script is a program of its own: its words are n
 WORD = re.compile(r"""[^\s'"`;|&()\[\]{}<>=,:$#!]+""")
 LIBRARY = re.compile(r"(/.*) \(0x[0-9a-f]+\)$", re.MULTILINE)  # in the output of ldd
 _probing = threading.Lock()
-_seen: dict[str, dict[str, Any]] = {}  # entries of the cache that this process knows, by digest of their key
+_seen: dict[str, dict[str, Any]] = {}  # by key, since the cache may be read-only
 
 
 @dataclass(frozen=True)
@@ -69,36 +69,30 @@ def build_of(engine: Engine) -> Build:
     if command is None:
         raise RunError(engine.absence)
     if engine.in_repository:  # its version contains the digest of its sources
-        return Build(command, engine.version_of(command), "")
-    searched = {name: os.environ.get(name, "") for name in ("PATH", "LD_LIBRARY_PATH")}
+        return Build(command, engine.version(command), "")
+    searched = [os.environ.get(name) for name in ("PATH", "LD_LIBRARY_PATH")]
     passed = sorted(engine.environment.items())
     key = ["build", engine.name, engine.entry.adapter, command, digest_of_json([searched, passed])]  # maybe secret
-    name = digest_of_json(key)
     with _probing:
-        known = _seen.get(name) or load(key)
+        known = _seen.get(str(key)) or load(key)
         if not known or known["files"] != _dates(known["files"]):
             with counted(f"checking the build of {engine.name}"):
-                version = engine.version_of(command)
-                files = sorted(_files(engine, command, searched | dict(passed)))
-                dates = _dates(files)
-                digest = digest_of_json([*sorted(sha256_of(Path(file)) for file in files), passed])
-            if version == UNKNOWN_VERSION:  # the probe was disturbed: it is repeated the next time
-                return Build(command, version, digest)
-            known = store(key, {"files": dates, "version": version, "sha256": digest})
-        _seen[name] = known
+                setting = ("env", *(f"{name}={value}" for name, value in passed)) if passed else ()
+                version, dates = engine.version((*setting, *command)), _dates(sorted(_files(engine, command)))
+                digests = sorted(sha256_of(Path(file)) for file in dates)
+            known = {"files": dates, "version": version, "sha256": digest_of_json([*digests, passed])}
+            if version != UNKNOWN_VERSION:  # else the probe was disturbed: it is repeated the next time
+                _seen[str(key)] = store(key, known)
     return Build(command, known["version"], known["sha256"])
 
 
-def _dates(files: Iterable[str]) -> dict[str, list[int]] | None:
-    """Size, date and place of each file; None if one is missing."""
-    try:
-        stats = {file: Path(file).stat() for file in files}
-    except OSError:
-        return None
+def _dates(files: Iterable[str]) -> dict[str, list[int]]:
+    """Size, date and place of each file that can be read."""
+    stats = {file: Path(file).stat() for file in files if readable(Path(file))}
     return {file: [stat.st_size, stat.st_mtime_ns, stat.st_ino] for file, stat in stats.items()}
 
 
-def _files(engine: Engine, command: Iterable[str], variables: dict[str, str]) -> set[str]:
+def _files(engine: Engine, command: Iterable[str]) -> set[str]:
     """Programs of a command, an external adapter, programs that scripts among them name, and the libraries of all."""
     adapter = engine.entry.adapter
     waiting, files, folders = [*command, adapter * adapter.endswith(".py")], set[str](), list[str]()
@@ -108,17 +102,18 @@ def _files(engine: Engine, command: Iterable[str], variables: dict[str, str]) ->
         if file in files or not (file.startswith("/") and readable(Path(file))):
             continue
         files.add(file)
-        with open(file, "rb") as opened:
-            text = opened.read(WRAPPER_BYTES + 1).decode(errors="replace")
-        if text.startswith("#!"):
-            script = text if len(text) <= WRAPPER_BYTES else text.partition("\n")[0]
-            named = WORD.findall(os.path.expandvars(script.replace("~/", "$HOME/")))
-            paths = [*filter(os.path.isabs, named)]
-            paths += [f"{folder}/{word}" for folder in (Path(file).parent, *paths) for word in named]
-            waiting += filter(which, [*named, *paths])
-            folders += filter(os.path.isdir, paths)  # it may set them as LD_LIBRARY_PATH
-    variables = variables | {"LD_LIBRARY_PATH": ":".join([*folders, variables["LD_LIBRARY_PATH"]])}
-    ldd, listed = which("ldd"), ""
-    if ldd:
-        listed = subprocess.run([ldd, *files], env=variables, capture_output=True, text=True, check=False).stdout
-    return files.union(LIBRARY.findall(listed), *(map(str, engine.libraries(Path(file))) for file in files))
+        content = Path(file).read_bytes()
+        text = content.decode(errors="replace") if content.startswith(b"#!") else ""
+        script = text if len(text) <= WRAPPER_BYTES else text.partition("\n")[0]
+        named = WORD.findall(os.path.expandvars(script.replace("~/", "$HOME/")))
+        paths = [*filter(os.path.isabs, named)]
+        paths += [f"{folder}/{word}" for folder in (Path(file).parent, *paths) for word in named]
+        waiting += filter(which, [*named, *paths])
+        folders += filter(os.path.isdir, paths)  # it may set them as LD_LIBRARY_PATH
+    libraries = {library for file in files for library in map(str, engine.libraries(Path(file)))}
+    if ldd := which("ldd"):
+        search = ":".join([*folders, os.environ.get("LD_LIBRARY_PATH", "")])
+        given = scrubbed_environment() | engine.environment | {"LD_LIBRARY_PATH": search}
+        ended = subprocess.run([ldd, *files], env=given, capture_output=True, check=False)
+        libraries.update(LIBRARY.findall(ended.stdout.decode(errors="replace")))
+    return files | libraries

@@ -96,7 +96,7 @@ def compute(
     if engine.integrate is not None and not own_process:
         ended = _in_memory(case, engine, limit_s)
         if folder is not None:
-            engine.deck_by_hand(deck or engine.render(case)).write(folder)
+            engine.by_hand(deck or engine.render(case)).write(folder)
             said = "" if ended.loop_s is None else f"completed {case.scene.samples} samples in {ended.loop_s:.6f} s\n"
             (folder / STDOUT).write_text(said)
             (folder / STDERR).write_text("" if said else f"{ended.fault}\n")
@@ -145,7 +145,7 @@ def _own_process(
 ) -> Computed:
     """Run a deck in a process of its own."""
     with nullcontext(folder) if folder else workplace() as place:
-        engine.deck_by_hand(deck).write(place)
+        engine.by_hand(deck).write(place)
         outcome = run_command(engine.started(deck, build.command), place, limit_s, **engine.environment)
         return _ended(case, engine, outcome, place)
 

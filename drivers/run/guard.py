@@ -38,15 +38,10 @@ def checked_trace(case: Case, engine: Engine, outcome: EndedProcess, folder: Pat
         ending = f"exit code {outcome.code}" if outcome.code > 0 else f"killed by signal {-outcome.code}"
         message = _failed_start(stdout, stderr) or engine.failure_reason(stdout, stderr)
         message = "".join(c if c.isprintable() else " " for c in message)
-        before = engine.partial_trace(case, folder)
+        before = _left(case, engine, folder)
         blown_up = unstable(case, before) if before else None
         raise RunError("; ".join(filter(None, (blown_up, f"{ending}: {message[:REASON_CHARACTERS]}"))), partial=before)
-    try:
-        trace = engine.read(case, folder)
-    except RunError as error:
-        error.partial = engine.partial_trace(case, folder)
-        raise
-    return compared(case, engine, checked(case, trace))
+    return compared(case, engine, checked(case, engine.read(case, folder)))
 
 
 def checked(case: Case, trace: Trace) -> Trace:
@@ -85,8 +80,9 @@ def _left(case: Case, engine: Engine, folder: Path) -> Trace | None:
     """Trace of a run that was ended: all of it, or the samples that it has written."""
     try:
         return engine.read(case, folder)
-    except RunError:
-        return engine.partial_trace(case, folder)
+    except RunError as error:
+        partial: Trace | None = error.partial
+        return partial
 
 
 def _failed_start(stdout: str, stderr: str) -> str:

@@ -6,6 +6,7 @@ A deck that a person ran by hand, unchanged or after changes, is imported as a r
 import hashlib
 import json
 import platform
+import shlex
 import shutil
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
@@ -33,7 +34,6 @@ from drivers.run.guard import checked, compared, unstable
 from drivers.run.run_folder import (
     EndedRun,
     RunRecord,
-    described,
     find_run,
     folder_name,
     in_si,
@@ -189,7 +189,7 @@ def record_of_end(case: Case, engine: Engine, build: Build, deck: Deck, ended: C
         status=ended.fault.status if ended.fault else "done",
         reason=str(ended.fault) if ended.fault else "",
         deck_sha256=deck.sha256,
-        command=engine.command_by_hand(deck),
+        command=shlex.join(engine.by_hand(deck).command),
         bodies=case.chain.bodies,
         wall_s=round(ended.wall_s, 4),
         cpu_s=round(ended.cpu_s, 4),
@@ -230,7 +230,7 @@ def import_run(source: Path, case: Case, engine_name: str, runs: Path = paths.RU
         RunError: the output is missing or cannot be read; nothing is kept.
     """
     engine, home = load_engine(engine_name, "--engine"), runs / engine_name
-    deck = engine.deck_by_hand(engine.render(case))
+    deck = engine.render(case)
     edited = {name: _text_of(source / name) for name in deck.files}
     edits = [line for name, text in deck.files.items() for line in _edits(name, text, edited[name])]
     raw = [source / name for name in deck.raw if (source / name).is_file()]

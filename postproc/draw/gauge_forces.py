@@ -46,20 +46,15 @@ def draw_gauge_forces(layout: Layout, traces: Mapping[str, Trace], failed: Mappi
     time_us = next(iter(everything.values())).time_s * MICRO
     for axis, name in zip(grid[:, 0], names, strict=False):
         for engine, label in labels.items():
-            axis.plot(time_us, signals[engine][name], label=label, **_look(engine))
+            axis.plot(time_us, signals[engine][name], label=label, **line_of(engine))
         axis.set_title(f"{gauge_title(layout, name)} (N)", loc="left")
         axis.set_ylim(bottom=min(0.0, axis.dataLim.y0))
     if differences:
         _draw_differences(grid[-1, 0], time_us, differences, labels)
     grid[-1, 0].set(xlim=(time_us[0], time_us[-1] if len(time_us) > 1 else None), xlabel="time since impact (µs)")
-    handles = [pyplot().Line2D([], [], label=label, **_look(engine)) for engine, label in labels.items()]
+    handles = [pyplot().Line2D([], [], label=label, **line_of(engine)) for engine, label in labels.items()]
     figure.legend(handles=handles, loc="outside upper left", ncols=LEGEND_COLUMNS)
     return figure
-
-
-def _look(engine: str) -> dict[str, Any]:
-    line = line_of(engine)
-    return {"color": line.colour, "lw": line.width, "ls": line.dashes}
 
 
 def _draw_differences(
@@ -68,7 +63,7 @@ def _draw_differences(
     """Draws the largest force difference over all contacts from each baseline, divided by the largest change."""
     for baseline, shares in differences.items():
         for engine, share in shares.items():
-            axis.plot(time_us, share, label=f"{labels[engine]} − {baseline}", **_look(engine))
+            axis.plot(time_us, share, label=f"{labels[engine]} − {baseline}", **line_of(engine))
         lowest = min(shares.values(), key=lambda share: share[share > 0].min(initial=1.0))
         last = (lowest > 0).nonzero()[0][-1:]
         for sample in last:  # none, if all differences are zero

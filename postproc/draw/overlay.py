@@ -44,17 +44,17 @@ def draw_overlay(
         squeeze=False, layout="constrained",
     )  # fmt: skip
     files = list(dict.fromkeys(curve.gauge.trace.file for curve in curves))
-    signals, line = sensor_signals(layout, run), line_of(engine)
+    signals, colour_of_run = sensor_signals(layout, run), line_of(engine)["color"]
     for place, gauge in enumerate(gauges):
         force, strip = grid[2 * place, 0], grid[2 * place + 1, 0]
         computed = signals[gauge] - signals[gauge][0]
         for curve in (curve for curve in curves if curve.gauge.gauge == gauge):
             colour = COLOURS[files.index(curve.gauge.trace.file) % len(COLOURS)]
             _draw_gauge(force, strip, curve, np.interp(curve.time_s, run.time_s, computed), colour)
-        force.plot(run.time_s * MICRO, computed, color=line.colour, lw=1.3, label=f"computed ({engine})")
+        force.plot(run.time_s * MICRO, computed, color=colour_of_run, lw=1.3, label=f"computed ({engine})")
         force.set_title(fill(gauge_title(layout, gauge), LINE), loc="left")
         force.set(ylabel="force above\nrest (N)", xlim=(0, float(run.time_s[-1]) * MICRO))
-        strip.axhline(0, color=line.colour, lw=0.8)
+        strip.axhline(0, color=colour_of_run, lw=0.8)
         strip.set_ylabel("residual\n(N)")
         strip.margins(y=0.15)
     grid[-1, 0].set_xlabel("time since impact (µs)")

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.engines import REFERENCE, Style, engine_names, load_engine
+from drivers.engines import REFERENCE, engine_names, load_engine
 
 MICRO = 1e6
 COLUMN_IN = 3.5  # width of a journal column
@@ -22,35 +22,41 @@ DAMPED: dict[str, Any] = {"color": "#009e73", "ls": (0, (3, 1)), "lw": 1.2}  # t
 QUOTED: dict[str, Any] = {"color": "#a34800", "ls": (0, (1, 1.2)), "lw": 1.0}  # levels and rates stated in the paper
 GREYS = ("#222222", "#666666", "#999999")  # codes in figures whose colours are quantities
 CIRCLE: dict[str, Any] = {"marker": "o", "mfc": "none", "mew": 0.8, "color": GREYS[0], "ls": "none"}  # equal codes
+PLAIN: dict[str, Any] = {"lw": 1.3, "ls": "-", "marker": "^", "ms": 5.0}  # what the style of an engine leaves out
 # styles of engines without a style of their own and of further builds of a code, in the order of their names
-EXTRA_STYLES = (
-    Style("#882255", dashes=(0, (5, 1, 1, 1, 1, 1)), marker="p"),
-    Style("#e69f00", dashes=(0, (3, 1)), marker="v"),
-    Style("#117733", dashes=(0, (1, 1)), marker="*", size=6.0),
-    Style("#332288", dashes=(0, (4, 1, 1, 1)), marker="h"),
-    Style("#56b4e9", dashes=(0, (8, 3)), marker="<"),
-    Style("#999933", dashes=(0, (6, 1, 1, 1)), marker="+", size=6.0),
+EXTRA_STYLES: tuple[dict[str, Any], ...] = (
+    {"color": "#882255", "ls": (0, (5, 1, 1, 1, 1, 1)), "marker": "p"},
+    {"color": "#e69f00", "ls": (0, (3, 1)), "marker": "v"},
+    {"color": "#117733", "ls": (0, (1, 1)), "marker": "*", "ms": 6.0},
+    {"color": "#332288", "ls": (0, (4, 1, 1, 1)), "marker": "h"},
+    {"color": "#56b4e9", "ls": (0, (8, 3)), "marker": "<"},
+    {"color": "#999933", "ls": (0, (6, 1, 1, 1)), "marker": "+", "ms": 6.0},
 )
 
 
 @cache
-def line_of(engine: str) -> Style:
+def _style_of(engine: str) -> dict[str, Any]:
     """Style of an engine: its adapter's for the first build, else the next of ``EXTRA_STYLES``.
 
     Unknown names get the last of ``EXTRA_STYLES``.
     """
-    styles: dict[str, Style] = {}
+    styles = dict[str, Mapping[str, Any]]()
     for build in sorted(map(load_engine, engine_names()), key=lambda build: build.entry.adapter != build.name):
         if build.style and build.style not in styles.values():
             styles[build.name] = build.style
     plain = [name for name in engine_names() if name not in styles]
-    return styles.get(engine) or EXTRA_STYLES[plain.index(engine) % len(EXTRA_STYLES) if engine in plain else -1]
+    extra = EXTRA_STYLES[plain.index(engine) % len(EXTRA_STYLES) if engine in plain else -1]
+    return {**PLAIN, **styles.get(engine, extra)}
+
+
+def line_of(engine: str) -> dict[str, Any]:
+    """Plot keywords for the line of an engine."""
+    return {key: _style_of(engine)[key] for key in ("color", "lw", "ls")}
 
 
 def marker_of(engine: str) -> dict[str, Any]:
     """Plot keywords for the points of an engine; sizes are nested, so that equal points stay visible."""
-    style = line_of(engine)
-    return {"marker": style.marker, "ms": style.size, "mew": 1.1, "mfc": "none", "color": style.colour}
+    return {"mew": 1.1, "mfc": "none"} | {key: _style_of(engine)[key] for key in ("color", "marker", "ms")}
 
 
 def grey_of(engine: str) -> dict[str, Any]:
@@ -98,7 +104,7 @@ def letter_panel(axis: Any, letter: str, words: str = "") -> None:
 
 def drawing_order(engines: list[str]) -> list[str]:
     """Engines from the widest to the thinnest line, so that none hides another."""
-    return sorted(engines, key=lambda engine: -line_of(engine).width)
+    return sorted(engines, key=lambda engine: -line_of(engine)["lw"])
 
 
 @cache

@@ -27,7 +27,7 @@ def batch_of(
 ) -> "Batch":
     """Batch of a study; ``more`` are fields of ``Batch``."""
     from drivers.batch.rows import Batch
-    from drivers.engines._entries import entry_files
+    from drivers.engines import entry_files
 
     return Batch(study, runs.absolute(), tuple(engines), tuple(patterns), entries=entry_files(), **more)
 

@@ -38,11 +38,11 @@ def keys(table: str, markdown: bool, write: bool) -> None:
 def key_tables() -> dict[str, list[tuple[str, ...]]]:
     """Rows of the keys of each file, by name."""
     from drivers.batch.study import StudyFile
-    from drivers.engines._entries import EntryTable
+    from drivers.engines import Entry
     from drivers.scene.model import SceneFile
     from drivers.scene.settings import key_rows
 
-    engines = [*key_rows(EntryTable, "NAME.")]
+    engines = [*key_rows(Entry, "NAME.")]
     return {"scene": [*key_rows(SceneFile)], "study": [*key_rows(StudyFile)], "engines": engines}
 
 

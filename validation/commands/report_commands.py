@@ -35,7 +35,7 @@ def report(
     allow_missing: bool,
 ) -> int:
     """Write the report page and its checks as JSON."""
-    from drivers.engines._entries import engines_again
+    from drivers.engines import engines_again
     from validation.compare.comparison import EngineSelection
     from validation.report.write_report import report as write
 

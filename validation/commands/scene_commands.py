@@ -95,7 +95,7 @@ def render(scene: str, settings: tuple[str, ...], engines: tuple[str, ...], out:
     case = planned_case(scene, *settings)
     if not unsafe:
         refuse(case, engine.name)
-    deck = engine.deck_by_hand(engine.render(case))
+    deck = engine.by_hand(engine.render(case))
     out.mkdir(parents=True, exist_ok=True)
     write_scene(out, case.scene)
     for file in deck.write(out):

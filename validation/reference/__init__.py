@@ -5,6 +5,7 @@ This folder imports no other package of the project. Equations of motion, u posi
 ``F_j = max(0, k_j overlap_j^(3/2) + C_j overlap_j^p d overlap_j/dt)`` for dissipative contacts.
 """
 
+import time
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from validation.reference.hertz_chain import (
     TubeMotion,
 )
 
+_loaded: set[tuple[object, ...]] = set()  # kinds of decks whose integrators are loaded
 DAMPING_KEYS = ("gamma_N_(s/m)^alpha", "damping_N_s_m-5/4", "damping_N_s_m-(1+p)")
 
 
@@ -37,6 +39,16 @@ def integrate_deck(values: dict[str, Any], stop: Flag | None = None, samples: in
     """
     integrate = _tube if "place_m" in values else _straight
     return integrate(values, samples or values["samples"], stop)
+
+
+def timed(values: dict[str, Any], stop: Flag | None = None) -> tuple[Motion | TubeMotion, float]:
+    """Motion of a deck and the seconds of its integration, without those of loading or compiling the integrator."""
+    kind = (values["method"], *(key in values for key in ("place_m", "alpha", "drive")))
+    if kind not in _loaded:
+        integrate_deck(values | {"steps_per_sample": 1}, stop, samples=2)
+        _loaded.add(kind)
+    began = time.perf_counter()
+    return integrate_deck(values, stop), time.perf_counter() - began
 
 
 def columns_of(motion: Motion | TubeMotion) -> list[Array]:

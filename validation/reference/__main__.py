@@ -6,13 +6,12 @@ of the folder and then prints the word. Without a deck it compiles all integrato
 
 import json
 import sys
-import time
 from multiprocessing import Process
 from pathlib import Path
 
 import numpy as np
 
-from validation.reference import columns_of, integrate_deck
+from validation.reference import columns_of, timed
 from validation.reference.adaptive import integrate_adaptive
 from validation.reference.hertz_chain import HertzChain, TubeChain
 from validation.reference.symplectic import integrate_symplectic
@@ -20,19 +19,12 @@ from validation.reference.tube import integrate_tube
 from validation.reference.velocity_verlet import follow_verlet, integrate_verlet, integrate_verlet_absolute
 
 TIMES_S = np.array([0.0, 1e-3])
-_compiled: set[str] = set()
 
 
 def main(deck: Path) -> None:
     """Runs one deck and writes the output into the folder of the deck."""
     values = json.loads(deck.read_text())
-    method = "tube" if "place_m" in values else values["method"]
-    if method not in _compiled:  # compiling does not count as time of the time loop
-        integrate_deck(values | {"steps_per_sample": 1}, samples=2)
-        _compiled.add(method)
-    start = time.perf_counter()
-    motion = integrate_deck(values)
-    seconds = time.perf_counter() - start
+    motion, seconds = timed(values)
     np.save(deck.with_suffix(".npy"), columns_of(motion))
     print(f"completed {values['samples']} samples in {seconds:.6f} s")
 

@@ -17,8 +17,7 @@ from drivers.base.progress import in_words
 from drivers.chain.case import Case
 from drivers.chain.chain import hertz_force
 from drivers.chain.trace import FORCE, Trace
-from drivers.engines import REFERENCE, in_order, load_engine
-from drivers.engines._entries import engines_again
+from drivers.engines import REFERENCE, engines_again, in_order, load_engine
 from drivers.limits import step_limit
 from drivers.run.run_folder import RunRecord
 from drivers.scene.model import Scene
@@ -228,7 +227,7 @@ def section_of(scene: ComparedScene, results: Path, runs: Path | None = None) ->
             for name, cell in row.cells.items()
             for engine in [load_engine(name)]
             if (cell.verdict == FAIL if name in scene.absent else not engine.in_repository)
-            for file, text in engine.deck_by_hand(engine.render(case)).files.items()
+            for file, text in engine.by_hand(engine.render(case)).files.items()
         ],
     }
 

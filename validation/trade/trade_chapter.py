@@ -12,7 +12,7 @@ import pandas as pd
 from matplotlib.ticker import EngFormatter
 
 from drivers.engines import VERLET, codes, in_order
-from postproc.draw.style import PAGE_IN, line_of, pyplot
+from postproc.draw.style import PAGE_IN, line_of, marker_of, pyplot
 from validation.chapters import Chapter, Options, Picture, Tables, frame_of
 from validation.checks import short
 from validation.trade.ladder import (
@@ -133,9 +133,8 @@ def draw_trade(rows: pd.DataFrame) -> Any:
         of_scene = shown[shown["scene"] == scene]
         for method in in_order(of_scene["method"]):
             points = of_scene[of_scene["method"] == method]
-            style = line_of(method)
-            look = LOOK if method == ORDER_4 else {"color": style.colour, "ls": style.dashes, "marker": style.marker}
-            axis.plot(points["loop_s"], points["force"], ms=3.5, lw=0.9, label=method, **look)
+            look = LOOK if method == ORDER_4 else line_of(method) | {"marker": marker_of(method)["marker"]}
+            axis.plot(points["loop_s"], points["force"], label=method, **look | {"ms": 3.5, "lw": 0.9})
         axis.set(xscale="log", yscale="log")
         axis.set_title(scene, loc="left")
     axes[first].set_ylabel("largest error of the force / largest change of a force")

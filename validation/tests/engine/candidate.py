@@ -35,10 +35,9 @@ from drivers.engines import load_engine
 
 ENGINE = replace(
     load_engine("verlet"),
-    integrate=None,
     version=lambda command: line_of(command, "--version", "Python"),
     models=STRAIGHT,
-    style=None,
+    style={},
 )
 '''
 

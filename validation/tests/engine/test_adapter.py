@@ -2,11 +2,11 @@
 
 import os
 import re
+import shlex
 import subprocess
 import sys
 from dataclasses import fields, replace
-from importlib import import_module
-from inspect import isfunction
+from inspect import isfunction, unwrap
 from pathlib import Path
 from shutil import which
 
@@ -35,7 +35,7 @@ def test_interface(candidate: Candidate) -> None:
     assert deck.files
     assert deck.raw
     assert not {*deck.raw} & {*deck.files}, "raw output is among the deck's files"
-    assert import_module(engine.render.__module__).__doc__
+    assert unwrap(engine.render).__globals__["__doc__"]
     functions = {field.name: getattr(engine, field.name) for field in fields(engine)}
     documented = {name: bool(each.__doc__) for name, each in functions.items() if isfunction(each)}
     assert {name for name, has in documented.items() if not has and functions[name].__name__ != "<lambda>"} == set()
@@ -47,10 +47,10 @@ def test_version(candidate: Candidate) -> None:
     assert build.version not in ("", UNKNOWN_VERSION)
     assert len(build.version.splitlines()) == 1
     if engine.in_repository:
-        assert engine.version_of(build.command) == build.version
+        assert engine.version(build.command) == build.version
         return
     assert build_of(engine).identity == build.identity
-    other = engine.version_of((which(OTHER_PROGRAM) or OTHER_PROGRAM,))
+    other = engine.version((which(OTHER_PROGRAM) or OTHER_PROGRAM,))
     assert other != build.version, f"the version does not come from the command: {OTHER_PROGRAM} gives the same"
 
 
@@ -82,14 +82,15 @@ def test_deck_by_hand(candidate: Candidate) -> None:
     assert " ".join(deck.command) in text.partition("\n")[0], f"the first line of {name} is not its command"
     folder = candidate.folder / "by-hand"
     folder.mkdir()
-    engine.deck_by_hand(deck).write(folder)
+    written = engine.by_hand(deck)
+    written.write(folder)
     environment = scrubbed_environment() | engine.environment
     beside = str(Path(sys.executable).parent)  # programs are found as by ``find_command``
     places = (beside, environment["PATH"]) if engine.in_repository else (environment["PATH"], beside)
     environment["PATH"] = os.pathsep.join(places)
     with open(folder / "stdout.txt", "w") as out, open(folder / "stderr.txt", "w") as err:
         ended = subprocess.run(
-            engine.command_by_hand(deck), shell=True, cwd=folder, env=environment, stdout=out, stderr=err,
+            shlex.join(written.command), shell=True, cwd=folder, env=environment, stdout=out, stderr=err,
             check=False, timeout=100,
         )  # fmt: skip
     assert ended.returncode == 0, (folder / "stderr.txt").read_text()[-200:]

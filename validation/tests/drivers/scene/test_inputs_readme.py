@@ -8,7 +8,7 @@ import pytest
 
 from drivers.base import paths
 from drivers.batch.study import read_study
-from drivers.engines import _entries
+from drivers.engines import tables_in
 from drivers.scene.read_scene import make_scene, read_scene, read_toml
 from validation.commands.key_commands import README, key_tables, with_keys
 from validation.tests.helpers.commands import beads
@@ -54,7 +54,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     "steel.toml": read_scene,
     "in a scene file": read_fragment,
     "my-study.toml": lambda path: [read_study(path).case(number) for number in range(1, read_study(path).count + 1)],
-    "engines.toml": lambda path: [*_entries._read(path)],
+    "engines.toml": lambda path: [*tables_in(path)],
 }
 
 

@@ -123,7 +123,6 @@ SABOTAGE = [
     Sabotage("yade", "an error in the deck", "O.dt = time_step", "O.dt = steptime", "name 'steptime' is not defined"),
     Sabotage("yade", "death before the end", r"start = time.perf_counter\(\)", "import os; os._exit(0)",
              "was not written"),
-    Sabotage("yade", "no closing line", r'print\(f"completed', 'str(f"completed', "did not run to its end"),
 ]  # fmt: skip
 
 
