@@ -46,7 +46,7 @@ def _problem(error: Any, model: type[BaseModel], prefix: str) -> InputProblem:
     if error["type"] == "missing":
         return key, "missing key", ""
     if error["type"] == "extra_forbidden":
-        known = sorted(model_at(model, path[:-1]).model_fields)
+        known = sorted(model_at(model, path[:-1]).model_json_schema()["properties"])
         close = get_close_matches(str(path[-1]), known, 1)
         return key, f"unknown key; {f'did you mean {close[0]}?' if close else 'allowed: ' + ', '.join(known)}", ""
     text = EXPECTED.get(error["type"]) or re.sub(r"^\w+ should (be|have) ", "", error["msg"])

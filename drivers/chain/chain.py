@@ -321,14 +321,14 @@ def beads_of(scene: Scene) -> Beads:
     these masses.
     """
     table, beads = scene.chain, ordinary_beads(scene)
-    given = {sensor.from_wall: sensor.mass for sensor in table.sensors if sensor.mass is not None}
-    given |= {bead.from_wall: bead.mass for bead in table.bead if bead.mass is not None}
+    given = {from_wall: sensor.mass for from_wall, sensor in table.sensor_at.items() if sensor.mass is not None}
+    given |= {from_wall: bead.mass for from_wall, bead in table.bead_at.items() if bead.mass is not None}
     materials, diameters, masses = beads.materials, beads.diameter_m, beads.mass_kg
-    for bead in table.bead:
-        place = bead.from_wall - 1
+    for from_wall, bead in table.bead_at.items():
+        place = from_wall - 1
         materials[place] = bead.material or materials[place]
         diameters[place] = bead.diameter or diameters[place]
-        if (bead.material is not None or bead.diameter is not None) and bead.from_wall not in given:
+        if (bead.material is not None or bead.diameter is not None) and from_wall not in given:
             masses[place] = sphere_mass(scene, materials[place], diameters[place])
     if table.mass_scatter:  # drawn for all beads, so that a mass given for one bead does not change other masses
         masses = masses + np.random.default_rng(scene.seed).normal(0.0, table.mass_scatter, table.count)
@@ -362,9 +362,9 @@ def build_chain(scene: Scene) -> Chain:
     count, striker = table.count, scene.striker
     beads = beads_of(scene)
     velocity = np.zeros(scene.bodies)
-    for bead in table.bead:
-        velocity[bead.from_wall - 1] = bead.velocity or 0.0
-    gaps = {bead.from_wall: bead.gap_below for bead in table.bead if bead.gap_below is not None}
+    for from_wall, bead in table.bead_at.items():
+        velocity[from_wall - 1] = bead.velocity or 0.0
+    gaps = {from_wall: bead.gap_below for from_wall, bead in table.bead_at.items() if bead.gap_below is not None}
     materials, radii, masses = [*beads.materials], [*(beads.diameter_m / 2)], [*beads.mass_kg]
     if striker is not None:
         materials.append(striker.material)

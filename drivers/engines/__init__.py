@@ -25,7 +25,7 @@ from drivers.base.processes import find_command
 from drivers.chain.case import STRAIGHT, Case
 from drivers.chain.trace import Trace
 from drivers.engines._entries import Entry, entries
-from drivers.laws import Viscoelastic
+from drivers.laws import VISCOELASTIC
 from validation.reference.hertz_chain import Flag
 
 REFERENCE, VERLET = "reference", "verlet"  # in-repo engines: exact motion, and the scheme of the codes
@@ -114,7 +114,7 @@ class Engine:
     integrate: Callable[[Case, Flag], tuple[Trace, float]] | None = None
     scheme: str = IN_HEIGHTS
     shear: str = TOTAL
-    dissipation: frozenset[str] = frozenset({Viscoelastic.name})
+    dissipation: frozenset[str] = frozenset({VISCOELASTIC})
     models: frozenset[str] = STRAIGHT
     variables: Mapping[str, str] = field(default_factory=dict)
     refusal: Callable[[Case], InputProblem | None] = lambda case: None

@@ -41,7 +41,7 @@ BAD = [
     ("run.time_step=1e-16 s", "run.time_step", "steps", "at most"),
     ("run.duration=0.5 us", "run.duration", "5e-07 s", "sample_interval"),
     ("run.duration=1 year", "run.sample_interval", "samples of 22 contacts", "at most"),
-    ("contact={restitution=0.9, damping_ratio=0.1}", "contact", "both", "one of the two"),
+    ("contact={restitution=0.9, damping_ratio=0.1}", "contact", "both", "at most one of the two"),
     ("chain.bead=[{from_wall=2, gap_below='-1 um'}]", "chain.bead.0.gap_below", "-1 um", "zero or more"),
     ("chain.bead=[{from_wall=9, mass='1 g'}]", "chain.sensors.0.mass", "bead 9", "one of the two"),
     ("chain.bead=[{from_wall='9-5', mass='1 g'}]", "chain.bead.0.from_wall", '"9-5"', "a bead such as 5"),
