@@ -13,10 +13,7 @@ from drivers.base.errors import InputProblem, refuse_any
 
 Model = TypeVar("Model", bound=BaseModel)
 MISPLACED = ("missing", "extra_forbidden")  # types of pydantic's errors on keys
-EXPECTED = {  # words of TOML for allowed values, by the type of pydantic's error
-    "int_type": "a whole number",
-    "bool_type": "true or false",
-    "string_type": "text in quotes",
+EXPECTED = {  # words of TOML where those of pydantic are of Python, by the type of its error
     "model_type": "a table",
     "dict_type": "a table",
     "tuple_type": "a list",

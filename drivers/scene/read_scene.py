@@ -17,8 +17,8 @@ from drivers.base.messages import model_at, shorten, validate
 from drivers.scene.model import RIGID, Material, Part, Scene
 from drivers.scene.rules import named_materials, problems_of
 
-NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}")
-NAME_RULE = "a name of at most 100 letters, digits, '-', '_' and '.', beginning with a letter or digit"
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}\.toml")
+NAME_RULE = "at most 100 letters, digits, '-', '_' and '.', beginning with a letter or digit, then .toml"
 LONG_KEY = re.compile(r"""(?:[\w"'-]{1,99}+[ \t]*+\.[ \t]*+){99}""")  # reading takes the square of the number of parts
 # files of drives
 HEADING = re.compile(r"\s*time_([^,]*),\s*(force|displacement)_([^,]*)")
@@ -155,10 +155,8 @@ def find_input(source: str | Path, home: Path, what: str) -> Path:
         if not path.is_file():
             known = ", ".join(sorted(p.stem for p in home.glob("*.toml")))
             raise InputError(str(source), "", f"{what} not found; give the path of a .toml file, or one of {known}")
-    if path.suffix != ".toml":
-        raise InputError(str(source), "", f'the suffix "{path.suffix}"', f"a {what} file, ending in .toml")
-    if not NAME.fullmatch(path.stem):
-        raise InputError(str(source), "", f"the {what} name {shorten(path.stem)}", NAME_RULE)
+    if not NAME.fullmatch(path.name):
+        raise InputError(str(source), "", f"a {what} file named {shorten(path.name)}", NAME_RULE)
     return path
 
 

@@ -1,7 +1,8 @@
 """Rules for combinations of keys of a scene; rules for single values are in the model."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
+
+import numpy as np
 
 from drivers.base.errors import InputProblem
 from drivers.base.messages import shorten
@@ -141,13 +142,15 @@ def _wrong_pattern(chain: ChainTable) -> Iterator[InputProblem]:
         yield "chain.taper_to", f"{chain.taper_to:g} m for a pattern with diameters", "chain.taper"
     if chain.pattern is not None and not 1 <= len(chain.pattern) <= max(chain.count, 1):
         yield "chain.pattern", f"{len(chain.pattern)} members", f"1 to {max(chain.count, 1)}, the beads of the chain"
-    if chain.taper is not None:
-        with suppress(OverflowError):
-            last = chain.diameter * chain.taper_at(max(chain.count, 1))
-            if LEAST_M <= last <= MOST_M:
-                return
+    if chain.taper is not None and not LEAST_M <= chain.diameter * _tapers(chain)[1] <= MOST_M:
         found = f"{chain.taper:g}, with which the top bead has no diameter from {LEAST_M:g} to {MOST_M:g} m"
         yield "chain.taper", found, "a ratio closer to 1, or fewer beads"
+
+
+def _tapers(chain: ChainTable) -> list[float]:
+    """Diameters of the lowest and the top bead, divided by those of their members; perhaps beyond doubles: inf."""
+    with np.errstate(over="ignore"):
+        return [float(ratio) for ratio in chain.taper_at(np.array([1.0, max(chain.count, 1)]))]
 
 
 def _wrong_striker(scene: Scene) -> Iterator[InputProblem]:
@@ -191,7 +194,7 @@ def _wrong_tube(scene: Scene) -> Iterator[InputProblem]:
     """Problems with a tube, and with beads that can move sideways."""
     chain, tube, contact, offset = scene.chain, scene.tube, scene.contact, scene.chain.lateral_offset
     widest = max(member.diameter or chain.diameter for member in chain.members)
-    widest *= max(chain.taper_at(1), chain.taper_at(chain.count))
+    widest *= max(_tapers(chain))
     widest = max([widest, *(bead.diameter for bead in chain.bead if bead.diameter)])
     play = tube.inner_diameter - widest if tube is not None and chain.count else 0.0
     if tube is not None and (play < 0 or (play == 0 and scene.three_dimensional)):

@@ -92,11 +92,9 @@ def unit_of(key: str) -> str:
 def look_up(tables: Any, key: str) -> Any:
     """Value of a key in the tables of a file or in a scene; None if missing."""
     for part in key.split("."):
-        if isinstance(tables, dict):
-            tables = tables.get(part)
-        elif isinstance(tables, (list, tuple)):
-            known = part.isascii() and part.isdecimal() and int(part) < len(tables)
-            tables = tables[int(part)] if known else None
-        else:
-            tables = getattr(tables, part, None) if isinstance(tables, BaseModel) else None
+        if isinstance(tables, BaseModel):
+            tables = dict(tables)
+        elif isinstance(tables, list | tuple):
+            tables = {str(index): entry for index, entry in enumerate(tables)}
+        tables = tables.get(part) if isinstance(tables, dict) else None
     return tables

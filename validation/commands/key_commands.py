@@ -5,7 +5,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import click
-from pydantic import BaseModel
 
 from drivers.base import paths
 from drivers.base.errors import InputError
@@ -47,18 +46,19 @@ def key_tables() -> dict[str, list[tuple[str, ...]]]:
     from drivers.engines._entries import EntryTable
     from drivers.scene.model import Scene
 
-    engines = [*_key_rows(EntryTable, "NAME.")]
-    return {"scene": [*_key_rows(Scene)], "study": [*_key_rows(StudyFile)], "engines": engines}
-
-
-def _key_rows(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, ...]]:
-    """Row of each key of a model, and after the key of a table the rows of its own keys, with dots between names."""
-    schema = model.model_json_schema()
-    return _rows(schema, schema.get("$defs", {}), prefix)
+    scene, study, engines = (model.model_json_schema() for model in (Scene, StudyFile, EntryTable))
+    files = {"scene": (scene, ""), "study": (study, ""), "engines": (engines, "NAME.")}
+    return {file: [*_rows(schema, schema.get("$defs", {}), prefix)] for file, (schema, prefix) in files.items()}
 
 
 def _rows(table: Schema, tables: Schema, prefix: str) -> Iterator[tuple[str, ...]]:
-    """Rows of the keys of a table, from its JSON schema and those of all ``tables`` by name."""
+    """Row of each key of a table, and after that of a table in it the rows of its keys, with dots between names.
+
+    Args:
+        table: JSON schema of the table.
+        tables: JSON schemas of all tables by name.
+        prefix: what comes before the names.
+    """
     for name, field in table["properties"].items():
         kinds = [kind for kind in field.get("anyOf", [field]) if kind.get("type") != "null"]
         key, default = f"{prefix}{name}", field.get("default")

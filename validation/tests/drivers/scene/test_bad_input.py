@@ -16,7 +16,7 @@ from validation.tests.helpers.scenes import SceneWriter
 BAD = [
     ("grvity=1", "grvity", "unknown key", "gravity"),
     ("chain.count=", "chain.count", "missing key", ""),
-    ("chain.count=2.5", "chain.count", "2.5", "whole number"),
+    ("chain.count=2.5", "chain.count", "2.5", "integer"),
     ("chain.count=1000000000000", "chain.count", "1000000000000", "less than or equal to"),
     ("chain.mass=2 mm", "chain.mass", "2 mm", "a mass above zero"),
     ("chain.mass=0.1226", "chain.mass", "0.1226", 'with its unit, such as "0.1226 g"'),
@@ -54,9 +54,9 @@ BAD = [
     ("chain={count=9,material='ptfe',diameter='2 mm',taper=0.9,taper_to='1 mm'}", "", "both taper and taper_to", ""),
     ("chain.angle=91 deg", "chain.angle", "91 deg", "0, or from 1e-09 to 90 deg"),
     ("chain.count.x=1", "chain.count.x", "unknown key", "only tables and lists have keys"),
-    ("chain.count=" + "1" * 5000, "chain.count", "111", "a whole number"),
+    ("chain.count=" + "1" * 5000, "chain.count", "111", "a valid integer"),
     ("chain.count=0x" + "f" * 5000, "chain.count", "thousands of digits", "less than or equal to"),
-    ("chain.count=5\nx=2", "chain.count", "5", "a whole number"),
+    ("chain.count=5\nx=2", "chain.count", "5", "a valid integer"),
     ("nonsense", "", "not of the form KEY=VALUE", "chain.count=60"),
     ("chain.mass=1e-24 kg", "chain.mass", "1e-24 kg of body 1", "at least 5.6e-12 kg"),
 ]
