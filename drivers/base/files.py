@@ -86,15 +86,12 @@ def read_sealed(path: Path, allowed: str) -> dict[str, Any]:
     """
     content = read_file(path, allowed)
     try:
-        values = json.loads(content)
-        digest = values.pop(DIGEST, None)
-        altered = digest != digest_of_json(values)
-    except (ValueError, TypeError, AttributeError, RecursionError) as error:
+        values: dict[str, Any] = json.loads(content)
+        whole = values.pop(DIGEST) == digest_of_json(values)
+    except (ValueError, TypeError, AttributeError, LookupError, RecursionError) as error:
         raise InputError(paths.shown(path), "", DAMAGED, allowed) from error
-    if altered:
-        problem = ALTERED if digest else "a file without its digest"
-        raise InputError(paths.shown(path), "", problem, allowed)
-    assert isinstance(values, dict)
+    if not whole:
+        raise InputError(paths.shown(path), "", ALTERED, allowed)
     return values
 
 
