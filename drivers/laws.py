@@ -96,9 +96,7 @@ class Dissipation:
 
     def refusal(self, code: str) -> InputProblem | None:
         """Key, found and allowed if a code cannot model the law; else None."""
-        if not self.damped:
-            return None
-        if code not in self.codes:
+        if self.damped and code not in self.codes:
             return "contact.dissipation", f'"{self.name}"', "another law, since none of its dampings has this form"
         if code == "lammps" and self.name == POWER and self.alpha != 1:
             return "contact.alpha", f"{self.alpha:g}", '1, or contact.dissipation = "viscoelastic"'

@@ -1,13 +1,14 @@
 """Rules for combinations of keys of a scene; rules for single values are in the model."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
 from drivers.base.errors import InputProblem
 from drivers.base.messages import shorten
 from drivers.laws import HUNT_CROSSLEY, KUWABARA_KONO, POWER, VISCOELASTIC
-from drivers.scene.model import RIGID, Bead, ChainTable, MeasuredEntry, Member, Part, Scene, Sensor, places_of
+from drivers.scene.model import RIGID, ChainTable, MeasuredEntry, Part, Scene, places_of
 
 LEAST_M, MOST_M = 1e-9, 1e3  # diameters of beads
 PLAY_TOLERANCE = 1e-6  # relative; for rounding of the difference of two diameters
@@ -95,13 +96,11 @@ def _bad_times(scene: Scene) -> Iterator[InputProblem]:
 
 def named_materials(scene: Scene) -> dict[str, str]:
     """Names of the materials in use, by key of the scene."""
-    chain = scene.chain
-    parts = {"chain": chain, "striker": scene.striker, "wall": scene.wall, "tube": scene.tube}
-    named = {f"{key}.material": part.material for key, part in parts.items() if part is not None}
-    lists: dict[str, Sequence[Bead | Member]] = {"bead": chain.bead, "pattern": chain.pattern or ()}
-    for what, entries in lists.items():
-        named |= {f"chain.{what}.{i}.material": entry.material for i, entry in enumerate(entries) if entry.material}
-    return named
+    parts: dict[str, Any] = {"chain": scene.chain}
+    for what in ("bead", "pattern"):
+        parts |= {f"chain.{what}.{i}": part for i, part in enumerate(getattr(scene.chain, what) or ())}
+    parts |= {"striker": scene.striker, "wall": scene.wall, "tube": scene.tube}
+    return {f"{key}.material": part.material for key, part in parts.items() if part is not None and part.material}
 
 
 def _wrong_materials(scene: Scene) -> Iterator[InputProblem]:
@@ -116,12 +115,10 @@ def _wrong_materials(scene: Scene) -> Iterator[InputProblem]:
 def _wrong_beads(chain: ChainTable) -> Iterator[InputProblem]:
     """Problems with the beads of the entries of a chain."""
     allowed = f"1 to {chain.count}, the beads of the chain" if chain.count else "no entry, as the chain has no beads"
-    lists: dict[str, Sequence[Sensor | Bead]] = {"sensors": chain.sensors, "bead": chain.bead}
-    for what, entries in lists.items():
+    for what in ("sensors", "bead"):
         seen: set[int] = set()
-        for i, entry in enumerate(entries):
-            places = places_of(entry.from_wall)
-            for place in places:
+        for i, entry in enumerate(getattr(chain, what)):
+            for place in places_of(entry.from_wall):
                 if place > chain.count:
                     yield f"chain.{what}.{i}.from_wall", str(place), allowed
                 elif place in seen:
@@ -155,20 +152,20 @@ def _tapers(chain: ChainTable) -> list[float]:
 
 def _wrong_striker(scene: Scene) -> Iterator[InputProblem]:
     """Problems with the keys of a striker, and with a chain that has no beads."""
-    striker, flat = scene.striker, scene.striker is not None and scene.striker.shape == "flat"
-    if scene.chain.count == 0:
-        if striker is None or scene.wall is None:
-            yield "chain.count", "0", "1 or more; 0 only with a striker and a wall"
-        if flat:
+    chain, striker = scene.chain, scene.striker
+    if chain.count == 0 and (striker is None or scene.wall is None):
+        yield "chain.count", "0", "1 or more; 0 only with a striker and a wall"
+    if chain.count == 0 and chain.precompression:
+        yield "chain.precompression", f"{chain.precompression:g} N", "0 N, as the chain has no beads"
+    if striker is not None and striker.shape == "flat":
+        if striker.diameter is not None:
+            yield "striker.diameter", f"{striker.diameter:g} m for a flat striker", "no diameter"
+        if striker.mass is None:
+            yield "striker.mass", "missing key; a flat striker needs a mass, as it has no volume", ""
+        if chain.count == 0:
             yield "striker.shape", '"flat" on a flat wall', '"sphere"; two flat faces are not a Hertz contact'
-        if scene.chain.precompression:
-            yield "chain.precompression", f"{scene.chain.precompression:g} N", "0 N, as the chain has no beads"
-    if striker is not None and flat and striker.diameter is not None:
-        yield "striker.diameter", f"{striker.diameter:g} m for a flat striker", "no diameter"
-    if striker is not None and not flat and striker.diameter is None:
+    elif striker is not None and striker.diameter is None:
         yield "striker.diameter", "missing key; give the diameter of the sphere", ""
-    if striker is not None and flat and striker.mass is None:
-        yield "striker.mass", "missing key; a flat striker needs a mass, as it has no volume", ""
 
 
 def _missing_masses(scene: Scene) -> Iterator[InputProblem]:
