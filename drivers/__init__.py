@@ -7,19 +7,13 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from drivers.batch.tables import read_study_table
-    from drivers.interactive import open_run, run_scene
+    from drivers.interactive import open_run, read_study_table, run_scene
 
 __all__ = ["open_run", "read_study_table", "run_scene"]
-EXPORTS = {
-    "open_run": "drivers.interactive",
-    "read_study_table": "drivers.batch.tables",
-    "run_scene": "drivers.interactive",
-}
 
 
 def __getattr__(name: str) -> Any:
     """Import an exported function when it is first used, so that command lines start fast."""
-    if name not in EXPORTS:
+    if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(EXPORTS[name]), name)
+    return getattr(import_module("drivers.interactive"), name)

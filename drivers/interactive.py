@@ -1,4 +1,4 @@
-"""Functions for notebooks and scripts: run a scene, open a finished run."""
+"""Functions for notebooks and scripts: run a scene, open a finished run, read the rows of a study."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -6,6 +6,7 @@ from typing import Any
 
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
+from drivers.batch.tables import read_study_table
 from drivers.chain.case import Case, build_case
 from drivers.limits import refuse
 from drivers.run.inventory import run_folder
@@ -14,6 +15,8 @@ from drivers.run.run_folder import EndedRun
 from drivers.run.run_folder import open_run as open_folder
 from drivers.scene.read_scene import read_scene
 from drivers.scene.settings import setting_texts
+
+__all__ = ["open_run", "read_study_table", "run_scene"]
 
 
 def run_scene(

@@ -2,69 +2,67 @@
 
 The force is ``F = max(0, k d^(3/2) + C d^p d')`` of the overlap d and the closing speed d', or with an exponent alpha
 ``F = max(0, k d^(3/2) + C sgn(d') |d'|^alpha)`` for d >= 0. ``validation.reference`` integrates it. A further law of
-this form is a class here, which holds its texts for the codes, and its keys in ``Contact`` of ``drivers.scene.model``.
+this form is a function here, which holds its texts for the codes, its C in ``Dissipation``, its place in ``LAWS``, and
+its keys in ``Contact`` of ``drivers.scene.model`` and ``LAW_KEYS`` of ``drivers.scene.rules``.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import cache
 from math import acos, acosh, cosh, exp, log, pi, sqrt
-from typing import ClassVar
 
 import numpy as np
 
 from drivers.base.errors import InputProblem
 from validation.reference.hertz_chain import EXPONENT, VISCOELASTIC_POWER, Array, dissipative_force
 
+HUNT_CROSSLEY, KUWABARA_KONO, POWER, VISCOELASTIC = "hunt-crossley", "kuwabara-kono", "power", "viscoelastic"
 ALPHA = 1.75  # default of the power law
 ZETA_1 = sqrt(5 / 6)  # damping ratio B of the viscoelastic law at which zeta is 1
-LIGGGHTS_COEFFICIENT = 0.05  # LIGGGHTS' coefficientRestitution has to be larger
+# damping ratio of LIGGGHTS' coefficientRestitution 0.05, which has to be larger
+LIGGGHTS_RATIO = ZETA_1 / sqrt(1 + (pi / log(0.05)) ** 2)
 # polynomial of LAMMPS' damping tsuji, lowest power first: gamma / sqrt(m* kn sqrt(R* overlap)) of its coefficient
 TSUJI = (1.2728, -4.2783, 11.087, -22.348, 27.467, -18.022, 4.8218)
 MINIMUM_AT = 1.1  # coefficient close to the polynomial's minimum, which is negative
 
 
+@dataclass(frozen=True)
 class Dissipation:
-    """Law of a scene's contacts: this class is that of elastic ones, derived classes dissipate.
+    """Law of a scene's contacts with its value; by default that of elastic ones.
 
     Attributes:
         name: value of ``contact.dissipation`` in a scene.
-        keys: the law's keys in the table ``[contact]``, each with words for its value if it has to be given.
+        value: slowness a, relaxation time A, coefficient gamma or damping ratio B, in SI units; 0 if elastic.
+        description: description of the dissipation.
         overlap_power: p of the dissipative force; without meaning with alpha.
         alpha: exponent of the closing speed; 0 for a force proportional to it.
         codes: text that a code needs for the law, by code; other codes do not have the law.
-        cannot: reason why a code cannot model the law, by code.
-        by_mass: True if ``lammps`` depends on the reduced mass.
-        sideways: True if the law is modelled for beads that move sideways.
     """
 
-    name: ClassVar[str] = "elastic"
-    keys: ClassVar[Mapping[str, str]] = {}
-    overlap_power: ClassVar[float] = VISCOELASTIC_POWER
-    codes: ClassVar[Mapping[str, str]] = {}
-    cannot: ClassVar[Mapping[str, str]] = {}
-    by_mass: ClassVar[bool] = False
-    sideways: ClassVar[bool] = False
+    name: str = "elastic"
+    value: float = 0.0
+    description: str = "impacts have a restitution of 1"
+    overlap_power: float = VISCOELASTIC_POWER
     alpha: float = 0.0
-
-    @classmethod
-    def of(cls, given: Mapping[str, float]) -> "Dissipation":
-        """Law of the keys that a scene gives."""
-        return cls(**given)
+    codes: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def damped(self) -> bool:
         """True if contacts dissipate energy."""
-        return type(self) is not Dissipation
+        return self.value > 0
 
     @property
-    def description(self) -> str:
-        """Description of the dissipation."""
-        return "impacts have a restitution of 1"
+    def by_mass(self) -> bool:
+        """True if ``lammps`` depends on the reduced mass."""
+        return self.name == KUWABARA_KONO
 
     def coefficient(self, stiffness: Array, reduced_mass_kg: Array) -> Array:
         """C of each contact, in N s^a m^-(a+p) with alpha a. Shape (contacts,)."""
-        return np.zeros(len(stiffness))
+        if self.name == VISCOELASTIC:
+            return np.asarray(2 * self.value * np.sqrt(EXPONENT * stiffness * reduced_mass_kg))
+        if self.name == POWER:
+            return np.where(stiffness > 0, self.value, 0.0)
+        return np.asarray((EXPONENT if self.name == KUWABARA_KONO else 1.0) * self.value * stiffness)
 
     def slope(self, coefficient: Array, overlap_m: Array, speed_m_s: Array) -> Array:
         """``dF/dd'`` in N s/m: ``C d^p``, or ``C alpha |d'|^(alpha - 1)`` with alpha. Shape (contacts,)."""
@@ -79,23 +77,39 @@ class Dissipation:
     def lammps(self, kn: float, reduced_mass_kg: float) -> float:
         """Damping coefficient of LAMMPS for a pair of types with ``F = kn sqrt(R*) d^(3/2)`` and a reduced mass.
 
-        LIGGGHTS' ``gamman`` is the same coefficient.
+        It is that of ``damping tsuji``, or gamma of ``damping velocity``, a linear dashpot, or eta of ``damping
+        viscoelastic``, whose force is ``eta m* sqrt(R* d) d'``. LIGGGHTS' ``gamman`` is the same coefficient.
         """
-        return 0.0
+        if self.name == VISCOELASTIC:
+            return tsuji_coefficient(self.value)
+        return EXPONENT * self.value * kn / reduced_mass_kg if self.by_mass else self.value
+
+    @property
+    def with_attraction(self) -> float:
+        """Restitution ``e' = exp(-pi zeta / sqrt(1 - zeta^2))`` of the viscoelastic law with attractive forces.
+
+        It is 0 for zeta >= 1. LIGGGHTS takes e' with and without ``limitForce``:
+        ``zeta = |ln e'| / sqrt(ln(e')^2 + pi^2)``.
+        """
+        zeta = self.value / ZETA_1
+        return exp(-pi * zeta / sqrt((1 - zeta) * (1 + zeta))) if zeta < 1 else 0.0
 
     def refusal(self, code: str) -> InputProblem | None:
         """Key, found and allowed if a code cannot model the law; else None."""
-        if not self.damped or code in self.codes:
-            return None
-        reason = self.cannot.get(code, "the law has no text for this code")
-        return "contact.dissipation", f'"{self.name}"', f"another law, since {reason}"
+        if self.damped and code not in self.codes:
+            return "contact.dissipation", f'"{self.name}"', "another law, since none of its dampings has this form"
+        if code == "lammps" and self.name == POWER and self.alpha != 1:
+            return "contact.alpha", f"{self.alpha:g}", '1, or contact.dissipation = "viscoelastic"'
+        if code == "liggghts" and self.name == VISCOELASTIC and self.value >= LIGGGHTS_RATIO:
+            least = f"above {restitution_of(LIGGGHTS_RATIO):.4g}, which is a damping_ratio below {LIGGGHTS_RATIO:.4g}"
+            return "contact", f"a restitution of {restitution_of(self.value):g}", least
+        return None
 
 
 ELASTIC = Dissipation()
 
 
-@dataclass(frozen=True)
-class HuntCrossley(Dissipation):
+def hunt_crossley(slowness: float) -> Dissipation:
     """``F = max(0, k d^(3/2) (1 + a d'))`` with the slowness a in s/m: dissipation in proportion to the elastic force.
 
     Hunt and Crossley, J. Appl. Mech. 42:440, 1975, with ``lambda = a k``. An impact of two free bodies obeys
@@ -104,111 +118,57 @@ class HuntCrossley(Dissipation):
 
     ``x - ln(1 + x) = -e x - ln(1 - e x)``, ``e = 1 - (2/3) x + (4/9) x^2 - ...``
 
-    The restitution decreases with the speed of an impact, and no rebound is faster than 1/a.
+    The restitution decreases with the speed of an impact, and no rebound is faster than 1/a. ``C = a k`` in
+    N s m^-5/2.
     """
-
-    slowness: float
-
-    name = "hunt-crossley"
-    keys: ClassVar[Mapping[str, str]] = {"slowness": 'an inverse speed, such as "0.1 s/m"'}
-    overlap_power = EXPONENT
-    codes: ClassVar[Mapping[str, str]] = {"yade": "damping * overlap * sqrt(overlap) * closing"}
-    cannot: ClassVar[Mapping[str, str]] = dict.fromkeys(
-        ("lammps", "liggghts"), "none of its dampings is proportional to overlap^(3/2)"
+    return Dissipation(
+        HUNT_CROSSLEY,
+        slowness,
+        f"dissipative force of Hunt and Crossley with a slowness of {slowness:.6g} s/m",
+        overlap_power=EXPONENT,
+        codes={"yade": "damping * overlap * sqrt(overlap) * closing"},
     )
 
-    @property
-    def description(self) -> str:
-        """Description of the dissipation."""
-        return f"dissipative force of Hunt and Crossley with a slowness of {self.slowness:.6g} s/m"
 
-    def coefficient(self, stiffness: Array, reduced_mass_kg: Array) -> Array:
-        """``C = a k`` in ``F = max(0, k d^(3/2) + C d^(3/2) d')``, in N s m^-5/2. Shape (contacts,)."""
-        return np.asarray(self.slowness * stiffness)
-
-
-@dataclass(frozen=True)
-class KuwabaraKono(Dissipation):
+def kuwabara_kono(relaxation: float) -> Dissipation:
     """``F = max(0, k (d^(3/2) + (3/2) A sqrt(d) d'))``, a viscoelastic sphere in slow impact.
 
     Kuwabara and Kono, Jpn. J. Appl. Phys. 26:1230, 1987; Brilliantov, Spahn, Hertzsch and Poeschel, Phys. Rev. E
     53:5382, 1996, with A, the relaxation time of the material in s. The restitution decreases with the speed of an
-    impact.
+    impact. ``C = (3/2) A k`` in N s m^-3/2.
     """
-
-    relaxation: float
-
-    name = "kuwabara-kono"
-    keys: ClassVar[Mapping[str, str]] = {"relaxation": 'a time, such as "1 us"'}
-    overlap_power = 1 / 2
-    codes: ClassVar[Mapping[str, str]] = {
-        "lammps": "viscoelastic limit_damping",
-        "liggghts": " limitForce on",
-        "yade": "damping * sqrt(overlap) * closing",
-    }
-    by_mass = True
-
-    @property
-    def description(self) -> str:
-        """Description of the dissipation."""
-        return f"dissipative force of Kuwabara and Kono with a relaxation time of {self.relaxation:.6g} s"
-
-    def coefficient(self, stiffness: Array, reduced_mass_kg: Array) -> Array:
-        """``C = (3/2) A k`` in ``F = max(0, k d^(3/2) + C d^(1/2) d')``, in N s m^-3/2. Shape (contacts,)."""
-        return np.asarray(EXPONENT * self.relaxation * stiffness)
-
-    def lammps(self, kn: float, reduced_mass_kg: float) -> float:
-        """Coefficient eta of LAMMPS' ``damping viscoelastic``, whose force is ``eta m* sqrt(R* d) d'``."""
-        return EXPONENT * self.relaxation * kn / reduced_mass_kg
+    return Dissipation(
+        KUWABARA_KONO,
+        relaxation,
+        f"dissipative force of Kuwabara and Kono with a relaxation time of {relaxation:.6g} s",
+        overlap_power=1 / 2,
+        codes={
+            "lammps": "viscoelastic limit_damping",
+            "liggghts": " limitForce on",
+            "yade": "damping * sqrt(overlap) * closing",
+        },
+    )
 
 
-@dataclass(frozen=True)
-class Power(Dissipation):
+def power(gamma: float, alpha: float = ALPHA) -> Dissipation:
     """``F = max(0, k d^(3/2) + gamma sgn(d') |d'|^alpha)`` for d >= 0, with the same gamma for all contacts.
 
     Carretero-Gonzalez, Khatri, Porter, Kevrekidis and Daraio, Phys. Rev. Lett. 102:024102, 2009: alpha = 1.75 for
     steel, brass and PTFE; with alpha = 1 it is a linear dashpot; gamma is in N (s/m)^alpha. The force jumps by
-    ``gamma v^alpha`` when a contact closes at speed v, and the restitution depends on the speed.
+    ``gamma v^alpha`` when a contact closes at speed v, and the restitution depends on the speed. Elastic with gamma 0.
     """
-
-    gamma: float
-    alpha: float = ALPHA
-
-    name = "power"
-    keys: ClassVar[Mapping[str, str]] = {"gamma": "a number of 0 or more, in N (s/m)^alpha", "alpha": ""}
-    codes: ClassVar[Mapping[str, str]] = {
-        "lammps": "velocity limit_damping",
-        "yade": "damping * copysign(abs(closing) ** alpha, closing)",
-    }
-    cannot: ClassVar[Mapping[str, str]] = {"liggghts": "it has no such damping and runs no code in its loop"}
-
-    @classmethod
-    def of(cls, given: Mapping[str, float]) -> Dissipation:
-        """Law of the keys ``gamma`` and ``alpha``; elastic without gamma."""
-        return cls(**given) if given.get("gamma") else ELASTIC
-
-    @property
-    def description(self) -> str:
-        """Description of the dissipation."""
-        return f"dissipative force of {self.gamma:.6g} N (s/m)^a times closing speed^a, a = {self.alpha:.6g}"
-
-    def coefficient(self, stiffness: Array, reduced_mass_kg: Array) -> Array:
-        """Gamma at each contact. Shape (contacts,)."""
-        return np.where(stiffness > 0, self.gamma, 0.0)
-
-    def lammps(self, kn: float, reduced_mass_kg: float) -> float:
-        """Gamma: LAMMPS' ``damping velocity`` is a linear dashpot."""
-        return self.gamma
-
-    def refusal(self, code: str) -> InputProblem | None:
-        """Refuse other exponents than 1 on LAMMPS."""
-        if code == "lammps" and self.alpha != 1:
-            return "contact.alpha", f"{self.alpha:g}", '1, or contact.dissipation = "viscoelastic"'
-        return super().refusal(code)
+    if not gamma:
+        return ELASTIC
+    return Dissipation(
+        POWER,
+        gamma,
+        f"dissipative force of {gamma:.6g} N (s/m)^a times closing speed^a, a = {alpha:.6g}",
+        alpha=alpha,
+        codes={"lammps": "velocity limit_damping", "yade": "damping * copysign(abs(closing) ** alpha, closing)"},
+    )
 
 
-@dataclass(frozen=True)
-class Viscoelastic(Dissipation):
+def viscoelastic(damping_ratio: float = 0.0, restitution: float | None = None) -> Dissipation:
     """``F = max(0, k d^(3/2) + 2 B sqrt(m* K) d')`` with the tangent stiffness ``K = (3/2) k d^(1/2)``.
 
     ``1/m* = 1/m1 + 1/m2`` is the reduced mass (at the wall the bead's own mass), B the damping ratio (Tsuji, Tanaka and
@@ -219,78 +179,32 @@ class Viscoelastic(Dissipation):
 
     ``e = exp(-2 a / tan(a))`` with ``cos(a) = zeta``; for zeta > 1 ``e = exp(-2 a / tanh(a))`` with ``cosh(a) = zeta``.
 
-    Attributes:
+    ``C = 2 B sqrt((3/2) k m*)`` in N s m^-5/4. Elastic with B 0.
+
+    Args:
         damping_ratio: B.
-        given: the restitution, if the scene gives it.
+        restitution: the restitution of an impact instead of B.
     """
-
-    damping_ratio: float
-    given: float | None = None
-
-    name = "viscoelastic"
-    keys: ClassVar[Mapping[str, str]] = {"restitution": "", "damping_ratio": ""}
-    codes: ClassVar[Mapping[str, str]] = {
-        "lammps": "tsuji limit_damping",
-        "liggghts": " limitForce on",
-        "yade": "betan",
-    }
-    sideways = True
-
-    @classmethod
-    def of(cls, given: Mapping[str, float]) -> Dissipation:
-        """Law of the key ``restitution`` or ``damping_ratio``; elastic without either, or at B = 0."""
-        wanted = given.get("restitution")
-        ratio = given.get("damping_ratio", damping_ratio(wanted) if wanted else 0.0)
-        return cls(ratio, wanted) if ratio else ELASTIC
-
-    @property
-    def description(self) -> str:
-        """Description of the dissipation."""
-        return f"impacts have a restitution of {restitution(self.damping_ratio):.6g}"
-
-    def coefficient(self, stiffness: Array, reduced_mass_kg: Array) -> Array:
-        """``C = 2 B sqrt((3/2) k m*)`` in ``F = max(0, k d^(3/2) + C d^(1/4) d')``, in N s m^-5/4."""
-        return np.asarray(2 * self.damping_ratio * np.sqrt(EXPONENT * stiffness * reduced_mass_kg))
-
-    @property
-    def with_attraction(self) -> float:
-        """Restitution ``e' = exp(-pi zeta / sqrt(1 - zeta^2))`` of the law with attractive forces; 0 for zeta >= 1.
-
-        LIGGGHTS takes e' with and without ``limitForce``: ``zeta = |ln e'| / sqrt(ln(e')^2 + pi^2)``.
-        """
-        zeta = self.damping_ratio / ZETA_1
-        return exp(-pi * zeta / sqrt((1 - zeta) * (1 + zeta))) if zeta < 1 else 0.0
-
-    def lammps(self, kn: float, reduced_mass_kg: float) -> float:
-        """Coefficient of LAMMPS' ``damping tsuji``: its polynomial equals ``2 sqrt(3/2) B``.
-
-        Up to B = 0.52 it is the restitution of the law with attractive forces; above, it exceeds 1 and has no meaning.
-        """
-        from scipy.optimize import brentq
-
-        wanted = 2 * sqrt(1.5) * self.damping_ratio
-
-        def excess(coefficient: float) -> float:
-            return sum(factor * coefficient**power for power, factor in enumerate(TSUJI)) - wanted
-
-        ends = (0.0, MINIMUM_AT) if wanted <= TSUJI[0] else (MINIMUM_AT, 3 + wanted)
-        return float(brentq(excess, *ends, xtol=1e-300, rtol=1e-15))
-
-    def refusal(self, code: str) -> InputProblem | None:
-        """Refuse a damping that LIGGGHTS does not accept."""
-        if code != "liggghts" or self.with_attraction > LIGGGHTS_COEFFICIENT:
-            return super().refusal(code)
-        loss = -log(LIGGGHTS_COEFFICIENT)
-        most = ZETA_1 * loss / sqrt(loss**2 + pi**2)  # damping ratio with this coefficient
-        if self.given is None:
-            return "contact.damping_ratio", f"{self.damping_ratio:g}", f"below {most:.4g}"
-        return "contact.restitution", f"{self.given:g}", f"above {restitution(most):.4g}"
+    ratio = damping_ratio if restitution is None else damping_ratio_of(restitution)
+    if not ratio:
+        return ELASTIC
+    return Dissipation(
+        VISCOELASTIC,
+        ratio,
+        f"impacts have a restitution of {restitution_of(ratio):.6g}",
+        codes={"lammps": "tsuji limit_damping", "liggghts": " limitForce on", "yade": "betan"},
+    )
 
 
-LAWS: dict[str, type[Dissipation]] = {law.name: law for law in (HuntCrossley, KuwabaraKono, Power, Viscoelastic)}
+LAWS: dict[str, Callable[..., Dissipation]] = {
+    HUNT_CROSSLEY: hunt_crossley,
+    KUWABARA_KONO: kuwabara_kono,
+    POWER: power,
+    VISCOELASTIC: viscoelastic,
+}
 
 
-def restitution(damping_ratio: float) -> float:
+def restitution_of(damping_ratio: float) -> float:
     """Restitution of an impact of two free bodies by the viscoelastic law; 1 for a damping ratio of 0."""
     zeta = damping_ratio / ZETA_1
     root = sqrt(abs(1 - zeta) * (1 + zeta))
@@ -299,13 +213,29 @@ def restitution(damping_ratio: float) -> float:
     return exp(-2 * (acos(zeta) if zeta < 1 else acosh(zeta)) * zeta / root)
 
 
-@cache
-def damping_ratio(wanted: float) -> float:
-    """Damping ratio B of an impact with the restitution ``wanted``, above 0 and at most 1."""
+def tsuji_coefficient(damping_ratio: float) -> float:
+    """Coefficient of LAMMPS' ``damping tsuji``: its polynomial equals ``2 sqrt(3/2) B``.
+
+    Up to B = 0.52 it is the restitution of the law with attractive forces; above, it exceeds 1 and has no meaning.
+    """
     from scipy.optimize import brentq
 
-    loss = -log(wanted)
+    wanted = 2 * sqrt(1.5) * damping_ratio
+
+    def excess(coefficient: float) -> float:
+        return sum(factor * coefficient**power for power, factor in enumerate(TSUJI)) - wanted
+
+    ends = (0.0, MINIMUM_AT) if wanted <= TSUJI[0] else (MINIMUM_AT, 3 + wanted)
+    return float(brentq(excess, *ends, xtol=1e-300, rtol=1e-15))
+
+
+@cache
+def damping_ratio_of(restitution: float) -> float:
+    """Damping ratio B of an impact with a restitution above 0 and at most 1."""
+    from scipy.optimize import brentq
+
+    loss = -log(restitution)
     if loss == 0:
         return 0.0
     most = ZETA_1 * cosh(loss / 2) * (1 + 1e-12)
-    return float(brentq(lambda ratio: log(restitution(ratio)) + loss, 0.0, most, xtol=1e-300, rtol=1e-15))
+    return float(brentq(lambda ratio: log(restitution_of(ratio)) + loss, 0.0, most, xtol=1e-300, rtol=1e-15))

@@ -18,7 +18,7 @@ import pandas as pd
 from drivers.base import paths
 from drivers.base.cache import content_of, load, store
 from drivers.base.errors import RunError
-from drivers.base.files import csv_of, sha256_of, whole_file
+from drivers.base.files import sha256_of, whole_file
 from drivers.base.progress import counted, say
 from drivers.engines import entry_files, installed_codes, missing_codes
 from postproc.draw.product import write_figure, write_product
@@ -56,7 +56,7 @@ def write_table(path: Path, kind: type[Row], rows: Iterable[Row]) -> None:
 
 def _write_csv(path: Path, table: pd.DataFrame) -> None:
     with whole_file(path) as draft:
-        draft.write_bytes(csv_of(table))
+        table.to_csv(draft, index=False)
 
 
 def rows_in(table: pd.DataFrame, kind: type[Row]) -> list[Row]:

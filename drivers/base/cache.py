@@ -67,9 +67,8 @@ def _entry(depends_on: Any) -> Path:
 def _remove_old(folder: Path) -> None:
     files = [*folder.iterdir()]
     if len(files) > MAX_FILES:
-        dates = {file: file.stat().st_mtime for file in files}
-        for old in sorted(files, key=lambda file: dates[file])[:-MAX_FILES]:
-            if time.time() - dates[old] > MIN_AGE_S:
+        for date, old in sorted((file.stat().st_mtime, file) for file in files)[:-MAX_FILES]:
+            if time.time() - date > MIN_AGE_S:
                 old.unlink(missing_ok=True)
 
 

@@ -57,10 +57,7 @@ class InputError(Exception):
         where, problems = self.args[0], self.problems
         if len(problems) == 1:
             return one_line(where, ": ", *_statement(*problems[0]))
-        listed = [
-            one_line(f" ({number}) ", *_statement(*problem))
-            for number, problem in enumerate(problems[:MAX_PROBLEMS], 1)
-        ]
+        listed = [one_line(f" ({n}) ", *_statement(*problem)) for n, problem in enumerate(problems[:MAX_PROBLEMS], 1)]
         rest = f" and {len(problems) - MAX_PROBLEMS} more" if len(problems) > MAX_PROBLEMS else ""
         return one_line(where, f": {len(problems)} problems:", *listed, rest, longest=MAX_PROBLEMS * MAX_CHARACTERS)
 

@@ -4,26 +4,19 @@ Each file that is read back is as it was written, or is refused: a JSON file hol
 run those of the other files. Tables and pictures in a results folder are outputs that nothing reads back.
 """
 
-import csv
 import hashlib
 import json
 import os
-import re
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from drivers.base import paths
 from drivers.base.errors import InputError
 
-if TYPE_CHECKING:
-    import pandas as pd
-    import pyarrow as pa
-
 DIGEST = "sha256"  # key of the digest in a JSON file
-FORMULA = re.compile(r"'*[=+\-@\t\r\n]")  # start of a text that a spreadsheet takes for a formula, or of one made safe
 DAMAGED, ALTERED = "a damaged file", "a file that was altered since it was written"
 
 
@@ -93,15 +86,12 @@ def read_sealed(path: Path, allowed: str) -> dict[str, Any]:
     """
     content = read_file(path, allowed)
     try:
-        values = json.loads(content)
-        digest = values.pop(DIGEST, None)
-        altered = digest != digest_of_json(values)
-    except (ValueError, TypeError, AttributeError, RecursionError) as error:
+        values: dict[str, Any] = json.loads(content)
+        whole = values.pop(DIGEST) == digest_of_json(values)
+    except (ValueError, TypeError, AttributeError, LookupError, RecursionError) as error:
         raise InputError(paths.shown(path), "", DAMAGED, allowed) from error
-    if altered:
-        problem = ALTERED if digest else "a file without its digest"
-        raise InputError(paths.shown(path), "", problem, allowed)
-    assert isinstance(values, dict)
+    if not whole:
+        raise InputError(paths.shown(path), "", ALTERED, allowed)
     return values
 
 
@@ -110,22 +100,7 @@ def digest_of_json(content: Any) -> str:
     return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
 
-def csv_of(table: "pd.DataFrame") -> bytes:
-    """Table as CSV; an apostrophe before text, headings included, that a spreadsheet would take for a formula."""
-
-    def safe(value: Any) -> Any:
-        return f"'{value}" if isinstance(value, str) and FORMULA.match(value) else value
-
-    table = table.rename(columns=safe)
-    for name in [name for name, kind in table.dtypes.items() if kind.kind not in "biufc"]:
-        table[name] = table[name].map(safe)
-    text = str(table.to_csv(index=False))
-    if "\r" in text:  # the end of a line for readers, which Python does not quote
-        text = str(table.to_csv(index=False, quoting=csv.QUOTE_NONNUMERIC))
-    return text.encode()
-
-
-def arrow_in(content: bytes) -> "pa.Table":
+def arrow_in(content: bytes) -> Any:
     """Table of Arrow from the content of a ``.parquet`` file.
 
     It is read by this thread alone: threads of Arrow that still release their Python objects when the interpreter ends

@@ -13,10 +13,7 @@ from drivers.base.errors import InputProblem, refuse_any
 
 Model = TypeVar("Model", bound=BaseModel)
 MISPLACED = ("missing", "extra_forbidden")  # types of pydantic's errors on keys
-EXPECTED = {  # words of TOML for allowed values, by the type of pydantic's error
-    "int_type": "a whole number",
-    "bool_type": "true or false",
-    "string_type": "text in quotes",
+EXPECTED = {  # words of TOML where those of pydantic are of Python, by the type of its error
     "model_type": "a table",
     "dict_type": "a table",
     "tuple_type": "a list",
@@ -46,7 +43,7 @@ def _problem(error: Any, model: type[BaseModel], prefix: str) -> InputProblem:
     if error["type"] == "missing":
         return key, "missing key", ""
     if error["type"] == "extra_forbidden":
-        known = sorted(model_at(model, path[:-1]).model_fields)
+        known = sorted(model_at(model, path[:-1]).model_json_schema()["properties"])
         close = get_close_matches(str(path[-1]), known, 1)
         return key, f"unknown key; {f'did you mean {close[0]}?' if close else 'allowed: ' + ', '.join(known)}", ""
     text = EXPECTED.get(error["type"]) or re.sub(r"^\w+ should (be|have) ", "", error["msg"])

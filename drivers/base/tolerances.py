@@ -3,7 +3,6 @@
 import tomllib
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
 
 from drivers.base import paths
 
@@ -17,11 +16,7 @@ class Tolerance:
 
 
 @cache
-def _table() -> dict[str, Any]:
-    return tomllib.loads((paths.INPUTS / "tolerances.toml").read_text())
-
-
 def tolerance(kind: str, quantity: str) -> Tolerance:
     """Tolerance of a quantity."""
-    entry = _table()[kind][quantity]
+    entry = tomllib.loads((paths.INPUTS / "tolerances.toml").read_text())[kind][quantity]
     return Tolerance(float(entry["limit"]), entry["reason"])

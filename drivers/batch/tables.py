@@ -9,7 +9,7 @@ import pandas as pd
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.base.files import csv_of, whole_file
+from drivers.base.files import whole_file
 from drivers.base.progress import say
 from drivers.batch.rows import Batch, Row, rows_of
 from drivers.batch.store import Store, StudyRow
@@ -55,7 +55,7 @@ def write_tables(batch: Batch, rows: Sequence[Row], results: Path) -> list[Path]
         with whole_file(written[-2]) as draft:
             table.to_parquet(draft, index=False)
         with whole_file(written[-1]) as draft:
-            draft.write_bytes(csv_of(table))
+            table.to_csv(draft, index=False)
     return written
 
 

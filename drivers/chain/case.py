@@ -15,7 +15,7 @@ from drivers.base.errors import InputProblem, refuse_any
 from drivers.base.units import divided
 from drivers.chain.chain import Array, Chain, build_chain, moving_at_start, ordinary_beads
 from drivers.chain.drives import drive_words
-from drivers.laws import Viscoelastic
+from drivers.laws import VISCOELASTIC
 from drivers.scene.model import RIGID, Scene
 from validation.reference.adaptive import MIN_TOLERANCE
 
@@ -41,19 +41,17 @@ class ModellingElement:
 def choose_elements(scene: Scene, chain: Chain) -> tuple[ModellingElement, ...]:
     """Modelling elements of a scene, each modelled or left out, with the reason."""
     striker, scatter, lateral, bore = scene.striker, scene.chain.mass_scatter, chain.lateral, chain.bore
-    ordinary_kg = ordinary_beads(scene)[2] if scene.chain.sensors else np.zeros(0)
-    unlike = len(
-        [sensor for sensor in scene.chain.sensors if sensor.mass not in (None, ordinary_kg[sensor.from_wall - 1])]
-    )
+    sensors, (_, _, ordinary_kg) = scene.chain.sensor_at, ordinary_beads(scene)
+    unlike = len([place for place, sensor in sensors.items() if sensor.mass not in (None, ordinary_kg[place - 1])])
     gravity, angle = f"{scene.axial_gravity:g} m/s^2", scene.chain.angle
     gravity += f" along the axis, which leans by {angle:g} deg" if angle else ""
     across = "horizontal: gravity acts across the axis, along which alone the beads of a straight chain move"
     wall = "rigid half-space" if chain.wall == RIGID else f"half-space of {chain.wall}"
     shape = "flat face" if striker and striker.shape == "flat" else "sphere"
-    alike = "sensor beads weigh as much as the others" if scene.chain.sensors else "no bead carries a sensor"
+    alike = "sensor beads weigh as much as the others" if sensors else "no bead carries a sensor"
     damped = chain.law.description
-    if isinstance(chain.law, Viscoelastic):
-        damped += f", by a damping ratio of {chain.law.damping_ratio:.6g}"
+    if chain.law.name == VISCOELASTIC:
+        damped += f", by a damping ratio of {chain.law.value:.6g}"
     axis = "the chain is exactly straight: no force acts across its axis, so no"
     freedom, slipping, still = "a bead moves across the axis", "", f"{axis} bead turns"
     if lateral is not None:
@@ -67,7 +65,7 @@ def choose_elements(scene: Scene, chain: Chain) -> tuple[ModellingElement, ...]:
         ("wall", chain.wall, f"{wall}, Hertz law with R* = R", "a free chain"),
         ("striker", striker, striker and f"{shape} of {striker.material} at {striker.speed:g} m/s", NONE),
         ("precompression", chain.precompression_N, f"{chain.precompression_N:g} N on the top bead", NONE),
-        ("sensor masses", unlike, f"{unlike} of {len(scene.chain.sensors)} sensor beads are of another mass", alike),
+        ("sensor masses", unlike, f"{unlike} of {len(sensors)} sensor beads are of another mass", alike),
         ("mass scatter", scatter, f"standard deviation {scatter:g} kg, seed {scene.seed}", NONE),
         ("lateral freedom", lateral, freedom, f"{axis} bead leaves it"),
         (
@@ -162,14 +160,14 @@ class Case:
         """Case with another time step."""
         run = self.scene.run
         run = run.model_copy(update={"time_step": divided(run.sample_interval, steps_per_sample)})
-        return replace(self, scene=self.scene.model_copy(update={"run": run, "steps_per_sample": steps_per_sample}))
+        return replace(self, scene=self.scene.model_copy(update={"run": run}))
 
     def sampled_at_every(self, time_step_s: float) -> "Case":
         """Case with any time step and a sample at every step; the duration changes by less than a step."""
         samples = max(2, int(self.duration_s / time_step_s * (1 + 1e-12)) + 1)
-        run = self.scene.run.model_copy(update={"sample_interval": time_step_s, "time_step": time_step_s})
-        changes = {"run": run, "steps_per_sample": 1, "samples": samples}
-        return replace(self, scene=self.scene.model_copy(update=changes), plan=None)
+        times = {"duration": (samples - 1) * time_step_s, "sample_interval": time_step_s, "time_step": time_step_s}
+        run = self.scene.run.model_copy(update=times)
+        return replace(self, scene=self.scene.model_copy(update={"run": run}), plan=None)
 
     @property
     def work(self) -> int:
@@ -200,7 +198,7 @@ class Case:
     def layout(self) -> Layout:
         """Properties of the chain that post-processing needs."""
         scene, chain = self.scene, self.chain
-        places = sorted((sensor.from_wall for sensor in scene.chain.sensors), reverse=True)
+        places = sorted(scene.chain.sensor_at, reverse=True)
         heights, radii = chain.height_m, chain.radius_m
         return Layout(
             sensors=tuple(SensorBead(j, float(heights[j - 1]), float(2 * radii[j - 1])) for j in places),

@@ -299,13 +299,13 @@ def beads_of(scene: Scene) -> Beads:
     these masses.
     """
     table, (materials, diameters, masses) = scene.chain, ordinary_beads(scene)
-    given = {sensor.from_wall: sensor.mass for sensor in table.sensors if sensor.mass is not None}
-    given |= {bead.from_wall: bead.mass for bead in table.bead if bead.mass is not None}
-    for bead in table.bead:
-        place = bead.from_wall - 1
+    given = {from_wall: sensor.mass for from_wall, sensor in table.sensor_at.items() if sensor.mass is not None}
+    given |= {from_wall: bead.mass for from_wall, bead in table.bead_at.items() if bead.mass is not None}
+    for from_wall, bead in table.bead_at.items():
+        place = from_wall - 1
         materials[place] = bead.material or materials[place]
         diameters[place] = bead.diameter or diameters[place]
-        if (bead.material is not None or bead.diameter is not None) and bead.from_wall not in given:
+        if (bead.material is not None or bead.diameter is not None) and from_wall not in given:
             masses[place] = sphere_mass(scene, materials[place], diameters[place])
     if table.mass_scatter:  # drawn for all beads, so that a mass given for one bead does not change other masses
         masses = masses + np.random.default_rng(scene.seed).normal(0.0, table.mass_scatter, table.count)
@@ -340,9 +340,9 @@ def build_chain(scene: Scene) -> Chain:
     materials, diameter, mass = beads_of(scene)
     radius = diameter / 2
     velocity = np.zeros(scene.bodies)
-    for bead in table.bead:
-        velocity[bead.from_wall - 1] = bead.velocity or 0.0
-    gaps = {bead.from_wall: bead.gap_below for bead in table.bead if bead.gap_below is not None}
+    for from_wall, bead in table.bead_at.items():
+        velocity[from_wall - 1] = bead.velocity or 0.0
+    gaps = {from_wall: bead.gap_below for from_wall, bead in table.bead_at.items() if bead.gap_below is not None}
     if striker is not None:
         materials = [*materials, striker.material]
         radius = np.append(radius, inf if striker.diameter is None else striker.diameter / 2)

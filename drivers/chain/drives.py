@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from drivers.base.units import quantity
-from drivers.scene.model import DriveTable, Scene, StoredDrive
+from drivers.scene.model import DriveTable, Scene
 from drivers.scene.settings import unit_of
 from validation.reference.hertz_chain import COLUMNS, SAME_TIME, SINES, Drive
 
@@ -23,21 +23,21 @@ def _segment(begin_s: float, value: float = 0.0, rate: float = 0.0, *sines: floa
     return [begin_s, value, rate, *sines, *[0.0] * (COLUMNS - 3 - len(sines))]
 
 
-def _step(amplitude: float, _: StoredDrive) -> list[list[float]]:
+def _step(amplitude: float, _: DriveTable) -> list[list[float]]:
     return [_segment(0.0, amplitude)]
 
 
-def _ramp(amplitude: float, table: StoredDrive) -> list[list[float]]:
+def _ramp(amplitude: float, table: DriveTable) -> list[list[float]]:
     duration = table.duration or inf
     return [_segment(0.0, 0.0, amplitude / duration), _segment(duration, amplitude)]
 
 
-def _half_sine(amplitude: float, table: StoredDrive) -> list[list[float]]:
+def _half_sine(amplitude: float, table: DriveTable) -> list[list[float]]:
     duration = table.duration or inf
     return [_segment(0.0, 0.0, 0.0, amplitude, 0.0, pi / duration, 0.0), _segment(duration)]
 
 
-def _sine(amplitude: float, table: StoredDrive) -> list[list[float]]:
+def _sine(amplitude: float, table: DriveTable) -> list[list[float]]:
     """Sine, or chirp: its frequency changes at a constant rate."""
     first = table.frequency or inf
     duration = table.duration or (table.cycles / first if table.cycles else inf)
@@ -51,14 +51,14 @@ def _sine(amplitude: float, table: StoredDrive) -> list[list[float]]:
     return [_segment(0.0, 0.0, 0.0, amplitude, 0.0, turning, sweep), _segment(duration, end)]
 
 
-def _polygon(_: float, table: StoredDrive) -> list[list[float]]:
+def _polygon(_: float, table: DriveTable) -> list[list[float]]:
     """Straight lines between the points of a file."""
     values = np.array(table.force_N or table.displacement_m)
     rates = np.append(np.diff(values) / np.diff(table.time_s), 0.0)
     return [_segment(*row) for row in zip(table.time_s, values, rates, strict=True)]
 
 
-FORMS: dict[str, Callable[[float, StoredDrive], list[list[float]]]] = {
+FORMS: dict[str, Callable[[float, DriveTable], list[list[float]]]] = {
     "sine": _sine,
     "half-sine": _half_sine,
     "step": _step,
@@ -88,10 +88,10 @@ def drive_words(scene: Scene) -> str:
         return ""
     place = table.from_wall or scene.bodies
     parts = [f"drive of {'the striker' if place > scene.chain.count else f'bead {place}'}: form {table.form}"]
-    for key in sorted(DriveTable.model_fields.keys() - {"form", "from_wall", "file"}):
-        value, unit = getattr(table, key), unit_of(f"drive.{key}")
-        if value is not None:
-            parts.append(f"{key.replace('_', ' ')} {quantity(value, unit) if unit else value}")
+    said = {"form", "from_wall", "time_s", "force_N", "displacement_m"}
+    for key, value in sorted(table.model_dump(exclude=said, exclude_none=True).items()):
+        unit = unit_of(f"drive.{key}")
+        parts.append(f"{key.replace('_', ' ')} {quantity(value, unit) if unit else value}")
     return ", ".join([*parts, *([f"{len(table.time_s)} points"] if table.time_s else [])])
 
 

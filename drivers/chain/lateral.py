@@ -93,8 +93,8 @@ def with_lateral(scene: Scene, chain: Chain) -> Chain:
         InputError: no equilibrium was found.
     """
     velocity = np.zeros((chain.bodies, 2))
-    for bead in scene.chain.bead:
-        velocity[bead.from_wall - 1, 0] = bead.lateral_velocity or 0.0
+    for from_wall, bead in scene.chain.bead_at.items():
+        velocity[from_wall - 1, 0] = bead.lateral_velocity or 0.0
     lateral = Lateral(
         offset_m=_seeded_offsets(scene, chain),
         velocity_m_s=velocity,

@@ -31,7 +31,7 @@ from drivers.base.messages import validate
 from drivers.base.processes import find_command
 from drivers.chain.case import STRAIGHT, Case
 from drivers.chain.trace import Trace
-from drivers.laws import Viscoelastic
+from drivers.laws import VISCOELASTIC
 from drivers.scene.model import Name, Part
 from drivers.scene.read_scene import read_toml
 from validation.reference.hertz_chain import Flag
@@ -119,7 +119,7 @@ class Engine:
     integrate: Callable[[Case, Flag], tuple[Trace, float]] | None = None
     scheme: str = IN_HEIGHTS
     shear: str = TOTAL
-    dissipation: frozenset[str] = frozenset({Viscoelastic.name})
+    dissipation: frozenset[str] = frozenset({VISCOELASTIC})
     models: frozenset[str] = STRAIGHT
     refusal: Callable[[Case], InputProblem | None] = lambda case: None
     failure_reason: Callable[[str, str], str] = last_line

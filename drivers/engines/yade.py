@@ -17,7 +17,7 @@ from drivers.chain.drives import drive_words, pieces_of
 from drivers.chain.trace import Trace, make_trace
 from drivers.engines import INCREMENTAL, Engine, last_line
 from drivers.engines._raw_output import contact_forces, read_arrays
-from drivers.laws import LAWS, Viscoelastic
+from drivers.laws import LAWS, VISCOELASTIC
 from validation.reference.hertz_chain import loads_N
 
 COMMAND = ("yade", "-n", "-x", "chain.py")
@@ -33,7 +33,7 @@ def refusal(case: Case) -> InputProblem | None:
     along, approach = np.diff(chain.place_m, axis=0), np.diff(chain.velocity_xyz_m_s, axis=0)
     between = np.einsum("ij,ij->i", along, approach)  # contacts lean in a tube, so speeds across the axis count
     moving = (chain.overlap_m > 0) & (np.append(chain.closing_m_s[0], between) != 0)
-    if not isinstance(chain.law, Viscoelastic) or not moving.any():
+    if chain.law.name != VISCOELASTIC or not moving.any():
         return chain.law.refusal("yade")
     found = f"bead {int(np.argmax(moving)) + 1} pressed and moving at time 0"
     if chain.drive is not None and chain.drive.prescribed and chain.velocity_m_s[chain.drive.body]:
@@ -57,7 +57,7 @@ def render(case: Case) -> Deck:
         pieces=pieces_of(chain.drive, case.scene.time_step_s, case.scene.steps),
         drive_words=drive_words(case.scene),
         friction_angle=atan(chain.lateral.friction) if chain.lateral else 0.0,
-        own_law=chain.damped and not isinstance(chain.law, Viscoelastic),
+        own_law=chain.damped and chain.law.name != VISCOELASTIC,
     )
     return Deck({"chain.py": text}, COMMAND, raw=("chain.npz",))
 

@@ -38,6 +38,7 @@ from drivers.run.run_folder import (
     folder_name,
     in_si,
     move_into_place,
+    with_description,
     write_run,
 )
 

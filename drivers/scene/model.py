@@ -14,11 +14,12 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
-    PrivateAttr,
-    StringConstraints,
-    ValidatorFunctionWrapHandler,
-    WrapValidator,
+    ValidationInfo,
+    WithJsonSchema,
+    computed_field,
 )
+from pydantic.json_schema import SkipJsonSchema
+from pydantic_core import PydanticCustomError
 
 from drivers.base import units
 from drivers.base.errors import CONTROL
@@ -28,9 +29,8 @@ RIGID = "rigid"
 RIGID_PA = 1e40  # modulus of a rigid wall in decks: its part of 1/E* is below rounding
 MAX_BEADS = 1_000_000
 RANGE = re.compile(r" *([0-9]{1,9}) *(?:- *([0-9]{1,9}) *)?")  # of beads
-MAX_IN_RANGE = 100_000
 
-Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=60)]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=60)]
 FromWall = Annotated[int, Field(ge=1, le=MAX_BEADS)]
 
 
@@ -41,73 +41,59 @@ def _plain_text(value: str) -> str:
 
 
 Title = Annotated[str, AfterValidator(_plain_text)]
-Text = Annotated[str, StringConstraints(min_length=1, max_length=1000), AfterValidator(_plain_text)]
+Text = Annotated[str, Field(min_length=1, max_length=1000), AfterValidator(_plain_text)]
 
 
 class Part(BaseModel):
     """Table of the scene file: frozen, strict, no unknown keys."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
 
-def places_of(value: object) -> list[object]:
-    """Beads of a ``from_wall``: one number, a range such as ``"5-9"``, or a list of both."""
-    if isinstance(value, list | tuple):
-        return [place for entry in value for place in places_of(entry)]
-    if isinstance(value, str) and (ends := RANGE.fullmatch(value)):
+def places_of(from_wall: object) -> list[int]:
+    """Beads of a ``from_wall``: one number, a range such as ``"5-9"``, or a list of both.
+
+    Raises:
+        ValueError: anything else, or a bead that no chain has.
+    """
+    if isinstance(from_wall, list | tuple) and from_wall:
+        return [place for entry in from_wall for place in places_of(entry)]
+    if type(from_wall) in (int, str) and (ends := RANGE.fullmatch(str(from_wall))):
         first, last = int(ends[1]), int(ends[2] or ends[1])
-        if 1 <= first <= last <= MAX_IN_RANGE:
+        if 1 <= first <= last <= MAX_BEADS:
             return [*range(first, last + 1)]
-    return [value]  # refused by the type of the key, unless it is a number
+    raise ValueError(f'a bead such as 5, a range such as "5-9", up to {MAX_BEADS}, or a list of them')
 
 
-def _by_bead(entry: object, read: ValidatorFunctionWrapHandler) -> list[Any]:
-    """Read an entry as one entry for each of its beads; errors have the index of the entry in the file."""
-    if not isinstance(entry, dict) or "from_wall" not in entry:
-        return [read(entry)]
-    return [read(entry | {"from_wall": place}) for place in places_of(entry["from_wall"]) or [[]]]
+def _with_places(from_wall: Any) -> Any:
+    places_of(from_wall)
+    return tuple(from_wall) if isinstance(from_wall, list) else from_wall
 
 
-def _in_one_list(entries: tuple[list[Any], ...]) -> tuple[Any, ...]:
-    """Entries of all beads. Further beads of a range come last: ``chain.bead.2`` is the entry 2 of the file."""
-    for index, beads in enumerate(entries):
-        for bead in beads:
-            bead._entry = index
-    first = [beads[0] for beads in entries]
-    return (*first, *(bead for beads in entries for bead in beads[1:]))
+Places = Annotated[
+    Any,
+    AfterValidator(_with_places),
+    WithJsonSchema({"type": "integer", "minimum": 1, "maximum": MAX_BEADS}),
+    Field(description='bead, "5-9", or list'),
+]
 
 
-def _place(value: object) -> object:
-    if isinstance(value, str | list | tuple):
-        raise ValueError(f'a bead such as 5, a range such as "5-9", up to {MAX_IN_RANGE}, or a list of them')
+def _from_record(value: Any, info: ValidationInfo) -> Any:
+    """Refuse a key in a file: it is derived by the reader, and in the records of runs."""
+    if info.context != units.SI:
+        raise PydanticCustomError("extra_forbidden", "unknown key")
     return value
 
 
-Place = Annotated[FromWall, BeforeValidator(_place)]
-ByBead, InOneList = WrapValidator(_by_bead), AfterValidator(_in_one_list)
+FromRecord = BeforeValidator(_from_record)
+Points = SkipJsonSchema[Annotated[tuple[float, ...], Field(strict=False), FromRecord]]
 
-
-class OfBead(Part):
-    """Entry of one bead; a range in the file becomes an entry for each of its beads."""
-
-    from_wall: Place = Field(description='bead, "5-9", or list')
-    _entry: int = PrivateAttr(default=0)
-
-    @property
-    def entry(self) -> int:
-        """Index of the entry in the file, for messages."""
-        return self._entry
-
-
-PoissonRatio = Annotated[float, Field(ge=0, lt=0.5, allow_inf_nan=False)]
-Friction = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
+Friction = Annotated[float, Field(ge=0, le=100)]
 
 
 def _accuracy(value: object) -> object:
     numbers = value.values() if isinstance(value, dict) and value else [value]
-    if not all(
-        isinstance(number, int | float) and not isinstance(number, bool) and 0 < number < 1 for number in numbers
-    ):
+    if not all(isinstance(number, float) and 0 < number < 1 for number in numbers):
         raise ValueError(
             "an error above 0 and below 1, such as 1e-4 for the force, or { wall_peak = 1e-3 } for an observable"
         )
@@ -117,22 +103,22 @@ def _accuracy(value: object) -> object:
 Accuracy = Annotated[float | dict[str, float], BeforeValidator(_accuracy)]
 
 
-def _number_with_unit(value: object) -> object:
-    plain = isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
+def _number_with_unit(value: Any) -> Any:
+    plain = type(value) in (int, float) and isfinite(value)
     if not plain and not (isinstance(value, str) and units.NUMBER_AND_UNIT.fullmatch(value)):
         raise ValueError('a number with its unit, such as "2.1 N/V", or a plain number without a unit')
     return value
 
 
 NumberWithUnit = Annotated[str | float, BeforeValidator(_number_with_unit)]  # postproc converts it to SI units
-Fraction = Annotated[float, Field(ge=0, lt=1)]
+Positive = Annotated[float, Field(gt=0)]
 
 
 class Material(Part):
     """Elastic constants of a material."""
 
     youngs_modulus: units.Modulus = Field(description="Young's modulus")
-    poisson_ratio: PoissonRatio = Field(description="Poisson's ratio")
+    poisson_ratio: float = Field(ge=0, lt=0.5, description="Poisson's ratio")
     density: units.Density | None = Field(default=None, description="density, for bodies without a mass")
     source: str | None = Field(default=None, description="origin of the constants")
 
@@ -142,15 +128,17 @@ class Material(Part):
         return float((1 - self.poisson_ratio**2) / self.youngs_modulus)
 
 
-class Sensor(OfBead):
-    """Bead with a force gauge; the default of ``mass`` is the mass of the other beads."""
+class Sensor(Part):
+    """Beads with a force gauge; the default of ``mass`` is the mass of the other beads."""
 
+    from_wall: Places
     mass: units.Mass | None = Field(default=None, description="mass of the bead with its gauge")
 
 
-class Bead(OfBead):
-    """Properties of one bead that differ from the others; ``gap_below`` also raises all bodies above the bead."""
+class Bead(Part):
+    """Properties of beads that differ from the others; ``gap_below`` also raises all bodies above the bead."""
 
+    from_wall: Places
     diameter: units.Length | None = Field(default=None, description="diameter")
     mass: units.Mass | None = Field(default=None, description="mass")
     material: Name | None = Field(default=None, description="material")
@@ -174,26 +162,30 @@ class ChainTable(Part):
     diameter: tapered beads have its density.
     """
 
-    count: Annotated[int, Field(ge=0, le=MAX_BEADS)] = Field(description="number of beads; 0: striker on wall")
+    count: int = Field(ge=0, le=MAX_BEADS, description="number of beads; 0: striker on wall")
     material: Name = Field(description="material of the beads")
     diameter: units.Length = Field(description="diameter of the beads")
     mass: units.Mass | None = Field(default=None, description="mass of a bead; else by density")
     pattern: tuple[Member, ...] | None = Field(default=None, strict=False, description="beads that differ in turn")
-    taper: Annotated[float, Field(ge=0.01, le=10, allow_inf_nan=False)] | None = Field(
-        default=None, description="diameter divided by that of the bead below"
-    )
+    taper: float | None = Field(default=None, ge=0.01, le=10, description="diameter divided by that of the bead below")
     taper_to: units.Length | None = Field(default=None, description="diameter of the top bead; linear")
     angle: units.Angle | None = Field(default=None, description="angle of the axis to the vertical")
-    sensors: Annotated[tuple[Annotated[Sensor, ByBead], ...], InOneList] = Field(
-        default=(), strict=False, description="beads with a gauge"
-    )
-    bead: Annotated[tuple[Annotated[Bead, ByBead], ...], InOneList] = Field(
-        default=(), strict=False, description="single beads that differ"
-    )
+    sensors: tuple[Sensor, ...] = Field(default=(), strict=False, description="beads with a gauge")
+    bead: tuple[Bead, ...] = Field(default=(), strict=False, description="single beads that differ")
     precompression: units.Force = Field(default=0.0, description="downward force on the top bead")
     mass_scatter: units.MassSpread = Field(default=0.0, description="standard deviation of masses")
     lateral_offset: units.Gap | None = Field(default=None, description="standard deviation across the axis")
     origin: units.Height = Field(default=0.0, description="height of the lower end")
+
+    @property
+    def sensor_at(self) -> dict[int, Sensor]:
+        """Entry of each bead with a gauge, by its number from the wall."""
+        return {place: sensor for sensor in self.sensors for place in places_of(sensor.from_wall)}
+
+    @property
+    def bead_at(self) -> dict[int, Bead]:
+        """Entry of each bead that differs, by its number from the wall."""
+        return {place: bead for bead in self.bead for place in places_of(bead.from_wall)}
 
     @property
     def members(self) -> tuple[Member, ...]:
@@ -248,40 +240,25 @@ class Contact(Part):
     rotation: bool = Field(default=True, description="false: beads do not spin")
     slowness: units.Slowness | None = Field(default=None, description="a of hunt-crossley")
     relaxation: units.Duration | None = Field(default=None, description="A of kuwabara-kono")
-    gamma: Annotated[float, Field(ge=0, allow_inf_nan=False)] | None = Field(
-        default=None, description="coefficient in N (s/m)^alpha"
-    )
-    alpha: Annotated[float, Field(ge=1, le=3)] | None = Field(
-        default=None, description=f"exponent of the speed; else {ALPHA}"
-    )
+    gamma: float | None = Field(default=None, ge=0, description="coefficient in N (s/m)^alpha")
+    alpha: float | None = Field(default=None, ge=1, le=3, description=f"exponent of the speed; else {ALPHA}")
     # about equivalent limits; with stronger damping bodies stick together
-    restitution: Annotated[float, Field(ge=1e-4, le=1, allow_inf_nan=False)] | None = Field(
-        default=None, description="restitution of an impact"
-    )
-    damping_ratio: Annotated[float, Field(ge=0, le=50)] | None = Field(default=None, description="damping ratio B")
-
-    @property
-    def given(self) -> dict[str, float]:
-        """Keys of laws of dissipation that the scene gives."""
-        values = {key: getattr(self, key) for law in LAWS.values() for key in law.keys}
-        return {key: value for key, value in values.items() if value is not None}
+    restitution: float | None = Field(default=None, ge=1e-4, le=1, description="restitution of an impact")
+    damping_ratio: float | None = Field(default=None, ge=0, le=50, description="damping ratio B")
 
     @property
     def law(self) -> Dissipation:
         """Law of dissipation."""
-        return LAWS[self.dissipation].of(self.given)
-
-    @property
-    def elastic(self) -> "Contact":
-        """This contact without dissipation."""
-        return self.model_copy(update=dict.fromkeys(self.given) | {"dissipation": "viscoelastic"})
+        general = {"dissipation", "friction", "rotation"}
+        return LAWS[self.dissipation](**self.model_dump(exclude=general, exclude_none=True))
 
 
 class DriveTable(Part):
     """Drive of one body by a force or, as by a piezo, by its displacement; both are upwards positive.
 
     The amplitude is ``force`` or ``displacement``; ``drivers.chain.drives`` defines the wave forms. Times in a file
-    count from ``start``; runs depend on its contents (``StoredDrive``), not on its name.
+    count from ``start``; runs depend on its points, at least two times and either forces or displacements, not on its
+    name.
     """
 
     form: Literal["sine", "half-sine", "step", "ramp", "chirp", "file"] = Field(description="wave form")
@@ -292,19 +269,12 @@ class DriveTable(Part):
     duration: units.Duration | None = Field(default=None, description="duration of the wave form")
     frequency: units.Frequency | None = Field(default=None, description="frequency, of a chirp at its start")
     end_frequency: units.Frequency | None = Field(default=None, description="frequency of a chirp at its end")
-    cycles: Annotated[float, Field(ge=1e-9, le=1e9, allow_inf_nan=False)] | None = Field(
-        default=None, description="periods of a sine"
-    )
+    cycles: float | None = Field(default=None, ge=1e-9, le=1e9, description="periods of a sine")
     window: Literal["none", "hann"] | None = Field(default=None, description="envelope")
     file: Text | None = Field(default=None, exclude=True, description="CSV file, such as time_us,force_mN")
-
-
-class StoredDrive(DriveTable):
-    """Drive with the points of its file, at least two: times, and either forces or displacements."""
-
-    time_s: tuple[float, ...] = Field(default=(), strict=False)
-    force_N: tuple[float, ...] = Field(default=(), strict=False)
-    displacement_m: tuple[float, ...] = Field(default=(), strict=False)
+    time_s: Points = ()
+    force_N: Points = ()
+    displacement_m: Points = ()
 
     @property
     def prescribed(self) -> bool:
@@ -338,28 +308,38 @@ class MeasuredEntry(Part):
 
     file: Text | None = Field(default=None, description="CSV file with headings")
     time: Text | None = Field(default=None, description="heading of the time column")
-    gauges: dict[Name, Text] | None = Field(default=None, description="heading by gauge")
+    gauges: dict[Name, Text] | None = Field(default=None, min_length=1, description="heading by gauge")
     time_unit: Text | None = Field(default=None, description="unit of time; else from file")
     unit: Text | None = Field(default=None, description="unit of readings; else from file")
     gain: NumberWithUnit | None = Field(default=None, description="force per reading, or reading per force")
-    gain_uncertainty: Fraction = Field(default=0.0, description="relative standard error")
+    gain_uncertainty: float = Field(default=0.0, ge=0, lt=1, description="relative standard error")
     trigger: units.Instant | None = Field(default=None, description="time of the impact; else by alignment")
     baseline: NumberWithUnit | None = Field(default=None, description="reading at rest; else from quiet samples")
     drift: bool = Field(default=False, description="true: straight baseline")
     noise: NumberWithUnit | None = Field(default=None, description="standard deviation of a reading")
-    values: dict[Text, NumberWithUnit] | None = Field(default=None, description="quoted numbers by observable")
-    errors: dict[Text, Annotated[float, Field(gt=0, allow_inf_nan=False)]] | None = Field(
-        default=None, description="relative standard errors"
+    values: dict[Text, NumberWithUnit] | None = Field(
+        default=None, min_length=1, description="quoted numbers by observable"
     )
+    errors: dict[Text, Positive] | None = Field(default=None, description="relative standard errors")
     source: str | None = Field(default=None, description="origin of the data")
 
 
-class SceneFile(Part):
-    """Contents of a scene file."""
+class Scene(Part):
+    """Contents of a scene file; when it is read, they are complete.
+
+    ``materials`` then holds all materials in use, and ``run.time_step`` divides the sample interval. With
+    ``run.accuracy``, the time step equals the sample interval until the step is planned. ``file``, ``folder`` and
+    ``measured`` are not part of the physics.
+
+    Attributes:
+        name: name of the scene file without the suffix.
+        file: scene file as named in messages.
+        folder: folder of the scene file; paths in the scene file are relative to this folder.
+    """
 
     title: Title = Field(default="", description="title")
     gravity: units.Acceleration = Field(default=0.0, description="gravity, downwards")
-    seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(default=0, description="seed of random masses and offsets")
+    seed: int = Field(default=0, ge=0, lt=2**63, description="seed of random masses and offsets")
     chain: ChainTable = Field(description="beads")
     striker: Striker | None = Field(default=None, description="body that strikes the top bead")
     wall: Wall | None = Field(default=None, description="half-space below bead 1")
@@ -372,29 +352,22 @@ class SceneFile(Part):
     measured: tuple[MeasuredEntry, ...] = Field(
         default=(), strict=False, exclude=True, description="measured data"
     )  # runs do not depend on it
+    name: SkipJsonSchema[Annotated[str, FromRecord]] = ""
+    file: SkipJsonSchema[Annotated[str, FromRecord]] = Field(default="", exclude=True)
+    folder: SkipJsonSchema[Annotated[Path, FromRecord]] = Field(default=Path(), exclude=True)
 
+    @computed_field  # type: ignore[prop-decorator]
+    @property
+    def steps_per_sample(self) -> int:
+        """Time steps per sample interval; 1 without a time step."""
+        run = self.run
+        return 1 if run.time_step is None else max(1, round(run.sample_interval / run.time_step))
 
-class Scene(SceneFile):
-    """Complete scene: ``materials`` holds all materials in use, and ``run.time_step`` divides the sample interval.
-
-    With ``run.accuracy``, the time step equals the sample interval until the step is planned. ``file``, ``folder`` and
-    ``measured`` are not part of the physics.
-
-    Attributes:
-        name: name of the scene file without the suffix.
-        drive: drive with the points of its file.
-        file: scene file as named in messages.
-        folder: folder of the scene file; paths in the scene file are relative to this folder.
-        steps_per_sample: time steps per sample interval.
-        samples: number of samples, including the sample at time 0.
-    """
-
-    name: str
-    drive: StoredDrive | None = None
-    file: str = Field(exclude=True)
-    folder: Path = Field(default=Path(), exclude=True)
-    steps_per_sample: int
-    samples: int
+    @computed_field  # type: ignore[prop-decorator]
+    @property
+    def samples(self) -> int:
+        """Number of samples, including the sample at time 0."""
+        return int(self.run.duration / self.run.sample_interval * (1 + 1e-12) + 1e-9) + 1
 
     @property
     def time_step_s(self) -> float:

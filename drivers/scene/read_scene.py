@@ -2,7 +2,6 @@
 
 import re
 import tomllib
-from collections.abc import Iterator
 from functools import cache
 from math import nan
 from pathlib import Path
@@ -12,16 +11,14 @@ from typing import Any, TypeVar
 from pydantic import Field, create_model
 
 from drivers.base import paths, units
-from drivers.base.errors import InputError, InputProblem, refuse_any
+from drivers.base.errors import InputError, refuse_any
 from drivers.base.files import read_file
 from drivers.base.messages import model_at, shorten, validate
-from drivers.scene.model import RIGID, Bead, DriveTable, Material, Member, Part, Scene, SceneFile, StoredDrive
-from drivers.scene.rules import contradictions, problems_of_alternatives
+from drivers.scene.model import RIGID, Material, Part, Scene
+from drivers.scene.rules import named_materials, problems_of
 
-NAME_RULE = "a name of letters, digits, '-', '_' and '.', beginning with a letter or digit"
-STEP_TOLERANCE = 1e-9  # relative; accepts steps written with ten digits
-MAX_STEPS = 2**31 - 1  # LIGGGHTS counts steps in 32 bits
-MAX_VALUES = 100_000_000  # samples x contacts; a run and its assessment take 150 bytes of memory for each
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}\.toml")
+NAME_RULE = "at most 100 letters, digits, '-', '_' and '.', beginning with a letter or digit, then .toml"
 LONG_KEY = re.compile(r"""(?:[\w"'-]{1,99}+[ \t]*+\.[ \t]*+){99}""")  # reading takes the square of the number of parts
 # files of drives
 HEADING = re.compile(r"\s*time_([^,]*),\s*(force|displacement)_([^,]*)")
@@ -65,31 +62,17 @@ def make_scene(data: dict[str, Any], name: str, where: str, folder: Path = Path(
         InputError: a table is wrong.
     """
     _complete_own_materials(data)
-    file = validate(SceneFile, data, where)
-    interval_s, step_s = file.run.sample_interval, file.run.time_step
-    steps_per_sample = 1 if step_s is None else max(1, round(interval_s / step_s))  # a missing step is planned later
-    time_step = units.divided(interval_s, steps_per_sample)  # a decimal fraction of the interval
-    samples = file.run.duration / interval_s
-    bad_times = _bad_times(file, steps_per_sample, samples)
-    refuse_any(where, [*problems_of_alternatives(file), *_unknown_materials(file), *bad_times])
-    scene = Scene.model_construct(
-        **{key: getattr(file, key) for key in SceneFile.model_fields}
-        | {
-            "materials": _materials(file),
-            "drive": file.drive and with_points(file.drive, folder, where),
-            "run": file.run.model_copy(update={"time_step": time_step}),
-            "name": name,
-            "file": where,
-            "folder": folder,
-            "steps_per_sample": steps_per_sample,
-            "samples": int(samples * (1 + 1e-12) + 1e-9) + 1,
-        }
-    )
-    if scene.steps > MAX_STEPS:
-        found = f"{time_step:g} s, which results in {scene.steps:.3g} steps"
-        raise InputError(where, "run.time_step", found, f"at most {MAX_STEPS:.3g} steps")
-    refuse_any(where, contradictions(scene))
-    return scene
+    scene = validate(Scene, data, where)
+    drive, run = scene.drive, scene.run
+    if drive is not None and drive.file is not None:
+        drive = drive.model_copy(update=_points(folder, drive.file, where))
+    materials = library_materials() | scene.materials
+    read = {"name": name, "file": where, "folder": folder, "drive": drive, "materials": materials}
+    scene = scene.model_copy(update=read)
+    refuse_any(where, problems_of(scene))
+    used = {name: materials[name] for name in named_materials(scene).values() if name != RIGID}
+    time_step = units.divided(run.sample_interval, scene.steps_per_sample)  # a decimal fraction of the interval
+    return scene.model_copy(update={"materials": used, "run": run.model_copy(update={"time_step": time_step})})
 
 
 def stored_scene(stored: dict[str, Any]) -> Scene:
@@ -126,7 +109,7 @@ def set_value(data: dict[str, Any], path: str, value: Any, where: str) -> None:
         here = here.setdefault(key, {}) if isinstance(here, dict) else here[_index(here, key, where, path)]
     if not isinstance(here, dict):
         here[_index(here, last, where, path)] = value
-    elif value != "" or not (last in here or keys == ["materials"] or last in model_at(SceneFile, keys).model_fields):
+    elif value != "" or not (last in here or keys == ["materials"] or last in model_at(Scene, keys).model_fields):
         here[last] = value  # validation reports unknown keys
     else:
         here.pop(last, None)
@@ -172,13 +155,8 @@ def find_input(source: str | Path, home: Path, what: str) -> Path:
         if not path.is_file():
             known = ", ".join(sorted(p.stem for p in home.glob("*.toml")))
             raise InputError(str(source), "", f"{what} not found; give the path of a .toml file, or one of {known}")
-    if path.suffix != ".toml":
-        raise InputError(str(source), "", f'the suffix "{path.suffix}"', f"a {what} file, ending in .toml")
-    stem = path.stem
-    if not stem[:1].isalnum() or not stem.isascii() or not all(c.isalnum() or c in "-_." for c in stem):
-        raise InputError(str(source), "", f"the {what} name {stem!r}", NAME_RULE)
-    if len(stem) > 100:
-        raise InputError(str(source), "", f"a {what} name of {len(stem)} characters", "at most 100")
+    if not NAME.fullmatch(path.name):
+        raise InputError(str(source), "", f"a {what} file named {shorten(path.name)}", NAME_RULE)
     return path
 
 
@@ -208,6 +186,12 @@ def library() -> dict[str, Any]:
     return read_toml(paths.MATERIALS)
 
 
+@cache
+def library_materials() -> dict[str, Material]:
+    """Materials of ``inputs/materials.toml``."""
+    return {name: validate(Material, table, paths.MATERIALS, f"{name}.") for name, table in library().items()}
+
+
 def read_entries(path: Path, key: str, kind: type[Entry]) -> tuple[Entry, ...]:
     """Entries of a file that has nothing but a list of tables ``[[key]]``, at least one.
 
@@ -229,87 +213,32 @@ def _complete_own_materials(data: dict[str, Any]) -> None:
             materials[name] = {key: value for key, value in library()[name].items() if key != "source"} | table
 
 
-def _named_materials(file: SceneFile) -> dict[str, str]:
-    """Names of the materials in use, by key of the scene."""
-    named = {"chain.material": file.chain.material}
-    lists: dict[str, tuple[Bead | Member, ...]] = {"bead": file.chain.bead, "pattern": file.chain.pattern or ()}
-    for what, entries in lists.items():
-        for i, entry in enumerate(entries):
-            if entry.material:
-                named[f"chain.{what}.{entry.entry if isinstance(entry, Bead) else i}.material"] = entry.material
-    for part in ("striker", "wall", "tube"):
-        table = getattr(file, part)
-        if table is not None:
-            named[f"{part}.material"] = table.material
-    return named
-
-
-def _unknown_materials(file: SceneFile) -> Iterator[InputProblem]:
-    for key, name in _named_materials(file).items():
-        rigid = {RIGID} if key == "wall.material" else set()
-        known = sorted({*library(), *file.materials} | rigid)
-        if name not in known:
-            yield key, f'"{name}"', f"{', '.join(known)}, or a material defined in [materials.{name}]"
-
-
-def _materials(file: SceneFile) -> dict[str, Material]:
-    """Materials in use by name, from the scene or, if missing there, from the library."""
-    return {
-        name: file.materials.get(name) or validate(Material, library()[name], paths.MATERIALS, f"{name}.")
-        for name in _named_materials(file).values()
-        if name in file.materials or name in library()
-    }
-
-
-def _bad_times(file: SceneFile, steps_per_sample: int, samples: float) -> Iterator[InputProblem]:
-    """Problems with a step that does not divide the sample interval, and with too few or too many samples."""
-    run, interval_s, step_s = file.run, file.run.sample_interval, file.run.time_step
-    if step_s is not None and abs(interval_s / step_s - steps_per_sample) > STEP_TOLERANCE * steps_per_sample:
-        found = f"{step_s:g} s, which does not divide run.sample_interval = {interval_s:g} s"
-        yield "run.time_step", found, f'for instance "{interval_s / steps_per_sample * 1e6:.12g} us"'
-    if samples < 1 - 1e-9:
-        yield "run.duration", f"{run.duration:g} s", f"at least one run.sample_interval ({interval_s:g} s)"
-    contacts = file.chain.count + 1
-    if samples * contacts > MAX_VALUES:
-        allowed = f"at most {MAX_VALUES:,} samples times contacts; use a longer interval or a shorter duration"
-        yield "run.sample_interval", f"{samples:.3g} samples of {contacts} contacts", allowed
-
-
-def with_points(drive: DriveTable, folder: Path, where: str) -> StoredDrive:
-    """Drive with the points of its file, if it has one.
+def _points(folder: Path, name: str, where: str) -> dict[str, tuple[float, ...]]:
+    """Times and values of the file of a drive by key of ``DriveTable``, in SI units; lines with # are comments.
 
     Args:
-        drive: table of the scene.
         folder: folder of the scene file.
+        name: path of the file relative to the folder.
         where: scene as messages name it.
 
     Raises:
         InputError: the file is missing or has no such table of numbers, times do not increase from 0 on, or a first
             displacement is not 0.
     """
-    values = {key: getattr(drive, key) for key in DriveTable.model_fields}
-    if drive.file is not None:
-        path = folder / drive.file
-        try:
-            values |= _points(path)
-        except FileNotFoundError as error:
-            found, allowed = f"no such file: {paths.shown(path)}", f"a CSV file, relative to {paths.shown(folder)}"
-            raise InputError(where, "drive.file", found, allowed) from error
-    return StoredDrive.model_construct(**values)
-
-
-def _points(path: Path) -> dict[str, tuple[float, ...]]:
-    """Times and values of a file by key of ``StoredDrive``, in SI units; lines with # are comments."""
+    path = folder / name
     shown = paths.shown(path)
     try:
         lines = enumerate(read_file(path, "a CSV file").decode("utf-8-sig").splitlines(), 1)
+    except FileNotFoundError as error:
+        found, allowed = f"no such file: {shown}", f"a CSV file, relative to {paths.shown(folder)}"
+        raise InputError(where, "drive.file", found, allowed) from error
     except ValueError as error:
         raise InputError(shown, "", f"a file that cannot be read: {error}", "CSV text in UTF-8") from error
     (first, heading), *rows = [row for row in lines if row[1].strip() and not row[1].startswith("#")] or [(1, "")]
     match = HEADING.fullmatch(heading)
     try:
-        time_unit, name, unit = match.groups() if match else ("", "force", "")
-        factors = units.to_si(f"1 {time_unit}", "s"), units.to_si(f"1 {unit}", SI[name])
+        time_unit, kind, unit = match.groups() if match else ("", "force", "")
+        factors = units.to_si(f"1 {time_unit}", "s"), units.to_si(f"1 {unit}", SI[kind])
     except ValueError as error:
         raise InputError(shown, f"line {first}", shorten(heading), HEADINGS) from error
     if not 2 <= len(rows) <= MAX_POINTS:
@@ -324,7 +253,7 @@ def _points(path: Path) -> dict[str, tuple[float, ...]]:
             raise InputError(shown, f"line {n}", shorten(line), "two numbers, times that increase from 0")
         points.append((time, value))
         last = time
-    if name == "displacement" and points[0][1] != 0:
-        raise InputError(shown, name, f"{points[0][1]:g} m first", "0 first, the displacement at time 0")
+    if kind == "displacement" and points[0][1] != 0:
+        raise InputError(shown, kind, f"{points[0][1]:g} m first", "0 first, the displacement at time 0")
     times, values = zip(*points, strict=True)
-    return {"time_s": times, f"{name}_{SI[name]}": values}
+    return {"time_s": times, f"{kind}_{SI[kind]}": values}

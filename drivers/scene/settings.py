@@ -1,4 +1,4 @@
-"""Keys of scenes: their units, values and meaning, and differences between scenes as settings of ``--set``."""
+"""Keys of scenes: their units and values, and differences between scenes as settings of ``--set``."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -9,14 +9,11 @@ from pydantic import BaseModel
 
 from drivers.base import units
 from drivers.base.messages import model_at, parts_of
-from drivers.scene.model import Material, SceneFile
-from drivers.scene.read_scene import library
+from drivers.scene.model import Scene
+from drivers.scene.read_scene import library_materials
 
 DERIVED = ("units", "name", "steps_per_sample", "samples")  # not in scene files
 FREE_TEXT = ("source",)
-WORDS = {"boolean": "true or false", "string": "text", "object": "table"}  # by type of a JSON schema
-ENDS = ("minimum", "maximum", "exclusiveMaximum")
-Schema = dict[str, Any]
 
 
 def settings_between(scene: dict[str, Any], base: dict[str, Any]) -> dict[str, str]:
@@ -25,7 +22,7 @@ def settings_between(scene: dict[str, Any], base: dict[str, Any]) -> dict[str, s
     Both scenes are in SI units, as given by ``Scene.model_dump(mode="json", exclude_none=True)``.
     """
     names, in_base = scene.get("materials", {}), base.get("materials", {})
-    base = base | {"materials": {name: in_base.get(name) or _library().get(name) for name in names}}
+    base = base | {"materials": {name: in_base.get(name) or _in_library(name) for name in names}}
     pair = unplanned(base), unplanned(scene)
     return {key: setting_text(key, value) for key, _, value in differences(*pair) if key != "title"}
 
@@ -37,10 +34,10 @@ def unplanned(scene: dict[str, Any]) -> dict[str, Any]:
     return scene | {"run": {key: value for key, value in scene["run"].items() if key != "time_step"}}
 
 
-@cache
-def _library() -> dict[str, Any]:
-    """Shipped materials in SI units."""
-    return {name: Material.model_validate(table).model_dump(exclude_none=True) for name, table in library().items()}
+def _in_library(name: str) -> dict[str, Any] | None:
+    """Shipped material in SI units."""
+    materials = library_materials()
+    return materials[name].model_dump(exclude_none=True) if name in materials else None
 
 
 def differences(first: Any, second: Any, path: str = "") -> Iterator[tuple[str, Any, Any]]:
@@ -87,7 +84,7 @@ def _toml(key: str, value: Any) -> str:
 def unit_of(key: str) -> str:
     """SI unit of a scene's key; empty if it has none."""
     *path, last = key.split(".")
-    field = model_at(SceneFile, path).model_fields.get(last)
+    field = model_at(Scene, path).model_fields.get(last)
     parts = [*field.metadata, *parts_of(field.annotation)] if field else []
     return next((part.unit for part in parts if isinstance(part, units.InUnit)), "")
 
@@ -95,51 +92,9 @@ def unit_of(key: str) -> str:
 def look_up(tables: Any, key: str) -> Any:
     """Value of a key in the tables of a file or in a scene; None if missing."""
     for part in key.split("."):
-        if isinstance(tables, dict):
-            tables = tables.get(part)
-        elif isinstance(tables, (list, tuple)):
-            known = part.isascii() and part.isdecimal() and int(part) < len(tables)
-            tables = tables[int(part)] if known else None
-        else:
-            tables = getattr(tables, part, None) if isinstance(tables, BaseModel) else None
+        if isinstance(tables, BaseModel):
+            tables = dict(tables)
+        elif isinstance(tables, list | tuple):
+            tables = {str(index): entry for index, entry in enumerate(tables)}
+        tables = tables.get(part) if isinstance(tables, dict) else None
     return tables
-
-
-def key_rows(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, ...]]:
-    """Row of each key of a model, and after the key of a table the rows of its own keys, with dots between names."""
-    schema = model.model_json_schema()
-    return _rows(schema, schema.get("$defs", {}), prefix)
-
-
-def _rows(table: Schema, tables: Schema, prefix: str) -> Iterator[tuple[str, ...]]:
-    """Rows of the keys of a table, from its JSON schema and those of all ``tables`` by name."""
-    for name, field in table["properties"].items():
-        kinds = [kind for kind in field.get("anyOf", [field]) if kind.get("type") != "null"]
-        key, default = f"{prefix}{name}", field.get("default")
-        empty = default in (None, "", []) or isinstance(default, dict)
-        text = "" if empty else _number(default) if isinstance(default, float) else json.dumps(default)
-        text = "required" if name in table.get("required", ()) else text
-        yield key, " or ".join(dict.fromkeys(map(_values, kinds))), text, field.get("description", "")
-        for kind in kinds:
-            for inner in (kind, kind.get("items", {}), *kind.get("patternProperties", {}).values()):
-                if "$ref" in inner:
-                    free = "NAME." if "patternProperties" in kind else ""
-                    yield from _rows(tables[inner["$ref"].rpartition("/")[2]], tables, f"{key}.{free}")
-
-
-def _values(kind: Schema) -> str:
-    """Range, choices or type of a key, from its JSON schema."""
-    if "enum" in kind:
-        return ", ".join(map(json.dumps, kind["enum"]))
-    if kind.get("type") == "array":
-        entries = "tables" if "$ref" in kind["items"] else ", ".join(map(json.dumps, kind["items"].get("enum", ())))
-        return f"list of {entries}" if entries else "list"
-    least, most, below = (_number(kind[end]) if end in kind else "" for end in ENDS)
-    if most or below:
-        return f"{least}..{most} {kind.get('unit', '')}".rstrip() if most else f"{least} to below {below}"
-    return f"{least} or more" if least else WORDS.get(kind.get("type", "object"), "number")
-
-
-def _number(number: float) -> str:
-    """Short text of a number that TOML can read, such as 1e-9."""
-    return f"{number:g}".replace("e+0", "e").replace("e+", "e").replace("e-0", "e-")

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from drivers.base.files import csv_of, whole_file
+from drivers.base.files import whole_file
 from drivers.chain.chain import Array
 from drivers.chain.trace import CONTACT, Trace
 from postproc.draw.style import COLUMN_IN, MICRO, finish_bar, force_colours, pyplot
@@ -57,7 +57,7 @@ def write_product(product: Product, name: str, folder: Path) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     table = folder / f"{name}.csv"
     with whole_file(table) as draft:
-        draft.write_bytes(csv_of(product.table))
+        product.table.to_csv(draft, index=False)
     written = [table, *write_figure(product.figure, name, folder)]
     if product.chains:
         written += write_product(draw_spacetime(product.chains), f"{name}-{SPACETIME}", folder)

@@ -63,7 +63,7 @@ def draw_scene(scene: Scene, chain: Chain) -> tuple[Any, pd.DataFrame]:
         axis.add_patch(Rectangle((-wide / 2, sketch.low_m), wide, foot, facecolor=WALL, hatch="////", **OUTLINE))
         named = "rigid wall" if chain.wall == RIGID else f"wall of {chain.wall}"
         axis.text(1.4 * sketch.widest_m, chain.wall_height_m - foot / 2, fill(named, WRAP), va="center")
-    sensors, below = {sensor.from_wall - 1 for sensor in scene.chain.sensors}, -inf
+    sensors, below = {from_wall - 1 for from_wall in scene.chain.sensor_at}, -inf
     for i in beads:
         radius, at = sketch.radius_m[i], sketch.height_m[i]
         plain = OTHER if i in sketch.special else MEMBERS[i % len(scene.chain.members) % len(MEMBERS)]
@@ -158,9 +158,9 @@ def _lean(figure: Any, axis: Any, scene: Scene) -> None:
 
 
 def _sketch(scene: Scene, chain: Chain) -> Sketch:
-    texts = {sensor.from_wall - 1: ["sensor"] for sensor in scene.chain.sensors}
-    for odd in scene.chain.bead:
-        said = texts.setdefault(odd.from_wall - 1, [])
+    texts = {from_wall - 1: ["sensor"] for from_wall in scene.chain.sensor_at}
+    for from_wall, odd in scene.chain.bead_at.items():
+        said = texts.setdefault(from_wall - 1, [])
         said += [odd.material] if odd.material else []
         said += [f"⌀ {_mm(odd.diameter)}"] if odd.diameter else []
         said += [f"{odd.velocity:+.3g} m/s"] if odd.velocity else []

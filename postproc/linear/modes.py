@@ -135,7 +135,7 @@ def _cell(case: Case, members: int) -> slice:
         ValueError: there is none.
     """
     table = case.scene.chain
-    special = {bead.from_wall for bead in table.bead} | {sensor.from_wall for sensor in table.sensors if sensor.mass}
+    special = {*table.bead_at, *(place for place, sensor in table.sensor_at.items() if sensor.mass)}
     for start in range(members, case.chain.beads - members + 1, members):
         if not special & set(range(start, start + members + 1)):
             return slice(start, start + members)

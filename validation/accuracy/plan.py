@@ -22,8 +22,9 @@ from drivers.chain.trace import FORCE, share_of_change
 from drivers.engines import VERLET
 from drivers.limits import EXACT_SHARE, resolved_trial, why_unstable
 from drivers.run.scheme import COMPARED, Scheme
-from drivers.scene.model import Scene
-from drivers.scene.read_scene import MAX_STEPS, read_scene
+from drivers.scene.model import Contact, Scene
+from drivers.scene.read_scene import read_scene
+from drivers.scene.rules import MAX_STEPS
 from drivers.scene.settings import setting_texts
 from postproc.read.observables import scale_of, without_unit
 from validation.accuracy.motions import COARSE_ERROR, ExactMotion, errors_of, exact_motion_of, predicted_error
@@ -54,7 +55,9 @@ REMOVALS: dict[str, Callable[[Scene], Scene]] = {
         scene, sensors=tuple(sensor.model_copy(update={"mass": None}) for sensor in scene.chain.sensors)
     ),
     "mass scatter": lambda scene: _with(scene, mass_scatter=0.0),
-    "damping": lambda scene: scene.model_copy(update={"contact": scene.contact.elastic}),
+    "damping": lambda scene: scene.model_copy(
+        update={"contact": Contact(friction=scene.contact.friction, rotation=scene.contact.rotation)}
+    ),
 }
 
 

@@ -1,6 +1,6 @@
 """The command ``beads``: its commands in the order in which a user meets them, its errors and exit codes."""
 
-import drivers.environment  # noqa: F401 - checks the environment before further imports
+import drivers.environment  # noqa: F401 - before imports that another environment lacks
 
 # isort: split
 import errno

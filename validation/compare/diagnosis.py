@@ -19,7 +19,7 @@ from drivers.chain.chain import Array, arrays_of, furthest_m, hertz_stiffness, s
 from drivers.chain.schemes import heights_and_reach
 from drivers.chain.trace import FORCE, Trace, finite_part, largest_change_N, overlaps
 from drivers.engines import INCREMENTAL, load_engine
-from drivers.laws import Viscoelastic
+from drivers.laws import viscoelastic
 from drivers.run.scheme import Scheme, scheme_of
 from postproc.read.signals import integral
 from validation.reference.hertz_chain import HertzChain, contact_force, hertz_force
@@ -190,7 +190,7 @@ def _changes(case: Case, trace: Trace, table: list[Ratio]) -> Iterator[Change]:
     slower = 1.0
     if trace.velocity_m_s is not None and speed.any():
         slower = float(trace.velocity_m_s[0] @ speed / (speed @ speed))
-    by_ratio = Viscoelastic(1.0).coefficient(chain.stiffness, chain.reduced_mass_kg)
+    by_ratio = viscoelastic(1.0).coefficient(chain.stiffness, chain.reduced_mass_kg)
     dragged = float(scene.steps <= MAX_DRAGGED_STEPS and chain.drive is None)
     for words, name, value, factor in (
         ("a time step {} times the scene's", "time_step_s", scene.time_step_s, 1 / guess("mass")),

@@ -12,7 +12,7 @@ first_wave = partial(peak_in, missing="no wave within run.duration")
 
 def sensor_places(case: Case) -> tuple[int, int]:
     """Places from the wall of the lowest and the highest sensor; ValueError with fewer than two."""
-    places = sorted(sensor.from_wall for sensor in case.scene.chain.sensors)
+    places = sorted(case.scene.chain.sensor_at)
     if len(places) < 2:
         raise ValueError("fewer than two sensors: the wave is read between two")
     return places[0], places[-1]

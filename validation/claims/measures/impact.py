@@ -15,7 +15,7 @@ import numpy as np
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, hertz_force
 from drivers.chain.trace import Trace, overlaps
-from drivers.laws import Viscoelastic, restitution
+from drivers.laws import VISCOELASTIC, restitution_of
 from postproc.read.signals import peak_in
 
 DURATION = 2 * sqrt(pi) * gamma(7 / 5) / gamma(9 / 10)  # in d_max / v: 2.94328
@@ -59,8 +59,8 @@ def theory(case: Case) -> dict[str, float]:
     chain, contact = case.chain, case.chain.bodies - 1
     if np.count_nonzero(chain.stiffness) != 1 or chain.load_N.any():
         raise ValueError("a case with loads or with more than one contact")
-    if isinstance(chain.law, Viscoelastic):
-        return {"restitution": restitution(chain.law.damping_ratio)}
+    if chain.law.name == VISCOELASTIC:
+        return {"restitution": restitution_of(chain.law.value)}
     speed = _closing(chain.velocity_m_s, contact)
     mass, stiffness = float(chain.reduced_mass_kg[contact]), float(chain.stiffness[contact])
     deepest = (5 * mass * speed**2 / (4 * stiffness)) ** 0.4

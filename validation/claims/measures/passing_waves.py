@@ -197,7 +197,7 @@ def _lowest_sensor(case: Case) -> int:
     """Number of the lowest sensor bead; the contact below the bead is read."""
     if case.scene.wall is None or not case.scene.chain.sensors:
         raise ValueError("no wall, or no sensor to read the wave at")
-    return min(sensor.from_wall for sensor in case.scene.chain.sensors)
+    return min(case.scene.chain.sensor_at)
 
 
 # A train of solitary waves behind a heavy striker, read thirty contacts below the striker's, under the thirtieth bead

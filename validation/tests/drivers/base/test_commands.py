@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 from click.shell_completion import BashComplete
 
-from drivers import environment
 from drivers.base import paths, processes
 from drivers.base.processes import git
 from drivers.engines import VERLET, engine_names
@@ -56,22 +55,19 @@ def test_outside_the_environment_one_line_gives_the_command_that_enters_it(tmp_p
         words, variables = [*BARE_PYTHON, *BEADS[1:], "--help"], {"PYTHONPATH": str(paths.ROOT)}
         ended = subprocess.run(words, capture_output=True, text=True, check=False, cwd=place, env=variables)
         assert (ended.returncode, ended.stdout, ended.stderr.count("\n")) == (2, "", 1)
-        assert ended.stderr.startswith("Python without click, jinja2, lmfit, ...: ")
+        assert re.match(r"Python 3\.\d+ without click: ", ended.stderr)
         there = (paths.ROOT / ".venv" / "bin" / "activate").exists()
         how = f". {'' if place == paths.ROOT else f'{paths.ROOT}/'}.venv/bin/activate"
         assert ended.stderr.rstrip().endswith(how if there else "setup")
 
 
-def test_an_older_python_reads_that_far_and_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Modules read before the environment is checked are valid Python 3.8 and import nothing newer."""
+def test_an_older_python_reads_that_far() -> None:
+    """Modules read before one of another environment is missing are valid Python 3.8."""
     before = ["drivers/__init__", "drivers/environment", "drivers/base/__init__", "drivers/base/paths"]
     for module in (*before, "validation/__init__", "validation/commands/beads"):
         tree = ast.parse((paths.ROOT / f"{module}.py").read_text(), feature_version=(3, 8))
     imports = [ast.unparse(node) for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)]
     assert imports[0] == "import drivers.environment"
-    assert environment.trouble() == ""
-    monkeypatch.setattr(sys, "version_info", (3, 9, 2))
-    assert environment.trouble().startswith("Python 3.9, and 3.11 or later is needed: ")
 
 
 def test_the_installed_command_lists_scenes_studies_and_materials_in_any_folder(tmp_path: Path) -> None:

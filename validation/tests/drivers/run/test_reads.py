@@ -4,7 +4,6 @@ import json
 import os
 import shutil
 from collections.abc import Callable
-from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,6 @@ import pandas as pd
 import pytest
 
 from drivers.base.errors import InputError
-from drivers.base.files import csv_of
 from drivers.batch import rows
 from drivers.batch.tables import read_study_table
 from drivers.run.run_folder import FORCES, RECORD, SENSORS, STATE, EndedRun, find_run, open_run, record_of
@@ -166,15 +164,3 @@ def test_rows_of_a_study_are_read_as_its_file_is_now(
     monkeypatch.setattr(rows, "digest_of_sources", lambda: "of another version")
     pd.testing.assert_frame_equal(read_study_table(path, runs), right)
     assert capsys.readouterr().err.startswith("2 of 2 rows are of an earlier version")
-
-
-def test_text_does_not_become_a_formula() -> None:
-    formulas = ["=1+1", "+1", "-1", "@x", "\t=1", "\r=1", "'=1", "''-1", "plain", "a=b", "", "'quoted'"]
-    table = pd.DataFrame({"=text": formulas, "number": -np.arange(float(len(formulas)))})
-    content = csv_of(table)
-    cells = pd.read_csv(BytesIO(content), keep_default_na=False)
-    assert cells.columns[0] == "'=text"
-    assert not [cell for cell in cells.iloc[:, 0] if cell.startswith(("=", "+", "-", "@", "\t", "\r"))]
-    assert (cells["number"] == table["number"]).all()
-    assert list(table) == ["=text", "number"]  # as it was
-    assert [*table["=text"]] == formulas

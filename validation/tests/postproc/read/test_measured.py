@@ -188,7 +188,7 @@ BAD_ENTRIES = [
     ('file = "a.csv"\ngain = nan', "measured.0.gain", "nan", "with its unit"),
     ('file = "a.csv"\ngain_uncertainty = -0.1', "measured.0.gain_uncertainty", "-0.1", "greater than or equal to 0"),
     ('file = "a.csv"\ntrigger = 12', "measured.0.trigger", "12", '"12 us"'),
-    ('file = "a.csv"\ngauges = {}', "measured.0.gauges", "empty", "CH1"),
+    ('file = "a.csv"\ngauges = {}', "measured.0.gauges", "{}", "at least 1 item"),
     ("values = { a = 1 }", "measured.0.errors.a", "missing key", "relative standard error"),
     ("values = { a = 1 }\nerrors = { a = 0 }", "measured.0.errors.a", "0", "greater than 0"),
     ("values = { a = 1 }\nerrors = { a = 1, b = 1 }", "measured.0.errors.b", "without a value", "a"),

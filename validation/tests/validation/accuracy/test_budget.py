@@ -16,7 +16,7 @@ from drivers.chain.chain import Array
 from drivers.chain.schemes import verlet_in_heights, verlet_of
 from drivers.chain.trace import Trace, residual, until
 from drivers.engines import REFERENCE, VERLET
-from drivers.laws import Power
+from drivers.laws import power
 from drivers.run import scheme
 from drivers.run.scheme import scheme_of
 from validation.accuracy import motions as module
@@ -102,7 +102,7 @@ def test_right_runs_of_random_scenes_are_right_at_any_sampling(number: int, law:
     """Forces that jump, flat maxima and coarse samples make no difference by rounding a fault."""
     case = random_case(number, accuracy=1e-4)
     if law:
-        case = replace(case, chain=replace(case.chain, law=Power(0.05, 2.5)))
+        case = replace(case, chain=replace(case.chain, law=power(0.05, 2.5)))
     coarse = case.sampled_at_every(case.scene.time_step_s)
     for each in (case, coarse):
         each = replace(each, plan=None, full=None)

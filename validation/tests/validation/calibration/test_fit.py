@@ -228,7 +228,7 @@ def without_motion(monkeypatch: pytest.MonkeyPatch, above: float) -> None:
     """Lets the integration fail for restitutions above a limit."""
 
     def integrated(case: Case, tolerance: float) -> Simulation:
-        if case.scene.contact.given.get("restitution", 1.0) > above:
+        if (case.scene.contact.restitution or 1.0) > above:
             raise ArithmeticError("its steps become too small")
         return exact(case, tolerance)
 
