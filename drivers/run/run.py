@@ -36,6 +36,7 @@ from drivers.run.run_folder import (
     RunRecord,
     find_run,
     folder_name,
+    for_scene,
     in_si,
     move_into_place,
     with_description,
@@ -77,7 +78,7 @@ def run_case(
     keeps_state = "state" in case.scene.run.record
     known = None if rerun else find_run(home, identity, layout)
     if known and known.is_complete(state=keeps_state):
-        return with_description(known, _description(case), target)
+        return for_scene(known, _description(case), target)
     for line in known.damage() if known else ():
         say(f"{line}: run again")
     with workplace(home) as place:
@@ -94,7 +95,7 @@ def run_case(
         record = write_run(folder, record, trace, state=keeps_state or failed)  # to see how it went wrong
         known = find_run(home, identity, layout)
         if known and not rerun and known.is_complete(state=keeps_state):  # by another process
-            return with_description(known, _description(case), target)
+            return for_scene(known, _description(case), target)
         former = known if known and known.record.layout == layout else None
         if former and former.done and failed:  # a failed run does not replace a finished one
             target, former = target.with_name(f"{target.name}-failed"), None

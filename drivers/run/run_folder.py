@@ -320,7 +320,7 @@ def find_run(home: Path, identity: str, layout: dict[str, Any]) -> EndedRun | No
     )
 
 
-def with_description(run: EndedRun, description: dict[str, Any], target: Path) -> EndedRun:
+def for_scene(run: EndedRun, description: dict[str, Any], target: Path) -> EndedRun:
     """Run of the same deck, perhaps made for another scene, with a record that describes this one, not yet assessed.
 
     If the gauges differ, the run is copied to ``target``, since the stored gauge signals depend on them.

@@ -1,5 +1,6 @@
 """Tests of processes: their end with everything that they have started, their folders, their memory."""
 
+import fcntl
 import os
 import platform
 import shutil
@@ -7,6 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import TextIO
 
 import pytest
 
@@ -17,6 +19,7 @@ from drivers.base.processes import ABANDONED_S, LOCK, PLACE, STDERR, private_tem
 LEFT_AT_A_START = '''
 import signal, subprocess, sys, time
 from pathlib import Path
+from typing import TextIO
 from drivers.base import processes
 AGAIN = """
 import os, sys
@@ -106,6 +109,19 @@ def test_only_abandoned_workplaces_of_this_user_are_removed(tmp_path: Path) -> N
         assert (made["linked"] / LOCK).exists()
         assert made["mine"].exists() is (os.getuid() == 0)
     assert not place.exists()
+
+
+def test_a_workplace_is_not_removed_before_it_is_locked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    lock = fcntl.flock
+
+    def late(file: TextIO, how: int) -> None:
+        monkeypatch.setattr("fcntl.flock", lock)
+        with workplace(tmp_path):  # of another process
+            lock(file, how)
+
+    monkeypatch.setattr("fcntl.flock", late)
+    with workplace(tmp_path) as place:
+        assert place.is_dir()
 
 
 @pytest.mark.parametrize("mode", [0o777, 0o1777, 0o755])

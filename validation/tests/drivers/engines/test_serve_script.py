@@ -5,6 +5,8 @@ from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
+import psutil
+
 from drivers.base.decks import Deck, render
 from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import digest_of
@@ -26,3 +28,8 @@ def test_the_script_serves_deck_after_deck_and_ends_at_a_broken_one(tmp_path: Pa
             if not code:
                 trace = checked_trace(case, verlet, outcome, session.case)
                 assert digest_of(trace) == digest_of(verlet_of(case))
+        assert session._launched is not None
+        for process in psutil.Process(session._launched[0].pid).children(recursive=True):
+            process.kill()  # while it is idle
+        psutil.wait_procs([psutil.Process(session._launched[0].pid)], 5.0)
+        assert session.run(deck, 60.0).code == -9

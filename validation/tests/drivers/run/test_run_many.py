@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -159,13 +160,37 @@ def test_an_interrupt_while_a_worker_starts_prints_nothing() -> None:
     assert (done.stdout, done.stderr) == (b"interrupted\n", b"")
 
 
-def test_an_item_whose_worker_is_killed_is_begun_again(tmp_path: Path) -> None:
-    """With the result of the next worker, or after several an error."""
+def test_an_item_whose_worker_is_killed_is_begun_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the result of the next worker, or after several an error; whatever the present folder holds."""
+    monkeypatch.chdir(tmp_path)
+    Path("traceback.py").write_text("raise SystemExit")
     place = Place(1, processes=True)
     killed = f"import os, pathlib; first = pathlib.Path({str(tmp_path / 'first')!r})\n"
     once = f"{killed}if not first.exists():\n    first.touch()\n    os.kill(os.getpid(), 9)"
     assert [*execute(exec, [once], place)] == [(once, None)]
     with pytest.raises(RunError, match="workers were killed"):
         [*execute(exec, [f"{killed}os.kill(os.getpid(), 9)"], place)]
+    began = time.monotonic()
     with pytest.raises(ZeroDivisionError):
-        [*execute(exec, ["1 / 0"], place)]
+        [*execute(exec, ["import time; time.sleep(60)", "1 / 0"], replace(place, workers=2))]
+    assert time.monotonic() < began + 50
+    assert [*execute(exec, ["import tempfile; assert tempfile.tempdir"], place)]  # not tried with a file
+
+
+def test_a_process_that_ends_leaves_no_places(scene_file: SceneWriter, tmp_path: Path) -> None:
+    """Of its servers, and of its workers."""
+    need(CODE)
+    script = (
+        "import sys; from drivers.run.compute import compute; from drivers.run.execute import Place, execute\n"
+        "from validation.tests.helpers.scenes import case_of\n"
+        f"assert compute(case_of(sys.argv[1]), '{CODE}').done\n"
+        "[*execute(exec, [sys.argv[2]], Place(1, processes=True))]"
+    )
+    left = (
+        "import builtins; from drivers.base.processes import workplace; builtins.left = workplace(); left.__enter__()"
+    )
+    places = tmp_path / "places"
+    places.mkdir()
+    words = [sys.executable, "-c", script, str(scene_file()), left]
+    assert subprocess.run(words, check=False, env=os.environ | {"TMPDIR": str(places)}).returncode == 0
+    assert [*places.iterdir()] == []
