@@ -36,7 +36,7 @@ MAX_DEATHS = 5  # of workers in a row, without a finished row
 WORKER_COSTS = ("start_s", "engine_s", "workflow_s", "reference_s")  # they add up to a worker's time
 NEWEST = 1000  # rows of an engine by which its build and its costs are known
 
-Row = tuple[int, str, StudyRow | None]  # number of the case, engine, row
+Row = tuple[int, StudyRow]  # number of a case, and a row of it
 
 
 def not_needed(*_: Any) -> Any:
@@ -210,19 +210,12 @@ def _digest(parts: object) -> str:
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:32]
 
 
-def run_all(
-    batch: Batch,
-    store: Store,
-    numbers: Sequence[int],
-    place: Place | None = None,
-    tick: Callable[[], None] = lambda: None,
-) -> None:
-    """Run the unfinished rows of cases, until they are stored by this or another batch.
+def run_all(batch: Batch, store: Store, place: Place | None = None, tick: Callable[[], None] = lambda: None) -> None:
+    """Run the unfinished rows of a batch, until they are stored by this or another batch.
 
     Args:
         batch: the batch.
         store: store of the rows.
-        numbers: numbers of the cases.
         place: worker processes or a Dask cluster; None for this process.
         tick: function called several times a second while others work.
 
@@ -232,6 +225,7 @@ def run_all(
         OSError: the disk is full or the runs folder cannot be written to.
     """
     deaths, ends, work = 0, store.ends(), partial(run_rows, batch)
+    numbers = sorted({*chain.from_iterable(batch.todo(store).values())})
     while numbers:
         size = max(1, min(MAX_CHUNK, len(numbers) // (CHUNKS * ((place and place.workers) or 1))))
         chunks = [numbers[start : start + size] for start in range(0, len(numbers), size)]
@@ -347,12 +341,14 @@ def _row(batch: Batch, store: Store, case: Case, blank: StudyRow, exact: Callabl
 
 
 def rows_of(batch: Batch, store: Store, numbers: Sequence[int] | None = None, *, stale: bool = False) -> list[Row]:
-    """Rows of some or all cases of a study on its engines, None for missing ones; with ``stale`` also stale ones."""
+    """Rows of some or all cases of a study on its engines, with ``stale`` also stale ones; blank ones where missing."""
     study = batch.study
     numbers = range(1, study.count + 1) if numbers is None else numbers
     cases = {number: study.case_sha256(number) for number in numbers}
     rows = store.rows([*cases.values()], {} if stale else batch.programs)
-    return [(number, name, rows.get((case, name))) for number, case in cases.items() for name in study.engines]
+    keys = [(number, (case, name)) for number, case in cases.items() for name in study.engines]
+    blanks = {key: StudyRow(*key, "", study.name, "", "", 0.0, batch.absent(key[1])) for _, key in keys}
+    return [(number, rows.get(key, blanks[key])) for number, key in keys]
 
 
 def expected_s(batch: Batch, store: Store, todo: dict[str, list[int]], sample: Sequence[Case]) -> float | None:
