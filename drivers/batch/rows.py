@@ -174,9 +174,9 @@ class Batch:
 
     def todo(self, store: Store) -> dict[str, list[int]]:
         """Numbers of the selected cases to run, by engine; without engines that are not runnable."""
-        by_engine = self.states(store)
+        states = self.states(store)
         return {
-            name: [number for number, state in by_engine[name].items() if state not in ENDED] for name in self.runnable
+            name: [number for number in self.numbers if states[name][number] not in ENDED] for name in self.runnable
         }
 
     def check_sample(self) -> list[Case]:
@@ -346,9 +346,11 @@ def rows_of(batch: Batch, store: Store, numbers: Sequence[int] | None = None, *,
     numbers = range(1, study.count + 1) if numbers is None else numbers
     cases = {number: study.case_sha256(number) for number in numbers}
     rows = store.rows([*cases.values()], {} if stale else batch.programs)
-    keys = [(number, (case, name)) for number, case in cases.items() for name in study.engines]
-    blanks = {key: StudyRow(*key, "", study.name, "", "", 0.0, batch.absent(key[1])) for _, key in keys}
-    return [(number, rows.get(key, blanks[key])) for number, key in keys]
+    return [
+        (number, rows.get((case, name)) or StudyRow(case, name, "", study.name, "", "", 0.0, batch.absent(name)))
+        for number, case in cases.items()
+        for name in study.engines
+    ]
 
 
 def expected_s(batch: Batch, store: Store, todo: dict[str, list[int]], sample: Sequence[Case]) -> float | None:
