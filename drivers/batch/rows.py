@@ -35,7 +35,7 @@ ENDED = ("done", "failed", "timeout", "refused")  # states of rows that are not 
 WORKER_COSTS = ("start_s", "engine_s", "workflow_s", "reference_s")  # they add up to a worker's time
 NEWEST = 1000  # rows of an engine by which its build and its costs are known
 
-Row = tuple[int, str, StudyRow | None]  # number of the case, engine, row
+Row = tuple[int, StudyRow]  # number of a case, and a row of it
 
 
 def not_needed(*_: Any) -> Any:
@@ -173,9 +173,9 @@ class Batch:
 
     def todo(self, store: Store) -> dict[str, list[int]]:
         """Numbers of the selected cases to run, by engine; without engines that are not runnable."""
-        by_engine = self.states(store)
+        states = self.states(store)
         return {
-            name: [number for number, state in by_engine[name].items() if state not in ENDED] for name in self.runnable
+            name: [number for number in self.numbers if states[name][number] not in ENDED] for name in self.runnable
         }
 
     def check_sample(self) -> list[Case]:
@@ -209,14 +209,12 @@ def _digest(parts: object) -> str:
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:32]
 
 
-def run_all(
-    batch: Batch, numbers: Sequence[int], place: Place | None = None, tick: Callable[[], None] = lambda: None
-) -> None:
-    """Run the unfinished rows of cases, until they are stored by this or another batch.
+def run_all(batch: Batch, store: Store, place: Place | None = None, tick: Callable[[], None] = lambda: None) -> None:
+    """Run the unfinished rows of a batch, until they are stored by this or another batch.
 
     Args:
         batch: the batch.
-        numbers: numbers of the cases.
+        store: store of the rows.
         place: worker processes or a Dask cluster; None for this process.
         tick: function called several times a second while others work.
 
@@ -225,7 +223,7 @@ def run_all(
         RunError: workers were killed repeatedly.
         OSError: the disk is full or the runs folder cannot be written to.
     """
-    work = partial(run_rows, batch)
+    work, numbers = partial(run_rows, batch), sorted({*chain.from_iterable(batch.todo(store).values())})
     while numbers:
         size = max(1, min(MAX_CHUNK, len(numbers) // (CHUNKS * ((place and place.workers) or 1))))
         chunks = [numbers[start : start + size] for start in range(0, len(numbers), size)]
@@ -336,12 +334,16 @@ def _row(batch: Batch, store: Store, case: Case, blank: StudyRow, exact: Callabl
 
 
 def rows_of(batch: Batch, store: Store, numbers: Sequence[int] | None = None, *, stale: bool = False) -> list[Row]:
-    """Rows of some or all cases of a study on its engines, None for missing ones; with ``stale`` also stale ones."""
+    """Rows of some or all cases of a study on its engines, with ``stale`` also stale ones; blank ones where missing."""
     study = batch.study
     numbers = range(1, study.count + 1) if numbers is None else numbers
     cases = {number: study.case_sha256(number) for number in numbers}
     rows = store.rows([*cases.values()], {} if stale else batch.programs)
-    return [(number, name, rows.get((case, name))) for number, case in cases.items() for name in study.engines]
+    return [
+        (number, rows.get((case, name)) or StudyRow(case, name, "", study.name, "", "", 0.0, batch.absent(name)))
+        for number, case in cases.items()
+        for name in study.engines
+    ]
 
 
 def expected_s(batch: Batch, store: Store, todo: dict[str, list[int]], sample: Sequence[Case]) -> float | None:

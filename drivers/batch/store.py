@@ -32,7 +32,7 @@ from drivers.base.errors import InputError
 NAME = "batch.sqlite"
 SCHEMA_VERSION = 1
 OF_PROCESS = re.compile(r"batch-(.+)-([0-9]+)\.sqlite")  # machine and number of the process
-ALLOWED = "the rows of batches; move the file away to begin anew"
+ANEW = "move the file away to begin anew"
 BUSY_LIMIT_S = 60.0  # longest wait for the transaction of another process
 PAGE_BYTES = 16_384  # a row has about 2 kB
 NETWORK = ("nfs", "nfs4", "cifs", "smb3", "smbfs", "lustre", "gpfs", "beegfs", "ceph", "afs", "glusterfs", "fuse.sshfs")
@@ -238,10 +238,8 @@ class Store(AbstractContextManager["Store"]):
             writer = OF_PROCESS.fullmatch(file.name)
             if writer is None or file == self.own:
                 continue
-            if writer[1] == platform.node():
-                in_use = psutil.pid_exists(int(writer[2]))
-            else:
-                in_use = time.time() - file.stat().st_mtime < ABANDONED_S
+            changed = time.time() - file.stat().st_mtime < ABANDONED_S
+            in_use = psutil.pid_exists(int(writer[2])) if writer[1] == platform.node() else changed
             if not in_use:
                 with self._writing(self.common) as connection:
                     for row in self._checked(self._in(file, ROWS)):
@@ -325,7 +323,8 @@ def _named(file: Path) -> Iterator[None]:
     except sqlite3.DatabaseError as error:
         name = getattr(error, "sqlite_errorname", "")
         if name.startswith(("SQLITE_CORRUPT", "SQLITE_NOTADB")):
-            raise InputError(paths.shown(file), "", f"a damaged file ({error})", ALLOWED) from error
+            found = f"a damaged file ({error})"
+            raise InputError(paths.shown(file), "", found, f"the rows of batches; {ANEW}") from error
         reason = os.strerror(errno.ENOSPC) if name == "SQLITE_FULL" else str(error)
         raise OSError(errno.EIO, reason, str(file)) from error
 
@@ -345,11 +344,8 @@ def _opened(file: Path) -> sqlite3.Connection:
     (version,) = connection.execute("PRAGMA user_version").fetchone()
     connection.execute("PRAGMA synchronous = NORMAL")  # commits outlive the process, not a power cut
     if version != SCHEMA_VERSION:
-        found, allowed = (
-            f"rows of version {version} of the store",
-            f"version {SCHEMA_VERSION}; move the file away to begin anew",
-        )
-        raise InputError(paths.shown(file), "", found, allowed)
+        found = f"rows of version {version} of the store"
+        raise InputError(paths.shown(file), "", found, f"version {SCHEMA_VERSION}; {ANEW}")
     return connection
 
 

@@ -393,9 +393,7 @@ def _table(path: Path, where: str, place: str) -> dict[str, list[Any]]:
         match = HEADING.fullmatch(heading.strip())
         key, unit = (match["key"].strip(), match["unit"]) if match else ("", "")
         if not key or key in columns:
-            raise InputError(
-                shown, "line 1", shorten(heading), "each key of the scene once, such as striker.speed [m/s]"
-            )
+            raise InputError(shown, "line 1", shorten(heading), "each key once, such as striker.speed [m/s]")
         places = (f"line {number}, {key}" for number in range(2, len(rows) + 1))
         columns[key] = [_cell(cell.strip(), unit, shown, place) for cell, place in zip(cells, places, strict=True)]
     return columns

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from fnmatch import fnmatchcase
-from itertools import chain
 from pathlib import Path
 
 from drivers.base import paths
@@ -17,13 +16,13 @@ from drivers.base.progress import counted, in_words, say
 from drivers.base.text_table import text_table
 from drivers.base.tolerances import tolerance
 from drivers.batch.job_array import job_script, print_job, run_job
-from drivers.batch.rows import Batch, Row, expected_s, rows_of, run_all, run_rows
+from drivers.batch.rows import ENDED, Batch, Row, expected_s, rows_of, run_all, run_rows
 from drivers.batch.store import Store, StudyRow
 from drivers.chain.case import Case
 from drivers.chain.trace import FORCE, digest_of
 from drivers.engines import load_engine
 from drivers.limits import refuse
-from drivers.run.execute import Place, get_ready
+from drivers.run.execute import LOCAL, Place, get_ready
 from drivers.run.run import run_case
 from drivers.run.run_folder import EndedRun
 
@@ -92,7 +91,7 @@ def run_study(
                             tick()
                         batch = replace(batch)  # its rows may be the first of their build
                     else:
-                        run_all(batch, sorted({*chain.from_iterable(todo.values())}), place, tick)
+                        run_all(batch, store, place, tick)
             rows = rows_of(batch, store)
             if not store.damaged:
                 return _write(batch, store, rows, results, not_shown)
@@ -102,8 +101,10 @@ def run_study(
 
 def _print_plan(batch: Batch, store: Store, sample: Sequence[Case], place: Place) -> None:
     """Print the number of rows in each state by engine, and the expected time."""
-    cases, workers = len(batch.numbers), 1 if batch.elsewhere else place.workers
+    cases, workers = len(batch.numbers), place.workers
     print(f"{batch.study.name}: {cases} case{'s' * (cases != 1)}; {len(sample)} of the study checked")
+    if batch.elsewhere or place.dask not in ("", LOCAL):
+        workers = 1
     rows, todo = [], batch.todo(store)
     for name, states in _counted(batch, store).items():
         if todo.get(name):
@@ -156,7 +157,7 @@ def _write(batch: Batch, store: Store, rows: Sequence[Row], results: Path, not_s
         given = (("--runs", batch.runs, paths.RUNS), ("--results", results, paths.RESULTS))
         folders = [word for option, folder, usual in given if folder != usual for word in (option, paths.shown(folder))]
         print(f"to draw the table: {shlex.join(['beads', 'study', str(batch.source), *folders])}")
-    done = [row for *_, row in rows if row and row.done]
+    done = [row for _, row in rows if row.done]
     names = [*observables(batch, done)]
     for line in not_shown(names, [row.values for row in done]):
         print(line)
@@ -178,7 +179,7 @@ def run_part(batch: Batch) -> int:
     """Run the unfinished cases of a part of a study in this process; returns the exit code."""
     print(f"slice {batch.part[0]}/{batch.part[1]}")
     with Store(batch.runs) as store:
-        run_all(batch, batch.numbers)
+        run_all(batch, store)
         return max(_print_states(batch, store, rows_of(batch, store, batch.numbers)), _print_absences(batch))
 
 
@@ -206,7 +207,7 @@ def show(batch: Batch, number: int, assess: Callable[[EndedRun, Case], EndedRun]
     print(f"case {number}: {study.label(number)}")
     code = _print_absences(batch)
     with Store(batch.runs) as store:
-        rows = {name: row for _, name, row in rows_of(batch, store, [number])}
+        rows = {row.engine: row for _, row in rows_of(batch, store, [number])}
     for name in batch.runnable:
         if not study.file.unsafe:
             refuse(case, name, override="unsafe = true in the study")
@@ -214,11 +215,11 @@ def show(batch: Batch, number: int, assess: Callable[[EndedRun, Case], EndedRun]
         for warning in ended.record.warnings or ():
             print(f"{name} warning: {warning}", file=sys.stderr)
         bad, verdict = not ended.done, f"{ended.record.status}: {ended.record.reason}"
-        if ended.done and row and row.done:
+        if ended.done and row.done:
             bad = digest_of(ended.trace) != row.trace_sha256
             verdict = "differs from the batch" if bad else "as in the batch, bit for bit"
         elif ended.done:
-            verdict = f"{row.status if row else 'not run'} in the batch, so there is nothing to compare with"
+            verdict = f"{row.status} in the batch, so there is nothing to compare with"
         print(f"{paths.shown(ended.folder)}  {verdict}", file=sys.stderr if bad else sys.stdout)
         code = max(code, bad)
     return code
@@ -246,7 +247,8 @@ def _print_states(batch: Batch, store: Store, rows: Sequence[Row]) -> int:
     """
     counts, numbers = _counted(batch, store), {*batch.numbers}
     print(*text_table(counts.items()), sep="\n", flush=True)
-    failed = [row for number, name, row in rows if row and not row.done and number in numbers and name in batch.engines]
+    ended = [row for number, row in rows if row.status in ENDED and number in numbers and row.engine in batch.engines]
+    failed = [row for row in ended if not row.done]
     for line in dict.fromkeys(map(failure_line, failed[:MAX_LINES])):
         print(line, file=sys.stderr)
     if len(failed) > MAX_LINES:

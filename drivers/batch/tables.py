@@ -21,22 +21,19 @@ COSTS = ("start_s", "engine_s", "loop_s", "workflow_s", "reference_s")
 
 def tables(batch: Batch, rows: Sequence[Row]) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Table of the numbers, which depend on the study only, and table of the costs, which vary between runs."""
-    stored = [row or StudyRow("", name, "", "", "", "", 0.0, batch.absent(name)) for _, name, row in rows]
-    values = pd.DataFrame(map(vars, stored))
+    values = pd.DataFrame([vars(row) for _, row in rows])
     texts, costs = ["engine", "status", "reason"], ["bodies_times_steps", *COSTS]
     values = values.astype(dict.fromkeys(texts, str) | dict.fromkeys(["force_error_share", *costs], float))
-    cases = pd.DataFrame({"case": [number for number, *_ in rows]})
+    cases = pd.DataFrame({"case": [number for number, _ in rows]})
     varied = pd.DataFrame([batch.study.values(number) for number in cases["case"]]).apply(_numbers_or_texts)
-    numbers = [cases, varied, values[[*texts, "force_error_share"]], observables(batch, stored)]
+    numbers = [cases, varied, values[[*texts, "force_error_share"]], observables(batch, [row for _, row in rows])]
     return pd.concat(numbers, axis=1), pd.concat([cases, values[["engine", *costs]]], axis=1)
 
 
 def observables(batch: Batch, rows: Iterable[StudyRow]) -> pd.DataFrame:
     """Observables of some rows that the study selects, in order of appearance."""
-    table = pd.DataFrame([row.values for row in rows], dtype=float)
-    return table[
-        [name for name in map(str, table) if any(fnmatchcase(name, glob) for glob in batch.study.file.observables)]
-    ]
+    table, globs = pd.DataFrame([row.values for row in rows], dtype=float), batch.study.file.observables
+    return table[[name for name in map(str, table) if any(fnmatchcase(name, glob) for glob in globs)]]
 
 
 def _numbers_or_texts(column: pd.Series) -> pd.Series:
@@ -90,7 +87,7 @@ def read_study_table(study: str | Path, runs: str | Path | None = None) -> pd.Da
         with_rows = {engine for _, engine in store.states(cases, {})}
         batch = replace(batch, selected=tuple(name for name in engine_names() if name in with_rows))
         rows = rows_of(batch, store, stale=True)
-    present = [row for *_, row in rows if row]
+    present = [row for _, row in rows if row.program]
     if store.damaged:
         say(f"{len(store.damaged)} damaged rows in {paths.shown(store.common)} do not count; beads batch {study}")
     if not present:

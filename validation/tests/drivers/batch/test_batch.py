@@ -297,6 +297,8 @@ def test_a_failure_is_charged_to_its_case_and_not_run_again(
     assert list(failed["status"]) == ["done", "failed", "done", "done"]
     assert stored(runs) == [1, 2, 3, 4]
     repaired.touch()
+    assert "liggghts  3 done, 1 failed\n" in batch(path, runs, "--dry-run").stdout
+    assert "liggghts  3 done, 1 to do, about " in batch(path, runs, "--dry-run", "--retry").stdout
     assert batch_here(path, runs, "--retry").returncode == 0
     assert failed.iloc[[0, 2, 3]].equals(table(runs).iloc[[0, 2, 3]])
     assert set(table(runs)["status"]) == {"done"}
