@@ -97,11 +97,10 @@ def resolved_trial(case: Case, law: str = TOTAL) -> Trial:
     A drive may have another period than the samples: then the time step is the first.
     """
     step_s = case.scene.run.sample_interval if case.chain.drive is None else case.scene.time_step_s
-    tried = trial(case.chain, case.duration_s, step_s, law)
-    for _ in range(MAX_HALVINGS):
+    for halvings in range(MAX_HALVINGS):
+        tried = trial(case.chain, case.duration_s, step_s / 2**halvings, law)
         if tried.resolved:
             break
-        tried = trial(case.chain, case.duration_s, tried.step_s / 2, law)
     return tried
 
 

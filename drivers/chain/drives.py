@@ -4,7 +4,7 @@ Before ``drive.start`` a drive is 0; after its end it holds its last value, and 
 a function here, an entry of ``FORMS``, and its keys in ``drivers.scene.model`` and ``drivers.scene.rules``.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import ceil, inf, pi
 from typing import Any
 
@@ -23,13 +23,10 @@ def _segment(begin_s: float, value: float = 0.0, rate: float = 0.0, *sines: floa
     return [begin_s, value, rate, *sines, *[0.0] * (COLUMNS - 3 - len(sines))]
 
 
-def _step(amplitude: float, _: DriveTable) -> list[list[float]]:
-    return [_segment(0.0, amplitude)]
-
-
-def _ramp(amplitude: float, table: DriveTable) -> list[list[float]]:
-    duration = table.duration or inf
-    return [_segment(0.0, 0.0, amplitude / duration), _segment(duration, amplitude)]
+def _lines(time_s: Sequence[float], value: Sequence[float]) -> list[list[float]]:
+    """Straight lines between points, and the last value after them."""
+    rates = np.append(np.diff(value) / np.diff(time_s), 0.0)
+    return [_segment(*row) for row in zip(time_s, value, rates.tolist(), strict=True)]
 
 
 def _half_sine(amplitude: float, table: DriveTable) -> list[list[float]]:
@@ -51,20 +48,13 @@ def _sine(amplitude: float, table: DriveTable) -> list[list[float]]:
     return [_segment(0.0, 0.0, 0.0, amplitude, 0.0, turning, sweep), _segment(duration, end)]
 
 
-def _polygon(_: float, table: DriveTable) -> list[list[float]]:
-    """Straight lines between the points of a file."""
-    values = np.array(table.force_N or table.displacement_m)
-    rates = np.append(np.diff(values) / np.diff(table.time_s), 0.0)
-    return [_segment(*row) for row in zip(table.time_s, values, rates, strict=True)]
-
-
 FORMS: dict[str, Callable[[float, DriveTable], list[list[float]]]] = {
     "sine": _sine,
     "half-sine": _half_sine,
-    "step": _step,
-    "ramp": _ramp,
+    "step": lambda amplitude, table: _lines([0.0], [amplitude]),
+    "ramp": lambda amplitude, table: _lines([0.0, table.duration or inf], [0.0, amplitude]),
     "chirp": _sine,
-    "file": _polygon,
+    "file": lambda amplitude, table: _lines(table.time_s, table.force_N or table.displacement_m),
 }
 
 

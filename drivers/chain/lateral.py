@@ -73,11 +73,8 @@ def conformity(radius_m: float, bore_radius_m: float) -> float:
         second, first = float(ellipkm1(squared)), float(ellipe(1 - squared))
         return first / squared - second, second - first
 
-    def excess(squared: float) -> float:
-        over, under = curvatures(squared)
-        return over / under - along / across
-
-    squared = brentq(excess, 1e-300, 1 - 1e-12, xtol=1e-300, rtol=1e-15)  # m = (b/a)^2 of the ellipse's axes a > b
+    # m = (b/a)^2 of the ellipse's axes a > b
+    squared = brentq(lambda m: np.divide(*curvatures(m)) - along / across, 1e-300, 1 - 1e-12, xtol=1e-300, rtol=1e-15)
     over, under = curvatures(squared)
     second, curved = float(ellipkm1(squared)), sqrt(over * under)
     f1_cubed = 4 / (pi * (1 - squared)) * squared**0.75 * curved
@@ -126,15 +123,14 @@ def _bore(scene: Scene, chain: Chain) -> Bore | None:
     tube = scene.tube
     if tube is None:
         return None
-    bore_radius = tube.inner_diameter / 2
-    stiffness, shear = np.zeros(chain.bodies), np.zeros(chain.bodies)
-    for j in range(chain.bodies):
-        radius, material = chain.radius_m[j], scene.materials[chain.materials[j]]
-        if radius < bore_radius and (tube.top is None or chain.height_m[j] <= tube.top):
-            stiffer = conformity(radius, bore_radius)
-            stiffness[j] = stiffer * hertz_stiffness(scene.materials[tube.material], np.inf, material, radius)
-            shear[j] = stiffer * mindlin_stiffness(scene.materials[tube.material], np.inf, material, radius)
-    return Bore(bore_radius, stiffness, shear, tube.friction, np.inf if tube.top is None else tube.top)
+    bore_radius, top = tube.inner_diameter / 2, np.inf if tube.top is None else tube.top
+    stiffness, shear = np.zeros((2, chain.bodies))
+    for j in np.flatnonzero((chain.radius_m < bore_radius) & (chain.height_m <= top)):
+        radius = chain.radius_m[j]
+        contact = scene.materials[tube.material], np.inf, scene.materials[chain.materials[j]], radius
+        stiffness[j] = conformity(radius, bore_radius) * hertz_stiffness(*contact)
+        shear[j] = conformity(radius, bore_radius) * mindlin_stiffness(*contact)
+    return Bore(bore_radius, stiffness, shear, tube.friction, top)
 
 
 def _packed(scene: Scene, chain: Chain, resting: int) -> Chain:

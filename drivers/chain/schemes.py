@@ -84,10 +84,8 @@ def exact_motion(
 
 def exact_of(case: Case, tolerance: float = MIN_TOLERANCE, finer: int = 1, limit_s: float | None = None) -> Trace:
     """``exact_motion`` as a trace at the samples of the case, or at ``finer`` times as many."""
-    times = case.sample_times_s
-    if finer > 1:
-        spacing = case.scene.steps_per_sample * case.scene.time_step_s / finer
-        times = np.arange(finer * (case.scene.samples - 1) + 1, dtype=float) * spacing
+    spacing = case.scene.steps_per_sample * case.scene.time_step_s / finer
+    times = np.arange(finer * (case.scene.samples - 1) + 1, dtype=float) * spacing
     return trace_of(case, times, exact_motion(case, tolerance, times, limit_s=limit_s))
 
 

@@ -236,17 +236,6 @@ def overlaps(chain: Chain, height_m: Array) -> Array:
     return np.asarray(chain.overlap_m - np.diff(height_m - chain.height_m, axis=1, prepend=0.0))
 
 
-def energy_error_J(energy_J: Array, *, damped: bool, slips: bool) -> Array:
-    """Error of the total energy at each sample, in J.
-
-    For elastic contacts the change since time 0; for damped contacts the gain above the smallest value so far. With
-    friction the gain above the value at time 0, since shear energy is not included.
-    """
-    if slips:
-        return np.asarray(np.maximum(energy_J - energy_J[0], 0.0))
-    return np.asarray(energy_J - np.fmin.accumulate(energy_J) if damped else np.abs(energy_J - energy_J[0]))
-
-
 def digest_of(trace: Trace) -> str:
     """Digest of forces and energies; equal only if all are equal bit for bit."""
     digest = hashlib.sha256()
@@ -340,14 +329,9 @@ def largest_kinetic_J(chain: Chain, motion: Trace) -> float:
     return max(float(motion.kinetic_energy_J.max()), resting_J) or 1.0
 
 
-def share_of_change(difference_N: Array, reference: Trace) -> Array:
-    """Force difference divided by the largest change of force of the reference."""
-    return np.asarray(difference_N / largest_change_N(reference.force_N))
-
-
 def residual(trace: Trace, reference: Trace) -> Array:
     """Largest difference at each sample, divided by the reference's largest change of force. Shape (samples,)."""
-    return share_of_change(np.abs(trace.force_N - reference.force_N).max(axis=1), reference)
+    return np.asarray(np.abs(trace.force_N - reference.force_N).max(axis=1) / largest_change_N(reference.force_N))
 
 
 def parted_s(trace: Trace, other: Trace, limit: float) -> float:

@@ -16,7 +16,8 @@ from math import isnan
 import numpy as np
 
 from drivers.chain.case import Layout
-from drivers.chain.trace import Trace, energy_error_J, is_at_rest
+from drivers.chain.chain import Array
+from drivers.chain.trace import Trace, is_at_rest
 from postproc.read.sensors import going_up, sensor_signals
 from postproc.read.signals import ENVELOPE_MAXIMA, ONSET, integral, peaks, pulses, rising_crossing, train_envelope
 
@@ -295,6 +296,17 @@ def _speeds_and_widths(
             duration = values[f"{second}_duration_{_percent(level)}_s"]
             result[f"{second}_width_{_percent(level)}_diameters"] = duration * speed / lower.diameter_m
     return result
+
+
+def energy_error_J(energy_J: Array, *, damped: bool, slips: bool) -> Array:
+    """Error of the total energy at each sample, in J.
+
+    For elastic contacts the change since time 0; for damped contacts the gain above the smallest value so far. With
+    friction the gain above the value at time 0, since shear energy is not included.
+    """
+    if slips:
+        return np.asarray(np.maximum(energy_J - energy_J[0], 0.0))
+    return np.asarray(energy_J - np.fmin.accumulate(energy_J) if damped else np.abs(energy_J - energy_J[0]))
 
 
 def _balances(layout: Layout, trace: Trace) -> dict[str, float]:

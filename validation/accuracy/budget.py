@@ -31,7 +31,7 @@ from drivers.base.cache import load, store
 from drivers.base.text_table import text_table
 from drivers.base.tolerances import Tolerance, tolerance
 from drivers.chain.case import Case
-from drivers.chain.trace import FORCE, Trace, is_at_rest, share_of_change, until, with_work
+from drivers.chain.trace import FORCE, Trace, is_at_rest, largest_change_N, until, with_work
 from drivers.engines import EXACT, load_engine
 from drivers.run.run_folder import FORCES, EndedRun
 from drivers.run.scheme import COMPARED, ROUNDING_MARGIN, field_of, judged_until, largest_difference
@@ -169,7 +169,7 @@ def _error_checks(motions: Motions, engine: str, trace: Trace, rows: list[dict[s
     case = motions.case
     if case.plan is not None and not motions.why_unknown:
         truth = (motions.full or motions).exact_to_end
-        known = float(share_of_change(truth.error_N, truth.trace)[-1])
+        known = truth.error_N[-1] / largest_change_N(truth.trace.force_N)
         for name, error in errors_of(case, trace, truth, case.plan.asked).items():
             limit = Tolerance(case.plan.asked[name], "the accuracy that the scene asks for")
             where = "to the end of the run"

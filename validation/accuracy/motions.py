@@ -25,7 +25,7 @@ import numpy as np
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.schemes import exact_of, verlet_of
-from drivers.chain.trace import FORCE, Trace, largest_change_N, part_of, share_of_change, until
+from drivers.chain.trace import FORCE, Trace, largest_change_N, part_of, until
 from drivers.engines import EXACT, VERLET, load_engine
 from drivers.run.scheme import COMPARED, FIELDS, Scheme, largest_difference, scale_of_motion, scheme_of
 from postproc.read.observables import describe, observe, scale_of, without_unit
@@ -117,15 +117,15 @@ class ExactMotion:
         Raises:
             ArithmeticError: the integrator fails.
         """
-        exact = self.trace
+        exact, change_N = self.trace, largest_change_N(self.trace.force_N)
 
         def apart(factor: float) -> Array:
             other = exact_of(self.case, min(factor * self.tolerance, COARSE_ERROR), limit_s=self.limit_s)
             return np.asarray(np.maximum.accumulate(np.abs(other.force_N - exact.force_N).max(axis=1)))
 
         rough = apart(ROUGH_FACTOR)
-        linear = share_of_change(rough, exact) < LINEAR_SHARE
-        error = np.maximum(np.where(linear, rough / ROUGH_FACTOR, 0.0), LEAST_ERROR * largest_change_N(exact.force_N))
+        linear = rough / change_N < LINEAR_SHARE
+        error = np.maximum(np.where(linear, rough / ROUGH_FACTOR, 0.0), LEAST_ERROR * change_N)
         if self.tolerance < ROUNDED_TOLERANCE or not linear.all():
             error = np.maximum(error, apart(NEAR_FACTOR))
         return np.asarray(np.maximum.accumulate(error))
@@ -224,7 +224,7 @@ class Motions:
     @cached_property
     def exact_error(self) -> Array:
         """Error of the exact motion, largest until each sample, divided by the largest change. Shape (samples,)."""
-        return share_of_change(self.exact_to_end.error_N, self.exact_to_end.trace)
+        return self.exact_to_end.error_N / largest_change_N(self.exact_to_end.trace.force_N)
 
     @cached_property
     def exact(self) -> Trace:

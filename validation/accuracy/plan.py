@@ -18,7 +18,7 @@ from drivers.base.progress import counted
 from drivers.chain.case import Case, StepPlan, build_case, choose_elements
 from drivers.chain.chain import arrays_of, build_chain
 from drivers.chain.schemes import exact_of, verlet_in_heights
-from drivers.chain.trace import FORCE, share_of_change
+from drivers.chain.trace import FORCE, largest_change_N
 from drivers.engines import VERLET
 from drivers.limits import EXACT_SHARE, resolved_trial, why_unstable
 from drivers.run.scheme import COMPARED, Scheme
@@ -152,7 +152,7 @@ class Chooser:
         tolerance = min(max(EXACT_SHARE * strictest, MIN_TOLERANCE), MAX_TOLERANCE)
         while True:
             truth = exact_motion_of(self.full, tolerance, finer=bool(self.gauges))
-            known = float(share_of_change(truth.error_N, truth.trace)[-1])
+            known = truth.error_N[-1] / largest_change_N(truth.trace.force_N)
             if known <= EXACT_SHARE * strictest or tolerance <= MIN_TOLERANCE:
                 return truth, known
             tolerance = max(0.1 * tolerance * min(EXACT_SHARE * strictest / known, 1.0), MIN_TOLERANCE)

@@ -10,9 +10,10 @@ from scipy.integrate import cumulative_simpson
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain
 from drivers.chain.schemes import exact_motion, exact_of, trace_of, verlet_in_heights, verlet_motion, verlet_of
-from drivers.chain.trace import Trace, energy_error_J, potential_energy_change
+from drivers.chain.trace import Trace, potential_energy_change
 from drivers.engines import codes
 from drivers.run.compute import compute
+from postproc.read.observables import energy_error_J
 from validation.reference.adaptive import MIN_TOLERANCE
 from validation.tests.drivers.engines.test_contact_laws import SETTINGS
 from validation.tests.helpers.adversarial import KINDS, adversarial_case

@@ -12,11 +12,11 @@ from scipy.special import beta
 from drivers.base.errors import InputError
 from drivers.chain.chain import arrays_of
 from drivers.chain.schemes import exact_of, heights_and_reach, trace_of, verlet_of
-from drivers.chain.trace import energy_error_J
 from drivers.engines import codes, load_engine
 from drivers.laws import LAWS, Dissipation, damping_ratio_of, restitution_of
 from drivers.limits import inability
 from drivers.run.run import run_all_done
+from postproc.read.observables import energy_error_J
 from validation.accuracy.budget import MODEL, budget_of, missed_accuracy
 from validation.accuracy.motions import exact_motion_of
 from validation.checks import PASS
