@@ -11,7 +11,7 @@ import re
 import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import cache, wraps
@@ -299,28 +299,21 @@ def _engine_of(name: str, entry: Entry, where: str) -> Engine:
     return replace(engine, name=name, entry=entry, where=where, how_to_get=entry.how_to_get or engine.how_to_get)
 
 
-@contextmanager
-def _named_errors(path: Path) -> Iterator[None]:
-    """Turn any error of an external adapter into a RunError of one line, with the last line of its file that ran."""
-    try:
-        yield
-    except (InputError, RunError, KeyboardInterrupt):
-        raise
-    except BaseException as error:
-        lines = [f":{frame.lineno}" for frame in extract_tb(error.__traceback__) if frame.filename == str(path)]
-        raise RunError(one_line(path.name, *lines[-1:], ": ", f"{type(error).__name__}: {error}")) from error
-
-
 def _guarded(name: str, function: Callable[..., Any], path: Path) -> Callable[..., Any]:
-    """Wrap a function of an external adapter, so that any error is a RunError."""
+    """Wrap a function of an external adapter: any error is a RunError of one line, with the last line that ran."""
 
     @wraps(function)
     def guarded(*arguments: Any) -> Any:
-        with _named_errors(path):
+        try:
             result = function(*arguments)
             if result is None and name != "refusal":
                 raise RunError(f"{path.name}: {name} returns None")
             return list(result) if isinstance(result, Iterator) else result  # a generator raises when it is read
+        except (InputError, RunError, KeyboardInterrupt):
+            raise
+        except BaseException as error:
+            lines = [f":{frame.lineno}" for frame in extract_tb(error.__traceback__) if frame.filename == str(path)]
+            raise RunError(one_line(path.name, *lines[-1:], ": ", f"{type(error).__name__}: {error}")) from error
 
     return guarded
 
@@ -339,12 +332,16 @@ def _external(path: Path) -> Engine:
         InputError: the file cannot be loaded or defines no ``ENGINE``.
     """
     os._exit = _exit_unless_adapter
+
+    def load() -> Engine:
+        engine = run_path(str(path), run_name=f"{EXTERNAL}{path}").get("ENGINE")
+        if not isinstance(engine, Engine):
+            raise TypeError(f"ENGINE is {type(engine).__name__}")
+        re.compile(engine.loop_pattern)
+        return engine
+
     try:
-        with _named_errors(path):
-            engine = run_path(str(path), run_name=f"{EXTERNAL}{path}").get("ENGINE")
-            if not isinstance(engine, Engine):
-                raise TypeError(f"ENGINE is {type(engine).__name__}")
-            re.compile(engine.loop_pattern)
+        engine: Engine = _guarded("ENGINE", load, path)()
     except (InputError, RunError) as error:
         raise InputError(paths.shown(path), "", str(error), "ENGINE = Engine(...)") from error
     guarded: dict[str, Any] = {
