@@ -42,7 +42,7 @@ IN_OVERLAPS = "velocity Verlet in overlaps"
 EXACT = "exact to its tolerance, at any time step"
 EXTERNAL = f"{__name__}.at."  # first part of the names of modules of external adapters
 TOTAL, INCREMENTAL = "total", "incremental"  # friction that stores the shear displacement, or the shear force
-RESERVED = ("auto", "batch", "reference", "verlet")  # a value of --engine, a folder of runs/, the in-repo engines
+RESERVED = ("auto", "batch", REFERENCE, VERLET)  # a value of --engine, a folder of runs/, the in-repo engines
 
 _exit = os._exit
 
