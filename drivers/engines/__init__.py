@@ -11,7 +11,7 @@ import re
 import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import cache, wraps
@@ -42,7 +42,7 @@ IN_OVERLAPS = "velocity Verlet in overlaps"
 EXACT = "exact to its tolerance, at any time step"
 EXTERNAL = f"{__name__}.at."  # first part of the names of modules of external adapters
 TOTAL, INCREMENTAL = "total", "incremental"  # friction that stores the shear displacement, or the shear force
-RESERVED = ("auto", "batch", "reference", "verlet")  # a value of --engine, a folder of runs/, the in-repo engines
+RESERVED = ("auto", "batch", REFERENCE, VERLET)  # a value of --engine, a folder of runs/, the in-repo engines
 
 _exit = os._exit
 
@@ -178,10 +178,17 @@ class Engine:
 
 
 def entry_files() -> tuple[Path, ...]:
-    """Files with entries: shipped, the user's, the present folder's, ``--engines``."""
-    of_user = home_of(os.environ.get("XDG_CONFIG_HOME") or "~/.config") / "bead-chains" / paths.ENGINES.name
-    here = Path(os.getcwd(), paths.ENGINES.name)  # noqa: PTH109 - Path.cwd() takes ten times as long
+    """Files with entries: shipped, the user's, the present folder's, ``--engines``.
+
+    Raises:
+        InputError: others than the user and root can change the file of the present folder.
+    """
+    # functions of os are ten times as fast as those of Path, and a batch asks several times for each case
+    settings = os.environ.get("XDG_CONFIG_HOME") or os.path.expanduser("~/.config")  # noqa: PTH111
+    of_user, here = Path(settings, "bead-chains", paths.ENGINES.name), Path(os.getcwd(), paths.ENGINES.name)  # noqa: PTH109
     files = [path for path in (paths.ENGINES, of_user, here) if os.access(path, os.R_OK)]
+    if here in files:
+        _check_owner(here, here)
     return tuple(dict.fromkeys((*files, *_given())))
 
 
@@ -197,13 +204,12 @@ def entries_of(files: tuple[Path, ...]) -> dict[str, tuple[Entry, str]]:
     Without an entry each adapter of this folder has the command of its own name.
 
     Raises:
-        InputError: a file is missing or wrong, or one of the present folder could be changed by others.
+        InputError: a file is missing or wrong, or others can change an adapter or a program in the present folder.
     """
     modules = [module.name for module in pkgutil.iter_modules(__path__)]
     by_name = {name: (_named(name), "") for name in modules if not name.startswith("_")}
     codes = sorted({*by_name} - {*RESERVED})
     for path in files:
-        _check_owner(path, path)
         for name, table in tables_in(path):
             before, _ = by_name.get(name) or by_name.get(table.adapter) or (_named(name), "")
             adapter = table.adapter or before.adapter
@@ -296,28 +302,21 @@ def _engine_of(name: str, entry: Entry, where: str) -> Engine:
     return replace(engine, name=name, entry=entry, where=where, how_to_get=entry.how_to_get or engine.how_to_get)
 
 
-@contextmanager
-def _named_errors(path: Path) -> Iterator[None]:
-    """Turn any error of an external adapter into a RunError of one line, with the last line of its file that ran."""
-    try:
-        yield
-    except (InputError, RunError, KeyboardInterrupt):
-        raise
-    except BaseException as error:
-        lines = [f":{frame.lineno}" for frame in extract_tb(error.__traceback__) if frame.filename == str(path)]
-        raise RunError(one_line(path.name, *lines[-1:], ": ", f"{type(error).__name__}: {error}")) from error
-
-
 def _guarded(name: str, function: Callable[..., Any], path: Path) -> Callable[..., Any]:
-    """Wrap a function of an external adapter, so that any error is a RunError."""
+    """Wrap a function of an external adapter: any error is a RunError of one line, with the last line that ran."""
 
     @wraps(function)
     def guarded(*arguments: Any) -> Any:
-        with _named_errors(path):
+        try:
             result = function(*arguments)
             if result is None and name != "refusal":
                 raise RunError(f"{path.name}: {name} returns None")
             return list(result) if isinstance(result, Iterator) else result  # a generator raises when it is read
+        except (InputError, RunError, KeyboardInterrupt):
+            raise
+        except BaseException as error:
+            lines = [f":{frame.lineno}" for frame in extract_tb(error.__traceback__) if frame.filename == str(path)]
+            raise RunError(one_line(path.name, *lines[-1:], ": ", f"{type(error).__name__}: {error}")) from error
 
     return guarded
 
@@ -336,12 +335,16 @@ def _external(path: Path) -> Engine:
         InputError: the file cannot be loaded or defines no ``ENGINE``.
     """
     os._exit = _exit_unless_adapter
+
+    def load() -> Engine:
+        engine = run_path(str(path), run_name=f"{EXTERNAL}{path}").get("ENGINE")
+        if not isinstance(engine, Engine):
+            raise TypeError(f"ENGINE is {type(engine).__name__}")
+        re.compile(engine.loop_pattern)
+        return engine
+
     try:
-        with _named_errors(path):
-            engine = run_path(str(path), run_name=f"{EXTERNAL}{path}").get("ENGINE")
-            if not isinstance(engine, Engine):
-                raise TypeError(f"ENGINE is {type(engine).__name__}")
-            re.compile(engine.loop_pattern)
+        engine: Engine = _guarded("ENGINE", load, path)()
     except (InputError, RunError) as error:
         raise InputError(paths.shown(path), "", str(error), "ENGINE = Engine(...)") from error
     guarded: dict[str, Any] = {

