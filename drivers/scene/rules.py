@@ -1,6 +1,7 @@
 """Rules for combinations of keys of a scene; rules for single values are in the model."""
 
 from collections.abc import Iterator, Mapping
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -193,7 +194,7 @@ def _wrong_tube(scene: Scene) -> Iterator[InputProblem]:
     widest = max(member.diameter or chain.diameter for member in chain.members)
     widest *= max(_tapers(chain))
     widest = max([widest, *(bead.diameter for bead in chain.bead if bead.diameter)])
-    play = tube.inner_diameter - widest if tube is not None and chain.count else 0.0
+    play = tube.inner_diameter - widest if tube is not None and chain.count else inf
     if tube is not None and (play < 0 or (play == 0 and scene.three_dimensional)):
         allowed = f"more than the largest bead diameter, {widest:g} m"
         yield "tube.inner_diameter", f"{tube.inner_diameter:g} m", allowed
