@@ -371,9 +371,8 @@ class Scene(Part):
 
     @property
     def time_step_s(self) -> float:
-        """Time step in s."""
-        assert self.run.time_step is not None  # read_scene always sets it
-        return self.run.time_step
+        """Time step in s; the sample interval until a step is planned for an accuracy."""
+        return self.run.time_step or self.run.sample_interval
 
     @property
     def steps(self) -> int:

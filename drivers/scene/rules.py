@@ -1,6 +1,7 @@
 """Rules for combinations of keys of a scene; rules for single values are in the model."""
 
 from collections.abc import Iterator, Mapping
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,10 @@ FORM_KEYS: Choices = {
     "chirp": {**AMPLITUDE, "frequency": FREQUENCY, "end_frequency": FREQUENCY, "duration": TIME, "window": ""},
     "file": {"file": "the name of a CSV file"},
 }
+SHAPE_KEYS: Choices = {
+    "sphere": {"diameter": "the diameter of the sphere", "mass": ""},
+    "flat": {"mass": "a mass, as a flat striker has no volume"},
+}
 FOR_VALUES = {"values", "errors", "gain_uncertainty", "source"}  # keys of quoted values in [[measured]]
 
 
@@ -42,7 +47,9 @@ def problems_of(scene: Scene) -> Iterator[InputProblem]:
     yield from _wrong_materials(scene)
     yield from _wrong_beads(scene.chain)
     yield from _wrong_pattern(scene.chain)
-    yield from _wrong_striker(scene)
+    yield from _wrong_without_beads(scene)
+    if scene.striker is not None:
+        yield from _keys_by_choice(scene.striker, "striker", "shape", SHAPE_KEYS)
     yield from _missing_masses(scene)
     yield from _keys_by_choice(scene.contact, "contact", "dissipation", LAW_KEYS)
     yield from _one_of(scene.contact, "contact", "restitution", "damping_ratio", needed=False)
@@ -150,22 +157,16 @@ def _tapers(chain: ChainTable) -> list[float]:
         return [float(ratio) for ratio in chain.taper_at(np.array([1.0, max(chain.count, 1)]))]
 
 
-def _wrong_striker(scene: Scene) -> Iterator[InputProblem]:
-    """Problems with the keys of a striker, and with a chain that has no beads."""
-    chain, striker = scene.chain, scene.striker
-    if chain.count == 0 and (striker is None or scene.wall is None):
+def _wrong_without_beads(scene: Scene) -> Iterator[InputProblem]:
+    """Problems with a chain that has no beads."""
+    if scene.chain.count:
+        return
+    if scene.striker is None or scene.wall is None:
         yield "chain.count", "0", "1 or more; 0 only with a striker and a wall"
-    if chain.count == 0 and chain.precompression:
-        yield "chain.precompression", f"{chain.precompression:g} N", "0 N, as the chain has no beads"
-    if striker is not None and striker.shape == "flat":
-        if striker.diameter is not None:
-            yield "striker.diameter", f"{striker.diameter:g} m for a flat striker", "no diameter"
-        if striker.mass is None:
-            yield "striker.mass", "missing key; a flat striker needs a mass, as it has no volume", ""
-        if chain.count == 0:
-            yield "striker.shape", '"flat" on a flat wall', '"sphere"; two flat faces are not a Hertz contact'
-    elif striker is not None and striker.diameter is None:
-        yield "striker.diameter", "missing key; give the diameter of the sphere", ""
+    elif scene.striker.shape == "flat":
+        yield "striker.shape", '"flat" on a flat wall', '"sphere"; two flat faces are not a Hertz contact'
+    if scene.chain.precompression:
+        yield "chain.precompression", f"{scene.chain.precompression:g} N", "0 N, as the chain has no beads"
 
 
 def _missing_masses(scene: Scene) -> Iterator[InputProblem]:
@@ -193,7 +194,7 @@ def _wrong_tube(scene: Scene) -> Iterator[InputProblem]:
     widest = max(member.diameter or chain.diameter for member in chain.members)
     widest *= max(_tapers(chain))
     widest = max([widest, *(bead.diameter for bead in chain.bead if bead.diameter)])
-    play = tube.inner_diameter - widest if tube is not None and chain.count else 0.0
+    play = tube.inner_diameter - widest if tube is not None and chain.count else inf
     if tube is not None and (play < 0 or (play == 0 and scene.three_dimensional)):
         allowed = f"more than the largest bead diameter, {widest:g} m"
         yield "tube.inner_diameter", f"{tube.inner_diameter:g} m", allowed

@@ -21,8 +21,9 @@ def settings_between(scene: dict[str, Any], base: dict[str, Any]) -> dict[str, s
 
     Both scenes are in SI units, as given by ``Scene.model_dump(mode="json", exclude_none=True)``.
     """
-    names, in_base = scene.get("materials", {}), base.get("materials", {})
-    base = base | {"materials": {name: in_base.get(name) or _in_library(name) for name in names}}
+    known = {name: material.model_dump(exclude_none=True) for name, material in library_materials().items()}
+    known |= base.get("materials", {})
+    base = base | {"materials": {name: known.get(name) for name in scene.get("materials", {})}}
     pair = unplanned(base), unplanned(scene)
     return {key: setting_text(key, value) for key, _, value in differences(*pair) if key != "title"}
 
@@ -32,12 +33,6 @@ def unplanned(scene: dict[str, Any]) -> dict[str, Any]:
     if "accuracy" not in scene["run"]:
         return scene
     return scene | {"run": {key: value for key, value in scene["run"].items() if key != "time_step"}}
-
-
-def _in_library(name: str) -> dict[str, Any] | None:
-    """Shipped material in SI units."""
-    materials = library_materials()
-    return materials[name].model_dump(exclude_none=True) if name in materials else None
 
 
 def differences(first: Any, second: Any, path: str = "") -> Iterator[tuple[str, Any, Any]]:

@@ -15,6 +15,8 @@ from validation.tests.helpers.scenes import SceneWriter
 # settings of fig4, and parts of the message in order: key, value found, values allowed
 BAD = [
     ("grvity=1", "grvity", "unknown key", "gravity"),
+    ("name=x", "name", "unknown key", "chain"),
+    ("drive.time_s=[0.0]", "drive.time_s", "unknown key", "force"),
     ("chain.count=", "chain.count", "missing key", ""),
     ("chain.count=2.5", "chain.count", "2.5", "integer"),
     ("chain.count=1000000000000", "chain.count", "1000000000000", "less than or equal to"),
@@ -26,7 +28,7 @@ BAD = [
     ("striker.speed=0 m/s", "striker.speed", "0 m/s", "a speed above zero"),
     ("striker.speed=1e30 m/s", "striker.speed", "1e30 m/s", "from 1e-12 to 10000 m/s"),
     ("striker.shape=cube", "striker.shape", '"cube"', "'sphere' or 'flat'"),
-    ("striker.shape=flat", "striker.diameter", "0.00476 m", "no diameter"),
+    ("striker.shape=flat", "striker.diameter", "0.00476", 'only with striker.shape = "sphere"'),
     ("materials.ptfe.poisson_ratio=0.5", "materials.ptfe.poisson_ratio", "0.5", "less than 0.5"),
     ("materials.ptfe.poisson_ratio=nan", "materials.ptfe.poisson_ratio", "nan", "finite"),
     ("materials.rigid={youngs_modulus='1 GPa', poisson_ratio=0.3}", "materials.rigid", "this name", "another name"),
