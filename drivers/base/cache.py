@@ -1,6 +1,7 @@
 """Cache of derived results, each valid until something that it depends on changes.
 
-An entry is a JSON file. Its name is a digest of everything it depends on; it holds this name and a digest of itself.
+An entry is a JSON file. Its name is a digest of everything it depends on; it holds the result under this name, and a
+digest of itself.
 """
 
 import hashlib
@@ -39,12 +40,9 @@ def load(depends_on: Any) -> Any:
     """Result in the cache; None if there is none. A damaged entry is reported and ignored."""
     path = _entry(depends_on)
     try:
-        entry = read_sealed(path, "a result as it was computed")
-        if entry.get("name") != path.stem:
-            raise InputError(paths.shown(path), "", "a result under another name", "the name of its file")
-        return entry["result"]
-    except InputError as error:
-        say(f"{error}: computed again")
+        return read_sealed(path, "a result as it was computed")[path.stem]
+    except (InputError, LookupError):  # or an entry under the name of another one
+        say(f"{paths.shown(path)}: not as it was written: computed again")
     except OSError:
         pass
     return None
@@ -55,7 +53,7 @@ def store(depends_on: Any, result: Any) -> Any:
     path = _entry(depends_on)
     with suppress(OSError):  # not writable: computed again the next time
         path.parent.mkdir(exist_ok=True)
-        write_sealed(path, {"name": path.stem, "result": result})
+        write_sealed(path, {path.stem: result})
         _remove_old(path.parent)
     return json.loads(json.dumps(result))
 

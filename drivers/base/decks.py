@@ -67,8 +67,7 @@ def _environment(folder: Path) -> jinja2.Environment:
 
 def exact(value: float) -> str:
     """Shortest decimal number that reads back as the same double."""
-    text = repr(float(value))
-    return text.removesuffix(".0")
+    return repr(float(value)).removesuffix(".0")
 
 
 def _numbers(values: Iterable[float], between: str = " ") -> str:

@@ -114,8 +114,5 @@ class RunError(Exception):
 
 def digits_apart(first: float, second: float) -> tuple[str, str]:
     """Two numbers with as many digits as show that they differ, at least four."""
-    for digits in range(4, 18):
-        texts = f"{first:.{digits}g}", f"{second:.{digits}g}"
-        if texts[0] != texts[1]:
-            break
-    return texts
+    pairs = ((f"{first:.{digits}g}", f"{second:.{digits}g}") for digits in range(4, 18))
+    return next((pair for pair in pairs if pair[0] != pair[1]), (repr(first), repr(second)))
