@@ -97,10 +97,10 @@ def batch(
     if workers and (part or slurm):
         raise InputError("--workers", "", f"not allowed with {places[0]}")
     from drivers.base.processes import cores
-    from drivers.batch import study_commands
     from drivers.batch.study import column_name
     from drivers.run.execute import Place
-    from postproc.read.observables import describe, not_shown
+    from postproc.read.observables import describe
+    from validation.commands import batch_answers
 
     asked = batch_of(study, runs, engines, patterns, retry=retry, elsewhere=slurm, part=part or (1, 1), **functions())
     for name, key in asked.study.columns.items():
@@ -109,10 +109,10 @@ def batch(
             where, found = asked.study.where, f'"{column_name(name, key)}", the name of an observable'
             raise InputError(where, "axis", found, "another name of the column")
     if part:
-        return study_commands.run_part(asked)
+        return batch_answers.run_part(asked)
     place = Place(workers or cores(), processes=not dask, dask=dask)
     job: dict[str, Any] = {"slices": slices, "lines": slurm_lines, "wait": wait}
-    return study_commands.run_study(asked, results, place, not_shown, dry_run=dry_run, yes=yes, **job)
+    return batch_answers.run_study(asked, results, place, dry_run=dry_run, yes=yes, **job)
 
 
 @command("sensitivity", "speed-amplitude --x bead_5_amplitude --y speed_9_to_5 --log")
@@ -167,9 +167,9 @@ def study(study: str, runs: Path, results: Path, x: str, y: str, log: bool, powe
 )
 def status(study: str, engines: tuple[str, ...], patterns: tuple[str, ...], runs: Path, every: bool) -> int:
     """Count the rows of a study by state."""
-    from drivers.batch.study_commands import status as print_status
+    from validation.commands import batch_answers
 
-    return print_status(batch_of(study, runs, engines, patterns), every=every)
+    return batch_answers.status(batch_of(study, runs, engines, patterns), every=every)
 
 
 @command("wall-material 3 --engine lammps")
@@ -179,7 +179,6 @@ def status(study: str, engines: tuple[str, ...], patterns: tuple[str, ...], runs
 @options.RUNS
 def show(study: str, case: int, engines: tuple[str, ...], runs: Path) -> int:
     """Write one case of a study as run folders with their decks."""
-    from drivers.batch.study_commands import show as show_case
-    from validation.accuracy.budget import assess
+    from validation.commands import batch_answers
 
-    return show_case(batch_of(study, runs, engines, **functions()), case, assess)
+    return batch_answers.show(batch_of(study, runs, engines, **functions()), case)

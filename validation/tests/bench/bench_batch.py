@@ -12,12 +12,11 @@ import pandas as pd
 
 from drivers.base.processes import run_command
 from drivers.batch.rows import WORKER_COSTS
-from drivers.batch.study_commands import run_study, status
 from drivers.chain.case import build_case
 from drivers.engines import installed_codes, load_engine
 from drivers.run.execute import Place
 from drivers.scene.read_scene import read_scene
-from postproc.read.observables import not_shown
+from validation.commands.batch_answers import run_study, status
 from validation.commands.batch_commands import batch_of, functions
 
 WORKERS = 2
@@ -102,6 +101,6 @@ def _study(home: Path, names: tuple[str, ...], cases: int) -> Path:
 def _quietly(study: Path, home: Path) -> None:
     with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere):
         batch = batch_of(study, home / "runs", **functions())
-        code = run_study(batch, home, Place(WORKERS, processes=True), not_shown)
+        code = run_study(batch, home, Place(WORKERS, processes=True))
     if code:
         raise RuntimeError("a case of the benchmark failed")

@@ -8,11 +8,10 @@ import pytest
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.batch.study import column_name, in_si, read_study, select
-from drivers.batch.study_commands import run_study
 from drivers.engines import engine_names
 from drivers.run.execute import Place
 from drivers.scene.settings import look_up
-from postproc.read.observables import not_shown
+from validation.commands.batch_answers import run_study
 from validation.commands.batch_commands import batch_of
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.scenes import SceneWriter, StudyWriter
@@ -177,7 +176,7 @@ def test_bad_studies(name: str, scene_file: SceneWriter, tmp_path: Path) -> None
     path = tmp_path / "study.toml"
     path.write_text(top + text)
     with pytest.raises(InputError) as refused:
-        run_study(batch_of(path, tmp_path / "runs"), tmp_path, Place(1), not_shown, dry_run=True)
+        run_study(batch_of(path, tmp_path / "runs"), tmp_path, Place(1), dry_run=True)
     assert words in str(refused.value)
     assert not (tmp_path / "runs").exists()
 

@@ -1,10 +1,10 @@
-"""Commands ``batch``, ``status`` and ``show``."""
+"""Answers of the commands ``batch``, ``status`` and ``show``: they run cases of a study, and print how that went."""
 
 import shlex
 import shutil
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from fnmatch import fnmatchcase
@@ -24,19 +24,18 @@ from drivers.engines import load_engine
 from drivers.limits import refuse
 from drivers.run.execute import LOCAL, Place, get_ready
 from drivers.run.run import run_case
-from drivers.run.run_folder import EndedRun
+from postproc.read.observables import not_shown
+from validation.accuracy.budget import assess
 
 STATES = ("done", "failed", "timeout", "refused", "stale", "claimed", "to do", "not installed")  # of a row
 MAX_CASES = 20_000  # more need --yes
 MAX_LINES = 20  # on failed rows
-NotShown = Callable[[Sequence[str], Sequence[Mapping[str, float]]], list[str]]
 
 
 def run_study(
     batch: Batch,
     results: Path,
     place: Place,
-    not_shown: NotShown,
     *,
     slices: int | None = None,
     lines: Sequence[str] = (),
@@ -53,8 +52,6 @@ def run_study(
         batch: the batch.
         results: folder of the tables.
         place: worker processes of this machine, or a Dask cluster.
-        not_shown: function that returns lines on the observables that some rows do not show, with the reason, from
-            names and the values of the rows.
         slices: number of tasks of the job array; None for one by the expected time.
         lines: lines of the job's script before its command.
         wait: True to wait for the job array.
@@ -94,7 +91,7 @@ def run_study(
                         run_all(batch, store, place, tick)
             rows = rows_of(batch, store)
             if not store.damaged:
-                return _write(batch, store, rows, results, not_shown)
+                return _write(batch, store, rows, results)
             print(f"{len(store.damaged)} damaged rows in {paths.shown(store.common)}: run again", file=sys.stderr)
             store.remove_damaged()
 
@@ -146,7 +143,7 @@ def _followed(batch: Batch, store: Store, todo: dict[str, list[int]]) -> Iterato
             store.release()  # of workers that were killed
 
 
-def _write(batch: Batch, store: Store, rows: Sequence[Row], results: Path, not_shown: NotShown) -> int:
+def _write(batch: Batch, store: Store, rows: Sequence[Row], results: Path) -> int:
     """Write the tables of a study and print the number of rows in each state; returns the exit code."""
     from drivers.batch.tables import observables, write_tables  # pandas takes long to load
 
@@ -195,11 +192,8 @@ def status(batch: Batch, *, every: bool = False) -> int:
     return 0
 
 
-def show(batch: Batch, number: int, assess: Callable[[EndedRun, Case], EndedRun]) -> int:
-    """Run a case in run folders with their decks, and compare the results with the rows of the batch.
-
-    ``assess`` measures the errors of a finished run.
-    """
+def show(batch: Batch, number: int) -> int:
+    """Run a case in run folders with their decks, and compare the results with the rows of the batch."""
     study = batch.study
     if not 1 <= number <= study.count:
         raise InputError(f"case {number}", "", f"{study.where} has cases 1 to {study.count}")
