@@ -19,7 +19,7 @@ from drivers.base import paths
 from drivers.base.cache import content_of, load, store
 from drivers.base.errors import RunError
 from drivers.base.files import sha256_of, whole_file
-from drivers.base.progress import counted, say
+from drivers.base.terminal import counted, say
 from drivers.engines import entry_files, installed_codes, missing_codes
 from postproc.draw.product import write_figure, write_product
 from postproc.figures import make_figure

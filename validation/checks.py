@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import inf, isfinite, isnan, nan
 
-from drivers.base.text_table import text_table
+from drivers.base.terminal import text_table
 from drivers.base.tolerances import Tolerance
 
 PASS, FAIL, NOT_RUN = "pass", "fail", "not run"

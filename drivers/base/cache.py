@@ -18,7 +18,7 @@ from typing import Any
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.files import digest_of_json, read_sealed, write_sealed
-from drivers.base.progress import say
+from drivers.base.terminal import say
 
 MAX_FILES = 2000  # beyond these the oldest are removed
 MIN_AGE_S = 3600.0  # but none that a command under way may have written

@@ -10,7 +10,7 @@ import pandas as pd
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.files import whole_file
-from drivers.base.progress import say
+from drivers.base.terminal import say
 from drivers.batch.rows import Batch, Row, rows_of
 from drivers.batch.store import Store, StudyRow
 from drivers.engines import engine_names

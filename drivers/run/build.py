@@ -17,7 +17,7 @@ from drivers.base.cache import load, store
 from drivers.base.errors import RunError
 from drivers.base.files import digest_of_json, readable, sha256_of
 from drivers.base.processes import UNKNOWN_VERSION, scrubbed_environment
-from drivers.base.progress import counted
+from drivers.base.terminal import counted
 from drivers.engines import Engine
 
 WRAPPER_BYTES = 4000  # a longer script is a program of its own: its words are not names of programs

@@ -14,7 +14,7 @@ from typing import Any
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError, one_line
 from drivers.base.processes import UNKNOWN_VERSION
-from drivers.base.text_table import text_table
+from drivers.base.terminal import text_table
 from drivers.base.units import to_si
 from drivers.chain.case import build_case
 from drivers.engines import engine_names, load_engine

@@ -22,7 +22,7 @@ from drivers.base.decks import Deck
 from drivers.base.errors import InputError, RunError
 from drivers.base.files import read_file, sha256_of
 from drivers.base.processes import git, local_changes, workplace
-from drivers.base.progress import following, say
+from drivers.base.terminal import following, say
 from drivers.chain.case import Case
 from drivers.chain.trace import finite_part
 from drivers.engines import Engine, load_engine

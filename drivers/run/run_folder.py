@@ -19,7 +19,7 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.files import arrow_in, read_checked, read_sealed, sha256_of, whole_file, write_sealed
 from drivers.base.processes import workplace
-from drivers.base.progress import say
+from drivers.base.terminal import say
 from drivers.chain.case import Layout, read_layout
 from drivers.chain.trace import FORCE_COLUMNS, STATE_COLUMNS, Trace, fields_in, table_of_trace
 from drivers.scene.model import Scene

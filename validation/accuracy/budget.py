@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 
 from drivers.base.cache import load, store
-from drivers.base.text_table import text_table
+from drivers.base.terminal import text_table
 from drivers.base.tolerances import Tolerance, tolerance
 from drivers.chain.case import Case
 from drivers.chain.trace import FORCE, Trace, is_at_rest, largest_change_N, until, with_work

@@ -10,7 +10,7 @@ from pathlib import Path
 from drivers.base import paths
 from drivers.base.cache import load, store
 from drivers.base.errors import RunError
-from drivers.base.progress import say
+from drivers.base.terminal import say
 from drivers.chain.case import Case, build_case
 from drivers.engines import EXACT, Engine, engine_names, installed, load_engine
 from drivers.limits import inability

@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from drivers.base.errors import InputError
-from drivers.base.progress import counted
+from drivers.base.terminal import counted
 from drivers.chain.case import Case, StepPlan, build_case, choose_elements
 from drivers.chain.chain import arrays_of, build_chain
 from drivers.chain.schemes import exact_of, verlet_in_heights

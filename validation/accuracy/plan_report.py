@@ -7,7 +7,7 @@ from pathlib import Path
 from drivers.base import paths
 from drivers.base.cache import cached
 from drivers.base.errors import InputError
-from drivers.base.text_table import text_table
+from drivers.base.terminal import text_table
 from drivers.chain.case import Case
 from drivers.chain.trace import FORCE, is_at_rest
 from drivers.engines import TOTAL, VERLET, installed, load_engine

@@ -11,8 +11,7 @@ from pathlib import Path
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.base.progress import counted
-from drivers.base.text_table import text_table
+from drivers.base.terminal import counted, text_table
 from drivers.chain.case import build_case
 from drivers.chain.chain import Array
 from drivers.engines import codes

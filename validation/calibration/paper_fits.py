@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.base.progress import following
+from drivers.base.terminal import following
 from drivers.run.execute import Place, execute
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import Simulation

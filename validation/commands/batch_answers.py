@@ -12,8 +12,7 @@ from pathlib import Path
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.base.progress import counted, in_words, say
-from drivers.base.text_table import text_table
+from drivers.base.terminal import counted, in_words, say, text_table
 from drivers.base.tolerances import tolerance
 from drivers.batch.job_array import job_script, print_job, run_job
 from drivers.batch.rows import ENDED, Batch, Row, expected_s, rows_of, run_all, run_rows

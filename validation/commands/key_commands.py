@@ -8,7 +8,7 @@ import click
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.base.text_table import text_table
+from drivers.base.terminal import text_table
 from validation.commands.options import command, option
 
 README = paths.INPUTS / "README.md"

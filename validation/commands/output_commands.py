@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from drivers.base.errors import InputError
-from drivers.base.text_table import text_table
+from drivers.base.terminal import text_table
 from validation.commands import completion, options
 from validation.commands.options import command, must_be_folder, number, option, print_paths
 

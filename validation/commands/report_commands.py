@@ -70,7 +70,7 @@ def figures(names: tuple[str, ...], runs: Path, results: Path) -> int:
     for name in names:
         if name not in titles:
             raise InputError("figures", "", f'"{name}"', ", ".join(titles))
-    from drivers.base.progress import step
+    from drivers.base.terminal import step
     from drivers.engines import missing_codes
     from validation.chapters import write_paper_figure
 

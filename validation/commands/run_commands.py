@@ -38,7 +38,7 @@ def run(
 
     --engine auto takes the cheapest engine that models the scene, after those whose build or run failed the next one.
     """
-    from drivers.base.progress import counted
+    from drivers.base.terminal import counted
     from drivers.engines import engine_names, installed, load_engine
     from drivers.limits import inability, refuse
     from drivers.run.run import is_done, run_case

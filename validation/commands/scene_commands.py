@@ -4,7 +4,7 @@ from pathlib import Path
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.base.text_table import text_table
+from drivers.base.terminal import text_table
 from validation.commands import options
 from validation.commands.options import checked, command, must_be_folder, one_of, option, print_paths
 

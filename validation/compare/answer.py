@@ -3,8 +3,7 @@
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
-from drivers.base.progress import counted, in_words, say
-from drivers.base.text_table import text_table
+from drivers.base.terminal import counted, in_words, say, text_table
 from drivers.chain.trace import FORCE
 from drivers.engines import VERLET, in_order, load_engine
 from validation.accuracy.budget import ERROR, MODEL, budget_lines

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from drivers.base import paths
-from drivers.base.progress import following
+from drivers.base.terminal import following
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace
 from drivers.engines import (

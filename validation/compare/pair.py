@@ -13,7 +13,7 @@ import numpy as np
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.base.text_table import text_table
+from drivers.base.terminal import text_table
 from drivers.chain.case import Case
 from drivers.chain.trace import FORCE, Trace, part_of
 from drivers.engines import load_engine

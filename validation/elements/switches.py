@@ -16,7 +16,7 @@ from pydantic import Field
 
 from drivers.base import paths
 from drivers.base.messages import validate
-from drivers.base.progress import following
+from drivers.base.terminal import following
 from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
 from drivers.chain.chain import Array

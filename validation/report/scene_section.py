@@ -13,7 +13,7 @@ import numpy as np
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.base.progress import in_words
+from drivers.base.terminal import in_words
 from drivers.chain.case import Case
 from drivers.chain.chain import hertz_force
 from drivers.chain.trace import FORCE, Trace

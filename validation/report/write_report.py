@@ -13,7 +13,7 @@ from drivers.base import decks as deck
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
 from drivers.base.files import whole_file
-from drivers.base.progress import say, step
+from drivers.base.terminal import say, step
 from drivers.chain.case import build_case
 from drivers.engines import in_order, load_engine
 from drivers.scene.read_scene import read_scene

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.base.progress import following
+from drivers.base.terminal import following
 from drivers.engines import REFERENCE, VERLET, codes, installed
 from drivers.limits import refuse
 from drivers.run.run import run_many

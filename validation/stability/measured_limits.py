@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.base.progress import counted, following
+from drivers.base.terminal import counted, following
 from drivers.chain.case import Case, build_case
 from drivers.chain.chain import hertz_force
 from drivers.chain.schemes import verlet_of

@@ -9,7 +9,7 @@ from itertools import combinations
 
 import numpy as np
 
-from drivers.base.progress import following
+from drivers.base.terminal import following
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.schemes import verlet_in_heights, verlet_of

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from drivers.base.progress import step
+from drivers.base.terminal import step
 from drivers.base.tolerances import tolerance
 from drivers.chain.trace import FORCE
 from drivers.engines import VERLET, codes

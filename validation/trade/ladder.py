@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from drivers.base.errors import RunError
-from drivers.base.progress import counted
+from drivers.base.terminal import counted
 from drivers.chain.case import Case
 from drivers.chain.chain import arrays_of
 from drivers.chain.schemes import trace_of

@@ -1,20 +1,19 @@
-"""Progress on the standard error: title, units done, time taken and left of the innermost task under way.
+"""Output for a terminal: tables, and progress on the standard error.
 
-On a terminal it is one line that is rewritten. Elsewhere it is a line each minute, and one at the end of a task that
-took longer; short tasks have none.
+Progress is title, units done, time taken and left of the innermost task under way. On a terminal it is one line that is
+rewritten. Elsewhere it is a line each minute, and one at the end of a task that took longer; short tasks have none.
 """
 
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 from io import StringIO
+from itertools import zip_longest
 from math import inf
 from typing import Any, TypeVar
-
-from tqdm import tqdm
 
 from drivers.base.errors import printable
 
@@ -26,6 +25,8 @@ _under_way: list[Any] = []  # the innermost task is last
 
 def say(line: str) -> None:
     """Print a line to the standard error, above the line that is rewritten."""
+    from tqdm import tqdm
+
     tqdm.write(printable(line), file=sys.stderr)
 
 
@@ -41,6 +42,8 @@ def step(what: str, number: int, of: int) -> Iterator[None]:
 @contextmanager
 def counted(what: str, total: int | None = None, unit: str = "run") -> Iterator[Callable[..., Any]]:
     """Show a task; yields a function that counts units."""
+    from tqdm import tqdm  # commands that only print tables need not load it
+
     file = sys.stderr if _watched() else StringIO()
     look = COUNTED if total else "{desc}: {elapsed}"
     bar = tqdm(desc=printable(what), total=total, unit=unit, bar_format=look, file=file, position=0, nrows=2, delay=inf)
@@ -87,3 +90,18 @@ def in_words(seconds: float) -> str:
     if seconds < 99.5:
         return f"{seconds:.2g} s" if seconds >= 0.0995 else f"{1e3 * seconds:.2g} ms"
     return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"
+
+
+def text_table(rows: Iterable[Sequence[str]], right: Collection[int] = ()) -> list[str]:
+    """Lines of a table, each column as wide as its longest cell, two spaces apart.
+
+    Args:
+        rows: cells of each line, the heading first; a row may be shorter than others.
+        right: places of the columns to align right, counted from 0.
+    """
+    table = [tuple(printable(cell, lines=False) for cell in row) for row in rows]
+    widths = [max(map(len, column)) for column in zip_longest(*table, fillvalue="")]
+    return [
+        "  ".join(f"{cell:{'>' if place in right else '<'}{widths[place]}}" for place, cell in enumerate(row)).rstrip()
+        for row in table
+    ]

@@ -9,28 +9,28 @@ from contextlib import suppress
 
 import pytest
 
-from drivers.base import progress
+from drivers.base import terminal
 
 
 @pytest.fixture(autouse=True)
 def talkative(monkeypatch: pytest.MonkeyPatch) -> None:
     """A minute takes half a second; the thread of this test is the only one with tasks."""
-    monkeypatch.setattr(progress, "REFRESH_S", 0.1)
-    monkeypatch.setattr(progress, "SILENCE_S", 0.5)
-    monkeypatch.setattr(progress, "_under_way", [])
-    progress._keep_talking.cache_clear()
+    monkeypatch.setattr(terminal, "REFRESH_S", 0.1)
+    monkeypatch.setattr(terminal, "SILENCE_S", 0.5)
+    monkeypatch.setattr(terminal, "_under_way", [])
+    terminal._keep_talking.cache_clear()
 
 
 def test_a_duration_has_two_digits() -> None:
     seconds = (0.00065, 0.0994, 0.0997, 99.6, 7200)
-    assert [*map(progress.in_words, seconds)] == ["0.65 ms", "99 ms", "0.1 s", "2 min", "2.0 h"]
+    assert [*map(terminal.in_words, seconds)] == ["0.65 ms", "99 ms", "0.1 s", "2 min", "2.0 h"]
 
 
 def test_few_lines_off_a_terminal_and_none_for_short_tasks(capsys: pytest.CaptureFixture[str]) -> None:
-    with progress.counted("short"):
+    with terminal.counted("short"):
         pass
-    with progress.step("outer", 1, 2):
-        for _ in progress.following(range(300), "inner", 300, "wave"):
+    with terminal.step("outer", 1, 2):
+        for _ in terminal.following(range(300), "inner", 300, "wave"):
             time.sleep(0.004)
     first, *inner, end, last = capsys.readouterr().err.splitlines()
     assert first == "step 1 of 2: outer"
@@ -45,11 +45,11 @@ def test_one_line_is_rewritten_on_a_terminal(monkeypatch: pytest.MonkeyPatch) ->
     terminal, other = os.openpty()  # without a size, as of some recorders
     with open(other, "w") as shown:
         monkeypatch.setattr(sys, "stderr", shown)
-        with progress.counted("outer"), progress.counted("inner", 2, "wave") as count:
+        with terminal.counted("outer"), terminal.counted("inner", 2, "wave") as count:
             time.sleep(0.3)
             count()
             time.sleep(0.3)
-            progress.say("a line")
+            terminal.say("a line")
     said = b""
     with suppress(OSError), open(terminal, "rb", buffering=0) as screen:
         while part := screen.read(999):
@@ -62,9 +62,9 @@ def test_one_line_is_rewritten_on_a_terminal(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_threads_of_work_end_in_any_order() -> None:
     def work(seconds: float) -> None:
-        for _ in progress.following([seconds], "work"):
+        for _ in terminal.following([seconds], "work"):
             time.sleep(seconds)
 
     with ThreadPoolExecutor() as pool:
         assert [*pool.map(work, (0.06, 0.02, 0.04))] == [None] * 3
-    assert progress._under_way == []
+    assert terminal._under_way == []
