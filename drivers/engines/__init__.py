@@ -95,7 +95,7 @@ class Engine:
             folder and then prints the word on a line and flushes it; for an empty folder it prints the word only.
         integrate: function of a case and a flag that integrates it in this process, for ``verlet`` and ``reference``;
             returns the trace, equal bit for bit to that of the deck, and the seconds of the time loop. Setting the
-            flag ends it. None for a code.
+            flag ends it. None for a code; that of an adapter outside this package is not used.
         scheme: integration scheme, one of the constants above. Velocity Verlet uses the closing speed of half a step
             before for damping, and at time 0 the one of time 0.
         shear: ``TOTAL`` or ``INCREMENTAL`` friction in three dimensions.

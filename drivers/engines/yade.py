@@ -99,7 +99,7 @@ def _read_sideways(case: Case, folder: Path) -> Trace:
     by_bore = np.zeros(shape)
     if bore:
         by_bore[:, bore.guided] = arrays["on_bore"]
-    total = arrays["force"].copy()  # without gravity
+    total = arrays["force"]  # without gravity
     total[:, :, 2] -= chain.gravity_m_s2 * chain.mass_kg
     velocity = arrays["velocity"] - 0.5 * step * total / chain.mass_kg[:, np.newaxis]
     place = arrays["place"] - step * arrays["velocity"]
@@ -107,10 +107,8 @@ def _read_sideways(case: Case, folder: Path) -> Trace:
     velocity[:, flat, :2], place[:, flat, :2] = 0.0, 0.0  # guided
     from_wall = -arrays["on_wall"][:, 2] if chain.wall else np.zeros(samples)
     force = contact_forces(from_wall, total[:, :, 2] - chain.load_N - by_bore[:, :, 2])
-    spin = None
-    if turns:
-        inertia = 0.4 * chain.mass_kg * chain.radius_m**2  # inf of a flat face
-        spin = arrays["spin"] - 0.5 * step * arrays["torque"] / inertia[:, np.newaxis]
+    inertia = 0.4 * chain.mass_kg * chain.radius_m**2  # inf of a flat face
+    spin = arrays["spin"] - 0.5 * step * arrays["torque"] / inertia[:, np.newaxis] if turns else None
     return make_trace(chain, case.sample_times_s, force, place, velocity, spin, by_bore)
 
 
