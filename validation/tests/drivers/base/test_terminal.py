@@ -42,7 +42,7 @@ def test_few_lines_off_a_terminal_and_none_for_short_tasks(capsys: pytest.Captur
 
 
 def test_one_line_is_rewritten_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
-    terminal, other = os.openpty()  # without a size, as of some recorders
+    window, other = os.openpty()  # without a size, as of some recorders
     with open(other, "w") as shown:
         monkeypatch.setattr(sys, "stderr", shown)
         with terminal.counted("outer"), terminal.counted("inner", 2, "wave") as count:
@@ -51,7 +51,7 @@ def test_one_line_is_rewritten_on_a_terminal(monkeypatch: pytest.MonkeyPatch) ->
             time.sleep(0.3)
             terminal.say("a line")
     said = b""
-    with suppress(OSError), open(terminal, "rb", buffering=0) as screen:
+    with suppress(OSError), open(window, "rb", buffering=0) as screen:
         while part := screen.read(999):
             said += part
     text = said.decode().replace("\r\n", "\n")
