@@ -6,14 +6,14 @@ touch the tube, slip or turn.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from math import pi, sqrt
+from math import pi
 from typing import Any
 
 import numpy as np
 
 from drivers.base.errors import InputProblem, refuse_any
 from drivers.base.units import divided
-from drivers.chain.chain import Array, Chain, build_chain, moving_at_start, ordinary_beads
+from drivers.chain.chain import Array, Chain, above_rim_m, build_chain, moving_at_start, ordinary_beads
 from drivers.chain.drives import drive_words
 from drivers.laws import Viscoelastic
 from drivers.scene.model import RIGID, Scene
@@ -41,16 +41,14 @@ class ModellingElement:
 def choose_elements(scene: Scene, chain: Chain) -> tuple[ModellingElement, ...]:
     """Modelling elements of a scene, each modelled or left out, with the reason."""
     striker, scatter, lateral, bore = scene.striker, scene.chain.mass_scatter, chain.lateral, chain.bore
-    ordinary_kg = ordinary_beads(scene)[2] if scene.chain.sensors else np.zeros(0)
-    unlike = len(
-        [sensor for sensor in scene.chain.sensors if sensor.mass not in (None, ordinary_kg[sensor.from_wall - 1])]
-    )
+    sensors, ordinary_kg = scene.chain.sensors, ordinary_beads(scene)[2]
+    unlike = sum(sensor.mass not in (None, ordinary_kg[sensor.from_wall - 1]) for sensor in sensors)
     gravity, angle = f"{scene.axial_gravity:g} m/s^2", scene.chain.angle
     gravity += f" along the axis, which leans by {angle:g} deg" if angle else ""
     across = "horizontal: gravity acts across the axis, along which alone the beads of a straight chain move"
     wall = "rigid half-space" if chain.wall == RIGID else f"half-space of {chain.wall}"
     shape = "flat face" if striker and striker.shape == "flat" else "sphere"
-    alike = "sensor beads weigh as much as the others" if scene.chain.sensors else "no bead carries a sensor"
+    alike = "sensor beads weigh as much as the others" if sensors else "no bead carries a sensor"
     damped = chain.law.description
     if isinstance(chain.law, Viscoelastic):
         damped += f", by a damping ratio of {chain.law.damping_ratio:.6g}"
@@ -67,7 +65,7 @@ def choose_elements(scene: Scene, chain: Chain) -> tuple[ModellingElement, ...]:
         ("wall", chain.wall, f"{wall}, Hertz law with R* = R", "a free chain"),
         ("striker", striker, striker and f"{shape} of {striker.material} at {striker.speed:g} m/s", NONE),
         ("precompression", chain.precompression_N, f"{chain.precompression_N:g} N on the top bead", NONE),
-        ("sensor masses", unlike, f"{unlike} of {len(scene.chain.sensors)} sensor beads are of another mass", alike),
+        ("sensor masses", unlike, f"{unlike} of {len(sensors)} sensor beads are of another mass", alike),
         ("mass scatter", scatter, f"standard deviation {scatter:g} kg, seed {scene.seed}", NONE),
         ("lateral freedom", lateral, freedom, f"{axis} bead leaves it"),
         (
@@ -272,9 +270,7 @@ def _impossible(scene: Scene, chain: Chain) -> Iterator[InputProblem]:
     if tube.top is not None and height[chain.beads - 1] > tube.top:
         yield "tube.top", f"{tube.top:g} m", f"at least {height[chain.beads - 1]:.4g} m, the height of the top bead"
     if scene.striker is not None and radius[-1] >= tube.inner_diameter / 2:
-        # height of a rim that the striker touches
-        sphere = np.isfinite(radius[-1])
-        rim = height[-1] - (sqrt(radius[-1] ** 2 - tube.inner_diameter**2 / 4) if sphere else 0.0)
+        rim = height[-1] - above_rim_m(radius[-1], tube.inner_diameter / 2)
         if tube.top is None or tube.top > rim:
             most = f"at most {rim:.4g} m, as the striker is wider than the bore and starts above it"
             yield "tube.top", *((f"missing key; give {most}", "") if tube.top is None else (f"{tube.top:g} m", most))
