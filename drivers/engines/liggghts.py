@@ -21,6 +21,8 @@ from drivers.engines._lammps_family import (
 from drivers.laws import LAWS
 
 HARD_PA, SOFT_PA = 1e9, 5e6  # moduli outside this range need hard_particles or soft_particles
+# with fewer bodies, checking all pairs costs no more than bins of the whole space, which grows in a blow-up
+MAX_BODIES_IN_PAIRS = 2000
 TUBE = " tube"  # the type of the bore: no material's name begins with a space
 WALL_FORCE = "f_force_wall[3]"
 
@@ -76,6 +78,7 @@ def render(case: Case) -> Deck:
             "high": (height + radius).max(),
         },
         skin=float(f"{0.2 * radius.min():.1g}"),
+        binsize=100 * radius.max() if chain.straight and chain.bodies > MAX_BODIES_IN_PAIRS else None,
         moduli=moduli,
         ratios=ratios,
         wall_type=types.index(chain.wall) + 1 if chain.wall else 0,
