@@ -6,14 +6,14 @@ touch the tube, slip or turn.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from math import pi, sqrt
+from math import pi
 from typing import Any
 
 import numpy as np
 
 from drivers.base.errors import InputProblem, refuse_any
 from drivers.base.units import divided
-from drivers.chain.chain import Array, Chain, build_chain, moving_at_start, ordinary_beads
+from drivers.chain.chain import Array, Chain, above_rim_m, build_chain, moving_at_start, ordinary_beads
 from drivers.chain.drives import drive_words
 from drivers.laws import VISCOELASTIC
 from drivers.scene.model import RIGID, Scene
@@ -270,9 +270,7 @@ def _impossible(scene: Scene, chain: Chain) -> Iterator[InputProblem]:
     if tube.top is not None and height[chain.beads - 1] > tube.top:
         yield "tube.top", f"{tube.top:g} m", f"at least {height[chain.beads - 1]:.4g} m, the height of the top bead"
     if scene.striker is not None and radius[-1] >= tube.inner_diameter / 2:
-        # height of a rim that the striker touches
-        sphere = np.isfinite(radius[-1])
-        rim = height[-1] - (sqrt(radius[-1] ** 2 - tube.inner_diameter**2 / 4) if sphere else 0.0)
+        rim = height[-1] - above_rim_m(radius[-1], tube.inner_diameter / 2)
         if tube.top is None or tube.top > rim:
             most = f"at most {rim:.4g} m, as the striker is wider than the bore and starts above it"
             yield "tube.top", *((f"missing key; give {most}", "") if tube.top is None else (f"{tube.top:g} m", most))

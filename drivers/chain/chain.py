@@ -423,6 +423,11 @@ def furthest_m(chain: Chain) -> float:
     return height + LEVEL_M if chain.lateral is not None and np.isinf(chain.radius_m[-1]) else height
 
 
+def above_rim_m(radius_m: float, rim_m: float) -> float:
+    """Height of a sphere's centre above the rim of a narrower tube that it touches, in m; 0 for a flat face."""
+    return sqrt(radius_m**2 - rim_m**2) if rim_m < radius_m < inf else 0.0
+
+
 def sphere_for_face(scene: Scene, chain: Chain) -> tuple[float, float]:
     """Radius and Young's modulus, in SI units, of a sphere with the same contact law as the striker's flat face.
 

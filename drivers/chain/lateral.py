@@ -138,12 +138,17 @@ def _packed(scene: Scene, chain: Chain, resting: int) -> Chain:
     assert chain.lateral is not None
     touching = replace(chain, overlap_m=np.minimum(chain.overlap_m, 0.0))
     start = np.column_stack([chain.lateral.offset_m, touching.height_m - chain.wall_height_m])[:resting]
-    place, left = _rest(chain, start)
+    bore = chain.lateral.bore
+    assert bore is not None
+    arrays = (start, chain.load_N[:resting], chain.stiffness[:resting], chain.radius_m[:resting])
+    depends_on = [*(array.tolist() for array in (*arrays, bore.stiffness[:resting])), bore.radius_m]
+    found = cached(["rest", depends_on], lambda: [array.tolist() for array in find_rest(chain, start)])
+    place, left = map(np.array, found)
     worst = int(np.argmax(left))
     if left[worst] > AT_REST * float(np.abs(chain.load_N[:resting]).sum()):
-        found = f"no equilibrium: {left[worst]:.2g} N are unbalanced on bead {worst + 1}"
+        unbalanced = f"no equilibrium: {left[worst]:.2g} N are unbalanced on bead {worst + 1}"
         allowed = f"at most {AT_REST:g} of the load; try fewer beads, another seed or a wider tube"
-        raise InputError(scene.file, "chain.lateral_offset", found, allowed)
+        raise InputError(scene.file, "chain.lateral_offset", unbalanced, allowed)
     offset, overlap = chain.lateral.offset_m.copy(), chain.overlap_m.copy()
     offset[:resting] = place[:, :2]
     along = np.diff(place, axis=0)
@@ -151,16 +156,6 @@ def _packed(scene: Scene, chain: Chain, resting: int) -> Chain:
     overlap[0] = radius[0] - place[0, 2]
     overlap[1:resting] = radius[1:] + radius[:-1] - np.sqrt((along**2).sum(axis=1))
     return replace(chain, overlap_m=overlap, lateral=replace(chain.lateral, offset_m=offset))
-
-
-def _rest(chain: Chain, start: Array) -> tuple[Array, Array]:
-    """Result of ``find_rest``, cached."""
-    beads, bore = len(start), chain.bore
-    assert bore is not None
-    arrays = (start, chain.load_N[:beads], chain.stiffness[:beads], chain.radius_m[:beads], bore.stiffness[:beads])
-    depends_on = [*(array.tolist() for array in arrays), bore.radius_m]
-    place, left = cached(["rest", depends_on], lambda: [array.tolist() for array in find_rest(chain, start)])
-    return np.array(place), np.array(left)
 
 
 def find_rest(chain: Chain, place_m: Array) -> tuple[Array, Array]:

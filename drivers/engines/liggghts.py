@@ -14,6 +14,8 @@ from drivers.engines._lammps_family import (
     table_of_pairs,
 )
 
+# with fewer bodies, checking all pairs costs no more than bins of the whole space, which grows in a blow-up
+MAX_IN_PAIRS = 2000
 TUBE = " tube"  # the type of the bore: no material's name begins with a space
 
 
@@ -61,6 +63,7 @@ def values(case: Case, radius_m: Array) -> dict[str, Any]:
             friction[-1] = friction[:, -1] = bore.friction
     return by_bore | {
         "types": types,
+        "binsize": 100 * radius_m.max() if chain.straight and chain.bodies > MAX_IN_PAIRS else None,
         "moduli": moduli,
         "ratios": ratios,
         "springs": springs,

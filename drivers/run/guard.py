@@ -5,7 +5,6 @@ A run fails if it is not that of its scheme (``drivers.run.scheme``), or if its 
 
 import re
 from collections.abc import Iterator
-from math import sqrt
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from drivers.base.errors import RunError, digits_apart
 from drivers.base.processes import STDERR, STDOUT, EndedProcess
 from drivers.chain.case import Case
-from drivers.chain.chain import Chain, furthest_m, hertz_force
+from drivers.chain.chain import Chain, above_rim_m, furthest_m, hertz_force
 from drivers.chain.trace import Trace, with_work
 from drivers.engines import Engine
 from drivers.run.scheme import scheme_of
@@ -136,8 +135,6 @@ def not_modelled(chain: Chain, trace: Trace) -> str | None:
     bore = chain.bore
     if bore is None or chain.bodies - 1 in bore.guided or trace.height_m is None:
         return None
-    radius = float(chain.radius_m[-1])
-    below = sqrt(radius**2 - bore.radius_m**2) if np.isfinite(radius) and radius > bore.radius_m else 0.0
-    down = trace.height_m[:, -1] - below < bore.top_m
+    down = trace.height_m[:, -1] - above_rim_m(float(chain.radius_m[-1]), bore.radius_m) < bore.top_m
     when = f"at t = {trace.time_s[int(np.argmax(down))]:g} s the striker comes down to the end of the tube"
     return f"{when}: lower tube.top" if down.any() else None

@@ -184,10 +184,8 @@ def scale_of_motion(case: Case, motion: Trace, quantity: str) -> float:
 
 def field_of(trace: Trace, quantity: str) -> Array:
     """Forces of all contacts, change of the energy, or momentum. Shape (samples, contacts) or (samples, 1)."""
-    if quantity == FORCE:
-        return trace.force_N
-    column = getattr(trace, FIELDS[quantity])
-    return np.asarray(column - column[0] if quantity == "energy" else column)[:, np.newaxis]
+    values: Array = trace.force_N if quantity == FORCE else getattr(trace, FIELDS[quantity])[:, np.newaxis]
+    return values - values[0] if quantity == "energy" else values
 
 
 def difference(quantity: str, one: Trace, other: Trace, scale: float) -> Array:
