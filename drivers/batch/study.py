@@ -350,7 +350,7 @@ def _range(axis: Axis, where: str, place: str) -> list[Any]:
     with suppress(ValueError):
         low, high = (units.to_si(str(end), unit) if unit else float(str(end)) for end in ends)
     if not isfinite(high - low) or (log and min(low, high) <= 0):
-        allowed = f'a finite number or quantity at both ends, such as "2 m/s"{", above zero" * log}'
+        allowed = f'two numbers, or quantities of one kind such as "2 m/s"; finite{", above zero" * log}'
         raise InputError(where, f"{place}.from", shorten(f"{axis.from_} to {axis.to}"), allowed)
     values = (np.geomspace if log else np.linspace)(low, high, axis.count or 0).tolist()
     if all(isinstance(end, int) for end in ends):

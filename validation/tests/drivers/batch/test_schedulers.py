@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from validation.tests.drivers.batch.test_batch import batch, results_of, stored, table_bytes
+from validation.tests.drivers.batch.test_batch import batch, batch_here, results_of, stored, table_bytes
 from validation.tests.drivers.batch.test_killed_batches import wait_for
 from validation.tests.helpers.commands import BEADS, beads
 from validation.tests.helpers.scenes import SPEEDS, StudyWriter
@@ -134,5 +134,5 @@ def test_a_second_job_shares_the_work_of_a_running_one(
     assert len(stored(runs)) == 80
     monkeypatch.setenv("PATH", f"{modules}:{os.environ['PATH']}")
     for place in (runs, tmp_path / "here"):
-        assert batch(study, place).returncode == 0
+        assert batch_here(study, place).returncode == 0
     assert table_bytes(runs) == table_bytes(tmp_path / "here")

@@ -119,13 +119,13 @@ BAD = {
     "two forms": (f"{COUNT}values = [1]\nseeds = 2", "found values, seeds"),
     "a key too many": (f"{COUNT}seeds = 2", "no key with seeds"),
     "no count": (f"{COUNT}from = 1\nto = 2", "axis.0.count: missing key"),
-    "units apart": (f'{SPEED}from = "1 m/s"\nto = "2 kg"\ncount = 3', "a finite number or quantity at both ends"),
+    "units apart": (f'{SPEED}from = "1 m/s"\nto = "2 kg"\ncount = 3', "two numbers, or quantities of one kind"),
     "log of nothing": (
         f'{COUNT}from = 0\nto = 9\ncount = 3\nspacing = "log"',
-        'at both ends, such as "2 m/s", above zero',
+        "finite, above zero",
     ),
-    "NaN": (f"{COUNT}from = nan\nto = 2\ncount = 3", "a finite number or"),
-    "an endless number": (f'[[axis]]\nkey = "seed"\nfrom = {"9" * 400}\nto = 2\ncount = 2', "a finite number or"),
+    "NaN": (f"{COUNT}from = nan\nto = 2\ncount = 3", "; finite"),
+    "an endless number": (f'[[axis]]\nkey = "seed"\nfrom = {"9" * 400}\nto = 2\ncount = 2', "; finite"),
     "lists of unlike lengths": ('[[axis]]\nzip = { "chain.count" = [1, 2], "seed" = [1] }', "2 of chain.count, 1 of"),
     "a key twice": ('[[axis]]\nkey = "seed"\nvalues = [1]\n[[axis]]\nseeds = 2', "seed, which overlaps seed of axis.0"),
     "a key also set": (
@@ -150,10 +150,6 @@ BAD = {
     "a million cases": (
         f"[[axis]]\nseeds = 1000\n{COUNT}from = 1\nto = 1000\ncount = 1000",
         "1,000,000 cases; allowed: at most 20,000, or --yes",
-    ),
-    "more cases than can be listed": (
-        "".join(f'[[axis]]\nkey = "chain.bead.{i}.mass"\nvalues = {["1 g"] * 10}\n' for i in range(10)),
-        "10,000,000,000 cases; allowed: ",
     ),
     "a name that is another with its unit": (
         f'{SPEED}name = "a"\nvalues = ["1 m/s"]\n{COUNT}name = "a_m_s"\nvalues = [3]',
