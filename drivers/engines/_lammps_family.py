@@ -26,7 +26,6 @@ DUMP = "chain.bin"
 PLACE, VELOCITY, SPIN = ("x", "y", "z"), ("vx", "vy", "vz"), ("omegax", "omegay", "omegaz")
 BORE_FORCE = tuple(f"f_force_tube[{axis}]" for axis in (1, 2, 3))
 MAX_TYPES = 60  # with a coefficient for each pair
-MAX_BODIES_IN_PAIRS = 200  # with fewer bodies, checking all pairs is faster than bins of the whole space
 
 
 def member(
@@ -70,7 +69,6 @@ def member(
                 "high": (place[:, 2] + radius_m).max(),
             },
             "skin": float(f"{0.2 * radius_m.min():.1g}"),
-            "binned": chain.bodies > MAX_BODIES_IN_PAIRS,
             "columns": _columns(case, wall_force),
             "pieces": pieces_of(chain.drive, case.scene.time_step_s, case.scene.steps),
             "drive_words": drive_words(case.scene),

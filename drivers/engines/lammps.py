@@ -16,6 +16,7 @@ from drivers.engines._lammps_family import (
     table_of_pairs,
 )
 
+MAX_IN_PAIRS = 200  # with fewer bodies, checking all pairs is faster than bins of the whole space
 WHEEL = "lib/python3*/site-packages/lammps"  # Python's package, beside the folder of its program
 
 
@@ -27,6 +28,7 @@ def values(case: Case, radius_m: Array) -> dict[str, Any]:
     below = [None, *labels[:-1]]  # the wall has no type
     return {
         "types": types,
+        "binned": chain.bodies > MAX_IN_PAIRS,
         "kn": table_of_pairs(types, below, labels, kn, 1.0),
         "damping": table_of_pairs(types, below, labels, damping, damping[-1]),
         "at_wall": (kn[0], damping[0]),
