@@ -47,6 +47,8 @@ Keys = Annotated[
 ]
 Values = Annotated[tuple[Any, ...], Field(strict=False)]
 
+End = str | int | Annotated[float, Field(allow_inf_nan=True)]  # of a range, which refuses others than finite numbers
+
 
 class Axis(Part):
     """Table ``[[axis]]`` of a study file, in one of six forms.
@@ -61,8 +63,8 @@ class Axis(Part):
         default=None, description="name of the column"
     )
     values: Values | None = Field(default=None, description="values")
-    from_: str | int | float | None = Field(default=None, alias="from", description="first value")
-    to: str | int | float | None = Field(default=None, description="last value")
+    from_: End | None = Field(default=None, alias="from", description="first value")
+    to: End | None = Field(default=None, description="last value")
     count: Annotated[int, Field(ge=2, le=MAX_VALUES)] | None = Field(default=None, description="number of values")
     spacing: Literal["linear", "log"] = Field(default="linear", description="spacing of the range")
     factors: tuple[Annotated[float, Field(gt=0, allow_inf_nan=False)], ...] | None = Field(

@@ -21,7 +21,7 @@ from drivers.chain.case import Case
 from drivers.chain.trace import FORCE, digest_of
 from drivers.engines import load_engine
 from drivers.limits import refuse
-from drivers.run.execute import LOCAL, Place, get_ready
+from drivers.run.execute import LOCAL, Place, check_dask, get_ready
 from drivers.run.run import run_case
 from postproc.read.observables import not_shown
 from validation.accuracy.budget import assess
@@ -59,7 +59,9 @@ def run_study(
     """
     if batch.elsewhere and not dry_run and shutil.which("sbatch") is None:
         raise InputError("--slurm", "", "sbatch not found; run this on a machine that submits to Slurm")
-    if not (place.dask or batch.elsewhere or dry_run):
+    if place.dask:
+        check_dask(place.dask)
+    elif not (batch.elsewhere or dry_run):
         get_ready(place.workers, run_rows, batch.plan, batch.observe)
     if batch.study.count > MAX_CASES and not yes:
         found, allowed = f"{batch.study.count:,} cases", f"at most {MAX_CASES:,}, or --yes"
