@@ -33,6 +33,7 @@ CHUNKS = 32  # of a worker, so that all end at about the same time
 RETRY_INTERVAL_S = 1.0  # while another batch works on the remaining cases
 ENDED = ("done", "failed", "timeout", "refused")  # states of rows that are not run again
 WORKER_COSTS = ("start_s", "engine_s", "workflow_s", "reference_s")  # they add up to a worker's time
+_last_exact: dict[str, Computed] = {}  # last run of the reference in this process, by the digest of its deck
 NEWEST = 1000  # rows of an engine by which its build and its costs are known
 
 Row = tuple[int, StudyRow]  # number of a case, and a row of it
@@ -261,27 +262,32 @@ def run_rows(batch: Batch, numbers: Sequence[int]) -> list[int]:
 
 
 def _rows_of_case(batch: Batch, store: Store, number: int, names: Sequence[str]) -> Iterator[StudyRow]:
-    """Rows of a case on some engines, which share the run of its reference."""
-    study = batch.study
-    case = cache(partial(batch.case, number))
-
-    @cache
-    def exact() -> Computed:
-        return compute(case(), REFERENCE, build=batch.builds[REFERENCE], limit_s=study.file.limit)
-
+    """Rows of a case on some engines."""
+    study, case = batch.study, cache(partial(batch.case, number))
     for name in names:
         build = batch.builds[name].identity
         of_case = study.case_sha256(number), name, batch.programs[name], study.name, study.label(number), build
         blank = StudyRow(*of_case, ended=time.time(), status="refused")
         try:
-            yield _row(batch, store, case(), blank, exact)
+            yield _row(batch, store, case(), blank)
         except InputError as error:
             yield replace(blank, reason=str(error))
         except RunError as error:  # of the adapter, before the run
             yield replace(blank, status=error.status, reason=str(error))
 
 
-def _row(batch: Batch, store: Store, case: Case, blank: StudyRow, exact: Callable[[], Computed]) -> StudyRow:
+def _exact(batch: Batch, case: Case) -> Computed:
+    """Run of the reference, which engines and cases of equal decks share if they follow each other."""
+    deck = load_engine(REFERENCE).render(case)
+    ended = _last_exact.get(deck.sha256)
+    if ended is None:
+        ended = compute(case, REFERENCE, build=batch.builds[REFERENCE], deck=deck, limit_s=batch.study.file.limit)
+        _last_exact.clear()
+        _last_exact[deck.sha256] = ended
+    return ended
+
+
+def _row(batch: Batch, store: Store, case: Case, blank: StudyRow) -> StudyRow:
     """Row of a case on an engine, with its error against the reference; a row of equal numbers is copied.
 
     If the reference fails, the row fails, too. Three-dimensional cases have no reference and no error.
@@ -297,13 +303,13 @@ def _row(batch: Batch, store: Store, case: Case, blank: StudyRow, exact: Callabl
     if equal := store.equal(identity):
         return replace(equal, **{key: getattr(blank, key) for key in ("case_sha256", "study", "label", "ended")})
     if name == REFERENCE:
-        ended = exact()
+        ended = _exact(batch, case)
     else:
         ended = compute(case, name, build=batch.builds[name], deck=deck, limit_s=batch.study.file.limit)
     trace, fault, force_error, reference_s = ended.trace, ended.fault, None, 0.0
     if name != REFERENCE and trace is not None and inability(case, REFERENCE) is None:
         before = time.perf_counter()
-        truth = exact()
+        truth = _exact(batch, case)
         reference_s = time.perf_counter() - before
         if truth.fault is not None:
             fault = RunError(f"the reference failed, so the error is unknown: {truth.fault}", truth.fault.status)
