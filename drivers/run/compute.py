@@ -11,6 +11,7 @@ import resource
 import time
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from tempfile import TemporaryFile, gettempdir
 
@@ -22,7 +23,7 @@ from drivers.base.processes import STDERR, STDOUT, EndedProcess, run_command, wo
 from drivers.chain.case import Case
 from drivers.chain.schemes import default_limit_s, endable
 from drivers.chain.trace import Trace
-from drivers.engines import Engine, load_engine
+from drivers.engines import EXACT, Engine, load_engine
 from drivers.run.build import Build, build_of
 from drivers.run.guard import checked, checked_trace, timed_out
 from drivers.run.session import lent
@@ -124,11 +125,13 @@ def _in_memory(case: Case, engine: Engine, limit_s: float) -> Computed:
 
     def integrate(stop: Flag) -> tuple[Trace, float, float]:
         assert engine.integrate is not None
+        began_cpu_s = time.thread_time()
         with np.errstate(all="ignore"):  # runs that blow up are reported by the guard
-            return *engine.integrate(case, stop), time.thread_time()  # of a thread of its own
+            return *engine.integrate(case, stop), time.thread_time() - began_cpu_s
 
     try:
-        integrated, loop_s, cpu_s = endable(integrate, limit_s)
+        work = inf if engine.scheme == EXACT else case.work  # which does not bound the steps of an exact motion
+        integrated, loop_s, cpu_s = endable(integrate, limit_s, work)
         trace = checked(case, integrated)
     except RunError as error:
         fault = error

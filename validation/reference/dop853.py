@@ -10,11 +10,13 @@ Rows of a state: values (overlaps, velocities, and integrals of ``hertz_chain.mo
 on); their rounding errors (Kahan); their slopes dy/dt.
 """
 
+from collections.abc import Callable
 from math import sqrt
 from typing import Any
 
 import numpy as np
 from numba import njit
+from numba.extending import overload
 
 from validation.reference.contact_kernels import damped_force, elastic_force, power_force, segment_value
 from validation.reference.hertz_chain import Array
@@ -133,34 +135,51 @@ POWER_LAW_LENGTH = 7  # length of Bodies with the power law; numba compiles a ke
 SUMMED_LENGTH = 8  # length of the drive's tuple with integrals, in the same way
 
 
-# inlined, since reference counts of its arguments would take a fifth of a small chain's time
-@njit(error_model="numpy", forceinline=True)
 def slope(state: Array, stretch: float, result: Array, bodies: Bodies) -> None:
     """Writes ``stretch * dy/dt`` to ``result``; each loop compiles to vector instructions."""
-    if len(bodies) == POWER_LAW_LENGTH:
-        _slope_power(state, stretch, result, bodies)
-        return
-    inverse_mass, stiffness, damping, acceleration, overlap_power = bodies[:5]
-    n = inverse_mass.size
-    velocity, closing, force = state[n : 2 * n], result[:n], result[n : 2 * n]
-    closing[0] = -velocity[0]
-    for j in range(1, n):
-        closing[j] = velocity[j - 1] - velocity[j]
-    if damping.size:
+
+
+def _slope(summed: bool) -> Callable[..., None]:
+    """``slope`` with integrals or without; a call for none would count references for a third of a chain's time."""
+
+    def of_bodies(state: Array, stretch: float, result: Array, bodies: Bodies) -> None:
+        if len(bodies) == POWER_LAW_LENGTH:
+            _slope_power(state, stretch, result, bodies)
+            return
+        inverse_mass, stiffness, damping, acceleration, overlap_power = bodies[:5]
+        n = inverse_mass.size
+        velocity, closing, force = state[n : 2 * n], result[:n], result[n : 2 * n]
+        closing[0] = -velocity[0]
+        for j in range(1, n):
+            closing[j] = velocity[j - 1] - velocity[j]
+        if damping.size:
+            for j in range(n):
+                if state[j] > 0.0:
+                    force[j] = damped_force(stiffness[j], damping[j], overlap_power, state[j], closing[j])
+                else:
+                    force[j] = 0.0
+        else:
+            for j in range(n):
+                force[j] = elastic_force(stiffness[j], state[j] if state[j] > 0.0 else 0.0)
+        if summed:
+            _powers(state, stretch, force, result, bodies, bodies[-1])
+        for j in range(n - 1):
+            force[j] = stretch * ((force[j] - force[j + 1]) * inverse_mass[j] + acceleration[j])
+        force[n - 1] = stretch * (force[n - 1] * inverse_mass[n - 1] + acceleration[n - 1])
         for j in range(n):
-            if state[j] > 0.0:
-                force[j] = damped_force(stiffness[j], damping[j], overlap_power, state[j], closing[j])
-            else:
-                force[j] = 0.0
-    else:
-        for j in range(n):
-            force[j] = elastic_force(stiffness[j], state[j] if state[j] > 0.0 else 0.0)
-    _powers(state, stretch, force, result, bodies, bodies[-1])
-    for j in range(n - 1):
-        force[j] = stretch * ((force[j] - force[j + 1]) * inverse_mass[j] + acceleration[j])
-    force[n - 1] = stretch * (force[n - 1] * inverse_mass[n - 1] + acceleration[n - 1])
-    for j in range(n):
-        closing[j] *= stretch
+            closing[j] *= stretch
+
+    return of_bodies
+
+
+WITH_INTEGRALS, WITHOUT = _slope(True), _slope(False)
+
+
+# inlined, since reference counts of its arguments would take a fifth of a small chain's time
+@overload(slope, jit_options={"error_model": "numpy", "forceinline": True})
+def _slope_by_type(state: Array, stretch: float, result: Array, bodies: Bodies) -> Callable[..., None]:
+    """Choose when numba compiles a call."""
+    return WITH_INTEGRALS if len(bodies[-1]) == SUMMED_LENGTH else WITHOUT
 
 
 @njit(error_model="numpy", forceinline=True)
