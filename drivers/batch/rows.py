@@ -39,11 +39,6 @@ NEWEST = 1000  # rows of an engine by which its build and its costs are known
 Row = tuple[int, StudyRow]  # number of a case, and a row of it
 
 
-def not_needed(*_: Any) -> Any:
-    """Stand in for the functions of a batch that runs nothing."""
-    raise NotImplementedError
-
-
 @dataclass(frozen=True)
 class Batch:
     """Study as a command line or a scheduler asks for it, with everything else that identifies its rows.
@@ -61,7 +56,8 @@ class Batch:
         entries: ``engines.toml`` files, for workers in other folders or on other machines.
         elsewhere: True if the rows will be run where the engines that are not installed here are.
         plan: function of a higher package that returns a case with the time step planned for its accuracy.
-        observe: function of a higher package that returns observables by name, from a layout and a trace.
+        observe: function of a higher package that returns observables by name, from a layout and a trace. A batch that
+            runs nothing has no need of the two.
     """
 
     source: str | Path
@@ -73,8 +69,8 @@ class Batch:
     asked: float = field(default_factory=time.time)
     entries: tuple[Path, ...] = ()
     elsewhere: bool = False
-    plan: Callable[[Case], Case] = not_needed
-    observe: Callable[[Layout, Trace], Mapping[str, float]] = not_needed
+    plan: Callable[[Case], Case] = lambda case: case
+    observe: Callable[[Layout, Trace], Mapping[str, float]] = lambda layout, trace: {}
 
     def __getstate__(self) -> dict[str, Any]:
         """What is asked, without what is read."""

@@ -53,28 +53,27 @@ def read_dump(case: Case, path: Path, columns: tuple[str, ...]) -> dict[str, Arr
     """
     bodies, samples, width = case.chain.bodies, case.scene.samples, len(columns)
     try:
-        raw = path.read_bytes()
+        raw = memoryview(path.read_bytes())
     except OSError as error:
         raise RunError(f"no output: {error.strerror}") from error
-    head = struct.Struct(_MARKED.format(len(" ".join(columns))) if raw.startswith(_MARK) else _PLAIN)
-    values, steps, at, problem = np.empty((samples, bodies * width)), list[int](), 0, ""
-    with suppress(struct.error, ValueError):  # the last frame is incomplete
+    head = struct.Struct(_MARKED.format(len(" ".join(columns))) if raw[: len(_MARK)] == _MARK else _PLAIN)
+    parts, steps, at, problem = list[memoryview](), list[int](), 0, ""
+    with suppress(struct.error):  # the last frame is incomplete
         while at < len(raw):
             step, atoms, processes = head.unpack_from(raw, at)
-            at, chunks = at + head.size, [np.zeros(0)]
+            at, chunks = at + head.size, list[memoryview]()
             for _ in range(processes):
-                count = max(_COUNT.unpack_from(raw, at)[0], 0)
-                chunks.append(np.frombuffer(raw, float, count, at + _COUNT.size))
-                at += _COUNT.size + 8 * count
-            if atoms != bodies or sum(map(len, chunks)) != bodies * width:
+                end = at + _COUNT.size + 8 * max(_COUNT.unpack_from(raw, at)[0], 0)
+                chunks.append(raw[at + _COUNT.size : end])
+                at = end
+            if atoms != bodies or sum(map(len, chunks)) != 8 * bodies * width:
                 if 0 < atoms < bodies:
                     when = case.sample_times_s[min(len(steps), samples - 1)]
                     problem = f"unstable at t = {when:g} s: {atoms} bodies instead of {bodies}, one was lost"
                 break
-            if len(steps) < samples:
-                np.concatenate(chunks, out=values[len(steps)])
+            parts += chunks if len(steps) < samples else []
             steps.append(step)
-    by_body = values[: len(steps)].reshape(-1, bodies, width)
+    by_body = np.frombuffer(b"".join(parts)).reshape(-1, bodies, width)
     arrays = {name: by_body[:, :, place] for place, name in enumerate(columns)}
     if not problem:
         if len(steps) != samples:
