@@ -136,7 +136,7 @@ def _in_memory(case: Case, engine: Engine, limit_s: float) -> Computed:
     except RunError as error:
         fault = error
     except TimeoutError:
-        fault = timed_out(limit_s)
+        fault = RunError(timed_out(limit_s), "timeout")
     except Exception as error:  # of the integrator fails the run, as an error of a code does
         fault = RunError(f"{type(error).__name__}: {error}")
     memory_bytes = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

@@ -31,15 +31,16 @@ def checked_trace(case: Case, engine: Engine, outcome: EndedProcess, folder: Pat
         RunError: the run failed; with the partial trace if there is one.
     """
     stdout, stderr = ((folder / name).read_text(errors="replace") for name in (STDOUT, STDERR))
-    if outcome.timed_out:
-        raise timed_out(outcome.limit_s, engine.loop_seconds(stdout), _left(case, engine, folder))
-    if outcome.code != 0:
-        ending = f"exit code {outcome.code}" if outcome.code > 0 else f"killed by signal {-outcome.code}"
-        message = _failed_start(stdout, stderr) or engine.failure_reason(stdout, stderr)
-        message = "".join(c if c.isprintable() else " " for c in message)
+    if outcome.timed_out or outcome.code != 0:
         before = _left(case, engine, folder)
         blown_up = unstable(case, before) if before else None
-        raise RunError("; ".join(filter(None, (blown_up, f"{ending}: {message[:REASON_CHARACTERS]}"))), partial=before)
+        status, ending = "timeout", timed_out(outcome.limit_s, engine.loop_seconds(stdout))
+        if not outcome.timed_out:
+            message = _failed_start(stdout, stderr) or engine.failure_reason(stdout, stderr)
+            message = "".join(c if c.isprintable() else " " for c in message)[:REASON_CHARACTERS]
+            how = f"exit code {outcome.code}" if outcome.code > 0 else f"killed by signal {-outcome.code}"
+            status, ending = "failed", f"{how}: {message}"
+        raise RunError("; ".join(filter(None, (blown_up, ending))), status, partial=before)
     return compared(case, engine, checked(case, engine.read(case, folder)))
 
 
@@ -69,10 +70,10 @@ def compared(case: Case, engine: Engine, trace: Trace) -> Trace:
     return trace if case.chain.drive is None else with_work(trace, scheme.of(engine.name))
 
 
-def timed_out(limit_s: float, loop_s: float | None = None, left: Trace | None = None) -> RunError:
-    """Error of a run that was ended at its time limit, perhaps after its time loop, with the trace that it left."""
+def timed_out(limit_s: float, loop_s: float | None = None) -> str:
+    """Message on a run that was ended at its time limit, perhaps after its time loop."""
     hung = "" if loop_s is None else f"the time loop ended after {loop_s:g} s, but the program did not exit; "
-    return RunError(f"{hung}killed at the time limit of {limit_s:g} s", status="timeout", partial=left)
+    return f"{hung}killed at the time limit of {limit_s:g} s"
 
 
 def _left(case: Case, engine: Engine, folder: Path) -> Trace | None:
