@@ -76,6 +76,7 @@ def typed(line: str, folder: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.long
 def test_the_worked_example_runs_line_by_line(tmp_path: Path) -> None:
     (tmp_path / ".venv").symlink_to(sys.prefix)
     (tmp_path / "steel.toml").write_text(SCENE)

@@ -13,6 +13,7 @@ from validation.tests.helpers.commands import beads
 from validation.tests.validation.calibration.test_fit import MODULUS, RESTITUTION, SHORT, made_up
 
 
+@pytest.mark.long
 def test_quoted_numbers_give_a_folder_without_traces_unless_another_has_its_name(tmp_path: Path) -> None:
     """The fitted mass is replaced inside its inline table, where a comment would be invalid TOML."""
     free = ("--free", "chain.sensors.0.mass", "--free", RESTITUTION)
@@ -33,6 +34,7 @@ def test_quoted_numbers_give_a_folder_without_traces_unless_another_has_its_name
     assert read_scene(folder / "fit-fig4.toml").chain.sensors[0].mass != 1.16e-4
 
 
+@pytest.mark.long
 def test_a_folder_works_wherever_it_is_copied_to(tmp_path: Path) -> None:
     """Its scenes read their data from it, its command fits again, and overlay takes the fitted scene."""
     done = beads(
@@ -63,6 +65,7 @@ def test_a_folder_works_wherever_it_is_copied_to(tmp_path: Path) -> None:
     assert over.returncode == 0, over.stderr
 
 
+@pytest.mark.long
 def test_laws_are_compared_on_the_same_data_and_a_second_fit_replaces_their_files_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -167,6 +167,7 @@ def test_a_case_without_state_does_not_take_it_from_another(tmp_path: Path, monk
     assert (bare.scene, bare.verdict, bare.where[:18]) == ("bare", FAIL, "no state recorded;")
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("in_repo")
 def test_the_engines_of_the_repository_pass_all_cases(tmp_path: Path) -> None:
     """Theories are those of two integrators; the report asks the codes."""

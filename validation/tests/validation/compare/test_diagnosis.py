@@ -38,6 +38,7 @@ def test_ratios_are_measured_only_where_enough_moved_to_tell(number: int) -> Non
     assert first.ratio == pytest.approx(factor, abs=1e-7)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("settings", [(), ("chain.precompression=10 N", "striker.speed=1 cm/s")])
 def test_one_change_is_found_however_small(settings: tuple[str, ...]) -> None:
     case = case_of("fig4", *SMALL, *settings)
