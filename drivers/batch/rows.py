@@ -275,8 +275,7 @@ def _rows_of_case(batch: Batch, store: Store, number: int, names: Sequence[str])
 def _exact(batch: Batch, case: Case) -> Computed:
     """Run of the reference, which engines and cases of equal decks share if they follow each other."""
     deck = load_engine(REFERENCE).render(case)
-    ended = _last_exact.get(deck.sha256)
-    if ended is None:
+    if (ended := _last_exact.get(deck.sha256)) is None:
         ended = compute(case, REFERENCE, build=batch.builds[REFERENCE], deck=deck, limit_s=batch.study.file.limit)
         _last_exact.clear()
         _last_exact[deck.sha256] = ended

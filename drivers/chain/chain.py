@@ -7,7 +7,7 @@ law, of which the functions of overlap and force accept one contact or arrays of
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from itertools import pairwise
 from math import inf, pi, sqrt
 from typing import Any, TypeVar
@@ -446,10 +446,14 @@ def sphere_for_face(scene: Scene, chain: Chain) -> tuple[float, float]:
 
 def stiffness_by(law: ContactStiffness, scene: Scene, materials: Sequence[str], radius_m: Array) -> Array:
     """Stiffness of the contact below each body, from a contact law; 0 for a missing contact. Shape (bodies,)."""
-    bodies = [(scene.materials[name], radius) for name, radius in zip(materials, radius_m.tolist(), strict=True)]
-    wall = scene.wall and (scene.materials.get(scene.wall.material), inf)  # no material if it is rigid
-    lowest = law(*wall, *bodies[0]) if wall else 0.0
-    return np.array([lowest, *(law(*below, *above) for below, above in pairwise(bodies))])
+
+    @cache  # a million beads have few kinds of contacts
+    def between(below: str, radius_below_m: float, above: str, radius_above_m: float) -> float:
+        return law(scene.materials.get(below), radius_below_m, scene.materials[above], radius_above_m)  # None if rigid
+
+    bodies = [*zip(materials, radius_m.tolist(), strict=True)]
+    lowest = between(scene.wall.material, inf, *bodies[0]) if scene.wall else 0.0
+    return np.array([lowest, *(between(*below, *above) for below, above in pairwise(bodies))])
 
 
 def _overlaps(stiffness: Array, bead_load_N: Array, gaps: dict[int, float], *, resting: bool) -> Array:

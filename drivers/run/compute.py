@@ -130,8 +130,8 @@ def _in_memory(case: Case, engine: Engine, limit_s: float) -> Computed:
             return *engine.integrate(case, stop), time.thread_time() - began_cpu_s
 
     try:
-        work = inf if engine.scheme == EXACT else case.work  # which does not bound the steps of an exact motion
-        integrated, loop_s, cpu_s = endable(integrate, limit_s, work)
+        # bodies times steps do not bound the work of an exact motion
+        integrated, loop_s, cpu_s = endable(integrate, limit_s, inf if engine.scheme == EXACT else case.work)
         trace = checked(case, integrated)
     except RunError as error:
         fault = error

@@ -25,7 +25,7 @@ LOCAL = "local"  # instead of an address: a Dask cluster on this machine
 CONNECT_LIMIT_S = 5
 RETRIES = 3  # of an item whose worker was killed
 POLL_INTERVAL_S = 0.2
-LIBRARIES = ("scipy.interpolate", "scipy.signal")  # which workers load at their start
+LIBRARIES = ("numba", "scipy.interpolate", "scipy.signal")  # which workers load at their start
 
 Worker = tuple[Launched, Connection]
 
