@@ -29,7 +29,7 @@ from drivers.run.execute import Place, execute
 from drivers.run.run import run_identity
 
 MAX_CHUNK = 64  # cases that are claimed together
-CHUNKS = 32  # of a worker, so that all end at about the same time
+CHUNKS = 16  # of a worker, so that all end at about the same time
 RETRY_INTERVAL_S = 1.0  # while another batch works on the remaining cases
 ENDED = ("done", "failed", "timeout", "refused")  # states of rows that are not run again
 WORKER_COSTS = ("start_s", "engine_s", "workflow_s", "reference_s")  # they add up to a worker's time
