@@ -155,8 +155,8 @@ class Batch:
         A failure that is to be run again counts as a missing row.
         """
         cases = {number: self.study.case_sha256(number) for number in (self.numbers if numbers is None else numbers)}
+        claimed = store.claimed([*cases.values()])  # first, since a row that is finished meanwhile loses its claim
         known = store.states([*cases.values()], self.programs)
-        claimed = store.claimed([*cases.values()])
 
         def state(key: Key) -> str:
             current, done, ended, status = known.get(key, (False, False, 0.0, ""))

@@ -211,6 +211,27 @@ def test_claims_end_with_their_process(tmp_path: Path) -> None:
     assert sql(tmp_path, "SELECT case_sha256 FROM claims") == []
 
 
+def test_a_row_that_another_batch_finishes_meanwhile_is_not_run_again(
+    study_file: StudyWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is finished between the looks of this batch at rows and claims, whichever comes first."""
+    asked = batch_rows.Batch(study_file(SPEEDS.format(2), "verlet"), tmp_path)
+    of_case = asked.study.case_sha256(1)
+    with Store(tmp_path) as store, Store(tmp_path) as other:
+        other.claim([of_case], ["verlet"])
+        assert asked.states(store, [1])["verlet"] == {1: "claimed"}
+        for name in ("states", "claimed"):
+            look = getattr(store, name)
+
+            def look_and_meanwhile(*words: Any, look: Any = look) -> Any:
+                found = look(*words)
+                other.finish(replace(ROW, case_sha256=of_case, program=asked.programs["verlet"]))
+                return found
+
+            monkeypatch.setattr(store, name, look_and_meanwhile)
+        assert asked.states(store, [1])["verlet"] == {1: "done"}
+
+
 def test_a_database_that_cannot_be_written_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also with rows that a killed process has not moved from the log."""
     with Store(tmp_path / "a#b?") as store:
