@@ -9,7 +9,6 @@ changes sign, and runs in ``s = (t_e - t)^(1/4)``.
 """
 
 from math import sqrt
-from typing import Any
 
 import numpy as np
 
@@ -34,6 +33,7 @@ from validation.reference.hertz_chain import (
 
 MIN_TOLERANCE = 1e-12  # attainable in double precision with a margin: the smallest measured errors are near 1e-14
 LOCAL_SHARE = 0.002  # local divided by requested tolerance: light or loose beads amplify errors about a thousandfold
+LOCATED = True
 FIRST_STEP = 1e-3  # share of the time scale
 SCALE_TIMES = 2001  # times at which a drive is looked at, for scales of errors only
 
@@ -66,15 +66,13 @@ def integrate_adaptive(
         raise ValueError("time_s: not finite")
     if not MIN_TOLERANCE <= tolerance < 1:
         raise ValueError(f"tolerance: {tolerance:g}, expected from {MIN_TOLERANCE:g} to below 1")
-    n = chain.mass_kg.size
-    overlap_scale, speed_scale = scales(chain, float(time_s[-1]))
+    n, magnitudes = chain.mass_kg.size, scales(chain, float(time_s[-1]))
     sums = np.zeros(columns_of_sums(chain, energies=energies))
-    start = np.concatenate([chain.overlap_m, chain.velocity_m_s, sums])
-    scale = np.repeat([overlap_scale, speed_scale], n)
-    first = FIRST_STEP * overlap_scale / speed_scale
+    states = np.empty((time_s.size, 2 * n + sums.size))
+    states[0] = np.concatenate([chain.overlap_m, chain.velocity_m_s, sums])
+    first = FIRST_STEP * magnitudes[0] / magnitudes[1]
     stop = np.zeros(1, bool) if stop is None else stop
-    states = np.empty((time_s.size, start.size))
-    done = _fill(states, start, time_s, chain, LOCAL_SHARE * tolerance, scale, first, stop)
+    done = _fill(states, time_s, chain, LOCATED, LOCAL_SHARE * tolerance, first, magnitudes, stop)
     if not done or not np.isfinite(states).all():
         raise ArithmeticError("the adaptive reference cannot integrate this motion: its steps become too small")
     overlap, velocity = (np.ascontiguousarray(states[:, place : place + n]) for place in (0, n))
@@ -91,42 +89,44 @@ def integrate_adaptive(
 
 
 def _fill(
-    states: Array, start: Array, time_s: Array, chain: HertzChain, tolerance: float, scale: Array, first: float,
-    stop: Flag,
+    states: Array, time_s: Array, chain: HertzChain, located: bool, tolerance: float, first: float,
+    magnitudes: tuple[float, float], stop: Flag,
 ) -> bool:  # fmt: skip
     """Fills states as ``fill_states`` does, from kink to kink of a drive; the time of each part begins at 0."""
     from validation.reference.adaptive_kernels import fill_states
+    from validation.reference.dop853 import DAMPED, ELASTIC, INVERSE_MASS, POWER_LAW, STATIC, Law
 
     n, drive = chain.mass_kg.size, chain.drive
+    bodies = np.zeros((STATIC + 1, n + 1))
     inverse_mass, acceleration = 1.0 / chain.mass_kg, chain.load_N / chain.mass_kg
-    bodies: tuple[Any, ...] = (inverse_mass, chain.stiffness, np.zeros(0) if chain.elastic else chain.damping)
-    bodies = (
-        *bodies,
-        acceleration,
-        *((float(chain.alpha), np.zeros(n)) if chain.alpha else (float(chain.overlap_power),)),
-    )
     static = hertz_force(chain.stiffness, chain.overlap_m)
+    rows = (chain.stiffness, chain.damping, inverse_mass, acceleration, 0.0, 0.0, static)
+    for row, values in enumerate(rows):
+        bodies[row, :n] = values
+    kind = POWER_LAW if chain.alpha else ELASTIC if chain.elastic else DAMPED
+    law = Law(kind, float(chain.alpha or chain.overlap_power), False, 0, False, 0.0, 0.0, 0.0)
     if drive is None:
-        summed: tuple[Any, ...] = (0.0, static) if start.size > 2 * n else ()
-        undriven = (False, np.zeros(COLUMNS), np.zeros(2), 0, False, 0.0, *summed)
-        return bool(fill_states(states, start, time_s, (*bodies, undriven), tolerance, scale, first, stop))
+        undriven = np.zeros(COLUMNS + 2)
+        return bool(fill_states(states, time_s, bodies, undriven, law, located, tolerance, magnitudes, first, stop))
     load_N, constant = float(chain.load_N[drive.body]), float(acceleration[drive.body])
+    law = law._replace(driven=True, body=drive.body, prescribed=drive.prescribed, constant=constant, load=load_N)
     if drive.prescribed:
-        inverse_mass[drive.body] = 0.0
-    states[0] = start
+        bodies[INVERSE_MASS, drive.body] = 0.0
+    start = states[0]
     begins = drive.segments[drive.segments[:, 0] * SAME_TIME < time_s[-1], 0]
     for segment, begin, end in zip(drive.segments, begins, [*begins[1:], time_s[-1]], strict=False):
         first_sample, beyond = np.searchsorted(time_s, np.array([begin, end]) * SAME_TIME, side="right")
-        if drive.prescribed:
-            start[n + drive.body] = wave(segment, 0.0)[1]
         times = np.concatenate([[0.0], time_s[first_sample:beyond] - begin])
         if times[-1] < end - begin:
             times = np.append(times, end - begin)
         part = np.empty((times.size, start.size))
-        driven = (True, segment, np.zeros(2), drive.body, drive.prescribed, constant, load_N, static)
-        if not fill_states(part, start, times, (*bodies, driven), tolerance, scale, min(first, end - begin), stop):
+        part[0] = start
+        if drive.prescribed:
+            part[0, n + drive.body] = wave(segment, 0.0)[1]
+        driven, begun = np.append(segment, [0.0, 0.0]), min(first, end - begin)
+        if not fill_states(part, times, bodies, driven, law, located, tolerance, magnitudes, begun, stop):
             return False
-        states[first_sample:beyond], start = part[1 : 1 + beyond - first_sample], part[-1].copy()
+        states[first_sample:beyond], start = part[1 : 1 + beyond - first_sample], part[-1]
     return True
 
 

@@ -6,11 +6,24 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from validation.reference.contact_kernels import CACHED, copy, root_raised
+from validation.reference.contact_kernels import CACHED, root_raised
 from validation.reference.dop853 import (
-    POWER_LAW_LENGTH,
-    ROWS,
-    Bodies,
+    DAMPED,
+    DAMPING,
+    ELASTIC,
+    ERRORS,
+    GRIPS,
+    LAST,
+    NEXT,
+    POWER_LAW,
+    RATES,
+    SPARE,
+    START,
+    STATES,
+    STIFFNESS,
+    STOP,
+    Law,
+    closing_speed,
     drive_until,
     error,
     evaluate_dense,
@@ -21,7 +34,7 @@ from validation.reference.dop853 import (
     stretch_at,
 )
 from validation.reference.hertz_chain import EXPONENT, Array, Flag
-from validation.reference.power_law_events import closing_speed, first_holds, first_power_event, passing
+from validation.reference.power_law_events import first_grips, first_power_event, passing
 
 DENSE_LIMIT = 1e-9  # local tolerance; below it damped forces rise too steeply to interpolate samples
 EVENT_OVERLAP = 1e-13  # share of the overlap scale: smaller gaps and overlaps are rounding, no event
@@ -46,35 +59,34 @@ def _root(elapsed: float, power: float) -> float:
 
 @njit(cache=CACHED, nogil=True, error_model="numpy")
 def fill_states(
-    samples: Array, start: Array, times: Array, bodies: Bodies, tolerance: float, scale: Array, first_step: float,
-    stop: Flag,
+    samples: Array, times: Array, bodies: Array, drive: Array, law: Law, located: bool, tolerance: float,
+    scales: tuple[float, float], first_step: float, stop: Flag,
 ) -> bool:  # fmt: skip
-    """Fills states of a chain at all times; True if the integration reached the end.
+    """Fills the states of a chain at all times but the first; True if the integration reached the end.
 
     A state has overlaps, velocities, and integrals as ``hertz_chain.columns_of_sums`` counts them. Local errors of
-    overlaps and velocities stay below ``tolerance`` times ``scale``, shape (2 bodies,), in each step. The states are
-    filled into a given array: to return one, numba would run Python code, and lose the exception of a signal in it.
+    overlaps and velocities stay below ``tolerance`` times their scales in each step. The states are filled into a given
+    array: to return one, numba would run Python code, and lose the exception of a signal in it.
+
+    Args:
+        samples: the states, the first of them given. Shape (times, size of a state).
+        times: times from 0 on.
+        bodies, drive, law: the chain, as ``dop853`` describes it.
+        located: True if steps end where contacts open and close; False if short steps there are enough.
+        tolerance, scales: local error, relative to the scales of overlap and velocity.
+        first_step: length of the first step.
+        stop: flag that ends the integration.
     """
-    size = start.size
-    state, end, work = np.zeros((3, size)), np.zeros((3, size)), np.zeros((3, size))
-    slopes, spare, dense = np.zeros((ROWS, size)), np.zeros((ROWS, size)), np.empty((7, size))
-    copy(start, samples[0])
-    copy(start, state[0])
-    return _fill(samples, state, end, work, slopes, spare, dense, times, bodies, tolerance, scale, first_step, stop)
-
-
-@njit(error_model="numpy")
-def _fill(
-    samples: Array, state: Array, end: Array, work: Array, slopes: Array, spare: Array, dense: Array, times: Array,
-    bodies: Bodies, tolerance: float, scale: Array, first_step: float, stop: Flag,
-) -> bool:  # fmt: skip
-    """Fills all samples after the first, which is the initial state; True if the integration reached the end."""
-    power = 4.0 if bodies[2].size else 2.0
+    n, size = bodies.shape[1] - 1, samples.shape[1]
+    rows = np.zeros((STATES, size))
+    for i in range(size):
+        rows[START, i] = samples[0, i]
+    power = 4.0 if law.law != ELASTIC else 2.0
     dense_enough = power == 2.0 or tolerance >= DENSE_LIMIT
-    if len(bodies) == POWER_LAW_LENGTH:
-        first_holds(state[0], bodies)
-    drive_until(0.0, bodies)
-    slope(state[0], 1.0, state[2], bodies)
+    if law.law == POWER_LAW:
+        first_grips(rows, n, located, bodies, law)
+    drive_until(0.0, bodies, drive, law)
+    slope(rows, START, START + RATES, n, size, 1.0, bodies, law)
     nobody: Any = np.int64(-1)  # a literal would make numba compile the called functions again
     since, rest = 0.0, 0.0  # the sum is the time of the last event, from which other times are counted
     s, h, sample, rejected, last = 0.0, _root(first_step, power), 1, 0, nobody
@@ -85,28 +97,31 @@ def _fill(
         elapsed, final = _raised(s, power), (times[-1] - since) - rest
         s_end = min(s + h, _root(final, power))
         target = final if s_end < s + h else _raised(s_end, power)
-        begin, length, stretch = s, s_end - s, power
-        step(state, s, length, power, slopes, end, bodies)
-        event, share = _first_event(state[0], end[0], bodies, scale, tolerance, elapsed, target, last, nobody)
+        begin, length, stretch, event, share = s, s_end - s, power, nobody, 2.0
+        step(rows, n, size, s, length, power, STOP, bodies, drive, law)
+        if located:
+            event, share = _first_event(rows, n, bodies, law, scales, tolerance, elapsed, target, last, nobody)
         if share < 0.0:
-            drive_until(elapsed, bodies)
-            slope(state[0], 1.0, state[2], bodies)
+            drive_until(elapsed, bodies, drive, law)
+            slope(rows, START, START + RATES, n, size, 1.0, bodies, law)
             rejected += 1
             h *= 0.5
             continue
         if event >= 0:
-            if _at_zero_overlap(state[0], event, bodies):
-                share = _refined(share, event % bodies[1].size, state[0], end[0], s, length, power, bodies)
+            if _at_zero_overlap(rows, n, event, bodies, law):
+                share = _refined(rows, n, share, event % n, s, length, power, law)
             guess = _raised(s + share * length, power)
-            begin, length, stretch, target = _step_to_event(state, s, power, guess, target, event, slopes, end, bodies)
+            begin, length, stretch, target = _step_to_event(
+                rows, n, size, s, power, guess, target, event, bodies, drive, law
+            )
             another = nobody
             if length != 0.0 and target <= final:
-                another = _first_event(state[0], end[0], bodies, scale, tolerance, elapsed, target, last, event)[0]
+                another = _first_event(rows, n, bodies, law, scales, tolerance, elapsed, target, last, event)[0]
             if length == 0.0 or target > final or another >= 0:
                 rejected += 1
                 h *= 0.5 if length == 0.0 or target <= final else 0.98
                 continue
-        e = error(end, begin + length, length, stretch, slopes, scale, tolerance, work, bodies)
+        e = error(rows, n, size, begin + length, length, stretch, scales, tolerance, bodies, drive, law)
         if not e <= 1.0:
             rejected += 1
             h *= step_factor(e)
@@ -114,48 +129,50 @@ def _fill(
 
         rejected = 0 if target > elapsed else rejected + 1
         if (times[sample] - since) - rest <= target and dense_enough:
-            prepare_dense(state[0], end[0], begin, length, stretch, slopes, dense, work[0], bodies)
+            prepare_dense(rows, n, size, begin, length, stretch, bodies, drive, law)
         while sample < times.size and (times[sample] - since) - rest <= target:
-            until = (times[sample] - since) - rest
+            until, row = (times[sample] - since) - rest, SPARE
             part = (_root(until, power) if stretch > 0.0 else _root(target - until, -stretch)) - begin
             if until == target:
-                copy(end[0], samples[sample])
+                row = STOP
             elif dense_enough:
-                evaluate_dense(state[0], dense, part / length, samples[sample])
+                evaluate_dense(rows, size, part / length)
             else:
-                step(state, begin, part, stretch, spare, work, bodies)
-                copy(work[0], samples[sample])
+                step(rows, n, size, begin, part, stretch, SPARE, bodies, drive, law)
+            for i in range(size):
+                samples[sample, i] = rows[row, i]
             sample += 1
         if event >= 0:
-            contact, switches = event % bodies[1].size, True
-            if len(bodies) == POWER_LAW_LENGTH:
-                switches = state[0, contact] < 0.0
-                if event < bodies[1].size:
-                    bodies[5][event] = 1.0 - bodies[5][event]
-            if switches and end[0, contact] <= scale[0] * EVENT_OVERLAP:  # only rounding: move it to row 1
-                end[1, contact] += end[0, contact]
-                end[0, contact] = 0.0
-            drive_until(target, bodies)
-            slope(end[0], 1.0, end[2], bodies)
+            contact, switches = event % n, True
+            if law.law == POWER_LAW:
+                switches = rows[START, contact] < 0.0
+                if event < n:
+                    bodies[GRIPS, event] = 1.0 - bodies[GRIPS, event]
+            if switches and rows[STOP, contact] <= scales[0] * EVENT_OVERLAP:  # only rounding: move it to its row
+                rows[STOP + ERRORS, contact] += rows[STOP, contact]
+                rows[STOP, contact] = 0.0
+            drive_until(target, bodies, drive, law)
+            slope(rows, STOP, STOP + RATES, n, size, 1.0, bodies, law)
             further = target + rest
             later = since + further
             kept = later - since
             rest = (since - (later - kept)) + (further - kept)
             since = later
-            bodies[-1][2][0] = since + rest
+            drive[LAST] = since + rest
             s, h = 0.0, _root(target - elapsed, power) if target > elapsed else h
         else:
             s, h = s_end, length * step_factor(e)
         last = event
-        for row in range(len(state)):
-            copy(end[row], state[row])
+        for row in range(STOP - START):
+            for i in range(size):
+                rows[START + row, i] = rows[STOP + row, i]
     return True
 
 
 @njit(error_model="numpy")
 def _first_event(
-    start: Array, end: Array, bodies: Bodies, scale: Array, tolerance: float, elapsed: float, until: float, last: int,
-    known: int,
+    rows: Array, n: int, bodies: Array, law: Law, scales: tuple[float, float], tolerance: float, elapsed: float,
+    until: float, last: int, known: int,
 ) -> tuple[int, float]:  # fmt: skip
     """First contact that opens, closes or releases in a step (-1: none), and the fraction of the step at which it does.
 
@@ -163,23 +180,21 @@ def _first_event(
     opening is the event of the contact plus the number of contacts. With the power law the event is one of
     ``power_law_events``; a negative fraction means that the step must be repeated with a smaller size.
     """
-    if len(bodies) == POWER_LAW_LENGTH:
-        return first_power_event(start, end, bodies, scale, tolerance, elapsed, until, last, known)
-    stiffness, damping = bodies[1], bodies[2]
-    n = stiffness.size
+    if law.law == POWER_LAW:
+        return first_power_event(rows, n, bodies, law, scales, tolerance, elapsed, until, last, known)
     first, where = -1, 2.0
     for j in range(n):
-        if j == known or stiffness[j] == 0.0:
+        if j == known or bodies[STIFFNESS, j] == 0.0:
             continue
-        number, before, after, tiny = j, start[j], end[j], EVENT_OVERLAP * scale[0]
-        if before >= 0.0 and damping.size and damping[j] > 0.0:
+        number, before, after, tiny = j, rows[START, j], rows[STOP, j], EVENT_OVERLAP * scales[0]
+        if before >= 0.0 and law.law == DAMPED and bodies[DAMPING, j] > 0.0:
             if j == last or n + j == last:
                 continue
-            if bodies[4] == EXPONENT and end[j] < 0.0 and n + j != known:
-                number, after = n + j, after if _grip(start, j, bodies) > 0.0 else 0.0
+            if law.exponent == EXPONENT and after < 0.0 and n + j != known:
+                number, after = n + j, after if _grip(rows, START, n, j, bodies, law) > 0.0 else 0.0
             else:
-                before, after = _grip(start, j, bodies), _grip(end, j, bodies)
-                tiny = EVENT_OVERLAP * damping[j] * scale[n]
+                before, after = _grip(rows, START, n, j, bodies, law), _grip(rows, STOP, n, j, bodies, law)
+                tiny = EVENT_OVERLAP * bodies[DAMPING, j] * scales[1]
         if before * after < 0.0 and (abs(before) > tiny or abs(after) > tiny):
             share = before / (before - after)
             if share < where:
@@ -188,49 +203,48 @@ def _first_event(
 
 
 @njit(error_model="numpy", forceinline=True)
-def _at_zero_overlap(state: Array, event: int, bodies: Bodies) -> bool:
+def _at_zero_overlap(rows: Array, n: int, event: int, bodies: Array, law: Law) -> bool:
     """True if an event is a zero of an overlap: any but the release of a dissipative contact and of the power law."""
-    if len(bodies) == POWER_LAW_LENGTH:
+    if law.law == POWER_LAW:
         return False
-    if event >= bodies[1].size:
+    if event >= n:
         return True
-    return not (state[event] > 0.0 and bodies[2].size > 0 and bodies[2][event] > 0.0)
+    return not (rows[START, event] > 0.0 and law.law == DAMPED and bodies[DAMPING, event] > 0.0)
 
 
 @njit(error_model="numpy")
-def _refined(
-    share: float, contact: int, start: Array, end: Array, s: float, length: float, power: float, bodies: Bodies
-) -> float:
+def _refined(rows: Array, n: int, share: float, contact: int, s: float, length: float, power: float, law: Law) -> float:
     """Fraction of a step at which an overlap is zero, by the cubic polynomial of its values and speeds at both ends.
 
     ``share`` is the linear estimate, which is the result if Newton's method on the polynomial leaves the step.
     """
-    first = length * stretch_at(s, power) * closing_speed(start, contact, bodies)
-    last = length * stretch_at(s + length, power) * closing_speed(end, contact, bodies)
-    change = end[contact] - start[contact]
+    start = rows[START, contact]
+    first = length * stretch_at(s, power) * closing_speed(rows, START, n, contact, law.below)
+    last = length * stretch_at(s + length, power) * closing_speed(rows, STOP, n, contact, law.below)
+    change = rows[STOP, contact] - start
     square, cube = 3.0 * change - 2.0 * first - last, first + last - 2.0 * change
     x = share
     for _ in range(TRIES_ON_POLYNOMIAL):
-        value = start[contact] + x * (first + x * (square + x * cube))
+        value = start + x * (first + x * (square + x * cube))
         x -= value / (first + x * (2.0 * square + x * 3.0 * cube))
     return x if 0.0 < x < 1.0 else share
 
 
 @njit(error_model="numpy")
-def _grip(state: Array, contact: int, bodies: Bodies) -> float:
+def _grip(rows: Array, row: int, n: int, contact: int, bodies: Array, law: Law) -> float:
     """``k d^(3/2 - p) + C d'``, negative after a closed dissipative contact has released."""
-    overlap, power = max(state[contact], 0.0), bodies[4]
+    overlap, power = max(rows[row, contact], 0.0), law.exponent
     if power <= 0.5:
-        spring = bodies[1][contact] * overlap * root_raised(sqrt(overlap), 0.5 - power)
+        spring = bodies[STIFFNESS, contact] * overlap * root_raised(sqrt(overlap), 0.5 - power)
     else:
-        spring = bodies[1][contact] * root_raised(sqrt(overlap), 1.5 - power)
-    return float(spring + bodies[2][contact] * closing_speed(state, contact, bodies))
+        spring = bodies[STIFFNESS, contact] * root_raised(sqrt(overlap), 1.5 - power)
+    return float(spring + bodies[DAMPING, contact] * closing_speed(rows, row, n, contact, law.below))
 
 
 @njit(error_model="numpy")
 def _step_to_event(
-    state: Array, s: float, power: float, guess: float, limit: float, event: int, slopes: Array, end: Array,
-    bodies: Bodies,
+    rows: Array, n: int, size: int, s: float, power: float, guess: float, limit: float, event: int, bodies: Array,
+    drive: Array, law: Law,
 ) -> tuple[float, float, float, float]:  # fmt: skip
     """Step that ends at an event, a zero of an overlap, force or speed; Newton's method finds the end time.
 
@@ -241,47 +255,46 @@ def _step_to_event(
     Returns:
         Begin and length of the step in s, its power, time of the event; length 0 if the event was not found.
     """
-    n = bodies[1].size
-    contact = event % n
-    damped = event < n and bodies[2].size > 0 and bodies[2][contact] > 0.0
-    closed, elapsed = state[0, contact] > 0.0, _raised(s, power)
+    contact, by_power_law, at_zero = event % n, law.law == POWER_LAW, _at_zero_overlap(rows, n, event, bodies, law)
+    damped = event < n and law.law == DAMPED and bodies[DAMPING, contact] > 0.0
+    closed, elapsed = rows[START, contact] > 0.0, _raised(s, power)
     backwards = 0.0
-    if event >= n and len(bodies) == POWER_LAW_LENGTH:
+    if event >= n and by_power_law:
         backwards = 4.0
-    elif closed and not damped:
+    elif closed and not damped and not by_power_law:
         backwards = 2.0
     low, high, past, tries = elapsed, 0.0, 0.0, MAX_TRIES
     rounding = TIME_ROUNDING * (3.0 if power == 4.0 else 1.0)  # a finer limit than s**4 resolves is never reached
-    if len(bodies) == POWER_LAW_LENGTH:  # Newton's method alone may fail after a release: keep the event bracketed
+    if by_power_law:  # Newton's method alone may fail after a release: keep the event bracketed
         high, tries = limit, MAX_TRIES_BETWEEN
-        past = passing(end[0], end[2], event, state[0, contact] < 0.0, bodies)[0]
+        past = passing(rows, n, event, bodies, law)[0]
     for _ in range(tries):
         begin, length, stretch = s, _root(guess, power) - s, power
         if backwards > 0.0:
             begin, stretch = _root(guess - elapsed, backwards), -backwards
             length = -begin
-            bodies[-1][2][1] = guess
-        step(state, begin, length, stretch, slopes, end, bodies)
-        value, rate = end[0, contact], closing_speed(end[0], contact, bodies)
-        drive_until(guess, bodies)
-        if len(bodies) == POWER_LAW_LENGTH:
-            slope(end[0], 1.0, end[2], bodies)
-            value, rate = passing(end[0], end[2], event, state[0, contact] < 0.0, bodies)
+            drive[NEXT] = guess
+        step(rows, n, size, begin, length, stretch, STOP, bodies, drive, law)
+        value, rate = rows[STOP, contact], closing_speed(rows, STOP, n, contact, law.below)
+        drive_until(guess, bodies, drive, law)
+        if by_power_law or at_zero or damped:
+            slope(rows, STOP, STOP + RATES, n, size, 1.0, bodies, law)
+        if by_power_law:
+            value, rate = passing(rows, n, event, bodies, law)
         elif closed and damped:
-            slope(end[0], 1.0, end[2], bodies)
-            value = _grip(end[0], contact, bodies)
-            rate *= (1.5 - bodies[4]) * bodies[1][contact] * max(end[0, contact], TINY) ** (0.5 - bodies[4])
-            rate += bodies[2][contact] * closing_speed(end[2], contact, bodies)
-        if rate == 0.0 and len(bodies) != POWER_LAW_LENGTH:
+            value = _grip(rows, STOP, n, contact, bodies, law)
+            rate *= (1.5 - law.exponent) * bodies[STIFFNESS, contact]
+            rate *= max(rows[STOP, contact], TINY) ** (0.5 - law.exponent)
+            rate += bodies[DAMPING, contact] * closing_speed(rows, STOP + RATES, n, contact, 0.0)
+        if rate == 0.0 and not by_power_law:
             break
         change = -value / rate
-        if _at_zero_overlap(state[0], event, bodies):  # to second order, which saves a step
-            slope(end[0], 1.0, end[2], bodies)
-            bend = 0.5 * change * closing_speed(end[2], contact, bodies) / rate
+        if at_zero:  # to second order, which saves a step
+            bend = 0.5 * change * closing_speed(rows, STOP + RATES, n, contact, 0.0) / rate
             change *= 1.0 - bend if abs(bend) < 0.5 else 1.0
         if abs(change) <= rounding * guess + 1e-14 * (guess - elapsed):
             return begin, length, stretch, guess
-        if len(bodies) == POWER_LAW_LENGTH:
+        if by_power_law:
             low, high = (low, guess) if value * past > 0.0 else (guess, high)
             guess = guess + change if low < guess + change < high else 0.5 * (low + high)
         else:

@@ -6,23 +6,22 @@ smooth in ``s = |t - t_e|^(1/2)`` but not in t. The force of a dissipative conta
 ``t = t_e + s^power`` the equations are ``dy/ds = power s^(power - 1) f(y)``, and the method keeps its order through
 the event. Powers -2 and -4 mean ``t = t_e - s^2`` and ``t = t_e - s^4``.
 
-Rows of a state: values (overlaps, velocities, and integrals of ``hertz_chain.motion_with``, which no step size depends
-on); their rounding errors (Kahan); their slopes dy/dt.
+The kernels share two tables, so that calls pass few arrays, whose reference counts would take a third of a small
+chain's time. ``rows`` holds states, a row each: overlaps, velocities, and integrals of ``hertz_chain.motion_with``, on
+which no step size depends. ``bodies`` holds numbers of each body and of the contact under it, and the force of the
+contact above the highest body.
 """
 
-from collections.abc import Callable
 from math import sqrt
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numba.extending import overload
 
-from validation.reference.contact_kernels import damped_force, elastic_force, power_force, segment_value
-from validation.reference.hertz_chain import Array
+from validation.reference.contact_kernels import elastic_force, power_force, root_raised, segment_value
+from validation.reference.hertz_chain import COLUMNS, VISCOELASTIC_POWER, Array
 
 STAGES = 12
-ROWS = 16  # the stages, the slope at the end, three more stages for dense output
 # coefficients of DOP853 by Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, 2nd edition, 1993
 # fmt: off
 # times of the stages, as shares of the step
@@ -113,8 +112,9 @@ D: dict[int, dict[int, float]] = {
 }
 # fmt: on
 # rows of FORMULAS: each stage, the end of the step, stages of dense output, two error estimates, dense output
-END, FIFTH, THIRD, DENSE = STAGES, ROWS, ROWS + 1, ROWS + 2
-FORMULAS = np.zeros((DENSE + 4, ROWS))
+SLOPES, END = 16, STAGES
+FIFTH, THIRD, DENSE = SLOPES, SLOPES + 1, SLOPES + 2
+FORMULAS = np.zeros((DENSE + 4, SLOPES))
 for _formula, _weights in {**A, FIFTH: E5, **{DENSE + row: weights for row, weights in D.items()}}.items():
     FORMULAS[_formula, list(_weights)] = list(_weights.values())
 FORMULAS[THIRD] = FORMULAS[END]
@@ -125,107 +125,104 @@ WEIGHTS = np.take_along_axis(FORMULAS, TERMS, axis=1)
 TERMS[WEIGHTS == 0] = 0
 COUNTS = np.count_nonzero(FORMULAS, axis=1)
 ROUNDING = 0.5**53  # relative rounding error of a double
-# inverse masses, stiffness, damping (empty for an elastic chain), acceleration by the loads alone, power of the overlap
-# in damping; with the power law alpha in its place, and for each contact 1 if it may exert a force in the present step;
-# last the drive: True if there is one, its segment, times of the last and of the next event since the segment begins,
-# body, True if it moves as prescribed (with an inverse mass of 0), acceleration by its constant load; with integrals
-# this load, and the elastic forces at time 0
-Bodies = tuple[Any, ...]
-POWER_LAW_LENGTH = 7  # length of Bodies with the power law; numba compiles a kernel for each of the two lengths
-SUMMED_LENGTH = 8  # length of the drive's tuple with integrals, in the same way
+# rows of the table of states: the slopes dy/ds; at the start of a step values, their rounding errors (Kahan) and their
+# slopes dy/dt; the same three at its end; the same of an intermediate result; polynomial of the step; zeros
+START = SLOPES
+STOP, SPARE, POLYNOMIAL = START + 3, START + 6, START + 9
+ZEROS = POLYNOMIAL + 7
+STATES = ZEROS + 1
+ERRORS, RATES = 1, 2  # after the row of the values
+# rows of the table of bodies; GRIPS: 1 if the contact may exert a force in the present step, 0 if not, -1 if its
+# overlap decides (only with the power law); STATIC: elastic force at time 0
+STIFFNESS, DAMPING, INVERSE_MASS, ACCELERATION, FORCE, GRIPS, STATIC = range(7)
+ELASTIC, DAMPED, POWER_LAW = range(3)
+LAST, NEXT = COLUMNS, COLUMNS + 1  # of a drive's array, after its segment: times of events since the segment begins
 
 
-def slope(state: Array, stretch: float, result: Array, bodies: Bodies) -> None:
-    """Writes ``stretch * dy/dt`` to ``result``; each loop compiles to vector instructions."""
+class Law(NamedTuple):
+    """Numbers that hold for all bodies.
 
+    Attributes:
+        law: ``ELASTIC``, ``DAMPED`` or ``POWER_LAW``.
+        exponent: of the overlap in damping, or alpha of the power law.
+        driven: True if there is a drive.
+        body: driven body.
+        prescribed: True if it moves as prescribed, with an inverse mass of 0.
+        constant: its acceleration by its constant load.
+        load: this load.
+        below: velocity of what is below the lowest body.
+    """
 
-def _slope(summed: bool) -> Callable[..., None]:
-    """``slope`` with integrals or without; a call for none would count references for a third of a chain's time."""
-
-    def of_bodies(state: Array, stretch: float, result: Array, bodies: Bodies) -> None:
-        if len(bodies) == POWER_LAW_LENGTH:
-            _slope_power(state, stretch, result, bodies)
-            return
-        inverse_mass, stiffness, damping, acceleration, overlap_power = bodies[:5]
-        n = inverse_mass.size
-        velocity, closing, force = state[n : 2 * n], result[:n], result[n : 2 * n]
-        closing[0] = -velocity[0]
-        for j in range(1, n):
-            closing[j] = velocity[j - 1] - velocity[j]
-        if damping.size:
-            for j in range(n):
-                if state[j] > 0.0:
-                    force[j] = damped_force(stiffness[j], damping[j], overlap_power, state[j], closing[j])
-                else:
-                    force[j] = 0.0
-        else:
-            for j in range(n):
-                force[j] = elastic_force(stiffness[j], state[j] if state[j] > 0.0 else 0.0)
-        if summed:
-            _powers(state, stretch, force, result, bodies, bodies[-1])
-        for j in range(n - 1):
-            force[j] = stretch * ((force[j] - force[j + 1]) * inverse_mass[j] + acceleration[j])
-        force[n - 1] = stretch * (force[n - 1] * inverse_mass[n - 1] + acceleration[n - 1])
-        for j in range(n):
-            closing[j] *= stretch
-
-    return of_bodies
-
-
-WITH_INTEGRALS, WITHOUT = _slope(True), _slope(False)
-
-
-# inlined, since reference counts of its arguments would take a fifth of a small chain's time
-@overload(slope, jit_options={"error_model": "numpy", "forceinline": True})
-def _slope_by_type(state: Array, stretch: float, result: Array, bodies: Bodies) -> Callable[..., None]:
-    """Choose when numba compiles a call."""
-    return WITH_INTEGRALS if len(bodies[-1]) == SUMMED_LENGTH else WITHOUT
+    law: int
+    exponent: float
+    driven: bool
+    body: int
+    prescribed: bool
+    constant: float
+    load: float
+    below: float
 
 
 @njit(error_model="numpy", forceinline=True)
-def _powers(state: Array, stretch: float, force: Array, result: Array, bodies: Bodies, drive: tuple[Any, ...]) -> None:
-    """Writes ``stretch`` times the integrands of ``hertz_chain.motion_with``, with the forces of all contacts.
-
-    For a contact it is ``(F - F(0)) d'``, which stays smooth when the overlap of a released contact reaches 0. Without
-    integrals nothing is compiled.
-    """
-    if len(drive) != SUMMED_LENGTH:
-        return
-    inverse_mass, acceleration = bodies[0], bodies[3]
-    driven, _, _, body, prescribed, constant, load, static = drive
-    n = inverse_mass.size
-    powers = result[2 * n :]
-    if driven:
-        if prescribed:
-            by_drive = (force[body + 1] if body + 1 < n else 0.0) - force[body] - load
-        else:
-            by_drive = (acceleration[body] - constant) / inverse_mass[body]
-        powers[0], powers[1] = stretch * by_drive * state[n + body], stretch * by_drive
-    below = 0.0
-    for j in range(n if powers.size > 2 else 0):
-        here, further = state[n + j], stretch * (force[j] - static[j])
-        powers[2 + j] = further * (below - here)
-        powers[2 + n + j] = -further * here
-        below = here
+def closing_speed(rows: Array, row: int, n: int, contact: int, below: float) -> float:
+    """Closing speed ``d'`` of a contact from values or, with 0 as velocity ``below`` the lowest body, from slopes."""
+    return float((rows[row, n + contact - 1] if contact > 0 else below) - rows[row, n + contact])
 
 
 @njit(error_model="numpy")
-def _slope_power(state: Array, stretch: float, result: Array, bodies: Bodies) -> None:
-    """``slope`` for the power law; it is smooth, as the contacts with a force stay the same within a step."""
-    inverse_mass, stiffness, gamma, acceleration, alpha, holds = bodies[:6]
-    n = inverse_mass.size
-    below, force = 0.0, result[n : 2 * n]
+def slope(rows: Array, row: int, result: int, n: int, size: int, stretch: float, bodies: Array, law: Law) -> None:
+    """Writes ``stretch * dy/dt`` of the values in a row to another row; most loops compile to vector instructions."""
+    rows[result, 0] = law.below - rows[row, n]
+    for j in range(1, n):
+        rows[result, j] = rows[row, n + j - 1] - rows[row, n + j]
+    if law.law == ELASTIC:
+        for j in range(n):
+            bodies[FORCE, j] = elastic_force(bodies[STIFFNESS, j], max(rows[row, j], 0.0))
+    elif law.law == DAMPED:
+        if law.exponent == VISCOELASTIC_POWER:  # a loop of its own, without calls
+            for j in range(n):
+                bodies[FORCE, j] = sqrt(sqrt(max(rows[row, j], 0.0)))
+        else:
+            for j in range(n):
+                bodies[FORCE, j] = root_raised(sqrt(max(rows[row, j], 0.0)), law.exponent)
+        for j in range(n):
+            elastic = elastic_force(bodies[STIFFNESS, j], max(rows[row, j], 0.0))
+            bodies[FORCE, j] = max(elastic + bodies[DAMPING, j] * bodies[FORCE, j] * rows[result, j], 0.0)
+    else:
+        for j in range(n):
+            bodies[FORCE, j] = 0.0
+            if bodies[GRIPS, j] > 0.0 or bodies[GRIPS, j] < 0.0 <= rows[row, j]:
+                overlap, closing = max(rows[row, j], 0.0), rows[result, j]
+                force = power_force(bodies[STIFFNESS, j], bodies[DAMPING, j], law.exponent, overlap, closing)
+                bodies[FORCE, j] = force
     for j in range(n):
-        velocity = state[n + j]
-        closing = below - velocity
-        result[j] = stretch * closing
-        below, force[j] = velocity, 0.0
-        if holds[j] > 0.0:
-            force[j] = power_force(stiffness[j], gamma[j], alpha, max(state[j], 0.0), closing)
-    _powers(state, stretch, force, result, bodies, bodies[-1])
+        net = (bodies[FORCE, j] - bodies[FORCE, j + 1]) * bodies[INVERSE_MASS, j]
+        rows[result, n + j] = stretch * (net + bodies[ACCELERATION, j])
     for j in range(n):
-        above = force[j + 1] if j + 1 < n else 0.0
-        force[j] = stretch * ((force[j] - above) * inverse_mass[j] + acceleration[j])
+        rows[result, j] *= stretch
+    if size > 2 * n:
+        _powers(rows, row, result, n, size, stretch, bodies, law)
+
+
+@njit(error_model="numpy")
+def _powers(rows: Array, row: int, result: int, n: int, size: int, stretch: float, bodies: Array, law: Law) -> None:
+    """Writes ``stretch`` times the integrands of ``hertz_chain.motion_with``, with the forces of all contacts.
+
+    For a contact it is ``(F - F(0)) d'``, which stays smooth when the overlap of a released contact reaches 0.
+    """
+    first = 2 * n
+    rows[result, first], rows[result, first + 1] = 0.0, 0.0
+    if law.driven:
+        by_drive = bodies[FORCE, law.body + 1] - bodies[FORCE, law.body] - law.load
+        if not law.prescribed:
+            by_drive = (bodies[ACCELERATION, law.body] - law.constant) / bodies[INVERSE_MASS, law.body]
+        rows[result, first] = stretch * by_drive * rows[row, n + law.body]
+        rows[result, first + 1] = stretch * by_drive
+    if size > first + 2:
+        for j in range(n):
+            further = stretch * (bodies[FORCE, j] - bodies[STATIC, j])
+            rows[result, first + 2 + j] = further * closing_speed(rows, row, n, j, law.below)
+            rows[result, first + 2 + n + j] = -further * rows[row, n + j]
 
 
 @njit(error_model="numpy", forceinline=True)
@@ -235,90 +232,88 @@ def stretch_at(s: float, power: float) -> float:
 
 
 @njit(error_model="numpy", forceinline=True)
-def drive_until(elapsed: float, bodies: Bodies) -> None:
+def drive_until(elapsed: float, bodies: Array, drive: Array, law: Law) -> None:
     """Sets the acceleration of the driven body without contact forces, at a time since the last event."""
-    if bodies[-1][0]:
-        _, segment, clock, body, prescribed, constant = bodies[-1][:6]
-        value, _, bend = segment_value(segment, clock[0] + elapsed)
-        bodies[3][body] = bend if prescribed else constant + value * bodies[0][body]
+    if law.driven:
+        value, _, bend = segment_value(drive, drive[LAST] + elapsed)
+        by_force = law.constant + value * bodies[INVERSE_MASS, law.body]
+        bodies[ACCELERATION, law.body] = bend if law.prescribed else by_force
 
 
 @njit(error_model="numpy", forceinline=True)
-def elapsed_at(s: float, power: float, bodies: Bodies) -> float:
-    """Time since the last event; with a negative power, s counts back from the next event."""
-    raised = s * s * s * s if abs(power) == 4.0 else s * s
-    return raised if power > 0.0 else float(bodies[-1][2][1]) - raised
+def _drive_at(s: float, power: float, bodies: Array, drive: Array, law: Law) -> None:
+    """``drive_until`` at a place s; with a negative power, s counts back from the next event."""
+    if law.driven:
+        raised = s * s * s * s if abs(power) == 4.0 else s * s
+        drive_until(raised if power > 0.0 else drive[NEXT] - raised, bodies, drive, law)
 
 
 @njit(error_model="numpy")
-def weigh(formula: int | np.int64, h: float, slopes: Array, result: Array) -> None:
-    """Writes ``h * FORMULAS[formula] @ slopes`` to ``result``, in blocks of four rows."""
+def weigh(rows: Array, size: int, formula: int | np.int64, h: float, start: int | np.int64, result: int) -> None:
+    """Writes row ``start`` plus ``h * FORMULAS[formula] @ slopes`` to row ``result``, four slopes at a time."""
     row, weight = TERMS[formula], WEIGHTS[formula]
-    for i in range(result.size):
-        result[i] = 0.0
     for k in range(0, COUNTS[formula], 4):
         a, b, c, d = h * weight[k], h * weight[k + 1], h * weight[k + 2], h * weight[k + 3]
-        one, two, three, four = slopes[row[k]], slopes[row[k + 1]], slopes[row[k + 2]], slopes[row[k + 3]]
-        for i in range(result.size):
-            result[i] = result[i] + a * one[i] + b * two[i] + c * three[i] + d * four[i]
+        one, two, three, four = row[k], row[k + 1], row[k + 2], row[k + 3]
+        for i in range(size):
+            more = a * rows[one, i] + b * rows[two, i] + c * rows[three, i] + d * rows[four, i]
+            rows[result, i] = rows[start, i] + more
+        start = np.int64(result)
 
 
 @njit(error_model="numpy")
-def step(state: Array, s: float, h: float, power: float, slopes: Array, end: Array, bodies: Bodies) -> None:
-    """Takes one step from s to s + h; writes values and their rounding errors to ``end``, stages to ``slopes``."""
-    start, result, driven = state[0], end[0], bodies[-1][0]
+def step(
+    rows: Array, n: int, size: int, s: float, h: float, power: float, stop: int, bodies: Array, drive: Array, law: Law
+) -> None:
+    """Takes a step from s to s + h; writes values and their rounding errors to rows from ``stop`` on, and the slopes."""
     stretch = stretch_at(s, power)
-    for i in range(start.size):
-        slopes[0, i] = stretch * state[2, i]
+    for i in range(size):
+        rows[0, i] = stretch * rows[START + RATES, i]
     for stage in range(1, STAGES):
-        weigh(stage, h, slopes, result)
-        for i in range(start.size):
-            result[i] += start[i]
-        if driven:
-            drive_until(elapsed_at(s + C[stage] * h, power, bodies), bodies)
-        slope(result, stretch_at(s + C[stage] * h, power), slopes[stage], bodies)
-    weigh(np.int64(END), h, slopes, end[1])  # a literal would make numba compile it again
-    for i in range(start.size):
-        change = end[1, i] + state[1, i]
-        result[i] = start[i] + change
-        kept = result[i] - start[i]
-        end[1, i] = (start[i] - (result[i] - kept)) + (change - kept)
+        weigh(rows, size, stage, h, START, stop)
+        _drive_at(s + C[stage] * h, power, bodies, drive, law)
+        slope(rows, stop, stage, n, size, stretch_at(s + C[stage] * h, power), bodies, law)
+    weigh(rows, size, END, h, START + ERRORS, stop + ERRORS)
+    for i in range(size):
+        start, change = rows[START, i], rows[stop + ERRORS, i]
+        result = start + change
+        kept = result - start
+        rows[stop, i] = result
+        rows[stop + ERRORS, i] = (start - (result - kept)) + (change - kept)
 
 
 @njit(error_model="numpy")
 def error(
-    end: Array, s_end: float, h: float, power: float, slopes: Array, scale: Array, tolerance: float, work: Array,
-    bodies: Bodies,
+    rows: Array, n: int, size: int, s_end: float, h: float, power: float, scales: tuple[float, float],
+    tolerance: float, bodies: Array, drive: Array, law: Law,
 ) -> float:  # fmt: skip
-    """Largest local error divided by ``tolerance * scale``, by the two embedded formulas; fills the slope at the end.
+    """Largest local error divided by ``tolerance * scales``, by the two embedded formulas; fills the slope at the end.
 
     The allowed error of a velocity is at least the effect of rounding errors of the body's forces in the step. It
     exceeds the tolerance for light bodies between large, nearly equal forces; shorter steps would not lower it.
     """
-    if bodies[-1][0]:
-        drive_until(elapsed_at(s_end, power, bodies), bodies)
-    slope(end[0], 1.0, end[2], bodies)
-    stretch, largest, n = stretch_at(s_end, power), 0.0, bodies[0].size
+    _drive_at(s_end, power, bodies, drive, law)
+    slope(rows, STOP, STOP + RATES, n, size, 1.0, bodies, law)
+    stretch, largest = stretch_at(s_end, power), 0.0
     rounding = ROUNDING * abs(h * stretch) / tolerance
-    for i in range(slopes.shape[1]):
-        slopes[STAGES, i] = stretch * end[2, i]
-    weigh(np.int64(FIFTH), 1.0, slopes, work[0])
-    weigh(np.int64(THIRD), 1.0, slopes, work[1])
-    inverse_mass, stiffness = bodies[0], bodies[1]
-    fifth, third, estimate, force, rounded = work[0], work[1], work[1], work[2, :n], work[2, n : 2 * n]
-    for j in range(n):
-        force[j] = elastic_force(stiffness[j], end[0, j] if end[0, j] > 0.0 else 0.0)
-    for j in range(n - 1):
-        rounded[j] = rounding * (force[j + 1] + force[j]) * inverse_mass[j]
-    rounded[n - 1] = rounding * force[n - 1] * inverse_mass[n - 1]
-    for j in range(n):
-        force[j] = 0.0  # overlaps get no allowance for rounding
-    for i in range(scale.size):
-        ratio = third[i] / fifth[i]  # a ratio, since squares of tiny values ahead of a wave underflow
-        estimate[i] = abs(h * fifth[i]) / sqrt(1.0 + 0.01 * ratio * ratio) / max(scale[i], work[2, i])
-    for i in range(scale.size):
-        if fifth[i] != 0.0 and not estimate[i] <= largest:  # a NaN counts as largest
-            largest = estimate[i]
+    for i in range(size):
+        rows[STAGES, i] = stretch * rows[STOP + RATES, i]
+    weigh(rows, 2 * n, FIFTH, h, ZEROS, SPARE)
+    for i in range(2 * n):
+        fifth, scale = rows[SPARE, i], scales[0] if i < n else scales[1]
+        if abs(fifth) <= largest * scale:  # the estimate is smaller still
+            continue
+        third, j = 0.0, i - n
+        for k in range(COUNTS[THIRD]):
+            third += h * WEIGHTS[THIRD, k] * rows[TERMS[THIRD, k], i]
+        ratio = third / fifth  # a ratio, since squares of tiny values ahead of a wave underflow
+        if j >= 0:
+            force = elastic_force(bodies[STIFFNESS, j], max(rows[STOP, j], 0.0))
+            above = elastic_force(bodies[STIFFNESS, j + 1], max(rows[STOP, j + 1], 0.0)) if j + 1 < n else 0.0
+            scale = max(scale, rounding * (force + above) * bodies[INVERSE_MASS, j])
+        estimate = abs(fifth) / sqrt(1.0 + 0.01 * ratio * ratio) / scale
+        if not estimate <= largest:  # a NaN counts as largest
+            largest = estimate
     return largest / tolerance
 
 
@@ -334,33 +329,30 @@ def step_factor(error: float) -> float:
 
 @njit(error_model="numpy")
 def prepare_dense(
-    start: Array, end: Array, s: float, h: float, power: float, slopes: Array, dense: Array, work: Array, bodies: Bodies
+    rows: Array, n: int, size: int, s: float, h: float, power: float, bodies: Array, drive: Array, law: Law
 ) -> None:
-    """Fills the seven rows of ``dense`` for a step with its stages and end slope in ``slopes``."""
-    for row in range(STAGES + 1, ROWS):
-        weigh(row, h, slopes, work)
-        for i in range(start.size):
-            work[i] += start[i]
-        if bodies[-1][0]:
-            drive_until(elapsed_at(s + C[row] * h, power, bodies), bodies)
-        slope(work, stretch_at(s + C[row] * h, power), slopes[row], bodies)
-    for i in range(start.size):
-        change = end[i] - start[i]
-        dense[0, i] = change
-        dense[1, i] = h * slopes[0, i] - change
-        dense[2, i] = 2.0 * change - h * (slopes[STAGES, i] + slopes[0, i])
+    """Fills the polynomial of the step that ``step`` took, with the slope at its end."""
+    for stage in range(STAGES + 1, SLOPES):
+        weigh(rows, size, stage, h, START, SPARE)
+        _drive_at(s + C[stage] * h, power, bodies, drive, law)
+        slope(rows, SPARE, stage, n, size, stretch_at(s + C[stage] * h, power), bodies, law)
+    for i in range(size):
+        change = rows[STOP, i] - rows[START, i]
+        rows[POLYNOMIAL, i] = change
+        rows[POLYNOMIAL + 1, i] = h * rows[0, i] - change
+        rows[POLYNOMIAL + 2, i] = 2.0 * change - h * (rows[STAGES, i] + rows[0, i])
     for row in range(4):
-        weigh(DENSE + row, h, slopes, dense[3 + row])
+        weigh(rows, size, DENSE + row, h, ZEROS, POLYNOMIAL + 3 + row)
 
 
 @njit(error_model="numpy")
-def evaluate_dense(start: Array, dense: Array, x: float, result: Array) -> None:
-    """Writes the state at the fraction x of the step to ``result``; the interpolant has order 7."""
-    for i in range(start.size):
-        value = dense[6, i] * x
-        value = (value + dense[5, i]) * (1.0 - x)
-        value = (value + dense[4, i]) * x
-        value = (value + dense[3, i]) * (1.0 - x)
-        value = (value + dense[2, i]) * x
-        value = (value + dense[1, i]) * (1.0 - x)
-        result[i] = start[i] + (value + dense[0, i]) * x
+def evaluate_dense(rows: Array, size: int, x: float) -> None:
+    """Writes the state at the fraction x of the step to row ``SPARE``; the interpolant has order 7."""
+    for i in range(size):
+        value = rows[POLYNOMIAL + 6, i] * x
+        value = (value + rows[POLYNOMIAL + 5, i]) * (1.0 - x)
+        value = (value + rows[POLYNOMIAL + 4, i]) * x
+        value = (value + rows[POLYNOMIAL + 3, i]) * (1.0 - x)
+        value = (value + rows[POLYNOMIAL + 2, i]) * x
+        value = (value + rows[POLYNOMIAL + 1, i]) * (1.0 - x)
+        rows[SPARE, i] = rows[START, i] + (value + rows[POLYNOMIAL, i]) * x
