@@ -9,7 +9,7 @@ changes sign, and runs in ``s = (t_e - t)^(1/4)``.
 """
 
 from functools import partial
-from math import sqrt
+from math import ceil, floor, log2, sqrt
 
 import numpy as np
 
@@ -36,7 +36,10 @@ MIN_TOLERANCE = 1e-12  # attainable in double precision with a margin: the small
 LEAST_LOCAL = 2e-15  # local tolerance, at which rounding errors prevail
 FIRST_STEP = 1e-3  # share of the time scale
 PROBE = 1e-5  # tolerance for which two rough motions are cheap, and fine enough to tell how errors grow
-ROUGH, FINER = 10.0, 0.01  # local tolerance of the first, divided by this tolerance; of the second, divided by the first
+ROUGH, FINER = (
+    10.0,
+    0.01,
+)  # local tolerance of the first, divided by this tolerance; of the second, divided by the first
 LINEAR = 0.01  # larger differences of the two say nothing on smaller errors
 PROBED_SAMPLES = 100
 # Measured on the shipped scenes and 200 random ones: errors fall by a power of the local tolerance, mostly 0.8 but 0.6
@@ -44,6 +47,11 @@ PROBED_SAMPLES = 100
 ORDER = 0.75
 AIM = 0.15  # of the tolerance, for an error that is larger than expected in one scene of a hundred
 LEAST_FREE = 1e-10  # local tolerance below which located events cost less than short steps
+LEAST_SYMPLECTIC = 1e-6  # tolerance from which on the symplectic method costs less
+MAX_SYMPLECTIC = 64  # bodies; longer chains have windows
+LONGEST_STEP = 0.15  # of the symplectic method, in units of the time in which the scale of overlap is passed
+MOST_STEPS = 8  # divided by those of the longest step
+SAME_INTERVAL = 1e-9  # of the duration
 SCALE_TIMES = 2001  # times at which a drive is looked at, for scales of errors only
 
 
@@ -76,10 +84,15 @@ def integrate_adaptive(
         raise ValueError("time_s: not finite")
     if not MIN_TOLERANCE <= tolerance < 1:
         raise ValueError(f"tolerance: {tolerance:g}, expected from {MIN_TOLERANCE:g} to below 1")
-    integrate = partial(_states, chain, stop=np.zeros(1, bool) if stop is None else stop)
+    stop = np.zeros(1, bool) if stop is None else stop
+    integrate = partial(_states, chain, stop=stop)
     if tolerance == MIN_TOLERANCE:
         states = integrate(time_s, LEAST_LOCAL, located=True, energies=energies)
         return _motion(chain, time_s, states, energies=energies)
+    if tolerance >= LEAST_SYMPLECTIC and not energies:
+        motion = _symplectic_motion(chain, time_s, tolerance, stop)
+        if motion is not None:
+            return motion
     every = max(time_s.size // PROBED_SAMPLES, 1)
     few, local, probed, error = time_s[::every], ROUGH * max(tolerance, PROBE), 0.0, 1.0
     forces_N = _columns(chain, few, integrate(few, local))[0]
@@ -96,6 +109,35 @@ def integrate_adaptive(
             local = 0.5 * probed * less
         states = integrate(time_s, max(local, LEAST_LOCAL), located=located, energies=energies)
     return _motion(chain, time_s, states, energies=energies)
+
+
+def _symplectic_motion(chain: HertzChain, time_s: Array, tolerance: float, stop: Flag) -> Motion | None:
+    """Motion by the symplectic method, at steps that are halved until forces change little enough.
+
+    None for other than short, elastic, free chains with samples at equal intervals, or if too many steps are needed.
+    """
+    from validation.reference.symplectic import LEAST_ORDER, symplectic_states
+
+    n, samples, duration_s = chain.mass_kg.size, time_s.size, float(time_s[-1])
+    if not chain.elastic or chain.drive is not None or n > MAX_SYMPLECTIC or samples < 2:
+        return None
+    if np.ptp(np.diff(time_s)) > SAME_INTERVAL * duration_s:
+        return None
+    overlap, speed = scales(chain, duration_s)
+    interval_s, longest_s = duration_s / (samples - 1), LONGEST_STEP * overlap / speed
+    # samples per step and steps per sample, one of which is 1
+    every, steps = 2 ** max(floor(log2(longest_s / interval_s)), 0), ceil(interval_s / longest_s)
+    rough, most, largest = 1, MOST_STEPS * steps, tolerance * (2.0**LEAST_ORDER - 1)
+    rough_N = np.full((1, n), np.inf)
+    while steps <= most:
+        states = symplectic_states(chain, every * interval_s, steps, (samples - 1) // every + 1, stop)
+        overlap_m = np.ascontiguousarray(states[:, :n])
+        forces_N = hertz_force(chain.stiffness, overlap_m)
+        if every == 1 and np.abs(forces_N[::rough][: len(rough_N)] - rough_N).max() <= largest * forces_N.max():
+            return Motion(forces_N, displacements(chain, overlap_m), np.ascontiguousarray(states[:, n:]))
+        rough_N, rough = forces_N, min(every, 2)
+        every, steps = max(every // 2, 1), steps if every > 1 else 2 * steps
+    return None
 
 
 def _columns(chain: HertzChain, time_s: Array, states: Array) -> tuple[Array, Array, Array]:

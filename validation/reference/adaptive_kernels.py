@@ -6,13 +6,15 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from validation.reference.contact_kernels import CACHED, root_raised
+from validation.reference.contact_kernels import CACHED, elastic_force, root_raised
 from validation.reference.dop853 import (
     DAMPED,
     DAMPING,
     ELASTIC,
     ERRORS,
+    FORCE,
     GRIPS,
+    INVERSE_MASS,
     LAST,
     NEXT,
     POWER_LAW,
@@ -44,6 +46,12 @@ MAX_TRIES = 12  # iterations of Newton's method for the time of an event
 TRIES_ON_POLYNOMIAL = 4  # for the first estimate of this time
 MAX_TRIES_BETWEEN = 60  # iterations with bisection as fallback
 MAX_REJECTED = 200  # consecutive steps
+LEAST_WINDOWED = 64  # bodies; in shorter chains a window gains little
+MARGIN = 8  # bodies that move uniformly at each edge of the window
+SETTLED = 32  # steps after which the window may shrink
+QUIET = 1e-3  # share of the local tolerance: smaller changes of velocity, in units of its scale, are none
+# table of the bodies outside the window: overlap and velocity with their rounding errors, time to which they belong
+OVERLAP, VELOCITY, SINCE, OUTSIDE = 0, 2, 4, 5
 
 
 @njit(error_model="numpy", forceinline=True)
@@ -59,7 +67,7 @@ def _root(elapsed: float, power: float) -> float:
 
 @njit(cache=CACHED, nogil=True, error_model="numpy")
 def fill_states(
-    samples: Array, times: Array, bodies: Array, drive: Array, law: Law, located: bool, tolerance: float,
+    samples: Array, times: Array, chain: Array, drive: Array, law: Law, located: bool, tolerance: float,
     scales: tuple[float, float], first_step: float, stop: Flag,
 ) -> bool:  # fmt: skip
     """Fills the states of a chain at all times but the first; True if the integration reached the end.
@@ -68,17 +76,25 @@ def fill_states(
     overlaps and velocities stay below ``tolerance`` times their scales in each step. The states are filled into a given
     array: to return one, numba would run Python code, and lose the exception of a signal in it.
 
+    In a long chain only a window of bodies is integrated: those outside move uniformly, as bodies at rest ahead of a wave
+    and in free flight behind it do, until they are disturbed at the edge of the window or two of them meet.
+
     Args:
         samples: the states, the first of them given. Shape (times, size of a state).
         times: times from 0 on.
-        bodies, drive, law: the chain, as ``dop853`` describes it.
+        chain: the table of bodies, as ``dop853`` describes it.
+        drive: segment of the drive, and room for two times.
+        law: numbers of the chain.
         located: True if steps end where contacts open and close; False if short steps there are enough.
-        tolerance, scales: local error, relative to the scales of overlap and velocity.
+        tolerance: local error.
+        scales: scales of overlap and velocity, to which it is relative.
         first_step: length of the first step.
         stop: flag that ends the integration.
     """
-    n, size = bodies.shape[1] - 1, samples.shape[1]
-    rows = np.zeros((STATES, size))
+    total, size = chain.shape[1] - 1, samples.shape[1]
+    rows, bodies, outside = np.zeros((STATES, size)), chain.copy(), np.zeros((OUTSIDE, total))
+    windows = total >= LEAST_WINDOWED and size == 2 * total and not law.driven
+    low, n, alarm, settled, quiet = 0, total, np.inf, 0, QUIET * tolerance
     for i in range(size):
         rows[START, i] = samples[0, i]
     power = 4.0 if law.law != ELASTIC else 2.0
@@ -97,6 +113,25 @@ def fill_states(
         elapsed, final = _raised(s, power), (times[-1] - since) - rest
         s_end = min(s + h, _root(final, power))
         target = final if s_end < s + h else _raised(s_end, power)
+        if windows and (settled % SETTLED == 0 or since + rest + target >= alarm):
+            least, most = 0, total
+            if since + rest + target < alarm:
+                while least < n - 1 and not _moves(rows, START, n, least, bodies, scales, quiet):
+                    least += 1
+                most = n
+                while most > least + 1 and not _moves(rows, START, n, most - 1, bodies, scales, quiet):
+                    most -= 1
+                least, most = low + max(least - MARGIN, 0), low + min(most + MARGIN, n)
+            if least > low or most < low + n or since + rest + target >= alarm:
+                last = _shifted(last, n, low - least, most - least)
+                alarm = _move_window(
+                    rows, low, n, least, most, since + rest + elapsed, alarm, bodies, chain, outside, scales, quiet
+                )
+                low, n, size = least, most - least, 2 * (most - least)
+                law = _with_below(law, outside[VELOCITY, low - 1] if low > 0 else 0.0)
+                slope(rows, START, START + RATES, n, size, 1.0, bodies, law)
+            settled += 1
+            continue
         begin, length, stretch, event, share = s, s_end - s, power, nobody, 2.0
         step(rows, n, size, s, length, power, STOP, bodies, drive, law)
         if located:
@@ -126,8 +161,23 @@ def fill_states(
             rejected += 1
             h *= step_factor(e)
             continue
+        if n < total:
+            least, most = low, low + n
+            if _moves(rows, STOP, n, 0, bodies, scales, quiet):
+                least = max(low - MARGIN, 0)
+            if _moves(rows, STOP, n, n - 1, bodies, scales, quiet):
+                most = min(low + n + MARGIN, total)
+            if least < low or most > low + n:
+                last = _shifted(last, n, low - least, most - least)
+                alarm = _move_window(
+                    rows, low, n, least, most, since + rest + elapsed, alarm, bodies, chain, outside, scales, quiet
+                )
+                low, n, size = least, most - least, 2 * (most - least)
+                law = _with_below(law, outside[VELOCITY, low - 1] if low > 0 else 0.0)
+                slope(rows, START, START + RATES, n, size, 1.0, bodies, law)
+                continue
 
-        rejected = 0 if target > elapsed else rejected + 1
+        rejected, settled = 0 if target > elapsed else rejected + 1, settled + 1
         if (times[sample] - since) - rest <= target and dense_enough:
             prepare_dense(rows, n, size, begin, length, stretch, bodies, drive, law)
         while sample < times.size and (times[sample] - since) - rest <= target:
@@ -139,8 +189,7 @@ def fill_states(
                 evaluate_dense(rows, size, part / length)
             else:
                 step(rows, n, size, begin, part, stretch, SPARE, bodies, drive, law)
-            for i in range(size):
-                samples[sample, i] = rows[row, i]
+            _write(samples[sample], times[sample], rows, row, low, n, size, outside)
             sample += 1
         if event >= 0:
             contact, switches = event % n, True
@@ -167,6 +216,105 @@ def fill_states(
             for i in range(size):
                 rows[START + row, i] = rows[STOP + row, i]
     return True
+
+
+@njit(error_model="numpy")
+def _moves(rows: Array, row: int, n: int, j: int, bodies: Array, scales: tuple[float, float], quiet: float) -> bool:
+    """True if a body does not move uniformly.
+
+    ``quiet`` is the change of velocity, in units of its scale, that counts as none in the time in which a body passes
+    the scale of overlap. The overlap must not change, either, unless its force is negligible in the same way.
+    """
+    least = quiet * scales[1]
+    if abs(rows[row + RATES, n + j]) * scales[0] > least * scales[1]:
+        return True
+    return abs(rows[row + RATES, j]) > least and rows[row, j] > _negligible(bodies, j, scales, quiet)
+
+
+@njit(error_model="numpy")
+def _negligible(bodies: Array, j: int, scales: tuple[float, float], quiet: float) -> float:
+    """Overlap of contact j whose force is negligible (``_moves``)."""
+    lightness = bodies[INVERSE_MASS, j] + (bodies[INVERSE_MASS, j - 1] if j > 0 else 0.0)
+    force = quiet * scales[1] * scales[1] / (scales[0] * lightness)
+    return float((force / bodies[STIFFNESS, j]) ** (1.0 / EXPONENT))
+
+
+@njit(error_model="numpy")
+def _move_window(
+    rows: Array, low: int, n: int, least: int, most: int, now: float, alarm: float, bodies: Array, chain: Array,
+    outside: Array, scales: tuple[float, float], quiet: float,
+) -> float:  # fmt: skip
+    """Moves the window from n bodies from ``low`` on to those from ``least`` to ``most``.
+
+    Returns:
+        Time at which the first two of the bodies outside meet.
+    """
+    for j in range(n):
+        chain[GRIPS, low + j] = bodies[GRIPS, j]
+        for part in range(2):
+            outside[OVERLAP + part, low + j] = rows[START + part, j]
+            outside[VELOCITY + part, low + j] = rows[START + part, n + j]
+        outside[SINCE, low + j] = now
+    for j in range(least, most):
+        if not low <= j < low + n:
+            outside[OVERLAP, j] = _outside_overlap(outside, j, outside[VELOCITY, j - 1] if j > 0 else 0.0, now)
+            outside[OVERLAP + ERRORS, j], outside[SINCE, j] = 0.0, now
+    wide = most - least
+    for j in range(wide):
+        for part in range(2):
+            rows[START + part, j] = outside[OVERLAP + part, least + j]
+            rows[START + part, wide + j] = outside[VELOCITY + part, least + j]
+        for row in range(len(bodies)):
+            bodies[row, j] = chain[row, least + j]
+    bodies[FORCE, wide] = 0.0
+    if most < chain.shape[1] - 1:
+        bodies[FORCE, wide] = elastic_force(chain[STIFFNESS, most], max(outside[OVERLAP, most], 0.0))
+    if least == 0 and most == chain.shape[1] - 1:
+        return np.inf
+    for j in range(low, low + n):
+        closing = (outside[VELOCITY, j - 1] if j > 0 else 0.0) - outside[VELOCITY, j]
+        if not least <= j < most and closing > 0.0 and chain[STIFFNESS, j] > 0.0:
+            further = _negligible(chain, j, scales, quiet) - outside[OVERLAP, j]
+            alarm = min(alarm, now + further / closing) if further >= 0.0 else alarm
+    return alarm
+
+
+@njit(error_model="numpy", forceinline=True)
+def _outside_overlap(outside: Array, contact: int, below: float, now: float) -> float:
+    """Overlap of a contact above a body with this velocity, under one outside the window."""
+    moved = (below - outside[VELOCITY, contact]) * (now - outside[SINCE, contact])
+    return float(outside[OVERLAP, contact] + moved)
+
+
+@njit(error_model="numpy")
+def _shifted(event: int, n: int, shift: int, wide: int) -> int:
+    """Event of a window of n bodies in one of another width that begins so many bodies below; -1 if it is outside."""
+    contact = event % n + shift
+    if event < 0 or not 0 <= contact < wide:
+        return -1
+    return contact + wide * (event // n)
+
+
+@njit(error_model="numpy")
+def _with_below(law: Law, below: float) -> Law:
+    return Law(
+        law.law, law.exponent, law.driven, law.body, law.prescribed, law.constant, law.load, below
+    )  # numba does not know _replace
+
+
+@njit(error_model="numpy")
+def _write(sample: Array, now: float, rows: Array, row: int, low: int, n: int, size: int, outside: Array) -> None:
+    """Writes the state in a row, and that of the bodies outside the window, to a sample."""
+    total, above = outside.shape[1], low + n
+    for j in range(n):
+        sample[low + j] = rows[row, j]
+        sample[total + low + j] = rows[row, n + j]
+    for i in range(2 * n, size):
+        sample[i] = rows[row, i]
+    for j in range(total):
+        if not low <= j < above:
+            sample[total + j] = outside[VELOCITY, j]
+            sample[j] = _outside_overlap(outside, j, sample[total + j - 1] if j > 0 else 0.0, now)
 
 
 @njit(error_model="numpy")

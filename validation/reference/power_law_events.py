@@ -46,7 +46,7 @@ def first_grips(rows: Array, n: int, located: bool, bodies: Array, law: Law) -> 
     """Sets ``GRIPS`` at time 0: contacts with overlap, or touching and not separating, that are not released."""
     for j in range(n):
         holds = rows[START, j] >= 0.0 and _grip(rows, START, n, j, bodies, law) >= 0.0
-        bodies[GRIPS, j] = 0.0 if bodies[STIFFNESS, j] == 0.0 or located and not holds else 1.0 if located else -1.0
+        bodies[GRIPS, j] = 0.0 if bodies[STIFFNESS, j] == 0.0 or (located and not holds) else 1.0 if located else -1.0
 
 
 @njit(error_model="numpy")

@@ -1,4 +1,4 @@
-"""Symplectic method of order 4 at a fixed step, to show where higher order pays with Hertz's law.
+"""Symplectic method of order 4 at a fixed step, the cheapest for elastic chains and errors of 1e-4 to 1e-7.
 
 The method is PEFRL (Omelyan, Mryglod and Folk, Comput. Phys. Commun. 146:188, 2002), with four force evaluations per
 step. Hertz's force is only once continuously differentiable where a contact opens or closes; if contacts switch
@@ -8,52 +8,47 @@ often, the order falls towards 2.5.
 import numpy as np
 from numba import njit
 
-from validation.reference.contact_kernels import CACHED, copy, elastic_force
-from validation.reference.hertz_chain import Array, HertzChain, Motion, check_timing, displacements, hertz_force
+from validation.reference.contact_kernels import CACHED, elastic_force
+from validation.reference.hertz_chain import Array, Flag, HertzChain
 
 XI, LAMBDA, CHI = 0.1786178958448091, -0.2123418310626054, -0.06626458266981849
 DRIFTS = np.array([XI, CHI, 1 - 2 * (CHI + XI), CHI, XI])
-KICKS = np.array([0.5 - LAMBDA, LAMBDA, LAMBDA, 0.5 - LAMBDA])
+KICKS = np.array([0.5 - LAMBDA, LAMBDA, LAMBDA, 0.5 - LAMBDA, 0.0])
+LEAST_ORDER = 2.0  # where contacts open and close often
 
 
-def integrate_symplectic(chain: HertzChain, time_step_s: float, steps_per_sample: int, samples: int) -> Motion:
-    """Integrates from time 0 and samples the motion every ``steps_per_sample`` steps, beginning at time 0.
-
-    Raises:
-        ValueError: the step is not above zero, or a count is below one.
-    """
-    check_timing(time_step_s, steps_per_sample, samples)
-    overlap, velocity = np.empty((2, samples, chain.mass_kg.size))
+def symplectic_states(chain: HertzChain, interval_s: float, steps_per_sample: int, samples: int, stop: Flag) -> Array:
+    """Overlaps and velocities of an elastic chain at all sample times from 0 on, shape (samples, 2 bodies)."""
+    states = np.zeros((samples, 2 * chain.mass_kg.size))
     _fill(
-        overlap, velocity, chain.overlap_m, chain.velocity_m_s, chain.stiffness, 1 / chain.mass_kg,
-        chain.load_N / chain.mass_kg, time_step_s, steps_per_sample,
+        states, chain.overlap_m.copy(), chain.velocity_m_s.copy(), chain.stiffness, 1 / chain.mass_kg,
+        chain.load_N / chain.mass_kg, interval_s / steps_per_sample, steps_per_sample, stop,
     )  # fmt: skip
-    return Motion(hertz_force(chain.stiffness, overlap), displacements(chain, overlap), velocity)
+    return states
 
 
 @njit(cache=CACHED, nogil=True, error_model="numpy")
 def _fill(
-    overlaps: Array, velocities: Array, start: Array, start_velocity: Array, stiffness: Array, inverse_mass: Array,
-    acceleration: Array, dt: float, every: int,
+    states: Array, overlap: Array, velocity: Array, stiffness: Array, inverse_mass: Array, acceleration: Array,
+    dt: float, every: int, stop: Flag,
 ) -> None:  # fmt: skip
-    """Fills overlaps and velocities, each of shape (samples, bodies)."""
-    n = start.size
-    overlap, velocity = start.copy(), start_velocity.copy()
-    for step in range((len(overlaps) - 1) * every + 1):
-        if step:
+    """Fills the states; the loops over bodies compile to vector instructions."""
+    n = overlap.size
+    force = np.zeros(n + 1)
+    for sample in range(len(states)):
+        for _ in range(every if sample else 0):
+            if stop[0]:
+                return
             for part in range(DRIFTS.size):
-                below = 0.0
-                for j in range(n):
-                    overlap[j] += DRIFTS[part] * dt * (below - velocity[j])
-                    below = velocity[j]
-                if part == KICKS.size:
-                    break
-                above = 0.0
-                for j in range(n - 1, -1, -1):
-                    closed = max(overlap[j], 0.0)
-                    force = elastic_force(stiffness[j], closed)
-                    velocity[j] += KICKS[part] * dt * ((force - above) * inverse_mass[j] + acceleration[j])
-                    above = force
-        if step % every == 0:
-            copy(overlap, overlaps[step // every])
-            copy(velocity, velocities[step // every])
+                drift, kick = DRIFTS[part] * dt, KICKS[part] * dt
+                overlap[0] -= drift * velocity[0]
+                for j in range(1, n):
+                    overlap[j] += drift * (velocity[j - 1] - velocity[j])
+                if kick != 0.0:
+                    for j in range(n):
+                        force[j] = elastic_force(stiffness[j], max(overlap[j], 0.0))
+                    for j in range(n):
+                        velocity[j] += kick * ((force[j] - force[j + 1]) * inverse_mass[j] + acceleration[j])
+        for j in range(n):
+            states[sample, j] = overlap[j]
+            states[sample, n + j] = velocity[j]
