@@ -116,7 +116,7 @@ def _symplectic_motion(chain: HertzChain, time_s: Array, tolerance: float, stop:
 
     None for other than short, elastic, free chains with samples at equal intervals, or if too many steps are needed.
     """
-    from validation.reference.symplectic import LEAST_ORDER, symplectic_states
+    from validation.reference.symplectic import LEAST_ORDER, integrate_symplectic
 
     n, samples, duration_s = chain.mass_kg.size, time_s.size, float(time_s[-1])
     if not chain.elastic or chain.drive is not None or n > MAX_SYMPLECTIC or samples < 2:
@@ -130,12 +130,12 @@ def _symplectic_motion(chain: HertzChain, time_s: Array, tolerance: float, stop:
     rough, most, largest = 1, MOST_STEPS * steps, tolerance * (2.0**LEAST_ORDER - 1)
     rough_N = np.full((1, n), np.inf)
     while steps <= most:
-        states = symplectic_states(chain, every * interval_s, steps, (samples - 1) // every + 1, stop)
-        overlap_m = np.ascontiguousarray(states[:, :n])
-        forces_N = hertz_force(chain.stiffness, overlap_m)
-        if every == 1 and np.abs(forces_N[::rough][: len(rough_N)] - rough_N).max() <= largest * forces_N.max():
-            return Motion(forces_N, displacements(chain, overlap_m), np.ascontiguousarray(states[:, n:]))
-        rough_N, rough = forces_N, min(every, 2)
+        taken = (samples - 1) // every + 1
+        motion = integrate_symplectic(chain, every * interval_s / steps, steps, taken, stop)
+        change_N = np.abs(motion.force_N[::rough][: len(rough_N)] - rough_N).max()
+        if every == 1 and change_N <= largest * motion.force_N.max():
+            return motion
+        rough_N, rough = motion.force_N, min(every, 2)
         every, steps = max(every // 2, 1), steps if every > 1 else 2 * steps
     return None
 
@@ -183,25 +183,24 @@ def _fill(
     magnitudes: tuple[float, float], stop: Flag,
 ) -> bool:  # fmt: skip
     """Fills states as ``fill_states`` does, from kink to kink of a drive; the time of each part begins at 0."""
+    from validation.reference import dop853 as table
     from validation.reference.adaptive_kernels import fill_states
-    from validation.reference.dop853 import DAMPED, ELASTIC, INVERSE_MASS, POWER_LAW, STATIC, Law
 
     n, drive = chain.mass_kg.size, chain.drive
-    bodies = np.zeros((STATIC + 1, n + 1))
-    inverse_mass, acceleration = 1.0 / chain.mass_kg, chain.load_N / chain.mass_kg
-    static = hertz_force(chain.stiffness, chain.overlap_m)
-    rows = (chain.stiffness, chain.damping, inverse_mass, acceleration, 0.0, 0.0, static)
-    for row, values in enumerate(rows):
-        bodies[row, :n] = values
-    kind = POWER_LAW if chain.alpha else ELASTIC if chain.elastic else DAMPED
-    law = Law(kind, float(chain.alpha or chain.overlap_power), False, 0, False, 0.0, 0.0, 0.0)
+    bodies = np.zeros((table.STATIC + 1, n + 1))
+    acceleration = chain.load_N / chain.mass_kg
+    bodies[table.STIFFNESS, :n], bodies[table.DAMPING, :n] = chain.stiffness, chain.damping
+    bodies[table.INVERSE_MASS, :n], bodies[table.ACCELERATION, :n] = 1.0 / chain.mass_kg, acceleration
+    bodies[table.STATIC, :n] = hertz_force(chain.stiffness, chain.overlap_m)
+    kind = table.POWER_LAW if chain.alpha else table.ELASTIC if chain.elastic else table.DAMPED
+    law = table.Law(kind, float(chain.alpha or chain.overlap_power), False, 0, False, 0.0, 0.0, 0.0)
     if drive is None:
         undriven = np.zeros(COLUMNS + 2)
         return bool(fill_states(states, time_s, bodies, undriven, law, located, tolerance, magnitudes, first, stop))
     load_N, constant = float(chain.load_N[drive.body]), float(acceleration[drive.body])
     law = law._replace(driven=True, body=drive.body, prescribed=drive.prescribed, constant=constant, load=load_N)
     if drive.prescribed:
-        bodies[INVERSE_MASS, drive.body] = 0.0
+        bodies[table.INVERSE_MASS, drive.body] = 0.0
     start = states[0]
     begins = drive.segments[drive.segments[:, 0] * SAME_TIME < time_s[-1], 0]
     for segment, begin, end in zip(drive.segments, begins, [*begins[1:], time_s[-1]], strict=False):

@@ -42,6 +42,7 @@ DENSE_LIMIT = 1e-9  # local tolerance; below it damped forces rise too steeply t
 EVENT_OVERLAP = 1e-13  # share of the overlap scale: smaller gaps and overlaps are rounding, no event
 TIME_ROUNDING = 4e-16  # of a time that is computed from s, for power 2
 TINY = 1e-300  # overlap, for its negative powers
+NEAR = 0.1  # times the 2/3 power of the local tolerance, for the force: a step may end so near to a zero of overlap
 MAX_TRIES = 12  # iterations of Newton's method for the time of an event
 TRIES_ON_POLYNOMIAL = 4  # for the first estimate of this time
 MAX_TRIES_BETWEEN = 60  # iterations with bisection as fallback
@@ -76,8 +77,8 @@ def fill_states(
     overlaps and velocities stay below ``tolerance`` times their scales in each step. The states are filled into a given
     array: to return one, numba would run Python code, and lose the exception of a signal in it.
 
-    In a long chain only a window of bodies is integrated: those outside move uniformly, as bodies at rest ahead of a wave
-    and in free flight behind it do, until they are disturbed at the edge of the window or two of them meet.
+    In a long chain only a window of bodies is integrated: those outside move uniformly, as bodies at rest ahead of a
+    wave and in free flight behind it do, until they are disturbed at the edge of the window or two of them meet.
 
     Args:
         samples: the states, the first of them given. Shape (times, size of a state).
@@ -95,6 +96,7 @@ def fill_states(
     rows, bodies, outside = np.zeros((STATES, size)), chain.copy(), np.zeros((OUTSIDE, total))
     windows = total >= LEAST_WINDOWED and size == 2 * total and not law.driven
     low, n, alarm, settled, quiet = 0, total, np.inf, 0, QUIET * tolerance
+    near = scales[0] * max(EVENT_OVERLAP, NEAR * tolerance ** (1.0 / EXPONENT))
     for i in range(size):
         rows[START, i] = samples[0, i]
     power = 4.0 if law.law != ELASTIC else 2.0
@@ -147,7 +149,7 @@ def fill_states(
                 share = _refined(rows, n, share, event % n, s, length, power, law)
             guess = _raised(s + share * length, power)
             begin, length, stretch, target = _step_to_event(
-                rows, n, size, s, power, guess, target, event, bodies, drive, law
+                rows, n, size, s, power, guess, target, event, near, bodies, drive, law
             )
             another = nobody
             if length != 0.0 and target <= final:
@@ -197,7 +199,7 @@ def fill_states(
                 switches = rows[START, contact] < 0.0
                 if event < n:
                     bodies[GRIPS, event] = 1.0 - bodies[GRIPS, event]
-            if switches and rows[STOP, contact] <= scales[0] * EVENT_OVERLAP:  # only rounding: move it to its row
+            if switches and abs(rows[STOP, contact]) <= near:  # only rounding: move it to its row
                 rows[STOP + ERRORS, contact] += rows[STOP, contact]
                 rows[STOP, contact] = 0.0
             drive_until(target, bodies, drive, law)
@@ -228,7 +230,7 @@ def _moves(rows: Array, row: int, n: int, j: int, bodies: Array, scales: tuple[f
     least = quiet * scales[1]
     if abs(rows[row + RATES, n + j]) * scales[0] > least * scales[1]:
         return True
-    return abs(rows[row + RATES, j]) > least and rows[row, j] > _negligible(bodies, j, scales, quiet)
+    return bool(abs(rows[row + RATES, j]) > least and rows[row, j] > _negligible(bodies, j, scales, quiet))
 
 
 @njit(error_model="numpy")
@@ -391,8 +393,8 @@ def _grip(rows: Array, row: int, n: int, contact: int, bodies: Array, law: Law) 
 
 @njit(error_model="numpy")
 def _step_to_event(
-    rows: Array, n: int, size: int, s: float, power: float, guess: float, limit: float, event: int, bodies: Array,
-    drive: Array, law: Law,
+    rows: Array, n: int, size: int, s: float, power: float, guess: float, limit: float, event: int, near: float,
+    bodies: Array, drive: Array, law: Law,
 ) -> tuple[float, float, float, float]:  # fmt: skip
     """Step that ends at an event, a zero of an overlap, force or speed; Newton's method finds the end time.
 
@@ -440,7 +442,7 @@ def _step_to_event(
         if at_zero:  # to second order, which saves a step
             bend = 0.5 * change * closing_speed(rows, STOP + RATES, n, contact, 0.0) / rate
             change *= 1.0 - bend if abs(bend) < 0.5 else 1.0
-        if abs(change) <= rounding * guess + 1e-14 * (guess - elapsed):
+        if abs(change) <= rounding * guess + 1e-14 * (guess - elapsed) or (at_zero and abs(value) <= near):
             return begin, length, stretch, guess
         if by_power_law:
             low, high = (low, guess) if value * past > 0.0 else (guess, high)

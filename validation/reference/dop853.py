@@ -265,7 +265,7 @@ def weigh(rows: Array, size: int, formula: int | np.int64, h: float, start: int 
 def step(
     rows: Array, n: int, size: int, s: float, h: float, power: float, stop: int, bodies: Array, drive: Array, law: Law
 ) -> None:
-    """Takes a step from s to s + h; writes values and their rounding errors to rows from ``stop`` on, and the slopes."""
+    """Takes a step from s to s + h; fills the slopes, and from row ``stop`` on the values and their rounding errors."""
     stretch = stretch_at(s, power)
     for i in range(size):
         rows[0, i] = stretch * rows[START + RATES, i]

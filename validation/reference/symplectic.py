@@ -8,8 +8,8 @@ often, the order falls towards 2.5.
 import numpy as np
 from numba import njit
 
-from validation.reference.contact_kernels import CACHED, elastic_force
-from validation.reference.hertz_chain import Array, Flag, HertzChain
+from validation.reference.contact_kernels import CACHED, copy, elastic_force
+from validation.reference.hertz_chain import Array, Flag, HertzChain, Motion, check_timing, displacements, hertz_force
 
 XI, LAMBDA, CHI = 0.1786178958448091, -0.2123418310626054, -0.06626458266981849
 DRIFTS = np.array([XI, CHI, 1 - 2 * (CHI + XI), CHI, XI])
@@ -17,25 +17,32 @@ KICKS = np.array([0.5 - LAMBDA, LAMBDA, LAMBDA, 0.5 - LAMBDA, 0.0])
 LEAST_ORDER = 2.0  # where contacts open and close often
 
 
-def symplectic_states(chain: HertzChain, interval_s: float, steps_per_sample: int, samples: int, stop: Flag) -> Array:
-    """Overlaps and velocities of an elastic chain at all sample times from 0 on, shape (samples, 2 bodies)."""
-    states = np.zeros((samples, 2 * chain.mass_kg.size))
+def integrate_symplectic(
+    chain: HertzChain, time_step_s: float, steps_per_sample: int, samples: int, stop: Flag | None = None
+) -> Motion:
+    """Integrates an elastic chain from time 0 and samples the motion every ``steps_per_sample`` steps.
+
+    Raises:
+        ValueError: the step is not above zero, or a count is below one.
+    """
+    check_timing(time_step_s, steps_per_sample, samples)
+    overlap, velocity = np.zeros((2, samples, chain.mass_kg.size))
     _fill(
-        states, chain.overlap_m.copy(), chain.velocity_m_s.copy(), chain.stiffness, 1 / chain.mass_kg,
-        chain.load_N / chain.mass_kg, interval_s / steps_per_sample, steps_per_sample, stop,
+        overlap, velocity, chain.overlap_m.copy(), chain.velocity_m_s.copy(), chain.stiffness, 1 / chain.mass_kg,
+        chain.load_N / chain.mass_kg, time_step_s, steps_per_sample, np.zeros(1, bool) if stop is None else stop,
     )  # fmt: skip
-    return states
+    return Motion(hertz_force(chain.stiffness, overlap), displacements(chain, overlap), velocity)
 
 
 @njit(cache=CACHED, nogil=True, error_model="numpy")
 def _fill(
-    states: Array, overlap: Array, velocity: Array, stiffness: Array, inverse_mass: Array, acceleration: Array,
-    dt: float, every: int, stop: Flag,
+    overlaps: Array, velocities: Array, overlap: Array, velocity: Array, stiffness: Array, inverse_mass: Array,
+    acceleration: Array, dt: float, every: int, stop: Flag,
 ) -> None:  # fmt: skip
-    """Fills the states; the loops over bodies compile to vector instructions."""
+    """Fills overlaps and velocities, shape (samples, bodies); the loops over bodies compile to vector instructions."""
     n = overlap.size
     force = np.zeros(n + 1)
-    for sample in range(len(states)):
+    for sample in range(len(overlaps)):
         for _ in range(every if sample else 0):
             if stop[0]:
                 return
@@ -49,6 +56,5 @@ def _fill(
                         force[j] = elastic_force(stiffness[j], max(overlap[j], 0.0))
                     for j in range(n):
                         velocity[j] += kick * ((force[j] - force[j + 1]) * inverse_mass[j] + acceleration[j])
-        for j in range(n):
-            states[sample, j] = overlap[j]
-            states[sample, n + j] = velocity[j]
+        copy(overlap, overlaps[sample])
+        copy(velocity, velocities[sample])
