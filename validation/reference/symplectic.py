@@ -14,7 +14,6 @@ from validation.reference.hertz_chain import Array, Flag, HertzChain, Motion, ch
 XI, LAMBDA, CHI = 0.1786178958448091, -0.2123418310626054, -0.06626458266981849
 DRIFTS = np.array([XI, CHI, 1 - 2 * (CHI + XI), CHI, XI])
 KICKS = np.array([0.5 - LAMBDA, LAMBDA, LAMBDA, 0.5 - LAMBDA, 0.0])
-LEAST_ORDER = 2.0  # where contacts open and close often
 
 
 def integrate_symplectic(
