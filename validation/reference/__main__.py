@@ -14,7 +14,6 @@ import numpy as np
 from validation.reference import columns_of, timed
 from validation.reference.adaptive import integrate_adaptive
 from validation.reference.hertz_chain import HertzChain, TubeChain
-from validation.reference.symplectic import integrate_symplectic
 from validation.reference.tube import integrate_tube
 from validation.reference.velocity_verlet import follow_verlet, integrate_verlet, integrate_verlet_absolute
 
@@ -34,7 +33,6 @@ def _compile_elastic(chain: HertzChain) -> None:
     follow_verlet(chain, 1e-3, 1)
     integrate_adaptive(chain, TIMES_S, 1e-6)
     integrate_verlet_absolute(chain, chain.mass_kg, chain.mass_kg, 1e-3, 1, 2)
-    integrate_symplectic(chain, 1e-3, 1, 2)
     integrate_adaptive(chain, TIMES_S, 1e-6, energies=True)
 
 
