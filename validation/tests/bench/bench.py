@@ -33,7 +33,13 @@ ERRORS = {
     ("long-chain",): (1e-6,),
 }  # asked of the reference, by scene with settings
 STEPS = {22: 20_000, 1000: 2000, 10_000: 400, 100_000: 60}  # by bodies
-CASES = {("verlet",): 1000, ("reference",): 1000, ("liggghts",): 200, ("lammps",): 200, ("yade",): 200}  # by engines
+CASES: Mapping[tuple[str, ...], int] = {
+    ("verlet",): 1000,
+    ("reference",): 1000,
+    ("liggghts",): 200,
+    ("lammps",): 200,
+    ("yade",): 200,
+}  # by engines
 STUDY = """
 scene = "fig4"
 engines = {engines}
