@@ -106,10 +106,10 @@ def report(
 
     if groups:
         with step("figures and chapters, side by side", 2, steps):
-            for names, (said, good) in execute(partial(make_parts, page.parent, folder), groups, place, grow):
+            for group, (said, good) in execute(partial(make_parts, page.parent, folder), groups, place, grow):
                 for line in said:
                     say(line)
-                grow(names)
+                grow(group)
                 failed |= not good
     chapters = [load_chapter(name) for name in CHAPTERS if studies]
     stored = [(chapter, tables) for chapter in chapters if (tables := chapter.read(page.parent))]
