@@ -74,12 +74,14 @@ def orders(rows: pd.DataFrame) -> dict[str, tuple[float, float]]:
 def advice(rows: pd.DataFrame) -> Iterator[Advice]:
     """Largest step by scene, method and quantity that keeps an error, as all smaller measured steps do."""
     for (scene, method), ladder in done(rows).groupby(["scene", "method"], sort=False):
+        steps_s, loops_s = ladder["time_step_s"].to_numpy(), ladder["loop_s"].to_numpy()
         for quantity in QUANTITIES:
-            largest = ladder[quantity].fillna(inf).cummax()  # so that no error is small by chance
-            for target in TARGETS:
-                good = ladder[largest <= target].tail(1)
-                for step_s, loop_s, error in good[["time_step_s", "loop_s", quantity]].itertuples(index=False):
-                    yield Advice(str(scene), quantity, target, str(method), step_s, loop_s, error)
+            errors = ladder[quantity].to_numpy()
+            largest = ladder[quantity].fillna(inf).cummax().to_numpy()  # so that no error is small by chance
+            for target, good in zip(TARGETS, np.searchsorted(largest, TARGETS, side="right"), strict=True):
+                if good:
+                    run = steps_s[good - 1], loops_s[good - 1], errors[good - 1]
+                    yield Advice(str(scene), quantity, target, str(method), *map(float, run))
 
 
 def measure(options: Options) -> dict[str, Any]:
