@@ -6,9 +6,10 @@ stored with the figures for the page, which reads it back bit for bit.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stderr
 from dataclasses import dataclass, fields
 from importlib import import_module
+from io import StringIO
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -17,12 +18,12 @@ import pandas as pd
 
 from drivers.base import paths
 from drivers.base.cache import content_of, load, store
-from drivers.base.errors import RunError
+from drivers.base.errors import InputError, RunError
 from drivers.base.files import sha256_of, whole_file
 from drivers.base.terminal import counted, say
 from drivers.engines import entry_files, installed_codes, missing_codes
 from postproc.draw.product import write_figure, write_product
-from postproc.figures import make_figure
+from postproc.figures import captions, make_figure
 from validation.checks import FAIL, Check, table
 from validation.report.page_figures import part_file, read_part, refused_if_damaged, write_part
 
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 
 Row = TypeVar("Row", bound="DataclassInstance")
 CHAPTERS = ("claims", "calibration", "trade", "stability", "elements")
+QUICK_CHAPTERS = CHAPTERS[1:]  # chapters whose short form is enough for the page
 Tables = Mapping[str, pd.DataFrame]
 Picture = tuple[str, Callable[[], Any] | None]  # heading in the report, and the function that draws the figure
 
@@ -202,6 +204,27 @@ def write_paper_figure(name: str, runs: Path, results: Path) -> list[Path]:
     write_part(name, results, {name: product.table}, written)
     store(_key_of(name, results), True)
     return written
+
+
+def make_parts(results: Path, runs: Path, names: Iterable[str]) -> tuple[list[str], bool]:
+    """Make figures of the paper and chapters for the page, in a process that may be one of several.
+
+    Returns:
+        Lines that they say, and False if one of them fails, which does not stop the others.
+    """
+    good = True
+    with redirect_stderr(StringIO()) as said:
+        for name in names:
+            try:
+                if name in captions():
+                    write_paper_figure(name, runs, results)
+                else:
+                    chapter, options = load_chapter(name), Options(results, runs, quick=name in QUICK_CHAPTERS)
+                    write_chapter(chapter, chapter.measure(options), results)
+            except (RunError, InputError, OSError) as error:
+                say(f"{name}: {error}")
+                good = False
+    return said.getvalue().splitlines(), good
 
 
 def read_section(name: str, results: Path) -> dict[str, Any]:

@@ -39,7 +39,6 @@ def plan_report(source: str | Path, settings: tuple[str, ...] = (), among: Colle
     """
     case = planned_case(source, *settings)
     traces = read_traces(case.scene, gauges_of(case.layout))
-    refuse_depth(case)
     for error in (inability(case, name) for name in among):
         if error:
             raise error
@@ -47,7 +46,12 @@ def plan_report(source: str | Path, settings: tuple[str, ...] = (), among: Colle
     there = [(name, fault(case, name)) for name in installed(name for name, *_ in engines)]
     scenes = [variant.scene.model_dump(mode="json") for variant in (case, case.full) if variant]
     report = _straight if case.chain.straight else _three_dimensional
-    lines = cached(["plan", scenes, engines, there], lambda: [*report(case, among)])
+
+    def computed() -> list[str]:
+        refuse_depth(case)
+        return [*report(case, among)]
+
+    lines = cached(["plan", scenes, engines, there], computed)
     yield from (f"{case.scene.name}: {case.summary}", *lines)
     for trace in traces:
         yield f"measured   {paths.shown(trace.file)}: {len(trace.time_s)} readings of {', '.join(trace.reading)}"

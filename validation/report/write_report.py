@@ -2,8 +2,9 @@
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,25 +12,18 @@ from markupsafe import Markup, escape
 
 from drivers.base import decks as deck
 from drivers.base import paths
-from drivers.base.errors import InputError, RunError
+from drivers.base.errors import InputError
 from drivers.base.files import whole_file
+from drivers.base.processes import cores
 from drivers.base.terminal import say, step
 from drivers.chain.case import build_case
 from drivers.engines import in_order, load_engine
+from drivers.run.execute import Place, execute, get_ready
 from drivers.scene.read_scene import read_scene
 from postproc.figures import captions
 from postproc.read.measured import read_traces
 from postproc.read.sensors import gauges_of
-from validation.chapters import (
-    CHAPTERS,
-    Options,
-    load_chapter,
-    named,
-    read_section,
-    up_to_date,
-    write_chapter,
-    write_paper_figure,
-)
+from validation.chapters import CHAPTERS, QUICK_CHAPTERS, load_chapter, make_parts, read_section, up_to_date
 from validation.checks import FAIL, NOT_RUN, PASS, short, table
 from validation.compare.answer import answer, display_name, listed
 from validation.compare.comparison import ComparedScene, EngineSelection, run_and_compare_all
@@ -40,7 +34,8 @@ from validation.report.scene_section import case_rows, counted, section_of, tole
 SUBJECT = "Strongly nonlinear waves in a chain of Teflon beads"
 PAPER = ("fig4", "fig5", "fig6b", "fig6d")
 POWER = re.compile(r"\d[\d.]*e[+-]?\d+")  # number with a power of ten
-QUICK_CHAPTERS = ("calibration", "trade", "stability", "elements")  # chapters that are made in their short form
+SHARING = ("claims",)  # chapters that have runs in common with the figures, and are made after them
+BESIDE = Place(processes=True)
 
 # link and heading of each section of the paper's page, by the name of its template; all but the first are chapters
 FIGURES = "figures"
@@ -62,14 +57,15 @@ def report(
     command: str = "",
     *,
     studies: bool = False,
+    place: Place = BESIDE,
 ) -> int:
     """Run and compare scenes, and write the report; with ``studies`` also make what of its parts is not up to date.
 
-    Parts are the figures and the table of the paper, and the chapters. Chapters are made in their short form, claims
-    in full; existing tables of other chapters are kept. Without named scenes the report is on the paper's scenes, with
-    its parts; a report on named scenes has none unless ``studies`` are asked for. The exit code is 1 if a verdict
-    fails, a part fails or misses a requirement, or a required engine did not run. The page names the ``command`` that
-    makes it.
+    Parts are the figures and the table of the paper, and the chapters, made side by side at a ``place``. Chapters are
+    made in their short form, claims in full; existing tables of other chapters are kept. Without named scenes the
+    report is on the paper's scenes, with its parts; a report on named scenes has none unless ``studies`` are asked for.
+    The exit code is 1 if a verdict fails, a part fails or misses a requirement, or a required engine did not run. The
+    page names the ``command`` that makes it.
 
     Raises:
         InputError: a scene is wrong, two scenes have one name, or the page has the name of a JSON file.
@@ -88,28 +84,33 @@ def report(
     for name in () if studies else sections:
         _section(name, page.parent, ())
     to_come = [name for name in (*captions(), *CHAPTERS) if studies and not _made(name, page.parent)]
-    steps = 1 + len(to_come)
+    sharing = [name for name in to_come if name in captions() or name in SHARING]
+    groups = [*filter(None, [sharing]), *([name] for name in to_come if name not in sharing)]
+    if place.processes:
+        get_ready(min(cores(), len(groups)), make_parts)
+    steps, failed = 1 + bool(groups), False
     with step("scenes on all engines, compared", 1, steps):
         compared = [*run_and_compare_all(sources or PAPER, runs=folder, asked=asked)]
         unmet = asked.unmet(compared)
         counts = write_report(compared, page, command, runs, unmet, to_come, sections)
     _announce(page, counts, to_come)
-    failed = False
-    for number, name in enumerate([*to_come], 2):
-        options = Options(page.parent, folder, quick=name in QUICK_CHAPTERS)
-        chapter = None if name in captions() else load_chapter(name)
-        with step(named(chapter.title if chapter else captions()[name].title, options), number, steps):
-            try:
-                if chapter is None:
-                    write_paper_figure(name, folder, page.parent)
-                else:
-                    write_chapter(chapter, chapter.measure(options), page.parent)
-            except (RunError, InputError, OSError) as error:  # continue with the other parts
-                say(f"{name}: {error}")
-                failed = True
-            to_come.remove(name)
+
+    def grow(ended: Collection[str] = ()) -> None:
+        """Write the page with the parts that have been made meanwhile, and without those that have failed."""
+        nonlocal counts
+        made = [name for name in to_come if name in ended or up_to_date(name, page.parent)]
+        if made:
+            to_come[:] = [name for name in to_come if name not in made]
             counts = write_report(compared, page, command, runs, unmet, to_come, sections)
-        _announce(page, counts, to_come)
+            _announce(page, counts, to_come)
+
+    if groups:
+        with step("figures and chapters, side by side", 2, steps):
+            for group, (said, good) in execute(partial(make_parts, page.parent, folder), groups, place, grow):
+                for line in said:
+                    say(line)
+                grow(group)
+                failed |= not good
     chapters = [load_chapter(name) for name in CHAPTERS if studies]
     stored = [(chapter, tables) for chapter in chapters if (tables := chapter.read(page.parent))]
     missed = [check for chapter, tables in stored for check in chapter.failed(tables)]

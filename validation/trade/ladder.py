@@ -27,17 +27,13 @@ from postproc.read.observables import of_kind
 from validation.accuracy.costs import cost_on
 from validation.accuracy.motions import ExactMotion, errors_of, exact_motion_of
 from validation.reference.adaptive import MIN_TOLERANCE, integrate_adaptive
-from validation.reference.symplectic import integrate_symplectic
 from validation.reference.velocity_verlet import integrate_verlet
 
 SCENES = ("fig4", "fig5", "fig6b", "fig6d", "low-amplitude", "steel-chain", "long-chain")
 SHORT_SCENES = SCENES[:-1]  # without the thousand beads, which take half of the time
 SHARES = tuple(10 ** (-k / 3) for k in range(13))  # of the predicted stability limit
 TOLERANCES = (*(10.0**-k for k in range(2, 12)), MIN_TOLERANCE)
-ORDER_4 = "order 4"  # in-repo scheme that is no engine
-IN_REPO = (VERLET, ORDER_4, REFERENCE)
-FIXED_STEP = {VERLET: integrate_verlet, ORDER_4: integrate_symplectic}
-FORCES_OF_ORDER_4 = 4  # evaluations per step
+IN_REPO = (VERLET, REFERENCE)
 BUDGET_S, SHORT_BUDGET_S = 300.0, 30.0  # of engine time for the whole ladder
 MAX_RUN_SHARE = 0.04  # of the budget, for a single run
 REPEATS, SHORT_RUN_S = 3, 0.03  # shorter runs are timed as the best of several
@@ -51,7 +47,7 @@ class Rung:
     """One run of the ladder.
 
     Attributes:
-        method: an engine, or ``ORDER_4``.
+        method: name of the engine.
         case: case with the time step and the samples of this run.
         share: time step divided by the predicted stability limit; for ``reference`` the tolerance.
         expected_s: expected time of the loop.
@@ -100,16 +96,10 @@ def rungs_of(scene: str, code_shares: Sequence[float]) -> Iterator[Rung]:
     stable_s, *_ = step_limit(base)
     for share in SHARES:
         case = at_step(base, share, stable_s)
-        for method in (*(installed_codes() if share in code_shares else ()), VERLET, ORDER_4):
-            forces = FORCES_OF_ORDER_4 if method == ORDER_4 else 1
-            yield Rung(scene, method, case, share, forces * cost_on(engine_of(method)).loop_s(case))
+        for method in (*(installed_codes() if share in code_shares else ()), VERLET):
+            yield Rung(scene, method, case, share, cost_on(method).loop_s(case))
     for tolerance in TOLERANCES:
         yield Rung(scene, REFERENCE, base, tolerance, cost_on(REFERENCE).loop_s(base))
-
-
-def engine_of(method: str) -> str:
-    """Engine whose process a method needs."""
-    return VERLET if method == ORDER_4 else method
 
 
 def at_step(case: Case, share: float, stable_s: float) -> Case:
@@ -139,7 +129,7 @@ def run_ladder(budget_s: float, scenes: Sequence[str], *, short: bool = False) -
     for rung in kept:
         groups[rung.scene, rung.method].append(rung)
     longest_first = sorted(groups, key=lambda key: -sum(rung.expected_s for rung in groups[key]))
-    engines = dict.fromkeys(engine_of(rung.method) for rung in kept)
+    engines = dict.fromkeys(rung.method for rung in kept)
     with counted("runs at all steps", len(kept)) as count:
         start_s = dict(execute(partial(start_up, case_of(scenes[0])), engines))
         sampled = {_samples_of(rung): rung.case for rung in kept}
@@ -166,7 +156,7 @@ def _rows_of(
     for rung in rungs:
         try:
             runs = [_timed(rung) for _ in range(REPEATS if rung.expected_s < SHORT_RUN_S else 1)]
-            times = {"loop_s": min(loop_s for _, loop_s in runs), "start_s": start_s[engine_of(rung.method)]}
+            times = {"loop_s": min(loop_s for _, loop_s in runs), "start_s": start_s[rung.method]}
             yield _row(rung, **times, **errors_by_group(rung.case, runs[-1][0], exact[_samples_of(rung)]))
         except RunError as error:
             yield _row(rung, status=error.status, reason=str(error))
@@ -187,7 +177,7 @@ def _timed(rung: Rung) -> tuple[Trace, float]:
     if rung.method == REFERENCE:
         motion = integrate_adaptive(chain, case.sample_times_s, rung.share)
     else:
-        motion = FIXED_STEP[rung.method](chain, scene.time_step_s, scene.steps_per_sample, scene.samples)
+        motion = integrate_verlet(chain, scene.time_step_s, scene.steps_per_sample, scene.samples)
     loop_s = time.perf_counter() - began
     if not np.isfinite(motion.force_N).all():
         raise RunError("the motion is not finite: the time step is too large")

@@ -18,12 +18,10 @@ from validation.checks import short
 from validation.trade.ladder import (
     BUDGET_S,
     DONE,
-    ORDER_4,
     SCENES,
     SHORT_BUDGET_S,
     SHORT_SCENES,
     LadderRun,
-    engine_of,
     run_ladder,
 )
 from validation.trade.softening import Softened, soften
@@ -42,7 +40,6 @@ QUANTITIES = {
     "energy": "energy",
     "momentum": "momentum",
 }
-LOOK = {"color": "#777777", "ls": (0, (2, 1)), "marker": "P"}  # of ``ORDER_4``, which is no engine
 
 
 @dataclass(frozen=True)
@@ -64,9 +61,9 @@ def done(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def orders(rows: pd.DataFrame) -> dict[str, tuple[float, float]]:
-    """Smallest and largest order of convergence of the force over the scenes, by method of second order."""
+    """Smallest and largest order of convergence of the force over the scenes, by method at a fixed step."""
     fixed = done(rows).dropna(subset=["time_step_s"])
-    straight = fixed[fixed["share_of_limit"].between(*STRAIGHT) & (fixed["method"] != ORDER_4)]
+    straight = fixed[fixed["share_of_limit"].between(*STRAIGHT)]
     by_method: dict[str, list[float]] = defaultdict(list)
     for (method, _), part in straight.groupby(["method", "scene"], sort=False):
         if len(part) > 1:
@@ -77,12 +74,14 @@ def orders(rows: pd.DataFrame) -> dict[str, tuple[float, float]]:
 def advice(rows: pd.DataFrame) -> Iterator[Advice]:
     """Largest step by scene, method and quantity that keeps an error, as all smaller measured steps do."""
     for (scene, method), ladder in done(rows).groupby(["scene", "method"], sort=False):
+        steps_s, loops_s = ladder["time_step_s"].to_numpy(), ladder["loop_s"].to_numpy()
         for quantity in QUANTITIES:
-            largest = ladder[quantity].fillna(inf).cummax()  # so that no error is small by chance
-            for target in TARGETS:
-                good = ladder[largest <= target].tail(1)
-                for step_s, loop_s, error in good[["time_step_s", "loop_s", quantity]].itertuples(index=False):
-                    yield Advice(str(scene), quantity, target, str(method), step_s, loop_s, error)
+            errors = ladder[quantity].to_numpy()
+            largest = ladder[quantity].fillna(inf).cummax().to_numpy()  # so that no error is small by chance
+            for target, good in zip(TARGETS, np.searchsorted(largest, TARGETS, side="right"), strict=True):
+                if good:
+                    run = steps_s[good - 1], loops_s[good - 1], errors[good - 1]
+                    yield Advice(str(scene), quantity, target, str(method), *map(float, run))
 
 
 def measure(options: Options) -> dict[str, Any]:
@@ -98,11 +97,10 @@ def sentences(tables: Tables) -> list[str]:
     scene = rows["scene"].iloc[0]
     costs = [f"{_time(row['loop_s'])} by {row['method']}" for row in _usual(advised, scene).to_dict("records")]
     starts = done(rows)[["method", "start_s"]].drop_duplicates().sort_values("start_s", kind="stable")
-    engines = starts[starts["method"] == starts["method"].map(engine_of)]
     ranges = ", ".join(f"{low:.2f} to {high:.2f} by {name}" for name, (low, high) in orders(rows).items())
     return [
         f"{scene}, error of the force at most {_power(TYPICAL)}: the time loop takes {', '.join(costs)}.",
-        f"A process of its own takes {', '.join(f'{_time(s)} ({name})' for name, s in engines.to_numpy())} to start.",
+        f"A process of its own takes {', '.join(f'{_time(s)} ({name})' for name, s in starts.to_numpy())} to start.",
         f"Orders of convergence of the force: {ranges}.",
     ]
 
@@ -133,7 +131,7 @@ def draw_trade(rows: pd.DataFrame) -> Any:
         of_scene = shown[shown["scene"] == scene]
         for method in in_order(of_scene["method"]):
             points = of_scene[of_scene["method"] == method]
-            look = LOOK if method == ORDER_4 else line_of(method) | {"marker": marker_of(method)["marker"]}
+            look = line_of(method) | {"marker": marker_of(method)["marker"]}
             axis.plot(points["loop_s"], points["force"], label=method, **look | {"ms": 3.5, "lw": 0.9})
         axis.set(xscale="log", yscale="log")
         axis.set_title(scene, loc="left")

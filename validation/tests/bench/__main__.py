@@ -1,14 +1,7 @@
-"""``python -m validation.tests.bench``: cost of integrators, engines, batches, fits and the report, in one run."""
+"""``python -m validation.tests.bench``: prints all costs and writes ``results/bench.csv``."""
 
-from validation.tests.bench.bench import bench
-from validation.tests.bench.bench_batch import bench_batch
-from validation.tests.bench.bench_fit import bench_fit
-from validation.tests.bench.bench_large import bench_large
-from validation.tests.bench.bench_report import bench_report
+from drivers.base import paths
+from validation.tests.bench.bench import ALL, write
 
 if __name__ == "__main__":
-    bench()
-    bench_large()
-    bench_batch()
-    bench_fit()
-    bench_report()
+    write((row for measure in ALL for row in measure()), paths.RESULTS / "bench.csv")

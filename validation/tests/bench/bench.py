@@ -1,145 +1,192 @@
-"""Cost of the in-repo integrators, of scipy's DOP853 and of the codes, measured in one run."""
+"""Costs of integrators, codes, batches, fits, commands and the report, as rows of ``results/bench.csv``."""
 
-import sys
-import tempfile
+import resource
+import subprocess
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
-from scipy.integrate import solve_ivp
+import pandas as pd
 
-from drivers.chain.case import Case, build_case
+from drivers.base import paths
+from drivers.base.files import whole_file
 from drivers.chain.chain import arrays_of
-from drivers.engines import installed_codes, missing_codes
+from drivers.engines import installed, installed_codes
 from drivers.run.run import run_case
-from drivers.scene.read_scene import read_scene
-from validation.reference.adaptive import integrate_adaptive
-from validation.reference.dop853 import slope
-from validation.reference.hertz_chain import Array, HertzChain, hertz_force
-from validation.reference.symplectic import integrate_symplectic
+from drivers.run.run_folder import record_of
+from validation.calibration.data_sets import paper_data
+from validation.calibration.outcome import solve
+from validation.calibration.problem import pose
+from validation.reference.adaptive import MIN_TOLERANCE, integrate_adaptive
 from validation.reference.velocity_verlet import integrate_verlet
+from validation.tests.helpers.commands import BEADS
+from validation.tests.helpers.scenes import case_of
 
-REPEATS = 5
-ENGINE_STEPS = {22: 20_000, 1000: 2000, 10_000: 400, 100_000: 60}
-IN_REPO_STEPS = {22: 400_000, 1000: 20_000, 10_000: 4000, 100_000: 1000, 1_000_000: 400}
+Row = tuple[str, float, str]  # quantity, value, unit
+COLUMNS = ("quantity", "value", "unit")
+STEP = "run.time_step=0.1 us"
+ERRORS = {
+    ("fig4", "run.duration=0.6 ms"): (1e-4, 1e-6, 1e-8, 1e-11),
+    ("long-chain",): (1e-6,),
+}  # asked of the reference, by scene with settings
+STEPS = {22: 20_000, 1000: 2000, 10_000: 400, 100_000: 60}  # by bodies
+CASES: Mapping[tuple[str, ...], int] = {
+    ("verlet",): 1000,
+    ("reference",): 1000,
+    ("liggghts",): 200,
+    ("lammps",): 200,
+    ("yade",): 200,
+}  # by engines
+STUDY = """
+scene = "fig4"
+engines = {engines}
+set = {{ "run.time_step" = "0.1 us" }}
+[[axis]]
+key = "striker.speed"
+from = "1.9 m/s"
+to = "2.1 m/s"
+count = {cases}
+"""
+QUOTED = ("fig4", "table1", "fig5")
+TWO = ("materials.ptfe.youngs_modulus", "contact.restitution")
+FREE = {
+    "two parameters, Fig. 4": (QUOTED[:1], TWO),
+    "two parameters, all quoted data": (QUOTED, TWO),
+    "four parameters, all quoted data": (QUOTED, (*TWO, "sensor.time_constant", "chain.mass=0.1 g..0.15 g")),
+}
+FINISHED = (("--help",), ("plan", "fig4"), ("compare", "fig4"))
+LARGE = {("lammps", 100_000): 500, ("liggghts", 100_000): 500, ("verlet", 100_000): 500, ("verlet", 1_000_000): 50}
 
 
-def best_time(action: Callable[[], object]) -> float:
-    """Shortest time of several runs, in s, after one that may compile."""
-    action()
-    times = []
-    for _ in range(REPEATS):
+def best(repeats: int, *actions: Callable[[], object]) -> list[float]:
+    """Shortest time of each action in s, all in turn, after a round that may compile."""
+    times = np.empty((1 + repeats, len(actions)))
+    for place in np.ndindex(times.shape):
         began = time.perf_counter()
-        action()
-        times.append(time.perf_counter() - began)
-    return min(times)
+        actions[place[1]]()
+        times[place] = time.perf_counter() - began
+    return [float(seconds) for seconds in times[1:].min(axis=0)]
 
 
-def bench() -> None:
-    """Print all tables."""
-    bench_adaptive()
-    bench_order()
-    bench_fixed_step(bench_engines())
+def reference(
+    asked: Mapping[tuple[str, ...], Sequence[float]] = ERRORS, repeats: int = 100, long_repeats: int = 5
+) -> Iterator[Row]:
+    """Cost of the exact motion as a multiple of that of ``verlet`` on the same scene and samples, and its error."""
+    for (scene, *settings), tolerances in asked.items():
+        case = case_of(scene, *settings, STEP)
+        chain, times = arrays_of(case.chain), case.sample_times_s
+        grid = case.scene.time_step_s, case.scene.steps_per_sample, case.scene.samples
+        exact = integrate_adaptive(chain, times, MIN_TOLERANCE).force_N
+        for tolerance in tolerances:
+            verlet_s, exact_s = best(
+                repeats if case.chain.bodies < 100 else long_repeats,
+                partial(integrate_verlet, chain, *grid),
+                partial(integrate_adaptive, chain, times, tolerance),
+            )
+            off = np.abs(integrate_adaptive(chain, times, tolerance).force_N - exact).max()
+            name = f"reference, {scene}, error {tolerance:.0e}"
+            yield name, exact_s / verlet_s, f"times verlet of {verlet_s * 1e3:.3g} ms"
+            yield f"{name}, reached", float(off / np.abs(exact - exact[0]).max()), "of the largest change"
 
 
-def bench_adaptive() -> None:
-    """Print time and error of the reference and of scipy's DOP853 with the same slope: Fig. 4, 0.6 ms, 600 samples."""
-    chain = arrays_of(build_case(read_scene("fig4")).chain)
-    times = np.linspace(0, 6e-4, 601)
-    exact = integrate_adaptive(chain, times).force_N
-
-    def error(force: Array) -> float:
-        return float(np.abs(force - exact).max() / exact.max())
-
-    print("Fig. 4, 0.6 ms, 600 samples: force error and time, and scipy's at the same tolerance or better")
-    print(f"{'asked':>8} {'error':>9} {'time ms':>8}   {'scipy rtol':>10} {'error':>9} {'time ms':>8} {'ratio':>6}")
-    for tolerance in (1e-4, 1e-6, 1e-8, 1e-10, 1e-11):
-        own = best_time(partial(integrate_adaptive, chain, times, tolerance))
-        own_error = error(integrate_adaptive(chain, times, tolerance).force_N)
-        rtol = next(r for r in 10.0 ** -np.arange(3, 14.5, 0.5) if error(_scipy(chain, times, r)) <= tolerance)
-        theirs = best_time(partial(_scipy, chain, times, rtol))
-        their_error = error(_scipy(chain, times, rtol))
-        print(
-            f"{tolerance:8.0e} {own_error:9.1e} {own * 1e3:8.2f}   {rtol:10.1e} {their_error:9.1e} {theirs * 1e3:8.1f}"
-            f" {theirs / own:6.1f}"
-        )
+def steps(counts: Mapping[int, int] = STEPS, repeats: int = 5) -> Iterator[Row]:
+    """Cost of a step of a chain under 1 N, in which every contact is closed, in ``verlet`` and in the codes' loops."""
+    for bodies, count in counts.items():
+        chain = (f"chain.count={bodies - 1}", "chain.sensors=[]", "chain.precompression=1 N", "gravity=", "tube=")
+        case = case_of("fig4", *chain, STEP, f"run.duration={count / 10} us", f"run.sample_interval={count / 10} us")
+        (own_s,) = best(repeats, partial(integrate_verlet, arrays_of(case.chain), 1e-7, count, 2))
+        loops_s = {"verlet": own_s}
+        with TemporaryDirectory() as runs:
+            loops_s |= {code: run_case(case, code, Path(runs)).record.loop_s or np.nan for code in installed_codes()}
+        for name, loop_s in loops_s.items():
+            yield f"step, {name}, {bodies} bodies", loop_s / bodies / count * 1e9, "ns per body"
 
 
-def _scipy(chain: HertzChain, times: Array, rtol: float) -> Array:
-    """Forces by scipy's DOP853 with the compiled slope of the reference."""
-    n = chain.mass_kg.size
-    bodies = (1 / chain.mass_kg, chain.stiffness, np.zeros(0), chain.load_N / chain.mass_kg)
-
-    def derivative(_: float, state: Array) -> Array:
-        result = np.empty_like(state)
-        slope(state, 1.0, result, bodies)
-        return result
-
-    start = np.concatenate([chain.overlap_m, chain.velocity_m_s])
-    scale = np.repeat([1e-5, 1.0], n)
-    solution = solve_ivp(
-        derivative, (0.0, times[-1]), start, method="DOP853", t_eval=times, rtol=rtol, atol=0.1 * rtol * scale
-    )
-    return hertz_force(chain.stiffness, solution.y[:n].T)
+def batch(cases: Mapping[tuple[str, ...], int] = CASES) -> Iterator[Row]:
+    """Rows per second of batches of Fig. 4 at 0.1 us on two workers, with their start; time to list finished rows."""
+    for engines, count in cases.items():
+        if installed(engines) != engines:
+            continue
+        with TemporaryDirectory() as home:
+            study, places = Path(home, "bench.toml"), ("--runs", home, "--results", home)
+            study.write_text(STUDY.format(engines=[*engines], cases=count))
+            _, batch_s = spent(*BEADS, "batch", study, "--workers", "2", *places)
+            _, status_s = spent(*BEADS, "status", study, "--runs", home)
+        yield f"batch, {' '.join(engines)}", count * len(engines) / batch_s, "rows per s"
+        yield f"status of {count} rows, {' '.join(engines)}", status_s, "s"
 
 
-def bench_order() -> None:
-    """Print the error of Verlet and of the symplectic method of order 4 against the number of forces, for Fig. 4."""
-    chain = arrays_of(build_case(read_scene("fig4")).chain)
-    exact = integrate_adaptive(chain, np.linspace(0, 6e-4, 601)).force_N
-    print("\nFig. 4 at a fixed step: force error by number of force evaluations per microsecond")
-    print(f"{'forces':>8} {'Verlet':>9} {'order 4':>9}")
-    for steps in (1, 2, 4, 8, 16, 32, 64):
-        verlet = integrate_verlet(chain, 1e-6 / (4 * steps), 4 * steps, 601).force_N
-        fourth = integrate_symplectic(chain, 1e-6 / steps, steps, 601).force_N
-        errors = (float(np.abs(force - exact).max() / exact.max()) for force in (verlet, fourth))
-        print(f"{4 * steps:>8}", *(f"{error:9.1e}" for error in errors))
+def fits(asked: Mapping[str, tuple[Sequence[str], Sequence[str]]] = FREE) -> Iterator[Row]:
+    """Time of fits alone, on one core."""
+    for name, (sets, free) in asked.items():
+        problem, began = pose(paper_data(sets, ()), free), time.perf_counter()
+        solve(problem, quick=True)
+        yield f"fit, {name}", time.perf_counter() - began, "s"
 
 
-def bench_engines() -> dict[tuple[str, int], float]:
-    """Print the start-up times of the codes, and return ns per bead and step in their own loops."""
-    costs: dict[tuple[str, int], float] = {}
-    print("\nthe codes, one process: seconds outside the time loop (start-up, building the chain, writing)")
-    with tempfile.TemporaryDirectory() as folder:
-        for engine in missing_codes():
-            print(f"{engine}: not installed, not run")
-        for engine in installed_codes():
-            for bodies, steps in ENGINE_STEPS.items():
-                case = _compressed_chain(bodies, steps)
-                record = run_case(case, engine, Path(folder)).record
-                if record.loop_s is None:
-                    print(f"{engine} {bodies}: {record.reason}", file=sys.stderr)
-                    continue
-                costs[engine, bodies] = record.loop_s / bodies / steps * 1e9
-                print(f"{engine:>9} {bodies:>8} bodies {(record.wall_s or 0.0) - record.loop_s:7.2f} s")
-    return costs
+def commands(asked: Sequence[tuple[str, ...]] = FINISHED, repeats: int = 5) -> Iterator[Row]:
+    """CPU time of commands whose runs are finished and whose results are cached."""
+    with TemporaryDirectory() as runs:
+        for words in asked:
+            place = ("--runs", runs) if "compare" in words else ()
+            _, *cpu_s = (spent(*BEADS, *words, *place)[0] for _ in range(1 + repeats))
+            yield f"beads {' '.join(words)}", min(cpu_s), "s of CPU"
 
 
-def bench_fixed_step(engine_costs: dict[tuple[str, int], float]) -> None:
-    """Print ns per bead and step of velocity Verlet, in the repository and in the engines."""
-    print("\nvelocity Verlet: ns per bead and step (in brackets: ratio to the in-repo cost)")
-    engines = list(dict.fromkeys(engine for engine, _ in engine_costs))
-    print(f"{'bodies':>8} {'in-repo':>9}", *(f"{engine:>16}" for engine in engines))
-    for bodies, steps in IN_REPO_STEPS.items():
-        own = _own_cost(bodies, steps)
-        cells = [
-            f"{cost:8.1f} ({cost / own:.0f})" if (cost := engine_costs.get((engine, bodies))) else "-"
-            for engine in engines
-        ]
-        print(f"{bodies:>8} {own:9.2f}", *(f"{cell:>16}" for cell in cells), flush=True)
+def large(asked: Mapping[tuple[str, int], int] = LARGE) -> Iterator[Row]:
+    """Time of runs of very long chains, of the engine and of all around it, and memory of all processes so far."""
+    for (engine, bodies), count in asked.items():
+        if not installed([engine]):
+            continue
+        keys = (f"chain.count={bodies - 1}", f"chain.sensors=[{{ from_wall = {bodies - 9} }}]", STEP)
+        times = (f"run.sample_interval={count / 50} us", f"run.duration={count / 10} us")
+        words = [word for key in (*keys, *times) for word in ("--set", key)]
+        with TemporaryDirectory() as runs:
+            spent(*BEADS, "run", "fig4", "--engine", engine, "--runs", runs)  # checks the build, once
+            _, wall_s = spent(*BEADS, "run", "long-chain", "--engine", engine, "--runs", runs, *words)
+            (folder,) = Path(runs, engine).glob("long-chain-*")
+            engine_s = record_of(folder).wall_s or np.nan
+        most = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1e6
+        yield f"run, {engine}, {bodies} bodies", engine_s, "s"
+        yield f"run, {engine}, {bodies} bodies, around the engine", wall_s - engine_s, "s"
+        yield f"run, {engine}, {bodies} bodies, memory so far", most, "GB"
 
 
-def _compressed_chain(bodies: int, steps: int) -> Case:
-    """Struck chain under 1 N, so that every contact is closed; sampled at start and end."""
-    settings = (
-        f"chain.count={bodies - 1}", "chain.sensors=[]", "chain.precompression=1 N", "gravity=", "tube=",
-        f"run.duration={steps / 10} us", f"run.sample_interval={steps / 10} us",
-    )  # fmt: skip
-    return build_case(read_scene("fig4", settings))
+def clone(target: str = "report", before: Sequence[str] = (".venv/.ready", ".venv/.engines")) -> Iterator[Row]:
+    """Time of a target of make in a fresh clone of the last commit, after others."""
+    with TemporaryDirectory() as home:
+        spent("git", "clone", "-q", paths.ROOT, home)
+        if before:
+            spent("make", "-C", home, *before)
+        cpu_s, wall_s = spent("make", "-C", home, target)
+        yield f"make {target}", wall_s, "s"
+        yield f"make {target}, all cores", cpu_s, "s of CPU"
 
 
-def _own_cost(bodies: int, steps: int) -> float:
-    chain = arrays_of(_compressed_chain(bodies, steps).chain)
-    return best_time(lambda: integrate_verlet(chain, 1e-7, steps, 2)) / bodies / steps * 1e9
+def spent(*words: str | Path) -> tuple[float, float]:
+    """CPU and wall time of a command, in s.
+
+    Raises:
+        CalledProcessError: the command failed.
+    """
+    before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+    subprocess.run(words, check=True, stdout=subprocess.DEVNULL)
+    after, wall_s = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter() - began
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, wall_s
+
+
+ALL: tuple[Callable[..., Iterator[Row]], ...] = (reference, steps, batch, fits, commands, large, clone)
+
+
+def write(rows: Iterable[Row], path: Path) -> None:
+    """Print rows as they come, and write them as CSV."""
+    written = []
+    for quantity, value, unit in rows:
+        print(f"{quantity:<52} {value:10.3g} {unit}", flush=True)
+        written.append((quantity, value, unit))
+    path.parent.mkdir(exist_ok=True)
+    with whole_file(path) as draft:
+        pd.DataFrame(written, columns=COLUMNS).to_csv(draft, index=False)

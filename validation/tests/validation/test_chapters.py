@@ -59,7 +59,7 @@ def test_studies_are_those_of_the_command_line_and_of_make() -> None:
 def test_trade_needs_no_code(tmp_path: Path) -> None:
     rows = run_ladder(0.5, ("fig5",))
     ladder = frame_of(LadderRun, rows)
-    assert {"verlet", "order 4", "reference"} == set(ladder["method"])
+    assert {"verlet", "reference"} == set(ladder["method"])
     write_chapter(TRADE, {"trade": rows, "trade-advice": advice(ladder), "trade-softening": soften()}, tmp_path)
     assert read_section("trade", tmp_path)["advice"][0][-1] == "–"
 
