@@ -366,21 +366,3 @@ def interval(fit: Fit, index: int, rise: float, points: list[Point] | None = Non
         reached = height[-1] >= sqrt(rise) and len(height) > 1
         ends.append(free.value(float(np.interp(sqrt(rise), height, coordinate[side]))) if reached else none)
     return ends[0], ends[1]
-
-
-def contours(fit: Fit, across: int, up: int, values: tuple[Array, Array]) -> Array:
-    """Chi-square over a grid of two parameters, with all others fitted again. Shape (values up, values across)."""
-    problem, grid = fit.problem, np.empty((len(values[1]), len(values[0])))
-    for row, high in enumerate(values[1]):
-        place = fit.place
-        for column in sorted(
-            range(len(values[0])), key=lambda k: abs(values[0][k] - problem.free[across].value(fit.place[across]))
-        ):
-            held = {
-                across: problem.free[across].coordinate(float(values[0][column])),
-                up: problem.free[up].coordinate(float(high)),
-            }
-            ends = [minimise(problem, start, held, converged=ROUGH_CHANGE) for start in (place, fit.place)]
-            heights = [chi_square_at(problem, end) for end in ends]
-            place, grid[row, column] = ends[int(np.argmin(heights))], min(heights)
-    return grid
