@@ -1,5 +1,6 @@
 """The fits of ``make calibration``: each law on the paper's numbers, for all readings of what the paper leaves open."""
 
+import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -8,6 +9,7 @@ from typing import Any
 
 from drivers.base.terminal import following
 from drivers.run.execute import Place, execute
+from drivers.scene.read_scene import apply_setting
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import Simulation
 from postproc.read.observables import LATER_PROMINENCE
@@ -102,9 +104,12 @@ def _not_fitted(law: Law, reading: str, outcome: Outcome) -> Iterator[DatumRow]:
     """Quantities of the same experiments that are not fitted."""
     problem, place = outcome.fit.problem, outcome.fit.place
     for name, more, numbers in (("fig5", (TOP,), _fig5), ("fig4", (), _fig4)):
-        (data,) = paper_data([name], (*law.set, *more))
-        shared = replace(data, own=())
-        simulation = simulated(shared, motion_values(problem, shared, place))
+        (data,) = (each for each in problem.sets if each.name == name)
+        tables = json.loads(data.tables)
+        for setting in more:
+            apply_setting(tables, setting)
+        shown = replace(data, tables=json.dumps(tables))
+        simulation = simulated(shown, motion_values(problem, data, place), whole=True)
         if simulation is not None:
             for quantity, unit, measured, computed in numbers(simulation):
                 yield DatumRow(law.name, reading, NOT_FITTED, quantity, unit, measured, nan, computed, nan, nan)
