@@ -80,6 +80,11 @@ class DataSet:
         return sum(record.lines * len(record.measured.reading) for record in self.records)
 
     @property
+    def rows(self) -> int:
+        """Number of residuals."""
+        return len(self.numbers) + sum(record.rows * len(record.measured.reading) for record in self.records)
+
+    @property
     def scene(self) -> Scene:
         """Scene made from the tables."""
         return make_scene(json.loads(self.tables), self.name, self.where)

@@ -42,7 +42,7 @@ def reading_of(answers: Sequence[Answer]) -> str:
 
 
 def study(*, quick: bool = False) -> dict[str, list[Any]]:
-    """Rows of all tables: each law for the default reading, then from there for all others, in parallel.
+    """Rows of all tables: each law for the default reading, then from there for all others.
 
     The short study starts at the parameters found before.
     """
@@ -50,24 +50,20 @@ def study(*, quick: bool = False) -> dict[str, list[Any]]:
     readings, laws = asked.readings(quick=quick), asked.law
     if quick:
         known = {law.name: law.found for law in laws}
-        done = _in_parallel(partial(_fit_laws, laws, known), readings, "reading")
+        done = _in_parallel(partial(_fit_laws, laws, known), readings)
     else:
-        first = _in_parallel(partial(_fit_thoroughly, readings[0]), laws, "law")
-        known = {rows[FITS][0].law: {row.parameter: row.value for row in rows[PARAMETERS]} for rows in first}
-        done = [*first, *_in_parallel(partial(_fit_laws, laws, known), readings[1:], "reading")]
+        found = [fit_law(law, readings[0]) for law in following(laws, "laws", len(laws), "law")]
+        first = [_rows(law, reading_of(readings[0]), each) for law, each in zip(laws, found, strict=True)]
+        known = {law.name: each.fit.values for law, each in zip(laws, found, strict=True)}
+        done = [*first, *_in_parallel(partial(_fit_laws, laws, known), readings[1:])]
     return {name: [row for rows in done for row in rows[name]] for name in TABLES}
 
 
-def _in_parallel(work: Callable[[Any], Rows], items: Sequence[Any], what: str) -> list[Rows]:
-    """Results of all items, in their order; the last are begun first, since larger laws take longer."""
-    under_way = following(execute(work, items[::-1], Place(processes=True)), what, len(items), what)
+def _in_parallel(work: Callable[[Any], Rows], items: Sequence[Any]) -> list[Rows]:
+    """Results of all readings, in their order."""
+    under_way = following(execute(work, items, Place(processes=True)), "readings", len(items), "reading")
     results = {id(item): result for item, result in under_way}
     return [results[id(item)] for item in items]
-
-
-def _fit_thoroughly(answers: Sequence[Answer], law: Law) -> Rows:
-    """Rows of a law for one reading, with a search, intervals and predictions without each datum."""
-    return _rows(law, reading_of(answers), fit_law(law, answers))
 
 
 def _fit_laws(laws: Sequence[Law], known: Mapping[str, Mapping[str, float]], answers: Sequence[Answer]) -> Rows:

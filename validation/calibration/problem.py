@@ -26,7 +26,7 @@ from validation.calibration.readings import DEFAULT_CUT, READERS, Waves, best_tr
 TOLERANCE = 1e-6  # of the exact motion; observables are then accurate to 2e-9, sensitivities to 1e-4
 STEP = 1e-4  # of finite differences, as a share of a parameter's range
 MISSING_RESIDUAL = 10.0  # standard errors counted for a number that the computed motion does not have
-CACHE_SIZE = 256  # simulations
+CACHE_SIZE = 256  # simulations; residuals are smaller
 SCANNED = 8  # values of a parameter that one data set has alone, at the start of a descent
 
 Values = tuple[tuple[str, float], ...]  # values of parameters by key
@@ -223,16 +223,13 @@ def curves(data: DataSet, values: Values) -> dict[str, BSpline]:
 
 def has_motion(problem: Problem, place: Array) -> bool:
     """True if the coordinates are finite and the exact motion of each data set can be computed."""
-    if not np.isfinite(place).all():
-        return False
-    return all(simulated(data, motion_values(problem, data, place)) is not None for data in problem.sets)
+    return bool(np.isfinite(residual(problem, place)).all())
 
 
 def residual(problem: Problem, place: Array) -> Array:
     """Predicted minus measured values in standard errors; inf at a point without a motion. Shape (rows,)."""
-    if not has_motion(problem, place):
-        return np.full(problem.rows, inf)
-    return np.nan_to_num(raw_residual(problem, place), nan=MISSING_RESIDUAL)
+    off = raw_residual(problem, place) if np.isfinite(place).all() else np.full(problem.rows, inf)
+    return np.full(problem.rows, inf) if np.isinf(off).any() else np.nan_to_num(off, nan=MISSING_RESIDUAL)
 
 
 def jacobian(problem: Problem, place: Array, moving: Sequence[int] | None = None) -> Array:
@@ -246,11 +243,11 @@ def jacobian(problem: Problem, place: Array, moving: Sequence[int] | None = None
         other = place.copy()
         other[index] += STEP if place[index] + STEP <= 1 else -STEP
         columns.append((raw_residual(problem, other) - here) / (other[index] - place[index]))
-    return np.asarray(np.nan_to_num(np.column_stack(columns), nan=0.0))
+    return np.asarray(np.nan_to_num(np.column_stack(columns), nan=0.0, posinf=0.0, neginf=0.0))
 
 
 def raw_residual(problem: Problem, place: Array) -> Array:
-    """Residual with NaN for numbers missing from the motion; results of each data set are cached."""
+    """Residual with NaN for numbers missing from the motion, inf without one; results of each data set are cached."""
     parts = [
         _of_set(data, motion_values(problem, data, place), tuple(own_values(problem, data, place).items()))
         for data in problem.sets
@@ -260,9 +257,11 @@ def raw_residual(problem: Problem, place: Array) -> Array:
     return np.concatenate([*parts, priors])
 
 
-@lru_cache(maxsize=CACHE_SIZE)
+@lru_cache(maxsize=16 * CACHE_SIZE)
 def _of_set(data: DataSet, motion: Values, values: Values) -> Array:
     """Residual of a data set."""
+    if simulated(data, motion) is None:
+        return np.full(data.rows, inf)
     known = dict(values)
     offs = [(predicted(data, number, motion, known) - number.value) / number.error for number in data.numbers]
     traces, signals = list[Array](), curves(data, motion) if data.records else {}
@@ -271,9 +270,7 @@ def _of_set(data: DataSet, motion: Values, values: Values) -> Array:
         trigger_s = known.get(f"{record.trigger_key}.{TRIGGER}", record.trigger_s)
         for gauge in record.measured.reading:
             assert trigger_s is not None  # given, or a free parameter
-            traces.append(
-                residual_of(record, gauge, signals[gauge], gain, trigger_s) if signals else np.full(record.rows, nan)
-            )
+            traces.append(residual_of(record, gauge, signals[gauge], gain, trigger_s))
     return np.concatenate([offs, *traces])
 
 

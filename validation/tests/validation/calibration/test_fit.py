@@ -23,6 +23,7 @@ from validation.calibration.outcome import Outcome, Parameter, solve, value_text
 from validation.calibration.problem import (
     MISSING_RESIDUAL,
     _integrated,
+    _of_set,
     jacobian,
     motion_values,
     pose,
@@ -237,6 +238,7 @@ def without_motion(monkeypatch: pytest.MonkeyPatch, above: float) -> None:
         return exact_motion(case, tolerance, time_s)
 
     _integrated.cache_clear()
+    _of_set.cache_clear()
     monkeypatch.setattr("validation.calibration.problem.exact_motion", integrated)
 
 
