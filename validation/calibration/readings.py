@@ -27,6 +27,7 @@ from scipy.interpolate import BSpline, make_interp_spline
 
 from drivers.base import paths
 from drivers.base.errors import InputError
+from drivers.chain.case import Layout
 from drivers.chain.chain import Array
 from postproc.paper.simulate import Simulation
 from postproc.read.alignment import averaged, must_have_unit, noise_of
@@ -49,14 +50,19 @@ class Waves(Simulation):
     """A simulation of which the numbers of first pulses are read without all other observables."""
 
     @cached_property
+    def layout(self) -> Layout:
+        """Properties of the chain."""
+        return self.case.layout
+
+    @cached_property
     def signals(self) -> dict[str, Array]:
         """Gauge signals by name."""
-        return sensor_signals(self.case.layout, self.trace)
+        return sensor_signals(self.layout, self.trace)
 
     @cached_property
     def first(self) -> dict[str, float]:
         """Amplitudes, arrivals and speeds of the first pulses."""
-        return first_pulses(self.case.layout, self.trace, self.signals)
+        return first_pulses(self.layout, self.trace, self.signals)
 
 
 Reader = Callable[[Waves, str, float], float]
@@ -106,7 +112,7 @@ def contact_force_N(simulation: Waves, gauge: str, cut: float) -> float:
 
     The factor beta, amplitude at that contact divided by that of the mean of both contacts, is of the same motion.
     """
-    layout, trace = simulation.case.layout, simulation.trace
+    layout, trace = simulation.layout, simulation.trace
     force_N = trace.force_N[:, int(gauge.removeprefix("bead_"))]
     plain = sensor_signals(replace(layout, time_constant_s=None), trace)[gauge]
     contact, mean = (first_peak(trace.time_s, signal - signal[0]) for signal in (force_N, plain))

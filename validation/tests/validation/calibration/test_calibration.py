@@ -25,8 +25,7 @@ from validation.checks import FAIL, Check
 
 @cache
 def motion(scene: str, *settings: str) -> Waves:
-    found = exact(case_of(scene, "run.duration=2.4 ms", *settings), 1e-6)
-    return Waves(found.case, found.engine, found.trace)
+    return Waves(**vars(exact(case_of(scene, "run.duration=2.4 ms", *settings), 1e-6)))
 
 
 @pytest.mark.parametrize(("scene", "name"), [("fig5", "wall_decay_per_s"), ("fig4", "bead_5_full_width_s")])
