@@ -19,7 +19,16 @@ from drivers.chain.case import Layout
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace, is_at_rest
 from postproc.read.sensors import going_up, sensor_signals
-from postproc.read.signals import ENVELOPE_MAXIMA, ONSET, integral, peaks, pulses, rising_crossing, train_envelope
+from postproc.read.signals import (
+    ENVELOPE_MAXIMA,
+    ONSET,
+    first_pulse,
+    integral,
+    peaks,
+    pulses,
+    rising_crossing,
+    train_envelope,
+)  # fmt: skip
 
 LEVELS = (0.002, 0.04)  # shares of the peak at which the paper's Table 1 cuts the width
 WALL_REST_SHARE = 1e-14  # of the largest force: smaller changes at the wall are rounding
@@ -256,6 +265,20 @@ def observe(layout: Layout, trace: Trace, levels: tuple[float, ...] = LEVELS) ->
     values |= _contact_loss(layout, trace, noise)
     values |= _balances(layout, trace)
     return values
+
+
+def first_pulses(layout: Layout, trace: Trace, signals: Mapping[str, Array]) -> dict[str, float]:
+    """Those of ``observe`` that fits read most: amplitudes and arrivals of first pulses, speeds and ratios of them."""
+    values, from_below = dict[str, float](), set[str]()
+    noise = ROUNDING_SHARE * float(np.abs(trace.force_N).max())
+    for name, signal in signals.items():
+        first = first_pulse(trace.time_s, signal - signal[0]) if np.ptp(signal) > noise else None
+        values[f"{name}_amplitude_N"] = first.value if first else np.nan
+        values[f"{name}_arrival_s"] = first.time_s if first else np.nan
+        place = 0 if name == "wall" else int(name.removeprefix("bead_"))
+        if first and place > layout.wall and going_up(trace.force_N, place, [first]):
+            from_below.add(name)
+    return values | _speeds_and_widths(layout, values, (), from_below)
 
 
 def _contact_loss(layout: Layout, trace: Trace, noise_N: float) -> dict[str, float]:

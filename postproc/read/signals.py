@@ -44,15 +44,22 @@ def peaks(time_s: Array, values: Array, prominence: float = PROMINENCE) -> list[
 
 def pulses(time_s: Array, values: Array) -> list[Peak]:
     """Maxima above 0 without noise, ripple and the wakes of earlier pulses; later pulses may be much larger."""
-    accepted: list[Peak] = []
+    return [*_pulses(time_s, values)]
+
+
+def first_pulse(time_s: Array, values: Array) -> Peak | None:
+    """The first of ``pulses``; None if there is none."""
+    return next(_pulses(time_s, values), None)
+
+
+def _pulses(time_s: Array, values: Array) -> Iterator[Peak]:
     largest = 0.0
     for place, prominence in _maxima(values, NOISE):
         if prominence >= OWN_PROMINENCE * values[place]:  # a peak is at least as high as its sample
             peak = _peak_at(time_s, values, place)
             if peak.value > WAKE * largest and prominence >= OWN_PROMINENCE * peak.value:
-                accepted.append(peak)
+                yield peak
                 largest = max(largest, peak.value)
-    return accepted
 
 
 def first_peak(time_s: Array, values: Array) -> Peak | None:

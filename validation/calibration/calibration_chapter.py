@@ -11,18 +11,9 @@ from drivers.base.tolerances import tolerance
 from postproc.draw.overlay import number
 from postproc.paper.calibrated import calibrated
 from validation.calibration.calibration_file import calibration_file
-from validation.calibration.draw import draw_contours, draw_data, name_of
+from validation.calibration.draw import draw_data, name_of
 from validation.calibration.outcome import MAX_DEVIATION, DatumRow, FitRow, Parameter, value_text
-from validation.calibration.paper_fits import (
-    CONTOURS,
-    DATA,
-    FITS,
-    MODULUS,
-    NOT_FITTED,
-    PARAMETERS,
-    ContourRow,
-    study,
-)  # fmt: skip
+from validation.calibration.paper_fits import DATA, FITS, MODULUS, NOT_FITTED, PARAMETERS, study
 from validation.chapters import Chapter, Options, Picture, Tables, rows_in
 from validation.checks import FAIL, Check, judged, without_run
 
@@ -193,23 +184,15 @@ def section(tables: Tables) -> Mapping[str, Any]:
 
 
 def figures(tables: Tables) -> dict[str, Picture]:
-    """Measured against fitted numbers, and contours of chi-square."""
+    """Measured against fitted numbers."""
     data = [row for row in rows_in(tables[DATA], DatumRow) if row.data == DEFAULT and row.data_set != NOT_FITTED]
-    pictures: dict[str, Picture] = {
-        FITS: ("Measured and fitted numbers, with the errors of both", lambda: draw_data(data))
-    }
-    if len(tables[CONTOURS]):
-        points, fits = rows_in(tables[CONTOURS], ContourRow), rows_in(tables[FITS], FitRow)
-        caption = "Chi-square of the viscoelastic law over modulus and restitution; 1 is elastic"
-        parameters = rows_in(tables[PARAMETERS], Parameter)
-        pictures[CONTOURS] = (caption, lambda: draw_contours(points, fits, parameters))
-    return pictures
+    return {FITS: ("Measured and fitted numbers, with the errors of both", lambda: draw_data(data))}
 
 
 CHAPTER = Chapter(
     FITS,
     "parameters fitted to the paper's experiments",
-    {FITS: FitRow, PARAMETERS: Parameter, DATA: DatumRow, CONTOURS: ContourRow},
+    {FITS: FitRow, PARAMETERS: Parameter, DATA: DatumRow},
     measure,
     lambda tables: list(sentences(tables)),
     section,

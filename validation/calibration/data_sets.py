@@ -1,7 +1,7 @@
 """Data sets: scenes with measured numbers or traces."""
 
+import json
 from collections.abc import Mapping, Sequence
-from copy import deepcopy
 from dataclasses import dataclass, field, replace
 from functools import cache
 from math import hypot, sqrt
@@ -55,7 +55,7 @@ class DataSet:
 
     Attributes:
         source: Name of the scene or path of its file.
-        tables: Tables of the scene's file with settings applied.
+        tables: Tables of the scene's file with settings applied, as JSON: data sets with the same tables share motions.
         where: File as messages name it.
         numbers: Measured numbers.
         own: Keys of free parameters of this data set alone.
@@ -66,7 +66,7 @@ class DataSet:
 
     name: str
     source: str
-    tables: dict[str, Any]
+    tables: str
     where: str
     numbers: tuple[MeasuredNumber, ...] = ()
     own: tuple[str, ...] = ()
@@ -80,9 +80,14 @@ class DataSet:
         return sum(record.lines * len(record.measured.reading) for record in self.records)
 
     @property
+    def rows(self) -> int:
+        """Number of residuals."""
+        return len(self.numbers) + sum(record.rows * len(record.measured.reading) for record in self.records)
+
+    @property
     def scene(self) -> Scene:
         """Scene made from the tables."""
-        return make_scene(deepcopy(self.tables), self.name, self.where)
+        return make_scene(json.loads(self.tables), self.name, self.where)
 
 
 def text_of(key: str, value: float) -> Any:
@@ -128,7 +133,7 @@ def _rows_of(
         unit = describe(first.observable).unit or first.observable.rpartition("_")[2]
         label = f"{asked.name} {first.value:g} {unit}" if max(map(len, columns)) > 1 else asked.name
         if row not in skipped:
-            data.append(DataSet(label, asked.scene, tables, where, numbers, asked.own))
+            data.append(DataSet(label, asked.scene, json.dumps(tables), where, numbers, asked.own))
     return data
 
 
@@ -221,7 +226,7 @@ def scene_data(
     duration = tables["run"]["duration"]
     if free_trigger or any(record.trigger_s is None for record in records):
         apply_setting(tables, f"run.duration={LONGER * scene.run.duration!r} s")
-    return DataSet(name, source, tables, where, tuple(numbers), (), tuple(records), entries, duration)
+    return DataSet(name, source, json.dumps(tables), where, tuple(numbers), (), tuple(records), entries, duration)
 
 
 def _case(scene: Scene) -> Case:

@@ -1,4 +1,4 @@
-"""Figures of fits: parameters with intervals, measured against fitted numbers, contours of chi-square."""
+"""Figures of fits: parameters with intervals, measured against fitted numbers."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -6,15 +6,13 @@ from typing import Any
 import numpy as np
 
 from postproc.draw.style import COLUMN_IN, GREY, pyplot
-from validation.calibration.outcome import DatumRow, FitRow, Parameter, suited
+from validation.calibration.outcome import DatumRow, Parameter, suited
 
 COLOURS = ("#0072b2", "#d55e00", "#555555", "#cc79a7", "#999933", "#56b4e9")
 MARKERS = ("o", "s", "v", "D", "P", "^")
 ROW_IN, HEAD_IN = 0.55, 0.5
 KINDS = (("amplitude", "force (N)", 1.0), ("contact_force", "force (N)", 1.0), ("speed", "speed (m/s)", 1.0),
          ("full_width", "full width (µs)", 1e6), ("decay", "decay at the wall (1/µs)", -1e-6))  # fmt: skip
-MODULUS = "youngs_modulus"
-RISES = (2.30, 6.18)  # of chi-square: 68 and 95 % of two parameters
 SHIFT = 0.24  # between laws in a row
 
 
@@ -93,48 +91,5 @@ def draw_data(rows: Sequence[DatumRow]) -> Any:
     (measured,) = axes[0, 0].plot([], [], "ks", ms=4)
     figure.legend(
         [measured, *handles], ["measured", *labels], loc="outside upper center", ncols=len(labels) + 1, fontsize=7
-    )
-    return figure
-
-
-def draw_contours(rows: Sequence[Any], fits: Sequence[FitRow], parameters: Sequence[Parameter]) -> Any:
-    """Contours for each reading that was drawn, with the best point, and the best elastic chain at a restitution of 1.
-
-    Args:
-        rows: Points with ``reading``, ``modulus_Pa``, ``restitution`` and ``chi_square``.
-        fits: Fits of all readings.
-        parameters: Parameters of these fits.
-    """
-    values = {(row.law, row.data, row.parameter.rpartition(".")[2]): row.value for row in parameters}
-    readings = list(dict.fromkeys(row.reading for row in rows))
-    look = look_of(readings)
-    figure, axis = pyplot().subplots(figsize=(5.2, 3.9), layout="constrained")
-    for reading in readings:
-        own, colour = [row for row in rows if row.reading == reading], look[reading]["color"]
-        moduli = sorted({row.modulus_Pa for row in own})
-        restitutions = sorted({row.restitution for row in own})
-        grid = np.array([row.chi_square for row in sorted(own, key=lambda row: (row.restitution, row.modulus_Pa))])
-        grid = grid.reshape(len(restitutions), len(moduli))
-        best, elastic = (
-            next(fit for fit in fits if (fit.law, fit.data) == (law, reading)) for law in ("viscoelastic", "elastic")
-        )
-        least = min(best.chi_square, float(np.nanmin(grid)))
-        levels = [least + rise for rise in RISES]
-        axis.contour(
-            np.array(moduli) * 1e-9, restitutions, grid, levels, colors=colour, linestyles=["-", "--"], linewidths=1.2
-        )
-        label = f"{reading}: {best.chi_square:.1f} of {best.freedom}"
-        modulus, restitution = (values["viscoelastic", reading, name] for name in (MODULUS, "restitution"))
-        axis.plot(modulus * 1e-9, restitution, ls="none", ms=6, **look[reading], label=label)
-        label, modulus = f"elastic: {elastic.chi_square:.1f} of {elastic.freedom}", values["elastic", reading, MODULUS]
-        axis.plot(modulus * 1e-9, 1.0, ls="none", ms=6, mfc="none", clip_on=False, **look[reading], label=label)
-    axis.set(
-        xscale="log", xlabel="Young's modulus (GPa)", ylabel="restitution", ylim=(min(r.restitution for r in rows), 1.0)
-    )
-    ticks = [0.3, 0.5, 0.7, 1.0, 1.5, 2.0]
-    axis.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
-    axis.minorticks_off()
-    figure.legend(
-        loc="outside upper center", fontsize=7, title="chi-square; lines: 68 % (full), 95 % (dashed)", title_fontsize=7
     )
     return figure

@@ -1,9 +1,11 @@
 """Least squares from several starting points by lmfit, and the uncertainty of the parameters found."""
 
+import itertools
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from math import ceil, inf, log2, sqrt
+from typing import TypeVar
 
 import numpy as np
 from lmfit import Minimizer, Parameters
@@ -12,6 +14,7 @@ from numpy.typing import NDArray
 from drivers.base.errors import RunError
 from drivers.base.units import quantity
 from drivers.chain.chain import Array
+from drivers.run.execute import Place, execute
 from validation.calibration.free import TRIGGER, Free, without_effect
 from validation.calibration.problem import STEP, Problem, has_motion, jacobian, residual, scanned, with_triggers
 
@@ -39,6 +42,8 @@ MAX_POINTS = 12  # of a profile on each side
 Held = tuple[tuple[int, float], ...]  # coordinates of parameters that are kept constant, by index
 Ends = list[tuple[float, Array]]  # chi-square and coordinates at the ends of descents, best first
 Point = tuple[float, float, Array]  # coordinate, chi-square, and coordinates of all parameters
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +123,14 @@ class Fit:
         return value, sqrt(max(float(slope @ self.covariance @ slope), 0.0))
 
 
+def for_each(problem: Problem, work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
+    """Results of all items, by worker processes; by this one for a single data set, as fast as they would start."""
+    if len(problem.sets) == 1:
+        return [*map(work, items)]
+    results = {id(item): result for item, result in execute(work, items, Place(processes=True))}
+    return [results[id(item)] for item in items]
+
+
 def named(direction: Array) -> NDArray[np.bool_]:
     """True for each parameter that takes part in a direction. Shape (parameters,)."""
     return np.asarray(np.abs(direction) > MIN_COMPONENT * np.abs(direction).max())
@@ -139,7 +152,7 @@ def fit(problem: Problem, seeds: Sequence[Mapping[str, float]] = (), *, search: 
     """
     seeded = [_seeded(problem, seed) for seed in seeds]
     ends = _descents(problem, (), {}) if search else []
-    ends = sorted([*ends, *_lowered(problem, seeded, {})], key=lambda end: end[0])
+    ends = sorted(itertools.chain(ends, *(_lowered(problem, {}, place) for place in seeded)), key=lambda end: end[0])
     if not ends:
         message = "the exact motion cannot be computed at the starting values or at any other point of the ranges"
         raise RunError(f"fit: {message}; narrow the bounds of --free")
@@ -173,16 +186,15 @@ def _descents(problem: Problem, held: Held, known: dict[frozenset[tuple[int, flo
     places, inside = [_with_others(problem, start, kept)], list[Array]()
     if moving:
         draws = qmc.Sobol(len(moving), seed=0).random_base2(ceil(log2(SCREENED_POINTS * len(moving))))
-        drawn = (_with_others(problem, _moved(start, moving, draw), kept) for draw in draws)
-        ranked = [
-            np.array(place) for _, place in sorted((chi_square_at(problem, point), point.tolist()) for point in drawn)
-        ]
-        places += _apart(ranked, moving)
+        drawn = [_moved(start, moving, draw) for draw in draws]
+        screened = sorted(for_each(problem, partial(_screened, problem, kept), drawn))
+        places += _apart([np.array(place) for _, place in screened], moving)
     if len(problem.searched) <= MAX_NESTED or not held:
         for index in moving:
             for value in _null_coordinates(problem.free[index]):
                 inside += [place for _, place in _descents(problem, (*held, (index, value)), known)[:1]]
-    ends = known[frozenset(held)] = _lowered(problem, [*places, *inside], kept)
+    lowered = for_each(problem, partial(_lowered, problem, kept), [*places, *inside])
+    ends = known[frozenset(held)] = sorted(itertools.chain(*lowered), key=lambda end: end[0])
     return ends
 
 
@@ -195,17 +207,24 @@ def _apart(ranked: Sequence[Array], moving: Sequence[int]) -> list[Array]:
     return kept
 
 
-def _lowered(problem: Problem, places: Sequence[Array], held: Mapping[int, float]) -> Ends:
-    """Ends of descents from some places, best first; places without a motion are left out."""
-    starts = [place for place in places if has_motion(problem, place)]
-    ends = [minimise(problem, place, held, converged=ROUGH_CHANGE) for place in starts]
-    return sorted(((chi_square_at(problem, end), end) for end in ends), key=lambda end: end[0])
+def _lowered(problem: Problem, held: Mapping[int, float], place: Array) -> Ends:
+    """End of a descent from a place; nothing from a place without a motion."""
+    if not has_motion(problem, place):
+        return []
+    end = minimise(problem, place, held, converged=ROUGH_CHANGE)
+    return [(chi_square_at(problem, end), end)]
 
 
 def _null_coordinates(free: Free) -> list[float]:
     """Coordinates of a parameter in the models inside the problem: the scene's value, and the value without effect."""
     values = [free.start, *(value for value in [without_effect(free.key)] if value is not None)]
     return sorted({free.coordinate(value) for value in values})
+
+
+def _screened(problem: Problem, held: Mapping[int, float], place: Array) -> tuple[float, list[float]]:
+    """Chi-square and coordinates of a place ``_with_others``."""
+    found = _with_others(problem, place, held)
+    return chi_square_at(problem, found), found.tolist()
 
 
 def _with_others(problem: Problem, place: Array, held: Mapping[int, float]) -> Array:
@@ -329,7 +348,7 @@ def _along(fit: Fit, direction: Array, members: NDArray[np.intp]) -> str:
     return ", ".join(f"{free[i].label} {texts[i]}" for i in members)
 
 
-def profile(fit: Fit, index: int, count: Callable[[], None] = lambda: None) -> list[Point]:
+def profile(fit: Fit, index: int) -> list[Point]:
     """Smallest chi-square along one parameter, all others fitted, from the minimum to a rise of ``MAX_RISE``."""
     stride = min(STRIDE * sqrt(fit.covariance[index, index]), 1 / MAX_POINTS)
     along = fit.covariance[index] / fit.covariance[index, index]
@@ -344,7 +363,6 @@ def profile(fit: Fit, index: int, count: Callable[[], None] = lambda: None) -> l
             guess = place + along * (target - place[index])
             place = minimise(fit.problem, guess, {index: target}, converged=CLOSE_CHANGE)
             points.append((target, chi_square_at(fit.problem, place), place))
-            count()
     return sorted(points, key=lambda point: point[0])
 
 
@@ -366,21 +384,3 @@ def interval(fit: Fit, index: int, rise: float, points: list[Point] | None = Non
         reached = height[-1] >= sqrt(rise) and len(height) > 1
         ends.append(free.value(float(np.interp(sqrt(rise), height, coordinate[side]))) if reached else none)
     return ends[0], ends[1]
-
-
-def contours(fit: Fit, across: int, up: int, values: tuple[Array, Array]) -> Array:
-    """Chi-square over a grid of two parameters, with all others fitted again. Shape (values up, values across)."""
-    problem, grid = fit.problem, np.empty((len(values[1]), len(values[0])))
-    for row, high in enumerate(values[1]):
-        place = fit.place
-        for column in sorted(
-            range(len(values[0])), key=lambda k: abs(values[0][k] - problem.free[across].value(fit.place[across]))
-        ):
-            held = {
-                across: problem.free[across].coordinate(float(values[0][column])),
-                up: problem.free[up].coordinate(float(high)),
-            }
-            ends = [minimise(problem, start, held, converged=ROUGH_CHANGE) for start in (place, fit.place)]
-            heights = [chi_square_at(problem, end) for end in ends]
-            place, grid[row, column] = ends[int(np.argmin(heights))], min(heights)
-    return grid

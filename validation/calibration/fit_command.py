@@ -1,9 +1,9 @@
 """``beads fit``: fits parameters of scenes to measured data, compares laws, and checks the fitted scene with codes."""
 
+import json
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from copy import deepcopy
 from dataclasses import replace
 from functools import partial
 from math import hypot, isfinite, nan
@@ -227,7 +227,7 @@ def predict(outcome: Outcome, names: Sequence[str]) -> list[DatumRow]:
     rows, problem = list[DatumRow](), outcome.fit.problem
     for data in problem.sets:
         shown = _as_run(data, names)
-        simulation = simulated(shown, motion_values(problem, data, outcome.fit.place))
+        simulation = simulated(shown, motion_values(problem, data, outcome.fit.place), whole=True)
         known = {without_unit(name): name for name in simulation.values} if simulation else {}
         every = [name for name in known if describe(name).of_wave]
         asked = map(without_unit, (*names, *every))
@@ -246,7 +246,7 @@ def refuse_unknown(problem: Problem, names: Sequence[str]) -> None:
     """
     known = set[str]()
     for data in problem.sets if names else ():
-        simulation = simulated(_as_run(data, names), motion_values(problem, data, problem.start))
+        simulation = simulated(_as_run(data, names), motion_values(problem, data, problem.start), whole=True)
         known |= {without_unit(name) for name in simulation.values} if simulation else set()
     for name in names:
         if without_unit(name) not in known:
@@ -256,18 +256,18 @@ def refuse_unknown(problem: Problem, names: Sequence[str]) -> None:
 
 def _as_run(data: DataSet, names: Sequence[str]) -> DataSet:
     """Data set as the scene runs, with a sensor at each named bead; one without a mass changes nothing."""
-    tables = deepcopy(data.tables)
+    tables = json.loads(data.tables)
     tables["run"]["duration"] = data.duration or tables["run"]["duration"]
     sensors = tables["chain"].setdefault("sensors", [])
     asked = {int(match[1]) for name in names if (match := re.match(r"bead_(\d+)_", name))}
     new = asked.difference(*(places_of(sensor["from_wall"]) for sensor in sensors))
     sensors.extend({"from_wall": bead} for bead in sorted(new, reverse=True))
-    return replace(data, tables=tables)
+    return replace(data, tables=json.dumps(tables))
 
 
 def _observable(problem: Problem, data: DataSet, shown: DataSet, name: str, place: Array) -> float:
     """An observable at given coordinates."""
-    simulation = simulated(shown, motion_values(problem, data, place))
+    simulation = simulated(shown, motion_values(problem, data, place), whole=True)
     return simulation.values[name] if simulation else nan
 
 

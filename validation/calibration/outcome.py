@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from math import hypot, isfinite, isnan, log, nan, sqrt
 
 import numpy as np
@@ -17,6 +18,7 @@ from validation.calibration.fit import (
     chi_square_at,
     fit,
     fitted_at,
+    for_each,
     interval,
     minimise,
     profile,
@@ -166,12 +168,14 @@ def solve(
         quick: True for the fit alone.
         seeds: As those of ``fit``.
         search: As that of ``fit``.
-        count: Called after each fit, point of a profile and datum.
+        count: Called after each fit, and after the profiles.
     """
     best, profiles = fit(problem, seeds, search=search), dict[int, list[Point]]()
     count()
     for _ in range(0 if quick else MAX_REFITS):
-        profiles = {i: profile(best, i, count) for i in problem.searched if not best.undetermined[i]}
+        bounded = [i for i in problem.searched if not best.undetermined[i]]
+        profiles = dict(zip(bounded, for_each(problem, partial(profile, best), bounded), strict=True))
+        count()
         lowest = min((point for points in profiles.values() for point in points), key=lambda p: p[1], default=None)
         if lowest is None or lowest[1] > best.chi_square - MIN_GAIN:
             break
@@ -179,7 +183,8 @@ def solve(
         count()
     names = law, reading
     parameters = [_parameter(best, names, index, profiles.get(index)) for index in range(len(problem.free))]
-    data = [_datum(best, names, datum, leave_out=not quick, count=count) for datum in problem.data]
+    one = partial(_datum, best, names, leave_out=not quick)
+    data = [*map(one, problem.data)] if quick else for_each(problem, one, problem.data)
     numbers = zip(data, problem.data, strict=True)
     missed = [row.label for row, datum in numbers if datum.number and not abs(row.off) <= MAX_DEVIATION]
     row = FitRow(
@@ -200,7 +205,7 @@ def _parameter(best: Fit, names: tuple[str, str], index: int, points: list[Point
     )
 
 
-def _datum(best: Fit, names: tuple[str, str], datum: Datum, *, leave_out: bool, count: Callable[[], None]) -> DatumRow:
+def _datum(best: Fit, names: tuple[str, str], datum: Datum, *, leave_out: bool) -> DatumRow:
     """Row of a datum; for traces and prior knowledge only the deviation in standard errors."""
     number = datum.number
     if number is None:
@@ -219,7 +224,6 @@ def _datum(best: Fit, names: tuple[str, str], datum: Datum, *, leave_out: bool, 
     kept = np.setdiff1d(np.arange(best.problem.rows), list(datum.rows))
     rest = Fit(best.problem, place, best.residual[kept], best.jacobian[kept])
     row = replace(row, chi_square_without=chi_square_at(best.problem, place, kept))
-    count()
     if len(rest.open_directions):
         return row
     without, error = _number(rest, datum.data_set, number)

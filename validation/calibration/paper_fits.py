@@ -1,15 +1,15 @@
 """The fits of ``make calibration``: each law on the paper's numbers, for all readings of what the paper leaves open."""
 
+import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from math import nan
 from typing import Any
 
-import numpy as np
-
 from drivers.base.terminal import following
 from drivers.run.execute import Place, execute
+from drivers.scene.read_scene import apply_setting
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import Simulation
 from postproc.read.observables import LATER_PROMINENCE
@@ -17,32 +17,17 @@ from postproc.read.sensors import sensor_signals
 from postproc.read.signals import incident_pulse, peaks, train_envelope
 from validation.calibration.calibration_file import Answer, Law, calibration_file
 from validation.calibration.data_sets import paper_data
-from validation.calibration.fit import contours
 from validation.calibration.outcome import DatumRow, Outcome, solve
 from validation.calibration.problem import motion_values, pose, simulated
 
 MODULUS = "materials.ptfe.youngs_modulus"
-RESTITUTION, CONTOUR_LAW = "contact.restitution", "viscoelastic"  # of the contours, with the modulus
-MODULI_PA, RESTITUTIONS = np.geomspace(0.3e9, 1.6e9, 15), np.linspace(0.82, 1.0, 19)
 MAXIMA = (2, 3, 4)  # numbers of maxima for an envelope
 TOP = "chain.sensors=[{ from_wall = 11 }, { from_wall = 10 }]"  # Fig. 5, sensors where the pulse enters
 FITS, PARAMETERS, DATA = "calibration", "calibration-parameters", "calibration-data"
-CONTOURS = "calibration-contours"
-TABLES = (FITS, PARAMETERS, DATA, CONTOURS)
-DRAWN = ("default", "electronics: RC about 1 ms")  # readings with contours
+TABLES = (FITS, PARAMETERS, DATA)
 NOT_FITTED = "not fitted"  # data set of quantities of the same experiments that are not fitted
 
 Rows = dict[str, list[Any]]  # of each table, by its name
-
-
-@dataclass(frozen=True)
-class ContourRow:
-    """Smallest chi-square at a modulus and a restitution, with all other parameters fitted."""
-
-    reading: str
-    modulus_Pa: float
-    restitution: float
-    chi_square: float
 
 
 def reading_of(answers: Sequence[Answer]) -> str:
@@ -57,7 +42,7 @@ def reading_of(answers: Sequence[Answer]) -> str:
 
 
 def study(*, quick: bool = False) -> dict[str, list[Any]]:
-    """Rows of all tables: each law for the default reading, then from there for all others, in parallel.
+    """Rows of all tables: each law for the default reading, then from there for all others.
 
     The short study starts at the parameters found before.
     """
@@ -65,26 +50,20 @@ def study(*, quick: bool = False) -> dict[str, list[Any]]:
     readings, laws = asked.readings(quick=quick), asked.law
     if quick:
         known = {law.name: law.found for law in laws}
-        done = _in_parallel(partial(_fit_laws, laws, known), readings, "reading")
+        done = _in_parallel(partial(_fit_laws, laws, known), readings)
     else:
-        first = _in_parallel(partial(_fit_thoroughly, readings[0]), laws, "law")
-        known = {rows[FITS][0].law: {row.parameter: row.value for row in rows[PARAMETERS]} for rows in first}
-        drawn = [reading for reading in readings if reading_of(reading) in DRAWN]
-        done = [*first, *_in_parallel(partial(_fit_laws, laws, known), readings[1:], "reading")]
-        done += _in_parallel(partial(_contours, known[CONTOUR_LAW]), drawn, "contour")
-    return {name: [row for rows in done for row in rows.get(name, ())] for name in TABLES}
+        found = [fit_law(law, readings[0]) for law in following(laws, "laws", len(laws), "law")]
+        first = [_rows(law, reading_of(readings[0]), each) for law, each in zip(laws, found, strict=True)]
+        known = {law.name: each.fit.values for law, each in zip(laws, found, strict=True)}
+        done = [*first, *_in_parallel(partial(_fit_laws, laws, known), readings[1:])]
+    return {name: [row for rows in done for row in rows[name]] for name in TABLES}
 
 
-def _in_parallel(work: Callable[[Any], Rows], items: Sequence[Any], what: str) -> list[Rows]:
-    """Results of all items, in their order; the last are begun first, since larger laws take longer."""
-    under_way = following(execute(work, items[::-1], Place(processes=True)), what, len(items), what)
+def _in_parallel(work: Callable[[Any], Rows], items: Sequence[Any]) -> list[Rows]:
+    """Results of all readings, in their order."""
+    under_way = following(execute(work, items, Place(processes=True)), "readings", len(items), "reading")
     results = {id(item): result for item, result in under_way}
     return [results[id(item)] for item in items]
-
-
-def _fit_thoroughly(answers: Sequence[Answer], law: Law) -> Rows:
-    """Rows of a law for one reading, with a search, intervals and predictions without each datum."""
-    return _rows(law, reading_of(answers), fit_law(law, answers))
 
 
 def _fit_laws(laws: Sequence[Law], known: Mapping[str, Mapping[str, float]], answers: Sequence[Answer]) -> Rows:
@@ -117,26 +96,16 @@ def _rows(law: Law, reading: str, outcome: Outcome) -> Rows:
     }
 
 
-def _contours(known: Mapping[str, float], answers: Sequence[Answer]) -> Rows:
-    """Rows of the contours for one reading."""
-    outcome = fit_law(calibration_file().law_named(CONTOUR_LAW), answers, [known], thorough=False)
-    labels = [free.label for free in outcome.fit.problem.free]
-    grid = contours(outcome.fit, labels.index(MODULUS), labels.index(RESTITUTION), (MODULI_PA, RESTITUTIONS))
-    rows = [
-        ContourRow(reading_of(answers), float(modulus_Pa), float(restitution), float(chi_square))
-        for restitution, row in zip(RESTITUTIONS, grid, strict=True)
-        for modulus_Pa, chi_square in zip(MODULI_PA, row, strict=True)
-    ]
-    return {CONTOURS: rows}
-
-
 def _not_fitted(law: Law, reading: str, outcome: Outcome) -> Iterator[DatumRow]:
     """Quantities of the same experiments that are not fitted."""
     problem, place = outcome.fit.problem, outcome.fit.place
     for name, more, numbers in (("fig5", (TOP,), _fig5), ("fig4", (), _fig4)):
-        (data,) = paper_data([name], (*law.set, *more))
-        shared = replace(data, own=())
-        simulation = simulated(shared, motion_values(problem, shared, place))
+        (data,) = (each for each in problem.sets if each.name == name)
+        tables = json.loads(data.tables)
+        for setting in more:
+            apply_setting(tables, setting)
+        shown = replace(data, tables=json.dumps(tables))
+        simulation = simulated(shown, motion_values(problem, data, place), whole=True)
         if simulation is not None:
             for quantity, unit, measured, computed in numbers(simulation):
                 yield DatumRow(law.name, reading, NOT_FITTED, quantity, unit, measured, nan, computed, nan, nan)

@@ -1,28 +1,34 @@
 """Calibration problem: free parameters of scenes, predictions of the exact motion, residuals and derivatives."""
 
+import json
 from collections.abc import Mapping, Sequence
-from copy import deepcopy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from math import inf, nan
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import BSpline
 
 from drivers.base.errors import InputError, RunError
-from drivers.chain.case import build_case
-from drivers.chain.chain import Array
+from drivers.chain.case import Case, build_case
+from drivers.chain.chain import Array, build_chain
+from drivers.chain.schemes import exact_motion, trace_of
+from drivers.chain.trace import Trace
+from drivers.engines import REFERENCE
 from drivers.scene.read_scene import make_scene, set_value
-from postproc.paper.simulate import Simulation, exact
+from postproc.read.observables import describe
 from validation.calibration.calibration_file import Answer
 from validation.calibration.data_sets import CUT, DataSet, MeasuredNumber, gauge_parameters, nuisances, text_of
 from validation.calibration.free import GAIN, TRIGGER, Free, free_parameter
-from validation.calibration.readings import DEFAULT_CUT, best_trigger_s, curves_of, read, residual_of
+from validation.calibration.readings import DEFAULT_CUT, READERS, Waves, best_trigger_s, curves_of, read, residual_of
 
-TOLERANCE = 1e-6  # of the exact motion; observables are then accurate to 2e-9, sensitivities to 1e-4
+# of the exact motion: where forces are wrong by 1e-6, derivatives by differences are by up to 2e-4, and the minimum of
+# the paper's fits moves by less than 1e-3 standard errors
+TOLERANCE = 1e-6
 STEP = 1e-4  # of finite differences, as a share of a parameter's range
 MISSING_RESIDUAL = 10.0  # standard errors counted for a number that the computed motion does not have
-CACHE_SIZE = 256  # simulations
+CACHE_SIZE = 256  # simulations; residuals are smaller
 SCANNED = 8  # values of a parameter that one data set has alone, at the start of a descent
 
 Values = tuple[tuple[str, float], ...]  # values of parameters by key
@@ -118,9 +124,9 @@ def pose(
         data.append(Datum(data_set, name, range(first, first + rows), number))
         first += rows
 
-    for source in sets:
-        start = tuple((free.key, free.start) for free in parameters if free.own in ("", source.name) and free.of_motion)
-        simulation = simulated(source, start)
+    begun = [_begun(source, parameters) for source in sets]
+    for source in begun:
+        simulation = simulated(source, ())
         if simulation is None:
             raise RunError(f"{source.where}: the exact motion cannot be computed at the starting values")
         for number in source.numbers:
@@ -132,14 +138,23 @@ def pose(
     for parameter in parameters:
         if parameter.prior:
             add(parameter.own, parameter.key, 1)
-    return Problem(tuple(sets), tuple(parameters), tuple(data), fixed)
+    return Problem(tuple(begun), tuple(parameters), tuple(data), fixed)
+
+
+def _begun(data: DataSet, parameters: Sequence[Free]) -> DataSet:
+    """Data set whose tables have the starting values."""
+    tables = json.loads(data.tables)
+    for free in parameters:
+        if free.own in ("", data.name) and free.of_motion:
+            set_value(tables, free.key, text_of(free.key, free.start), data.where)
+    return replace(data, tables=json.dumps(tables))
 
 
 def _refuse_ends(data: DataSet, free: Sequence[Free]) -> None:
     """Refuses bounds that are no values of a scene, such as a restitution of 2."""
     for parameter in free:
         for value in (parameter.low, parameter.high):
-            tables = deepcopy(data.tables)
+            tables = json.loads(data.tables)
             set_value(tables, parameter.key, text_of(parameter.key, value), data.where)
             make_scene(tables, data.name, f"--free {parameter.key}")
 
@@ -159,16 +174,46 @@ def motion_values(problem: Problem, data: DataSet, place: Array) -> Values:
     )
 
 
+def simulated(data: DataSet, values: Values, *, whole: bool = False) -> Waves | None:
+    """Exact motion of a data set's scene at given parameter values; None if the integration fails.
+
+    Its trace has energies only if ``whole``, or if numbers of the data set are not read from waves.
+    """
+    names = [number.observable for number in data.numbers]
+    of_waves = all(describe(name).of_wave or name.endswith(tuple(READERS)) for name in names)
+    return _integrated(data.tables, data.where, values, whole or not of_waves)
+
+
 @lru_cache(maxsize=CACHE_SIZE)
-def simulated(data: DataSet, values: Values) -> Simulation | None:
-    """Exact motion of a data set's scene at given parameter values; None if the integration fails."""
-    tables = deepcopy(data.tables)
+def _integrated(tables: str, where: str, values: Values, whole: bool) -> Waves | None:
+    case = _case(tables, where)
+    scene = case.scene
     for key, value in values:
-        set_value(tables, key, text_of(key, value), data.where)
+        scene = _changed(scene, key.split("."), value)
+    case = build_case(scene) if whole else replace(case, scene=scene, chain=build_chain(scene))
+    times = case.sample_times_s
     try:
-        return exact(build_case(make_scene(tables, data.name, data.where)), TOLERANCE)
+        motion = exact_motion(case, TOLERANCE, times)
     except ArithmeticError:
         return None
+    energies = np.full((3, len(times)), nan)
+    trace = trace_of(case, times, motion) if whole else Trace(times, motion.force_N, *energies)
+    return Waves(case, REFERENCE, trace)
+
+
+@lru_cache(maxsize=CACHE_SIZE)
+def _case(tables: str, where: str) -> Case:
+    return build_case(make_scene(json.loads(tables), where, where))
+
+
+def _changed(part: Any, keys: Sequence[str], value: float) -> Any:
+    """Copy of a scene, or of a part of it, with another value of a key, which is not checked."""
+    name, *rest = keys
+    if isinstance(part, tuple):
+        return tuple(_changed(each, rest, value) if str(i) == name else each for i, each in enumerate(part))
+    if isinstance(part, dict):
+        return part | {name: _changed(part[name], rest, value)}
+    return part.model_copy(update={name: _changed(getattr(part, name), rest, value) if rest else value})
 
 
 @lru_cache(maxsize=CACHE_SIZE)
@@ -180,16 +225,13 @@ def curves(data: DataSet, values: Values) -> dict[str, BSpline]:
 
 def has_motion(problem: Problem, place: Array) -> bool:
     """True if the coordinates are finite and the exact motion of each data set can be computed."""
-    if not np.isfinite(place).all():
-        return False
-    return all(simulated(data, motion_values(problem, data, place)) is not None for data in problem.sets)
+    return bool(np.isfinite(residual(problem, place)).all())
 
 
 def residual(problem: Problem, place: Array) -> Array:
     """Predicted minus measured values in standard errors; inf at a point without a motion. Shape (rows,)."""
-    if not has_motion(problem, place):
-        return np.full(problem.rows, inf)
-    return np.nan_to_num(raw_residual(problem, place), nan=MISSING_RESIDUAL)
+    off = raw_residual(problem, place) if np.isfinite(place).all() else np.full(problem.rows, inf)
+    return np.full(problem.rows, inf) if np.isinf(off).any() else np.nan_to_num(off, nan=MISSING_RESIDUAL)
 
 
 def jacobian(problem: Problem, place: Array, moving: Sequence[int] | None = None) -> Array:
@@ -203,11 +245,11 @@ def jacobian(problem: Problem, place: Array, moving: Sequence[int] | None = None
         other = place.copy()
         other[index] += STEP if place[index] + STEP <= 1 else -STEP
         columns.append((raw_residual(problem, other) - here) / (other[index] - place[index]))
-    return np.asarray(np.nan_to_num(np.column_stack(columns), nan=0.0))
+    return np.asarray(np.nan_to_num(np.column_stack(columns), nan=0.0, posinf=0.0, neginf=0.0))
 
 
 def raw_residual(problem: Problem, place: Array) -> Array:
-    """Residual with NaN for numbers missing from the motion; results of each data set are cached."""
+    """Residual with NaN for numbers missing from the motion, inf without one; results of each data set are cached."""
     parts = [
         _of_set(data, motion_values(problem, data, place), tuple(own_values(problem, data, place).items()))
         for data in problem.sets
@@ -217,9 +259,11 @@ def raw_residual(problem: Problem, place: Array) -> Array:
     return np.concatenate([*parts, priors])
 
 
-@lru_cache(maxsize=CACHE_SIZE)
+@lru_cache(maxsize=16 * CACHE_SIZE)
 def _of_set(data: DataSet, motion: Values, values: Values) -> Array:
     """Residual of a data set."""
+    if simulated(data, motion) is None:
+        return np.full(data.rows, inf)
     known = dict(values)
     offs = [(predicted(data, number, motion, known) - number.value) / number.error for number in data.numbers]
     traces, signals = list[Array](), curves(data, motion) if data.records else {}
@@ -228,9 +272,7 @@ def _of_set(data: DataSet, motion: Values, values: Values) -> Array:
         trigger_s = known.get(f"{record.trigger_key}.{TRIGGER}", record.trigger_s)
         for gauge in record.measured.reading:
             assert trigger_s is not None  # given, or a free parameter
-            traces.append(
-                residual_of(record, gauge, signals[gauge], gain, trigger_s) if signals else np.full(record.rows, nan)
-            )
+            traces.append(residual_of(record, gauge, signals[gauge], gain, trigger_s))
     return np.concatenate([offs, *traces])
 
 

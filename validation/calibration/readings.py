@@ -17,6 +17,7 @@ of the trigger depend on the file and on the duration of the run alone, so that 
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import nan
 from pathlib import Path
 
@@ -26,10 +27,12 @@ from scipy.interpolate import BSpline, make_interp_spline
 
 from drivers.base import paths
 from drivers.base.errors import InputError
+from drivers.chain.case import Layout
 from drivers.chain.chain import Array
 from postproc.paper.simulate import Simulation
 from postproc.read.alignment import averaged, must_have_unit, noise_of
 from postproc.read.measured import MIN_SAMPLES, MeasuredTrace
+from postproc.read.observables import first_pulses
 from postproc.read.sensors import sensor_signals
 from postproc.read.signals import first_peak
 
@@ -42,20 +45,39 @@ CUBIC = np.linalg.inv(np.vander(np.arange(4.0), increasing=True))  # coefficient
 NEWTON_STEPS = 3
 DEFAULT_CUT = 0.04  # share of the peak at which the paper cuts widths
 
-Reader = Callable[[Simulation, str, float], float]
+
+class Waves(Simulation):
+    """A simulation of which the numbers of first pulses are read without all other observables."""
+
+    @cached_property
+    def layout(self) -> Layout:
+        """Properties of the chain."""
+        return self.case.layout
+
+    @cached_property
+    def signals(self) -> dict[str, Array]:
+        """Gauge signals by name."""
+        return sensor_signals(self.layout, self.trace)
+
+    @cached_property
+    def first(self) -> dict[str, float]:
+        """Amplitudes, arrivals and speeds of the first pulses."""
+        return first_pulses(self.layout, self.trace, self.signals)
 
 
-def full_width_s(simulation: Simulation, gauge: str, cut: float) -> float:
+Reader = Callable[[Waves, str, float], float]
+
+
+def full_width_s(simulation: Waves, gauge: str, cut: float) -> float:
     """Full width of the first pulse in s, or its lower bound; NaN if a pulse is missing."""
-    values, trace = simulation.values, simulation.trace
-    signal, end_s = sensor_signals(simulation.case.layout, trace)[gauge], values["wall_arrival_s"]
+    values, trace = simulation.first, simulation.trace
+    signal, end_s = simulation.signals[gauge], values["wall_arrival_s"]
     return time_above(trace.time_s, signal - signal[0], cut * values[f"{gauge}_amplitude_N"], end_s)
 
 
-def is_censored(simulation: Simulation, gauge: str, cut: float) -> bool:
+def is_censored(simulation: Waves, gauge: str, cut: float) -> bool:
     """True if the force is still above the cut when the wave reaches the wall."""
-    values, trace = simulation.values, simulation.trace
-    signal = sensor_signals(simulation.case.layout, trace)[gauge]
+    values, trace, signal = simulation.first, simulation.trace, simulation.signals[gauge]
     last = np.interp(values["wall_arrival_s"], trace.time_s, signal - signal[0])
     return bool(last > cut * values[f"{gauge}_amplitude_N"])
 
@@ -78,44 +100,44 @@ def time_above(time_s: Array, signal: Array, level: float, end_s: float) -> floa
 def _root(values: Array, place: int) -> float:
     """Share of the interval after a sample at which the cubic through four samples is zero, by Newton's method."""
     first = min(max(place - 1, 0), len(values) - 4)
-    cubic = np.polynomial.Polynomial(CUBIC @ values[first : first + 4])
-    slope, share = cubic.deriv(), place - first + values[place] / (values[place] - values[place + 1])
+    a, b, c, d = (CUBIC @ values[first : first + 4]).tolist()
+    share = place - first + float(values[place] / (values[place] - values[place + 1]))
     for _ in range(NEWTON_STEPS):
-        share -= cubic(share) / slope(share)
-    return float(np.clip(share - (place - first), 0.0, 1.0))
+        share -= (a + share * (b + share * (c + share * d))) / (b + share * (2 * c + share * 3 * d))
+    return min(max(share - (place - first), 0.0), 1.0)
 
 
-def contact_force_N(simulation: Simulation, gauge: str, cut: float) -> float:
+def contact_force_N(simulation: Waves, gauge: str, cut: float) -> float:
     """The paper's F_m of Eq. (6): beta times the gauge's amplitude plus the static load of the contact above the bead.
 
     The factor beta, amplitude at that contact divided by that of the mean of both contacts, is of the same motion.
     """
-    layout, trace = simulation.case.layout, simulation.trace
+    layout, trace = simulation.layout, simulation.trace
     force_N = trace.force_N[:, int(gauge.removeprefix("bead_"))]
     plain = sensor_signals(replace(layout, time_constant_s=None), trace)[gauge]
     contact, mean = (first_peak(trace.time_s, signal - signal[0]) for signal in (force_N, plain))
     if contact is None or mean is None:
         return nan
-    return float(contact.value / mean.value * simulation.values[f"{gauge}_amplitude_N"] + force_N[0])
+    return float(contact.value / mean.value * simulation.first[f"{gauge}_amplitude_N"] + force_N[0])
 
 
-def decay_per_s(simulation: Simulation, gauge: str, cut: float) -> float:
+def decay_per_s(simulation: Waves, gauge: str, cut: float) -> float:
     """Rate of the lowest exponential above the force at a gauge in 1/s; NaN if the motion ends before."""
-    trace, first_s = simulation.trace, simulation.values[f"{gauge}_arrival_s"]
+    trace, first_s = simulation.trace, simulation.first[f"{gauge}_arrival_s"]
     times = first_s * np.linspace(1.0, 1.0 + WINDOW, POINTS)
     if not times[-1] <= trace.time_s[-1]:
         return nan
-    force = make_interp_spline(trace.time_s, sensor_signals(simulation.case.layout, trace)[gauge], k=3)(times)
+    force = make_interp_spline(trace.time_s, simulation.signals[gauge], k=3)(times)
     level = np.log(np.maximum(force / force[0], FLOOR))
-    design, weight = np.column_stack([np.ones(POINTS), times - first_s]), np.ones(POINTS)
+    late, weight, slope = times - first_s, np.ones(POINTS), nan
     for _ in range(MAX_ROUNDS):
-        root = np.sqrt(weight)
-        line = np.linalg.lstsq(design * root[:, np.newaxis], level * root, rcond=None)[0]
-        changed = np.where(level > design @ line, ABOVE, 1 - ABOVE)
+        middle, height = weight @ late / weight.sum(), weight @ level / weight.sum()
+        slope = float((weight * (late - middle)) @ level / ((weight * (late - middle)) @ late))
+        changed = np.where(level > height + slope * (late - middle), ABOVE, 1 - ABOVE)
         if np.array_equal(changed, weight):
             break
         weight = changed
-    return float(line[1])
+    return slope
 
 
 READERS: dict[str, Reader] = {
@@ -125,14 +147,16 @@ READERS: dict[str, Reader] = {
 }
 
 
-def read(simulation: Simulation, name: str, cut: float) -> float:
+def read(simulation: Waves, name: str, cut: float) -> float:
     """A reading, or an observable, of a motion by its name with the unit; NaN if the motion does not show it.
 
     Raises:
         InputError: The scene's runs have neither.
     """
     ending = next((ending for ending in READERS if name.endswith(ending)), None)
-    return READERS[ending](simulation, name.removesuffix(ending), cut) if ending else simulation.values[name]
+    if ending:
+        return READERS[ending](simulation, name.removesuffix(ending), cut)
+    return simulation.first[name] if name in simulation.first else simulation.values[name]
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,11 +244,10 @@ def _first_rise_s(trace: MeasuredTrace, gauge: str) -> float:
     return float(trace.time_s[int(np.argmax(force >= force.max() / 2))])
 
 
-def curves_of(simulation: Simulation) -> dict[str, BSpline]:
+def curves_of(simulation: Waves) -> dict[str, BSpline]:
     """Splines of the changes of all gauge signals."""
-    trace = simulation.trace
-    signals = sensor_signals(simulation.case.layout, trace)
-    return {gauge: make_interp_spline(trace.time_s, signal - signal[0], k=5) for gauge, signal in signals.items()}
+    time_s, signals = simulation.trace.time_s, simulation.signals
+    return {gauge: make_interp_spline(time_s, signal - signal[0], k=5) for gauge, signal in signals.items()}
 
 
 def residual_of(record: Record, gauge: str, curve: BSpline, gain: float, trigger_s: float) -> Array:

@@ -11,21 +11,21 @@ import pandas as pd
 import pytest
 
 from postproc.paper.calibrated import calibrated
-from postproc.paper.simulate import Simulation, case_of, exact
+from postproc.paper.simulate import case_of, exact
 from validation.calibration.calibration_chapter import CHAPTER, conclusions, judge
 from validation.calibration.calibration_file import calibration_file
 from validation.calibration.data_sets import nuisances, paper_data
 from validation.calibration.outcome import DatumRow, FitRow, Parameter
 from validation.calibration.paper_fits import DATA, FITS, PARAMETERS
 from validation.calibration.problem import pose
-from validation.calibration.readings import full_width_s, is_censored, read, time_above
+from validation.calibration.readings import Waves, full_width_s, is_censored, read, time_above
 from validation.chapters import frame_of
 from validation.checks import FAIL, Check
 
 
 @cache
-def motion(scene: str, *settings: str) -> Simulation:
-    return exact(case_of(scene, "run.duration=2.4 ms", *settings), 1e-6)
+def motion(scene: str, *settings: str) -> Waves:
+    return Waves(**vars(exact(case_of(scene, "run.duration=2.4 ms", *settings), 1e-6)))
 
 
 @pytest.mark.parametrize(("scene", "name"), [("fig5", "wall_decay_per_s"), ("fig4", "bead_5_full_width_s")])

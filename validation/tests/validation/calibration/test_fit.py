@@ -10,8 +10,10 @@ import pytest
 
 from drivers.base.errors import InputError, RunError
 from drivers.chain.case import Case
+from drivers.chain.chain import Array
+from drivers.chain.schemes import exact_motion
 from drivers.scene.read_scene import read_scene
-from postproc.paper.simulate import Simulation, case_of, exact
+from postproc.paper.simulate import case_of, exact
 from postproc.read.sensors import sensor_signals
 from validation.calibration.data_sets import DataSet, MeasuredNumber, paper_data, scene_data
 from validation.calibration.fit import fit, fitted_at, interval, profile, trade_offs
@@ -20,12 +22,15 @@ from validation.calibration.free import free_parameter
 from validation.calibration.outcome import Outcome, Parameter, solve, value_text
 from validation.calibration.problem import (
     MISSING_RESIDUAL,
+    _integrated,
+    _of_set,
     jacobian,
     motion_values,
     pose,
     residual,
     simulated,
 )  # fmt: skip
+from validation.reference.hertz_chain import Motion
 from validation.tests.helpers.commands import assert_in_order, beads
 from validation.tests.helpers.scenes import SceneWriter
 
@@ -227,13 +232,14 @@ def test_a_missing_number_counts_ten_standard_errors_and_has_no_slope(scene_file
 def without_motion(monkeypatch: pytest.MonkeyPatch, above: float) -> None:
     """Lets the integration fail for restitutions above a limit."""
 
-    def integrated(case: Case, tolerance: float) -> Simulation:
+    def integrated(case: Case, tolerance: float, time_s: Array) -> Motion:
         if (case.scene.contact.restitution or 1.0) > above:
             raise ArithmeticError("its steps become too small")
-        return exact(case, tolerance)
+        return exact_motion(case, tolerance, time_s)
 
-    simulated.cache_clear()
-    monkeypatch.setattr("validation.calibration.problem.exact", integrated)
+    _integrated.cache_clear()
+    _of_set.cache_clear()
+    monkeypatch.setattr("validation.calibration.problem.exact_motion", integrated)
 
 
 def test_a_fit_avoids_points_without_a_motion(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -241,10 +247,10 @@ def test_a_fit_avoids_points_without_a_motion(monkeypatch: pytest.MonkeyPatch, t
     problem = pose([short_data(made_up(tmp_path / "trace.csv"), f"{MODULUS}=1.1 GPa")], (RESTITUTION,))
     without_motion(monkeypatch, above=0.8)
     found = fit(problem)
-    simulated.cache_clear()
+    _integrated.cache_clear()
     assert found.values[RESTITUTION] == pytest.approx(0.8, abs=2e-3)
     assert np.isfinite(found.residual).all()
     without_motion(monkeypatch, above=0.0)
     with pytest.raises(RunError, match="cannot be computed at the starting values or at any other point"):
         fit(replace(problem))
-    simulated.cache_clear()
+    _integrated.cache_clear()
