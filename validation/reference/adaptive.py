@@ -94,7 +94,7 @@ def integrate_adaptive(
         if motion is not None:
             return motion
     every = max(time_s.size // PROBED_SAMPLES, 1)
-    few, local, probed, error = time_s[::every], ROUGH * max(tolerance, PROBE), 0.0, 1.0
+    few, local, probed, error = time_s[::every].copy(), ROUGH * max(tolerance, PROBE), 0.0, 1.0
     forces_N = _columns(chain, few, integrate(few, local))[0]
     while error > LINEAR and local > LEAST_FREE:
         probed, local, rough_N = local, FINER * local, forces_N
