@@ -17,7 +17,7 @@ from drivers.base.cache import content_of, digest_of_sources
 from drivers.base.errors import InputError, RunError
 from drivers.base.processes import UNKNOWN_VERSION, private_temporary_folder
 from drivers.base.tolerances import tolerance
-from drivers.batch.store import Key, Store, StudyRow
+from drivers.batch.store import Store, StudyRow
 from drivers.batch.study import Study, read_study, select
 from drivers.chain.case import Case, Layout
 from drivers.chain.trace import FORCE, Trace, digest_of, residual
@@ -154,19 +154,24 @@ class Batch:
 
         A failure that is to be run again counts as a missing row.
         """
-        cases = {number: self.study.case_sha256(number) for number in (self.numbers if numbers is None else numbers)}
-        claimed = store.claimed([*cases.values()])  # first, since a row that is finished meanwhile loses its claim
-        known = store.states([*cases.values()], self.programs)
+        numbers = self.numbers if numbers is None else numbers
+        cases = self.study.digests(numbers)
+        claimed = store.claimed()  # first, since a row that is finished meanwhile loses its claim
+        known = store.states(cases, self.programs)
 
-        def state(key: Key) -> str:
-            current, done, ended, status = known.get(key, (False, False, 0.0, ""))
-            if current and (done or not self.retry or ended >= self.asked):
-                return status
-            if key in claimed:
-                return "claimed"
-            return self.absent(key[1]) if current or key not in known else "stale"
+        def of_cases(name: str) -> Iterator[str]:
+            absent = self.absent(name)
+            for case in cases:
+                key = (case, name)
+                current, done, ended, status = known.get(key, (False, False, 0.0, ""))
+                if current and (done or not self.retry or ended >= self.asked):
+                    yield status
+                elif key in claimed:
+                    yield "claimed"
+                else:
+                    yield absent if current or not status else "stale"
 
-        return {name: {number: state((case, name)) for number, case in cases.items()} for name in self.engines}
+        return {name: dict(zip(numbers, of_cases(name), strict=True)) for name in self.engines}
 
     def todo(self, store: Store) -> dict[str, list[int]]:
         """Numbers of the selected cases to run, by engine; without engines that are not runnable."""
@@ -248,7 +253,7 @@ def run_rows(batch: Batch, numbers: Sequence[int]) -> list[int]:
     if not all(load_engine(name).in_repository for name in batch.runnable):
         private_temporary_folder()
     with Store(batch.runs) as store:
-        store.claim([*map(batch.study.case_sha256, numbers)], batch.runnable)
+        store.claim(batch.study.digests(numbers), batch.runnable)
         states = batch.states(store, numbers)
         for number in numbers:
             names = [name for name in batch.runnable if states[name][number] in ("to do", "stale")]
@@ -262,7 +267,7 @@ def _rows_of_case(batch: Batch, store: Store, number: int, names: Sequence[str])
     study, case = batch.study, cache(partial(batch.case, number))
     for name in names:
         build = batch.builds[name].identity
-        of_case = study.case_sha256(number), name, batch.programs[name], study.name, study.label(number), build
+        of_case = study.digests([number])[0], name, batch.programs[name], study.name, study.label(number), build
         blank = StudyRow(*of_case, ended=time.time(), status="refused")
         try:
             yield _row(batch, store, case(), blank)
@@ -338,7 +343,7 @@ def rows_of(batch: Batch, store: Store, numbers: Sequence[int] | None = None, *,
     """Rows of some or all cases of a study on its engines, with ``stale`` also stale ones; blank ones where missing."""
     study = batch.study
     numbers = range(1, study.count + 1) if numbers is None else numbers
-    cases = {number: study.case_sha256(number) for number in numbers}
+    cases = dict(zip(numbers, study.digests(numbers), strict=True))
     rows = store.rows([*cases.values()], {} if stale else batch.programs)
     return [
         (number, rows.get((case, name)) or StudyRow(case, name, "", study.name, "", "", 0.0, batch.absent(name)))

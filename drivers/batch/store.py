@@ -17,7 +17,7 @@ import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager, suppress
 from dataclasses import dataclass, fields
-from itertools import chain, count, product
+from itertools import count, product
 from math import nan
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -34,6 +34,7 @@ SCHEMA_VERSION = 1
 OF_PROCESS = re.compile(r"batch-(.+)-([0-9]+)\.sqlite")  # machine and number of the process
 ANEW = "move the file away to begin anew"
 BUSY_LIMIT_S = 60.0  # longest wait for the transaction of another process
+FEW = 4  # rows of the database for each case: to find fewer cases one by one takes longer than to read all rows
 PAGE_BYTES = 16_384  # a row has about 2 kB
 NETWORK = ("nfs", "nfs4", "cifs", "smb3", "smbfs", "lustre", "gpfs", "beegfs", "ceph", "afs", "glusterfs", "fuse.sshfs")
 CLOCK_S = 10.0  # by which the start of a process may seem to move when the clock is set
@@ -163,14 +164,16 @@ class Store(AbstractContextManager["Store"]):
 
         A state says whether the row is of the program of its engine, whether it is done, its end and its status.
         """
-        found = self._found(
-            f"SELECT case_sha256, engine, program, ended, status FROM rows {OF_CASES}", json.dumps(cases)
-        )
-        states = (
-            ((case, engine), (program == programs.get(engine), status == "done", ended, status))
-            for case, engine, program, ended, status in found
-        )
-        return dict(sorted(states))
+        query, values = "SELECT case_sha256, engine, program, ended, status FROM rows", list[str]()
+        if FEW * len(cases) < sum(self.ends().values()):  # else it is faster to read all rows
+            query, values = f"{query} {OF_CASES}", [json.dumps(cases)]
+        states: dict[Key, tuple[bool, bool, float, str]] = {}
+        wanted = {*cases}
+        for case, engine, program, ended, status in self._found(query, *values):
+            key, state = (case, engine), (program == programs.get(engine), status == "done", ended, status)
+            if case in wanted and (key not in states or states[key] < state):
+                states[key] = state
+        return states
 
     def equal(self, identity: str) -> StudyRow | None:
         """Row done of the same numbers, of any case."""
@@ -195,15 +198,15 @@ class Store(AbstractContextManager["Store"]):
                 fresh += self._checked([values])
         return fresh
 
-    def claimed(self, cases: Sequence[str]) -> set[Key]:
+    def claimed(self) -> set[Key]:
         """Cases and engines on which other live processes work."""
-        claims = self._found(f"SELECT case_sha256, engine, owner, since FROM claims {OF_CASES}", json.dumps(cases))
+        claims = self._found("SELECT case_sha256, engine, owner, since FROM claims")
         return {(case, engine) for case, engine, owner, since in claims if self._is_other(owner, since)}
 
     def claim(self, cases: Sequence[str], engines: Iterable[str]) -> None:
         """Claim cases on engines, except those on which other live processes work."""
         with self._writing(self.own) as connection:
-            free = {*product(cases, engines)} - self.claimed(cases)
+            free = {*product(cases, engines)} - self.claimed()
             claims = [(case, engine, self.owner, time.time()) for case, engine in free]
             connection.executemany("INSERT OR REPLACE INTO claims VALUES (?, ?, ?, ?)", claims)
 
@@ -277,7 +280,9 @@ class Store(AbstractContextManager["Store"]):
 
     def _found(self, query: str, *values: Any) -> Iterator[Any]:
         """Results of a query of all databases."""
-        return chain.from_iterable(self._in(file, query, *values) for file in self.files)
+        for file in self.files:
+            with _named(file):
+                yield from self._connection(file).execute(query, values)
 
     def _verified(self, query: str, *values: Any) -> Iterator[StudyRow]:
         """Rows of a query of all databases, without damaged ones."""
