@@ -17,6 +17,7 @@ import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager, suppress
 from dataclasses import dataclass, fields
+from functools import cache
 from itertools import count, product
 from math import nan
 from pathlib import Path
@@ -147,8 +148,10 @@ class Store(AbstractContextManager["Store"]):
     @property
     def files(self) -> list[Path]:
         """Databases of the runs folder, the common one first."""
-        others = (file for file in self.runs.glob("batch-*.sqlite") if OF_PROCESS.fullmatch(file.name))
-        return [*filter(Path.exists, [self.common]), *sorted(others)]
+        names = os.listdir(self.runs) if self.runs.exists() else ()  # noqa: PTH208, for each row: ten times as fast
+        return [
+            self.runs / name for name in (*{NAME}.intersection(names), *sorted(filter(OF_PROCESS.fullmatch, names)))
+        ]
 
     def rows(self, cases: Sequence[str], programs: Mapping[str, str]) -> dict[Key, StudyRow]:
         """Rows of cases of the programs of their engines, or of any without programs, by case and engine.
@@ -200,14 +203,14 @@ class Store(AbstractContextManager["Store"]):
 
     def claimed(self) -> set[Key]:
         """Cases and engines on which other live processes work."""
-        claims = self._found("SELECT case_sha256, engine, owner, since FROM claims")
-        return {(case, engine) for case, engine, owner, since in claims if self._is_other(owner, since)}
+        claims, is_other = self._found("SELECT case_sha256, engine, owner, since FROM claims"), cache(self._is_other)
+        return {(case, engine) for case, engine, owner, since in claims if is_other(owner, since)}
 
     def claim(self, cases: Sequence[str], engines: Iterable[str]) -> None:
         """Claim cases on engines, except those on which other live processes work."""
         with self._writing(self.own) as connection:
-            free = {*product(cases, engines)} - self.claimed()
-            claims = [(case, engine, self.owner, time.time()) for case, engine in free]
+            free, now = {*product(cases, engines)} - self.claimed(), time.time()
+            claims = [(case, engine, self.owner, now) for case, engine in free]
             connection.executemany("INSERT OR REPLACE INTO claims VALUES (?, ?, ?, ?)", claims)
 
     def release(self) -> None:
@@ -218,14 +221,13 @@ class Store(AbstractContextManager["Store"]):
             connection.executemany("DELETE FROM claims WHERE owner = ?", released)
 
     def finish(self, row: StudyRow) -> None:
-        """Store a row and release its claim; a failure does not replace a row done by the same program.
+        """Store a row; a failure does not replace a row done by the same program.
 
         Raises:
             OSError: the disk is full, or the runs folder cannot be written to.
         """
         with self._writing(self.own) as connection:
             _put(connection, row, merged=False)
-            connection.execute("DELETE FROM claims WHERE case_sha256 = ? AND engine = ?", [row.case_sha256, row.engine])
 
     def remove_damaged(self) -> None:
         """Remove the damaged rows that were read."""
@@ -307,6 +309,7 @@ def _digest_of(row: StudyRow) -> str:
     return hashlib.sha256(repr((*vars(row).values(),)).encode()).hexdigest()
 
 
+@cache
 def is_shared(runs: Path) -> bool:
     """True unless the runs folder is on a network file system, where locks cannot be trusted."""
     place = runs.resolve()
