@@ -224,9 +224,10 @@ def refuse(case: Case, engine: str, override: str = ON_COMMAND) -> None:
         raise InputError(case.scene.file, "run.accuracy", "no time step is planned for it here; give run.time_step")
     if cannot := inability(case, engine):
         raise cannot
-    shear = load_engine(engine).shear
+    interface = load_engine(engine)
+    shear = TOTAL if case.chain.straight else interface.shear  # all engines share the trials of a straight chain
     refuse_depth(case, override, shear)
-    if load_engine(engine).scheme != EXACT and (problem := why_unstable(case, shear)):
+    if interface.scheme != EXACT and (problem := why_unstable(case, shear)):
         rounded_down_s = 0.995 * step_limit(case, shear)[0]
         allowed = f"at most {rounded_down_s:.3g} s; a trial {problem} ({override} runs it)"
         raise InputError(case.scene.file, "run.time_step", f"{case.scene.time_step_s:g} s", allowed)

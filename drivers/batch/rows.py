@@ -12,19 +12,22 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from drivers.base import paths
 from drivers.base.cache import content_of, digest_of_sources
 from drivers.base.errors import InputError, RunError
 from drivers.base.processes import UNKNOWN_VERSION, private_temporary_folder
 from drivers.base.tolerances import tolerance
-from drivers.batch.store import Key, Store, StudyRow
+from drivers.batch.store import Store, StudyRow
 from drivers.batch.study import Study, read_study, select
 from drivers.chain.case import Case, Layout
-from drivers.chain.trace import FORCE, Trace, digest_of, residual
+from drivers.chain.chain import Array
+from drivers.chain.trace import FORCE, Trace, digest_of, largest_change_N
 from drivers.engines import REFERENCE, Engine, entry_files, installed, load_engine
 from drivers.limits import inability, needed_tolerance, refuse
 from drivers.run.build import Build, build_of, names_of
-from drivers.run.compute import Computed, compute
+from drivers.run.compute import compute, exact_force_N
 from drivers.run.execute import Place, execute
 from drivers.run.run import run_identity
 
@@ -33,7 +36,8 @@ CHUNKS = 16  # of a worker, so that all end at about the same time
 RETRY_INTERVAL_S = 1.0  # while another batch works on the remaining cases
 ENDED = ("done", "failed", "timeout", "refused")  # states of rows that are not run again
 WORKER_COSTS = ("start_s", "engine_s", "workflow_s", "reference_s")  # they add up to a worker's time
-_last_exact: dict[str, Computed] = {}  # last run of the reference in this process, by the digest of its deck
+# forces or failure of the last run of the reference in this process, by the digest of its deck
+_last_exact: dict[str, Array | RunError] = {}
 NEWEST = 1000  # rows of an engine by which its build and its costs are known
 
 Row = tuple[int, StudyRow]  # number of a case, and a row of it
@@ -154,19 +158,24 @@ class Batch:
 
         A failure that is to be run again counts as a missing row.
         """
-        cases = {number: self.study.case_sha256(number) for number in (self.numbers if numbers is None else numbers)}
-        claimed = store.claimed([*cases.values()])  # first, since a row that is finished meanwhile loses its claim
-        known = store.states([*cases.values()], self.programs)
+        numbers = self.numbers if numbers is None else numbers
+        cases = self.study.digests(numbers)
+        claimed = store.claimed()  # first, since a row that is finished meanwhile loses its claim
+        known = store.states(cases, self.programs)
 
-        def state(key: Key) -> str:
-            current, done, ended, status = known.get(key, (False, False, 0.0, ""))
-            if current and (done or not self.retry or ended >= self.asked):
-                return status
-            if key in claimed:
-                return "claimed"
-            return self.absent(key[1]) if current or key not in known else "stale"
+        def of_cases(name: str) -> Iterator[str]:
+            absent = self.absent(name)
+            for case in cases:
+                key = (case, name)
+                current, done, ended, status = known.get(key, (False, False, 0.0, ""))
+                if current and (done or not self.retry or ended >= self.asked):
+                    yield status
+                elif key in claimed:
+                    yield "claimed"
+                else:
+                    yield absent if current or not status else "stale"
 
-        return {name: {number: state((case, name)) for number, case in cases.items()} for name in self.engines}
+        return {name: dict(zip(numbers, of_cases(name), strict=True)) for name in self.engines}
 
     def todo(self, store: Store) -> dict[str, list[int]]:
         """Numbers of the selected cases to run, by engine; without engines that are not runnable."""
@@ -248,21 +257,25 @@ def run_rows(batch: Batch, numbers: Sequence[int]) -> list[int]:
     if not all(load_engine(name).in_repository for name in batch.runnable):
         private_temporary_folder()
     with Store(batch.runs) as store:
-        store.claim([*map(batch.study.case_sha256, numbers)], batch.runnable)
+        cases = batch.study.digests(numbers)
+        store.claim(cases, batch.runnable)
         states = batch.states(store, numbers)
-        for number in numbers:
+        for number, case_sha256 in zip(numbers, cases, strict=True):
             names = [name for name in batch.runnable if states[name][number] in ("to do", "stale")]
-            for row in _rows_of_case(batch, store, number, names):
+            names.sort(key=lambda name: name != REFERENCE)  # the first, since others need its forces
+            for row in _rows_of_case(batch, store, number, case_sha256, names):
                 store.finish(row)
     return [number for number in numbers if any(states[name][number] == "claimed" for name in batch.runnable)]
 
 
-def _rows_of_case(batch: Batch, store: Store, number: int, names: Sequence[str]) -> Iterator[StudyRow]:
+def _rows_of_case(
+    batch: Batch, store: Store, number: int, case_sha256: str, names: Sequence[str]
+) -> Iterator[StudyRow]:
     """Rows of a case on some engines."""
     study, case = batch.study, cache(partial(batch.case, number))
     for name in names:
         build = batch.builds[name].identity
-        of_case = study.case_sha256(number), name, batch.programs[name], study.name, study.label(number), build
+        of_case = case_sha256, name, batch.programs[name], study.name, study.label(number), build
         blank = StudyRow(*of_case, ended=time.time(), status="refused")
         try:
             yield _row(batch, store, case(), blank)
@@ -272,14 +285,19 @@ def _rows_of_case(batch: Batch, store: Store, number: int, names: Sequence[str])
             yield replace(blank, status=error.status, reason=str(error))
 
 
-def _exact(batch: Batch, case: Case) -> Computed:
-    """Run of the reference, which engines and cases of equal decks share if they follow each other."""
-    deck = load_engine(REFERENCE).render(case)
-    if (ended := _last_exact.get(deck.sha256)) is None:
-        ended = compute(case, REFERENCE, build=batch.builds[REFERENCE], deck=deck, limit_s=batch.study.file.limit)
+def _exact_force_N(batch: Batch, case: Case) -> Array:
+    """Forces of the reference, which engines and cases of equal decks share if they follow each other.
+
+    Raises:
+        RunError: the reference fails.
+    """
+    deck = load_engine(REFERENCE).render(case).sha256
+    if deck not in _last_exact:
         _last_exact.clear()
-        _last_exact[deck.sha256] = ended
-    return ended
+        _last_exact[deck] = exact_force_N(case, batch.study.file.limit)
+    if isinstance(known := _last_exact[deck], RunError):
+        raise known
+    return known
 
 
 def _row(batch: Batch, store: Store, case: Case, blank: StudyRow) -> StudyRow:
@@ -294,23 +312,24 @@ def _row(batch: Batch, store: Store, case: Case, blank: StudyRow) -> StudyRow:
     if not batch.study.file.unsafe:
         refuse(case, name, override="unsafe = true in the study")
     deck = load_engine(name).render(case)
-    identity = _digest((run_identity(name, batch.builds[name], deck.sha256), case.layout, blank.program))
+    layout = case.layout
+    identity = _digest((run_identity(name, batch.builds[name], deck.sha256), layout, blank.program))
     if equal := store.equal(identity):
         return replace(equal, **{key: getattr(blank, key) for key in ("case_sha256", "study", "label", "ended")})
-    if name == REFERENCE:
-        ended = _exact(batch, case)
-    else:
-        ended = compute(case, name, build=batch.builds[name], deck=deck, limit_s=batch.study.file.limit)
+    ended = compute(case, name, build=batch.builds[name], deck=deck, limit_s=batch.study.file.limit)
     trace, fault, force_error, reference_s = ended.trace, ended.fault, None, 0.0
-    if name != REFERENCE and trace is not None and inability(case, REFERENCE) is None:
+    if name == REFERENCE:
+        _last_exact.clear()
+        _last_exact[deck.sha256] = ended.fault or ended.done.force_N
+    elif trace is not None and inability(case, REFERENCE) is None:
         before = time.perf_counter()
-        truth = _exact(batch, case)
+        try:
+            exact_N = _exact_force_N(batch, case)
+            force_error = float(np.abs(trace.force_N - exact_N).max() / largest_change_N(exact_N))
+        except RunError as error:
+            fault = RunError(f"the reference failed, so the error is unknown: {error}", error.status)
         reference_s = time.perf_counter() - before
-        if truth.fault is not None:
-            fault = RunError(f"the reference failed, so the error is unknown: {truth.fault}", truth.fault.status)
-        else:
-            force_error = float(residual(trace, truth.done).max())
-    values = {} if trace is None else batch.observe(case.layout, trace)
+    values = {} if trace is None else batch.observe(layout, trace)
     digest = "" if trace is None else digest_of(trace)
     workflow_s = time.perf_counter() - began - ended.start_s - ended.wall_s - reference_s
     return replace(
@@ -338,7 +357,7 @@ def rows_of(batch: Batch, store: Store, numbers: Sequence[int] | None = None, *,
     """Rows of some or all cases of a study on its engines, with ``stale`` also stale ones; blank ones where missing."""
     study = batch.study
     numbers = range(1, study.count + 1) if numbers is None else numbers
-    cases = {number: study.case_sha256(number) for number in numbers}
+    cases = dict(zip(numbers, study.digests(numbers), strict=True))
     rows = store.rows([*cases.values()], {} if stale else batch.programs)
     return [
         (number, rows.get((case, name)) or StudyRow(case, name, "", study.name, "", "", 0.0, batch.absent(name)))

@@ -17,7 +17,8 @@ import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager, suppress
 from dataclasses import dataclass, fields
-from itertools import chain, count, product
+from functools import cache
+from itertools import count, product
 from math import nan
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -34,6 +35,7 @@ SCHEMA_VERSION = 1
 OF_PROCESS = re.compile(r"batch-(.+)-([0-9]+)\.sqlite")  # machine and number of the process
 ANEW = "move the file away to begin anew"
 BUSY_LIMIT_S = 60.0  # longest wait for the transaction of another process
+FEW = 4  # rows of the database for each case: to find fewer cases one by one takes longer than to read all rows
 PAGE_BYTES = 16_384  # a row has about 2 kB
 NETWORK = ("nfs", "nfs4", "cifs", "smb3", "smbfs", "lustre", "gpfs", "beegfs", "ceph", "afs", "glusterfs", "fuse.sshfs")
 CLOCK_S = 10.0  # by which the start of a process may seem to move when the clock is set
@@ -146,8 +148,10 @@ class Store(AbstractContextManager["Store"]):
     @property
     def files(self) -> list[Path]:
         """Databases of the runs folder, the common one first."""
-        others = (file for file in self.runs.glob("batch-*.sqlite") if OF_PROCESS.fullmatch(file.name))
-        return [*filter(Path.exists, [self.common]), *sorted(others)]
+        names = os.listdir(self.runs) if self.runs.exists() else ()  # noqa: PTH208, for each row: ten times as fast
+        return [
+            self.runs / name for name in (*{NAME}.intersection(names), *sorted(filter(OF_PROCESS.fullmatch, names)))
+        ]
 
     def rows(self, cases: Sequence[str], programs: Mapping[str, str]) -> dict[Key, StudyRow]:
         """Rows of cases of the programs of their engines, or of any without programs, by case and engine.
@@ -163,14 +167,16 @@ class Store(AbstractContextManager["Store"]):
 
         A state says whether the row is of the program of its engine, whether it is done, its end and its status.
         """
-        found = self._found(
-            f"SELECT case_sha256, engine, program, ended, status FROM rows {OF_CASES}", json.dumps(cases)
-        )
-        states = (
-            ((case, engine), (program == programs.get(engine), status == "done", ended, status))
-            for case, engine, program, ended, status in found
-        )
-        return dict(sorted(states))
+        query, values = "SELECT case_sha256, engine, program, ended, status FROM rows", list[str]()
+        if FEW * len(cases) < sum(self.ends().values()):  # else it is faster to read all rows
+            query, values = f"{query} {OF_CASES}", [json.dumps(cases)]
+        states: dict[Key, tuple[bool, bool, float, str]] = {}
+        wanted = {*cases}
+        for case, engine, program, ended, status in self._found(query, *values):
+            key, state = (case, engine), (program == programs.get(engine), status == "done", ended, status)
+            if case in wanted and (key not in states or states[key] < state):
+                states[key] = state
+        return states
 
     def equal(self, identity: str) -> StudyRow | None:
         """Row done of the same numbers, of any case."""
@@ -195,16 +201,16 @@ class Store(AbstractContextManager["Store"]):
                 fresh += self._checked([values])
         return fresh
 
-    def claimed(self, cases: Sequence[str]) -> set[Key]:
+    def claimed(self) -> set[Key]:
         """Cases and engines on which other live processes work."""
-        claims = self._found(f"SELECT case_sha256, engine, owner, since FROM claims {OF_CASES}", json.dumps(cases))
-        return {(case, engine) for case, engine, owner, since in claims if self._is_other(owner, since)}
+        claims, is_other = self._found("SELECT case_sha256, engine, owner, since FROM claims"), cache(self._is_other)
+        return {(case, engine) for case, engine, owner, since in claims if is_other(owner, since)}
 
     def claim(self, cases: Sequence[str], engines: Iterable[str]) -> None:
         """Claim cases on engines, except those on which other live processes work."""
         with self._writing(self.own) as connection:
-            free = {*product(cases, engines)} - self.claimed(cases)
-            claims = [(case, engine, self.owner, time.time()) for case, engine in free]
+            free, now = {*product(cases, engines)} - self.claimed(), time.time()
+            claims = [(case, engine, self.owner, now) for case, engine in free]
             connection.executemany("INSERT OR REPLACE INTO claims VALUES (?, ?, ?, ?)", claims)
 
     def release(self) -> None:
@@ -215,14 +221,13 @@ class Store(AbstractContextManager["Store"]):
             connection.executemany("DELETE FROM claims WHERE owner = ?", released)
 
     def finish(self, row: StudyRow) -> None:
-        """Store a row and release its claim; a failure does not replace a row done by the same program.
+        """Store a row; a failure does not replace a row done by the same program.
 
         Raises:
             OSError: the disk is full, or the runs folder cannot be written to.
         """
         with self._writing(self.own) as connection:
             _put(connection, row, merged=False)
-            connection.execute("DELETE FROM claims WHERE case_sha256 = ? AND engine = ?", [row.case_sha256, row.engine])
 
     def remove_damaged(self) -> None:
         """Remove the damaged rows that were read."""
@@ -277,7 +282,9 @@ class Store(AbstractContextManager["Store"]):
 
     def _found(self, query: str, *values: Any) -> Iterator[Any]:
         """Results of a query of all databases."""
-        return chain.from_iterable(self._in(file, query, *values) for file in self.files)
+        for file in self.files:
+            with _named(file):
+                yield from self._connection(file).execute(query, values)
 
     def _verified(self, query: str, *values: Any) -> Iterator[StudyRow]:
         """Rows of a query of all databases, without damaged ones."""
@@ -302,6 +309,7 @@ def _digest_of(row: StudyRow) -> str:
     return hashlib.sha256(repr((*vars(row).values(),)).encode()).hexdigest()
 
 
+@cache
 def is_shared(runs: Path) -> bool:
     """True unless the runs folder is on a network file system, where locks cannot be trusted."""
     place = runs.resolve()

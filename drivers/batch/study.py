@@ -139,11 +139,21 @@ class Study:
         files = [path for name in named if isinstance(name, str) and readable(path := self.scene.parent / name)]
         return hashlib.sha256(f"{self.base}\0{library()}\0{content_of(files)}".encode()).hexdigest()
 
-    def case_sha256(self, number: int) -> str:
-        """Digest of all that the study says about a case; equal cases of several studies have the same."""
-        choice = self.choice(number).items()
-        settings = sorted(f"{key}={value!r}" for key, value in choice if look_up(self.base, key) != value)
-        return hashlib.sha256("\0".join((self._common_sha256, *settings)).encode()).hexdigest()[:32]
+    @cached_property
+    def _settings(self) -> list[list[list[str]]]:
+        """Texts of the values of each choice of each axis that differ from the base scene."""
+
+        def texts(choice: Choice) -> list[str]:
+            return [f"{key}={value!r}" for key, value in choice.items() if look_up(self.base, key) != value]
+
+        return [[*map(texts, axis)] for axis in self.axes]
+
+    def digests(self, numbers: Sequence[int]) -> list[str]:
+        """Digest of all that the study says about each case; equal cases of several studies have the same."""
+        places, common = np.unravel_index(np.subtract(numbers, 1), self._shape), self._common_sha256
+        chosen = (map(texts.__getitem__, place.tolist()) for texts, place in zip(self._settings, places, strict=True))
+        cases = ("\0".join((common, *sorted(chain.from_iterable(texts)))) for texts in zip(*chosen, strict=True))
+        return [hashlib.sha256(case.encode()).hexdigest()[:32] for case in cases]
 
     def choice(self, number: int) -> Choice:
         """Varied values of a case."""

@@ -82,7 +82,7 @@ def read_study_table(study: str | Path, runs: str | Path | None = None) -> pd.Da
         {'brass': 16.37, 'glass': 16.33, 'ptfe': 14.37, 'rigid': 16.4, 'steel': 16.39}
     """
     batch = Batch(study, Path(runs or paths.RUNS))
-    cases = [batch.study.case_sha256(number) for number in range(1, batch.study.count + 1)]
+    cases = batch.study.digests(range(1, batch.study.count + 1))
     with Store(batch.runs) as store:
         with_rows = {engine for _, engine in store.states(cases, {})}
         batch = replace(batch, selected=tuple(name for name in engine_names() if name in with_rows))

@@ -183,13 +183,19 @@ def entry_files() -> tuple[Path, ...]:
     Raises:
         InputError: others than the user and root can change the file of the present folder.
     """
-    # functions of os are ten times as fast as those of Path, and a batch asks several times for each case
     settings = os.environ.get("XDG_CONFIG_HOME") or os.path.expanduser("~/.config")  # noqa: PTH111
-    of_user, here = Path(settings, "bead-chains", paths.ENGINES.name), Path(os.getcwd(), paths.ENGINES.name)  # noqa: PTH109
+    of_user, here = _places(settings, os.getcwd())  # noqa: PTH109
     files = [path for path in (paths.ENGINES, of_user, here) if os.access(path, os.R_OK)]
     if here in files:
         _check_owner(here, here)
     return tuple(dict.fromkeys((*files, *_given())))
+
+
+@cache
+def _places(*folders: str) -> tuple[Path, Path]:
+    """Files of the user and of the present folder; cached, since a batch asks several times for each case."""
+    settings, here = map(Path, folders)
+    return settings / "bead-chains" / paths.ENGINES.name, here / paths.ENGINES.name
 
 
 def _given() -> list[Path]:

@@ -4,6 +4,8 @@ import struct
 import sys
 from collections.abc import Mapping
 from contextlib import suppress
+from itertools import groupby
+from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
@@ -56,25 +58,28 @@ def read_dump(case: Case, path: Path, columns: tuple[str, ...]) -> dict[str, Arr
         raw = memoryview(path.read_bytes())
     except OSError as error:
         raise RunError(f"no output: {error.strerror}") from error
-    head = struct.Struct(_MARKED.format(len(" ".join(columns))) if raw[: len(_MARK)] == _MARK else _PLAIN)
-    parts, steps, at, problem = list[memoryview](), list[int](), 0, ""
+    head = _MARKED.format(len(" ".join(columns))) if raw[: len(_MARK)] == _MARK else _PLAIN
+    parts, steps, at, problem = [np.empty((0, bodies, width))], list[int](), 0, ""
     with suppress(struct.error):  # the last frame is incomplete
         while at < len(raw):
-            step, atoms, processes = head.unpack_from(raw, at)
-            at, chunks = at + head.size, list[memoryview]()
-            for _ in range(processes):
-                end = at + _COUNT.size + 8 * max(_COUNT.unpack_from(raw, at)[0], 0)
-                chunks.append(raw[at + _COUNT.size : end])
-                at = end
-            if atoms != bodies or sum(map(len, chunks)) != 8 * bodies * width:
+            _, atoms, processes = struct.unpack_from(head, raw, at)
+            frame, chunks = _frame(raw, at, head, processes)
+            whole = raw[at : len(raw) - (len(raw) - at) % frame.size]
+            size = sum(chunk.stop - chunk.start for chunk in chunks)
+            if atoms != bodies or size != 8 * bodies * width or not whole:
                 if 0 < atoms < bodies:
                     when = case.sample_times_s[min(len(steps), samples - 1)]
                     problem = f"unstable at t = {when:g} s: {atoms} bodies instead of {bodies}, one was lost"
                 break
-            parts += chunks if len(steps) < samples else []
-            steps.append(step)
-    by_body = np.frombuffer(b"".join(parts)).reshape(-1, bodies, width)
-    arrays = {name: by_body[:, :, place] for place, name in enumerate(columns)}
+            _, alike = next(groupby(frame.iter_unpack(whole), itemgetter(slice(1, None))))
+            numbers = [step for step, *_ in alike]
+            steps += numbers
+            block = np.frombuffer(whole, np.uint8).reshape(-1, frame.size)[: len(numbers)]
+            values = np.concatenate([block[:, chunk] for chunk in chunks], axis=1).view(float)
+            parts.append(values.reshape(-1, bodies, width))
+            at += block.size
+    by_body = parts[1] if len(parts) == 2 else np.concatenate(parts)
+    arrays = {name: by_body[:samples, :, place] for place, name in enumerate(columns)}
     if not problem:
         if len(steps) != samples:
             problem = f"output ends in sample {min(len(steps) + 1, samples)} of {samples}, or is damaged there"
@@ -85,6 +90,16 @@ def read_dump(case: Case, path: Path, columns: tuple[str, ...]) -> dict[str, Arr
     if problem:
         raise RunError(problem, partial=arrays if steps else None)
     return arrays
+
+
+def _frame(raw: memoryview, at: int, head: str, processes: int) -> tuple[struct.Struct, list[slice]]:
+    """Format of the frame at a place of a dump, and the bytes of the frame with the values of each process."""
+    chunks, end = list[slice](), struct.calcsize(head)
+    for _ in range(processes):
+        begin = end + _COUNT.size
+        end = begin + 8 * max(_COUNT.unpack_from(raw, at + end)[0], 0)
+        chunks.append(slice(begin, end))
+    return struct.Struct(head + "".join(f"i{chunk.stop - chunk.start}x" for chunk in chunks)), chunks
 
 
 def contact_forces(lowest_N: Array, contacts_N: Array) -> Array:

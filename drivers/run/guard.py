@@ -108,7 +108,7 @@ def wrong_start(chain: Chain, trace: Trace) -> str | None:
 
 def unstable(case: Case, trace: Trace) -> str | None:
     """Message on values that are not finite, or beads that pass through the wall or each other; None without such."""
-    faults = [(int(np.argmax(wrong)), message) for wrong, message in _faults(case, trace) if wrong.any()]
+    faults = [(int(np.nonzero(wrong)[0][0]), message) for wrong, message in _faults(case, trace) if wrong.any()]
     if not faults:
         return None
     first, message = min(faults, key=lambda fault: fault[0])
@@ -116,19 +116,19 @@ def unstable(case: Case, trace: Trace) -> str | None:
 
 
 def _faults(case: Case, trace: Trace) -> Iterator[tuple[NDArray[np.bool_], str]]:
-    """Kinds of faults: a mask of the samples that have it, and its message."""
+    """Kinds of faults: a mask of the samples, or of samples and bodies, that have it, and its message."""
     chain = case.chain
-    finite = np.isfinite(trace.force_N).all(axis=1) & np.isfinite(trace.total_energy_J)
-    yield np.logical_not(finite), "values are not finite"
+    for values in (trace.force_N, trace.total_energy_J):
+        yield ~np.isfinite(values), "values are not finite"
     if trace.height_m is not None:
-        below = np.column_stack([np.full(len(trace.height_m), chain.wall_height_m), trace.height_m[:, :-1]])
-        passed = trace.height_m < below
-        passed[:, 0] &= chain.wall is not None
+        passed = np.empty(trace.height_m.shape, bool)
+        passed[:, 0] = (trace.height_m[:, 0] < chain.wall_height_m) & (chain.wall is not None)
+        np.less(trace.height_m[:, 1:], trace.height_m[:, :-1], out=passed[:, 1:])
         body = int(np.argmax(passed.any(axis=0)))
         beneath = f"body {body}" if body else "the wall"
-        yield np.asarray(passed.any(axis=1)), f"body {body + 1} passed through {beneath}"
+        yield passed, f"body {body + 1} passed through {beneath}"
     through = hertz_force(chain.stiffness, chain.smaller_radius_m)  # force at an overlap of a radius
-    yield np.asarray((trace.force_N > through).any(axis=1)), "beads are pressed into each other by more than a radius"
+    yield np.asarray(trace.force_N > through), "beads are pressed into each other by more than a radius"
 
 
 def not_modelled(chain: Chain, trace: Trace) -> str | None:

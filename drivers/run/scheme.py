@@ -85,13 +85,15 @@ class Scheme:
         """Horizon: number of samples before rounding alone separates two runs."""
         return max(1, int(np.searchsorted(ROUNDING_MARGIN * self.rounding[FORCE], AGREEMENT, side="right")))
 
-    def scale(self, quantity: str) -> float:
-        """Scale of errors: largest change of force in N, largest kinetic energy in J, largest momentum in N s.
+    @cached_property
+    def scales(self) -> dict[str, float]:
+        """Scales of errors: largest change of force in N, largest kinetic energy in J, largest momentum in N s.
 
         The momentum is at least the sum of m |v| at time 0, since bodies may meet head on; at rest, at least the
         impulse of the loads.
         """
-        return scale_of_motion(self.case, finite_part(self.plain) or until(self.plain, 1), quantity)
+        motion = finite_part(self.plain) or until(self.plain, 1)
+        return {quantity: scale_of_motion(self.case, motion, quantity) for quantity in COMPARED}
 
     @cached_property
     def rounding(self) -> dict[str, Array]:
@@ -99,7 +101,7 @@ class Scheme:
 
         Each is an array of shape (samples,).
         """
-        apart = {name: difference(name, self.rounded, self.plain, self.scale(name)).max(axis=1) for name in COMPARED}
+        apart = {name: difference(name, self.rounded, self.plain, self.scales[name]).max(axis=1) for name in COMPARED}
         return {name: np.maximum.accumulate(shares) for name, shares in apart.items()}
 
     def explained(self, quantity: str) -> Array:
@@ -141,7 +143,7 @@ class Scheme:
         right = until(self.of(engine), min(self.samples, len(trace.time_s)))
         trace = with_work(until(trace, len(right.time_s)), right)
         for quantity, unit in UNITS.items():
-            scale = self.scale(quantity)
+            scale = self.scales[quantity]
             share = difference(quantity, trace, right, scale)
             allowed = self.explained(quantity)[: len(share)]
             beyond = share.max(axis=1) > allowed
@@ -169,7 +171,7 @@ cached_scheme = lru_cache(maxsize=2)(Scheme)
 
 
 def scale_of_motion(case: Case, motion: Trace, quantity: str) -> float:
-    """Scale of errors of a quantity by a motion, as in ``Scheme.scale``."""
+    """Scale of errors of a quantity by a motion, as in ``Scheme.scales``."""
     if quantity == FORCE:
         return largest_change_N(motion.force_N)
     if quantity == "energy":

@@ -155,7 +155,7 @@ def _model_checks(motions: Motions, engine: str, trace: Trace) -> Iterator[Check
     right = until(scheme.of(engine), scheme.samples)
     trace = with_work(until(trace, scheme.samples), right)
     for quantity in COMPARED:
-        scale, limits = scheme.scale(quantity), scheme.explained(quantity)
+        scale, limits = scheme.scales[quantity], scheme.explained(quantity)
         size, (sample, _), where = largest_difference(quantity, trace, right, scale, limits)
         limit, where = scheme.tolerance_at(quantity, sample), where + scheme.until_horizon
         yield judged(motions.case.scene.name, engine, f"{MODEL}: {quantity}", size, limit, where)

@@ -282,7 +282,7 @@ class Motions:
     def scale(self, quantity: str) -> float:
         """Scale of errors, as ``Scheme.scale``, by the exact motion where that is known."""
         if self.why_unknown:
-            return self.scheme.scale(quantity)
+            return self.scheme.scales[quantity]
         return scale_of_motion(self.case, self.exact_to_end.trace if self.case.chain.straight else self.exact, quantity)
 
 

@@ -80,7 +80,7 @@ def _cause(scheme: Scheme, engine: str, trace: Trace) -> str:
     if not case.chain.straight or samples < MIN_SAMPLES or case.work > MAX_WORK:
         return f"no cause sought with {samples} samples, {case.work:g} bodies times steps, or in three dimensions"
     force, table = trace.force_N[:samples], measured_ratios(case, trace)
-    limits_N = scheme.explained(FORCE)[:samples, np.newaxis] * max(scheme.scale(FORCE), largest_change_N(force))
+    limits_N = scheme.explained(FORCE)[:samples, np.newaxis] * max(scheme.scales[FORCE], largest_change_N(force))
     early = load_engine(engine).shear == INCREMENTAL
     for change in _changes(case, trace, table):
         if sentence := _explains(case, change, force, limits_N, early=early):
