@@ -29,7 +29,7 @@ from drivers.chain.trace import FORCE, Trace, largest_change_N, part_of, until
 from drivers.engines import EXACT, VERLET, load_engine
 from drivers.run.scheme import COMPARED, FIELDS, Scheme, largest_difference, scale_of_motion, scheme_of
 from postproc.read.observables import describe, observe, scale_of, without_unit
-from validation.reference.adaptive import MIN_TOLERANCE
+from validation.reference.adaptive import MIN_TOLERANCE, ROUNDED_TOLERANCE
 
 HORIZON = 1e-6  # of the largest change: error beyond which the exact motion counts as not known
 MAX_BODIES = 20_000
@@ -38,12 +38,9 @@ MIN_ORDER, MAX_ORDER = 0.5, 2.5  # of convergence, for an extrapolation
 SAMPLE_FACTOR = 4  # factor of samples for true values: of smooth forces quintic interpolation leaves 4^-6 of the error
 TRUE_SHARE = 0.05  # of the sampling error, for the error of the true value itself
 LEAST_SAMPLING = 1e-9  # relative sampling error that is taken as it is
-# tolerance of the second motions, divided by the tolerance of the first, whose error they measure
-ROUGH_FACTOR, NEAR_FACTOR = 100.0, 3.0
+NEAR_FACTOR, CLOSER = 3.0, 0.01  # tolerance of the second motion, divided by that of the first, whose error it measures
+COARSE_ERROR = 0.1  # larger errors are meaningless
 LEAST_ERROR = 1e-13  # of the largest change: smaller errors of the exact motion are not stated
-ROUNDED_TOLERANCE = 10 * MIN_TOLERANCE  # below, rounding errors are of the size of the tolerance
-LINEAR_SHARE = 1e-3  # of the largest change: larger differences do not shrink with the tolerance
-COARSE_ERROR = 0.1  # larger tolerances are meaningless
 MAX_FINE_VALUES = 4_000_000  # values of the finer record; beyond, the sampling error is not measured
 
 
@@ -106,28 +103,19 @@ class ExactMotion:
     def error_N(self) -> Array:
         """Measured force error of the exact motion, largest until each sample, in N. Shape (samples,).
 
-        While differences are small enough to grow linearly: the difference from a motion with ``ROUGH_FACTOR`` times
-        the tolerance, divided by that factor. In a chaotic motion, and at the tightest tolerances, where rounding
-        errors do not shrink with the tolerance: at least the difference from a motion with ``NEAR_FACTOR`` times the
-        tolerance. On 27 random scenes with light beads and flat strikers and on a chaotic one of 121 bodies the
-        estimate is 1/12 to 30 times the true error, mostly 1/2 to 3 times. At the tightest tolerance on 107 random
-        scenes it is at least 0.4 times the true error, and at least the true error where that exceeds 1e-13 of the
-        largest change: no smaller error is stated.
+        The difference from a motion with ``CLOSER`` times the tolerance. At the tightest tolerances, where rounding
+        errors do not shrink with the tolerance: the difference from one with ``NEAR_FACTOR`` times the tolerance. On
+        107 random scenes that is at least 0.4 times the true error, and at least the true error where that exceeds
+        1e-13 of the largest change: no smaller error is stated.
 
         Raises:
             ArithmeticError: the integrator fails.
         """
         exact, change_N = self.trace, largest_change_N(self.trace.force_N)
 
-        def apart(factor: float) -> Array:
-            other = exact_of(self.case, min(factor * self.tolerance, COARSE_ERROR), limit_s=self.limit_s)
-            return np.asarray(np.maximum.accumulate(np.abs(other.force_N - exact.force_N).max(axis=1)))
-
-        rough = apart(ROUGH_FACTOR)
-        linear = rough / change_N < LINEAR_SHARE
-        error = np.maximum(np.where(linear, rough / ROUGH_FACTOR, 0.0), LEAST_ERROR * change_N)
-        if self.tolerance < ROUNDED_TOLERANCE or not linear.all():
-            error = np.maximum(error, apart(NEAR_FACTOR))
+        factor = NEAR_FACTOR if self.tolerance < ROUNDED_TOLERANCE else CLOSER
+        other = exact_of(self.case, max(factor * self.tolerance, MIN_TOLERANCE), limit_s=self.limit_s)
+        error = np.maximum(np.abs(other.force_N - exact.force_N).max(axis=1), LEAST_ERROR * change_N)
         return np.asarray(np.maximum.accumulate(error))
 
     def first(self, samples: int) -> "ExactMotion":

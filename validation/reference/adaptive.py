@@ -33,7 +33,8 @@ from validation.reference.hertz_chain import (
 )
 
 MIN_TOLERANCE = 1e-12  # attainable in double precision with a margin: the smallest measured errors are near 1e-14
-LEAST_LOCAL = 2e-15  # local tolerance, at which rounding errors prevail
+ROUNDED_TOLERANCE = 10 * MIN_TOLERANCE  # below, rounding errors are of the size of the tolerance
+ROUNDED_SHARE = 0.002  # local divided by requested tolerance there
 FIRST_STEP = 1e-3  # share of the time scale
 PROBE = 1e-5  # tolerance for which two rough motions are cheap, and fine enough to tell how errors grow
 ROUGH, FINER = (
@@ -69,8 +70,8 @@ def integrate_adaptive(
 
     The largest force error over all contacts and samples is about a fifth of ``tolerance`` times the largest force. How
     the motion amplifies local errors is measured by two rough motions; their difference tells the local tolerance, and
-    if events are located. A chain that bounces for long is chaotic; ``error_N`` of ``validation.accuracy.motions``
-    measures the remaining error.
+    if events are located. Below ``ROUNDED_TOLERANCE`` nothing is measured. A chain that bounces for long is chaotic;
+    ``error_N`` of ``validation.accuracy.motions`` measures the remaining error.
 
     Raises:
         ValueError: sample times do not begin at 0 or do not increase; the tolerance is below ``MIN_TOLERANCE`` or not
@@ -86,8 +87,8 @@ def integrate_adaptive(
         raise ValueError(f"tolerance: {tolerance:g}, expected from {MIN_TOLERANCE:g} to below 1")
     stop = np.zeros(1, bool) if stop is None else stop
     integrate = partial(_states, chain, stop=stop)
-    if tolerance == MIN_TOLERANCE:
-        states = integrate(time_s, LEAST_LOCAL, located=True, energies=energies)
+    if tolerance < ROUNDED_TOLERANCE:
+        states = integrate(time_s, ROUNDED_SHARE * tolerance, located=True, energies=energies)
         return _motion(chain, time_s, states, energies=energies)
     if tolerance >= LEAST_SYMPLECTIC and not energies:
         motion = _symplectic_motion(chain, time_s, tolerance, stop)
@@ -107,7 +108,7 @@ def integrate_adaptive(
         located = local < LEAST_FREE
         if located and (4 * chain.overlap_power).is_integer():
             local = 0.5 * probed * less
-        states = integrate(time_s, max(local, LEAST_LOCAL), located=located, energies=energies)
+        states = integrate(time_s, max(local, ROUNDED_SHARE * MIN_TOLERANCE), located=located, energies=energies)
     return _motion(chain, time_s, states, energies=energies)
 
 
