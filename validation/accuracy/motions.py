@@ -38,7 +38,7 @@ MIN_ORDER, MAX_ORDER = 0.5, 2.5  # of convergence, for an extrapolation
 SAMPLE_FACTOR = 4  # factor of samples for true values: of smooth forces quintic interpolation leaves 4^-6 of the error
 TRUE_SHARE = 0.05  # of the sampling error, for the error of the true value itself
 LEAST_SAMPLING = 1e-9  # relative sampling error that is taken as it is
-NEAR_FACTOR, CLOSER = 3.0, 0.01  # tolerance of the second motion, divided by that of the first, whose error it measures
+NEAR_FACTOR = 3.0  # tolerance of a second motion, divided by that of the first, whose error it measures
 COARSE_ERROR = 0.1  # larger errors are meaningless
 LEAST_ERROR = 1e-13  # of the largest change: smaller errors of the exact motion are not stated
 MAX_FINE_VALUES = 4_000_000  # values of the finer record; beyond, the sampling error is not measured
@@ -103,7 +103,7 @@ class ExactMotion:
     def error_N(self) -> Array:
         """Measured force error of the exact motion, largest until each sample, in N. Shape (samples,).
 
-        The difference from a motion with ``CLOSER`` times the tolerance. At the tightest tolerances, where rounding
+        The difference from the motion at the tightest tolerance. Of such motions themselves, where rounding
         errors do not shrink with the tolerance: the difference from one with ``NEAR_FACTOR`` times the tolerance. On
         107 random scenes that is at least 0.4 times the true error, and at least the true error where that exceeds
         1e-13 of the largest change: no smaller error is stated.
@@ -113,8 +113,8 @@ class ExactMotion:
         """
         exact, change_N = self.trace, largest_change_N(self.trace.force_N)
 
-        factor = NEAR_FACTOR if self.tolerance < ROUNDED_TOLERANCE else CLOSER
-        other = exact_of(self.case, max(factor * self.tolerance, MIN_TOLERANCE), limit_s=self.limit_s)
+        other_tolerance = NEAR_FACTOR * self.tolerance if self.tolerance < ROUNDED_TOLERANCE else MIN_TOLERANCE
+        other = exact_of(self.case, other_tolerance, limit_s=self.limit_s)
         error = np.maximum(np.abs(other.force_N - exact.force_N).max(axis=1), LEAST_ERROR * change_N)
         return np.asarray(np.maximum.accumulate(error))
 

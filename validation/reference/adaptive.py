@@ -35,6 +35,7 @@ from validation.reference.hertz_chain import (
 MIN_TOLERANCE = 1e-12  # attainable in double precision with a margin: the smallest measured errors are near 1e-14
 ROUNDED_TOLERANCE = 10 * MIN_TOLERANCE  # below, rounding errors are of the size of the tolerance
 ROUNDED_SHARE = 0.002  # local divided by requested tolerance there
+LEAST_LOCAL = 6e-15  # elsewhere, more than at the tightest tolerance, so that a difference from it tells the error
 FIRST_STEP = 1e-3  # share of the time scale
 PROBE = 1e-5  # tolerance for which two rough motions are cheap, and fine enough to tell how errors grow
 ROUGH, FINER = (
@@ -108,7 +109,7 @@ def integrate_adaptive(
         located = local < LEAST_FREE
         if located and (4 * chain.overlap_power).is_integer():
             local = 0.5 * probed * less
-        states = integrate(time_s, max(local, ROUNDED_SHARE * MIN_TOLERANCE), located=located, energies=energies)
+        states = integrate(time_s, max(local, LEAST_LOCAL), located=located, energies=energies)
     return _motion(chain, time_s, states, energies=energies)
 
 
