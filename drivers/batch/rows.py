@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import pickle
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -22,7 +23,7 @@ from drivers.base.tolerances import tolerance
 from drivers.batch.store import Store, StudyRow
 from drivers.batch.study import Study, read_study, select
 from drivers.chain.case import Case, Layout
-from drivers.chain.chain import Array
+from drivers.chain.chain import Array, arrays_of
 from drivers.chain.trace import FORCE, Trace, digest_of, largest_change_N
 from drivers.engines import REFERENCE, Engine, entry_files, installed, load_engine
 from drivers.limits import inability, needed_tolerance, refuse
@@ -36,8 +37,7 @@ CHUNKS = 16  # of a worker, so that all end at about the same time
 RETRY_INTERVAL_S = 1.0  # while another batch works on the remaining cases
 ENDED = ("done", "failed", "timeout", "refused")  # states of rows that are not run again
 WORKER_COSTS = ("start_s", "engine_s", "workflow_s", "reference_s")  # they add up to a worker's time
-# forces or failure of the last run of the reference in this process, by the digest of its deck
-_last_exact: dict[str, Array | RunError] = {}
+_last_exact: dict[bytes, Array | RunError] = {}  # forces of the last run of the reference, or its failure, by _motion
 NEWEST = 1000  # rows of an engine by which its build and its costs are known
 
 Row = tuple[int, StudyRow]  # number of a case, and a row of it
@@ -286,18 +286,23 @@ def _rows_of_case(
 
 
 def _exact_force_N(batch: Batch, case: Case) -> Array:
-    """Forces of the reference, which engines and cases of equal decks share if they follow each other.
+    """Forces of the reference, which engines and cases of equal motions share if they follow each other.
 
     Raises:
         RunError: the reference fails.
     """
-    deck = load_engine(REFERENCE).render(case).sha256
-    if deck not in _last_exact:
+    if (motion := _motion(case)) not in _last_exact:
         _last_exact.clear()
-        _last_exact[deck] = exact_force_N(case, batch.study.file.limit)
-    if isinstance(known := _last_exact[deck], RunError):
+        _last_exact[motion] = exact_force_N(case, batch.study.file.limit)
+    if isinstance(known := _last_exact[motion], RunError):
         raise known
     return known
+
+
+def _motion(case: Case) -> bytes:
+    """All that the forces of the reference depend on."""
+    times = case.scene.samples, case.scene.run.sample_interval
+    return pickle.dumps((vars(arrays_of(case.chain)), case.reference_tolerance, times))
 
 
 def _row(batch: Batch, store: Store, case: Case, blank: StudyRow) -> StudyRow:
@@ -320,7 +325,7 @@ def _row(batch: Batch, store: Store, case: Case, blank: StudyRow) -> StudyRow:
     trace, fault, force_error, reference_s = ended.trace, ended.fault, None, 0.0
     if name == REFERENCE:
         _last_exact.clear()
-        _last_exact[deck.sha256] = ended.fault or ended.done.force_N
+        _last_exact[_motion(case)] = ended.fault or ended.done.force_N
     elif trace is not None and inability(case, REFERENCE) is None:
         before = time.perf_counter()
         try:

@@ -34,7 +34,7 @@ from drivers.scene.settings import look_up, unit_of
 MAX_SAMPLE = 100  # cases that are checked before the first one runs
 RESERVED = ("case", "engine", "status", "reason", "force_error_share")  # columns of every table
 MAX_VALUES = 1_000_000
-MAX_KEYS = 1000  # of a table: a message on unknown keys looks for the key that was meant, which takes 0.1 ms for each
+MAX_KEYS = 1000  # of a table: to refuse a hundred times as many takes ten seconds
 FORMS = ("values", "from_", "factors", "zip", "seeds", "table")
 HEADING = re.compile(r"(?P<key>[^\[\]]+?)(?: *\[(?P<unit>[^\[\]]+)\])?")
 NAME = r"^[A-Za-z][A-Za-z0-9_.-]*$"

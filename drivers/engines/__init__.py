@@ -45,6 +45,7 @@ TOTAL, INCREMENTAL = "total", "incremental"  # friction that stores the shear di
 RESERVED = ("auto", "batch", REFERENCE, VERLET)  # a value of --engine, a folder of runs/, the in-repo engines
 
 _exit = os._exit
+_path = cache(Path)  # a batch asks for the files of entries several times for each case
 
 
 def last_line(stdout: str, stderr: str, chatter: tuple[str, ...] = ()) -> str:
@@ -184,18 +185,11 @@ def entry_files() -> tuple[Path, ...]:
         InputError: others than the user and root can change the file of the present folder.
     """
     settings = os.environ.get("XDG_CONFIG_HOME") or os.path.expanduser("~/.config")  # noqa: PTH111
-    of_user, here = _places(settings, os.getcwd())  # noqa: PTH109
+    of_user, here = _path(settings, "bead-chains", paths.ENGINES.name), _path(os.getcwd(), paths.ENGINES.name)  # noqa: PTH109
     files = [path for path in (paths.ENGINES, of_user, here) if os.access(path, os.R_OK)]
     if here in files:
         _check_owner(here, here)
     return tuple(dict.fromkeys((*files, *_given())))
-
-
-@cache
-def _places(*folders: str) -> tuple[Path, Path]:
-    """Files of the user and of the present folder; cached, since a batch asks several times for each case."""
-    settings, here = map(Path, folders)
-    return settings / "bead-chains" / paths.ENGINES.name, here / paths.ENGINES.name
 
 
 def _given() -> list[Path]:

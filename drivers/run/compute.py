@@ -146,7 +146,7 @@ def _in_memory(case: Case, engine: Engine, limit_s: float) -> Computed:
 
 def exact_force_N(case: Case, limit_s: float | None = None) -> Array | RunError:
     """Forces of a run of ``reference``, without its other columns; the reason if it fails."""
-    time_s = case.sample_times_s
+    time_s = np.arange(case.scene.samples, dtype=float) * case.scene.run.sample_interval  # as in its deck
     try:
         force_N = exact_motion(case, case.reference_tolerance, time_s, limit_s=limit_s).force_N
     except ArithmeticError as error:

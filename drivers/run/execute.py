@@ -51,10 +51,7 @@ CORES = Place()  # threads, one for each core
 
 
 def execute(
-    work: Callable[[Item], Result],
-    items: Iterable[Item],
-    place: Place = CORES,
-    tick: Callable[[], None] = lambda: None,
+    work: Callable[[Item], Result], items: Iterable[Item], place: Place = CORES, tick: Callable[[], None] = lambda: None
 ) -> Iterator[tuple[Item, Result]]:
     """Work on items in parallel; yields each with its result, as results come.
 

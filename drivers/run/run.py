@@ -47,12 +47,7 @@ WIDTH = 80  # characters of a changed line in the record
 
 
 def run_case(
-    case: Case,
-    engine_name: str,
-    runs: Path = paths.RUNS,
-    *,
-    rerun: bool = False,
-    limit_s: float | None = None,
+    case: Case, engine_name: str, runs: Path = paths.RUNS, *, rerun: bool = False, limit_s: float | None = None
 ) -> EndedRun:
     """Run a case, or find a finished run of it.
 
