@@ -112,7 +112,6 @@ class ExactMotion:
             ArithmeticError: the integrator fails.
         """
         exact, change_N = self.trace, largest_change_N(self.trace.force_N)
-
         other_tolerance = NEAR_FACTOR * self.tolerance if self.tolerance < ROUNDED_TOLERANCE else MIN_TOLERANCE
         other = exact_of(self.case, other_tolerance, limit_s=self.limit_s)
         error = np.maximum(np.abs(other.force_N - exact.force_N).max(axis=1), LEAST_ERROR * change_N)

@@ -38,10 +38,8 @@ ROUNDED_SHARE = 0.002  # local divided by requested tolerance there
 LEAST_LOCAL = 6e-15  # elsewhere, more than at the tightest tolerance, so that a difference from it tells the error
 FIRST_STEP = 1e-3  # share of the time scale
 PROBE = 1e-5  # tolerance for which two rough motions are cheap, and fine enough to tell how errors grow
-ROUGH, FINER = (
-    10.0,
-    0.01,
-)  # local tolerance of the first, divided by this tolerance; of the second, divided by the first
+ROUGH = 10.0  # local tolerance of the first, divided by this tolerance
+FINER = 0.01  # local tolerance of the second, divided by that of the first
 LINEAR = 0.01  # larger differences of the two say nothing on smaller errors
 PROBED_SAMPLES = 100
 # Measured on the shipped scenes and 200 random ones: errors fall by a power of the local tolerance, mostly 0.8 but 0.6
@@ -197,7 +195,7 @@ def _fill(
     bodies[table.INVERSE_MASS, :n], bodies[table.ACCELERATION, :n] = 1.0 / chain.mass_kg, acceleration
     bodies[table.STATIC, :n] = hertz_force(chain.stiffness, chain.overlap_m)
     kind = table.POWER_LAW if chain.alpha else table.ELASTIC if chain.elastic else table.DAMPED
-    law = table.Law(kind, float(chain.alpha or chain.overlap_power), False, 0, False, 0.0, 0.0, 0.0)
+    law = table.KernelLaw(kind, float(chain.alpha or chain.overlap_power), False, 0, False, 0.0, 0.0, 0.0)
     if drive is None:
         undriven = np.zeros(COLUMNS + 2)
         return bool(fill_states(states, time_s, bodies, undriven, law, located, tolerance, magnitudes, first, stop))

@@ -24,7 +24,7 @@ from validation.reference.dop853 import (
     STATES,
     STIFFNESS,
     STOP,
-    Law,
+    KernelLaw,
     closing_speed,
     drive_until,
     error,
@@ -68,7 +68,7 @@ def _root(elapsed: float, power: float) -> float:
 
 @njit(cache=CACHED, nogil=True, error_model="numpy")
 def fill_states(
-    samples: Array, times: Array, chain: Array, drive: Array, law: Law, located: bool, tolerance: float,
+    samples: Array, times: Array, chain: Array, drive: Array, law: KernelLaw, located: bool, tolerance: float,
     scales: tuple[float, float], first_step: float, stop: Flag,
 ) -> bool:  # fmt: skip
     """Fills the states of a chain at all times but the first; True if the integration reached the end.
@@ -298,8 +298,8 @@ def _shifted(event: int, n: int, shift: int, wide: int) -> int:
 
 
 @njit(error_model="numpy")
-def _with_below(law: Law, below: float) -> Law:
-    return Law(
+def _with_below(law: KernelLaw, below: float) -> KernelLaw:
+    return KernelLaw(
         law.law, law.exponent, law.driven, law.body, law.prescribed, law.constant, law.load, below
     )  # numba does not know _replace
 
@@ -321,7 +321,7 @@ def _write(sample: Array, now: float, rows: Array, row: int, low: int, n: int, s
 
 @njit(error_model="numpy")
 def _first_event(
-    rows: Array, n: int, bodies: Array, law: Law, scales: tuple[float, float], tolerance: float, elapsed: float,
+    rows: Array, n: int, bodies: Array, law: KernelLaw, scales: tuple[float, float], tolerance: float, elapsed: float,
     until: float, last: int, known: int,
 ) -> tuple[int, float]:  # fmt: skip
     """First contact that opens, closes or releases in a step (-1: none), and the fraction of the step at which it does.
@@ -353,7 +353,7 @@ def _first_event(
 
 
 @njit(error_model="numpy", forceinline=True)
-def _at_zero_overlap(rows: Array, n: int, event: int, bodies: Array, law: Law) -> bool:
+def _at_zero_overlap(rows: Array, n: int, event: int, bodies: Array, law: KernelLaw) -> bool:
     """True if an event is a zero of an overlap: any but the release of a dissipative contact and of the power law."""
     if law.law == POWER_LAW:
         return False
@@ -363,7 +363,9 @@ def _at_zero_overlap(rows: Array, n: int, event: int, bodies: Array, law: Law) -
 
 
 @njit(error_model="numpy")
-def _refined(rows: Array, n: int, share: float, contact: int, s: float, length: float, power: float, law: Law) -> float:
+def _refined(
+    rows: Array, n: int, share: float, contact: int, s: float, length: float, power: float, law: KernelLaw
+) -> float:
     """Fraction of a step at which an overlap is zero, by the cubic polynomial of its values and speeds at both ends.
 
     ``share`` is the linear estimate, which is the result if Newton's method on the polynomial leaves the step.
@@ -381,7 +383,7 @@ def _refined(rows: Array, n: int, share: float, contact: int, s: float, length: 
 
 
 @njit(error_model="numpy")
-def _grip(rows: Array, row: int, n: int, contact: int, bodies: Array, law: Law) -> float:
+def _grip(rows: Array, row: int, n: int, contact: int, bodies: Array, law: KernelLaw) -> float:
     """``k d^(3/2 - p) + C d'``, negative after a closed dissipative contact has released."""
     overlap, power = max(rows[row, contact], 0.0), law.exponent
     if power <= 0.5:
@@ -394,7 +396,7 @@ def _grip(rows: Array, row: int, n: int, contact: int, bodies: Array, law: Law) 
 @njit(error_model="numpy")
 def _step_to_event(
     rows: Array, n: int, size: int, s: float, power: float, guess: float, limit: float, event: int, near: float,
-    bodies: Array, drive: Array, law: Law,
+    bodies: Array, drive: Array, law: KernelLaw,
 ) -> tuple[float, float, float, float]:  # fmt: skip
     """Step that ends at an event, a zero of an overlap, force or speed; Newton's method finds the end time.
 

@@ -139,7 +139,7 @@ ELASTIC, DAMPED, POWER_LAW = range(3)
 LAST, NEXT = COLUMNS, COLUMNS + 1  # of a drive's array, after its segment: times of events since the segment begins
 
 
-class Law(NamedTuple):
+class KernelLaw(NamedTuple):
     """Numbers that hold for all bodies.
 
     Attributes:
@@ -170,7 +170,7 @@ def closing_speed(rows: Array, row: int, n: int, contact: int, below: float) -> 
 
 
 @njit(error_model="numpy")
-def slope(rows: Array, row: int, result: int, n: int, size: int, stretch: float, bodies: Array, law: Law) -> None:
+def slope(rows: Array, row: int, result: int, n: int, size: int, stretch: float, bodies: Array, law: KernelLaw) -> None:
     """Writes ``stretch * dy/dt`` of the values in a row to another row; most loops compile to vector instructions."""
     rows[result, 0] = law.below - rows[row, n]
     for j in range(1, n):
@@ -205,7 +205,9 @@ def slope(rows: Array, row: int, result: int, n: int, size: int, stretch: float,
 
 
 @njit(error_model="numpy")
-def _powers(rows: Array, row: int, result: int, n: int, size: int, stretch: float, bodies: Array, law: Law) -> None:
+def _powers(
+    rows: Array, row: int, result: int, n: int, size: int, stretch: float, bodies: Array, law: KernelLaw
+) -> None:
     """Writes ``stretch`` times the integrands of ``hertz_chain.motion_with``, with the forces of all contacts.
 
     For a contact it is ``(F - F(0)) d'``, which stays smooth when the overlap of a released contact reaches 0.
@@ -232,7 +234,7 @@ def stretch_at(s: float, power: float) -> float:
 
 
 @njit(error_model="numpy", forceinline=True)
-def drive_until(elapsed: float, bodies: Array, drive: Array, law: Law) -> None:
+def drive_until(elapsed: float, bodies: Array, drive: Array, law: KernelLaw) -> None:
     """Sets the acceleration of the driven body without contact forces, at a time since the last event."""
     if law.driven:
         value, _, bend = segment_value(drive, drive[LAST] + elapsed)
@@ -241,7 +243,7 @@ def drive_until(elapsed: float, bodies: Array, drive: Array, law: Law) -> None:
 
 
 @njit(error_model="numpy", forceinline=True)
-def _drive_at(s: float, power: float, bodies: Array, drive: Array, law: Law) -> None:
+def _drive_at(s: float, power: float, bodies: Array, drive: Array, law: KernelLaw) -> None:
     """``drive_until`` at a place s; with a negative power, s counts back from the next event."""
     if law.driven:
         raised = s * s * s * s if abs(power) == 4.0 else s * s
@@ -263,7 +265,16 @@ def weigh(rows: Array, size: int, formula: int | np.int64, h: float, start: int 
 
 @njit(error_model="numpy")
 def step(
-    rows: Array, n: int, size: int, s: float, h: float, power: float, stop: int, bodies: Array, drive: Array, law: Law
+    rows: Array,
+    n: int,
+    size: int,
+    s: float,
+    h: float,
+    power: float,
+    stop: int,
+    bodies: Array,
+    drive: Array,
+    law: KernelLaw,
 ) -> None:
     """Takes a step from s to s + h; fills the slopes, and from row ``stop`` on the values and their rounding errors."""
     stretch = stretch_at(s, power)
@@ -285,7 +296,7 @@ def step(
 @njit(error_model="numpy")
 def error(
     rows: Array, n: int, size: int, s_end: float, h: float, power: float, scales: tuple[float, float],
-    tolerance: float, bodies: Array, drive: Array, law: Law,
+    tolerance: float, bodies: Array, drive: Array, law: KernelLaw,
 ) -> float:  # fmt: skip
     """Largest local error divided by ``tolerance * scales``, by the two embedded formulas; fills the slope at the end.
 
@@ -329,7 +340,7 @@ def step_factor(error: float) -> float:
 
 @njit(error_model="numpy")
 def prepare_dense(
-    rows: Array, n: int, size: int, s: float, h: float, power: float, bodies: Array, drive: Array, law: Law
+    rows: Array, n: int, size: int, s: float, h: float, power: float, bodies: Array, drive: Array, law: KernelLaw
 ) -> None:
     """Fills the polynomial of the step that ``step`` took, with the slope at its end."""
     for stage in range(STAGES + 1, SLOPES):

@@ -19,7 +19,7 @@ from validation.reference.dop853 import (
     START,
     STIFFNESS,
     STOP,
-    Law,
+    KernelLaw,
     closing_speed,
 )
 from validation.reference.hertz_chain import Array
@@ -34,7 +34,7 @@ RETRY = (0, -1.0)  # repeat the step with a smaller size
 
 
 @njit(error_model="numpy")
-def _grip(rows: Array, row: int, n: int, contact: int, bodies: Array, law: Law) -> float:
+def _grip(rows: Array, row: int, n: int, contact: int, bodies: Array, law: KernelLaw) -> float:
     """``(k d^(3/2))^(1/alpha) + gamma^(1/alpha) d'``, negative after a closed contact has released."""
     overlap, inverse = max(rows[row, contact], 0.0), 1.0 / law.exponent
     spring = (bodies[STIFFNESS, contact] * overlap * sqrt(overlap)) ** inverse
@@ -42,7 +42,7 @@ def _grip(rows: Array, row: int, n: int, contact: int, bodies: Array, law: Law) 
 
 
 @njit(error_model="numpy")
-def first_grips(rows: Array, n: int, located: bool, bodies: Array, law: Law) -> None:
+def first_grips(rows: Array, n: int, located: bool, bodies: Array, law: KernelLaw) -> None:
     """Sets ``GRIPS`` at time 0: contacts with overlap, or touching and not separating, that are not released."""
     for j in range(n):
         holds = rows[START, j] >= 0.0 and _grip(rows, START, n, j, bodies, law) >= 0.0
@@ -51,7 +51,7 @@ def first_grips(rows: Array, n: int, located: bool, bodies: Array, law: Law) -> 
 
 @njit(error_model="numpy")
 def first_power_event(
-    rows: Array, n: int, bodies: Array, law: Law, scales: tuple[float, float], tolerance: float, elapsed: float,
+    rows: Array, n: int, bodies: Array, law: KernelLaw, scales: tuple[float, float], tolerance: float, elapsed: float,
     until: float, last: int, known: int,
 ) -> tuple[int, float]:  # fmt: skip
     """First event of a step, and the fraction of the step at which it occurs, by linear interpolation.
@@ -102,7 +102,7 @@ def first_power_event(
 
 
 @njit(error_model="numpy")
-def passing(rows: Array, n: int, event: int, bodies: Array, law: Law) -> tuple[float, float]:
+def passing(rows: Array, n: int, event: int, bodies: Array, law: KernelLaw) -> tuple[float, float]:
     """Quantity that is 0 at an event, and its rate of change, at the end of a step whose slope there is filled."""
     contact = event % n
     speed = closing_speed(rows, STOP, n, contact, law.below)
