@@ -40,7 +40,7 @@ def default_limit_s(case: Case) -> float:
 def endable(integrate: Callable[[Flag], Result], limit_s: float = inf, work: float = inf) -> Result:
     """Result of a compiled integration in a thread, which a signal or the time limit ends by its flag.
 
-    One that is ``SHORT`` by its ``work``, bodies times steps, runs in this thread, to its end.
+    One that is ``SHORT`` by its ``work``, bodies times steps, runs in this thread.
 
     Raises:
         TimeoutError: it took longer than the time limit.
@@ -48,7 +48,10 @@ def endable(integrate: Callable[[Flag], Result], limit_s: float = inf, work: flo
     stop: Flag = np.zeros(1, bool)
     until_s = time.perf_counter() + limit_s
     if work <= SHORT:
-        return integrate(stop)
+        result = integrate(stop)
+        if time.perf_counter() <= until_s:
+            return result
+        raise TimeoutError
     integration = _threads.submit(copy_context().run, integrate, stop)  # with its treatment of overflows
     try:
         in_time = waited(lambda seconds: wait([integration], seconds).done, until_s)
