@@ -41,7 +41,7 @@ SCAN_WORK, SCAN_WORK_3D = 10_000_000, 1_000_000
 FINENESS, COARSE = 1.002, 1.05  # factors between the steps of a scan; windows of blow-up are narrow
 MAX_HALVINGS = 64
 SCANNED = 8.0  # largest step of a scan, divided by 2 / omega
-EXACT_SHARE = 1e-3  # of an error: allowed error of the exact motion against which it is measured
+EXACT_SHARE = 1e-2  # of an error: allowed error of the exact motion against which it is measured
 MAX_TOLERANCE = 1e-6  # of the reference, whose own values count as exact
 
 

@@ -32,13 +32,13 @@ def test_force_errors_are_right_to_one_percent(name: str) -> None:
 
 def test_a_coarser_step_needs_a_less_exact_reference(study_file: StudyWriter, tmp_path: Path) -> None:
     assert [needed_tolerance(case_of(*CASES[name])) for name in ("coarse", "fig4", "finest")] == [
-        1e-6, 1e-8, MIN_TOLERANCE,
+        1e-6, 1e-7, MIN_TOLERANCE,
     ]  # fmt: skip
     path = study_file('[[axis]]\nkey = "run.time_step"\nvalues = ["0.5 us", "0.1 us"]', "reference")
     shown = beads("show", path, "1", "--runs", tmp_path / "runs")
     assert shown.returncode == 0, shown.stderr
     (deck,) = (tmp_path / "runs" / "reference").glob("*/chain.json")
-    assert json.loads(deck.read_text())["tolerance"] == 1e-7
+    assert json.loads(deck.read_text())["tolerance"] == 1e-6
     force = json.loads((deck.parent / "run.json").read_text())["error_budget"][0]
     assert force["model"] == force["rounding"] == 0
-    assert 0 < abs(force["truncation"]) < 1e-7
+    assert 0 < abs(force["truncation"]) < 1e-6
