@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import DOP853
 
+from drivers.base import paths
 from drivers.chain.chain import arrays_of
 from validation.reference.adaptive import MIN_TOLERANCE, integrate_adaptive
 from validation.reference.dop853 import (
@@ -89,6 +90,35 @@ def test_light_beads_flat_strikers_and_damped_gaps_meet_the_tolerance(kind: str,
     for tolerance in (1e-6, 1e-9, MIN_TOLERANCE):
         error = np.abs(integrate_adaptive(chain, times, tolerance).force_N - exact).max() / exact.max()
         assert error <= tolerance
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8])
+def test_shipped_scenes_err_by_less_than_asked_for_and_not_much_less(tolerance: float) -> None:
+    """At 1e-4 most scenes err by less: their samples are so near that no longer steps are taken."""
+    errors = []
+    for scene in sorted(paths.SCENES.glob("*.toml")):
+        case = case_of(scene.stem)
+        if case.chain.straight and case.chain.bodies < 100:
+            chain, times = arrays_of(case.chain), case.sample_times_s
+            exact, motion = (integrate_adaptive(chain, times, each).force_N for each in (MIN_TOLERANCE, tolerance))
+            errors.append(np.abs(motion - exact).max() / exact.max())
+    assert len(errors) > 15
+    assert max(errors) <= tolerance
+    assert np.quantile(errors, 0.9) > tolerance / 30
+
+
+def test_a_window_of_a_long_chain_moves_with_the_wave() -> None:
+    """The wave runs to the wall and back through beads that are at rest, and meets beads that fly.
+
+    With energies all bodies are integrated.
+    """
+    chain, times = struck(150), np.linspace(0, 1.2e-2, 301)
+    for tolerance in (1e-5, 1e-9):
+        window, whole = (integrate_adaptive(chain, times, tolerance, energies=energies) for energies in (False, True))
+        for name in ("force_N", "velocity_m_s", "displacement_m"):
+            one, other = getattr(window, name), getattr(whole, name)
+            assert 0 < np.abs(one - other).max() <= tolerance * np.abs(other).max()
 
 
 def test_the_travelling_wave_has_the_known_constants() -> None:
