@@ -68,7 +68,8 @@ def integrate_adaptive(
 
     The work of a drive, and with ``energies`` those of the contacts and bodies, are components of the state.
 
-    The largest force error over all contacts and samples is about a fifth of ``tolerance`` times the largest force. How
+    The largest force error over all contacts and samples, divided by the largest force, stays below ``tolerance``: of
+    200 random chains it is above in one of a hundred, by up to a factor of 5, and mostly it is 1/40 to 1/2 of it. How
     the motion amplifies local errors is measured by two rough motions; their difference tells the local tolerance, and
     if events are located. Below ``ROUNDED_TOLERANCE`` nothing is measured. A chain that bounces for long is chaotic;
     ``error_N`` of ``validation.accuracy.motions`` measures the remaining error.
@@ -132,11 +133,11 @@ def _symplectic_motion(chain: HertzChain, time_s: Array, tolerance: float, stop:
     every, steps = 2 ** max(floor(log2(longest_s / interval_s)), 0), ceil(interval_s / longest_s)
     rough, most = 1, MOST_STEPS * steps
     rough_N = np.full((1, n), np.inf)
-    while steps <= most:
+    while steps <= most and not stop[0]:
         taken = (samples - 1) // every + 1
         motion = integrate_symplectic(chain, every * interval_s / steps, steps, taken, stop)
         change_N = np.abs(motion.force_N[::rough][: len(rough_N)] - rough_N).max()
-        if every == 1 and change_N <= tolerance * motion.force_N.max():
+        if every == 1 and not stop[0] and change_N <= tolerance * motion.force_N.max():
             return motion
         rough_N, rough = motion.force_N, min(every, 2)
         every, steps = max(every // 2, 1), steps if every > 1 else 2 * steps
