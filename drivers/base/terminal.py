@@ -31,15 +31,6 @@ def say(line: str) -> None:
 
 
 @contextmanager
-def step(what: str, number: int, of: int) -> Iterator[None]:
-    """Show one step of a command, with a line at its start if ``of`` is above 1."""
-    if of > 1:
-        say(f"step {number} of {of}: {what}")
-    with counted(what):
-        yield
-
-
-@contextmanager
 def counted(what: str, total: int | None = None, unit: str = "run") -> Iterator[Callable[..., Any]]:
     """Show a task; yields a function that counts units."""
     from tqdm import tqdm  # commands that only print tables need not load it

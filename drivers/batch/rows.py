@@ -24,11 +24,12 @@ from drivers.batch.store import Store, StudyRow
 from drivers.batch.study import Study, read_study, select
 from drivers.chain.case import Case, Layout
 from drivers.chain.chain import Array, arrays_of
+from drivers.chain.schemes import exact_motion
 from drivers.chain.trace import FORCE, Trace, digest_of, largest_change_N
 from drivers.engines import REFERENCE, Engine, entry_files, installed, load_engine
 from drivers.limits import inability, needed_tolerance, refuse
 from drivers.run.build import Build, build_of, names_of
-from drivers.run.compute import compute, exact_force_N
+from drivers.run.compute import compute
 from drivers.run.execute import Place, execute
 from drivers.run.run import run_identity
 
@@ -37,7 +38,7 @@ CHUNKS = 16  # of a worker, so that all end at about the same time
 RETRY_INTERVAL_S = 1.0  # while another batch works on the remaining cases
 ENDED = ("done", "failed", "timeout", "refused")  # states of rows that are not run again
 WORKER_COSTS = ("start_s", "engine_s", "workflow_s", "reference_s")  # they add up to a worker's time
-_last_exact: dict[bytes, Array | RunError] = {}  # forces of the last run of the reference, or its failure, by _motion
+_last_exact: dict[bytes, Array] = {}  # forces of the last run of the reference, by _motion
 NEWEST = 1000  # rows of an engine by which its build and its costs are known
 
 Row = tuple[int, StudyRow]  # number of a case, and a row of it
@@ -289,14 +290,14 @@ def _exact_force_N(batch: Batch, case: Case) -> Array:
     """Forces of the reference, which engines and cases of equal motions share if they follow each other.
 
     Raises:
-        RunError: the reference fails.
+        ArithmeticError: the reference fails.
     """
     if (motion := _motion(case)) not in _last_exact:
         _last_exact.clear()
-        _last_exact[motion] = exact_force_N(case, batch.study.file.limit)
-    if isinstance(known := _last_exact[motion], RunError):
-        raise known
-    return known
+        time_s = np.arange(case.scene.samples, dtype=float) * case.scene.run.sample_interval  # as in its deck
+        exact = exact_motion(case, case.reference_tolerance, time_s, limit_s=batch.study.file.limit)
+        _last_exact[motion] = exact.force_N
+    return _last_exact[motion]
 
 
 def _motion(case: Case) -> bytes:
@@ -323,16 +324,17 @@ def _row(batch: Batch, store: Store, case: Case, blank: StudyRow) -> StudyRow:
         return replace(equal, **{key: getattr(blank, key) for key in ("case_sha256", "study", "label", "ended")})
     ended = compute(case, name, build=batch.builds[name], deck=deck, limit_s=batch.study.file.limit)
     trace, fault, force_error, reference_s = ended.trace, ended.fault, None, 0.0
-    if name == REFERENCE:
+    if name == REFERENCE and trace is not None:
         _last_exact.clear()
-        _last_exact[_motion(case)] = ended.fault or ended.done.force_N
+        _last_exact[_motion(case)] = trace.force_N
     elif trace is not None and inability(case, REFERENCE) is None:
         before = time.perf_counter()
         try:
             exact_N = _exact_force_N(batch, case)
             force_error = float(np.abs(trace.force_N - exact_N).max() / largest_change_N(exact_N))
-        except RunError as error:
-            fault = RunError(f"the reference failed, so the error is unknown: {error}", error.status)
+        except ArithmeticError as error:
+            status = "timeout" if isinstance(error.__context__, TimeoutError) else "failed"
+            fault = RunError(f"the reference failed, so the error is unknown: {error}", status)
         reference_s = time.perf_counter() - before
     values = {} if trace is None else batch.observe(layout, trace)
     digest = "" if trace is None else digest_of(trace)

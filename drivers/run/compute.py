@@ -21,12 +21,11 @@ from drivers.base.decks import Deck
 from drivers.base.errors import RunError
 from drivers.base.processes import STDERR, STDOUT, EndedProcess, run_command, workplace
 from drivers.chain.case import Case
-from drivers.chain.chain import Array
-from drivers.chain.schemes import default_limit_s, endable, exact_motion
+from drivers.chain.schemes import default_limit_s, endable
 from drivers.chain.trace import Trace
 from drivers.engines import EXACT, Engine, load_engine
 from drivers.run.build import Build, build_of
-from drivers.run.guard import checked, checked_trace, timed_out, unstable
+from drivers.run.guard import checked, checked_trace, timed_out
 from drivers.run.session import lent
 from validation.reference.hertz_chain import Flag
 
@@ -142,17 +141,6 @@ def _in_memory(case: Case, engine: Engine, limit_s: float) -> Computed:
         fault = RunError(f"{type(error).__name__}: {error}")
     memory_bytes = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return Computed(trace, fault, time.perf_counter() - began, cpu_s, memory_bytes, loop_s)
-
-
-def exact_force_N(case: Case, limit_s: float | None = None) -> Array | RunError:
-    """Forces of a run of ``reference``, without its other columns; the reason if it fails."""
-    time_s = np.arange(case.scene.samples, dtype=float) * case.scene.run.sample_interval  # as in its deck
-    try:
-        force_N = exact_motion(case, case.reference_tolerance, time_s, limit_s=limit_s).force_N
-    except ArithmeticError as error:
-        return RunError(str(error), "timeout" if isinstance(error.__context__, TimeoutError) else "failed")
-    reason = unstable(case, Trace(time_s, force_N, *np.zeros((3, len(time_s)))))
-    return RunError(reason) if reason else force_N
 
 
 def _own_process(

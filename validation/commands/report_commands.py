@@ -70,14 +70,14 @@ def figures(names: tuple[str, ...], runs: Path, results: Path) -> int:
     for name in names:
         if name not in titles:
             raise InputError("figures", "", f'"{name}"', ", ".join(titles))
-    from drivers.base.terminal import step
+    from drivers.base.terminal import counted
     from drivers.engines import missing_codes
     from validation.chapters import write_paper_figure
 
     chosen = list(dict.fromkeys(names)) or [*titles]
-    for number, name in enumerate(chosen, 1):  # a failed figure does not stop the others
+    for name in chosen:  # a failed figure does not stop the others
         try:
-            with step(f"{name}: {titles[name]}", number, len(chosen)):
+            with counted(f"{name}: {titles[name]}"):
                 written = write_paper_figure(name, runs, results)
         except (RunError, InputError) as error:
             print(f"{name}: {error}", file=sys.stderr)

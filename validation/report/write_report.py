@@ -11,11 +11,11 @@ from typing import Any
 from markupsafe import Markup, escape
 
 from drivers.base import decks as deck
-from drivers.base import paths
+from drivers.base import paths, terminal
 from drivers.base.errors import InputError
 from drivers.base.files import whole_file
 from drivers.base.processes import cores
-from drivers.base.terminal import say, step
+from drivers.base.terminal import say
 from drivers.chain.case import build_case
 from drivers.engines import in_order, load_engine
 from drivers.run.execute import Place, execute, get_ready
@@ -88,8 +88,8 @@ def report(
     groups = [*filter(None, [sharing]), *([name] for name in to_come if name not in sharing)]
     if place.processes:
         get_ready(min(cores(), len(groups)), make_parts)
-    steps, failed = 1 + bool(groups), False
-    with step("scenes on all engines, compared", 1, steps):
+    failed = False
+    with terminal.counted("scenes on all engines, compared"):
         compared = [*run_and_compare_all(sources or PAPER, runs=folder, asked=asked)]
         unmet = asked.unmet(compared)
         counts = write_report(compared, page, command, runs, unmet, to_come, sections)
@@ -105,7 +105,7 @@ def report(
             _announce(page, counts, to_come)
 
     if groups:
-        with step("figures and chapters, side by side", 2, steps):
+        with terminal.counted("figures and chapters, side by side"):
             for group, (said, good) in execute(partial(make_parts, page.parent, folder), groups, place, grow):
                 for line in said:
                     say(line)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from drivers.base.terminal import step
+from drivers.base.terminal import counted
 from drivers.base.tolerances import tolerance
 from drivers.chain.trace import FORCE
 from drivers.engines import VERLET, codes
@@ -55,8 +55,8 @@ def measure(options: Options) -> dict[str, Any]:
     }
     parts |= {} if options.quick else LONG_PARTS
     rows = {}
-    for number, (name, (what, run)) in enumerate(parts.items(), 1):
-        with step(named(what, options), number, len(parts)):
+    for name, (what, run) in parts.items():
+        with counted(named(what, options)):
             rows[name] = [*run()]
     return rows
 
