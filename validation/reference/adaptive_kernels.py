@@ -96,6 +96,7 @@ def fill_states(
     rows, bodies, outside = np.zeros((STATES, size)), chain.copy(), np.zeros((OUTSIDE, total))
     windows = total >= LEAST_WINDOWED and size == 2 * total and not law.driven
     low, n, alarm, settled, quiet = 0, total, np.inf, 0, QUIET * tolerance
+    least, most = low, n  # of the next window
     near = scales[0] * max(EVENT_OVERLAP, NEAR * tolerance ** (1.0 / EXPONENT))
     for i in range(size):
         rows[START, i] = samples[0, i]
@@ -124,15 +125,15 @@ def fill_states(
                 while most > least + 1 and not _moves(rows, START, n, most - 1, bodies, scales, quiet):
                     most -= 1
                 least, most = low + max(least - MARGIN, 0), low + min(most + MARGIN, n)
-            if least > low or most < low + n or since + rest + target >= alarm:
-                last = _shifted(last, n, low - least, most - least)
-                alarm = _move_window(
-                    rows, low, n, least, most, since + rest + elapsed, alarm, bodies, chain, outside, scales, quiet
-                )
-                low, n, size = least, most - least, 2 * (most - least)
-                law = _with_below(law, outside[VELOCITY, low - 1] if low > 0 else 0.0)
-                slope(rows, START, START + RATES, n, size, 1.0, bodies, law)
             settled += 1
+        if least != low or most != low + n:
+            last = _shifted(last, n, low - least, most - least)
+            alarm = _move_window(
+                rows, low, n, least, most, since + rest + elapsed, alarm, bodies, chain, outside, scales, quiet
+            )
+            low, n, size = least, most - least, 2 * (most - least)
+            law = _with_below(law, outside[VELOCITY, low - 1] if low > 0 else 0.0)
+            slope(rows, START, START + RATES, n, size, 1.0, bodies, law)
             continue
         begin, length, stretch, event, share = s, s_end - s, power, nobody, 2.0
         step(rows, n, size, s, length, power, STOP, bodies, drive, law)
@@ -164,19 +165,11 @@ def fill_states(
             h *= step_factor(e)
             continue
         if n < total:
-            least, most = low, low + n
             if _moves(rows, STOP, n, 0, bodies, scales, quiet):
                 least = max(low - MARGIN, 0)
             if _moves(rows, STOP, n, n - 1, bodies, scales, quiet):
                 most = min(low + n + MARGIN, total)
             if least < low or most > low + n:
-                last = _shifted(last, n, low - least, most - least)
-                alarm = _move_window(
-                    rows, low, n, least, most, since + rest + elapsed, alarm, bodies, chain, outside, scales, quiet
-                )
-                low, n, size = least, most - least, 2 * (most - least)
-                law = _with_below(law, outside[VELOCITY, low - 1] if low > 0 else 0.0)
-                slope(rows, START, START + RATES, n, size, 1.0, bodies, law)
                 continue
 
         rejected, settled = 0 if target > elapsed else rejected + 1, settled + 1
