@@ -64,7 +64,7 @@ def test_memory_and_time_are_those_of_the_command(tmp_path: Path) -> None:
     large = run_command(("sh", "-c", f'{sys.executable} -c "{code}"; exit 3'), tmp_path, 60.0)
     assert large.code == 3
     assert large.memory_bytes == pytest.approx(210_000_000, rel=0.1)
-    assert large.cpu_s == pytest.approx(0.55, rel=0.2)
+    assert 0.49 < large.cpu_s < large.wall_s
 
 
 def test_a_command_hears_of_closed_pipes(tmp_path: Path) -> None:
