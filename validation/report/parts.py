@@ -1,0 +1,196 @@
+"""Parts of the page: stored results of chapters and of the paper's figures, each a JSON file with its digest.
+
+The page is made from them alone; tables and pictures of the results folder are outputs for people. Figures are embedded
+as images: a browser runs no script of an SVG inside an ``<img>`` and loads nothing from outside the file.
+"""
+
+from base64 import b64encode
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pandas as pd
+
+from drivers.base import paths
+from drivers.base.errors import InputError
+from drivers.base.files import read_sealed, whole_file, write_sealed
+from postproc.draw.product import write_figure
+from validation.checks import FAIL, Check
+
+PARTS = "parts"  # folder of the stored results, below that of tables and pictures
+PX_PER_PT = 1.6  # scale that makes the figures' type as large as the page's
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A table of the page.
+
+    A text of a column other than the first that begins with a verdict is marked by it. Lines after the first are small.
+
+    Attributes:
+        heading: the table is folded under it; a table without one is not folded.
+        text: explanation above the table.
+        table: texts; the first column names the row. Two levels of columns are headings with groups above them.
+    """
+
+    heading: str
+    text: str
+    table: pd.DataFrame
+
+
+@dataclass(frozen=True)
+class Chapter:
+    """Results of a chapter, or of a figure of the paper.
+
+    Attributes:
+        tables: numbers, a CSV file each, by the name of the file; columns have the names and units of their quantities.
+        findings: sentences, the most important first.
+        figures: heading and matplotlib figure, by the name of the files.
+        shown: tables of the page.
+        checks: judged numbers; the chapter fails if one fails.
+        short: True for the short study.
+    """
+
+    tables: Mapping[str, pd.DataFrame]
+    findings: Sequence[str] = ()
+    figures: Mapping[str, tuple[str, Any]] = field(default_factory=dict)
+    shown: Sequence[Shown] = ()
+    checks: Sequence[Check] = ()
+    short: bool = False
+
+
+@dataclass(frozen=True)
+class Image:
+    """An embedded SVG file: data address with its bytes, and its full width."""
+
+    address: str
+    width_px: int
+
+
+@dataclass(frozen=True)
+class Part:
+    """A stored chapter or figure: see ``Chapter``; ``figures`` are headings and images, ``files`` its outputs."""
+
+    findings: Sequence[str]
+    figures: Mapping[str, tuple[str, Image]]
+    shown: Sequence[Shown]
+    checks: Sequence[Check]
+    short: bool
+    files: Sequence[str]
+
+    @property
+    def failed(self) -> list[Check]:
+        """Failed checks."""
+        return [check for check in self.checks if check.verdict == FAIL]
+
+
+def part_file(name: str, results: Path) -> Path:
+    """File with the stored result of a chapter or figure."""
+    return results / PARTS / f"{name}.json"
+
+
+def write_part(name: str, chapter: Chapter, results: Path) -> list[Path]:
+    """Write tables and figures, delete those of an earlier result that are no longer made, and store the part.
+
+    The page shows the part as it was stored last, which is done at the end.
+
+    Returns:
+        The written tables and figures.
+    """
+    results.mkdir(parents=True, exist_ok=True)
+    former, written = former_files(name, results), list[Path]()
+    for stem, table in chapter.tables.items():
+        written.append(results / f"{stem}.csv")
+        with whole_file(written[-1]) as draft:
+            table.to_csv(draft, index=False)
+    figures = {}
+    for stem, (heading, figure) in chapter.figures.items():
+        written += write_figure(figure, stem, results)
+        figures[stem] = heading, (results / f"{stem}.svg").read_text(encoding="utf-8")
+    files = [path.name for path in written]
+    for left in former - {*files}:
+        (results / left).unlink(missing_ok=True)
+    store_part(name, chapter, figures, results, files)
+    return written
+
+
+def former_files(name: str, results: Path) -> set[str]:
+    """Names of the outputs of a stored part; none if it is missing or damaged."""
+    try:
+        part = read_part(name, results)
+    except (InputError, OSError):
+        return set()
+    return {Path(file).name for file in part.files} if part else set()
+
+
+def store_part(
+    name: str, chapter: Chapter, figures: Mapping[str, tuple[str, str]], results: Path, files: Iterable[str] = ()
+) -> None:
+    """Store what the page shows of a chapter or figure, with heading and SVG of each figure."""
+    path = part_file(name, results)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    shown = [asdict(item) | {"table": item.table.to_dict("split", index=False)} for item in chapter.shown]
+    stored = {
+        "name": name,
+        "findings": [*chapter.findings],
+        "figures": figures,
+        "shown": shown,
+        "checks": [asdict(check) for check in chapter.checks],
+        "short": chapter.short,
+        "files": [*files],
+    }
+    write_sealed(path, stored)
+
+
+def read_part(name: str, results: Path, command: str = "") -> Part | None:
+    """Stored result of a chapter or figure; None if it has not been made.
+
+    Args:
+        name: chapter or figure.
+        results: folder of its tables and pictures.
+        command: makes it, for messages; empty for ``make NAME``.
+
+    Raises:
+        InputError: the file is not as it was written, or of another version.
+    """
+    path, command = part_file(name, results), command or f"make {name}"
+    try:
+        stored = read_sealed(path, f"the result that {command} stores")
+    except FileNotFoundError:
+        return None
+    try:
+        if stored["name"] != name:
+            raise ValueError(f"the result of {stored['name']}")
+        return Part(
+            stored["findings"],
+            {stem: (heading, image_of(svg)) for stem, (heading, svg) in stored["figures"].items()},
+            [Shown(item["heading"], item["text"], _frame(item["table"])) for item in stored["shown"]],
+            [Check(**check) for check in stored["checks"]],
+            stored["short"],
+            stored["files"],
+        )
+    except (ValueError, LookupError, TypeError, AttributeError) as error:  # errors of pandas and of XML among them
+        found = f"damaged file, or one of another version ({error}); {command} writes it again"
+        raise InputError(paths.shown(path), "", found) from error
+
+
+def _frame(stored: Mapping[str, Any]) -> pd.DataFrame:
+    """Table with its headings; those in groups are stored as lists."""
+    columns = [tuple(column) if isinstance(column, list) else column for column in stored["columns"]]
+    return pd.DataFrame(stored["data"], columns=columns)
+
+
+def image_of(svg: str) -> Image:
+    """Image of an SVG written by matplotlib.
+
+    Raises:
+        ValueError: the text is not an SVG with a width in points.
+    """
+    try:
+        width = ElementTree.fromstring(svg.encode()).attrib.get("width", "")
+    except ElementTree.ParseError as error:
+        raise ValueError(str(error)) from error
+    address = f"data:image/svg+xml;base64,{b64encode(svg.encode()).decode()}"
+    return Image(address, round(PX_PER_PT * float(width.removesuffix("pt"))))
