@@ -17,7 +17,7 @@ from validation.accuracy.budget import ERROR
 from validation.accuracy.plan import CRITERIA
 from validation.chapters import Chapter, Options, Picture, Tables, named, rows_in
 from validation.checks import FAIL, NOT_RUN, PASS, RUN, Check, judged, short
-from validation.compare.answer import listed
+from validation.compare.comparison import listed
 from validation.stability import measured_limits, rounding_effects
 from validation.stability.extremes import NOT_ACCURATE, extremes, run_all
 from validation.stability.measured_limits import (

@@ -25,8 +25,14 @@ from postproc.read.measured import read_traces
 from postproc.read.sensors import gauges_of
 from validation.chapters import CHAPTERS, QUICK_CHAPTERS, load_chapter, make_parts, read_section, up_to_date
 from validation.checks import FAIL, NOT_RUN, PASS, short, table
-from validation.compare.answer import answer, display_name, listed
-from validation.compare.comparison import ComparedScene, EngineSelection, run_and_compare_all
+from validation.compare.comparison import (
+    ComparedScene,
+    EngineSelection,
+    answer,
+    display_name,
+    listed,
+    run_and_compare_all,
+)
 from validation.report.machine_readable import as_json, made_with, when_made
 from validation.report.page_figures import read_figures, read_part
 from validation.report.scene_section import case_rows, counted, section_of, tolerances
