@@ -128,14 +128,6 @@ class Scheme:
         level = not chain.straight and bool(np.isinf(chain.radius_m[-1]))
         return tolerance("model", "motion" if quantity != FORCE else "level" if level else FORCE)
 
-    def _same(self, trace: Trace, right: Trace) -> bool:
-        """True if a run is its scheme's to the last digits, in all samples: then its rounding need not be measured."""
-        for quantity in COMPARED:
-            share = difference(quantity, trace, right, scale_of_motion(self.case, right, quantity))
-            if share.max() > SAME * self._least(quantity).limit:
-                return False
-        return True
-
     @property
     def until_horizon(self) -> str:
         """End of a sentence: until when differences from a scheme are judged, and why; empty if to the end."""
@@ -151,8 +143,10 @@ class Scheme:
         """
         right = self.of(engine)
         trace = with_work(trace, right)
-        if self._same(trace, right):
-            return ""
+        scales = {quantity: scale_of_motion(self.case, right, quantity) for quantity in COMPARED}
+        apart = {quantity: difference(quantity, trace, right, scale).max() for quantity, scale in scales.items()}
+        if all(apart[quantity] <= SAME * self._least(quantity).limit for quantity in COMPARED):
+            return ""  # the same to the last digits in all samples: how far rounding may go need not be known
         right = until(right, min(self.samples, len(trace.time_s)))
         trace = until(trace, len(right.time_s))
         for quantity, unit in UNITS.items():
