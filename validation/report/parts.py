@@ -178,8 +178,9 @@ def read_part(name: str, results: Path, command: str = "") -> Part | None:
 
 def _frame(stored: Mapping[str, Any]) -> pd.DataFrame:
     """Table with its headings; those in groups are stored as lists."""
-    columns = [tuple(column) if isinstance(column, list) else column for column in stored["columns"]]
-    return pd.DataFrame(stored["data"], columns=columns)
+    columns = stored["columns"]
+    grouped = bool(columns) and isinstance(columns[0], list)
+    return pd.DataFrame(stored["data"], columns=pd.MultiIndex.from_tuples(columns) if grouped else columns)
 
 
 def image_of(svg: str) -> Image:
