@@ -298,9 +298,9 @@ def compare_runs(first: Path, second: Path) -> int:
         f"the scenes differ in {key}: {setting_text(key, a) or 'none'} against {setting_text(key, b) or 'none'}"
         for key, a, b in differences(runs[0].record.scene, runs[1].record.scene)
     ]
-    parts = [_runs(both), keys or ["the scenes are the same"], difference_lines(runs, traces), text_table(said)]
-    for part in filter(None, parts):
-        print("", *part, sep="\n")
+    print("", *_runs(both), "", *(keys or ["the scenes are the same"]), "", *difference_lines(runs, traces), sep="\n")
+    if said:
+        print("", *text_table(said), sep="\n")
     print(*budget_lines("run", both), sep="\n")
     return 1 if wrong else 0
 
@@ -324,19 +324,16 @@ def common_samples(one: EndedRun, other: EndedRun) -> list[Trace]:
     return [part_of(run.trace, at) for run, at in zip((one, other), places, strict=True)]
 
 
-def _runs(both: Mapping[str, EndedRun]) -> list[str]:
+def _runs(both: Mapping[str, EndedRun]) -> Iterator[str]:
     """Lines on two runs."""
-    lines = []
     for name, run in both.items():
         record = run.record
         step = f"time step {record.time_step_s:g} s, {record.steps} steps, {len(run.trace.time_s)} samples"
         commit = f"commit {record.commit[:10]}{' and changes' if record.dirty else ''}"
-        scene = f"{record.scene_name} on {record.engine} ({record.engine_version})"
-        more = [f"{record.status}: {record.reason}"] if record.reason else []
-        more += [f"deck changed: {edit}" for edit in record.edits or ()]
-        lines.append(f"{name:<7} {paths.shown(run.folder)}")
-        lines += [f"        {line}" for line in (f"{scene}, {step}, {commit}", *more)]
-    return lines
+        yield f"{name:<7} {paths.shown(run.folder)}"
+        yield f"        {record.scene_name} on {record.engine} ({record.engine_version}), {step}, {commit}"
+        edits = [f"deck changed: {edit}" for edit in record.edits or ()]
+        yield from (f"        {line}" for line in [run.trouble, *edits] if line)
 
 
 def difference_rows(runs: Sequence[EndedRun], traces: Sequence[Trace]) -> Iterator[tuple[str, ...]]:
