@@ -1,5 +1,6 @@
 """Tests of study files: forms of axes, and errors."""
 
+import pickle
 import sys
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from drivers.engines import engine_names
 from drivers.run.execute import Place
 from drivers.scene.settings import look_up
 from validation.commands.batch_answers import run_study
-from validation.commands.batch_commands import batch_of
+from validation.commands.batch_commands import batch_of, functions
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.scenes import SceneWriter, StudyWriter
 
@@ -220,3 +221,14 @@ def test_bad_options(
 def test_shipped_studies_are_valid(path: Path, tmp_path: Path) -> None:
     done = beads("batch", path, "--runs", tmp_path / "runs", "--dry-run")
     assert (done.returncode, " checked\n" in done.stdout) == (0, True)
+
+
+def test_processes_with_another_working_folder_read_the_same_study(
+    write: StudyWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Such as idle ones of a notebook that has changed its folder."""
+    path = write('[[axis]]\nkey = "chain.count"\nvalues = [3, 4]')
+    monkeypatch.chdir(path.parent)
+    sent = pickle.dumps(batch_of(path.name, tmp_path / "runs", **functions()))
+    monkeypatch.chdir("/")
+    assert pickle.loads(sent).study.name == path.stem
