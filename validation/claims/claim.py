@@ -76,7 +76,7 @@ class Claim(Part):
     how: str = ""
     explained: str = ""
     cause: str = ""
-    ours: bool = False
+    our_criterion: bool = False
     readings: Annotated[tuple[Reading, ...], Field(strict=False)] = (Reading(favoured="the only one"),)
     shared_readings: str = ""
     # of a case

@@ -15,12 +15,11 @@ from drivers.run.run import run_many
 from drivers.run.run_folder import EndedRun
 from postproc.paper.simulate import Simulation, exact
 from postproc.read.motion import trace_with_state
-from validation.checks import FAIL, NOT_RUN, Check, pass_or_fail, without_run
+from validation.checks import DIFFERS, FAIL, NOT_RUN, REPRODUCED, Check, pass_or_fail, without_run
 from validation.claims.claim import ARITHMETIC, CASE, Claim, Reading, cases_of, function_of, measures
 from validation.claims.equations import paper_numbers
 from validation.compare.comparison import absences
 
-REPRODUCED, DIFFERS = "reproduced", "differs"
 IN_REPO: dict[str, Callable[[Case], Trace]] = {REFERENCE: lambda case: exact(case).trace, VERLET: verlet_of}
 
 

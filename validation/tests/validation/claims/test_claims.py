@@ -5,13 +5,14 @@ from pathlib import Path
 
 import pytest
 
+from drivers.base import paths
 from drivers.base.errors import InputError
 from postproc.paper.quoted import quoted
 from postproc.paper.strikes import COLUMNS
 from validation.chapters.claims import chapter_of
-from validation.checks import Check
+from validation.checks import DIFFERS, REPRODUCED, Check
 from validation.claims.claim import Claim, Reading, read_claims
-from validation.claims.judged import DIFFERS, REPRODUCED, check_of, fault_of, favoured
+from validation.claims.judged import check_of, fault_of, favoured
 from validation.tests.validation.claims.published import published_checks
 
 ONE = """[[claim]]
@@ -108,7 +109,7 @@ def test_a_verdict_is_that_of_the_favoured_reading() -> None:
 
 def test_the_chapter_leads_with_the_gap_to_the_experiment_and_counts_what_can_fail_on_physics() -> None:
     """All numbers are hit but two: a statement of certain kind, and an explained one of physics with its cause."""
-    claims, checks = read_claims(), published_checks()
+    claims, checks = (*read_claims(), *read_claims(paths.INDEPENDENT)), published_checks()
     missed = {"fig4-amplitudes-agree": 2.7, "power-three": 3.0}
     for whole in claims:
         if whole.id in missed:
@@ -117,7 +118,9 @@ def test_the_chapter_leads_with_the_gap_to_the_experiment_and_counts_what_can_fa
     physics = sum(whole.kind == "physics" for whole in claims)
     chapter = chapter_of(claims, checks)
     assert "2.7 times the measured force" in chapter.findings[0]
-    assert chapter.findings[1].startswith(f"{physics - 1} of {physics} statements of the paper that can fail on physics")
+    assert chapter.findings[1].startswith(
+        f"{physics - 1} of {physics} statements of the paper that can fail on physics"
+    )
     assert chapter.findings[2].startswith("1 of them differ: the elastic calculation of Fig. 4")
     differing = chapter.shown[0].table
     assert [cell.partition("\n")[0] for cell in differing["computed"]] == ["differs 3", "differs 2.7"]
