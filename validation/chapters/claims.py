@@ -15,8 +15,19 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.engines import REFERENCE
 from validation.chapters import Options
-from validation.checks import DIFFERS, FAIL, NOT_RUN, PASS, REPRODUCED, Check, outcome, share_of_limit
-from validation.claims.claim import ARITHMETIC, CASE, CERTAIN, FITTED, PHYSICS, Claim, measures, read_claims, read_file
+from validation.checks import DIFFERS, FAIL, NOT_RUN, PASS, REPRODUCED, RUN, Check, outcome, share_of_limit
+from validation.claims.claim import (
+    ARITHMETIC,
+    CASE,
+    CERTAIN,
+    FITTED,
+    PHYSICS,
+    Claim,
+    function_of,
+    measures,
+    read_claims,
+    read_file,
+)
 from validation.claims.judged import fault_of, favoured, judge, quantity_of
 from validation.report.parts import Chapter, Shown
 
@@ -48,104 +59,100 @@ def measure(options: Options) -> Chapter:
 
 def chapter_of(claims: Sequence[Claim], checks: Sequence[Check]) -> Chapter:
     """Chapter on judged claims; its checks are those of the cases, and the faults of statements."""
+    own = {claim: [check for check in checks if check.scene == claim] for claim in {each.id: None for each in claims}}
     statements = {claim.id: claim for claim in claims if claim.kind != CASE}
-    of_cases = [check for check in checks if check.scene not in statements]
-    judged = [(claim, [check for check in checks if check.scene == name]) for name, claim in statements.items()]
-    faults = [(favoured(*pair)[REFERENCE], fault) for pair in judged if (fault := fault_of(*pair))]
-    counts = Counter(check.verdict for check in of_cases)
+    judged = [check for check in checks if check.scene not in statements]
+    counts = Counter(check.verdict for check in judged)
     counted = f"cases beyond the paper: {counts[PASS]} passed, {counts[FAIL]} failed, {counts[NOT_RUN]} not run"
-    rows = pd.DataFrame([_row(*pair) for pair in judged])
-    return Chapter(
-        {"claims": pd.DataFrame(checks)},
-        [*(findings(rows) if judged else ()), counted],
-        shown=[*(_shown(rows) if judged else ()), _shown_cases(claims, of_cases)],
-        checks=[*of_cases, *(replace(check, where=fault, verdict=FAIL) for check, fault in faults)],
-    )
+    for name, claim in statements.items():
+        if fault := fault_of(claim, own[name]):
+            judged.append(replace(favoured(claim, own[name])[REFERENCE], where=fault, verdict=FAIL))
+    rows = pd.DataFrame([_row(claim, own[claim.id]) for claim in claims])
+    found = [*(findings(rows) if statements else ()), counted]
+    return Chapter({"claims": pd.DataFrame(checks)}, found, shown=_shown(rows), checks=judged)
 
 
 def _row(claim: Claim, checks: Sequence[Check]) -> dict[str, Any]:
-    """A statement with its published and computed number, the verdict, other readings, reasons, and what is counted."""
-    # eight digits for a tight tolerance, else four
-    digits = 8 if 0 < claim.limit < 1e-4 * abs(claim.expected or 0.0) else 4
-    exact = {check.quantity: check for check in checks if check.engine == REFERENCE}
-    judged = exact[quantity_of(claim, claim.favoured.words)]
-    readings = [(reading, exact[quantity_of(claim, reading.words)]) for reading in claim.readings if reading.words]
-    marks = {
-        "our criterion": claim.our_criterion,
-        "by the fitted law": claim.kind == FITTED,
-        "depends on the reading": len({check.verdict for check in exact.values()}) > 1,
-    }
-
-    def number(check: Check) -> str:
-        return "–" if isnan(check.found) else f"{check.found:.{digits}g}"
-
-    listed = [
-        f"{reading.words}{', judged' * bool(reading.favoured)}: {number(check)}, {check.verdict}"
-        for reading, check in readings
-    ]
-    within = f" ± {claim.absolute:g}" if claim.relation == "equals" else ""
+    """A claim with its published and computed number, the verdict, other readings, reasons, and what is counted."""
+    if claim.kind == CASE:
+        alike = [
+            check for check in checks if check.quantity == RUN or check.quantity.startswith(quantity_of(claim, ""))
+        ]
+        judged = max(alike, key=share_of_limit)
+        verdict, words, listed = outcome(alike), measures()[claim.measure][claim.quantity], [f"by {judged.engine}"]
+        reason = [f"error {judged.value:.1e}: {claim.reason}" if judged.quantity != RUN else judged.where]
+    else:
+        exact = {check.quantity: check for check in checks if check.engine == REFERENCE}
+        judged = exact[quantity_of(claim, claim.favoured.words)]
+        verdict, words = judged.verdict, claim.quote
+        readings = [(reading, exact[quantity_of(claim, reading.words)]) for reading in claim.readings if reading.words]
+        how = claim.how or (function_of(claim).__doc__ or "").partition("\n")[0] if claim.kind != ARITHMETIC else ""
+        listed = [how.replace("``", "")] * bool(how) + [
+            f"{reading.words}{', judged' * bool(reading.favoured)}: {_number(claim, check)}, {check.verdict}"
+            for reading, check in readings
+        ]
+        marks = {
+            "our criterion": claim.our_criterion,
+            "by the fitted law": claim.kind == FITTED,
+            "depends on the reading": len({check.verdict for check in exact.values()}) > 1,
+        }
+        reason = [claim.explained or claim.reason, *(mark for mark, holds in marks.items() if holds)]
+    within = f" ± {claim.absolute:g}" if claim.relation == "equals" and claim.absolute else ""
+    share = f", within {claim.within:g} of it" if claim.within else ""
     return {
-        "statement": f"{claim.quote}\n{claim.source}",
-        "published": f"{RELATIONS[claim.relation]}{claim.expected:.8g}{within} {claim.unit}".rstrip(),
-        "computed": "\n".join([f"{judged.verdict} {number(judged)}", *listed]),
-        "reason": "\n".join([claim.explained or claim.reason, *(mark for mark, holds in marks.items() if holds)]),
-        **claim.model_dump(include={"id", "kind", "our_criterion", "cause", "expected"}),
-        "verdict": judged.verdict,
+        "statement": "\n".join(filter(None, (words, claim.title, claim.source))),
+        "published": f"{RELATIONS[claim.relation]}{judged.expected:.8g}{within} {claim.unit}".rstrip() + share,
+        "computed": "\n".join([f"{verdict} {_number(claim, judged)}", *listed]),
+        "reason": "\n".join(reason),
+        **claim.model_dump(include={"id", "kind", "our_criterion", "cause"}),
+        "verdict": verdict,
+        "expected": judged.expected,
         "found": judged.found,
     }
 
 
+def _number(claim: Claim, check: Check) -> str:
+    """Computed number: eight digits for a tight tolerance, else four."""
+    tolerance = claim.limit * (1 if claim.within else 1 / abs(check.expected or 1.0))
+    return "–" if isnan(check.found) else f"{check.found:.{8 if 0 < tolerance < 1e-4 else 4}g}"
+
+
 def findings(rows: pd.DataFrame) -> list[str]:
     """Theory against experiment, the number of reproduced statements, causes of differences, and counts by kind."""
-    good, physics, by_id = rows["verdict"] == REPRODUCED, rows["kind"] == PHYSICS, rows.set_index("id")
+    good, physics = rows["verdict"] == REPRODUCED, rows["kind"] == PHYSICS
+    numbers = {row["id"]: row for row in rows.to_dict("records")}
+    force, delay = numbers[FORCE], numbers[DELAY]
     theirs, ours = (physics & (rows["our_criterion"] == our) for our in (False, True))
 
     def share(group: pd.Series) -> str:
         return f"{(group & good).sum()} of {group.sum()}"
 
-    words, off = read_file(paths.CLAIMS).causes, rows.loc[physics & ~good, "cause"].value_counts()
-    causes = "; ".join(f"{words.get(cause, 'other causes')} ({count})" for cause, count in off.items())
-    faster = 100 * (by_id.loc[DELAY, "expected"] / by_id.loc[DELAY, "found"] - 1)
+    words, off = read_file(paths.CLAIMS).causes | {"": "other causes"}, Counter(rows.loc[physics & ~good, "cause"])
+    causes = "; ".join(f"{words[cause]} ({off[cause]})" for cause in words if off[cause])
     return [
-        f"In Fig. 4 elastic theory gives {by_id.loc[FORCE, 'found']:.1f} times the measured force, and a wave that is"
-        f" {faster:.0f} % faster.",
+        f"In Fig. 4 elastic theory gives {force['found']:.1f} times the measured force, and a wave that is"
+        f" {100 * (delay['expected'] / delay['found'] - 1):.0f} % faster.",
         f"{share(physics)} statements of the paper that can fail on physics are reproduced: {share(theirs)} by a number"
         f" or direction of the paper, {share(ours)} by our criterion for its words.",
-        f"{off.sum()} of them differ: {causes}.",
+        f"{off.total()} differ: {causes}.",
         *(f"{text}: {share(rows['kind'] == kind)} reproduced" for kind, text in GROUPS.items()),
     ]
 
 
 def _shown(rows: pd.DataFrame) -> list[Shown]:
-    """Statements that differ, those that are reproduced, the paper's own numbers, and statements without a test."""
-    own = rows["kind"] == ARITHMETIC
-    differ, reproduced = (rows.loc[~own & (rows["verdict"] == verdict), SHOWN] for verdict in (DIFFERS, REPRODUCED))
+    """Statements that differ, those that are reproduced, the paper's own numbers, those without a test, and cases."""
+    cases, own = rows["kind"] == CASE, rows["kind"] == ARITHMETIC
+    of_cases = f"Beyond the paper: {rows.loc[cases, 'id'].nunique()} cases with published or theoretical numbers"
+    shown = [Shown(of_cases, FURTHEST, rows.loc[cases, SHOWN])]
+    if cases.all():
+        return shown
+    differ, reproduced = (~cases & ~own & (rows["verdict"] == verdict) for verdict in (DIFFERS, REPRODUCED))
     untested = pd.DataFrame(read_file(paths.CLAIMS).untested)
     untested["quote"] += "\n" + untested.pop("source")
     return [
-        Shown("", DIFFERENCE, differ),
-        Shown(f"Reproduced statements: {len(reproduced)}", "", reproduced),
+        Shown("", DIFFERENCE, rows.loc[differ, SHOWN]),
+        Shown(f"Reproduced statements: {reproduced.sum()}", "", rows.loc[reproduced, SHOWN]),
         Shown(f"The paper's own numbers: {own.sum()}", "", rows.loc[own, SHOWN]),
         Shown(f"Not tested: {len(untested)}", "", untested.rename(columns={"quote": "statement"})),
+        *shown,
     ]
-
-
-def _shown_cases(claims: Sequence[Claim], checks: Sequence[Check]) -> Shown:
-    """Numbers of cases, each with the value of the engine furthest from it."""
-    titles = {claim.id: claim.title or claim.id for claim in claims}
-    words = {quantity: text for described in measures().values() for quantity, text in described.items()}
-    alike: dict[tuple[str, str], list[Check]] = {}
-    for check in checks:
-        alike.setdefault((check.scene, check.quantity), []).append(check)
-    rows = []
-    for (case, quantity), by_engine in alike.items():
-        worst = max(by_engine, key=share_of_limit)
-        row = {"case": f"{titles[case]}\n{case}", "number": words.get(quantity.partition(" against ")[0], quantity)}
-        row |= {"published": "", "found": outcome(by_engine), "reason": f"{worst.engine}: {worst.where}"}
-        if not isnan(worst.limit):
-            row["published"] = f"{worst.expected:.7g}"
-            row["found"] += f" {worst.found:.7g}\n{worst.engine}"
-            row["reason"] = f"error {worst.value:.1e}, allowed {worst.limit:g}: {worst.reason}"
-        rows.append(row)
-    count = len({check.scene for check in checks})
-    return Shown(f"Beyond the paper: {count} cases with published or theoretical numbers", FURTHEST, pd.DataFrame(rows))

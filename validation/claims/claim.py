@@ -5,15 +5,15 @@ a measure of ``linear_waves`` or ``strong_waves``.
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import Field
 
 from drivers.base import paths
-from drivers.base.errors import InputError
+from drivers.base.errors import InputError, InputProblem
 from drivers.base.messages import shorten, validate
 from drivers.batch.study import read_study, seen_from
 from drivers.chain.case import Case
@@ -22,8 +22,8 @@ from drivers.scene.read_scene import apply_setting, read_toml
 from validation.accuracy.plan import plan_case, planned_case
 from validation.claims import chains, equations, linear_waves, strong_waves
 
-# kinds, in the order of the report
-PHYSICS, FITTED, CERTAIN, ARITHMETIC, CASE = "physics", "fitted", "certain", "arithmetic", "case"
+Kind = Literal["physics", "fitted", "certain", "arithmetic", "case"]
+PHYSICS, FITTED, CERTAIN, ARITHMETIC, CASE = get_args(Kind)
 UNITS = {"_m_s": "m/s", "_N": "N", "_Hz": "Hz", "_s": "s", "_m": "m", "_rad": "rad", "_diameters": "diameters"}
 
 Id = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_.-]*$", max_length=60)]
@@ -62,7 +62,7 @@ class Claim(Part):
 
     id: Id
     source: Words
-    kind: Literal["physics", "fitted", "certain", "arithmetic", "case"] = CASE
+    kind: Kind = "case"
     measure: str = ""
     expected: Number | None = None
     within: Limit | None = None
@@ -91,6 +91,11 @@ class Claim(Part):
     def against(self) -> str:
         """Origin of the expected number."""
         return "theory" if self.expected is None else "quoted"
+
+    @property
+    def mark(self) -> tuple[str, str, str]:
+        """Id, quantity and origin, which no two numbers share."""
+        return self.id, self.quantity, self.against
 
     @property
     def favoured(self) -> Reading:
@@ -149,26 +154,19 @@ def read_claims(path: Path = paths.CLAIMS) -> tuple[Claim, ...]:
     entries += [row for case in file.case for row in _rows(case, "check", where)]
     if not entries:
         raise InputError(where, "case", "missing key")
-    shared, claims = {"": None} | file.readings, list[Claim]()
+    claims: list[Claim] = []
     for entry in entries:
         claim = validate(Claim, entry, where, f"{entry.get('kind', CASE)} {entry.get('id')}: ")
+        update: dict[str, Any] = {"file": where, "readings": file.readings.get(claim.shared_readings, claim.readings)}
+        update |= {name: seen_from(path, value) for name in ("scene", "study") if (value := getattr(claim, name))}
+        update["unit"] = next((unit for ending, unit in UNITS.items() if claim.quantity.endswith(ending)), claim.unit)
+        claim = claim.model_copy(update=update)
         place = f"{claim.kind} {claim.id}"
         if ids[claim.id] > 1:
             raise InputError(where, place, "id used twice")
-        for key, value, known in (
-            ("shared_readings", claim.shared_readings, shared),
-            ("cause", claim.cause, {"", *file.causes}),
-        ):
-            if value not in known:
-                raise InputError(where, f"{place}: {key}", shorten(value), ", ".join(filter(None, known)) or "none")
-        update: dict[str, Any] = {"file": where, "readings": shared[claim.shared_readings] or claim.readings}
-        update |= {name: seen_from(path, value) for name in ("scene", "study") if (value := getattr(claim, name))}
-        update["unit"] = next((unit for ending, unit in UNITS.items() if claim.quantity.endswith(ending)), claim.unit)
-        claims.append(claim.model_copy(update=update))
-        if claim.kind == CASE:
-            _check_case(claims, where, place)
-        else:
-            _check_statement(claims[-1], where, place)
+        for key, found, allowed in _problems(claim, file, claims):
+            raise InputError(where, f"{place}: {key}".removesuffix(": "), found, allowed)
+        claims.append(claim)
     return tuple(claims)
 
 
@@ -181,44 +179,41 @@ def _rows(table: dict[str, Any], key: str, where: str) -> list[dict[str, Any]]:
     return [{name: value for name, value in table.items() if name != key} | row for row in rows]
 
 
-def _check_statement(claim: Claim, where: str, place: str) -> None:
-    """Raises an InputError if a statement cannot be computed or judged."""
+def _problems(claim: Claim, file: ClaimsFile, before: Sequence[Claim]) -> Iterator[InputProblem]:
+    """Problems of a claim as a whole: key, value found, values allowed."""
+    if claim.kind == CASE:
+        described = measures().get(claim.measure, {})
+        yield from _not_one(claim, "", "scene", "study")
+        if not described:
+            yield "measure", shorten(claim.measure), ", ".join(measures())
+        if claim.quantity not in described or claim.quantity == "source":
+            yield "check.quantity", shorten(claim.quantity), ", ".join(sorted(described.keys() - {"source"}))
+        check = f"check {claim.quantity}"
+        yield from _not_one(claim, check, "within", "absolute")
+        if claim.expected == 0 and claim.within:
+            yield check, "within with expected = 0: no error is relative to 0; give absolute", ""
+        if claim.mark in {each.mark for each in before}:
+            yield check, "check given twice", "each quantity once with expected and once without"
+        return
     if claim.kind == ARITHMETIC and claim.id not in equations.paper_numbers():
-        raise InputError(where, place, "no value of this id in equations.paper_numbers")
+        yield "", "no value of this id in equations.paper_numbers", ""
     if claim.kind != ARITHMETIC and function_of(claim) is None:
-        raise InputError(where, f"{place}: measure", shorten(claim.measure), "module.function of this folder")
-    if claim.expected is None:
-        raise InputError(where, place, "missing key expected")
-    if claim.relation == "equals" and not claim.absolute:
-        raise InputError(where, place, "missing key absolute, the tolerance")
-    favoured = sum(bool(reading.favoured) for reading in claim.readings)
-    if favoured != 1:
-        raise InputError(where, f"{place}: readings", f"{favoured} favoured readings", "one, with the reason")
+        yield "measure", shorten(claim.measure), "module.function of this folder"
+    if claim.expected is None or (claim.relation == "equals" and not claim.absolute):
+        yield "", f"missing key {'expected' if claim.expected is None else 'absolute, the tolerance'}", ""
+    for key, known in (("shared_readings", file.readings), ("cause", file.causes)):
+        if getattr(claim, key) not in {"", *known}:
+            yield key, shorten(getattr(claim, key)), ", ".join(known) or "none"
+    if (count := sum(bool(reading.favoured) for reading in claim.readings)) != 1:
+        yield "readings", f"{count} favoured readings", "one, with the reason"
 
 
-def _check_case(claims: Sequence[Claim], where: str, place: str) -> None:
-    """Raises an InputError if the last of some claims, a number of a case, cannot be judged."""
-    claim = claims[-1]
-    _exactly_one(where, place, claim, "scene", "study")
-    if claim.measure not in measures():
-        raise InputError(where, f"{place}: measure", shorten(claim.measure), ", ".join(measures()))
-    known = [name for name in measures()[claim.measure] if name != "source"]
-    if claim.quantity not in known:
-        raise InputError(where, f"{place}: check.quantity", shorten(claim.quantity), ", ".join(sorted(known)))
-    place += f": check {claim.quantity}"
-    _exactly_one(where, place, claim, "within", "absolute")
-    if claim.expected == 0 and claim.within:
-        raise InputError(where, place, "within with expected = 0: no error is relative to 0; give absolute")
-    if sum((claim.id, claim.quantity, claim.against) == (o.id, o.quantity, o.against) for o in claims) > 1:
-        raise InputError(where, place, "check given twice", "each quantity once with expected and once without")
-
-
-def _exactly_one(where: str, place: str, claim: Claim, *names: str) -> None:
+def _not_one(claim: Claim, key: str, *names: str) -> Iterator[InputProblem]:
     given = [name for name in names if getattr(claim, name) is not None]
     if not given:
-        raise InputError(where, place, f"missing key {' or '.join(names)}")
+        yield key, f"missing key {' or '.join(names)}", ""
     if len(given) > 1:
-        raise InputError(where, place, f"keys {' and '.join(names)}; give one of them")
+        yield key, f"keys {' and '.join(names)}; give one of them", ""
 
 
 def function_of(claim: Claim, ending: str = "") -> Any:

@@ -295,7 +295,11 @@ def _train_ratios(case: Case, time_s: Array, force_N: Array) -> dict[str, float]
 # and 3) has C = (4/5)^(1/2), and B = (16/25)^(1/5).
 
 LONG_WAVE_BY_VELOCITY = 0.64**0.2
-WIDTH_NAMES = {0.04: "4pct", 0.5: "half"}
+SOLITARY = (
+    "peak_velocity_over_strike", "force_by_velocity", "speed_by_force", "speed_by_velocity",
+    "contact_width_4pct_diameters", "contact_width_half_diameters",
+    "average_width_4pct_diameters", "average_width_half_diameters",
+)  # fmt: skip
 WIDTHS = ((False, 0.04), (False, 0.5), (True, 0.04), (True, 0.5))  # True for a sensor's average; share of the peak
 FORMATION_CONTACTS = 30  # below the strike: there the wave differs from the exact one by 2e-9
 
@@ -313,12 +317,11 @@ def solitary_wave(case: Case, trace: Trace) -> dict[str, float]:
         _width_s(time, average if averaged else trace.force_N[:, lower - 1], share) * speed
         for averaged, share in WIDTHS
     ]
+    by_velocity = speed / ((stiffness / mass) ** 0.4 * velocity**0.2)
+    by_force = speed / (stiffness ** (1 / 3) * mass**-0.5 * force.value ** (1 / 6))
+    strength = force.value / (stiffness**0.4 * mass**0.6 * velocity**1.2)
     return _by_quantity(
-        velocity / float(np.abs(case.chain.velocity_m_s).max()),
-        force.value / (stiffness**0.4 * mass**0.6 * velocity**1.2),
-        speed / (stiffness ** (1 / 3) * mass**-0.5 * force.value ** (1 / 6)),
-        speed / ((stiffness / mass) ** 0.4 * velocity**0.2),
-        widths,
+        velocity / float(np.abs(case.chain.velocity_m_s).max()), strength, by_force, by_velocity, *widths
     )
 
 
@@ -332,22 +335,12 @@ def solitary_wave_theory(case: Case) -> dict[str, float]:
     peak = first_wave(time, force[:, -1 - FORMATION_CONTACTS]).value
     velocity = (peak / (wave.force_by_velocity * stiffness**0.4 * mass**0.6)) ** (5 / 6)
     widths = [wave.width(share, averaged=averaged) for averaged, share in WIDTHS]
-    return _by_quantity(velocity / speed, wave.force_by_velocity, wave.speed_by_force, wave.speed_by_velocity, widths)
+    return _by_quantity(velocity / speed, wave.force_by_velocity, wave.speed_by_force, wave.speed_by_velocity, *widths)
 
 
-def _by_quantity(
-    strike: float, force: float, by_force: float, by_velocity: float, widths: list[float]
-) -> dict[str, float]:
-    names = [
-        f"{'average' if averaged else 'contact'}_width_{WIDTH_NAMES[share]}_diameters" for averaged, share in WIDTHS
-    ]
-    return {
-        "peak_velocity_over_strike": strike,
-        "force_by_velocity": force,
-        "speed_by_force": by_force,
-        "speed_by_velocity": by_velocity,
-        "speed_below_long_wave": 1 - by_velocity / LONG_WAVE_BY_VELOCITY,
-    } | dict(zip(names, widths, strict=True))
+def _by_quantity(*values: float) -> dict[str, float]:
+    named = dict(zip(SOLITARY, values, strict=True))
+    return named | {"speed_below_long_wave": 1 - named["speed_by_velocity"] / LONG_WAVE_BY_VELOCITY}
 
 
 def _width_s(time_s: Array, values: Array, share: float) -> float:

@@ -121,7 +121,7 @@ def test_the_chapter_leads_with_the_gap_to_the_experiment_and_counts_what_can_fa
     assert chapter.findings[1].startswith(
         f"{physics - 1} of {physics} statements of the paper that can fail on physics"
     )
-    assert chapter.findings[2].startswith("1 of them differ: the elastic calculation of Fig. 4")
+    assert chapter.findings[2].startswith("1 differ: the elastic calculation of Fig. 4")
     differing = chapter.shown[0].table
     assert [cell.partition("\n")[0] for cell in differing["computed"]] == ["differs 3", "differs 2.7"]
     faults = {check.scene: check.where for check in chapter.checks}
