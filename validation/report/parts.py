@@ -70,7 +70,7 @@ class Image:
 
 
 @dataclass(frozen=True)
-class Part:
+class StoredPart:
     """A stored chapter or figure: see ``Chapter``; ``figures`` are headings and images, ``files`` its outputs."""
 
     findings: Sequence[str]
@@ -144,7 +144,7 @@ def store_part(
     write_sealed(path, stored)
 
 
-def read_part(name: str, results: Path, command: str = "") -> Part | None:
+def read_part(name: str, results: Path, command: str = "") -> StoredPart | None:
     """Stored result of a chapter or figure; None if it has not been made.
 
     Args:
@@ -163,7 +163,7 @@ def read_part(name: str, results: Path, command: str = "") -> Part | None:
     try:
         if stored["name"] != name:
             raise ValueError(f"the result of {stored['name']}")
-        return Part(
+        return StoredPart(
             stored["findings"],
             {stem: (heading, image_of(svg)) for stem, (heading, svg) in stored["figures"].items()},
             [Shown(item["heading"], item["text"], pd.DataFrame(**item["table"])) for item in stored["shown"]],

@@ -24,7 +24,7 @@ from validation.compare.comparison import ComparedScene
 from validation.report.page_figures import shown_of
 from validation.report.parts import Chapter, part_file, store_part
 from validation.report.scene_section import scene_row, section_of
-from validation.report.write_report import write_report
+from validation.report.write_report import marked, write_report
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import blown_up, checks_of, finished
 from validation.tests.helpers.scenes import SceneWriter, case_of
@@ -168,6 +168,21 @@ def test_chains_at_rest_and_without_gauges_have_a_page(
     text = page_of([ComparedScene(case, {"verlet": run}, {}, checks)], tmp_path)
     assert Page(text).tags["figure"] == 1  # only the chain can be drawn
     assert "nan" not in text[text.index("<section") :].lower().split()
+
+
+@pytest.mark.parametrize(
+    ("text", "set_as"),
+    [
+        ("pass 1.2e-9", '<b class="pass" role="img" aria-label="pass">✓</b> <span class="number">1.2e-9</span>'),
+        ("fail 2\nat <1>", '<b class="fail">✗ fail</b> 2<small>at &lt;1&gt;</small>'),
+        ("not run\nrefused", '<b class="not-run">not run</b> <small>refused</small>'),
+        ("differs V_s", '<span class="differs">V<sub>s</sub></span>'),
+        ("passes", "passes"),
+        ("a pass", "a pass"),
+    ],
+)
+def test_a_verdict_at_the_beginning_of_a_cell_is_marked(text: str, set_as: str) -> None:
+    assert marked(text) == set_as
 
 
 def test_table_1_and_the_scores_of_the_moduli(tmp_path: Path) -> None:
