@@ -3,7 +3,7 @@
 ``inputs/paper/claims.toml`` holds the statements, ``inputs/independent.toml`` the cases.
 """
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
 from math import isnan
@@ -59,7 +59,9 @@ def measure(options: Options) -> Chapter:
 
 def chapter_of(claims: Sequence[Claim], checks: Sequence[Check]) -> Chapter:
     """Chapter on judged claims; its checks are those of the cases, and the faults of statements."""
-    own = {claim: [check for check in checks if check.scene == claim] for claim in {each.id: None for each in claims}}
+    own: dict[str, list[Check]] = defaultdict(list)
+    for check in checks:
+        own[check.scene].append(check)
     statements = {claim.id: claim for claim in claims if claim.kind != CASE}
     judged = [check for check in checks if check.scene not in statements]
     counts = Counter(check.verdict for check in judged)
@@ -75,12 +77,15 @@ def chapter_of(claims: Sequence[Claim], checks: Sequence[Check]) -> Chapter:
 def _row(claim: Claim, checks: Sequence[Check]) -> dict[str, Any]:
     """A claim with its published and computed number, the verdict, other readings, reasons, and what is counted."""
     if claim.kind == CASE:
-        alike = [
-            check for check in checks if check.quantity == RUN or check.quantity.startswith(quantity_of(claim, ""))
-        ]
-        judged = max(alike, key=share_of_limit)
-        verdict, words, listed = outcome(alike), measures()[claim.measure][claim.quantity], [f"by {judged.engine}"]
-        reason = [f"error {judged.value:.1e}: {claim.reason}" if judged.quantity != RUN else judged.where]
+        missing = [check for check in checks if check.quantity == RUN]
+        measured = [check for check in checks if check.quantity.startswith(quantity_of(claim, ""))]
+        judged = max(measured or missing, key=share_of_limit)
+        verdict, words, listed = (
+            outcome(measured or missing),
+            measures()[claim.measure][claim.quantity],
+            [judged.engine],
+        )
+        reason = [f"error {judged.value:.1e}: {claim.reason}", *(f"{one.engine}: {one.where}" for one in missing)]
     else:
         exact = {check.quantity: check for check in checks if check.engine == REFERENCE}
         judged = exact[quantity_of(claim, claim.favoured.words)]
