@@ -132,7 +132,10 @@ def findings(rows: pd.DataFrame) -> list[str]:
     def share(group: pd.Series) -> str:
         return f"{(group & good).sum()} of {group.sum()}"
 
-    words, off = read_file(paths.CLAIMS).causes | {"": "other causes"}, Counter(rows.loc[physics & ~good, "cause"])
+    words, off = (
+        read_file(paths.CLAIMS).named_causes | {"": "other causes"},
+        Counter(rows.loc[physics & ~good, "cause"]),
+    )
     causes = "; ".join(f"{words[cause]} ({off[cause]})" for cause in words if off[cause])
     return [
         f"In Fig. 4 elastic theory gives {force['found']:.1f} times the measured force, and a wave that is"

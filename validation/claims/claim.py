@@ -123,7 +123,7 @@ class ClaimsFile(Part):
     """
 
     readings: dict[str, Readings] = Field(default_factory=dict)
-    causes: dict[str, str] = Field(default_factory=dict)
+    named_causes: dict[str, str] = Field(default_factory=dict)
     measure: dict[str, dict[str, str]] = Field(default_factory=dict)
     claim: Tables = ()
     group: Tables = ()
@@ -201,7 +201,7 @@ def _problems(claim: Claim, file: ClaimsFile, before: Sequence[Claim]) -> Iterat
         yield "measure", shorten(claim.measure), "module.function of this folder"
     if claim.expected is None or (claim.relation == "equals" and not claim.absolute):
         yield "", f"missing key {'expected' if claim.expected is None else 'absolute, the tolerance'}", ""
-    for key, known in (("shared_readings", file.readings), ("cause", file.causes)):
+    for key, known in (("shared_readings", file.readings), ("cause", file.named_causes)):
         if getattr(claim, key) not in {"", *known}:
             yield key, shorten(getattr(claim, key)), ", ".join(known) or "none"
     if (count := sum(bool(reading.favoured) for reading in claim.readings)) != 1:
