@@ -1,5 +1,6 @@
 """The paper's statements: the list, the judgement, the numbers."""
 
+from dataclasses import replace
 from math import nan
 from pathlib import Path
 
@@ -7,10 +8,13 @@ import pytest
 
 from drivers.base import paths
 from drivers.base.errors import InputError
+from drivers.chain.case import Case
 from postproc.paper.quoted import quoted
+from postproc.paper.simulate import Simulation, exact
 from postproc.paper.strikes import COLUMNS
 from validation.chapters.claims import chapter_of
 from validation.checks import DIFFERS, REPRODUCED, Check
+from validation.claims.chains import table1
 from validation.claims.claim import Claim, Reading, read_claims
 from validation.claims.judged import check_of, fault_of, favoured
 from validation.tests.validation.claims.published import published_checks
@@ -128,3 +132,17 @@ def test_the_chapter_leads_with_the_gap_to_the_experiment_and_counts_what_can_fa
     assert "without an explanation" in faults["power-three"]
     assert "explained" in faults["collision-secondary"]  # is hit here
     assert "fig4-amplitudes-agree" not in faults
+
+
+def weaker(case: Case) -> Simulation:
+    """Motion with forces of a thousandth less."""
+    motion = exact(case)
+    return replace(motion, trace=replace(motion.trace, force_N=0.999 * motion.trace.force_N))
+
+
+def test_table_1_is_read_at_the_engines_own_amplitude_and_at_one_that_rounds_to_the_printed_one() -> None:
+    arguments = {"column": "speed_m_s", "beads": 20, "force_is": "average of the sensors"}
+    exact_one, weak_one = (table1(run, 2, **arguments) for run in (exact, weaker))
+    assert exact_one == table1(exact, 2, **arguments, rounded=True)  # all numbers of this row follow
+    assert weak_one / exact_one == pytest.approx(0.999 ** (-1 / 6), rel=2e-5)  # without gravity
+    assert table1(exact, 0.06, **arguments) > 103.5 > table1(exact, 0.06, **arguments, rounded=True)
