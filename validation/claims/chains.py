@@ -11,7 +11,6 @@ from scipy.interpolate import CubicSpline
 
 from drivers.base.errors import InputError
 from drivers.chain.case import Case
-from drivers.chain.chain import Array
 from postproc.paper import strikes, theory
 from postproc.paper.calibrated import calibrated
 from postproc.paper.quoted import quoted
@@ -159,26 +158,22 @@ def speed_to_the_wall(run: Run) -> float:
     return to_wall / strikes.speed_between_sensors(motion)
 
 
-def _face(run: Run) -> tuple[Array, Array, Array]:
-    """Times, F_3, and the mean of F_3 and F_4 in bead 5 while the incident wave passes; F_4 deviates as much as F_3."""
+def face_deviation(run: Run, at_peak: bool = False) -> float:
+    """Largest deviation of F_3 and F_4 from their mean, where the mean exceeds 2 % of its peak, per cent.
+
+    In bead 5 of Fig. 4 while the incident wave passes; or at the peak of the mean. F_4 deviates as much as F_3.
+    """
     motion, paper = _fig4(run), quoted()
-    forces, time = motion.trace.force_N, motion.trace.time_s
-    passing = np.abs(time - motion.values["bead_5_arrival_s"]) < 90e-6
-    third, _ = theory.sensor_forces(forces[passing, 5], forces[passing, 4], paper.sensor_gauge_g / paper.sensor_mass_g)
-    return time[passing], third, sensor_average(forces, 5)[passing]
-
-
-def face_deviation(run: Run) -> float:
-    """Largest deviation of F_3 and F_4 from their mean, where the mean exceeds 2 % of its peak, per cent."""
-    _, third, mean = _face(run)
-    seen = mean > 0.02 * mean.max()
-    return float(100 * np.abs(third / mean - 1)[seen].max())
-
-
-def face_deviation_at_peak(run: Run) -> float:
-    """Deviation of F_3 and F_4 from their mean, at the peak of the mean, per cent."""
-    time, third, mean = _face(run)
-    return float(100 * abs(CubicSpline(time, third / mean - 1)(peaks(time, mean)[0].time_s)))
+    passing = np.abs(motion.trace.time_s - motion.values["bead_5_arrival_s"]) < 90e-6
+    time, forces, mean = (
+        signal[passing]
+        for signal in (motion.trace.time_s, motion.trace.force_N, sensor_average(motion.trace.force_N, 5))
+    )
+    third, _ = theory.sensor_forces(forces[:, 5], forces[:, 4], paper.sensor_gauge_g / paper.sensor_mass_g)
+    off = third / mean - 1
+    if at_peak:
+        return float(100 * abs(CubicSpline(time, off)(peaks(time, mean)[0].time_s)))
+    return float(100 * np.abs(off)[mean > 0.02 * mean.max()].max())
 
 
 def reflection(run: Run, incident_N: float) -> float:
