@@ -1,6 +1,6 @@
 """Judged numbers: statements of the paper and cases beyond it, each on all engines that it takes."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache, partial
 from itertools import product
 from math import isnan, nan
@@ -93,21 +93,20 @@ def fault_of(claim: Claim, checks: Sequence[Check]) -> str:
 def judge(claims: Sequence[Claim], runs: Path = paths.RUNS) -> list[Check]:
     """Compute and judge claims, codes in parallel and finished runs reused.
 
-    A code first runs all cases that the reference needs for a statement. Whatever else it needs, such as a strike of
-    corrected speed, is run in a further round.
+    The reference computes the statements first; then the codes run all cases that it needed for them, and those of the
+    cases beyond the paper. A code that needs another one, such as a strike of corrected speed, runs it when it does.
 
     Raises:
         InputError: a case is wrong, or a guard refuses it; nothing has been run.
     """
     asked: list[Case] = []  # for the value that is computed
-    wanted: dict[tuple[str, str], tuple[Case, str]] = {}  # runs of the next round
     ended: dict[tuple[str, str], EndedRun] = {}
 
-    def want(case: Case, code: str) -> tuple[str, str]:
-        key = case.scene.model_dump_json(), code
-        if key not in ended and not absences(case, [code]):
-            wanted[key] = case, code
-        return key
+    def run_all(jobs: Iterable[tuple[Case, str]]) -> None:
+        taken = {_key(*job): job for job in jobs if job[1] not in IN_REPO and not absences(job[0], [job[1]])}
+        # the last of equal decks is run: those that keep the state come last
+        keys = sorted(taken, key=lambda key: "state" in taken[key][0].scene.run.record)
+        ended.update(zip(keys, run_many([taken[key] for key in keys], runs), strict=True))
 
     def run(case: Case, engine: str) -> Simulation:
         asked.append(case)
@@ -115,7 +114,9 @@ def judge(claims: Sequence[Claim], runs: Path = paths.RUNS) -> list[Check]:
             return Simulation(case, engine, IN_REPO[engine](case))
         if absent := absences(case, [engine]):
             raise NotImplementedError(absent[engine])
-        done = ended[want(case, engine)]
+        if _key(case, engine) not in ended:
+            run_all([(case, engine)])
+        done = ended[_key(case, engine)]
         if not done.done:
             raise RunError(f"{done.record.status}: {done.record.reason}")
         # without the state if another case has the same run and records it
@@ -138,34 +139,27 @@ def judge(claims: Sequence[Claim], runs: Path = paths.RUNS) -> list[Check]:
             value = float(function(*given, **(claim.arguments | way.arguments)))
         return check_of(claim, words, engine, value, expected)
 
-    checks: dict[Check, None] = {}
     ways = [(claim, words, way) for claim in claims for words, way in posed(claim).items()]
-    todo = [(*way, engine) for way in ways for engine in (engine_names() if way[0].kind == CASE else [REFERENCE])]
-    while todo:
-        left = []
-        for claim, words, way, engine in todo:
-            asked.clear()
-            try:
-                checks[check(claim, words, way, engine)] = None
-            except KeyError:  # a run is missing
-                if not wanted:
-                    raise
-                left.append((claim, words, way, engine))
-            except (NotImplementedError, RunError, ValueError, ArithmeticError, IndexError) as error:
-                if claim.kind != CASE and engine == REFERENCE:
-                    raise
-                verdict = NOT_RUN if isinstance(error, NotImplementedError) else FAIL
-                reason = f"{words}: {error}" if words else str(error)
-                checks[without_run(claim.id, engine, reason, verdict)] = None
-            # a statement on simulated chains, as the text favours it, is one for the codes as well
-            if way is claim.favoured and engine == REFERENCE and asked:
-                left += [(claim, words, way, code) for code in installed_codes()]
-                for case, code in product(asked, installed_codes()):
-                    want(case, code)
-        # the last of equal decks is run: those that keep the state come last
-        jobs = sorted(wanted.items(), key=lambda job: "state" in job[1][0].scene.run.record)
-        ended |= zip(dict(jobs), run_many([job for _, job in jobs], runs), strict=True)
-        wanted.clear()
-        todo = left
+    checks, jobs = dict[Check, None](), list[tuple[Case, str]]()
+    on_engines: list[tuple[Claim, str, Reading | Case, str]] = []
+    for claim, words, way in ways:
+        asked[:] = [way] if isinstance(way, Case) else []
+        engines = engine_names() if claim.kind == CASE else installed_codes()
+        if claim.kind != CASE:
+            checks[check(claim, words, way, REFERENCE)] = None
+        if asked and (claim.kind == CASE or way is claim.favoured):
+            on_engines += [(claim, words, way, engine) for engine in engines]
+            jobs += product(asked, engines)
+    run_all(jobs)
+    for claim, words, way, engine in on_engines:
+        try:
+            checks[check(claim, words, way, engine)] = None
+        except (NotImplementedError, RunError, ValueError, ArithmeticError, IndexError) as error:
+            verdict = NOT_RUN if isinstance(error, NotImplementedError) else FAIL
+            checks[without_run(claim.id, engine, f"{words}: {error}".removeprefix(": "), verdict)] = None
     places = {claim.id: place for place, claim in enumerate(claims)}
     return sorted(checks, key=lambda check: places[check.scene])
+
+
+def _key(case: Case, code: str) -> tuple[str, str]:
+    return case.scene.model_dump_json(), code
