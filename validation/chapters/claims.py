@@ -80,11 +80,8 @@ def _row(claim: Claim, checks: Sequence[Check]) -> dict[str, Any]:
         missing = [check for check in checks if check.quantity == RUN]
         measured = [check for check in checks if check.quantity.startswith(quantity_of(claim, ""))]
         judged = max(measured or missing, key=share_of_limit)
-        verdict, words, listed = (
-            outcome(measured or missing),
-            measures()[claim.measure][claim.quantity],
-            [judged.engine],
-        )
+        verdict, words = outcome(measured or missing), measures()[claim.measure][claim.quantity]
+        listed = [judged.engine]
         reason = [f"error {judged.value:.1e}: {claim.reason}", *(f"{one.engine}: {one.where}" for one in missing)]
     else:
         exact = {check.quantity: check for check in checks if check.engine == REFERENCE}
@@ -118,8 +115,8 @@ def _row(claim: Claim, checks: Sequence[Check]) -> dict[str, Any]:
 
 def _number(claim: Claim, check: Check) -> str:
     """Computed number: eight digits for a tight tolerance, else four."""
-    tolerance = claim.limit * (1 if claim.within else 1 / abs(check.expected or 1.0))
-    return "–" if isnan(check.found) else f"{check.found:.{8 if 0 < tolerance < 1e-4 else 4}g}"
+    tight = 0 < claim.limit < 1e-4 * (1.0 if claim.within else abs(check.expected))
+    return "–" if isnan(check.found) else f"{check.found:.{8 if tight else 4}g}"
 
 
 def findings(rows: pd.DataFrame) -> list[str]:
