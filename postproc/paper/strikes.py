@@ -201,7 +201,7 @@ def resolved(run: Callable[[Case], Simulation], case: Case, force_N: float) -> S
     raise RunError(f"{SCENE}: the striker speed of {motion.engine} does not converge to the amplitude")
 
 
-def solve_table1(runs: Path, *settings: str) -> pd.DataFrame:
+def solve_table1(runs: Path) -> pd.DataFrame:
     """Table 1: by amplitude the paper's columns, the striker speed and three numbers by each engine and their spread.
 
     The spread is the largest relative deviation of any code from the three numbers of the reference; NaN without a
@@ -211,7 +211,7 @@ def solve_table1(runs: Path, *settings: str) -> pd.DataFrame:
         RunError: The corrections of a code do not converge.
     """
     forces = quoted().table1.force_N
-    exact_ones = [strike_for(force, sensor_amplitude, *settings) for force in forces]
+    exact_ones = [strike_for(force, sensor_amplitude) for force in forces]
     solved = run_codes_on([simulation.case for simulation in exact_ones], runs)
     for _ in range(MAX_CORRECTIONS):
         cases = {code: [*map(_corrected, done, forces)] for code, done in solved.items()}
@@ -249,11 +249,6 @@ def _corrected(motion: Simulation, force_N: float) -> Case:
         return motion.case
     striker = striker.model_copy(update={"speed": striker.speed * ratio ** (-5 / 6)})
     return build_case(motion.case.scene.model_copy(update={"striker": striker}))
-
-
-def engines_of(table: pd.DataFrame) -> list[str]:
-    """Engines with columns in a table."""
-    return [str(name).removesuffix(STRIKER) for name in table.columns if str(name).endswith(STRIKER)]
 
 
 def measured_points() -> pd.DataFrame:

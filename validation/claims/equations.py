@@ -90,7 +90,7 @@ def averaging_lowers() -> float:
 
 
 def averaging_widens(share: float) -> float:
-    """Width of the averaged force at 0.2 % divided by that of the contact force."""
+    """Width of the averaged force at a share of its peak divided by that of the contact force."""
     return wave_width("average", share) / wave_width("contact", share)
 
 
