@@ -3,9 +3,9 @@
 Dissipation, fitted to beads of 4.76 mm only, divides the leading wave on beads of 2.38 mm by 2.2 in (a) and by 1.8 in
 (c), and delays the splitting.
 
-Wall below 18 PTFE beads, struck at 0.89 m/s (a) by a steel ball, (c) by a PTFE ball, with dissipation: between the
-first two maxima the force falls to 0.29 and 0.38 of the second. (b), (d) Elastic, 1.46 GPa: it falls to zero. Brown:
-the paper's words on its measured curves.
+Wall below 18 PTFE beads, struck at 0.89 m/s (a) by a steel ball, (c) by a PTFE ball, in place of the measured curves
+with the fitted dissipation: between the first two maxima the force falls to 0.29 and 0.38 of the second. (b), (d)
+Elastic, 1.46 GPa: it falls to zero. Brown: the paper's words on its measured curves.
 """
 
 from pathlib import Path

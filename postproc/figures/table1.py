@@ -1,9 +1,9 @@
 """Table 1: amplitude, speed, duration, width of the waves.
 
 The printed computed numbers fit 20 beads and the striker: 12 of 15 equal the exact ones, rounded (bold); with 21 beads
-below the striker 6 do.
+below the striker 6 do. F_m is printed to one digit: for amplitudes that round to it 13 and 8 do.
 
-F_m: peak of the sensors' average above its static value; each engine solves for the striker speed that gives it.
+F_m: peak of a sensor's average above its static value, mean of both; each engine solves for the striker speed of it.
 Experiment and paper's calculation as printed; E = 1.46 GPa, under gravity. Widths L/2R: twice the front half, from
 0.2 % or 4 % of the peak. Deviation of codes: the largest, from the exact numbers of 20 beads.
 """

@@ -9,12 +9,13 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
-from math import exp, log
+from math import ceil, exp, floor, log, log10
 from operator import is_not
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from scipy.interpolate import make_interp_spline
 from scipy.optimize import brentq, root_scalar
 
 from drivers.base.errors import InputError, RunError
@@ -34,9 +35,11 @@ CODE_AMPLITUDE = 1e-7  # relative tolerance of a code's amplitude
 MAX_CORRECTIONS = 8
 SEARCH_RANGE = 6.0  # on either side of the logarithm of the estimated striker speed
 COLUMNS = ("speed_m_s", "width_0.2pct_diameters", "width_4pct_diameters")
+HALF_DIGITS = (0.5, 0.05, 0.05)  # of the printed numbers
 MEASURED = ("duration_us", "speed_m_s", "width_diameters")
 STRIKER = "_striker_m_s"
 SPREAD = "codes_largest_deviation_share"
+FITTED_STRIKES = 9  # between which the numbers of a row are interpolated
 SPEED_RATIO = 1.02  # of the striker speeds that give a slope
 WAVE_OVER_STRIKER = 0.682  # v_m of the leading wave divided by the speed of an equal striker, by the reference
 
@@ -151,7 +154,54 @@ def _root(excess: Callable[[float], float], start: float) -> float | None:
     return float(brentq(excess, *ends, xtol=SPEED_TOLERANCE)) if excess(ends[0]) < 0 < excess(ends[1]) else None
 
 
-def solve_table1(runs: Path, *settings: str) -> pd.DataFrame:
+def table1_numbers(simulation: Simulation) -> list[float]:
+    """Numbers of a row of Table 1, in the order of ``COLUMNS``."""
+    lower = sensor_pair(simulation.case)[1]
+    widths = [simulation.values[f"bead_{lower}_{name}"] for name in COLUMNS[1:]]
+    return [speed_between_sensors(simulation), *widths]
+
+
+@cache
+def fitting_force(force_N: float, *settings: str) -> float:
+    """Amplitude that gives most of the printed numbers of a row of Table 1, whose F_m is printed to one digit.
+
+    It is F_m as printed if all numbers follow there. Else it is, of three digits, within the rounding of F_m and among
+    the amplitudes that give most numbers, the one with the smallest largest miss; numbers are interpolated.
+    """
+    row, half_N = quoted().table1.frame.set_index("force_N").loc[force_N], 10 ** floor(log10(force_N)) / 2
+    printed = row[[f"computed_{name}" for name in COLUMNS]].to_numpy()
+
+    def misses(numbers: Array) -> Array:
+        return np.asarray(np.abs(numbers - printed) / HALF_DIGITS)
+
+    if (misses(np.array(table1_numbers(strike_for(force_N, sensor_amplitude, *settings)))) <= 1).all():
+        return force_N
+    ends = force_N - half_N, force_N + half_N
+    slowest = strike_for(ends[0], sensor_amplitude, *settings)
+    faster = np.geomspace(1.0, (ends[1] / ends[0]) ** (5 / 6), FITTED_STRIKES) * striker_speed(slowest)
+    strikes = [exact(_struck_at(slowest.case, speed_m_s)) for speed_m_s in faster]
+    numbers = make_interp_spline([*map(sensor_amplitude, strikes)], [*map(table1_numbers, strikes)])
+    amplitudes = np.linspace(*ends, 101)
+    off = misses(numbers(amplitudes))
+    best = np.lexsort((off.max(axis=1), -(off <= 1).sum(axis=1)))[0]
+    return float(round(amplitudes[best], 3 - ceil(log10(force_N))))
+
+
+def resolved(run: Callable[[Case], Simulation], case: Case, force_N: float) -> Simulation:
+    """Strike on an engine, with its speed corrected until the engine's own amplitude is right.
+
+    Raises:
+        RunError: the corrections do not converge.
+    """
+    for _ in range(MAX_CORRECTIONS):
+        motion = run(case)
+        case = _corrected(motion, force_N)
+        if case is motion.case:
+            return motion
+    raise RunError(f"{SCENE}: the striker speed of {motion.engine} does not converge to the amplitude")
+
+
+def solve_table1(runs: Path) -> pd.DataFrame:
     """Table 1: by amplitude the paper's columns, the striker speed and three numbers by each engine and their spread.
 
     The spread is the largest relative deviation of any code from the three numbers of the reference; NaN without a
@@ -161,7 +211,7 @@ def solve_table1(runs: Path, *settings: str) -> pd.DataFrame:
         RunError: The corrections of a code do not converge.
     """
     forces = quoted().table1.force_N
-    exact_ones = [strike_for(force, sensor_amplitude, *settings) for force in forces]
+    exact_ones = [strike_for(force, sensor_amplitude) for force in forces]
     solved = run_codes_on([simulation.case for simulation in exact_ones], runs)
     for _ in range(MAX_CORRECTIONS):
         cases = {code: [*map(_corrected, done, forces)] for code, done in solved.items()}
@@ -174,21 +224,17 @@ def solve_table1(runs: Path, *settings: str) -> pd.DataFrame:
     return _table1({REFERENCE: exact_ones} | solved)
 
 
-@cache
-def exact_table1(setting: str, amplitude: Amplitude = sensor_amplitude) -> pd.DataFrame:
-    """Table 1 by the reference alone, for a setting of its scene and a reading of its force."""
-    return _table1({REFERENCE: [strike_for(force, amplitude, setting) for force in quoted().table1.force_N]})
+def exact_table1(setting: str) -> pd.DataFrame:
+    """Table 1 by the reference alone, for a setting of its scene."""
+    return _table1({REFERENCE: [strike_for(force, sensor_amplitude, setting) for force in quoted().table1.force_N]})
 
 
 def _table1(solved: Mapping[str, Sequence[Simulation]]) -> pd.DataFrame:
     """A row per amplitude, with the columns of the paper and of each engine."""
     paper = quoted().table1.frame
     for engine, simulations in solved.items():
-        lower = f"bead_{sensor_pair(simulations[0].case)[1]}"
         paper[engine + STRIKER] = [striker_speed(simulation) for simulation in simulations]
-        paper[f"{engine}_speed_m_s"] = [speed_between_sensors(simulation) for simulation in simulations]
-        for name in COLUMNS[1:]:
-            paper[f"{engine}_{name}"] = [simulation.values[f"{lower}_{name}"] for simulation in simulations]
+        paper[[f"{engine}_{name}" for name in COLUMNS]] = [table1_numbers(simulation) for simulation in simulations]
     exact = paper[[f"{REFERENCE}_{name}" for name in COLUMNS]].to_numpy()
     codes = [engine for engine in solved if engine != REFERENCE]
     off = [paper[[f"{code}_{name}" for name in COLUMNS]].to_numpy() / exact - 1 for code in codes]
@@ -203,11 +249,6 @@ def _corrected(motion: Simulation, force_N: float) -> Case:
         return motion.case
     striker = striker.model_copy(update={"speed": striker.speed * ratio ** (-5 / 6)})
     return build_case(motion.case.scene.model_copy(update={"striker": striker}))
-
-
-def engines_of(table: pd.DataFrame) -> list[str]:
-    """Engines with columns in a table."""
-    return [str(name).removesuffix(STRIKER) for name in table.columns if str(name).endswith(STRIKER)]
 
 
 def measured_points() -> pd.DataFrame:

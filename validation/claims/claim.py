@@ -1,39 +1,49 @@
-"""The paper's statements as data: claims, readings of their sentences, and untested statements."""
+"""Published numbers as data: statements of the paper, and cases beyond it.
 
-import inspect
+A statement names the function that computes it, ``module.function`` in this folder. A case names a scene or a study and
+a measure of ``linear_waves`` or ``strong_waves``.
+"""
+
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Iterator, Sequence
+from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import Field
 
 from drivers.base import paths
-from drivers.base.errors import InputError
+from drivers.base.errors import InputError, InputProblem
 from drivers.base.messages import shorten, validate
+from drivers.batch.study import read_study, seen_from
+from drivers.chain.case import Case
 from drivers.scene.model import Part
-from drivers.scene.read_scene import read_toml
-from postproc.paper.quoted import quoted
-from validation.claims import dissipation, equations, single_waves, trains
-from validation.claims.paper_numbers import paper_numbers
+from drivers.scene.read_scene import apply_setting, read_toml
+from validation.accuracy.plan import plan_case, planned_case
+from validation.claims import chains, equations, linear_waves, strong_waves
 
-MODULES = {"equations": equations, "single_waves": single_waves, "trains": trains, "dissipation": dissipation}
-PHYSICS, FITTED, CERTAIN, ARITHMETIC = "physics", "fitted", "certain", "arithmetic"  # kinds, in the order of the report
+Kind = Literal["physics", "fitted", "certain", "arithmetic", "case"]
+PHYSICS, FITTED, CERTAIN, ARITHMETIC, CASE = get_args(Kind)
+UNITS = {"_m_s": "m/s", "_N": "N", "_Hz": "Hz", "_s": "s", "_m": "m", "_rad": "rad", "_diameters": "diameters"}
 
-Arguments = dict[str, float | str]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+Id = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_.-]*$", max_length=60)]
+Words = Annotated[str, Field(min_length=1)]
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Limit = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Arguments = dict[str, float | str | bool]
+Tables = Annotated[tuple[dict[str, Any], ...], Field(strict=False)]
 
 
 class Reading(Part):
-    """One way to read a sentence.
+    """One way to read a sentence, or a case of a study.
 
     Attributes:
-        words: the reading, in a few words.
+        words: the reading, in a few words; empty for a sentence with one meaning.
         arguments: arguments of the claim's function, in addition to those of the claim.
         favoured: reason why this reading is judged; empty for the others.
     """
 
-    words: str
+    words: str = ""
     arguments: Arguments = Field(default_factory=dict)
     favoured: str = ""
 
@@ -41,136 +51,192 @@ class Reading(Part):
 Readings = Annotated[tuple[Reading, ...], Field(strict=False, min_length=2)]  # of one sentence
 
 
-PLAIN_READING = Reading(words="")  # of a sentence with one meaning
-
-
 class Claim(Part):
-    """A statement of the paper; see the head of the file for the keys."""
+    """A published number; the heads of the files explain the keys.
 
-    id: str
-    where: str
-    quote: str
-    kind: Literal["physics", "fitted", "certain", "arithmetic"]
-    compute: str = ""
+    Attributes:
+        kind: ``case`` for a number of a case beyond the paper.
+        expected: the published number; None for that of the measure's theory.
+        within, absolute: allowed error, as a share of the expected number or in its unit.
+    """
+
+    id: Id
+    source: Words
+    kind: Kind = "case"
+    measure: str = ""
+    expected: Number | None = None
+    within: Limit | None = None
+    absolute: Limit | None = None
+    reason: Words
+    relation: Literal["equals", "at most", "at least"] = "equals"
+    unit: str = ""
+    # of a statement
+    quote: str = ""
     arguments: Arguments = Field(default_factory=dict)
     how: str = ""
-    quoted: Finite
-    unit: str = ""
-    relation: Literal["equals", "at most", "at least"] = "equals"
-    within: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
-    because: str = ""
     explained: str = ""
     cause: str = ""
-    ours: bool = False
-    readings: Readings = ()
+    our_criterion: bool = False
+    readings: Annotated[tuple[Reading, ...], Field(strict=False)] = (Reading(favoured="the only one"),)
     shared_readings: str = ""
+    # of a case
+    title: str = ""
+    scene: str | None = None
+    study: str | None = None
+    set: tuple[str, ...] = Field(default=(), strict=False)
+    quantity: str = ""
+    file: str = ""
+
+    @property
+    def against(self) -> str:
+        """Origin of the expected number."""
+        return "theory" if self.expected is None else "quoted"
+
+    @property
+    def mark(self) -> tuple[str, str, str]:
+        """Id, quantity and origin, which no two numbers share."""
+        return self.id, self.quantity, self.against
 
     @property
     def favoured(self) -> Reading:
         """The judged reading."""
-        return next((reading for reading in self.readings if reading.favoured), PLAIN_READING)
+        return next(reading for reading in self.readings if reading.favoured)
 
     @property
     def limit(self) -> float:
         """Allowed error."""
-        return (self.within or 0.0) if self.relation == "equals" else 0.0
+        return self.within or self.absolute or 0.0
 
-    def error(self, value: float) -> float:
-        """Deviation of a computed value from the statement; NaN for NaN."""
-        off = value - self.quoted
-        if self.relation == "equals":
-            return abs(off)
-        return max(off if self.relation == "at most" else -off, 0.0)  # of NaN and 0 the first: NaN
-
-
-class Untested(Part):
-    """An untested statement, with the reason."""
-
-    where: str
-    quote: str
-    reason: str
+    def error(self, value: float, expected: float) -> float:
+        """Deviation of a computed value, relative or absolute like the limit; NaN for NaN."""
+        off = value - expected
+        if self.relation != "equals":
+            return max(off if self.relation == "at most" else -off, 0.0)  # of NaN and 0 the first: NaN
+        return abs(off) / abs(expected) if self.within else abs(off)
 
 
 class ClaimsFile(Part):
-    """The file ``inputs/paper/claims.toml``: shared readings, causes of differences, claims, untested statements."""
+    """A file of published numbers: rows of a ``group`` are claims with the group's keys, so are checks of a ``case``.
+
+    Attributes:
+        measure: source and description of the quantities of each measure of cases.
+    """
 
     readings: dict[str, Readings] = Field(default_factory=dict)
-    causes: dict[str, str] = Field(default_factory=dict)
-    claim: Annotated[tuple[Claim, ...], Field(strict=False, min_length=1)]
-    untested: Annotated[tuple[Untested, ...], Field(strict=False)] = ()
+    named_causes: dict[str, str] = Field(default_factory=dict)
+    measure: dict[str, dict[str, str]] = Field(default_factory=dict)
+    claim: Tables = ()
+    group: Tables = ()
+    case: Tables = ()
+    untested: Tables = ()
 
 
-def read_claims(path: Path = paths.CLAIMS) -> ClaimsFile:
-    """Reads the file; rows of a ``[[group]]`` are claims with the group's keys, and shared readings go into each claim.
+def read_file(path: Path) -> ClaimsFile:
+    """Tables of a file; InputError for one that is wrong."""
+    return validate(ClaimsFile, read_toml(path), path)
+
+
+@cache
+def measures() -> dict[str, dict[str, str]]:
+    """Description of each quantity by name, and ``source`` of the theory, by measure of cases."""
+    return read_file(paths.INDEPENDENT).measure
+
+
+def read_claims(path: Path = paths.CLAIMS) -> tuple[Claim, ...]:
+    """Claims of a file, with shared readings in each claim and scenes as they are seen from here.
 
     Raises:
         InputError: anything in the file is wrong, such as a claim without a function.
     """
-    where, given = paths.shown(path), read_toml(path)
-    for group in given.pop("group", []):
-        given["claim"] = [*given.get("claim", []), *(group | row for row in group.pop("rows", []))]
-    file = validate(ClaimsFile, given, where)
-    counts = Counter(claim.id for claim in file.claim)
-    for claim in file.claim:
-        if counts[claim.id] > 1:
-            raise InputError(where, f"claim {claim.id}", "id used twice")
-        for key, value, known in (
-            ("shared_readings", claim.shared_readings, file.readings),
-            ("cause", claim.cause, file.causes),
-        ):
-            if value not in {"", *known}:
-                raise InputError(where, f"claim {claim.id}: {key}", f'"{shorten(value)}"', ", ".join(known) or "none")
-    claims = tuple(
-        claim.model_copy(update={"readings": file.readings.get(claim.shared_readings, claim.readings)})
-        for claim in file.claim
-    )
-    for claim in claims:
-        _check(claim, where)
-    return file.model_copy(update={"claim": claims})
+    file, where = read_file(path), paths.shown(path)
+    entries = [*file.claim, *(row for group in file.group for row in _rows(group, "rows", where))]
+    ids = Counter(str(entry.get("id")) for entry in (*entries, *file.case))
+    entries += [row for case in file.case for row in _rows(case, "check", where)]
+    if not entries:
+        raise InputError(where, "case", "missing key")
+    claims: list[Claim] = []
+    for entry in entries:
+        claim = validate(Claim, entry, where, f"{entry.get('kind', CASE)} {entry.get('id')}: ")
+        update: dict[str, Any] = {"file": where, "readings": file.readings.get(claim.shared_readings, claim.readings)}
+        update |= {name: seen_from(path, value) for name in ("scene", "study") if (value := getattr(claim, name))}
+        update["unit"] = next((unit for ending, unit in UNITS.items() if claim.quantity.endswith(ending)), claim.unit)
+        claim = claim.model_copy(update=update)
+        place = f"{claim.kind} {claim.id}"
+        if ids[claim.id] > 1:
+            raise InputError(where, place, "id used twice")
+        for key, found, allowed in _problems(claim, file, claims):
+            raise InputError(where, f"{place}: {key}".removesuffix(": "), found, allowed)
+        claims.append(claim)
+    return tuple(claims)
 
 
-def _check(claim: Claim, where: str) -> None:
-    """Raises an InputError if a claim cannot be computed or judged."""
-    key = f"claim {claim.id}"
-    if claim.kind == ARITHMETIC:
-        if claim.id not in paper_numbers():
-            raise InputError(where, key, "no value of this id in validation/claims/paper_numbers.py")
-    elif function_of(claim) is None:
-        raise InputError(where, f"{key}: compute", shorten(claim.compute), f"module.function of {', '.join(MODULES)}")
-    else:
-        for reading in claim.readings or (PLAIN_READING,):
-            _check_arguments(claim, claim.arguments | reading.arguments, where)
-    if claim.relation == "equals" and claim.within is None:
-        raise InputError(where, key, "missing key within, the tolerance")
-    if not claim.because:
-        raise InputError(where, key, "missing key because, the reason of the tolerance")
-    favoured = sum(bool(reading.favoured) for reading in claim.readings)
-    if claim.readings and favoured != 1:
-        raise InputError(where, f"{key}: readings", f"{favoured} favoured readings", "one, with the reason")
+def _rows(table: dict[str, Any], key: str, where: str) -> list[dict[str, Any]]:
+    """Rows of a group or a case, each with the keys of the table."""
+    rows = table.get(key)
+    if not rows or not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        found = f"missing key {key}" if rows is None else shorten(rows)
+        raise InputError(where, f"{table.get('kind', CASE)} {table.get('id', key)}", found, "a list of tables")
+    return [{name: value for name, value in table.items() if name != key} | row for row in rows]
 
 
-def _check_arguments(claim: Claim, arguments: Arguments, where: str) -> None:
-    function, key = function_of(claim), f"claim {claim.id}"
-    amplitude, amplitudes = arguments.get("force_N"), quoted().table1.force_N
-    if amplitude is not None and amplitude not in amplitudes:
-        allowed = ", ".join(f"{force_N:g}" for force_N in amplitudes)
-        raise InputError(where, f"{key}: arguments.force_N", str(amplitude), allowed)
-    try:
-        if function:
-            inspect.signature(function).bind(*given_to(claim), **arguments)
-    except TypeError as error:
-        raise InputError(where, f"{key}: arguments", str(error), f"the arguments of {claim.compute}") from error
+def _problems(claim: Claim, file: ClaimsFile, before: Sequence[Claim]) -> Iterator[InputProblem]:
+    """Problems of a claim as a whole: key, value found, values allowed."""
+    if claim.kind == CASE:
+        described = measures().get(claim.measure, {})
+        yield from _not_one(claim, "", "scene", "study")
+        if not described:
+            yield "measure", shorten(claim.measure), ", ".join(measures())
+        if claim.quantity not in described or claim.quantity == "source":
+            yield "check.quantity", shorten(claim.quantity), ", ".join(sorted(described.keys() - {"source"}))
+        check = f"check {claim.quantity}"
+        yield from _not_one(claim, check, "within", "absolute")
+        if claim.expected == 0 and claim.within:
+            yield check, "within with expected = 0: no error is relative to 0; give absolute", ""
+        if claim.mark in {each.mark for each in before}:
+            yield check, "check given twice", "each quantity once with expected and once without"
+        return
+    if claim.kind == ARITHMETIC and claim.id not in equations.paper_numbers():
+        yield "", "no value of this id in equations.paper_numbers", ""
+    if claim.kind != ARITHMETIC and function_of(claim) is None:
+        yield "measure", shorten(claim.measure), "module.function of this folder"
+    if claim.expected is None or (claim.relation == "equals" and not claim.absolute):
+        yield "", f"missing key {'expected' if claim.expected is None else 'absolute, the tolerance'}", ""
+    for key, known in (("shared_readings", file.readings), ("cause", file.named_causes)):
+        if getattr(claim, key) not in {"", *known}:
+            yield key, shorten(getattr(claim, key)), ", ".join(known) or "none"
+    if (count := sum(bool(reading.favoured) for reading in claim.readings)) != 1:
+        yield "readings", f"{count} favoured readings", "one, with the reason"
 
 
-def function_of(claim: Claim) -> Callable[..., Any] | None:
-    """Function that computes a claim; None if no function has this name."""
-    module, _, name = claim.compute.partition(".")
-    function = getattr(MODULES.get(module), name, None)
-    public = inspect.isfunction(function) and function.__module__.endswith(f".{module}") and not name.startswith("_")
-    return function if public else None
+def _not_one(claim: Claim, key: str, *names: str) -> Iterator[InputProblem]:
+    given = [name for name in names if getattr(claim, name) is not None]
+    if not given:
+        yield key, f"missing key {' or '.join(names)}", ""
+    if len(given) > 1:
+        yield key, f"keys {' and '.join(names)}; give one of them", ""
 
 
-def given_to(claim: Claim) -> set[str]:
-    """Arguments that the study passes to a claim's function: ``run``, ``table`` or none."""
-    function = function_of(claim)
-    return set(inspect.signature(function).parameters) & {"run", "table"} if function else set()
+def function_of(claim: Claim, ending: str = "") -> Any:
+    """Function that computes a claim, with the ending ``_theory`` its theory; None if there is no such function."""
+    *module, name = claim.measure.replace(" ", "_").split(".")
+    places = [equations, chains] if module else [linear_waves, strong_waves]
+    for place in places:
+        function = getattr(place, name + ending, None)
+        if callable(function) and function.__module__ == place.__name__ and place.__name__.endswith(".".join(module)):
+            return function
+    return None
+
+
+@cache
+def cases_of(scene: str | Path | None, study: str | Path | None, settings: tuple[str, ...]) -> dict[str, Case]:
+    """Cases of a number, by label: its scene, or all cases of its study, with settings.
+
+    Raises:
+        InputError: a scene, study or setting is wrong.
+    """
+    if scene:
+        return {"": planned_case(scene, *settings)}
+    file = read_study(study or "")
+    for setting in settings:
+        apply_setting(file.base, setting)
+    return {file.label(number): plan_case(file.case(number)) for number in range(1, file.count + 1)}

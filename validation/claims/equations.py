@@ -1,6 +1,11 @@
-"""Claims on the long-wave equation and on exact solitary waves, with and without static force."""
+"""Statements on the paper's equations and numbers, and on exact solitary waves; no chain is simulated.
+
+``paper_numbers`` has a value for each arithmetic statement of ``inputs/paper/claims.toml``, by its id: both sides of
+such a statement follow from the paper's equations and numbers.
+"""
 
 from functools import cache
+from math import pi, sqrt
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -8,12 +13,19 @@ from scipy.interpolate import CubicSpline
 from postproc.paper import theory
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import case_of
-from validation.claims.paper_numbers import STATIC_N, ptfe_beads, speed_by_eq4
+from postproc.paper.strikes import static_force
 from validation.reference import travelling_wave
 from validation.reference.travelling_wave import fixed_point, solve_at_amplitude, solve_travelling_wave
 
 AMPLITUDES = (1.0, 10.0, 100.0)  # dynamic force divided by the static force
 SWEPT_AMPLITUDES = (0.1, 1.0, 10.0, 100.0, 1e3, 1e4)
+SPEED_M_S, STRAIN, STATIC_N = 150.0, 0.01, 0.02  # of a wave and of a chain; statements do not depend on them
+CONTACT_N = 5.0  # of section IV's contact stress, strain and depth
+AIR_M_S, NYLON_M_S, NYLON_N = 343.0, 235.0, 1.0  # sound at 20 °C; slowest and smallest wave on Nylon, ref. 14
+HEAVY_GAS_M_S = 134.0  # sound in sulphur hexafluoride at 20 °C
+PZT_KG_M3 = 7800.0  # usual density of lead zirconate titanate
+NORMAL_MODULUS_MPA = 750.0  # largest modulus of PTFE at normal conditions in section IV
+MICRO = 1e6
 
 
 def convergence_order() -> float:
@@ -31,13 +43,6 @@ def convergence_order() -> float:
         long_wave = theory.long_wave_acceleration(p, strain, length)
         errors.append(float(np.abs(lattice - long_wave).max() / np.abs(lattice).max()))
     return float(np.log(errors[0] / errors[1]) / np.log(4))
-
-
-def discrete_force_coefficient() -> float:
-    """The coefficient of the last form of Eq. (3) for the exact solitary wave of the discrete chain."""
-    p, wave = ptfe_beads(), solve_travelling_wave()
-    speed = wave.speed_by_force * p.stiffness ** (1 / 3) * p.mass_kg**-0.5 * p.diameter_m  # at 1 N
-    return theory.force_coefficient(p, speed, 1.0)
 
 
 def precompressed_discrete() -> float:
@@ -74,9 +79,9 @@ def width_at_half(amplitude: float) -> float:
     return float(np.ptp(wave.place[wave.force_N > wave.force_N.max() / 2]))
 
 
-def wave_width(of: str) -> float:
-    """Width of the exact wave at 0.2 % of its peak, of the averaged or of the contact force, in diameters."""
-    return solve_travelling_wave().width(0.002, averaged=of == "average")
+def wave_width(of: str, share: float) -> float:
+    """Width of the exact wave at a share of its peak, of the averaged or of the contact force, in diameters."""
+    return solve_travelling_wave().width(share, averaged=of == "average")
 
 
 def averaging_lowers() -> float:
@@ -84,9 +89,9 @@ def averaging_lowers() -> float:
     return 1 / solve_travelling_wave().contact_over_average
 
 
-def averaging_widens() -> float:
-    """Width of the averaged force at 0.2 % divided by that of the contact force."""
-    return wave_width("average") / wave_width("contact")
+def averaging_widens(share: float) -> float:
+    """Width of the averaged force at a share of its peak divided by that of the contact force."""
+    return wave_width("average", share) / wave_width("contact", share)
 
 
 def energy_in_five(outer_share: float) -> float:
@@ -135,3 +140,131 @@ def weakly_nonlinear() -> float:
     amplitude = 0.1
     strain_above = (1 + amplitude) ** (2 / 3) - 1  # divided by the static one
     return float((_wave(amplitude).speed / _sound() - 1) / (strain_above / 12))
+
+
+@cache
+def paper_numbers() -> dict[str, float]:
+    """Values by the id of the statement, each in the unit of the statement."""
+    return _of_equations() | _of_materials() | _of_measurements()
+
+
+def ptfe_beads() -> theory.Particles:
+    """The paper's beads of 4.76 mm, E = 1.46 GPa."""
+    return theory.particles_of(case_of("table1"))
+
+
+def _of_equations() -> dict[str, float]:
+    """Statements on Eqs. (1) to (5) and (7)."""
+    p, y = ptfe_beads(), np.linspace(-np.pi, np.pi, 1001)
+    lattice_sound = travelling_wave.sound_speed(p.stiffness, p.mass_kg, STATIC_N) * p.diameter_m
+    speeds = [theory.speed_from_strain(p, strain) for strain in (STRAIN, 2 * STRAIN)]
+    peak = float(theory.solitary_strain(p, SPEED_M_S, np.zeros(1))[0])
+    caps, gauge = quoted().sensor_caps_g, quoted().sensor_gauge_g
+    # momentum of cap, gauge and cap under F_1 = 3 and F_2 = 1: unknown are F_3, F_4 and the acceleration
+    parts = np.array([[1.0, 0.0, caps / 2], [1.0, -1.0, -gauge], [0.0, 1.0, -caps / 2]])
+    third, fourth, _ = np.linalg.solve(parts, [3.0, 0.0, 1.0])
+    return {
+        "eq1-c": sqrt(p.stiffness * p.diameter_m**2.5 / p.mass_kg) / p.speed_constant_m_s,
+        "eq1-c0": lattice_sound / (p.speed_constant_m_s * p.strain(STATIC_N) ** 0.25),
+        "c-not-of-lattice": lattice_sound / p.speed_constant_m_s,
+        "eq2-solves-eq1": theory.stationary_residual(1.5),
+        "cubic-harmonic": theory.stationary_residual(3),
+        "eq2-length": theory.HUMP_LENGTH,
+        "eq2-first-form": float(np.log(2) / np.log(speeds[1] ** 2 / speeds[0] ** 2)),
+        "eq2-harmonics": float(np.abs(np.cos(y) ** 4 - (3 + np.cos(4 * y) + 4 * np.cos(2 * y)) / 8).max()),
+        "eq2-wavelength-short": 2 * pi / (4 * theory.HUMP_WAVE_NUMBER),
+        "eq2-wavelength-long": 2 * pi / (2 * theory.HUMP_WAVE_NUMBER),
+        "eq3-strain": SPEED_M_S / (p.speed_constant_m_s * peak**0.25),
+        "eq3-velocity": SPEED_M_S / (p.speed_constant_m_s**0.8 * (SPEED_M_S * peak) ** 0.2),
+        "eq3-force": theory.force_coefficient(p, speeds[0], p.force_N(STRAIN)),
+        "eq4-coefficient": theory.force_coefficient(p, theory.sound_speed(p, STATIC_N), STATIC_N),
+        "eq4-weak": speed_by_eq4(1 + 1e-4) / theory.sound_speed(p, STATIC_N),
+        "eq4-strong": speed_by_eq4(1e12) / theory.speed_from_force(p, 1e12 * STATIC_N),
+        "narrow-interval": max(100 * (speed_by_eq4(1.1 * f) / speed_by_eq4(f) - 1) for f in (2.0, 10.0, 100.0, 1000.0)),
+        "eq5-share": (third - fourth) / 2.0,
+        "eq5-average": (third + fourth) / 4.0,
+        "eq7-law": float(case_of("table1").chain.stiffness[1]) / p.stiffness,
+    }
+
+
+def speed_by_eq4(force_over_static: float) -> float:
+    """Speed of Eq. (4) in m/s for a peak force, static part included, divided by the static force."""
+    return theory.precompressed_speed(ptfe_beads(), force_over_static * STATIC_N, STATIC_N)
+
+
+def _of_materials() -> dict[str, float]:
+    """Statements on moduli, masses, and the contact at 5 N."""
+    p, paper, density = ptfe_beads(), quoted(), _density("ptfe")
+    small = theory.particles_of(case_of("fig6b"))
+    radius_m, peak_Pa = theory.hertz_contact(p, CONTACT_N)
+    small_radius_m, small_peak_Pa = theory.hertz_contact(small, CONTACT_N)
+    bulk_speeds = paper.ptfe_hugoniot_m_s, paper.ptfe_ultrasound_m_s
+    stiff, soft = (theory.bulk_modulus_to_youngs(speed, p.poisson_ratio, density) for speed in bulk_speeds)
+    strain = peak_Pa / p.youngs_modulus_Pa
+    return {
+        "modulus-hugoniot": stiff / 1e9,
+        "modulus-ultrasound": soft / MICRO,
+        "modulus-ratio": stiff / soft,
+        "modulus-above-normal": sorted(paper.ptfe_moduli_MPa)[1] / NORMAL_MODULUS_MPA,
+        "nylon-modulus": 6e-3 * min(paper.ptfe_moduli_MPa),
+        "bulk-speed": p.speed_constant_m_s / paper.ptfe_hugoniot_m_s,
+        "bead-mass": _ball_g("ptfe", 4.76e-3),
+        "small-bead-mass": _ball_g("ptfe", 2.38e-3),
+        "fig6-ball": _ball_g("ptfe", 5e-3),
+        "steel-ball": _ball_g("stainless-steel", 2e-3),
+        "sensor-mass": paper.sensor_mass_g,
+        "sensor-mass-close": 1e-3 * paper.sensor_mass_g / p.mass_kg,
+        "plate-mass": 1e-6 * PZT_KG_M3 * paper.sensor_gauge_side_mm**2 * paper.sensor_gauge_thickness_mm,
+        "fig5-mass-ratio": _striker_over_bead("fig5"),
+        "fig6-mass-ratio": _striker_over_bead("fig6b"),
+        "contact-stress": peak_Pa / MICRO,
+        "contact-strain": strain,
+        "contact-depth": radius_m * MICRO,
+        "contact-strain-rate": strain / (paper.table1.measured_duration_us[0] / MICRO),
+        "contact-radius": small_radius_m / radius_m,
+        "contact-by-size": small_peak_Pa / peak_Pa,
+    }
+
+
+def _of_measurements() -> dict[str, float]:
+    """Statements on measured speeds, widths and amplitudes."""
+    p, paper, table = ptfe_beads(), quoted(), quoted().table1
+    slowest, fastest = min(table.measured_speed_m_s), max(table.measured_speed_m_s)
+    by_theory = theory.Particles(600e6, p.poisson_ratio, _density("ptfe"), p.diameter_m)
+    slow_m_s = theory.speed_from_velocity(by_theory, 0.2)
+    times, widths = np.array(table.measured_duration_us) / MICRO, np.array(table.measured_width_diameters)
+    off = times * np.array(table.measured_speed_m_s) / p.diameter_m - widths
+    large = widths[np.array(table.force_N) >= 0.6]
+    return {
+        "slow-wave": slow_m_s,
+        "slower-than-gases": slow_m_s / HEAVY_GAS_M_S,
+        "measured-speeds-from": slowest,
+        "measured-speeds-to": fastest,
+        "slower-than-bulk": fastest / paper.ptfe_ultrasound_m_s,
+        "slower-than-sound-in-air": AIR_M_S / slowest,
+        "slower-than-on-nylon": NYLON_M_S / slowest,
+        "nylon-amplitude": NYLON_N / paper.smallest_force_N,
+        "far-smaller": NYLON_N / paper.smallest_force_N,
+        "strongly-nonlinear": min(table.force_N) / static_force(case_of("table1")),
+        "speed-accuracy": 100 * 2 * paper.accuracy_sensor_position_m / (4 * p.diameter_m),
+        "table1-measured-widths": float(np.abs(off).max()),
+        "very-close-to-five": float((times * np.array(table.measured_speed_m_s) / p.diameter_m)[1]),
+        "widths-close-to-five": float(large[np.abs(large - 5).argmax()]),
+    }
+
+
+def _density(material: str) -> float:
+    """Nominal density of a material, from ``inputs/materials.toml``."""
+    density = case_of("fig6b").scene.materials[material].density
+    assert density is not None
+    return density
+
+
+def _ball_g(material: str, diameter_m: float) -> float:
+    """Mass of a ball of the material's nominal density, g."""
+    return 1e3 * _density(material) * pi / 6 * diameter_m**3
+
+
+def _striker_over_bead(scene: str) -> float:
+    chain = case_of(scene).chain
+    return float(chain.mass_kg[-1] / chain.mass_kg[0])

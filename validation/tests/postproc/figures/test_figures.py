@@ -17,7 +17,7 @@ from postproc.figures import captions, make_figure
 from postproc.figures.table1 import equals_printed
 from postproc.paper.calibrated import calibrated
 from postproc.paper.quoted import quoted
-from postproc.paper.strikes import contact_peak, strike_for
+from postproc.paper.strikes import COLUMNS, contact_peak, fitting_force, sensor_amplitude, strike_for, table1_numbers
 from postproc.read.signals import incident_pulse
 from validation.reference.travelling_wave import solve_at_amplitude
 from validation.tests.helpers.commands import beads
@@ -72,6 +72,13 @@ def test_codes_solve_table_1_as_the_reference_and_its_caption_counts_the_printed
         sum(sum(equals_printed(row, of)) for row in table.to_dict("records")) for of in ("reference", "exact_21")
     )
     assert _absent("table1", f"20 beads and the striker: {short} of 15", f"{long} do") == []
+    free = [0, 0]
+    for place, setting in enumerate(("chain.count=20", "chain.count=21")):
+        for row in table.to_dict("records"):
+            motion = strike_for(fitting_force(row["force_N"], setting), sensor_amplitude, setting)
+            row |= {f"free_{name}": number for name, number in zip(COLUMNS, table1_numbers(motion), strict=True)}
+            free[place] += sum(equals_printed(row, "free"))
+    assert _absent("table1", f"{free[0]} and {free[1]} do") == []
 
 
 @pytest.mark.long
@@ -110,6 +117,12 @@ def test_codes_have_the_speeds_of_fig_3_and_its_caption_the_deviation_of_the_the
     chain, theory = rounded[rounded["engine"] == "reference"], rounded[rounded["source"].str.startswith("Eq.")]
     both = chain.merge(theory, on=["modulus_MPa", "gravity", "force_N"])
     assert len(both) == 3 * 13 + 2 * 4
+    score = table[table["source"] == "score"]
+    groups = [score["force_N"] < 2, score["modulus_MPa"]]
+    rms = np.sqrt((score["deviation_pct"] ** 2).groupby(groups).mean()).round().astype(int).unstack()
+    (*large, last), (*small, least) = rms.to_numpy()
+    written = [f"{', '.join(map(str, first))} and {end} %" for first, end in ((large, last), (small, least))]
+    assert _absent("fig3", *written) == []
     assert _absent("fig3", f"within {100 * (both['speed_m_s_y'] / both['speed_m_s_x'] - 1).abs().max():.1f} %") == []
 
 

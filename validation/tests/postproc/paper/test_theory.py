@@ -5,7 +5,7 @@ import pytest
 
 from postproc.paper import theory
 from postproc.read.signals import first_peak
-from validation.claims.paper_numbers import paper_numbers
+from validation.claims.equations import paper_numbers
 from validation.reference import travelling_wave
 from validation.reference.adaptive import integrate_adaptive
 from validation.reference.hertz_chain import HertzChain

@@ -1,23 +1,24 @@
-"""A table of the chapter on published numbers, as if every number had been hit."""
+"""Checks of published numbers, as if every number had been hit."""
 
+from drivers.base import paths
 from validation.checks import PASS, Check
-from validation.claims.cases import read_independent
-from validation.claims.claim import PLAIN_READING, read_claims
+from validation.claims.claim import read_claims
 from validation.claims.judged import check_of
 
 CASE_ENGINES = ("liggghts", "reference", "yade")
 
 
 def published_checks(engines: tuple[str, ...] = CASE_ENGINES) -> list[Check]:
-    """Checks of all claims by the reference, with the published values, and of all cases by some engines."""
-    claims = [
-        check_of(claim, reading, "reference", claim.quoted)
-        for claim in read_claims().claim
-        for reading in claim.readings or (PLAIN_READING,)
+    """Checks of all statements by the reference, with the published values, and of all cases by some engines."""
+    statements = [
+        check_of(claim, reading.words, "reference", claim.expected, claim.expected)
+        for claim in read_claims()
+        for reading in claim.readings
+        if claim.expected is not None
     ]
     cases = [
-        Check(entry.id, engine, f"{check.quantity} against {check.against}", 1e-13, check.limit, check.reason,
+        Check(claim.id, engine, f"{claim.quantity} against {claim.against}", 1e-13, claim.limit, claim.reason,
               "found 1, expected 1: somebody", PASS, 1.0 + 1e-13, 1.0)
-        for entry in read_independent() for engine in engines for check in entry.check
+        for claim in read_claims(paths.INDEPENDENT) for engine in engines
     ]  # fmt: skip
-    return [*claims, *cases]
+    return [*statements, *cases]

@@ -12,12 +12,11 @@ from drivers.chain.case import Case, build_case
 from drivers.chain.trace import Trace
 from drivers.scene.read_scene import read_scene
 from postproc.paper.simulate import exact
-from validation.chapters import load_chapter, rows_in
 from validation.checks import FAIL, NOT_RUN, PASS, RUN, Check
-from validation.claims import judged
-from validation.claims.cases import MEASURES, Posed, pose, read_independent
-from validation.claims.judged import IN_REPO, judge_cases
-from validation.claims.measures import linear, weak
+from validation.claims import judged, linear_waves
+from validation.claims.claim import function_of, read_claims
+from validation.claims.judged import IN_REPO, judge, posed
+from validation.report.parts import read_part
 from validation.tests.helpers.commands import assert_in_order, beads
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import EnginesWriter, StandIn
@@ -38,11 +37,16 @@ reason = "half of the last digit"
 CHECK = '[[case.check]]\nquantity = "{}"\nwithin = 1e-6\nreason = "because"\n'
 
 
-CASES = {entry.id: entry for entry in read_independent()}
+CASES = {claim.id: claim for claim in read_claims(paths.INDEPENDENT)}
 
 
-def load(path: Path) -> list[Posed]:
-    return [posed for entry in read_independent(path) for posed in pose(entry, path)]
+def load(path: Path) -> None:
+    for claim in read_claims(path):
+        posed(claim)
+
+
+def judge_cases(path: Path, runs: Path) -> list[Check]:
+    return judge(read_claims(path), runs)
 
 
 def shipped(name: str) -> str:
@@ -52,7 +56,7 @@ def shipped(name: str) -> str:
 
 
 BAD = [
-    (CASE.replace("source =", "sours = 1\nsource ="), "case.0.sours: unknown key", "did you mean source?"),
+    (CASE.replace("source =", "sours = 1\nsource ="), "case glass: sours: unknown key", "did you mean source?"),
     (CASE.replace('"impact"', '"impakt"'), 'case glass: measure: found "impakt"', "impact, "),
     (CASE.replace("peak_force_N", "peak_force_kN"), 'check.quantity: found "peak_force_kN"', "peak_force_N"),
     (CASE.replace('scene = "two-spheres"', ""), "case glass: missing key scene or study", ""),
@@ -108,16 +112,16 @@ def in_repo(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_the_command_passes_a_right_case_and_fails_a_wrong_one(cheap: Path, tmp_path: Path) -> None:
     words = ("claims", "--file", cheap, "--results", tmp_path / "results", "--runs", tmp_path / "runs")
     done = beads(*words)
-    assert (done.returncode, done.stderr) == (0, "")
+    assert done.returncode == 0, done.stderr
     assert "cases beyond the paper: 14 passed, 0 failed, 0 not run" in done.stdout  # seven numbers by two engines
     cheap.write_text(cheap.read_text().replace("expected = 11370.0", "expected = 11371.0"))
     done = beads(*words)
     assert done.returncode == 1
-    checks = rows_in(load_chapter("claims").read(tmp_path / "results")["claims"], Check)
-    red = [(check.engine, check.quantity) for check in checks if check.verdict == FAIL]
+    part = read_part("claims", tmp_path / "results")
+    assert part
+    red = [(check.engine, check.quantity) for check in part.failed]
     assert red == [("reference", "peak_force_N against quoted"), ("verlet", "peak_force_N against quoted")]
-    assert len(done.stderr.strip().splitlines()) == 1 + len(red)  # with the heading
-    assert "N, expected 11371 N" in done.stderr
+    assert done.stderr.count("N, expected 11371 N") == len(red)
 
 
 def stronger(case: Case) -> Trace:
@@ -171,20 +175,20 @@ def test_a_case_without_state_does_not_take_it_from_another(tmp_path: Path, monk
 @pytest.mark.usefixtures("in_repo")
 def test_the_engines_of_the_repository_pass_all_cases(tmp_path: Path) -> None:
     """Theories are those of two integrators; the report asks the codes."""
-    assert [check for check in judge_cases(runs=tmp_path) if check.verdict != PASS] == []
+    assert [check for check in judge_cases(paths.INDEPENDENT, tmp_path) if check.verdict != PASS] == []
 
 
 def test_made_up_records_have_their_known_rates_and_peaks() -> None:
     """A fit finds a rate from any start, and a polynomial a peak in noise."""
     time, rate = np.arange(0.0, 100.0, 0.05), 1.0173
-    fitted, _, misfit = linear.fit(time, 3.0 * linear.response(2, rate * time), 2, linear.LAST_TAU)
+    fitted, _, misfit = linear_waves.fit(time, 3.0 * linear_waves.response(2, rate * time), 2, linear_waves.LAST_TAU)
     assert fitted == pytest.approx(rate, rel=1e-12)
     assert misfit < 1e-12
     time = np.arange(0.0, 15.0, 0.1)
     noise = 1e-4 * np.random.default_rng(1).normal(size=time.size)
     signal = np.exp(-((time - 4.03) ** 2) / 2) + 2 * np.exp(-((time - 12.0) ** 2) / 2)
     for disturbed, error in ((signal, 2e-5), (signal + noise, 2e-4)):
-        peak = weak.leading_peak(time, disturbed)
+        peak = linear_waves.leading_peak(time, disturbed)
         assert (peak.time_s, peak.value) == pytest.approx((4.03, 1.0), abs=error)
 
 
@@ -219,6 +223,6 @@ def test_made_up_records_have_their_known_rates_and_peaks() -> None:
 def test_a_run_or_chain_without_the_wave_of_a_case_is_named(name: str, settings: list[str], words: str) -> None:
     entry = CASES[name]
     assert entry.scene
-    case, measure = build_case(read_scene(entry.scene, (*entry.set, *settings))), MEASURES[entry.measure]
+    case = build_case(read_scene(entry.scene, (*entry.set, *settings)))
     with pytest.raises(ValueError, match=words):
-        _ = measure.theory(case), measure.measure(case, exact(case).trace)
+        _ = function_of(entry, "_theory")(case), function_of(entry)(case, exact(case).trace)

@@ -1,1 +1,0 @@
-"""Numbers of a run with a published or theoretical value: one module each, with its measure and its theory."""
