@@ -567,3 +567,33 @@ def gauge_parameters(data: DataSet, asked: Sequence[str]) -> list[Free]:
             start_s = sum(channel.window_s) / 2 if channel.trigger_s is None else channel.trigger_s
             add(name, "s", start_s, channel.window_s)
     return parameters
+
+
+def parameters_of(
+    sets: Sequence[DataSet], free: Sequence[str], own: Sequence[str], answers: Sequence[Answer]
+) -> tuple[list[Free], dict[str, float]]:
+    """Free parameters of data sets, and values of parameters of readings that are fixed, by key.
+
+    Args:
+        sets: Measured data.
+        free: Options that name parameters shared by all data sets, and parameters of gauges.
+        own: Options that name parameters with a separate value for each data set.
+        answers: Readings of the sentences that the paper leaves open.
+
+    Raises:
+        InputError: A scene lacks a parameter, or a parameter is named twice.
+    """
+    gauges = [text for text in free if text.startswith("measured")]
+    parameters = [free_parameter(text, sets[0].scene, sets[0].where) for text in free if text not in gauges]
+    for source in sets:
+        parameters += [free_parameter(text, source.scene, source.where, source.name) for text in (*source.own, *own)]
+        parameters += gauge_parameters(source, gauges)
+    numbers = [number for source in sets for number in source.numbers]
+    needed = {number.divisor for number in numbers} | {CUT for number in numbers if "_full_width" in number.name}
+    fixed = {f"{READING}.{key}": value for answer in answers for key, value in answer.fixed.items()}
+    parameters += [parameter for parameter in of_readings() if parameter.key in needed and parameter.key not in fixed]
+    names = [(parameter.key, parameter.own) for parameter in parameters]
+    for key, own_set in names:
+        if names.count((key, own_set)) > 1 or (own_set and (key, "") in names):
+            raise InputError(sets[0].where, f"--free {key}", "twice", "each parameter once")
+    return parameters, fixed

@@ -18,17 +18,7 @@ from drivers.base.units import quantity
 from drivers.chain.chain import Array
 from drivers.run.execute import Place, execute
 from validation.calibration.data import TRIGGER, Datum, without_effect
-from validation.calibration.problem import (
-    MISSING_RESIDUAL,
-    Problem,
-    censored,
-    has_motion,
-    jacobian,
-    raw_residual,
-    residual,
-    scanned,
-    with_triggers,
-)
+from validation.calibration.problem import MISSING_RESIDUAL, Problem
 from validation.calibration.show import rounded
 
 SCREENED_POINTS, DESCENTS = 8, 3  # points tried over the ranges for each parameter, and descents from the best
@@ -141,7 +131,7 @@ class Fit:
 
     def number(self, datum: Datum, slopes: Array) -> tuple[float, float]:
         """A measured number in the fitted motion, and its standard error from the slopes of its residual."""
-        off = float(raw_residual(self.problem, self.place)[datum.rows.start])
+        off = float(self.problem.raw_residual(self.place)[datum.rows.start])
         return datum.value + off * datum.error, datum.error * sqrt(max(float(slopes @ self.covariance @ slopes), 0.0))
 
 
@@ -200,7 +190,7 @@ def _seeded(problem: Problem, seed: Mapping[str, float]) -> Array:
     values = {free.label: without_effect(free.key) for free in problem.free} | dict(seed)
     place = np.array([free.coordinate(free.start if (x := values[free.label]) is None else x) for free in problem.free])
     missing = any(free.own and free.of_motion and free.label not in seed for free in problem.free)
-    return _with_others(problem, place) if missing else with_triggers(problem, place)
+    return _with_others(problem, place) if missing else problem.with_triggers(place)
 
 
 def _starts(problem: Problem) -> list[Start]:
@@ -223,7 +213,7 @@ def _starts(problem: Problem) -> list[Start]:
 def _lowered(problem: Problem, start: Start) -> Ends:
     """End of a descent from a place, first with some parameters held; nothing from a place without a motion."""
     place, held = start
-    if not has_motion(problem, place):
+    if not problem.has_motion(place):
         return []
     first = minimise(problem, place, held, converged=ROUGH_CHANGE) if held else place
     end = minimise(problem, first, converged=ROUGH_CHANGE)
@@ -232,10 +222,10 @@ def _lowered(problem: Problem, start: Start) -> Ends:
 
 def _with_others(problem: Problem, place: Array) -> Array:
     """``place`` with all parameters fitted roughly that are not searched."""
-    if not has_motion(problem, place):
+    if not problem.has_motion(place):
         return place
     held = {index: float(place[index]) for index in problem.searched}
-    begun = with_triggers(problem, scanned(problem, place))
+    begun = problem.with_triggers(problem.scanned(place))
     return minimise(problem, begun, held, converged=ROUGH_CHANGE, tries=MAX_ROUGH_EVALUATIONS)
 
 
@@ -243,7 +233,7 @@ def fitted_at(
     problem: Problem, place: Array, others: tuple[tuple[float, Array], ...] = (), reached: int = 0, descents: int = 0
 ) -> Fit:
     """Fit at a known minimum."""
-    return Fit(problem, place, residual(problem, place), jacobian(problem, place), others, reached, descents)
+    return Fit(problem, place, problem.residual(place), problem.jacobian(place), others, reached, descents)
 
 
 def minimise(
@@ -270,14 +260,14 @@ def minimise(
     begun[[*(held or {})]] = [*(held or {}).values()]
     moving = [index for index in range(len(begun)) if index not in (held or {})]
     inside = _moved(begun, moving, np.clip(begun[moving], MARGIN, 1 - MARGIN))
-    if not moving or not counting.size or not has_motion(problem, inside):
+    if not moving or not counting.size or not problem.has_motion(inside):
         return begun
 
     def off(coordinates: Array) -> Array:
-        return np.asarray(residual(problem, _moved(inside, moving, coordinates))[counting])
+        return np.asarray(problem.residual(_moved(inside, moving, coordinates))[counting])
 
     def slopes(coordinates: Array) -> Array:
-        return np.asarray(jacobian(problem, _moved(inside, moving, coordinates), moving)[counting])
+        return np.asarray(problem.jacobian(_moved(inside, moving, coordinates), moving)[counting])
 
     with np.errstate(invalid="ignore", divide="ignore"):  # the slope is zero if all data are missing
         # a point without a motion has infinite residuals, from which least squares steps back
@@ -290,7 +280,7 @@ def minimise(
 
 def chi_square_at(problem: Problem, place: Array, rows: Array | None = None) -> float:
     """Chi-square at given coordinates, of all or of some rows of the residual."""
-    off = residual(problem, place)[slice(None) if rows is None else rows]
+    off = problem.residual(place)[slice(None) if rows is None else rows]
     return float(off @ off)
 
 
@@ -478,12 +468,12 @@ def _remarks(best: Fit, parameters: pd.DataFrame) -> Iterator[str]:
     problem, certain = best.problem, not len(best.open_directions)
     if best.reached < 2 <= best.descents and certain:
         yield f"not sure: 1 of {best.descents} descents ended at this minimum; a better one may exist"
-    missing = np.isnan(raw_residual(problem, best.place))
+    missing = np.isnan(problem.raw_residual(best.place))
     for datum in problem.data:
         if missing[datum.rows.start]:
             counts = f"counts as {MISSING_RESIDUAL:.0f} standard errors"
             yield f"{datum.label} is missing from the computed motion and {counts}"
-        if censored(problem, datum, best.place):
+        if problem.censored(datum, best.place):
             yield f"{datum.label} is a lower bound: the force is above the cut until the wave meets the wall"
     for name, *ends in parameters[["parameter", "low_95pct", "high_95pct"]].itertuples(index=False):
         open_ends = [side for side, end in zip(("below", "above"), ends, strict=True) if abs(end) == inf]
