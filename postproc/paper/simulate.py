@@ -6,6 +6,8 @@ from functools import cached_property
 from math import nan
 from pathlib import Path
 
+from scipy.interpolate import BSpline, make_interp_spline
+
 from drivers.base.errors import InputError
 from drivers.chain.case import Case, build_case
 from drivers.chain.chain import Array
@@ -52,6 +54,12 @@ class Simulation:
     def signals(self) -> dict[str, Array]:
         """Gauge signals by name."""
         return sensor_signals(self.case.layout, self.trace)
+
+    @cached_property
+    def curves(self) -> dict[str, BSpline]:
+        """Splines of the changes of the gauge signals by name."""
+        changes = {gauge: signal - signal[0] for gauge, signal in self.signals.items()}
+        return {gauge: make_interp_spline(self.trace.time_s, change, k=5) for gauge, change in changes.items()}
 
     @cached_property
     def first(self) -> dict[str, float]:

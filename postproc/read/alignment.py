@@ -308,7 +308,8 @@ def _aligned(pairs: list[_Pair], step_s: float) -> list[AlignedGauge]:
     if trigger_s is None:
         curves = {channel.gauge: signal.curve for channel, signal in pairs}
         trigger_s, error_s = _refined(pairs, correlated([channel for channel, _ in pairs], curves, step_s), step_s)
-    _must_overlap(pairs, trigger_s)
+    first, signal = min(pairs, key=lambda pair: pair[1].onset_s)
+    must_overlap(first, trigger_s, signal.end_s, signal.onset_s)
     return [_gauge(*pair, trigger_s, error_s) for pair in pairs]
 
 
@@ -399,16 +400,15 @@ def _refined(pairs: list[_Pair], near_s: float, step_s: float) -> tuple[float, f
     return near_s + float(best.x[0]) * step_s, step_s / float(np.linalg.norm(np.asarray(best.jac)))
 
 
-def _must_overlap(pairs: list[_Pair], trigger_s: float) -> None:
+def must_overlap(channel: Channel, trigger_s: float, end_s: float, onset_s: float = 0.0) -> None:
     """Refuses a record with too few readings within the run, or without readings after the first computed onset."""
-    first, signal = min(pairs, key=lambda pair: pair[1].onset_s)
-    clock_s = first.time_s - trigger_s
-    inside = int(np.sum((clock_s >= 0) & (clock_s <= signal.end_s)))
-    if inside < MIN_SAMPLES or clock_s[-1] <= signal.onset_s:
+    clock_s = channel.time_s - trigger_s
+    inside = int(np.sum((clock_s >= 0) & (clock_s <= end_s)))
+    if inside < MIN_SAMPLES or clock_s[-1] <= onset_s:
         found = f"{inside} readings from {clock_s[0] * 1e6:.6g} to {clock_s[-1] * 1e6:.6g} us after the trigger"
-        wave = f"also after {signal.onset_s * 1e6:.6g} us, when the wave reaches {first.gauge}"
-        allowed = f"at least {MIN_SAMPLES} readings within the run, 0 to {signal.end_s * 1e6:.6g} us, {wave}"
-        raise InputError(paths.shown(first.trace.file), "", found, allowed)
+        wave = f"also after {onset_s * 1e6:.6g} us, when the wave reaches {channel.gauge}"
+        allowed = f"at least {MIN_SAMPLES} readings within the run, 0 to {end_s * 1e6:.6g} us, {wave}"
+        raise InputError(paths.shown(channel.trace.file), "", found, allowed)
 
 
 def block_means(values: Array, block: int) -> Array:

@@ -30,14 +30,14 @@ from drivers.limits import inability
 from drivers.scene.model import places_of
 from drivers.scene.read_scene import apply_setting, find_scene, read_scene, set_value
 from drivers.scene.settings import look_up
+from postproc.draw.fit_figures import draw_parameters
 from postproc.draw.product import write_figure
 from postproc.read.measured import MEASURED
 from postproc.read.observables import describe, without_unit
-from validation.calibration import show
 from validation.calibration.data import GAIN, TRIGGER, DataSet, calibration_file, did_you_mean, paper_data, scene_data
 from validation.calibration.fit import DATA, LAWS, PARAMETERS, RISES, Fit, Tables, solve
 from validation.calibration.problem import Problem, pose, simulated, stepped
-from validation.calibration.show import rows_of, value_text, with_error
+from validation.calibration.texts import interval_text, rounded, rows_of, suited, value_text, with_error
 from validation.compare.answer import compare_scenes
 from validation.compare.comparison import EngineSelection
 from validation.report.parts import Chapter, store_part
@@ -46,8 +46,7 @@ PREDICTIONS, AGAIN = "predictions", "again.sh"
 DECISIVE = 6.0  # excess of Akaike's criterion: a ratio of likelihoods of 20
 LEGEND = (
     "deviation: fitted minus measured, in standard errors of the measurement; of a trace the rms of its readings, of a "
-    "parameter with prior knowledge fitted minus stated value",
-    "predicted: by a fit to all other data; deviation: of this prediction, in standard errors of both",
+    "parameter with prior knowledge fitted minus stated value"
 )
 
 
@@ -78,7 +77,7 @@ class FitRequest:
 
     def settings_of(self, law: str) -> tuple[str, ...]:
         """Settings of a law and of the command; those of the command come last, so that ``contact.alpha=1.5`` stays."""
-        return (*(calibration_file().law_named(law).set if law else ()), *self.settings)
+        return (*(calibration_file().law[law].set if law else ()), *self.settings)
 
 
 def problems_of(request: FitRequest) -> dict[str, Problem]:
@@ -97,7 +96,11 @@ def problems_of(request: FitRequest) -> dict[str, Problem]:
     for option, given, count in (("law", request.laws, len({*request.laws})), ("free", request.free, len(asked))):
         if count < len(given):
             raise InputError("fit", f"--{option}", ", ".join(given), f"each {option} once")
-    of_laws = {law: calibration_file().law_named(law).free for law in request.laws}
+    known = calibration_file().law
+    for law in request.laws:
+        if law not in known:
+            raise InputError("--law", "", law, ", ".join(known))
+    of_laws = {law: known[law].free for law in request.laws}
     problems = dict[str, Problem]()
     for law in request.laws or [""]:
         settings, own = request.settings_of(law), of_laws.get(law, ())
@@ -126,14 +129,12 @@ def run_fit(request: FitRequest, runs: Path, results: Path) -> int:
     """
     problems, fits, tables = problems_of(request), dict[str, Fit](), dict[str, Tables]()
     problem, folder = next(iter(problems.values())), folder_of(request, results)
-    number = len(problem.free)
-    size = f"{problem.rows} readings" if any(data.channels for data in problem.sets) else f"{len(problem.data)} numbers"
     for data in problem.sets if request.predict else ():
         observables_of(problem, data, problem.start, request.predict)  # unknown ones are refused before the fit
-    with counted(f"fit of {number} parameter{'s' * (number != 1)} to {size}", unit="fit") as count:
+    with counted(f"fit of {len(problem.free)} parameter{'s' * (len(problem.free) > 1)} to {problem.rows} readings"):
         for law, each in problems.items():  # each fit also starts from the earlier ones: a larger model is never worse
             seeds, names = [found.values for found in fits.values()], ", ".join(data.name for data in each.sets)
-            fits[law], tables[law] = solve(each, law, names, quick=request.quick, seeds=seeds, count=count)
+            fits[law], tables[law] = solve(each, law, names, quick=request.quick, seeds=seeds)
     predictions = pd.concat([predict(fits[law], law, request.predict) for law in fits], ignore_index=True)
     fitted = write_folder(request, fits, tables, predictions, folder)
     best = min(tables, key=lambda law: float(tables[law][LAWS]["aic"].iloc[0]))
@@ -162,17 +163,21 @@ def lines(fit: Fit, tables: Tables) -> Iterator[str]:
     rows = []
     for row in rows_of(tables[PARAMETERS]):
         ends = ((row.low_68pct, row.high_68pct), (row.low_95pct, row.high_95pct))
-        start = with_error(row.start, row.prior, row.unit) if row.prior else show.rounded(row.start, row.unit)
-        intervals = [show.interval_text(row, end) for end in ends]
+        start = with_error(row.start, row.prior, row.unit) if row.prior else rounded(row.start, row.unit)
+        intervals = [interval_text(row, end) for end in ends]
         rows.append([row.parameter, value_text(row, fit.enlargement), *intervals, start])
     yield from _table(["parameter", "value", *(f"{rise} interval" for rise in RISES), "start"], rows)
     if fit.enlargement != 1:
         times = f"enlarged {fit.enlargement:.2g} times"
         yield f"errors (not intervals) are {times}, since the data scatter more than noise explains"
     yield ""
-    cells = [_datum_cells(row) for row in rows_of(tables[DATA])]
-    yield from _table(["datum", "measured", "fitted", "deviation", "predicted", "deviation"], cells)
-    yield from LEGEND if any(row[4] for row in cells) else LEGEND[:1]
+    rows = []
+    for row in rows_of(tables[DATA]):
+        number = [f"{row.measured:.4g} ± {row.error:.2g}", f"{row.fitted:.5g}"] if isfinite(row.measured) else ["", ""]
+        without = f"{row.chi_square_without:.4g}" if isfinite(row.chi_square_without) else ""
+        rows.append([": ".join(filter(None, (row.data_set, row.datum))), *number, f"{row.off:.2f}", without])
+    yield from _table(["datum", "measured", "fitted", "deviation", "chi-square without it"], rows)
+    yield LEGEND
     yield ""
     (goodness,) = rows_of(tables[LAWS])
     chance = f", probability {goodness.probability:.2g}" if goodness.freedom > 0 else ""
@@ -181,16 +186,6 @@ def lines(fit: Fit, tables: Tables) -> Iterator[str]:
     if not fit.explained:
         yield "the model does not explain the data"
     yield from goodness.remarks.split(". ") if goodness.remarks else ()
-
-
-def _datum_cells(row: Any) -> list[str]:
-    """Cells of a datum: label, measured, fitted, deviation, predicted, deviation."""
-    label, off = f"{row.data_set}: {row.datum}" if row.data_set else row.datum, f"{row.off:.2f}"
-    if not isfinite(row.measured):
-        return [label, "", "", off, "", ""]
-    without = f"{row.by_the_others:.4g} ± {row.by_the_others_error:.2g}" if isfinite(row.by_the_others) else ""
-    without_off = f"{row.by_the_others_off:.2f}" if isfinite(row.by_the_others_off) else ""
-    return [label, f"{row.measured:.4g} ± {row.error:.2g}", f"{row.fitted:.5g}", off, without, without_off]
 
 
 def comparison(fits: Mapping[str, Fit], tables: Mapping[str, Tables]) -> Iterator[str]:
@@ -202,11 +197,8 @@ def comparison(fits: Mapping[str, Fit], tables: Mapping[str, Tables]) -> Iterato
         return
     laws = pd.concat([tables[law][LAWS] for law in fits]).sort_values("aic", kind="stable")
     laws["above"] = laws["aic"] - laws["aic"].min()
-    heading = ["law", "chi-square", "freedom", "probability", "AIC", "BIC", "AIC above the best"]
-    numbers = laws[["chi_square", "freedom", "probability", "aic", "bic", "above"]].to_numpy()
-    yield from text_table(
-        [heading, *([law, *(f"{x:.5g}" for x in row)] for law, row in zip(laws["law"], numbers, strict=True))]
-    )
+    columns = ["law", "chi_square", "freedom", "probability", "aic", "bic", "above"]
+    yield from laws[columns].to_string(index=False, float_format="{:.5g}".format).splitlines()
     for law in laws["law"]:
         if not fits[law].explained:
             yield f"{law} does not explain the data"
@@ -222,14 +214,9 @@ def comparison(fits: Mapping[str, Fit], tables: Mapping[str, Tables]) -> Iterato
 def predicted_lines(predictions: pd.DataFrame, asked: Sequence[str]) -> Iterator[str]:
     """Table of the requested predictions; nothing without one."""
     names = {without_unit(name) for name in asked}
-    cells = [
-        [row.datum, row.data_set, row.law, with_error(row.fitted, row.fitted_error, row.unit)]
-        for row in rows_of(predictions)
-        if without_unit(row.datum) in names
-    ]
-    if cells:
-        yield from _table(["predicted", "scene", "law", "value"], sorted(cells))
-        yield ""
+    rows = [row for row in rows_of(predictions) if without_unit(row.datum) in names]
+    cells = [(row.datum, row.data_set, row.law, with_error(row.fitted, row.fitted_error, row.unit)) for row in rows]
+    yield from (*_table(["predicted", "scene", "law", "value"], sorted(cells)), "") if cells else ()
 
 
 def _table(heading: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
@@ -314,7 +301,8 @@ def write_folder(
             whole[name] = pd.concat([of_law[name] for of_law in tables.values()])
         for name, table in whole.items():
             table.to_csv(draft / f"{name}.csv", index=False)
-        write_figure(show.draw_parameters(whole[PARAMETERS]), PARAMETERS, draft)
+        scales = {row.parameter: suited(row.value, row.unit) for row in rows_of(whole[PARAMETERS])}
+        write_figure(draw_parameters(whole[PARAMETERS], scales), PARAMETERS, draft)
         svg = (draft / f"{PARAMETERS}.svg").read_text(encoding="utf-8")
         fitted = {law: _write_scenes(request, law, fits[law], whole[PARAMETERS], draft) for law in fits}
         (draft / AGAIN).write_text(f"{_command(request)}\n", encoding="utf-8")

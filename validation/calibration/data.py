@@ -24,8 +24,8 @@ from drivers.scene.read_scene import apply_setting, find_scene, make_scene, read
 from drivers.scene.settings import look_up, unit_of
 from postproc.paper.quoted import force_accuracy, quoted
 from postproc.paper.simulate import exact
-from postproc.read.alignment import Channel, channels_of
-from postproc.read.measured import MIN_SAMPLES, entries_of, read_measured, read_quoted
+from postproc.read.alignment import Channel, channels_of, must_overlap
+from postproc.read.measured import entries_of, read_measured, read_quoted
 from postproc.read.observables import describe
 from postproc.read.sensors import gauges_of
 
@@ -68,7 +68,6 @@ class QuotedSet(Part):
     ``also`` maps a data set to the row with the same experiment; this row is left out if both are fitted.
     """
 
-    name: str
     scene: str
     set: Texts = ()
     own: Texts = ()
@@ -107,7 +106,6 @@ class Law(Part):
         found: parameters found on the paper, by label; the short study starts there alone.
     """
 
-    name: str
     set: Texts = ()
     free: Texts = ()
     found: dict[str, float] = Field(default_factory=dict)
@@ -131,28 +129,18 @@ class CalibrationFile(Part):
     start: dict[str, str | float]
     none: dict[str, float]
     reading: dict[Literal["force_scale", "speed_scale", "cut"], str]
-    law: Annotated[tuple[Law, ...], Field(strict=False, min_length=1)]
-    set: Annotated[tuple[QuotedSet, ...], Field(strict=False, min_length=1)]
+    law: dict[str, Law]
+    set: dict[str, QuotedSet]
     choice: dict[str, Annotated[tuple[Answer, ...], Field(strict=False, min_length=2)]]
-
-    def law_named(self, name: str) -> Law:
-        """The law with this name; InputError if there is none."""
-        for law in self.law:
-            if law.name == name:
-                return law
-        raise InputError("--law", "", name, ", ".join(law.name for law in self.law))
 
     def readings(self, *, quick: bool = False) -> dict[str, tuple[Answer, ...]]:
         """Combinations of answers by the answers that are not the default one, which comes first."""
         asked = {}
-        kept = [
-            [each for each in answers if each is answers[0] or each.quick or not quick]
-            for answers in self.choice.values()
-        ]
-        for answers in product(*kept):
+        for answers in product(*self.choice.values()):
             pairs = zip(self.choice.items(), answers, strict=True)
             other = {question: answer for (question, usual), answer in pairs if answer is not usual[0]}
-            if len(other) < 2 or not any(answer.alone for answer in other.values()):
+            combined = len(other) < 2 or not any(answer.alone for answer in other.values())
+            if combined and (not quick or all(answer.quick for answer in other.values())):
                 name = "; ".join(f"{question}: {answer.name}" for question, answer in other.items())
                 asked[name or DEFAULT] = answers
         return asked
@@ -210,15 +198,12 @@ class Free:
     def coordinate(self, value: float) -> float:
         """Coordinate of a value; that of the nearer bound beyond the range."""
         value = min(max(value, self.low), self.high)
-        if self.logarithmic:
-            return log(value / self.low) / log(self.high / self.low)
-        return (value - self.low) / (self.high - self.low)
+        share = (value - self.low) / (self.high - self.low)
+        return log(value / self.low) / log(self.high / self.low) if self.logarithmic else share
 
     def slope(self, coordinate: float) -> float:
         """Derivative of the value by the coordinate."""
-        if self.logarithmic:
-            return self.value(coordinate) * log(self.high / self.low)
-        return self.high - self.low
+        return self.value(coordinate) * log(self.high / self.low) if self.logarithmic else self.high - self.low
 
 
 def free_parameter(text: str, scene: Scene, where: str, own: str = "") -> Free:
@@ -316,11 +301,6 @@ def _number(text: object, unit: str, where: str, key: str) -> float:
 def _of_key(table: Mapping[str, Any], key: str) -> Any:
     """Entry of a key, or of its last part; None without one."""
     return table.get(key, table.get(key.rpartition(".")[2]))
-
-
-def without_effect(key: str) -> float | None:
-    """Value at which a parameter has no effect, such as a restitution of 1; None if the file names none."""
-    return calibration_file().none.get(key)
 
 
 def around(value: float) -> tuple[float, float]:
@@ -421,7 +401,7 @@ def paper_data(names: Sequence[str], settings: Sequence[str] = (), answers: Sequ
     Raises:
         InputError: A data set or setting is unknown.
     """
-    known, data = {quoted_set.name: quoted_set for quoted_set in calibration_file().set}, list[DataSet]()
+    known, data = calibration_file().set, list[DataSet]()
     for name in names:
         if name not in known:
             allowed = f"comma-separated names from {', '.join(known)}"
@@ -452,18 +432,13 @@ def _column(number: QuotedNumber, answers: Sequence[Answer]) -> list[Datum]:
     shared, numbers = not any(answer.independent for answer in answers), []
     prior = next((free.prior for free in of_readings() if shared and free.key == scale), 0.0)
     for place, value in enumerate(values):
-        own_error = sqrt(max(_share(number.error, value) ** 2 - prior**2, 0.0)) * abs(value)
+        share = quoted().accuracy_speed if number.error == "speed" else number.error
+        share = force_accuracy(value) if share == "force" else float(share)
+        own_error = sqrt(max(share**2 - prior**2, 0.0)) * abs(value)
         rounding = number.rounding[place] / sqrt(3) if number.rounding and shared else 0.0
         error = hypot(own_error, rounding) * number.scale
         numbers.append(Datum(name, value * number.scale, error, number.because, scale if prior else ""))
     return numbers
-
-
-def _share(error: str | float, value: float) -> float:
-    """Relative standard error of a quoted value, with its common part."""
-    if error == "force":
-        return force_accuracy(value)
-    return quoted().accuracy_speed if error == "speed" else float(error)
 
 
 @cache
@@ -513,11 +488,8 @@ def scene_data(
     ]
     step_s = scene.run.sample_interval
     files = channels_of(traces, scene.run.duration, step_s)
-    for channel in (channel for channels in files for channel in channels):
-        within = int((channel.counts & (channel.time_s >= (channel.trigger_s or -inf))).sum())
-        if within < MIN_SAMPLES:
-            found, allowed = f"{within} readings within the run", f"at least {MIN_SAMPLES} after the trigger"
-            raise InputError(paths.shown(channel.trace.file), "trigger", found, allowed)
+    for channel in (channel for file in files for channel in file if channel.trigger_s is not None):
+        must_overlap(channel, channel.trigger_s, scene.run.duration)
     channels = tuple(channel for key in traces for file in files for channel in file if channel.key == key)
     tables.pop("measured", None)
     duration = tables["run"]["duration"]

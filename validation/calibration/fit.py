@@ -4,7 +4,7 @@ import itertools
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from math import ceil, hypot, inf, isfinite, log, log2, nan, sqrt
+from math import ceil, inf, isfinite, log, log2, nan, sqrt
 from typing import Any, TypeVar
 
 import numpy as np
@@ -17,9 +17,9 @@ from drivers.base.errors import RunError
 from drivers.base.units import quantity
 from drivers.chain.chain import Array
 from drivers.run.execute import Place, execute
-from validation.calibration.data import TRIGGER, Datum, without_effect
+from validation.calibration.data import TRIGGER, Datum, calibration_file
 from validation.calibration.problem import MISSING_RESIDUAL, Problem
-from validation.calibration.show import rounded
+from validation.calibration.texts import rounded
 
 SCREENED_POINTS, DESCENTS = 8, 3  # points tried over the ranges for each parameter, and descents from the best
 ROUGH_CHANGE, CLOSE_CHANGE, FINE_CHANGE = 1e-3, 1e-5, 1e-6  # of chi-square or coordinates, at the end of a descent
@@ -44,6 +44,7 @@ LAWS, PARAMETERS, DATA = "laws", "parameters", "data"  # tables of a fit
 
 Tables = dict[str, pd.DataFrame]
 Ends = list[tuple[float, Array]]  # chi-square and coordinates at the ends of descents
+Seeds = Sequence[Mapping[str, float]]  # values of parameters by label
 Start = tuple[Array, dict[int, float]]  # coordinates, and those of parameters that are first held, by index
 Point = tuple[float, float, Array]  # coordinate, chi-square, and coordinates of all parameters
 Item = TypeVar("Item")
@@ -56,19 +57,25 @@ class Fit:
 
     Attributes:
         place: Coordinates of the parameters. Shape (parameters,).
-        residual: Residual in standard errors. Shape (rows,).
-        jacobian: Derivatives of the residual by the coordinates. Shape (rows, parameters).
-        others: Chi-square and coordinates of further minima, up to ``MAX_EXCESS`` above the best.
+        other: Chi-square and coordinates of another minimum, up to ``MAX_EXCESS`` above the best.
         reached, descents: Number of descents that ended at this minimum, and of all; 0 if it was known.
     """
 
     problem: Problem
     place: Array
-    residual: Array
-    jacobian: Array
-    others: tuple[tuple[float, Array], ...] = ()
+    other: tuple[float, Array] | None = None
     reached: int = 0
     descents: int = 0
+
+    @cached_property
+    def residual(self) -> Array:
+        """Residual in standard errors. Shape (rows,)."""
+        return self.problem.residual(self.place)
+
+    @cached_property
+    def jacobian(self) -> Array:
+        """Derivatives of the residual by the coordinates. Shape (rows, parameters)."""
+        return self.problem.jacobian(self.place)
 
     @property
     def chi_square(self) -> float:
@@ -81,11 +88,16 @@ class Fit:
         return self.problem.rows - len(self.place) - sum(data.lines for data in self.problem.sets)
 
     @property
+    def probability(self) -> float:
+        """Probability of a chi-square at least as large by chance; NaN without degrees of freedom."""
+        return float(chi2.sf(self.chi_square, self.freedom))
+
+    @property
     def explained(self) -> bool:
         """True if noise can explain the residual; noise found from traces is uncertain by ``NOISE_ERROR``."""
         noises = [channel.trace.noise for data in self.problem.sets for channel in data.channels]
         chi_square = self.chi_square / ((1 + NOISE_ERROR) ** 2 if None in noises else 1.0)
-        return not probability_of(chi_square, self.freedom) < MIN_PROBABILITY
+        return not chi2.sf(chi_square, self.freedom) < MIN_PROBABILITY
 
     @property
     def enlargement(self) -> float:
@@ -129,16 +141,6 @@ class Fit:
         slopes = np.array([free.slope(float(x)) for free, x in zip(self.problem.free, self.place, strict=True)])
         return np.where(self.undetermined, inf, np.abs(slopes) * np.sqrt(np.diag(self.covariance)))
 
-    def number(self, datum: Datum, slopes: Array) -> tuple[float, float]:
-        """A measured number in the fitted motion, and its standard error from the slopes of its residual."""
-        off = float(self.problem.raw_residual(self.place)[datum.rows.start])
-        return datum.value + off * datum.error, datum.error * sqrt(max(float(slopes @ self.covariance @ slopes), 0.0))
-
-
-def probability_of(chi_square: float, freedom: int) -> float:
-    """Probability of a chi-square at least as large by chance; NaN without degrees of freedom."""
-    return float(chi2.sf(chi_square, freedom)) if freedom > 0 else nan
-
 
 def for_each(problem: Problem, work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
     """Results of all items, by worker processes; by this one for a single data set, as fast as they would start."""
@@ -153,7 +155,7 @@ def named(direction: Array) -> NDArray[np.bool_]:
     return np.asarray(np.abs(direction) > MIN_COMPONENT * np.abs(direction).max())
 
 
-def fit(problem: Problem, seeds: Sequence[Mapping[str, float]] = (), *, search: bool = True) -> Fit:
+def fit(problem: Problem, seeds: Seeds = (), *, search: bool = True) -> Fit:
     """Best of the minima found from the scene's values, points over the ranges, models inside this one, and seeds.
 
     Each searched parameter is first held at the scene's value, and at the value without effect: so a model is never
@@ -174,20 +176,18 @@ def fit(problem: Problem, seeds: Sequence[Mapping[str, float]] = (), *, search: 
     if not ends:
         message = "the exact motion cannot be computed at the starting values or at any other point of the ranges"
         raise RunError(f"fit: {message}; narrow the bounds of --free")
-    # dogbox reaches bounds; it needs a start near the minimum
-    best = minimise(problem, minimise(problem, ends[0][1], converged=CLOSE_CHANGE), method="dogbox")
-    lowest, others = chi_square_at(problem, best), list[tuple[float, Array]]()
-    for height, end in ends[1:]:
-        distant = all(np.abs(end - minimum).max() > MIN_DISTANCE for minimum in (best, *(other for _, other in others)))
-        if height < lowest + MAX_EXCESS and distant:
-            others.append((height, end))
+    best = minimise(problem, minimise(problem, ends[0][1], converged=CLOSE_CHANGE))
+    lowest = chi_square_at(problem, best)
+    near = [(height, end) for height, end in ends if height < lowest + MAX_EXCESS]
+    other = next((each for each in near if np.abs(each[1] - best).max() > MIN_DISTANCE), None)
     reached = sum(height < lowest + SAME + 5 * ROUGH_CHANGE * lowest for height, _ in ends)
-    return fitted_at(problem, best, tuple(others), reached, len(ends))
+    return Fit(problem, best, other, reached, len(ends))
 
 
 def _seeded(problem: Problem, seed: Mapping[str, float]) -> Array:
     """Coordinates of a seed; parameters that one data set has alone are fitted roughly if the seed has none."""
-    values = {free.label: without_effect(free.key) for free in problem.free} | dict(seed)
+    null = calibration_file().none
+    values = {free.label: null.get(free.key) for free in problem.free} | dict(seed)
     place = np.array([free.coordinate(free.start if (x := values[free.label]) is None else x) for free in problem.free])
     missing = any(free.own and free.of_motion and free.label not in seed for free in problem.free)
     return _with_others(problem, place) if missing else problem.with_triggers(place)
@@ -203,11 +203,11 @@ def _starts(problem: Problem) -> list[Start]:
         for place in sorted(drawn, key=partial(chi_square_at, problem)):
             if len(places) < DESCENTS and all(np.abs(place - each)[searched].max() > MIN_SEPARATION for each in places):
                 places.append(place)
-    free = [(index, problem.free[index]) for index in searched]
-    values = {
-        (i, each.coordinate(x)) for i, each in free for x in (each.start, without_effect(each.key)) if x is not None
-    }
-    return [*((place, {}) for place in (first, *places)), *((first, {index: x}) for index, x in sorted(values))]
+    inside = set[tuple[int, float]]()
+    for index in searched:
+        free, none = problem.free[index], calibration_file().none
+        inside |= {(index, free.coordinate(value)) for value in (free.start, none.get(free.key, free.start))}
+    return [*((place, {}) for place in (first, *places)), *((first, {index: x}) for index, x in sorted(inside))]
 
 
 def _lowered(problem: Problem, start: Start) -> Ends:
@@ -229,13 +229,6 @@ def _with_others(problem: Problem, place: Array) -> Array:
     return minimise(problem, begun, held, converged=ROUGH_CHANGE, tries=MAX_ROUGH_EVALUATIONS)
 
 
-def fitted_at(
-    problem: Problem, place: Array, others: tuple[tuple[float, Array], ...] = (), reached: int = 0, descents: int = 0
-) -> Fit:
-    """Fit at a known minimum."""
-    return Fit(problem, place, problem.residual(place), problem.jacobian(place), others, reached, descents)
-
-
 def minimise(
     problem: Problem,
     start: Array,
@@ -243,7 +236,6 @@ def minimise(
     left_out: Collection[int] = (),
     converged: float = FINE_CHANGE,
     tries: int = MAX_EVALUATIONS,
-    method: str = "trf",
 ) -> Array:
     """Coordinates of the lowest point of a descent from ``start``; ``start`` itself where it has no motion.
 
@@ -254,7 +246,6 @@ def minimise(
         left_out: Rows of the residual to ignore.
         converged: Relative change at which the descent ends.
         tries: Largest number of evaluations.
-        method: Method of ``scipy.optimize.least_squares``.
     """
     begun, counting = np.clip(start, 0.0, 1.0), np.setdiff1d(np.arange(problem.rows), list(left_out))
     begun[[*(held or {})]] = [*(held or {}).values()]
@@ -269,6 +260,7 @@ def minimise(
     def slopes(coordinates: Array) -> Array:
         return np.asarray(problem.jacobian(_moved(inside, moving, coordinates), moving)[counting])
 
+    method = "dogbox" if converged == FINE_CHANGE else "trf"  # dogbox reaches bounds, from near the minimum
     with np.errstate(invalid="ignore", divide="ignore"):  # the slope is zero if all data are missing
         # a point without a motion has infinite residuals, from which least squares steps back
         found = least_squares(
@@ -366,14 +358,7 @@ def interval(fit: Fit, index: int, rise: float, points: list[Point] | None = Non
 
 
 def solve(
-    problem: Problem,
-    law: str = "",
-    reading: str = "",
-    *,
-    quick: bool = False,
-    seeds: Sequence[Mapping[str, float]] = (),
-    search: bool = True,
-    count: Callable[[], None] = lambda: None,
+    problem: Problem, law: str = "", data: str = "", *, quick: bool = False, seeds: Seeds = (), search: bool = True
 ) -> tuple[Fit, Tables]:
     """Fit; unless ``quick``, also profile each searched parameter and leave out each number in turn.
 
@@ -382,11 +367,10 @@ def solve(
     Args:
         problem: Data and parameters.
         law: Name of the law, for the tables.
-        reading: Name of the data, for the tables.
+        data: Name of the data, for the tables.
         quick: True for the fit alone.
         seeds: As those of ``fit``.
         search: As that of ``fit``.
-        count: Called after each fit, and after the profiles.
 
     Returns:
         The fit, and its tables in the SI units of their rows:
@@ -394,36 +378,30 @@ def solve(
         ``parameters`` with standard errors (inf if the data do not determine them), intervals, bounds and standard
         errors of prior knowledge (0 without it);
         ``data`` with ``off``, fitted minus measured in standard errors of the measurement (the rms for a trace), and
-        predictions of fits to all other data, with their deviations in standard errors of both.
+        chi-square of fits to all other data.
     """
     best, profiles = fit(problem, seeds, search=search), dict[int, list[Point]]()
-    count()
     for _ in range(0 if quick else MAX_REFITS):
         bounded = [i for i in problem.searched if not best.undetermined[i]]
         profiles = dict(zip(bounded, for_each(problem, partial(profile, best), bounded), strict=True))
-        count()
         lowest = min((point for points in profiles.values() for point in points), key=lambda p: p[1], default=None)
         if lowest is None or lowest[1] > best.chi_square - MIN_GAIN:
             break
-        best = fitted_at(problem, minimise(problem, lowest[2]), best.others, 1, best.descents)
-        count()
+        best = Fit(problem, minimise(problem, lowest[2]), best.other, 1, best.descents)
     parameters = pd.DataFrame([_parameter(best, index, profiles.get(index)) for index in range(len(problem.free))])
     one = partial(_datum, best, leave_out=not quick)
-    data = pd.DataFrame([*map(one, problem.data)] if quick else for_each(problem, one, problem.data))
-    missed = data[np.isfinite(data["measured"]) & ~(data["off"].abs() <= MAX_DEVIATION)]
+    rows = pd.DataFrame([*map(one, problem.data)] if quick else for_each(problem, one, problem.data))
+    missed = rows[np.isfinite(rows["measured"]) & ~(rows["off"].abs() <= MAX_DEVIATION)]
     goodness = {
-        "chi_square": best.chi_square,
-        "freedom": best.freedom,
-        "probability": probability_of(best.chi_square, best.freedom),
-        "aic": best.chi_square + 2 * len(problem.free),
-        "bic": best.chi_square + len(problem.free) * log(problem.rows),
+        "chi_square": best.chi_square, "freedom": best.freedom, "probability": best.probability,
+        "aic": best.chi_square + 2 * len(problem.free), "bic": best.chi_square + len(problem.free) * log(problem.rows),
         "missed": "; ".join(missed["data_set"] + ": " + missed["datum"]),
         "remarks": ". ".join(_remarks(best, parameters)),
-    }
-    tables = {LAWS: pd.DataFrame([goodness]), PARAMETERS: parameters, DATA: data}
+    }  # fmt: skip
+    tables = {LAWS: pd.DataFrame([goodness]), PARAMETERS: parameters, DATA: rows}
     for table in tables.values():
         table.insert(0, "law", law)
-        table.insert(1, "data", reading)
+        table.insert(1, "data", data)
     return best, tables
 
 
@@ -442,25 +420,19 @@ def _parameter(best: Fit, index: int, points: list[Point] | None) -> dict[str, A
 def _datum(best: Fit, datum: Datum, *, leave_out: bool) -> dict[str, Any]:
     """Row of a datum; for traces and prior knowledge only the deviation in standard errors."""
     rows, number = best.residual[datum.rows.start : datum.rows.stop], isfinite(datum.value)
-    slopes = best.jacobian[datum.rows.start]
-    value, error = best.number(datum, slopes) if number else (nan, nan)
-    row = {
+    off, error, without = float(np.sqrt(np.mean(rows**2))), nan, nan
+    if number:
+        slopes = best.jacobian[datum.rows.start]
+        off = float(best.problem.raw_residual(best.place)[datum.rows.start])
+        error = datum.error * sqrt(max(float(slopes @ best.covariance @ slopes), 0.0))
+    if number and leave_out:
+        place = minimise(best.problem, best.place, left_out=datum.rows, converged=CLOSE_CHANGE)
+        without = chi_square_at(best.problem, place, np.setdiff1d(np.arange(best.problem.rows), list(datum.rows)))
+    return {
         "data_set": datum.data_set, "datum": datum.name, "unit": datum.unit if number else "",
-        "measured": datum.value, "error": datum.error, "fitted": value, "fitted_error": error,
-        "off": (value - datum.value) / datum.error if number else float(np.sqrt(np.mean(rows**2))),
-        "by_the_others": nan, "by_the_others_error": nan, "by_the_others_off": nan, "chi_square_without": nan,
-        "because": datum.because,
+        "measured": datum.value, "error": datum.error, "fitted": datum.value + off * datum.error, "fitted_error": error,
+        "off": off, "chi_square_without": without, "because": datum.because,
     }  # fmt: skip
-    if not (number and leave_out):
-        return row
-    place = minimise(best.problem, best.place, left_out=datum.rows, converged=CLOSE_CHANGE)
-    kept = np.setdiff1d(np.arange(best.problem.rows), list(datum.rows))
-    rest = Fit(best.problem, place, best.residual[kept], best.jacobian[kept])
-    row["chi_square_without"] = chi_square_at(best.problem, place, kept)
-    if not len(rest.open_directions):
-        row["by_the_others"], row["by_the_others_error"] = without, error = rest.number(datum, slopes)
-        row["by_the_others_off"] = (without - datum.value) / hypot(error, datum.error)
-    return row
 
 
 def _remarks(best: Fit, parameters: pd.DataFrame) -> Iterator[str]:
@@ -479,10 +451,10 @@ def _remarks(best: Fit, parameters: pd.DataFrame) -> Iterator[str]:
         open_ends = [side for side, end in zip(("below", "above"), ends, strict=True) if abs(end) == inf]
         if open_ends:
             yield f"the data do not bound {name} {' and '.join(open_ends)} within its range"
-    for chi_square, place in best.others if certain else ():
-        pairs = zip(problem.free, problem.values(place).items(), strict=True)
+    if best.other and certain:
+        pairs = zip(problem.free, problem.values(best.other[1]).items(), strict=True)
         shown = ", ".join(f"{name} {rounded(value, free.unit)}" for free, (name, value) in pairs)
-        yield f"another minimum with chi-square {chi_square:.4g}: {shown}"
+        yield f"another minimum with chi-square {best.other[0]:.4g}: {shown}"
     yield from trade_offs(best)
     for datum in (datum for datum in problem.data if len(datum.rows) > 1):
         off = best.residual[datum.rows.start : datum.rows.stop]

@@ -8,7 +8,6 @@ from math import inf, nan
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import BSpline, make_interp_spline
 
 from drivers.base.errors import RunError
 from drivers.chain.case import Case, build_case
@@ -98,7 +97,7 @@ class Problem:
         return np.asarray(np.nan_to_num(np.column_stack(columns), nan=0.0, posinf=0.0, neginf=0.0))
 
     def raw_residual(self, place: Array) -> Array:
-        """Residual with NaN for numbers missing from the motion, inf without one; results of each data set are cached."""
+        """Residual with NaN for numbers missing from the motion, inf without one; that of each set is cached."""
         parts = [self.residual_of_set(data, place) for data in self.sets]
         pairs = zip(self.free, place, strict=True)
         priors = [(free.value(float(x)) - free.start) / free.prior for free, x in pairs if free.prior]
@@ -134,11 +133,11 @@ class Problem:
         """``place`` with the triggers of all or of some data sets at the best correlation of motion and traces."""
         moved = place.copy()
         for data in self.sets if sets is None else sets:
-            signals = curves(data, self.motion_values(data, place))
+            simulation = simulated(data, self.motion_values(data, place)) if data.channels else None
             for index, free in enumerate(self.free):
-                if signals and free.own == data.name and free.key.endswith(f".{TRIGGER}"):
+                if simulation and free.own == data.name and free.key.endswith(f".{TRIGGER}"):
                     channels = [channel for channel in data.channels if f"{channel.file_key}.{TRIGGER}" == free.key]
-                    moved[index] = free.coordinate(correlated(channels, signals, data.step_s))
+                    moved[index] = free.coordinate(correlated(channels, simulation.curves, data.step_s))
         return moved
 
 
@@ -248,22 +247,12 @@ def _changed(part: Any, keys: Sequence[str], value: float) -> Any:
     return part.model_copy(update={name: _changed(getattr(part, name), rest, value) if rest else value})
 
 
-@lru_cache(maxsize=CACHE_SIZE)
-def curves(data: DataSet, values: Values) -> dict[str, BSpline]:
-    """Splines of the changes of the computed gauge signals; empty if the integration fails."""
-    simulation = simulated(data, values) if data.channels else None
-    if simulation is None:
-        return {}
-    time_s, signals = simulation.trace.time_s, simulation.signals
-    return {gauge: make_interp_spline(time_s, signal - signal[0], k=5) for gauge, signal in signals.items()}
-
-
 @lru_cache(maxsize=16 * CACHE_SIZE)
 def _of_set(data: DataSet, motion: Values, values: Values) -> Array:
     simulation = simulated(data, motion)
     if simulation is None:
         return np.full(data.rows, inf)
-    known, signals, cut = dict(values), curves(data, motion), dict(values).get(CUT, DEFAULT_CUT)
+    known, cut = dict(values), dict(values).get(CUT, DEFAULT_CUT)
     offs = [
         (read(simulation, number.name, cut) / known.get(number.divisor, 1.0) - number.value) / number.error
         for number in data.numbers
@@ -273,5 +262,5 @@ def _of_set(data: DataSet, motion: Values, values: Values) -> Array:
         gain = known.get(f"{channel.key}.{GAIN}", channel.trace.gain)
         trigger_s = known.get(f"{channel.file_key}.{TRIGGER}", channel.trigger_s)
         assert trigger_s is not None  # given, or a free parameter
-        traces.append(residual_of(channel, signals[channel.gauge], gain, trigger_s))
+        traces.append(residual_of(channel, simulation.curves[channel.gauge], gain, trigger_s))
     return np.concatenate([offs, *traces])

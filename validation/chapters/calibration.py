@@ -11,11 +11,12 @@ from drivers.base import paths
 from drivers.base.terminal import following
 from drivers.base.tolerances import tolerance
 from drivers.run.execute import Place, execute
+from postproc.draw.fit_figures import draw_deviations
 from postproc.paper.calibrated import calibrated
 from validation.calibration.data import DEFAULT, calibration_file, paper_data
 from validation.calibration.fit import DATA, LAWS, MAX_DEVIATION, PARAMETERS, Fit, Tables, solve
 from validation.calibration.problem import pose
-from validation.calibration.show import draw_data, name_of, rows_of, value_text
+from validation.calibration.texts import name_of, rows_of, value_text
 from validation.chapters import Options
 from validation.checks import FAIL, Check, judged, without_run
 from validation.report.parts import Chapter, Shown
@@ -34,20 +35,16 @@ Row = Any  # of a table, with its columns as attributes
 def measure(options: Options) -> Chapter:
     """Fits of all readings; the short study fits some, from the parameters found before, and shows stored findings."""
     tables = study(quick=options.quick)
-    findings, cuts = calibrated().findings, calibrated().cuts
-    checks = list(judge(tables))
+    findings, cuts, checks = calibrated().findings, calibrated().cuts, [*judge(tables)]
     if not options.quick:
-        measured = [*conclusions(tables)], [*cut_rows(tables)]
-        for stored, found in zip((findings, cuts), measured, strict=True):
-            place = f"stored {stored}; the fits give {found}"
-            if [*map(str, stored)] != [*map(str, found)]:
-                checks.append(without_run(paths.shown(paths.CALIBRATED), "", place, FAIL))
-        findings, cuts = measured
-    figure = draw_data(tables[DATA], {DEFAULT: "", ELECTRONICS: ", electronics"})
+        stored, findings, cuts = (findings, cuts), tuple(conclusions(tables)), tuple(cut_rows(tables))
+        if stored != (findings, cuts):
+            place = f"findings and cuts: the fits give {findings} and {cuts}"
+            checks.append(without_run(paths.shown(paths.CALIBRATED), "", place, FAIL))
     return Chapter(
         tables={name: tables[key] for key, name in NAMES.items()},
         findings=[*findings],
-        figures={NAMES[LAWS]: ("Measured and fitted numbers, with the errors of both", figure)},
+        figures={NAMES[LAWS]: (HEADING, draw_deviations(deviations(tables)))},
         shown=shown(tables, cuts),
         checks=checks,
         short=options.quick,
@@ -57,9 +54,9 @@ def measure(options: Options) -> Chapter:
 def study(*, quick: bool = False) -> Tables:
     """Tables of all fits: each law in the default reading, then from there in all others."""
     laws, readings = calibration_file().law, [*calibration_file().readings(quick=quick)]
-    known, done = {law.name: law.found for law in laws}, list[Tables]()
+    known, done = {name: law.found for name, law in laws.items()}, list[Tables]()
     if not quick:
-        found = {law.name: fit_law(law.name, DEFAULT) for law in following(laws, "laws", len(laws), "law")}
+        found = {law: fit_law(law, DEFAULT) for law in following(laws, "laws", len(laws), "law")}
         known = {name: fit.values for name, (fit, _) in found.items()}
         done, readings = [tables for _, tables in found.values()], readings[1:]
     work = execute(partial(_fit_laws, known), readings, Place(processes=True))
@@ -81,7 +78,7 @@ def _fit_laws(known: Mapping[str, Mapping[str, float]], reading: str) -> list[Ta
 def fit_law(law: str, reading: str, seeds: Sequence[Mapping[str, float]] = ()) -> tuple[Fit, Tables]:
     """Fit of a law to all quoted data for one reading, from seeds alone if there are some."""
     asked = calibration_file()
-    named, answers = asked.law_named(law), asked.readings()[reading]
+    named, answers = asked.law[law], asked.readings()[reading]
     free = (*asked.free, *named.free, *(text for answer in answers for text in answer.free))
     problem = pose(paper_data(asked.data, named.set, answers), free, answers=answers)
     return solve(problem, law, reading, quick=bool(seeds), seeds=seeds, search=not seeds)
@@ -127,8 +124,8 @@ def conclusions(tables: Tables) -> Iterator[str]:
     data = held(tables, DATA).dropna(subset="measured")
     names = [name_of(*pair) for pair in zip(data["data_set"], data["datum"], strict=True)]
     missed = (data["off"].abs() > 1).groupby(names, sort=False).sum()
-    often = ", ".join(f"{name} ({count})" for name, count in missed.items() if count > len(holding) / 2) or "none"
-    yield f"Missed by more than one standard error in most of the {len(holding)} fits that hold: {often}."
+    often = "; ".join(str(name) for name in missed.index[missed > len(holding) / 2]) or "none"
+    yield f"Missed by more than one standard error in most of the fits that hold: {often}."
 
 
 def conditions(tables: Tables) -> Iterator[str]:
@@ -137,25 +134,26 @@ def conditions(tables: Tables) -> Iterator[str]:
     if fits.empty or not fits["data"].str.contains("electronics").all():
         yield f"Elastic beads fit {'in no reading' if fits.empty else 'without the electronics of the gauges'}."
     else:
-        exact, scale = goodness_of(tables, ELASTIC, ONE_MS), fits[fits["parameter"] == SPEEDS]
-        off = (scale["value"] - scale["start"]) / scale["prior"]
-        values = {key: fits.loc[fits["parameter"] == key, "value"] for key in (GAUGES, MODULUS, CUT)}
+        rows = {key: fits[fits["parameter"] == key] for key in (GAUGES, MODULUS, SPEEDS, CUT)}
+        found, exact = {key: of_key["value"] for key, of_key in rows.items()}, goodness_of(tables, ELASTIC, ONE_MS)
+        below = (rows[SPEEDS]["start"] - found[SPEEDS]) / rows[SPEEDS]["prior"]
+        lowest = ", the lowest cut" * bool((rows[CUT]["at"] == "lower bound").all())
         yield (
             f"Elastic beads fit only with the electronics of the gauges, and then need a time constant of "
-            f"{_span(values[GAUGES] * 1e3)} ms, a modulus of {_span(values[MODULUS] * 1e-9)} GPa, a scale of speeds "
-            f"{_span(-off, 1)} standard errors below 1, and durations read at {values[CUT].max():.1%} of the peak; at "
-            f"the paper's time constant of 1 ms, chi-square is {exact.chi_square:.1f} of {exact.freedom} (probability "
-            f"{exact.probability:.0e})."
+            f"{_span(found[GAUGES] * 1e3)} ms, a modulus of {_span(found[MODULUS] * 1e-9)} GPa, a scale of speeds "
+            f"{_span(below, 1)} standard errors below 1, and durations read at {_span(100 * found[CUT], 1)} % of the "
+            f"peak{lowest}; with the paper's time constant of 1 ms, chi-square is {exact.chi_square:.1f} with "
+            f"{exact.freedom} degrees of freedom (probability {exact.probability:.0e})."
         )
     fixed = {cut: goodness_of(tables, DISSIPATIVE, f"cut: {cut}") for cut in CUTS}
     least = next((cut for cut, row in fixed.items() if row.probability >= MIN_PROBABILITY), "no cut")
-    lowest, free = (goodness_of(tables, DISSIPATIVE, reading) for reading in (f"cut: {CUTS[0]}", DEFAULT))
-    before, after = (parameters_of(tables, DISSIPATIVE, row.data) for row in (lowest, free))
+    low, free = fixed[CUTS[0]], goodness_of(tables, DISSIPATIVE, DEFAULT)
+    before, after = (parameters_of(tables, DISSIPATIVE, row.data) for row in (low, free))
     yield (
-        f"Without electronics dissipation is needed, and fits if durations are read at {least} of the peak or more: from "
-        f"a cut of {CUTS[0]} to the best one, {after[CUT].value:.1%}, chi-square falls from {lowest.chi_square:.1f} of "
-        f"{lowest.freedom} to {free.chi_square:.1f} of {free.freedom}, and the restitution from "
-        f"{before[RESTITUTION].value:.2f} to {after[RESTITUTION].value:.2f}."
+        f"Without electronics dissipation is needed, and fits only if durations are read at {least} of the peak or "
+        f"more: from a cut of {CUTS[0]} to the best one, {100 * after[CUT].value:.0f} %, chi-square falls from "
+        f"{low.chi_square:.1f} with {low.freedom} degrees of freedom to {free.chi_square:.1f} with {free.freedom}, and "
+        f"the restitution from {before[RESTITUTION].value:.2f} to {after[RESTITUTION].value:.2f}."
     )
 
 
@@ -168,9 +166,18 @@ def cut_rows(tables: Tables) -> Iterator[tuple[str, ...]]:
     """Rows of the table of cuts: cut, chi-square, degrees of freedom, probability, restitution."""
     for cut, reading in [*((f"fixed at {cut}", f"cut: {cut}") for cut in CUTS), ("free", DEFAULT)]:
         row, found = goodness_of(tables, DISSIPATIVE, reading), parameters_of(tables, DISSIPATIVE, reading)
-        cut += f": {value_text(found[CUT])}" * (CUT in found)
+        named = f"{cut}: {value_text(found[CUT])}" if CUT in found else cut
         goodness = f"{row.chi_square:.1f}", f"{row.freedom}", f"{row.probability:.2g}"
-        yield cut, *goodness, value_text(found[RESTITUTION])
+        yield named, *goodness, value_text(found[RESTITUTION])
+
+
+def deviations(tables: Tables) -> pd.DataFrame:
+    """Deviations of the fits without and with electronics, for the figure."""
+    data = tables[DATA].dropna(subset="measured")
+    data = data[data["data"].isin([DEFAULT, ELECTRONICS])]
+    endings = data["data"].map({DEFAULT: "", ELECTRONICS: ", with electronics"})
+    names = [name_of(*pair) for pair in zip(data["data_set"], data["datum"], strict=True)]
+    return data.assign(number=names, fit=data["law"] + endings, error=data["fitted_error"] / data["error"])
 
 
 def judge(tables: Tables) -> Iterator[Check]:
@@ -192,14 +199,15 @@ def judge(tables: Tables) -> Iterator[Check]:
         yield judged(where, file.law, kept.key, drift, tolerance("calibration", "stored"), place)
 
 
+HEADING = "Deviations of fitted from measured numbers"
 INTRODUCTION = (
     "Each contact law is fitted to the numbers that the paper quotes, by least squares over the exact motion: Young's "
-    "modulus, the dissipation, the strikes of Table 1 and, common to all numbers, the scales of force and speed and the "
-    f"cut at which durations are read. A fit holds if its probability is at least {MIN_PROBABILITY:g}."
+    "modulus, the dissipation, the strikes of Table 1 and, common to all numbers, the scales of force and speed and "
+    f"the cut at which durations are read. A fit holds if its probability is at least {MIN_PROBABILITY:g}."
 )
 CUT_TEXT = (
-    f"The paper does not state the share of the peak at which durations are read. Fits of the {DISSIPATIVE} law without "
-    "electronics, with standard errors of the restitution:"
+    "The paper does not state the share of the peak at which durations are read. Fits of the "
+    f"{DISSIPATIVE} law without electronics, with standard errors of the restitution:"
 )
 NUMBERS_TEXT = (
     "Fitted value, its deviation in standard errors, and in brackets chi-square of the fit without this number. "
