@@ -30,14 +30,13 @@ from drivers.limits import inability
 from drivers.scene.model import places_of
 from drivers.scene.read_scene import apply_setting, find_scene, read_scene, set_value
 from drivers.scene.settings import look_up
-from postproc.draw.fit_figures import draw_parameters
+from postproc.draw.fits import draw_parameters, interval_text, rounded, rows_of, value_text, with_error
 from postproc.draw.product import write_figure
 from postproc.read.measured import MEASURED
 from postproc.read.observables import describe, without_unit
 from validation.calibration.data import GAIN, TRIGGER, DataSet, calibration_file, did_you_mean, paper_data, scene_data
 from validation.calibration.fit import DATA, LAWS, PARAMETERS, RISES, Fit, Tables, solve
 from validation.calibration.problem import Problem, pose, simulated, stepped
-from validation.calibration.texts import interval_text, rounded, rows_of, suited, value_text, with_error
 from validation.compare.answer import compare_scenes
 from validation.compare.comparison import EngineSelection
 from validation.report.parts import Chapter, store_part
@@ -143,8 +142,8 @@ def run_fit(request: FitRequest, runs: Path, results: Path) -> int:
     finally:  # last, so that it stays on screen, also after a failed run
         for law in fits:
             print(*([f"--- {law} ---"] * bool(law)), *lines(fits[law], tables[law]), "", sep="\n")
-        print(*comparison(fits, tables), *predicted_lines(predictions, request.predict), sep="\n")
-        print(paths.shown(folder), flush=True)
+        predicted = predicted_lines(predictions, request.predict)
+        print(*comparison(fits, tables), *predicted, paths.shown(folder), sep="\n", flush=True)
 
 
 def _confirm(fitted: Sequence[Path], runs: Path) -> int:
@@ -301,8 +300,7 @@ def write_folder(
             whole[name] = pd.concat([of_law[name] for of_law in tables.values()])
         for name, table in whole.items():
             table.to_csv(draft / f"{name}.csv", index=False)
-        scales = {row.parameter: suited(row.value, row.unit) for row in rows_of(whole[PARAMETERS])}
-        write_figure(draw_parameters(whole[PARAMETERS], scales), PARAMETERS, draft)
+        write_figure(draw_parameters(whole[PARAMETERS]), PARAMETERS, draft)
         svg = (draft / f"{PARAMETERS}.svg").read_text(encoding="utf-8")
         fitted = {law: _write_scenes(request, law, fits[law], whole[PARAMETERS], draft) for law in fits}
         (draft / AGAIN).write_text(f"{_command(request)}\n", encoding="utf-8")

@@ -282,8 +282,8 @@ def _known_value(prior: re.Match[str], unit: str, where: str, key: str) -> tuple
         return _number(f"{text} {prior['unit'] or unit}" if bare and unit else text, unit, where, key)
 
     value = number(prior["value"])
-    percent = abs(value) * _number(prior["error"], "", where, key) / 100 if prior["percent"] else nan
-    error = percent if prior["percent"] else number(prior["error"])
+    share = _number(prior["error"], "", where, key) / 100 if prior["percent"] else nan
+    error = abs(value) * share if prior["percent"] else number(prior["error"])
     if not error > 0:
         raise InputError(where, f"--free {key}", prior[0], "a value with an error above 0, such as 1 GPa±5%")
     return value, error
@@ -373,11 +373,6 @@ class DataSet:
     entries: Mapping[str, MeasuredEntry] = field(default_factory=dict)
     step_s: float = nan
     duration: str = ""
-
-    @property
-    def lines(self) -> int:
-        """Number of coefficients of the base lines fitted to the traces."""
-        return sum(channel.base_lines.shape[1] for channel in self.channels)
 
     @property
     def rows(self) -> int:
@@ -488,8 +483,9 @@ def scene_data(
     ]
     step_s = scene.run.sample_interval
     files = channels_of(traces, scene.run.duration, step_s)
-    for channel in (channel for file in files for channel in file if channel.trigger_s is not None):
-        must_overlap(channel, channel.trigger_s, scene.run.duration)
+    for channel, *_ in files:
+        if channel.trigger_s is not None:
+            must_overlap(channel, channel.trigger_s, scene.run.duration)
     channels = tuple(channel for key in traces for file in files for channel in file if channel.key == key)
     tables.pop("measured", None)
     duration = tables["run"]["duration"]

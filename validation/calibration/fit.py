@@ -1,11 +1,10 @@
 """Least squares from several starting points, the uncertainty of the parameters found, and the tables of a fit."""
 
-import itertools
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from math import ceil, inf, isfinite, log, log2, nan, sqrt
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -17,9 +16,9 @@ from drivers.base.errors import RunError
 from drivers.base.units import quantity
 from drivers.chain.chain import Array
 from drivers.run.execute import Place, execute
+from postproc.draw.fits import rounded
 from validation.calibration.data import TRIGGER, Datum, calibration_file
 from validation.calibration.problem import MISSING_RESIDUAL, Problem
-from validation.calibration.texts import rounded
 
 SCREENED_POINTS, DESCENTS = 8, 3  # points tried over the ranges for each parameter, and descents from the best
 ROUGH_CHANGE, CLOSE_CHANGE, FINE_CHANGE = 1e-3, 1e-5, 1e-6  # of chi-square or coordinates, at the end of a descent
@@ -43,7 +42,6 @@ MAX_RISE, STRIDE, MAX_POINTS = 5.0, 0.6, 12  # of a profile: rise, standard erro
 LAWS, PARAMETERS, DATA = "laws", "parameters", "data"  # tables of a fit
 
 Tables = dict[str, pd.DataFrame]
-Ends = list[tuple[float, Array]]  # chi-square and coordinates at the ends of descents
 Seeds = Sequence[Mapping[str, float]]  # values of parameters by label
 Start = tuple[Array, dict[int, float]]  # coordinates, and those of parameters that are first held, by index
 Point = tuple[float, float, Array]  # coordinate, chi-square, and coordinates of all parameters
@@ -85,7 +83,8 @@ class Fit:
     @property
     def freedom(self) -> int:
         """Degrees of freedom: data minus parameters minus coefficients of the fitted base lines of traces."""
-        return self.problem.rows - len(self.place) - sum(data.lines for data in self.problem.sets)
+        lines = sum(len(channel.base_lines.T) for data in self.problem.sets for channel in data.channels)
+        return self.problem.rows - len(self.place) - lines
 
     @property
     def probability(self) -> float:
@@ -172,7 +171,7 @@ def fit(problem: Problem, seeds: Seeds = (), *, search: bool = True) -> Fit:
     starts = [*(_starts(problem) if search else ()), *((_seeded(problem, seed), {}) for seed in seeds)]
     lower = partial(_lowered, problem)
     lowered = for_each(problem, lower, starts) if search else [*map(lower, starts)]
-    ends = sorted(itertools.chain(*lowered), key=lambda end: end[0])
+    ends = sorted((end for end in lowered if isfinite(end[0])), key=lambda end: end[0])
     if not ends:
         message = "the exact motion cannot be computed at the starting values or at any other point of the ranges"
         raise RunError(f"fit: {message}; narrow the bounds of --free")
@@ -186,8 +185,7 @@ def fit(problem: Problem, seeds: Seeds = (), *, search: bool = True) -> Fit:
 
 def _seeded(problem: Problem, seed: Mapping[str, float]) -> Array:
     """Coordinates of a seed; parameters that one data set has alone are fitted roughly if the seed has none."""
-    null = calibration_file().none
-    values = {free.label: null.get(free.key) for free in problem.free} | dict(seed)
+    values = {free.label: calibration_file().none.get(free.key) for free in problem.free} | dict(seed)
     place = np.array([free.coordinate(free.start if (x := values[free.label]) is None else x) for free in problem.free])
     missing = any(free.own and free.of_motion and free.label not in seed for free in problem.free)
     return _with_others(problem, place) if missing else problem.with_triggers(place)
@@ -210,20 +208,16 @@ def _starts(problem: Problem) -> list[Start]:
     return [*((place, {}) for place in (first, *places)), *((first, {index: x}) for index, x in sorted(inside))]
 
 
-def _lowered(problem: Problem, start: Start) -> Ends:
-    """End of a descent from a place, first with some parameters held; nothing from a place without a motion."""
+def _lowered(problem: Problem, start: Start) -> tuple[float, Array]:
+    """Chi-square and coordinates at the end of a descent from a place, first with some parameters held."""
     place, held = start
-    if not problem.has_motion(place):
-        return []
     first = minimise(problem, place, held, converged=ROUGH_CHANGE) if held else place
     end = minimise(problem, first, converged=ROUGH_CHANGE)
-    return [(chi_square_at(problem, end), end)]
+    return chi_square_at(problem, end), end
 
 
 def _with_others(problem: Problem, place: Array) -> Array:
     """``place`` with all parameters fitted roughly that are not searched."""
-    if not problem.has_motion(place):
-        return place
     held = {index: float(place[index]) for index in problem.searched}
     begun = problem.with_triggers(problem.scanned(place))
     return minimise(problem, begun, held, converged=ROUGH_CHANGE, tries=MAX_ROUGH_EVALUATIONS)
@@ -251,8 +245,9 @@ def minimise(
     begun[[*(held or {})]] = [*(held or {}).values()]
     moving = [index for index in range(len(begun)) if index not in (held or {})]
     inside = _moved(begun, moving, np.clip(begun[moving], MARGIN, 1 - MARGIN))
-    if not moving or not counting.size or not problem.has_motion(inside):
+    if not moving or not counting.size or not np.isfinite(problem.residual(inside)).all():
         return begun
+    method: Literal["dogbox", "trf"] = "dogbox" if converged == FINE_CHANGE else "trf"  # for bounds
 
     def off(coordinates: Array) -> Array:
         return np.asarray(problem.residual(_moved(inside, moving, coordinates))[counting])
@@ -260,12 +255,9 @@ def minimise(
     def slopes(coordinates: Array) -> Array:
         return np.asarray(problem.jacobian(_moved(inside, moving, coordinates), moving)[counting])
 
-    method = "dogbox" if converged == FINE_CHANGE else "trf"  # dogbox reaches bounds, from near the minimum
     with np.errstate(invalid="ignore", divide="ignore"):  # the slope is zero if all data are missing
         # a point without a motion has infinite residuals, from which least squares steps back
-        found = least_squares(
-            off, inside[moving], slopes, (0.0, 1.0), method, ftol=converged, xtol=converged, gtol=None, max_nfev=tries
-        )
+        found = least_squares(off, inside[moving], slopes, (0, 1), method, converged, converged, None, max_nfev=tries)
     end = _moved(inside, moving, found.x)
     return min(begun, end, key=partial(chi_square_at, problem, rows=counting))
 

@@ -78,10 +78,6 @@ class Problem:
         moving = {free.key for free in self.free if free.of_motion}
         return tuple((key, value) for key, value in self.own_values(data, place).items() if key in moving)
 
-    def has_motion(self, place: Array) -> bool:
-        """True if the coordinates are finite and the exact motion of each data set can be computed."""
-        return bool(np.isfinite(self.residual(place)).all())
-
     def residual(self, place: Array) -> Array:
         """Predicted minus measured values in standard errors; inf at a point without a motion. Shape (rows,)."""
         off = self.raw_residual(place) if np.isfinite(place).all() else np.full(self.rows, inf)

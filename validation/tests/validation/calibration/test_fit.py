@@ -15,6 +15,7 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.schemes import exact_motion
 from drivers.scene.read_scene import read_scene
+from postproc.draw.fits import rows_of, value_text
 from postproc.paper.simulate import case_of, exact
 from postproc.read.sensors import sensor_signals
 from validation.calibration.command import lines
@@ -31,7 +32,6 @@ from validation.calibration.fit import (
     trade_offs,
 )
 from validation.calibration.problem import MISSING_RESIDUAL, _integrated, _of_set, pose, simulated
-from validation.calibration.texts import rows_of, value_text
 from validation.reference.hertz_chain import Motion
 from validation.tests.helpers.commands import assert_in_order, beads
 from validation.tests.helpers.scenes import SceneWriter
