@@ -45,7 +45,7 @@ claims: ## judge the paper's statements, engines by published numbers
 
 trade: ## measure error against cost; BUDGET=300 seconds of runs
 
-stability: ## measure stable steps, extremes, long runs, rounding
+stability: ## measure stable steps, extremes, long runs
 
 elements: ## measure effect and cost of each modelling element
 

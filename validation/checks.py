@@ -12,6 +12,8 @@ from drivers.base.terminal import text_table
 from drivers.base.tolerances import Tolerance
 
 PASS, FAIL, NOT_RUN = "pass", "fail", "not run"
+NOT_ACCURATE = "not accurate"  # of an extreme scene: an error above the general ceiling
+REPRODUCED, DIFFERS = "reproduced", "differs"  # of a statement of the paper
 RUN = "run"  # quantity of a check without a measurement
 
 
@@ -26,7 +28,7 @@ class Check:
         value, limit: magnitude of the error, and the largest error allowed; NaN if nothing was measured.
         reason: reason of the limit.
         where: contact and time of the error, values compared, or the reason why nothing was measured.
-        verdict: ``pass``, ``fail`` or ``not run``.
+        verdict: ``pass``, ``fail``, ``not run``, or another one of this module.
         found, expected: compared numbers, for a check by a published or theoretical one; else NaN.
     """
 

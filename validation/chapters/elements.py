@@ -1,156 +1,303 @@
-"""The study of elements: effects and costs, omitted elements, and the gap between elastic theory and experiment."""
+"""Effect and cost of each modelled element, and a check that elements which straight chains omit change nothing.
+
+Every scene runs with and without each element of ``inputs/elements.toml`` on the codes. A straight chain runs again
+with lateral freedom, tube and friction, which must change nothing.
+"""
 
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
-from functools import partial
-from itertools import chain, product
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import product
+from math import inf, nan
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+from pydantic import Field
 
+from drivers.base import paths
+from drivers.base.messages import validate
+from drivers.base.terminal import following
 from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
+from drivers.chain.trace import residual
 from drivers.engines import VERLET, installed_codes
 from drivers.limits import inability
-from postproc.paper.simulate import case_of, run_codes
-from validation.accuracy.costs import cost_on
-from validation.chapters import Chapter, Options, Picture, Tables, rows_in
-from validation.checks import Check, judged, short, summary
-from validation.elements import gauge_steps, switches
-from validation.elements.effect_figures import Quote, draw_effects, draw_oscilloscope, largest_effects, quotes
-from validation.elements.gauge_steps import ELASTIC
-from validation.elements.switches import read_elements, runs_of
+from drivers.run.compute import compute
+from drivers.scene.model import Part
+from drivers.scene.read_scene import read_toml
+from postproc.draw.style import GREY, PAGE_IN, marker_of, pyplot
+from postproc.paper.simulate import Simulation, case_of, run_codes
+from validation.chapters import Options
+from validation.checks import Check, judged, summary
+from validation.report.parts import Chapter, Shown
 
 REPEATS = 3  # further runs for costs, except in the short study
 ROUNDING = 1e-6  # of a mean: a smaller spread counts as none
 MAX_ELEMENTS = 3  # in a sentence
+SCATTER = "scatter"  # in a setting: replaced by the scene's value
+MIN_CHANGE = 1e-6  # smaller changes are drawn here
+SAME = 0.01  # of a change: codes that differ by less are one dot
+DOT: dict[str, Any] = {"marker": "o", "ms": 4.5, "color": "black"}
+OMITTED = "elements that straight chains omit"
+Found = Mapping[tuple[Case, str], Simulation]  # all runs of the study, by case and engine
 
 
-def measure(options: Options) -> dict[str, Any]:
-    """Runs and measures everything; the short study has fewer seeds and only the first scene."""
+class Side(Part):
+    """Settings of a scene with or without an element; ``tube``: the scene in a tube, with the settings ``set``."""
+
+    tube: bool = False
+    set: tuple[str, ...] = Field(default=(), strict=False)
+
+
+class Element(Part):
+    """A switched element; ``random``: repeated for every seed; ``only``: names of the scenes that have it.
+
+    ``of`` names the element of which this is a variant: variants show how uncertain its effect is.
+    """
+
+    name: str
+    of: str = ""
+    without: Side
+    with_: Side = Field(alias="with")
+    random: bool = False
+    only: tuple[str, ...] = Field(default=(), strict=False)
+
+
+class SwitchedScene(Part):
+    """A scene with its sensors and the scatter of its masses; in a tube the scene is ``NAME-tube``."""
+
+    name: str
+    scatter: str
+    gauges: str
+
+
+class Elements(Part):
+    """The file ``inputs/elements.toml``."""
+
+    seeds: int
+    quick_seeds: int
+    scene: tuple[SwitchedScene, ...] = Field(strict=False)
+    element: tuple[Element, ...] = Field(strict=False)
+
+
+STRAIGHT = Side(tube=True, set=("chain.lateral_offset=0 um",))
+
+
+@dataclass(frozen=True)
+class Switched:
+    """Cases of all seeds of a scene without an element, then with it."""
+
+    scene: str
+    element: str
+    cases: Sequence[Case]
+
+
+def read_elements() -> Elements:
+    """Reads ``inputs/elements.toml``."""
+    return validate(Elements, read_toml(paths.ELEMENTS), paths.shown(paths.ELEMENTS))
+
+
+def pairs_of(elements: Elements, seeds: int) -> Iterator[Switched]:
+    """Cases without and with each element, for all scenes and seeds."""
+    for subject, switch in product(elements.scene, elements.element):
+        if not switch.only or subject.name in switch.only:
+            count = seeds if switch.random else 1
+            cases = seeded(subject, switch.without, count) + seeded(subject, switch.with_, count)
+            yield Switched(subject.name, switch.name, cases)
+
+
+@cache
+def case_on(subject: SwitchedScene, side: Side, seed: int, *more: str) -> Case:
+    """Case of a scene with the settings of one side."""
+    settings = [setting.replace(f"={SCATTER}", f"={subject.scatter}") for setting in side.set]
+    source = f"{subject.name}-tube" if side.tube else subject.name
+    return case_of(source, f"chain.sensors={subject.gauges}", f"seed={seed}", *settings, *more)
+
+
+def seeded(subject: SwitchedScene, side: Side, seeds: int, *more: str) -> list[Case]:
+    """Cases of one side, for the seeds from 1 to ``seeds``."""
+    return [case_on(subject, side, seed, *more) for seed in range(1, seeds + 1)]
+
+
+def observables_of(case: Case) -> dict[str, str]:
+    """Compared observables by label: speed, peak and width at the gauges, peak and arrival at the wall."""
+    upper, lower = (sensor.from_wall for sensor in case.layout.sensors)
+    return {
+        "speed": f"speed_{upper}_to_{lower}_m_s",
+        "sensor peak": f"bead_{upper}_peak_N",
+        "wall peak": "wall_peak_N",
+        "width": f"bead_{lower}_width_4pct_diameters",
+        "arrival": "wall_arrival_s",
+    }
+
+
+def measure_effects(pairs: Sequence[Switched], engines: Iterable[str], repeats: int, ran: Found) -> pd.DataFrame:
+    """Effects of all elements on all codes that can model them, a row for each observable.
+
+    ``without`` and ``with`` are means over the ``seeds``; ``change`` and ``spread`` are mean and standard deviation of
+    their relative changes, with a NaN spread for a single run. ``cost_ns`` is the loop time with the element per body
+    and step, on the first scene, ``cost_ratio`` that time divided by the loop time without.
+    """
+    rows = []
+    for engine in engines:
+        possible = taken_by(engine, pairs)
+        costs = _costs([pair for pair in possible if pair.scene == pairs[0].scene], engine, repeats, ran)
+        for pair in possible:
+            runs, (cost_without, cost) = [ran[case, engine] for case in pair.cases], costs[pair.element]
+            for word, name in observables_of(pair.cases[0]).items():
+                without, with_ = np.split(np.array([run.values[name] for run in runs]), 2)
+                changes = with_ / without - 1
+                rows.append(
+                    {
+                        "scene": pair.scene,
+                        "element": pair.element,
+                        "engine": engine,
+                        "observable": word,
+                        "without": without.mean(),
+                        "with": with_.mean(),
+                        "change": changes.mean(),
+                        "spread": changes.std(ddof=1) if len(changes) > 1 else nan,
+                        "seeds": len(changes),
+                        "cost_ns": cost,
+                        "cost_ratio": cost / cost_without,
+                    }
+                )
+    return pd.DataFrame(rows)
+
+
+def taken_by(engine: str, pairs: Iterable[Switched]) -> list[Switched]:
+    """Pairs that an engine can run on both sides."""
+    return [pair for pair in pairs if not any(inability(case, engine) for case in pair.cases)]
+
+
+def _costs(pairs: Sequence[Switched], engine: str, repeats: int, ran: Found) -> dict[str, tuple[float, float]]:
+    """Loop time in ns per body and step without and with each element: the least of all seeds and repetitions.
+
+    The runs of the study are parallel; the repetitions, of the first seed, run one after the other.
+    """
+    loops_s = {case: ran[case, engine].loop_s for pair in pairs for case in pair.cases}
+    repeated = {case for pair in pairs for case in (pair.cases[0], pair.cases[len(pair.cases) // 2])}
+    what = f"costs on {engine}, one run after the other"
+    for case in following([*repeated] * repeats, what, len(repeated) * repeats):
+        ended = compute(case, engine)
+        loops_s[case] = min(loops_s[case], ended.loop_s if ended.done and ended.loop_s else inf)
+    costs = {}
+    for pair in pairs:
+        cases_ns = [loops_s[case] / (case.chain.bodies * case.scene.steps) * 1e9 for case in pair.cases]
+        without_ns, with_ns = np.split(np.array(cases_ns), 2)
+        costs[pair.element] = float(without_ns.min()), float(with_ns.min())
+    return costs
+
+
+def straight(subject: SwitchedScene) -> list[Case]:
+    """The scene as it is, and with the elements that straight chains always omit."""
+    return [case_on(subject, side, 1) for side in (Side(), STRAIGHT)]
+
+
+def omitted_effects(subjects: Iterable[SwitchedScene], engines: Iterable[str], ran: Found) -> Iterator[Check]:
+    """Do straight chains omit only what has no effect? Differences divided by the largest change of force."""
+    for engine, subject in product(engines, subjects):
+        one, other = (ran[case, engine].trace for case in straight(subject))
+        change, place = float(residual(other, one).max()), "straight chain against one with lateral freedom in its tube"
+        yield judged(subject.name, engine, OMITTED, change, tolerance("elements", "nothing"), place)
+
+
+def measure(options: Options) -> Chapter:
+    """Run and measure everything; the short study has fewer seeds and only the first scene."""
     asked = read_elements()
     seeds = asked.quick_seeds if options.quick else asked.seeds
     scenes = asked.scene[:1] if options.quick else asked.scene
-    codes = installed_codes()
-    engines = codes or [VERLET]
-    tube = case_of(f"{scenes[0].name}-tube")
-    in_tubes = [name for name in codes if inability(tube, name) is None]
-    fastest = min(in_tubes or [VERLET], key=lambda name: cost_on(name).run_s(tube))
-    pairs = [*switches.pairs_of(asked.model_copy(update={"scene": scenes}), seeds)]
-    steps = {scene.name: [*gauge_steps.add_steps(scene, seeds)] for scene in scenes}
-    varied = [variant for scene in scenes[:2] for variant in gauge_steps.vary(scene, seeds)]
-    jobs: dict[str, list[Case]] = defaultdict(list)
+    engines = installed_codes() or [VERLET]
+    in_tubes = [name for name in engines if inability(case_of(f"{scenes[0].name}-tube"), name) is None]
+    pairs = [*pairs_of(asked.model_copy(update={"scene": scenes}), seeds)]
+    jobs: dict[str, list[Case]] = {}
     for engine in engines:
-        jobs[engine] += [case for pair in switches.taken_by(engine, pairs) for case in pair.cases]
-    for engine, scene in product(in_tubes or [VERLET], scenes):
-        jobs[engine] += switches.straight(scene)
-        jobs[engine] += [case for cases in switches.in_tube(scene, seeds).values() for case in cases]
-    jobs[fastest] += [case for variant in (*chain.from_iterable(steps.values()), *varied) for case in variant.cases]
-    done = run_codes({engine: [*dict.fromkeys(cases)] for engine, cases in jobs.items()}, options.runs)
+        cases = [case for pair in taken_by(engine, pairs) for case in pair.cases]
+        cases += [case for scene in scenes if engine in in_tubes for case in straight(scene)]
+        jobs[engine] = [*dict.fromkeys(cases)]
+    done = run_codes(jobs, options.runs)
     ran = {(run.case, engine): run for engine, own in done.items() for run in own}
-    shown = {name: {variant.step: runs_of(variant, fastest, ran) for variant in own} for name, own in steps.items()}
-    return {
-        "elements": [*switches.measure_effects(pairs, engines, 0 if options.quick else REPEATS, ran)],
-        "elements-checks": switches.omitted_effects(scenes, in_tubes or [VERLET], ran),
-        "elements-between": switches.compare_codes(scenes, seeds, in_tubes, ran),
-        "oscilloscope": gauge_steps.rows_of(chain(*steps.values(), varied), fastest, ran),
-        **{f"oscilloscope-{name}": draw_oscilloscope(name, own) for name, own in shown.items()},
-    }
-
-
-def judge(tables: Tables) -> Iterator[Check]:
-    """Do the codes agree in the tube without friction, until the wave reaches the wall?"""
-    between = tables["elements-between"]
-    for row in between[between["friction"] == switches.WITHOUT_FRICTION].to_dict("records"):
-        codes, limit = str(row["codes"]).replace(" ", " and "), tolerance("elements", "codes")
-        yield judged(row["scene"], codes, "forces in the tube", row["before_wall"], limit, "before the wall")
-
-
-def sentences(tables: Tables) -> list[str]:
-    """Largest effects, the gap to the experiment, the codes in the tube, omitted elements: a sentence each."""
-    checks = rows_in(tables["elements-checks"], Check)
-    return [
-        *_on_effects(tables["elements"]),
-        *_on_gap(tables["oscilloscope"]),
-        _on_codes(tables["elements-between"]),
+    effects = measure_effects(pairs, engines, 0 if options.quick else REPEATS, ran)
+    checks = [*omitted_effects(scenes, in_tubes, ran)]
+    sizes = largest_effects(effects).groupby("element")["size"].max().nlargest(MAX_ELEMENTS)
+    findings = [
+        f"Largest changes: {', '.join(f'{name} {100 * size:.0f} %' for name, size in sizes.items())}.",
         f"Elements that straight chains omit change nothing: {summary(checks)}.",
     ]
+    return Chapter(
+        {"elements": effects, "elements-checks": pd.DataFrame(checks)},
+        findings,
+        {"elements": ("Largest change by each element, and its cost", draw_effects(effects))},
+        [show_effects(str(scene), of_scene) for scene, of_scene in effects.groupby("scene", sort=False)],
+        checks,
+        short=options.quick,
+    )
 
 
-def _on_effects(effects: pd.DataFrame) -> Iterator[str]:
-    sizes = largest_effects(effects).groupby("element")["size"].max().nlargest(MAX_ELEMENTS)
-    if not sizes.empty:
-        yield f"Largest changes: {', '.join(f'{name} {_percent(size)}' for name, size in sizes.items())}."
+def largest_effects(effects: pd.DataFrame) -> pd.DataFrame:
+    """Largest change of an observable over the scenes, and the ratio of costs, by element and engine.
+
+    Elements from the largest to the smallest effect, each followed by its variants.
+    """
+    worst = effects.assign(size=effects["change"].abs()).groupby(["element", "engine"], sort=False)
+    table = worst.agg(size=("size", "max"), cost=("cost_ratio", "median")).reset_index()
+    parents = {item.name: item.of or item.name for item in read_elements().element}
+    parent, sizes = table["element"].map(parents), table.groupby("element")["size"].max()
+    keys = {"rank": -parent.map(sizes), "parent": parent, "own": parent != table["element"]}
+    return table.assign(**keys).sort_values([*keys], kind="stable").drop(columns=["rank", "parent", "own"])
 
 
-def _on_gap(numbers: pd.DataFrame) -> Iterator[str]:
-    """Share of the gap between the elastic line and the experiment that each step explains, of the first quote."""
-    for quote in quotes()[:1]:
-        steps = _means(quote, numbers[numbers["value"] == ""]).set_index("step")["mean"]
-        if ELASTIC in steps.index:
-            shares = (steps - steps[ELASTIC]) / (quote.value - steps[ELASTIC])
-            explained = ", ".join(f"{step} {_percent(shares[step])}" for step in steps.index[1:])
-            yield (
-                f"{quote.scene}, {quote.words}: {steps[ELASTIC]:.3g} {quote.unit} on the elastic line,"
-                f" {quote.about}{quote.value:g} {quote.unit} in the experiment; the steps"
-                f" explain of this gap: {explained}."
-            )
+def draw_effects(effects: pd.DataFrame) -> Any:
+    """Draws a row for each element: its largest change by code, codes that agree as one dot; to the right its cost."""
+    table = largest_effects(effects)
+    names, variants = list(table["element"].unique()), {item.name for item in read_elements().element if item.of}
+    figure, (left, right) = pyplot().subplots(
+        1, 2, figsize=(PAGE_IN, 0.8 + 0.19 * len(names)), sharey=True, width_ratios=(3, 2), layout="constrained"
+    )
+    for place, name in enumerate(names):
+        rows = table[table["element"] == name]
+        sizes = rows["size"].clip(lower=MIN_CHANGE)
+        if sizes.max() <= (1 + SAME) * sizes.min():
+            left.plot(sizes.mean(), place, ls="", **DOT)
+        for size, (_, row) in zip(sizes, rows.iterrows(), strict=True):
+            mark = marker_of(row["engine"])
+            if sizes.max() > (1 + SAME) * sizes.min():
+                left.plot(size, place, ls="", **mark)
+            right.plot(row["cost"], place, ls="", **mark)
+    for engine in table["engine"].unique():
+        right.plot([], [], ls="", label=engine, **marker_of(engine))
+    right.plot([], [], ls="", label="codes that agree", **DOT)
+    right.axvline(1.0, color=GREY, lw=0.8)
+    left.set(xscale="log", xlabel=f"largest relative change, all scenes ({MIN_CHANGE:.0e} or less: none)")
+    right.set(xscale="log", xlabel="time with / without the element")
+    right.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    right.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    right.xaxis.set_minor_formatter(NullFormatter())
+    labels = [f"variant: {name}" if name in variants else name for name in names]
+    left.set_yticks(range(len(names)), labels)
+    left.invert_yaxis()
+    figure.legend(*right.get_legend_handles_labels(), loc="outside upper right", ncols=5, fontsize=7)
+    return figure
 
 
-def _means(quote: Quote, numbers: pd.DataFrame) -> pd.DataFrame:
-    """Rows of a quoted observable, with the means in the unit of the quote."""
-    rows = numbers[(numbers["scene"] == quote.scene) & (numbers["observable"] == quote.observable)]
-    return rows.assign(mean=quote.scale * rows["mean"])
-
-
-def _on_codes(between: pd.DataFrame) -> str:
-    worst = between.groupby("friction", sort=False)["before_wall"].max()
-    said = ", ".join(f"{short(value)} {friction}" for friction, value in worst.items())
-    if not said:
-        return "Codes in the tube: not compared, as fewer than two installed codes model tubes."
-    return f"Codes in the tube differ, until the wave reaches the wall, by at most {said}."
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.0f} %" if np.isfinite(share) else "not visible"
-
-
-def figures(tables: Tables) -> dict[str, Picture]:
-    """Effects with costs, and for each scene the gauges, drawn while measuring."""
-    effects = tables["elements"]
-    title = "Largest change by each element, and its cost"
-    caption = "gauge signals, step by step from the elastic line to the experiment"
-    return {"elements": (title, partial(draw_effects, effects))} | {
-        f"oscilloscope-{scene}": (f"{scene}: {caption}", None) for scene in effects["scene"].unique()
-    }
-
-
-def section(tables: Tables) -> dict[str, Any]:
-    """Rows of tables: effects by scene, steps to the experiment, codes in the tube; True for the short study."""
-    effects = tables["elements"]
-    observables = list(effects["observable"].unique())
-    quoted_here = [quote for quote in quotes() if quote.scene in set(effects["scene"])]
-    return {
-        "short": not {scene.name for scene in read_elements().scene} <= set(effects["scene"]),
-        "observables": observables,
-        "effects": {scene: [*effect_rows(rows, observables)] for scene, rows in effects.groupby("scene", sort=False)},
-        "quotes": [f"{quote.scene}: {quote.words}, {quote.unit}" for quote in quoted_here],
-        "steps": [*_step_rows(quoted_here, tables["oscilloscope"])],
-        "between": [*_between_rows(tables["elements-between"])],
-    }
-
-
-def effect_rows(effects: pd.DataFrame, observables: list[str]) -> Iterator[list[str]]:
-    """A row for each element: changes in per cent, of codes that agree together."""
+def show_effects(scene: str, effects: pd.DataFrame) -> Shown:
+    """Changes on a scene in per cent: a row for each element, of codes that agree together."""
+    observables, rows = list(effects["observable"].unique()), []
     for element, of_element in effects.groupby("element", sort=False):
         engines: dict[tuple[str, ...], list[str]] = defaultdict(list)
-        for engine, rows in of_element.groupby("engine", sort=False):
-            by_name = rows.set_index("observable").reindex(observables)
-            cells = tuple(map(_change, by_name["change"], by_name["spread"]))
-            engines[cells].append(str(engine))
+        for engine, of_engine in of_element.groupby("engine", sort=False):
+            by_name = of_engine.set_index("observable").reindex(observables)
+            engines[tuple(map(_change, by_name["change"], by_name["spread"]))].append(str(engine))
         for cells, names in engines.items():
-            yield [f"{element} ({', '.join(names)})" if len(engines) > 1 else str(element), *cells]
+            rows.append([f"{element} ({', '.join(names)})" if len(engines) > 1 else str(element), *cells])
+    return Shown(
+        f"{scene}: change of each observable in per cent",
+        "With the standard deviation over seeds for random elements; codes that differ have rows of their own.",
+        pd.DataFrame(rows, columns=["element", *observables]),
+    )
 
 
 def _change(change: float, spread: float) -> str:
@@ -159,44 +306,3 @@ def _change(change: float, spread: float) -> str:
     if abs(change) < ROUNDING:
         return "0"
     return f"{100 * change:+.2g}" + (f" ± {100 * spread:.1g}" if spread > ROUNDING * abs(change) else "")
-
-
-def _step_rows(shown: Sequence[Quote], numbers: pd.DataFrame) -> Iterator[list[str]]:
-    """Quoted observables of the experiment, by step and by value of a parameter."""
-    rows: dict[str, list[str]] = {"experiment": [f"{quote.about}{quote.value:g}" for quote in shown]}
-    for place, quote in enumerate(shown):
-        for row in rows_in(_means(quote, numbers), gauge_steps.StepRow):
-            cells = rows.setdefault(f"{row.step} {row.value}".rstrip(), ["–"] * len(shown))
-            if np.isfinite(row.mean):
-                cells[place] = f"{row.mean:.3g}"
-    for name, cells in rows.items():
-        yield [name, *cells]
-
-
-def _between_rows(between: pd.DataFrame) -> Iterator[list[str]]:
-    """A row for each scene, friction and pair of codes: differences, and the wall peaks of both."""
-    for row in rows_in(between, switches.Between):
-        parted = "never" if np.isnan(row.parted_s) else f"{row.parted_s * 1e6:.0f}"
-        peaks = (_pm(row.first_peak_N, row.first_spread_N), _pm(row.second_peak_N, row.second_spread_N))
-        yield [f"{row.scene} {row.friction}, {row.codes.replace(' ', ' and ')}", short(row.before_wall), parted, *peaks]
-
-
-def _pm(mean: float, spread: float) -> str:
-    return f"{mean:.4g} ± {spread:.1g}" if spread > ROUNDING * abs(mean) else f"{mean:.4g}"
-
-
-CHAPTER = Chapter(
-    name="elements",
-    title="effects of elements",
-    tables={
-        "elements": switches.Effect,
-        "elements-checks": Check,
-        "elements-between": switches.Between,
-        "oscilloscope": gauge_steps.StepRow,
-    },
-    measure=measure,
-    sentences=sentences,
-    figures=figures,
-    section=section,
-    judge=judge,
-)

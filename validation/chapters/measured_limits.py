@@ -6,17 +6,18 @@ milliseconds; the codes confirm the limit.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import inf, nan
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from drivers.base.terminal import counted, following
 from drivers.chain.case import Case, build_case
 from drivers.chain.chain import hertz_force
-from drivers.chain.schemes import verlet_of
-from drivers.chain.trace import Trace
+from drivers.chain.schemes import exact_of, verlet_of
+from drivers.chain.trace import Trace, residual
 from drivers.engines import VERLET, installed_codes
 from drivers.limits import resolved_trial, step_limit
 from drivers.run.compute import compute
@@ -38,11 +39,13 @@ SWEEPS = {
 BEAD_KG = 0.1226e-3
 DENSITY = 2200.0  # kg/m^3, of beads of random scenes
 TRAVERSE = 45.0  # duration of a sweep's scene in 2 / omega: the wave reaches the wall and returns
-UNSTABLE_GAIN, BAD_GAIN = 1.0, 0.1  # energy gained / largest kinetic energy
+UNSTABLE_GAIN = 1.0  # energy gained / largest kinetic energy
+WRONG, EXACT = 0.1, 1e-4  # largest error of the force / largest change, and that of the exact motion
 FINENESS = 0.01  # relative step of the scan
 LOWEST, HIGHEST = 0.15, 2.5  # scanned range, in limits of `beads plan`
 CODE_LOWEST = 0.9  # start of the scan of a code that does not blow up where Verlet does
 SHARES = np.exp(np.arange(np.log(LOWEST), np.log(HIGHEST), np.log1p(FINENESS)))
+WRONG_SHARES = np.geomspace(0.01, 1.0, 95)  # of the predicted limit
 CRITERION_KEYS = ("rayleigh_s", "hertz_s", "p_wave_s")
 JUDGED_GROUPS = (SHIPPED, RANDOM)  # their predicted limits have to be close to the measured ones
 
@@ -140,70 +143,74 @@ def random_case(number: int, **run: Any) -> Case:
     return plan_case(build_case(scene))
 
 
-@dataclass(frozen=True)
-class Limit:
-    """Limit of the time step of one scene by one method, in s.
-
-    Attributes:
-        group: group of scenes: shipped, random, impacts, or a sweep.
-        value: value of a sweep's parameter.
-        predicted_s: predicted limit, a lower bound.
-        measured_s: smallest scanned step at which the energy blows up; NaN if none does.
-        bad_s: smallest scanned step at which the energy gains a tenth of the largest kinetic energy; NaN if none is.
-        ratio: measured limit divided by the predicted one.
-        rayleigh_s, hertz_s, p_wave_s: steps of usual criteria (``validation.accuracy.plan.CRITERIA``).
-        steps: number of steps of the run at the limit.
-    """
-
-    group: str
-    scene: str
-    value: float
-    method: str
-    bodies: int
-    predicted_s: float
-    measured_s: float
-    bad_s: float
-    ratio: float
-    rayleigh_s: float
-    hertz_s: float
-    p_wave_s: float
-    steps: float
-
-
-def measure_limits(subjects: Sequence[MeasuredChain], names: Sequence[str] | None = None) -> list[Limit]:
+def measure_limits(subjects: Sequence[MeasuredChain], names: Sequence[str] | None = None) -> pd.DataFrame:
     """Limits of all subjects by Verlet and by codes, all installed ones by default; the codes run in parallel.
 
     Verlet is scanned. A code runs at the step where Verlet blows up and at the step before; it is scanned itself only
     if it behaves differently there.
+
+    Returns:
+        A row for each subject and method. ``group`` is the group of scenes, ``value`` the parameter of a sweep;
+        ``predicted_s`` the predicted limit, a lower bound; ``measured_s`` the smallest scanned step at which the energy
+        blows up, NaN if none does, ``ratio`` the measured limit divided by the predicted one; ``wrong_s`` the smallest
+        tried step at which a force of Verlet errs by a tenth of the largest change, NaN for random scenes;
+        ``rayleigh_s``, ``hertz_s``, ``p_wave_s`` the steps of usual criteria (``validation.accuracy.plan.CRITERIA``);
+        ``steps`` the number of steps of the run at the limit.
     """
     names = installed_codes() if names is None else names
     predicted_s = [step_limit(subject.case)[0] for subject in subjects]
     pairs = following(zip(subjects, predicted_s, strict=True), "limits by verlet", len(subjects), "scene")
-    by_verlet = [_scan(chain, VERLET, bound_s) for chain, bound_s in pairs]
+    by_verlet = [_row(chain, bound_s, VERLET, _scan(chain, VERLET, bound_s)) for chain, bound_s in pairs]
     with counted("limits by codes", len(subjects) * len(names), "scene") as count:
         by_code = dict(execute(lambda name: _by_code(name, subjects, by_verlet, count), names))
-    return [*by_verlet, *(limit for name in names for limit in by_code[name])]
+    return pd.DataFrame([*by_verlet, *(row for name in names for row in by_code[name])])
 
 
 def _by_code(
-    name: str, subjects: Sequence[MeasuredChain], by_verlet: Sequence[Limit], count: Callable[[], None]
-) -> list[Limit]:
-    limits = []
+    name: str, subjects: Sequence[MeasuredChain], by_verlet: Sequence[dict[str, Any]], count: Callable[[], None]
+) -> list[dict[str, Any]]:
+    rows = []
     for subject, verlet in zip(subjects, by_verlet, strict=True):
-        if _passes(name, subject, verlet.measured_s, UNSTABLE_GAIN):
-            bad_s = verlet.bad_s if _passes(name, subject, verlet.bad_s, BAD_GAIN) else nan
-            limits.append(replace(verlet, method=name, bad_s=bad_s))
-        else:
-            limits.append(_scan(subject, name, verlet.predicted_s, lowest=CODE_LOWEST))
+        measured_s, predicted_s = verlet["measured_s"], verlet["predicted_s"]
+        if not _blows_up_first(name, subject, measured_s):
+            measured_s = _scan(subject, name, predicted_s, lowest=CODE_LOWEST)
+        rows.append(verlet | {"method": name, "measured_s": measured_s, "ratio": measured_s / predicted_s})
         count()
-    return limits
+    return rows
 
 
-def _passes(method: str, subject: MeasuredChain, step_s: float, share: float) -> bool:
-    """True if the energy gain exceeds a share at this step, but not at the step before in the scan."""
+def _row(subject: MeasuredChain, predicted_s: float, method: str, measured_s: float) -> dict[str, Any]:
+    case = subject.case
+    return {
+        "group": subject.group,
+        "scene": subject.name,
+        "value": subject.value,
+        "method": method,
+        "bodies": case.chain.bodies,
+        "predicted_s": predicted_s,
+        "measured_s": measured_s,
+        "wrong_s": nan if subject.group == RANDOM else wrong_step_s(case, predicted_s),
+        "ratio": measured_s / predicted_s,
+        **{key: share * time(case) for key, (share, time) in zip(CRITERION_KEYS, CRITERIA.values(), strict=True)},
+        "steps": float(case.sample_times_s[-1]) / measured_s,
+    }
+
+
+def wrong_step_s(case: Case, predicted_s: float) -> float:
+    """Smallest tried step at which a force of Verlet errs by a tenth of the largest change; NaN if none does."""
+    for step_s in predicted_s * WRONG_SHARES:
+        sampled = case.sampled_at_every(step_s)
+        if residual(verlet_of(sampled), exact_of(sampled, EXACT)).max() > WRONG:
+            return float(step_s)
+    return nan
+
+
+def _blows_up_first(method: str, subject: MeasuredChain, step_s: float) -> bool:
+    """True if the energy of a method blows up at this step, but not at the step before in the scan."""
     if not np.isfinite(step_s):
         return False
-    return _gain_on(method, subject, step_s) > share >= _gain_on(method, subject, step_s / (1 + FINENESS))
+    before_s = step_s / (1 + FINENESS)
+    return _gain_on(method, subject, step_s) > UNSTABLE_GAIN >= _gain_on(method, subject, before_s)
 
 
 def _gain_on(method: str, subject: MeasuredChain, step_s: float) -> float:
@@ -216,19 +223,10 @@ def _gain_on(method: str, subject: MeasuredChain, step_s: float) -> float:
     return subject.gain(trace) if trace is not None and len(trace.time_s) == case.scene.samples else inf
 
 
-def _scan(subject: MeasuredChain, method: str, predicted_s: float, lowest: float = LOWEST) -> Limit:
-    """Tries increasing steps until the energy blows up; a whole scan also finds the step where it is bad."""
-    case, measured_s, bad_s = subject.case, nan, nan
+def _scan(subject: MeasuredChain, method: str, predicted_s: float, lowest: float = LOWEST) -> float:
+    """Smallest scanned step at which the energy blows up; NaN if none does."""
     for step_s in predicted_s * SHARES[lowest <= SHARES]:
         with np.errstate(all="ignore"):
-            gained = _gain_on(method, subject, step_s)
-        if lowest == LOWEST and gained > BAD_GAIN and np.isnan(bad_s):
-            bad_s = step_s
-        if gained > UNSTABLE_GAIN:
-            measured_s = step_s
-            break
-    criteria = {key: share * time(case) for key, (share, time) in zip(CRITERION_KEYS, CRITERIA.values(), strict=True)}
-    return Limit(
-        subject.group, subject.name, subject.value, method, case.chain.bodies, predicted_s, measured_s, bad_s,
-        ratio=measured_s / predicted_s, **criteria, steps=float(case.sample_times_s[-1]) / measured_s,
-    )  # fmt: skip
+            if _gain_on(method, subject, step_s) > UNSTABLE_GAIN:
+                return float(step_s)
+    return nan

@@ -1,34 +1,54 @@
-"""The trade study: errors against cost, advice, a figure."""
+"""Errors against cost: runs at time steps from the stability limit down to 1e-4 of it, and what softened beads gain."""
 
+import time
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from math import inf
+from itertools import chain
+from math import ceil, inf, nan
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.ticker import EngFormatter
 
-from drivers.engines import VERLET, codes, in_order
+from drivers.base.errors import RunError
+from drivers.base.terminal import counted
+from drivers.chain.case import Case
+from drivers.chain.chain import arrays_of
+from drivers.chain.schemes import exact_of, trace_of
+from drivers.chain.trace import Trace
+from drivers.engines import REFERENCE, VERLET, codes, in_order, installed_codes
+from drivers.limits import step_limit
+from drivers.run.compute import compute
+from drivers.run.execute import execute
+from drivers.run.scheme import COMPARED
 from postproc.draw.style import PAGE_IN, line_of, marker_of, pyplot
-from validation.chapters import Chapter, Options, Picture, Tables, frame_of
-from validation.checks import short
-from validation.trade.ladder import (
-    BUDGET_S,
-    DONE,
-    SCENES,
-    SHORT_BUDGET_S,
-    SHORT_SCENES,
-    LadderRun,
-    run_ladder,
-)
-from validation.trade.softening import Softened, soften
+from postproc.paper.simulate import case_of
+from postproc.read.observables import of_kind
+from validation.accuracy.costs import cost_on
+from validation.accuracy.motions import ExactMotion, errors_of, exact_motion_of, quantities
+from validation.chapters import Options
+from validation.checks import NOT_RUN, short
+from validation.reference.adaptive import MIN_TOLERANCE, integrate_adaptive
+from validation.reference.velocity_verlet import integrate_verlet
+from validation.report.parts import Chapter, Shown
 
+SCENES = ("fig4", "fig5", "fig6b", "fig6d", "low-amplitude", "steel-chain", "long-chain")
+SHORT_SCENES = SCENES[:-1]  # without the thousand beads, which take half of the time
+SHARES = tuple(10 ** (-k / 3) for k in range(13))  # of the predicted stability limit
+TOLERANCES = (*(10.0**-k for k in range(2, 12)), MIN_TOLERANCE)
+IN_REPO = (VERLET, REFERENCE)
+BUDGET_S, SHORT_BUDGET_S = 300.0, 30.0  # of engine time for the whole ladder
+MAX_RUN_SHARE = 0.04  # of the budget, for a single run
+REPEATS, SHORT_RUN_S = 3, 0.03  # shorter runs are timed as the best of several
+CODE_STRIDE = 3  # codes take every third step of the short ladder
+ADVISED_S = 1.05e-7  # steps up to 0.1 us are advised
+FACTORS = (10, 100, 1000)  # by which the modulus of softened beads is divided
 TARGETS = tuple(10.0**-k for k in range(2, 9))
 SHOWN_TARGETS = TARGETS[::2]
-TYPICAL = 1e-4  # error of the force in sentences
+TYPICAL = 1e-4  # error of the force in a sentence
 STRAIGHT = 0.9e-3, 0.11  # shares of the stability limit between rounding and large errors, which show the order
 QUANTITIES = {
     "force": "force trace",
@@ -40,19 +60,189 @@ QUANTITIES = {
     "energy": "energy",
     "momentum": "momentum",
 }
+DONE = "done"
+Samples = tuple[str, float, int]  # scene, sample interval in s, number of samples
+NUMBERS = ("time_step_s", "share_of_limit", "loop_s", "start_s", *QUANTITIES)  # columns of the table of runs
 
 
 @dataclass(frozen=True)
-class Advice:
-    """Run with the largest step of one method that keeps an error of one quantity; no row if none does."""
+class Rung:
+    """One run of the ladder.
+
+    Attributes:
+        method: name of the engine.
+        case: case with the time step and the samples of this run.
+        share: time step divided by the predicted stability limit; for ``reference`` the tolerance.
+        expected_s: expected time of the loop.
+    """
 
     scene: str
-    quantity: str
-    error_at_most: float
     method: str
-    time_step_s: float
-    loop_s: float
-    error: float
+    case: Case
+    share: float
+    expected_s: float
+
+
+def rungs_of(scene: str, code_shares: Sequence[float]) -> Iterator[Rung]:
+    """Runs of a scene: in-repo schemes at all steps, codes at some, ``reference`` at all tolerances."""
+    base = case_of(scene)
+    stable_s, *_ = step_limit(base)
+    for share in SHARES:
+        case = at_step(base, share, stable_s)
+        for method in (*(installed_codes() if share in code_shares else ()), VERLET):
+            yield Rung(scene, method, case, share, cost_on(method).loop_s(case))
+    for tolerance in TOLERANCES:
+        yield Rung(scene, REFERENCE, base, tolerance, cost_on(REFERENCE).loop_s(base))
+
+
+def at_step(case: Case, share: float, stable_s: float) -> Case:
+    """Case at about this share of the stability limit; with fewer samples if the step exceeds the interval."""
+    step, interval = share * stable_s, case.scene.run.sample_interval
+    return case.at(ceil(interval / step * (1 - 1e-12))) if step <= interval else case.sampled_at_every(step)
+
+
+def affordable(rungs: list[Rung], budget_s: float) -> tuple[list[Rung], list[Rung]]:
+    """Rungs within the budget, cheapest first, and the rest."""
+    kept, left, spent = list[Rung](), list[Rung](), 0.0
+    for rung in sorted(rungs, key=lambda rung: rung.expected_s):
+        fits = rung.expected_s <= MAX_RUN_SHARE * budget_s and spent + rung.expected_s <= budget_s
+        (kept if fits else left).append(rung)
+        spent += rung.expected_s if fits else 0.0
+    return kept, left
+
+
+def run_ladder(budget_s: float, scenes: Sequence[str], *, short: bool = False) -> pd.DataFrame:
+    """Run the ladder within a budget of engine time; in the short study the codes run at every third step.
+
+    Methods run in parallel: one engine runs while the errors of another run are measured.
+
+    Returns:
+        A row for each run. ``time_step_s`` is NaN for ``reference``; ``share_of_limit`` is the time step divided by the
+        predicted stability limit, for ``reference`` its tolerance; ``loop_s`` is the CPU time of the time loop on one
+        core, ``start_s`` the time of a process of the engine outside its loop; ``status`` is ``done``, ``failed``, or
+        ``not run`` with the ``reason``. Errors by quantity, as in ``accuracy.motions``, are NaN if the scene does not
+        show it.
+    """
+    shares = SHARES[::CODE_STRIDE] if short else SHARES
+    kept, left = affordable([rung for scene in scenes for rung in rungs_of(scene, shares)], budget_s)
+    groups: dict[tuple[str, str], list[Rung]] = defaultdict(list)
+    for rung in kept:
+        groups[rung.scene, rung.method].append(rung)
+    longest_first = sorted(groups, key=lambda key: -sum(rung.expected_s for rung in groups[key]))
+    engines = dict.fromkeys(rung.method for rung in kept)
+    with counted("runs at all steps", len(kept)) as count:
+        start_s = dict(execute(partial(start_up, case_of(scenes[0])), engines))
+        sampled = {_samples_of(rung): rung.case for rung in kept}
+        exact = dict(execute(lambda samples: exact_motion_of(sampled[samples]), sampled))
+        under_way = execute(lambda key: [*_rows_of(groups[key], start_s, exact, count)], longest_first)
+        rows = [row for _, part in under_way for row in part]
+    methods = [*installed_codes(), *IN_REPO]
+    rows.sort(key=lambda row: (scenes.index(row["scene"]), methods.index(row["method"])))
+    rows += [_row(rung, status=NOT_RUN, reason=f"its loop would take {rung.expected_s:.0f} s") for rung in left]
+    return pd.DataFrame(rows, columns=["scene", "method", *NUMBERS, "status", "reason"])
+
+
+def _samples_of(rung: Rung) -> Samples:
+    """Scene and sampling of a rung: rungs with the same have the same exact motion."""
+    return rung.scene, rung.case.scene.run.sample_interval, rung.case.scene.samples
+
+
+def _rows_of(
+    rungs: Sequence[Rung],
+    start_s: Mapping[str, float],
+    exact: Mapping[Samples, ExactMotion],
+    count: Callable[[], None],
+) -> Iterator[dict[str, Any]]:
+    """Rows of one scene by one method, one run after the other."""
+    for rung in rungs:
+        try:
+            runs = [_timed(rung) for _ in range(REPEATS if rung.expected_s < SHORT_RUN_S else 1)]
+            times = {"loop_s": min(loop_s for _, loop_s in runs), "start_s": start_s[rung.method]}
+            yield _row(rung, **times, **errors_by_group(rung.case, runs[-1][0], exact[_samples_of(rung)]))
+        except RunError as error:
+            yield _row(rung, status=error.status, reason=str(error))
+        count()
+
+
+def _timed(rung: Rung) -> tuple[Trace, float]:
+    """Trace of a rung and the time of its loop in s; in-repo schemes run without the guard.
+
+    Raises:
+        RunError: the run failed.
+    """
+    case, scene = rung.case, rung.case.scene
+    if rung.method not in IN_REPO:
+        ended = compute(case, rung.method)
+        return ended.done, ended.loop_s or 0.0
+    chain, began = arrays_of(case.chain), time.perf_counter()
+    if rung.method == REFERENCE:
+        motion = integrate_adaptive(chain, case.sample_times_s, rung.share)
+    else:
+        motion = integrate_verlet(chain, scene.time_step_s, scene.steps_per_sample, scene.samples)
+    loop_s = time.perf_counter() - began
+    if not np.isfinite(motion.force_N).all():
+        raise RunError("the motion is not finite: the time step is too large")
+    return trace_of(case, case.sample_times_s, motion), loop_s
+
+
+def _row(rung: Rung, **measured: Any) -> dict[str, Any]:
+    """Row of a run; what was not measured is NaN."""
+    row = {"scene": rung.scene, "method": rung.method} | dict.fromkeys(NUMBERS, nan) | {"status": DONE, "reason": ""}
+    step_s = nan if rung.method == REFERENCE else rung.case.scene.time_step_s
+    return row | {"time_step_s": step_s, "share_of_limit": rung.share} | measured
+
+
+def errors_by_group(case: Case, trace: Trace, exact_motion: ExactMotion) -> dict[str, float]:
+    """Errors of a row; of several gauges the largest."""
+    groups = {
+        "sensor_peak": [name for name in of_kind(exact_motion.true, "peak") if name != "wall_peak"],
+        "wall_peak": [name for name in exact_motion.true if name == "wall_peak"],
+        "arrival": of_kind(exact_motion.true, "arrival"),
+        "speed": of_kind(exact_motion.true, "speed"),
+        "width": [name for name in of_kind(exact_motion.true, "width") if name.endswith("_4pct")],
+    }
+    measured = errors_of(case, trace, exact_motion, (*COMPARED, *chain(*groups.values())))
+    errors = {name: measured[name] for name in COMPARED}
+    return errors | {group: max((measured[name] for name in names), default=nan) for group, names in groups.items()}
+
+
+def start_up(case: Case, name: str) -> float:
+    """Time of a process outside its loop, in s: the shorter of two, as the first may compile or load."""
+    runs = [compute(case, name, own_process=True) for _ in range(2)]
+    return min(run.wall_s - (run.loop_s or 0.0) for run in runs)
+
+
+def soften() -> pd.DataFrame:
+    """Errors of V_s and F_m with softened beads, scaled back by E^(2/5), and what softening gains.
+
+    Without gravity, with a rigid wall and one material, the chain is similar: at a given striker speed times are
+    proportional to E^(-2/5), forces to E^(2/5).
+
+    Returns:
+        A row for each factor and quantity, with and without gravity. ``error`` is that of the scaled quantity,
+        ``limit`` the stable time step and ``steps`` the number of stable steps until the wave reaches the wall, both
+        divided by those of the hard beads.
+    """
+    rows = []
+    for gravity, words in (("", "without gravity"), ("9.81 m/s^2", "with gravity")):
+        base = ("wall.material=rigid", f"gravity={gravity}")
+        hard, hard_limit_s = _softened(1, base)
+        for factor in FACTORS:
+            soft, limit_s = _softened(factor, base)
+            gain = limit_s / hard_limit_s
+            steps = soft["wall_arrival"] / hard["wall_arrival"] / gain
+            for name in ("speed_9_to_5", "bead_5_amplitude", "wall_amplitude"):
+                error = abs(soft[name] * factor**0.4 / hard[name] - 1)
+                rows.append((f"E/{factor}, {words}", name, error, gain, steps))
+    return pd.DataFrame(rows, columns=["setting", "quantity", "error", "limit", "steps"])
+
+
+def _softened(factor: float, base: Sequence[str]) -> tuple[dict[str, float], float]:
+    """Exact quantities of Fig. 4 with a modulus divided by a factor, and its stability limit in s."""
+    longer = factor**0.4
+    timing = (f"run.duration={0.8 * longer} ms", f"run.sample_interval={longer} us", f"run.time_step={longer / 10} us")
+    case = case_of("fig4", *base, f"materials.ptfe.youngs_modulus={1.46e9 / factor} Pa", *timing)
+    return quantities(case, exact_of(case, 1e-11)), step_limit(case)[0]
 
 
 def done(rows: pd.DataFrame) -> pd.DataFrame:
@@ -71,52 +261,56 @@ def orders(rows: pd.DataFrame) -> dict[str, tuple[float, float]]:
     return {method: (min(slopes), max(slopes)) for method, slopes in by_method.items()}
 
 
-def advice(rows: pd.DataFrame) -> Iterator[Advice]:
-    """Largest step by scene, method and quantity that keeps an error, as all smaller measured steps do."""
+def advice(rows: pd.DataFrame) -> pd.DataFrame:
+    """Largest step by scene, method and quantity that keeps an error, as all smaller measured steps do.
+
+    Returns:
+        A row for each run, with the ``error`` of the quantity and that of the force; no row if no step keeps it.
+    """
+    advised = []
     for (scene, method), ladder in done(rows).groupby(["scene", "method"], sort=False):
-        steps_s, loops_s = ladder["time_step_s"].to_numpy(), ladder["loop_s"].to_numpy()
         for quantity in QUANTITIES:
-            errors = ladder[quantity].to_numpy()
             largest = ladder[quantity].fillna(inf).cummax().to_numpy()  # so that no error is small by chance
             for target, good in zip(TARGETS, np.searchsorted(largest, TARGETS, side="right"), strict=True):
                 if good:
-                    run = steps_s[good - 1], loops_s[good - 1], errors[good - 1]
-                    yield Advice(str(scene), quantity, target, str(method), *map(float, run))
+                    run = ladder.iloc[good - 1]
+                    measured = (run["time_step_s"], run["loop_s"], run[quantity], run["force"])
+                    advised.append((scene, quantity, target, method, *measured))
+    columns = ["scene", "quantity", "error_at_most", "method", "time_step_s", "loop_s", "error", "error_of_force"]
+    return pd.DataFrame(advised, columns=columns)
 
 
-def measure(options: Options) -> dict[str, Any]:
-    """Measures the ladder and softened beads; derives advice."""
+def measure(options: Options) -> Chapter:
+    """Run the ladder and soften beads; derive advice."""
     budget_s, scenes = (SHORT_BUDGET_S, SHORT_SCENES) if options.quick else (BUDGET_S, SCENES)
     rows = run_ladder(options.budget_s or budget_s, scenes, short=options.quick)
-    return {"trade": rows, "trade-advice": advice(frame_of(LadderRun, rows)), "trade-softening": soften()}
+    advised, softened = advice(rows), soften()
+    caption = "Largest error of the force against the time of the loop, by scene"
+    return Chapter(
+        {"trade": rows, "trade-advice": advised, "trade-softening": softened},
+        findings(rows, advised),
+        {"trade": (caption, draw_trade(rows))},
+        [show_advice(rows, advised), show_softening(softened)],
+        short=not set(SCENES) <= set(rows["scene"]),
+    )
 
 
-def sentences(tables: Tables) -> list[str]:
-    """Cost of a usual error on the first scene, start-up times, orders of convergence of the force."""
-    rows, advised = tables["trade"], tables["trade-advice"]
-    scene = rows["scene"].iloc[0]
-    costs = [f"{_time(row['loop_s'])} by {row['method']}" for row in _usual(advised, scene).to_dict("records")]
-    starts = done(rows)[["method", "start_s"]].drop_duplicates().sort_values("start_s", kind="stable")
+def findings(rows: pd.DataFrame, advised: pd.DataFrame) -> list[str]:
+    """Advice for these sizes, cost of a usual error on the first scene, orders of convergence of the force."""
+    finished = done(rows)
+    fine = finished[finished["time_step_s"] <= ADVISED_S].groupby(["scene", "method"], sort=False).tail(1)
+    starts_s, scene = finished["start_s"], rows["scene"].iloc[0]
+    usual = advised[np.isclose(advised["error_at_most"], TYPICAL) & (advised["quantity"] == "force")]
+    loops_s = usual.loc[usual["scene"] == scene, "loop_s"]
     ranges = ", ".join(f"{low:.2f} to {high:.2f} by {name}" for name, (low, high) in orders(rows).items())
     return [
-        f"{scene}, error of the force at most {_power(TYPICAL)}: the time loop takes {', '.join(costs)}.",
-        f"A process of its own takes {', '.join(f'{_time(s)} ({name})' for name, s in starts.to_numpy())} to start.",
+        f"At these sizes take a time step of 0.1 µs: accuracy is free, with an error of the force of"
+        f" {short(fine['force'].max())} or less; a time loop takes {_time(fine['loop_s'].min())} to"
+        f" {_time(fine['loop_s'].max())}, the start of a process {_time(starts_s.min())} to {_time(starts_s.max())}.",
+        f"{scene}, error of the force at most {_power(TYPICAL)}: the time loop takes {_time(loops_s.min())} to"
+        f" {_time(loops_s.max())}, by method.",
         f"Orders of convergence of the force: {ranges}.",
     ]
-
-
-def _usual(advised: pd.DataFrame, scene: str) -> pd.DataFrame:
-    """Runs of a scene that keep a usual error of the force, cheapest first."""
-    kept = (
-        np.isclose(advised["error_at_most"], TYPICAL) & (advised["scene"] == scene) & (advised["quantity"] == "force")
-    )
-    return advised[kept].sort_values("loop_s", kind="stable")
-
-
-def figures(tables: Tables) -> dict[str, Picture]:
-    """Error of the force against time, for all scenes."""
-    caption = "Largest error of the force against the time of the loop, by scene"
-    return {"trade": (caption, partial(draw_trade, tables["trade"]))}
 
 
 def draw_trade(rows: pd.DataFrame) -> Any:
@@ -132,7 +326,7 @@ def draw_trade(rows: pd.DataFrame) -> Any:
         for method in in_order(of_scene["method"]):
             points = of_scene[of_scene["method"] == method]
             look = line_of(method) | {"marker": marker_of(method)["marker"]}
-            axis.plot(points["loop_s"], points["force"], label=method, **look | {"ms": 3.5, "lw": 0.9})
+            axis.plot(points["loop_s"], points["force"], label=method, **look | {"ms": 3.5})
         axis.set(xscale="log", yscale="log")
         axis.set_title(scene, loc="left")
     axes[first].set_ylabel("largest error of the force / largest change of a force")
@@ -141,33 +335,45 @@ def draw_trade(rows: pd.DataFrame) -> Any:
     return figure
 
 
-def section(tables: Tables) -> dict[str, Any]:
-    """Time steps that keep an error: all quantities of the first scene, the force of the others; and softened beads.
-
-    The steps are those of ``verlet``, the scheme of the codes, for errors that a code keeps.
-    """
-    rows, advised, softened = tables["trade"], tables["trade-advice"], tables["trade-softening"]
+def show_advice(rows: pd.DataFrame, advised: pd.DataFrame) -> Shown:
+    """Steps of ``verlet``, the scheme of the codes: all quantities of the first scene, the force of the others."""
     first, *others = rows["scene"].unique()
     by_verlet, by_codes = advised[advised["method"] == VERLET], advised[advised["method"].isin(codes())]
     if not by_codes.empty:  # their rounding may be larger than a small error
         by_verlet = by_verlet.merge(by_codes[["scene", "quantity", "error_at_most"]].drop_duplicates())
-    steps_s = by_verlet.pivot(index=["scene", "quantity"], columns="error_at_most", values="time_step_s")
+    texts = [_step(*row) for row in by_verlet[["quantity", "time_step_s", "error_of_force"]].itertuples(index=False)]
+    cells = by_verlet.assign(text=texts).pivot(index=["scene", "quantity"], columns="error_at_most", values="text")
     chosen = [*((first, quantity) for quantity in QUANTITIES), *((scene, "force") for scene in others)]
-    shown = steps_s.reindex(pd.MultiIndex.from_tuples(chosen), columns=SHOWN_TARGETS)
-    worst = softened.groupby("setting", sort=False)[["error", "gain"]].max()
-    return {
-        "short": not set(SCENES) <= set(rows["scene"]),
-        "targets": [_power(target) for target in SHOWN_TARGETS],
-        "advice": [
-            [
-                f"{scene}, {QUANTITIES[quantity]}",
-                *map(_time, kept_s),
-                next(iter(_usual(by_codes, scene)["method"]), "–"),
-            ]
-            for (scene, quantity), *kept_s in shown.itertuples()
-        ],
-        "softened": [[setting, short(error), f"{gain:.1f}"] for setting, error, gain in worst.itertuples()],
-    }
+    table = cells.reindex(pd.MultiIndex.from_tuples(chosen), columns=SHOWN_TARGETS).fillna("–")
+    table.columns = pd.Index([_power(target) for target in SHOWN_TARGETS])
+    table.insert(0, "scene, quantity", [f"{scene}, {QUANTITIES[quantity]}" for scene, quantity in chosen])
+    return Shown(
+        "Time step for an allowed error",
+        "Largest step at which velocity Verlet, the scheme of the codes, keeps the error; all smaller measured steps"
+        " keep it as well. Beside the step of another quantity stands the error of the force. A dash: no code keeps the"
+        " error at any step.",
+        table,
+    )
+
+
+def show_softening(softened: pd.DataFrame) -> Shown:
+    """Largest error of the scaled quantities, and what softening gains, by setting."""
+    worst = softened.groupby("setting", sort=False)[["error", "limit", "steps"]].max()
+    cells = [
+        (setting, short(error), f"{limit:.1f}", f"{steps:.2f}") for setting, error, limit, steps in worst.itertuples()
+    ]
+    return Shown(
+        "Softened beads: larger time steps, as many of them",
+        "Largest error of speed and amplitudes on Fig. 4, scaled back to the hard beads; stable time step, and number"
+        " of such steps until the wave reaches the wall, divided by those of the hard beads. The wave slows down as the"
+        " step grows, so softening gains nothing on a wave; it gains on what has a clock of its own, such as a fall"
+        " under gravity, where the error stands.",
+        pd.DataFrame(cells, columns=["modulus", "error", "time step", "steps"]),
+    )
+
+
+def _step(quantity: str, step_s: float, error_of_force: float) -> str:
+    return _time(step_s) + (f"\nforce {100 * error_of_force:.2g} %" if quantity != "force" else "")
 
 
 def _power(error: float) -> str:
@@ -175,16 +381,5 @@ def _power(error: float) -> str:
 
 
 def _time(seconds: float) -> str:
-    """A time with two digits and a suitable unit; a dash for NaN."""
-    return str(EngFormatter("s")(float(f"{seconds:.2g}"))) if pd.notna(seconds) else "–"
-
-
-CHAPTER = Chapter(
-    name="trade",
-    title="cost of accuracy",
-    tables={"trade": LadderRun, "trade-advice": Advice, "trade-softening": Softened},
-    measure=measure,
-    sentences=sentences,
-    figures=figures,
-    section=section,
-)
+    """A time with two digits and a suitable unit."""
+    return str(EngFormatter("s")(float(f"{seconds:.2g}")))

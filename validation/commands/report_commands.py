@@ -93,10 +93,9 @@ def _chapter(name: str, text: str, *taken: Decorator, examples: tuple[str, ...] 
     """Command of a chapter with its help text and options."""
 
     def action(**given: Any) -> int:
-        from validation.chapters import Options, load_chapter, run_chapter
+        from validation.chapters import Options, run_chapter
 
-        asked = Options(**{key: value for key, value in given.items() if value is not None})
-        return run_chapter(load_chapter(name), asked)
+        return run_chapter(name, Options(**{key: value for key, value in given.items() if value is not None}))
 
     for add in reversed((*taken, options.RESULTS)):
         action = add(action)
@@ -121,7 +120,7 @@ CHAPTER_COMMANDS = (
         "trade", "Measure error against cost for all engines and time steps.", options.QUICK, BUDGET,
         examples=("--quick", "--budget 600"),
     ),
-    _chapter("stability", "Measure stable steps, extreme scenes, long runs, rounding.", options.QUICK, options.RUNS),
+    _chapter("stability", "Measure stable steps, extreme scenes, long runs.", options.QUICK, options.RUNS),
     _chapter("elements", "Measure effect and cost of each modelling element.", options.QUICK, options.RUNS),
     _chapter("calibration", "Fit parameters of each contact law to the paper's experiments.", options.QUICK),
 )  # fmt: skip

@@ -18,7 +18,7 @@ from drivers.engines import in_order
 from drivers.run.run import provenance
 from validation.checks import FAIL, NOT_RUN, PASS
 from validation.compare.comparison import ComparedScene
-from validation.report.page_figures import PARTS
+from validation.report.parts import PARTS
 from validation.report.scene_section import ReportRow, counted, source_of
 
 LIBRARIES = ("numpy", "scipy", "numba")

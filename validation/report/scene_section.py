@@ -3,13 +3,14 @@
 import math
 import shlex
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from drivers.base import paths
 from drivers.base.errors import InputError
@@ -19,7 +20,7 @@ from drivers.chain.chain import hertz_force
 from drivers.chain.trace import FORCE, Trace
 from drivers.engines import REFERENCE, engines_again, in_order, load_engine
 from drivers.limits import step_limit
-from drivers.run.run_folder import RunRecord
+from drivers.run.run_folder import EndedRun
 from drivers.scene.model import Scene
 from postproc.draw.gauge_forces import MAX_GAUGES, draw_gauge_forces
 from postproc.draw.overlay import HEADINGS, draw_overlay, misfit_rows, number
@@ -32,7 +33,7 @@ from postproc.read.sensors import gauges_of
 from validation.accuracy.budget import ERROR, PARTS
 from validation.checks import FAIL, Check, outcome, short, worst_of
 from validation.compare.comparison import ComparedScene
-from validation.report.page_figures import Image, image_of, read_part
+from validation.report.parts import Image, Shown, image_of, read_part
 
 EXACT_FORCE = f"{ERROR}: {FORCE}"  # quantity of a check
 
@@ -42,12 +43,10 @@ class Cell:
     """Checks of one engine on one scene or case.
 
     Attributes:
-        record: of the judged run; None without one.
         diagnosis: sentence on the measured law of a wrong run; else empty.
     """
 
     checks: list[Check]
-    record: RunRecord | None = None
     diagnosis: str = ""
 
     @property
@@ -66,9 +65,10 @@ class Cell:
         return worst_of(self.checks)
 
     @property
-    def error(self) -> float | None:
-        """Largest force error against the exact motion; None if it was not judged."""
-        return next((check.value for check in self.checks if check.quantity == EXACT_FORCE), None)
+    def text(self) -> str:
+        """Verdict, largest error of the force against the exact motion if it was judged, and the note."""
+        errors = (short(check.value) for check in self.checks if check.quantity == EXACT_FORCE)
+        return "\n".join(filter(None, (f"{self.verdict} {next(errors, '')}".rstrip(), self.note)))
 
     @property
     def misses(self) -> list[Check]:
@@ -88,24 +88,22 @@ class ReportRow:
 
 def scene_row(scene: ComparedScene, runs: Path | None = None) -> ReportRow:
     """Row of a compared scene; ``runs`` is the folder of its run folders if not the default."""
-    cells = {}
-    for engine in in_order([*scene.runs, *scene.absent]):
-        record = scene.runs[engine].record if engine in scene.runs else None
-        cells[engine] = Cell(scene.of_engine(engine), record, scene.diagnoses.get(engine, ""))
+    engines = in_order([*scene.runs, *scene.absent])
+    cells = {engine: Cell(scene.of_engine(engine), scene.diagnoses.get(engine, "")) for engine in engines}
     source = scene.case.scene
     options = [*(["--runs", str(runs)] if runs else []), *engines_again()]
     again = " ".join(["beads compare", source_of(source), *map(shlex.quote, options)])
     return ReportRow(source.name, source.title or source.name, again, cells)
 
 
-def case_rows(claims: Mapping[str, Any]) -> list[ReportRow]:
-    """Rows of the cases beyond the paper, from the section on statements and cases."""
+def case_rows(checks: Sequence[Check]) -> list[ReportRow]:
+    """Rows of the cases beyond the paper, and of statements with a fault."""
     rows = []
-    for entry, *_ in claims.get("cases", []):
-        checks = [check for check in claims["checks"] if check.scene == entry.id]
-        engines = in_order({check.engine for check in checks})
-        cells = {engine: Cell([check for check in checks if check.engine == engine]) for engine in engines}
-        rows.append(ReportRow(entry.id, entry.title, "beads claims", cells))
+    for name in dict.fromkeys(check.scene for check in checks):
+        of_case = [check for check in checks if check.scene == name]
+        engines = in_order({check.engine for check in of_case})
+        cells = {engine: Cell([check for check in of_case if check.engine == engine]) for engine in engines}
+        rows.append(ReportRow(name, name, "beads claims", cells))
     return rows
 
 
@@ -114,15 +112,16 @@ def counted(rows: Iterable[ReportRow]) -> Counter[str]:
     return Counter(cell.verdict for row in rows for cell in row.cells.values())
 
 
-def tolerances(scenes: Iterable[ComparedScene]) -> list[tuple[str, str, str, str]]:
+def tolerances(scenes: Iterable[ComparedScene]) -> pd.DataFrame:
     """Quantity, limits, scenes and reason of every applied tolerance; limits with the same reason share a row."""
     used: dict[tuple[str, str], list[Check]] = {}
     for check in (check for scene in scenes for check in scene.checks if not math.isnan(check.limit)):
         used.setdefault((check.quantity, check.reason), []).append(check)
-    return [
+    rows = [
         (quantity, _limits_of(checks), ", ".join(dict.fromkeys(applied.scene for applied in checks)), reason)
         for (quantity, reason), checks in sorted(used.items())
     ]
+    return pd.DataFrame(rows, columns=["quantity", "limit", "scenes", "reason"])
 
 
 def _limits_of(checks: Iterable[Check]) -> str:
@@ -144,17 +143,18 @@ FITTED_PARAMETERS = "parameters"  # stored figure of a fit
 def overlay_of(case: Case, engine: str, trace: Trace, results: Path) -> dict[str, Any]:
     """Overlay of a scene's measured traces or quoted values on the run of an engine.
 
-    ``image`` is None if only values are quoted, ``rows`` has a row for each quantity under ``headings``, ``remarks``
-    are sentences on lengths and gains, and ``problem`` says why the traces do not fit the run; else it is empty.
-    ``far`` is the misfit that is largest in standard errors, or None. ``parameters`` is the figure of fitted
-    parameters, and ``fitted`` the scene of the fit, if ``beads fit`` wrote this scene or one for it in ``results``.
+    ``image`` is None if only values are quoted, ``rows`` has a row for each quantity, ``remarks`` are sentences on
+    lengths and gains, and ``problem`` says why the traces do not fit the run; else it is empty. ``far`` is the misfit
+    that is largest in standard errors, or None. ``parameters`` is the figure of fitted parameters, and ``fitted`` the
+    scene of the fit, if ``beads fit`` wrote this scene or one for it in ``results``.
     """
     scene = case.scene
-    overlay: dict[str, Any] = {"engine": engine, "image": None, "headings": HEADINGS}
+    overlay: dict[str, Any] = {"engine": engine, "image": None}
     is_fit = scene.name.startswith("fit-")
     fit = scene.folder if is_fit else results / f"fit-{scene.name}"
     fitted = fit / f"fit-{scene.name}.toml"
-    parameters = read_part(fit.name, fit.parent, "beads fit")[1].get(FITTED_PARAMETERS)
+    part = read_part(fit.name, fit.parent, "beads fit")
+    parameters = part and part.figures[FITTED_PARAMETERS][1]
     fitted_scene = paths.shown(fitted) if parameters and not is_fit else ""
     overlay |= {"rows": [], "remarks": [], "problem": "", "far": None, "parameters": parameters, "fitted": fitted_scene}
     try:
@@ -184,44 +184,31 @@ def section_of(scene: ComparedScene, results: Path, runs: Path | None = None) ->
         row, case: row of the table of verdicts, and the case.
         runs: finished runs by engine.
         timing: time step, samples and stability in a sentence.
-        judged: quantity, the check of each finished run or None, and the limits.
         forces: forces on the gauges and differences; None without a trace, or without both a gauge and a second engine.
         left_out: number of gauges without a panel.
         overlay: measured traces over the exact motion, or over the first engine without it; None without traces.
         chain: forces of all contacts in space and time; None if no run finished.
-        budget: quantity, engine, and the whole error followed by its parts.
-        observables: name, and the value of each run.
-        elements: name, "in" or "out", and the reason.
+        shown: tables of misfits, checks by quantity, observables, error budget and elements.
         decks: engine, file and text, of finished codes and of all failed engines.
     """
     case, row = scene.case, scene_row(scene, runs)
     finished = {engine: scene.runs[engine] for engine in in_order(scene.runs)}
-    observed = [observe(run.layout, run.trace) for run in finished.values()]
     shown = REFERENCE if REFERENCE in finished else next(iter(finished), "")
     trace = finished[shown].trace if shown else None
-    checks = {(check.quantity, check.engine): check for check in scene.checks if check.engine in finished}
-    judged = {quantity: [checks.get((quantity, engine)) for engine in finished] for quantity, _ in checks}
-    budget = [
-        (part["quantity"], engine, *(short(part[key]) for key in PARTS))
-        for engine, run in finished.items()
-        for part in run.record.error_budget or ()
-    ]
-    order = list(dict.fromkeys(quantity for quantity, *_ in budget))
+    overlay = overlay_of(case, shown, trace, results) if trace and case.scene.measured else None
     return {
         "row": row,
         "case": case,
         "runs": finished,
         "timing": _timing(scene),
-        "judged": [(name, *of_quantity, _limits_of(filter(None, of_quantity))) for name, of_quantity in judged.items()],
         "forces": _forces_picture(scene),
         "left_out": max(0, len(gauges_of(case.layout)) - MAX_GAUGES),
-        "overlay": overlay_of(case, shown, trace, results) if trace and case.scene.measured else None,
+        "overlay": overlay,
         "chain": image_of(svg_of(draw_spacetime({shown: trace}).figure)) if trace else None,
-        "budget": sorted(budget, key=lambda line: order.index(line[0])),
-        "observables": [
-            (name, *(number(values.get(name, math.nan), 6) for values in observed)) for name in (observed or [{}])[0]
+        "shown": [
+            *([Shown("", "", pd.DataFrame(overlay["rows"], columns=HEADINGS))] if overlay and overlay["rows"] else ()),
+            *_tables(scene, finished),
         ],
-        "elements": [(element.name, "in" if element.modelled else "out", element.reason) for element in case.elements],
         "decks": [
             (name, file, text)
             for name, cell in row.cells.items()
@@ -230,6 +217,55 @@ def section_of(scene: ComparedScene, results: Path, runs: Path | None = None) ->
             for file, text in engine.by_hand(engine.render(case)).files.items()
         ],
     }
+
+
+BUDGET = (
+    "Signed errors divided by the true value; for the force trace, at the contact and time of its largest error,"
+    " divided by the largest change. Energy is divided by the largest kinetic energy, momentum by the largest momentum."
+    " Model: engine minus the same scheme in absolute heights. Rounding: scheme in heights minus scheme in overlaps."
+    " Truncation: scheme minus exact motion. Sampling: change by the interval between samples. The whole error is their"
+    " sum."
+)
+
+
+def _tables(scene: ComparedScene, finished: Mapping[str, EndedRun]) -> list[Shown]:
+    """Tables of the finished runs of a scene by engine: checks by quantity, observables, error budget, elements."""
+    checks = {(check.quantity, check.engine): check for check in scene.checks if check.engine in finished}
+    judged = []
+    for quantity in dict.fromkeys(quantity for quantity, _ in checks):
+        of_quantity = [checks.get((quantity, engine)) for engine in finished]
+        judged.append([quantity, *map(_judgement, of_quantity), _limits_of(filter(None, of_quantity))])
+    observed = [observe(run.layout, run.trace) for run in finished.values()]
+    values = [[name, *(number(values.get(name, math.nan), 6) for values in observed)] for name in (observed or [{}])[0]]
+    records = {engine: run.record for engine, run in finished.items()}
+    budget = [
+        (part["quantity"], engine, *(short(part[key]) for key in PARTS))
+        for engine, record in records.items()
+        for part in record.error_budget or ()
+    ]
+    order = list(dict.fromkeys(quantity for quantity, *_ in budget))
+    budget.sort(key=lambda line: order.index(line[0]))
+    notes = [f"{engine}: {record.error_note}." for engine, record in records.items() if record.error_note]
+    elements = [(element.name, "in" if element.modelled else "out", element.reason) for element in scene.case.elements]
+    tables = (
+        ("", "", judged, ("quantity", *finished, "allowed")),
+        ("Observables: peaks, speeds, widths, balances", "", values, ("observable", *finished)),
+        (
+            "Error budget: model, rounding, truncation, sampling", " ".join((BUDGET, *notes)), budget,
+            ("quantity", "engine", "whole", "model", "rounding", "truncation", "sampling"),
+        ),
+        ("Modelled elements, with reasons", "", elements, ("element", "in or out", "reason")),
+    )  # fmt: skip
+    return [
+        Shown(heading, text, pd.DataFrame(rows, columns=columns)) for heading, text, rows, columns in tables if rows
+    ]
+
+
+def _judgement(check: Check | None) -> str:
+    """Verdict and value of a check, and the place of a failure."""
+    if check is None:
+        return ""
+    return f"{check.verdict} {short(check.value)}" + (f"\n{check.where}" if check.verdict == FAIL else "")
 
 
 def _timing(scene: ComparedScene) -> str:

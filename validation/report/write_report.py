@@ -7,7 +7,9 @@ from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
+import pandas as pd
 from markupsafe import Markup, escape
 
 from drivers.base import decks as deck
@@ -23,30 +25,28 @@ from drivers.scene.read_scene import read_scene
 from postproc.figures import captions
 from postproc.read.measured import read_traces
 from postproc.read.sensors import gauges_of
-from validation.chapters import CHAPTERS, QUICK_CHAPTERS, load_chapter, make_parts, read_section, up_to_date
-from validation.checks import FAIL, NOT_RUN, PASS, short, table
+from validation.chapters import CHAPTERS, IN_FULL, make_parts, up_to_date
+from validation.checks import DIFFERS, FAIL, NOT_ACCURATE, NOT_RUN, PASS, REPRODUCED, short, table
 from validation.compare.answer import answer, display_name, listed
 from validation.compare.comparison import ComparedScene, EngineSelection, run_and_compare_all
 from validation.report.machine_readable import as_json, made_with, when_made
-from validation.report.page_figures import read_figures, read_part
-from validation.report.scene_section import case_rows, counted, section_of, tolerances
+from validation.report.page_figures import read_figures
+from validation.report.parts import read_part
+from validation.report.scene_section import ReportRow, case_rows, counted, section_of, tolerances
 
 SUBJECT = "Strongly nonlinear waves in a chain of Teflon beads"
 PAPER = ("fig4", "fig5", "fig6b", "fig6d")
 POWER = re.compile(r"\d[\d.]*e[+-]?\d+")  # number with a power of ten
+SUBSCRIPT = re.compile(r"\b([^\W_])_(\w)\b")
+VERDICT = re.compile(f"({'|'.join((PASS, FAIL, NOT_RUN, NOT_ACCURATE, REPRODUCED, DIFFERS))})(?: (.*))?")
+NARROW = 60  # characters of a row that narrow screens show on one line, or in cells of two
 SHARING = ("claims",)  # chapters that have runs in common with the figures, and are made after them
 BESIDE = Place(processes=True)
 
-# link and heading of each section of the paper's page, by the name of its template; all but the first are chapters
+# link and heading of each section on the paper
 FIGURES = "figures"
-SECTIONS = {
-    FIGURES: ("Figures", "The paper's figures and Table 1, computed"),
-    "claims": ("Statements", "The paper's statements, computed"),
-    "calibration": ("Experiment", "The experiment: fitted contact laws"),
-    "trade": ("Cost of accuracy", "Cost of accuracy"),
-    "stability": ("Stability", "Stability limits of the time step"),
-    "elements": ("Elements", "Effects of the modelled elements"),
-}
+SECTIONS = {FIGURES: ("Figures", "The paper's figures and Table 1, computed")}
+SECTIONS |= {name: (link, heading) for name, (_, link, heading) in CHAPTERS.items()}
 
 
 def report(
@@ -111,9 +111,8 @@ def report(
                     say(line)
                 grow(group)
                 failed |= not good
-    chapters = [load_chapter(name) for name in CHAPTERS if studies]
-    stored = [(chapter, tables) for chapter in chapters if (tables := chapter.read(page.parent))]
-    missed = [check for chapter, tables in stored for check in chapter.failed(tables)]
+    stored = [read_part(name, page.parent) for name in CHAPTERS if studies]
+    missed = [check for part in stored if part for check in part.failed]
     for line in table(missed) if missed else ():
         say(line)
     if unmet:
@@ -124,8 +123,8 @@ def report(
 def _made(part: str, results: Path) -> bool:
     """True if a figure or a chapter is up to date; any stored one counts for a chapter with a short form."""
     try:
-        there = any(read_part(part, results)) if part in captions() else read_section(part, results)
-        return bool(there) and (part in QUICK_CHAPTERS or up_to_date(part, results))
+        short_form = part not in captions() and part not in IN_FULL
+        return read_part(part, results) is not None and (short_form or up_to_date(part, results))
     except (InputError, OSError) as error:  # such as a folder in place of a file
         say(str(error))
         return False
@@ -166,11 +165,12 @@ def write_report(
     made = made_with(scenes, command)
     sections = {name: _section(name, results, to_come) for name in names}
     claims = sections.get("claims")
-    cases = case_rows(claims or {})
+    cases = case_rows(claims.checks if claims else ())
     about = [section_of(scene, results, runs) for scene in scenes]
     rows = [described["row"] for described in about]
     engines = in_order(engine for row in (*rows, *cases) for engine in row.cells)
     verdicts = {row.name: {name: cell.verdict for name, cell in row.cells.items()} for row in cases}
+    builds = [(name, build["version"], build["command"], build["sha256"]) for name, build in made["engines"].items()]
     page = deck.render(
         "report/report.html.j2",
         subject=SUBJECT if sections else f"{' and '.join(row.title for row in rows)}: do the codes agree?",
@@ -181,18 +181,20 @@ def write_report(
             (row, engine, cell) for row in (*rows, *cases) for engine, cell in row.cells.items() if cell.verdict == FAIL
         ],
         made=made,
-        builds=[(name, build["version"], build["command"], build["sha256"]) for name, build in made["engines"].items()],
+        builds=pd.DataFrame(builds, columns=["engine", "version", "command", "digest of programs and libraries"]),
         unmet=unmet,
         to_come=to_come,
-        verdicts=[(row.name, *map(row.cells.get, engines)) for row in rows],
-        engines=engines,
+        verdicts=_verdicts(rows, engines),
         counts=counted(rows),
         tolerances=tolerances(scenes),
         scenes=about,
         sections=[(name, *SECTIONS[name], section) for name, section in sections.items()],
-        dates=when_made(results) if sections else [],
+        dates=pd.DataFrame(when_made(results) if sections else [], columns=["part", "made"]),
         short=short,
-        unbroken=unbroken,
+        typeset=typeset,
+        is_wide=is_wide,
+        marked=marked,
+        in_lines=in_lines,
         shown=paths.shown,
     )
     texts = {path: page, path.with_suffix(".json"): as_json(made, scenes, rows, cases, unmet, to_come)}
@@ -203,12 +205,49 @@ def write_report(
     return counted((*rows, *cases))
 
 
-def _section(name: str, results: Path, to_come: Sequence[str]) -> dict[str, Any]:
+def _section(name: str, results: Path, to_come: Sequence[str]) -> Any:
     if name == FIGURES:
         return read_figures(results, to_come)
-    return {} if name in to_come else read_section(name, results)
+    return None if name in to_come else read_part(name, results)
 
 
-def unbroken(text: str) -> Markup:
-    """Text whose numbers with a power of ten are kept on one line."""
-    return Markup(POWER.sub(r'<span class="number">\g<0></span>', str(escape(text))))
+def _verdicts(rows: Sequence[ReportRow], engines: Sequence[str]) -> pd.DataFrame:
+    """Verdict, error of the force and note by scene and engine; each scene links to its section."""
+    lines = []
+    for row in rows:
+        link = Markup('<a href="#scene-{}">{}</a>').format(quote(row.name), row.name)
+        cells = (row.cells.get(engine) for engine in engines)
+        lines.append([link, *("" if cell is None else cell.text for cell in cells)])
+    return pd.DataFrame(lines, columns=["scene", *engines], dtype=object)
+
+
+def is_wide(table: pd.DataFrame) -> bool:
+    """True for a table whose rows are blocks of labelled lines on narrow screens."""
+    texts = ([heading, *(marked(str(cell)).striptags() for cell in table[heading])] for heading in table.columns)
+    return sum(max(map(len, column)) for column in texts) > NARROW
+
+
+def typeset(text: str) -> Markup:
+    """Text with subscripts in symbols such as F_m, and numbers with a power of ten kept on one line."""
+    unbroken = POWER.sub(r'<span class="number">\g<0></span>', str(escape(text)))
+    return Markup(SUBSCRIPT.sub(r"\1<sub>\2</sub>", unbroken))
+
+
+def in_lines(text: str) -> Markup:
+    """Text of a cell; lines after the first are small."""
+    first, *others = text.split("\n")
+    return typeset(first) + Markup("").join(Markup("<small>{}</small>").format(typeset(line)) for line in others)
+
+
+def marked(text: str) -> Markup:
+    """Text of a cell, in which a verdict at its beginning is marked; see ``parts.Shown``."""
+    found = VERDICT.fullmatch(text.partition("\n")[0])
+    if not found:
+        return in_lines(text)
+    verdict, kind = found[1], found[1].replace(" ", "-")
+    rest = in_lines(text.removeprefix(verdict).lstrip(" "))
+    if verdict in (REPRODUCED, DIFFERS):
+        return Markup('<span class="{}">{}</span>').format(kind, rest)
+    if verdict == PASS:
+        return Markup('<b class="pass" role="img" aria-label="pass">✓</b> {}').format(rest)
+    return Markup('<b class="{}">{}</b> {}').format(kind, f"✗ {verdict}" if verdict == FAIL else verdict, rest)

@@ -14,7 +14,7 @@ from drivers.limits import refuse
 from validation.accuracy.motions import exact_motion_of
 from validation.accuracy.plan import unattainable
 from validation.accuracy.plan_report import plan_report
-from validation.stability.measured_limits import random_case
+from validation.chapters.measured_limits import random_case
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import SceneWriter, case_of

@@ -9,10 +9,10 @@ from drivers.chain.trace import until
 from postproc.figures.table1 import EXACT_LONGER
 from postproc.paper.quoted import quoted
 from postproc.paper.strikes import COLUMNS, SPREAD
-from validation.chapters import frame_of
-from validation.checks import FAIL, NOT_RUN, Check, without_run
+from validation.checks import FAIL, NOT_RUN, REPRODUCED, without_run
 from validation.compare.comparison import ComparedScene
-from validation.report.page_figures import write_part
+from validation.report.page_figures import shown_of
+from validation.report.parts import Chapter, store_part
 from validation.report.write_report import write_report
 from validation.tests.helpers.runs import blown_up, checks_of
 from validation.tests.validation.claims.published import published_checks
@@ -27,7 +27,8 @@ def write_table_1(results: Path) -> int:
     table = quoted().table1.frame
     exact = {f"reference_{name}": table[f"computed_{name}"] * (1 + 1e-3) for name in COLUMNS}
     longer = {f"{EXACT_LONGER}_{name}": table[f"computed_{name}"] for name in COLUMNS}
-    write_part("table1", results, {"table1": table.assign(**exact, **longer, **{SPREAD: 4.2e-6})}, ())
+    table = table.assign(**exact, **longer, **{SPREAD: 4.2e-6})
+    store_part("table1", Chapter({}, shown=shown_of("table1", table)), {}, results)
     return len(table)
 
 
@@ -35,13 +36,14 @@ def write_table_1(results: Path) -> int:
 def hostile(tmp_path_factory: pytest.TempPathFactory, compared: ComparedScene) -> Path:
     """Folder of a page: a hostile title, figure and failed run, Table 1, and a number that is missed."""
     folder = tmp_path_factory.mktemp("hostile")
-    (folder / "fig4.svg").write_text(FIGURE)
-    write_part("fig4", folder, {}, [folder / "fig4.svg"])
+    store_part("fig4", Chapter({}), {"fig4": (TITLE, FIGURE)}, folder)
     write_table_1(folder)
     *published, second, last = published_checks(("yade", "reference"))
     failed = replace(second, verdict=FAIL, value=2 * second.limit, where=f"found 2, expected 1: {TITLE}")
     not_run = without_run(last.scene, last.engine, "not installed", NOT_RUN)
-    write_part("claims", folder, {"claims": frame_of(Check, [*published, failed, not_run])}, ())
+    cases = [check for check in (*published, failed, not_run) if check.verdict != REPRODUCED]
+    claims = Chapter({}, [TITLE, TITLE], checks=cases)
+    store_part("claims", claims, {}, folder)
     case = replace(compared.case, scene=compared.case.scene.model_copy(update={"title": TITLE}))
     absent = {"liggghts": "not installed", "yade": f"failed: exit code 1: {HOSTILE}"}
     half = until(blown_up(compared.runs["verlet"].trace, 200), 290)

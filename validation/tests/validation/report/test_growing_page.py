@@ -3,11 +3,10 @@
 import json
 import re
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
+import pandas as pd
 import pytest
 
 from drivers.base import cache, paths
@@ -17,21 +16,14 @@ from postproc.draw.product import Product
 from postproc.draw.style import pyplot
 from postproc.figures import Caption
 from validation import chapters
-from validation.chapters import Chapter, Options, frame_of, read_section
 from validation.checks import FAIL, Check, without_run
 from validation.compare.comparison import ComparedScene, EngineSelection
 from validation.report import page_figures, write_report
+from validation.report.parts import Chapter, read_part, write_part
 from validation.report.write_report import report
 
 Grow = Callable[..., int]
 PARTS = ["fig1", "claims", "trade"]
-
-
-@dataclass(frozen=True)
-class Row:
-    """Row of a trivial study."""
-
-    value: float
 
 
 class Parts:
@@ -58,19 +50,13 @@ class Parts:
             raise self.instead[name]
         self.made.append(name)
 
-    def load(self, name: str) -> Chapter:
-        def measure(_: Options) -> Mapping[str, Any]:
-            self.make(name)
-            return {name: [Row(1.0)]}
-
-        return Chapter(
-            name, f"about {name}", {name: Row}, measure, lambda _: [f"{name} says so"], lambda _: {},
-            judge=lambda _: self.failed,
-        )  # fmt: skip
+    def measure(self, name: str, _: object) -> Chapter:
+        self.make(name)
+        return Chapter({name: pd.DataFrame({"value": [1.0]})}, [f"{name} says so", "and so"], checks=self.failed)
 
     def make_figure(self, name: str, _: Path) -> Product:
         self.make(name)
-        return Product(pyplot().figure(), frame_of(Row, [Row(2.0)]))
+        return Product(pyplot().figure(), pd.DataFrame({"value": [2.0]}))
 
     @property
     def to_come(self) -> list[str]:
@@ -95,8 +81,7 @@ def parts(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Parts:
     monkeypatch.setattr(write_report, "SECTIONS", {"figures": ("Figures", "All figures")})
     monkeypatch.setattr(write_report, "run_and_compare_all", lambda *_, **__: [])
     monkeypatch.setattr(chapters, "make_figure", parts.make_figure)
-    for module in (write_report, chapters):
-        monkeypatch.setattr(module, "load_chapter", parts.load)
+    monkeypatch.setattr(chapters, "measure", parts.measure)
     for module in (write_report, page_figures, chapters):
         monkeypatch.setattr(module, "captions", lambda: {"fig1": Caption("Fig. 1", "A finding.", "A caption.")})
     return parts
@@ -206,10 +191,10 @@ def test_a_part_that_fails_leaves_the_others_and_the_page(
 def test_a_chapter_is_stored_when_all_its_files_are_written(parts: Parts, grow: Grow) -> None:
     """A chapter that is stopped while it writes is not on the page."""
     (parts.results / "trade-more.csv").mkdir(parents=True)
-    longer = replace(parts.load("trade"), tables={"trade": Row, "trade-more": Row})
+    table = pd.DataFrame({"value": [1.0]})
     with pytest.raises(OSError, match=r"trade-more\.csv"):
-        chapters.write_chapter(longer, {"trade": [Row(1.0)], "trade-more": [Row(1.0)]}, parts.results)
-    assert read_section("trade", parts.results) == {}
+        write_part("trade", Chapter({"trade": table, "trade-more": table}), parts.results)
+    assert read_part("trade", parts.results) is None
     (parts.results / "trade-more.csv").rmdir()
     assert grow() == 0
     assert parts.made == PARTS

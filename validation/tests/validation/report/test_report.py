@@ -21,9 +21,10 @@ from drivers.base.files import DAMAGED
 from drivers.chain.trace import until
 from validation.checks import FAIL, NOT_RUN, PASS, share_of_limit, short
 from validation.compare.comparison import ComparedScene
-from validation.report.page_figures import part_file, write_part
+from validation.report.page_figures import shown_of
+from validation.report.parts import Chapter, part_file, store_part
 from validation.report.scene_section import scene_row, section_of
-from validation.report.write_report import write_report
+from validation.report.write_report import marked, write_report
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import blown_up, checks_of, finished
 from validation.tests.helpers.scenes import SceneWriter, case_of
@@ -169,43 +170,40 @@ def test_chains_at_rest_and_without_gauges_have_a_page(
     assert "nan" not in text[text.index("<section") :].lower().split()
 
 
-def test_table_1_has_a_row_per_amplitude_and_the_figure_of_speeds_has_its_scores(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("text", "set_as"),
+    [
+        ("pass 1.2e-9", '<b class="pass" role="img" aria-label="pass">✓</b> <span class="number">1.2e-9</span>'),
+        ("fail 2\nat <1>", '<b class="fail">✗ fail</b> 2<small>at &lt;1&gt;</small>'),
+        ("not run\nrefused", '<b class="not-run">not run</b> <small>refused</small>'),
+        ("differs V_s", '<span class="differs">V<sub>s</sub></span>'),
+        ("passes", "passes"),
+        ("a pass", "a pass"),
+    ],
+)
+def test_a_verdict_at_the_beginning_of_a_cell_is_marked(text: str, set_as: str) -> None:
+    assert marked(text) == set_as
+
+
+def test_table_1_and_the_scores_of_the_moduli(tmp_path: Path) -> None:
     count = write_table_1(tmp_path)
     score = pd.DataFrame(
         [("score", modulus, force, 7.04, -0.3 * force) for modulus in (600.0, 1460.0) for force in (5.0, 0.06)],
         columns=["source", "modulus_MPa", "force_N", "deviation_pct", "deviation_standard_errors"],
     )
-    figure, table = tmp_path / "fig3.svg", pd.concat([score, pd.DataFrame({"source": ["experiment"]})])
-    figure.write_text('<svg xmlns="http://www.w3.org/2000/svg" width="252pt" height="10pt"></svg>')
-    write_part("fig3", tmp_path, {"fig3": table}, [figure])
+    table = pd.concat([score, pd.DataFrame({"source": ["experiment"]})])
+    figures = {"fig3": ("speeds", '<svg xmlns="http://www.w3.org/2000/svg" width="252pt" height="10pt"></svg>')}
+    store_part("fig3", Chapter({}, shown=shown_of("fig3", table)), figures, tmp_path)
     text = page_of([], tmp_path)
     shown = [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row) for row in re.findall(r"<tr>(<th scope=.row.*?)</tr>", text)]
-    equal = [f"<b>{cell}</b>" for cell in ("190.2", "5.41", "4.00", "190.0", "5.40", "4.00")]
-    assert ["5", "153", "168", "5.4", "190", "5.4", "4.0", *equal, "4e-6"] in shown
-    assert [len(row) for row in shown].count(14) == count
-    scores = [[modulus, "+7.0", "+7.0", "1.5", "0.0"] for modulus in ("600", "1460")]
-    assert [row for row in shown if len(row) == 5] == scores
-
-
-@pytest.mark.parametrize(
-    ("name", "tables", "svg"),
-    [
-        ("table1", {"table1": {"force_N": [1]}}, ""),
-        ("table1", {"other": {"force_N": [1]}}, ""),
-        ("fig4", {}, "<svg><g></svg>"),
-        ("claims", {"claims": {"id": [1]}}, ""),
-        ("fig3", {"fig3": {"source": [1]}}, '<svg width="9pt"></svg>'),
-    ],
-)
-def test_a_stored_result_of_another_version_is_named_in_one_line(
-    name: str, tables: dict[str, Any], svg: str, tmp_path: Path
-) -> None:
-    figure = tmp_path / f"{name}.svg"
-    figure.write_text(svg)
-    write_part(name, tmp_path, {key: pd.DataFrame(columns) for key, columns in tables.items()}, [figure] if svg else ())
-    with pytest.raises(InputError, match=rf"{name}\.json: .*make {name} writes it again"):
-        write_report([], tmp_path / "report.html")
-    assert {path.name for path in tmp_path.iterdir()} == {"parts", figure.name}
+    columns = {row[0]: row[1:] for row in shown if len(row) == count + 1}
+    assert [values[0] for values in columns.values()] == [
+        "153", "168", "5.4", "190", "5.4", "4.0",
+        *(f'<span class="reproduced">{cell}</span>' for cell in ("190.2", "5.41", "4.00", "190.0", "5.40", "4.00")),
+        '<span class="number">4e-6</span>',
+    ]  # fmt: skip
+    assert columns["paper, computed: V<sub>s</sub>, m/s"][:2] == ["190", "164"]
+    assert [row[1:] for row in shown if len(row) == 3] == [["+7.0"] * 2, ["+7.0"] * 2, ["1.5"] * 2, ["0.0"] * 2]
 
 
 def test_a_damaged_stored_result_is_named_in_one_line(tmp_path: Path) -> None:
@@ -225,7 +223,7 @@ def test_a_damaged_stored_result_is_named_in_one_line(tmp_path: Path) -> None:
 
 def test_the_same_verdicts_in_both(hostile: Path) -> None:
     written = sorted(path.name for path in hostile.glob("[!.]*"))
-    assert written == ["fig4.svg", "parts", "report.html", "report.json"]
+    assert written == ["parts", "report.html", "report.json"]
     page, data = (hostile / "report.html").read_text(), json_of(hostile)
     verdicts = {
         kind: {(row["name"], name, cell["verdict"]) for row in data[kind] for name, cell in row["engines"].items()}
@@ -306,9 +304,8 @@ def test_a_scene_shows_its_measured_traces_and_quoted_values(scene_file: SceneWr
     quoted_values = "[[measured]]\nvalues = { wall_peak = '9 N' }\nerrors = { wall_peak = 0.1 }\n"
     scene.write_text(f'{scene.read_text()}{quoted_values}[[measured]]\nfile = "shot.csv"\n')
     words = ("report", scene, "--out", scene.with_suffix(".html"), "--engine", "verlet", "--allow-missing", "--runs")
-    figure = scene.with_suffix(".svg")
-    figure.write_text('<svg width="11pt"></svg>')
-    write_part(f"fit-{scene.stem}", scene.parent, {}, [figure.rename(scene.with_name("parameters.svg"))])
+    figure = {"parameters": ("fitted", '<svg width="11pt"></svg>')}
+    store_part(f"fit-{scene.stem}", Chapter({}), figure, scene.parent)
     assert beads(*words, shared_runs).returncode == 0
     page = scene.with_suffix(".html").read_text()
     assert b64encode(b'<svg width="11pt"></svg>').decode() in page  # fitted parameters

@@ -2,9 +2,9 @@
 
 from math import inf
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from drivers import limits
@@ -16,11 +16,8 @@ from drivers.chain.trace import Trace
 from drivers.engines import VERLET, codes, installed
 from drivers.limits import refuse, step_limit, why_unstable
 from validation.accuracy.plan_report import plan_report
-from validation.chapters import write_chapter
-from validation.checks import PASS
-from validation.stability import measured_limits
-from validation.stability.extremes import NOT_ACCURATE, Extreme, extremes, run_all
-from validation.stability.measured_limits import (
+from validation.chapters import measured_limits
+from validation.chapters.measured_limits import (
     FINENESS,
     PAPER,
     RANDOM,
@@ -31,8 +28,9 @@ from validation.stability.measured_limits import (
     measure_limits,
     sweeps,
 )
-from validation.stability.rounding_effects import SIGNIFICANCE, energy_of, pressed, rounded
-from validation.stability.stability_chapter import CHAPTER
+from validation.chapters.stability import SIGNIFICANCE, Extreme, energy_of, extremes, run_all, study
+from validation.checks import FAIL, NOT_ACCURATE, PASS
+from validation.report.parts import write_part
 from validation.tests.drivers.engines.test_contact_laws import SETTINGS
 from validation.tests.helpers.adversarial import KINDS, adversarial_case
 from validation.tests.helpers.commands import beads
@@ -62,30 +60,27 @@ def words_of(settings: tuple[str, ...]) -> list[str]:
 def test_predictions_are_right_on_the_papers_scenes_and_at_random(count: int) -> None:
     names = PAPER if count == 5 else ("low-amplitude", "steel-chain")
     subjects = [*(MeasuredChain(RANDOM, name, case_of(name)) for name in names), *at_random(count)]
-    for limit in measure_limits(subjects, names=()):
-        assert 1 <= limit.ratio <= tolerance("stability", "measured").limit, limit
+    assert measure_limits(subjects, names=())["ratio"].between(1, tolerance("stability", "measured").limit).all()
 
 
 @pytest.mark.parametrize("times", [0.97, 1.05])
 def test_a_code_that_blows_up_elsewhere_is_scanned_itself(times: float, monkeypatch: pytest.MonkeyPatch) -> None:
     subjects = [MeasuredChain(RANDOM, "fig5", case_of("fig5"))]
-    (scheme,) = measure_limits(subjects, names=())
-    elsewhere_s = times * scheme.measured_s
+    elsewhere_s = times * measure_limits(subjects, names=())["measured_s"][0]
     gain_on = measured_limits._gain_on
 
     def gained(method: str, subject: MeasuredChain, step_s: float) -> float:
         return gain_on(VERLET, subject, step_s) if method == VERLET else inf if step_s >= elsewhere_s else 0.0
 
     monkeypatch.setattr(measured_limits, "_gain_on", gained)
-    _, code = measure_limits(subjects, names=("a code",))
-    assert code.method == "a code"
-    assert elsewhere_s <= code.measured_s <= elsewhere_s * (1 + 2 * FINENESS)
+    limits = measure_limits(subjects, names=("a code",)).set_index("method")
+    assert elsewhere_s <= limits["measured_s"]["a code"] <= elsewhere_s * (1 + 2 * FINENESS)
 
 
 def test_many_impacts_lower_the_limit() -> None:
     limits = measure_limits([*bouncing()][:2], names=())
-    assert limits[1].measured_s < 0.85 * limits[0].measured_s
-    assert all(limit.ratio >= 1 for limit in limits)
+    assert limits["measured_s"][1] < 0.85 * limits["measured_s"][0]
+    assert limits["ratio"].min() >= 1
 
 
 def swing_J(case: Case, step_s: float) -> float:
@@ -238,29 +233,42 @@ def test_a_drift_is_distinguished_from_a_random_walk() -> None:
         (1e-7 * draw.normal(size=2000).cumsum(), False),
     ):
         trace = Trace(samples * case.sample_times_s[-1], nothing, energy, 1 + energy, energy)
-        row = energy_of("", "", case, trace)
-        assert (abs(row.drift) > SIGNIFICANCE * row.drift_error) == drifts
+        row = energy_of(case, trace)
+        assert (abs(row["drift"]) > SIGNIFICANCE * row["drift_error"]) == drifts
 
 
 def test_heights_round_and_overlaps_do_not() -> None:
-    near, far = (pressed(1e-4, height) for height in (0.0, 1e3))
-    assert max(rounded(case, "", verlet_of(case).force_N).error for case in (near, far)) < 1e-15
-    low, high = (rounded(case, "", verlet_in_heights(case).force_N).error for case in (near, far))
-    assert high > 1e3 * low
+    """Forces at time 0 against the exact ones, of a chain at rest."""
+    rest = ("striker=", "gravity=", "chain.sensors=[]", "chain.count=3", "chain.precompression=1e-4 N")
+    short = ("run.duration=1 ns", "run.sample_interval=1 ns", "run.time_step=1 ns")
+    errors = {}
+    for height in ("0 m", "1 km"):
+        case = case_of("fig4", *rest, *short, f"chain.origin={height}")
+        for scheme in (verlet_of, verlet_in_heights):
+            error = scheme(case).force_N[0] / case.chain.force_N - 1
+            errors[scheme, height] = np.abs(error[1:]).max()
+    assert max(errors[verlet_of, "0 m"], errors[verlet_of, "1 km"]) < 1e-15
+    assert errors[verlet_in_heights, "1 km"] > 1e3 * errors[verlet_in_heights, "0 m"]
+
+
+def test_forces_are_wrong_well_below_the_limit() -> None:
+    case = case_of("fig4")
+    (limit,) = measure_limits([MeasuredChain(SHIPPED, "fig4", case)], names=()).to_dict("records")
+    assert 0.2 < limit["wrong_s"] / limit["measured_s"] < 0.4
 
 
 def test_the_study_fails_for_a_limit_that_is_exceeded_or_far(tmp_path: Path, shared_runs: Path) -> None:
-    """A coarse run is right but not accurate; files of an earlier study are removed."""
-    (tmp_path / "stability-energy.csv").write_text("of an earlier study\n")
+    """A coarse run is right but not accurate; tables of a longer study are removed."""
     chosen = [MeasuredChain(SHIPPED, "fig5", case_of("fig5")), *{sweep.group: sweep for sweep in sweeps()}.values()]
     edge = [*run_all([Extreme(name="coarse", scene="fig4", set=COARSE)], shared_runs)]
     coarse = {(check.engine, check.quantity.partition(":")[0]) for check in edge if check.verdict == NOT_ACCURATE}
     assert coarse == {(engine, "error") for engine in (VERLET, *installed(codes()))}
-    rows: dict[str, list[Any]] = {"stability": measure_limits(chosen, names=()), "stability-extremes": edge}
-    tables = write_chapter(CHAPTER, rows, tmp_path)
-    assert CHAPTER.failed(tables) == []
-    assert not (tmp_path / "stability-energy.csv").exists()
-    table = tables["stability"]
-    for ratio, failed in ((0.99, len(table)), (1.3, 1)):  # of the shipped scene alone
-        table["ratio"] = ratio
-        assert len(CHAPTER.failed(tables)) == failed
+    limits = measure_limits(chosen, names=())
+    case = case_of("fig4")
+    energy = pd.DataFrame([{"scene": "fig4", "method": VERLET, **energy_of(case, verlet_of(case))}])
+    for energies, names in ((energy, {"stability", "stability-energy"}), (None, {"stability"})):
+        write_part("stability", study(limits, edge, energies), tmp_path)
+        assert {path.stem for path in tmp_path.glob("*.csv")} == {*names, "stability-extremes"}
+    for ratio, failed in ((1.0, 0), (0.99, len(limits)), (1.3, 1)):  # of the shipped scene alone
+        checks = study(limits.assign(ratio=ratio), edge, None).checks
+        assert [check.verdict for check in checks].count(FAIL) == failed

@@ -3,13 +3,10 @@
 import pandas as pd
 import pytest
 
-from validation.chapters import frame_of
+from validation.chapters import trade
+from validation.chapters.trade import Rung, advice, affordable, at_step, orders, run_ladder, soften
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.scenes import case_of
-from validation.trade import ladder
-from validation.trade.ladder import LadderRun, Rung, affordable, at_step, run_ladder
-from validation.trade.softening import soften
-from validation.trade.trade_chapter import advice, orders
 
 
 def table(errors: list[float], shares: list[float]) -> pd.DataFrame:
@@ -29,7 +26,8 @@ def test_an_order_is_of_small_steps() -> None:
 
 def test_the_largest_step_is_not_below_its_error_by_chance() -> None:
     rows = table([1e-1, 1e-4, 1e-2, 1e-3, 1e-4], [1.0, 0.5, 0.25, 0.125, 0.0625])
-    steps = {each.error_at_most: each.time_step_s for each in advice(rows) if each.quantity == "force"}
+    advised = advice(rows)
+    steps = advised[advised["quantity"] == "force"].set_index("error_at_most")["time_step_s"]
     assert steps[1e-3] == 0.125e-6
     assert steps[1e-4] == 0.0625e-6  # the same error at half the limit is small by chance
     assert 1e-8 not in steps
@@ -47,16 +45,19 @@ def test_dear_runs_are_left_out_and_large_steps_have_fewer_samples() -> None:
     assert fine.scene.time_step_s <= 1.8e-7
 
 
-def test_softening_is_exact_without_gravity_only() -> None:
-    softened = list(soften())
-    assert max(row.error for row in softened if "without gravity" in row.setting) < 1e-10
-    assert min(row.error for row in softened if "with gravity" in row.setting) > 1e-3
+def test_softening_is_exact_without_gravity_and_saves_no_step() -> None:
+    softened = soften()
+    similar = softened["setting"].str.contains("without gravity")
+    assert softened[similar]["error"].max() < 1e-10
+    assert softened[~similar]["error"].min() > 1e-3
+    assert softened["limit"].min() > 2
+    assert softened["steps"].between(0.95, 1.01).all()
 
 
 def test_a_small_ladder_is_of_second_order(monkeypatch: pytest.MonkeyPatch) -> None:
     """The codes have the scheme of verlet."""
-    monkeypatch.setattr(ladder, "installed_codes", list)
-    rows = frame_of(LadderRun, run_ladder(0.1, ("fig5",)))
+    monkeypatch.setattr(trade, "installed_codes", list)
+    rows = run_ladder(0.1, ("fig5",))
     assert orders(rows)["verlet"] == pytest.approx((2, 2), abs=0.05)
     assert {"verlet", "reference"} == set(rows["method"])
     left = rows[rows["status"] == "not run"]

@@ -1,1 +1,0 @@
-"""Limits of the time step and their prediction, extreme scenes, long runs, and rounding."""
