@@ -128,8 +128,11 @@ def run_fit(request: FitRequest, runs: Path, results: Path) -> int:
     """
     problems, fits, tables = problems_of(request), dict[str, Fit](), dict[str, Tables]()
     problem, folder = next(iter(problems.values())), folder_of(request, results)
-    for data in problem.sets if request.predict else ():
-        observables_of(problem, data, problem.start, request.predict)  # unknown ones are refused before the fit
+    known = {name for data in problem.sets for name in observables_of(problem, data, problem.start, request.predict)}
+    for name in request.predict:
+        if without_unit(name) not in map(without_unit, known):
+            hint = did_you_mean(name, known) or f"allowed: {', '.join(sorted(known))}"
+            raise InputError(problem.sets[0].where, f"--predict {name}", f"unknown observable; {hint}")
     with counted(f"fit of {len(problem.free)} parameter{'s' * (len(problem.free) > 1)} to {problem.rows} readings"):
         for law, each in problems.items():  # each fit also starts from the earlier ones: a larger model is never worse
             seeds, names = [found.values for found in fits.values()], ", ".join(data.name for data in each.sets)
@@ -229,7 +232,7 @@ def predict(fit: Fit, law: str, names: Sequence[str]) -> pd.DataFrame:
     parts = []
     for data in fit.problem.sets:
 
-        def at(place: Array, data: DataSet = data) -> pd.Series[float]:
+        def at(place: Array, data: DataSet = data) -> "pd.Series[float]":
             return pd.Series(observables_of(fit.problem, data, place, names), dtype=float)
 
         here = at(fit.place)
@@ -251,9 +254,6 @@ def observables_of(problem: Problem, data: DataSet, place: Array, names: Sequenc
         data: One of its data sets, which is run as its scene.
         place: Coordinates. Shape (parameters,).
         names: Observables, with or without their units.
-
-    Raises:
-        InputError: A name is unknown.
     """
     tables = json.loads(data.tables)
     tables["run"]["duration"] = data.duration or tables["run"]["duration"]
@@ -263,13 +263,10 @@ def observables_of(problem: Problem, data: DataSet, place: Array, names: Sequenc
     sensors.extend({"from_wall": bead} for bead in sorted(new, reverse=True))  # one without a mass changes nothing
     shown = replace(data, tables=json.dumps(tables))
     simulation = simulated(shown, problem.motion_values(data, place), whole=True)
-    known = {without_unit(name): name for name in simulation.values} if simulation else {}
-    for name in names:
-        if simulation and without_unit(name) not in known:
-            hint = did_you_mean(without_unit(name), known) or f"allowed: {', '.join(sorted(known))}"
-            raise InputError(data.where, f"--predict {name}", f"unknown observable; {hint}")
+    values = simulation.values if simulation else {}
+    known = {without_unit(name): name for name in values}
     listed = [*map(without_unit, names), *(name for name in known if describe(name).of_wave)]
-    return {known[name]: simulation.values[known[name]] for name in dict.fromkeys(listed)} if simulation else {}
+    return {known[name]: values[known[name]] for name in dict.fromkeys(listed) if name in known}
 
 
 def folder_of(request: FitRequest, results: Path) -> Path:

@@ -193,14 +193,14 @@ def _seeded(problem: Problem, seed: Mapping[str, float]) -> Array:
 
 def _starts(problem: Problem) -> list[Start]:
     """The scene's values, the best places over the ranges, and those of the models inside the problem."""
-    first, searched, places = _with_others(problem, problem.start), problem.searched, list[Array]()
-    if searched:
-        draws = qmc.Sobol(len(searched), seed=0).random_base2(ceil(log2(SCREENED_POINTS * len(searched))))
-        drawn = [_moved(problem.start, searched, draw) for draw in draws]
-        drawn = for_each(problem, partial(_with_others, problem), drawn)
-        for place in sorted(drawn, key=partial(chi_square_at, problem)):
-            if len(places) < DESCENTS and all(np.abs(place - each)[searched].max() > MIN_SEPARATION for each in places):
-                places.append(place)
+    searched, places = problem.searched, list[Array]()
+    count = ceil(log2(SCREENED_POINTS * max(len(searched), 1)))
+    draws = qmc.Sobol(len(searched), seed=0).random_base2(count) if searched else ()
+    places_drawn = [_moved(problem.start, searched, draw) for draw in draws]
+    first, *drawn = for_each(problem, partial(_with_others, problem), [problem.start, *places_drawn])
+    for place in sorted(drawn, key=partial(chi_square_at, problem)):
+        if len(places) < DESCENTS and all(np.abs(place - each)[searched].max() > MIN_SEPARATION for each in places):
+            places.append(place)
     inside = set[tuple[int, float]]()
     for index in searched:
         free, none = problem.free[index], calibration_file().none
