@@ -293,8 +293,7 @@ def write_folder(
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".fit-") as temporary:
         draft, whole = Path(temporary), {PREDICTIONS: predictions}
-        for name in (PARAMETERS, DATA, LAWS):
-            whole[name] = pd.concat([of_law[name] for of_law in tables.values()])
+        whole |= {name: pd.concat([each[name] for each in tables.values()]) for name in (PARAMETERS, DATA, LAWS)}
         for name, table in whole.items():
             table.to_csv(draft / f"{name}.csv", index=False)
         write_figure(draw_parameters(whole[PARAMETERS]), PARAMETERS, draft)
