@@ -61,9 +61,10 @@ class RunRecord:
         deck_sha256: digest of the deck.
         command: command of the deck.
         time_step_s, steps, bodies: time step, number of time steps and of bodies.
-        wall_s, cpu_s: wall and CPU time of the process; for a process that runs many decks, of this deck alone.
+        wall_s, cpu_s: wall and CPU time of the process; on a server the wall time is that of this deck alone, and the
+            CPU time unknown.
         loop_s: time in the code's time loop.
-        memory_bytes: peak memory; unknown, as the times, for an imported run.
+        memory_bytes: peak memory, unknown on a server; for an imported run it is unknown as the times are.
         files: digests of the files that are read back, by name.
         error_budget: parts of the errors of the force and of observables (``validation.accuracy.budget``).
         error_note: parts that could not be measured, with the reason.
