@@ -37,8 +37,7 @@ from postproc.read.observables import describe, without_unit
 from validation.calibration.data import GAIN, TRIGGER, DataSet, calibration_file, did_you_mean, paper_data, scene_data
 from validation.calibration.fit import DATA, LAWS, PARAMETERS, RISES, Fit, Tables, solve
 from validation.calibration.problem import Problem, pose, simulated, stepped
-from validation.compare.answer import compare_scenes
-from validation.compare.comparison import EngineSelection
+from validation.compare.comparison import EngineSelection, compare_scenes
 from validation.report.parts import Chapter, store_part
 
 PREDICTIONS, AGAIN = "predictions", "again.sh"

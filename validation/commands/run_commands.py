@@ -163,7 +163,7 @@ def compare(
 ) -> int:
     """Run scenes and judge them on every engine, or compare runs."""
     must_be_folder("--runs", runs)
-    from validation.compare.comparison import EngineSelection
+    from validation.compare.comparison import EngineSelection, compare_runs, compare_scenes
 
     asked = EngineSelection(engines, required, allow_missing)
     folders = [source for source in what if Path(source).is_dir() or ":" in source]
@@ -174,11 +174,8 @@ def compare(
             if given:
                 raise InputError(f"--{option}", "", "not allowed with two runs")
         from drivers.run.inventory import run_folder
-        from validation.compare.pair import compare_runs
 
         return compare_runs(*(run_folder(folder, runs) for folder in folders))
-    from validation.compare.answer import compare_scenes
-
     return compare_scenes(what, settings, runs, asked, unsafe=unsafe)
 
 

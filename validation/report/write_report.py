@@ -27,8 +27,14 @@ from postproc.read.measured import read_traces
 from postproc.read.sensors import gauges_of
 from validation.chapters import CHAPTERS, IN_FULL, make_parts, up_to_date
 from validation.checks import DIFFERS, FAIL, NOT_ACCURATE, NOT_RUN, PASS, REPRODUCED, short, table
-from validation.compare.answer import answer, display_name, listed
-from validation.compare.comparison import ComparedScene, EngineSelection, run_and_compare_all
+from validation.compare.comparison import (
+    ComparedScene,
+    EngineSelection,
+    answer,
+    display_name,
+    listed,
+    run_and_compare_all,
+)
 from validation.report.machine_readable import as_json, made_with, when_made
 from validation.report.page_figures import read_figures
 from validation.report.parts import read_part
