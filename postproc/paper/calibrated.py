@@ -30,14 +30,14 @@ class Calibrated(Part):
     """The file: a law of dissipation, the reading of the paper for which it was fitted, and the parameters found.
 
     Attributes:
-        laws: laws that fit the quoted numbers in some reading.
-        missed: numbers that most of these fits miss by more than a standard error.
+        findings: sentences on the fits of all readings.
+        cuts: cut at which durations are read, chi-square, degrees of freedom, probability, and restitution.
     """
 
     law: str
     reading: str
-    laws: Annotated[tuple[str, ...], Field(strict=False)]
-    missed: Annotated[tuple[str, ...], Field(strict=False)]
+    findings: Annotated[tuple[str, ...], Field(strict=False)]
+    cuts: Annotated[tuple[Annotated[tuple[str, ...], Field(strict=False)], ...], Field(strict=False)]
     parameter: Annotated[tuple[CalibratedParameter, ...], Field(strict=False, min_length=1)]
 
     @property

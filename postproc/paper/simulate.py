@@ -6,15 +6,18 @@ from functools import cached_property
 from math import nan
 from pathlib import Path
 
+from scipy.interpolate import BSpline, make_interp_spline
+
 from drivers.base.errors import InputError
 from drivers.chain.case import Case, build_case
+from drivers.chain.chain import Array
 from drivers.chain.schemes import exact_of
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, installed_codes
 from drivers.run.run import run_all_done
 from drivers.scene.read_scene import read_scene
-from postproc.read.observables import observe
-from postproc.read.sensors import signals_csv
+from postproc.read.observables import first_pulses, observe
+from postproc.read.sensors import sensor_signals, signals_csv
 
 UNTIL_REFLECTED = "run.duration=0.9 ms"  # until the reflected wave has passed, in Figs. 4 and 6
 TOLERANCE = 1e-11  # of the largest change: far below the truncation error of any code's run
@@ -46,6 +49,22 @@ class Simulation:
     def values(self) -> dict[str, float]:
         """Observables of the trace; a missing one raises an InputError that names the scene."""
         return _Observables(observe(self.case.layout, self.trace), self.case.scene.file)
+
+    @cached_property
+    def signals(self) -> dict[str, Array]:
+        """Gauge signals by name."""
+        return sensor_signals(self.case.layout, self.trace)
+
+    @cached_property
+    def curves(self) -> dict[str, BSpline]:
+        """Splines of the changes of the gauge signals by name."""
+        changes = {gauge: signal - signal[0] for gauge, signal in self.signals.items()}
+        return {gauge: make_interp_spline(self.trace.time_s, change, k=5) for gauge, change in changes.items()}
+
+    @cached_property
+    def first(self) -> dict[str, float]:
+        """Amplitudes, arrivals and speeds of the first pulses, without all other observables."""
+        return first_pulses(self.case.layout, self.trace, self.signals)
 
 
 def case_of(source: str | Path, *settings: str) -> Case:

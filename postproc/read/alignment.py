@@ -11,6 +11,9 @@ may come at another time than the computed one. All gauges of a file have one tr
 extremum of the cross-correlation with the computed signals on a common grid, refined by least squares weighted by
 noise. Its standard error covers noise alone: if the shapes differ, arrival times are only as good as the model.
 
+A fit (``validation.calibration``) has the same trigger, gains and baselines: its trigger starts at the same correlation
+and is then a parameter, and its baselines are projected out of the residual of all readings that count.
+
 Readings are smoothed by quintic regression splines with knots after equal numbers of readings. Their number minimises
 the generalised cross-validation ``n RSS / (n - p)^2``, with n readings and p coefficients (Wahba, Spline Models for
 Observational Data, 4.3), and is then multiplied by ``KNOT_FACTOR``.
@@ -19,9 +22,11 @@ Observational Data, 4.3), and is then multiplied by ``KNOT_FACTOR``.
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import BSpline, make_interp_spline, make_lsq_spline
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 from scipy.optimize import least_squares
@@ -83,24 +88,142 @@ class AlignedGauge:
 
 
 @dataclass(frozen=True, eq=False)
-class _Channel:
-    """A gauge of a file, averaged in blocks, and the computed gauge."""
+class Channel:
+    """A gauge of a file, with readings averaged in blocks if there are more than two in a sample interval of the run.
 
+    Attributes:
+        key, file_key: Keys of its entry, and of the first entry of its file, whose trigger it has.
+        trace: Trace as read.
+        time_s, reading: Times and readings of the blocks. Shape (readings,).
+        noise: Standard deviation of one of these readings.
+        trigger_s: Time of the impact in the file; None if it has to be found.
+        window_s: Range of a trigger to be found.
+        counts: True until the run's duration after the trigger or, if it has to be found, after the first rise in the
+            file, whatever the model. Shape (readings,).
+    """
+
+    key: str
+    file_key: str
     trace: MeasuredTrace
     gauge: str
     time_s: Array
     reading: Array
-    noise: float  # standard deviation of a block
-    width_s: float  # width of the computed pulse at half of its peak
-    peak_N: float  # largest change of the computed force
+    noise: float
+    trigger_s: float | None
+    window_s: tuple[float, float]
+    counts: NDArray[np.bool_]
+
+    @cached_property
+    def base_lines(self) -> Array:
+        """Columns of the base line: none if it is given, a constant, or a constant and a slope. Shape (readings, n)."""
+        share = (self.time_s - self.time_s.mean()) / float(np.ptp(self.time_s))
+        return np.vander(share, (1 + self.trace.drift) * (self.trace.baseline is None), increasing=True)
+
+    @cached_property
+    def basis(self) -> Array:
+        """Orthonormal columns of the base line at the readings that count. Shape (readings, n)."""
+        return np.asarray(np.linalg.qr(self.base_lines[self.counts])[0])
+
+
+@dataclass(frozen=True, eq=False)
+class _Signal:
+    """Change of the force of a computed gauge: its curve, width at half of its peak, peak, and time of arrival."""
+
+    curve: BSpline
+    width_s: float
+    peak_N: float
     onset_s: float
-    curve: BSpline  # computed change of the force
     end_s: float  # of the run
 
-    def change(self, trigger_s: float) -> Array:
-        """Computed change of force, 0 before the impact and constant after the end of the run. Shape (readings,)."""
-        clock_s = self.time_s - trigger_s
-        return np.where(clock_s < 0, 0.0, self.curve(np.clip(clock_s, 0, self.end_s)))
+
+_Pair = tuple[Channel, _Signal]
+
+
+def channels_of(traces: Mapping[str, MeasuredTrace], duration_s: float, step_s: float) -> list[list[Channel]]:
+    """Gauges of each file; entries of the same file share their trigger.
+
+    Args:
+        traces: Traces by key of their entry.
+        duration_s: Duration of the run.
+        step_s: Sample interval of the run.
+
+    Raises:
+        InputError: A record is ``MAX_RATIO`` times longer or shorter than the run or has too few readings, or entries
+            of one file state different triggers.
+    """
+    files: dict[Path, list[str]] = defaultdict(list)
+    for key, trace in traces.items():
+        must_have_unit(trace, duration_s)
+        files[trace.file.resolve()].append(key)
+    return [_of_file({key: traces[key] for key in keys}, duration_s, step_s) for keys in files.values()]
+
+
+def _of_file(traces: Mapping[str, MeasuredTrace], duration_s: float, step_s: float) -> list[Channel]:
+    """Gauges of one file."""
+    coarse = {key: averaged(trace, step_s) for key, trace in traces.items()}
+    shown = paths.shown(next(iter(traces.values())).file)
+    given = sorted({trace.trigger_s for trace in traces.values() if trace.trigger_s is not None})
+    if len(given) > 1:
+        found = f"triggers {' and '.join(f'{stated_s:g} s' for stated_s in given)}"
+        raise InputError(shown, "", found, "one trigger per file")
+    rise_s = min(_first_rise_s(trace, gauge) for trace in coarse.values() for gauge in trace.reading)
+    end_s = (given[0] if given else rise_s) + duration_s
+    channels = []
+    for key, trace in coarse.items():
+        if len(trace.time_s) < MIN_SAMPLES:
+            found = f"{len(trace.time_s)} readings after averaging over half a sample interval of the run"
+            raise InputError(shown, "", found, f"at least {MIN_SAMPLES}")
+        for gauge, reading in trace.reading.items():
+            rounding = rounding_of(traces[key].reading[gauge]) * (len(reading) / len(traces[key].time_s)) ** 0.5
+            channel = Channel(
+                key=key,
+                file_key=next(iter(traces)),
+                trace=traces[key],
+                gauge=gauge,
+                time_s=trace.time_s,
+                reading=reading,
+                noise=trace.noise or max(noise_of(trace.time_s, reading), rounding),
+                trigger_s=given[0] if given else None,
+                window_s=(rise_s - duration_s, rise_s),
+                counts=trace.time_s <= end_s,
+            )
+            channels.append(channel)
+    return channels
+
+
+def _first_rise_s(trace: MeasuredTrace, gauge: str) -> float:
+    """First time at which a gauge has reached half of its largest force."""
+    force = np.sign(trace.gain) * (trace.reading[gauge] - np.median(trace.reading[gauge]))
+    return float(trace.time_s[int(np.argmax(force >= force.max() / 2))])
+
+
+def change_at(curve: BSpline, clock_s: Array) -> Array:
+    """Computed change of force at times since the impact: 0 before it, constant after the end of the run."""
+    return np.where(clock_s < 0, 0.0, curve(np.clip(clock_s, 0.0, curve.t[-1])))
+
+
+def residual_of(channel: Channel, curve: BSpline, gain: float, trigger_s: float) -> Array:
+    """Computed minus measured readings that count, in standard errors and without the best base line."""
+    computed = change_at(curve, channel.time_s[channel.counts] - trigger_s) / gain
+    off = (computed - channel.reading[channel.counts] + (channel.trace.baseline or 0.0)) / channel.noise
+    return np.asarray(off - channel.basis @ (channel.basis.T @ off))
+
+
+def correlated(channels: Sequence[Channel], curves: Mapping[str, BSpline], step_s: float) -> float:
+    """Trigger with the largest cross-correlation of either sign with the computed changes of force by gauge.
+
+    Its grid has the sample interval of the run, and the readings are without a robust base line.
+    """
+    start_s = min(float(channel.time_s[0]) for channel in channels)
+    stop_s = max(float(channel.time_s[-1]) for channel in channels)
+    end_s = float(next(iter(curves.values())).t[-1])
+    grid_s, run_s = np.arange(start_s, stop_s + step_s / 2, step_s), np.arange(0, end_s + step_s / 2, step_s)
+    total = np.zeros(len(grid_s) + len(run_s) - 1)
+    for channel in channels:
+        weighted = curves[channel.gauge](run_s) / (channel.trace.gain * channel.noise**2)
+        above = channel.reading - _level(channel, channel.reading, np.ones(len(channel.time_s), dtype=bool))
+        total += correlate(np.interp(grid_s, channel.time_s, above), weighted, mode="full", method="fft")
+    return start_s + (int(np.argmax(np.abs(total))) - (len(run_s) - 1)) * step_s
 
 
 def align(traces: Sequence[MeasuredTrace], layout: Layout, run: Trace) -> list[AlignedGauge]:
@@ -115,16 +238,10 @@ def align(traces: Sequence[MeasuredTrace], layout: Layout, run: Trace) -> list[A
         InputError: A record is ``MAX_RATIO`` times longer or shorter than the run, has too few readings within it, ends
             before the first pulse, states two triggers, or has too few quiet readings for a baseline that is not given.
     """
+    duration_s, step_s = float(run.time_s[-1]), float(run.time_s[1])
     signals = {name: signal - signal[0] for name, signal in sensor_signals(layout, run).items()}
-    files: dict[Path, list[_Channel]] = defaultdict(list)
-    for trace in traces:
-        must_have_unit(trace, float(run.time_s[-1]))
-        coarse = averaged(trace, float(run.time_s[1]))
-        if len(coarse.time_s) < MIN_SAMPLES:
-            found = f"{len(coarse.time_s)} readings after averaging over half a sample interval of the run"
-            raise InputError(paths.shown(trace.file), "", found, f"at least {MIN_SAMPLES}")
-        files[trace.file.resolve()] += [_channel(trace, coarse, name, signals[name], run) for name in trace.reading]
-    return [aligned for channels in files.values() for aligned in _aligned(channels, float(run.time_s[1]))]
+    files = channels_of({str(place): trace for place, trace in enumerate(traces)}, duration_s, step_s)
+    return [each for channels in files for each in _aligned([(c, _signal(c, signals, run)) for c in channels], step_s)]
 
 
 def averaged(trace: MeasuredTrace, step_s: float) -> MeasuredTrace:
@@ -170,48 +287,43 @@ def must_have_unit(trace: MeasuredTrace, end_s: float) -> None:
         raise InputError(paths.shown(trace.file), "time", f"a record of {length_s:.3g} s", allowed)
 
 
-def _channel(trace: MeasuredTrace, coarse: MeasuredTrace, gauge: str, signal: Array, run: Trace) -> _Channel:
-    """A gauge with readings averaged in blocks if there are more than two in a sample interval of the run."""
+def _signal(channel: Channel, signals: Mapping[str, Array], run: Trace) -> _Signal:
+    """Computed gauge of a channel."""
+    signal = signals[channel.gauge]
     if not np.ptp(signal):
-        raise InputError(paths.shown(trace.file), gauge, "the gauge stays at rest in the run")
-    size, reading = np.abs(signal), coarse.reading[gauge]
-    rounding = rounding_of(trace.reading[gauge]) * (len(reading) / len(trace.time_s)) ** 0.5
-    return _Channel(
-        trace=trace,
-        gauge=gauge,
-        time_s=coarse.time_s,
-        reading=reading,
-        noise=coarse.noise or max(noise_of(coarse.time_s, reading), rounding),
+        raise InputError(paths.shown(channel.trace.file), channel.gauge, "the gauge stays at rest in the run")
+    size = np.abs(signal)
+    return _Signal(
+        curve=make_interp_spline(run.time_s, signal, k=5),
         width_s=float(peak_widths(np.pad(size, 1), [np.argmax(size) + 1])[0][0] * run.time_s[1]),
         peak_N=float(size.max()),
         onset_s=float(run.time_s[np.argmax(size > QUIET_SHARE * size.max())]),
-        curve=make_interp_spline(run.time_s, signal, k=5),
         end_s=float(run.time_s[-1]),
     )
 
 
-def _aligned(channels: list[_Channel], step_s: float) -> list[AlignedGauge]:
+def _aligned(pairs: list[_Pair], step_s: float) -> list[AlignedGauge]:
     """The gauges of one file."""
-    given = {channel.trace.trigger_s for channel in channels if channel.trace.trigger_s is not None}
-    if len(given) > 1:
-        found = f"triggers {' and '.join(f'{each:g} s' for each in given)}"
-        raise InputError(paths.shown(channels[0].trace.file), "", found, "one trigger per file")
-    trigger_s, error_s = (given.pop(), 0.0) if given else _refined(channels, _correlated(channels, step_s), step_s)
-    _must_overlap(channels, trigger_s)
-    return [_gauge(channel, trigger_s, error_s) for channel in channels]
+    trigger_s, error_s = pairs[0][0].trigger_s, 0.0
+    if trigger_s is None:
+        curves = {channel.gauge: signal.curve for channel, signal in pairs}
+        trigger_s, error_s = _refined(pairs, correlated([channel for channel, _ in pairs], curves, step_s), step_s)
+    first, signal = min(pairs, key=lambda pair: pair[1].onset_s)
+    must_overlap(first, trigger_s, signal.end_s, signal.onset_s)
+    return [_gauge(*pair, trigger_s, error_s) for pair in pairs]
 
 
-def _gauge(channel: _Channel, trigger_s: float, error_s: float) -> AlignedGauge:
+def _gauge(channel: Channel, signal: _Signal, trigger_s: float, error_s: float) -> AlignedGauge:
     clock_s, gain = channel.time_s - trigger_s, channel.trace.gain
-    level, error = _rest(channel, trigger_s)
-    inside = (clock_s >= 0) & (clock_s <= channel.end_s)
+    level, error = _rest(channel, signal, trigger_s)
+    inside = (clock_s >= 0) & (clock_s <= signal.end_s)
     return AlignedGauge(
         trace=channel.trace,
         gauge=channel.gauge,
-        onset_s=channel.onset_s,
+        onset_s=signal.onset_s,
         time_s=clock_s[inside],
         force_N=gain * (channel.reading - level)[inside],
-        computed_N=channel.curve(clock_s[inside]),
+        computed_N=signal.curve(clock_s[inside]),
         noise_N=abs(gain) * channel.noise,
         rest_error_N=abs(gain) * error[inside],
         baseline=float(np.interp(0, clock_s, level)),
@@ -221,37 +333,40 @@ def _gauge(channel: _Channel, trigger_s: float, error_s: float) -> AlignedGauge:
     )
 
 
-def _rest(channel: _Channel, trigger_s: float | None) -> tuple[Array, Array]:
-    """Baseline and its standard error, by least squares of quiet readings without outliers. Both of shape (readings,).
-
-    The small computed reading is subtracted first; its mean size counts as an error. Without a trigger all readings
-    count as quiet. The first baseline has Cauchy's loss, which pulses change little.
-
-    Raises:
-        InputError: There are too few quiet readings.
-    """
-    trace, time_s = channel.trace, channel.time_s
-    if trace.baseline is not None:
-        return np.full(len(time_s), trace.baseline), np.zeros(len(time_s))
-    computed, quiet = np.zeros(len(time_s)), np.ones(len(time_s), dtype=bool)
-    if trigger_s is not None:
-        change = channel.change(trigger_s)
-        computed = change / trace.gain
-        quiet = (np.abs(change) < QUIET_SHARE * channel.peak_N) & (time_s <= trigger_s + channel.end_s)
-    if quiet.sum() < MIN_QUIET:
-        few = f"{int(quiet.sum())} quiet readings of {channel.gauge}"
-        allowed = f"at least {MIN_QUIET} before the pulse, or a baseline in the scene"
-        raise InputError(paths.shown(trace.file), "", few, allowed)
-    reading = channel.reading - computed
-    design = np.vander((time_s - time_s.mean()) / float(np.ptp(time_s)), 1 + trace.drift, increasing=True)
+def _level(channel: Channel, reading: Array, quiet: NDArray[np.bool_]) -> Array:
+    """Base line of quiet readings with Cauchy's loss, which pulses change little. Shape (readings,)."""
+    design = channel.base_lines
+    if not design.shape[1]:
+        return np.full(len(reading), channel.trace.baseline)
     scaled, target = design[quiet] / channel.noise, reading[quiet] / channel.noise
 
     def off(coefficients: Array) -> Array:
         return np.asarray(scaled @ coefficients - target)
 
-    start = np.linalg.lstsq(scaled, target, rcond=None)[0]
-    level, kept = design @ least_squares(off, start, loss="cauchy").x, quiet
-    width = max(2, round(channel.width_s / float(np.median(np.diff(time_s)))))
+    return np.asarray(design @ least_squares(off, np.linalg.lstsq(scaled, target, rcond=None)[0], loss="cauchy").x)
+
+
+def _rest(channel: Channel, signal: _Signal, trigger_s: float) -> tuple[Array, Array]:
+    """Baseline and its standard error, by least squares of quiet readings without outliers. Both of shape (readings,).
+
+    The small computed reading is subtracted first; its mean size counts as an error.
+
+    Raises:
+        InputError: There are too few quiet readings.
+    """
+    trace, time_s, design = channel.trace, channel.time_s, channel.base_lines
+    if trace.baseline is not None:
+        return np.full(len(time_s), trace.baseline), np.zeros(len(time_s))
+    change = change_at(signal.curve, time_s - trigger_s)
+    computed = change / trace.gain
+    quiet = (np.abs(change) < QUIET_SHARE * signal.peak_N) & (time_s <= trigger_s + signal.end_s)
+    if quiet.sum() < MIN_QUIET:
+        few = f"{int(quiet.sum())} quiet readings of {channel.gauge}"
+        allowed = f"at least {MIN_QUIET} before the pulse, or a baseline in the scene"
+        raise InputError(paths.shown(trace.file), "", few, allowed)
+    reading = channel.reading - computed
+    level, kept = _level(channel, reading, quiet), quiet
+    width = max(2, round(signal.width_s / float(np.median(np.diff(time_s)))))
     for _ in range(ROUNDS):
         running = np.abs(uniform_filter1d(reading - level, width // 2))
         spread = max(NORMAL * float(np.median(running[kept])), channel.noise / (width // 2) ** 0.5)
@@ -265,47 +380,35 @@ def _rest(channel: _Channel, trigger_s: float | None) -> tuple[Array, Array]:
     return level, np.hypot(error, float(np.abs(computed[kept]).mean()))
 
 
-def _correlated(channels: list[_Channel], step_s: float) -> float:
-    """Trigger with the largest cross-correlation of either sign, on a grid of the run's sample interval."""
-    start_s = min(float(channel.time_s[0]) for channel in channels)
-    stop_s = max(float(channel.time_s[-1]) for channel in channels)
-    grid_s = np.arange(start_s, stop_s + step_s / 2, step_s)
-    run_s = np.arange(0, channels[0].end_s + step_s / 2, step_s)
-    total = np.zeros(len(grid_s) + len(run_s) - 1)
-    for channel in channels:
-        force_N = channel.trace.gain * (channel.reading - _rest(channel, None)[0])
-        weighted = channel.curve(run_s) / (channel.trace.gain * channel.noise) ** 2
-        total += correlate(np.interp(grid_s, channel.time_s, force_N), weighted, mode="full", method="fft")
-    return start_s + (int(np.argmax(np.abs(total))) - (len(run_s) - 1)) * step_s
-
-
-def _refined(channels: list[_Channel], near_s: float, step_s: float) -> tuple[float, float]:
+def _refined(pairs: list[_Pair], near_s: float, step_s: float) -> tuple[float, float]:
     """Trigger by least squares near a first guess, with its standard error by noise; inverted gauges are turned."""
     parts = []
-    for c in channels:
-        force_N = c.trace.gain * (c.reading - _rest(c, near_s)[0])
-        counts = c.time_s - near_s <= c.end_s - SEARCH_STEPS * step_s
-        turned = np.sign(force_N[counts] @ c.change(near_s)[counts])
-        parts.append((c, turned * force_N, abs(c.trace.gain) * c.noise, counts))
+    for channel, signal in pairs:
+        force_N = channel.trace.gain * (channel.reading - _rest(channel, signal, near_s)[0])
+        counts = channel.time_s - near_s <= signal.end_s - SEARCH_STEPS * step_s
+        turned = np.sign(force_N[counts] @ change_at(signal.curve, channel.time_s[counts] - near_s))
+        parts.append((channel, signal, turned * force_N, abs(channel.trace.gain) * channel.noise, counts))
 
     def off(place: Array) -> Array:
         trigger_s = near_s + float(place[0]) * step_s
-        return np.concatenate([((c.change(trigger_s) - force) / noise)[counts] for c, force, noise, counts in parts])
+        return np.concatenate([
+            ((change_at(signal.curve, channel.time_s - trigger_s) - force_N) / noise_N)[counts]
+            for channel, signal, force_N, noise_N, counts in parts
+        ])  # fmt: skip
 
     best = least_squares(off, [0.0], "3-point", (-SEARCH_STEPS, SEARCH_STEPS), xtol=1e-9)
     return near_s + float(best.x[0]) * step_s, step_s / float(np.linalg.norm(np.asarray(best.jac)))
 
 
-def _must_overlap(channels: list[_Channel], trigger_s: float) -> None:
+def must_overlap(channel: Channel, trigger_s: float, end_s: float, onset_s: float = 0.0) -> None:
     """Refuses a record with too few readings within the run, or without readings after the first computed onset."""
-    first = min(channels, key=lambda channel: channel.onset_s)
-    clock_s = first.time_s - trigger_s
-    inside = int(np.sum((clock_s >= 0) & (clock_s <= first.end_s)))
-    if inside < MIN_SAMPLES or clock_s[-1] <= first.onset_s:
+    clock_s = channel.time_s - trigger_s
+    inside = int(np.sum((clock_s >= 0) & (clock_s <= end_s)))
+    if inside < MIN_SAMPLES or clock_s[-1] <= onset_s:
         found = f"{inside} readings from {clock_s[0] * 1e6:.6g} to {clock_s[-1] * 1e6:.6g} us after the trigger"
-        wave = f"also after {first.onset_s * 1e6:.6g} us, when the wave reaches {first.gauge}"
-        allowed = f"at least {MIN_SAMPLES} readings within the run, 0 to {first.end_s * 1e6:.6g} us, {wave}"
-        raise InputError(paths.shown(first.trace.file), "", found, allowed)
+        wave = f"also after {onset_s * 1e6:.6g} us, when the wave reaches {channel.gauge}"
+        allowed = f"at least {MIN_SAMPLES} readings within the run, 0 to {end_s * 1e6:.6g} us, {wave}"
+        raise InputError(paths.shown(channel.trace.file), "", found, allowed)
 
 
 def block_means(values: Array, block: int) -> Array:

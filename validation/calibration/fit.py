@@ -1,46 +1,49 @@
-"""Least squares from several starting points by lmfit, and the uncertainty of the parameters found."""
+"""Least squares from several starting points, the uncertainty of the parameters found, and the tables of a fit."""
 
-import itertools
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from math import ceil, inf, log2, sqrt
-from typing import TypeVar
+from math import ceil, inf, isfinite, log, log2, nan, sqrt
+from typing import Any, Literal, TypeVar
 
 import numpy as np
-from lmfit import Minimizer, Parameters
+import pandas as pd
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.stats import chi2, qmc
 
 from drivers.base.errors import RunError
 from drivers.base.units import quantity
 from drivers.chain.chain import Array
 from drivers.run.execute import Place, execute
-from validation.calibration.free import TRIGGER, Free, without_effect
-from validation.calibration.problem import STEP, Problem, has_motion, jacobian, residual, scanned, with_triggers
+from postproc.draw.fits import rounded
+from validation.calibration.data import TRIGGER, Datum, calibration_file
+from validation.calibration.problem import MISSING_RESIDUAL, Problem
 
 SCREENED_POINTS, DESCENTS = 8, 3  # points tried over the ranges for each parameter, and descents from the best
-MAX_NESTED = 3  # searched parameters up to which the models inside a model are fitted first
 ROUGH_CHANGE, CLOSE_CHANGE, FINE_CHANGE = 1e-3, 1e-5, 1e-6  # of chi-square or coordinates, at the end of a descent
-MAX_EVALUATIONS, MAX_ROUGH_EVALUATIONS = 60, 3  # of one descent
+MAX_EVALUATIONS, MAX_ROUGH_EVALUATIONS = 120, 6  # of one descent
 # share of a range between a bound and the start of a descent: a restitution of 1 - 1e-5 has no exact motion
 MARGIN = 1e-4
-MIN_SEPARATION = 0.2  # share of a range between two starts
-MIN_DISTANCE = 2e-2  # share of a range: closer minima count as one
-MAX_EXCESS = 1.0  # of chi-square, up to which another minimum is reported
-SAME = 0.1  # of chi-square: descents that end so close have reached the same minimum
+MIN_SEPARATION, MIN_DISTANCE = 0.2, 2e-2  # shares of a range: between two starts, and between two minima
+MAX_EXCESS, SAME = 1.0, 0.1  # of chi-square: another minimum is reported, and descents have reached the same minimum
+MIN_GAIN, MAX_REFITS = 0.01, 3  # decrease of chi-square in a profile that makes another fit, and the number of these
 
+NOISE_ERROR = 0.1  # relative; twice the standard error of a noise level from about 100 readings
+MIN_PROBABILITY = 0.01  # of a chi-square; below it the model does not explain the data
+MAX_DEVIATION = 2.0  # standard errors; data with larger deviations are missed
+MAX_CORRELATION = 0.5  # of neighbouring residuals; above it they are not noise
+END_MARGIN = 1e-3  # share of a range: a parameter so close to a bound is at the bound
 RANGE_DEVIATION = 1 / sqrt(12)  # standard deviation of a parameter known only by its range, as a share of the range
 MIN_COMPONENT = 0.1  # of a direction, relative to its largest; smaller components are not named
-AT_BOUNDS = "dogbox"  # method that reaches bounds; it needs a start near the minimum
-
 MIN_INFLATION = 10.0  # growth of an error by the uncertainty of the other parameters, from which it is reported
 RISES = {"68 %": 1.0, "95 %": 3.841458820694124}  # rise of chi-square at the ends of intervals (Wilks, one parameter)
-MAX_RISE = 5.0  # of chi-square, at which a profile ends
-STRIDE = 0.6  # standard errors from one point of a profile to the next
-MAX_POINTS = 12  # of a profile on each side
+MAX_RISE, STRIDE, MAX_POINTS = 5.0, 0.6, 12  # of a profile: rise, standard errors between points, points on each side
+LAWS, PARAMETERS, DATA = "laws", "parameters", "data"  # tables of a fit
 
-Held = tuple[tuple[int, float], ...]  # coordinates of parameters that are kept constant, by index
-Ends = list[tuple[float, Array]]  # chi-square and coordinates at the ends of descents, best first
+Tables = dict[str, pd.DataFrame]
+Seeds = Sequence[Mapping[str, float]]  # values of parameters by label
+Start = tuple[Array, dict[int, float]]  # coordinates, and those of parameters that are first held, by index
 Point = tuple[float, float, Array]  # coordinate, chi-square, and coordinates of all parameters
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -52,19 +55,25 @@ class Fit:
 
     Attributes:
         place: Coordinates of the parameters. Shape (parameters,).
-        residual: Residual in standard errors. Shape (rows,).
-        jacobian: Derivatives of the residual by the coordinates. Shape (rows, parameters).
-        others: Chi-square and coordinates of further minima, up to ``MAX_EXCESS`` above the best.
+        other: Chi-square and coordinates of another minimum, up to ``MAX_EXCESS`` above the best.
         reached, descents: Number of descents that ended at this minimum, and of all; 0 if it was known.
     """
 
     problem: Problem
     place: Array
-    residual: Array
-    jacobian: Array
-    others: tuple[tuple[float, Array], ...] = ()
+    other: tuple[float, Array] | None = None
     reached: int = 0
     descents: int = 0
+
+    @cached_property
+    def residual(self) -> Array:
+        """Residual in standard errors. Shape (rows,)."""
+        return self.problem.residual(self.place)
+
+    @cached_property
+    def jacobian(self) -> Array:
+        """Derivatives of the residual by the coordinates. Shape (rows, parameters)."""
+        return self.problem.jacobian(self.place)
 
     @property
     def chi_square(self) -> float:
@@ -74,7 +83,25 @@ class Fit:
     @property
     def freedom(self) -> int:
         """Degrees of freedom: data minus parameters minus coefficients of the fitted base lines of traces."""
-        return self.problem.rows - len(self.place) - self.problem.lines
+        lines = sum(len(channel.base_lines.T) for data in self.problem.sets for channel in data.channels)
+        return self.problem.rows - len(self.place) - lines
+
+    @property
+    def probability(self) -> float:
+        """Probability of a chi-square at least as large by chance; NaN without degrees of freedom."""
+        return float(chi2.sf(self.chi_square, self.freedom))
+
+    @property
+    def explained(self) -> bool:
+        """True if noise can explain the residual; noise found from traces is uncertain by ``NOISE_ERROR``."""
+        noises = [channel.trace.noise for data in self.problem.sets for channel in data.channels]
+        chi_square = self.chi_square / ((1 + NOISE_ERROR) ** 2 if None in noises else 1.0)
+        return not chi2.sf(chi_square, self.freedom) < MIN_PROBABILITY
+
+    @property
+    def enlargement(self) -> float:
+        """Factor on printed errors, from the scatter of the data: 1 if the model explains the data."""
+        return 1.0 if self.explained else max(1.0, sqrt(self.chi_square / self.freedom))
 
     @property
     def values(self) -> dict[str, float]:
@@ -113,15 +140,6 @@ class Fit:
         slopes = np.array([free.slope(float(x)) for free, x in zip(self.problem.free, self.place, strict=True)])
         return np.where(self.undetermined, inf, np.abs(slopes) * np.sqrt(np.diag(self.covariance)))
 
-    def number(self, at: Callable[[Array], float]) -> tuple[float, float]:
-        """Value of a function of the coordinates, with its standard error from their covariance."""
-        value, slope = at(self.place), np.zeros(len(self.place))
-        for index, x in enumerate(self.place):
-            step = STEP if x + STEP <= 1 else -STEP
-            slope[index] = (at(_moved(self.place, [index], [x + step])) - value) / step
-        slope = np.nan_to_num(slope, nan=0.0)
-        return value, sqrt(max(float(slope @ self.covariance @ slope), 0.0))
-
 
 def for_each(problem: Problem, work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
     """Results of all items, by worker processes; by this one for a single data set, as fast as they would start."""
@@ -136,7 +154,7 @@ def named(direction: Array) -> NDArray[np.bool_]:
     return np.asarray(np.abs(direction) > MIN_COMPONENT * np.abs(direction).max())
 
 
-def fit(problem: Problem, seeds: Sequence[Mapping[str, float]] = (), *, search: bool = True) -> Fit:
+def fit(problem: Problem, seeds: Seeds = (), *, search: bool = True) -> Fit:
     """Best of the minima found from the scene's values, points over the ranges, models inside this one, and seeds.
 
     Each searched parameter is first held at the scene's value, and at the value without effect: so a model is never
@@ -150,97 +168,59 @@ def fit(problem: Problem, seeds: Sequence[Mapping[str, float]] = (), *, search: 
     Raises:
         RunError: The exact motion cannot be computed at any of these points.
     """
-    seeded = [_seeded(problem, seed) for seed in seeds]
-    ends = _descents(problem, (), {}) if search else []
-    ends = sorted(itertools.chain(ends, *(_lowered(problem, {}, place) for place in seeded)), key=lambda end: end[0])
+    starts = [*(_starts(problem) if search else ()), *((_seeded(problem, seed), {}) for seed in seeds)]
+    lower = partial(_lowered, problem)
+    lowered = for_each(problem, lower, starts) if search else [*map(lower, starts)]
+    ends = sorted((end for end in lowered if isfinite(end[0])), key=lambda end: end[0])
     if not ends:
         message = "the exact motion cannot be computed at the starting values or at any other point of the ranges"
         raise RunError(f"fit: {message}; narrow the bounds of --free")
-    best = minimise(problem, minimise(problem, ends[0][1], converged=CLOSE_CHANGE), method=AT_BOUNDS)
-    lowest, others = chi_square_at(problem, best), list[tuple[float, Array]]()
-    for height, end in ends[1:]:
-        distant = all(np.abs(end - minimum).max() > MIN_DISTANCE for minimum in (best, *(other for _, other in others)))
-        if height < lowest + MAX_EXCESS and distant:
-            others.append((height, end))
+    best = minimise(problem, minimise(problem, ends[0][1], converged=CLOSE_CHANGE))
+    lowest = chi_square_at(problem, best)
+    near = [(height, end) for height, end in ends if height < lowest + MAX_EXCESS]
+    other = next((each for each in near if np.abs(each[1] - best).max() > MIN_DISTANCE), None)
     reached = sum(height < lowest + SAME + 5 * ROUGH_CHANGE * lowest for height, _ in ends)
-    return fitted_at(problem, best, tuple(others), reached, len(ends))
+    return Fit(problem, best, other, reached, len(ends))
 
 
 def _seeded(problem: Problem, seed: Mapping[str, float]) -> Array:
     """Coordinates of a seed; parameters that one data set has alone are fitted roughly if the seed has none."""
-    values = {free.label: without_effect(free.key) for free in problem.free} | dict(seed)
+    values = {free.label: calibration_file().none.get(free.key) for free in problem.free} | dict(seed)
     place = np.array([free.coordinate(free.start if (x := values[free.label]) is None else x) for free in problem.free])
     missing = any(free.own and free.of_motion and free.label not in seed for free in problem.free)
-    return _with_others(problem, place, {}) if missing else with_triggers(problem, place)
+    return _with_others(problem, place) if missing else problem.with_triggers(place)
 
 
-def _descents(problem: Problem, held: Held, known: dict[frozenset[tuple[int, float]], Ends]) -> Ends:
-    """Ends of descents with some parameters held, best first; ``known`` holds those of models inside the problem."""
-    from scipy.stats import qmc
-
-    if frozenset(held) in known:
-        return known[frozenset(held)]
-    kept = dict(held)
-    start = _moved(problem.start, [*kept], [*kept.values()])
-    moving = [index for index in problem.searched if index not in kept]
-    places, inside = [_with_others(problem, start, kept)], list[Array]()
-    if moving:
-        draws = qmc.Sobol(len(moving), seed=0).random_base2(ceil(log2(SCREENED_POINTS * len(moving))))
-        drawn = [_moved(start, moving, draw) for draw in draws]
-        screened = sorted(for_each(problem, partial(_screened, problem, kept), drawn))
-        places += _apart([np.array(place) for _, place in screened], moving)
-    if len(problem.searched) <= MAX_NESTED or not held:
-        for index in moving:
-            for value in _null_coordinates(problem.free[index]):
-                inside += [place for _, place in _descents(problem, (*held, (index, value)), known)[:1]]
-    lowered = for_each(problem, partial(_lowered, problem, kept), [*places, *inside])
-    ends = known[frozenset(held)] = sorted(itertools.chain(*lowered), key=lambda end: end[0])
-    return ends
+def _starts(problem: Problem) -> list[Start]:
+    """The scene's values, the best places over the ranges, and those of the models inside the problem."""
+    searched, places = problem.searched, list[Array]()
+    count = ceil(log2(SCREENED_POINTS * max(len(searched), 1)))
+    draws = qmc.Sobol(len(searched), seed=0).random_base2(count) if searched else ()
+    places_drawn = [_moved(problem.start, searched, draw) for draw in draws]
+    first, *drawn = for_each(problem, partial(_with_others, problem), [problem.start, *places_drawn])
+    for place in sorted(drawn, key=partial(chi_square_at, problem)):
+        if len(places) < DESCENTS and all(np.abs(place - each)[searched].max() > MIN_SEPARATION for each in places):
+            places.append(place)
+    inside = set[tuple[int, float]]()
+    for index in searched:
+        free, none = problem.free[index], calibration_file().none
+        inside |= {(index, free.coordinate(value)) for value in (free.start, none.get(free.key, free.start))}
+    return [*((place, {}) for place in (first, *places)), *((first, {index: x}) for index, x in sorted(inside))]
 
 
-def _apart(ranked: Sequence[Array], moving: Sequence[int]) -> list[Array]:
-    """The first places that are ``MIN_SEPARATION`` from each other."""
-    kept = list[Array]()
-    for place in ranked:
-        if len(kept) < DESCENTS and all(np.abs((place - other)[[*moving]]).max() > MIN_SEPARATION for other in kept):
-            kept.append(place)
-    return kept
+def _lowered(problem: Problem, start: Start) -> tuple[float, Array]:
+    """Chi-square and coordinates at the end of a descent from a place, first with some parameters held."""
+    place, held = start
+    first = minimise(problem, place, held, converged=ROUGH_CHANGE) if held else place
+    end = minimise(problem, first, converged=ROUGH_CHANGE)
+    return chi_square_at(problem, end), end
 
 
-def _lowered(problem: Problem, held: Mapping[int, float], place: Array) -> Ends:
-    """End of a descent from a place; nothing from a place without a motion."""
-    if not has_motion(problem, place):
-        return []
-    end = minimise(problem, place, held, converged=ROUGH_CHANGE)
-    return [(chi_square_at(problem, end), end)]
-
-
-def _null_coordinates(free: Free) -> list[float]:
-    """Coordinates of a parameter in the models inside the problem: the scene's value, and the value without effect."""
-    values = [free.start, *(value for value in [without_effect(free.key)] if value is not None)]
-    return sorted({free.coordinate(value) for value in values})
-
-
-def _screened(problem: Problem, held: Mapping[int, float], place: Array) -> tuple[float, list[float]]:
-    """Chi-square and coordinates of a place ``_with_others``."""
-    found = _with_others(problem, place, held)
-    return chi_square_at(problem, found), found.tolist()
-
-
-def _with_others(problem: Problem, place: Array, held: Mapping[int, float]) -> Array:
+def _with_others(problem: Problem, place: Array) -> Array:
     """``place`` with all parameters fitted roughly that are not searched."""
-    if not has_motion(problem, place):
-        return place
-    kept = {index: float(place[index]) for index in problem.searched} | dict(held)
-    begun = with_triggers(problem, scanned(problem, place))
-    return minimise(problem, begun, kept, converged=ROUGH_CHANGE, tries=MAX_ROUGH_EVALUATIONS)
-
-
-def fitted_at(
-    problem: Problem, place: Array, others: tuple[tuple[float, Array], ...] = (), reached: int = 0, descents: int = 0
-) -> Fit:
-    """Fit at a known minimum."""
-    return Fit(problem, place, residual(problem, place), jacobian(problem, place), others, reached, descents)
+    held = {index: float(place[index]) for index in problem.searched}
+    begun = problem.with_triggers(problem.scanned(place))
+    return minimise(problem, begun, held, converged=ROUGH_CHANGE, tries=MAX_ROUGH_EVALUATIONS)
 
 
 def minimise(
@@ -250,7 +230,6 @@ def minimise(
     left_out: Collection[int] = (),
     converged: float = FINE_CHANGE,
     tries: int = MAX_EVALUATIONS,
-    method: str = "trf",
 ) -> Array:
     """Coordinates of the lowest point of a descent from ``start``; ``start`` itself where it has no motion.
 
@@ -261,47 +240,31 @@ def minimise(
         left_out: Rows of the residual to ignore.
         converged: Relative change at which the descent ends.
         tries: Largest number of evaluations.
-        method: Method of ``scipy.optimize.least_squares``.
     """
-    held, place = held or {}, np.clip(start, 0.0, 1.0)
-    place[[*held]] = [*held.values()]
-    begun = place.copy()
-    moving = [index for index in range(len(place)) if index not in held]
-    counting = np.setdiff1d(np.arange(problem.rows), list(left_out))
-    lowest, best = chi_square_at(problem, begun, counting), begun
-    place[moving] = np.clip(place[moving], MARGIN, 1 - MARGIN)
-    if not moving or not counting.size or not has_motion(problem, place):
+    begun, counting = np.clip(start, 0.0, 1.0), np.setdiff1d(np.arange(problem.rows), list(left_out))
+    begun[[*(held or {})]] = [*(held or {}).values()]
+    moving = [index for index in range(len(begun)) if index not in (held or {})]
+    inside = _moved(begun, moving, np.clip(begun[moving], MARGIN, 1 - MARGIN))
+    if not moving or not counting.size or not np.isfinite(problem.residual(inside)).all():
         return begun
+    method: Literal["dogbox", "trf"] = "dogbox" if converged == FINE_CHANGE else "trf"  # for bounds
 
-    def coordinates(parameters: Parameters) -> Array:
-        return _moved(place, moving, np.array([parameters[f"p{index}"].value for index in moving]))
+    def off(coordinates: Array) -> Array:
+        return np.asarray(problem.residual(_moved(inside, moving, coordinates))[counting])
 
-    def off(parameters: Parameters) -> Array:
-        nonlocal lowest, best
-        here = coordinates(parameters)
-        residuals = residual(problem, here)[counting]
-        if residuals @ residuals < lowest:
-            lowest, best = float(residuals @ residuals), here
-        return np.asarray(residuals)
+    def slopes(coordinates: Array) -> Array:
+        return np.asarray(problem.jacobian(_moved(inside, moving, coordinates), moving)[counting])
 
-    def slopes(parameters: Parameters) -> Array:
-        return np.asarray(jacobian(problem, coordinates(parameters), moving)[counting])
-
-    inside = Parameters()
-    for index in moving:
-        inside.add(f"p{index}", value=float(place[index]), min=0.0, max=1.0)
     with np.errstate(invalid="ignore", divide="ignore"):  # the slope is zero if all data are missing
         # a point without a motion has infinite residuals, from which least squares steps back
-        Minimizer(off, inside, scale_covar=False, calc_covar=False, nan_policy="propagate").least_squares(
-            max_nfev=2 * tries, Dfun=slopes, xtol=converged, ftol=converged, gtol=None, method=method
-        )
-    return best
+        found = least_squares(off, inside[moving], slopes, (0, 1), method, converged, converged, None, max_nfev=tries)
+    end = _moved(inside, moving, found.x)
+    return min(begun, end, key=partial(chi_square_at, problem, rows=counting))
 
 
 def chi_square_at(problem: Problem, place: Array, rows: Array | None = None) -> float:
     """Chi-square at given coordinates, of all or of some rows of the residual."""
-    off = residual(problem, place)
-    off = off if rows is None else off[rows]
+    off = problem.residual(place)[slice(None) if rows is None else rows]
     return float(off @ off)
 
 
@@ -384,3 +347,110 @@ def interval(fit: Fit, index: int, rise: float, points: list[Point] | None = Non
         reached = height[-1] >= sqrt(rise) and len(height) > 1
         ends.append(free.value(float(np.interp(sqrt(rise), height, coordinate[side]))) if reached else none)
     return ends[0], ends[1]
+
+
+def solve(
+    problem: Problem, law: str = "", data: str = "", *, quick: bool = False, seeds: Seeds = (), search: bool = True
+) -> tuple[Fit, Tables]:
+    """Fit; unless ``quick``, also profile each searched parameter and leave out each number in turn.
+
+    If a profile finds a better minimum, the fit is repeated from there.
+
+    Args:
+        problem: Data and parameters.
+        law: Name of the law, for the tables.
+        data: Name of the data, for the tables.
+        quick: True for the fit alone.
+        seeds: As those of ``fit``.
+        search: As that of ``fit``.
+
+    Returns:
+        The fit, and its tables in the SI units of their rows:
+        ``laws`` with the goodness; AIC and BIC are Akaike's and Schwarz's criteria for known errors;
+        ``parameters`` with standard errors (inf if the data do not determine them), intervals, bounds and standard
+        errors of prior knowledge (0 without it);
+        ``data`` with ``off``, fitted minus measured in standard errors of the measurement (the rms for a trace), and
+        chi-square of fits to all other data.
+    """
+    best, profiles = fit(problem, seeds, search=search), dict[int, list[Point]]()
+    for _ in range(0 if quick else MAX_REFITS):
+        bounded = [i for i in problem.searched if not best.undetermined[i]]
+        profiles = dict(zip(bounded, for_each(problem, partial(profile, best), bounded), strict=True))
+        lowest = min((point for points in profiles.values() for point in points), key=lambda p: p[1], default=None)
+        if lowest is None or lowest[1] > best.chi_square - MIN_GAIN:
+            break
+        best = Fit(problem, minimise(problem, lowest[2]), best.other, 1, best.descents)
+    parameters = pd.DataFrame([_parameter(best, index, profiles.get(index)) for index in range(len(problem.free))])
+    one = partial(_datum, best, leave_out=not quick)
+    rows = pd.DataFrame([*map(one, problem.data)] if quick else for_each(problem, one, problem.data))
+    missed = rows[np.isfinite(rows["measured"]) & ~(rows["off"].abs() <= MAX_DEVIATION)]
+    goodness = {
+        "chi_square": best.chi_square, "freedom": best.freedom, "probability": best.probability,
+        "aic": best.chi_square + 2 * len(problem.free), "bic": best.chi_square + len(problem.free) * log(problem.rows),
+        "missed": "; ".join(missed["data_set"] + ": " + missed["datum"]),
+        "remarks": ". ".join(_remarks(best, parameters)),
+    }  # fmt: skip
+    tables = {LAWS: pd.DataFrame([goodness]), PARAMETERS: parameters, DATA: rows}
+    for table in tables.values():
+        table.insert(0, "law", law)
+        table.insert(1, "data", data)
+    return best, tables
+
+
+def _parameter(best: Fit, index: int, points: list[Point] | None) -> dict[str, Any]:
+    """Row of a parameter."""
+    free, place, error = best.problem.free[index], float(best.place[index]), float(best.errors[index])
+    ends = [interval(best, index, rise, points) if isfinite(error) else (nan, nan) for rise in RISES.values()]
+    bound = "lower bound" * (place <= END_MARGIN) or "upper bound" * (place >= 1 - END_MARGIN)
+    return {
+        "parameter": free.label, "unit": free.unit, "value": free.value(place), "error": error, "at": bound,
+        "low_68pct": ends[0][0], "high_68pct": ends[0][1], "low_95pct": ends[1][0], "high_95pct": ends[1][1],
+        "start": free.start, "least": free.low, "most": free.high, "prior": free.prior,
+    }  # fmt: skip
+
+
+def _datum(best: Fit, datum: Datum, *, leave_out: bool) -> dict[str, Any]:
+    """Row of a datum; for traces and prior knowledge only the deviation in standard errors."""
+    rows, number = best.residual[datum.rows.start : datum.rows.stop], isfinite(datum.value)
+    off, error, without = float(np.sqrt(np.mean(rows**2))), nan, nan
+    if number:
+        slopes = best.jacobian[datum.rows.start]
+        off = float(best.problem.raw_residual(best.place)[datum.rows.start])
+        error = datum.error * sqrt(max(float(slopes @ best.covariance @ slopes), 0.0))
+    if number and leave_out:
+        place = minimise(best.problem, best.place, left_out=datum.rows, converged=CLOSE_CHANGE)
+        without = chi_square_at(best.problem, place, np.setdiff1d(np.arange(best.problem.rows), list(datum.rows)))
+    return {
+        "data_set": datum.data_set, "datum": datum.name, "unit": datum.unit if number else "",
+        "measured": datum.value, "error": datum.error, "fitted": datum.value + off * datum.error, "fitted_error": error,
+        "off": off, "chi_square_without": without, "because": datum.because,
+    }  # fmt: skip
+
+
+def _remarks(best: Fit, parameters: pd.DataFrame) -> Iterator[str]:
+    """Sentences on other minima, undetermined parameters, and numbers that the motion does not have."""
+    problem, certain = best.problem, not len(best.open_directions)
+    if best.reached < 2 <= best.descents and certain:
+        yield f"not sure: 1 of {best.descents} descents ended at this minimum; a better one may exist"
+    missing = np.isnan(problem.raw_residual(best.place))
+    for datum in problem.data:
+        if missing[datum.rows.start]:
+            counts = f"counts as {MISSING_RESIDUAL:.0f} standard errors"
+            yield f"{datum.label} is missing from the computed motion and {counts}"
+        if problem.censored(datum, best.place):
+            yield f"{datum.label} is a lower bound: the force is above the cut until the wave meets the wall"
+    for name, *ends in parameters[["parameter", "low_95pct", "high_95pct"]].itertuples(index=False):
+        open_ends = [side for side, end in zip(("below", "above"), ends, strict=True) if abs(end) == inf]
+        if open_ends:
+            yield f"the data do not bound {name} {' and '.join(open_ends)} within its range"
+    if best.other and certain:
+        pairs = zip(problem.free, problem.values(best.other[1]).items(), strict=True)
+        shown = ", ".join(f"{name} {rounded(value, free.unit)}" for free, (name, value) in pairs)
+        yield f"another minimum with chi-square {best.other[0]:.4g}: {shown}"
+    yield from trade_offs(best)
+    for datum in (datum for datum in problem.data if len(datum.rows) > 1):
+        off = best.residual[datum.rows.start : datum.rows.stop]
+        correlation = float(np.corrcoef(off[:-1], off[1:])[0, 1])
+        if correlation > MAX_CORRELATION:
+            sentence = f"{datum.label}: neighbouring residuals have a correlation of {correlation:.2f}"
+            yield f"{sentence}: they contain more than noise, and errors are larger than stated"

@@ -1,27 +1,29 @@
-"""Calibration problem: free parameters of scenes, predictions of the exact motion, residuals and derivatives."""
+"""Calibration problem: exact motions of scenes by free parameters, residuals and their derivatives."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from math import inf, nan
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import BSpline
 
-from drivers.base.errors import InputError, RunError
+from drivers.base.errors import RunError
 from drivers.chain.case import Case, build_case
 from drivers.chain.chain import Array, build_chain
 from drivers.chain.schemes import exact_motion, trace_of
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE
 from drivers.scene.read_scene import make_scene, set_value
+from drivers.scene.settings import unit_of
+from postproc.paper.simulate import Simulation
+from postproc.read.alignment import correlated, residual_of
+from postproc.read.continuous import READERS, is_censored, read
 from postproc.read.observables import describe
-from validation.calibration.calibration_file import Answer
-from validation.calibration.data_sets import CUT, DataSet, MeasuredNumber, gauge_parameters, nuisances, text_of
-from validation.calibration.free import GAIN, TRIGGER, Free, free_parameter
-from validation.calibration.readings import DEFAULT_CUT, READERS, Waves, best_trigger_s, curves_of, read, residual_of
+from validation.calibration.data import CUT, GAIN, TRIGGER, Answer, DataSet, Datum, Free, parameters_of
+
+DEFAULT_CUT = 0.04  # share of the peak at which the paper cuts widths
 
 # of the exact motion: where forces are wrong by 1e-6, derivatives by differences are by up to 2e-4, and the minimum of
 # the paper's fits moves by less than 1e-3 standard errors
@@ -32,23 +34,6 @@ CACHE_SIZE = 256  # simulations; residuals are smaller
 SCANNED = 8  # values of a parameter that one data set has alone, at the start of a descent
 
 Values = tuple[tuple[str, float], ...]  # values of parameters by key
-
-
-@dataclass(frozen=True)
-class Datum:
-    """One datum: a number, the trace of a gauge, or prior knowledge of a parameter.
-
-    Attributes:
-        data_set: Name of the data set.
-        name: Name of the observable, gauge or parameter.
-        rows: Rows of the residual.
-        number: The measured number, if the datum is one.
-    """
-
-    data_set: str
-    name: str
-    rows: range
-    number: MeasuredNumber | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,11 +60,6 @@ class Problem:
         return sum(len(datum.rows) for datum in self.data)
 
     @property
-    def lines(self) -> int:
-        """Number of coefficients of the base lines fitted to the traces."""
-        return sum(data.lines for data in self.sets)
-
-    @property
     def searched(self) -> list[int]:
         """Indices of the parameters of the motion that all data sets share and that are not known beforehand."""
         return [i for i, free in enumerate(self.free) if free.of_motion and not free.own and not free.prior]
@@ -87,6 +67,82 @@ class Problem:
     def values(self, place: Array) -> dict[str, float]:
         """Values of the parameters at given coordinates, by label."""
         return {free.label: free.value(float(x)) for free, x in zip(self.free, place, strict=True)}
+
+    def own_values(self, data: DataSet, place: Array) -> dict[str, float]:
+        """Values of the parameters of a data set, by key."""
+        pairs = zip(self.free, place, strict=True)
+        return {free.key: free.value(float(x)) for free, x in pairs if free.own in ("", data.name)} | dict(self.fixed)
+
+    def motion_values(self, data: DataSet, place: Array) -> Values:
+        """Values of the parameters of a data set on which its motion depends."""
+        moving = {free.key for free in self.free if free.of_motion}
+        return tuple((key, value) for key, value in self.own_values(data, place).items() if key in moving)
+
+    def residual(self, place: Array) -> Array:
+        """Predicted minus measured values in standard errors; inf at a point without a motion. Shape (rows,)."""
+        off = self.raw_residual(place) if np.isfinite(place).all() else np.full(self.rows, inf)
+        return np.full(self.rows, inf) if np.isinf(off).any() else np.nan_to_num(off, nan=MISSING_RESIDUAL)
+
+    def jacobian(self, place: Array, moving: Sequence[int] | None = None) -> Array:
+        """Derivatives of the residual by the coordinates ``moving``, by differences. Shape (rows, moving).
+
+        The derivative of a number that is missing from the motion on one side is 0.
+        """
+        here = self.raw_residual(place)
+        columns = [(self.raw_residual(other) - here) / step for other, step in stepped(place, moving)]
+        return np.asarray(np.nan_to_num(np.column_stack(columns), nan=0.0, posinf=0.0, neginf=0.0))
+
+    def raw_residual(self, place: Array) -> Array:
+        """Residual with NaN for numbers missing from the motion, inf without one; that of each set is cached."""
+        parts = [self.residual_of_set(data, place) for data in self.sets]
+        pairs = zip(self.free, place, strict=True)
+        priors = [(free.value(float(x)) - free.start) / free.prior for free, x in pairs if free.prior]
+        return np.concatenate([*parts, priors])
+
+    def residual_of_set(self, data: DataSet, place: Array) -> Array:
+        """Raw residual of a data set."""
+        return _of_set(data, self.motion_values(data, place), tuple(self.own_values(data, place).items()))
+
+    def censored(self, datum: Datum, place: Array) -> bool:
+        """True for a width of which the force is still above the cut when the wave reaches the wall."""
+        gauge, width, _ = datum.name.partition("_full_width")
+        data = next(data for data in self.sets if data.name == datum.data_set) if width else self.sets[0]
+        simulation = simulated(data, self.motion_values(data, place)) if width else None
+        cut = self.own_values(data, place).get(CUT, DEFAULT_CUT)
+        return simulation is not None and is_censored(simulation, gauge, cut)
+
+    def scanned(self, place: Array) -> Array:
+        """``place`` with the best of ``SCANNED`` values of each parameter of the motion that one data set has alone."""
+        moved = place.copy()
+        for data in self.sets:
+            for index, free in enumerate(self.free):
+                if free.own == data.name and free.of_motion:
+                    heights = []
+                    for x in (place[index], *np.linspace(0.0, 1.0, SCANNED)):
+                        moved[index] = x
+                        off = self.residual_of_set(data, self.with_triggers(moved, [data]))
+                        heights.append((float(np.sum(np.nan_to_num(off, nan=MISSING_RESIDUAL) ** 2)), float(x)))
+                    moved[index] = min(heights)[1]
+        return moved
+
+    def with_triggers(self, place: Array, sets: Sequence[DataSet] | None = None) -> Array:
+        """``place`` with the triggers of all or of some data sets at the best correlation of motion and traces."""
+        moved = place.copy()
+        for data in self.sets if sets is None else sets:
+            simulation = simulated(data, self.motion_values(data, place)) if data.channels else None
+            for index, free in enumerate(self.free):
+                if simulation and free.own == data.name and free.key.endswith(f".{TRIGGER}"):
+                    channels = [channel for channel in data.channels if f"{channel.file_key}.{TRIGGER}" == free.key]
+                    moved[index] = free.coordinate(correlated(channels, simulation.curves, data.step_s))
+        return moved
+
+
+def stepped(place: Array, moving: Sequence[int] | None = None) -> Iterator[tuple[Array, float]]:
+    """Coordinates after a step of each coordinate, and the step."""
+    for index in range(len(place)) if moving is None else moving:
+        other = place.copy()
+        other[index] += STEP if place[index] + STEP <= 1 else -STEP
+        yield other, float(other[index] - place[index])
 
 
 def pose(
@@ -104,88 +160,59 @@ def pose(
         InputError: A scene lacks an observable or a parameter, or a parameter is named twice.
         RunError: The exact motion cannot be computed at the starting values.
     """
-    gauges = [text for text in free if text.startswith("measured")]
-    parameters = [free_parameter(text, sets[0].scene, sets[0].where) for text in free if text not in gauges]
-    for source in sets:
-        parameters += [free_parameter(text, source.scene, source.where, source.name) for text in (*source.own, *own)]
-        parameters += gauge_parameters(source, gauges)
-    of_readings, fixed = nuisances(sets, answers)
-    parameters += of_readings
-    names = [(parameter.key, parameter.own) for parameter in parameters]
-    for key, own_set in names:
-        if names.count((key, own_set)) > 1 or (own_set and (key, "") in names):
-            raise InputError(sets[0].where, f"--free {key}", "twice", "each parameter once")
-    for source in sets:
-        _refuse_ends(source, [free for free in parameters if free.own in ("", source.name) and free.of_motion])
-    data, first = list[Datum](), 0
-
-    def add(data_set: str, name: str, rows: int, number: MeasuredNumber | None = None) -> None:
-        nonlocal first
-        data.append(Datum(data_set, name, range(first, first + rows), number))
-        first += rows
-
-    begun = [_begun(source, parameters) for source in sets]
+    parameters, fixed = parameters_of(sets, free, own, answers)
+    begun, data = [_begun(source, parameters) for source in sets], list[Datum]()
     for source in begun:
         simulation = simulated(source, ())
         if simulation is None:
             raise RunError(f"{source.where}: the exact motion cannot be computed at the starting values")
         for number in source.numbers:
-            read(simulation, number.observable, DEFAULT_CUT)  # an unknown observable is refused here
-            add(source.name, number.observable, 1, number)
-        for record in source.records:
-            for gauge in record.measured.reading:
-                add(source.name, f"{record.key} {gauge}", record.rows)
-    for parameter in parameters:
-        if parameter.prior:
-            add(parameter.own, parameter.key, 1)
+            read(simulation, number.name, DEFAULT_CUT)  # an unknown observable is refused here
+            _add(data, replace(number, data_set=source.name), 1)
+        for channel in source.channels:
+            _add(data, Datum(f"{channel.key} {channel.gauge}", data_set=source.name), int(channel.counts.sum()))
+    for parameter in (parameter for parameter in parameters if parameter.prior):
+        _add(data, Datum(parameter.key, data_set=parameter.own), 1)
     return Problem(tuple(begun), tuple(parameters), tuple(data), fixed)
 
 
+def _add(data: list[Datum], datum: Datum, rows: int) -> None:
+    """Add a datum with the next rows of the residual."""
+    first = data[-1].rows.stop if data else 0
+    data.append(replace(datum, rows=range(first, first + rows)))
+
+
 def _begun(data: DataSet, parameters: Sequence[Free]) -> DataSet:
-    """Data set whose tables have the starting values."""
+    """Data set whose tables have the starting values; refuses bounds such as a restitution of 2."""
     tables = json.loads(data.tables)
     for free in parameters:
         if free.own in ("", data.name) and free.of_motion:
-            set_value(tables, free.key, text_of(free.key, free.start), data.where)
+            for bound in (free.low, free.high):
+                changed = json.loads(data.tables)
+                set_value(changed, free.key, _as_text(free.key, bound), data.where)
+                make_scene(changed, data.name, f"--free {free.key}")
+            set_value(tables, free.key, _as_text(free.key, free.start), data.where)
     return replace(data, tables=json.dumps(tables))
 
 
-def _refuse_ends(data: DataSet, free: Sequence[Free]) -> None:
-    """Refuses bounds that are no values of a scene, such as a restitution of 2."""
-    for parameter in free:
-        for value in (parameter.low, parameter.high):
-            tables = json.loads(data.tables)
-            set_value(tables, parameter.key, text_of(parameter.key, value), data.where)
-            make_scene(tables, data.name, f"--free {parameter.key}")
+def _as_text(key: str, value: float) -> Any:
+    """A value as in a scene file: text with its unit, or a plain number."""
+    unit = unit_of(key)
+    return f"{value!r} {unit}" if unit else value
 
 
-def own_values(problem: Problem, data: DataSet, place: Array) -> dict[str, float]:
-    """Values of the parameters of a data set, by key."""
-    pairs = zip(problem.free, place, strict=True)
-    values = {free.key: free.value(float(x)) for free, x in pairs if free.own in ("", data.name)}
-    return values | dict(problem.fixed)
-
-
-def motion_values(problem: Problem, data: DataSet, place: Array) -> Values:
-    """Values of the parameters of a data set on which its motion depends."""
-    pairs = zip(problem.free, place, strict=True)
-    return tuple(
-        (free.key, free.value(float(x))) for free, x in pairs if free.own in ("", data.name) and free.of_motion
-    )
-
-
-def simulated(data: DataSet, values: Values, *, whole: bool = False) -> Waves | None:
+def simulated(data: DataSet, values: Values, *, whole: bool = False) -> Simulation | None:
     """Exact motion of a data set's scene at given parameter values; None if the integration fails.
 
     Its trace has energies only if ``whole``, or if numbers of the data set are not read from waves.
     """
-    names = [number.observable for number in data.numbers]
+    names = [number.name for number in data.numbers]
     of_waves = all(describe(name).of_wave or name.endswith(tuple(READERS)) for name in names)
     return _integrated(data.tables, data.where, values, whole or not of_waves)
 
 
 @lru_cache(maxsize=CACHE_SIZE)
-def _integrated(tables: str, where: str, values: Values, whole: bool) -> Waves | None:
+def _integrated(tables: str, where: str, values: Values, whole: bool) -> Simulation | None:
     case = _case(tables, where)
     scene = case.scene
     for key, value in values:
@@ -198,7 +225,7 @@ def _integrated(tables: str, where: str, values: Values, whole: bool) -> Waves |
         return None
     energies = np.full((3, len(times)), nan)
     trace = trace_of(case, times, motion) if whole else Trace(times, motion.force_N, *energies)
-    return Waves(case, REFERENCE, trace)
+    return Simulation(case, REFERENCE, trace)
 
 
 @lru_cache(maxsize=CACHE_SIZE)
@@ -216,100 +243,20 @@ def _changed(part: Any, keys: Sequence[str], value: float) -> Any:
     return part.model_copy(update={name: _changed(getattr(part, name), rest, value) if rest else value})
 
 
-@lru_cache(maxsize=CACHE_SIZE)
-def curves(data: DataSet, values: Values) -> dict[str, BSpline]:
-    """Splines of the computed gauge signals; empty if the integration fails."""
-    simulation = simulated(data, values)
-    return {} if simulation is None else curves_of(simulation)
-
-
-def has_motion(problem: Problem, place: Array) -> bool:
-    """True if the coordinates are finite and the exact motion of each data set can be computed."""
-    return bool(np.isfinite(residual(problem, place)).all())
-
-
-def residual(problem: Problem, place: Array) -> Array:
-    """Predicted minus measured values in standard errors; inf at a point without a motion. Shape (rows,)."""
-    off = raw_residual(problem, place) if np.isfinite(place).all() else np.full(problem.rows, inf)
-    return np.full(problem.rows, inf) if np.isinf(off).any() else np.nan_to_num(off, nan=MISSING_RESIDUAL)
-
-
-def jacobian(problem: Problem, place: Array, moving: Sequence[int] | None = None) -> Array:
-    """Derivatives of the residual by the coordinates ``moving``, by differences. Shape (rows, moving).
-
-    The derivative of a number that is missing from the motion on one side is 0.
-    """
-    moving = range(len(place)) if moving is None else moving
-    here, columns = raw_residual(problem, place), []
-    for index in moving:
-        other = place.copy()
-        other[index] += STEP if place[index] + STEP <= 1 else -STEP
-        columns.append((raw_residual(problem, other) - here) / (other[index] - place[index]))
-    return np.asarray(np.nan_to_num(np.column_stack(columns), nan=0.0, posinf=0.0, neginf=0.0))
-
-
-def raw_residual(problem: Problem, place: Array) -> Array:
-    """Residual with NaN for numbers missing from the motion, inf without one; results of each data set are cached."""
-    parts = [
-        _of_set(data, motion_values(problem, data, place), tuple(own_values(problem, data, place).items()))
-        for data in problem.sets
-    ]
-    pairs = zip(problem.free, place, strict=True)
-    priors = [(free.value(float(x)) - free.start) / free.prior for free, x in pairs if free.prior]
-    return np.concatenate([*parts, priors])
-
-
 @lru_cache(maxsize=16 * CACHE_SIZE)
 def _of_set(data: DataSet, motion: Values, values: Values) -> Array:
-    """Residual of a data set."""
-    if simulated(data, motion) is None:
-        return np.full(data.rows, inf)
-    known = dict(values)
-    offs = [(predicted(data, number, motion, known) - number.value) / number.error for number in data.numbers]
-    traces, signals = list[Array](), curves(data, motion) if data.records else {}
-    for record in data.records:
-        gain = known.get(f"{record.key}.{GAIN}", record.measured.gain)
-        trigger_s = known.get(f"{record.trigger_key}.{TRIGGER}", record.trigger_s)
-        for gauge in record.measured.reading:
-            assert trigger_s is not None  # given, or a free parameter
-            traces.append(residual_of(record, gauge, signals[gauge], gain, trigger_s))
-    return np.concatenate([offs, *traces])
-
-
-def predicted(data: DataSet, number: MeasuredNumber, motion: Values, values: Mapping[str, float]) -> float:
-    """Prediction of a measured number at given parameter values; NaN if it is missing from the motion."""
     simulation = simulated(data, motion)
     if simulation is None:
-        return nan
-    return read(simulation, number.observable, values.get(CUT, DEFAULT_CUT)) / values.get(number.divisor, 1.0)
-
-
-def scanned(problem: Problem, place: Array) -> Array:
-    """``place`` with the best of ``SCANNED`` values of each parameter of the motion that one data set has alone."""
-    moved = place.copy()
-    for data in problem.sets:
-        for index, free in enumerate(problem.free):
-            if free.own == data.name and free.of_motion:
-                heights = []
-                for x in (place[index], *np.linspace(0.0, 1.0, SCANNED)):
-                    moved[index] = x
-                    here = with_triggers(problem, moved, [data])
-                    motion = motion_values(problem, data, here)
-                    off = _of_set(data, motion, tuple(own_values(problem, data, here).items()))
-                    heights.append((float(np.sum(np.nan_to_num(off, nan=MISSING_RESIDUAL) ** 2)), float(x)))
-                moved[index] = min(heights)[1]
-    return moved
-
-
-def with_triggers(problem: Problem, place: Array, sets: Sequence[DataSet] | None = None) -> Array:
-    """``place`` with the triggers of all or of some data sets at which the motion fits the traces best."""
-    moved = place.copy()
-    for data in problem.sets if sets is None else sets:
-        signals = curves(data, motion_values(problem, data, place)) if data.records else {}
-        values = own_values(problem, data, place)
-        for index, free in enumerate(problem.free):
-            if signals and free.own == data.name and free.key.endswith(f".{TRIGGER}"):
-                records = [record for record in data.records if f"{record.trigger_key}.{TRIGGER}" == free.key]
-                gains = {record.key: values.get(f"{record.key}.{GAIN}", record.measured.gain) for record in records}
-                moved[index] = free.coordinate(best_trigger_s(records, signals, gains))
-    return moved
+        return np.full(data.rows, inf)
+    known, cut = dict(values), dict(values).get(CUT, DEFAULT_CUT)
+    offs = [
+        (read(simulation, number.name, cut) / known.get(number.divisor, 1.0) - number.value) / number.error
+        for number in data.numbers
+    ]
+    traces = list[Array]()
+    for channel in data.channels:
+        gain = known.get(f"{channel.key}.{GAIN}", channel.trace.gain)
+        trigger_s = known.get(f"{channel.file_key}.{TRIGGER}", channel.trigger_s)
+        assert trigger_s is not None  # given, or a free parameter
+        traces.append(residual_of(channel, simulation.curves[channel.gauge], gain, trigger_s))
+    return np.concatenate([offs, *traces])

@@ -1,201 +1,254 @@
-"""Calibration on the paper's experiments: conclusions that hold for all readings of what the paper leaves open."""
+"""Calibration on the paper's experiments: each law fitted in all readings of what the paper leaves open."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from drivers.base import paths
+from drivers.base.terminal import following
 from drivers.base.tolerances import tolerance
-from postproc.draw.overlay import number
+from drivers.run.execute import Place, execute
+from postproc.draw.fits import draw_deviations, name_of, rows_of, value_text
 from postproc.paper.calibrated import calibrated
-from validation.calibration.calibration_file import calibration_file
-from validation.calibration.draw import draw_data, name_of
-from validation.calibration.outcome import MAX_DEVIATION, DatumRow, FitRow, Parameter, value_text
-from validation.calibration.paper_fits import DATA, FITS, MODULUS, NOT_FITTED, PARAMETERS, study
-from validation.chapters import Chapter, Options, Picture, Tables, rows_in
+from validation.calibration.data import DEFAULT, calibration_file, paper_data
+from validation.calibration.fit import DATA, LAWS, MAX_DEVIATION, PARAMETERS, Fit, Tables, solve
+from validation.calibration.problem import pose
+from validation.chapters import Options
 from validation.checks import FAIL, Check, judged, without_run
+from validation.report.parts import Chapter, Shown
 
+NAMES = {LAWS: "calibration", PARAMETERS: "calibration-parameters", DATA: "calibration-data"}  # of the files
 MIN_PROBABILITY = 0.05  # of chi-square; below it a law does not fit
-GAUGES = "sensor.time_constant"
-DEFAULT = "default"  # reading with the first answer to each question
+ELASTIC, DISSIPATIVE = "elastic", "viscoelastic"
+MODULUS, RESTITUTION = "materials.ptfe.youngs_modulus", "contact.restitution"
+GAUGES, SPEEDS, CUT = "sensor.time_constant", "reading.speed_scale", "reading.cut"
+ELECTRONICS, ONE_MS = "electronics: RC about 1 ms", "electronics: RC 1 ms"
+CUTS = ("4 %", "5 %", "8 %", "12 %", "15 %")  # fixed, of the dissipative law without electronics
 
 
-def measure(options: Options) -> dict[str, Any]:
-    """Rows of all fits."""
-    return study(quick=options.quick)
+def measure(options: Options) -> Chapter:
+    """Fits of all readings; the short study fits some, from the parameters found before, and shows stored findings."""
+    tables = study(quick=options.quick)
+    findings, cuts, checks = calibrated().findings, calibrated().cuts, [*judge(tables)]
+    if not options.quick:
+        stored, findings, cuts = (findings, cuts), tuple(conclusions(tables)), tuple(cut_rows(tables))
+        if stored != (findings, cuts):
+            place = f"findings and cuts: the fits give {findings} and {cuts}"
+            checks.append(without_run(paths.shown(paths.CALIBRATED), "", place, FAIL))
+    return Chapter(
+        tables={name: tables[key] for key, name in NAMES.items()},
+        findings=[*findings],
+        figures={NAMES[LAWS]: ("Deviations of fitted from measured numbers", draw_deviations(deviations(tables)))},
+        shown=shown(tables, cuts),
+        checks=checks,
+        short=options.quick,
+    )
 
 
-def _holds(row: FitRow) -> bool:
-    return row.probability >= MIN_PROBABILITY
+def study(*, quick: bool = False) -> Tables:
+    """Tables of all fits: each law in the default reading, then from there in all others."""
+    laws, readings = calibration_file().law, [*calibration_file().readings(quick=quick)]
+    known, done = {name: law.found for name, law in laws.items()}, list[Tables]()
+    if not quick:
+        found = {law: fit_law(law, DEFAULT) for law in following(laws, "laws", len(laws), "law")}
+        known = {name: fit.values for name, (fit, _) in found.items()}
+        done, readings = [tables for _, tables in found.values()], readings[1:]
+    work = execute(partial(_fit_laws, known), readings, Place(processes=True))
+    results = dict(following(work, "readings", len(readings), "reading"))
+    done += [tables for reading in readings for tables in results[reading]]
+    return {name: pd.concat([tables[name] for tables in done], ignore_index=True) for name in NAMES}
 
 
-def _parameters(tables: Tables) -> dict[tuple[str, str], list[Parameter]]:
-    """Parameters of each fit that all data share, by law and reading."""
-    by_fit: dict[tuple[str, str], list[Parameter]] = {}
-    for row in rows_in(tables[PARAMETERS], Parameter):
-        if ":" not in row.parameter:
-            by_fit.setdefault((row.law, row.data), []).append(row)
-    return by_fit
+def _fit_laws(known: Mapping[str, Mapping[str, float]], reading: str) -> list[Tables]:
+    """Tables of all laws for one reading, from known parameters and from each other: a larger law is never worse."""
+    fits, tables = list[Fit](), list[Tables]()
+    for law in known:
+        fit, of_law = fit_law(law, reading, [known[law], *(earlier.values for earlier in fits)])
+        fits.append(fit)
+        tables.append(of_law)
+    return tables
 
 
-def _texts(rows: Sequence[Parameter]) -> list[str]:
-    """Parameters with their errors, by the last part of their keys."""
-    names = [row.parameter.rpartition(".")[2].replace("_", " ").replace("youngs", "Young's") for row in rows]
-    return [f"{name} {value_text(row)}" for name, row in zip(names, rows, strict=True)]
+def fit_law(law: str, reading: str, seeds: Sequence[Mapping[str, float]] = ()) -> tuple[Fit, Tables]:
+    """Fit of a law to all quoted data for one reading, from seeds alone if there are some."""
+    asked = calibration_file()
+    named, answers = asked.law[law], asked.readings()[reading]
+    free = (*asked.free, *named.free, *(text for answer in answers for text in answer.free))
+    problem = pose(paper_data(asked.data, named.set, answers), free, answers=answers)
+    return solve(problem, law, reading, quick=bool(seeds), seeds=seeds, search=not seeds)
 
 
-def _missed(row: FitRow) -> str:
-    """Names of the numbers that a fit misses."""
-    return "; ".join(name_of(*label.split(": ")) for label in row.missed.split("; ") if label)
+def parameters_of(tables: Tables, law: str, reading: str) -> dict[str, Any]:
+    """Parameters of a fit that all data share, by key."""
+    of_fit = tables[PARAMETERS].query("law == @law and data == @reading")
+    return {row.parameter: row for row in rows_of(of_fit) if ":" not in row.parameter}
 
 
-def sentences(tables: Tables) -> Iterator[str]:
-    """Conclusions over all readings, then a line for each law in the default reading."""
-    yield from conclusions(tables)
-    parameters = _parameters(tables)
-    for row in (row for row in rows_in(tables[FITS], FitRow) if row.data == DEFAULT):
-        goodness = (
-            f"chi-square {row.chi_square:.3g} with {row.freedom} degrees of freedom, probability {row.probability:.2g}"
-        )
-        missed = f"missed: {_missed(row)}" if row.missed else "no number is missed"
-        yield f"{row.law}: {', '.join(_texts(parameters[row.law, row.data]))}; {goodness}; {missed}"
+def goodness_of(tables: Tables, law: str, reading: str) -> Any:
+    """Goodness of a fit."""
+    return rows_of(tables[LAWS].query("law == @law and data == @reading"))[0]
 
 
-def conclusions(tables: Tables) -> Iterator[str]:
-    """Laws that fit in some reading, the range of their moduli, and the numbers that most fits miss."""
-    rows, parameters = rows_in(tables[FITS], FitRow), _parameters(tables)
-    readings, fitting = list(dict.fromkeys(row.data for row in rows)), [row for row in rows if _holds(row)]
-    if not fitting:
-        yield f"no law fits in any of {len(readings)} readings of the paper"
-        return
-    counts = [f"{law} in {sum(row.law == law for row in fitting)}" for law in _laws(rows)]
-    least = f"(probability above {MIN_PROBABILITY:g})"
-    yield f"of {len(readings)} readings of the paper, laws fit {least}: {', '.join(counts)}"
-    low, high = bounds(tables, MODULUS)
-    yield f"Young's modulus of the fits that hold, with their errors: {low * 1e-9:.2f} to {high * 1e-9:.2f} GPa"
-    for law in _laws(fitting):
-        of_law = [parameters[fitted.law, fitted.data] for fitted in fitting if fitted.law == law]
-        if all(any(row.parameter == GAUGES for row in fitted) for fitted in of_law):
-            yield f"{law} fits only with the electronics of the gauges"
-    missed = ", ".join(f"{name} ({count})" for name, count in often_missed(tables).items()) or "none"
-    yield f"missed by more than one standard error in most of the {len(fitting)} fits that hold: {missed}"
-
-
-def stored_conclusions() -> list[str]:
-    """The conclusions of the full study that are stored with the parameters of the figures."""
-    file, modulus = calibrated(), next(kept for kept in calibrated().parameter if kept.key == MODULUS)
-    return [
-        f"over all readings of the paper (make calibration), these laws fit in some: {', '.join(file.laws)}",
-        f"Young's modulus of these fits, with their errors: {modulus.low * 1e-9:.2f} to {modulus.high * 1e-9:.2f} GPa",
-        f"missed by more than one standard error in most of these fits: {', '.join(file.missed)}",
-    ]
-
-
-def _full(rows: Sequence[FitRow]) -> bool:
-    """True if the fits are on all readings of the paper."""
-    return len({row.data for row in rows}) == len(calibration_file().readings())
-
-
-def _laws(rows: Sequence[FitRow]) -> list[str]:
-    """Names of the laws in some rows, in the order of the file."""
-    return [law.name for law in calibration_file().law if any(row.law == law.name for row in rows)]
+def held(tables: Tables, name: str) -> pd.DataFrame:
+    """Rows of a table that belong to the fits that hold."""
+    fits = tables[LAWS]
+    return tables[name].merge(fits.loc[fits["probability"] >= MIN_PROBABILITY, ["law", "data"]])
 
 
 def bounds(tables: Tables, key: str) -> tuple[float, float]:
     """Lowest and highest value of a parameter, with its error, in the fits that hold."""
-    rows = _of_held_fits(tables, PARAMETERS)
+    rows = held(tables, PARAMETERS)
     rows = rows[rows["parameter"] == key]
     error = rows["error"].where(np.isfinite(rows["error"]), 0.0)
     low, high = (rows["value"] - error).clip(lower=rows["least"]), (rows["value"] + error).clip(upper=rows["most"])
     return float(low.min()), float(high.max())
 
 
-def _of_held_fits(tables: Tables, name: str) -> pd.DataFrame:
-    """Rows of a table that belong to the fits that hold."""
-    fits = tables[FITS]
-    return tables[name].merge(fits.loc[fits["probability"] >= MIN_PROBABILITY, ["law", "data"]])
+def conclusions(tables: Tables) -> Iterator[str]:
+    """Laws that fit in some reading, conditions of their fits, the range of moduli, and numbers that most fits miss."""
+    fits, holding = tables[LAWS], held(tables, LAWS)
+    counts = ", ".join(f"{law} in {(holding['law'] == law).sum()}" for law in fits["law"].unique())
+    least = f"(probability above {MIN_PROBABILITY:g})"
+    yield f"Of {fits['data'].nunique()} readings of the paper, the laws fit {least}: {counts}."
+    if holding.empty:
+        return
+    yield from conditions(tables)
+    low, high = bounds(tables, MODULUS)
+    yield f"Young's modulus of the fits that hold, with their errors: {low * 1e-9:.2f} to {high * 1e-9:.2f} GPa."
+    data = held(tables, DATA).dropna(subset="measured")
+    names = [name_of(*pair) for pair in zip(data["data_set"], data["datum"], strict=True)]
+    missed = (data["off"].abs() > 1).groupby(names, sort=False).sum()
+    often = "; ".join(str(name) for name in missed.index[missed > len(holding) / 2]) or "none"
+    yield f"Missed by more than one standard error in most of the fits that hold: {often}."
 
 
-def often_missed(tables: Tables) -> dict[str, int]:
-    """Numbers that more than half of the fits that hold miss by more than one standard error, with how many do."""
-    rows, fits = _of_held_fits(tables, DATA), sum(map(_holds, rows_in(tables[FITS], FitRow)))
-    rows = rows[(rows["data_set"] != NOT_FITTED) & np.isfinite(rows["measured"])]
-    names = [name_of(*pair) for pair in zip(rows["data_set"], rows["datum"], strict=True)]
-    counts = (rows["off"].abs() > 1).groupby(names, sort=False).sum()
-    return {str(name): int(count) for name, count in counts.items() if count > fits / 2}
+def conditions(tables: Tables) -> Iterator[str]:
+    """Two sentences of the README: what elastic beads need to fit, and what dissipation needs."""
+    fits = held(tables, PARAMETERS).query("law == @ELASTIC")
+    if fits.empty or not fits["data"].str.contains("electronics").all():
+        yield f"Elastic beads fit {'in no reading' if fits.empty else 'without the electronics of the gauges'}."
+    else:
+        rows = {key: fits[fits["parameter"] == key] for key in (GAUGES, MODULUS, SPEEDS, CUT)}
+        values, exact = {key: of_key["value"] for key, of_key in rows.items()}, goodness_of(tables, ELASTIC, ONE_MS)
+        below = (rows[SPEEDS]["start"] - values[SPEEDS]) / rows[SPEEDS]["prior"]
+        lowest = ", the lowest cut" * bool((rows[CUT]["at"] == "lower bound").all())
+        yield (
+            f"Elastic beads fit only with the electronics of the gauges, and then need a time constant of "
+            f"{_span(values[GAUGES] * 1e3)} ms, a modulus of {_span(values[MODULUS] * 1e-9)} GPa, a scale of speeds "
+            f"{_span(below, 1)} standard errors below 1, and durations read at {_span(100 * values[CUT], 1)} % of the "
+            f"peak{lowest}; with the paper's time constant of 1 ms, chi-square is {exact.chi_square:.1f} with "
+            f"{exact.freedom} degrees of freedom (probability {exact.probability:.0e})."
+        )
+    cuts = [goodness_of(tables, DISSIPATIVE, f"cut: {cut}") for cut in CUTS]
+    found = [parameters_of(tables, DISSIPATIVE, row.data)[RESTITUTION].value for row in cuts]
+    least = next((cut for cut, row in zip(CUTS, cuts, strict=True) if row.probability >= MIN_PROBABILITY), "no share")
+    yield (
+        f"Without electronics dissipation is needed, and fits only if durations are read at {least} of the peak or "
+        f"more: with cuts of {', '.join(CUTS)} chi-square is {', '.join(f'{row.chi_square:.1f}' for row in cuts)} with "
+        f"{cuts[0].freedom} degrees of freedom, and the restitution {', '.join(f'{value:.2f}' for value in found)}."
+    )
+
+
+def _span(values: "pd.Series[float]", digits: int = 2) -> str:
+    """Smallest and largest value."""
+    return " to ".join(dict.fromkeys(f"{value:.{digits}f}" for value in (values.min(), values.max())))
+
+
+def cut_rows(tables: Tables) -> Iterator[tuple[str, ...]]:
+    """Rows of the table of cuts: cut, chi-square, degrees of freedom, probability, restitution."""
+    for cut, reading in [*((f"fixed at {cut}", f"cut: {cut}") for cut in CUTS), ("free", DEFAULT)]:
+        row, found = goodness_of(tables, DISSIPATIVE, reading), parameters_of(tables, DISSIPATIVE, reading)
+        named = f"{cut}: {value_text(found[CUT])}" if CUT in found else cut
+        goodness = f"{row.chi_square:.1f}", f"{row.freedom}", f"{row.probability:.2g}"
+        yield named, *goodness, value_text(found[RESTITUTION])
+
+
+def deviations(tables: Tables) -> pd.DataFrame:
+    """Deviations of the fits without and with electronics, for the figure."""
+    data = tables[DATA].dropna(subset="measured")
+    data = data[data["data"].isin([DEFAULT, ELECTRONICS])]
+    endings = data["data"].map({DEFAULT: "", ELECTRONICS: ", with electronics"})
+    names = [name_of(*pair) for pair in zip(data["data_set"], data["datum"], strict=True)]
+    return data.assign(number=names, fit=data["law"] + endings, error=data["fitted_error"] / data["error"])
 
 
 def judge(tables: Tables) -> Iterator[Check]:
-    """Are the parameters of the figures' dissipative chains, and the stored conclusions, those of the fits?"""
+    """Are the parameters of the figures' dissipative chains those of the fits?"""
     file, where = calibrated(), paths.shown(paths.CALIBRATED)
-    fits = rows_in(tables[FITS], FitRow)
-    if _full(fits):
-        present = tuple(_laws([row for row in fits if _holds(row)])), tuple(often_missed(tables))
-        if present != (file.laws, file.missed):
-            yield without_run(where, "", f"laws and missed: the fits give {present}", FAIL)
-    rows = rows_in(tables[PARAMETERS], Parameter)
-    fitted = {row.parameter: row for row in rows if (row.law, row.data) == (file.law, file.reading)}
+    fitted = parameters_of(tables, file.law, file.reading)
+    whole = tables[LAWS]["data"].nunique() == len(calibration_file().readings())
     for kept in file.parameter:
         row = fitted.get(kept.key)
         if row is None:
             yield without_run(where, file.law, f"{kept.key}: no fit", FAIL)
             continue
         changes = [row.value - kept.value, row.error - kept.error]
-        if _full(fits):
+        if whole:
             changes += [new - old for new, old in zip(bounds(tables, kept.key), (kept.low, kept.high), strict=True)]
-        drift = max(map(abs, changes)) / kept.error
         given, stored = (f"{shown.value:.5g} ± {shown.error:.3g} {kept.unit}".rstrip() for shown in (row, kept))
         place = f"{stored}; the fit gives {given}"
+        drift = max(map(abs, changes)) / kept.error
         yield judged(where, file.law, kept.key, drift, tolerance("calibration", "stored"), place)
 
 
-def section(tables: Tables) -> Mapping[str, Any]:
-    """Conclusions, a row for each law and reading, the numbers of the default reading, and remarks."""
-    rows, parameters = rows_in(tables[FITS], FitRow), _parameters(tables)
-    shown = [
-        row for row in rows_in(tables[DATA], DatumRow) if row.data == DEFAULT and row.unit + row.because + row.data_set
-    ]
-    numbers: dict[str, list[DatumRow]] = {}
-    for row in shown:
-        name = row.datum if row.data_set == NOT_FITTED else name_of(row.data_set, row.datum)
-        numbers.setdefault(name, []).append(row)
-    return {
-        "short": not _full(rows),
-        "conclusions": list(conclusions(tables)) if _full(rows) else stored_conclusions(),
-        "fits": [
-            {
-                "row": row,
-                "fits": _holds(row),
-                "parameters": _texts(parameters[row.law, row.data]),
-                "missed": _missed(row),
-            }
-            for row in rows
-        ],
-        "default": DEFAULT,
-        "choices": calibration_file().choice,
-        "laws": list(dict.fromkeys(row.law for row in shown)),
-        "numbers": {name: {row.law: row for row in alike} for name, alike in numbers.items()},
-        "far": MAX_DEVIATION,
-        "least": MIN_PROBABILITY,
-        "number": number,
-    }
-
-
-def figures(tables: Tables) -> dict[str, Picture]:
-    """Measured against fitted numbers."""
-    data = [row for row in rows_in(tables[DATA], DatumRow) if row.data == DEFAULT and row.data_set != NOT_FITTED]
-    return {FITS: ("Measured and fitted numbers, with the errors of both", lambda: draw_data(data))}
-
-
-CHAPTER = Chapter(
-    FITS,
-    "parameters fitted to the paper's experiments",
-    {FITS: FitRow, PARAMETERS: Parameter, DATA: DatumRow},
-    measure,
-    lambda tables: list(sentences(tables)),
-    section,
-    figures,
-    judge,
+INTRODUCTION = (
+    "Each contact law is fitted to the numbers that the paper quotes, by least squares over the exact motion: Young's "
+    "modulus, the dissipation, the strikes of Table 1 and, common to all numbers, the scales of force and speed and "
+    f"the cut at which durations are read. A fit holds if its probability is at least {MIN_PROBABILITY:g}."
 )
+CUT_TEXT = (
+    "The paper does not state the share of the peak at which durations are read. Fits of the "
+    f"{DISSIPATIVE} law without electronics, with standard errors of the restitution; with cuts above 10 % the wall of "
+    "Fig. 5 shows no third maximum:"
+)
+NUMBERS_TEXT = (
+    "Fitted value, its deviation in standard errors, and in brackets chi-square of the fit without this number. "
+)
+
+
+def shown(tables: Tables, cuts: Sequence[Sequence[str]]) -> list[Shown]:
+    """Tables of the page: fits of the default reading, cuts, fits of all readings with the choices, all numbers."""
+    fits = tables[LAWS]
+    choices = " ".join(
+        f"{question}: {'; '.join(f'{answer.name} ({answer.because})' for answer in answers)}."
+        for question, answers in calibration_file().choice.items()
+    )
+    default, others = fits[fits["data"] == DEFAULT], fits[fits["data"] != DEFAULT]
+    remarks = " ".join(f"{row.law}: {row.remarks}." for row in rows_of(default) if row.remarks)
+    headings = ["cut", "chi-square", "degrees of freedom", "probability", "restitution"]
+    every = f"Where the paper can be read in several ways, each is fitted. The first answers are the default. {choices}"
+    return [
+        Shown("", INTRODUCTION, _fits_table(tables, default).drop(columns="reading")),
+        Shown("The cut at which durations are read", CUT_TEXT, pd.DataFrame(cuts, columns=headings)),
+        Shown("All readings of the paper", every, _fits_table(tables, others)),
+        Shown("All numbers, and limits of the fits", NUMBERS_TEXT + remarks, _numbers_table(tables)),
+    ]
+
+
+def _fits_table(tables: Tables, fits: pd.DataFrame) -> pd.DataFrame:
+    """Law, reading, parameters, goodness and missed numbers of some fits, as texts."""
+    rows = []
+    for row in rows_of(fits):
+        found = parameters_of(tables, row.law, row.data).values()
+        names = [one.parameter.rpartition(".")[2].replace("_", " ").replace("youngs", "Young's") for one in found]
+        texts = "; ".join(f"{name} {value_text(one)}" for name, one in zip(names, found, strict=True))
+        verdict = "reproduced fits" if row.probability >= MIN_PROBABILITY else "differs does not fit"
+        goodness = f"{verdict}\n{row.chi_square:.1f} of {row.freedom}, probability {row.probability:.2g}"
+        missed = "; ".join(name_of(*label.split(": ")) for label in row.missed.split("; ") if label)
+        rows.append((row.law, row.data, texts, goodness, missed or "–"))
+    far = f"missed by more than {MAX_DEVIATION:g} standard errors"
+    return pd.DataFrame(rows, columns=["law", "reading", "parameters", "chi-square", far])
+
+
+def _numbers_table(tables: Tables) -> pd.DataFrame:
+    """Measured numbers, and those of each law in the default reading with their deviations, as texts."""
+    data, rows = tables[DATA].query("data == @DEFAULT").dropna(subset="measured"), dict[str, dict[str, str]]()
+    for row in rows_of(data):
+        name = name_of(row.data_set, row.datum)
+        cells = rows.setdefault(name, {"number": name, "measured": f"{row.measured:.4g} ± {row.error:.2g} {row.unit}"})
+        without = f" ({row.chi_square_without:.1f})" if np.isfinite(row.chi_square_without) else ""
+        cells[row.law] = f"{row.fitted:.4g}\n{row.off:+.1f}{without}"
+    return pd.DataFrame([*rows.values()])

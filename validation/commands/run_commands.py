@@ -219,8 +219,7 @@ def fit(results: Path, runs: Path, **asked: Any) -> int:
 
     The data are the [[measured]] tables of the scenes, or those that --measured or --quoted name.
     """
-    from validation.calibration.fit_command import run_fit
-    from validation.calibration.fit_folder import FitRequest
+    from validation.calibration.command import FitRequest, run_fit
 
     return run_fit(FitRequest(**asked), runs, results)
 

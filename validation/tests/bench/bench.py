@@ -17,8 +17,8 @@ from drivers.chain.chain import arrays_of
 from drivers.engines import installed, installed_codes
 from drivers.run.run import run_case
 from drivers.run.run_folder import record_of
-from validation.calibration.data_sets import paper_data
-from validation.calibration.outcome import solve
+from validation.calibration.data import paper_data
+from validation.calibration.fit import solve
 from validation.calibration.problem import pose
 from validation.reference.adaptive import MIN_TOLERANCE, integrate_adaptive
 from validation.reference.velocity_verlet import integrate_verlet

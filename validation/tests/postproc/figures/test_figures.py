@@ -232,7 +232,7 @@ def test_a_figure_with_a_failed_run_leaves_no_files(stand_in: StandIn, tmp_path:
         ("QUOTED", "force_N = [5, 2,", "force_N = [5, 5,", "the same force twice"),
         ("QUOTED", "force_N = [5, 2,", "force_N = [nan, 2,", "table1.force_N"),
         ("QUOTED", "[table1]", "[[", "TOML"),
-        ("CALIBRATED", "value = 8.287e8", "value = -1.0", "greater than 0"),
+        ("CALIBRATED", "value = ", "value = -", "greater than 0"),
         ("CALIBRATED", 'law = "viscoelastic"', "", "law"),
     ],
 )

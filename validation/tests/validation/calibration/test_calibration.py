@@ -1,31 +1,27 @@
 """The calibration on the paper: continuous readings, choices, conclusions, and the check of the stored parameters."""
 
 import re
-from collections.abc import Mapping
 from functools import cache
 from math import inf, nan
-from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from drivers.base import paths
 from postproc.paper.calibrated import calibrated
-from postproc.paper.simulate import case_of, exact
-from validation.calibration.calibration_chapter import CHAPTER, conclusions, judge
-from validation.calibration.calibration_file import calibration_file
-from validation.calibration.data_sets import nuisances, paper_data
-from validation.calibration.outcome import DatumRow, FitRow, Parameter
-from validation.calibration.paper_fits import DATA, FITS, PARAMETERS
+from postproc.paper.simulate import Simulation, case_of, exact
+from postproc.read.continuous import full_width_s, is_censored, read, time_above
+from validation.calibration.data import DEFAULT, calibration_file, paper_data
+from validation.calibration.fit import DATA, LAWS, PARAMETERS, Tables
 from validation.calibration.problem import pose
-from validation.calibration.readings import Waves, full_width_s, is_censored, read, time_above
-from validation.chapters import frame_of
+from validation.chapters.calibration import CUTS, ELECTRONICS, ONE_MS, conclusions, cut_rows, judge
 from validation.checks import FAIL, Check
 
 
 @cache
-def motion(scene: str, *settings: str) -> Waves:
-    return Waves(**vars(exact(case_of(scene, "run.duration=2.4 ms", *settings), 1e-6)))
+def motion(scene: str, *settings: str) -> Simulation:
+    return exact(case_of(scene, "run.duration=2.4 ms", *settings), 1e-6)
 
 
 @pytest.mark.parametrize(("scene", "name"), [("fig5", "wall_decay_per_s"), ("fig4", "bead_5_full_width_s")])
@@ -73,77 +69,102 @@ def test_errors_are_those_of_the_paper_in_common_and_own_parts() -> None:
     """
     data = paper_data(["fig4", "table1"])
     assert [row.name for row in data] == ["fig4", "table1 5 N", "table1 0.6 N", "table1 0.1 N", "table1 0.06 N"]
-    (fig4, first, *_), (free, fixed) = data, nuisances(data)
-    assert [row.prior for row in free] == pytest.approx([0.15, 0.074, 0.0])
-    assert not fixed
+    fig4, first, *_ = data
+    assert [row.prior for row in pose(data, ()).free[-3:]] == pytest.approx([0.15, 0.074, 0.0])
     assert first.numbers[0].error == pytest.approx(0.5 / 3**0.5)
     assert np.hypot(fig4.numbers[1].error / 152, 0.074) == pytest.approx(0.10)
-    independent = next(a for c in calibration_file().choice for a in c.answer if a.independent)
+    independent = next(a for answers in calibration_file().choice.values() for a in answers if a.independent)
     alone = paper_data(["table1"], (), [independent])
     assert len(alone) == 5
     assert alone[0].numbers[0].error == pytest.approx(0.15 * 5)
     assert not pose(alone, (), answers=[independent]).free[-1].key.endswith("scale")
 
 
-def rows(law: str, reading: str, probability: float, modulus_Pa: float, off: float, *more: str) -> dict[str, list[Any]]:
-    """Made-up rows of a fit with one number."""
-    ends = (nan, nan, nan, nan)
+SHARED = {
+    "materials.ptfe.youngs_modulus": "Pa",
+    "contact.restitution": "",
+    "reading.speed_scale": "",
+    "reading.cut": "",
+}
+
+
+def made_up(law: str, reading: str, probability: float, value: float, off: float, **more: str) -> Tables:
+    """Tables of a fit with one number, in which all parameters have one value."""
+    names = {"law": law, "data": reading}
+    goodness = {"chi_square": 10.0, "freedom": 10, "probability": probability, "missed": "", "remarks": ""}
     parameters = [
-        Parameter(law, reading, key, "Pa", modulus_Pa, 0.1 * modulus_Pa, *ends, 1e9, 1e8, 1e10, 0.0)
-        for key in ("materials.ptfe.youngs_modulus", *more)
-    ]
-    return {
-        FITS: [FitRow(law, reading, 10.0, 10, probability, 14.0, 16.0, "", "")],
-        PARAMETERS: parameters,
-        DATA: [DatumRow(law, reading, "table1 5 N", "bead_9_amplitude_N", "N", 5.0, 0.5, 5.0, 0.1, off)],
-    }
+        names | {"parameter": key, "unit": unit, "value": value, "error": 0.1 * value, "at": "lower bound",
+                 "start": 1.0, "prior": 0.5, "least": 0.0, "most": 1e10}
+        for key, unit in (SHARED | more).items()
+    ]  # fmt: skip
+    datum = {"data_set": "table1 5 N", "datum": "bead_9_amplitude_N", "unit": "N", "measured": 5.0, "off": off}
+    rows = {LAWS: [names | goodness], PARAMETERS: parameters, DATA: [names | datum]}
+    return {name: pd.DataFrame(of_table) for name, of_table in rows.items()}
 
 
-def tables_of(*fits: dict[str, list[Any]]) -> dict[str, pd.DataFrame]:
-    return {
-        name: frame_of(kind, [row for each in fits for row in each.get(name, ())])
-        for name, kind in CHAPTER.tables.items()
-    }
+def together(*fits: Tables) -> Tables:
+    return {name: pd.concat([each[name] for each in fits], ignore_index=True) for name in (LAWS, PARAMETERS, DATA)}
 
 
 def test_conclusions_are_what_all_fits_that_hold_have_in_common() -> None:
-    gauges = "sensor.time_constant"
-    said = [*conclusions(tables_of(
-        rows("elastic", "default", 0.01, 2e9, 0.0), rows("elastic", "RC", 0.5, 0.5e9, -1.5, gauges),
-        rows("power", "default", 0.06, 1e9, 3.0), rows("power", "RC", 0.2, 0.8e9, 1.2, gauges),
-    ))]  # fmt: skip
-    assert said == [
-        "of 2 readings of the paper, laws fit (probability above 0.05): elastic in 1, power in 2",
-        "Young's modulus of the fits that hold, with their errors: 0.45 to 1.10 GPa",
-        "elastic fits only with the electronics of the gauges",
-        "missed by more than one standard error in most of the 3 fits that hold: Table 1, 5 N: force (3)",
-    ]
-    (none,) = conclusions(tables_of(rows("elastic", "default", 0.01, 2e9, 0.0)))
-    assert none == "no law fits in any of 1 readings of the paper"
+    gauges = {"sensor.time_constant": "s"}
+    chances = zip(CUTS, (0.01, 0.06, 0.1, 0.2, 0.2), strict=True)
+    tables = together(
+        made_up("elastic", DEFAULT, 0.01, 2e9, 0.0),
+        made_up("elastic", ELECTRONICS, 0.5, 0.5e9, -1.5, **gauges),
+        made_up("elastic", ONE_MS, 8e-4, 0.5e9, -1.5),
+        made_up("viscoelastic", DEFAULT, 0.2, 0.8e9, 1.2),
+        *(made_up("viscoelastic", f"cut: {cut}", chance, 1e9, 1.2) for cut, chance in chances),
+    )
+    counts, elastic, dissipative, modulus, missed = conclusions(tables)
+    assert (
+        counts == "Of 8 readings of the paper, the laws fit (probability above 0.05): elastic in 1, viscoelastic in 5."
+    )
+    assert "the electronics of the gauges" in elastic
+    assert "probability 8e-04" in elastic
+    assert "only if durations are read at 5 % of the peak or more" in dissipative
+    assert modulus == "Young's modulus of the fits that hold, with their errors: 0.45 to 1.10 GPa."
+    assert missed.endswith("in most of the fits that hold: Table 1, 5 N: force.")
+    first, *_, last = cut_rows(tables)
+    assert first[1:4] == ("10.0", "10", "0.01")
+    assert last[0].startswith("free: ")
+    assert last[4].endswith("(at its lower bound)")
 
 
-def failed(tables: Mapping[str, pd.DataFrame]) -> list[Check]:
-    return [check for check in judge(tables) if check.verdict == FAIL]
+def test_the_bound_of_the_cut_is_where_fig_5_keeps_the_third_maximum_of_its_train() -> None:
+    """At the fit with a cut of 12 % it is gone."""
+    bounded, beyond = calibrated().settings, next(row[4] for row in calibrated().cuts if row[0] == "fixed at 12 %")
+    for restitution, shown in ((), True), ((f"contact.restitution={beyond.split()[0]}",), False):
+        peak_N = exact(case_of("fig5", *bounded, *restitution)).values["wall_peak_3_N"]
+        assert np.isfinite(peak_N) == shown
+
+
+def test_the_readme_says_what_was_found() -> None:
+    """Its two sentences are findings of the full study, which ``make calibration`` compares with the stored ones."""
+    text = " ".join((paths.ROOT / "README.md").read_text(encoding="utf-8").split())
+    elastic, dissipative = calibrated().findings[1:3]
+    assert f"{elastic} {dissipative}" in text
 
 
 def test_a_fit_that_differs_from_the_parameters_of_the_figures_is_a_failure() -> None:
     """Differences above a tenth of the error in value or error fail, and so does a missing fit."""
     file = calibrated()
+    tables = made_up(file.law, file.reading, 0.5, 1.0, 0.0)
 
-    def changed(by: float, error_by: float = 0.0) -> list[Check]:
+    def failed(by: float, error_by: float = 0.0) -> list[Check]:
         """Failures of fits that differ by shares of the error."""
-        fits = [
-            Parameter(file.law, file.reading, row.key, row.unit, row.value + by * row.error,
-                      row.error * (1 + error_by), nan, nan, nan, nan, 1.0, 0.1, 10.0, 0.0)
+        rows = [
+            {"law": file.law, "data": file.reading, "parameter": row.key, "value": row.value + by * row.error,
+             "error": row.error * (1 + error_by)}
             for row in file.parameter
         ]  # fmt: skip
-        return failed(tables_of({PARAMETERS: fits}))
+        return [check for check in judge(tables | {PARAMETERS: pd.DataFrame(rows)}) if check.verdict == FAIL]
 
-    assert changed(0.09) == changed(0.0, -0.09) == []
+    assert failed(0.09) == failed(0.0, -0.09) == []
     for change in ((0.11, 0.0), (-0.11, 0.0), (0.0, 0.11), (nan, 0.0), (0.0, inf)):
-        assert len(changed(*change)) == len(file.parameter)
-    check = changed(0.11)[0]
+        assert len(failed(*change)) == len(file.parameter)
+    check = failed(0.11)[0]
     assert (check.scene, check.quantity) == ("inputs/paper/calibrated.toml", "materials.ptfe.youngs_modulus")
     assert re.match(r".* ± .* Pa; the fit gives .* ± .* Pa", check.where)
-    check = failed(tables_of())[0]
+    check, *_ = judge(made_up("power", file.reading, 0.5, 1.0, 0.0))
     assert (check.engine, check.where) == ("viscoelastic", f"{file.parameter[0].key}: no fit")

@@ -1,0 +1,390 @@
+"""``beads fit``: fit parameters of scenes to measured data, compare laws, and check the fitted scene with codes.
+
+The folder ``fit-SCENE`` can be sent: fitted scene, data, tables, figure and the command that fits again.
+"""
+
+import json
+import re
+import shlex
+import shutil
+import tempfile
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import tomlkit
+
+from drivers.base import paths
+from drivers.base.errors import InputError
+from drivers.base.terminal import counted, text_table
+from drivers.base.units import quantity
+from drivers.chain.case import build_case
+from drivers.chain.chain import Array
+from drivers.engines import codes
+from drivers.limits import inability
+from drivers.scene.model import places_of
+from drivers.scene.read_scene import apply_setting, find_scene, read_scene, set_value
+from drivers.scene.settings import look_up
+from postproc.draw.fits import draw_parameters, interval_text, rounded, rows_of, value_text, with_error
+from postproc.draw.product import write_figure
+from postproc.read.measured import MEASURED
+from postproc.read.observables import describe, without_unit
+from validation.calibration.data import GAIN, TRIGGER, DataSet, calibration_file, did_you_mean, paper_data, scene_data
+from validation.calibration.fit import DATA, LAWS, PARAMETERS, RISES, Fit, Tables, solve
+from validation.calibration.problem import Problem, pose, simulated, stepped
+from validation.compare.comparison import EngineSelection, compare_scenes
+from validation.report.parts import Chapter, store_part
+
+PREDICTIONS, AGAIN = "predictions", "again.sh"
+DECISIVE = 6.0  # excess of Akaike's criterion: a ratio of likelihoods of 20
+LEGEND = (
+    "deviation: fitted minus measured, in standard errors of the measurement; of a trace the rms of its readings, of a "
+    "parameter with prior knowledge fitted minus stated value"
+)
+
+
+@dataclass(frozen=True)
+class FitRequest:
+    """Arguments of the command.
+
+    Attributes:
+        scenes: Names or files of scenes with measured data.
+        free, own: Options ``--free`` and ``--own``: keys with or without bounds.
+        laws: Names of laws of ``inputs/calibration.toml``, with their own free parameters; none for that of the scene.
+        predict: Observables to predict.
+        quoted: Names of data sets of the paper.
+        measured: CSV file that replaces the files of the scene.
+        settings: Settings applied to the scenes.
+        quick: True to omit profiles, left-out data and runs of codes.
+    """
+
+    scenes: Sequence[str]
+    free: Sequence[str] = ()
+    own: Sequence[str] = ()
+    laws: Sequence[str] = ()
+    predict: Sequence[str] = ()
+    quoted: Sequence[str] = ()
+    measured: Path | None = None
+    settings: Sequence[str] = ()
+    quick: bool = False
+
+    def settings_of(self, law: str) -> tuple[str, ...]:
+        """Settings of a law and of the command; those of the command come last, so that ``contact.alpha=1.5`` stays."""
+        return (*(calibration_file().law[law].set if law else ()), *self.settings)
+
+
+def problems_of(request: FitRequest) -> dict[str, Problem]:
+    """Problem of each law, on identical data.
+
+    Raises:
+        InputError: There are no free parameters or no measured data, or they have errors.
+    """
+    asked = {text.partition("=")[0].strip(): text for text in request.free}
+    if not (request.free or request.own or request.laws):
+        raise InputError("fit", "--free", "no free parameter: name a key of the scene, --free contact.restitution")
+    if request.quoted and request.measured:
+        raise InputError("fit", "--measured", "cannot be combined with --quoted")
+    if not (request.scenes or request.quoted):
+        raise InputError("fit", "", "no scene: name scenes with [[measured]] data, or use --quoted")
+    for option, given, count in (("law", request.laws, len({*request.laws})), ("free", request.free, len(asked))):
+        if count < len(given):
+            raise InputError("fit", f"--{option}", ", ".join(given), f"each {option} once")
+    known = calibration_file().law
+    for law in request.laws:
+        if law not in known:
+            raise InputError("--law", "", law, ", ".join(known))
+    of_laws = {law: known[law].free for law in request.laws}
+    problems = dict[str, Problem]()
+    for law in request.laws or [""]:
+        settings, own = request.settings_of(law), of_laws.get(law, ())
+        if request.quoted:
+            sets = paper_data(request.quoted, settings)
+        else:
+            freed = any(key.endswith(f".{TRIGGER}") for key in asked)
+            sets = [scene_data(scene, settings, request.measured, free_trigger=freed) for scene in request.scenes]
+        for name, times in Counter(data.name for data in sets).items():
+            if times > 1:
+                found, allowed = f"data set {name} {times} times", "each data set once; scenes need different names"
+                raise InputError("fit", "", found, allowed)
+        others = {key for keys in of_laws.values() for key in keys} - {*own}  # parameters of other laws
+        free = [*(text for key, text in asked.items() if key not in others), *(key for key in own if key not in asked)]
+        if not (free or request.own):
+            raise InputError("fit", "--free", f"the law {law} has no free parameter: name one, --free KEY")
+        problems[law] = pose(sets, free, request.own)
+    return problems
+
+
+def run_fit(request: FitRequest, runs: Path, results: Path) -> int:
+    """Fits, prints and writes the results, and compares the fitted scenes on the codes; 1 if the comparison fails.
+
+    Raises:
+        InputError: The request has errors.
+    """
+    problems, fits, tables = problems_of(request), dict[str, Fit](), dict[str, Tables]()
+    problem, folder = next(iter(problems.values())), folder_of(request, results)
+    known = {name for data in problem.sets for name in observables_of(problem, data, problem.start, request.predict)}
+    for name in request.predict:
+        if without_unit(name) not in map(without_unit, known):
+            hint = did_you_mean(name, known) or f"allowed: {', '.join(sorted(known))}"
+            raise InputError(problem.sets[0].where, f"--predict {name}", f"unknown observable; {hint}")
+    with counted(f"fit of {len(problem.free)} parameter{'s' * (len(problem.free) > 1)} to {problem.rows} readings"):
+        for law, each in problems.items():  # each fit also starts from the earlier ones: a larger model is never worse
+            seeds, names = [found.values for found in fits.values()], ", ".join(data.name for data in each.sets)
+            fits[law], tables[law] = solve(each, law, names, quick=request.quick, seeds=seeds)
+    predictions = pd.concat([predict(fits[law], law, request.predict) for law in fits], ignore_index=True)
+    fitted = write_folder(request, fits, tables, predictions, folder)
+    best = min(tables, key=lambda law: float(tables[law][LAWS]["aic"].iloc[0]))
+    try:
+        return 0 if request.quick or not fitted[best] else _confirm(fitted[best], runs)
+    finally:  # last, so that it stays on screen, also after a failed run
+        for law in fits:
+            print(*([f"--- {law} ---"] * bool(law)), *lines(fits[law], tables[law]), "", sep="\n")
+        predicted = predicted_lines(predictions, request.predict)
+        print(*comparison(fits, tables), *predicted, paths.shown(folder), sep="\n", flush=True)
+
+
+def _confirm(fitted: Sequence[Path], runs: Path) -> int:
+    """Compares fitted scenes on all engines, or on the in-repo engines if no code has their contact law."""
+    cases = [build_case(read_scene(path)) for path in fitted]
+    modelled = any(inability(case, code) is None for case in cases for code in codes())
+    if not modelled:
+        print("no code has this contact law: only in-repo engines check the fitted scene")
+    return compare_scenes(
+        [str(path) for path in fitted], (), runs, EngineSelection(allow_missing=not modelled), unsafe=False, brief=True
+    )
+
+
+def lines(fit: Fit, tables: Tables) -> Iterator[str]:
+    """Lines of text with parameters, data and remarks; columns without an entry are left out."""
+    rows = []
+    for row in rows_of(tables[PARAMETERS]):
+        ends = ((row.low_68pct, row.high_68pct), (row.low_95pct, row.high_95pct))
+        start = with_error(row.start, row.prior, row.unit) if row.prior else rounded(row.start, row.unit)
+        intervals = [interval_text(row, end) for end in ends]
+        rows.append([row.parameter, value_text(row, fit.enlargement), *intervals, start])
+    yield from _table(["parameter", "value", *(f"{rise} interval" for rise in RISES), "start"], rows)
+    if fit.enlargement != 1:
+        times = f"enlarged {fit.enlargement:.2g} times"
+        yield f"errors (not intervals) are {times}, since the data scatter more than noise explains"
+    yield ""
+    rows = []
+    for row in rows_of(tables[DATA]):
+        number = [f"{row.measured:.4g} ± {row.error:.2g}", f"{row.fitted:.5g}"] if isfinite(row.measured) else ["", ""]
+        without = f"{row.chi_square_without:.4g}" if isfinite(row.chi_square_without) else ""
+        rows.append([": ".join(filter(None, (row.data_set, row.datum))), *number, f"{row.off:.2f}", without])
+    yield from _table(["datum", "measured", "fitted", "deviation", "chi-square without it"], rows)
+    yield LEGEND
+    yield ""
+    (goodness,) = rows_of(tables[LAWS])
+    chance = f", probability {goodness.probability:.2g}" if goodness.freedom > 0 else ""
+    freedom = f"{goodness.freedom} degrees of freedom{chance}"
+    yield f"chi-square {goodness.chi_square:.4g} with {freedom if fit.freedom >= 0 else 'fewer data than parameters'}"
+    if not fit.explained:
+        yield "the model does not explain the data"
+    yield from goodness.remarks.split(". ") if goodness.remarks else ()
+
+
+def comparison(fits: Mapping[str, Fit], tables: Mapping[str, Tables]) -> Iterator[str]:
+    """Lines on several laws: goodness of each, and the best if one is.
+
+    Where no law explains the data, differences of AIC are divided by the best law's chi-square per degree of freedom.
+    """
+    if len(fits) < 2:
+        return
+    laws = pd.concat([tables[law][LAWS] for law in fits]).sort_values("aic", kind="stable")
+    laws["above"] = laws["aic"] - laws["aic"].min()
+    columns = ["law", "chi_square", "freedom", "probability", "aic", "bic", "above"]
+    yield from laws[columns].to_string(index=False, float_format="{:.5g}".format).splitlines()
+    for law in laws["law"]:
+        if not fits[law].explained:
+            yield f"{law} does not explain the data"
+    excess = laws["above"] / fits[laws["law"].iloc[0]].enlargement ** 2
+    near = [*laws.loc[excess < DECISIVE, "law"]]
+    if len(near) > 1:
+        yield f"undecided: the data do not distinguish {', '.join(near)} (AIC within {DECISIVE:g})"
+    else:
+        yield f"{near[0]} is the best law: the AIC of {laws['law'].iloc[1]} is {excess.iloc[1]:.3g} higher"
+    yield ""
+
+
+def predicted_lines(predictions: pd.DataFrame, asked: Sequence[str]) -> Iterator[str]:
+    """Table of the requested predictions; nothing without one."""
+    names = {without_unit(name) for name in asked}
+    rows = [row for row in rows_of(predictions) if without_unit(row.datum) in names]
+    cells = [(row.datum, row.data_set, row.law, with_error(row.fitted, row.fitted_error, row.unit)) for row in rows]
+    yield from (*_table(["predicted", "scene", "law", "value"], sorted(cells)), "") if cells else ()
+
+
+def _table(heading: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of a table; columns without an entry are left out."""
+    shown = [place for place in range(len(heading)) if any(row[place] for row in rows)]
+    return text_table([row[place] for place in shown] for row in (heading, *rows))
+
+
+def predict(fit: Fit, law: str, names: Sequence[str]) -> pd.DataFrame:
+    """Observables of waves, and those asked for by ``names``, of each data set in the fitted motion."""
+    parts = []
+    for data in fit.problem.sets:
+
+        def at(place: Array, data: DataSet = data) -> "pd.Series[float]":
+            return pd.Series(observables_of(fit.problem, data, place, names), dtype=float)
+
+        here = at(fit.place)
+        columns = [(at(other) - here) / step for other, step in stepped(fit.place)]
+        slopes = pd.concat(columns, axis=1).reindex(here.index).fillna(0.0).to_numpy()
+        parts.append(here.rename("fitted").rename_axis("datum").reset_index())
+        parts[-1]["fitted_error"] = np.sqrt(np.einsum("ij,jk,ik->i", slopes, fit.covariance, slopes))
+        parts[-1].insert(0, "data_set", data.name)
+    rows = pd.concat(parts, ignore_index=True)
+    rows.insert(0, "law", law)
+    return rows.assign(unit=[describe(name).unit for name in rows["datum"]])
+
+
+def observables_of(problem: Problem, data: DataSet, place: Array, names: Sequence[str]) -> dict[str, float]:
+    """Observables of waves, and those asked for, at given coordinates; a gauge is added at a bead without a sensor.
+
+    Args:
+        problem: The problem.
+        data: One of its data sets, which is run as its scene.
+        place: Coordinates. Shape (parameters,).
+        names: Observables, with or without their units.
+    """
+    tables = json.loads(data.tables)
+    tables["run"]["duration"] = data.duration or tables["run"]["duration"]
+    sensors = tables["chain"].setdefault("sensors", [])
+    asked = {int(match[1]) for name in names if (match := re.match(r"bead_(\d+)_", name))}
+    new = asked.difference(*(places_of(sensor["from_wall"]) for sensor in sensors))
+    sensors.extend({"from_wall": bead} for bead in sorted(new, reverse=True))  # one without a mass changes nothing
+    shown = replace(data, tables=json.dumps(tables))
+    simulation = simulated(shown, problem.motion_values(data, place), whole=True)
+    values = simulation.values if simulation else {}
+    known = {without_unit(name): name for name in values}
+    listed = [*map(without_unit, names), *(name for name in known if describe(name).of_wave)]
+    return {known[name]: values[known[name]] for name in dict.fromkeys(listed) if name in known}
+
+
+def folder_of(request: FitRequest, results: Path) -> Path:
+    """Folder of a fit.
+
+    Raises:
+        InputError: There is another folder of this name.
+    """
+    first = Path((*request.scenes, *request.quoted)[0]).stem
+    folder = results.resolve() / f"fit-{first}".replace(" ", "-")  # the current folder may be that of the fit
+    if folder.exists() and not (folder / f"{PARAMETERS}.csv").is_file():
+        raise InputError(paths.shown(folder), "", "not a folder of a fit", "another --results, or move it away")
+    return folder
+
+
+def write_folder(
+    request: FitRequest, fits: Mapping[str, Fit], tables: Mapping[str, Tables], predictions: pd.DataFrame, folder: Path
+) -> dict[str, list[Path]]:
+    """Writes the folder when all its files are made; files of an earlier fit are replaced, others stay.
+
+    Returns:
+        The fitted scenes by law.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".fit-") as temporary:
+        draft, whole = Path(temporary), {PREDICTIONS: predictions}
+        whole |= {name: pd.concat([each[name] for each in tables.values()]) for name in (PARAMETERS, DATA, LAWS)}
+        for name, table in whole.items():
+            table.to_csv(draft / f"{name}.csv", index=False)
+        write_figure(draw_parameters(whole[PARAMETERS]), PARAMETERS, draft)
+        svg = (draft / f"{PARAMETERS}.svg").read_text(encoding="utf-8")
+        fitted = {law: _write_scenes(request, law, fits[law], whole[PARAMETERS], draft) for law in fits}
+        (draft / AGAIN).write_text(f"{_command(request)}\n", encoding="utf-8")
+        for former in folder.glob("fit-*.toml"):
+            former.unlink()
+        shutil.copytree(draft, folder, dirs_exist_ok=True)
+    store_part(folder.name, Chapter({}), {PARAMETERS: ("Fitted parameters", svg)}, folder.parent)
+    return {law: [folder / path.name for path in of_law] for law, of_law in fitted.items()}
+
+
+def _command(request: FitRequest) -> str:
+    """Command that fits again, in the folder of the fit."""
+    words = ["beads", "fit", *(Path(scene).stem + ".toml" for scene in request.scenes)]
+    if request.quoted:
+        words = ["beads", "fit", *request.scenes, "--quoted", ",".join(request.quoted)]
+    for option in ("laws", "free", "own", "predict", *(["settings"] * bool(request.quoted))):
+        name = {"laws": "--law", "settings": "--set"}.get(option, f"--{option}")
+        words += [word for value in getattr(request, option) for word in (name, value)]
+    return shlex.join([*words, *(["--quick"] * request.quick), "--results", "again"])
+
+
+def _write_scenes(request: FitRequest, law: str, fit: Fit, parameters: pd.DataFrame, folder: Path) -> list[Path]:
+    """Writes the scenes with copies of their data; returns the fitted scenes."""
+    written, ending = list[Path](), f"-{law.replace(' ', '-')}" if len(request.laws) > 1 else ""
+    rows = {row.parameter: row for row in rows_of(parameters[parameters["law"] == law])}
+    for source in dict.fromkeys(request.scenes or [data.source for data in fit.problem.sets]):
+        path = find_scene(source)
+        data = next((each for each in fit.problem.sets if each.name == path.stem and each.entries), None)
+        copies = _copied(data, folder) if data else {}
+        if data:
+            _write_scene(folder / path.name, path, request.settings, {}, _entries(data, copies, {}))
+        values = {
+            free.key: (rows[free.label], f"fitted: {value_text(rows[free.label], fit.enlargement)}")
+            for free in fit.problem.free
+            if free.own in ("", path.stem) and free.of_motion
+        }
+        written.append(folder / f"fit-{path.stem}{ending}.toml")
+        entries = _entries(data, copies, rows) if data else None
+        _write_scene(written[-1], path, request.settings_of(law), values, entries)
+    return written
+
+
+def _copied(data: DataSet, folder: Path) -> dict[Path, str]:
+    """Copies the measured files of a data set; their new paths, relative to the folder, by file."""
+    copies = dict[Path, str]()
+    for file in dict.fromkeys(channel.trace.file for channel in data.channels):
+        target = folder / DATA / file.name
+        while target.exists():  # a file of the same name from another folder
+            target = target.with_stem(f"{target.stem}-other")
+        target.parent.mkdir(exist_ok=True)
+        shutil.copyfile(file, target)
+        copies[file] = str(target.relative_to(folder))
+    return copies
+
+
+def _write_scene(
+    path: Path, source: Path, settings: Sequence[str], values: Mapping[str, tuple[Any, str]], entries: Any | None
+) -> None:
+    """Writes a scene file with settings, fitted values to six digits and data, and with the comments of its source."""
+    document: Any = tomlkit.parse(source.read_text(encoding="utf-8"))
+    for setting in settings:
+        apply_setting(document, setting)
+    for key, (row, remark) in values.items():
+        value = float(f"{row.value:.6g}")
+        set_value(document, key, quantity(value, row.unit) if row.unit else value, str(source))
+        if not isinstance(look_up(document, key.rpartition(".")[0]), tomlkit.items.InlineTable):
+            look_up(document, key).comment(remark)  # in an inline table it would hide the rest of the line
+    if entries is not None:
+        document[MEASURED] = entries
+    path.write_text(tomlkit.dumps(document), encoding="utf-8")
+
+
+def _entries(data: DataSet, copies: Mapping[Path, str], rows: Mapping[str, Any]) -> Any:
+    """``[[measured]]`` tables of a data set, with copied files, and with gains and triggers of fitted rows by label."""
+    tables, channels = tomlkit.aot(), {channel.key: channel for channel in data.channels}
+    for key, entry in data.entries.items():
+        values = entry.model_dump(exclude_none=True, exclude_unset=True)
+        if channel := channels.get(key):
+            values["file"] = copies[channel.trace.file]
+            trigger, gain = (
+                rows.get(f"{data.name}: {name}") for name in (f"{channel.file_key}.{TRIGGER}", f"{key}.{GAIN}")
+            )
+            trigger_s = trigger.value if trigger else channel.trigger_s
+            if trigger_s is not None:
+                values[TRIGGER] = quantity(float(f"{trigger_s:.9g}"), "s")
+            if gain:
+                error = abs(gain.error / gain.value)
+                values["gain_uncertainty"] = float(f"{error:.2g}") if error < 1 else entry.gain_uncertainty
+                number = f"{gain.value:.6g}"
+                values[GAIN] = float(number) if channel.trace.unit == "N" else f"{number} N/{channel.trace.unit}"
+        tables.append(tomlkit.item(values))
+    return tables
