@@ -4,7 +4,7 @@ Four times a bead's mass makes a train of four waves. The printed envelope of th
 through three maxima (-0.0060), not four (-0.0049).
 
 Wall below eleven beads, struck by alumina of 0.47 g at 0.44 m/s. (a) In place of the measured curve the fit of Fig.
-4(a): -0.0064 per µs; quoted -0.0067. (b) Elastic, 1.46 GPa; after 900 µs the returning train. (c) Mean contact forces
+4(a): -0.0065 per µs; quoted -0.0067. (b) Elastic, 1.46 GPa; after 900 µs the returning train. (c) Mean contact forces
 of the top two beads. Quoted: rise 50 µs, decay -0.0185 per µs, end at 370 µs. Computed, top bead, from 2 % of the peak
 on: 31, -0.0125, 404.
 """

@@ -1,10 +1,10 @@
 """Fig. 6: smaller beads under a steel and a PTFE ball.
 
-Dissipation, fitted to beads of 4.76 mm only, divides the leading wave on beads of 2.38 mm by 2.2 in (a) and by 1.8 in
+Dissipation, fitted to beads of 4.76 mm only, divides the leading wave on beads of 2.38 mm by 2.3 in (a) and by 1.9 in
 (c), and delays the splitting.
 
 Wall below 18 PTFE beads, struck at 0.89 m/s (a) by a steel ball, (c) by a PTFE ball, in place of the measured curves
-with the fitted dissipation: between the first two maxima the force falls to 0.29 and 0.38 of the second. (b), (d)
+with the fitted dissipation: between the first two maxima the force falls to 0.42 and 0.48 of the second. (b), (d)
 Elastic, 1.46 GPa: it falls to zero. Brown: the paper's words on its measured curves.
 """
 
