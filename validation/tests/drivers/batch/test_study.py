@@ -11,8 +11,7 @@ from drivers.batch.study import column_name, in_si, read_study, select
 from drivers.engines import engine_names
 from drivers.run.execute import Place
 from drivers.scene.settings import look_up
-from validation.commands.batch_answers import run_study
-from validation.commands.batch_commands import batch_of
+from validation.commands.batch_commands import batch_of, run_study
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.scenes import SceneWriter, StudyWriter
 
