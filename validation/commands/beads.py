@@ -46,7 +46,7 @@ BEADS = _Group(
     epilog="\b\nexamples:\n  beads plan fig4\n  beads run fig4 --engine verlet\n  beads compare fig4",
     context_settings=HELP_OPTIONS,
     subcommand_metavar="COMMAND ...",
-    params=[instead("--version", "Print version and commit.", "options.print_version")],
+    params=[instead("--version", "Print version and commit.", "options", "print_version")],
 )
 
 

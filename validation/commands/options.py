@@ -7,6 +7,7 @@ import tomllib
 from collections.abc import Callable, Iterable
 from functools import partial
 from importlib import import_module
+from inspect import cleandoc
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -22,48 +23,53 @@ Items = list[CompletionItem[str]]
 
 
 def command(
-    action: str,
-    text: str,
-    examples: Iterable[str],
+    module: str,
     *parameters: click.Parameter,
+    examples: Iterable[str] = ("",),
     name: str = "",
+    action: str = "",
     engines: bool = True,
     kind: type[click.Command] = click.Command,
-) -> click.Command:
-    """Command that hands its options to a function, whose module is imported when the command is called.
+) -> Callable[[Callable[[], None]], click.Command]:
+    """Make a command of the name, and the docstring as help, of a function without a body.
+
+    The command imports a module when it is called, and hands its arguments and options to a function there.
 
     Args:
-        action: module of this package and function, such as ``run_commands.compare``.
-        text: help text, the first line of which is in the list of commands.
-        examples: words of example command lines, after ``beads`` and the name of the command.
+        module: module of this package.
         parameters: arguments and options.
+        examples: words of example command lines, after ``beads`` and the name of the command.
         name: name of the command; empty for that of the function.
+        action: name of the function in the module; empty for that of the function without a body.
         engines: True if the command loads engines, so that it has the option ``--engines``.
         kind: class of the command.
     """
-    name = name or action.partition(".")[2]
-    lines = [f"  beads {name} {example}".rstrip() for example in examples]
-    return kind(
-        name,
-        callback=partial(_act, action),
-        params=[*parameters, *([ENGINES] if engines else [])],
-        help=text,
-        epilog="\n".join(["\b", f"example{'s' * (len(lines) > 1)}:", *lines]),
-        context_settings=HELP_OPTIONS,
-    )
+
+    def decorate(declared: Callable[[], None]) -> click.Command:
+        called = name or declared.__name__
+        lines = [f"  beads {called} {example}".rstrip() for example in examples]
+        return kind(
+            called,
+            callback=partial(_act, module, action or declared.__name__),
+            params=[*parameters, *([ENGINES] if engines else [])],
+            help=cleandoc(declared.__doc__ or ""),
+            epilog="\n".join(["\b", f"example{'s' * (len(lines) > 1)}:", *lines]),
+            context_settings=HELP_OPTIONS,
+        )
+
+    return decorate
 
 
-def _act(action: str, **given: Any) -> Any:
-    module, _, function = action.partition(".")
+def _act(module: str, function: str, **given: Any) -> Any:
     return getattr(import_module(f"{__package__}.{module}"), function)(**given)
 
 
-def instead(names: str, text: str, action: str) -> click.Option:
+def instead(names: str, text: str, module: str, function: str) -> click.Option:
     """Option that makes a command do something else, such as ``--version``."""
 
     def callback(context: click.Context, parameter: click.Parameter, asked: bool) -> None:
         if asked and not context.resilient_parsing:
-            _act(action)
+            _act(module, function)
             context.exit()
 
     return option(names, text, is_eager=True, expose_value=False, callback=callback)
