@@ -44,29 +44,20 @@ def batch_of(
 
 
 def batch(
-    study: str,
-    engines: tuple[str, ...],
-    patterns: tuple[str, ...],
-    runs: Path,
-    results: Path,
-    workers: int | None,
-    retry: bool,
-    part: tuple[int, int] | None,
-    dask: str,
-    slurm: bool,
-    **job: Any,
+    results: Path, workers: int | None, part: tuple[int, int] | None, dask: str, slurm: bool, **given: Any
 ) -> int:
     """Run a study here, on a cluster or as a job array, or a part of it here."""
+    job = {name: given.pop(name) for name in ("slices", "lines", "wait", "dry_run", "yes")}
     places = [name for name, given in (("--slice", part), ("--dask", dask), ("--slurm", slurm)) if given]
     if len(places) > 1:
         raise InputError(places[1], "", f"not allowed with {places[0]}")
-    for name, given in (("--wait", job["wait"]), ("--slices", job["slices"]), ("--slurm-line", job["lines"])):
-        if given and not slurm:
+    for name, key in (("--wait", "wait"), ("--slices", "slices"), ("--slurm-line", "lines")):
+        if job[key] and not slurm:
             raise InputError(name, "", "needs --slurm")
-    for name, given in (("--dry-run", job["dry_run"] and part), ("--workers", workers and (part or slurm))):
-        if given:
+    for name, clash in (("--dry-run", job["dry_run"] and part), ("--workers", workers and (part or slurm))):
+        if clash:
             raise InputError(name, "", f"not allowed with {places[0]}")
-    asked = batch_of(study, runs, engines, patterns, retry=retry, elsewhere=slurm, part=part or (1, 1))
+    asked = batch_of(**given, elsewhere=slurm, part=part or (1, 1))
     for name, key in asked.study.columns.items():
         column = column_name(name, key)
         if (known := describe(column)).kind and column.endswith(known.ending):
@@ -74,19 +65,18 @@ def batch(
             raise InputError(asked.study.where, "axis", found, "another name of the column")
     if part:
         return _run_part(asked)
-    return run_study(asked, results, Place(workers or cores(), processes=not dask, dask=dask), **job)
+    return _run_study(asked, results, Place(workers or cores(), processes=not dask, dask=dask), **job)
 
 
-def run_study(
+def _run_study(
     batch: Batch,
     results: Path,
     place: Place,
-    *,
-    slices: int | None = None,
-    lines: Sequence[str] = (),
-    wait: bool = False,
-    dry_run: bool = False,
-    yes: bool = False,
+    slices: int | None,
+    lines: Sequence[str],
+    wait: bool,
+    dry_run: bool,
+    yes: bool,
 ) -> int:
     """Run the unfinished cases of a study and write its tables; returns the exit code.
 

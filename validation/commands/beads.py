@@ -18,8 +18,8 @@ import click
 from click.shell_completion import shell_complete
 
 from drivers.base.errors import InputError, RunError, one_line, printable
-from validation.commands.options import HELP_OPTIONS, instead
-from validation.commands.sections import SECTIONS
+from validation.commands.options import instead
+from validation.commands.sections import HELP_OPTIONS, SECTIONS
 
 IMPOSSIBLE_NAMES = (errno.ENAMETOOLONG, errno.ELOOP)
 EMPTY = re.compile(r"(--[\w-]+=)?")  # a word without a value, as of a variable that is not set
@@ -29,9 +29,6 @@ COMPLETE = "_BEADS_COMPLETE"  # set by a shell that asks for completions
 
 class _Group(click.Group):
     """Group that lists its commands by section, in their order."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        return [*self.commands]
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         for title, commands in SECTIONS.items():

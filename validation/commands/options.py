@@ -1,13 +1,10 @@
-"""How commands, arguments and options are made: their actions, readers of values, completion by a shell."""
+"""How arguments and options are made: readers of values, completion by a shell, actions in modules loaded late."""
 
-import os
 import platform
 import re
 import tomllib
 from collections.abc import Callable, Iterable
-from functools import partial
 from importlib import import_module
-from inspect import cleandoc
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -18,49 +15,11 @@ from click.shell_completion import BashComplete, CompletionItem, add_completion_
 from drivers.base import paths
 from postproc.figures import captions
 
-HELP_OPTIONS = {"help_option_names": ["-h", "--help"]}
 Items = list[CompletionItem[str]]
 
 
-def command(
-    module: str,
-    *parameters: click.Parameter,
-    examples: Iterable[str] = ("",),
-    name: str = "",
-    action: str = "",
-    engines: bool = True,
-    kind: type[click.Command] = click.Command,
-) -> Callable[[Callable[[], None]], click.Command]:
-    """Make a command of the name, and the docstring as help, of a function without a body.
-
-    The command imports a module when it is called, and hands its arguments and options to a function there.
-
-    Args:
-        module: module of this package.
-        parameters: arguments and options.
-        examples: words of example command lines, after ``beads`` and the name of the command.
-        name: name of the command; empty for that of the function.
-        action: name of the function in the module; empty for that of the function without a body.
-        engines: True if the command loads engines, so that it has the option ``--engines``.
-        kind: class of the command.
-    """
-
-    def decorate(declared: Callable[[], None]) -> click.Command:
-        called = name or declared.__name__
-        lines = [f"  beads {called} {example}".rstrip() for example in examples]
-        return kind(
-            called,
-            callback=partial(_act, module, action or declared.__name__),
-            params=[*parameters, *([ENGINES] if engines else [])],
-            help=cleandoc(declared.__doc__ or ""),
-            epilog="\n".join(["\b", f"example{'s' * (len(lines) > 1)}:", *lines]),
-            context_settings=HELP_OPTIONS,
-        )
-
-    return decorate
-
-
-def _act(module: str, function: str, **given: Any) -> Any:
+def act(module: str, function: str, **given: Any) -> Any:
+    """Import a module of this package and call a function in it."""
     return getattr(import_module(f"{__package__}.{module}"), function)(**given)
 
 
@@ -69,7 +28,7 @@ def instead(names: str, text: str, module: str, function: str) -> click.Option:
 
     def callback(context: click.Context, parameter: click.Parameter, asked: bool) -> None:
         if asked and not context.resilient_parsing:
-            _act(module, function)
+            act(module, function)
             context.exit()
 
     return option(names, text, is_eager=True, expose_value=False, callback=callback)
@@ -157,13 +116,6 @@ def file_to_write(text: str) -> Path:
     return folder_to_write(path.parent) / path.name
 
 
-def _engines_file(text: str) -> Path:
-    """Path of ``--engines``; adds the engines of that file for this process and its child processes."""
-    path = Path(text).absolute()
-    os.environ[paths.ENGINES_VARIABLE] = str(path)
-    return path
-
-
 def print_paths(written: Iterable[Path]) -> None:
     """Print the paths of written files, each as soon as it is written."""
     for path in written:
@@ -201,10 +153,6 @@ def _scene_names(context: click.Context) -> set[str]:
     return {path.stem for path in paths.SCENES.glob("*.toml")}
 
 
-def _study_names(context: click.Context) -> set[str]:
-    return {path.stem for path in paths.STUDIES.glob("*.toml")}
-
-
 def _figures(context: click.Context, parameter: click.Parameter, incomplete: str) -> Items:
     """Names of the paper's figures, with their titles where a shell shows them."""
     return [CompletionItem(name, help=text.title) for name, text in captions().items() if name.startswith(incomplete)]
@@ -234,7 +182,7 @@ KINDS: dict[str, dict[str, Any]] = {  # by the placeholder of a value: how a she
     "SCENE|RUN": SCENES_AND_RUNS,
     "SCENE|RUN...": SCENES_AND_RUNS,
     "RUN": _offer(_run_names),
-    "STUDY": _offer(_study_names, "*.toml"),
+    "STUDY": _offer(lambda _: [path.stem for path in paths.STUDIES.glob("*.toml")], "*.toml"),
     "ENGINE": _offer(_engine_names),
     "[NAME]...": {"shell_complete": _figures},
     "DIR": {"type": folder_to_write},
@@ -246,10 +194,3 @@ KINDS: dict[str, dict[str, Any]] = {  # by the placeholder of a value: how a she
     "I/N": {"type": _slice},
     "A-B": {"type": _bodies},
 }
-ENGINES = option(
-    "--engines engines_file FILE",
-    "File with engines of your own, as well as those of each engines.toml (see drivers/README.md).",
-    type=_engines_file,
-    is_eager=True,
-    expose_value=False,
-)

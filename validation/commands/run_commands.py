@@ -25,10 +25,11 @@ from validation.compare.answer import compare_scenes
 from validation.compare.comparison import EngineSelection
 from validation.compare.pair import compare_runs
 
+Words = tuple[str, ...]
 AUTO = "auto"  # instead of an engine's name: the cheapest engine that can model the scene
 
 
-def plan(scene: str, settings: tuple[str, ...], engines: tuple[str, ...]) -> None:
+def plan(scene: str, settings: Words, engines: Words) -> None:
     """Print how a scene would run."""
     for name in engines:
         load_engine(name, "--engine")
@@ -37,13 +38,7 @@ def plan(scene: str, settings: tuple[str, ...], engines: tuple[str, ...]) -> Non
 
 
 def run(
-    scene: str,
-    settings: tuple[str, ...],
-    engines: tuple[str, ...],
-    runs: Path,
-    rerun: bool,
-    time_limit: float | None,
-    unsafe: bool,
+    scene: str, settings: Words, engines: Words, runs: Path, rerun: bool, time_limit: float | None, unsafe: bool
 ) -> int:
     """Run a scene on several engines; with ``auto`` on the cheapest one that succeeds."""
     for name in engines:
@@ -100,7 +95,7 @@ def _trouble(ended: EndedRun) -> str:
     return f" {ended.trouble}{said}"
 
 
-def compare(what: tuple[str, ...], settings: tuple[str, ...], runs: Path, unsafe: bool, **engines: Any) -> int:
+def compare(what: Words, settings: Words, runs: Path, unsafe: bool, **engines: Any) -> int:
     """Run scenes and judge them, or compare two runs."""
     folders = [source for source in what if Path(source).is_dir() or ":" in source]
     if not folders:
@@ -113,7 +108,7 @@ def compare(what: tuple[str, ...], settings: tuple[str, ...], runs: Path, unsafe
     return compare_runs(*(inventory.run_folder(folder, runs) for folder in folders))
 
 
-def render(scene: str, settings: tuple[str, ...], engines: tuple[str, ...], out: Path, unsafe: bool) -> None:
+def render(scene: str, settings: Words, engines: Words, out: Path, unsafe: bool) -> None:
     """Write the deck of a scene with the scene beside it, and print its files."""
     engine = load_engine(_one_of(engines), "--engine")
     case = planned_case(scene, *settings)
@@ -126,9 +121,7 @@ def render(scene: str, settings: tuple[str, ...], engines: tuple[str, ...], out:
         print(file)
 
 
-def import_run_by_hand(
-    folder: Path, scene: str | None, settings: tuple[str, ...], engines: tuple[str, ...], runs: Path
-) -> int:
+def import_(folder: Path, scene: str | None, settings: Words, engines: Words, runs: Path) -> int:
     """Make a run folder of a deck with its output, and print what differs from the deck of the scene."""
     engine = load_engine(_one_of(engines), "--engine")
     if settings and not scene:
@@ -142,7 +135,7 @@ def import_run_by_hand(
     return int(bool(wrong))
 
 
-def _one_of(engines: tuple[str, ...]) -> str:
+def _one_of(engines: Words) -> str:
     """The only engine given.
 
     Raises:
@@ -153,7 +146,7 @@ def _one_of(engines: tuple[str, ...]) -> str:
     return engines[0]
 
 
-def runs(runs: Path, prune: bool, dry_run: bool, **chosen: tuple[str, ...]) -> None:
+def runs(runs: Path, prune: bool, dry_run: bool, **chosen: Words) -> None:
     """List or remove run folders."""
     if dry_run and not prune:
         raise InputError("--dry-run", "", "needs --prune")

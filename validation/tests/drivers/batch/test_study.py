@@ -9,9 +9,7 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.batch.study import column_name, in_si, read_study, select
 from drivers.engines import engine_names
-from drivers.run.execute import Place
 from drivers.scene.settings import look_up
-from validation.commands.batch_commands import batch_of, run_study
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.scenes import SceneWriter, StudyWriter
 
@@ -170,9 +168,9 @@ def test_bad_studies(name: str, scene_file: SceneWriter, tmp_path: Path) -> None
     )
     path = tmp_path / "study.toml"
     path.write_text(top + text)
-    with pytest.raises(InputError) as refused:
-        run_study(batch_of(path, tmp_path / "runs"), tmp_path, Place(1), dry_run=True)
-    assert words in str(refused.value)
+    refused = beads("batch", path, "--runs", tmp_path / "runs", "--results", tmp_path, "--dry-run")
+    assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
+    assert words in refused.stderr
     assert not (tmp_path / "runs").exists()
 
 
