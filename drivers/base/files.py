@@ -57,19 +57,6 @@ def read_file(path: Path, allowed: str) -> bytes:
         raise InputError(paths.shown(path), "", found, allowed) from error
 
 
-def read_checked(path: Path, sha256: str, allowed: str) -> bytes:
-    """Content of a file of known digest; read once, so that what was checked is what is parsed.
-
-    Raises:
-        FileNotFoundError: no such file.
-        InputError: the content has another digest, or cannot be read.
-    """
-    content = read_file(path, allowed)
-    if hashlib.sha256(content).hexdigest() != sha256:
-        raise InputError(paths.shown(path), "", ALTERED, allowed)
-    return content
-
-
 def write_sealed(path: Path, content: dict[str, Any], indent: int | None = None) -> None:
     """Write JSON values with their digest."""
     sealed = content | {DIGEST: digest_of_json(content)}

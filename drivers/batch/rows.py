@@ -32,6 +32,7 @@ from drivers.run.build import Build, build_of, names_of
 from drivers.run.compute import compute
 from drivers.run.execute import Place, execute
 from drivers.run.run import run_identity
+from drivers.scene.read_scene import find_input
 
 MAX_CHUNK = 64  # cases that are claimed together
 CHUNKS = 16  # of a worker, so that all end at about the same time
@@ -78,8 +79,9 @@ class Batch:
     observe: Callable[[Layout, Trace], Mapping[str, float]] = lambda layout, trace: {}
 
     def __getstate__(self) -> dict[str, Any]:
-        """What is asked, without what is read."""
-        return {asked.name: getattr(self, asked.name) for asked in fields(self)}
+        """What is asked, without what is read; for processes that may have another working folder."""
+        source = find_input(self.source, paths.STUDIES, "study").absolute()
+        return {asked.name: getattr(self, asked.name) for asked in fields(self)} | {"source": source}
 
     @cached_property
     def study(self) -> Study:

@@ -184,12 +184,6 @@ class Case:
         """Sample times as multiples of the time step, in s. Shape (samples,)."""
         return np.arange(self.scene.samples, dtype=float) * (self.scene.steps_per_sample * self.scene.time_step_s)
 
-    @property
-    def sample_steps(self) -> range:
-        """Time steps at which samples are taken."""
-        every = self.scene.steps_per_sample
-        return range(0, self.scene.steps + 1, every)
-
     def models(self, name: str) -> bool:
         """True if decks model the named element."""
         return next(element.modelled for element in self.elements if element.name == name)

@@ -83,7 +83,7 @@ def read_dump(case: Case, path: Path, columns: tuple[str, ...]) -> dict[str, Arr
     if not problem:
         if len(steps) != samples:
             problem = f"output ends in sample {min(len(steps) + 1, samples)} of {samples}, or is damaged there"
-        elif steps != [*case.sample_steps]:
+        elif steps != [*range(0, case.scene.steps + 1, case.scene.steps_per_sample)]:
             problem = "output has other time steps than the samples"
         elif (arrays[columns[0]] != np.arange(1, bodies + 1)).any():
             problem = "output has its beads in another order"

@@ -1,13 +1,14 @@
 """A case on an engine: the only way in which a case becomes a trace.
 
 An in-repo engine integrates in this process. The deck of a code runs in a process of its own if it has a folder of its
-own or if that is asked for; else on a server process that runs one deck after another, since start-up dominates the
-cost of small cases. A case that ends the server runs again in a process of its own, and so does one of a build that is
-no server, as behind a script that passes no input on.
+own, unless a server is asked for; else on a server process that runs one deck after another, since start-up dominates
+the cost of small cases. A case that ends the server runs again in a process of its own, and so does one of a build that
+is no server, as behind a script that passes no input on.
 """
 
 import os
 import resource
+import shutil
 import time
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass
@@ -74,7 +75,7 @@ def compute(
     deck: Deck | None = None,
     limit_s: float | None = None,
     folder: Path | None = None,
-    own_process: bool = False,
+    own_process: bool | None = None,
 ) -> Computed:
     """Compute a case on an engine; a run that fails is a result with the reason.
 
@@ -85,7 +86,8 @@ def compute(
         deck: deck of the case, if rendered already.
         limit_s: time limit in s; None for ``default_limit_s``.
         folder: folder that receives the deck, the output of the code, and its standard output and error.
-        own_process: True for a process of its own also without a folder, and for an in-repo engine.
+        own_process: True for a process of its own, also for an in-repo engine; False for a server; None for a process
+            of its own if there is a folder.
 
     Raises:
         InputError: temporary files lie where other users could replace them.
@@ -103,7 +105,8 @@ def compute(
             (folder / STDERR).write_text("" if said else f"{ended.fault}\n")
         return ended
     build, deck = build or build_of(engine), deck or engine.render(case)
-    served = None if folder or own_process else _served(case, engine, build, deck, limit_s)
+    alone = folder is not None if own_process is None else own_process
+    served = None if alone else _served(case, engine, build, deck, limit_s, folder)
     ended = served or _own_process(case, engine, build, deck, limit_s, folder)
     for place in (folder or gettempdir(), gettempdir()) if ended.fault else ():
         _check_room(Path(place))
@@ -153,11 +156,17 @@ def _own_process(
         return _ended(case, engine, outcome, place)
 
 
-def _served(case: Case, engine: Engine, build: Build, deck: Deck, limit_s: float) -> Computed | None:
+def _served(
+    case: Case, engine: Engine, build: Build, deck: Deck, limit_s: float, folder: Path | None
+) -> Computed | None:
     """Run a deck on a server; None if that does not answer, or ended before the time limit."""
     with lent(engine, build) as session, suppress(RunError):
         outcome = session.run(deck, limit_s)
         if outcome.timed_out or not session.ended:
+            if folder:
+                engine.by_hand(deck).write(folder)
+                for name in (STDOUT, STDERR):
+                    shutil.copyfile(session.case / name, folder / name)
             return _ended(case, engine, outcome, session.case, session.start_s)
     return None
 

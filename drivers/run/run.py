@@ -8,7 +8,7 @@ import json
 import platform
 import shlex
 import shutil
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from difflib import unified_diff
@@ -47,7 +47,13 @@ WIDTH = 80  # characters of a changed line in the record
 
 
 def run_case(
-    case: Case, engine_name: str, runs: Path = paths.RUNS, *, rerun: bool = False, limit_s: float | None = None
+    case: Case,
+    engine_name: str,
+    runs: Path = paths.RUNS,
+    *,
+    rerun: bool = False,
+    limit_s: float | None = None,
+    own_process: bool | None = None,
 ) -> EndedRun:
     """Run a case, or find a finished run of it.
 
@@ -61,6 +67,7 @@ def run_case(
         runs: folder of all run folders.
         rerun: True to run again even if a finished run exists.
         limit_s: time limit in s; None for ``drivers.chain.schemes.default_limit_s``.
+        own_process: False for a server; see ``compute``.
 
     Raises:
         RunError: the engine is not installed.
@@ -78,7 +85,8 @@ def run_case(
     with workplace(home) as place:
         folder = place / "run"
         folder.mkdir()
-        ended = compute(case, engine_name, build=build, deck=deck, limit_s=limit_s, folder=folder)
+        given: dict[str, Any] = {"build": build, "deck": deck, "limit_s": limit_s, "own_process": own_process}
+        ended = compute(case, engine_name, folder=folder, **given)
         for raw in (folder / name for name in (*deck.raw, *deck.logs)):  # files or folders
             shutil.rmtree(raw, ignore_errors=True)
             raw.unlink(missing_ok=True)
@@ -100,7 +108,7 @@ def run_case(
 def run_many(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS, *, unsafe: bool = False) -> list[EndedRun]:
     """Run pairs of a case and an engine, or find finished runs; results in the order of ``jobs``.
 
-    Equal decks run once, and the largest cases run first.
+    Equal decks run once, and the largest cases run first. Several decks of a code run on servers.
 
     Args:
         jobs: cases with the names of their engines.
@@ -121,7 +129,9 @@ def run_many(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS, *, unsaf
     keys = [(engine, load_engine(engine).render(case).sha256) for case, engine in jobs]
     different = dict(zip(keys, jobs, strict=True))
     largest_first = sorted(different, key=lambda key: -different[key][0].work)
-    under_way = execute(lambda key: run_case(*different[key], runs), largest_first)
+    decks = Counter(engine for engine, _ in different)
+    alone = {engine: None if count == 1 else False for engine, count in decks.items()}
+    under_way = execute(lambda key: run_case(*different[key], runs, own_process=alone[key[0]]), largest_first)
     ended = dict(following(under_way, "engines", len(different)))
     return [
         run_case(case, engine, runs) if run.done and run.layout != case.layout else run  # other gauges: found again
@@ -188,9 +198,9 @@ def record_of_end(case: Case, engine: Engine, build: Build, deck: Deck, ended: C
         command=shlex.join(engine.by_hand(deck).command),
         bodies=case.chain.bodies,
         wall_s=round(ended.wall_s, 4),
-        cpu_s=round(ended.cpu_s, 4),
+        cpu_s=round(ended.cpu_s, 4) or None,
         loop_s=ended.loop_s,
-        memory_bytes=ended.memory_bytes,
+        memory_bytes=ended.memory_bytes or None,
         files={},
         **_description(case),
         **provenance(),

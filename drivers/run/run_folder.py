@@ -17,7 +17,7 @@ from typing import Any
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.base.files import arrow_in, read_checked, read_sealed, sha256_of, whole_file, write_sealed
+from drivers.base.files import ALTERED, arrow_in, read_file, read_sealed, sha256_of, whole_file, write_sealed
 from drivers.base.processes import workplace
 from drivers.base.terminal import say
 from drivers.chain.case import Layout, read_layout
@@ -61,9 +61,10 @@ class RunRecord:
         deck_sha256: digest of the deck.
         command: command of the deck.
         time_step_s, steps, bodies: time step, number of time steps and of bodies.
-        wall_s, cpu_s: wall and CPU time of the process; for a process that runs many decks, of this deck alone.
+        wall_s, cpu_s: wall and CPU time of the process; on a server the wall time is that of this deck alone, and the
+            CPU time unknown.
         loop_s: time in the code's time loop.
-        memory_bytes: peak memory; unknown, as the times, for an imported run.
+        memory_bytes: peak memory, unknown on a server; for an imported run it is unknown as the times are.
         files: digests of the files that are read back, by name.
         error_budget: parts of the errors of the force and of observables (``validation.accuracy.budget``).
         error_note: parts that could not be measured, with the reason.
@@ -224,12 +225,15 @@ class EndedRun:
         return replace(self.trace, **fields_in(arrow_in(self._content(STATE)), STATE_COLUMNS, record.bodies))
 
     def _content(self, name: str) -> bytes:
-        """Content of a file as it was written."""
+        """Content of a file as it was written; read once, so that what was checked is what is parsed."""
         path = self.folder / name
         try:
-            return read_checked(path, self.record.files.get(name, ""), CONTENTS[name])
+            content = read_file(path, CONTENTS[name])
         except (FileNotFoundError, NotADirectoryError):
             raise InputError(paths.shown(path), "", "no such file", CONTENTS[name]) from None
+        if hashlib.sha256(content).hexdigest() != self.record.files.get(name):
+            raise InputError(paths.shown(path), "", ALTERED, CONTENTS[name])
+        return content
 
     def damage(self, *names: str) -> Iterator[str]:
         """Messages on a damaged record, and on the files, of those named or else of all, that were altered."""

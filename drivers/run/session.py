@@ -54,6 +54,7 @@ class Session:
         for name in (*deck.raw, *deck.files, STDOUT):
             (self.case / name).unlink(missing_ok=True)
         deck.write(self.case)
+        os.truncate(self.case / STDERR, 0)
         return self._ask(self.case.name, limit_s)
 
     def _start(self) -> float:
@@ -62,7 +63,7 @@ class Session:
         self.case.mkdir(parents=True)
         self.engine.server.write(self.folder)
         command, pipe = self.engine.started(self.engine.server, self.build), subprocess.PIPE
-        with open(self.case / STDERR, "wb") as stderr:  # of all cases
+        with open(self.case / STDERR, "ab") as stderr:  # emptied before each case
             # own temporary files: two MPI programs that make their common folder at the same time may fail
             variables = {"TMPDIR": str(self.folder)} | self.engine.environment
             self._launched = start(command, self.folder, variables, stdin=pipe, stdout=pipe, stderr=stderr)

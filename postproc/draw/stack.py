@@ -21,7 +21,7 @@ STRIP, RESIDUAL = "strip", "residual_to_reference_share"
 STRIP_POINTS, STRIP_SIZE = 24, 2.5  # markers of a code, and their size
 STRIP_RANGE, STRIP_TICKS = (3e-7, 3e-3), (1e-6, 1e-3)
 STRIP_ROOM = 3.0  # factor of room beyond the smallest and largest value of a strip
-STRIP_WORDS = r"$\delta F$: largest difference from the exact motion in any contact, as a share of the largest change"
+STRIP_WORDS = "$\\delta F$: largest difference from the exact motion in any contact,\nas a share of the largest change"
 ROOM = 0.3  # steps of the grid below and above curves
 LABEL_AT = 0.012  # position of a label, as a share of the time axis
 
@@ -107,7 +107,7 @@ def _draw_panel(
         axis.tick_params(axis="x", length=0, labelbottom=False)
         axis.spines["bottom"].set_visible(False)
         if len(tops) > 1:
-            axis.text(LABEL_AT * time_us[-1], 0.25 * step_N, name.replace("_", " "), va="bottom")
+            axis.text(LABEL_AT, 0.97, name.replace("_", " "), va="top", transform=axis.transAxes)
     stacked = [*axes.values()]
     letter_panel(stacked[0], panel.letter, panel.words)
     stacked[len(stacked) // 2].set_ylabel("force (N)")

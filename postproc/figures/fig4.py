@@ -18,7 +18,7 @@ from matplotlib.patches import ConnectionPatch
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
 from postproc.draw.stack import ForcePanel, draw_curve, draw_pairs, quoted_rows
-from postproc.draw.style import AVERAGE, DAMPED, MICRO, PAGE_IN, QUOTED, pyplot
+from postproc.draw.style import AVERAGE, COLUMN_IN, DAMPED, MICRO, QUOTED, pyplot
 from postproc.paper.calibrated import calibrated
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import UNTIL_REFLECTED, Simulation, case_of, simulate
@@ -37,12 +37,13 @@ def make(runs: Path) -> Product:
     """Runs the scene of Fig. 4 with the calibrated dissipation and without dissipation."""
     cases = [case_of("fig4", UNTIL_DAMPED_REFLECTED, *calibrated().settings), case_of("fig4", UNTIL_REFLECTED)]
     simulations = simulate(cases, runs)
-    figure = pyplot().figure(figsize=(PAGE_IN, 4.9), layout="constrained")
-    durations = [case.scene.run.duration for case in cases]  # same time scale in both panels
-    grid = figure.add_gridspec(1, 2, width_ratios=durations)
+    figure = pyplot().figure(figsize=(COLUMN_IN, 8.0), layout="constrained")
+    grid = figure.add_gridspec(2, 1)
     axes, product = draw_pairs(figure, grid, PANELS, simulations, _numbers, STEP_N, strip=STRIP_SHARE)
     for gauges, by_engine in zip(axes, simulations, strict=True):
         _name_reflected(gauges, by_engine[REFERENCE])
+        for axis in gauges.values():
+            axis.set_xlim(0, cases[0].scene.run.duration * MICRO)  # the same times in both panels
     return product.with_rows(*_draw_quoted(figure, axes[0], simulations[0][REFERENCE]))
 
 
@@ -61,7 +62,7 @@ def _name_reflected(axes: dict[str, Any], motion: Simulation) -> None:
     values, gauge = motion.values, f"bead_{sensor_pair(motion.case)[0]}"
     share = _numbers(motion)["reflected_over_incident"]
     middle_s = (values[f"{gauge}_arrival_s"] + values[f"{gauge}_reflected_arrival_s"]) / 2
-    axes[gauge].text(middle_s * MICRO, 0.8, f"reflected:\n{share:.2f} of incident", fontsize=7, ha="center")
+    axes[gauge].text(middle_s * MICRO, 0.8, f"reflected:\n{share:.2f}", fontsize=7, ha="center")
 
 
 def _draw_quoted(figure: Any, axes: dict[str, Any], motion: Simulation) -> list[pd.DataFrame]:
@@ -101,5 +102,5 @@ def _draw_quoted(figure: Any, axes: dict[str, Any], motion: Simulation) -> list[
     incident_N = values[f"{above}_peak_N"]
     reflected_N = values[f"{above}_reflected_amplitude_N"] + values[f"{above}_static_N"]
     mark("smaller", above, [back_s, back_s], [incident_N, reflected_N], ls="-", marker="v", markevery=[1], ms=3)
-    note("significantly smaller", above, motion.trace.time_s[-1], incident_N + 0.2, va="bottom")
+    note("significantly smaller", above, motion.trace.time_s[-1], incident_N + 1.0, va="bottom")
     return marks

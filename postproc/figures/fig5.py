@@ -19,7 +19,7 @@ from drivers.base.errors import InputError
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
 from postproc.draw.stack import ForcePanel, draw_curve, draw_pairs, quoted_rows
-from postproc.draw.style import AVERAGE, DAMPED, GREY, MICRO, PAGE_IN, QUOTED, letter_panel, pyplot
+from postproc.draw.style import AVERAGE, COLUMN_IN, DAMPED, GREY, MICRO, QUOTED, letter_panel, pyplot
 from postproc.paper.calibrated import calibrated
 from postproc.paper.quoted import quoted
 from postproc.paper.simulate import Simulation, case_of, simulate
@@ -56,8 +56,8 @@ def make(runs: Path) -> Product:
     gauges = f"chain.sensors=[{{ from_wall = {top} }}, {{ from_wall = {top - 1} }}]"
     cases = [case_of("fig5", gauges, *calibrated().settings), case_of("fig5", gauges)]
     simulations, paper = simulate(cases, runs), quoted()
-    figure = pyplot().figure(figsize=(PAGE_IN, 3.0), layout="constrained")
-    grid = figure.add_gridspec(1, 3, width_ratios=[1.15, 1.15, 1])
+    figure = pyplot().figure(figsize=(COLUMN_IN, 7.0), layout="constrained")
+    grid = figure.add_gridspec(3, 1)
     axes, product = draw_pairs(figure, [grid[0], grid[1]], PANELS, simulations, _numbers, STEP_N, gauges=(WALL,))
     damped, elastic = (by_engine[REFERENCE] for by_engine in simulations)
     entrance = _draw_entrance(figure.add_subplot(grid[2]), damped, elastic).assign(panel="c")

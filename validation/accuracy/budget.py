@@ -31,7 +31,7 @@ from drivers.base.cache import load, store
 from drivers.base.terminal import text_table
 from drivers.base.tolerances import Tolerance, tolerance
 from drivers.chain.case import Case
-from drivers.chain.trace import FORCE, Trace, is_at_rest, largest_change_N, until, with_work
+from drivers.chain.trace import FORCE, Trace, is_at_rest, until, with_work
 from drivers.engines import EXACT, load_engine
 from drivers.run.run_folder import FORCES, EndedRun
 from drivers.run.scheme import COMPARED, ROUNDING_MARGIN, field_of, judged_until, largest_difference
@@ -112,7 +112,7 @@ def budget_of(case: Case, engine: str, trace: Trace, limit_s: float | None = Non
             checks=checks,
             error_note="; ".join([*_notes(motions, engine), *missing]),
             warnings=[*_warnings(motions, engine, trace, checks, rows)],
-            exact_to=float(motions.exact_error[samples - 1]) if known else None,
+            exact_to=float(motions.exact_to_end.error[samples - 1]) if known else None,
             exact_until_s=float(case.sample_times_s[samples - 1]) if known else None,
         )
 
@@ -169,11 +169,10 @@ def _error_checks(motions: Motions, engine: str, trace: Trace, rows: list[dict[s
     case = motions.case
     if case.plan is not None and not motions.why_unknown:
         truth = (motions.full or motions).exact_to_end
-        known = truth.error_N[-1] / largest_change_N(truth.trace.force_N)
         for name, error in errors_of(case, trace, truth, case.plan.asked).items():
             limit = Tolerance(case.plan.asked[name], "the accuracy that the scene asks for")
             where = "to the end of the run"
-            yield judged(case.scene.name, engine, f"{ERROR}: {name}", max(error, known), limit, where)
+            yield judged(case.scene.name, engine, f"{ERROR}: {name}", max(error, truth.error[-1]), limit, where)
         return
     what = "the error of the exact motion" if motions.case.chain.straight else "rounding alone"
     for name, ceiling in CEILINGS.items():
@@ -208,7 +207,7 @@ def _notes(motions: Motions, engine: str) -> Iterator[str]:
 
 def exactness_note(motions: Motions) -> str:
     """Sentence on the error of the exact motion of a straight chain."""
-    error, times, last = motions.exact_error, motions.case.sample_times_s, motions.known - 1
+    error, times, last = motions.exact_to_end.error, motions.case.sample_times_s, motions.known - 1
     known = f"the exact motion is known to {error[last]:.0e} of the largest change"
     lost = f" until t = {times[last]:g} s, to {error[-1]:.1g} at the end: later errors are not measured"
     return known + lost * (motions.known < len(times))
@@ -224,7 +223,7 @@ def _warnings(
         if check.verdict == FAIL and row and motions.case.plan is None:
             cause = CAUSES[max(PARTS[1:], key=lambda part: abs(row[part]))]
             yield f"error of the {name} {check.value:.2g}, above {check.limit:g}: {check.where}; cause: {cause}"
-    if load_engine(engine).scheme == EXACT and not motions.why_unknown and motions.exact_error[-1] > HORIZON:
+    if load_engine(engine).scheme == EXACT and not motions.why_unknown and motions.exact_to_end.error[-1] > HORIZON:
         yield exactness_note(motions)
     if any(check.verdict == FAIL and check.quantity.startswith(MODEL) for check in checks):
         yield motions.scheme.departure(engine, trace)

@@ -100,8 +100,10 @@ class ExactMotion:
         return self.fine is not self.trace
 
     @cached_property
-    def error_N(self) -> Array:
-        """Measured force error of the exact motion, largest until each sample, in N. Shape (samples,).
+    def error(self) -> Array:
+        """Measured force error of the exact motion, largest until each sample, divided by the largest change.
+
+        Shape (samples,).
 
         The difference from the motion at the tightest tolerance. Of such motions themselves, where rounding
         errors do not shrink with the tolerance: the difference from one with ``NEAR_FACTOR`` times the tolerance. On
@@ -114,8 +116,8 @@ class ExactMotion:
         exact, change_N = self.trace, largest_change_N(self.trace.force_N)
         other_tolerance = NEAR_FACTOR * self.tolerance if self.tolerance < ROUNDED_TOLERANCE else MIN_TOLERANCE
         other = exact_of(self.case, other_tolerance, limit_s=self.limit_s)
-        error = np.maximum(np.abs(other.force_N - exact.force_N).max(axis=1), LEAST_ERROR * change_N)
-        return np.asarray(np.maximum.accumulate(error))
+        error_N = np.maximum(np.abs(other.force_N - exact.force_N).max(axis=1), LEAST_ERROR * change_N)
+        return np.asarray(np.maximum.accumulate(error_N) / change_N)
 
     def first(self, samples: int) -> "ExactMotion":
         """The first samples of the motion."""
@@ -134,9 +136,7 @@ def exact_motion_of(
     """
     factor = SAMPLE_FACTOR if finer and SAMPLE_FACTOR * case.scene.samples * case.chain.bodies <= MAX_FINE_VALUES else 1
     fine = exact_of(case, tolerance, factor, limit_s)
-    if factor == 1:
-        return ExactMotion(case, fine, fine, tolerance, limit_s)
-    samples = replace(part_of(fine, slice(None, None, factor)), time_s=case.sample_times_s)
+    samples = replace(part_of(fine, slice(None, None, factor)), time_s=case.sample_times_s) if factor > 1 else fine
     return ExactMotion(case, samples, fine, tolerance, limit_s)
 
 
@@ -209,11 +209,6 @@ class Motions:
         return exact_motion_of(self.case, limit_s=self.limit_s)
 
     @cached_property
-    def exact_error(self) -> Array:
-        """Error of the exact motion, largest until each sample, divided by the largest change. Shape (samples,)."""
-        return self.exact_to_end.error_N / largest_change_N(self.exact_to_end.trace.force_N)
-
-    @cached_property
     def exact(self) -> Trace:
         """Exact motion at the samples at which it is known; in three dimensions some columns are extrapolated."""
         if self.case.chain.straight:
@@ -263,13 +258,11 @@ class Motions:
     @cached_property
     def known(self) -> int:
         """Number of samples at which the exact motion is known: by its error, in three dimensions by rounding."""
-        error = self.exact_error if self.case.chain.straight else self.scheme.rounding[FORCE]
+        error = self.exact_to_end.error if self.case.chain.straight else self.scheme.rounding[FORCE]
         return max(1, int(np.searchsorted(error, HORIZON, side="right")))
 
     def scale(self, quantity: str) -> float:
-        """Scale of errors, as ``Scheme.scale``, by the exact motion where that is known."""
-        if self.why_unknown:
-            return self.scheme.scales[quantity]
+        """Scale of errors, as in ``Scheme.scales``, by the exact motion."""
         return scale_of_motion(self.case, self.exact_to_end.trace if self.case.chain.straight else self.exact, quantity)
 
 

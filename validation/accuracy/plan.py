@@ -17,8 +17,8 @@ from drivers.base.errors import InputError
 from drivers.base.terminal import counted
 from drivers.chain.case import Case, StepPlan, build_case, choose_elements
 from drivers.chain.chain import arrays_of, build_chain
-from drivers.chain.schemes import exact_of, verlet_in_heights
-from drivers.chain.trace import FORCE, largest_change_N
+from drivers.chain.schemes import exact_of
+from drivers.chain.trace import FORCE
 from drivers.engines import VERLET
 from drivers.limits import EXACT_SHARE, resolved_trial, why_unstable
 from drivers.run.scheme import COMPARED, Scheme
@@ -119,17 +119,15 @@ class Chooser:
             InputError: the case lacks a quantity, or its exact motion cannot be computed.
         """
         self.case = case
-        self.full = case.full or case
         self.names = tuple(strictest)
         self.gauges = [name for name in strictest if name not in COMPARED]
         self._errors: dict[int, dict[str, float]] = {}
-        least = min(strictest.values())
         duration = float(case.sample_times_s[-1])
         overlap, speed = scales(arrays_of(case.chain), duration)
         if case.chain.bodies * duration * speed > MAX_EXACT_WORK * overlap:
             self._refuse("", "the run is too long for its exact motion; set run.time_step instead, or shorten the run")
         try:
-            self.truth, self.exact_error = self._follow(least)
+            self.truth = self._follow(min(strictest.values()))
         except ArithmeticError as error:
             raise InputError(case.scene.file, "run.accuracy", f"{error}; set run.time_step instead") from error
         for name in self.gauges:
@@ -144,32 +142,22 @@ class Chooser:
     def _refuse(self, name: str, statement: str) -> NoReturn:
         raise InputError(self.case.scene.file, f"run.accuracy{name and f'.{name}'}", statement)
 
-    def _follow(self, strictest: float) -> tuple[ExactMotion, float]:
-        """Exact motion and its error divided by the largest change.
-
-        Errors grow in a chaotic motion, so the tolerance is tightened until the error is small.
-        """
+    def _follow(self, strictest: float) -> ExactMotion:
+        """Exact motion; errors grow in a chaotic one, so the tolerance is tightened until the error is small."""
         tolerance = min(max(EXACT_SHARE * strictest, MIN_TOLERANCE), MAX_TOLERANCE)
         while True:
-            truth = exact_motion_of(self.full, tolerance, finer=bool(self.gauges))
-            known = truth.error_N[-1] / largest_change_N(truth.trace.force_N)
-            if known <= EXACT_SHARE * strictest or tolerance <= MIN_TOLERANCE:
-                return truth, known
-            tolerance = max(0.1 * tolerance * min(EXACT_SHARE * strictest / known, 1.0), MIN_TOLERANCE)
+            truth = exact_motion_of(self.case.full or self.case, tolerance, finer=bool(self.gauges))
+            if truth.error[-1] <= EXACT_SHARE * strictest or tolerance <= MIN_TOLERANCE:
+                return truth
+            tolerance = max(0.1 * tolerance * min(EXACT_SHARE * strictest / truth.error[-1], 1.0), MIN_TOLERANCE)
 
     def errors_at(self, steps_per_sample: int) -> dict[str, float]:
         """Errors of velocity Verlet in absolute heights, as the codes have them, at a number of steps per sample."""
         if steps_per_sample not in self._errors:
-            case = self.case.at(steps_per_sample)
+            scheme = Scheme(self.case.at(steps_per_sample), TOTAL)
             with np.errstate(over="ignore", invalid="ignore"):  # too large a step blows up
-                motion = Scheme(case, TOTAL).rounded if case.chain.drive else verlet_in_heights(case)
-                self._errors[steps_per_sample] = errors_of(case, motion, self.truth, self.names)
+                self._errors[steps_per_sample] = errors_of(scheme.case, scheme.rounded, self.truth, self.names)
         return self._errors[steps_per_sample]
-
-    def _excess(self, steps: int, wanted: dict[str, float]) -> float:
-        """Largest error, with that of the exact motion, divided by the wanted accuracy."""
-        errors = self.errors_at(steps)
-        return max((errors[name] + self.exact_error) / wanted[name] for name in wanted)
 
     def choose(self, wanted: dict[str, float], most_work: float = MAX_WORK) -> tuple[Case, StepPlan]:
         """Case at the fewest steps per sample that keep all errors below the wanted accuracies.
@@ -186,29 +174,32 @@ class Chooser:
             if steps * work > most_work or steps * (scene.samples - 1) > MAX_STEPS or tries > MAX_TRIES:
                 if taken:
                     break
-                errors = self._errors.get(refused, {})
-                worst = max(wanted, key=lambda name: errors.get(name, 0.0) / wanted[name])
-                least = MARGIN * errors[worst] if errors else 1.0
-                why = "within the steps that a plan may try; run.time_step takes any step"
-                raise unattainable(self.case, worst, wanted[worst], least, why)
-            excess = self._excess(steps, wanted)
-            tries += 1
+                raise self._missed(
+                    refused, wanted, "within the steps that a plan may try; run.time_step takes any step"
+                )
+            tries, errors = tries + 1, self.errors_at(steps)
+            excess = max((errors[name] + self.truth.error[-1]) / wanted[name] for name in wanted)
             if 1 < PLATEAU * before < excess and not taken:
-                worst = max(wanted, key=lambda name: self._errors[steps][name] / wanted[name])
                 why = "limited by rounding of absolute heights; a chain.origin near 0 allows more"
-                raise unattainable(self.case, worst, wanted[worst], MARGIN * self._errors[steps][worst], why)
-            before = inf if max(self.errors_at(steps).values()) > COARSE_ERROR else excess
+                raise self._missed(steps, wanted, why)
+            coarse = max(errors.values()) > COARSE_ERROR  # too large to extrapolate
+            before = inf if coarse else excess
             if excess <= 1 and not why_unstable(self.case.at(steps)):  # after the gauges it may blow up
                 taken = steps
             else:
                 refused = max(refused, steps)
-            coarse = max(self.errors_at(steps).values()) > COARSE_ERROR  # too large to extrapolate
             steps = _next(refused, taken, 2 * steps if coarse else ceil(1.003 * steps * excess ** (1 / order)))
         return self.case.at(taken), StepPlan(wanted, self.errors_at(taken), refused)
 
+    def _missed(self, steps: int, wanted: dict[str, float], why: str) -> InputError:
+        """Error for an accuracy that the smallest step that was tried misses."""
+        errors = self._errors.get(steps, {})
+        worst = max(wanted, key=lambda name: errors.get(name, 0.0) / wanted[name])
+        return unattainable(self.case, worst, wanted[worst], MARGIN * errors[worst] if errors else 1.0, why)
+
     def _check_attainable(self, wanted: dict[str, float]) -> None:
         for name, share in wanted.items():
-            least = max(MIN_ACCURACY, 10 * self.exact_error)
+            least = max(MIN_ACCURACY, 10 * self.truth.error[-1])
             if share < least:
                 why = "limited by the error of the exact motion itself"
                 raise unattainable(self.case, name, share, MARGIN * least if least > MIN_ACCURACY else least, why)

@@ -27,9 +27,6 @@ MAX_ERROR = 100.0  # larger errors are printed as "blows up"
 AS_GIVEN = ", as given in the scene"
 
 
-Row = tuple[str, Case | None, dict[str, float], str]  # label, case and its errors, or no case and the reason
-
-
 def plan_report(source: str | Path, settings: tuple[str, ...] = (), among: Collection[str] = ()) -> Iterator[str]:
     """Lines of the report, for a scene with an accuracy or a time step, on all engines or those ``among``.
 
@@ -70,7 +67,7 @@ def _straight(case: Case, among: Collection[str]) -> Iterator[str]:
         return
     errors = plan.predicted if plan else dict(chooser.errors_at(steps))
     scheme = scheme_of(case)
-    rows = [*_rows(case, chooser, asked if plan else errors, errors)]
+    others = [*_other_errors(case, chooser, asked if plan else errors, errors, among)]
 
     why = AS_GIVEN
     if plan:
@@ -87,8 +84,8 @@ def _straight(case: Case, among: Collection[str]) -> Iterator[str]:
     yield f"predicted  relative error: {_listed(errors)}; of that rounding of heights {scheme.rounding[FORCE][-1]:.1e}"
     if names := [name for name in of_kind(chooser.truth.true, "peak", "speed") if chooser.truth.true[name]]:
         yield f"           at the gauges: {_listed(errors_of(case, scheme.plain, chooser.truth, names))}"
-    if chooser.exact_error > min(errors.values(), default=1.0) / TENFOLD:
-        yield f"           the exact motion is known to {chooser.exact_error:.1e} only: the chain amplifies rounding"
+    if (known := chooser.truth.error[-1]) > min(errors.values(), default=1.0) / TENFOLD:
+        yield f"           the exact motion is known to {known:.1e} only: the chain amplifies rounding"
     for element in case.elements:
         if case.full is not None and case.full.models(element.name) and not element.modelled:
             yield f"left out   {element.name}: {element.reason.partition(': ')[2]}"
@@ -96,7 +93,7 @@ def _straight(case: Case, among: Collection[str]) -> Iterator[str]:
     yield from (
         "",
         "time steps, errors and run times at larger and smaller errors",
-        *_table(rows, among),
+        *others,
         "",
         f"horizon    codes can be compared point by point{scheme.until_horizon or ' to the end'}",
     )
@@ -119,40 +116,35 @@ def _three_dimensional(case: Case, among: Collection[str]) -> Iterator[str]:
         yield f"predicted  relative error: force {error:.3g} on {name}; {order}; comparable until {end_ms:.4g} ms"
 
 
-def _rows(case: Case, chooser: Chooser, asked: dict[str, float], errors: dict[str, float]) -> Iterator[Row]:
-    """Rows for a tenth of the accuracy, for this run and for ten times the accuracy."""
-    yield _chosen("ten times the error of this run", chooser, asked, TENFOLD)
-    yield "this run", case, errors, ""
-    more = "a tenth of the error of this run"
+def _other_errors(
+    case: Case, chooser: Chooser, asked: dict[str, float], errors: dict[str, float], among: Collection[str]
+) -> Iterator[str]:
+    """Table of time steps, errors and run times for ten times the error of this run, this run, and a tenth."""
+    names, missed = capable_engines(case, among), []
+    cells = [["", "time step", f"{'largest ' * (len(errors) > 1)}error of {', '.join(errors)}", *names]]
     needed = case.scene.steps * TENFOLD ** (1 if case.chain.damped else 0.5)  # by the scheme's order
-    if case.full is not None:
-        yield more, None, {}, "it may need the elements left out here: set run.accuracy and plan again"
-    elif needed * case.chain.bodies > MAX_WORK:
-        yield more, None, {}, f"it takes about {needed:.2g} steps, too many to try here"
-    else:
-        yield _chosen(more, chooser, asked, 1 / TENFOLD)
-
-
-def _chosen(label: str, chooser: Chooser, asked: dict[str, float], factor: float) -> Row:
-    try:
-        chosen, plan = chooser.choose({name: min(factor * share, 0.99) for name, share in asked.items()}, MAX_WORK)
-    except InputError as error:
-        return label, None, {}, str(error).partition("allowed: ")[2] or str(error)
-    return label, chosen, plan.predicted, ""
-
-
-def _table(rows: list[Row], among: Collection[str]) -> Iterator[str]:
-    given, quantities = next((case, errors) for _, case, errors, _ in rows if case)
-    names = capable_engines(given, among)
-    cells = [["", "time step", f"{'largest ' * (len(quantities) > 1)}error of {', '.join(quantities)}", *names]]
-    for label, case, errors, _ in rows:
-        if case:
-            worst = max(errors.values())
+    for label, factor in (("ten times the error of", TENFOLD), ("", 1.0), ("a tenth of the error of", 1 / TENFOLD)):
+        chosen, found, why = case, errors, ""
+        if factor < 1 and case.full is not None:
+            why = "it may need the elements left out here: set run.accuracy and plan again"
+        elif factor < 1 and needed * case.chain.bodies > MAX_WORK:
+            why = f"it takes about {needed:.2g} steps, too many to try here"
+        elif factor != 1:
+            wanted = {name: min(factor * share, 0.99) for name, share in asked.items()}
+            try:
+                chosen, plan = chooser.choose(wanted, MAX_WORK)
+                found = plan.predicted
+            except InputError as refusal:
+                why = str(refusal).partition("allowed: ")[2] or str(refusal)
+        label = f"{label} this run".lstrip()
+        if why:
+            missed.append(f"{label}: not computed: {why}")
+        else:
+            worst = max(found.values())
             error = f"{worst:.1e}" if worst < MAX_ERROR else "blows up"
-            costs = [f"{cost_on(name).run_s(case):.2f} s" for name in names]
-            cells.append([label, _us(case.scene.time_step_s), error, *costs])
-    yield from text_table(cells, right=range(1, len(cells[0])))
-    yield from (f"{label}: not computed: {why}" for label, case, _, why in rows if case is None)
+            seconds = [f"{cost_on(name).run_s(chosen):.2f} s" for name in names]
+            cells.append([label, _us(chosen.scene.time_step_s), error, *seconds])
+    yield from (*text_table(cells, right=range(1, len(cells[0]))), *missed)
 
 
 def _engines(case: Case, among: Collection[str]) -> Iterator[str]:

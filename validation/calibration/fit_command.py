@@ -26,8 +26,7 @@ from validation.calibration.fit_folder import FitRequest, folder_of, write_folde
 from validation.calibration.free import TRIGGER, did_you_mean
 from validation.calibration.outcome import DatumRow, Outcome, interval_text, rounded, solve, value_text, with_error
 from validation.calibration.problem import Problem, motion_values, pose, simulated
-from validation.compare.answer import compare_scenes
-from validation.compare.comparison import EngineSelection
+from validation.compare.comparison import EngineSelection, compare_scenes
 
 DECISIVE = 6.0  # excess of Akaike's criterion: a ratio of likelihoods of 20
 MIN_SHARE = 0.01  # relative difference of two predictions that is worth an experiment

@@ -42,7 +42,7 @@ from validation.chapters.measured_limits import (
     sweeps,
 )
 from validation.checks import FAIL, NOT_ACCURATE, NOT_RUN, PASS, RUN, Check, judged, short, without_run
-from validation.compare.answer import listed
+from validation.compare.comparison import listed
 from validation.report.parts import Chapter, Shown
 
 RANDOM_SCENES = 100

@@ -326,7 +326,7 @@ def draw_trade(rows: pd.DataFrame) -> Any:
         for method in in_order(of_scene["method"]):
             points = of_scene[of_scene["method"] == method]
             look = line_of(method) | {"marker": marker_of(method)["marker"]}
-            axis.plot(points["loop_s"], points["force"], label=method, **look | {"ms": 3.5, "lw": 0.9})
+            axis.plot(points["loop_s"], points["force"], label=method, **look | {"ms": 3.5})
         axis.set(xscale="log", yscale="log")
         axis.set_title(scene, loc="left")
     axes[first].set_ylabel("largest error of the force / largest change of a force")

@@ -21,9 +21,7 @@ from validation.accuracy.costs import auto_engines
 from validation.accuracy.plan import planned_case
 from validation.accuracy.plan_report import plan_report
 from validation.commands.options import folder_to_write, print_paths
-from validation.compare.answer import compare_scenes
-from validation.compare.comparison import EngineSelection
-from validation.compare.pair import compare_runs
+from validation.compare.comparison import EngineSelection, compare_runs, compare_scenes
 
 Words = tuple[str, ...]
 AUTO = "auto"  # instead of an engine's name: the cheapest engine that can model the scene

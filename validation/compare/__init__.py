@@ -1,1 +1,1 @@
-"""Verdicts on runs, comparison of two runs, first departure from the exact motion, diagnosis of faulty runs."""
+"""Verdicts on runs of scenes on all engines, comparison of two runs, diagnosis of wrong runs."""

@@ -1,33 +1,44 @@
-"""Runs of scenes on all engines, judged by their error budgets."""
+"""``beads compare``: runs of a scene on all engines, judged by their error budgets; differences of two runs.
 
-from collections.abc import Iterable, Iterator, Sequence
+Each of two runs is judged by its own scheme, as everywhere; the differences of two right runs are those of their
+scenes, steps and schemes, and are shown without a verdict.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from math import nan
 from pathlib import Path
 
+import numpy as np
+
 from drivers.base import paths
-from drivers.base.terminal import following
+from drivers.base.errors import InputError, digits_apart
+from drivers.base.terminal import counted, in_words, say, text_table
 from drivers.chain.case import Case
-from drivers.chain.trace import Trace
-from drivers.engines import (
-    REFERENCE,
-    VERLET,
-    codes,
-    engine_names,
-    in_order,
-    installed_codes,
-    load_engine,
-    missing_codes,
-)
+from drivers.chain.trace import FORCE, Trace, largest_change_N, part_of
+from drivers.engines import REFERENCE, VERLET, codes, engine_names, in_order, installed_codes, load_engine
 from drivers.limits import inability
 from drivers.run.run import run_many
-from drivers.run.run_folder import FORCES, EndedRun
-from postproc.read.motion import trace_with_state
-from validation.accuracy.budget import assess, kept_budget
+from drivers.run.run_folder import FORCES, EndedRun, open_run
+from drivers.run.scheme import UNITS, difference, field_of, largest_difference, place_of, scale_of_motion
+from drivers.scene.settings import differences, setting_text
+from postproc.read.motion import chain_of, trace_with_state
+from postproc.read.observables import describe, observe, of_kind, scale_of, without_unit
+from validation.accuracy.budget import ERROR, MODEL, assess, budget_lines, kept_budget
 from validation.accuracy.plan import planned_case
-from validation.checks import FAIL, NOT_RUN, Check, without_run
+from validation.checks import FAIL, NOT_RUN, PASS, Check, outcome, short, summary, table, without_run, worst_of
 from validation.compare.diagnosis import diagnosis
 
+Outcomes = Mapping[str, Mapping[str, str]]  # verdicts by scene or case, and by engine
+LEGEND = """\
+model: difference from velocity Verlet at the same step; error: difference from the exact motion;
+both relative to the largest change of force, unless stated otherwise"""
+INACCURATE = "inaccurate"  # the right computation, with larger errors than allowed
 NOT_INSTALLED, REFUSED = "not installed", "refused"  # accepted reasons for a missing run
+KINDS = ("peak", "later peak", "speed")  # of observables of two runs that are shown
+LEVELS = (1e-9, 1e-6, 1e-3, 1e-2)  # of the largest change: rounding, horizon, coarse steps, experiments
+MIN_SAMPLES = 4  # for peaks
+TIME_TOLERANCE = 1e-9  # of the longer run
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,14 +60,18 @@ class ComparedScene:
     diagnoses: dict[str, str] = field(default_factory=dict)
     refused: dict[str, Trace] = field(default_factory=dict)
 
-    @property
-    def ran(self) -> set[str]:
-        """Engines with a finished or failed run."""
-        return {check.engine for check in self.checks if check.verdict != NOT_RUN}
-
     def of_engine(self, engine: str) -> list[Check]:
         """Checks of an engine."""
         return [check for check in self.checks if check.engine == engine]
+
+    @property
+    def verdicts(self) -> dict[str, str]:
+        """Verdict of each engine, codes first; ``INACCURATE`` if nothing but its whole errors are too large."""
+        verdicts = {}
+        for engine in in_order([*self.runs, *self.absent]):
+            failed = {check.quantity.partition(":")[0] for check in self.of_engine(engine) if check.verdict == FAIL}
+            verdicts[engine] = INACCURATE if failed == {ERROR} else outcome(self.of_engine(engine))
+        return verdicts
 
 
 @dataclass(frozen=True)
@@ -88,23 +103,23 @@ class EngineSelection:
         return [name for name in engine_names() if not self.engines or name in some]
 
     @property
-    def needed(self) -> list[str]:
+    def needed(self) -> set[str]:
         """Names of the engines that have to run."""
-        return list(dict.fromkeys([*self.require, *(() if self.allow_missing else self.engines)]))
+        return {*self.require, *(() if self.allow_missing else self.engines)}
 
     def unmet(self, scenes: Sequence[ComparedScene]) -> dict[str, str]:
         """Messages on unmet requirements, by engine; a failed run counts as a run."""
-        present = {engine for scene in scenes for engine in scene.ran}
+        ran = {check.engine for scene in scenes for check in scene.checks if check.verdict != NOT_RUN}
         absent = {engine: why for scene in reversed(scenes) for engine, why in scene.absent.items()}
         messages = {
             name: f"{name} is required and did not run: {load_engine(name).absence if why == NOT_INSTALLED else why}"
             for name, why in absent.items()
-            if name in self.needed and name not in present
+            if name in self.needed - ran
         }
-        if not (messages or self.allow_missing or present & {*codes()}):
-            missing = ", ".join(f"{name} ({load_engine(name).how_to_get})" for name in missing_codes())
-            how = "" if installed_codes() else f": install one of {missing}"
-            messages["codes"] = f"no established code ran{how}; use --allow-missing to accept this"
+        if not (messages or self.allow_missing or ran & {*codes()}):
+            how = ", ".join(f"{name} ({load_engine(name).how_to_get})" for name in codes())
+            install = "" if installed_codes() else f": install one of {how}"
+            messages["codes"] = f"no established code ran{install}; use --allow-missing to accept this"
         return messages
 
 
@@ -121,13 +136,13 @@ def run_and_compare_all(
     Raises:
         InputError: a scene is wrong, or a run would be refused and ``unsafe`` is False.
     """
-    asked = asked or EngineSelection()
+    names = (asked or EngineSelection()).names
     cases = [planned_case(source, *settings) for source in sources]
-    pairs = [(case, absences(case, asked.names)) for case in cases]
-    jobs = [(case, engine) for case, absent in pairs for engine in asked.names if engine not in absent]
+    pairs = [(case, absences(case, names)) for case in cases]
+    jobs = [(case, engine) for case, absent in pairs for engine in names if engine not in absent]
     ended = iter(run_many(jobs, runs, unsafe=unsafe))
-    for case, absent in following(pairs, "scenes compared", len(pairs), "scene"):
-        yield _compared(case, {name: next(ended) for name in asked.names if name not in absent}, absent)
+    for case, absent in pairs:
+        yield _compared(case, {name: next(ended) for name in names if name not in absent}, absent)
 
 
 def absences(case: Case, engines: Iterable[str]) -> dict[str, str]:
@@ -143,15 +158,13 @@ def absences(case: Case, engines: Iterable[str]) -> dict[str, str]:
 
 def _compared(case: Case, ended: dict[str, EndedRun], absent: dict[str, str]) -> ComparedScene:
     """Assess and judge the finished and failed runs of a case."""
-    assessed = {engine: assess(run, case) for engine, run in ended.items()}
-    finished = {engine: run for engine, run in assessed.items() if run.done}
-    failed = {engine: run for engine, run in assessed.items() if not run.done}
+    runs = {engine: assess(run, case) for engine, run in ended.items() if run.done}
+    failed = {engine: run for engine, run in ended.items() if not run.done}
     absent = absent | {engine: f"{run.record.status}: {run.record.reason}" for engine, run in failed.items()}
     refused = {engine: trace_with_state(run) for engine, run in failed.items() if FORCES in run.record.files}
-    checks = [*missing(case, absent), *(check for run in finished.values() for check in kept_budget(case, run).checks)]
-    causes = {engine: diagnosis(case, engine, refused[engine])[1] for engine in in_order(refused)}
-    diagnoses = {engine: cause for engine, cause in causes.items() if cause}
-    return ComparedScene(case, finished, absent, checks, diagnoses, refused)
+    checks = [*missing(case, absent), *(check for run in runs.values() for check in kept_budget(case, run).checks)]
+    causes = {engine: diagnosis(case, engine, trace)[1] for engine, trace in refused.items()}
+    return ComparedScene(case, runs, absent, checks, {name: cause for name, cause in causes.items() if cause}, refused)
 
 
 def missing(case: Case, absent: dict[str, str]) -> list[Check]:
@@ -163,3 +176,192 @@ def missing(case: Case, absent: dict[str, str]) -> list[Check]:
         without_run(case.scene.name, engine, why, NOT_RUN if why.startswith((NOT_INSTALLED, REFUSED)) else FAIL)
         for engine, why in absent.items()
     ]
+
+
+def compare_scenes(
+    sources: Sequence[str],
+    settings: tuple[str, ...],
+    runs: Path,
+    asked: EngineSelection,
+    *,
+    unsafe: bool,
+    brief: bool = False,
+) -> int:
+    """Prints checks, diagnoses and error budgets of scenes.
+
+    With ``brief`` the answer and the worst check of each engine. The exit code is 1 if a check fails or a required
+    engine did not run.
+
+    Raises:
+        InputError: a scene is wrong, or a run would be refused and ``unsafe`` is False.
+    """
+    scenes = []
+    with counted(f"{sources[0] if len(sources) == 1 else f'{len(sources)} scenes'} on all engines, compared"):
+        for compared in run_and_compare_all(sources, settings, runs, asked, unsafe=unsafe):
+            print(*_lines(compared, asked, brief=brief), "", sep="\n", flush=True)
+            scenes.append(compared)
+    unmet = asked.unmet(scenes)
+    if unmet:
+        say("; ".join(unmet.values()))
+    return 1 if unmet or any(check.verdict == FAIL for scene in scenes for check in scene.checks) else 0
+
+
+def _lines(compared: ComparedScene, asked: EngineSelection, *, brief: bool) -> Iterator[str]:
+    """Lines on a scene: summary, checks, diagnoses, error budgets; or the answer and the worst check of each engine."""
+    name, said = compared.case.scene.name, summary(compared.checks)
+    needed = [check for check in compared.checks if check.verdict == NOT_RUN and check.engine in asked.needed]
+    if needed and said.startswith(PASS):
+        said = "; ".join([*(f"not judged: {check.engine} did not run ({check.where})" for check in needed), said])
+    sentences = " ".join(answer([compared]))
+    if brief:
+        by_engine = [compared.of_engine(engine) for engine in compared.verdicts]
+        yield from (sentences, *table([worst_of(checks) or checks[0] for checks in by_engine]))
+        return
+    yield from (f"{name}: {said}", sentences, LEGEND, "", *table(compared.checks))
+    if compared.diagnoses:
+        yield from ("", *text_table([(name, *said) for said in compared.diagnoses.items()]))
+    yield from budget_lines("engine", compared.runs)
+
+
+def answer(scenes: Sequence[ComparedScene], cases: Outcomes | None = None) -> Iterator[str]:
+    """Sentences that say if the codes agree: failures first, then the agreement, then missing runs.
+
+    Args:
+        scenes: compared scenes.
+        cases: verdicts of independent cases, by case and engine.
+    """
+    rows = {scene.case.scene.name: scene.verdicts for scene in scenes}
+    right = in_order(name for cells in rows.values() for name, verdict in cells.items() if verdict == PASS)
+    agreeing = [name for name in right if not load_engine(name).in_repository]
+    failed = [*_by_engine(rows | dict(cases or {}), FAIL, "fails on")]
+    failed += _by_engine(rows, INACCURATE, "is right but not accurate enough on")
+    first = "Yes." if agreeing else "Not known whether the codes are right: none of them ran."
+    yield f"No: {'; '.join(failed)}." if failed else first
+    yield from _agreement(scenes, agreeing or [VERLET])
+    if missing := [*_by_engine(rows, NOT_RUN, "did not run on")]:
+        yield f"{'; '.join(missing)}."
+    warned = [scene for scene in scenes if any(run.record.warnings for run in scene.runs.values())]
+    if warned:
+        yield f"Runs of {listed([scene.case.scene.name for scene in warned])} have warnings."
+
+
+def display_name(engine: str) -> str:
+    """Name of an engine in a sentence: a code's own name in capitals, as its authors write it."""
+    loaded = load_engine(engine)
+    return engine.upper() if not loaded.in_repository and engine == loaded.entry.adapter else engine
+
+
+def listed(items: Sequence[str]) -> str:
+    """Words with commas, and "and" before the last."""
+    return " and ".join(filter(None, (", ".join(items[:-1]), *items[-1:])))
+
+
+def _agreement(scenes: Sequence[ComparedScene], engines: Sequence[str]) -> Iterator[str]:
+    """Sentence on the largest deviations and the cost of these engines on the scenes on which they are right."""
+    right = [(scene, engine) for scene in scenes for engine in engines if scene.verdicts.get(engine) == PASS]
+    checks = [check for scene, engine in right for check in scene.of_engine(engine)]
+    largest = {check.quantity: short(check.value) for check in sorted(checks, key=lambda check: check.value)}
+    if largest:
+        where = f"On {number} scenes the" if (number := len({check.scene for check in checks})) > 1 else "The"
+        parts = {MODEL: "with velocity Verlet at the same step to", ERROR: "with the exact motion to"}
+        said = [f"{words} {largest[key]}" for part, words in parts.items() if (key := f"{part}: {FORCE}") in largest]
+        most_s = max(
+            run.record.loop_s or 0.0 for scene in scenes for name, run in scene.runs.items() if name in engines
+        )
+        names = listed([*map(display_name, engines)])
+        yield f"{where} forces of {names} agree {listed(said)}, for at most {in_words(most_s)} of computing per run."
+
+
+def _by_engine(rows: Outcomes, verdict: str, words: str) -> Iterator[str]:
+    """Clauses such as "YADE fails on fig4 and fig5"."""
+    for engine in in_order({engine for cells in rows.values() for engine in cells}):
+        where = [row for row, cells in rows.items() if cells.get(engine) == verdict]
+        if where:
+            yield f"{display_name(engine)} {words} {listed(where)}"
+
+
+def compare_runs(first: Path, second: Path) -> int:
+    """Prints the differences of two runs; the exit code is 1 if one failed or departs from its scheme.
+
+    Raises:
+        InputError: the runs cannot be compared.
+    """
+    both = {"first": open_run(first, failed=True), "second": open_run(second, failed=True)}
+    wrong, said, runs, traces = [], [], [*both.values()], common_samples(*both.values())
+    for name, run in both.items():
+        departure, cause = diagnosis(Case(*chain_of(run), ()), run.record.engine, trace_with_state(run))
+        if departure or not run.done:
+            wrong.append(f"the {name} run {'departs from its scheme' if departure else 'failed'}")
+        said += [(name, words) for words in (departure, cause) if words]
+    print(f"FAIL: {'; '.join(wrong)}" if wrong else "pass: both runs are those of their schemes")
+    keys = [
+        f"the scenes differ in {key}: {setting_text(key, a) or 'none'} against {setting_text(key, b) or 'none'}"
+        for key, a, b in differences(runs[0].record.scene, runs[1].record.scene)
+    ]
+    print("", *_runs(both), "", *(keys or ["the scenes are the same"]), "", *difference_lines(runs, traces), sep="\n")
+    if said:
+        print("", *text_table(said), sep="\n")
+    print(*budget_lines("run", both), sep="\n")
+    return 1 if wrong else 0
+
+
+def common_samples(one: EndedRun, other: EndedRun) -> list[Trace]:
+    """Traces of two runs at their common sample times.
+
+    Raises:
+        InputError: there are too few, both are the same run, or their contacts differ.
+    """
+    where, contacts = f"{paths.shown(one.folder)} {paths.shown(other.folder)}", other.trace.force_N.shape[1]
+    if one.folder.resolve() == other.folder.resolve():
+        raise InputError(where, "", "both are the same run; name two run folders")
+    if one.trace.force_N.shape[1] != contacts:
+        raise InputError(where, "", f"{one.trace.force_N.shape[1]} contacts against {contacts}", "equal numbers")
+    unit = TIME_TOLERANCE * max(float(run.trace.time_s[-1]) for run in (one, other))
+    ticks = [np.round(run.trace.time_s / unit) for run in (one, other)]
+    common, *places = np.intersect1d(ticks[0], ticks[1], return_indices=True)
+    if len(common) < MIN_SAMPLES:
+        raise InputError(where, "run.sample_interval", f"{len(common)} common sample times", f"{MIN_SAMPLES} or more")
+    return [part_of(run.trace, at) for run, at in zip((one, other), places, strict=True)]
+
+
+def _runs(both: Mapping[str, EndedRun]) -> Iterator[str]:
+    """Lines on two runs."""
+    for name, run in both.items():
+        record = run.record
+        step = f"time step {record.time_step_s:g} s, {record.steps} steps, {len(run.trace.time_s)} samples"
+        commit = f"commit {record.commit[:10]}{' and changes' if record.dirty else ''}"
+        yield f"{name:<7} {paths.shown(run.folder)}"
+        yield f"        {record.scene_name} on {record.engine} ({record.engine_version}), {step}, {commit}"
+        edits = [f"deck changed: {edit}" for edit in record.edits or ()]
+        yield from (f"        {line}" for line in [run.trouble, *edits] if line)
+
+
+def difference_rows(runs: Sequence[EndedRun], traces: Sequence[Trace]) -> Iterator[tuple[str, ...]]:
+    """Quantity, relative difference, both values, and where they were taken."""
+    case, (one, other) = Case(*chain_of(runs[0]), ()), traces
+    for quantity, unit in UNITS.items():
+        size, place, where = largest_difference(quantity, other, one, scale_of_motion(case, one, quantity))
+        values = digits_apart(*(float(field_of(trace, quantity)[place]) for trace in traces))
+        yield quantity, f"{size:.2e}", *(f"{value} {unit}" for value in values), where
+    right, has = (observe(run.layout, trace) for run, trace in zip(runs, traces, strict=True))
+    for name in of_kind(right, *KINDS):
+        if np.isfinite([right[name], has.get(name, nan)]).all():
+            share = abs(has[name] - right[name]) / (scale_of(name, right) or 1.0)
+            values = digits_apart(right[name], has[name])
+            yield without_unit(name), f"{share:.2e}", *(f"{value} {describe(name).unit}" for value in values)
+
+
+def difference_lines(runs: Sequence[EndedRun], traces: Sequence[Trace]) -> list[str]:
+    """Table of the differences of two runs, and the times at which their forces begin to differ."""
+    heading = ("quantity", "relative difference", "first run", "second run", "taken at")
+    lines = text_table([heading, *difference_rows(runs, traces)], right=(1, 2, 3))
+    one, other = traces
+    share = difference(FORCE, other, one, largest_change_N(one.force_N))
+    lines += ["", f"compared at {len(one.time_s)} common sample times"]
+    for level in LEVELS:
+        beyond = (share > level).any(axis=1)
+        sample = int(np.argmax(beyond))
+        place = place_of(FORCE, one.time_s, (sample, int(np.argmax(share[sample]))))
+        when = f"first in {place}" if beyond.any() else "never"
+        lines.append(f"forces differ by more than {level:g} of the largest change: {when}")
+    return lines

@@ -1,13 +1,12 @@
-"""Diagnosis of a wrong run of a straight chain: its law by its own motion, and the one change that explains it.
+"""Diagnosis of a wrong run of a straight chain: the one change of the scene that explains it.
 
-It judges nothing. Masses, stiffnesses and dissipation are measured as ratios to the scene's, from recorded heights,
-velocities and forces, wherever a contact or body moved enough to tell. Then single changes of the scene are tried: each
-is integrated in this repository, its factor fitted to the forces of the run, and it is named only if it leaves no more
-than rounding explains.
+It judges nothing. Single changes of the scene are tried: each is integrated in this repository, its factor fitted to
+the forces of the run, and it is named only if it leaves no more than rounding explains. Stiffnesses and masses by the
+run's own motion say where to begin, and are told if no single change explains the run.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -15,50 +14,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.chain.case import Case
-from drivers.chain.chain import Array, arrays_of, furthest_m, hertz_stiffness, stiffness_by
+from drivers.chain.chain import Array, arrays_of, build_chain
 from drivers.chain.schemes import heights_and_reach
 from drivers.chain.trace import FORCE, Trace, finite_part, largest_change_N, overlaps
 from drivers.engines import INCREMENTAL, load_engine
 from drivers.laws import viscoelastic
-from drivers.run.scheme import Scheme, scheme_of
+from drivers.run.scheme import scheme_of
 from postproc.read.signals import integral
 from validation.reference.hertz_chain import HertzChain, contact_force, hertz_force
 from validation.reference.velocity_verlet import integrate_verlet_absolute
 
 MIN_SAMPLES = 12
-ROUNDINGS = 8.0  # rounding errors of a height, in an overlap
-SURE = 1e-2  # largest uncertainty of a ratio that is told
-SIGNIFICANT = 5.0  # uncertainties by which a ratio differs
-TOLD = 3  # largest number of ratios in a sentence
-CANDIDATES = 3  # contacts and bodies that are tried alone
+LITTLE = 1e-2  # of the largest force or momentum: less tells no ratio
+TOLD, SIGNIFICANT = 3, 1e-3  # number of ratios in a sentence, and their least difference from 1
+CANDIDATES = 8  # contacts and beads that are tried alone
 MAX_TRIES, CONVERGED, PROBE = 12, 0.9, 1e-6  # of a fit; ratio of squares at its end; change of the factor for its slope
 MAX_DRAGGED_STEPS, MAX_WORK = 20_000, 2_000_000  # steps of a loop in Python; bodies times steps of a trial
 
-
-@dataclass(frozen=True)
-class Ratio:
-    """Value of a run divided by the scene's, of a contact or body counted from the wall.
-
-    Attributes:
-        quantity: ``stiffness``, ``dissipation`` or ``mass``.
-    """
-
-    quantity: str
-    place: int
-    ratio: float
-    uncertainty: float
-
-    @property
-    def off(self) -> float:
-        """Difference from the scene's value divided by the uncertainty."""
-        return abs(self.ratio - 1) / self.uncertainty
-
-    def __str__(self) -> str:
-        where = "bead" if self.quantity == "mass" else "contact"
-        return f"{self.quantity} of {where} {self.place} {self.ratio:.9g} ± {self.uncertainty:.1g}"
-
-
-Places = NDArray[np.bool_]  # contacts or bodies of a group. Shape (bodies,)
+Places = NDArray[np.bool_]  # contacts or beads of a group. Shape (bodies,)
 Values = dict[str, Any]  # changed values of a chain
 # words of a change of the scene with its factor, changed values by the factor, and the first factor to try
 Change = tuple[str, Callable[[float], Values], float]
@@ -71,77 +44,52 @@ def diagnosis(case: Case, engine: str, trace: Trace) -> tuple[str, str]:
         departure = scheme.departure(engine, trace)
     except ArithmeticError:  # no exact motion to compare a run of ``reference`` with
         departure = ""
-    return (departure, _cause(scheme, engine, trace)) if departure else ("", "")
-
-
-def _cause(scheme: Scheme, engine: str, trace: Trace) -> str:
-    """The change of the scene that explains a run, else the largest ratios of its law."""
-    case, samples = scheme.case, min(scheme.samples, len(trace.time_s))
+    if not departure:
+        return "", ""
+    samples = min(scheme.samples, len(trace.time_s))
     if not case.chain.straight or samples < MIN_SAMPLES or case.work > MAX_WORK:
-        return f"no cause sought with {samples} samples, {case.work:g} bodies times steps, or in three dimensions"
-    force, table = trace.force_N[:samples], measured_ratios(case, trace)
+        why = f"with {samples} samples, {case.work:g} bodies times steps, or in three dimensions"
+        return departure, f"no cause sought {why}"
+    force, (stiffness, mass) = trace.force_N[:samples], own_ratios(case, trace)
     limits_N = scheme.explained(FORCE)[:samples, np.newaxis] * max(scheme.scales[FORCE], largest_change_N(force))
     early = load_engine(engine).shear == INCREMENTAL
-    for change in _changes(case, trace, table):
-        if sentence := _explains(case, change, force, limits_N, early=early):
-            return sentence
-    told = [str(row) for row in table if row.off > SIGNIFICANT][:TOLD]
-    return (
-        f"no single change explains it; {'largest: ' * bool(told)}{', '.join(told) or 'its law is that of the scene'}"
-    )
+    for change in _changes(case, trace, stiffness, mass):
+        if cause := _explains(case, change, force, limits_N, early=early):
+            return departure, cause
+    ratios = [(ratio, f"stiffness of contact {place}") for place, ratio in enumerate(stiffness.tolist(), 1)]
+    ratios += [(ratio, f"mass of bead {place}") for place, ratio in enumerate(mass.tolist(), 1)]
+    off = sorted((abs(ratio - 1), f"{words} {ratio:.5g}") for ratio, words in ratios if abs(ratio - 1) > SIGNIFICANT)
+    told = ", ".join(words for _, words in off[: -TOLD - 1 : -1])
+    return departure, f"no single change explains it; {f'largest: {told}' if told else 'its law is that of the scene'}"
 
 
-def measured_ratios(case: Case, trace: Trace) -> list[Ratio]:
-    """Ratios of a run's own law to the scene's, the surest difference first; empty without heights and velocities.
+def own_ratios(case: Case, trace: Trace) -> tuple[Array, Array]:
+    """Stiffness of each contact and mass of each bead by a run's own motion, divided by the scene's. Shape (bodies,).
 
-    Least squares of ``F = r k d^(3/2) + s C d^p d'`` over the samples at which a contact is closed, and of
-    ``r m (v - v(0)) = integral of the net force`` for each body. The integral over samples and the rounding of heights
-    make a ratio uncertain.
+    Least squares of ``F = r k d^(3/2)``, less the scene's dissipative force, over the samples at which a contact is
+    closed, and of ``r m (v - v(0)) = integral of the net force`` for each bead. They are 1 where little moves, and
+    without heights and velocities.
     """
-    chain, step_s = case.chain, case.scene.time_step_s
-    part = finite_part(trace)
+    chain, part = case.chain, finite_part(trace)
     if part is None or part.height_m is None or part.velocity_m_s is None:
-        return []
-    time_s, force, velocity, overlap = part.time_s, part.force_N, part.velocity_m_s, overlaps(chain, part.height_m)
-    samples = len(time_s)
-    above = np.column_stack([force[:, 1:], np.zeros(samples)])
-    earlier = velocity - 0.5 * step_s * (force - above + chain.load_N) / chain.mass_kg
-    closing = np.column_stack([np.zeros(samples), earlier[:, :-1]]) - earlier
-    rounding = ROUNDINGS * float(np.spacing(furthest_m(chain)))
-    rows = []
-    for j in np.flatnonzero(chain.stiffness).tolist():
-        closed = (overlap[:, j] > 0) & (force[:, j] != 0)
-        columns = [hertz_force(chain.stiffness[j], overlap[closed, j])]
-        if chain.damped:
-            columns.append(chain.law.force(chain.damping[j], overlap[closed, j], closing[closed, j]))
-        if closed.sum() < MIN_SAMPLES:
-            continue
-        wrong = 1.5 * rounding / float(np.ptp(overlap[closed, j]) or rounding) + 1e-12
-        for name, (ratio, error) in zip(("stiffness", "dissipation"), _fitted(columns, force[closed, j]), strict=False):
-            rows.append(Ratio(name, j + 1, ratio, error + wrong))
-    driven = chain.drive.body if chain.drive else -1
-    for j in (place for place in range(chain.bodies) if place != driven and samples >= MIN_SAMPLES):
-        gained, net = velocity[:, j] - velocity[0, j], force[:, j] - above[:, j] + chain.load_N[j]
-        impulse, coarse = integral(time_s, net), integral(time_s[::2], net[::2])
-        # the integral over samples, and the sum over steps by which the scheme takes it
-        off = np.abs(impulse[::2] - coarse).max() + step_s**2 * np.abs(np.gradient(net, time_s)).max()
-        off /= chain.mass_kg[j] * np.abs(gained).max() or 1e-300
-        ((ratio, error),) = _fitted([gained * chain.mass_kg[j]], impulse)
-        rows.append(Ratio("mass", j + 1, ratio, error + float(off) + 1e-12))
-    return sorted((row for row in rows if row.uncertainty < SURE), key=lambda row: -row.off)
+        return np.ones(chain.bodies), np.ones(chain.bodies)
+    force, overlap = part.force_N, overlaps(chain, part.height_m)
+    net = chain.load_N - np.diff(force, axis=1, append=0.0)
+    earlier = part.velocity_m_s - 0.5 * case.scene.time_step_s * net / chain.mass_kg
+    closed, overlap = (force != 0) & (overlap > 0), np.maximum(overlap, 0.0)
+    lost = chain.law.force(chain.damping, overlap, -np.diff(earlier, axis=1, prepend=0.0)) if chain.damped else 0.0
+    gained = chain.mass_kg * (part.velocity_m_s - part.velocity_m_s[0])
+    if chain.drive:
+        gained[:, chain.drive.body] = 0.0
+    impulse = np.column_stack([integral(part.time_s, column) for column in net.T])
+    return _slopes(closed * hertz_force(chain.stiffness, overlap), force - lost), _slopes(gained, impulse)
 
 
-def _fitted(columns: list[Array], target: Array) -> list[tuple[float, float]]:
-    """Coefficients of columns by least squares, with standard errors; infinite ones if they are not determined."""
-    matrix = np.column_stack(columns)
-    sizes = np.abs(matrix).max(axis=0) + 1e-300
-    scaled = matrix / sizes
-    solution, _, rank, _ = np.linalg.lstsq(scaled, target)
-    if rank < len(columns):
-        return [(1.0, np.inf)] * len(columns)
-    variance = float(((target - scaled @ solution) ** 2).sum()) / (len(target) - len(columns))
-    errors = np.sqrt(variance * np.diag(np.linalg.inv(scaled.T @ scaled)))
-    return [*zip((solution / sizes).tolist(), (errors / sizes).tolist(), strict=True)]
+def _slopes(scene: Array, own: Array) -> Array:
+    """Slope of each column against the scene's by least squares through 0; 1 where the scene's are small."""
+    squares, sizes = (scene**2).sum(axis=0), np.abs(scene).max(axis=0)
+    moved = sizes > LITTLE * sizes.max()
+    return np.where(moved, (own * scene).sum(axis=0) / np.where(moved, squares, 1.0), 1.0)
 
 
 def _explains(case: Case, change: Change, force_N: Array, limits_N: Array, *, early: bool) -> str:
@@ -162,30 +110,24 @@ def _explains(case: Case, change: Change, force_N: Array, limits_N: Array, *, ea
     return ""
 
 
-def _changes(case: Case, trace: Trace, table: list[Ratio]) -> Iterator[Change]:
-    """Changes to try: of step, start, loads and damping, of all contacts or bodies, of those that differ most."""
+def _changes(case: Case, trace: Trace, stiffness: Array, mass: Array) -> Iterator[Change]:
+    """Changes to try: of step, start, loads and damping, of all contacts or beads, of those that differ most."""
     chain, materials, scene = case.chain, case.scene.materials, case.scene
-    speed, everywhere = chain.velocity_m_s, np.ones(chain.bodies, bool)
+    speed, places = chain.velocity_m_s, np.arange(chain.bodies)
 
-    def guess(quantity: str, at: Places = everywhere) -> float:
-        return float(np.median([row.ratio for row in table if row.quantity == quantity and at[row.place - 1]] or [1.0]))
-
-    def groups(noun: str, quantity: str) -> dict[str, Places]:
-        surest = [row.place for row in table if row.quantity == quantity][:CANDIDATES]
-        single = {f"{noun} {place}": np.arange(chain.bodies) == place - 1 for place in surest}
-        return {f"all {noun}s": everywhere} | single
+    def times(name: str, value: Any, factor: float) -> Values:
+        return {name: factor * value}
 
     def stiffer(at: Places, factor: float) -> Values:
-        return {"stiffness": np.where(at, factor, 1.0) * chain.stiffness}
+        return {"stiffness": np.where(at, abs(factor), 1.0) * chain.stiffness}
 
     def heavier(at: Places, factor: float) -> Values:
-        mass_kg = np.where(at, factor, 1.0) * chain.mass_kg
+        mass_kg = np.where(at, abs(factor), 1.0) * chain.mass_kg
         return {"mass_kg": mass_kg, "load_N": chain.load_N - chain.gravity_m_s2 * (mass_kg - chain.mass_kg)}
 
     def harder(name: str, factor: float) -> Values:
         changed = materials[name].model_copy(update={"youngs_modulus": abs(factor) * materials[name].youngs_modulus})
-        other = scene.model_copy(update={"materials": materials | {name: changed}})
-        return {"stiffness": stiffness_by(hertz_stiffness, other, chain.materials, chain.radius_m)}
+        return {"stiffness": build_chain(scene.model_copy(update={"materials": materials | {name: changed}})).stiffness}
 
     slower = 1.0
     if trace.velocity_m_s is not None and speed.any():
@@ -193,28 +135,30 @@ def _changes(case: Case, trace: Trace, table: list[Ratio]) -> Iterator[Change]:
     by_ratio = viscoelastic(1.0).coefficient(chain.stiffness, chain.reduced_mass_kg)
     dragged = float(scene.steps <= MAX_DRAGGED_STEPS and chain.drive is None)
     for words, name, value, factor in (
-        ("a time step {} times the scene's", "time_step_s", scene.time_step_s, 1 / guess("mass")),
+        ("a time step {} times the scene's", "time_step_s", scene.time_step_s, 1 / _furthest(mass)),
         ("start speeds {} times the scene's", "velocity_m_s", speed, slower),
         ("loads {} times the scene's", "load_N", chain.load_N, 1.0),
-        ("dissipation {} times the scene's", "damping", chain.damping, guess("dissipation")),
+        ("dissipation {} times the scene's", "damping", chain.damping, 1.0),
         ("contacts with a damping ratio of {}", "damping", 0.0 if chain.damped else by_ratio, 0.01),
         ("non-viscous damping of {}", "local", dragged, 0.1),
         ("a viscous drag of {} N s/m on each body", "viscous", dragged, 0.0),
     ):
         if np.any(value):
-            yield words, partial(_times, name, value), factor
+            yield words, partial(times, name, value), factor
+    for noun, words, changed, ratio in (
+        ("contact", "{} times as stiff", stiffer, stiffness),
+        ("bead", "with {} of its mass", heavier, mass),
+    ):
+        yield f"all {noun}s {words}", partial(changed, places >= 0), _furthest(ratio)
+        for place in np.argsort(-np.abs(ratio - 1))[:CANDIDATES].tolist():
+            yield f"{noun} {place + 1} {words}", partial(changed, places == place), float(ratio[place])
     for name in sorted({*chain.materials, chain.wall or ""} & {*materials}):
-        yield f"Young's modulus of {name} {{}} times the scene's", partial(harder, name), guess("stiffness")
-    pairs = np.array([f"{a} with {b}" for a, b in zip(chain.materials, (chain.wall, *chain.materials), strict=False)])
-    contacts, beads = groups("contact", "stiffness"), groups("bead", "mass")
-    for name, at in (contacts | {f"contacts of {pair}": pairs == pair for pair in sorted({*pairs})}).items():
-        yield f"{name} {{}} times as stiff", partial(stiffer, at), guess("stiffness", at)
-    for name, at in beads.items():
-        yield f"{name} with {{}} of its mass", partial(heavier, at), guess("mass", at)
+        yield f"Young's modulus of {name} {{}} times the scene's", partial(harder, name), _furthest(stiffness)
 
 
-def _times(name: str, value: Any, factor: float) -> Values:
-    return {name: factor * value}
+def _furthest(ratios: Array) -> float:
+    """The ratio that differs most from 1."""
+    return float(ratios[np.argmax(np.abs(ratios - 1))])
 
 
 def _forces(case: Case, changed: Values, *, early: bool) -> Array:

@@ -72,7 +72,7 @@ def integrate_adaptive(
     200 random chains it is above in one of a hundred, by up to a factor of 5, and mostly it is 1/40 to 1/2 of it. How
     the motion amplifies local errors is measured by two rough motions; their difference tells the local tolerance, and
     if events are located. Below ``ROUNDED_TOLERANCE`` nothing is measured. A chain that bounces for long is chaotic;
-    ``error_N`` of ``validation.accuracy.motions`` measures the remaining error.
+    ``error`` of ``validation.accuracy.motions`` measures the remaining error.
 
     Raises:
         ValueError: sample times do not begin at 0 or do not increase; the tolerance is below ``MIN_TOLERANCE`` or not

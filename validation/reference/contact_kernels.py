@@ -4,6 +4,7 @@ import hashlib
 import multiprocessing
 import os
 import sys
+import time
 from contextlib import suppress
 from math import sqrt
 from pathlib import Path
@@ -45,22 +46,33 @@ ONCE = "once after a change of them"
 EACH_TIME = "in each process: NUMBA_CACHE_DIR may name a folder to keep them in"
 
 
-def _announce(_: event.Event) -> None:
-    """Print a line before the first compilation of a process, which takes seconds."""
-    event.unregister("numba:compile", LISTENER)  # type: ignore[no-untyped-call]
-    if multiprocessing.parent_process() is None:
-        print(f"compiling the integrators, {ONCE if CACHED else EACH_TIME}", file=sys.stderr, flush=True)
-
-
 class _Listener(event.Listener):
-    on_start = staticmethod(_announce)
+    """Prints a line before the first compilation of a process, which takes seconds, and sums the time of all."""
 
-    def on_end(self, event: event.Event) -> None:
-        """Do nothing; a listener needs this method."""
+    depth, began_s, total_s = 0, 0.0, 0.0
+
+    def on_start(self, _: event.Event | None) -> None:
+        """Count the begin of a compilation, perhaps within another one."""
+        if self.depth == 0:
+            if not self.total_s and multiprocessing.parent_process() is None:
+                print(f"compiling the integrators, {ONCE if CACHED else EACH_TIME}", file=sys.stderr, flush=True)
+            self.began_s = time.perf_counter()
+        self.depth += 1
+
+    def on_end(self, _: event.Event | None) -> None:
+        """Count its end."""
+        self.depth -= 1
+        if self.depth == 0:
+            self.total_s += time.perf_counter() - self.began_s
 
 
 LISTENER = _Listener()
 event.register("numba:compile", LISTENER)  # type: ignore[no-untyped-call]
+
+
+def compiled_s() -> float:
+    """Time in s that this process has compiled until now."""
+    return LISTENER.total_s + (time.perf_counter() - LISTENER.began_s if LISTENER.depth else 0.0)
 
 
 @njit(error_model="numpy", forceinline=True)

@@ -1,13 +1,11 @@
 """The page's section on the paper's figures and Table 1."""
 
-import re
 from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from markupsafe import Markup, escape
 
 from postproc.draw.product import SPACETIME
 from postproc.figures import captions
@@ -17,9 +15,7 @@ from validation.report.parts import Shown, read_part
 
 TABLE, SCORED = "table1", "fig3"
 LARGE_N = 2.0  # smallest force counted among the large amplitudes of the scores
-SUBSCRIPT = re.compile(r"\b([^\W_])_(\w)\b")  # symbols in captions, such as F_m
 COMPUTED = ("V_s, m/s", "L/2R, 0.2 %", "L/2R, 4 %")
-TABLE_HEADINGS = ("F_m, N", "duration, µs", "V_s, m/s", "L/2R", *COMPUTED * 3, "deviation of codes")
 
 
 def shown_of(name: str, table: pd.DataFrame) -> list[Shown]:
@@ -30,32 +26,31 @@ def shown_of(name: str, table: pd.DataFrame) -> list[Shown]:
 
 
 def _table_1(table: pd.DataFrame) -> pd.DataFrame:
-    """Texts of Table 1 under two levels of headings; numbers that equal the paper's are marked."""
-    groups = [""] * len(TABLE_HEADINGS)
-    for words, first, last in GROUPS:
-        groups[first : last + 1] = [words] * (last + 1 - first)
-    rows = [
-        [f"{REPRODUCED} {text}" if equal else text for text, equal in printed(row)] for row in table.to_dict("records")
-    ]
-    return pd.DataFrame(rows, columns=pd.MultiIndex.from_arrays([groups, TABLE_HEADINGS]))
+    """Texts of Table 1, a column for each amplitude; numbers that equal the paper's are marked."""
+    (measured, _, _), *computed = GROUPS
+    labels = [f"{measured}: {words}" for words in ("duration, µs", "V_s, m/s", "L/2R")]
+    labels += [f"{group}: {words}" for group, _, _ in computed for words in COMPUTED]
+    texts: dict[str, list[str]] = {"F_m": [*labels, "deviation of codes"]}
+    for row in table.to_dict("records"):
+        (force, _), *cells = printed(row)
+        texts[f"{force} N"] = [f"{REPRODUCED} {text}" if equal else text for text, equal in cells]
+    return pd.DataFrame(texts)
 
 
 def _scores(table: pd.DataFrame) -> pd.DataFrame:
-    """Deviation of measured from computed speeds: a row for each modulus.
+    """Deviation of measured from computed speeds: a column for each modulus.
 
     Deviations are in per cent of the computed speed by amplitude, root mean squares in standard errors.
     """
-    table, rows = table[table["source"] == "score"], []
+    table = table[table["source"] == "score"]
+    at = [f"measured minus computed speed at {force:g} N, %" for force in table["force_N"].unique()]
+    texts = {"E": [*at, f"rms from {LARGE_N:g} N, standard errors", "rms below, standard errors"]}
     for modulus, points in table.groupby("modulus_MPa"):
         large = points["force_N"] >= LARGE_N
         rms = [np.sqrt((points["deviation_standard_errors"][which] ** 2).mean()) for which in (large, ~large)]
         deviations = [f"{value:+.1f}" for value in points["deviation_pct"]]
-        rows.append([f"{modulus:g}", *deviations, *(f"{value:.1f}" for value in rms)])
-    at = [f"{force:g} N" for force in table["force_N"].unique()]
-    columns = [("", "E, MPa")]
-    columns += [("measured minus computed speed, %, at", words) for words in at]
-    columns += [("rms, standard errors", words) for words in (f"from {LARGE_N:g} N", "below")]
-    return pd.DataFrame(rows, columns=pd.MultiIndex.from_tuples(columns))
+        texts[f"{modulus:g} MPa"] = [*deviations, *(f"{value:.1f}" for value in rms)]
+    return pd.DataFrame(texts)
 
 
 def read_figures(results: Path, to_come: Collection[str] = ()) -> dict[str, Any]:
@@ -80,8 +75,3 @@ def read_figures(results: Path, to_come: Collection[str] = ()) -> dict[str, Any]
         if part
     ]
     return {"made": made, "missing": [name for name in captions() if not stored.get(name)]}
-
-
-def set_symbols(text: str) -> Markup:
-    """Text with subscripts in its symbols."""
-    return Markup(SUBSCRIPT.sub(r"\1<sub>\2</sub>", str(escape(text))))

@@ -32,7 +32,7 @@ class Shown:
     Attributes:
         heading: the table is folded under it; a table without one is not folded.
         text: explanation above the table.
-        table: texts; the first column names the row. Two levels of columns are headings with groups above them.
+        table: texts; the first column names the row.
     """
 
     heading: str
@@ -70,7 +70,7 @@ class Image:
 
 
 @dataclass(frozen=True)
-class Part:
+class StoredPart:
     """A stored chapter or figure: see ``Chapter``; ``figures`` are headings and images, ``files`` its outputs."""
 
     findings: Sequence[str]
@@ -144,7 +144,7 @@ def store_part(
     write_sealed(path, stored)
 
 
-def read_part(name: str, results: Path, command: str = "") -> Part | None:
+def read_part(name: str, results: Path, command: str = "") -> StoredPart | None:
     """Stored result of a chapter or figure; None if it has not been made.
 
     Args:
@@ -163,10 +163,10 @@ def read_part(name: str, results: Path, command: str = "") -> Part | None:
     try:
         if stored["name"] != name:
             raise ValueError(f"the result of {stored['name']}")
-        return Part(
+        return StoredPart(
             stored["findings"],
             {stem: (heading, image_of(svg)) for stem, (heading, svg) in stored["figures"].items()},
-            [Shown(item["heading"], item["text"], _frame(item["table"])) for item in stored["shown"]],
+            [Shown(item["heading"], item["text"], pd.DataFrame(**item["table"])) for item in stored["shown"]],
             [Check(**check) for check in stored["checks"]],
             stored["short"],
             stored["files"],
@@ -174,13 +174,6 @@ def read_part(name: str, results: Path, command: str = "") -> Part | None:
     except (ValueError, LookupError, TypeError, AttributeError) as error:  # errors of pandas and of XML among them
         found = f"damaged file, or one of another version ({error}); {command} writes it again"
         raise InputError(paths.shown(path), "", found) from error
-
-
-def _frame(stored: Mapping[str, Any]) -> pd.DataFrame:
-    """Table with its headings; those in groups are stored as lists."""
-    columns = stored["columns"]
-    grouped = bool(columns) and isinstance(columns[0], list)
-    return pd.DataFrame(stored["data"], columns=pd.MultiIndex.from_tuples(columns) if grouped else columns)
 
 
 def image_of(svg: str) -> Image:

@@ -20,7 +20,7 @@ from drivers.chain.chain import hertz_force
 from drivers.chain.trace import FORCE, Trace
 from drivers.engines import REFERENCE, engines_again, in_order, load_engine
 from drivers.limits import step_limit
-from drivers.run.run_folder import EndedRun, RunRecord
+from drivers.run.run_folder import EndedRun
 from drivers.scene.model import Scene
 from postproc.draw.gauge_forces import MAX_GAUGES, draw_gauge_forces
 from postproc.draw.overlay import HEADINGS, draw_overlay, misfit_rows, number
@@ -43,12 +43,10 @@ class Cell:
     """Checks of one engine on one scene or case.
 
     Attributes:
-        record: of the judged run; None without one.
         diagnosis: sentence on the measured law of a wrong run; else empty.
     """
 
     checks: list[Check]
-    record: RunRecord | None = None
     diagnosis: str = ""
 
     @property
@@ -90,10 +88,8 @@ class ReportRow:
 
 def scene_row(scene: ComparedScene, runs: Path | None = None) -> ReportRow:
     """Row of a compared scene; ``runs`` is the folder of its run folders if not the default."""
-    cells = {}
-    for engine in in_order([*scene.runs, *scene.absent]):
-        record = scene.runs[engine].record if engine in scene.runs else None
-        cells[engine] = Cell(scene.of_engine(engine), record, scene.diagnoses.get(engine, ""))
+    engines = in_order([*scene.runs, *scene.absent])
+    cells = {engine: Cell(scene.of_engine(engine), scene.diagnoses.get(engine, "")) for engine in engines}
     source = scene.case.scene
     options = [*(["--runs", str(runs)] if runs else []), *engines_again()]
     again = " ".join(["beads compare", source_of(source), *map(shlex.quote, options)])

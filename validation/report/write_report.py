@@ -5,8 +5,6 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
-from itertools import groupby
-from operator import itemgetter
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -29,17 +27,25 @@ from postproc.read.measured import read_traces
 from postproc.read.sensors import gauges_of
 from validation.chapters import CHAPTERS, IN_FULL, make_parts, up_to_date
 from validation.checks import DIFFERS, FAIL, NOT_ACCURATE, NOT_RUN, PASS, REPRODUCED, short, table
-from validation.compare.answer import answer, display_name, listed
-from validation.compare.comparison import ComparedScene, EngineSelection, run_and_compare_all
+from validation.compare.comparison import (
+    ComparedScene,
+    EngineSelection,
+    answer,
+    display_name,
+    listed,
+    run_and_compare_all,
+)
 from validation.report.machine_readable import as_json, made_with, when_made
-from validation.report.page_figures import read_figures, set_symbols
+from validation.report.page_figures import read_figures
 from validation.report.parts import read_part
 from validation.report.scene_section import ReportRow, case_rows, counted, section_of, tolerances
 
 SUBJECT = "Strongly nonlinear waves in a chain of Teflon beads"
 PAPER = ("fig4", "fig5", "fig6b", "fig6d")
 POWER = re.compile(r"\d[\d.]*e[+-]?\d+")  # number with a power of ten
+SUBSCRIPT = re.compile(r"\b([^\W_])_(\w)\b")
 VERDICT = re.compile(f"({'|'.join((PASS, FAIL, NOT_RUN, NOT_ACCURATE, REPRODUCED, DIFFERS))})(?: (.*))?")
+NARROW = 60  # characters of a row that narrow screens show on one line, or in cells of two
 SHARING = ("claims",)  # chapters that have runs in common with the figures, and are made after them
 BESIDE = Place(processes=True)
 
@@ -191,11 +197,10 @@ def write_report(
         sections=[(name, *SECTIONS[name], section) for name, section in sections.items()],
         dates=pd.DataFrame(when_made(results) if sections else [], columns=["part", "made"]),
         short=short,
-        unbroken=unbroken,
-        laid_out=laid_out,
+        typeset=typeset,
+        is_wide=is_wide,
         marked=marked,
         in_lines=in_lines,
-        set_symbols=set_symbols,
         shown=paths.shown,
     )
     texts = {path: page, path.with_suffix(".json"): as_json(made, scenes, rows, cases, unmet, to_come)}
@@ -222,27 +227,22 @@ def _verdicts(rows: Sequence[ReportRow], engines: Sequence[str]) -> pd.DataFrame
     return pd.DataFrame(lines, columns=["scene", *engines], dtype=object)
 
 
-def laid_out(table: pd.DataFrame) -> dict[str, Any]:
-    """Parts of a table of the page: groups of headings with their widths, headings, labels of cells, and rows."""
-    columns = [column if isinstance(column, tuple) else ("", column) for column in table.columns]
-    groups = [(words, len([*alike])) for words, alike in groupby(columns, key=itemgetter(0))]
-    return {
-        "groups": groups if table.columns.nlevels > 1 else [],
-        "headings": [heading for _, heading in columns],
-        "labels": [" ".join(filter(None, column)) for column in columns],
-        "rows": table.to_numpy().tolist(),
-    }
+def is_wide(table: pd.DataFrame) -> bool:
+    """True for a table whose rows are blocks of labelled lines on narrow screens."""
+    texts = ([heading, *(marked(str(cell)).striptags() for cell in table[heading])] for heading in table.columns)
+    return sum(max(map(len, column)) for column in texts) > NARROW
 
 
-def unbroken(text: str) -> Markup:
-    """Text whose numbers with a power of ten are kept on one line."""
-    return Markup(POWER.sub(r'<span class="number">\g<0></span>', str(escape(text))))
+def typeset(text: str) -> Markup:
+    """Text with subscripts in symbols such as F_m, and numbers with a power of ten kept on one line."""
+    unbroken = POWER.sub(r'<span class="number">\g<0></span>', str(escape(text)))
+    return Markup(SUBSCRIPT.sub(r"\1<sub>\2</sub>", unbroken))
 
 
 def in_lines(text: str) -> Markup:
     """Text of a cell; lines after the first are small."""
     first, *others = text.split("\n")
-    return unbroken(first) + Markup("").join(Markup("<small>{}</small>").format(unbroken(line)) for line in others)
+    return typeset(first) + Markup("").join(Markup("<small>{}</small>").format(typeset(line)) for line in others)
 
 
 def marked(text: str) -> Markup:

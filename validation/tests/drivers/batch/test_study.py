@@ -1,5 +1,6 @@
 """Tests of study files: forms of axes, and errors."""
 
+import pickle
 import sys
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from drivers.base.errors import InputError
 from drivers.batch.study import column_name, in_si, read_study, select
 from drivers.engines import engine_names
 from drivers.scene.settings import look_up
+from validation.commands.batch_commands import batch_of
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.scenes import SceneWriter, StudyWriter
 
@@ -217,3 +219,14 @@ def test_bad_options(
 def test_shipped_studies_are_valid(path: Path, tmp_path: Path) -> None:
     done = beads("batch", path, "--runs", tmp_path / "runs", "--dry-run")
     assert (done.returncode, " checked\n" in done.stdout) == (0, True)
+
+
+def test_processes_with_another_working_folder_read_the_same_study(
+    write: StudyWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Such as idle ones of a notebook that has changed its folder."""
+    path = write('[[axis]]\nkey = "chain.count"\nvalues = [3, 4]')
+    monkeypatch.chdir(path.parent)
+    sent = pickle.dumps(batch_of(path.name, tmp_path / "runs"))
+    monkeypatch.chdir("/")
+    assert pickle.loads(sent).study.name == path.stem

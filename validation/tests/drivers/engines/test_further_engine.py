@@ -46,7 +46,11 @@ def dump_of(case: Case, shares: tuple[int, ...], *, since_2020: bool) -> np.ndar
     frames = np.zeros(case.scene.samples, fields)
     if since_2020:
         frames["magic"] = np.void(MAGIC)
-    frames["step"], frames["atoms"], frames["processes"] = case.sample_steps, sum(shares), len(shares)
+    frames["step"], frames["atoms"], frames["processes"] = (
+        range(0, case.scene.steps + 1, case.scene.steps_per_sample),
+        sum(shares),
+        len(shares),
+    )
     ids = np.repeat(np.arange(1, sum(shares) + 1)[:, np.newaxis], 2, axis=1)
     for i, part in enumerate(np.split(ids, np.cumsum(shares)[:-1])):
         frames[f"count{i}"], frames[f"values{i}"] = part.size, part

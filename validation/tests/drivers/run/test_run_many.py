@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from drivers.base.errors import RunError
-from drivers.base.processes import all_stopped, run_command
+from drivers.base.processes import STDOUT, all_stopped, run_command
 from drivers.chain.trace import digest_of
 from drivers.engines import REFERENCE, VERLET
 from drivers.run import session
@@ -106,6 +106,22 @@ def test_a_server_gives_the_bits_of_an_own_process(scene_file: SceneWriter) -> N
         assert digest_of(served.done) == digest_of(alone.done)
         assert served.loop_s is not None
         assert alone.cpu_s > 0 == served.cpu_s
+
+
+def test_many_runs_of_a_code_share_servers(scene_file: SceneWriter, tmp_path: Path) -> None:
+    """Their folders are those of runs in processes of their own, except for CPU time and memory."""
+    need(CODE)
+    cases = [case_of(scene_file(), f"striker.speed={speed} m/s") for speed in (1, 2, 3)]
+    for case, served in zip(cases, run_many([(case, CODE) for case in cases], tmp_path / "many"), strict=True):
+        alone = run_case(case, CODE, tmp_path / "alone")
+        assert digest_of(served.trace) == digest_of(alone.trace)
+        assert [path.name for path in sorted(served.folder.iterdir())] == [
+            path.name for path in sorted(alone.folder.iterdir())
+        ]
+        assert (served.record.cpu_s, served.record.memory_bytes) == (None, None)
+        assert alone.record.cpu_s is not None
+        assert served.record.loop_s is not None
+        assert (served.folder / STDOUT).read_text().count("Loop time") == 1
 
 
 @pytest.mark.parametrize(

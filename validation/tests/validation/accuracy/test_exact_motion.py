@@ -53,21 +53,21 @@ def test_the_stated_error_is_no_less_than_the_true_one(kind: str, number: int, d
     right = np.array(list(high_precision.forces_at(case.chain, case.sample_times_s[chosen])))
     change_N = largest_change_N(motion.trace.force_N)
     true = float(np.abs(motion.trace.force_N[chosen] - right).max()) / change_N
-    stated = float(motion.error_N[chosen[-1]]) / change_N
+    stated = float(motion.error[chosen[-1]])
     assert true <= stated <= (30 * max(true, 1e-13) if kind == "pressed" else 1e-8)
 
 
 def test_errors_stated_at_looser_tolerances_are_near_the_true_ones() -> None:
-    """The range stated by the docstring of ``error_N`` holds for a further chain with light and loose beads."""
+    """The range stated by the docstring of ``error`` holds for a further chain with light and loose beads."""
     case = case_of("fig4", *LOOSE)
     right = np.array(list(high_precision.forces_at(case.chain, case.sample_times_s)))
     for tolerance in (1e-5, 1e-9):
         motion = exact_motion_of(case, tolerance, finer=False)
-        true_N = np.maximum.accumulate(np.abs(motion.trace.force_N - right).max(axis=1))
-        moving = true_N > 1e-14 * right.max()
+        true = np.maximum.accumulate(np.abs(motion.trace.force_N - right).max(axis=1)) / largest_change_N(right)
+        moving = true > 1e-14
         assert moving.sum() > 10
-        assert (motion.error_N[moving] > true_N[moving] / 12).all()
-        assert (motion.error_N[moving] < 30 * true_N[moving]).all()
+        assert (motion.error[moving] > true[moving] / 12).all()
+        assert (motion.error[moving] < 30 * true[moving]).all()
 
 
 def train(number: int, *settings: str) -> Case:

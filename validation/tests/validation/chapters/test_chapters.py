@@ -71,10 +71,9 @@ def test_elements_need_no_code(monkeypatch: pytest.MonkeyPatch, shared_runs: Pat
 
 TABLE = pd.DataFrame({"name": ["a, “b”", "", "1e3"], "value": [nextafter(0.1, 1), inf, nan], "steps": [3, -1, 10**12]})
 CHECK = Check("fig4", "yade", "force", 2.0, 1.0, "a reason", "at the wall", FAIL, 3.0, 1.0)
-GROUPED = pd.MultiIndex.from_tuples([("", "name"), ("codes", "one"), ("codes", "other")])
 SHOWN = [
     Shown("folded", "see below", pd.DataFrame([["a", "pass 1"], ["b\nc", "–"]], columns=["name", "value"])),
-    Shown("", "", pd.DataFrame([["a", "1", "2"]], columns=GROUPED)),
+    Shown("", "", pd.DataFrame([["a", "1", "2"]], columns=["name", "one", "other"])),
     Shown("none", "", pd.DataFrame([], columns=["name", "value"])),
 ]
 CHAPTER = Chapter({"t": TABLE}, ["a finding"], {}, SHOWN, [CHECK], short=True)

@@ -12,7 +12,7 @@ from drivers.chain.chain import Array
 from drivers.chain.schemes import verlet_in_heights, verlet_of
 from drivers.chain.trace import Trace, until
 from validation.chapters.measured_limits import random_case
-from validation.compare.diagnosis import diagnosis, measured_ratios
+from validation.compare.diagnosis import diagnosis, own_ratios
 from validation.tests.helpers.scenes import case_of
 
 SMALL = ("chain.count=12", "run.duration=0.4 ms")
@@ -27,15 +27,14 @@ def one(values: Array, place: int, factor: float) -> Array:
 
 
 @pytest.mark.parametrize("number", range(3))
-def test_ratios_are_measured_only_where_enough_moved_to_tell(number: int) -> None:
+def test_ratios_are_those_of_the_motion_itself(number: int) -> None:
     case, draw = random_case(number, accuracy=1e-4), np.random.default_rng(number)
-    right = measured_ratios(case, verlet_in_heights(case))
-    assert all(row.off < 30 for row in right)  # an uncertainty by samples is an estimate
-    place = int(draw.choice([row.place for row in right if row.quantity == "stiffness"]))
-    factor = float(draw.choice([0.5, 0.9, 1.1, 2.0]))
-    first, *_ = measured_ratios(case, changed(case, stiffness=one(case.chain.stiffness, place - 1, factor)))
-    assert (first.quantity, first.place) == ("stiffness", place)
-    assert first.ratio == pytest.approx(factor, abs=1e-7)
+    right = own_ratios(case, verlet_in_heights(case))
+    assert max(np.abs(np.subtract(right, 1)).max(axis=1)) < 1e-3
+    place, factor = int(draw.integers(case.chain.bodies)), float(draw.choice([0.5, 0.9, 1.1, 2.0]))
+    stiffness, _ = own_ratios(case, changed(case, stiffness=one(case.chain.stiffness, place, factor)))
+    assert int(np.argmax(np.abs(stiffness - 1))) == place
+    assert stiffness[place] == pytest.approx(factor, abs=1e-7)
 
 
 @pytest.mark.long
@@ -68,14 +67,13 @@ def test_two_changes_are_not_explained_by_one() -> None:
     trace = changed(case, stiffness=stiffer, mass_kg=one(case.chain.mass_kg, 12, 1.1))
     _, said = diagnosis(case, "lammps", trace)
     assert said.startswith("no single change explains it; largest: ")
-    assert "stiffness of contact 5 1.1 ±" in said
-    assert "mass of bead 13 1.1" in said
+    assert {*said.partition("largest: ")[2].split(", ")} >= {"stiffness of contact 5 1.1", "mass of bead 13 1.1"}
 
 
 def test_reasons_for_no_diagnosis() -> None:
     tube, case = case_of("fig4-tube", "run.duration=20 us"), case_of("fig4")
     blind = replace(changed(case, mass_kg=1.1 * case.chain.mass_kg), height_m=None)
-    assert measured_ratios(case, blind) == []
+    assert not np.subtract(own_ratios(case, blind), 1).any()
     assert diagnosis(case, "yade", verlet_of(case)) == ("", "")
     for each, wrong in ((tube, verlet_of(tube)), (case, until(blind, 5))):
         wrong = replace(wrong, force_N=1.1 * wrong.force_N)

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from drivers.base.errors import InputError
-from validation.compare import pair
+from drivers.run.run_folder import open_run
+from validation.compare.comparison import common_samples, compare_runs, difference_rows
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import add_force, edit_record, edit_table, finished, need
 from validation.tests.helpers.scenes import SceneWriter, case_of
@@ -29,8 +30,8 @@ def run_of(shared_runs: Path) -> FolderOf:
 
 def differences_of(first: Path, second: Path) -> dict[str, float]:
     """Differences by quantity."""
-    _, *rows = pair._rows(*pair.open_pair(first, second))
-    return {name: float(size) for name, size, _ in rows}
+    runs = open_run(first), open_run(second)
+    return {name: float(size) for name, size, *_ in difference_rows(runs, common_samples(*runs))}
 
 
 def test_codes_at_the_same_step_differ_by_rounding(run_of: FolderOf) -> None:
@@ -44,7 +45,7 @@ def test_codes_at_the_same_step_differ_by_rounding(run_of: FolderOf) -> None:
 def test_common_sample_times(setting: str, samples: int, run_of: FolderOf, scene_file: SceneWriter) -> None:
     folders = [run_of("verlet", scene_file()), run_of("verlet", scene_file(), f"run.{setting}")]
     for both in (folders, folders[::-1]):
-        assert [len(each.trace.time_s) for each in pair.open_pair(*both)] == [samples] * 2
+        assert [len(each.time_s) for each in common_samples(*map(open_run, both))] == [samples] * 2
         assert differences_of(*both)["force"] == 0  # the same steps, looked at more often or for longer
 
 
@@ -90,4 +91,4 @@ def test_runs_that_cannot_be_compared(run_of: FolderOf, scene_file: SceneWriter,
         (run_of("verlet", scene_file(duration="2 us")), "4 or more"),
     ):
         with pytest.raises(InputError, match=found):
-            pair.compare_runs(good, folder)
+            compare_runs(good, folder)

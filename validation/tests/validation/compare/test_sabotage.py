@@ -60,7 +60,7 @@ SABOTAGE = [
     Sabotage("liggghts", "beads of steel", r" 1460000000 (.*\n.*) 0\.46 ", r" 203000000000 \1 0.30 ",
              DEPARTS, r"Young's modulus of ptfe 120\.4615 times the scene's"),
     Sabotage("yade", "all Poisson's ratios forgotten", " poisson=[^,]+,", "", DEPARTS,
-             rf"{NONE}largest: stiffness of contact \d 0\.84096 ± "),
+             rf"{NONE}largest: stiffness of contact \d 0\.84096\b"),
     Sabotage("yade", "a Young's modulus forgotten", r'(label="ptfe",) young=[^,]+, poisson=[^,]+,', r"\1",
              DEPARTS, r"Young's modulus of ptfe 0\.576 times the scene's"),
     Sabotage("liggghts", "a stiffness off by 1e-5", r" 1460000000 ", " 1460014600 ",

@@ -7,12 +7,15 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
+from math import inf
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numba import config
 
+from drivers.chain.schemes import endable
 from validation.reference import contact_kernels
 from validation.reference.adaptive import integrate_adaptive
 from validation.reference.hertz_chain import HertzChain, Motion
@@ -125,3 +128,19 @@ def test_a_signal_in_compiled_code_keeps_its_exception(integrate: Callable[[Hert
                 interrupted()
     finally:
         signal.signal(signal.SIGUSR1, former)
+
+
+@pytest.mark.parametrize("work", [1, inf], ids=["here", "in a thread"])
+def test_compilation_does_not_count_in_the_time_limit(work: float) -> None:
+    def integrate(compiled: bool, _: object) -> bool:
+        if compiled:
+            contact_kernels.LISTENER.on_start(None)
+        time.sleep(1.0)
+        if compiled:
+            contact_kernels.LISTENER.on_end(None)
+        return compiled
+
+    contact_kernels.LISTENER.total_s += 1.0  # else a line is printed
+    assert endable(partial(integrate, True), 0.7, work)
+    with pytest.raises(TimeoutError):
+        endable(partial(integrate, False), 0.7, work)

@@ -24,7 +24,7 @@ from validation.compare.comparison import ComparedScene
 from validation.report.page_figures import shown_of
 from validation.report.parts import Chapter, part_file, store_part
 from validation.report.scene_section import scene_row, section_of
-from validation.report.write_report import write_report
+from validation.report.write_report import marked, write_report
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import blown_up, checks_of, finished
 from validation.tests.helpers.scenes import SceneWriter, case_of
@@ -170,7 +170,22 @@ def test_chains_at_rest_and_without_gauges_have_a_page(
     assert "nan" not in text[text.index("<section") :].lower().split()
 
 
-def test_table_1_has_a_row_per_amplitude_and_the_figure_of_speeds_has_its_scores(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("text", "set_as"),
+    [
+        ("pass 1.2e-9", '<b class="pass" role="img" aria-label="pass">✓</b> <span class="number">1.2e-9</span>'),
+        ("fail 2\nat <1>", '<b class="fail">✗ fail</b> 2<small>at &lt;1&gt;</small>'),
+        ("not run\nrefused", '<b class="not-run">not run</b> <small>refused</small>'),
+        ("differs V_s", '<span class="differs">V<sub>s</sub></span>'),
+        ("passes", "passes"),
+        ("a pass", "a pass"),
+    ],
+)
+def test_a_verdict_at_the_beginning_of_a_cell_is_marked(text: str, set_as: str) -> None:
+    assert marked(text) == set_as
+
+
+def test_table_1_and_the_scores_of_the_moduli(tmp_path: Path) -> None:
     count = write_table_1(tmp_path)
     score = pd.DataFrame(
         [("score", modulus, force, 7.04, -0.3 * force) for modulus in (600.0, 1460.0) for force in (5.0, 0.06)],
@@ -181,11 +196,14 @@ def test_table_1_has_a_row_per_amplitude_and_the_figure_of_speeds_has_its_scores
     store_part("fig3", Chapter({}, shown=shown_of("fig3", table)), figures, tmp_path)
     text = page_of([], tmp_path)
     shown = [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row) for row in re.findall(r"<tr>(<th scope=.row.*?)</tr>", text)]
-    equal = [f'<span class="reproduced">{cell}</span>' for cell in ("190.2", "5.41", "4.00", "190.0", "5.40", "4.00")]
-    assert ["5", "153", "168", "5.4", "190", "5.4", "4.0", *equal, '<span class="number">4e-6</span>'] in shown
-    assert [len(row) for row in shown].count(14) == count
-    scores = [[modulus, "+7.0", "+7.0", "1.5", "0.0"] for modulus in ("600", "1460")]
-    assert [row for row in shown if len(row) == 5] == scores
+    columns = {row[0]: row[1:] for row in shown if len(row) == count + 1}
+    assert [values[0] for values in columns.values()] == [
+        "153", "168", "5.4", "190", "5.4", "4.0",
+        *(f'<span class="reproduced">{cell}</span>' for cell in ("190.2", "5.41", "4.00", "190.0", "5.40", "4.00")),
+        '<span class="number">4e-6</span>',
+    ]  # fmt: skip
+    assert columns["paper, computed: V<sub>s</sub>, m/s"][:2] == ["190", "164"]
+    assert [row[1:] for row in shown if len(row) == 3] == [["+7.0"] * 2, ["+7.0"] * 2, ["1.5"] * 2, ["0.0"] * 2]
 
 
 def test_a_damaged_stored_result_is_named_in_one_line(tmp_path: Path) -> None:
