@@ -11,10 +11,8 @@ from drivers.base.cache import store
 from drivers.base.errors import InputError, RunError
 from drivers.base.terminal import text_table
 from drivers.engines import Entry, load_engine
-from drivers.run.build import build_of
 from drivers.scene.model import Scene
 from drivers.scene.read_scene import read_toml
-from validation.accuracy.costs import entry_of, kit_key, measured_cost
 from validation.reference.travelling_wave import constants, solve_travelling_wave
 
 README = paths.INPUTS / "README.md"
@@ -120,6 +118,9 @@ def _markdown(name: str, rows: Rows) -> str:
 
 def engine(name: str, results: Path) -> int:
     """Run the tests of engines on one engine, and measure its cost."""
+    from drivers.run.build import build_of  # the other commands here shall not load runs
+    from validation.accuracy.costs import entry_of, kit_key, measured_cost
+
     tested = load_engine(name)
     if tested.find() is None:
         raise RunError(f"{name}: {tested.absence}")
