@@ -1,184 +1,296 @@
-"""Commands on studies: ``batch``, ``study``, ``status``, ``show``."""
+"""Commands that run the cases of a study, and print how that went: ``batch``, ``status``, ``show``."""
 
-import re
-from collections.abc import Sequence
+import shlex
+import shutil
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import click
-
+from drivers.base import paths
 from drivers.base.errors import InputError
-from validation.commands import options
-from validation.commands.options import at_least_one, command, option, print_paths
+from drivers.base.processes import cores
+from drivers.base.terminal import counted, in_words, say, text_table
+from drivers.base.tolerances import tolerance
+from drivers.batch.job_array import job_script, print_job, run_job
+from drivers.batch.rows import ENDED, Batch, Row, expected_s, rows_of, run_all, run_rows
+from drivers.batch.store import Store, StudyRow
+from drivers.batch.study import column_name
+from drivers.chain.case import Case
+from drivers.chain.trace import FORCE, digest_of
+from drivers.engines import entry_files, load_engine
+from drivers.limits import refuse
+from drivers.run.execute import LOCAL, Place, check_dask, get_ready
+from drivers.run.run import run_case
+from postproc.read.observables import describe, not_shown, observe
+from validation.accuracy.budget import assess
+from validation.accuracy.plan import plan_case
 
-if TYPE_CHECKING:
-    from drivers.batch.rows import Batch
-
-
-def _slice(text: str) -> tuple[int, int]:
-    match = re.fullmatch(r"([0-9]{1,8})/([0-9]{1,8})", text)
-    if match and 1 <= int(match[1]) <= int(match[2]):
-        return int(match[1]), int(match[2])
-    raise click.BadParameter(f"found {text}; allowed: I/N with I from 1 to N")
+STATES = ("done", "failed", "timeout", "refused", "stale", "claimed", "to do", "not installed")  # of a row
+MAX_CASES = 20_000  # more need --yes
+MAX_LINES = 20  # on failed rows
 
 
 def batch_of(
     study: str | Path, runs: Path, engines: Sequence[str] = (), patterns: Sequence[str] = (), **more: Any
-) -> "Batch":
-    """Batch of a study; ``more`` are fields of ``Batch``."""
-    from drivers.batch.rows import Batch
-    from drivers.engines import entry_files
-
-    return Batch(study, runs.absolute(), tuple(engines), tuple(patterns), entries=entry_files(), **more)
+) -> Batch:
+    """Batch of a study that takes plans and observables from here; ``more`` are fields of ``Batch``."""
+    more |= {"plan": plan_case, "observe": observe, "entries": entry_files()}
+    return Batch(study, runs.absolute(), tuple(engines), tuple(patterns), **more)
 
 
-def functions() -> dict[str, Any]:
-    """Functions of higher packages that a batch calls to run its rows."""
-    from postproc.read.observables import observe
-    from validation.accuracy.plan import plan_case
-
-    return {"plan": plan_case, "observe": observe}
-
-
-@command("sensitivity", "wall-material --engine verlet --workers 2 --dry-run", "sensitivity --slurm --wait")
-@options.STUDY
-@options.ENGINE
-@options.ONLY
-@options.RUNS
-@options.RESULTS
-@option("--workers", "N", "Number of processes on this machine (default: number of cores).", type=at_least_one)
-@options.DRY_RUN
-@option("--retry", "", "Run failed cases again.")
-@option("--yes", "", "Accept a study of more than 20,000 cases.")
-@option("--slice part", "I/N", "Run part I of N here, without writing the table.", type=_slice)
-@option(
-    "--dask",
-    "ADDRESS",
-    "Run on the Dask cluster at ADDRESS; without ADDRESS, on a local Dask cluster.",
-    is_flag=False,
-    flag_value="local",
-    default="",
-)
-@option("--slurm", "", "Run as a Slurm job array.")
-@option("--slices", "N", "Number of tasks of the job array (default: by the expected time).", type=at_least_one)
-@option(
-    "--slurm-line slurm_lines",
-    "LINE",
-    "Add a line to the job script, such as '#SBATCH --mem=2G'; repeatable.",
-    multiple=True,
-)
-@option("--wait", "", "Wait for the job array, then write the table.")
 def batch(
-    study: str,
-    engines: tuple[str, ...],
-    patterns: tuple[str, ...],
-    runs: Path,
-    results: Path,
-    workers: int | None,
-    dry_run: bool,
-    retry: bool,
-    yes: bool,
-    part: tuple[int, int] | None,
-    dask: str,
-    slurm: bool,
-    slices: int | None,
-    slurm_lines: tuple[str, ...],
-    wait: bool,
+    results: Path, workers: int | None, part: tuple[int, int] | None, dask: str, slurm: bool, **given: Any
 ) -> int:
-    """Run the missing cases of a study and write its table."""
+    """Run a study here, on a cluster or as a job array, or a part of it here."""
+    job = {name: given.pop(name) for name in ("slices", "lines", "wait", "dry_run", "yes")}
     places = [name for name, given in (("--slice", part), ("--dask", dask), ("--slurm", slurm)) if given]
     if len(places) > 1:
         raise InputError(places[1], "", f"not allowed with {places[0]}")
-    for name, given in (("--wait", wait), ("--slices", slices), ("--slurm-line", slurm_lines)):
-        if given and not slurm:
+    for name, key in (("--wait", "wait"), ("--slices", "slices"), ("--slurm-line", "lines")):
+        if job[key] and not slurm:
             raise InputError(name, "", "needs --slurm")
-    if dry_run and part:
-        raise InputError("--dry-run", "", "not allowed with --slice")
-    if workers and (part or slurm):
-        raise InputError("--workers", "", f"not allowed with {places[0]}")
-    from drivers.base.processes import cores
-    from drivers.batch.study import column_name
-    from drivers.run.execute import Place
-    from postproc.read.observables import describe
-    from validation.commands import batch_answers
-
-    asked = batch_of(study, runs, engines, patterns, retry=retry, elsewhere=slurm, part=part or (1, 1), **functions())
+    for name, clash in (("--dry-run", job["dry_run"] and part), ("--workers", workers and (part or slurm))):
+        if clash:
+            raise InputError(name, "", f"not allowed with {places[0]}")
+    asked = batch_of(**given, elsewhere=slurm, part=part or (1, 1))
     for name, key in asked.study.columns.items():
-        known = describe(column_name(name, key))
-        if known.kind and column_name(name, key).endswith(known.ending):
-            where, found = asked.study.where, f'"{column_name(name, key)}", the name of an observable'
-            raise InputError(where, "axis", found, "another name of the column")
+        column = column_name(name, key)
+        if (known := describe(column)).kind and column.endswith(known.ending):
+            found = f'"{column}", the name of an observable'
+            raise InputError(asked.study.where, "axis", found, "another name of the column")
     if part:
-        return batch_answers.run_part(asked)
-    place = Place(workers or cores(), processes=not dask, dask=dask)
-    job: dict[str, Any] = {"slices": slices, "lines": slurm_lines, "wait": wait}
-    return batch_answers.run_study(asked, results, place, dry_run=dry_run, yes=yes, **job)
+        return _run_part(asked)
+    return _run_study(asked, results, Place(workers or cores(), processes=not dask, dask=dask), **job)
 
 
-@command("sensitivity", "speed-amplitude --x bead_5_amplitude --y speed_9_to_5 --log")
-@options.STUDY
-@options.RUNS
-@options.RESULTS
-@option("--x", "COLUMN", "Draw --y against this column of the table.", default="")
-@option("--y", "COLUMN", "Column of numbers; a name may be without its unit.", default="")
-@option("--log", "", "Make the axes of --x and --y logarithmic.")
-@option("--power-law", "", "Fit y = C x^n to each curve of each engine.")
-def study(study: str, runs: Path, results: Path, x: str, y: str, log: bool, power_law: bool) -> None:
-    """Draw the rows of a study, or two columns of its table."""
-    given = {"--x": x, "--y": y, "--log": log, "--power-law": power_law}
-    missing = [name for name in ("--x", "--y") if not given[name]]
-    if missing and any(given.values()):
-        raise InputError(next(filter(given.get, given)), "", f"needs {' and '.join(missing)}")
-    from drivers.batch.study import column_name, read_study
-    from drivers.batch.tables import read_study_table
-    from postproc.draw.product import write_product
-    from postproc.draw.study_figure import column_of, draw_study, draw_tornado
-    from postproc.read.labels import key_label
+def _run_study(
+    batch: Batch,
+    results: Path,
+    place: Place,
+    slices: int | None,
+    lines: Sequence[str],
+    wait: bool,
+    dry_run: bool,
+    yes: bool,
+) -> int:
+    """Run the unfinished cases of a study and write its tables; returns the exit code.
 
-    swept, table = read_study(study), read_study_table(study, runs)
-    columns = {name: column_name(name, key) for name, key in swept.columns.items()}
-    labels = {columns[name]: key_label(name, key) for name, key in swept.columns.items()}
-    name, title = f"{swept.name}-figure", swept.file.title or swept.name
-    if x:
-        x = column_of(table, x, "--x", columns, numbers=log or power_law)
-        y = column_of(table, y, "--y", columns, numbers=True)
-        name, how = (
-            f"{swept.name}-{y}-{x}-xy",
-            {"joined": swept.file.combine == "grid", "log": log, "fitted": power_law},
-        )
-        product = draw_study(table, title, (y,), f"--x {x} --y {y}", labels, x, **how)
-    else:
-        draw = draw_study if swept.file.combine == "grid" else draw_tornado
-        product = draw(table, title, swept.file.figure, swept.where, labels)
-    print_paths(write_product(product, name, results))
-    for line in product.notes:
+    Cases are planned and refused when they run; before, the study and a sample of its cases are checked. A batch that
+    runs elsewhere is a Slurm job array.
+
+    Args:
+        batch: the batch.
+        results: folder of the tables.
+        place: worker processes of this machine, or a Dask cluster.
+        slices: number of tasks of the job array; None for one by the expected time.
+        lines: lines of the job's script before its command.
+        wait: True to wait for the job array.
+        dry_run: True to print what would be run.
+        yes: True to accept a study of many cases.
+    """
+    if batch.elsewhere and not dry_run and shutil.which("sbatch") is None:
+        raise InputError("--slurm", "", "sbatch not found; run this on a machine that submits to Slurm")
+    if place.dask:
+        check_dask(place.dask)
+    elif not (batch.elsewhere or dry_run):
+        get_ready(place.workers, run_rows, batch.plan, batch.observe)
+    if batch.study.count > MAX_CASES and not yes:
+        found, allowed = f"{batch.study.count:,} cases", f"at most {MAX_CASES:,}, or --yes"
+        raise InputError(batch.study.where, "axis", found, allowed)
+    sample = batch.check_sample()
+    absent = [name for name in batch.engines if name not in batch.here]
+    if batch.elsewhere and absent:
+        print(f"not installed here, assumed to exist in the job: {', '.join(absent)}", flush=True)
+    with Store(batch.runs) as store:
+        store.merge()
+        if dry_run:
+            _print_plan(batch, store, sample, place)
+            if batch.elsewhere:
+                print_job(*job_script(batch, store, sample, slices, lines))
+            return 0
+        while True:
+            todo = batch.todo(store)
+            if any(todo.values()):
+                with _followed(batch, store, todo) as tick:
+                    if batch.elsewhere:
+                        for _ in run_job(*job_script(batch, store, sample, slices, lines)):
+                            if not wait:
+                                print("when the jobs have ended, the same command without --slurm writes the table")
+                                return 0
+                            tick()
+                        batch = replace(batch)  # its rows may be the first of their build
+                    else:
+                        run_all(batch, store, place, tick)
+            rows = rows_of(batch, store)
+            if not store.damaged:
+                return _write(batch, store, rows, results)
+            print(f"{len(store.damaged)} damaged rows in {paths.shown(store.common)}: run again", file=sys.stderr)
+            store.remove_damaged()
+
+
+def _print_plan(batch: Batch, store: Store, sample: Sequence[Case], place: Place) -> None:
+    """Print the number of rows in each state by engine, and the expected time."""
+    cases, workers = len(batch.numbers), place.workers
+    print(f"{batch.study.name}: {cases} case{'s' * (cases != 1)}; {len(sample)} of the study checked")
+    if batch.elsewhere or place.dask not in ("", LOCAL):
+        workers = 1
+    rows, todo = [], batch.todo(store)
+    for name, states in _counted(batch, store).items():
+        if todo.get(name):
+            time_s = expected_s(batch, store, {name: todo[name]}, sample)
+            states += ", cost not measured yet" if time_s is None else f", about {in_words(time_s / workers)}"
+        rows.append((f"  {name}", states))
+    print(*text_table(rows), sep="\n")
+    print(f"times of {workers} worker{'s' * (workers != 1)}; nothing has been run")
+
+
+@contextmanager
+def _followed(batch: Batch, store: Store, todo: dict[str, list[int]]) -> Iterator[Callable[[], None]]:
+    """Yield a function that shows progress by the rows that are stored; on a terminal it prints failures at once.
+
+    Raises:
+        KeyboardInterrupt: says how many rows are done, and how to go on.
+    """
+    ends = store.ends()
+    with counted(batch.study.name, sum(map(len, todo.values())), "row") as count:
+
+        def tick() -> None:
+            for row in store.after(ends):
+                if row.study == batch.study.name:
+                    count()
+                    if not row.done and sys.stderr.isatty():  # else printed at the end
+                        say(failure_line(row))
+
+        try:
+            yield tick
+            tick()
+        except KeyboardInterrupt as interrupt:
+            goes_on = "the same command continues"
+            if batch.elsewhere:
+                goes_on = "the job continues; the same command without --slurm writes the table when it has ended"
+            states = [state for states in batch.states(store).values() for state in states.values()]
+            done = f"{states.count('done')} of {len(states)} rows done"
+            raise KeyboardInterrupt(f"{done}; {goes_on}") from interrupt
+        finally:
+            store.release()  # of workers that were killed
+
+
+def _write(batch: Batch, store: Store, rows: Sequence[Row], results: Path) -> int:
+    """Write the tables of a study and print the number of rows in each state; returns the exit code."""
+    from drivers.batch.tables import observables, write_tables  # pandas takes long to load
+
+    study = batch.study
+    for path in write_tables(batch, rows, results):
+        print(paths.shown(path))
+    if study.file.figure:
+        given = (("--runs", batch.runs, paths.RUNS), ("--results", results, paths.RESULTS))
+        folders = [word for option, folder, usual in given if folder != usual for word in (option, paths.shown(folder))]
+        print(f"to draw the table: {shlex.join(['beads', 'study', str(batch.source), *folders])}")
+    done = [row for _, row in rows if row.done]
+    names = [*observables(batch, done)]
+    for line in not_shown(names, [row.values for row in done]):
         print(line)
+    code = _print_states(batch, store, rows)
+    limit = tolerance("truncation", FORCE).limit
+    useless = Counter(row.engine for row in done if (row.force_error_share or 0.0) > limit)
+    for name, count in useless.items():
+        warning = f"{count} rows have force errors above {limit:g} of the largest change (force_error_share)"
+        print(f"{name} warning: {warning}", file=sys.stderr)
+    print(f"{len(done)} of {len(rows)} rows done")
+    for glob in study.file.observables if done else ():
+        if not any(fnmatchcase(name, glob) for name in names):
+            print(f'{study.where}: observables: "{glob}" matches no observable', file=sys.stderr)
+            code = max(code, 1)
+    return code
 
 
-@command("sensitivity --list")
-@options.STUDY
-@options.ENGINE
-@options.ONLY
-@options.RUNS
-@option(
-    "--list every",
-    "",
-    "Print the state of each case: done, failed, timeout, refused, stale, claimed, to do, not installed.",
-)
-def status(study: str, engines: tuple[str, ...], patterns: tuple[str, ...], runs: Path, every: bool) -> int:
-    """Count the rows of a study by state."""
-    from validation.commands import batch_answers
-
-    return batch_answers.status(batch_of(study, runs, engines, patterns), every=every)
+def _run_part(batch: Batch) -> int:
+    """Run the unfinished cases of a part of a study in this process; returns the exit code."""
+    print(f"slice {batch.part[0]}/{batch.part[1]}")
+    with Store(batch.runs) as store:
+        run_all(batch, store)
+        return max(_print_states(batch, store, rows_of(batch, store, batch.numbers)), _print_absences(batch))
 
 
-@command("wall-material 3 --engine lammps")
-@options.STUDY
-@click.argument("case", metavar="CASE", type=at_least_one, help="Number of the case, as in the table of the study.")
-@options.ENGINE
-@options.RUNS
+def status(study: str, engines: tuple[str, ...], patterns: tuple[str, ...], runs: Path, every: bool) -> None:
+    """Print the number of rows in each state; with ``every`` also each case."""
+    asked = batch_of(study, runs, engines, patterns)
+    with Store(asked.runs) as store:
+        if every:
+            by_engine = asked.states(store)
+            for number in asked.numbers:
+                text = ", ".join(f"{name} {states[number]}" for name, states in by_engine.items())
+                sys.stdout.write(f"{number}: {asked.study.label(number)}: {text}\n")
+        print(*text_table(_counted(asked, store).items()), sep="\n")
+
+
 def show(study: str, case: int, engines: tuple[str, ...], runs: Path) -> int:
-    """Write one case of a study as run folders with their decks."""
-    from validation.commands import batch_answers
+    """Run a case in run folders with their decks, and compare the results with the rows of the batch."""
+    asked = batch_of(study, runs, engines)
+    if not 1 <= case <= asked.study.count:
+        raise InputError(f"case {case}", "", f"{asked.study.where} has cases 1 to {asked.study.count}")
+    built = asked.case(case)
+    print(f"case {case}: {asked.study.label(case)}")
+    code = _print_absences(asked)
+    with Store(asked.runs) as store:
+        rows = {row.engine: row for _, row in rows_of(asked, store, [case])}
+    for name in asked.runnable:
+        if not asked.study.file.unsafe:
+            refuse(built, name, override="unsafe = true in the study")
+        ended, row = assess(run_case(built, name, asked.runs, limit_s=asked.study.file.limit), built), rows[name]
+        for warning in ended.record.warnings or ():
+            print(f"{name} warning: {warning}", file=sys.stderr)
+        bad, verdict = not ended.done, f"{ended.record.status}: {ended.record.reason}"
+        if ended.done and row.done:
+            bad = digest_of(ended.trace) != row.trace_sha256
+            verdict = "differs from the batch" if bad else "as in the batch, bit for bit"
+        elif ended.done:
+            verdict = f"{row.status} in the batch, so there is nothing to compare with"
+        print(f"{paths.shown(ended.folder)}  {verdict}", file=sys.stderr if bad else sys.stdout)
+        code = max(code, bad)
+    return code
 
-    return batch_answers.show(batch_of(study, runs, engines, **functions()), case)
+
+def _print_absences(batch: Batch) -> int:
+    """Print how to get each engine that is not installed; returns 1 if there is one."""
+    absent = [name for name in batch.engines if name not in batch.here]
+    for name in absent:
+        print(f"{name}: {load_engine(name).absence}", file=sys.stderr)
+    return 1 if absent else 0
+
+
+def _counted(batch: Batch, store: Store) -> dict[str, str]:
+    """Number of the selected rows in each state, as text by engine."""
+    counts = {name: Counter(states.values()) for name, states in batch.states(store).items()}
+    return {name: ", ".join(f"{of[state]} {state}" for state in STATES if of[state]) for name, of in counts.items()}
+
+
+def _print_states(batch: Batch, store: Store, rows: Sequence[Row]) -> int:
+    """Print the number of the selected rows in each state, and a line for each that failed.
+
+    Returns:
+        Exit code: 2 if a row is refused, 1 if one is not done, else 0.
+    """
+    counts, numbers = _counted(batch, store), {*batch.numbers}
+    print(*text_table(counts.items()), sep="\n", flush=True)
+    ended = [row for number, row in rows if row.status in ENDED and number in numbers and row.engine in batch.engines]
+    failed = [row for row in ended if not row.done]
+    for line in dict.fromkeys(map(failure_line, failed[:MAX_LINES])):
+        print(line, file=sys.stderr)
+    if len(failed) > MAX_LINES:
+        print(f"and {len(failed) - MAX_LINES} more, as in the column reason of the table", file=sys.stderr)
+    if failed:
+        print(f"{len(failed)} row{'s' * (len(failed) > 1)} failed; --retry runs them again", file=sys.stderr)
+    if any(row.status == "refused" for row in failed):
+        return 2
+    return 0 if {*counts.values()} <= {f"{len(numbers)} done"} else 1
+
+
+def failure_line(row: StudyRow) -> str:
+    """One line for a failed row; the reason of a refused one names its case."""
+    return row.reason if row.status == "refused" else f"{row.label}: {row.engine} {row.status}: {row.reason}"

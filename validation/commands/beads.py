@@ -15,76 +15,25 @@ from pathlib import Path
 from typing import NoReturn
 
 import click
+from click.shell_completion import shell_complete
 
-from drivers.base import paths
 from drivers.base.errors import InputError, RunError, one_line, printable
-from validation.commands import (
-    batch_commands,
-    engine_commands,
-    key_commands,
-    output_commands,
-    report_commands,
-    run_commands,
-    scene_commands,
-)
-from validation.commands.options import HELP_OPTIONS
+from validation.commands.options import instead
+from validation.commands.sections import HELP_OPTIONS, SECTIONS
 
 IMPOSSIBLE_NAMES = (errno.ENAMETOOLONG, errno.ELOOP)
 EMPTY = re.compile(r"(--[\w-]+=)?")  # a word without a value, as of a variable that is not set
 LEAST_MEMORY_BYTES = 1.5e9  # of addresses: libraries need 1.0e9 to start threads, else they wait for ever or abort
 COMPLETE = "_BEADS_COMPLETE"  # set by a shell that asks for completions
-SECTIONS = {
-    "a scene": (
-        scene_commands.scenes,
-        key_commands.keys,
-        scene_commands.plan,
-        scene_commands.draw,
-        scene_commands.modes,
-        run_commands.run,
-        run_commands.compare,
-    ),
-    "a run": (
-        output_commands.observables,
-        output_commands.spacetime,
-        output_commands.spectrum,
-        output_commands.energy,
-        output_commands.film,
-        output_commands.vtk,
-    ),
-    "measured data": (output_commands.overlay, run_commands.fit),
-    "studies": (batch_commands.batch, batch_commands.study, batch_commands.status, batch_commands.show),
-    "files of runs": (run_commands.runs, scene_commands.render, run_commands.import_),
-    "report and paper": (report_commands.report, report_commands.figures, *report_commands.CHAPTER_COMMANDS),
-    "engines": (engine_commands.engine, engine_commands.wave),
-}
 
 
 class _Group(click.Group):
     """Group that lists its commands by section, in their order."""
 
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        return [*self.commands]
-
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         for title, commands in SECTIONS.items():
             with formatter.section(title):
                 formatter.write_dl([(f"{command.name:11}", command.get_short_help_str(100)) for command in commands])
-
-
-def _print_version(context: click.Context, parameter: click.Parameter, asked: bool) -> None:
-    """Print a line with the version of the project and of Python, and the commit."""
-    if not asked or context.resilient_parsing:
-        return
-    import platform
-    import tomllib
-
-    from drivers.base.processes import git, local_changes
-
-    project = tomllib.loads((paths.ROOT / "pyproject.toml").read_text())["project"]
-    changes = " and changes" * local_changes()
-    commit = git("rev-parse", "--short=10", "HEAD") or "unknown"
-    print(f"{project['name']} {project['version']}, commit {commit}{changes}, Python {platform.python_version()}")
-    context.exit()
 
 
 BEADS = _Group(
@@ -94,16 +43,7 @@ BEADS = _Group(
     epilog="\b\nexamples:\n  beads plan fig4\n  beads run fig4 --engine verlet\n  beads compare fig4",
     context_settings=HELP_OPTIONS,
     subcommand_metavar="COMMAND ...",
-    params=[
-        click.Option(
-            ["--version"],
-            is_flag=True,
-            is_eager=True,
-            expose_value=False,
-            callback=_print_version,
-            help="Print version and commit.",
-        )
-    ],
+    params=[instead("--version", "Print version and commit.", "options", "print_version")],
 )
 
 
@@ -119,8 +59,6 @@ def answer() -> int:
         InputError, RunError, OSError: the command failed.
     """
     if asked := os.environ.get(COMPLETE):
-        from click.shell_completion import shell_complete
-
         return shell_complete(BEADS, {}, "beads", COMPLETE, asked)
     arguments = sys.argv[1:]
     if empty := [place for place, word in enumerate(arguments) if EMPTY.fullmatch(word)]:

@@ -1,15 +1,19 @@
-"""Command ``keys``: tables of the keys of input files, on the screen and in ``inputs/README.md``."""
+"""Commands on the files and engines that there are: ``scenes``, ``keys``, ``engine``, ``wave``."""
 
 import json
-from collections.abc import Iterable, Iterator, Sequence
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
-import click
-
 from drivers.base import paths
-from drivers.base.errors import InputError
+from drivers.base.cache import store
+from drivers.base.errors import InputError, RunError
 from drivers.base.terminal import text_table
-from validation.commands.options import command, option
+from drivers.engines import Entry, load_engine
+from drivers.scene.model import Scene
+from drivers.scene.read_scene import read_toml
+from validation.reference.travelling_wave import constants, solve_travelling_wave
 
 README = paths.INPUTS / "README.md"
 BEGIN, END = "<!-- written by: beads keys --write -->\n", "<!-- end of the tables -->\n"
@@ -20,31 +24,31 @@ WORDS = {"boolean": "true or false", "string": "text", "object": "table"}  # by 
 Schema = dict[str, Any]
 
 
-@command("chain", "study --markdown", engines=False)
-@click.argument(
-    "table",
-    metavar="[TABLE]",
-    default="",
-    help="A table of a scene, such as chain.bead, or a file: scene, study, engines (default: all files).",
-)
-@option("--markdown", "", "Print the tables in Markdown.")
-@option("--write", "", "Write the tables of all files into inputs/README.md.")
+def scenes() -> None:
+    """List the shipped scenes, studies and materials."""
+    listed = {
+        what: {path.stem: read_toml(path).get("title", "") for path in sorted(home.glob("*.toml"))}
+        for what, home in (("scenes", paths.SCENES), ("studies", paths.STUDIES))
+    }
+    listed["materials"] = {name: material.get("source", "") for name, material in read_toml(paths.MATERIALS).items()}
+    for what, texts in listed.items():
+        print(f"{what}:", *(f"  {line}" for line in text_table(texts.items())), sep="\n")
+
+
 def keys(table: str, markdown: bool, write: bool) -> None:
-    """List keys of scenes and studies, with units and ranges."""
+    """List keys of files or of a table, or write them into the README of the inputs."""
     if write:
         README.write_text(with_keys(README.read_text()))
         return
     files = key_tables()
-    chosen = files if not table else {table: files[table]} if table in files else _part(table, files["scene"])
+    chosen = files if not table else {table: files[table]} if table in files else _part(table, files)
     for name, rows in chosen.items():
         print(_markdown(name, rows) if markdown else "\n  ".join([f"{name}:", *text_table([HEADINGS, *rows])]))
 
 
 def key_tables() -> dict[str, list[tuple[str, ...]]]:
     """Rows of the keys of each file, by name."""
-    from drivers.batch.study import StudyFile
-    from drivers.engines import Entry
-    from drivers.scene.model import Scene
+    from drivers.batch.study import StudyFile  # with the engines' signals takes as long as all others
 
     scene, study, engines = (model.model_json_schema() for model in (Scene, StudyFile, Entry))
     files = {"scene": (scene, ""), "study": (study, ""), "engines": (engines, "NAME.")}
@@ -97,14 +101,48 @@ def with_keys(text: str) -> str:
     return f"{text.partition(BEGIN)[0]}{BEGIN}\n{tables}\n{END}{text.partition(END)[2]}"
 
 
-def _part(table: str, rows: Rows) -> dict[str, Rows]:
-    """Rows of a table of a scene."""
+def _part(table: str, files: Mapping[str, Rows]) -> dict[str, Rows]:
+    """Rows of a table of a file."""
+    rows = [row for of_file in files.values() for row in of_file]
     if part := [row for row in rows if f"{row[0]}.".startswith(f"{table}.")]:
         return {table: part}
-    known = ", ".join(row[0] for row in rows if row[1].endswith(("table", "tables")))
-    raise InputError("keys", "", table, f"scene, study, engines, {known}")
+    raise InputError(
+        "keys", "", table, ", ".join([*files, *(row[0] for row in rows if row[1].endswith(("table", "tables")))])
+    )
 
 
 def _markdown(name: str, rows: Rows) -> str:
     cells = [HEADINGS, ["---"] * len(HEADINGS), *((f"`{key}`", *rest) for key, *rest in rows)]
     return "\n".join([f"### Keys: {name}\n", *(f"| {' | '.join(row)} |".replace("  ", " ") for row in cells), ""])
+
+
+def engine(name: str, results: Path) -> int:
+    """Run the tests of engines on one engine, and measure its cost."""
+    from drivers.run.build import build_of  # the other commands here shall not load runs
+    from validation.accuracy.costs import entry_of, kit_key, measured_cost
+
+    tested = load_engine(name)
+    if tested.find() is None:
+        raise RunError(f"{name}: {tested.absence}")
+    try:
+        import pytest  # not in the environment of a user
+    except ImportError as error:
+        file = os.environ.get(paths.ENGINES_VARIABLE)
+        command = f"make engine ENGINE={name}{f' ENGINES={file}' * bool(file)}"
+        raise RunError(f"pytest is not installed; {command} installs it and runs this") from error
+    arguments = ["-v", "-rs", "--tb=short", "--capture=sys"]  # lines on progress reach the screen
+    arguments += ["--rootdir", str(paths.ROOT), "-c", str(paths.ROOT / "pyproject.toml")]
+    if results != paths.RESULTS:
+        arguments += ["--junitxml", str(results / f"engine-{name}.xml")]
+    code = int(pytest.main([*arguments, "--engine", name, str(paths.ROOT / "validation/tests/engine")]))
+    if code in (0, 1):  # else the tests did not end
+        store(kit_key(name), code == 0)
+    cost = measured_cost(tested, build_of(tested))
+    where = f"as an entry of {paths.shown(paths.COSTS)}; for own engines no file has to be edited"
+    print(f"\nmeasured cost, cached for plans and batches ({where}):\n" + "\n".join(entry_of(name, cost)))
+    return int(code != 0)
+
+
+def wave() -> None:
+    """Print constants of the exact solitary wave."""
+    print("\n".join(constants(solve_travelling_wave())))

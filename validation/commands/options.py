@@ -1,67 +1,74 @@
-"""Arguments and options of several commands, and the readers and checks of values."""
+"""How arguments and options are made: readers of values, completion by a shell, actions in modules loaded late."""
 
-import os
+import platform
+import re
+import tomllib
 from collections.abc import Callable, Iterable
-from functools import partial
+from importlib import import_module
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import click
+from click.shell_completion import BashComplete, CompletionItem, add_completion_class
 
 from drivers.base import paths
-from drivers.base.errors import InputError
-from validation.commands import completion
+from postproc.figures import captions
 
-HELP_OPTIONS = {"help_option_names": ["-h", "--help"]}
-Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+Items = list[CompletionItem[str]]
 
 
-def command(
-    *examples: str,
-    name: str = "",
-    kind: type[click.Command] = click.Command,
-    text: str = "",
-    engines: bool = True,
-) -> Callable[[Callable[..., Any]], click.Command]:
-    """Make a function a command, named after it, with the first line of its docstring as help.
-
-    Args:
-        examples: words of example command lines, after ``beads`` and the name of the command.
-        name: name of the command; empty for that of the function.
-        kind: class of the command.
-        text: help text; empty for the docstring.
-        engines: True if the command loads engines, so that it has the option ``--engines``.
-    """
-
-    def decorate(function: Callable[..., Any]) -> click.Command:
-        called = name or function.__name__
-        lines = (f"  beads {called} {example}".rstrip() for example in examples)
-        epilog = "\n".join(["\b", f"example{'s' * (len(examples) > 1)}:", *lines])
-        look: dict[str, Any] = {"cls": kind, "help": text or None, "epilog": epilog, "context_settings": HELP_OPTIONS}
-        decorator: Callable[[Callable[..., Any]], click.Command] = click.command(called, **look)
-        made = decorator(function)
-        made.params += [ENGINES] * engines
-        return made
-
-    return decorate
+def act(module: str, function: str, **given: Any) -> Any:
+    """Import a module of this package and call a function in it."""
+    return getattr(import_module(f"{__package__}.{module}"), function)(**given)
 
 
-def option(names: str, value: str, text: str, **more: Any) -> Decorator:
+def instead(names: str, text: str, module: str, function: str) -> click.Option:
+    """Option that makes a command do something else, such as ``--version``."""
+
+    def callback(context: click.Context, parameter: click.Parameter, asked: bool) -> None:
+        if asked and not context.resilient_parsing:
+            act(module, function)
+            context.exit()
+
+    return option(names, text, is_eager=True, expose_value=False, callback=callback)
+
+
+def print_version() -> None:
+    """Print a line with the version of the project and of Python, and the commit."""
+    from drivers.base.processes import git, local_changes  # takes as long to load as all others
+
+    project = tomllib.loads((paths.ROOT / "pyproject.toml").read_text())["project"]
+    changes = " and changes" * local_changes()
+    commit = git("rev-parse", "--short=10", "HEAD") or "unknown"
+    print(f"{project['name']} {project['version']}, commit {commit}{changes}, Python {platform.python_version()}")
+
+
+def option(words: str, text: str, **more: Any) -> click.Option:
     """Option of a command.
 
     Args:
-        names: option, and the parameter of the function if it has another name.
-        value: placeholder of the value in the help; empty for a flag.
+        words: option, then the parameter of the function if it has another name, then the placeholder of the value
+            in capital letters, without which it is a flag, and ``...`` if it is repeatable.
         text: help text.
-        more: further arguments of ``click.option``.
+        more: further arguments of ``click.Option``.
     """
-    kind: dict[str, Any] = {"metavar": value} if value else {"is_flag": True}
-    return click.option(*names.split(), help=text, **kind, **more)
+    names = [word for word in words.split() if word != "..." and not word.isupper()]
+    value = next((word for word in words.split() if word.isupper()), "")
+    look = (
+        {"metavar": value, "multiple": "..." in words.split(), **KINDS.get(value, {})} if value else {"is_flag": True}
+    )
+    return click.Option(names, help=text, **(look | more))
+
+
+def argument(name: str, value: str, text: str, **more: Any) -> click.Argument:
+    """Argument of a command, for which a placeholder stands in the help; with ``...`` there may be any number."""
+    look = {"nargs": -1 if value.endswith("...") else 1, **KINDS.get(value, {})}
+    return click.Argument([name], metavar=value, help=text, **(look | more))
 
 
 def number(kind: Callable[[str], float], allowed: Callable[[float], bool], described: str) -> Callable[[str], float]:
-    """Reader of a number within limits."""
+    """Reader of a number within limits; unlike click's it refuses nan."""
 
     def read(text: str) -> float:
         try:
@@ -75,46 +82,38 @@ def number(kind: Callable[[str], float], allowed: Callable[[float], bool], descr
     return read
 
 
-at_least_one = number(int, lambda count: 0 < count < 10**8, "a whole number from 1")
-seconds = number(float, lambda value: 0 < value < float("inf"), "seconds above zero")
+def _slice(text: str) -> tuple[int, int]:
+    match = re.fullmatch(r"([0-9]{1,8})/([0-9]{1,8})", text)
+    if match and 1 <= int(match[1]) <= int(match[2]):
+        return int(match[1]), int(match[2])
+    raise click.BadParameter(f"found {text}; allowed: I/N with I from 1 to N")
 
 
-def _engines_file(text: str) -> Path:
-    """Path of ``--engines``; adds the engines of that file for this process and its child processes."""
-    path = Path(text).absolute()
-    os.environ[paths.ENGINES_VARIABLE] = str(path)
-    return path
+def _bodies(text: str) -> tuple[int, int]:
+    if match := re.fullmatch(r"([0-9]{1,8})(?:-([0-9]{1,8}))?", text):
+        return int(match[1]), int(match[2] or match[1])
+    raise click.BadParameter(f"found {text}; allowed: a body, such as 9, or a range of bodies, such as 5-9")
 
 
-def must_be_folder(option: str, path: Path | None) -> None:
-    """Refuse a folder that cannot be made or written to, by a trial that leaves no file.
-
-    Raises:
-        InputError: the path is a file or below a file, or the system refuses.
-    """
-    if path is None:
-        return
+def folder_to_write(text: str | Path) -> Path:
+    """Path of a folder that can be made and written to, after a trial that leaves no file."""
+    path = Path(text)
     try:
         there = next(place for place in (path, *path.parents) if place.exists() or place.is_symlink())
-        if not there.is_dir():
-            found = f"{there} is {'a file' if there.is_file() else 'no folder'}"
-            raise InputError(f"{option} {path}", "", found, "a folder")
         with TemporaryDirectory(prefix=f".{path.name}-", dir=there):
-            pass
+            return path
     except OSError as error:
         allowed = "a folder that can be made and written to"
-        raise InputError(f"{option} {path}", "", error.strerror or str(error), allowed) from error
+        raise click.BadParameter(f"found {path} ({error.strerror or error}); allowed: {allowed}") from error
 
 
-def must_be_file(option: str, path: Path | None) -> None:
-    """Refuse a folder or a device where a file is to be written.
-
-    Raises:
-        InputError: the path is a folder or a device, or its folder cannot be written to.
-    """
-    if path and path.exists() and not path.is_file():
-        raise InputError(f"{option} {path}", "", "a folder" if path.is_dir() else "a device", "a file")
-    must_be_folder(option, path.parent if path and path.is_file() else path)
+def file_to_write(text: str) -> Path:
+    """Path of a file that is there or can be made."""
+    path = Path(text)
+    if path.exists() and not path.is_file():
+        kind = "a folder" if path.is_dir() else "a device"
+        raise click.BadParameter(f"found {path}, {kind}; allowed: a file")
+    return folder_to_write(path.parent) / path.name
 
 
 def print_paths(written: Iterable[Path]) -> None:
@@ -123,132 +122,75 @@ def print_paths(written: Iterable[Path]) -> None:
         print(paths.shown(path), flush=True)
 
 
-def one_of(engines: tuple[str, ...]) -> str:
-    """The only engine given.
+def _offer(names: Callable[[click.Context], Iterable[str]], files: str = "") -> dict[str, Any]:
+    """Completion by names and files; if none begins with the incomplete word, the shell completes paths."""
 
-    Raises:
-        InputError: none or several are given.
-    """
-    if len(engines) != 1:
-        raise InputError("--engine", "", ", ".join(engines) or "none", "one engine")
-    return engines[0]
+    def complete(context: click.Context, parameter: click.Parameter, incomplete: str) -> Items:
+        folder, _, start = incomplete.rpartition("/")
+        near = Path(folder or ("/" if incomplete.startswith("/") else ".")).expanduser()
+        matching = [name for name in names(context) if name.startswith(incomplete)]
+        if files and near.is_dir():
+            prefix = incomplete.removesuffix(start)
+            matching += [f"{prefix}{path.name}" for path in near.glob(files) if path.name.startswith(start)]
+        items = [CompletionItem(name) for name in sorted(set(matching))]
+        return items or [CompletionItem(incomplete, type="file")]
 
-
-def checked(check: Callable[[str, Path | None], None]) -> Callable[..., Path | None]:
-    """Callback of an option that checks a path, also if it is the default."""
-
-    def callback(context: click.Context, parameter: click.Parameter, path: Path | None) -> Path | None:
-        if not context.resilient_parsing:
-            check(parameter.opts[0], path)
-        return path
-
-    return callback
+    return {"shell_complete": complete}
 
 
-SCENE = click.argument(
-    "scene",
-    metavar="SCENE",
-    help="A scene file, or the name of a scene in inputs/scenes.",
-    shell_complete=completion.scenes,
-)
-STUDY = click.argument(
-    "study",
-    metavar="STUDY",
-    help="A study file, or the name of a study in inputs/studies.",
-    shell_complete=completion.studies,
-)
-RUN = click.argument(
-    "run",
-    metavar="RUN",
-    help="A run folder, or ENGINE:SCENE for the newest run of that scene.",
-    shell_complete=completion.runs,
-)
+def _engine_names(context: click.Context) -> Iterable[str]:
+    from drivers.engines import engine_names  # takes longer than the rest of a completion
+
+    return engine_names()
 
 
-def scenes_argument(default: str) -> Decorator:
-    """Argument for any number of scenes; ``default`` says which are taken without it."""
-    text = f"Scenes by name or file (default: {default})."
-    look: dict[str, Any] = {"metavar": "[SCENE]...", "nargs": -1, "help": text, "shell_complete": completion.scenes}
-    return click.argument("scenes", **look)
+def _run_names(context: click.Context) -> set[str]:
+    folders = Path(context.params.get("runs") or paths.RUNS).glob("[!.]*/[!.]*-*-*/")
+    return {f"{folder.parent.name}:{folder.name.rsplit('-', 2)[0]}" for folder in folders}
 
 
-SETTINGS = option(
-    "--set settings",
-    "KEY=VALUE",
-    "A key of the scene with its value, such as chain.count=60 or run.time_step='10 ns'; an empty value removes "
-    "the key; runs lists runs with this setting, where * is any text; repeatable.",
-    multiple=True,
-)
-ENGINE = option(
-    "--engine engines",
-    "ENGINE",
-    "Take this engine only; repeatable (default: all that are installed, or those of the study).",
-    multiple=True,
-    shell_complete=completion.engines,
-)
-ENGINES = click.Option(
-    ["--engines", "engines_file"],
-    metavar="FILE",
-    type=_engines_file,
-    is_eager=True,
-    expose_value=False,
-    help="File with engines of your own, as well as those of each engines.toml (see drivers/README.md).",
-)
-REQUIRE = option(
-    "--require required",
-    "ENGINE",
-    "Fail if this engine does not run; repeatable.",
-    multiple=True,
-    shell_complete=completion.engines,
-)
-ALLOW_MISSING = option(
-    "--allow-missing", "", "Accept that engines of --engine, all codes or runs of --against are missing."
-)
-_runs = partial(
-    click.option,
-    "--runs",
-    metavar="DIR",
-    type=Path,
-    default=lambda: paths.RUNS,
-    help="Folder of the run folders (default: runs/ of the checkout).",
-)
-RUNS = _runs(callback=checked(must_be_folder))
-RUNS_READ = _runs()  # of a command that only reads runs
-RESULTS = option(
-    "--results",
-    "DIR",
-    "Folder for tables and figures (default: results/ of the checkout).",
-    type=Path,
-    default=lambda: paths.RESULTS,
-    callback=checked(must_be_folder),
-)
-UNSAFE = option(
-    "--unsafe", "", "Accept a scene that a guard refuses, for instance a time step above the stability limit."
-)
-MEASURED = option(
-    "--measured",
-    "FILE",
-    "CSV file with forces in N, in columns named after gauges, such as bead_9 [N] (default: the [[measured]] "
-    "tables of the scene, for any other file).",
-    type=Path,
-)
-FRAMES = option(
-    "--frames",
-    "N",
-    "Number of times (default: 12 in a film, 100 for ParaView).",
-    type=number(int, lambda count: 2 <= count <= 10_000, "whole numbers from 2 to 10000"),
-)
-QUICK = option(
-    "--quick",
-    "",
-    "Do less: fewer scenes, steps and seeds, no long runs; for fit no profiles, no data left out, no runs of the "
-    "codes.",
-)
-ONLY = option(
-    "--only patterns",
-    "PATTERN",
-    "Take only cases with KEY=GLOB, such as 'striker.speed=2 m/s', or with a label that matches; repeatable "
-    "(default: all cases).",
-    multiple=True,
-)
-DRY_RUN = option("--dry-run", "", "Print what would be done, without doing it.")
+def _scene_names(context: click.Context) -> set[str]:
+    return {path.stem for path in paths.SCENES.glob("*.toml")}
+
+
+def _figures(context: click.Context, parameter: click.Parameter, incomplete: str) -> Items:
+    """Names of the paper's figures, with their titles where a shell shows them."""
+    return [CompletionItem(name, help=text.title) for name, text in captions().items() if name.startswith(incomplete)]
+
+
+class Bash(BashComplete):
+    """Completion of bash, which takes a colon as the end of a word, for words with colons."""
+
+    def get_completion_args(self) -> tuple[list[str], str]:
+        """Words before the incomplete one, and that one, joined again at colons."""
+        before, last = super().get_completion_args()
+        *before, last = re.sub("\0?:\0?", ":", "\0".join([*before, last])).split("\0")
+        return before, last
+
+    def format_completion(self, item: CompletionItem[str]) -> str:
+        """Line of a completion, without the part that bash takes for earlier words."""
+        whole, seen = self.get_completion_args()[1], super().get_completion_args()[1].removeprefix(":")
+        return f"{item.type},{item.value.removeprefix(whole.removesuffix(seen))}"
+
+
+add_completion_class(Bash)
+SCENES, COUNT = _offer(_scene_names, "*.toml"), number(int, lambda count: 0 < count < 10**8, "a whole number from 1")
+SCENES_AND_RUNS = _offer(lambda context: _scene_names(context) | _run_names(context), "*.toml")
+KINDS: dict[str, dict[str, Any]] = {  # by the placeholder of a value: how a shell completes it, or how it is read
+    "SCENE": SCENES,
+    "[SCENE]...": SCENES,
+    "SCENE|RUN": SCENES_AND_RUNS,
+    "SCENE|RUN...": SCENES_AND_RUNS,
+    "RUN": _offer(_run_names),
+    "STUDY": _offer(lambda _: [path.stem for path in paths.STUDIES.glob("*.toml")], "*.toml"),
+    "ENGINE": _offer(_engine_names),
+    "[NAME]...": {"shell_complete": _figures},
+    "DIR": {"type": folder_to_write},
+    "FILE": {"type": Path},
+    "FOLDER": {"type": Path},
+    "SECONDS": {"type": number(float, lambda value: 0 < value < float("inf"), "seconds above zero")},
+    "N": {"type": COUNT},
+    "CASE": {"type": COUNT},
+    "I/N": {"type": _slice},
+    "A-B": {"type": _bodies},
+}

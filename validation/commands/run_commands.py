@@ -1,51 +1,44 @@
-"""Commands that run scenes and judge or list runs: ``run``, ``compare``, ``fit``, ``runs``."""
+"""Commands that plan, run, judge and read scenes and their runs, without figures."""
 
+import json
 import sys
+from math import isnan
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import click
+from typing import Any
 
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
-from validation.commands import completion, options
-from validation.commands.options import command, must_be_folder, one_of, option, seconds
+from drivers.base.terminal import counted, text_table
+from drivers.chain.case import build_case
+from drivers.engines import engine_names, installed, load_engine
+from drivers.limits import inability, refuse
+from drivers.run import inventory
+from drivers.run.run import import_run, is_done, run_case
+from drivers.run.run_folder import EndedRun, open_run, scene_of, write_scene
+from postproc.read.observables import DEFINITIONS, LEVELS, SYMBOLS, observe, without_unit
+from validation.accuracy.budget import assess, missed_accuracy
+from validation.accuracy.costs import auto_engines
+from validation.accuracy.plan import planned_case
+from validation.accuracy.plan_report import plan_report
+from validation.commands.options import folder_to_write, print_paths
+from validation.compare.comparison import EngineSelection, compare_runs, compare_scenes
 
-if TYPE_CHECKING:
-    from drivers.run.run_folder import EndedRun
-
+Words = tuple[str, ...]
 AUTO = "auto"  # instead of an engine's name: the cheapest engine that can model the scene
 
 
-@command("fig4 --engine yade", "fig4 --engine auto", "fig4 --set chain.count=60 --set run.time_step='50 ns'")
-@options.SCENE
-@options.SETTINGS
-@options.ENGINE
-@options.RUNS
-@option("--rerun", "", "Run again even if the run is done or, with auto, failed.")
-@option("--time-limit", "SECONDS", "Stop a run after this time (default: by beads and steps).", type=seconds)
-@options.UNSAFE
+def plan(scene: str, settings: Words, engines: Words) -> None:
+    """Print how a scene would run."""
+    for name in engines:
+        load_engine(name, "--engine")
+    for line in plan_report(scene, settings, engines):
+        print(line)
+
+
 def run(
-    scene: str,
-    settings: tuple[str, ...],
-    engines: tuple[str, ...],
-    runs: Path,
-    rerun: bool,
-    time_limit: float | None,
-    unsafe: bool,
+    scene: str, settings: Words, engines: Words, runs: Path, rerun: bool, time_limit: float | None, unsafe: bool
 ) -> int:
-    """Run a scene and print the run folders.
-
-    --engine auto takes the cheapest engine that models the scene, after those whose build or run failed the next one.
-    """
-    from drivers.base.terminal import counted
-    from drivers.engines import engine_names, installed, load_engine
-    from drivers.limits import inability, refuse
-    from drivers.run.run import is_done, run_case
-    from validation.accuracy.budget import assess
-    from validation.accuracy.costs import auto_engines
-    from validation.accuracy.plan import planned_case
-
+    """Run a scene on several engines; with ``auto`` on the cheapest one that succeeds."""
     for name in engines:
         if name != AUTO:
             load_engine(name, "--engine", also=(AUTO,))  # refuses a wrong name before the case is planned
@@ -89,10 +82,8 @@ def run(
     return 1 if failures else 0
 
 
-def _trouble(ended: "EndedRun") -> str:
+def _trouble(ended: EndedRun) -> str:
     """Print the warnings of a run; returns why it failed or missed its accuracy, as the end of a line, or nothing."""
-    from validation.accuracy.budget import missed_accuracy
-
     for warning in ended.record.warnings or ():
         print(f"{ended.record.scene_name}: {ended.record.engine} warning: {warning}", file=sys.stderr)
     if ended.done:
@@ -102,30 +93,35 @@ def _trouble(ended: "EndedRun") -> str:
     return f" {ended.trouble}{said}"
 
 
-@command("deck --engine liggghts", "deck --engine yade --scene fig4 --set run.time_step='0.2 us'", name="import")
-@click.argument("folder", metavar="FOLDER", type=Path, help="Folder with a deck that was run by hand, and its output.")
-@option(
-    "--scene",
-    "SCENE",
-    "Scene of the deck before changes, by name or file (default: the one that render wrote into FOLDER).",
-    shell_complete=completion.scenes,
-)
-@options.SETTINGS
-@options.ENGINE
-@options.RUNS
-def import_(folder: Path, scene: str | None, settings: tuple[str, ...], engines: tuple[str, ...], runs: Path) -> int:
-    """Make a run folder of a deck that was run by hand.
+def compare(what: Words, settings: Words, runs: Path, unsafe: bool, **engines: Any) -> int:
+    """Run scenes and judge them, or compare two runs."""
+    folders = [source for source in what if Path(source).is_dir() or ":" in source]
+    if not folders:
+        return compare_scenes(what, settings, runs, EngineSelection(**engines), unsafe=unsafe)
+    if len(folders) != 2 or len(what) != 2:
+        raise InputError("compare", "", " ".join(what), "scenes, or exactly two runs")
+    for option, given in (("set", settings), ("engine", engines["engines"]), ("require", engines["require"])):
+        if given:
+            raise InputError(f"--{option}", "", "not allowed with two runs")
+    return compare_runs(*(inventory.run_folder(folder, runs) for folder in folders))
 
-    The deck may have been changed: the record names each line that differs from the scene's deck.
-    """
-    from drivers.chain.case import build_case
-    from drivers.engines import load_engine
-    from drivers.run.run import import_run
-    from drivers.run.run_folder import scene_of
-    from validation.accuracy.budget import assess
-    from validation.accuracy.plan import planned_case
 
-    engine = load_engine(one_of(engines), "--engine")
+def render(scene: str, settings: Words, engines: Words, out: Path, unsafe: bool) -> None:
+    """Write the deck of a scene with the scene beside it, and print its files."""
+    engine = load_engine(_one_of(engines), "--engine")
+    case = planned_case(scene, *settings)
+    if not unsafe:
+        refuse(case, engine.name)
+    deck = engine.by_hand(engine.render(case))
+    out.mkdir(parents=True, exist_ok=True)
+    write_scene(out, case.scene)
+    for file in deck.write(out):
+        print(file)
+
+
+def import_(folder: Path, scene: str | None, settings: Words, engines: Words, runs: Path) -> int:
+    """Make a run folder of a deck with its output, and print what differs from the deck of the scene."""
+    engine = load_engine(_one_of(engines), "--engine")
     if settings and not scene:
         raise InputError("--set", "", "needs --scene")
     case = planned_case(scene, *settings) if scene else build_case(scene_of(folder))
@@ -137,120 +133,62 @@ def import_(folder: Path, scene: str | None, settings: tuple[str, ...], engines:
     return int(bool(wrong))
 
 
-@command("fig4", "fig4 --set run.time_step='1 us'", "yade:fig4 liggghts:fig4")
-@click.argument(
-    "what",
-    metavar="SCENE|RUN...",
-    nargs=-1,
-    required=True,
-    help="Scenes by name or file, or exactly two runs: run folders, or ENGINE:SCENE for the newest run.",
-    shell_complete=completion.scenes_and_runs,
-)
-@options.SETTINGS
-@options.ENGINE
-@options.RUNS_READ
-@options.REQUIRE
-@options.ALLOW_MISSING
-@options.UNSAFE
-def compare(
-    what: tuple[str, ...],
-    settings: tuple[str, ...],
-    engines: tuple[str, ...],
-    runs: Path,
-    required: tuple[str, ...],
-    allow_missing: bool,
-    unsafe: bool,
-) -> int:
-    """Run scenes and judge them on every engine, or compare runs."""
-    must_be_folder("--runs", runs)
-    from validation.compare.comparison import EngineSelection, compare_runs, compare_scenes
+def _one_of(engines: Words) -> str:
+    """The only engine given.
 
-    asked = EngineSelection(engines, required, allow_missing)
-    folders = [source for source in what if Path(source).is_dir() or ":" in source]
-    if folders:
-        if len(folders) != 2 or len(what) != 2:
-            raise InputError("compare", "", " ".join(what), "scenes, or exactly two runs")
-        for option, given in (("set", settings), ("engine", engines), ("require", required)):
-            if given:
-                raise InputError(f"--{option}", "", "not allowed with two runs")
-        from drivers.run.inventory import run_folder
-
-        return compare_runs(*(run_folder(folder, runs) for folder in folders))
-    return compare_scenes(what, settings, runs, asked, unsafe=unsafe)
-
-
-@command("example-measured --free contact.restitution", "shot.toml --law elastic --law power --free striker.speed=2±1%")
-@options.scenes_argument("the scenes of --quoted")
-@option(
-    "--free",
-    "KEY[=LOW..HIGH]",
-    "Fit this key of the scene, such as contact.restitution=0.5..1, or with prior knowledge striker.speed=2±1%; "
-    "repeatable (default bounds: inputs/calibration.toml).",
-    multiple=True,
-)
-@option(
-    "--law laws",
-    "LAW",
-    "Fit this contact law of inputs/calibration.toml (elastic, viscoelastic, power); repeatable: all on the same "
-    "data, and compared.",
-    multiple=True,
-)
-@option(
-    "--predict",
-    "OBSERVABLE",
-    "Predict this observable, such as wall_peak or bead_8_reflected_arrival, with its error; repeatable.",
-    multiple=True,
-)
-@option("--own", "KEY[=LOW..HIGH]", "As --free, with a value of its own for each data set; repeatable.", multiple=True)
-@options.MEASURED
-@option(
-    "--quoted",
-    "SET,...",
-    "Fit to data that the paper quotes: sets of inputs/calibration.toml, such as fig4,table1.",
-    type=lambda text: tuple(name.strip() for name in text.split(",")) if text else (),
-    default="",
-)
-@options.SETTINGS
-@options.QUICK
-@options.RESULTS
-@options.RUNS
-def fit(results: Path, runs: Path, **asked: Any) -> int:
-    """Fit parameters of scenes to measured data.
-
-    The data are the [[measured]] tables of the scenes, or those that --measured or --quoted name.
+    Raises:
+        InputError: none or several are given.
     """
-    from validation.calibration.command import FitRequest, run_fit
+    if len(engines) != 1:
+        raise InputError("--engine", "", ", ".join(engines) or "none", "one engine")
+    return engines[0]
 
-    return run_fit(FitRequest(**asked), runs, results)
 
-
-@command("fig4 --engine yade", "--set 'striker.speed=*'", "--prune --dry-run")
-@options.scenes_argument("all")
-@options.SETTINGS
-@options.ENGINE
-@options.RUNS_READ
-@option(
-    "--prune",
-    "",
-    "Remove runs that are not done, or whose build or deck is not today's.",
-)
-@options.DRY_RUN
-def runs(
-    scenes: tuple[str, ...],
-    settings: tuple[str, ...],
-    engines: tuple[str, ...],
-    runs: Path,
-    prune: bool,
-    dry_run: bool,
-) -> None:
-    """List the run folders, or remove those that are obsolete."""
-    from drivers.run import inventory
-
+def runs(runs: Path, prune: bool, dry_run: bool, **chosen: Words) -> None:
+    """List or remove run folders."""
     if dry_run and not prune:
         raise InputError("--dry-run", "", "needs --prune")
     if runs != paths.RUNS and not runs.is_dir():
         raise InputError(f"--runs {runs}", "", "folder not found")
     if prune:
-        inventory.prune(runs, scenes, engines, settings, dry_run=dry_run)
+        inventory.prune(runs, **chosen, dry_run=dry_run)
     else:
-        inventory.print_runs(runs, scenes, engines, settings)
+        inventory.print_runs(runs, **chosen)
+
+
+def observables(run: str, runs: Path, levels: tuple[float, ...], as_json: bool) -> None:
+    """Print the observables of a run with their errors."""
+    opened, _, _ = open_shown("observables", run, runs)
+    observed = observe(opened.layout, opened.trace, levels or LEVELS)
+    values = {name: None if isnan(value) else value for name, value in observed.items()}
+    if as_json:
+        print(json.dumps(values, indent=2))
+        return
+    errors = {part["quantity"]: f"{abs(part['whole']):.1e}" for part in opened.record.error_budget or ()}
+    shown = {name: "not seen" if value is None else f"{value:.6g}" for name, value in values.items()}
+    rows = [(name, value, errors.get(without_unit(name), "")) for name, value in shown.items()]
+    print(*text_table([("observable", "value", "relative error"), *rows]), sep="\n")
+
+
+def definitions() -> None:
+    """Print the definitions of all observables."""
+    print(SYMBOLS, "", *text_table(DEFINITIONS.items()), sep="\n")
+
+
+def vtk(run: str, frames: int | None, runs: Path, results: Path) -> None:
+    """Write a run as a series of files for ParaView."""
+    from postproc.draw import vtk as series  # meshio takes long to load
+
+    opened, name, _ = open_shown("vtk", run, runs)
+    place = folder_to_write(results / name)
+    print_paths(series.write_series(opened, place, frames or series.FRAMES))
+
+
+def open_shown(what: str, run: str, runs: Path) -> tuple[EndedRun, str, str]:
+    """A run, a name for the files that a command makes from it, and a title."""
+    opened = open_run(inventory.run_folder(run, runs), failed=True)
+    if not opened.done:
+        end_s, reason = opened.trace.time_s[-1], opened.record.reason
+        print(f"{run}: {opened.record.status}, shown until {end_s:g} s: {reason}", file=sys.stderr)
+    name = f"{what}-{opened.record.engine}-{opened.folder.resolve().name}"
+    return opened, name, f"{opened.record.scene.get('title') or opened.record.scene_name} ({opened.record.engine})"

@@ -10,10 +10,8 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.batch.study import column_name, in_si, read_study, select
 from drivers.engines import engine_names
-from drivers.run.execute import Place
 from drivers.scene.settings import look_up
-from validation.commands.batch_answers import run_study
-from validation.commands.batch_commands import batch_of, functions
+from validation.commands.batch_commands import batch_of
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.scenes import SceneWriter, StudyWriter
 
@@ -172,9 +170,9 @@ def test_bad_studies(name: str, scene_file: SceneWriter, tmp_path: Path) -> None
     )
     path = tmp_path / "study.toml"
     path.write_text(top + text)
-    with pytest.raises(InputError) as refused:
-        run_study(batch_of(path, tmp_path / "runs"), tmp_path, Place(1), dry_run=True)
-    assert words in str(refused.value)
+    refused = beads("batch", path, "--runs", tmp_path / "runs", "--results", tmp_path, "--dry-run")
+    assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
+    assert words in refused.stderr
     assert not (tmp_path / "runs").exists()
 
 
@@ -229,6 +227,6 @@ def test_processes_with_another_working_folder_read_the_same_study(
     """Such as idle ones of a notebook that has changed its folder."""
     path = write('[[axis]]\nkey = "chain.count"\nvalues = [3, 4]')
     monkeypatch.chdir(path.parent)
-    sent = pickle.dumps(batch_of(path.name, tmp_path / "runs", **functions()))
+    sent = pickle.dumps(batch_of(path.name, tmp_path / "runs"))
     monkeypatch.chdir("/")
     assert pickle.loads(sent).study.name == path.stem

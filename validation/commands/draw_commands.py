@@ -1,0 +1,187 @@
+"""Commands that draw scenes, runs and studies."""
+
+import json
+import sys
+from pathlib import Path
+
+from drivers.base.errors import InputError
+from drivers.base.terminal import text_table
+from drivers.base.units import to_si
+from drivers.batch.study import column_name, read_study
+from drivers.batch.tables import read_study_table
+from drivers.chain.case import build_case
+from drivers.engines import REFERENCE
+from drivers.limits import refuse
+from drivers.run.inventory import scene_now
+from drivers.scene.read_scene import stored_scene
+from postproc.draw import film as films
+from postproc.draw.product import Product, draw_spacetime, write_product
+from postproc.draw.scene_drawing import draw_scene
+from postproc.draw.study_figure import column_of, draw_study, draw_tornado
+from postproc.energy.energies import range_numbers, run_energies
+from postproc.energy.energy_figure import draw_energies, write_energies
+from postproc.linear.modes import MAX_BEADS
+from postproc.linear.modes_figure import modes_product
+from postproc.linear.spectra import WINDOWS
+from postproc.linear.spectrum_figure import analyse, numbers_of, signals_of, spectrum_product
+from postproc.read.labels import key_label
+from validation.accuracy.plan import planned_case
+from validation.commands.options import print_paths
+from validation.commands.run_commands import open_shown
+
+
+def draw(scene: str, settings: tuple[str, ...], results: Path) -> None:
+    """Draw a scene."""
+    case = planned_case(scene, *settings)
+    product = Product(*draw_scene(case.scene, case.chain))
+    print_paths(write_product(product, f"scene-{case.scene.name}", results))
+
+
+def modes(scene: str, settings: tuple[str, ...], results: Path) -> None:
+    """Draw the modes of a scene and print what they are."""
+    case = planned_case(scene, *settings)
+    beads = case.chain.beads
+    if not 0 < beads <= MAX_BEADS:
+        raise InputError(case.scene.file, "chain.count", f"{beads}", f"from 1 to {MAX_BEADS} beads for modes")
+    try:
+        product = modes_product(case)
+    except ValueError as error:
+        print(f"{case.scene.name}: {error}")
+    else:
+        _write(product, f"modes-{case.scene.name}", results)
+
+
+def spacetime(run: str, runs: Path, results: Path) -> None:
+    """Draw the forces of a run against position and time."""
+    opened, name, title = open_shown("spacetime", run, runs)
+    print_paths(write_product(draw_spacetime({title: opened.trace}, width_in=6.4), name, results))
+
+
+def spectrum(
+    run: str,
+    source: str,
+    target: str,
+    frequency: str | None,
+    since: str,
+    until: str | None,
+    window: str,
+    as_json: bool,
+    runs: Path,
+    results: Path,
+) -> None:
+    """Draw the spectra of a run, or print their numbers."""
+    opened, name, title = open_shown("spectrum", run, runs)
+    case, trace = build_case(stored_scene(opened.record.scene)), opened.trace
+    signals = signals_of(case, trace)
+    for given, word, known in (("--from", source, signals), ("--to", target, signals), ("--window", window, WINDOWS)):
+        if word and word not in known:
+            raise InputError("beads spectrum", given, f'"{word}"', ", ".join(known))
+    if not signals:
+        allowed = "a scene with chain.sensors, or a wall"
+        raise InputError("beads spectrum", "RUN", "a run without gauges and drive", allowed)
+    from_s, to_s = _si("--since", since, "s"), _si("--until", until, "s") if until else float(trace.time_s[-1])
+    hertz = _si("--frequency", frequency, "Hz") if frequency else None
+    used = (trace.time_s >= from_s) & (trace.time_s <= to_s)
+    try:
+        parts = {gauge: values[used] for gauge, values in signals.items()}
+        analysis = analyse(case, parts, trace.time_s[used], (source, target), window, hertz)
+    except ValueError as error:
+        raise InputError("beads spectrum", run, str(error), "a longer record or finer samples") from error
+    if as_json:
+        print(json.dumps(numbers_of(analysis), indent=2))
+    else:
+        _write(spectrum_product(case, analysis, title), name, results)
+
+
+def _si(option: str, text: str, unit: str) -> float:
+    """Value of an option in an SI unit, zero or above."""
+    try:
+        value = to_si(text, unit)
+    except ValueError as error:
+        raise InputError("beads spectrum", option, f'"{text}"', f"a quantity in {unit}, such as 1 k{unit}") from error
+    if value < 0 or (value == 0 and unit == "Hz"):
+        raise InputError("beads spectrum", option, f'"{text}"', "zero or more" if unit == "s" else "above zero")
+    return value
+
+
+def energy(run: str, ranges: tuple[tuple[int, int], ...], runs: Path, results: Path) -> None:
+    """Draw the energies of a run, print their sums and those of ranges of bodies, and write all as a table."""
+    opened, name, title = open_shown("energy", run, runs)
+    energies = run_energies(opened)
+    numbers = {f"{low}-{high}": range_numbers(energies, low, high) for low, high in ranges}
+    sums = energies.sums_J
+    if opened.trace.drive_work_J is not None:
+        sums["work of the drive, negative"] = 0 - opened.trace.drive_work_J
+    sums["sum"] = sum(sums.values(), start=0 * energies.time_s)
+    rows = [(part, f"{values[0]:.6g}", f"{values[-1]:.6g}") for part, values in sums.items()]
+    print(*text_table([("energy (J)", "at time 0", "at the end"), *rows]), sep="\n")
+    lines = [(bodies, *(f"{value:.6g}" for value in of_range.values())) for bodies, of_range in numbers.items()]
+    if numbers:
+        print(*text_table([("bodies", *next(iter(numbers.values()))), *lines]), sep="\n")
+    table = results / f"{name}.parquet"
+    written = write_product(draw_energies(energies, ranges, title), name, results)
+    write_energies(energies, table)
+    print_paths([*written, table])
+
+
+def film(run: str, frames: int | None, sideways: float, runs: Path, results: Path) -> None:
+    """Draw the chain of a run at several times, and in an animation."""
+    opened, name, title = open_shown("film", run, runs)
+    still = films.film_of(opened, frames or films.FRAMES, sideways)
+    print_paths(write_product(films.sheet(still, title), name, results))
+    moving = films.film_of(opened, films.GIF_FRAMES, sideways)
+    print_paths([films.write_animation(moving, title, results / f"{name}.gif")])
+
+
+def overlay(run: str, settings: tuple[str, ...], measured: Path | None, runs: Path, results: Path) -> None:
+    """Draw measured traces over those of a run, or of the exact motion of a scene, and print the deviations."""
+    from postproc.draw.overlay import HEADINGS, draw_overlay, misfit_rows  # takes as long to load as all others
+    from postproc.paper.simulate import exact
+    from postproc.read.measured import entries_of
+    from postproc.read.misfit import lay_over
+
+    if Path(run).is_dir() or (":" in run and not Path(run).exists()):
+        if settings:
+            raise InputError(f"--set {settings[0]}", "", "not allowed for a finished run")
+        opened, name, _ = open_shown("overlay", run, runs)
+        scene = scene_now(run.partition(":")[2]) or scene_now(opened.record.scene_name)  # names the measured data
+        layout, trace, engine = opened.layout, opened.trace, opened.record.engine
+    else:
+        case = planned_case(run, *settings)
+        refuse(case, REFERENCE)
+        scene, layout, trace, engine = case.scene, case.layout, exact(case).trace, REFERENCE
+        name = f"overlay-{scene.name}"
+    entries, folder, where = entries_of(scene, measured, run)
+    curves, misfits, remarks = lay_over(entries, folder, where, layout, trace)
+    drawn = write_product(draw_overlay(layout, trace, engine, curves, misfits), name, results) if curves else ()
+    print(*text_table([HEADINGS, *misfit_rows(misfits)]), sep="\n")
+    for remark in remarks:
+        print(remark, file=sys.stderr)
+    print_paths(drawn)
+
+
+def study(study: str, runs: Path, results: Path, x: str, y: str, log: bool, power_law: bool) -> None:
+    """Draw the table of a study."""
+    given = {"--x": x, "--y": y, "--log": log, "--power-law": power_law}
+    missing = [name for name in ("--x", "--y") if not given[name]]
+    if missing and any(given.values()):
+        raise InputError(next(filter(given.get, given)), "", f"needs {' and '.join(missing)}")
+    swept, table = read_study(study), read_study_table(study, runs)
+    columns = {name: column_name(name, key) for name, key in swept.columns.items()}
+    labels = {columns[name]: key_label(name, key) for name, key in swept.columns.items()}
+    name, title, grid = f"{swept.name}-figure", swept.file.title or swept.name, swept.file.combine == "grid"
+    if x:
+        x = column_of(table, x, "--x", columns, numbers=log or power_law)
+        y = column_of(table, y, "--y", columns, numbers=True)
+        name, how = f"{swept.name}-{y}-{x}-xy", {"joined": grid, "log": log, "fitted": power_law}
+        product = draw_study(table, title, (y,), f"--x {x} --y {y}", labels, x, **how)
+    else:
+        product = (draw_study if grid else draw_tornado)(table, title, swept.file.figure, swept.where, labels)
+    print_paths(write_product(product, name, results))
+    print(*(f"{note}\n" for note in product.notes), sep="", end="")
+
+
+def _write(product: Product, name: str, results: Path) -> None:
+    """Print what a product notes, and the paths of its files."""
+    print(*(f"{note}\n" for note in product.notes), sep="", end="")
+    print_paths(write_product(product, name, results))
