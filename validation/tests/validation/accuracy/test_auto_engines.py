@@ -1,16 +1,20 @@
 """``--engine auto``: costs of engines, and engines that it leaves out since their build or their run failed."""
 
 import sys
-from math import isfinite
+from dataclasses import replace
+from math import inf
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from drivers import engines as engines_module
 from drivers.base.cache import load, store
 from drivers.base.errors import RunError
+from drivers.chain.case import Case
 from drivers.engines import REFERENCE, VERLET, codes, engine_names, load_engine
 from drivers.run import guard
+from drivers.run.compute import Computed, compute
 from drivers.run.run_folder import RECORD
 from validation.accuracy import costs, plan_report
 from validation.accuracy.costs import Cost, cost_on, kit_key
@@ -143,9 +147,16 @@ def test_a_cost_is_measured_once_for_each_build_and_never_infinite(
     )
     costs._measured.cache_clear()
     monkeypatch.setattr(costs, "REPEATS", 1)
-    monkeypatch.setattr(costs, "LOOP_S", 0.01)
+
+    def timed(case: Case, *given: Any, **more: Any) -> Computed:
+        """Computed case with a loop of 2 ns a body and step, and 5 ns a body and sample."""
+        loop_s = case.chain.bodies * (2e-9 * case.scene.steps + 5e-9 * case.scene.samples)
+        return replace(compute(case, *given, **more), loop_s=loop_s)
+
+    monkeypatch.setattr(costs, "compute", timed)
     measured = cost_on("mine")
-    assert all(isfinite(each) and each > 0 for each in (measured.start_s, measured.step_ns, measured.sample_ns))
+    assert 0 < measured.start_s < inf
+    assert (measured.step_ns, measured.sample_ns) == pytest.approx((2, 5))
     assert "mine: no entry in inputs/costs.toml; cost measured and cached" in capsys.readouterr().err
 
     def fails(*_: object) -> Cost:
