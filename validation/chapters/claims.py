@@ -58,7 +58,7 @@ def measure(options: Options) -> Chapter:
 
 
 def chapter_of(claims: Sequence[Claim], checks: Sequence[Check]) -> Chapter:
-    """Chapter on judged claims; its checks are those of the cases, and the faults of statements."""
+    """Chapter on judged claims; its checks are those of the cases, and the faults of statements, of no engine."""
     own: dict[str, list[Check]] = defaultdict(list)
     for check in checks:
         own[check.scene].append(check)
@@ -68,7 +68,7 @@ def chapter_of(claims: Sequence[Claim], checks: Sequence[Check]) -> Chapter:
     counted = f"cases beyond the paper: {counts[PASS]} passed, {counts[FAIL]} failed, {counts[NOT_RUN]} not run"
     for name, claim in statements.items():
         if fault := fault_of(claim, own[name]):
-            judged.append(replace(favoured(claim, own[name])[REFERENCE], where=fault, verdict=FAIL))
+            judged.append(replace(favoured(claim, own[name])[REFERENCE], engine="", where=fault, verdict=FAIL))
     rows = pd.DataFrame([_row(claim, own[claim.id]) for claim in claims])
     found = [*(findings(rows) if statements else ()), counted]
     return Chapter({"claims": pd.DataFrame(checks)}, found, shown=_shown(rows), checks=judged)

@@ -49,7 +49,7 @@ PARAMETERS = _by_word(
         expose_value=False,
     ),
     option("--require ENGINE ...", "Fail if this engine does not run; repeatable."),
-    option("--allow-missing", "Accept that engines of --engine, all codes or runs of --against are missing."),
+    option("--allow-missing", "Accept that engines of --engine or all codes are missing."),
     option("--runs DIR", RUNS, default=lambda: paths.RUNS),
     option(
         "--results DIR",

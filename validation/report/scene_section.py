@@ -97,14 +97,14 @@ def scene_row(scene: ComparedScene, runs: Path | None = None) -> ReportRow:
 
 
 def case_rows(checks: Sequence[Check]) -> list[ReportRow]:
-    """Rows of the cases beyond the paper, and of statements with a fault."""
-    rows = []
-    for name in dict.fromkeys(check.scene for check in checks):
-        of_case = [check for check in checks if check.scene == name]
-        engines = in_order({check.engine for check in of_case})
-        cells = {engine: Cell([check for check in of_case if check.engine == engine]) for engine in engines}
-        rows.append(ReportRow(name, name, "beads claims", cells))
-    return rows
+    """Rows of the cases beyond the paper, whose checks are those with an engine."""
+    cases: dict[str, dict[str, list[Check]]] = {}
+    for check in (check for check in checks if check.engine):
+        cases.setdefault(check.scene, {}).setdefault(check.engine, []).append(check)
+    return [
+        ReportRow(name, name, "beads claims", {engine: Cell(by_engine[engine]) for engine in in_order(by_engine)})
+        for name, by_engine in cases.items()
+    ]
 
 
 def counted(rows: Iterable[ReportRow]) -> Counter[str]:
