@@ -15,7 +15,7 @@ from postproc.read.continuous import full_width_s, is_censored, read, time_above
 from validation.calibration.data import DEFAULT, calibration_file, paper_data
 from validation.calibration.fit import DATA, LAWS, PARAMETERS, Tables
 from validation.calibration.problem import pose
-from validation.chapters.calibration import CUTS, ELECTRONICS, ONE_MS, conclusions, cut_rows, judge
+from validation.chapters.calibration import CUTS, ELECTRONICS, ONE_MS, alike, conclusions, cut_rows, judge
 from validation.checks import FAIL, Check
 
 
@@ -168,3 +168,10 @@ def test_a_fit_that_differs_from_the_parameters_of_the_figures_is_a_failure() ->
     assert re.match(r".* ± .* Pa; the fit gives .* ± .* Pa", check.where)
     check, *_ = judge(made_up("power", file.reading, 0.5, 1.0, 0.0))
     assert (check.engine, check.where) == ("viscoelastic", f"{file.parameter[0].key}: no fit")
+
+
+def test_stored_findings_may_differ_in_the_last_digit_only() -> None:
+    said = "the laws fit: elastic in 4, power in 20; probability 8e-04"
+    assert alike(said, said.replace("20", "21").replace("8e-04", "7e-04"))
+    assert not alike(said, said.replace("4,", "2,"))
+    assert not alike(said, said.replace("power", "viscoelastic"))
