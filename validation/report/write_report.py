@@ -43,9 +43,10 @@ from validation.report.scene_section import ReportRow, case_rows, counted, secti
 SUBJECT = "Strongly nonlinear waves in a chain of Teflon beads"
 PAPER = ("fig4", "fig5", "fig6b", "fig6d")
 POWER = re.compile(r"\d[\d.]*e[+-]?\d+")  # number with a power of ten
+CODE = re.compile("`([^`]+)`")
 SUBSCRIPT = re.compile(r"\b([^\W_])_(\w)\b")
 VERDICT = re.compile(f"({'|'.join((PASS, FAIL, NOT_RUN, NOT_ACCURATE, REPRODUCED, DIFFERS))})(?: (.*))?")
-NARROW = 60  # characters of a row that narrow screens show on one line, or in cells of two
+NARROW, NARROW_WORDS = 60, 40  # characters of the longest texts, and of the longest words, of a row on narrow screens
 SHARING = ("claims",)  # chapters that have runs in common with the figures, and are made after them
 BESIDE = Place(processes=True)
 
@@ -176,7 +177,10 @@ def write_report(
     rows = [described["row"] for described in about]
     engines = in_order(engine for row in (*rows, *cases) for engine in row.cells)
     verdicts = {row.name: {name: cell.verdict for name, cell in row.cells.items()} for row in cases}
-    builds = [(name, build["version"], build["command"], build["sha256"]) for name, build in made["engines"].items()]
+    builds = [
+        (name, build["version"], f"`{build['command']}`", f"`{build['sha256']}`")
+        for name, build in made["engines"].items()
+    ]
     page = deck.render(
         "report/report.html.j2",
         subject=SUBJECT if sections else f"{' and '.join(row.title for row in rows)}: do the codes agree?",
@@ -229,13 +233,15 @@ def _verdicts(rows: Sequence[ReportRow], engines: Sequence[str]) -> pd.DataFrame
 
 def is_wide(table: pd.DataFrame) -> bool:
     """True for a table whose rows are blocks of labelled lines on narrow screens."""
-    texts = ([heading, *(marked(str(cell)).striptags() for cell in table[heading])] for heading in table.columns)
-    return sum(max(map(len, column)) for column in texts) > NARROW
+    columns = [[heading, *(marked(str(cell)).striptags() for cell in table[heading])] for heading in table.columns]
+    texts = sum(max(map(len, column)) for column in columns)
+    words = sum(len(max(" ".join(column).split(), key=len)) for column in columns)
+    return texts > NARROW or words > NARROW_WORDS
 
 
 def typeset(text: str) -> Markup:
-    """Text with subscripts in symbols such as F_m, and numbers with a power of ten kept on one line."""
-    unbroken = POWER.sub(r'<span class="number">\g<0></span>', str(escape(text)))
+    """Text with `code`, subscripts in symbols such as F_m, and numbers with a power of ten kept on one line."""
+    unbroken = POWER.sub(r'<span class="number">\g<0></span>', CODE.sub(r"<code>\1</code>", str(escape(text))))
     return Markup(SUBSCRIPT.sub(r"\1<sub>\2</sub>", unbroken))
 
 
