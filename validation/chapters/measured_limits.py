@@ -5,6 +5,7 @@ unstable ones, so the scan tries each step, 1 % larger than the one before. It u
 milliseconds; the codes confirm the limit.
 """
 
+from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from math import inf, nan
@@ -45,7 +46,7 @@ FINENESS = 0.01  # relative step of the scan
 LOWEST, HIGHEST = 0.15, 2.5  # scanned range, in limits of `beads plan`
 CODE_LOWEST = 0.9  # start of the scan of a code that does not blow up where Verlet does
 SHARES = np.exp(np.arange(np.log(LOWEST), np.log(HIGHEST), np.log1p(FINENESS)))
-WRONG_SHARES = np.geomspace(0.01, 1.0, 95)  # of the predicted limit
+WRONG_SHARES = np.geomspace(0.01, 1.0, 95).tolist()  # of the predicted limit
 CRITERION_KEYS = ("rayleigh_s", "hertz_s", "p_wave_s")
 JUDGED_GROUPS = (SHIPPED, RANDOM)  # their predicted limits have to be close to the measured ones
 
@@ -152,8 +153,8 @@ def measure_limits(subjects: Sequence[MeasuredChain], names: Sequence[str] | Non
     Returns:
         A row for each subject and method. ``group`` is the group of scenes, ``value`` the parameter of a sweep;
         ``predicted_s`` the predicted limit, a lower bound; ``measured_s`` the smallest scanned step at which the energy
-        blows up, NaN if none does, ``ratio`` the measured limit divided by the predicted one; ``wrong_s`` the smallest
-        tried step at which a force of Verlet errs by a tenth of the largest change, NaN for random scenes;
+        blows up, NaN if none does, ``ratio`` the measured limit divided by the predicted one; ``wrong_s`` the
+        step at which a force of Verlet errs by a tenth of the largest change, NaN for random scenes;
         ``rayleigh_s``, ``hertz_s``, ``p_wave_s`` the steps of usual criteria (``validation.accuracy.plan.CRITERIA``);
         ``steps`` the number of steps of the run at the limit.
     """
@@ -197,12 +198,14 @@ def _row(subject: MeasuredChain, predicted_s: float, method: str, measured_s: fl
 
 
 def wrong_step_s(case: Case, predicted_s: float) -> float:
-    """Smallest tried step at which a force of Verlet errs by a tenth of the largest change; NaN if none does."""
-    for step_s in predicted_s * WRONG_SHARES:
-        sampled = case.sampled_at_every(step_s)
-        if residual(verlet_of(sampled), exact_of(sampled, EXACT)).max() > WRONG:
-            return float(step_s)
-    return nan
+    """Step at which a force of Verlet errs by a tenth of the largest change, by bisection; NaN if it never does."""
+
+    def is_wrong(share: float) -> bool:
+        sampled = case.sampled_at_every(share * predicted_s)
+        return bool(residual(verlet_of(sampled), exact_of(sampled, EXACT)).max() > WRONG)
+
+    place = bisect_left(WRONG_SHARES, True, key=is_wrong)
+    return predicted_s * WRONG_SHARES[place] if place < len(WRONG_SHARES) else nan
 
 
 def _blows_up_first(method: str, subject: MeasuredChain, step_s: float) -> bool:
