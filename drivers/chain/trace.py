@@ -7,7 +7,6 @@ import hashlib
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from math import nan
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -332,9 +331,3 @@ def largest_kinetic_J(chain: Chain, motion: Trace) -> float:
 def residual(trace: Trace, reference: Trace) -> Array:
     """Largest difference at each sample, divided by the reference's largest change of force. Shape (samples,)."""
     return np.asarray(np.abs(trace.force_N - reference.force_N).max(axis=1) / largest_change_N(reference.force_N))
-
-
-def parted_s(trace: Trace, other: Trace, limit: float) -> float:
-    """Time in s at which the residual first exceeds a limit; NaN if it never does."""
-    beyond = residual(trace, other) > limit
-    return float(trace.time_s[np.argmax(beyond)]) if beyond.any() else nan

@@ -3,8 +3,8 @@
 A chapter is a module of this folder with a function ``measure(options)`` that returns a ``Chapter``.
 """
 
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, redirect_stderr
+from collections.abc import Iterable
+from contextlib import redirect_stderr
 from dataclasses import dataclass
 from importlib import import_module
 from io import StringIO
@@ -70,15 +70,6 @@ def run_chapter(name: str, options: Options) -> int:
     if missing_codes():
         say(f"not installed, and left out: {', '.join(missing_codes())}")
     return 1 if failed else 0
-
-
-@contextmanager
-def left_out_if_failed(what: str) -> Iterator[None]:
-    """Report a failed run and continue the chapter without its row."""
-    try:
-        yield
-    except RunError as error:
-        say(f"{what} is left out: {error}")
 
 
 def up_to_date(name: str, results: Path) -> bool:
