@@ -98,7 +98,7 @@ class RunError(Exception):
 
     Args:
         reason: the message, kept in the run's record.
-        status: ``failed`` or ``timeout``.
+        status: ``failed``, ``timeout``, or ``not run``.
         partial: the part of the result that exists, for a diagnosis; in memory only.
     """
 

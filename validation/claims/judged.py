@@ -113,7 +113,7 @@ def judge(claims: Sequence[Claim], runs: Path = paths.RUNS) -> list[Check]:
         if engine in IN_REPO:
             return Simulation(case, engine, IN_REPO[engine](case))
         if absent := absences(case, [engine]):
-            raise NotImplementedError(absent[engine])
+            raise RunError(absent[engine], NOT_RUN)
         if _key(case, engine) not in ended:
             run_all([(case, engine)])
         done = ended[_key(case, engine)]
@@ -154,8 +154,8 @@ def judge(claims: Sequence[Claim], runs: Path = paths.RUNS) -> list[Check]:
     for claim, words, way, engine in on_engines:
         try:
             checks[check(claim, words, way, engine)] = None
-        except (NotImplementedError, RunError, ValueError, ArithmeticError, IndexError) as error:
-            verdict = NOT_RUN if isinstance(error, NotImplementedError) else FAIL
+        except (RunError, ValueError, ArithmeticError, IndexError) as error:
+            verdict = NOT_RUN if isinstance(error, RunError) and error.status == NOT_RUN else FAIL
             checks[without_run(claim.id, engine, f"{words}: {error}".removeprefix(": "), verdict)] = None
     places = {claim.id: place for place, claim in enumerate(claims)}
     return sorted(checks, key=lambda check: places[check.scene])
