@@ -18,6 +18,7 @@ from validation.checks import DIFFERS, REPRODUCED, Check
 from validation.claims.chains import table1
 from validation.claims.claim import Claim, Reading, read_claims
 from validation.claims.judged import check_of, fault_of, favoured
+from validation.report.scene_section import case_rows
 from validation.tests.validation.claims.published import published_checks
 
 ONE = """[[claim]]
@@ -132,6 +133,8 @@ def test_the_chapter_leads_with_the_gap_to_the_experiment_and_counts_what_can_fa
     faults = {check.scene: check.where for check in chapter.checks}
     assert "without an explanation" in faults["power-three"]
     assert "explained" in faults["collision-secondary"]  # is hit here
+    rows = {row.name for row in case_rows(chapter.checks)}  # on the page no engine fails by a statement
+    assert rows == {whole.id for whole in claims if whole.kind == "case"}
     assert "fig4-amplitudes-agree" not in faults
 
 
