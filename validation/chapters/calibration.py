@@ -13,7 +13,7 @@ from drivers.base.terminal import following
 from drivers.base.tolerances import tolerance
 from drivers.run.execute import Place, execute
 from postproc.draw.fits import draw_deviations, name_of, rows_of, value_text
-from postproc.paper.calibrated import calibrated
+from postproc.paper import calibrated
 from validation.calibration.data import DEFAULT, calibration_file, paper_data
 from validation.calibration.fit import DATA, LAWS, MAX_DEVIATION, PARAMETERS, Fit, Tables, solve
 from validation.calibration.problem import pose

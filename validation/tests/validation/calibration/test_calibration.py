@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from drivers.base import paths
-from postproc.paper.calibrated import calibrated
+from postproc.paper import calibrated
 from postproc.paper.simulate import Simulation, case_of, exact
 from postproc.read.continuous import full_width_s, is_censored, read, time_above
 from validation.calibration.data import DEFAULT, calibration_file, paper_data
