@@ -136,9 +136,9 @@ def film(run: str, frames: int | None, sideways: float, runs: Path, results: Pat
 def overlay(run: str, settings: tuple[str, ...], measured: Path | None, runs: Path, results: Path) -> None:
     """Draw measured traces over those of a run, or of the exact motion of a scene, and print the deviations."""
     from postproc.draw.overlay import HEADINGS, draw_overlay, misfit_rows  # takes as long to load as all others
-    from postproc.paper.simulate import exact
     from postproc.read.measured import entries_of
     from postproc.read.misfit import lay_over
+    from postproc.read.motion import exact
 
     if Path(run).is_dir() or (":" in run and not Path(run).exists()):
         if settings:
