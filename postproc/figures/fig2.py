@@ -19,7 +19,7 @@ from drivers.engines import REFERENCE
 from postproc.draw.product import Product
 from postproc.draw.style import AVERAGE, COLUMN_IN, FIRST, GREY, MICRO, SECOND, draw_codes, letter_panel, pyplot
 from postproc.paper import strikes
-from postproc.paper.simulate import UNTIL_REFLECTED, case_of, simulate
+from postproc.read.motion import UNTIL_REFLECTED, case_of, simulate
 from postproc.read.sensors import sensor_average
 from validation.reference.travelling_wave import solve_at_speed, solve_travelling_wave
 

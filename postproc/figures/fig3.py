@@ -19,7 +19,7 @@ from drivers.engines import REFERENCE
 from postproc.draw.product import Product
 from postproc.draw.style import COLUMN_IN, GREY, draw_codes, pyplot, text_color
 from postproc.paper import quoted, strikes
-from postproc.paper.simulate import Simulation, case_of, run_codes_on
+from postproc.read.motion import Simulation, case_of, run_codes_on
 from validation.reference.travelling_wave import solve_at_amplitude
 
 FORCES_N = np.geomspace(0.03, 20, 13)

@@ -19,8 +19,8 @@ from drivers.engines import REFERENCE, installed_codes
 from postproc.draw.product import Product
 from postproc.draw.style import PAGE_IN, pyplot
 from postproc.paper import quoted
-from postproc.paper.simulate import run_codes
 from postproc.paper.strikes import COLUMNS, sensor_amplitude, settled, strike_for, striker_speed, table1_numbers
+from postproc.read.motion import Simulation, run_codes
 
 SPEED, WIDTH = "$V_s$\n(m/s)", "$L/2R$"
 COMPUTED = (SPEED, f"{WIDTH}\n(0.2 %)", f"{WIDTH}\n(4 %)")

@@ -22,7 +22,7 @@ from drivers.chain.case import Case, build_case
 from drivers.chain.chain import Array, bead_mass, hertz_force, hertz_overlap
 from drivers.scene.model import Member
 from postproc.paper import force_accuracy, quoted
-from postproc.paper.simulate import Simulation, case_of, exact
+from postproc.read.motion import Simulation, case_of, exact
 from postproc.read.signals import first_peak
 from validation.reference.travelling_wave import solve_travelling_wave
 

@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 from drivers.base.errors import InputError
 from drivers.chain.case import Case
 from postproc.paper import calibrated, quoted, strikes
-from postproc.paper.simulate import UNTIL_REFLECTED, Simulation, case_of, exact
+from postproc.read.motion import UNTIL_REFLECTED, Simulation, case_of, exact
 from postproc.read.observables import observe
 from postproc.read.sensors import sensor_average
 from postproc.read.signals import ONSET, Peak, envelope, incident_pulse, integral, peaks

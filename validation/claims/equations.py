@@ -12,7 +12,7 @@ from scipy.interpolate import CubicSpline
 
 from drivers.chain.chain import Array, hertz_force
 from postproc.paper import quoted, strikes
-from postproc.paper.simulate import case_of
+from postproc.read.motion import case_of
 from validation.reference import travelling_wave
 from validation.reference.travelling_wave import fixed_point, solve_at_amplitude, solve_travelling_wave
 
