@@ -36,7 +36,7 @@ def caption_of(file: Path) -> Caption:
     try:
         words = ast.get_docstring(ast.parse(file.read_bytes())) or ""
     except OSError as error:
-        raise InputError(where, "", "cannot be read", f"a Python file ({error.strerror})") from error
+        raise InputError(where, "", f"cannot be read ({error.strerror})") from error
     except (SyntaxError, ValueError) as error:
         line = f", line {error.lineno}" if isinstance(error, SyntaxError) else ""
         raise InputError(where + line, "", str(getattr(error, "msg", error))) from error

@@ -30,17 +30,34 @@ from drivers.limits import inability
 from drivers.scene.model import places_of
 from drivers.scene.read_scene import apply_setting, find_scene, read_scene, set_value
 from drivers.scene.settings import look_up
-from postproc.draw.fits import draw_parameters, interval_text, rounded, rows_of, value_text, with_error
 from postproc.draw.product import write_figure
+from postproc.draw.style import COLUMN_IN, pyplot
 from postproc.read.measured import MEASURED
 from postproc.read.observables import describe, without_unit
 from validation.calibration.data import GAIN, TRIGGER, DataSet, calibration_file, did_you_mean, paper_data, scene_data
-from validation.calibration.fit import DATA, LAWS, PARAMETERS, RISES, Fit, Tables, solve
+from validation.calibration.fit import (
+    COLOURS,
+    DATA,
+    LAWS,
+    MARKERS,
+    PARAMETERS,
+    RISES,
+    Fit,
+    Tables,
+    interval_text,
+    rounded,
+    rows_of,
+    solve,
+    suited,
+    value_text,
+    with_error,
+)
 from validation.calibration.problem import Problem, pose, simulated, stepped
 from validation.compare.comparison import EngineSelection, compare_scenes
 from validation.report.parts import Chapter, store_part
 
 PREDICTIONS, AGAIN = "predictions", "again.sh"
+ROW_IN, HEAD_IN = 0.55, 0.5
 DECISIVE = 6.0  # excess of Akaike's criterion: a ratio of likelihoods of 20
 LEGEND = (
     "deviation: fitted minus measured, in standard errors of the measurement; of a trace the rms of its readings, of a "
@@ -304,6 +321,33 @@ def write_folder(
         shutil.copytree(draft, folder, dirs_exist_ok=True)
     store_part(folder.name, Chapter({}), {PARAMETERS: ("Fitted parameters", svg)}, folder.parent)
     return {law: [folder / path.name for path in of_law] for law, of_law in fitted.items()}
+
+
+def draw_parameters(parameters: pd.DataFrame) -> Any:
+    """A panel for each parameter: value, 68 % (thick) and 95 % interval (thin) of each law."""
+    shown = parameters[np.isfinite(parameters["error"])]
+    names, laws = [*shown["parameter"].unique()] or [""], [*parameters["law"].unique()]
+    height = HEAD_IN + len(names) * (ROW_IN + 0.12 * len(laws))
+    figure, axes = pyplot().subplots(len(names), 1, figsize=(COLUMN_IN, height), squeeze=False, layout="constrained")
+    for axis, name in zip(axes[:, 0], names, strict=True):
+        own = shown[shown["parameter"] == name]
+        scale, unit = suited(own["value"].iloc[0], own["unit"].iloc[0]) if len(own) else (1.0, "")
+        places, colours = range(len(own)), [COLOURS[laws.index(law) % len(COLOURS)] for law in own["law"]]
+        for share, width in (("95pct", 0.9), ("68pct", 2.6)):
+            low, high = (own[f"{end}_{share}"].clip(own["least"], own["most"]) * scale for end in ("low", "high"))
+            axis.hlines(places, low, high, colours, lw=width)
+        for place, law, value, colour in zip(places, own["law"], own["value"] * scale, colours, strict=True):
+            axis.plot(value, place, MARKERS[laws.index(law) % len(MARKERS)], color=colour, ms=5, label=law or None)
+        title = name.removeprefix("materials.") or "no parameter is determined"
+        axis.set_title(f"{title}{f' ({unit})' * bool(unit)}", loc="left", fontsize=8)
+        axis.set(yticks=[], ylim=(len(own) - 0.4, -0.6))
+        axis.locator_params(axis="x", nbins=5)
+        axis.ticklabel_format(axis="x", useOffset=False)
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    if len(labels) > 1:
+        figure.legend(handles, labels, loc="outside upper left", ncols=len(labels), fontsize=7)
+    figure.supxlabel("value, 68 % (thick) and 95 % interval", fontsize=8)
+    return figure
 
 
 def _command(request: FitRequest) -> str:

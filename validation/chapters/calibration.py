@@ -12,10 +12,22 @@ from drivers.base import paths
 from drivers.base.terminal import following
 from drivers.base.tolerances import tolerance
 from drivers.run.execute import Place, execute
-from postproc.draw.fits import draw_deviations, name_of, rows_of, value_text
+from postproc.draw.style import GREY, pyplot
 from postproc.paper import calibrated
 from validation.calibration.data import DEFAULT, calibration_file, paper_data
-from validation.calibration.fit import DATA, LAWS, MAX_DEVIATION, PARAMETERS, Fit, Tables, solve
+from validation.calibration.fit import (
+    COLOURS,
+    DATA,
+    LAWS,
+    MARKERS,
+    MAX_DEVIATION,
+    PARAMETERS,
+    Fit,
+    Tables,
+    rows_of,
+    solve,
+    value_text,
+)
 from validation.calibration.problem import pose
 from validation.chapters import Options
 from validation.checks import FAIL, Check, judged, without_run
@@ -28,6 +40,16 @@ MODULUS, RESTITUTION = "materials.ptfe.youngs_modulus", "contact.restitution"
 GAUGES, SPEEDS, CUT = "sensor.time_constant", "reading.speed_scale", "reading.cut"
 ELECTRONICS, ONE_MS = "electronics: RC about 1 ms", "electronics: RC 1 ms"
 NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
+# words for numbers of the paper, by parts of their names
+KINDS = {
+    "amplitude": "force",
+    "contact_force": "force",
+    "speed": "speed",
+    "full_width": "full width",
+    "decay": "decay at the wall",
+}
+NUMBER_IN, WIDTH_IN = 0.36, 6.8
+SPREAD = 0.7  # of the fits of a number, as a share of the distance of two numbers
 CUTS = ("4 %", "5 %", "8 %", "12 %", "15 %")  # fixed, of the dissipative law without electronics
 
 
@@ -176,6 +198,14 @@ def cut_rows(tables: Tables) -> Iterator[tuple[str, ...]]:
         yield named, *goodness, value_text(found[RESTITUTION])
 
 
+def name_of(data_set: str, datum: str) -> str:
+    """Name of a datum: kind and, of a row, its force."""
+    kind = next((word for part, word in KINDS.items() if part in datum), datum)
+    words = {"table1": "Table 1,", "fig4": "Fig. 4", "fig5": "Fig. 5"}
+    named = " ".join(words.get(part, part) for part in data_set.removesuffix(" width").split(" "))
+    return f"{named}: {kind}"
+
+
 def deviations(tables: Tables) -> pd.DataFrame:
     """Deviations of the fits without and with electronics, for the figure."""
     data = tables[DATA].dropna(subset="measured")
@@ -183,6 +213,32 @@ def deviations(tables: Tables) -> pd.DataFrame:
     endings = data["data"].map({DEFAULT: "", ELECTRONICS: ", with electronics"})
     names = [name_of(*pair) for pair in zip(data["data_set"], data["datum"], strict=True)]
     return data.assign(number=names, fit=data["law"] + endings, error=data["fitted_error"] / data["error"])
+
+
+def draw_deviations(data: pd.DataFrame) -> Any:
+    """Fitted minus measured numbers in standard errors of the measurement, with the errors of the fits.
+
+    Args:
+        data: Rows by ``number`` (name with measured value), ``law`` and ``fit`` (law with its reading), with
+            ``off`` and ``error``; fits after the first one of a law have open markers.
+    """
+    numbers, fits = [*data["number"].unique()], data[["law", "fit"]].drop_duplicates()
+    laws = [*fits["law"].unique()]
+    height = 1.0 + NUMBER_IN * len(numbers)
+    figure, axis = pyplot().subplots(figsize=(WIDTH_IN, height), layout="constrained")
+    axis.axvspan(-1, 1, color=GREY, alpha=0.15, lw=0)
+    axis.axvline(0, color="k", lw=0.8)
+    for place, (law, fit, repeated) in enumerate(fits.assign(again=fits["law"].duplicated()).itertuples(index=False)):
+        own, look = data[data["fit"] == fit], laws.index(law) % len(COLOURS)
+        rows = own["number"].map(numbers.index) + SPREAD * ((place + 0.5) / len(fits) - 0.5)
+        axis.errorbar(
+            own["off"], rows, xerr=own["error"], ls="none", marker=MARKERS[look], ms=4, elinewidth=0.8,
+            color=COLOURS[look], mfc="white" if repeated else COLOURS[look], label=fit,
+        )  # fmt: skip
+    axis.set(yticks=range(len(numbers)), yticklabels=numbers, ylim=(len(numbers) - 0.5, -0.5))
+    axis.set_xlabel("fitted minus measured, in standard errors of the measurement (grey: one)")
+    figure.legend(loc="outside upper center", ncols=3, fontsize=7)
+    return figure
 
 
 def judge(tables: Tables) -> Iterator[Check]:
