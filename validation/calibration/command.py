@@ -8,7 +8,6 @@ import re
 import shlex
 import shutil
 import tempfile
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import isfinite
@@ -34,7 +33,7 @@ from postproc.draw.product import write_figure
 from postproc.draw.style import COLUMN_IN, pyplot
 from postproc.read.measured import MEASURED
 from postproc.read.observables import describe, without_unit
-from validation.calibration.data import GAIN, TRIGGER, DataSet, calibration_file, did_you_mean, paper_data, scene_data
+from validation.calibration.data import GAIN, TRIGGER, DataSet, calibration_file, paper_data, scene_data, unknown
 from validation.calibration.fit import (
     COLOURS,
     DATA,
@@ -101,39 +100,37 @@ def problems_of(request: FitRequest) -> dict[str, Problem]:
     Raises:
         InputError: There are no free parameters or no measured data, or they have errors.
     """
-    asked = {text.partition("=")[0].strip(): text for text in request.free}
-    if not (request.free or request.own or request.laws):
-        raise InputError("fit", "--free", "no free parameter: name a key of the scene, --free contact.restitution")
+    asked = [(text.partition("=")[0].strip(), text) for text in request.free]
     if request.quoted and request.measured:
         raise InputError("fit", "--measured", "cannot be combined with --quoted")
     if not (request.scenes or request.quoted):
         raise InputError("fit", "", "no scene: name scenes with [[measured]] data, or use --quoted")
-    for option, given, count in (("law", request.laws, len({*request.laws})), ("free", request.free, len(asked))):
-        if count < len(given):
-            raise InputError("fit", f"--{option}", ", ".join(given), f"each {option} once")
-    known = calibration_file().law
+    known, problems = calibration_file().law, dict[str, Problem]()
     for law in request.laws:
         if law not in known:
-            raise InputError("--law", "", law, ", ".join(known))
+            raise unknown("fit", "--law", law, known)
     of_laws = {law: known[law].free for law in request.laws}
-    problems = dict[str, Problem]()
+    _refuse_repetition("--law", request.laws)
     for law in request.laws or [""]:
         settings, own = request.settings_of(law), of_laws.get(law, ())
         if request.quoted:
             sets = paper_data(request.quoted, settings)
         else:
-            freed = any(key.endswith(f".{TRIGGER}") for key in asked)
+            freed = any(key.endswith(f".{TRIGGER}") for key, _ in asked)
             sets = [scene_data(scene, settings, request.measured, free_trigger=freed) for scene in request.scenes]
-        for name, times in Counter(data.name for data in sets).items():
-            if times > 1:
-                found, allowed = f"data set {name} {times} times", "each data set once; scenes need different names"
-                raise InputError("fit", "", found, allowed)
+        _refuse_repetition("data sets", [data.name for data in sets])
         others = {key for keys in of_laws.values() for key in keys} - {*own}  # parameters of other laws
-        free = [*(text for key, text in asked.items() if key not in others), *(key for key in own if key not in asked)]
+        free = [text for key, text in asked if key not in others]
+        free += [key for key in own if key not in dict(asked)]
         if not (free or request.own):
-            raise InputError("fit", "--free", f"the law {law} has no free parameter: name one, --free KEY")
+            raise InputError("fit", "--free", "no free parameter: name a key of the scene, --free contact.restitution")
         problems[law] = pose(sets, free, request.own)
     return problems
+
+
+def _refuse_repetition(key: str, given: Sequence[str]) -> None:
+    if len({*given}) < len(given):
+        raise InputError("fit", key, ", ".join(given), "each once, with different names")
 
 
 def run_fit(request: FitRequest, runs: Path, results: Path) -> int:
@@ -147,8 +144,7 @@ def run_fit(request: FitRequest, runs: Path, results: Path) -> int:
     known = {name for data in problem.sets for name in observables_of(problem, data, problem.start, request.predict)}
     for name in request.predict:
         if without_unit(name) not in map(without_unit, known):
-            hint = did_you_mean(name, known) or f"allowed: {', '.join(sorted(known))}"
-            raise InputError(problem.sets[0].where, f"--predict {name}", f"unknown observable; {hint}")
+            raise unknown(problem.sets[0].where, "--predict", name, sorted(known))
     with counted(f"fit of {len(problem.free)} parameter{'s' * (len(problem.free) > 1)} to {problem.rows} readings"):
         for law, each in problems.items():  # each fit also starts from the earlier ones: a larger model is never worse
             seeds, names = [found.values for found in fits.values()], ", ".join(data.name for data in each.sets)
