@@ -113,17 +113,17 @@ def problems_of(request: FitRequest) -> dict[str, Problem]:
     _refuse_repetition("--law", request.laws)
     for law in request.laws or [""]:
         settings, own = request.settings_of(law), of_laws.get(law, ())
+        others = {key for keys in of_laws.values() for key in keys} - {*own}  # parameters of other laws
+        free = [text for key, text in asked if key not in others]
+        free += [key for key in own if key not in dict(asked)]
+        if not (free or request.own):
+            raise InputError("fit", "--free", "no free parameter: name a key of the scene, --free contact.restitution")
         if request.quoted:
             sets = paper_data(request.quoted, settings)
         else:
             freed = any(key.endswith(f".{TRIGGER}") for key, _ in asked)
             sets = [scene_data(scene, settings, request.measured, free_trigger=freed) for scene in request.scenes]
         _refuse_repetition("data sets", [data.name for data in sets])
-        others = {key for keys in of_laws.values() for key in keys} - {*own}  # parameters of other laws
-        free = [text for key, text in asked if key not in others]
-        free += [key for key in own if key not in dict(asked)]
-        if not (free or request.own):
-            raise InputError("fit", "--free", "no free parameter: name a key of the scene, --free contact.restitution")
         problems[law] = pose(sets, free, request.own)
     return problems
 
