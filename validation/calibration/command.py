@@ -35,10 +35,9 @@ from postproc.read.measured import MEASURED
 from postproc.read.observables import describe, without_unit
 from validation.calibration.data import GAIN, TRIGGER, DataSet, calibration_file, paper_data, scene_data, unknown
 from validation.calibration.fit import (
-    COLOURS,
     DATA,
     LAWS,
-    MARKERS,
+    LOOKS,
     PARAMETERS,
     RISES,
     Fit,
@@ -328,12 +327,12 @@ def draw_parameters(parameters: pd.DataFrame) -> Any:
     for axis, name in zip(axes[:, 0], names, strict=True):
         own = shown[shown["parameter"] == name]
         scale, unit = suited(own["value"].iloc[0], own["unit"].iloc[0]) if len(own) else (1.0, "")
-        places, colours = range(len(own)), [COLOURS[laws.index(law) % len(COLOURS)] for law in own["law"]]
+        looks = [LOOKS[laws.index(law) % len(LOOKS)] for law in own["law"]]
         for share, width in (("95pct", 0.9), ("68pct", 2.6)):
             low, high = (own[f"{end}_{share}"].clip(own["least"], own["most"]) * scale for end in ("low", "high"))
-            axis.hlines(places, low, high, colours, lw=width)
-        for place, law, value, colour in zip(places, own["law"], own["value"] * scale, colours, strict=True):
-            axis.plot(value, place, MARKERS[laws.index(law) % len(MARKERS)], color=colour, ms=5, label=law or None)
+            axis.hlines(range(len(own)), low, high, [colour for colour, _ in looks], lw=width)
+        for place, (law, value) in enumerate(zip(own["law"], own["value"] * scale, strict=True)):
+            axis.plot(value, place, looks[place][1], color=looks[place][0], ms=5, label=law or None)
         title = name.removeprefix("materials.") or "no parameter is determined"
         axis.set_title(f"{title}{f' ({unit})' * bool(unit)}", loc="left", fontsize=8)
         axis.set(yticks=[], ylim=(len(own) - 0.4, -0.6))

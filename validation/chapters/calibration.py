@@ -16,10 +16,9 @@ from postproc.draw.style import GREY, pyplot
 from postproc.paper import calibrated
 from validation.calibration.data import DEFAULT, calibration_file, paper_data
 from validation.calibration.fit import (
-    COLOURS,
     DATA,
     LAWS,
-    MARKERS,
+    LOOKS,
     MAX_DEVIATION,
     PARAMETERS,
     Fit,
@@ -41,13 +40,7 @@ GAUGES, SPEEDS, CUT = "sensor.time_constant", "reading.speed_scale", "reading.cu
 ELECTRONICS, ONE_MS = "electronics: RC about 1 ms", "electronics: RC 1 ms"
 NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 # words for numbers of the paper, by parts of their names
-KINDS = {
-    "amplitude": "force",
-    "contact_force": "force",
-    "speed": "speed",
-    "full_width": "full width",
-    "decay": "decay at the wall",
-}
+KINDS = {"amplitude": "force", "force": "force", "speed": "speed", "width": "full width", "decay": "decay at the wall"}
 NUMBER_IN, WIDTH_IN = 0.36, 6.8
 SPREAD = 0.7  # of the fits of a number, as a share of the distance of two numbers
 CUTS = ("4 %", "5 %", "8 %", "12 %", "15 %")  # fixed, of the dissipative law without electronics
@@ -65,7 +58,7 @@ def measure(options: Options) -> Chapter:
     return Chapter(
         tables={name: tables[key] for key, name in NAMES.items()},
         findings=[*findings],
-        figures={NAMES[LAWS]: ("Deviations of fitted from measured numbers", draw_deviations(deviations(tables)))},
+        figures={NAMES[LAWS]: ("Deviations of fitted from measured numbers", draw_deviations(tables[DATA]))},
         shown=shown(tables),
         checks=checks,
         short=options.quick,
@@ -150,9 +143,8 @@ def conclusions(tables: Tables) -> Iterator[str]:
     yield from conditions(tables)
     low, high = bounds(tables, MODULUS)
     yield f"Young's modulus of the fits that hold, with their errors: {low * 1e-9:.2f} to {high * 1e-9:.2f} GPa."
-    data = held(tables, DATA).dropna(subset="measured")
-    names = [name_of(*pair) for pair in zip(data["data_set"], data["datum"], strict=True)]
-    missed = (data["off"].abs() > 1).groupby(names, sort=False).sum()
+    data = numbers(held(tables, DATA))
+    missed = (data["off"].abs() > 1).groupby(data["number"], sort=False).sum()
     often = "; ".join(str(name) for name in missed.index[missed > len(holding) / 2]) or "none"
     yield f"Missed by more than one standard error in most of the fits that hold: {often}."
 
@@ -197,36 +189,31 @@ def name_of(data_set: str, datum: str) -> str:
     return f"{named}: {kind}"
 
 
-def deviations(tables: Tables) -> pd.DataFrame:
-    """Deviations of the fits without and with electronics, for the figure."""
-    data = tables[DATA].dropna(subset="measured")
-    data = data[data["data"].isin([DEFAULT, ELECTRONICS])]
-    endings = data["data"].map({DEFAULT: "", ELECTRONICS: ", with electronics"})
-    names = [name_of(*pair) for pair in zip(data["data_set"], data["datum"], strict=True)]
-    return data.assign(number=names, fit=data["law"] + endings, error=data["fitted_error"] / data["error"])
+def numbers(data: pd.DataFrame) -> pd.DataFrame:
+    """Rows of measured numbers, with their names in a column ``number``."""
+    data = data.dropna(subset="measured")
+    return data.assign(number=[name_of(*pair) for pair in zip(data["data_set"], data["datum"], strict=True)])
 
 
 def draw_deviations(data: pd.DataFrame) -> Any:
     """Fitted minus measured numbers in standard errors of the measurement, with the errors of the fits.
 
-    Args:
-        data: Rows by ``number`` (name with measured value), ``law`` and ``fit`` (law with its reading), with
-            ``off`` and ``error``; fits after the first one of a law have open markers.
+    Fits of the default reading have filled markers, those with electronics open ones.
     """
-    numbers, fits = [*data["number"].unique()], data[["law", "fit"]].drop_duplicates()
-    laws = [*fits["law"].unique()]
-    height = 1.0 + NUMBER_IN * len(numbers)
-    figure, axis = pyplot().subplots(figsize=(WIDTH_IN, height), layout="constrained")
+    data = numbers(data[data["data"].isin([DEFAULT, ELECTRONICS])])
+    names, laws, fits = [*data["number"].unique()], [*data["law"].unique()], data.groupby(["data", "law"], sort=False)
+    figure, axis = pyplot().subplots(figsize=(WIDTH_IN, 1.0 + NUMBER_IN * len(names)), layout="constrained")
     axis.axvspan(-1, 1, color=GREY, alpha=0.15, lw=0)
     axis.axvline(0, color="k", lw=0.8)
-    for place, (law, fit, repeated) in enumerate(fits.assign(again=fits["law"].duplicated()).itertuples(index=False)):
-        own, look = data[data["fit"] == fit], laws.index(law) % len(COLOURS)
-        rows = own["number"].map(numbers.index) + SPREAD * ((place + 0.5) / len(fits) - 0.5)
+    for place, ((reading, law), own) in enumerate(fits):
+        rows = own["number"].map(names.index) + SPREAD * ((place + 0.5) / len(fits) - 0.5)
+        colour, marker = LOOKS[laws.index(law) % len(LOOKS)]
         axis.errorbar(
-            own["off"], rows, xerr=own["error"], ls="none", marker=MARKERS[look], ms=4, elinewidth=0.8,
-            color=COLOURS[look], mfc="white" if repeated else COLOURS[look], label=fit,
+            own["off"], rows, xerr=own["fitted_error"] / own["error"], ls="none", marker=marker, ms=4, elinewidth=0.8,
+            color=colour, mfc=colour if reading == DEFAULT else "white",
+            label=f"{law}{', with electronics' * (reading == ELECTRONICS)}",
         )  # fmt: skip
-    axis.set(yticks=range(len(numbers)), yticklabels=numbers, ylim=(len(numbers) - 0.5, -0.5))
+    axis.set(yticks=range(len(names)), yticklabels=names, ylim=(len(names) - 0.5, -0.5))
     axis.set_xlabel("fitted minus measured, in standard errors of the measurement (grey: one)")
     figure.legend(loc="outside upper center", ncols=3, fontsize=7)
     return figure
@@ -295,10 +282,10 @@ def _fits_table(tables: Tables, fits: pd.DataFrame) -> pd.DataFrame:
 
 def _numbers_table(tables: Tables) -> pd.DataFrame:
     """Measured numbers, and those of each law in the default reading with their deviations, as texts."""
-    data, rows = tables[DATA].query("data == @DEFAULT").dropna(subset="measured"), dict[str, dict[str, str]]()
-    for row in rows_of(data):
-        name = name_of(row.data_set, row.datum)
-        cells = rows.setdefault(name, {"number": name, "measured": f"{row.measured:.4g} ± {row.error:.2g} {row.unit}"})
+    rows = dict[str, dict[str, str]]()
+    for row in rows_of(numbers(tables[DATA].query("data == @DEFAULT"))):
+        measured = f"{row.measured:.4g} ± {row.error:.2g} {row.unit}"
+        cells = rows.setdefault(row.number, {"number": row.number, "measured": measured})
         without = f" ({row.chi_square_without:.1f})" if np.isfinite(row.chi_square_without) else ""
         cells[row.law] = f"{row.fitted:.4g}\n{row.off:+.1f}{without}"
     return pd.DataFrame([*rows.values()])
