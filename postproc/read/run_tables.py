@@ -11,7 +11,7 @@ from postproc.read.sensors import sensor_signals
 def observe(run: EndedRun, levels: tuple[float, ...] = observables.LEVELS) -> "pd.Series[float]":
     """Observables of a run: peaks, arrival times, speeds, widths, reflections, energies.
 
-    ``observables.DEFINITIONS`` has the definition of each.
+    ``beads observables --definitions`` prints the definition of each.
 
     Args:
         run: A run from ``drivers.run_scene`` or ``drivers.open_run``.
