@@ -138,11 +138,11 @@ class Readings:
     @cached_property
     def places(self) -> dict[str, list[Any]]:
         """The run and its gauges, from the top of the chain to the wall."""
-        gauges = list[Gauge]()
+        gauges = list[GaugeReadings]()
         for bead, (name, reading) in zip((*self.layout.sensors, WALL), self.signals.items(), strict=False):
             above = gauges[-1] if gauges else None
             pair = f"{above.bead.from_wall}_to_{bead.from_wall}" if above else ""
-            gauges.append(Gauge(self, name, bead, reading, above, pair))
+            gauges.append(GaugeReadings(self, name, bead, reading, above, pair))
         beads = gauges[: len(self.layout.sensors)]
         return {"run": [self], "gauge": gauges, "bead": beads, "wall": gauges[len(beads) :], "pair": beads[1:]}
 
@@ -196,7 +196,7 @@ class Readings:
 
 
 @dataclass(frozen=True, eq=False)
-class Gauge:
+class GaugeReadings:
     """A gauge of a run, in a bead or at the wall, which has the number 0.
 
     Attributes:
@@ -293,93 +293,93 @@ def _observable(
 
 
 @_observable("gauge", "{gauge}_static", "N", "static force", "static force at {gauge}", of_wave=False)
-def _(gauge: Gauge) -> float:
+def _(gauge: GaugeReadings) -> float:
     """f(0)."""
     return float(gauge.reading[0])
 
 
 @_observable("gauge", "{gauge}_amplitude", "N", "amplitude", "force amplitude at {gauge}", PULSE)
-def _(gauge: Gauge) -> float:
+def _(gauge: GaugeReadings) -> float:
     """A = s(t_p)."""
     return gauge.first.value
 
 
 @_observable("gauge", "{gauge}_peak", "N", "peak", "peak force at {gauge}", PULSE)
-def _(gauge: Gauge) -> float:
+def _(gauge: GaugeReadings) -> float:
     """A + f(0)."""
     return gauge.first.value + float(gauge.reading[0])
 
 
 @_observable("gauge", "{gauge}_arrival", "s", "arrival", "arrival time at {gauge}", PULSE)
-def _(gauge: Gauge) -> float:
+def _(gauge: GaugeReadings) -> float:
     """t_p."""
     return gauge.first.time_s
 
 
 @_observable("gauge", "{gauge}_front_arrival", "s", "front arrival", "arrival time of the front at {gauge}", PULSE)
-def _(gauge: Gauge) -> float:
+def _(gauge: GaugeReadings) -> float:
     """Time at which s last rises through 0.02 A, before t_p."""
     return gauge.rise_s(ONSET)
 
 
 @_observable("gauge", "{gauge}_duration_{level}", "s", "duration", "pulse duration at {gauge}, cut at {level}", PULSE)
-def _(gauge: Gauge, level: float) -> float:
+def _(gauge: GaugeReadings, level: float) -> float:
     """2 (t_p - t_l); before t_p, s last rises through the level times A at t_l."""
     return gauge.duration_s(level)
 
 
 @_observable("bead", "{gauge}_pulses", "", "count", "pulses at {gauge}", of_wave=False)
-def _(gauge: Gauge) -> float:
+def _(gauge: GaugeReadings) -> float:
     """Number of pulses at a sensor bead that do not go up, before the reflected one."""
     return float(len(gauge.passing))
 
 
 @_observable("bead", "{gauge}_second_amplitude", "N", "second amplitude", "second amplitude at {gauge}", SECOND)
-def _(gauge: Gauge) -> float:
+def _(gauge: GaugeReadings) -> float:
     """Signal s at the second of these pulses."""
     return gauge.second.value
 
 
 @_observable("bead", "{gauge}_second_arrival", "s", "second arrival", "second arrival time at {gauge}", SECOND)
-def _(gauge: Gauge) -> float:
+def _(gauge: GaugeReadings) -> float:
     """Time of the second of these pulses."""
     return gauge.second.time_s
 
 
 @_observable("bead", "{gauge}_valley", "N", "valley", "force between pulses 1 and 2 at {gauge}", SECOND, of_wave=False)
-def _(gauge: Gauge) -> float:
+def _(gauge: GaugeReadings) -> float:
     """Smallest sample of s between the first of these pulses and the second."""
     between = [peak.sample for peak in gauge.passing[:2]]
     return float(gauge.signal[slice(*between)].min()) if len(between) == 2 else nan
 
 
 @_observable("bead", "{gauge}_reflected_amplitude", "N", "reflected amplitude", "reflected amplitude at {gauge}", ECHO)
-def _(gauge: Gauge) -> float | None:
+def _(gauge: GaugeReadings) -> float | None:
     """Signal s at the first pulse that goes up and is later than the wall's first pulse."""
     return gauge.reflected.value if gauge.run.layout.wall else None
 
 
 @_observable("bead", "{gauge}_reflected_arrival", "s", "reflected arrival", "reflected arrival time at {gauge}", ECHO)
-def _(gauge: Gauge) -> float | None:
+def _(gauge: GaugeReadings) -> float | None:
     """Time of that pulse."""
     return gauge.reflected.time_s if gauge.run.layout.wall else None
 
 
 @_observable("wall", "wall_peak_{number}", "N", "later peak", "force maximum {number} at the wall", MAXIMUM)
-def _(wall: Gauge, number: int) -> float:
+def _(wall: GaugeReadings, number: int) -> float:
     """Force at the wall's next maxima (2, 3) with a prominence of at least 0.01 of the range."""
     return wall.maxima[number - 1].value if number <= len(wall.maxima) else nan
 
 
 @_observable("wall", "wall_envelope", "1/s", "rate", "rate of the envelope at the wall", TRAIN)
-def _(wall: Gauge) -> float:
+def _(wall: GaugeReadings) -> float:
     """Rate r of C exp(r t) through the wall's first three maxima, least squares of the logarithm."""
     curve = train_envelope(wall.maxima)
     return curve.rate_per_s if curve else nan
 
 
 @_observable("pair", "speed_{pair}", "m/s", "speed", "wave speed from bead {pair}", SPEED)
-def _(lower: Gauge) -> float:
+def _(lower: GaugeReadings) -> float:
     """(z_i - z_j) / (t_p,j - t_p,i) between neighbouring sensors i above j."""
     return lower.speed_m_s
 
@@ -387,7 +387,7 @@ def _(lower: Gauge) -> float:
 @_observable(
     "pair", "transmission_{pair}", "", "transmission", "amplitude ratio per bead, bead {pair}", RATIO, of_wave=False
 )
-def _(lower: Gauge) -> float:
+def _(lower: GaugeReadings) -> float:
     """(A_j / A_i)^(1 / (i - j)) of neighbouring sensors: share passed on from bead to bead."""
     beads = lower.above.bead.from_wall - lower.bead.from_wall
     alone = isnan(lower.speed_m_s) or lower.bead.from_wall <= lower.run.layout.wall
@@ -395,7 +395,7 @@ def _(lower: Gauge) -> float:
 
 
 @_observable("pair", "{gauge}_width_{level}", "diameters", "width", "pulse width at {gauge}, cut at {level}", WIDTH)
-def _(lower: Gauge, level: float) -> float:
+def _(lower: GaugeReadings, level: float) -> float:
     """Duration times speed from the sensor above, divided by d."""
     return lower.duration_s(level) * lower.speed_m_s / lower.bead.diameter_m
 
