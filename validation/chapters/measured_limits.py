@@ -173,7 +173,8 @@ def _by_code(
     rows = []
     for subject, verlet in zip(subjects, by_verlet, strict=True):
         measured_s, predicted_s = verlet["measured_s"], verlet["predicted_s"]
-        if not _blows_up_first(name, subject, measured_s):
+        gains = [_gain_on(name, subject, step_s) for step_s in (measured_s, measured_s / (1 + FINENESS)) if step_s > 0]
+        if not gains or not gains[0] > UNSTABLE_GAIN >= gains[1]:  # not where Verlet blows up
             measured_s = _scan(subject, name, predicted_s, lowest=CODE_LOWEST)
         rows.append(verlet | {"method": name, "measured_s": measured_s, "ratio": measured_s / predicted_s})
         count()
@@ -206,14 +207,6 @@ def wrong_step_s(case: Case, predicted_s: float) -> float:
 
     place = bisect_left(WRONG_SHARES, True, key=is_wrong)
     return predicted_s * WRONG_SHARES[place] if place < len(WRONG_SHARES) else nan
-
-
-def _blows_up_first(method: str, subject: MeasuredChain, step_s: float) -> bool:
-    """True if the energy of a method blows up at this step, but not at the step before in the scan."""
-    if not np.isfinite(step_s):
-        return False
-    before_s = step_s / (1 + FINENESS)
-    return _gain_on(method, subject, step_s) > UNSTABLE_GAIN >= _gain_on(method, subject, before_s)
 
 
 def _gain_on(method: str, subject: MeasuredChain, step_s: float) -> float:
