@@ -12,7 +12,6 @@ import pytest
 
 from drivers.base import paths
 from postproc.draw.style import pyplot
-from postproc.read.observables import DEFINITIONS, OBSERVABLES
 from validation.chapters import CHAPTERS
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.readme import command_lines, parse
@@ -58,10 +57,6 @@ def test_folders_of_packages_are_listed(package: str) -> None:
     folders = {path.name for path in (paths.ROOT / package).iterdir() if path.is_dir() and path.name[0] not in "._"}
     listed = re.findall(r"^\| `(\w+)/` \|", (paths.ROOT / package / "README.md").read_text(), re.MULTILINE)
     assert set(listed) == folders
-
-
-def test_each_observable_has_a_definition() -> None:
-    assert list(DEFINITIONS) == [f"{observable.pattern}{observable.ending}" for observable in OBSERVABLES]
 
 
 def typed(line: str, folder: Path) -> subprocess.CompletedProcess[str]:
