@@ -15,18 +15,7 @@ from drivers.run.execute import Place, execute
 from postproc.draw.style import GREY, pyplot
 from postproc.paper import calibrated
 from validation.calibration.data import DEFAULT, calibration_file, paper_data
-from validation.calibration.fit import (
-    DATA,
-    LAWS,
-    LOOKS,
-    MAX_DEVIATION,
-    PARAMETERS,
-    Fit,
-    Tables,
-    rows_of,
-    solve,
-    value_text,
-)
+from validation.calibration.fit import DATA, LAWS, LOOKS, MAX_DEVIATION, PARAMETERS, Tables, rows_of, solve, value_text
 from validation.calibration.problem import pose
 from validation.chapters import Options
 from validation.checks import FAIL, Check, judged, without_run
@@ -79,7 +68,7 @@ def study(*, quick: bool = False) -> Tables:
     known, done = {name: law.found for name, law in laws.items()}, list[Tables]()
     if not quick:
         found = {law: fit_law(law, DEFAULT) for law in following(laws, "laws", len(laws), "law")}
-        known = {name: fit.values for name, (fit, _) in found.items()}
+        known = {name: values for name, (values, _) in found.items()}
         done, readings = [tables for _, tables in found.values()], readings[1:]
     work = execute(partial(_fit_laws, known), readings, Place(processes=True))
     results = dict(following(work, "readings", len(readings), "reading"))
@@ -89,21 +78,22 @@ def study(*, quick: bool = False) -> Tables:
 
 def _fit_laws(known: Mapping[str, Mapping[str, float]], reading: str) -> list[Tables]:
     """Tables of all laws for one reading, from known parameters and from each other: a larger law is never worse."""
-    fits, tables = list[Fit](), list[Tables]()
+    seeds, tables = list[Mapping[str, float]](), list[Tables]()
     for law in known:
-        fit, of_law = fit_law(law, reading, [known[law], *(earlier.values for earlier in fits)])
-        fits.append(fit)
+        values, of_law = fit_law(law, reading, [known[law], *seeds])
+        seeds.append(values)
         tables.append(of_law)
     return tables
 
 
-def fit_law(law: str, reading: str, seeds: Sequence[Mapping[str, float]] = ()) -> tuple[Fit, Tables]:
-    """Fit of a law to all quoted data for one reading, from seeds alone if there are some."""
+def fit_law(law: str, reading: str, seeds: Sequence[Mapping[str, float]] = ()) -> tuple[dict[str, float], Tables]:
+    """Parameters and tables of a law fitted to all quoted data for one reading, from seeds alone if there are some."""
     asked = calibration_file()
     named, answers = asked.law[law], asked.readings()[reading]
     free = (*asked.free, *named.free, *(text for answer in answers for text in answer.free))
     problem = pose(paper_data(asked.data, named.set, answers), free, answers=answers)
-    return solve(problem, law, reading, quick=bool(seeds), seeds=seeds, search=not seeds)
+    fit, tables = solve(problem, law, reading, quick=bool(seeds), seeds=seeds, search=not seeds)
+    return fit.values, tables
 
 
 def parameters_of(tables: Tables, law: str, reading: str) -> dict[str, Any]:
