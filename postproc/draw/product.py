@@ -54,14 +54,18 @@ class Product:
 
 def write_product(product: Product, name: str, folder: Path) -> list[Path]:
     """Writes ``name.csv``, ``name.png`` and ``name.svg``, each whole or not at all, and the spacetime diagram."""
-    folder.mkdir(parents=True, exist_ok=True)
-    table = folder / f"{name}.csv"
-    with whole_file(table) as draft:
-        product.table.to_csv(draft, index=False)
-    written = [table, *write_figure(product.figure, name, folder)]
+    written = [write_table(product.table, name, folder), *write_figure(product.figure, name, folder)]
     if product.chains:
         written += write_product(draw_spacetime(product.chains), f"{name}-{SPACETIME}", folder)
     return written
+
+
+def write_table(table: pd.DataFrame, name: str, folder: Path) -> Path:
+    """Writes ``name.csv``, whole or not at all."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with whole_file(path := folder / f"{name}.csv") as draft:
+        table.to_csv(draft, index=False)
+    return path
 
 
 def write_figure(figure: Any, name: str, folder: Path) -> list[Path]:
