@@ -15,11 +15,10 @@ from drivers.limits import refuse
 from drivers.run.inventory import scene_now
 from drivers.scene.read_scene import stored_scene
 from postproc.draw import film as films
+from postproc.draw.energies import draw_energies, range_numbers, run_energies, write_energies
 from postproc.draw.product import Product, draw_spacetime, write_product, write_table
 from postproc.draw.scene_drawing import draw_scene
 from postproc.draw.study_figure import column_of, draw_study, draw_tornado
-from postproc.energy.energies import range_numbers, run_energies
-from postproc.energy.energy_figure import draw_energies, write_energies
 from postproc.linear.modes import MAX_BEADS, modes_product
 from postproc.linear.spectra import WINDOWS, analyse, signals_of, spectrum_product
 from postproc.read.labels import key_label
