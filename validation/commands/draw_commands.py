@@ -2,7 +2,10 @@
 
 import json
 import sys
+from collections.abc import Mapping
 from pathlib import Path
+
+import pandas as pd
 
 from drivers.base.errors import InputError
 from drivers.base.terminal import text_table
@@ -17,13 +20,14 @@ from drivers.scene.read_scene import stored_scene
 from postproc.draw import film as films
 from postproc.draw.product import Product, draw_spacetime, write_product
 from postproc.draw.scene_drawing import draw_scene
-from postproc.draw.study_figure import column_of, draw_study, draw_tornado, key_label
+from postproc.draw.study_figure import draw_study, draw_tornado, key_label
 from postproc.energy.energies import range_numbers, run_energies
 from postproc.energy.energy_figure import draw_energies, write_energies
 from postproc.linear.modes import MAX_BEADS
 from postproc.linear.modes_figure import modes_product
 from postproc.linear.spectra import WINDOWS
 from postproc.linear.spectrum_figure import analyse, numbers_of, signals_of, spectrum_product
+from postproc.read.observables import without_unit
 from validation.accuracy.plan import planned_case
 from validation.commands.options import print_paths
 from validation.commands.run_commands import open_shown
@@ -170,8 +174,9 @@ def study(study: str, runs: Path, results: Path, x: str, y: str, log: bool, powe
     labels = {columns[name]: key_label(name, key) for name, key in swept.columns.items()}
     name, title, grid = f"{swept.name}-figure", swept.file.title or swept.name, swept.file.combine == "grid"
     if x:
-        x = column_of(table, x, "--x", columns, numbers=log or power_law)
-        y = column_of(table, y, "--y", columns, numbers=True)
+        numbers, texts = table.select_dtypes("number"), table.drop(columns=["engine", "status", "reason"])
+        x = _column(x, "--x", numbers if log or power_law else texts, columns)
+        y = _column(y, "--y", numbers, columns)
         name, how = f"{swept.name}-{y}-{x}-xy", {"joined": grid, "log": log, "fitted": power_law}
         product = draw_study(table, title, (y,), f"--x {x} --y {y}", labels, x, **how)
     else:
@@ -184,3 +189,11 @@ def _write(product: Product, name: str, results: Path) -> None:
     """Print what a product notes, and the paths of its files."""
     print(*(f"{note}\n" for note in product.notes), sep="", end="")
     print_paths(write_product(product, name, results))
+
+
+def _column(given: str, option: str, table: pd.DataFrame, columns: Mapping[str, str]) -> str:
+    """Column of a table by its name with or without the unit; ``columns`` has those of varied keys by such names."""
+    found = ({without_unit(name): name for name in table} | {**columns} | {name: name for name in table}).get(given)
+    if found not in table:
+        raise InputError(option, "", f'"{given}"', f"columns: {', '.join(table)}")
+    return found
