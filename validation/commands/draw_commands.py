@@ -2,10 +2,8 @@
 
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-
-import pandas as pd
 
 from drivers.base.errors import InputError
 from drivers.base.terminal import text_table
@@ -174,8 +172,8 @@ def study(study: str, runs: Path, results: Path, x: str, y: str, log: bool, powe
     labels = {columns[name]: key_label(name, key) for name, key in swept.columns.items()}
     name, title, grid = f"{swept.name}-figure", swept.file.title or swept.name, swept.file.combine == "grid"
     if x:
-        numbers, texts = table.select_dtypes("number"), table.drop(columns=["engine", "status", "reason"])
-        x = _column(x, "--x", numbers if log or power_law else texts, columns)
+        numbers = [*map(str, table.select_dtypes("number"))]
+        x = _column(x, "--x", numbers if log or power_law else [*numbers, *columns.values()], columns)
         y = _column(y, "--y", numbers, columns)
         name, how = f"{swept.name}-{y}-{x}-xy", {"joined": grid, "log": log, "fitted": power_law}
         product = draw_study(table, title, (y,), f"--x {x} --y {y}", labels, x, **how)
@@ -191,9 +189,9 @@ def _write(product: Product, name: str, results: Path) -> None:
     print_paths(write_product(product, name, results))
 
 
-def _column(given: str, option: str, table: pd.DataFrame, columns: Mapping[str, str]) -> str:
+def _column(given: str, option: str, allowed: Sequence[str], columns: Mapping[str, str]) -> str:
     """Column of a table by its name with or without the unit; ``columns`` has those of varied keys by such names."""
-    found = ({without_unit(name): name for name in table} | {**columns} | {name: name for name in table}).get(given)
-    if found not in table:
-        raise InputError(option, "", f'"{given}"', f"columns: {', '.join(table)}")
+    found = ({without_unit(name): name for name in allowed} | {**columns}).get(given, given)
+    if found not in allowed:
+        raise InputError(option, "", f'"{given}"', f"columns: {', '.join(dict.fromkeys(allowed))}")
     return found
