@@ -3,7 +3,7 @@
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import cycle
+from itertools import cycle, product
 from math import ceil, floor, log10
 from textwrap import fill
 from typing import Any
@@ -26,7 +26,7 @@ LESS, MORE = "#56b4e9", "#d55e00"  # bars of a tornado chart
 DASHES = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (4, 1, 1, 1)), (0, (8, 2)), (0, (3, 1, 1, 1, 1, 1)))
 MARKERS = "osD^v<>"  # filled ones, of curves; engines have open ones
 LOG_RATIO = 30  # of the largest to the smallest varied value: larger ratios get a logarithmic scale
-MAX_ENTRIES = 8  # of curves in the legend
+MAX_CURVES = 8  # that differ in more than colour, and are named in the legend
 MAX_TEXT_TICKS = 60
 MAX_CHARACTERS = 24  # of a text value; of all texts on an axis, longer ones are turned
 MIN_VALUES = 4  # of a power law with a curvature that has an error
@@ -140,10 +140,11 @@ def draw_study(
     texts = [] if is_numeric_dtype(numbers[across]) else [*map(labels[across].value, numbers[across].unique())]
     turned = len("".join(texts)) > MAX_CHARACTERS
     figure, axes = _panels(shown, title, turned=turned)
+    legend = ""
     if order == SEED:
         _draw_scatter(axes, numbers, labels)
     else:
-        numbers, laws = _draw_curves(axes, numbers, across, order, labels, swept, fitted=fitted)
+        numbers, laws, legend = _draw_curves(axes, numbers, across, order, labels, swept, fitted=fitted)
         notes += laws
     for axis in axes.values():
         if texts:
@@ -153,7 +154,7 @@ def draw_study(
             axis.set(xscale="log", yscale="log")
             for ticks in (axis.xaxis, axis.yaxis):  # plain numbers, since powers of ten overlap within a decade
                 ticks.set(major_formatter="{x:g}", minor_formatter=LogFormatter())
-    _finish(figure, axes, done)
+    _finish(figure, axes, done, legend)
     return Product(figure, numbers, notes=notes)
 
 
@@ -178,14 +179,15 @@ def _draw_scatter(axes: Mapping[str, Any], numbers: pd.DataFrame, labels: Mappin
 def _draw_curves(
     axes: Mapping[str, Any], numbers: pd.DataFrame, x: str, order: str, labels: Mapping[str, Label], swept: list[str],
     *, fitted: bool,
-) -> tuple[pd.DataFrame, list[str]]:  # fmt: skip
+) -> tuple[pd.DataFrame, list[str], str]:  # fmt: skip
     """Draws a curve for each combination of the other varied values; lines join the means of random draws.
 
-    Curves differ in colour, dashes and filled markers; of many, the legend names some. Power laws replace the lines,
-    one for each curve and engine; many curves, or curves of too few points, get one for each engine.
+    Curves differ in colour, dashes and filled markers, many only in colour, and the legend names some of them. Power
+    laws replace the lines, one for each curve and engine; many curves, or curves of too few points, get one for each
+    engine.
 
     Returns:
-        The numbers, with means over draws, and a line on each power law.
+        The numbers, with means over draws, a line on each power law, and the title of the legend.
     """
     counts = numbers.groupby(order, dropna=False).nunique(dropna=False).max()
     others = [name for name in swept if name not in (order, SEED) and counts[name] > 1]
@@ -197,58 +199,49 @@ def _draw_curves(
     at, along = factor * _places(numbers[x]), _places(numbers[order])
     in_order = all(is_numeric_dtype(numbers[name]) for name in others)
     curves = [rows for _, rows in numbers.groupby(others, dropna=False, sort=in_order)] if others else [numbers]
-    first = f"mean of draws, {engines[0]}" if draws else engines[0]
-    values = [[f"{labels[name].words} {labels[name].value(rows[name].iloc[0])}" for name in others] for rows in curves]
-    titles, step = [", ".join(texts) or first for texts in values], ceil(len(curves) / MAX_ENTRIES)
-    size, dashes, markers = 1.0 if step == 1 else 0.6, cycle(DASHES), cycle(MARKERS)
-    looks = [
-        {"color": colour, "ls": next(dashes), "marker": next(markers), "ms": 2.5 * size, "lw": size}
-        for colour in value_colours()(np.linspace(0, 1, len(curves)))
-    ]
-    points = {engine: marker_of(engine) | {"ls": "none", "mew": 0.7} for engine in engines[not draws :]}
-    for form in points.values():
-        form["ms"] *= 1.5 * size
-    entries, notes = dict(zip(titles[::step], looks[::step], strict=True)), list[str]()
-    entries.setdefault(first, {"color": GREY, "marker": "o", "ms": 2.5, "lw": 1})
+    first, many = f"mean of draws, {engines[0]}" if draws else engines[0], len(curves) > MAX_CURVES
+    titles = [", ".join(labels[name].value(rows[name].iloc[0]) for name in others) or first for rows in curves]
+    colours, size = value_colours()(np.linspace(0, 1, len(curves))), 0.4 if many else 1.0
+    forms = zip(colours, cycle("-" if many else DASHES), cycle("o" if many else MARKERS), strict=False)
+    looks = [{"color": colour, "ls": dash, "marker": form, "ms": 2.5 * size, "lw": 1} for colour, dash, form in forms]
+    points = {engine: marker_of(engine) | {"ls": "none", "mew": 0.7 * size} for engine in engines[not draws :]}
+    line = {"ls": "none"} if fitted or order == "case" else {}
     for name, axis in axes.items():
         label, y_factor = labels[name].axis(numbers[name])
-        positive = at.min() > 0 and at.max() / at.min() > LOG_RATIO
-        axis.set(xlabel=words, ylabel=label, xscale="log" if positive else "linear")
+        axis.set(xlabel=words, ylabel=label, xscale=_scale(at))
         for look, rows in zip(looks, curves, strict=True):
-            line = {"ls": "none"} if fitted or order == "case" else {}
             joined = along[rows.index[rows["engine"] == engines[0]]].drop_duplicates().sort_values().index
             axis.plot(at[joined], y_factor * means.loc[joined, name], **look | line)
             for engine, form in points.items():
+                form = form | {"color": look["color"], "ms": 1.5 * size * form["ms"]}
                 places = rows.index[rows["engine"] == engine]
-                axis.plot(at[places], y_factor * numbers.loc[places, name], **form | {"color": look["color"]})
-        groups = [*zip(titles, looks, curves, strict=True)] if fitted else []
-        if fitted and (
-            step > 1 or min(part[x].nunique() for rows in curves for _, part in rows.groupby("engine")) < MIN_VALUES
-        ):
-            groups = [(first, looks[0], numbers)]
-        for title, look, rows in groups:
-            for engine in engines:
-                part = rows[rows["engine"] == engine]
-                places, law, power, note = _power_law(
-                    part, x, name, ", ".join(dict.fromkeys((engine, title))) if title != first else engine
-                )
-                axis.plot(factor * places, y_factor * law, **look | {"marker": "None"})
-                notes.append(note)
-                if engine == engines[0]:
-                    entries = {
-                        f"{word}: x^{power:.4g}" if word == title else word: form for word, form in entries.items()
-                    }
-    if step > 1:
-        notes.append(f"the legend names every {step}th of {len(curves)} curves")
+                axis.plot(at[places], y_factor * numbers.loc[places, name], **form)
+    notes, exponents, groups = list[str](), dict[str, str](), [*zip(titles, looks, curves, strict=True)]
+    if many or numbers.groupby(["engine", *others], dropna=False)[x].nunique().min() < MIN_VALUES:
+        groups = [(first, looks[0], numbers)]
+    for (title, look, rows), engine in product(groups if fitted else (), engines):
+        curve = engine if title == first else f"{engine}, {title}"
+        places, law, power, note = _power_law(rows[rows["engine"] == engine], x, name, curve)
+        axis.plot(factor * places, y_factor * law, **look | {"marker": "None"})
+        exponents.setdefault(title, f": x^{power:.4g}")
+        notes.append(note)
+    step = ceil(len(curves) / MAX_CURVES)
+    entries: dict[str, Any] = dict(zip(titles[::step], looks[::step], strict=True))
+    entries |= {first: looks[0] if titles == [first] else {"marker": "o", "ms": 2.5, "lw": 1}}
     for label, look in (entries | {engine: form | {"color": GREY} for engine, form in points.items()}).items():
-        axis.plot([], [], label=label, **look)
-    return numbers, notes
+        axis.plot([], [], label=label + exponents.get(label, ""), **{"color": GREY} | look)
+    return numbers, notes, ", ".join(labels[name].words for name in others) + f", one in {step}" * many
 
 
 def _places(values: pd.Series) -> pd.Series:
     """Numbers as they are, and the places of texts in order of appearance."""
     codes, _ = pd.factorize(values, use_na_sentinel=False)
     return values if is_numeric_dtype(values) else pd.Series(codes, values.index)
+
+
+def _scale(values: pd.Series) -> str:
+    """Scale of an axis of varied values."""
+    return "log" if values.min() > 0 and values.max() / values.min() > LOG_RATIO else "linear"
 
 
 def _power_law(rows: pd.DataFrame, x: str, y: str, name: str) -> tuple[Any, Any, float, str]:
@@ -345,7 +338,7 @@ def _panels(
     return figure, {name: figure.add_subplot(rows, columns, place) for place, name in enumerate(names, 1)}
 
 
-def _finish(figure: Any, axes: Mapping[str, Any], rows: pd.DataFrame) -> None:
+def _finish(figure: Any, axes: Mapping[str, Any], rows: pd.DataFrame, title: str = "") -> None:
     """Adds the number of rows without the value of a panel, and a legend below in as many columns as fit."""
     entries: dict[str, Any] = {}
     for name, axis in axes.items():
@@ -355,8 +348,9 @@ def _finish(figure: Any, axes: Mapping[str, Any], rows: pd.DataFrame) -> None:
         handles, labels = axis.get_legend_handles_labels()
         entries |= dict(zip(labels, handles, strict=True))
     columns = max(1, min(len(entries), int(CHARACTERS_PER_IN * figure.get_figwidth() / (max(map(len, entries)) + 7))))
-    figure.set_figheight(figure.get_figheight() + LINE_IN * ceil(len(entries) / columns))
-    figure.legend(entries.values(), entries, ncols=columns, loc="outside lower center", fontsize=7)
+    figure.set_figheight(figure.get_figheight() + LINE_IN * (ceil(len(entries) / columns) + bool(title)))
+    look: dict[str, Any] = {"loc": "outside lower center", "fontsize": 7, "title": title, "title_fontsize": 7}
+    figure.legend(entries.values(), entries, ncols=columns, **look)
 
 
 def _known(table: pd.DataFrame, observables: Sequence[str], where: str) -> list[str]:

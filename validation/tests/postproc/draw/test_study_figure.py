@@ -75,8 +75,8 @@ def _legend(product: Product) -> list[str]:
 def test_panels_are_the_observables_with_values_and_the_legend_has_any_set_of_engines() -> None:
     for engines in (("reference", "liggghts", "yade"), ("yade",)):
         product = _draw(_table(*engines, **THREE_SPEEDS, ptfe_modulus_Pa=[6e8, 1.46e9]), PEAK, SPEED, MISSING)
-        moduli = ["Young's modulus of ptfe 0.6 GPa", "Young's modulus of ptfe 1.46 GPa"]
-        assert _legend(product) == [*moduli, *engines]
+        assert _legend(product) == ["0.6 GPa", "1.46 GPa", *engines]
+        assert product.figure.legends[0].get_title().get_text() == "Young's modulus of ptfe"
         assert not_in_table(product.figure, product.table) == []
         axes = product.figure.axes
         assert [axis.get_ylabel()[-5:] for axis in axes] == ["l (N)", "(m/s)"]
@@ -148,10 +148,10 @@ def test_curves_differ_in_colour_and_line_and_the_legend_leaves_them_alone(count
     (axis,), (legend,) = product.figure.axes, product.figure.legends
     curves = [line for line in axis.lines if len(line.get_xydata()) and line.get_linestyle() != "None"]
     assert len({line.get_color()[:3].tobytes() for line in curves}) == count
-    assert len({(line.get_linestyle(), line.get_marker()) for line in curves[:6]}) == min(count, 6)
+    assert len({(line.get_linestyle(), line.get_marker()) for line in curves[:6]}) == (count if count < 8 else 1)
     assert len(_legend(product)) <= 8 + 2
     assert not legend.get_window_extent().overlaps(axis.get_tightbbox())
-    assert list(product.notes) == ["the legend names every 5th of 40 curves"] * (count == 40)
+    assert ("one in 5" in legend.get_title().get_text()) == (count == 40)
     assert not_in_table(product.figure, product.table) == []
 
 
