@@ -57,7 +57,8 @@ class Label:
         if pd.isna(value):
             return "none"
         if not isinstance(value, float):
-            return re.sub(f"(?<=^.{{{MAX_CHARACTERS - 1}}})..+", "…", str(value))
+            text = str(value)
+            return text if len(text) <= MAX_CHARACTERS else f"{text[: MAX_CHARACTERS - 1]}…"
         shown = float(f"{value:.4g}")
         return _plain(units.quantity(shown, self.unit)) if self.unit else f"{shown:g}"
 
@@ -133,8 +134,8 @@ def draw_study(
         lacking = f"no finished row has both{', above zero' * log}"
         raise InputError(where, "", lacking if x else "a varied key and a finished case are needed")
     notes = [f"{name}: no panel, since no run shows it" for name in names if name not in shown]
-    if left_out := int(done[[*names]].count().sum()) - len(above) * log:
-        notes += [f"{left_out} rows are not above zero, so not on logarithmic axes"] * log
+    if log and (left_out := int(done[[*names]].notna().all(axis=1).sum()) - len(above)):
+        notes.append(f"{left_out} rows are not above zero, so not on logarithmic axes")
     numbers = above[[*dict.fromkeys(["case", *swept, "engine", across, *shown])]]
     labels = {name: observable_label(name) for name in (across, *names)} | {**keys}
     texts = [] if is_numeric_dtype(numbers[across]) else [*map(labels[across].value, numbers[across].unique())]
@@ -297,12 +298,12 @@ def draw_tornado(
     if rows.empty or rows["case"].iloc[0] != 1:
         raise InputError(where, "", f"the base case is not done on {engine}")
     inputs = [name for name in keys if name in table and is_numeric_dtype(table[name])]
-    shares = rows[[*inputs, *known]].astype(float)
-    shares = (shares / shares.iloc[0] - 1).where(np.isfinite).assign(case=rows["case"])
-    changes = shares.melt(["case", *known], inputs, "input", "input_change_share")
-    changes = changes[changes["input_change_share"].fillna(0) != 0].sort_values("case", kind="stable")
-    changes = changes.drop(columns="case").set_index(["input", "input_change_share"]).rename_axis(columns="observable")
-    changes = changes.stack().rename("observable_change_share").reset_index().dropna()
+    shares = rows[["case", *inputs, *known]].astype(float).set_index("case")
+    shares = (shares / shares.iloc[0] - 1).where(np.isfinite)
+    varied = shares[inputs].where(shares[inputs] != 0).stack().dropna().rename_axis(["case", "input"])
+    varied = varied.rename("input_change_share").reset_index()
+    changes = varied.merge(shares[known], on="case").set_index([*varied]).rename_axis(columns="observable").stack()
+    changes = changes.dropna().rename("observable_change_share").reset_index().drop(columns="case")
     changes.insert(0, "observable", changes.pop("observable"))
     changes["elasticity"] = changes["observable_change_share"] / changes["input_change_share"]
     shown = [name for name in observables if name in set(changes["observable"])]
