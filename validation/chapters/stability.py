@@ -4,7 +4,6 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -18,16 +17,15 @@ from drivers.base.terminal import following
 from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
 from drivers.chain.trace import FORCE, Trace, largest_kinetic_J
-from drivers.engines import REFERENCE, VERLET, codes, installed, installed_codes
+from drivers.engines import REFERENCE, VERLET, codes, installed_codes
 from drivers.limits import refuse
 from drivers.run.compute import compute
 from drivers.run.execute import execute
-from drivers.run.run import run_many
 from drivers.scene.model import Part
 from drivers.scene.read_scene import read_entries
 from postproc.draw.style import PAGE_IN, marker_of, pyplot
 from postproc.read.motion import case_of
-from validation.accuracy.budget import ERROR, assess, kept_budget
+from validation.accuracy.budget import ERROR
 from validation.accuracy.plan import CRITERIA, planned_case
 from validation.chapters import Options
 from validation.chapters.measured_limits import (
@@ -42,8 +40,8 @@ from validation.chapters.measured_limits import (
     shipped,
     sweeps,
 )
-from validation.checks import FAIL, NOT_ACCURATE, NOT_RUN, PASS, RUN, Check, judged, short, without_run
-from validation.compare.comparison import listed
+from validation.checks import FAIL, NOT_ACCURATE, NOT_RUN, PASS, RUN, Check, judged, short
+from validation.compare.comparison import compare_cases, listed
 from validation.report.parts import Chapter, Shown
 
 RANDOM_SCENES = 100
@@ -90,30 +88,21 @@ def run_all(chosen: list[Extreme], runs: Path) -> Iterator[Check]:
     ceiling is no failure here, but ``NOT_ACCURATE``.
     """
     names = (REFERENCE, VERLET, *codes())
-    cases = {extreme.name: planned_case(extreme.scene, *extreme.set) for extreme in chosen}
-    absent: dict[tuple[str, str], str] = {}
-    for extreme, engine in product(cases, names):
-        try:
-            refuse(cases[extreme], engine)
-        except InputError as refusal:
-            absent[extreme, engine] = f"refused: {refusal}"
-        if engine not in installed(names):
-            absent[extreme, engine] = "not installed"
-    jobs = [job for job in product(cases, names) if job not in absent]
-    ended = run_many([(cases[extreme], engine) for extreme, engine in jobs], runs, unsafe=True)
-    by_job = dict(zip(jobs, ended, strict=True))
-    for extreme, case in following(cases.items(), "extreme scenes, assessed", len(cases), "scene"):
-        for engine in names:
-            if why := absent.get((extreme, engine)):
-                yield without_run(extreme, engine, why, NOT_RUN)
-                continue
-            run = assess(by_job[extreme, engine], case)
-            if not run.done:
-                yield without_run(extreme, engine, f"{run.record.status}: {run.record.reason}", FAIL)
-                continue
-            for check in kept_budget(case, run).checks:
-                inaccurate = check.verdict == FAIL and check.quantity.startswith(ERROR)
-                yield replace(check, scene=extreme, verdict=NOT_ACCURATE if inaccurate else check.verdict)
+    cases = [planned_case(extreme.scene, *extreme.set) for extreme in chosen]
+    compared = compare_cases(cases, names, runs, _refusal, unsafe=True)
+    counted = following(compared, "extreme scenes, assessed", len(cases), "scene")
+    for extreme, scene in zip(chosen, counted, strict=True):
+        for check in sorted(scene.checks, key=lambda check: names.index(check.engine)):
+            inaccurate = check.verdict == FAIL and check.quantity.startswith(ERROR)
+            yield replace(check, scene=extreme.name, verdict=NOT_ACCURATE if inaccurate else check.verdict)
+
+
+def _refusal(case: Case, engine: str) -> InputError | None:
+    try:
+        refuse(case, engine)
+    except InputError as refusal:
+        return refusal
+    return None
 
 
 def energies() -> pd.DataFrame:

@@ -30,7 +30,7 @@ from postproc.read.measured import entries_of
 from postproc.read.misfit import lay_over
 from postproc.read.observables import observe
 from postproc.read.sensors import gauges_of
-from validation.accuracy.budget import ERROR, PARTS
+from validation.accuracy.budget import ERROR, PARTS, budget_rows
 from validation.checks import FAIL, Check, outcome, short, worst_of
 from validation.compare.comparison import ComparedScene
 from validation.report.parts import Image, Shown, image_of, read_part
@@ -237,22 +237,17 @@ def _tables(scene: ComparedScene, finished: Mapping[str, EndedRun]) -> list[Show
         judged.append([quantity, *map(_judgement, of_quantity), _limits_of(filter(None, of_quantity))])
     observed = [observe(run.layout, run.trace) for run in finished.values()]
     values = [[name, *(number(values.get(name, math.nan), 6) for values in observed)] for name in (observed or [{}])[0]]
-    records = {engine: run.record for engine, run in finished.items()}
     budget = [
-        (part["quantity"], engine, *(short(part[key]) for key in PARTS))
-        for engine, record in records.items()
-        for part in record.error_budget or ()
+        (quantity, engine, *(short(row[part]) for part in PARTS)) for quantity, engine, row in budget_rows(finished)
     ]
-    order = list(dict.fromkeys(quantity for quantity, *_ in budget))
-    budget.sort(key=lambda line: order.index(line[0]))
-    notes = [f"{engine}: {record.error_note}." for engine, record in records.items() if record.error_note]
+    notes = [f"{engine}: {run.record.error_note}." for engine, run in finished.items() if run.record.error_note]
     elements = [(element.name, "in" if element.modelled else "out", element.reason) for element in scene.case.elements]
     tables = (
         ("", "", judged, ("quantity", *finished, "allowed")),
         ("Observables: peaks, speeds, widths, balances", "", values, ("observable", *finished)),
         (
             "Error budget: model, rounding, truncation, sampling", " ".join((BUDGET, *notes)), budget,
-            ("quantity", "engine", "whole", "model", "rounding", "truncation", "sampling"),
+            ("quantity", "engine", *PARTS),
         ),
         ("Modelled elements, with reasons", "", elements, ("element", "in or out", "reason")),
     )  # fmt: skip
@@ -297,7 +292,7 @@ def part_in_range(case: Case, failed: Trace, finished: Mapping[str, Trace]) -> T
     chain = case.chain
     largest_N = max((float(np.abs(trace.force_N).max()) for trace in finished.values()), default=0.0)
     limit_N = FORCE_RANGE * (largest_N or float(hertz_force(chain.stiffness, chain.smaller_radius_m).max()))
-    in_range = np.all(np.abs(failed.force_N) <= limit_N, axis=1)  # false for NaN
-    force_N = np.full((len(case.sample_times_s), failed.force_N.shape[1]), np.nan)
-    force_N[: len(in_range)][in_range] = failed.force_N[in_range]
+    in_range = np.all(np.abs(failed.force_N) <= limit_N, axis=1)[:, np.newaxis]  # false for NaN
+    missing = len(case.sample_times_s) - len(in_range)
+    force_N = np.pad(np.where(in_range, failed.force_N, np.nan), ((0, missing), (0, 0)), constant_values=np.nan)
     return replace(failed, time_s=case.sample_times_s, force_N=force_N)
