@@ -1,6 +1,6 @@
 """Figure and tables of the energies of a run: each body against time, and sums of the chain and of ranges."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from drivers.base.files import whole_file
@@ -39,8 +39,14 @@ def draw_energies(energies: Energies, ranges: Sequence[tuple[int, int]], title: 
     return Product(figure, table)
 
 
-def write_energies(energies: Energies, path: Path) -> None:
-    """Write the energies of all bodies and contacts at all samples as a Parquet file, whole or not at all."""
+def write_energies(energies: Energies, path: Path, about: Mapping[str, str]) -> None:
+    """Write the energies of all bodies and contacts at all samples as a Parquet file, whole or not at all.
+
+    Args:
+        energies: Energies of a run.
+        path: File to be written.
+        about: Metadata of the file (``RunRecord.about``).
+    """
     from pyarrow.parquet import write_table
 
     columns = {
@@ -52,4 +58,4 @@ def write_energies(energies: Energies, path: Path) -> None:
         "contact_{}_dissipated_J": energies.dissipated_J,
     }
     with whole_file(path) as draft:
-        write_table(table_of(columns), draft, **COMPRESSED)
+        write_table(table_of(columns, about), draft, **COMPRESSED)

@@ -119,7 +119,7 @@ def energy(run: str, ranges: tuple[tuple[int, int], ...], runs: Path, results: P
         print(*text_table([("bodies", *next(iter(numbers.values()))), *lines]), sep="\n")
     table = results / f"{name}.parquet"
     written = write_product(draw_energies(energies, ranges, title), name, results)
-    write_energies(energies, table)
+    write_energies(energies, table, opened.record.about)
     print_paths([*written, table])
 
 
