@@ -12,9 +12,8 @@ from drivers.chain.schemes import verlet_in_heights
 from drivers.chain.trace import residual
 from drivers.limits import refuse
 from validation.accuracy.motions import exact_motion_of
-from validation.accuracy.plan import unattainable
-from validation.accuracy.plan_report import plan_report
-from validation.chapters.measured_limits import random_case
+from validation.accuracy.plan import plan_report, unattainable
+from validation.chapters.stability import random_case
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import SceneWriter, case_of
