@@ -112,6 +112,13 @@ def test_the_record_of_a_run_has_its_accuracy_and_its_budget(engine: str, shared
     assert (abs(budget[0]["truncation"]) > 1e-5) == (engine != "reference")
 
 
+def test_a_line_of_the_plan_has_the_largest_of_many_errors() -> None:
+    lines = [*plan_report("fig4", ("chain.sensors=[{from_wall='2-19'}]",))]
+    (gauges,) = (line for line in lines if "at the gauges" in line)
+    assert "at the gauges: 36 quantities, the largest errors: wall_peak " in gauges
+    assert max(map(len, lines)) < 200
+
+
 def test_the_plan_reports_step_errors_and_engine() -> None:
     said = beads("plan", "fig4", "--set", FREE, "--set", "run.accuracy={wall_peak=1e-3, bead_5_peak=1e-3}")
     assert said.returncode == 0
