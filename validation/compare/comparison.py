@@ -128,9 +128,9 @@ class EngineSelection:
 def run_and_compare_all(
     sources: Sequence[str | Path],
     settings: tuple[str, ...] = (),
-    runs: Path = paths.RUNS,
-    asked: EngineSelection | None = None,
     *,
+    runs: Path,
+    asked: EngineSelection,
     unsafe: bool = False,
 ) -> Iterator[ComparedScene]:
     """Run scenes on every selected and installed engine in parallel, reusing finished runs, and compare them.
@@ -139,7 +139,7 @@ def run_and_compare_all(
         InputError: a scene is wrong, or a run would be refused and ``unsafe`` is False.
     """
     cases = [planned_case(source, *settings) for source in sources]
-    return compare_cases(cases, (asked or EngineSelection()).names, runs, unsafe=unsafe)
+    return compare_cases(cases, asked.names, runs, unsafe=unsafe)
 
 
 def compare_cases(
@@ -205,7 +205,7 @@ def compare_scenes(
     """
     scenes = []
     with counted(f"{sources[0] if len(sources) == 1 else f'{len(sources)} scenes'} on all engines, compared"):
-        for compared in run_and_compare_all(sources, settings, runs, asked, unsafe=unsafe):
+        for compared in run_and_compare_all(sources, settings, runs=runs, asked=asked, unsafe=unsafe):
             print(*_lines(compared, brief=brief), "", sep="\n", flush=True)
             scenes.append(compared)
     unmet = asked.unmet(scenes)
