@@ -3,7 +3,7 @@
 import math
 import shlex
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -114,19 +114,17 @@ def counted(rows: Iterable[ReportRow]) -> Counter[str]:
 
 def tolerances(scenes: Iterable[ComparedScene]) -> pd.DataFrame:
     """Quantity, limits, scenes and reason of every applied tolerance; limits with the same reason share a row."""
-    used: dict[tuple[str, str], list[Check]] = {}
-    for check in (check for scene in scenes for check in scene.checks if not math.isnan(check.limit)):
-        used.setdefault((check.quantity, check.reason), []).append(check)
+    applied = [check for scene in scenes for check in scene.checks if not math.isnan(check.limit)]
+    checks = pd.DataFrame(applied, columns=["quantity", "reason", "limit", "scene"])
     rows = [
-        (quantity, _limits_of(checks), ", ".join(dict.fromkeys(applied.scene for applied in checks)), reason)
-        for (quantity, reason), checks in sorted(used.items())
+        (quantity, _limits_of(group["limit"]), ", ".join(group["scene"].unique()), reason)
+        for (quantity, reason), group in checks.groupby(["quantity", "reason"])
     ]
     return pd.DataFrame(rows, columns=["quantity", "limit", "scenes", "reason"])
 
 
-def _limits_of(checks: Iterable[Check]) -> str:
-    """Limit of checks, or the smallest and the largest."""
-    limits = [check.limit for check in checks]
+def _limits_of(limits: Collection[float]) -> str:
+    """A limit, or the smallest and the largest."""
     return " to ".join(dict.fromkeys(number(limit, 2) for limit in (min(limits), max(limits))))
 
 
@@ -234,7 +232,9 @@ def _tables(scene: ComparedScene, finished: Mapping[str, EndedRun]) -> list[Show
     judged = []
     for quantity in dict.fromkeys(quantity for quantity, _ in checks):
         of_quantity = [checks.get((quantity, engine)) for engine in finished]
-        judged.append([quantity, *map(_judgement, of_quantity), _limits_of(filter(None, of_quantity))])
+        judged.append(
+            [quantity, *map(_judgement, of_quantity), _limits_of([check.limit for check in of_quantity if check])]
+        )
     observed = [observe(run.layout, run.trace) for run in finished.values()]
     values = [[name, *(number(values.get(name, math.nan), 6) for values in observed)] for name in (observed or [{}])[0]]
     budget = [
