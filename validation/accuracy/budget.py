@@ -229,18 +229,24 @@ def _warnings(
         yield motions.scheme.departure(engine, trace)
 
 
+def budget_rows(runs: Mapping[str, EndedRun]) -> list[tuple[str, str, dict[str, Any]]]:
+    """Quantity, name of the run, and parts of the error of each row of the budgets of runs, by quantity."""
+    rows = [(row["quantity"], name, row) for name, run in runs.items() for row in run.record.error_budget or ()]
+    order = [*dict.fromkeys(quantity for quantity, *_ in rows)]
+    return sorted(rows, key=lambda row: order.index(row[0]))
+
+
 def budget_lines(heading: str, runs: Mapping[str, EndedRun]) -> Iterator[str]:
     """Error budgets of runs for a terminal, by quantity: of forces, energy, momentum and peaks; notes and warnings.
 
     ``heading`` is that of the names of the runs.
     """
-    rows = [(row["quantity"], name, row) for name, run in runs.items() for row in run.record.error_budget or ()]
-    order = [*dict.fromkeys(quantity for quantity, *_ in rows)]
-    shown = [name for name in order if name in (*COMPARED, *of_kind(order, "peak"))]
+    rows = budget_rows(runs)
+    shown = (*COMPARED, *of_kind([quantity for quantity, *_ in rows], "peak"))
     parts = [part for part in (*PARTS, ELEMENTS) if any(part in row for *_, row in rows)]
     cells = [
         (name, quantity, *(f"{row.get(part, 0.0):.1e}" for part in parts))
-        for quantity, name, row in sorted(rows, key=lambda line: order.index(line[0]))
+        for quantity, name, row in rows
         if quantity in shown
     ]
     if cells:

@@ -83,11 +83,11 @@ class ExactMotion:
     def _converged(self, fine: Trace, values: dict[str, float]) -> bool:
         """True if every second sample of a finer record gives its values to ``TRUE_SHARE`` of their sampling error."""
         half = quantities(self.case, part_of(fine, slice(None, None, 2)))
-        for name in values.keys() & half.keys() & self.sampled.keys():
-            least = max(TRUE_SHARE * abs(self.sampled[name] - values[name]), LEAST_SAMPLING * scale_of(name, values))
-            if abs(half[name] - values[name]) > least:
-                return False
-        return True
+        return all(
+            abs(half[name] - values[name])
+            <= max(TRUE_SHARE * abs(self.sampled[name] - values[name]), LEAST_SAMPLING * scale_of(name, values))
+            for name in values.keys() & half.keys() & self.sampled.keys()
+        )
 
     @cached_property
     def sampled(self) -> dict[str, float]:
@@ -152,13 +152,13 @@ def errors_of(case: Case, trace: Trace, truth: ExactMotion, names: Collection[st
     Raises:
         KeyError: a quantity is missing in the exact motion.
     """
-    errors = {}
     seen = {} if {*names} <= {*COMPARED} else quantities(case, trace)
-    for name in names:
-        if name in COMPARED:
-            errors[name], *_ = largest_difference(name, trace, truth.trace, scale_of_motion(case, truth.trace, name))
-        else:
-            errors[name] = abs(seen.get(name, np.inf) - truth.true[name]) / scale_of(name, truth.true)
+    errors = {
+        name: largest_difference(name, trace, truth.trace, scale_of_motion(case, truth.trace, name))[0]
+        if name in COMPARED
+        else abs(seen.get(name, np.inf) - truth.true[name]) / scale_of(name, truth.true)
+        for name in names
+    }
     return {name: error if np.isfinite(error) else np.inf for name, error in errors.items()}
 
 
@@ -183,9 +183,8 @@ class Motions:
     def why_unknown(self) -> str:
         """Reason why the exact motion is not known; empty if it is."""
         if not self.case.chain.straight:
-            costly = 4 * self.case.chain.bodies * self.case.scene.steps > MAX_WORK
             most = f"more than {MAX_WORK:g} bodies times steps"
-            return f"not measured: a run at a quarter of the step takes {most}" if costly else ""
+            return f"not measured: a run at a quarter of the step takes {most}" if 4 * self.case.work > MAX_WORK else ""
         if self.case.chain.bodies > MAX_BODIES:
             return f"not measured: the exact motion is too expensive for more than {MAX_BODIES} bodies"
         try:

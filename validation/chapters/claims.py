@@ -16,19 +16,22 @@ from drivers.base.errors import InputError
 from drivers.engines import REFERENCE
 from validation.chapters import Options
 from validation.checks import DIFFERS, FAIL, NOT_RUN, PASS, REPRODUCED, RUN, Check, outcome, share_of_limit
-from validation.claims.claim import (
+from validation.claims.judged import (
     ARITHMETIC,
     CASE,
     CERTAIN,
     FITTED,
     PHYSICS,
     Claim,
+    fault_of,
+    favoured,
     function_of,
+    judge,
     measures,
+    quantity_of,
     read_claims,
     read_file,
 )
-from validation.claims.judged import fault_of, favoured, judge, quantity_of
 from validation.report.parts import Chapter, Shown
 
 RELATIONS = {"equals": "", "at most": "≤ ", "at least": "≥ "}

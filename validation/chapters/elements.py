@@ -103,21 +103,16 @@ def pairs_of(elements: Elements, seeds: int) -> Iterator[Switched]:
     for subject, switch in product(elements.scene, elements.element):
         if not switch.only or subject.name in switch.only:
             count = seeds if switch.random else 1
-            cases = seeded(subject, switch.without, count) + seeded(subject, switch.with_, count)
-            yield Switched(subject.name, switch.name, cases)
+            sides = product((switch.without, switch.with_), range(1, count + 1))
+            yield Switched(subject.name, switch.name, [case_on(subject, side, seed) for side, seed in sides])
 
 
 @cache
-def case_on(subject: SwitchedScene, side: Side, seed: int, *more: str) -> Case:
+def case_on(subject: SwitchedScene, side: Side, seed: int) -> Case:
     """Case of a scene with the settings of one side."""
     settings = [setting.replace(f"={SCATTER}", f"={subject.scatter}") for setting in side.set]
     source = f"{subject.name}-tube" if side.tube else subject.name
-    return case_of(source, f"chain.sensors={subject.gauges}", f"seed={seed}", *settings, *more)
-
-
-def seeded(subject: SwitchedScene, side: Side, seeds: int, *more: str) -> list[Case]:
-    """Cases of one side, for the seeds from 1 to ``seeds``."""
-    return [case_on(subject, side, seed, *more) for seed in range(1, seeds + 1)]
+    return case_of(source, f"chain.sensors={subject.gauges}", f"seed={seed}", *settings)
 
 
 def observables_of(case: Case) -> dict[str, str]:

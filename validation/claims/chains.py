@@ -11,6 +11,7 @@ from scipy.interpolate import CubicSpline
 
 from drivers.base.errors import InputError
 from drivers.chain.case import Case
+from drivers.chain.chain import Array
 from postproc.paper import calibrated, quoted, strikes
 from postproc.read.motion import UNTIL_REFLECTED, Simulation, case_of, exact
 from postproc.read.observables import observe
@@ -159,10 +160,8 @@ def face_deviation(run: Run, at_peak: bool = False) -> float:
     """
     motion, paper = _fig4(run), quoted()
     passing = np.abs(motion.trace.time_s - motion.values["bead_5_arrival_s"]) < 90e-6
-    time, forces, mean = (
-        signal[passing]
-        for signal in (motion.trace.time_s, motion.trace.force_N, sensor_average(motion.trace.force_N, 5))
-    )
+    time, forces = motion.trace.time_s[passing], motion.trace.force_N[passing]
+    mean = sensor_average(forces, 5)
     third = mean + (forces[:, 5] - forces[:, 4]) / 2 * (paper.sensor_gauge_g / paper.sensor_mass_g)  # Eq. (5)
     off = third / mean - 1
     if at_peak:
@@ -202,16 +201,13 @@ def collision(run: Run, beads: float, seen: str, away: float) -> float:
     ends = f"chain.bead=[{{ from_wall = 1, velocity = '1 m/s' }}, {{ from_wall = {count}, velocity = '-1 m/s' }}]"
     chain = ("striker=", f"chain.count={count}", "chain.sensors=[]", ends, "run.duration=2.6 ms", *COARSE)
     motion = run(case_of("table1", *UNCOMPRESSED, *chain))
-    place = (count + 1) // 2 + round(away)
-    if seen == "force":
-        # from above, from below, and the secondary one
-        passing = waves(motion, place + 1, at_least=3, prominence=1e-3)
-        return passing[2].value / passing[0].value
-    velocity = motion.trace.velocity_m_s
-    assert velocity is not None
-    # the wave from below, and the secondary one
-    upwards = peaks(motion.trace.time_s, velocity[:, place], prominence=1e-3)
-    return upwards[1].value / upwards[0].value
+    place, velocity = (count + 1) // 2 + round(away), motion.trace.velocity_m_s
+    if seen == "force":  # from above, from below, and the secondary one
+        first, _, secondary = waves(motion, place + 1, at_least=3, prominence=1e-3)[:3]
+    else:  # from below, and the secondary one
+        assert velocity is not None
+        first, secondary = peaks(motion.trace.time_s, velocity[:, place], prominence=1e-3)[:2]
+    return secondary.value / first.value
 
 
 def table1(run: Run, force_N: float, column: str, beads: float, force_is: str, rounded: bool = False) -> float:
@@ -300,6 +296,12 @@ def count_at_wall(run: Run, scene: str, share: float) -> float:
     return _significant(waves(run(case_of(scene)), 1), share)
 
 
+def _dynamic(motion: Simulation, bead: int) -> Array:
+    """Averaged force in a bead above the static one."""
+    reading = sensor_average(motion.trace.force_N, bead)
+    return np.asarray(reading - reading[0])
+
+
 def precompression(run: Run, of: str) -> float:
     """Leading wave ten to fifteen beads below Fig. 5's striker under 0.5 N divided by that without static force.
 
@@ -308,8 +310,7 @@ def precompression(run: Run, of: str) -> float:
     values = []
     for static in ((), ("chain.precompression=0.5 N",)):
         motion = heavy_strike(run, "chain.sensors=[{ from_wall = 50 }, { from_wall = 45 }]", *static)
-        reading = sensor_average(motion.trace.force_N, 45)
-        dynamic = reading - reading[0]
+        dynamic = _dynamic(motion, 45)
         first, second = peaks(motion.trace.time_s, dynamic, prominence=1e-3)[:2]
         depth = 1 - dynamic[first.sample : second.sample].min() / first.value
         width = observe(motion.case.layout, motion.trace, (0.5,))["bead_45_width_50pct_diameters"]
@@ -325,16 +326,13 @@ def envelope_rate(run: Run, maxima: float, law: str = ELASTIC) -> float:
 def envelope_by_place(run: Run, bead: float) -> float:
     """Rate through the first two maxima in a bead of Fig. 5 divided by that at the wall."""
     motion = run(case_of("fig5"))
-    reading = sensor_average(motion.trace.force_N, round(bead))
-    maxima = peaks(motion.trace.time_s, reading - reading[0])
-    return rate_through(maxima, 2) / envelope_rate(run, 2)
+    return rate_through(peaks(motion.trace.time_s, _dynamic(motion, round(bead))), 2) / envelope_rate(run, 2)
 
 
 def entrance(run: Run, number: str, times: float, bead: float, onset: float = ONSET) -> float:
     """A number of the incident pulse, from the averaged force in a bead of Fig. 5, in SI units times a factor."""
     motion = run(case_of("fig5"))
-    reading = sensor_average(motion.trace.force_N, round(bead))
-    shape = incident_pulse(motion.trace.time_s, reading - reading[0], onset)
+    shape = incident_pulse(motion.trace.time_s, _dynamic(motion, round(bead)), onset)
     if shape is None:
         raise InputError(motion.case.scene.file, "run.duration", "a run without the reflected wave", "a longer run")
     return float(getattr(shape, number) * times)  # NaN for the duration of a pulse that does not end
@@ -438,8 +436,6 @@ def tail(run: Run, scene: str) -> float:
 
 def loss_on_small_beads(run: Run, per: str) -> float:
     """Loss of the first wave by dissipation in Fig. 6(a) divided by that in Fig. 5(a), of the chain or per bead."""
-    losses = []
-    for scene in ("fig6b", "fig5"):
-        kept, beads = _kept(run, scene), case_of(scene).chain.beads
-        losses.append(-np.log(kept) / beads if per == "bead" else 1 - kept)
-    return float(losses[0] / losses[1])
+    kept, beads = zip(*((_kept(run, scene), case_of(scene).chain.beads) for scene in ("fig6b", "fig5")), strict=True)
+    small, large = -np.log(kept) / beads if per == "bead" else np.subtract(1, kept)
+    return float(small / large)

@@ -113,19 +113,19 @@ def hertz_contact(particles: strikes.Particles, force_N: float) -> tuple[float, 
 
 def convergence_order() -> float:
     """Order in a/L with which accelerations of the lattice converge to those of Eq. (1), for three wave lengths."""
-    p, mean, swing = ptfe_beads(), 0.01, 0.006
-    errors = []
-    # the largest difference of accelerations divided by the largest one, for one period of a strongly modulated strain
-    for beads in (64, 256):
-        length = beads * p.diameter_m
-        wave_number = 2 * np.pi / length
-        place = np.arange(beads + 1) * p.diameter_m
-        displacement = -mean * place - swing / wave_number * np.sin(wave_number * place)
-        strain = mean + swing * np.cos(wave_number * place[:-1])
-        lattice = lattice_acceleration(p, displacement)
-        long_wave = long_wave_acceleration(p, strain, length)
-        errors.append(float(np.abs(lattice - long_wave).max() / np.abs(lattice).max()))
-    return float(np.log(errors[0] / errors[1]) / np.log(4))
+    coarse, fine = map(_long_wave_error, (64, 256))
+    return float(np.log(coarse / fine) / np.log(4))
+
+
+def _long_wave_error(beads: int) -> float:
+    """Largest difference of accelerations divided by the largest one, for one period of a strongly modulated strain."""
+    p, mean, swing, place = ptfe_beads(), 0.01, 0.006, np.arange(beads + 1) * ptfe_beads().diameter_m
+    length = beads * p.diameter_m
+    wave_number = 2 * np.pi / length
+    displacement = -mean * place - swing / wave_number * np.sin(wave_number * place)
+    strain = mean + swing * np.cos(wave_number * place[:-1])
+    lattice = lattice_acceleration(p, displacement)
+    return float(np.abs(lattice - long_wave_acceleration(p, strain, length)).max() / np.abs(lattice).max())
 
 
 def precompressed_discrete() -> float:

@@ -1,24 +1,257 @@
-"""Judged numbers: statements of the paper and cases beyond it, each on all engines that it takes."""
+"""Published numbers: statements of the paper, and cases beyond it, read from files and judged on all engines.
 
-from collections.abc import Callable, Iterable, Sequence
+A statement names the function that computes it, ``module.function`` in this folder. A case names a scene or a study and
+a measure of ``linear_waves`` or ``strong_waves``.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache, partial
 from itertools import product
 from math import isnan, nan
 from pathlib import Path
+from typing import Annotated, Any, Literal, get_args
+
+from pydantic import Field
 
 from drivers.base import paths
-from drivers.base.errors import InputError, RunError
+from drivers.base.errors import InputError, InputProblem, RunError
+from drivers.base.messages import shorten, validate
+from drivers.batch.study import read_study, seen_from
 from drivers.chain.case import Case
 from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, VERLET, engine_names, installed_codes
 from drivers.run.run import run_many
 from drivers.run.run_folder import EndedRun
+from drivers.scene.model import Part
+from drivers.scene.read_scene import apply_setting, read_toml
 from postproc.read.motion import Simulation, exact, trace_with_state
+from validation.accuracy.plan import plan_case, planned_case
 from validation.checks import DIFFERS, FAIL, NOT_RUN, REPRODUCED, Check, pass_or_fail, without_run
-from validation.claims.claim import ARITHMETIC, CASE, Claim, Reading, cases_of, function_of, measures
+from validation.claims import chains, equations, linear_waves, strong_waves
 from validation.claims.equations import paper_numbers
 from validation.compare.comparison import absences
+
+Kind = Literal["physics", "fitted", "certain", "arithmetic", "case"]
+PHYSICS, FITTED, CERTAIN, ARITHMETIC, CASE = get_args(Kind)
+UNITS = {"_m_s": "m/s", "_N": "N", "_Hz": "Hz", "_s": "s", "_m": "m", "_rad": "rad", "_diameters": "diameters"}
+
+Id = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_.-]*$", max_length=60)]
+Words = Annotated[str, Field(min_length=1)]
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Limit = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Arguments = dict[str, float | str | bool]
+Tables = Annotated[tuple[dict[str, Any], ...], Field(strict=False)]
+
+
+class Reading(Part):
+    """One way to read a sentence, or a case of a study.
+
+    Attributes:
+        words: the reading, in a few words; empty for a sentence with one meaning.
+        arguments: arguments of the claim's function, in addition to those of the claim.
+        favoured: reason why this reading is judged; empty for the others.
+    """
+
+    words: str = ""
+    arguments: Arguments = Field(default_factory=dict)
+    favoured: str = ""
+
+
+Readings = Annotated[tuple[Reading, ...], Field(strict=False, min_length=2)]  # of one sentence
+
+
+class Claim(Part):
+    """A published number; the heads of the files explain the keys.
+
+    Attributes:
+        kind: ``case`` for a number of a case beyond the paper.
+        expected: the published number; None for that of the measure's theory.
+        within, absolute: allowed error, as a share of the expected number or in its unit.
+    """
+
+    id: Id
+    source: Words
+    kind: Kind = "case"
+    measure: str = ""
+    expected: Number | None = None
+    within: Limit | None = None
+    absolute: Limit | None = None
+    reason: Words
+    relation: Literal["equals", "at most", "at least"] = "equals"
+    unit: str = ""
+    # of a statement
+    quote: str = ""
+    arguments: Arguments = Field(default_factory=dict)
+    how: str = ""
+    explained: str = ""
+    cause: str = ""
+    our_criterion: bool = False
+    readings: Annotated[tuple[Reading, ...], Field(strict=False)] = (Reading(favoured="the only one"),)
+    shared_readings: str = ""
+    # of a case
+    title: str = ""
+    scene: str | None = None
+    study: str | None = None
+    set: tuple[str, ...] = Field(default=(), strict=False)
+    quantity: str = ""
+    file: str = ""
+
+    @property
+    def against(self) -> str:
+        """Origin of the expected number."""
+        return "theory" if self.expected is None else "quoted"
+
+    @property
+    def mark(self) -> tuple[str, str, str]:
+        """Id, quantity and origin, which no two numbers share."""
+        return self.id, self.quantity, self.against
+
+    @property
+    def favoured(self) -> Reading:
+        """The judged reading."""
+        return next(reading for reading in self.readings if reading.favoured)
+
+    @property
+    def limit(self) -> float:
+        """Allowed error."""
+        return self.within or self.absolute or 0.0
+
+    def error(self, value: float, expected: float) -> float:
+        """Deviation of a computed value, relative or absolute like the limit; NaN for NaN."""
+        off = value - expected
+        if self.relation != "equals":
+            return max(off if self.relation == "at most" else -off, 0.0)  # of NaN and 0 the first: NaN
+        return abs(off) / abs(expected) if self.within else abs(off)
+
+
+class ClaimsFile(Part):
+    """A file of published numbers: rows of a ``group`` are claims with the group's keys, so are checks of a ``case``.
+
+    Attributes:
+        measure: source and description of the quantities of each measure of cases.
+    """
+
+    readings: dict[str, Readings] = Field(default_factory=dict)
+    named_causes: dict[str, str] = Field(default_factory=dict)
+    measure: dict[str, dict[str, str]] = Field(default_factory=dict)
+    claim: Tables = ()
+    group: Tables = ()
+    case: Tables = ()
+    untested: Tables = ()
+
+
+def read_file(path: Path) -> ClaimsFile:
+    """Tables of a file; InputError for one that is wrong."""
+    return validate(ClaimsFile, read_toml(path), path)
+
+
+@cache
+def measures() -> dict[str, dict[str, str]]:
+    """Description of each quantity by name, and ``source`` of the theory, by measure of cases."""
+    return read_file(paths.INDEPENDENT).measure
+
+
+def read_claims(path: Path = paths.CLAIMS) -> tuple[Claim, ...]:
+    """Claims of a file, with shared readings in each claim and scenes as they are seen from here.
+
+    Raises:
+        InputError: anything in the file is wrong, such as a claim without a function.
+    """
+    file, where = read_file(path), paths.shown(path)
+    entries = [*file.claim, *(row for group in file.group for row in _rows(group, "rows", where))]
+    ids = Counter(str(entry.get("id")) for entry in (*entries, *file.case))
+    entries += [row for case in file.case for row in _rows(case, "check", where)]
+    if not entries:
+        raise InputError(where, "case", "missing key")
+    claims: list[Claim] = []
+    for entry in entries:
+        claim = validate(Claim, entry, where, f"{entry.get('kind', CASE)} {entry.get('id')}: ")
+        update: dict[str, Any] = {"file": where, "readings": file.readings.get(claim.shared_readings, claim.readings)}
+        update |= {name: seen_from(path, value) for name in ("scene", "study") if (value := getattr(claim, name))}
+        update["unit"] = next((unit for ending, unit in UNITS.items() if claim.quantity.endswith(ending)), claim.unit)
+        claim = claim.model_copy(update=update)
+        place = f"{claim.kind} {claim.id}"
+        if ids[claim.id] > 1:
+            raise InputError(where, place, "id used twice")
+        for key, found, allowed in _problems(claim, file, claims):
+            raise InputError(where, f"{place}: {key}".removesuffix(": "), found, allowed)
+        claims.append(claim)
+    return tuple(claims)
+
+
+def _rows(table: dict[str, Any], key: str, where: str) -> list[dict[str, Any]]:
+    """Rows of a group or a case, each with the keys of the table."""
+    rows = table.get(key)
+    if not rows or not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        found = f"missing key {key}" if rows is None else shorten(rows)
+        raise InputError(where, f"{table.get('kind', CASE)} {table.get('id', key)}", found, "a list of tables")
+    return [{name: value for name, value in table.items() if name != key} | row for row in rows]
+
+
+def _problems(claim: Claim, file: ClaimsFile, before: Sequence[Claim]) -> Iterator[InputProblem]:
+    """Problems of a claim as a whole: key, value found, values allowed."""
+    if claim.kind == CASE:
+        described = measures().get(claim.measure, {})
+        yield from _not_one(claim, "", "scene", "study")
+        if not described:
+            yield "measure", shorten(claim.measure), ", ".join(measures())
+        if claim.quantity not in described or claim.quantity == "source":
+            yield "check.quantity", shorten(claim.quantity), ", ".join(sorted(described.keys() - {"source"}))
+        check = f"check {claim.quantity}"
+        yield from _not_one(claim, check, "within", "absolute")
+        if claim.expected == 0 and claim.within:
+            yield check, "within with expected = 0: no error is relative to 0; give absolute", ""
+        if claim.mark in {each.mark for each in before}:
+            yield check, "check given twice", "each quantity once with expected and once without"
+        return
+    if claim.kind == ARITHMETIC and claim.id not in equations.paper_numbers():
+        yield "", "no value of this id in equations.paper_numbers", ""
+    if claim.kind != ARITHMETIC and function_of(claim) is None:
+        yield "measure", shorten(claim.measure), "module.function of this folder"
+    if claim.expected is None or (claim.relation == "equals" and not claim.absolute):
+        yield "", f"missing key {'expected' if claim.expected is None else 'absolute, the tolerance'}", ""
+    for key, known in (("shared_readings", file.readings), ("cause", file.named_causes)):
+        if getattr(claim, key) not in {"", *known}:
+            yield key, shorten(getattr(claim, key)), ", ".join(known) or "none"
+    if (count := sum(bool(reading.favoured) for reading in claim.readings)) != 1:
+        yield "readings", f"{count} favoured readings", "one, with the reason"
+
+
+def _not_one(claim: Claim, key: str, *names: str) -> Iterator[InputProblem]:
+    given = [name for name in names if getattr(claim, name) is not None]
+    if not given:
+        yield key, f"missing key {' or '.join(names)}", ""
+    if len(given) > 1:
+        yield key, f"keys {' and '.join(names)}; give one of them", ""
+
+
+def function_of(claim: Claim, ending: str = "") -> Any:
+    """Function that computes a claim, with the ending ``_theory`` its theory; None if there is no such function."""
+    *module, name = claim.measure.replace(" ", "_").split(".")
+    places = [equations, chains] if module else [linear_waves, strong_waves]
+    for place in places:
+        function = getattr(place, name + ending, None)
+        if callable(function) and function.__module__ == place.__name__ and place.__name__.endswith(".".join(module)):
+            return function
+    return None
+
+
+@cache
+def cases_of(scene: str | Path | None, study: str | Path | None, settings: tuple[str, ...]) -> dict[str, Case]:
+    """Cases of a number, by label: its scene, or all cases of its study, with settings.
+
+    Raises:
+        InputError: a scene, study or setting is wrong.
+    """
+    if scene:
+        return {"": planned_case(scene, *settings)}
+    file = read_study(study or "")
+    for setting in settings:
+        apply_setting(file.base, setting)
+    return {file.label(number): plan_case(file.case(number)) for number in range(1, file.count + 1)}
+
 
 IN_REPO: dict[str, Callable[[Case], Trace]] = {REFERENCE: lambda case: exact(case).trace, VERLET: verlet_of}
 

@@ -18,8 +18,7 @@ from drivers.run.run_folder import EndedRun, open_run, scene_of, write_scene
 from postproc.read.observables import LEVELS, OBSERVABLES, TERMS, observe, without_unit
 from validation.accuracy.budget import assess, missed_accuracy
 from validation.accuracy.costs import auto_engines
-from validation.accuracy.plan import planned_case
-from validation.accuracy.plan_report import plan_report
+from validation.accuracy.plan import plan_report, planned_case
 from validation.commands.options import folder_to_write, print_paths
 from validation.compare.comparison import EngineSelection, compare_runs, compare_scenes
 

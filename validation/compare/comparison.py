@@ -4,8 +4,9 @@ Each of two runs is judged by its own scheme, as everywhere; the differences of 
 scenes, steps and schemes, and are shown without a verdict.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from math import nan
 from pathlib import Path
 
@@ -29,6 +30,7 @@ from validation.accuracy.plan import planned_case
 from validation.checks import FAIL, NOT_RUN, PASS, Check, outcome, short, summary, table, without_run, worst_of
 from validation.compare.diagnosis import diagnosis
 
+Refusal = Callable[[Case, str], InputError | None]
 Outcomes = Mapping[str, Mapping[str, str]]  # verdicts by scene or case, and by engine
 LEGEND = """\
 model: difference from velocity Verlet at the same step; error: difference from the exact motion;
@@ -126,9 +128,9 @@ class EngineSelection:
 def run_and_compare_all(
     sources: Sequence[str | Path],
     settings: tuple[str, ...] = (),
-    runs: Path = paths.RUNS,
-    asked: EngineSelection | None = None,
     *,
+    runs: Path,
+    asked: EngineSelection,
     unsafe: bool = False,
 ) -> Iterator[ComparedScene]:
     """Run scenes on every selected and installed engine in parallel, reusing finished runs, and compare them.
@@ -136,23 +138,29 @@ def run_and_compare_all(
     Raises:
         InputError: a scene is wrong, or a run would be refused and ``unsafe`` is False.
     """
-    names = (asked or EngineSelection()).names
     cases = [planned_case(source, *settings) for source in sources]
-    pairs = [(case, absences(case, names)) for case in cases]
-    jobs = [(case, engine) for case, absent in pairs for engine in names if engine not in absent]
-    ended = iter(run_many(jobs, runs, unsafe=unsafe))
-    for case, absent in pairs:
-        yield _compared(case, {name: next(ended) for name in names if name not in absent}, absent)
+    return compare_cases(cases, asked.names, runs, unsafe=unsafe)
 
 
-def absences(case: Case, engines: Iterable[str]) -> dict[str, str]:
+def compare_cases(
+    cases: Sequence[Case], engines: Sequence[str], runs: Path, cannot: Refusal = inability, *, unsafe: bool = False
+) -> Iterator[ComparedScene]:
+    """Run cases on engines in parallel, reusing finished runs, and compare them; ``cannot`` refuses a case."""
+    absent = [absences(case, engines, cannot) for case in cases]
+    jobs = [[(case, name) for name in engines if name not in whys] for case, whys in zip(cases, absent, strict=True)]
+    ended = iter(run_many([*chain(*jobs)], runs, unsafe=unsafe))
+    for case, whys, own in zip(cases, absent, jobs, strict=True):
+        yield _compared(case, {name: next(ended) for _, name in own}, whys)
+
+
+def absences(case: Case, engines: Iterable[str], cannot: Refusal = inability) -> dict[str, str]:
     """Reasons why some of these engines do not run a case, by engine."""
     absent = {}
     for engine in engines:
         if load_engine(engine).find() is None:
             absent[engine] = NOT_INSTALLED
-        elif (cannot := inability(case, engine)) is not None:
-            absent[engine] = f"{REFUSED}: {cannot}"
+        elif (refusal := cannot(case, engine)) is not None:
+            absent[engine] = f"{REFUSED}: {refusal}"
     return absent
 
 
@@ -197,7 +205,7 @@ def compare_scenes(
     """
     scenes = []
     with counted(f"{sources[0] if len(sources) == 1 else f'{len(sources)} scenes'} on all engines, compared"):
-        for compared in run_and_compare_all(sources, settings, runs, asked, unsafe=unsafe):
+        for compared in run_and_compare_all(sources, settings, runs=runs, asked=asked, unsafe=unsafe):
             print(*_lines(compared, brief=brief), "", sep="\n", flush=True)
             scenes.append(compared)
     unmet = asked.unmet(scenes)

@@ -29,6 +29,7 @@ def made_with(scenes: Sequence[ComparedScene], command: str) -> dict[str, Any]:
     """Date, command, commit, engines, libraries and machine of a report."""
     made = provenance()
     records = {name: run.record for scene in scenes for name, run in scene.runs.items()}
+    keys = {"version": "engine_version", "command": "executable", "sha256": "build_sha256"}
     return {
         "date": _utc(time.time()),
         "command": command,
@@ -36,12 +37,7 @@ def made_with(scenes: Sequence[ComparedScene], command: str) -> dict[str, Any]:
         "uncommitted_changes": made["dirty"],
         "lock_sha256": made["lock_sha256"],
         "engines": {
-            name: {
-                "version": records[name].engine_version,
-                "command": records[name].executable,
-                "sha256": records[name].build_sha256,
-            }
-            for name in in_order(records)
+            name: {key: getattr(records[name], field) for key, field in keys.items()} for name in in_order(records)
         },
         "libraries": {"python": platform.python_version()} | {name: version(name) for name in LIBRARIES},
         "machine": {
@@ -62,14 +58,11 @@ def _utc(seconds: float) -> str:
     return datetime.datetime.fromtimestamp(seconds, datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
 
 
-def cpu_name(file: Path = CPUS) -> str:
+def cpu_name() -> str:
     """Processor's name from Linux, else from Python."""
-    try:
-        lines = file.read_text(errors="replace").splitlines()
-    except OSError:
-        lines = []
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return next(iter(names), "") or platform.processor() or platform.machine()
+    lines = CPUS.read_text(errors="replace").splitlines() if CPUS.exists() else []
+    names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(names, "") or platform.processor() or platform.machine()
 
 
 SCHEMA = 3
@@ -103,10 +96,9 @@ def as_json(
 
 def _scene(scene: ComparedScene, row: ReportRow) -> dict[str, Any]:
     case, entry = scene.case, _row(row)
-    for engine, of_engine in entry["engines"].items():
-        if engine in scene.runs:
-            run = scene.runs[engine]
-            of_engine["run"] = {"folder": paths.shown(run.folder)} | _without(asdict(run.record), LEFT_OUT)
+    for engine, run in scene.runs.items():
+        record = _without(asdict(run.record), LEFT_OUT)
+        entry["engines"][engine]["run"] = {"folder": paths.shown(run.folder)} | record
     return entry | {
         "summary": case.summary,
         "source": source_of(case.scene),

@@ -3,7 +3,7 @@
 import math
 import shlex
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -30,7 +30,7 @@ from postproc.read.measured import entries_of
 from postproc.read.misfit import lay_over
 from postproc.read.observables import observe
 from postproc.read.sensors import gauges_of
-from validation.accuracy.budget import ERROR, PARTS
+from validation.accuracy.budget import ERROR, PARTS, budget_rows
 from validation.checks import FAIL, Check, outcome, short, worst_of
 from validation.compare.comparison import ComparedScene
 from validation.report.parts import Image, Shown, image_of, read_part
@@ -114,19 +114,17 @@ def counted(rows: Iterable[ReportRow]) -> Counter[str]:
 
 def tolerances(scenes: Iterable[ComparedScene]) -> pd.DataFrame:
     """Quantity, limits, scenes and reason of every applied tolerance; limits with the same reason share a row."""
-    used: dict[tuple[str, str], list[Check]] = {}
-    for check in (check for scene in scenes for check in scene.checks if not math.isnan(check.limit)):
-        used.setdefault((check.quantity, check.reason), []).append(check)
+    applied = [check for scene in scenes for check in scene.checks if not math.isnan(check.limit)]
+    checks = pd.DataFrame(applied, columns=["quantity", "reason", "limit", "scene"])
     rows = [
-        (quantity, _limits_of(checks), ", ".join(dict.fromkeys(applied.scene for applied in checks)), reason)
-        for (quantity, reason), checks in sorted(used.items())
+        (quantity, _limits_of(group["limit"]), ", ".join(group["scene"].unique()), reason)
+        for (quantity, reason), group in checks.groupby(["quantity", "reason"])
     ]
     return pd.DataFrame(rows, columns=["quantity", "limit", "scenes", "reason"])
 
 
-def _limits_of(checks: Iterable[Check]) -> str:
-    """Limit of checks, or the smallest and the largest."""
-    limits = [check.limit for check in checks]
+def _limits_of(limits: Collection[float]) -> str:
+    """A limit, or the smallest and the largest."""
     return " to ".join(dict.fromkeys(number(limit, 2) for limit in (min(limits), max(limits))))
 
 
@@ -234,25 +232,22 @@ def _tables(scene: ComparedScene, finished: Mapping[str, EndedRun]) -> list[Show
     judged = []
     for quantity in dict.fromkeys(quantity for quantity, _ in checks):
         of_quantity = [checks.get((quantity, engine)) for engine in finished]
-        judged.append([quantity, *map(_judgement, of_quantity), _limits_of(filter(None, of_quantity))])
+        judged.append(
+            [quantity, *map(_judgement, of_quantity), _limits_of([check.limit for check in of_quantity if check])]
+        )
     observed = [observe(run.layout, run.trace) for run in finished.values()]
     values = [[name, *(number(values.get(name, math.nan), 6) for values in observed)] for name in (observed or [{}])[0]]
-    records = {engine: run.record for engine, run in finished.items()}
     budget = [
-        (part["quantity"], engine, *(short(part[key]) for key in PARTS))
-        for engine, record in records.items()
-        for part in record.error_budget or ()
+        (quantity, engine, *(short(row[part]) for part in PARTS)) for quantity, engine, row in budget_rows(finished)
     ]
-    order = list(dict.fromkeys(quantity for quantity, *_ in budget))
-    budget.sort(key=lambda line: order.index(line[0]))
-    notes = [f"{engine}: {record.error_note}." for engine, record in records.items() if record.error_note]
+    notes = [f"{engine}: {run.record.error_note}." for engine, run in finished.items() if run.record.error_note]
     elements = [(element.name, "in" if element.modelled else "out", element.reason) for element in scene.case.elements]
     tables = (
         ("", "", judged, ("quantity", *finished, "allowed")),
         ("Observables: peaks, speeds, widths, balances", "", values, ("observable", *finished)),
         (
             "Error budget: model, rounding, truncation, sampling", " ".join((BUDGET, *notes)), budget,
-            ("quantity", "engine", "whole", "model", "rounding", "truncation", "sampling"),
+            ("quantity", "engine", *PARTS),
         ),
         ("Modelled elements, with reasons", "", elements, ("element", "in or out", "reason")),
     )  # fmt: skip
@@ -297,7 +292,7 @@ def part_in_range(case: Case, failed: Trace, finished: Mapping[str, Trace]) -> T
     chain = case.chain
     largest_N = max((float(np.abs(trace.force_N).max()) for trace in finished.values()), default=0.0)
     limit_N = FORCE_RANGE * (largest_N or float(hertz_force(chain.stiffness, chain.smaller_radius_m).max()))
-    in_range = np.all(np.abs(failed.force_N) <= limit_N, axis=1)  # false for NaN
-    force_N = np.full((len(case.sample_times_s), failed.force_N.shape[1]), np.nan)
-    force_N[: len(in_range)][in_range] = failed.force_N[in_range]
+    in_range = np.all(np.abs(failed.force_N) <= limit_N, axis=1)[:, np.newaxis]  # false for NaN
+    missing = len(case.sample_times_s) - len(in_range)
+    force_N = np.pad(np.where(in_range, failed.force_N, np.nan), ((0, missing), (0, 0)), constant_values=np.nan)
     return replace(failed, time_s=case.sample_times_s, force_N=force_N)

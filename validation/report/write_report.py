@@ -100,7 +100,6 @@ def report(
         compared = [*run_and_compare_all(sources or PAPER, runs=folder, asked=asked)]
         unmet = asked.unmet(compared)
         counts = write_report(compared, page, command, runs, unmet, to_come, sections)
-    _announce(page, counts, to_come)
 
     def grow(ended: Collection[str] = ()) -> None:
         """Write the page with the parts that have been made meanwhile, and without those that have failed."""
@@ -109,7 +108,6 @@ def report(
         if made:
             to_come[:] = [name for name in to_come if name not in made]
             counts = write_report(compared, page, command, runs, unmet, to_come, sections)
-            _announce(page, counts, to_come)
 
     if groups:
         with terminal.counted("figures and chapters, side by side"):
@@ -119,7 +117,7 @@ def report(
                 grow(group)
                 failed |= not good
     stored = [read_part(name, page.parent) for name in CHAPTERS if studies]
-    missed = [check for part in stored if part for check in part.failed]
+    missed = [check for part in filter(None, stored) for check in part.failed]
     for line in table(missed) if missed else ():
         say(line)
     if unmet:
@@ -137,11 +135,6 @@ def _made(part: str, results: Path) -> bool:
         return False
 
 
-def _announce(page: Path, counts: Counter[str], to_come: Sequence[str]) -> None:
-    line = f"{paths.shown(page)}: {counts[PASS]} passed, {counts[FAIL]} failed, {counts[NOT_RUN]} not run"
-    print(line + (f"; to come: {', '.join(to_come)}" if to_come else ""), flush=True)
-
-
 def write_report(
     scenes: Sequence[ComparedScene],
     path: Path,
@@ -151,7 +144,7 @@ def write_report(
     to_come: Sequence[str] = (),
     names: Sequence[str] = tuple(SECTIONS),
 ) -> Counter[str]:
-    """Write the page, and next to it JSON with its name; no file is replaced before both are written.
+    """Write the page, and next to it JSON with its name; no file is replaced before both are written. Print the counts.
 
     Args:
         scenes: compared scenes; each has a section.
@@ -212,7 +205,10 @@ def write_report(
     with ExitStack() as drafts:
         for file, text in texts.items():
             drafts.enter_context(whole_file(file)).write_text(text, encoding="utf-8")
-    return counted((*rows, *cases))
+    counts = counted((*rows, *cases))
+    line = f"{paths.shown(path)}: {counts[PASS]} passed, {counts[FAIL]} failed, {counts[NOT_RUN]} not run"
+    print(line + (f"; to come: {', '.join(to_come)}" if to_come else ""), flush=True)
+    return counts
 
 
 def _section(name: str, results: Path, to_come: Sequence[str]) -> Any:

@@ -32,7 +32,7 @@ def run_and_compare(
     unsafe: bool = False,
 ) -> ComparedScene:
     """Compared runs of one scene."""
-    (compared,) = run_and_compare_all([source], settings, runs, asked, unsafe=unsafe)
+    (compared,) = run_and_compare_all([source], settings, runs=runs, asked=asked or EngineSelection(), unsafe=unsafe)
     return compared
 
 

@@ -12,9 +12,8 @@ from drivers.chain.schemes import verlet_in_heights
 from drivers.chain.trace import residual
 from drivers.limits import refuse
 from validation.accuracy.motions import exact_motion_of
-from validation.accuracy.plan import unattainable
-from validation.accuracy.plan_report import plan_report
-from validation.chapters.measured_limits import random_case
+from validation.accuracy.plan import plan_report, unattainable
+from validation.chapters.stability import random_case
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import SceneWriter, case_of
@@ -111,6 +110,13 @@ def test_the_record_of_a_run_has_its_accuracy_and_its_budget(engine: str, shared
     assert accuracy["force"]["measured"] == pytest.approx(error, rel=1e-6, abs=1e-11)
     assert abs(budget[0]["whole"]) == pytest.approx(error, rel=1e-6, abs=1e-11)
     assert (abs(budget[0]["truncation"]) > 1e-5) == (engine != "reference")
+
+
+def test_a_line_of_the_plan_has_the_largest_of_many_errors() -> None:
+    lines = [*plan_report("fig4", ("chain.sensors=[{from_wall='2-19'}]",))]
+    (gauges,) = (line for line in lines if "at the gauges" in line)
+    assert "at the gauges: 36 quantities, the largest errors: wall_peak " in gauges
+    assert max(map(len, lines)) < 200
 
 
 def test_the_plan_reports_step_errors_and_engine() -> None:

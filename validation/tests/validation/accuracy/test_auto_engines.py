@@ -16,7 +16,7 @@ from drivers.engines import REFERENCE, VERLET, codes, engine_names, load_engine
 from drivers.run import guard
 from drivers.run.compute import Computed, compute
 from drivers.run.run_folder import RECORD
-from validation.accuracy import costs, plan_report
+from validation.accuracy import costs, plan
 from validation.accuracy.costs import Cost, cost_on, kit_key
 from validation.tests.engine.candidate import MINE
 from validation.tests.helpers.commands import beads
@@ -35,7 +35,7 @@ FAILED_KIT = "scene: {0}: its build failed beads engine {0}" + LEFT_OUT
 
 
 def only_installed(monkeypatch: pytest.MonkeyPatch, *engines: str) -> None:
-    for module in (costs, plan_report):
+    for module in (costs, plan):
         monkeypatch.setattr(module, "installed", lambda names: [name for name in names if name in engines])
 
 
@@ -50,7 +50,7 @@ def scene(
     )
     monkeypatch.chdir(tmp_path)
     only_installed(monkeypatch, *ORDER)
-    for module in (costs, plan_report):
+    for module in (costs, plan):
         monkeypatch.setattr(module, "cost_on", lambda name: Cost(float((*ORDER, name).index(name)), 0.0, 0.0))
     return scene_file(duration="20 us")
 

@@ -15,8 +15,7 @@ from drivers.base.errors import InputError
 from drivers.base.files import DIGEST, write_sealed
 from drivers.engines import installed_codes, load_engine
 from validation.chapters import CHAPTERS, Options, elements
-from validation.chapters.measured_limits import SHIPPED, MeasuredChain, measure_limits, sweeps
-from validation.chapters.stability import Extreme, run_all, study
+from validation.chapters.stability import SHIPPED, Extreme, MeasuredChain, measure_limits, run_all, study, sweeps
 from validation.chapters.trade import advice, run_ladder, show_advice
 from validation.checks import FAIL, Check
 from validation.commands.beads import BEADS

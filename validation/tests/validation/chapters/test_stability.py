@@ -15,20 +15,25 @@ from drivers.chain.schemes import verlet_in_heights, verlet_of
 from drivers.chain.trace import Trace
 from drivers.engines import VERLET, codes, installed
 from drivers.limits import refuse, step_limit, why_unstable
-from validation.accuracy.plan_report import plan_report
-from validation.chapters import measured_limits
-from validation.chapters.measured_limits import (
+from validation.accuracy.plan import plan_report
+from validation.chapters import stability
+from validation.chapters.stability import (
     FINENESS,
     PAPER,
     RANDOM,
     SHIPPED,
+    SIGNIFICANCE,
+    Extreme,
     MeasuredChain,
     at_random,
     bouncing,
+    energy_of,
+    extremes,
     measure_limits,
+    run_all,
+    study,
     sweeps,
 )
-from validation.chapters.stability import SIGNIFICANCE, Extreme, energy_of, extremes, run_all, study
 from validation.checks import FAIL, NOT_ACCURATE, PASS
 from validation.report.parts import write_part
 from validation.tests.drivers.engines.test_contact_laws import SETTINGS
@@ -67,12 +72,12 @@ def test_predictions_are_right_on_the_papers_scenes_and_at_random(count: int) ->
 def test_a_code_that_blows_up_elsewhere_is_scanned_itself(times: float, monkeypatch: pytest.MonkeyPatch) -> None:
     subjects = [MeasuredChain(RANDOM, "fig5", case_of("fig5"))]
     elsewhere_s = times * measure_limits(subjects, names=())["measured_s"][0]
-    gain_on = measured_limits._gain_on
+    gain_on = stability._gain_on
 
     def gained(method: str, subject: MeasuredChain, step_s: float) -> float:
         return gain_on(VERLET, subject, step_s) if method == VERLET else inf if step_s >= elsewhere_s else 0.0
 
-    monkeypatch.setattr(measured_limits, "_gain_on", gained)
+    monkeypatch.setattr(stability, "_gain_on", gained)
     limits = measure_limits(subjects, names=("a code",)).set_index("method")
     assert elsewhere_s <= limits["measured_s"]["a code"] <= elsewhere_s * (1 + 2 * FINENESS)
 

@@ -2,8 +2,7 @@
 
 from drivers.base import paths
 from validation.checks import PASS, Check
-from validation.claims.claim import read_claims
-from validation.claims.judged import check_of
+from validation.claims.judged import check_of, read_claims
 
 CASE_ENGINES = ("liggghts", "reference", "yade")
 

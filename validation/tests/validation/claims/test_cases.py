@@ -14,8 +14,7 @@ from drivers.scene.read_scene import read_scene
 from postproc.read.motion import exact
 from validation.checks import FAIL, NOT_RUN, PASS, RUN, Check
 from validation.claims import judged, linear_waves
-from validation.claims.claim import function_of, read_claims
-from validation.claims.judged import IN_REPO, judge, posed
+from validation.claims.judged import IN_REPO, function_of, judge, posed, read_claims
 from validation.report.parts import read_part
 from validation.tests.helpers.commands import assert_in_order, beads
 from validation.tests.helpers.runs import need

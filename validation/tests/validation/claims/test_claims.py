@@ -16,8 +16,7 @@ from postproc.read.motion import Simulation, exact
 from validation.chapters.claims import chapter_of
 from validation.checks import DIFFERS, REPRODUCED, Check
 from validation.claims.chains import table1
-from validation.claims.claim import Claim, Reading, read_claims
-from validation.claims.judged import check_of, fault_of, favoured
+from validation.claims.judged import Claim, Reading, check_of, fault_of, favoured, read_claims
 from validation.report.scene_section import case_rows
 from validation.tests.validation.claims.published import published_checks
 

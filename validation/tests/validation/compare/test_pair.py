@@ -10,6 +10,7 @@ import pytest
 
 from drivers.base.errors import InputError
 from drivers.run.run_folder import open_run
+from drivers.run.scheme import COMPARED, scale_of_motion
 from validation.compare.comparison import common_samples, compare_runs, difference_rows
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import add_force, edit_record, edit_table, finished, need
@@ -41,6 +42,15 @@ def test_codes_at_the_same_step_differ_by_rounding(run_of: FolderOf) -> None:
     assert max(differences.values()) < 1e-9
 
 
+def test_a_difference_is_that_of_the_values_beside_it(run_of: FolderOf) -> None:
+    runs = [open_run(run_of("verlet", "fig4", *settings)) for settings in ((), ("run.time_step=1 us",))]
+    case, traces = case_of("fig4"), common_samples(runs)
+    for name, size, *values, _ in [*difference_rows(runs, traces)][: len(COMPARED)]:
+        first, second = (float(value.split()[0]) for value in values)
+        share = abs(first - second) / scale_of_motion(case, traces[0], name)
+        assert share == pytest.approx(float(size), rel=0.03), name  # values have four digits
+
+
 @pytest.mark.parametrize(("setting", "samples"), [("sample_interval=0.5 us", 301), ("duration=0.2 ms", 201)])
 def test_common_sample_times(setting: str, samples: int, run_of: FolderOf, scene_file: SceneWriter) -> None:
     folders = [run_of("verlet", scene_file()), run_of("verlet", scene_file(), f"run.{setting}")]
@@ -58,6 +68,7 @@ def test_on_the_command_line(run_of: FolderOf, tmp_path: Path) -> None:
         "time step 1e-06 s, 801 samples, commit ",
         "the scenes differ in run.time_step: 0.1 us against 1 us",
         "forces differ by more than 0.001 of the largest change: first in contact 5 at 465 µs",
+        "divided by the first run's largest change of force, kinetic energy and momentum",
         "error budget",
     ):
         assert words in good.stdout
