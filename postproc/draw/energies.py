@@ -18,7 +18,7 @@ time 0. The energy of a body includes half of the elastic energy of the contact 
 contact at the wall belongs to body 1.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -180,8 +180,14 @@ def draw_energies(energies: Energies, ranges: Sequence[tuple[int, int]], title: 
     return Product(figure, table)
 
 
-def write_energies(energies: Energies, path: Path) -> None:
-    """Write the energies of all bodies and contacts at all samples as a Parquet file, whole or not at all."""
+def write_energies(energies: Energies, path: Path, about: Mapping[str, str]) -> None:
+    """Write the energies of all bodies and contacts at all samples as a Parquet file, whole or not at all.
+
+    Args:
+        energies: Energies of a run.
+        path: File to be written.
+        about: Metadata of the file (``RunRecord.about``).
+    """
     from pyarrow.parquet import write_table
 
     columns = {
@@ -193,4 +199,4 @@ def write_energies(energies: Energies, path: Path) -> None:
         "contact_{}_dissipated_J": energies.dissipated_J,
     }
     with whole_file(path) as draft:
-        write_table(table_of(columns), draft, **COMPRESSED)
+        write_table(table_of(columns, about), draft, **COMPRESSED)

@@ -11,13 +11,12 @@ from scipy.interpolate import CubicSpline
 
 from drivers.base.errors import InputError
 from drivers.chain.case import Case
-from postproc.paper import strikes, theory
-from postproc.paper.calibrated import calibrated
-from postproc.paper.quoted import quoted
-from postproc.paper.simulate import UNTIL_REFLECTED, Simulation, case_of, exact
+from postproc.paper import calibrated, quoted, strikes
+from postproc.read.motion import UNTIL_REFLECTED, Simulation, case_of, exact
 from postproc.read.observables import observe
 from postproc.read.sensors import sensor_average
 from postproc.read.signals import ONSET, Peak, envelope, incident_pulse, integral, peaks
+from validation.claims.equations import sound_speed
 from validation.reference.travelling_wave import solve_at_amplitude, solve_travelling_wave
 
 Run = Callable[[Case], Simulation]
@@ -118,7 +117,7 @@ def theory_and_chain(run: Run) -> float:
 
 
 def _long_wave_speed(motion: Simulation, peak_N: float) -> float:
-    return theory.precompressed_speed(theory.particles_of(motion.case), peak_N, strikes.static_force(motion.case))
+    return strikes.precompressed_speed(strikes.particles_of(motion.case), peak_N, strikes.static_force(motion.case))
 
 
 def theory_and_experiment(run: Run, force_is: str) -> float:
@@ -136,7 +135,7 @@ def contact_force(run: Run, force_N: float) -> float:
     motion = struck(run, force_N)
     chain, static, peak = motion.case.chain, strikes.static_force(motion.case), strikes.contact_peak(motion)
     wave = solve_at_amplitude(float(chain.stiffness[6]), float(chain.mass_kg[0]), static, peak / static - 1)
-    return peak / theory.contact_force(wave.beta, strikes.sensor_amplitude(motion), static)
+    return peak / (wave.beta * strikes.sensor_amplitude(motion) + static)
 
 
 def _fig4(run: Run, law: str = ELASTIC) -> Simulation:
@@ -169,7 +168,7 @@ def face_deviation(run: Run, at_peak: bool = False) -> float:
         signal[passing]
         for signal in (motion.trace.time_s, motion.trace.force_N, sensor_average(motion.trace.force_N, 5))
     )
-    third, _ = theory.sensor_forces(forces[:, 5], forces[:, 4], paper.sensor_gauge_g / paper.sensor_mass_g)
+    third = mean + (forces[:, 5] - forces[:, 4]) / 2 * (paper.sensor_gauge_g / paper.sensor_mass_g)  # Eq. (5)
     off = third / mean - 1
     if at_peak:
         return float(100 * abs(CubicSpline(time, off)(peaks(time, mean)[0].time_s)))
@@ -225,13 +224,17 @@ def table1(run: Run, force_N: float, column: str, beads: float, force_is: str, r
     amplitude, setting = READINGS[force_is], f"chain.count={beads:g}"
     solved_N = strikes.fitting_force(force_N, setting) if rounded else force_N
     case = _strike(solved_N, amplitude, setting).case
-    motion = strikes.resolved(run, case, solved_N) if amplitude is strikes.sensor_amplitude else run(case)
+    motion = run(case)
+    if amplitude is strikes.sensor_amplitude:
+        (motion,) = strikes.settled(lambda cases: [*map(run, cases)], [case], [solved_N])
     return strikes.table1_numbers(motion)[strikes.COLUMNS.index(column)]
 
 
 def misfit(_: Run, modulus_MPa: float, forces: str, force_is: str) -> float:
     """Deviation of measured from simulated speeds at equal amplitudes, root mean square over some forces, per cent."""
-    return float(100 * np.sqrt((strikes.deviations(modulus_MPa, READINGS[force_is])[ROWS[forces]] ** 2).mean()))
+    points = strikes.score(modulus_MPa, READINGS[force_is])[ROWS[forces]]
+    off = points["measured_m_s"].to_numpy() / points["simulated_m_s"].to_numpy() - 1
+    return float(100 * np.sqrt((off**2).mean()))
 
 
 def width_by_diameter(run: Run) -> float:
@@ -359,7 +362,7 @@ def oscillations(run: Run) -> float:
 def leading_speed(run: Run) -> float:
     """Speed of the front of a long impact divided by that of the solitary wave of its peak force, ten beads on."""
     motion = _long_impact(run)
-    particles, wave = theory.particles_of(motion.case), solve_travelling_wave()
+    particles, wave = strikes.particles_of(motion.case), solve_travelling_wave()
     solitary = wave.speed_by_force * particles.stiffness ** (1 / 3) * particles.mass_kg**-0.5
     speed, peak_N = _front(motion, 35)
     return float(speed / (solitary * peak_N ** (1 / 6)))
@@ -373,10 +376,10 @@ def leading_speed_weak(run: Run) -> float:
     """
     chain = ("chain.count=400", "chain.precompression=2 N", "striker.speed=0.1 m/s", "run.duration=9.5 ms")
     motion = heavy_strike(run, "striker.mass=1 kg", *chain, "run.time_step=1 us", "run.sample_interval=5 us")
-    static_N, particles = float(motion.case.chain.precompression_N), theory.particles_of(motion.case)
+    static_N, particles = float(motion.case.chain.precompression_N), strikes.particles_of(motion.case)
     speed, peak_N = _front(motion, 65)
     strain_above = particles.strain(peak_N) / particles.strain(static_N) - 1
-    sound = theory.sound_speed(particles, static_N) / particles.diameter_m
+    sound = sound_speed(particles, static_N) / particles.diameter_m
     return float((speed / sound - 1) / (strain_above / 12))
 
 

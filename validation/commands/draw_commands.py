@@ -18,10 +18,9 @@ from postproc.draw import film as films
 from postproc.draw.energies import draw_energies, range_numbers, run_energies, write_energies
 from postproc.draw.product import Product, draw_spacetime, write_product, write_table
 from postproc.draw.scene_drawing import draw_scene
-from postproc.draw.study_figure import column_of, draw_study, draw_tornado
+from postproc.draw.study_figure import column_of, draw_study, draw_tornado, key_label
 from postproc.linear.modes import MAX_BEADS, modes_product
 from postproc.linear.spectra import WINDOWS, analyse, signals_of, spectrum_product
-from postproc.read.labels import key_label
 from validation.accuracy.plan import planned_case
 from validation.commands.options import print_paths
 from validation.commands.run_commands import open_shown
@@ -116,7 +115,7 @@ def energy(run: str, ranges: tuple[tuple[int, int], ...], runs: Path, results: P
         print(*text_table([("bodies", *next(iter(numbers.values()))), *lines]), sep="\n")
     table = results / f"{name}.parquet"
     written = write_product(draw_energies(energies, ranges, title), name, results)
-    write_energies(energies, table)
+    write_energies(energies, table, opened.record.about)
     print_paths([*written, table])
 
 
@@ -132,9 +131,9 @@ def film(run: str, frames: int | None, sideways: float, runs: Path, results: Pat
 def overlay(run: str, settings: tuple[str, ...], measured: Path | None, runs: Path, results: Path) -> None:
     """Draw measured traces over those of a run, or of the exact motion of a scene, and print the deviations."""
     from postproc.draw.overlay import HEADINGS, draw_overlay, misfit_rows  # takes as long to load as all others
-    from postproc.paper.simulate import exact
     from postproc.read.measured import entries_of
     from postproc.read.misfit import lay_over
+    from postproc.read.motion import exact
 
     if Path(run).is_dir() or (":" in run and not Path(run).exists()):
         if settings:

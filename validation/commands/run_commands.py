@@ -15,7 +15,7 @@ from drivers.limits import inability, refuse
 from drivers.run import inventory
 from drivers.run.run import import_run, is_done, run_case
 from drivers.run.run_folder import EndedRun, open_run, scene_of, write_scene
-from postproc.read.observables import DEFINITIONS, LEVELS, SYMBOLS, observe, without_unit
+from postproc.read.observables import LEVELS, OBSERVABLES, TERMS, observe, without_unit
 from validation.accuracy.budget import assess, missed_accuracy
 from validation.accuracy.costs import auto_engines
 from validation.accuracy.plan import planned_case
@@ -172,7 +172,8 @@ def observables(run: str, runs: Path, levels: tuple[float, ...], as_json: bool) 
 
 def definitions() -> None:
     """Print the definitions of all observables."""
-    print(SYMBOLS, "", *text_table(DEFINITIONS.items()), sep="\n")
+    rows = [(f"{each.pattern}{each.ending}", each.definition) for each in OBSERVABLES]
+    print(TERMS, *text_table(rows), sep="\n")
 
 
 def vtk(run: str, frames: int | None, runs: Path, results: Path) -> None:

@@ -15,8 +15,7 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.schemes import exact_motion
 from drivers.scene.read_scene import read_scene
-from postproc.draw.fits import rows_of, value_text
-from postproc.paper.simulate import case_of, exact
+from postproc.read.motion import case_of, exact
 from postproc.read.sensors import sensor_signals
 from validation.calibration.command import lines
 from validation.calibration.data import DataSet, Datum, free_parameter, paper_data, scene_data
@@ -28,8 +27,10 @@ from validation.calibration.fit import (
     fit,
     interval,
     profile,
+    rows_of,
     solve,
     trade_offs,
+    value_text,
 )
 from validation.calibration.problem import MISSING_RESIDUAL, _integrated, _of_set, pose, simulated
 from validation.reference.hertz_chain import Motion
