@@ -17,7 +17,7 @@ from drivers.chain.chain import Array
 from drivers.run.run_folder import EndedRun
 from postproc.draw.product import GAMMA, OPEN_SHARE, Product
 from postproc.draw.scene_drawing import WALL, draw_bodies, draw_tube, flat_size
-from postproc.draw.style import GREY, MICRO, finish_bar, force_colours, pyplot
+from postproc.draw.style import GREY, MICRO, colour_map, finish_bar, pyplot
 from postproc.read.motion import chain_of, spread
 from postproc.read.sensors import mean_forces
 
@@ -152,7 +152,7 @@ def _circles(film: Film, scale_in: float) -> bool:
 
 
 def _colours(film: Film) -> ScalarMappable:
-    return ScalarMappable(PowerNorm(GAMMA, 0, film.largest_N), force_colours())
+    return ScalarMappable(PowerNorm(GAMMA, 0, film.largest_N), colour_map("force"))
 
 
 def _rgba(film: Film, force_N: Array) -> Any:

@@ -19,7 +19,7 @@ from drivers.base.errors import InputError
 from drivers.engines import REFERENCE
 from drivers.scene.settings import unit_of
 from postproc.draw.product import Product
-from postproc.draw.style import COLUMN_IN, GREY, PAGE_IN, finish_bar, grey_of, pyplot, value_colours
+from postproc.draw.style import COLUMN_IN, GREY, PAGE_IN, colour_map, finish_bar, grey_of, pyplot
 from postproc.read.observables import describe, without_unit
 
 SEED = "seed"  # column of random draws, which are scatter and not an axis
@@ -283,13 +283,13 @@ def _looks(
     few, number = len(sets) <= MAX_CURVES, sets.select_dtypes("number").dropna(axis="columns")
     if not few and sets.shape[1] == number.shape[1] == 1:
         words, factor = _axis(labels[str(number.columns[0])], number.iloc[:, 0])
-        scale: Any = ScalarMappable(cmap=value_colours())
+        scale: Any = ScalarMappable(cmap=colour_map("value"))
         scale.norm = _scale(number.iloc[:, 0])
         colours = scale.to_rgba(factor * number.iloc[:, 0])
         finish_bar(axes[0].figure.colorbar(scale, ax=axes, pad=0.02, aspect=30), words)
         axes[0].plot([], [], color=GREY, lw=1.1, label=name)
         return [{"label": name, "color": colour} for colour in colours], ""
-    colours = cycle(COLOURS) if few else value_colours()(np.linspace(0, 1, len(sets)))
+    colours = cycle(COLOURS) if few else colour_map("value")(np.linspace(0, 1, len(sets)))
     entries = [_words(values, labels, named=few) or name for values in sets.to_dict("records")]
     looks = zip(entries, colours, cycle(DASHES), cycle(MARKERS), strict=False)
     title = "" if few else ", ".join(labels[str(key)].words for key in sets)
