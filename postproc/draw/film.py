@@ -77,10 +77,9 @@ def film_of(run: EndedRun, frames: int, sideways: float = 1.0) -> Film:
     if tube is not None and tube.inner_diameter < 5 * size:
         # beads touch the bore in the picture when they do in the run
         bore = (size + sideways * (tube.inner_diameter - size)) / 2
-        tops = (place[..., 1] + radius)[:, 2 * radius <= tube.inner_diameter]
-        top = float(tops.max(initial=low)) if tube.top is None else tube.top
+        top = high if tube.top is None else min(tube.top, high)
     return Film(
-        run.trace.time_s[chosen], place, force[chosen], radius, flat, bore, min(top, high),
+        run.trace.time_s[chosen], place, force[chosen], radius, flat, bore, top,
         chain.wall_height_m if chain.wall else None, min(low, chain.wall_height_m), high,
         float(force.max(initial=0.0)) or 1.0, notes,
     )  # fmt: skip
