@@ -81,9 +81,8 @@ def exponent(run: Run) -> float:
 def width_by_modulus(run: Run, force_N: float) -> float:
     """Width at 4 % with gravity for the softest modulus divided by that for the hardest, at strikes of equal force."""
     soft, hard = min(quoted().ptfe_moduli_MPa), max(quoted().ptfe_moduli_MPa)
-    speed = strikes.striker_speed(_strike(force_N, strikes.sensor_amplitude)) * (hard / soft) ** (
-        1 / 3
-    )  # F ~ k^(2/5) v^(6/5)
+    equal = (hard / soft) ** (1 / 3)  # F ~ k^(2/5) v^(6/5)
+    speed = strikes.striker_speed(_strike(force_N, strikes.sensor_amplitude)) * equal
     settings = (f"materials.ptfe.youngs_modulus={soft} MPa", f"striker.speed={speed!r} m/s")
     return run(case_of("table1", *settings)).values[WIDTH] / struck(run, force_N).values[WIDTH]
 
@@ -98,22 +97,18 @@ def widening(run: Run, force_N: float, gravity: bool, over_N: float, over_gravit
 
 def speed_by_gravity(run: Run, force_N: float) -> float:
     """Speed with gravity divided by that of the exponent 1/6 without it at the same peak force, less 1, per cent."""
-    heavy, bare = (struck(run, force_N, LONG_DURATION, *off) for off in ((), UNCOMPRESSED))
-    same_force = strikes.speed_between_sensors(bare) * (strikes.contact_peak(heavy) / strikes.contact_peak(bare)) ** (
-        1 / 6
-    )
-    return float(100 * (strikes.speed_between_sensors(heavy) / same_force - 1))
+    motions = [struck(run, force_N, LONG_DURATION, *off) for off in ((), UNCOMPRESSED)]
+    speed, bare_speed = map(strikes.speed_between_sensors, motions)
+    peak, bare_peak = map(strikes.contact_peak, motions)
+    return float(100 * (speed / (bare_speed * (peak / bare_peak) ** (1 / 6)) - 1))
 
 
 def theory_and_chain(run: Run) -> float:
     """Largest deviation of Eq. (4) from simulated speeds with gravity, at strikes of 0.015 to 5 m/s, per cent."""
-    errors = []
-    for speed in (0.015, 0.1, 0.7, 5.0):
-        motion = run(case_of("table1", f"striker.speed={speed} m/s"))
-        errors.append(
-            abs(_long_wave_speed(motion, strikes.contact_peak(motion)) / strikes.speed_between_sensors(motion) - 1)
-        )
-    return 100 * max(errors)
+    motions = [run(case_of("table1", f"striker.speed={speed} m/s")) for speed in (0.015, 0.1, 0.7, 5.0)]
+    by_theory = [_long_wave_speed(motion, strikes.contact_peak(motion)) for motion in motions]
+    speeds = map(strikes.speed_between_sensors, motions)
+    return 100 * max(abs(theirs / ours - 1) for theirs, ours in zip(by_theory, speeds, strict=True))
 
 
 def _long_wave_speed(motion: Simulation, peak_N: float) -> float:
@@ -239,12 +234,9 @@ def misfit(_: Run, modulus_MPa: float, forces: str, force_is: str) -> float:
 
 def width_by_diameter(run: Run) -> float:
     """Width in diameters at 4 % on the smaller beads divided by that on the larger ones, without gravity."""
-    small = ("diameter=2.38 mm", "mass=0.0157 g")
-    settings = [f"{body}.{size}" for body in ("chain", "striker") for size in small]
-    return (
-        run(case_of("table1", *UNCOMPRESSED, *settings)).values[WIDTH]
-        / run(case_of("table1", *UNCOMPRESSED)).values[WIDTH]
-    )
+    small = [f"{body}.{size}" for body in ("chain", "striker") for size in ("diameter=2.38 mm", "mass=0.0157 g")]
+    first, second = (run(case_of("table1", *UNCOMPRESSED, *settings)).values[WIDTH] for settings in (small, ()))
+    return first / second
 
 
 def impulse_to_peak(run: Run) -> float:
@@ -292,11 +284,15 @@ def small_waves(run: Run, share: float) -> float:
     return _significant(train, share) / _significant(train, 0.05)
 
 
-def splitting(run: Run, below: float) -> float:
-    """Valley between the first two waves divided by the second, some beads below Fig. 5's striker, no gravity."""
-    motion, contact = heavy_strike(run, "run.sample_interval=0.2 us"), 61 - round(below)
+def _valley(motion: Simulation, contact: int) -> float:
+    """Least force between the first two waves that pass a contact, divided by the second."""
     first, second = waves(motion, contact, at_least=2)[:2]
     return float(motion.trace.force_N[first.sample : second.sample, contact - 1].min() / second.value)
+
+
+def splitting(run: Run, below: float) -> float:
+    """Valley between the first two waves divided by the second, some beads below Fig. 5's striker, no gravity."""
+    return _valley(heavy_strike(run, "run.sample_interval=0.2 us"), 61 - round(below))
 
 
 def count_at_wall(run: Run, scene: str, share: float) -> float:
@@ -426,9 +422,7 @@ def attenuation_by_amplitude(run: Run, waves_are: str) -> float:
 
 def valley(run: Run, scene: str) -> float:
     """Valley between the first two waves at the wall divided by the second, with dissipation."""
-    motion = run(of_law(scene, FITTED))
-    first, second = waves(motion, 1, at_least=2)[:2]
-    return float(motion.trace.force_N[first.sample : second.sample, 0].min() / second.value)
+    return _valley(run(of_law(scene, FITTED)), 1)
 
 
 def tail(run: Run, scene: str) -> float:
