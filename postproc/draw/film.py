@@ -1,7 +1,6 @@
 """A wave in a chain: a contact sheet of the chain at several times, and an animation."""
 
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
 from textwrap import fill
 from typing import Any
@@ -9,7 +8,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.cm import ScalarMappable
-from matplotlib.collections import EllipseCollection
 from matplotlib.colors import PowerNorm
 from matplotlib.patches import Rectangle
 from PIL import Image
@@ -18,19 +16,17 @@ from drivers.base.files import whole_file
 from drivers.chain.chain import Array
 from drivers.run.run_folder import EndedRun
 from postproc.draw.product import GAMMA, OPEN_SHARE, Product
-from postproc.draw.scene_drawing import WALL, flat_size
-from postproc.draw.style import GREY, MICRO, finish_bar, force_colours, pyplot
+from postproc.draw.scene_drawing import WALL, draw_bodies, draw_tube, flat_size
+from postproc.draw.style import GREY, MICRO, colour_map, finish_bar, pyplot
 from postproc.read.motion import chain_of, spread
 from postproc.read.sensors import mean_forces
 
 FRAMES, GIF_FRAMES = 12, 80
 WIDTH_IN, MAX_HEIGHT_IN, MIN_HEIGHT_IN = 6.4, 5.2, 1.2
 BEAD_IN = 0.025  # smallest drawn diameter of a bead; smaller beads become a band
-BAND_ROWS = 400
 BAND_IN = 0.15  # smallest width of a band
-BORE = "#9aa4af"
 EDGE: dict[str, Any] = {"edgecolor": "#777777", "lw": 0.4}
-FILM_DPI, FILM_PER_S = 80, 12
+GIF_IN, FILM_DPI, FILM_PER_S = (3.9, 4.8), 80, 12  # of the animation
 
 
 @dataclass(frozen=True)
@@ -81,10 +77,9 @@ def film_of(run: EndedRun, frames: int, sideways: float = 1.0) -> Film:
     if tube is not None and tube.inner_diameter < 5 * size:
         # beads touch the bore in the picture when they do in the run
         bore = (size + sideways * (tube.inner_diameter - size)) / 2
-        tops = (place[..., 1] + radius)[:, 2 * radius <= tube.inner_diameter]
-        top = float(tops.max(initial=low)) if tube.top is None else tube.top
+        top = high if tube.top is None else min(tube.top, high)
     return Film(
-        run.trace.time_s[chosen], place, force[chosen], radius, flat, bore, min(top, high),
+        run.trace.time_s[chosen], place, force[chosen], radius, flat, bore, top,
         chain.wall_height_m if chain.wall else None, min(low, chain.wall_height_m), high,
         float(force.max(initial=0.0)) or 1.0, notes,
     )  # fmt: skip
@@ -92,23 +87,22 @@ def film_of(run: EndedRun, frames: int, sideways: float = 1.0) -> Film:
 
 def sheet(film: Film, title: str) -> Product:
     """Contact sheet: the chain at each time side by side, to scale, coloured by force."""
-    plt, count, tall = pyplot(), len(film.time_s), film.high_m - film.low_m
-    pitch_in = WIDTH_IN / count
-    scale_in = min(MAX_HEIGHT_IN / tall, pitch_in / (2.5 * film.half_m))
-    height_in = max(scale_in * tall, MIN_HEIGHT_IN) + 0.1
-    lines = [title, *film.notes]
-    page_in = height_in + 0.45 + 0.15 * len(lines)
-    figure = plt.figure(figsize=(WIDTH_IN + 0.9, page_in))
-    axis = _axis(figure, (0.1, 0.35, WIDTH_IN, height_in))
-    pitch = pitch_in / scale_in
-    axis.set(xlim=(-pitch / 2, (count - 0.5) * pitch), ylim=_around(film, height_in / scale_in))
-    for i, time_s in enumerate(film.time_s):
+    count, tall, lines = len(film.time_s), film.high_m - film.low_m, [title, *film.notes]
+    scale_in = min(MAX_HEIGHT_IN / tall, WIDTH_IN / count / (2.5 * film.half_m))
+    height_in, pitch = max(scale_in * tall, MIN_HEIGHT_IN) + 0.1, WIDTH_IN / count / scale_in
+    size = (WIDTH_IN + 0.9, height_in + 0.4 + 0.15 * len(lines))
+    figure, axis = pyplot().subplots(figsize=size, layout="constrained")
+    axis.set(xlim=(-pitch / 2, (count - 0.5) * pitch), ylim=_around(film, height_in / scale_in), yticks=[])
+    axis.set_aspect("equal")
+    axis.set_xticks(pitch * np.arange(count), [f"{time_s * MICRO:.0f} µs" for time_s in film.time_s], fontsize=7)
+    axis.tick_params(length=0)
+    axis.grid(visible=False)
+    axis.spines[:].set_visible(False)
+    axis.set_title("\n".join(lines), loc="left")
+    for i in range(count):
         _draw_chain(axis, film, i, i * pitch, scale_in)
-        axis.text(i * pitch, axis.get_ylim()[0], f"{time_s * MICRO:.0f} µs", ha="center", va="top", fontsize=7)
-    bar_in = min(2.0, height_in)
-    bar = figure.colorbar(_colours(film), cax=_axis(figure, (WIDTH_IN + 0.2, 0.35, 0.1, bar_in), framed=True))
+    bar = figure.colorbar(_colours(film), ax=axis, pad=0.01, aspect=20, anchor=(0, 0), shrink=min(2 / height_in, 1))
     finish_bar(bar, "mean of the contact forces (N),\nsquare-root scale; grey: none")
-    figure.text(0.1 / (WIDTH_IN + 0.9), 1 - 0.05 / page_in, "\n".join(lines), va="top")
     bodies = film.force_N.shape[1]
     return Product(figure, pd.DataFrame({
         "time_s": np.repeat(film.time_s, bodies), "body": np.tile(np.arange(1, bodies + 1), count),
@@ -119,38 +113,30 @@ def sheet(film: Film, title: str) -> Product:
 def write_animation(film: Film, title: str, path: Path) -> Path:
     """Writes the film as an animated GIF, whole or not at all: the chain next to its forces."""
     plt, tall = pyplot(), film.high_m - film.low_m
-    chain_in, force_in, height_in = 1.3, 2.3, 3.8
-    scale_in = min((height_in - 0.1) / tall, chain_in / (2.2 * film.half_m))
-    figure = plt.figure(figsize=(chain_in + force_in + 0.3, height_in + 1.0))
-    axis = _axis(figure, (0.05, 0.5, chain_in, height_in))
-    forces_axis = _axis(figure, (0.15 + chain_in, 0.5, force_in, height_in), framed=True)
-    limits = _around(film, height_in / scale_in)
-    forces_axis.set(xlim=(0, 1.05 * film.largest_N), ylim=limits, xlabel="mean of the contact forces (N)", yticks=[])
-    line = forces_axis.plot([], [], color=GREY, lw=0.8, marker="o" if _circles(film, scale_in) else "", ms=2.5)[0]
-    figure.text(0.03, 0.98, fill("; ".join([title, *film.notes]), 62), va="top")
+    figure, (axis, beside) = plt.subplots(
+        1, 2, figsize=GIF_IN, dpi=FILM_DPI, width_ratios=(1.3, 2.3), layout="constrained"
+    )
+    figure.suptitle(fill("; ".join([title, *film.notes]), 54), x=0.03, ha="left")
+    scale_in = min((GIF_IN[1] - 1.1) / tall, 1.3 / (2.2 * film.half_m))
+    height, width = (GIF_IN[1] - 1.0) / scale_in, 1.3 / scale_in
+    beside.set(xlim=(0, 1.05 * film.largest_N), ylim=_around(film, height), yticks=[])
+    beside.set(xlabel="mean of the contact forces (N)")
+    line = beside.plot([], [], color=GREY, lw=0.8, marker="o" if _circles(film, scale_in) else "", ms=2.5)[0]
     images = []
     for i, time_s in enumerate(film.time_s):
         axis.clear()
         axis.axis("off")
-        axis.set(xlim=(-chain_in / scale_in / 2, chain_in / scale_in / 2), ylim=limits)
+        axis.set(xlim=(-width / 2, width / 2), ylim=_around(film, height), aspect="equal")
         _draw_chain(axis, film, i, 0.0, scale_in)
         line.set_data(film.force_N[i], film.place_m[i, :, 1])
-        forces_axis.set_title(f"{time_s * MICRO:.0f} µs", loc="left")
-        figure.savefig(image := BytesIO(), dpi=FILM_DPI)
-        images.append(Image.open(image).convert("RGB"))
+        beside.set_title(f"{time_s * MICRO:.0f} µs", loc="left")
+        figure.canvas.draw()
+        images.append(Image.fromarray(np.asarray(figure.canvas.buffer_rgba())).convert("RGB"))
     plt.close(figure)
     path.parent.mkdir(parents=True, exist_ok=True)
-    look: dict[str, Any] = {"format": "GIF", "save_all": True, "duration": 1000 // FILM_PER_S, "loop": 0}
     with whole_file(path) as draft:
-        images[0].save(draft, append_images=images[1:], **look)
+        images[0].save(draft, "GIF", save_all=True, append_images=images[1:], duration=1000 // FILM_PER_S, loop=0)
     return path
-
-
-def _axis(figure: Any, box_in: tuple[float, float, float, float], *, framed: bool = False) -> Any:
-    """Axes at a position in inches: left, bottom, width, height."""
-    axis = figure.add_axes(np.divide(box_in, np.tile(figure.get_size_inches(), 2)))
-    axis.axis("on" if framed else "off")
-    return axis
 
 
 def _around(film: Film, range_m: float) -> tuple[float, float]:
@@ -164,42 +150,31 @@ def _circles(film: Film, scale_in: float) -> bool:
     return bool(2 * np.median(film.radius_m) * scale_in >= BEAD_IN)
 
 
-def _colours(film: Film) -> Any:
-    return ScalarMappable(PowerNorm(GAMMA, 0, film.largest_N), force_colours())
+def _colours(film: Film) -> ScalarMappable:
+    return ScalarMappable(PowerNorm(GAMMA, 0, film.largest_N), colour_map("force"))
+
+
+def _rgba(film: Film, force_N: Array) -> Any:
+    return _colours(film).to_rgba(np.ma.masked_less_equal(force_N, OPEN_SHARE * film.largest_N))
 
 
 def _draw_chain(axis: Any, film: Film, frame: int, middle: float, scale_in: float) -> None:
     """Draws the chain at one time around a vertical line."""
-    colours, width = _colours(film), 2 * film.half_m
-    force = np.ma.masked_less_equal(film.force_N[frame], OPEN_SHARE * film.largest_N)
+    width, place = 2 * film.half_m, film.place_m[frame] + (middle, 0.0)
     if film.wall_m is not None:
         thick = 0.05 / scale_in
         axis.add_patch(Rectangle((middle - width / 2, film.wall_m - thick), width, thick, color=WALL, lw=0))
-    if film.bore_m is not None and film.wall_m is not None and _circles(film, scale_in):
-        for side in (-film.bore_m, film.bore_m):
-            axis.plot([middle + side] * 2, [film.wall_m, film.tube_top_m], color=BORE, lw=0.6, zorder=0)
-    if film.flat_m[0]:
-        corner = (middle - film.flat_m[0] / 2, film.place_m[frame, -1, 1])
-        axis.add_patch(Rectangle(corner, *film.flat_m, facecolor=colours.to_rgba(force[-1:])[0], **EDGE))
-    place = film.place_m[frame] + (middle, 0.0)
     if _circles(film, scale_in):
-        rgba = colours.to_rgba(force)
-        for radius in np.unique(film.radius_m[film.radius_m > 0]):  # beads of one size together, for a small file
-            alike, size = film.radius_m == radius, (2 * radius,)
-            beads = EllipseCollection(size, size, (0,), units="xy", offsets=place[alike], facecolors=rgba[alike],
-                                      offset_transform=axis.transData, **EDGE)  # fmt: skip
-            axis.add_collection(beads, autolim=False)
+        if film.bore_m is not None and film.wall_m is not None:
+            draw_tube(axis, film.bore_m, film.wall_m, film.tube_top_m, middle)
+        draw_bodies(axis, place, film.radius_m, film.flat_m, _rgba(film, film.force_N[frame]), **EDGE)
         return
-    # a band: the largest force in each slice of the height, masked where no body is
-    height, step = film.place_m[frame, :, 1] - film.low_m, (film.high_m - film.low_m) / BAND_ROWS
-    reach = np.multiply.outer((-0.999, 0.999), film.radius_m)
-    first, last = np.clip(((height + reach) / step).astype(int), 0, BAND_ROWS - 1)
-    counts = last - first + 1
-    rows = np.repeat(first - np.cumsum(counts) + counts, counts) + np.arange(counts.sum())
-    largest_N = np.full(BAND_ROWS, -1.0)
-    np.maximum.at(largest_N, rows, np.repeat(film.force_N[frame], counts))
-    band = np.ma.masked_less_equal(largest_N, OPEN_SHARE * film.largest_N)[:, np.newaxis]
+    # a band: the largest force in each slice of the height, which is larger than a bead
+    rows = max(int((film.high_m - film.low_m) * scale_in / BEAD_IN), 1)
+    slices = np.clip(rows * (place[:, 1] - film.low_m) / (film.high_m - film.low_m), 0, rows - 1).astype(int)
+    largest_N = np.zeros((rows, 1))
+    np.maximum.at(largest_N[:, 0], slices, film.force_N[frame])
     half = max(film.half_m, BAND_IN / 2 / scale_in)
     extent = (middle - half, middle + half, film.low_m, film.high_m)
     axis.set_autoscale_on(False)
-    axis.imshow(colours.to_rgba(band), extent=extent, origin="lower", aspect="auto", interpolation="none")
+    axis.imshow(_rgba(film, largest_N), extent=extent, origin="lower", aspect="auto", interpolation="none")

@@ -15,7 +15,7 @@ import pandas as pd
 from drivers.base.files import whole_file
 from drivers.chain.chain import Array
 from drivers.chain.trace import CONTACT, Trace
-from postproc.draw.style import COLUMN_IN, MICRO, finish_bar, force_colours, pyplot
+from postproc.draw.style import COLUMN_IN, MICRO, colour_map, finish_bar, pyplot
 
 DPI = 200
 METADATA = {"png": {"Software": None}, "svg": {"Date": None}}  # no dates
@@ -133,8 +133,9 @@ def draw_cells(
     largest = float(size.max(initial=0.0)) or 1.0  # without any force the scale ends at 1 N
     root = (lambda x: np.sign(x) * np.abs(x) ** GAMMA, lambda x: np.sign(x) * np.abs(x) ** (1 / GAMMA))
     norm = FuncNorm(root, -largest, largest) if signed else PowerNorm(GAMMA, 0, largest)
+    colours = colour_map("change" if signed else "force")
     image = axis.imshow(
-        np.ma.masked_where(size <= OPEN_SHARE * largest, cells), cmap=force_colours(signed), norm=norm, origin="lower",
+        np.ma.masked_where(size <= OPEN_SHARE * largest, cells), cmap=colours, norm=norm, origin="lower",
         extent=(float(start_s[0]) * MICRO, right, 0.5, top), interpolation="none", aspect="auto",
     )  # fmt: skip
     axis.set(ylim=(0.5, places + 0.5), ylabel=place)

@@ -1,4 +1,7 @@
-"""Gauge forces of chains in stacked panels, with the differences between engines below."""
+"""Forces on the gauges of chains in stacked panels, with the differences between engines below.
+
+In figures of the paper codes are markers in a strip, in reports lines of their own.
+"""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,9 +13,9 @@ import pandas as pd
 from drivers.chain.case import Layout
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace, residual
-from drivers.engines import REFERENCE
+from drivers.engines import REFERENCE, VERLET
 from postproc.draw.product import Product
-from postproc.draw.style import GREY, MICRO, draw_codes, drawing_order, letter_panel, pyplot
+from postproc.draw.style import GREY, MICRO, draw_codes, drawing_order, letter_panel, line_of, pyplot
 from postproc.read.motion import Simulation
 from postproc.read.sensors import sensor_signals
 
@@ -23,6 +26,10 @@ STRIP_RANGE, STRIP_TICKS = (3e-7, 3e-3), (1e-6, 1e-3)
 STRIP_ROOM = 3.0  # factor of room beyond the smallest and largest value of a strip
 STRIP_WORDS = "$\\delta F$: largest difference from the exact motion in any contact,\nas a share of the largest change"
 ROOM = 0.3  # steps of the grid below and above curves
+WIDTH_IN = 4.2  # legible on a phone
+PANEL_IN = 0.92  # two panels, text and verdicts fit on the first screen of the report
+MAX_GAUGES = 4  # panels of forces; the table of observables has all gauges
+LEGEND_COLUMNS = 3
 LABEL_AT = 0.012  # position of a label, as a share of the time axis
 
 
@@ -64,17 +71,17 @@ def draw_pairs(
     axes, tables, tops = [], [], dict[str, float]()
     for place, (cell, panel, by_engine) in enumerate(zip(cells, panels, simulations, strict=True)):
         if place % 2 == 0:
-            pair = [
-                sensor_signals(half[REFERENCE].case.layout, half[REFERENCE].trace) for half in simulations[place:][:2]
-            ]
-            names = gauges or tuple(pair[0])
-            tops = {name: max(float(signals[name].max()) for signals in pair) + ROOM * step_N for name in names}
+            pair = [half[REFERENCE].signals for half in simulations[place:][:2]]
+            tops = {name: max(float(signals[name].max()) for signals in pair) + ROOM * step_N
+                    for name in gauges or pair[0]}  # fmt: skip
         drawn, table = _draw_panel(figure, cell, panel, by_engine, tops, step_N, strip)
         rows = [(engine, *number) for engine, motion in by_engine.items() for number in numbers(motion).items()]
         further = pd.DataFrame(rows, columns=["engine", "quantity", "value"])
         axes.append(drawn)
         tables.append(pd.concat([table, further]).assign(panel=panel.letter))
-    _name_codes(figure, [drawn[STRIP] for drawn in axes])
+    if markers := {line.get_label(): line for drawn in axes for line in drawn[STRIP].lines}:
+        look = {"ncols": 6, "handletextpad": 0.1, "title": STRIP_WORDS, "title_fontsize": 8}
+        figure.legend(markers.values(), markers, loc="outside lower center", **look)
     chains = {
         f"({panel.letter}) {panel.words}": by_engine[REFERENCE].trace
         for panel, by_engine in zip(panels, simulations, strict=True)
@@ -92,17 +99,13 @@ def _draw_panel(
     strip: float,
 ) -> tuple[dict[str, Any], pd.DataFrame]:
     """Draws a panel of ``draw_pairs`` up to the force in ``tops`` by gauge."""
-    traces = {engine: simulation.trace for engine, simulation in by_engine.items()}
-    signals = {
-        engine: sensor_signals(simulation.case.layout, simulation.trace) for engine, simulation in by_engine.items()
-    }
-    time_us, bottom = traces[REFERENCE].time_s * MICRO, -ROOM * step_N
+    exact, bottom = by_engine[REFERENCE], -ROOM * step_N
     heights = [top - bottom for top in tops.values()]
     rows = cell.subgridspec(len(tops) + 1, 1, height_ratios=[*heights, strip * sum(heights)], hspace=0)
     axes = {name: figure.add_subplot(rows[place]) for place, name in enumerate(tops)}
     for name, axis in axes.items():
-        axis.plot(time_us, signals[REFERENCE][name], **panel.look)
-        axis.set(xlim=(0, time_us[-1]), ylim=(bottom, tops[name]))
+        axis.plot(exact.trace.time_s * MICRO, exact.signals[name], **panel.look)
+        axis.set(xlim=(0, exact.trace.time_s[-1] * MICRO), ylim=(bottom, tops[name]))
         axis.yaxis.set_major_locator(pyplot().MultipleLocator(step_N))
         axis.tick_params(axis="x", length=0, labelbottom=False)
         axis.spines["bottom"].set_visible(False)
@@ -112,10 +115,11 @@ def _draw_panel(
     letter_panel(stacked[0], panel.letter, panel.words)
     stacked[len(stacked) // 2].set_ylabel("force (N)")
     axes[STRIP] = figure.add_subplot(rows[-1], sharex=stacked[0])
-    tables = [_draw_strip(axes[STRIP], traces)]
-    for engine, by_gauge in signals.items():
-        columns = {"engine": engine, "time_s": traces[engine].time_s} | {f"{name}_N": by_gauge[name] for name in tops}
-        tables.append(pd.DataFrame(columns | {RESIDUAL: residual(traces[engine], traces[REFERENCE])}))
+    tables = [_draw_strip(axes[STRIP], {engine: motion.trace for engine, motion in by_engine.items()})]
+    for engine, motion in by_engine.items():
+        columns = {"engine": engine, "time_s": motion.trace.time_s}
+        columns |= {f"{name}_N": motion.signals[name] for name in tops}
+        tables.append(pd.DataFrame(columns | {RESIDUAL: residual(motion.trace, exact.trace)}))
     return axes, pd.concat(tables)
 
 
@@ -155,14 +159,6 @@ def quoted_rows(panel: str, **values: float) -> pd.DataFrame:
     return pd.DataFrame(columns)
 
 
-def _name_codes(figure: Any, strips: Sequence[Any]) -> None:
-    """Adds one legend for the markers of all strips, below the figure."""
-    lines = {line.get_label(): line for axis in strips for line in axis.lines}
-    if lines:
-        look = {"ncols": 6, "handletextpad": 0.1, "title": STRIP_WORDS, "title_fontsize": 8}
-        figure.legend(lines.values(), lines, loc="outside lower center", **look)
-
-
 def gauge_title(layout: Layout, gauge: str) -> str:
     """Title of a gauge, with the time constant of its electronics."""
     name = "wall" if gauge == "wall" else f"sensor bead {gauge.removeprefix('bead_')}: mean of its two contact forces"
@@ -174,3 +170,51 @@ def residuals(traces: Mapping[str, Trace], baseline: str) -> dict[str, Array]:
     """Deviation of each engine except the reference from a baseline engine at each sample, in the order of drawing."""
     others = [engine for engine in drawing_order(list(traces)) if engine not in (baseline, REFERENCE)]
     return {engine: residual(traces[engine], traces[baseline]) for engine in others}
+
+
+def draw_gauge_forces(layout: Layout, traces: Mapping[str, Trace], failed: Mapping[str, Trace]) -> Any:
+    """Draws a panel for each gauge, and a panel of the largest difference over all contacts.
+
+    Of many gauges those closest to the wall are drawn. Differences are from the exact motion and from velocity Verlet;
+    without both, from the first engine.
+
+    Args:
+        layout: Layout of the chain.
+        traces: Traces by engine, of equal sample times; at least one, here or in ``failed``.
+        failed: Partial traces of failed runs by engine, at the same times.
+
+    Returns:
+        The figure; None without a gauge and without a difference.
+    """
+    everything = {**traces, **failed}
+    labels = {engine: f"{engine}{' (failed)' * (engine in failed)}" for engine in drawing_order([*everything])}
+    signals = {engine: sensor_signals(layout, trace) for engine, trace in everything.items()}
+    names = [*next(iter(signals.values()))][-MAX_GAUGES:]
+    baselines = [name for name in (REFERENCE, VERLET) if name in traces] or [*traces][:1]
+    differences = {baseline: residuals(everything, baseline) for baseline in baselines}
+    count = len(names) + any(differences.values())
+    if not count:
+        return None
+    size = (WIDTH_IN, PANEL_IN * count + 0.7)
+    figure, grid = pyplot().subplots(count, 1, sharex=True, figsize=size, squeeze=False, layout="constrained")
+    time_us, last = next(iter(everything.values())).time_s * MICRO, grid[-1, 0]
+    for axis, name in zip(grid[:, 0], names, strict=False):
+        for engine, label in labels.items():
+            axis.plot(time_us, signals[engine][name], label=label, **line_of(engine))
+        axis.set_title(f"{gauge_title(layout, name)} (N)", loc="left")
+        axis.set_ylim(bottom=min(0.0, axis.dataLim.y0))
+    for baseline, shares in differences.items():
+        for engine, share in shares.items():
+            last.plot(time_us, share, label=f"{labels[engine]} − {baseline}", **line_of(engine))
+        lowest = min(shares.values(), key=lambda share: share[share > 0].min(initial=1.0), default=np.zeros(0))
+        for sample in np.flatnonzero(lowest > 0)[-1:]:  # none, if all differences are zero
+            look = {"textcoords": "offset points", "ha": "right", "color": GREY}
+            last.annotate(f"from {baseline}", (time_us[sample], lowest[sample]), (0, 2), **look)
+    if count > len(names):
+        last.set_yscale("log", nonpositive="mask")
+        last.margins(y=0.25)  # space for words above the highest line
+        last.set_title("largest force difference of any contact / largest change", loc="left")
+    last.set(xlim=(time_us[0], time_us[-1] if len(time_us) > 1 else None), xlabel="time since impact (µs)")
+    handles = [pyplot().Line2D([], [], label=label, **line_of(engine)) for engine, label in labels.items()]
+    figure.legend(handles=handles, loc="outside upper left", ncols=LEGEND_COLUMNS)
+    return figure

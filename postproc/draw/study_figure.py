@@ -18,7 +18,7 @@ from drivers.base.errors import InputError
 from drivers.engines import REFERENCE
 from drivers.scene.settings import unit_of
 from postproc.draw.product import Product
-from postproc.draw.style import COLUMN_IN, GREY, PAGE_IN, line_of, marker_of, pyplot, value_colours
+from postproc.draw.style import COLUMN_IN, GREY, PAGE_IN, colour_map, line_of, marker_of, pyplot
 from postproc.read.observables import describe
 
 SEED = "seed"  # column of random draws, which are scatter and not an axis
@@ -202,7 +202,7 @@ def _draw_curves(
     curves = [rows for _, rows in numbers.groupby(others, dropna=False, sort=in_order)] if others else [numbers]
     first, many = f"mean of draws, {engines[0]}" if draws else engines[0], len(curves) > MAX_CURVES
     titles = [", ".join(labels[name].value(rows[name].iloc[0]) for name in others) or first for rows in curves]
-    colours, size = value_colours()(np.linspace(0, 1, len(curves))), 0.4 if many else 1.0
+    colours, size = colour_map("value")(np.linspace(0, 1, len(curves))), 0.4 if many else 1.0
     forms = zip(colours, cycle("-" if many else DASHES), cycle("o" if many else MARKERS), strict=False)
     looks = [{"color": colour, "ls": dash, "marker": form, "ms": 2.5 * size, "lw": 1} for colour, dash, form in forms]
     points = {engine: marker_of(engine) | {"ls": "none", "mew": 0.7 * size} for engine in engines[not draws :]}

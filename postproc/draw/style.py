@@ -14,6 +14,8 @@ COLUMN_IN = 3.5  # width of a journal column
 PAGE_IN = 7.1  # width of a page of two columns
 GREY = "#555555"
 OPEN_CONTACT = "#e4e7ea"
+# perceptually uniform maps of matplotlib, and the share of each that is used
+COLOUR_MAPS = {"force": ("magma_r", 0.92), "change": ("RdBu_r", 1.0), "value": ("plasma", 0.64)}
 # quantities of the paper's figures; the line styles distinguish them in grey print
 FIRST: dict[str, Any] = {"color": "#0072b2", "ls": (0, (5, 1.5)), "lw": 1.0}  # F_1, the contact that a wave meets first
 SECOND: dict[str, Any] = {"color": "#d55e00", "ls": (0, (4, 1, 1, 1)), "lw": 1.0}  # F_2
@@ -108,22 +110,16 @@ def drawing_order(engines: list[str]) -> list[str]:
 
 
 @cache
-def force_colours(signed: bool = False) -> Any:
-    """Colour map of forces, or of their changes; darker for larger ones also in grey print, light grey for none."""
+def colour_map(quantity: str) -> Any:
+    """Colour map of a force, darker for larger ones also in grey print, of its change, or of a varied value.
+
+    Values have a contrast of 3 or more on white; masked values are light grey.
+    """
     from matplotlib import colormaps
     from matplotlib.colors import ListedColormap
 
-    colours = colormaps["RdBu_r"] if signed else colormaps["magma_r"]
-    return ListedColormap(colours(np.linspace(0.0, 1.0 if signed else 0.92, 256)), "force", bad=OPEN_CONTACT)
-
-
-@cache
-def value_colours() -> Any:
-    """Colour map of varied values, perceptually uniform, each colour with a contrast of 3 or more on white."""
-    from matplotlib import colormaps
-    from matplotlib.colors import ListedColormap
-
-    return ListedColormap(colormaps["plasma"](np.linspace(0.0, 0.64, 256)), "value")
+    name, end = COLOUR_MAPS[quantity]
+    return ListedColormap(colormaps[name](np.linspace(0.0, end, 256)), quantity, bad=OPEN_CONTACT)
 
 
 def finish_bar(bar: Any, label: str) -> None:

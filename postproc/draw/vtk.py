@@ -49,8 +49,7 @@ def write_series(run: EndedRun, folder: Path, frames: int = FRAMES) -> list[Path
         root = ElementTree.Element("VTKFile", type="Collection", version="0.1")
         collection = ElementTree.SubElement(root, "Collection")
         for name, i, point in zip(names, chosen, place, strict=True):
-            fields = {field: values[i] for field, values in moving.items()}
-            fields |= {"body": number, "radius_m": radius}
+            fields = {"body": number, "radius_m": radius} | {field: values[i] for field, values in moving.items()}
             meshio.write(draft / name, meshio.Mesh(point, [("vertex", vertices)], point_data=fields))
             time_s = repr(float(motion.time_s[i]))
             ElementTree.SubElement(collection, "DataSet", timestep=time_s, part="0", file=name)

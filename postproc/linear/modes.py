@@ -206,23 +206,6 @@ def sound_speed_m_s(chain: Chain, lower: int, upper: int, members: int = 1) -> f
     return float((chain.height_m[upper - 1] - chain.height_m[lower - 1]) / np.sqrt(cells).sum())
 
 
-def overlap_ratio(case: Case, force_N: Array) -> Array:
-    """Largest change of the overlap of each contact divided by its static overlap, from forces of a run.
-
-    Args:
-        case: the case.
-        force_N: contact forces. Shape (samples, bodies).
-
-    Returns:
-        Ratios of the contacts of beads; inf for a contact without load. Shape (beads,).
-    """
-    force = np.maximum(force_N[:, : case.chain.beads], 0.0)
-    static = static_forces_N(case.chain)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        changes = np.abs((force / static) ** (2 / 3) - 1).max(axis=0)
-    return np.asarray(np.where(static > 0, changes, np.inf))
-
-
 def localised_modes(modes: Modes, bands: Sequence[pd.DataFrame]) -> NDArray[np.bool_]:
     """Modes in which fewer than ``FEW`` beads move, or with frequencies in a gap at all static forces. Shape (modes,).
 
@@ -308,10 +291,13 @@ def _lines(case: Case, modes: Modes, bands: list[pd.DataFrame], localised: NDArr
 
 
 def _end_of_linear_theory(case: Case) -> str:
-    """Line on the motion of the scene: its changes of overlaps against the static ones."""
+    """Line on the motion of the scene: the largest change of an overlap, divided by the static overlap."""
     if case.work > MAX_WORK:
         return f"motion not compared with linear theory: more than {MAX_WORK:g} bodies times steps"
-    ratio = overlap_ratio(case, verlet_of(case).force_N)
+    force, static = verlet_of(case).force_N[:, : case.chain.beads], static_forces_N(case.chain)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        changes = np.abs((np.maximum(force, 0.0) / static) ** (2 / 3) - 1).max(axis=0)
+    ratio = np.where(static > 0, changes, np.inf)  # of a contact without load it is infinite
     place = int(np.argmax(ratio))
     largest = float(ratio[place])
     words = f"the motion of the scene changes the overlap of contact {place + 1} by {largest:.3g} of the static overlap"
@@ -334,7 +320,7 @@ def _draw_dispersion(axis: Any, bands: list[pd.DataFrame]) -> None:
     if bands:
         axis.axvline(0, color=GREY, lw=0.6)
         axis.legend(title="static force")
-        axis.set(xlabel="(−decay) | phase per cell / π", ylim=(0, SHOWN * edges_Hz(bands[-1]).max() / 1e3))
+        axis.set(xlabel="−decay | phase, per cell / π", ylim=(0, SHOWN * edges_Hz(bands[-1]).max() / 1e3))
     else:
         axis.text(0.5, 0.5, "no bands", ha="center", transform=axis.transAxes, color=GREY)
     axis.set_ylabel("frequency (kHz)")

@@ -22,8 +22,9 @@ from drivers.base.terminal import text_table
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
+from drivers.scene.model import DriveTable
 from postproc.draw.product import Product
-from postproc.draw.style import PAGE_IN, letter_panel, pyplot, value_colours
+from postproc.draw.style import PAGE_IN, colour_map, letter_panel, pyplot
 from postproc.linear.modes import bands_at_loads, edges_Hz, shade_bands
 from postproc.read.sensors import sensor_signals
 
@@ -142,11 +143,11 @@ def harmonics_of(
     Raises:
         ValueError: the record is shorter than a period, or has fewer than four samples a period.
     """
-    rate, length = _rate_Hz(time_s), float(time_s[-1] - time_s[0])
+    length = float(np.ptp(time_s)) if len(time_s) else 0.0
     periods = floor(length * frequency_Hz * (1 + 1e-12))
     if periods < 1:
         raise ValueError(f"the record of {length:.4g} s is shorter than a period of {1 / frequency_Hz:.4g} s")
-    if rate < 4 * frequency_Hz:
+    if (rate := _rate_Hz(time_s)) < 4 * frequency_Hz:
         raise ValueError(f"{rate / frequency_Hz:.3g} samples a period of {frequency_Hz:g} Hz, at least 4 are needed")
     orders = np.array([order for order in range(1, count + 1) if 2 * order * frequency_Hz < 0.99 * rate])
     angles = 2 * pi * frequency_Hz * np.multiply.outer(time_s, orders)
@@ -178,17 +179,11 @@ def signals_of(case: Case, trace: Trace) -> dict[str, Array]:
     return signals if drive is None else {DRIVE: drive.at(trace.time_s)[0], **signals}
 
 
-def driven_interval(case: Case, time_s: Array, signals: Mapping[str, Array], name: str) -> tuple[float, float]:
-    """Begin and end of the driven interval of a signal in s; without a drive from 0 to inf."""
-    table = case.scene.drive
-    if table is None:
-        return 0.0, inf
+def driven_interval(table: DriveTable, time_s: Array, drive: Array, signal: Array) -> tuple[float, float]:
+    """Begin and end of the driven interval of a signal in s, from all samples of a sine drive and of the signal."""
     duration_s = table.duration or (table.cycles / table.frequency if table.cycles and table.frequency else inf)
-    onset_s, drive_onset_s = (
-        time_s[np.argmax(np.abs(values) > ONSET_SHARE * np.abs(values).max())]
-        for values in (signals[name], signals[DRIVE])
-    )
-    begin_s = table.start + max(float(onset_s - drive_onset_s), 0.0)
+    started, arrived = (np.abs(values) > ONSET_SHARE * np.abs(values).max() for values in (drive, signal))
+    begin_s = table.start + max(float(time_s[np.argmax(arrived)] - time_s[np.argmax(started)]), 0.0)
     return begin_s, begin_s + duration_s
 
 
@@ -220,30 +215,28 @@ def analyse(
     if len(time_s) < LEAST_SAMPLES:
         raise ValueError(f"{len(time_s)} samples, at least {LEAST_SAMPLES} are needed")
     units = dict.fromkeys(signals, "N") | ({DRIVE: "m"} if drive is not None and drive.prescribed else {})
-    if frequency_Hz is None and table is not None and table.form == "sine":
-        frequency_Hz = table.frequency
-    harmonics, problem = [], None
-    for name in signals:
-        if frequency_Hz is None:
-            break
-        begin_s, end_s = driven_interval(case, trace.time_s, whole, name)
-        driven = (time_s >= begin_s) & (time_s <= end_s * (1 + 1e-12))
-        waxing = table is not None and table.window == "hann"
-        envelope = np.sin(pi * (time_s[driven] - begin_s) / (end_s - begin_s)) ** 2 if waxing else None
+    own_Hz = table.frequency if table is not None and table.form == "sine" else None
+    harmonics = [pd.DataFrame()]
+    for name in signals if frequency_Hz or own_Hz else ():
+        driven, envelope = np.ones(len(time_s), bool), None
+        if table is not None and frequency_Hz in (None, own_Hz):
+            begin_s, end_s = driven_interval(table, trace.time_s, whole[DRIVE], whole[name])
+            driven = (time_s >= begin_s) & (time_s <= end_s * (1 + 1e-12))
+            if table.window == "hann":
+                envelope = np.sin(pi * (time_s[driven] - begin_s) / (end_s - begin_s)) ** 2
         try:
-            rows = harmonics_of(time_s[driven], signals[name][driven], frequency_Hz, envelope)
-            harmonics.append(rows.assign(signal=name))
-        except ValueError as error:  # of one signal, if the wave reaches it too late
-            problem = error
-    if problem and not harmonics:
-        raise problem
+            parts = harmonics_of(time_s[driven], signals[name][driven], frequency_Hz or own_Hz or nan, envelope)
+            harmonics.append(parts.assign(signal=name))
+        except ValueError:  # the driven interval may lie outside the record
+            if driven.all():
+                raise
     spectra = {f"{name}_amplitude_{units[name]}": spectrum_of(time_s, signals[name], window)[1] for name in signals}
     columns = {"frequency_Hz": np.fft.rfftfreq(len(time_s), 1 / _rate_Hz(time_s))} | spectra
     source, target = ends[0] or next(iter(signals)), ends[1] or [*signals][-1]
     if source != target:
         transfer = transfer_of(time_s, signals[source], signals[target], window)
         columns |= {"transfer": np.abs(transfer), "transfer_phase_rad": np.angle(transfer)}
-    parts = pd.concat(harmonics, ignore_index=True) if harmonics else pd.DataFrame()
+    parts = pd.concat(harmonics, ignore_index=True)
     return Analysis(source, target, window, time_s, signals, units, pd.DataFrame(columns), parts)
 
 
@@ -270,7 +263,7 @@ def spectrum_product(case: Case, analysis: Analysis, title: str) -> Product:
     letter_panel(axes[2], "c", analysis.target.replace("_", " "))
     time, frequency, power = spectrogram_of(analysis.time_s, analysis.signals[analysis.target], analysis.window)
     level = np.log10(np.maximum(power / (power.max() or 1.0), 10.0**-DECADES))
-    mesh = axes[2].pcolormesh(1e3 * time, frequency / 1e3, level, cmap=value_colours(), rasterized=True)
+    mesh = axes[2].pcolormesh(1e3 * time, frequency / 1e3, level, cmap=colour_map("value"), rasterized=True)
     figure.colorbar(mesh, ax=axes[2], label="log10 (amplitude / largest)")
     # above the bands, or where all amplitudes stay small
     edge_Hz = edges_Hz(bands[-1]).max() if bands else 0.0
@@ -293,6 +286,7 @@ def _lines(analysis: Analysis) -> Iterator[str]:
     for name, (frequency, amplitude) in ((name, line.values()) for name, line in numbers["strongest"].items()):
         yield f"{name}: strongest at {frequency:.5g} Hz, {amplitude:.4g} {units[name]}"
     if analysis.harmonics.empty:
+        yield from ["no harmonics: no whole period of a sine of the drive in this record"] if DRIVE in units else []
         return
     first = {name: parts[0] for name, parts in numbers["harmonics"].items()}
     frequency_Hz = analysis.harmonics["frequency_Hz"][0]
