@@ -9,7 +9,7 @@ from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, VERLET
 from postproc.draw.stack import gauge_title, residuals
 from postproc.draw.style import GREY, MICRO, drawing_order, line_of, pyplot
-from postproc.read.sensors import sensor_signals
+from postproc.read.signals import sensor_signals
 
 WIDTH_IN = 4.2  # legible on a phone
 PANEL_IN = 0.92  # two panels, text and verdicts fit on the first screen of the report

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from drivers.chain.chain import Array
 from drivers.run.run_folder import EndedRun
 from postproc.read.motion import chain_of, spread
-from postproc.read.sensors import mean_forces
+from postproc.read.signals import mean_forces
 
 Cells = NDArray[np.int64]
 FRAMES = 100

@@ -25,13 +25,13 @@ from postproc.paper.calibrated import calibrated
 from postproc.paper.quoted import quoted
 from postproc.read.motion import Simulation, case_of, simulate
 from postproc.read.observables import LATER_PROMINENCE
-from postproc.read.sensors import sensor_signals
 from postproc.read.signals import (
     ENVELOPE_MAXIMA,
     Envelope,
     Peak,
     incident_pulse,
     peaks,
+    sensor_signals,
     train_envelope,
 )
 

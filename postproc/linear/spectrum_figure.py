@@ -17,7 +17,7 @@ from postproc.draw.style import PAGE_IN, letter_panel, pyplot, value_colours
 from postproc.linear.modes import Bands, bands_of, static_forces_N
 from postproc.linear.modes_figure import shade_bands
 from postproc.linear.spectra import PARTS, Harmonic, Spectrum, harmonics_of, spectrogram_of, spectrum_of, transfer_of
-from postproc.read.sensors import sensor_signals
+from postproc.read.signals import sensor_signals
 
 DRIVE = "drive"  # name of the drive among the signals
 LEAST_SAMPLES = 16

@@ -15,7 +15,7 @@ from drivers.limits import inability, refuse_depth, step_limit, until_words, why
 from drivers.run.scheme import scheme_of
 from postproc.read.measured import read_traces
 from postproc.read.observables import of_kind
-from postproc.read.sensors import gauges_of
+from postproc.read.signals import gauges_of
 from validation.accuracy.budget import AT_REST_NOTE
 from validation.accuracy.costs import capable_engines, cost_on, fault
 from validation.accuracy.motions import errors_of, motions_of, predicted_error

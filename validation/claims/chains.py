@@ -16,8 +16,7 @@ from postproc.paper.calibrated import calibrated
 from postproc.paper.quoted import quoted
 from postproc.read.motion import UNTIL_REFLECTED, Simulation, case_of, exact
 from postproc.read.observables import observe
-from postproc.read.sensors import sensor_average
-from postproc.read.signals import ONSET, Peak, envelope, incident_pulse, integral, peaks
+from postproc.read.signals import ONSET, Peak, envelope, incident_pulse, integral, peaks, sensor_average
 from validation.reference.travelling_wave import solve_at_amplitude, solve_travelling_wave
 
 Run = Callable[[Case], Simulation]

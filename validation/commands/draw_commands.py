@@ -24,7 +24,7 @@ from postproc.linear.modes import MAX_BEADS
 from postproc.linear.modes_figure import modes_product
 from postproc.linear.spectra import WINDOWS
 from postproc.linear.spectrum_figure import analyse, numbers_of, signals_of, spectrum_product
-from postproc.read.labels import key_label
+from postproc.read.observables import key_label
 from validation.accuracy.plan import planned_case
 from validation.commands.options import print_paths
 from validation.commands.run_commands import open_shown
