@@ -71,7 +71,7 @@ def errors(run: EndedRun) -> pd.DataFrame:
     """
     parts = ["whole", "model", "rounding", "truncation", "sampling", "elements"]
     if run.record.error_budget is None:
-        raise InputError(paths.shown(run.folder), "", "errors not measured yet: call validation.assess(run, case) first")
+        raise InputError(paths.shown(run.folder), "", "no errors yet: call validation.assess(run, case) first")
     table = pd.DataFrame(run.record.error_budget, columns=["quantity", *parts, "where"])
     return table.fillna(dict.fromkeys(parts, 0.0)).set_index("quantity")
 
