@@ -14,8 +14,18 @@ from pandas.api.types import is_numeric_dtype
 from drivers.base.errors import InputError
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
-from postproc.draw.style import COLUMN_IN, GREY, PAGE_IN, finish_bar, grey_of, pyplot, value_colours
-from postproc.read.observables import Label, observable_label, without_unit
+from postproc.draw.style import (
+    COLUMN_IN,
+    GREY,
+    PAGE_IN,
+    Label,
+    finish_bar,
+    grey_of,
+    observable_label,
+    pyplot,
+    value_colours,
+)
+from postproc.read.observables import without_unit
 
 SEED = "seed"  # column of random draws, which are scatter and not an axis
 TEXTS = ["engine", "status", "reason"]  # columns that are on no axis

@@ -28,16 +28,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from itertools import groupby, product
-from math import floor, isnan, log10, nan
+from math import isnan, nan
 from typing import Any
 
 import numpy as np
 
-from drivers.base import units
 from drivers.chain.case import Layout, SensorBead
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace, is_at_rest
-from drivers.scene.settings import unit_of
 from postproc.read.signals import (
     ENVELOPE_MAXIMA,
     NO_PEAK,
@@ -71,21 +69,6 @@ TRAIN = ("fewer than three maxima at the wall are above 0, or one interval is mo
 SPEED = ("a first pulse is missing or goes up, or that of the lower gauge is not later", "such neighbouring gauges")
 RATIO = (f"{SPEED[0]}; or the lower gauge is at bead 1 above a wall", SPEED[1])
 
-MATERIALS = "materials."
-KEYS = (  # scene keys with a label of their own; other keys are labelled by the name of their column
-    (r"materials\.(.+)\.youngs_modulus", r"Young's modulus of \1"),
-    (r"materials\.(.+)\.poisson_ratio", r"Poisson's ratio of \1"),
-    (r"materials\.(.+)\.density", r"density of \1"),
-    (r"chain\.count", "number of beads"),
-    (r"chain\.(material|diameter|mass)", r"bead \1"),
-    (r"chain\.mass_scatter", "scatter of the bead masses"),
-    (r"chain\.sensors\.\d+\.mass", "sensor mass"),
-    (r"contact\.restitution", "coefficient of restitution"),
-    (r"contact\.friction", "friction between beads"),
-    (r"tube\.friction", "friction at the tube"),
-    (r"sensor\.time_constant", "time constant of the gauges"),
-    (r"run\.(.+)", r"\1"),
-)
 TERMS = __doc__  # of the definitions
 WALL = SensorBead(0, nan, nan)  # in the place of the bead of the wall's gauge
 PLACEHOLDERS = {"gauge": r"bead_\d+|wall", "level": r"[\d.e+-]+pct", "number": r"\d+", "pair": r"\d+_to_\d+"}
@@ -574,57 +557,3 @@ def scale_of(name: str, values: Mapping[str, float]) -> float:
     unit = "_N" if rest.endswith("_N") else ""
     static_N = values[f"{gauge}_peak{unit}"] - values[f"{gauge}_amplitude{unit}"]
     return abs(values[name] - static_N)
-
-
-@dataclass(frozen=True)
-class Label:
-    """Label of a quantity and its SI unit; the unit is empty for a plain number."""
-
-    words: str
-    unit: str
-
-    def axis(self, largest: float) -> tuple[str, float]:
-        """Label of an axis up to ``largest`` in SI units, and the factor from SI units to the unit on the axis."""
-        unit, factor = self.unit, 1.0
-        if unit == "kg":
-            unit, factor = "g", 1e3
-        elif unit in units.PREFIXED and "/" not in unit and largest > 0:
-            power = min(max(floor(log10(largest)) // 3 * 3, min(units.PREFIXES)), max(units.PREFIXES))
-            power = 0 if largest >= 0.1 and power < 0 else power
-            unit, factor = units.PREFIXES[power] + unit, 10.0**-power
-        return f"{self.words} ({_plain(unit)})" if unit else self.words, factor
-
-    def value(self, value: object) -> str:
-        """Text of a value in SI units, with four digits."""
-        if not isinstance(value, float):
-            return str(value)
-        shown = float(f"{value:.4g}")
-        return _plain(units.quantity(shown, self.unit)) if self.unit else f"{shown:g}"
-
-
-def observable_label(name: str) -> Label:
-    """Label of an observable, named with or without its unit."""
-    observable = describe(name)
-    match = observable.match(name)
-    parts = {}
-    if match:
-        parts = {field: text.replace("pct", "\u00a0%").replace("_", " ") for field, text in match.groupdict().items()}
-    if parts.get("gauge") == "wall":
-        parts["gauge"] = "the wall"
-    return Label(observable.words.format(**parts), observable.unit)
-
-
-def key_label(name: str, key: str) -> Label:
-    """Label of a column of a study, which holds the values of a scene key; a name of its own is used if it has one.
-
-    Moduli, Poisson's ratios and densities are named in full.
-    """
-    for pattern, words in KEYS if name == key or key.startswith(MATERIALS) else ():
-        if match := re.fullmatch(pattern, key):
-            return Label(match.expand(words).replace("_", " "), unit_of(key))
-    return Label(re.sub("[._]", " ", name), unit_of(key))
-
-
-def _plain(text: str) -> str:
-    """A unit or quantity with the signs µ and ² instead of ``u`` and ``^2``."""
-    return re.sub(r"\bu(?=[a-zA-Z])", "µ", text).replace("^2", "²")

@@ -18,13 +18,13 @@ from postproc.draw import film as films
 from postproc.draw.product import Product, draw_spacetime, write_product
 from postproc.draw.scene_drawing import draw_scene
 from postproc.draw.study_figure import column_of, draw_study, draw_tornado
+from postproc.draw.style import key_label
 from postproc.energy.energies import range_numbers, run_energies
 from postproc.energy.energy_figure import draw_energies, write_energies
 from postproc.linear.modes import MAX_BEADS
 from postproc.linear.modes_figure import modes_product
 from postproc.linear.spectra import WINDOWS
 from postproc.linear.spectrum_figure import analyse, numbers_of, signals_of, spectrum_product
-from postproc.read.observables import key_label
 from validation.accuracy.plan import planned_case
 from validation.commands.options import print_paths
 from validation.commands.run_commands import open_shown
