@@ -154,8 +154,9 @@ def _scene_names(context: click.Context) -> set[str]:
 
 
 def _figures(context: click.Context, parameter: click.Parameter, incomplete: str) -> Items:
-    """Names of the paper's figures, with their titles where a shell shows them."""
-    return [CompletionItem(name, help=text.title) for name, text in captions().items() if name.startswith(incomplete)]
+    """Names of the paper's figures, with their titles where a shell shows them; else files."""
+    known = [CompletionItem(name, help=text.title) for name, text in captions().items() if name.startswith(incomplete)]
+    return known or [CompletionItem(incomplete, type="file")]
 
 
 class Bash(BashComplete):

@@ -173,7 +173,7 @@ PARAMETERS = _by_word(
     option("--prune", "Remove runs that are not done, or whose build or deck is not today's."),
     option("--out DIR", "Folder for the deck.", required=True),
     argument("folder", "FOLDER", "Folder with a deck that was run by hand, and its output."),
-    argument("names", "[NAME]...", "Figures (default: all)."),
+    argument("names", "[NAME]...", "Figures of the paper (default: all), or Python files."),
     option("--file FILE", "Judge the cases of a file alone (default: all claims and inputs/independent.toml)."),
     option("--budget budget_s SECONDS", "Engine time of all runs together (default: 300 s; 30 s with --quick)."),
     argument("name", "ENGINE", "Name of an engine, such as verlet or an entry of your engines.toml."),
@@ -471,11 +471,12 @@ def report() -> None:
 
 @command("report_commands", "[NAME]... --runs --results", kind=_Figures)
 def figures() -> None:
-    """Make figures and the table of the paper.
+    """Make figures and the table of the paper, or of your own.
 
     Examples:
       beads figures
       beads figures fig4 table1
+      beads figures my_figure.py
     """
 
 

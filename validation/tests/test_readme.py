@@ -7,6 +7,7 @@ import sys
 import tomllib
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from drivers.base import paths
@@ -89,6 +90,18 @@ def test_the_worked_example_runs_line_by_line(tmp_path: Path) -> None:
     (tmp_path / "steel.toml").write_text(SCENE.replace("\nspeed", "\nsped"))
     ended = typed("beads plan steel.toml", tmp_path)
     assert (ended.returncode, ended.stderr.splitlines()[-1]) == (2, stated)
+
+
+def test_the_figure_of_one_s_own_is_made(tmp_path: Path) -> None:
+    (example,) = re.findall(r"```py\n(.*?)```", (paths.ROOT / "postproc" / "README.md").read_text(), re.DOTALL)
+    assert len(example.split("\n")) < 16
+    file = tmp_path / "my_figure.py"
+    file.write_text(example)
+    done = beads("figures", file, "--runs", tmp_path / "runs", "--results", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {f"my_figure.{end}" for end in ("csv", "png", "svg")}
+    wave = pd.read_csv(tmp_path / "out" / "my_figure.csv")["wave_m_s"]
+    assert wave.is_monotonic_increasing
 
 
 def test_python_examples_run(
