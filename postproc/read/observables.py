@@ -148,11 +148,6 @@ class Readings:
         return {"run": [self], "gauge": gauges, "bead": beads, "wall": gauges[len(beads) :], "pair": beads[1:]}
 
     @cached_property
-    def turned_s(self) -> float:
-        """Time of the first pulse at the wall; NaN without one."""
-        return next((gauge.first.time_s for gauge in self.places["wall"]), nan)
-
-    @cached_property
     def rounding_N(self) -> float:
         """Force below which a change or a load does not count."""
         return ROUNDING_SHARE * float(np.abs(self.trace.force_N).max())
@@ -238,7 +233,8 @@ class GaugeReadings:
     @cached_property
     def reflected(self) -> Peak:
         """Reflected pulse, of NaN if there is none."""
-        return next((peak for peak in self.upwards if peak.time_s > self.run.turned_s), NO_PEAK)
+        turned_s = self.run.places["wall"][0].first.time_s if self.run.layout.wall else nan
+        return next((peak for peak in self.upwards if peak.time_s > turned_s), NO_PEAK)
 
     @cached_property
     def passing(self) -> list[Peak]:

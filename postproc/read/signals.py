@@ -292,9 +292,8 @@ def gauges_of(layout: Layout) -> list[str]:
 
 def sensor_signals(layout: Layout, trace: Trace) -> dict[str, Array]:
     """Signals of all gauges by name: ``bead_9``, ``bead_5``, ..., and ``wall``. Each of shape (samples,)."""
-    signals = {f"bead_{s.from_wall}": sensor_average(trace.force_N, s.from_wall) for s in layout.sensors}
-    if layout.wall:
-        signals["wall"] = trace.force_N[:, 0]
+    shown = [*(sensor_average(trace.force_N, bead.from_wall) for bead in layout.sensors), trace.force_N[:, 0]]
+    signals = dict(zip(gauges_of(layout), shown, strict=False))
     if layout.time_constant_s is None:
         return signals
     return {name: high_passed(trace.time_s, signal, layout.time_constant_s) for name, signal in signals.items()}
