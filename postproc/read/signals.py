@@ -58,14 +58,17 @@ def peaks(time_s: Array, values: Array, prominence: float = PROMINENCE) -> list[
     return [_peak_at(time_s, values, place) for place, _ in _maxima(values, prominence)]
 
 
-def pulses(time_s: Array, values: Array, most: int | None = None) -> list[Peak]:
-    """Maxima above 0 without noise, ripple and the wakes of earlier pulses, or the first of them; by time."""
-    return [*islice(_pulses(time_s, values), most)]
+def pulses(time_s: Array, values: Array, rounding: float, most: int | None = None) -> list[Peak]:
+    """Maxima above 0 without noise, ripple and the wakes of earlier pulses, or the first of them; by time.
+
+    There are none in a signal whose range is at most ``rounding``.
+    """
+    return [*islice(_pulses(time_s, values, rounding), most)]
 
 
-def _pulses(time_s: Array, values: Array) -> Iterator[Peak]:
+def _pulses(time_s: Array, values: Array, rounding: float) -> Iterator[Peak]:
     largest = 0.0
-    for place, prominence in _maxima(values, NOISE):
+    for place, prominence in _maxima(values, NOISE, rounding):
         if prominence >= OWN_PROMINENCE * values[place]:  # a peak is at least as high as its sample
             peak = _peak_at(time_s, values, place)
             if peak.value > WAKE * largest and prominence >= OWN_PROMINENCE * peak.value:
@@ -86,10 +89,10 @@ def peak_in(time_s: Array, values: Array, missing: str) -> Peak:
     return peak
 
 
-def _maxima(values: Array, prominence: float) -> Iterator[tuple[int, float]]:
+def _maxima(values: Array, prominence: float, rounding: float = 0.0) -> Iterator[tuple[int, float]]:
     """Indices of the largest samples of maxima, each with its prominence, at least this share of the signal's range."""
     span = float(np.ptp(values))
-    if span > 0 and len(values) >= 3:
+    if span > rounding and len(values) >= 3:
         from scipy.signal import find_peaks
 
         places, properties = find_peaks(values, prominence=prominence * span)
