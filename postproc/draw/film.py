@@ -19,7 +19,7 @@ from postproc.draw.product import GAMMA, OPEN_SHARE, Product
 from postproc.draw.scene_drawing import WALL, draw_bodies, draw_tube, flat_size
 from postproc.draw.style import GREY, MICRO, colour_map, finish_bar, pyplot
 from postproc.read.motion import chain_of, spread
-from postproc.read.sensors import mean_forces
+from postproc.read.signals import mean_forces
 
 FRAMES, GIF_FRAMES = 12, 80
 WIDTH_IN, MAX_HEIGHT_IN, MIN_HEIGHT_IN = 6.4, 5.2, 1.2

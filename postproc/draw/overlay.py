@@ -14,7 +14,7 @@ from postproc.draw.product import Product
 from postproc.draw.stack import GAUGE_IN, gauge_title
 from postproc.draw.style import COLUMN_IN, MICRO, line_of, pyplot
 from postproc.read.misfit import Misfit, SmoothForce
-from postproc.read.sensors import gauges_of, sensor_signals
+from postproc.read.signals import gauges_of, sensor_signals
 
 STRIP_IN = 0.62  # height of a panel of residuals
 HEAD_IN, FOOT_IN = 0.75, 0.4

@@ -17,7 +17,7 @@ from drivers.engines import REFERENCE, VERLET
 from postproc.draw.product import Product
 from postproc.draw.style import GREY, MICRO, draw_codes, drawing_order, letter_panel, line_of, pyplot
 from postproc.read.motion import Simulation
-from postproc.read.sensors import sensor_signals
+from postproc.read.signals import sensor_signals
 
 GAUGE_IN = 1.126  # height of a panel
 STRIP, RESIDUAL = "strip", "residual_to_reference_share"

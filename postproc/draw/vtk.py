@@ -10,7 +10,7 @@ import numpy as np
 
 from drivers.run.run_folder import EndedRun
 from postproc.read.motion import chain_of, spread
-from postproc.read.sensors import mean_forces
+from postproc.read.signals import mean_forces
 
 FRAMES = 100
 INDEX, TUBE, FRAME = "chain.pvd", "tube.vtu", "chain-{:05}.vtu"

@@ -20,7 +20,7 @@ from postproc.draw.product import Product
 from postproc.draw.style import AVERAGE, COLUMN_IN, FIRST, GREY, MICRO, SECOND, draw_codes, letter_panel, pyplot
 from postproc.paper import strikes
 from postproc.read.motion import UNTIL_REFLECTED, case_of, simulate
-from postproc.read.sensors import sensor_average
+from postproc.read.signals import sensor_average
 from validation.reference.travelling_wave import solve_at_speed, solve_travelling_wave
 
 CURVE = np.geomspace(1.1, 1.1e4, 31)  # F_m / F_0 that the travelling waves have by Eq. (4), and to a few per cent

@@ -26,7 +26,7 @@ from drivers.scene.model import DriveTable
 from postproc.draw.product import Product
 from postproc.draw.style import PAGE_IN, colour_map, letter_panel, pyplot
 from postproc.linear.modes import bands_at_loads, edges_Hz, shade_bands
-from postproc.read.sensors import sensor_signals
+from postproc.read.signals import sensor_signals
 
 WINDOWS = ("hann", "boxcar", "blackmanharris", "flattop")
 PARTS = 16  # of a record, in the windows of its spectrogram

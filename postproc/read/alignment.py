@@ -38,7 +38,7 @@ from drivers.chain.case import Layout
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 from postproc.read.measured import MIN_SAMPLES, NORMAL, MeasuredTrace
-from postproc.read.sensors import sensor_signals
+from postproc.read.signals import sensor_signals
 
 QUIET_SHARE = 0.01  # of the computed peak: below it a gauge is quiet
 MIN_QUIET = 8  # readings for a baseline
@@ -134,9 +134,6 @@ class _Signal:
     peak_N: float
     onset_s: float
     end_s: float  # of the run
-
-
-_Pair = tuple[Channel, _Signal]
 
 
 def channels_of(traces: Mapping[str, MeasuredTrace], duration_s: float, step_s: float) -> list[list[Channel]]:
@@ -252,9 +249,7 @@ def averaged(trace: MeasuredTrace, step_s: float) -> MeasuredTrace:
     return replace(trace, time_s=block_means(trace.time_s, block), reading=reading, noise=noise)
 
 
-def check_length(
-    trace: MeasuredTrace, trigger_s: float, end_s: float, onsets_s: Mapping[str, float] | None = None
-) -> str:
+def check_length(trace: MeasuredTrace, trigger_s: float, end_s: float, onsets_s: Mapping[str, float]) -> str:
     """Sentence on the part of a record or run that is not compared; empty if both end at about the same time.
 
     Args:
@@ -271,7 +266,7 @@ def check_length(
     missing = [(0.0, start)] * (start > SLACK * end) + [(stop, end)] * (stop < (1 - SLACK) * end)
     if not missing:
         return ""
-    late = [gauge for gauge, onset_s in (onsets_s or {}).items() if 1e3 * onset_s >= stop]
+    late = [gauge for gauge, onset_s in onsets_s.items() if 1e3 * onset_s >= stop]
     unreached = f", so the wave does not reach {', '.join(late)}" if late else ""
     gaps = " and ".join(f"from {first:.3g} to {last:.3g} ms" for first, last in missing)
     return f"{shown}: no readings {gaps} after the impact, of the run's {end:.3g} ms{unreached}"
@@ -302,7 +297,7 @@ def _signal(channel: Channel, signals: Mapping[str, Array], run: Trace) -> _Sign
     )
 
 
-def _aligned(pairs: list[_Pair], step_s: float) -> list[AlignedGauge]:
+def _aligned(pairs: list[tuple[Channel, _Signal]], step_s: float) -> list[AlignedGauge]:
     """The gauges of one file."""
     trigger_s, error_s = pairs[0][0].trigger_s, 0.0
     if trigger_s is None:
@@ -310,27 +305,27 @@ def _aligned(pairs: list[_Pair], step_s: float) -> list[AlignedGauge]:
         trigger_s, error_s = _refined(pairs, correlated([channel for channel, _ in pairs], curves, step_s), step_s)
     first, signal = min(pairs, key=lambda pair: pair[1].onset_s)
     must_overlap(first, trigger_s, signal.end_s, signal.onset_s)
-    return [_gauge(*pair, trigger_s, error_s) for pair in pairs]
-
-
-def _gauge(channel: Channel, signal: _Signal, trigger_s: float, error_s: float) -> AlignedGauge:
-    clock_s, gain = channel.time_s - trigger_s, channel.trace.gain
-    level, error = _rest(channel, signal, trigger_s)
-    inside = (clock_s >= 0) & (clock_s <= signal.end_s)
-    return AlignedGauge(
-        trace=channel.trace,
-        gauge=channel.gauge,
-        onset_s=signal.onset_s,
-        time_s=clock_s[inside],
-        force_N=gain * (channel.reading - level)[inside],
-        computed_N=signal.curve(clock_s[inside]),
-        noise_N=abs(gain) * channel.noise,
-        rest_error_N=abs(gain) * error[inside],
-        baseline=float(np.interp(0, clock_s, level)),
-        baseline_error=float(np.interp(0, clock_s, error)),
-        trigger_s=trigger_s,
-        trigger_error_s=error_s,
-    )
+    gauges = []
+    for channel, signal in pairs:
+        clock_s, gain = channel.time_s - trigger_s, channel.trace.gain
+        level, error = _rest(channel, signal, trigger_s)
+        inside = (clock_s >= 0) & (clock_s <= signal.end_s)
+        gauge = AlignedGauge(
+            trace=channel.trace,
+            gauge=channel.gauge,
+            onset_s=signal.onset_s,
+            time_s=clock_s[inside],
+            force_N=gain * (channel.reading - level)[inside],
+            computed_N=signal.curve(clock_s[inside]),
+            noise_N=abs(gain) * channel.noise,
+            rest_error_N=abs(gain) * error[inside],
+            baseline=float(np.interp(0, clock_s, level)),
+            baseline_error=float(np.interp(0, clock_s, error)),
+            trigger_s=trigger_s,
+            trigger_error_s=error_s,
+        )
+        gauges.append(gauge)
+    return gauges
 
 
 def _level(channel: Channel, reading: Array, quiet: NDArray[np.bool_]) -> Array:
@@ -380,7 +375,7 @@ def _rest(channel: Channel, signal: _Signal, trigger_s: float) -> tuple[Array, A
     return level, np.hypot(error, float(np.abs(computed[kept]).mean()))
 
 
-def _refined(pairs: list[_Pair], near_s: float, step_s: float) -> tuple[float, float]:
+def _refined(pairs: list[tuple[Channel, _Signal]], near_s: float, step_s: float) -> tuple[float, float]:
     """Trigger by least squares near a first guess, with its standard error by noise; inverted gauges are turned."""
     parts = []
     for channel, signal in pairs:

@@ -1,6 +1,6 @@
 """Measured quantities with their standard errors, compared with the computed ones.
 
-A measured pulse is read from a regression spline through its readings (``postproc.read.smooth``). Peaks and crossings
+A measured pulse is read from a regression spline through its readings (``smooth``). Peaks and crossings
 are found on the run's clock as for a computed trace (``postproc.read.signals``). Their standard errors are to first
 order in the white noise of the readings and the error of the baseline. Errors of the gain and of a fitted trigger are
 independent and added in quadrature. Quantities are named as in ``postproc.read.observables``; all forces are above
@@ -25,8 +25,7 @@ from drivers.scene.model import MeasuredEntry
 from postproc.read.alignment import DEGREE, AlignedGauge, align, check_length, knots_of
 from postproc.read.measured import FORCE, read_measured, read_quoted
 from postproc.read.observables import LEVELS, observe
-from postproc.read.sensors import gauges_of
-from postproc.read.signals import peaks, rising_crossing
+from postproc.read.signals import gauges_of, peaks, rising_crossing
 
 LEVEL = LEVELS[1]  # share of the peak at which the duration is cut
 AMPLITUDE, ARRIVAL, DURATION = "amplitude_N", "arrival_s", f"duration_{100 * LEVEL:g}pct_s"

@@ -36,16 +36,17 @@ import numpy as np
 from drivers.chain.case import Layout, SensorBead
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace, is_at_rest
-from postproc.read.sensors import going_up, sensor_signals
 from postproc.read.signals import (
     ENVELOPE_MAXIMA,
     NO_PEAK,
     ONSET,
     Peak,
+    going_up,
     integral,
     peaks,
     pulses,
     rising_crossing,
+    sensor_signals,
     train_envelope,
 )  # fmt: skip
 
@@ -147,11 +148,6 @@ class Readings:
         return {"run": [self], "gauge": gauges, "bead": beads, "wall": gauges[len(beads) :], "pair": beads[1:]}
 
     @cached_property
-    def turned_s(self) -> float:
-        """Time of the first pulse at the wall; NaN without one."""
-        return next((gauge.first.time_s for gauge in self.places["wall"]), nan)
-
-    @cached_property
     def rounding_N(self) -> float:
         """Force below which a change or a load does not count."""
         return ROUNDING_SHARE * float(np.abs(self.trace.force_N).max())
@@ -220,8 +216,7 @@ class GaugeReadings:
     @cached_property
     def pulses(self) -> list[Peak]:
         """Pulses by time, all or as many as are asked for."""
-        moves = np.ptp(self.signal) > self.run.rounding_N
-        return pulses(self.run.trace.time_s, self.signal, self.run.most) if moves else []
+        return pulses(self.run.trace.time_s, self.signal, self.run.rounding_N, self.run.most)
 
     @cached_property
     def first(self) -> Peak:
@@ -237,7 +232,8 @@ class GaugeReadings:
     @cached_property
     def reflected(self) -> Peak:
         """Reflected pulse, of NaN if there is none."""
-        return next((peak for peak in self.upwards if peak.time_s > self.run.turned_s), NO_PEAK)
+        turned_s = self.run.places["wall"][0].first.time_s if self.run.layout.wall else nan
+        return next((peak for peak in self.upwards if peak.time_s > turned_s), NO_PEAK)
 
     @cached_property
     def passing(self) -> list[Peak]:
@@ -261,9 +257,10 @@ class GaugeReadings:
         """Time before the first pulse at which the signal last rises through this share of it."""
         return rising_crossing(self.run.trace.time_s, self.signal, level * self.first.value, self.first)
 
-    def duration_s(self, level: float) -> float:
-        """Duration of the first pulse at a level."""
-        return 2 * (self.first.time_s - self.rise_s(level))
+    @cached_property
+    def duration_s(self) -> dict[float, float]:
+        """Durations of the first pulse by level."""
+        return {level: 2 * (self.first.time_s - self.rise_s(level)) for level in self.run.levels}
 
     @cached_property
     def speed_m_s(self) -> float:
@@ -280,7 +277,7 @@ OBSERVABLES: list[Observable] = []  # in the order of tables
 Reader = Callable[..., float | None]
 
 
-def _observable(
+def _of(
     places: str, pattern: str, unit: str, kind: str, words: str, gaps: tuple[str, str] = NEVER, *, of_wave: bool = True
 ) -> Callable[[Reader], Reader]:
     """Declare the observable that the decorated function reads; its docstring is the definition."""
@@ -292,101 +289,99 @@ def _observable(
     return declare
 
 
-@_observable("gauge", "{gauge}_static", "N", "static force", "static force at {gauge}", of_wave=False)
+@_of("gauge", "{gauge}_static", "N", "static force", "static force at {gauge}", of_wave=False)
 def _(gauge: GaugeReadings) -> float:
     """f(0)."""
     return float(gauge.reading[0])
 
 
-@_observable("gauge", "{gauge}_amplitude", "N", "amplitude", "force amplitude at {gauge}", PULSE)
+@_of("gauge", "{gauge}_amplitude", "N", "amplitude", "force amplitude at {gauge}", PULSE)
 def _(gauge: GaugeReadings) -> float:
     """A = s(t_p)."""
     return gauge.first.value
 
 
-@_observable("gauge", "{gauge}_peak", "N", "peak", "peak force at {gauge}", PULSE)
+@_of("gauge", "{gauge}_peak", "N", "peak", "peak force at {gauge}", PULSE)
 def _(gauge: GaugeReadings) -> float:
     """A + f(0)."""
     return gauge.first.value + float(gauge.reading[0])
 
 
-@_observable("gauge", "{gauge}_arrival", "s", "arrival", "arrival time at {gauge}", PULSE)
+@_of("gauge", "{gauge}_arrival", "s", "arrival", "arrival time at {gauge}", PULSE)
 def _(gauge: GaugeReadings) -> float:
     """t_p."""
     return gauge.first.time_s
 
 
-@_observable("gauge", "{gauge}_front_arrival", "s", "front arrival", "arrival time of the front at {gauge}", PULSE)
+@_of("gauge", "{gauge}_front_arrival", "s", "front arrival", "arrival time of the front at {gauge}", PULSE)
 def _(gauge: GaugeReadings) -> float:
     """Time at which s last rises through 0.02 A, before t_p."""
     return gauge.rise_s(ONSET)
 
 
-@_observable("gauge", "{gauge}_duration_{level}", "s", "duration", "pulse duration at {gauge}, cut at {level}", PULSE)
+@_of("gauge", "{gauge}_duration_{level}", "s", "duration", "pulse duration at {gauge}, cut at {level}", PULSE)
 def _(gauge: GaugeReadings, level: float) -> float:
     """2 (t_p - t_l); before t_p, s last rises through the level times A at t_l."""
-    return gauge.duration_s(level)
+    return gauge.duration_s[level]
 
 
-@_observable("bead", "{gauge}_pulses", "", "count", "pulses at {gauge}", of_wave=False)
+@_of("bead", "{gauge}_pulses", "", "count", "pulses at {gauge}", of_wave=False)
 def _(gauge: GaugeReadings) -> float:
     """Number of pulses at a sensor bead that do not go up, before the reflected one."""
     return float(len(gauge.passing))
 
 
-@_observable("bead", "{gauge}_second_amplitude", "N", "second amplitude", "second amplitude at {gauge}", SECOND)
+@_of("bead", "{gauge}_second_amplitude", "N", "second amplitude", "second amplitude at {gauge}", SECOND)
 def _(gauge: GaugeReadings) -> float:
     """Signal s at the second of these pulses."""
     return gauge.second.value
 
 
-@_observable("bead", "{gauge}_second_arrival", "s", "second arrival", "second arrival time at {gauge}", SECOND)
+@_of("bead", "{gauge}_second_arrival", "s", "second arrival", "second arrival time at {gauge}", SECOND)
 def _(gauge: GaugeReadings) -> float:
     """Time of the second of these pulses."""
     return gauge.second.time_s
 
 
-@_observable("bead", "{gauge}_valley", "N", "valley", "force between pulses 1 and 2 at {gauge}", SECOND, of_wave=False)
+@_of("bead", "{gauge}_valley", "N", "valley", "force between pulses 1 and 2 at {gauge}", SECOND, of_wave=False)
 def _(gauge: GaugeReadings) -> float:
     """Smallest sample of s between the first of these pulses and the second."""
     between = [peak.sample for peak in gauge.passing[:2]]
     return float(gauge.signal[slice(*between)].min()) if len(between) == 2 else nan
 
 
-@_observable("bead", "{gauge}_reflected_amplitude", "N", "reflected amplitude", "reflected amplitude at {gauge}", ECHO)
+@_of("bead", "{gauge}_reflected_amplitude", "N", "reflected amplitude", "reflected amplitude at {gauge}", ECHO)
 def _(gauge: GaugeReadings) -> float | None:
     """Signal s at the first pulse that goes up and is later than the wall's first pulse."""
     return gauge.reflected.value if gauge.run.layout.wall else None
 
 
-@_observable("bead", "{gauge}_reflected_arrival", "s", "reflected arrival", "reflected arrival time at {gauge}", ECHO)
+@_of("bead", "{gauge}_reflected_arrival", "s", "reflected arrival", "reflected arrival time at {gauge}", ECHO)
 def _(gauge: GaugeReadings) -> float | None:
     """Time of that pulse."""
     return gauge.reflected.time_s if gauge.run.layout.wall else None
 
 
-@_observable("wall", "wall_peak_{number}", "N", "later peak", "force maximum {number} at the wall", MAXIMUM)
+@_of("wall", "wall_peak_{number}", "N", "later peak", "force maximum {number} at the wall", MAXIMUM)
 def _(wall: GaugeReadings, number: int) -> float:
     """Force at the wall's next maxima (2, 3) with a prominence of at least 0.01 of the range."""
     return wall.maxima[number - 1].value if number <= len(wall.maxima) else nan
 
 
-@_observable("wall", "wall_envelope", "1/s", "rate", "rate of the envelope at the wall", TRAIN)
+@_of("wall", "wall_envelope", "1/s", "rate", "rate of the envelope at the wall", TRAIN)
 def _(wall: GaugeReadings) -> float:
     """Rate r of C exp(r t) through the wall's first three maxima, least squares of the logarithm."""
     curve = train_envelope(wall.maxima)
     return curve.rate_per_s if curve else nan
 
 
-@_observable("pair", "speed_{pair}", "m/s", "speed", "wave speed from bead {pair}", SPEED)
+@_of("pair", "speed_{pair}", "m/s", "speed", "wave speed from bead {pair}", SPEED)
 def _(lower: GaugeReadings) -> float:
     """(z_i - z_j) / (t_p,j - t_p,i) between neighbouring sensors i above j."""
     return lower.speed_m_s
 
 
-@_observable(
-    "pair", "transmission_{pair}", "", "transmission", "amplitude ratio per bead, bead {pair}", RATIO, of_wave=False
-)
+@_of("pair", "transmission_{pair}", "", "transmission", "amplitude ratio per bead, bead {pair}", RATIO, of_wave=False)
 def _(lower: GaugeReadings) -> float:
     """(A_j / A_i)^(1 / (i - j)) of neighbouring sensors: share passed on from bead to bead."""
     beads = lower.above.bead.from_wall - lower.bead.from_wall
@@ -394,13 +389,13 @@ def _(lower: GaugeReadings) -> float:
     return nan if alone else (lower.first.value / lower.above.first.value) ** (1 / beads)
 
 
-@_observable("pair", "{gauge}_width_{level}", "diameters", "width", "pulse width at {gauge}, cut at {level}", WIDTH)
+@_of("pair", "{gauge}_width_{level}", "diameters", "width", "pulse width at {gauge}, cut at {level}", WIDTH)
 def _(lower: GaugeReadings, level: float) -> float:
     """Duration times speed from the sensor above, divided by d."""
-    return lower.duration_s(level) * lower.speed_m_s / lower.bead.diameter_m
+    return lower.duration_s[level] * lower.speed_m_s / lower.bead.diameter_m
 
 
-@_observable("run", "contact_loss", "s", "contact loss", "first loss of contact", LOSS, of_wave=False)
+@_of("run", "contact_loss", "s", "contact loss", "first loss of contact", LOSS, of_wave=False)
 def _(run: Readings) -> float | None:
     """First sample with an open contact that carries more than 1e-9 of the largest force at time 0."""
     force_N = run.trace.force_N[:, : run.trace.force_N.shape[1] - run.layout.striker]
@@ -411,44 +406,44 @@ def _(run: Readings) -> float | None:
     return float(run.trace.time_s[int(np.argmax(opened))]) if opened.any() else nan
 
 
-@_observable("run", "kinetic_energy_start", "J", "energy", "kinetic energy at the start", of_wave=False)
+@_of("run", "kinetic_energy_start", "J", "energy", "kinetic energy at the start", of_wave=False)
 def _(run: Readings) -> float:
     """Kinetic energy at time 0."""
     return float(run.trace.kinetic_energy_J[0])
 
 
-@_observable("run", "energy_drift", "J", "energy", "largest energy drift", of_wave=False)
+@_of("run", "energy_drift", "J", "energy", "largest energy drift", of_wave=False)
 def _(run: Readings) -> float:
     """Largest |E - E(0)|; with damping the largest gain over an earlier E, with friction over E(0)."""
     return float(run.drift_J.max())
 
 
-@_observable("run", "energy_lost", "J", "energy", "energy lost", ("", "damping or friction"), of_wave=False)
+@_of("run", "energy_lost", "J", "energy", "energy lost", ("", "damping or friction"), of_wave=False)
 def _(run: Readings) -> float | None:
     """E(0) - E(end), with damping or friction."""
     energy_J, loses = run.trace.total_energy_J, run.layout.damped or run.layout.slips
     return float(energy_J[0] - energy_J[-1]) if loses else None
 
 
-@_observable("run", "momentum_start", "N s", "momentum", "momentum at the start", of_wave=False)
+@_of("run", "momentum_start", "N s", "momentum", "momentum at the start", of_wave=False)
 def _(run: Readings) -> float:
     """p(0)."""
     return float(run.trace.momentum_N_s[0])
 
 
-@_observable("run", "momentum_end", "N s", "momentum", "momentum at the end", of_wave=False)
+@_of("run", "momentum_end", "N s", "momentum", "momentum at the end", of_wave=False)
 def _(run: Readings) -> float:
     """Momentum p at the end."""
     return float(run.trace.momentum_N_s[-1])
 
 
-@_observable("run", "impulse_imbalance", "share", "balance", "imbalance of momentum and impulse", of_wave=False)
+@_of("run", "impulse_imbalance", "share", "balance", "imbalance of momentum and impulse", of_wave=False)
 def _(run: Readings) -> float:
     """Largest |p - p(0) - I| / P, with I the integral of N from time 0."""
     return float(np.abs(run.gained_N_s - run.impulse_N_s).max()) / run.scale_N_s
 
 
-@_observable(
+@_of(
     "run", "momentum_error_before_wall", "share", "balance", "momentum error before the wall is reached", of_wave=False
 )
 def _(run: Readings) -> float:
@@ -456,13 +451,13 @@ def _(run: Readings) -> float:
     return float(np.abs(run.gained_N_s - run.net_N[0] * run.trace.time_s)[run.quiet].max()) / run.scale_N_s
 
 
-@_observable("run", "energy_error_before_wall", "J", "energy", "energy error before the wall is reached", of_wave=False)
+@_of("run", "energy_error_before_wall", "J", "energy", "energy error before the wall is reached", of_wave=False)
 def _(run: Readings) -> float:
     """Energy drift until the force on the wall changes."""
     return float(run.drift_J[run.quiet].max())
 
 
-@_observable("run", "impulse_sampling", "share", "balance", "impulse error by sampling", of_wave=False)
+@_of("run", "impulse_sampling", "share", "balance", "impulse error by sampling", of_wave=False)
 def _(run: Readings) -> float:
     """Largest change of I / P if every other sample is left out."""
     coarse_N_s = integral(run.trace.time_s[::2], run.net_N[::2])
@@ -503,9 +498,14 @@ def _values(readings: Readings, chosen: Iterable[Observable]) -> dict[str, float
         for place, observable in product(readings.places[places], [*alike]):
             for text, number in numbers[observable.varies]:
                 if (value := observable.read(place, *number)) is not None:
-                    name = observable.pattern.format(gauge=place.name, pair=place.pair, level=text, number=text)
-                    values[name + observable.ending] = value
+                    values[_name(observable, place.name, place.pair, text)] = value
     return values
+
+
+@cache
+def _name(observable: Observable, gauge: str, pair: str, number: str) -> str:
+    """Name of a value; to make all of them takes a tenth of ``observe``."""
+    return observable.pattern.format(gauge=gauge, pair=pair, level=number, number=number) + observable.ending
 
 
 @cache

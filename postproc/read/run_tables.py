@@ -16,7 +16,7 @@ from drivers.base.files import whole_file
 from drivers.chain.trace import BALANCES, BORE, BORE_FRICTION, CONTACT, Trace, part_of, table_of
 from drivers.run.run_folder import EndedRun
 from postproc.read import observables
-from postproc.read.sensors import sensor_signals
+from postproc.read.signals import sensor_signals
 
 BLOCK = 1_000_000  # rows of a long table that are in memory together
 
@@ -64,12 +64,14 @@ def errors(run: EndedRun) -> pd.DataFrame:
         InputError: The run has not been assessed.
 
     Examples:
-        >>> list(errors(run).columns)
+        >>> import validation
+        >>> case, _ = validation.plan("fig4")
+        >>> list(errors(validation.assess(run, case)).columns)
         ['whole', 'model', 'rounding', 'truncation', 'sampling', 'elements', 'where']
     """
     parts = ["whole", "model", "rounding", "truncation", "sampling", "elements"]
     if run.record.error_budget is None:
-        raise InputError(paths.shown(run.folder), "", "a run that has not been assessed", "validation.assess(run)")
+        raise InputError(paths.shown(run.folder), "", "no errors yet: call validation.assess(run, case) first")
     table = pd.DataFrame(run.record.error_budget, columns=["quantity", *parts, "where"])
     return table.fillna(dict.fromkeys(parts, 0.0)).set_index("quantity")
 

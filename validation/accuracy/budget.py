@@ -36,7 +36,7 @@ from drivers.engines import EXACT, load_engine
 from drivers.run.run_folder import FORCES, EndedRun
 from drivers.run.scheme import COMPARED, ROUNDING_MARGIN, field_of, judged_until, largest_difference
 from postproc.read.observables import describe, of_kind, scale_of
-from postproc.read.sensors import signals_csv
+from postproc.read.signals import signals_csv
 from validation.accuracy.motions import HORIZON, Motions, errors_of, motions_of, quantities
 from validation.checks import FAIL, Check, judged
 

@@ -30,7 +30,7 @@ from drivers.scene.rules import MAX_STEPS
 from drivers.scene.settings import setting_texts
 from postproc.read.measured import read_traces
 from postproc.read.observables import of_kind, scale_of, without_unit
-from postproc.read.sensors import gauges_of
+from postproc.read.signals import gauges_of
 from validation.accuracy.budget import AT_REST_NOTE
 from validation.accuracy.costs import capable_engines, cost_on, fault
 from validation.accuracy.motions import (

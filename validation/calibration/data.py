@@ -27,7 +27,7 @@ from postproc.read.alignment import Channel, channels_of, must_overlap
 from postproc.read.measured import entries_of, read_measured, read_quoted
 from postproc.read.motion import exact
 from postproc.read.observables import describe
-from postproc.read.sensors import gauges_of
+from postproc.read.signals import gauges_of
 
 Texts = Annotated[tuple[str, ...], Field(strict=False)]
 

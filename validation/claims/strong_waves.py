@@ -11,8 +11,7 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain, hertz_force
 from drivers.chain.trace import Trace, overlaps
 from drivers.laws import VISCOELASTIC, restitution_of
-from postproc.read.sensors import sensor_average
-from postproc.read.signals import Peak, first_peak, peak_in, peaks, rising_crossing
+from postproc.read.signals import Peak, first_peak, peak_in, peaks, rising_crossing, sensor_average
 from validation.claims.linear_waves import first_wave, sensor_places, velocity_down
 from validation.reference.travelling_wave import solve_at_amplitude, solve_travelling_wave, sound_speed
 

@@ -29,7 +29,7 @@ from postproc.draw.style import svg_of
 from postproc.read.measured import entries_of
 from postproc.read.misfit import lay_over
 from postproc.read.observables import observe
-from postproc.read.sensors import gauges_of
+from postproc.read.signals import gauges_of
 from validation.accuracy.budget import ERROR, PARTS, budget_rows
 from validation.checks import FAIL, Check, outcome, short, worst_of
 from validation.compare.comparison import ComparedScene

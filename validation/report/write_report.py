@@ -25,7 +25,7 @@ from drivers.scene.read_scene import read_scene
 from postproc.draw.product import SPACETIME
 from postproc.figures import captions
 from postproc.read.measured import read_traces
-from postproc.read.sensors import gauges_of
+from postproc.read.signals import gauges_of
 from validation.chapters import CHAPTERS, IN_FULL, TABLE, make_parts, up_to_date
 from validation.checks import DIFFERS, FAIL, NOT_ACCURATE, NOT_RUN, PASS, REPRODUCED, short, table
 from validation.compare.comparison import (

@@ -7,7 +7,7 @@ from scipy.interpolate import make_interp_spline
 from drivers.base import paths
 from postproc.read.motion import case_of, exact
 from postproc.read.observables import observe
-from postproc.read.sensors import sensor_signals
+from postproc.read.signals import sensor_signals
 
 SCENE = "example-measured"
 FILE = paths.INPUTS / "measured" / f"{SCENE}.csv"

@@ -17,7 +17,7 @@ from drivers.scene.read_scene import stored_scene
 from postproc.draw import film
 from postproc.draw.film import film_of, sheet, write_animation
 from postproc.draw.product import cells_of, draw_spacetime
-from postproc.read.sensors import mean_forces
+from postproc.read.signals import mean_forces
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import edit_table, finished
 from validation.tests.helpers.scenes import SceneWriter, case_of

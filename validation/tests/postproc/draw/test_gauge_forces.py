@@ -9,7 +9,7 @@ from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import residual
 from postproc.draw.stack import draw_gauge_forces
 from postproc.read.motion import exact
-from postproc.read.sensors import sensor_signals
+from postproc.read.signals import sensor_signals
 from validation.tests.helpers.scenes import case_of
 
 

@@ -12,7 +12,7 @@ import pytest
 from drivers.chain.chain import Array
 from drivers.run.run_folder import STATE, EndedRun, open_run
 from postproc.draw.vtk import tube_mesh, write_series
-from postproc.read.sensors import mean_forces
+from postproc.read.signals import mean_forces
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import edit_table, finished
 from validation.tests.helpers.scenes import WALL, SceneWriter, case_of

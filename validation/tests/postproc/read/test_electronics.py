@@ -12,7 +12,7 @@ from drivers.engines import engine_names, load_engine
 from drivers.run.run_folder import open_run
 from postproc.read.motion import exact
 from postproc.read.observables import observe
-from postproc.read.sensors import high_passed, sensor_signals
+from postproc.read.signals import high_passed, sensor_signals
 from validation.accuracy.motions import exact_motion_of
 from validation.tests.helpers.runs import assessed
 from validation.tests.helpers.scenes import SceneWriter, case_of

@@ -33,6 +33,7 @@ def test_every_observable_of_a_run_is_declared_once_and_nan_only_if_it_has_a_rea
         (unseen if isnan(value) else seen).add(observable)
     assert unseen == {observable for observable in OBSERVABLES if observable.gaps[0]}
     assert seen == set(OBSERVABLES)
+    assert all(observable.definition for observable in OBSERVABLES)
 
 
 def test_a_name_gives_unit_and_kind() -> None:
@@ -55,6 +56,7 @@ def test_missing_observables_are_counted_with_the_reason() -> None:
 
 
 LACKING = [("bead_9_peak_N", "chain.sensors=[]"), ("bead_9_reflected_arrival_s", "wall="), ("wall_peak_2_N", "wall="),
+           ("bead_9_reflected_amplitude_N", "wall="),
            ("bead_5_width_4pct_diameters", "chain.sensors=[{from_wall=5}]"), ("energy_lost_J", "contact="),
            ("speed_9_to_5_m_s", "chain.sensors=[{from_wall=9},{from_wall=7},{from_wall=5}]")]  # fmt: skip
 

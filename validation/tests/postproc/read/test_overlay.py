@@ -15,7 +15,7 @@ from postproc.read.measured import MeasuredTrace
 from postproc.read.misfit import Misfit, gain_remark, misfits, smooth
 from postproc.read.motion import Simulation, case_of, exact
 from postproc.read.observables import observe
-from postproc.read.sensors import sensor_signals
+from postproc.read.signals import sensor_signals
 from validation.tests.helpers import made_up_trace
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import assessed, edit_record

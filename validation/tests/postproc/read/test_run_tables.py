@@ -26,7 +26,7 @@ def test_printed_errors_are_from_the_scene_as_written(tmp_path: Path) -> None:
     """The accuracy leaves an element out, whose effect counts."""
     case = case_of("fig4", *SETTINGS)
     run = run_case(case, "verlet", tmp_path)
-    with pytest.raises(InputError, match=re.escape("validation.assess(run)")):
+    with pytest.raises(InputError, match=re.escape("validation.assess(run, case)")):
         postproc.errors(run)
     run = assess(run, case)
     assert any(element.reason.startswith("left out (") for element in case.elements)

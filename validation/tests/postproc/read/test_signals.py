@@ -9,8 +9,7 @@ from scipy.optimize import brentq
 from drivers.chain.case import Layout, SensorBead
 from drivers.chain.trace import Trace
 from postproc.read.observables import observe
-from postproc.read.sensors import going_up
-from postproc.read.signals import Peak, integral, peaks, rising_crossing, train_envelope
+from postproc.read.signals import Peak, going_up, integral, peaks, rising_crossing, train_envelope
 
 WIDTH = 60.0
 

@@ -10,8 +10,7 @@ import pytest
 
 from drivers.base import paths
 from postproc.paper import calibrated
-from postproc.read.continuous import full_width_s, is_censored, read, time_above
-from postproc.read.motion import Simulation, case_of, exact
+from postproc.read.motion import Simulation, case_of, exact, full_width_s, is_censored, read, time_above
 from validation.calibration.data import DEFAULT, calibration_file, paper_data
 from validation.calibration.fit import DATA, LAWS, PARAMETERS, Tables
 from validation.calibration.problem import pose
