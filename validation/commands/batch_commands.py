@@ -46,7 +46,13 @@ def batch_of(
 def batch(
     results: Path, workers: int | None, part: tuple[int, int] | None, dask: str, slurm: bool, **given: Any
 ) -> int:
-    """Run a study here, on a cluster or as a job array, or a part of it here."""
+    """Run the missing cases of a study and write its table.
+
+    Examples:
+      beads batch sensitivity
+      beads batch wall-material --engine verlet --workers 2 --dry-run
+      beads batch sensitivity --slurm --wait
+    """
     job = {name: given.pop(name) for name in ("slices", "lines", "wait", "dry_run", "yes")}
     places = [name for name, given in (("--slice", part), ("--dask", dask), ("--slurm", slurm)) if given]
     if len(places) > 1:
@@ -218,7 +224,11 @@ def _run_part(batch: Batch) -> int:
 
 
 def status(study: str, engines: tuple[str, ...], patterns: tuple[str, ...], runs: Path, every: bool) -> None:
-    """Print the number of rows in each state; with ``every`` also each case."""
+    """Count the rows of a study by state.
+
+    Example:
+      beads status sensitivity --list
+    """
     asked = batch_of(study, runs, engines, patterns)
     with Store(asked.runs) as store:
         if every:
@@ -230,7 +240,11 @@ def status(study: str, engines: tuple[str, ...], patterns: tuple[str, ...], runs
 
 
 def show(study: str, case: int, engines: tuple[str, ...], runs: Path) -> int:
-    """Run a case in run folders with their decks, and compare the results with the rows of the batch."""
+    """Write one case of a study as run folders with their decks.
+
+    Example:
+      beads show wall-material 3 --engine lammps
+    """
     asked = batch_of(study, runs, engines)
     if not 1 <= case <= asked.study.count:
         raise InputError(f"case {case}", "", f"{asked.study.where} has cases 1 to {asked.study.count}")

@@ -25,7 +25,11 @@ Schema = dict[str, Any]
 
 
 def scenes() -> None:
-    """List the shipped scenes, studies and materials."""
+    """List the shipped scenes, studies and materials.
+
+    Example:
+      beads scenes
+    """
     listed = {
         what: {path.stem: read_toml(path).get("title", "") for path in sorted(home.glob("*.toml"))}
         for what, home in (("scenes", paths.SCENES), ("studies", paths.STUDIES))
@@ -36,7 +40,12 @@ def scenes() -> None:
 
 
 def keys(table: str, markdown: bool, write: bool) -> None:
-    """List keys of files or of a table, or write them into the README of the inputs."""
+    """List keys of scenes and studies, with units and ranges.
+
+    Examples:
+      beads keys chain
+      beads keys study --markdown
+    """
     if write:
         README.write_text(with_keys(README.read_text()))
         return
@@ -117,7 +126,12 @@ def _markdown(name: str, rows: Rows) -> str:
 
 
 def engine(name: str, results: Path) -> int:
-    """Run the tests of engines on one engine, and measure its cost."""
+    """Test an adapter or a build of a code.
+
+    Examples:
+      beads engine verlet
+      beads engine liggghts-old --engines mine.toml
+    """
     from drivers.run.build import build_of  # the other commands here shall not load runs
     from validation.accuracy.costs import entry_of, kit_key, measured_cost
 
@@ -144,5 +158,9 @@ def engine(name: str, results: Path) -> int:
 
 
 def wave() -> None:
-    """Print constants of the exact solitary wave."""
+    """Print constants of the discrete chain's solitary wave.
+
+    Example:
+      beads wave
+    """
     print("\n".join(constants(solve_travelling_wave())))

@@ -5,8 +5,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import click
-
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
 from drivers.base.terminal import counted
@@ -18,7 +16,12 @@ from validation.compare.comparison import EngineSelection
 
 
 def report(scenes: tuple[str, ...], studies: bool, out: Path | None, runs: Path, **engines: Any) -> int:
-    """Write the page of scenes; it names the command line that makes it again."""
+    """Write the report page and its checks as JSON.
+
+    Examples:
+      beads report
+      beads report fig4 --out fig4.html --allow-missing
+    """
     from validation.report.write_report import report as write  # takes longer to load than all others
 
     arguments = sys.argv[1:] if "--engines" in sys.argv else [*sys.argv[1:], *engines_again()]
@@ -28,7 +31,12 @@ def report(scenes: tuple[str, ...], studies: bool, out: Path | None, runs: Path,
 
 
 def figures(names: tuple[str, ...], runs: Path, results: Path) -> int:
-    """Make the paper's figures; a failed one does not stop the others."""
+    """Make figures and the table of the paper.
+
+    Examples:
+      beads figures
+      beads figures fig4 table1
+    """
     titles, code = {name: caption.title for name, caption in captions().items()}, 0
     for name in names:
         if name not in titles:
@@ -47,14 +55,70 @@ def figures(names: tuple[str, ...], runs: Path, results: Path) -> int:
     return code
 
 
-def chapter(**given: Any) -> int:
-    """Run the chapter after which the command is named."""
-    name = str(click.get_current_context().command.name)
-    return run_chapter(name, Options(**{key: value for key, value in given.items() if value is not None}))
-
-
 def fit(results: Path, runs: Path, **asked: Any) -> int:
-    """Fit parameters of scenes."""
+    """Fit parameters of scenes to measured data.
+
+    The data are the [[measured]] tables of the scenes, or those that --measured or --quoted name.
+
+    Examples:
+      beads fit example-measured --free contact.restitution
+      beads fit shot.toml --law elastic --law power --free striker.speed=2±1%
+    """
     from validation.calibration.command import FitRequest, run_fit  # takes longer to load than all others
 
     return run_fit(FitRequest(**asked), runs, results)
+
+
+def claims(**options: Any) -> int:
+    """Judge the paper's statements, and engines by published numbers.
+
+    Examples:
+      beads claims
+      beads claims --file my-cases.toml
+    """
+    return _chapter("claims", options)
+
+
+def trade(**options: Any) -> int:
+    """Measure error against cost for all engines and time steps.
+
+    Examples:
+      beads trade --quick
+      beads trade --budget 600
+    """
+    return _chapter("trade", options)
+
+
+def stability(**options: Any) -> int:
+    """Measure stable steps, extreme scenes, long runs.
+
+    Examples:
+      beads stability
+      beads stability --quick
+    """
+    return _chapter("stability", options)
+
+
+def elements(**options: Any) -> int:
+    """Measure effect and cost of each modelling element.
+
+    Examples:
+      beads elements
+      beads elements --quick
+    """
+    return _chapter("elements", options)
+
+
+def calibration(**options: Any) -> int:
+    """Fit parameters of each contact law to the paper's experiments.
+
+    Examples:
+      beads calibration
+      beads calibration --quick
+    """
+    return _chapter("calibration", options)
+
+
+def _chapter(name: str, given: dict[str, Any]) -> int:
+    """Run a chapter with the options that are given."""
+    return run_chapter(name, Options(**{key: value for key, value in given.items() if value is not None}))

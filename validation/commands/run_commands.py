@@ -15,12 +15,12 @@ from drivers.limits import inability, refuse
 from drivers.run import inventory
 from drivers.run.run import import_run, is_done, run_case
 from drivers.run.run_folder import EndedRun, open_run, scene_of, write_scene
-from postproc.read.observables import DEFINITIONS, LEVELS, SYMBOLS, observe, without_unit
+from postproc.read.observables import LEVELS, observe, without_unit
 from validation.accuracy.budget import assess, missed_accuracy
 from validation.accuracy.costs import auto_engines
 from validation.accuracy.plan import planned_case
 from validation.accuracy.plan_report import plan_report
-from validation.commands.options import folder_to_write, print_paths
+from validation.commands.options import print_paths
 from validation.compare.comparison import EngineSelection, compare_runs, compare_scenes
 
 Words = tuple[str, ...]
@@ -28,7 +28,12 @@ AUTO = "auto"  # instead of an engine's name: the cheapest engine that can model
 
 
 def plan(scene: str, settings: Words, engines: Words) -> None:
-    """Print how a scene would run."""
+    """Print time step, expected errors and cost of a scene.
+
+    Examples:
+      beads plan fig4
+      beads plan fig4 --set run.time_step= --set run.accuracy=1e-4
+    """
     for name in engines:
         load_engine(name, "--engine")
     for line in plan_report(scene, settings, engines):
@@ -38,7 +43,16 @@ def plan(scene: str, settings: Words, engines: Words) -> None:
 def run(
     scene: str, settings: Words, engines: Words, runs: Path, rerun: bool, time_limit: float | None, unsafe: bool
 ) -> int:
-    """Run a scene on several engines; with ``auto`` on the cheapest one that succeeds."""
+    """Run a scene and print the run folders.
+
+    --engine auto takes the cheapest engine that models the scene, after those whose build or run failed the next
+    one.
+
+    Examples:
+      beads run fig4 --engine yade
+      beads run fig4 --engine auto
+      beads run fig4 --set chain.count=60 --set run.time_step='50 ns'
+    """
     for name in engines:
         if name != AUTO:
             load_engine(name, "--engine", also=(AUTO,))  # refuses a wrong name before the case is planned
@@ -94,7 +108,13 @@ def _trouble(ended: EndedRun) -> str:
 
 
 def compare(what: Words, settings: Words, runs: Path, unsafe: bool, **engines: Any) -> int:
-    """Run scenes and judge them, or compare two runs."""
+    """Run scenes and judge them on every engine, or compare runs.
+
+    Examples:
+      beads compare fig4
+      beads compare fig4 --set run.time_step='1 us'
+      beads compare yade:fig4 liggghts:fig4
+    """
     folders = [source for source in what if Path(source).is_dir() or ":" in source]
     if not folders:
         return compare_scenes(what, settings, runs, EngineSelection(**engines), unsafe=unsafe)
@@ -107,7 +127,11 @@ def compare(what: Words, settings: Words, runs: Path, unsafe: bool, **engines: A
 
 
 def render(scene: str, settings: Words, engines: Words, out: Path, unsafe: bool) -> None:
-    """Write the deck of a scene with the scene beside it, and print its files."""
+    """Write the deck of a scene for one engine, without running it.
+
+    Example:
+      beads render fig4 --engine liggghts --out deck
+    """
     engine = load_engine(_one_of(engines), "--engine")
     case = planned_case(scene, *settings)
     if not unsafe:
@@ -120,7 +144,14 @@ def render(scene: str, settings: Words, engines: Words, out: Path, unsafe: bool)
 
 
 def import_(folder: Path, scene: str | None, settings: Words, engines: Words, runs: Path) -> int:
-    """Make a run folder of a deck with its output, and print what differs from the deck of the scene."""
+    """Make a run folder of a deck that was run by hand.
+
+    The deck may have been changed: the record names each line that differs from the scene's deck.
+
+    Examples:
+      beads import deck --engine liggghts
+      beads import deck --engine yade --scene fig4 --set run.time_step='0.2 us'
+    """
     engine = load_engine(_one_of(engines), "--engine")
     if settings and not scene:
         raise InputError("--set", "", "needs --scene")
@@ -145,7 +176,13 @@ def _one_of(engines: Words) -> str:
 
 
 def runs(runs: Path, prune: bool, dry_run: bool, **chosen: Words) -> None:
-    """List or remove run folders."""
+    """List the run folders, or remove those that are obsolete.
+
+    Examples:
+      beads runs fig4 --engine yade
+      beads runs --set 'striker.speed=*'
+      beads runs --prune --dry-run
+    """
     if dry_run and not prune:
         raise InputError("--dry-run", "", "needs --prune")
     if runs != paths.RUNS and not runs.is_dir():
@@ -157,7 +194,12 @@ def runs(runs: Path, prune: bool, dry_run: bool, **chosen: Words) -> None:
 
 
 def observables(run: str, runs: Path, levels: tuple[float, ...], as_json: bool) -> None:
-    """Print the observables of a run with their errors."""
+    """Print peaks, speeds, widths, reflections, energies of a run.
+
+    Examples:
+      beads observables yade:fig4
+      beads observables yade:fig4 --level 0.1 --json
+    """
     opened, _, _ = open_shown("observables", run, runs)
     observed = observe(opened.layout, opened.trace, levels or LEVELS)
     values = {name: None if isnan(value) else value for name, value in observed.items()}
@@ -170,18 +212,16 @@ def observables(run: str, runs: Path, levels: tuple[float, ...], as_json: bool) 
     print(*text_table([("observable", "value", "relative error"), *rows]), sep="\n")
 
 
-def definitions() -> None:
-    """Print the definitions of all observables."""
-    print(SYMBOLS, "", *text_table(DEFINITIONS.items()), sep="\n")
-
-
 def vtk(run: str, frames: int | None, runs: Path, results: Path) -> None:
-    """Write a run as a series of files for ParaView."""
+    """Write a run for ParaView (needs recorded positions).
+
+    Example:
+      beads vtk yade:fig4 --frames 200
+    """
     from postproc.draw import vtk as series  # meshio takes long to load
 
     opened, name, _ = open_shown("vtk", run, runs)
-    place = folder_to_write(results / name)
-    print_paths(series.write_series(opened, place, frames or series.FRAMES))
+    print_paths(series.write_series(opened, results / name, frames or series.FRAMES))
 
 
 def open_shown(what: str, run: str, runs: Path) -> tuple[EndedRun, str, str]:
