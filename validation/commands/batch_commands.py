@@ -44,7 +44,13 @@ def batch_of(
 
 
 def batch(
-    results: Path, workers: int | None, part: tuple[int, int] | None, dask: str, slurm: bool, **given: Any
+    results: Path,
+    dask: str,
+    slurm: bool,
+    part: tuple[int, int] | None = None,
+    workers: int | None = None,
+    slices: int | None = None,
+    **given: Any,
 ) -> int:
     """Run the missing cases of a study and write its table.
 
@@ -53,7 +59,7 @@ def batch(
       beads batch wall-material --engine verlet --workers 2 --dry-run
       beads batch sensitivity --slurm --wait
     """
-    job = {name: given.pop(name) for name in ("slices", "lines", "wait", "dry_run", "yes")}
+    job = {name: given.pop(name) for name in ("lines", "wait", "dry_run", "yes")} | {"slices": slices}
     places = [name for name, given in (("--slice", part), ("--dask", dask), ("--slurm", slurm)) if given]
     if len(places) > 1:
         raise InputError(places[1], "", f"not allowed with {places[0]}")

@@ -46,7 +46,7 @@ SECTIONS = {  # functions with the words of their parameters, in the order in wh
     },
     "measured data": {
         "overlay": "SCENE|RUN --set --measured --runs-read --results --engines",
-        "fit": "QUOTED --free --law --predict --own --measured --quoted --set --quick --results --runs --engines",
+        "fit": "[SCENE]... --free --law --predict --own --measured --quoted --set --quick --results --runs --engines",
     },
     "studies": {
         "batch": "STUDY --engine --only --runs --results --workers --dry-run --retry --yes --slice --dask "
@@ -56,13 +56,13 @@ SECTIONS = {  # functions with the words of their parameters, in the order in wh
         "show": "STUDY CASE --engine --runs --engines",
     },
     "files of runs": {
-        "runs": "ALL --set --engine --runs-read --prune --dry-run --engines",
-        "render": "SCENE --set --engine --out --unsafe --engines",
+        "runs": "[SCENE]... --set --engine --runs-read --prune --dry-run --engines",
+        "render": "SCENE --set --engine --out-deck --unsafe --engines",
         "import_": "FOLDER --scene --set --engine --runs --engines",
     },
     "report and paper": {
-        "report": "PAPER --studies --out-file --engine --runs --require --allow-missing --engines",
-        "figures": "[NAME]... --runs --results --engines",
+        "report": "[SCENE]... --studies --out --engine --runs --require --allow-missing --engines",
+        "figures": "[FIGURE]... --runs --results --engines",
         "claims": "--file --runs --results --engines",
         "trade": "--quick --budget --results --engines",
         "stability": "--quick --runs --results --engines",
@@ -124,7 +124,8 @@ FUNCTIONS = {  # module and docstring by name, read without loading the modules
 
 
 def _act(module: str, function: str, **given: Any) -> Any:
-    """Load a module of this package and call a function in it."""
+    """Load a module of this package and call a function in it with what is given."""
+    given = {name: value for name, value in given.items() if value is not None}
     return getattr(import_module(f"{__package__}.{module}"), function)(**given)
 
 

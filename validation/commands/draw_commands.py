@@ -148,20 +148,20 @@ def energy(run: str, ranges: tuple[tuple[int, int], ...], runs: Path, results: P
     print_paths([*written, table])
 
 
-def film(run: str, frames: int | None, sideways: float, runs: Path, results: Path) -> None:
+def film(run: str, runs: Path, results: Path, frames: int = films.FRAMES, sideways: float = 1.0) -> None:
     """Draw the chain of a run at several times, and an animated GIF.
 
     Example:
       beads film yade:fig4-tube --sideways 10
     """
     opened, name, title = open_shown("film", run, runs)
-    still = films.film_of(opened, frames or films.FRAMES, sideways)
+    still = films.film_of(opened, frames, sideways)
     print_paths(write_product(films.sheet(still, title), name, results))
     moving = films.film_of(opened, films.GIF_FRAMES, sideways)
     print_paths([films.write_animation(moving, title, results / f"{name}.gif")])
 
 
-def overlay(run: str, settings: tuple[str, ...], measured: Path | None, runs: Path, results: Path) -> None:
+def overlay(run: str, settings: tuple[str, ...], runs: Path, results: Path, measured: Path | None = None) -> None:
     """Draw measured traces over computed ones, with deviations.
 
     Examples:

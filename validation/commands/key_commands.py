@@ -39,7 +39,7 @@ def scenes() -> None:
         print(f"{what}:", *(f"  {line}" for line in text_table(texts.items())), sep="\n")
 
 
-def keys(table: str, markdown: bool, write: bool) -> None:
+def keys(markdown: bool, write: bool, table: str = "") -> None:
     """List keys of scenes and studies, with units and ranges.
 
     Examples:

@@ -15,7 +15,7 @@ from validation.commands.options import print_paths
 from validation.compare.comparison import EngineSelection
 
 
-def report(scenes: tuple[str, ...], studies: bool, out: Path | None, runs: Path, **engines: Any) -> int:
+def report(scenes: tuple[str, ...], studies: bool, runs: Path, out: Path | None = None, **engines: Any) -> int:
     """Write the report page and its checks as JSON.
 
     Examples:
@@ -76,7 +76,7 @@ def claims(**options: Any) -> int:
       beads claims
       beads claims --file my-cases.toml
     """
-    return _chapter("claims", options)
+    return run_chapter("claims", Options(**options))
 
 
 def trade(**options: Any) -> int:
@@ -86,7 +86,7 @@ def trade(**options: Any) -> int:
       beads trade --quick
       beads trade --budget 600
     """
-    return _chapter("trade", options)
+    return run_chapter("trade", Options(**options))
 
 
 def stability(**options: Any) -> int:
@@ -96,7 +96,7 @@ def stability(**options: Any) -> int:
       beads stability
       beads stability --quick
     """
-    return _chapter("stability", options)
+    return run_chapter("stability", Options(**options))
 
 
 def elements(**options: Any) -> int:
@@ -106,7 +106,7 @@ def elements(**options: Any) -> int:
       beads elements
       beads elements --quick
     """
-    return _chapter("elements", options)
+    return run_chapter("elements", Options(**options))
 
 
 def calibration(**options: Any) -> int:
@@ -116,9 +116,4 @@ def calibration(**options: Any) -> int:
       beads calibration
       beads calibration --quick
     """
-    return _chapter("calibration", options)
-
-
-def _chapter(name: str, given: dict[str, Any]) -> int:
-    """Run a chapter with the options that are given."""
-    return run_chapter(name, Options(**{key: value for key, value in given.items() if value is not None}))
+    return run_chapter("calibration", Options(**options))

@@ -41,7 +41,7 @@ def plan(scene: str, settings: Words, engines: Words) -> None:
 
 
 def run(
-    scene: str, settings: Words, engines: Words, runs: Path, rerun: bool, time_limit: float | None, unsafe: bool
+    scene: str, settings: Words, engines: Words, runs: Path, rerun: bool, unsafe: bool, time_limit: float | None = None
 ) -> int:
     """Run a scene and print the run folders.
 
@@ -212,7 +212,7 @@ def observables(run: str, runs: Path, levels: tuple[float, ...], as_json: bool) 
     print(*text_table([("observable", "value", "relative error"), *rows]), sep="\n")
 
 
-def vtk(run: str, frames: int | None, runs: Path, results: Path) -> None:
+def vtk(run: str, runs: Path, results: Path, **frames: int) -> None:
     """Write a run for ParaView (needs recorded positions).
 
     Example:
@@ -221,7 +221,7 @@ def vtk(run: str, frames: int | None, runs: Path, results: Path) -> None:
     from postproc.draw import vtk as series  # meshio takes long to load
 
     opened, name, _ = open_shown("vtk", run, runs)
-    print_paths(series.write_series(opened, results / name, frames or series.FRAMES))
+    print_paths(series.write_series(opened, results / name, **frames))
 
 
 def open_shown(what: str, run: str, runs: Path) -> tuple[EndedRun, str, str]:

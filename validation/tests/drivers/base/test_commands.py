@@ -161,7 +161,10 @@ def test_the_function_of_a_command_takes_its_options(name: str) -> None:
     assert isinstance(command.callback, partial)
     module, function = command.callback.args
     action = getattr(import_module(f"{commands.__name__}.{module}"), function)
-    signature(action).bind(**{str(each.name): None for each in command.params if each.expose_value})
+    required = [each.name for each in command.params if each.required]
+    absent = command.make_context(name, [], resilient_parsing=True).params
+    for given in (absent, {key: value for key, value in absent.items() if value is not None or key in required}):
+        signature(action).bind(**given)
 
 
 IMPORTS = "import os, signal, time, drivers.environment; os.kill(os.getpid(), signal.SIGINT); time.sleep(20)"
