@@ -13,7 +13,7 @@ from drivers.chain.trace import Trace, residual
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
 from postproc.draw.style import GREY, MICRO, draw_codes, drawing_order, letter_panel, pyplot
-from postproc.paper.simulate import Simulation
+from postproc.read.motion import Simulation
 from postproc.read.sensors import sensor_signals
 
 GAUGE_IN = 1.126  # height of a panel

@@ -22,7 +22,7 @@ from postproc.draw.product import Product
 from postproc.draw.scene_drawing import BEAD, OUTLINE, STRIKER, TUBE
 from postproc.draw.style import COLUMN_IN, GREY, letter_panel, pyplot
 from postproc.paper.quoted import quoted
-from postproc.paper.simulate import case_of
+from postproc.read.motion import case_of
 
 MM_PER_IN = 25.4
 LOW, HIGH, LEFT, TITLE = -29.0, 116.0, -30.0, 5.0  # mm: edges of (a) from wall and axis; room for the letter

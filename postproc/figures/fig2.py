@@ -18,9 +18,9 @@ from matplotlib.patches import Rectangle, Wedge
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
 from postproc.draw.style import AVERAGE, COLUMN_IN, FIRST, GREY, MICRO, SECOND, draw_codes, letter_panel, pyplot
-from postproc.paper.simulate import UNTIL_REFLECTED, case_of, simulate
 from postproc.paper.strikes import contact_peak, sensor_amplitude, sensor_pair, static_force, strike_for
 from postproc.paper.theory import particles_of, precompressed_speed
+from postproc.read.motion import UNTIL_REFLECTED, case_of, simulate
 from postproc.read.sensors import sensor_average
 from validation.reference.travelling_wave import solve_at_speed, solve_travelling_wave
 

@@ -20,8 +20,8 @@ from postproc.draw.product import Product
 from postproc.draw.style import COLUMN_IN, GREY, draw_codes, pyplot, text_color
 from postproc.paper import strikes
 from postproc.paper.quoted import quoted
-from postproc.paper.simulate import Simulation, case_of, run_codes_on
 from postproc.paper.theory import contact_force, particles_of, precompressed_speed, speed_from_force
+from postproc.read.motion import Simulation, case_of, run_codes_on
 from validation.reference.travelling_wave import solve_at_amplitude
 
 FORCES_N = np.geomspace(0.03, 20, 13)

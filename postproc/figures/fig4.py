@@ -22,8 +22,8 @@ from postproc.draw.stack import ForcePanel, draw_curve, draw_pairs, quoted_rows
 from postproc.draw.style import AVERAGE, COLUMN_IN, DAMPED, MICRO, QUOTED, pyplot
 from postproc.paper.calibrated import calibrated
 from postproc.paper.quoted import quoted
-from postproc.paper.simulate import UNTIL_REFLECTED, Simulation, case_of, simulate
 from postproc.paper.strikes import sensor_pair, speed_between_sensors
+from postproc.read.motion import UNTIL_REFLECTED, Simulation, case_of, simulate
 
 UNTIL_DAMPED_REFLECTED = "run.duration=1.2 ms"  # until the slower wave with dissipation has returned
 PANELS = (

@@ -23,7 +23,7 @@ from postproc.draw.stack import ForcePanel, draw_curve, draw_pairs, quoted_rows
 from postproc.draw.style import AVERAGE, COLUMN_IN, DAMPED, GREY, MICRO, QUOTED, letter_panel, pyplot
 from postproc.paper.calibrated import calibrated
 from postproc.paper.quoted import quoted
-from postproc.paper.simulate import Simulation, case_of, simulate
+from postproc.read.motion import Simulation, case_of, simulate
 from postproc.read.observables import LATER_PROMINENCE
 from postproc.read.sensors import sensor_signals
 from postproc.read.signals import (

@@ -23,7 +23,7 @@ from drivers.chain.case import Case, build_case
 from drivers.chain.chain import Array
 from drivers.engines import REFERENCE
 from postproc.paper.quoted import force_accuracy, quoted
-from postproc.paper.simulate import Simulation, case_of, exact, run_codes, run_codes_on
+from postproc.read.motion import Simulation, case_of, exact, run_codes, run_codes_on
 from postproc.read.signals import first_peak
 from validation.reference.travelling_wave import solve_travelling_wave
 

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from drivers.chain.chain import Array
-from postproc.paper.simulate import Simulation
+from postproc.read.motion import Simulation
 from postproc.read.sensors import sensor_signals
 from postproc.read.signals import first_peak
 

@@ -8,10 +8,14 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from math import factorial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from drivers.chain.chain import Array
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
 
 PROMINENCE = 0.05  # of the signal's range: lower bumps are no peaks
 NOISE = 1e-4  # of the signal's range: a hundred times the rounding error of forces at rest
@@ -142,18 +146,23 @@ def _root(curve: list[float]) -> float:
     return float(brentq(_at, 0.0, 1.0, args=(curve,), xtol=SHARE_TOLERANCE))
 
 
+def spline(time_s: Array, values: Array, degree: int = 5) -> "BSpline":
+    """Interpolating spline through the samples of one or more signals. Shape of values (samples, ...)."""
+    from scipy.interpolate import make_interp_spline
+
+    return make_interp_spline(time_s, values, k=degree)
+
+
 @lru_cache(maxsize=64)
 def _spline_of_units(count: int) -> Array:
     """Splines through 0 ... 1 ... 0 on samples at distance 1: Taylor coefficients at each sample, highest power first.
 
     Shape (powers, intervals, values).
     """
-    from scipy.interpolate import make_interp_spline
-
     degree = min(5, count - 1)
     degree -= 1 - degree % 2  # splines of odd degree
     times = np.arange(count, dtype=float)
-    splines = make_interp_spline(times, np.eye(count), k=degree)
+    splines = spline(times, np.eye(count), degree)
     return np.stack([splines(times[:-1], nu=power) / factorial(power) for power in range(degree, -1, -1)])
 
 
@@ -211,15 +220,13 @@ def incident_pulse(time_s: Array, signal: Array, onset_share: float = ONSET) -> 
         signal: Signal above its value at rest. Shape (samples,).
         onset_share: Share of the first maximum at which the pulse begins and ends.
     """
-    from scipy.interpolate import make_interp_spline
-
     maxima = peaks(time_s, signal)
     if len(maxima) < 2:
         return None
     first, reflected = maxima[0], max(maxima[1:], key=lambda peak: peak.value)
     onset = rising_crossing(time_s, signal, onset_share * first.value, first)
     after = np.linspace(first.time_s, reflected.time_s, REFINEMENT * (reflected.sample - first.sample))
-    falling = np.asarray(make_interp_spline(time_s, signal, k=5)(after))
+    falling = np.asarray(spline(time_s, signal)(after))
     half = int(np.argmax(falling < first.value / 2))
     rate = np.polyfit(after[:half], np.log(falling[:half]), 1)[0] if half > 1 else np.nan
     quiet = falling < onset_share * first.value

@@ -23,9 +23,9 @@ from drivers.scene.model import MeasuredEntry, Part, Scene
 from drivers.scene.read_scene import apply_setting, find_scene, make_scene, read_scene, read_toml
 from drivers.scene.settings import look_up, unit_of
 from postproc.paper.quoted import force_accuracy, quoted
-from postproc.paper.simulate import exact
 from postproc.read.alignment import Channel, channels_of, must_overlap
 from postproc.read.measured import entries_of, read_measured, read_quoted
+from postproc.read.motion import exact
 from postproc.read.observables import describe
 from postproc.read.sensors import gauges_of
 

@@ -17,9 +17,9 @@ from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE
 from drivers.scene.read_scene import make_scene, set_value
 from drivers.scene.settings import unit_of
-from postproc.paper.simulate import Simulation
 from postproc.read.alignment import correlated, residual_of
 from postproc.read.continuous import READERS, is_censored, read
+from postproc.read.motion import Simulation
 from postproc.read.observables import describe
 from validation.calibration.data import CUT, GAIN, TRIGGER, Answer, DataSet, Datum, Free, parameters_of
 

@@ -24,7 +24,7 @@ from drivers.limits import resolved_trial, step_limit
 from drivers.run.compute import compute
 from drivers.run.execute import execute
 from drivers.scene.read_scene import make_scene
-from postproc.paper.simulate import case_of
+from postproc.read.motion import case_of
 from validation.accuracy.plan import CRITERIA, plan_case
 
 PAPER = ("fig4", "fig5", "fig6b", "fig6d", "table1")

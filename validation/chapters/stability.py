@@ -25,7 +25,7 @@ from drivers.run.run import run_many
 from drivers.scene.model import Part
 from drivers.scene.read_scene import read_entries
 from postproc.draw.style import PAGE_IN, marker_of, pyplot
-from postproc.paper.simulate import case_of
+from postproc.read.motion import case_of
 from validation.accuracy.budget import ERROR, assess, kept_budget
 from validation.accuracy.plan import CRITERIA, planned_case
 from validation.chapters import Options

@@ -25,7 +25,7 @@ from drivers.run.compute import compute
 from drivers.run.execute import execute
 from drivers.run.scheme import COMPARED
 from postproc.draw.style import PAGE_IN, line_of, marker_of, pyplot
-from postproc.paper.simulate import case_of
+from postproc.read.motion import case_of
 from postproc.read.observables import of_kind
 from validation.accuracy.costs import cost_on
 from validation.accuracy.motions import ExactMotion, errors_of, exact_motion_of, quantities

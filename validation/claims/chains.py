@@ -14,7 +14,7 @@ from drivers.chain.case import Case
 from postproc.paper import strikes, theory
 from postproc.paper.calibrated import calibrated
 from postproc.paper.quoted import quoted
-from postproc.paper.simulate import UNTIL_REFLECTED, Simulation, case_of, exact
+from postproc.read.motion import UNTIL_REFLECTED, Simulation, case_of, exact
 from postproc.read.observables import observe
 from postproc.read.sensors import sensor_average
 from postproc.read.signals import ONSET, Peak, envelope, incident_pulse, integral, peaks

@@ -12,8 +12,8 @@ from scipy.interpolate import CubicSpline
 
 from postproc.paper import theory
 from postproc.paper.quoted import quoted
-from postproc.paper.simulate import case_of
 from postproc.paper.strikes import static_force
+from postproc.read.motion import case_of
 from validation.reference import travelling_wave
 from validation.reference.travelling_wave import fixed_point, solve_at_amplitude, solve_travelling_wave
 

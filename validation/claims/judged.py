@@ -14,8 +14,7 @@ from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, VERLET, engine_names, installed_codes
 from drivers.run.run import run_many
 from drivers.run.run_folder import EndedRun
-from postproc.paper.simulate import Simulation, exact
-from postproc.read.motion import trace_with_state
+from postproc.read.motion import Simulation, exact, trace_with_state
 from validation.checks import DIFFERS, FAIL, NOT_RUN, REPRODUCED, Check, pass_or_fail, without_run
 from validation.claims.claim import ARITHMETIC, CASE, Claim, Reading, cases_of, function_of, measures
 from validation.claims.equations import paper_numbers

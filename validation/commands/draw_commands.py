@@ -17,14 +17,13 @@ from drivers.scene.read_scene import stored_scene
 from postproc.draw import film as films
 from postproc.draw.product import Product, draw_spacetime, write_product
 from postproc.draw.scene_drawing import draw_scene
-from postproc.draw.study_figure import column_of, draw_study, draw_tornado
+from postproc.draw.study_figure import column_of, draw_study, draw_tornado, key_label
 from postproc.energy.energies import range_numbers, run_energies
 from postproc.energy.energy_figure import draw_energies, write_energies
 from postproc.linear.modes import MAX_BEADS
 from postproc.linear.modes_figure import modes_product
 from postproc.linear.spectra import WINDOWS
 from postproc.linear.spectrum_figure import analyse, numbers_of, signals_of, spectrum_product
-from postproc.read.labels import key_label
 from validation.accuracy.plan import planned_case
 from validation.commands.options import print_paths
 from validation.commands.run_commands import open_shown
@@ -170,9 +169,9 @@ def overlay(run: str, settings: tuple[str, ...], runs: Path, results: Path, meas
       beads overlay yade:fig4 --measured shot-12.csv
     """
     from postproc.draw.overlay import HEADINGS, draw_overlay, misfit_rows  # takes as long to load as all others
-    from postproc.paper.simulate import exact
     from postproc.read.measured import entries_of
     from postproc.read.misfit import lay_over
+    from postproc.read.motion import exact
 
     if Path(run).is_dir() or (":" in run and not Path(run).exists()):
         if settings:

@@ -5,7 +5,7 @@ import pandas as pd
 from scipy.interpolate import make_interp_spline
 
 from drivers.base import paths
-from postproc.paper.simulate import case_of, exact
+from postproc.read.motion import case_of, exact
 from postproc.read.observables import observe
 from postproc.read.sensors import sensor_signals
 

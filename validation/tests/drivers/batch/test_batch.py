@@ -20,7 +20,7 @@ from drivers.base import paths
 from drivers.batch import rows as batch_rows
 from drivers.batch import store as batch_store
 from drivers.batch.store import Store, StudyRow
-from postproc.paper.simulate import exact
+from postproc.read.motion import exact
 from postproc.read.observables import observe
 from validation.tests.helpers.commands import BEADS, beads, beads_process
 from validation.tests.helpers.runs import need

@@ -8,7 +8,7 @@ import numpy as np
 from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import residual
 from postproc.draw.gauge_forces import draw_gauge_forces
-from postproc.paper.simulate import exact
+from postproc.read.motion import exact
 from postproc.read.sensors import sensor_signals
 from validation.tests.helpers.scenes import case_of
 

@@ -9,7 +9,7 @@ from pyarrow.parquet import read_table
 from drivers.chain.schemes import verlet_motion, verlet_of
 from drivers.engines import REFERENCE
 from postproc.energy.energies import energies_of, range_energy_J, range_numbers
-from postproc.paper.simulate import exact
+from postproc.read.motion import exact
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import SceneWriter, case_of

@@ -10,7 +10,7 @@ import pytest
 from drivers.chain.case import read_layout
 from drivers.engines import engine_names, load_engine
 from drivers.run.run_folder import open_run
-from postproc.paper.simulate import exact
+from postproc.read.motion import exact
 from postproc.read.observables import observe
 from postproc.read.sensors import high_passed, sensor_signals
 from validation.accuracy.motions import exact_motion_of

@@ -5,7 +5,7 @@ from math import isnan, nan
 
 import pytest
 
-from postproc.paper.simulate import exact
+from postproc.read.motion import exact
 from postproc.read.observables import OBSERVABLES, Observable, describe, not_shown, observe, of_kind, without_unit
 from validation.tests.helpers.scenes import case_of
 

@@ -10,10 +10,10 @@ import pytest
 from scipy.interpolate import make_interp_spline
 
 from drivers.base.errors import InputError
-from postproc.paper.simulate import Simulation, case_of, exact
 from postproc.read.alignment import AlignedGauge, align, check_length, noise_of
 from postproc.read.measured import MeasuredTrace
 from postproc.read.misfit import Misfit, gain_remark, misfits, smooth
+from postproc.read.motion import Simulation, case_of, exact
 from postproc.read.observables import observe
 from postproc.read.sensors import sensor_signals
 from validation.tests.helpers import made_up_trace

@@ -10,8 +10,8 @@ import pytest
 
 from drivers.base import paths
 from postproc.paper.calibrated import calibrated
-from postproc.paper.simulate import Simulation, case_of, exact
 from postproc.read.continuous import full_width_s, is_censored, read, time_above
+from postproc.read.motion import Simulation, case_of, exact
 from validation.calibration.data import DEFAULT, calibration_file, paper_data
 from validation.calibration.fit import DATA, LAWS, PARAMETERS, Tables
 from validation.calibration.problem import pose

@@ -16,7 +16,7 @@ from drivers.chain.chain import Array
 from drivers.chain.schemes import exact_motion
 from drivers.scene.read_scene import read_scene
 from postproc.draw.fits import rows_of, value_text
-from postproc.paper.simulate import case_of, exact
+from postproc.read.motion import case_of, exact
 from postproc.read.sensors import sensor_signals
 from validation.calibration.command import lines
 from validation.calibration.data import DataSet, Datum, free_parameter, paper_data, scene_data

@@ -11,7 +11,7 @@ from drivers.base.errors import InputError
 from drivers.chain.case import Case, build_case
 from drivers.chain.trace import Trace
 from drivers.scene.read_scene import read_scene
-from postproc.paper.simulate import exact
+from postproc.read.motion import exact
 from validation.checks import FAIL, NOT_RUN, PASS, RUN, Check
 from validation.claims import judged, linear_waves
 from validation.claims.claim import function_of, read_claims

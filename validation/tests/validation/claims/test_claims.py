@@ -11,8 +11,8 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.chain.case import Case
 from postproc.paper.quoted import quoted
-from postproc.paper.simulate import Simulation, exact
 from postproc.paper.strikes import COLUMNS
+from postproc.read.motion import Simulation, exact
 from validation.chapters.claims import chapter_of
 from validation.checks import DIFFERS, REPRODUCED, Check
 from validation.claims.chains import table1
