@@ -14,7 +14,8 @@ from click.shell_completion import CompletionItem
 from drivers.base import paths
 from postproc.figures import captions
 
-TEXTS = {  # by option, name in the function if it has another one, placeholder, and ... if repeatable
+# by option, its name in the function if that is another, the placeholder of its value, and ... if it is repeatable
+TEXTS = {
     "scene SCENE": "A scene file, or the name of a scene in inputs/scenes.",
     "scenes [SCENE]...": "Scenes by name or file (default: all; for report the paper's four, for fit those of --quoted).",
     "study STUDY": "A study file, or the name of a study in inputs/studies.",
