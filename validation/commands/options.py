@@ -59,7 +59,7 @@ TEXTS = {
     "--sideways FACTOR": "Multiply displacements from the axis by this (default: 1).",
     "--studies": "Write the page first, then make figures and studies and add them; short studies where no table "
     "exists.",
-    "table [TABLE]": "A table, such as chain.bead or axis, or a file: scene, study, engines (default: all files).",
+    "table [TABLE]": "A table, such as chain.bead or axis, or a file: scene, study, engines, run (default: all files).",
     "--markdown": "Print the tables in Markdown.",
     "--write": "Write the tables of all files into inputs/README.md.",
     "--rerun": "Run again even if the run is done or, with auto, failed.",
