@@ -24,6 +24,8 @@ MAX_COLUMNS = 2000  # bodies with columns of their own; those of longer chains s
 CACHED_VALUES = 100_000  # values of an array that stay in a processor's cache
 CONTACT, BORE, BORE_FRICTION = "contact_{}_N", "bore_{}_N", "bore_friction_N"
 BALANCES = ("kinetic_energy_J", "total_energy_J", "momentum_N_s")
+# units by the endings of names of columns, longer endings first
+UNITS = {"_N_s": "N s", "_rad_s": "rad/s", "_m_s": "m/s", "_N": "N", "_J": "J", "_m": "m", "_s": "s"}
 # columns of the tables: name, with {} for the number of a body; field of a trace; its component
 Columns = tuple[tuple[Any, ...], ...]
 FORCE_COLUMNS: Columns = (
@@ -243,10 +245,11 @@ def digest_of(trace: Trace) -> str:
     return digest.hexdigest()
 
 
-def table_of_trace(trace: Trace, columns: Columns) -> "pa.Table":
-    """Table of those columns that a trace has."""
+def table_of_trace(trace: Trace, columns: Columns, about: Mapping[str, str]) -> "pa.Table":
+    """Table of those columns that a trace has, with metadata."""
     there = {name: (getattr(trace, field), axis) for name, field, *axis in columns}
-    return table_of({name: values[(..., *axis)] for name, (values, axis) in there.items() if values is not None})
+    kept = {name: values[(..., *axis)] for name, (values, axis) in there.items() if values is not None}
+    return table_of(kept, about)
 
 
 def fields_in(table: "pa.Table", columns: Columns, bodies: int) -> dict[str, Array]:
@@ -268,16 +271,17 @@ def fields_in(table: "pa.Table", columns: Columns, bodies: int) -> dict[str, Arr
     return {field: part[0] if len(part) == 1 else np.stack(part, axis=-1) for field, part in parts.items()}
 
 
-def table_of(columns: Mapping[str, Array]) -> "pa.Table":
+def table_of(columns: Mapping[str, Array], about: Mapping[str, str]) -> "pa.Table":
     """Table of arrays of shape (samples,), and of arrays of shape (samples, bodies) whose name has ``{}``.
 
-    Each body has a column, numbered from the wall; in long chains a sample has a list. ``pa.array`` would import
-    pandas, a third of a run.
+    Each body has a column, numbered from the wall; in long chains a sample has a list. Each column has its ``unit`` as
+    metadata, the table has ``about``. ``pa.array`` would import pandas, a third of a run.
     """
     import pyarrow as pa
 
     def arrow(values: Array) -> pa.Array:
-        flat = pa.Array.from_buffers(pa.float64(), values.size, [None, pa.py_buffer(np.ascontiguousarray(values))])
+        kind = pa.from_numpy_dtype(values.dtype)
+        flat = pa.Array.from_buffers(kind, values.size, [None, pa.py_buffer(np.ascontiguousarray(values))])
         return flat if values.ndim == 1 else pa.FixedSizeListArray.from_arrays(flat, values.shape[1])
 
     table: dict[str, pa.Array] = {}
@@ -286,7 +290,9 @@ def table_of(columns: Mapping[str, Array]) -> "pa.Table":
             table[_together(name)] = arrow(values)
         else:
             table |= {name.format(body): arrow(column) for body, column in enumerate(values.T, start=1)}
-    return pa.table(table)
+    units = {name: next((unit for ending, unit in UNITS.items() if name.endswith(ending)), "") for name in table}
+    fields = [pa.field(name, values.type, metadata={"unit": units[name]}) for name, values in table.items()]
+    return pa.table([*table.values()], schema=pa.schema(fields, metadata=about))
 
 
 def _numbers(values: Any) -> Array:

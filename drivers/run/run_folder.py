@@ -5,6 +5,7 @@ the other files, so each file that is read back is as it was written, or is refu
 """
 
 import hashlib
+import json
 import os
 import re
 import shutil
@@ -114,6 +115,12 @@ class RunRecord:
     dirty: bool
     lock_sha256: str
     edits: list[str] | None = None
+
+    @property
+    def about(self) -> dict[str, str]:
+        """Metadata of the tables of the run, with the complete scene as JSON; pandas shows the others as ``attrs``."""
+        named = {"scene": self.scene_name, "title": self.scene.get("title", ""), "engine": self.engine}
+        return named | {"scene_si": json.dumps(self.scene), "PANDAS_ATTRS": json.dumps(named)}
 
     def write(self, folder: Path) -> None:
         """Write the record into the run folder."""
@@ -281,7 +288,7 @@ def write_run(folder: Path, record: RunRecord, trace: Trace | None, *, state: bo
     from pyarrow.parquet import write_table
 
     kept = {FORCES: FORCE_COLUMNS} | ({STATE: STATE_COLUMNS} if state else {})
-    tables = {} if trace is None else {name: table_of_trace(trace, columns) for name, columns in kept.items()}
+    tables = {name: table_of_trace(trace, columns, record.about) for name, columns in kept.items()} if trace else {}
     for name, table in tables.items():
         write_table(table, folder / name, **COMPRESSED)
     record = replace(record, files={name: sha256_of(folder / name) for name in tables})

@@ -5,6 +5,7 @@ A spacetime diagram shows the contact forces against time and contact: a wave is
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,24 +19,13 @@ from postproc.draw.style import COLUMN_IN, MICRO, finish_bar, force_colours, pyp
 
 DPI = 200
 METADATA = {"png": {"Software": None}, "svg": {"Date": None}}  # no dates
+CHANGE = "contact_{}_change_N"
 SPACETIME = "spacetime"  # ending of the names of spacetime diagrams
 COLUMNS, ROWS = 400, 250  # largest numbers of cells; a cell shows the largest of its forces
 PANEL_IN = 1.9
 GAMMA = 0.5  # colours scale with the root of the force, so that weak waves after a strong one are visible
 OPEN_SHARE = 1e-6  # of the largest force: contacts with less are drawn as open
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """A quantity of each contact or body in a spacetime diagram."""
-
-    column: str  # pattern of its columns in a table
-    place: str  # words at the axis along the chain
-    words: str  # words at the colour bar
-    ticks: Any = None  # matplotlib formatter of the numbers at the colour bar; None for its default
-
-
-FORCE = Quantity(CONTACT, "contact", "force (N)")
+LOADED_SHARE = 0.2  # of the largest change of a force: with a larger static force the changes are drawn
 
 
 @dataclass(frozen=True)
@@ -54,14 +44,18 @@ class Product:
 
 def write_product(product: Product, name: str, folder: Path) -> list[Path]:
     """Writes ``name.csv``, ``name.png`` and ``name.svg``, each whole or not at all, and the spacetime diagram."""
-    folder.mkdir(parents=True, exist_ok=True)
-    table = folder / f"{name}.csv"
-    with whole_file(table) as draft:
-        product.table.to_csv(draft, index=False)
-    written = [table, *write_figure(product.figure, name, folder)]
+    written = [write_table(product.table, name, folder), *write_figure(product.figure, name, folder)]
     if product.chains:
         written += write_product(draw_spacetime(product.chains), f"{name}-{SPACETIME}", folder)
     return written
+
+
+def write_table(table: pd.DataFrame, name: str, folder: Path) -> Path:
+    """Writes ``name.csv``, whole or not at all."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with whole_file(path := folder / f"{name}.csv") as draft:
+        table.to_csv(draft, index=False)
+    return path
 
 
 def write_figure(figure: Any, name: str, folder: Path) -> list[Path]:
@@ -98,32 +92,58 @@ def cells_of(time_s: Array, values: Array, columns: int = COLUMNS, rows: int = R
     return time_s[over_time], over_places + 1.0, cells.T
 
 
-def draw_cells(axis: Any, title: str, time_s: Array, values: Array, shown: Quantity = FORCE) -> pd.DataFrame:
+def draw_cells(
+    axis: Any,
+    title: str,
+    time_s: Array,
+    values: Array,
+    column: str = CONTACT,
+    place: str = "contact",
+    words: str = "force (N)",
+    ticks: Any = None,
+    signed: bool = False,
+) -> pd.DataFrame:
     """Draws a quantity against time and place in the chain, with a colour bar; white after the end of a run.
+
+    Args:
+        axis: Axes.
+        title: Title of the panel.
+        time_s: Sample times. Shape (samples,).
+        values: Quantity of each contact or body. Shape (samples, places).
+        column: Pattern of its columns in the table.
+        place: Words at the axis along the chain.
+        words: Words at the colour bar.
+        ticks: Formatter of matplotlib of the numbers at the colour bar; None for its default.
+        signed: True for colours of both signs; then a cell shows the value of the largest magnitude.
 
     Returns:
         The values of the cells, a row per time.
     """
-    from matplotlib.colors import PowerNorm
+    from matplotlib.colors import FuncNorm, PowerNorm
     from matplotlib.ticker import MaxNLocator
 
-    start_s, place, cells = cells_of(time_s, values)
+    start_s, number, cells = cells_of(time_s, values)
+    if signed:
+        lowest = -cells_of(time_s, -values)[2]
+        cells = np.where(cells >= -lowest, cells, lowest)
     samples, places = values.shape
     width_s = (time_s[-1] - time_s[0]) / max(samples - 1, 1) * -(-samples // COLUMNS)
-    right, top = float(start_s[-1] + width_s) * MICRO, float(place[-1]) + -(-places // ROWS) - 0.5
-    largest = float(cells.max(initial=0.0)) or 1.0  # without any force the scale ends at 1 N
-    above_zero = np.ma.masked_less_equal(cells, OPEN_SHARE * largest)
+    right, top = float(start_s[-1] + width_s) * MICRO, float(number[-1]) + -(-places // ROWS) - 0.5
+    size = np.abs(cells) if signed else cells
+    largest = float(size.max(initial=0.0)) or 1.0  # without any force the scale ends at 1 N
+    root = (lambda x: np.sign(x) * np.abs(x) ** GAMMA, lambda x: np.sign(x) * np.abs(x) ** (1 / GAMMA))
+    norm = FuncNorm(root, -largest, largest) if signed else PowerNorm(GAMMA, 0, largest)
     image = axis.imshow(
-        above_zero, cmap=force_colours(), norm=PowerNorm(GAMMA, 0, largest), origin="lower", aspect="auto",
-        extent=(float(start_s[0]) * MICRO, right, 0.5, top), interpolation="none",
+        np.ma.masked_where(size <= OPEN_SHARE * largest, cells), cmap=force_colours(signed), norm=norm, origin="lower",
+        extent=(float(start_s[0]) * MICRO, right, 0.5, top), interpolation="none", aspect="auto",
     )  # fmt: skip
-    axis.set(ylim=(0.5, places + 0.5), ylabel=shown.place)
+    axis.set(ylim=(0.5, places + 0.5), ylabel=place)
     axis.grid(visible=False)
     axis.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=5, min_n_ticks=1))
     axis.set_title(title, loc="left")
-    bar = axis.figure.colorbar(image, ax=axis, pad=0.02, aspect=16, ticks=MaxNLocator(nbins=5), format=shown.ticks)
-    finish_bar(bar, f"{shown.words}, square-root scale;\ngrey: none")
-    table = pd.DataFrame(cells.T, columns=[shown.column.format(int(number)) for number in place])
+    bar = axis.figure.colorbar(image, ax=axis, pad=0.02, aspect=16, ticks=MaxNLocator(nbins=5), format=ticks)
+    finish_bar(bar, f"{words},\nsquare-root scale; grey: none")
+    table = pd.DataFrame(cells.T, columns=[column.format(int(each)) for each in number])
     table.insert(0, "time_s", start_s)
     return table
 
@@ -131,13 +151,18 @@ def draw_cells(axis: Any, title: str, time_s: Array, values: Array, shown: Quant
 def draw_spacetime(chains: Mapping[str, Trace], width_in: float = COLUMN_IN) -> Product:
     """Spacetime diagram with a panel for each chain, each with its own scale of force; white after the end of a run.
 
-    The table holds the forces of the cells, a row per chain and time.
+    The changes since time 0 are drawn if the static force would hide them. The table holds the values of the cells, a
+    row per chain and time.
     """
     tables = []
     size = (width_in, 0.5 + PANEL_IN * len(chains))
     figure, axes = pyplot().subplots(len(chains), 1, figsize=size, squeeze=False, sharex=True, layout="constrained")
     for axis, (title, trace) in zip(axes[:, 0], chains.items(), strict=True):
-        table = draw_cells(axis, title, trace.time_s, trace.force_N)
+        shown, changes = partial(draw_cells, axis, title, trace.time_s), trace.force_N - trace.force_N[0]
+        if trace.force_N[0].max() > LOADED_SHARE * np.abs(changes).max():
+            table = shown(changes, CHANGE, words="change from static force (N)", signed=True)
+        else:
+            table = shown(trace.force_N)
         table.insert(0, "chain", title)
         tables.append(table)
     last_s = max(float(trace.time_s[-1]) for trace in chains.values())

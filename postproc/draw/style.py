@@ -108,12 +108,13 @@ def drawing_order(engines: list[str]) -> list[str]:
 
 
 @cache
-def force_colours() -> Any:
-    """Colour map of forces, darker for larger forces also in grey print; open contacts are light grey."""
+def force_colours(signed: bool = False) -> Any:
+    """Colour map of forces, or of their changes; darker for larger ones also in grey print, light grey for none."""
     from matplotlib import colormaps
     from matplotlib.colors import ListedColormap
 
-    return ListedColormap(colormaps["magma_r"](np.linspace(0.0, 0.92, 256)), "force", bad=OPEN_CONTACT)
+    colours = colormaps["RdBu_r"] if signed else colormaps["magma_r"]
+    return ListedColormap(colours(np.linspace(0.0, 1.0 if signed else 0.92, 256)), "force", bad=OPEN_CONTACT)
 
 
 @cache

@@ -21,7 +21,7 @@ from drivers.chain.case import Case
 from postproc.draw.product import Product
 from postproc.draw.scene_drawing import BEAD, OUTLINE, STRIKER, TUBE
 from postproc.draw.style import COLUMN_IN, GREY, letter_panel, pyplot
-from postproc.paper.quoted import quoted
+from postproc.paper import quoted
 from postproc.read.motion import case_of
 
 MM_PER_IN = 25.4

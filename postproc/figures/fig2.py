@@ -18,8 +18,7 @@ from matplotlib.patches import Rectangle, Wedge
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
 from postproc.draw.style import AVERAGE, COLUMN_IN, FIRST, GREY, MICRO, SECOND, draw_codes, letter_panel, pyplot
-from postproc.paper.strikes import contact_peak, sensor_amplitude, sensor_pair, static_force, strike_for
-from postproc.paper.theory import particles_of, precompressed_speed
+from postproc.paper import strikes
 from postproc.read.motion import UNTIL_REFLECTED, case_of, simulate
 from postproc.read.sensors import sensor_average
 from validation.reference.travelling_wave import solve_at_speed, solve_travelling_wave
@@ -51,7 +50,7 @@ def make(runs: Path) -> Product:
 
 def _chain() -> tuple[str, ...]:
     """Settings of the precompressed chain, with the static force of Table 1 between the sensors."""
-    return (*CHAIN, f"chain.precompression={static_force(case_of('table1'))!r} N")
+    return (*CHAIN, f"chain.precompression={strikes.static_force(case_of('table1'))!r} N")
 
 
 def _draw_free_body(axis: Any) -> None:
@@ -109,9 +108,9 @@ def _draw_forces(axis: Any, forces: pd.DataFrame) -> None:
 def _waves() -> pd.DataFrame:
     """Beta of the travelling wave."""
     case = case_of("table1", *_chain())
-    chain, particles = case.chain, particles_of(case)
+    chain, particles = case.chain, strikes.particles_of(case)
     stiffness, mass, static = float(chain.stiffness[1]), float(chain.mass_kg[0]), chain.precompression_N
-    speeds = [precompressed_speed(particles, ratio * static, static) / particles.diameter_m for ratio in CURVE]
+    speeds = [strikes.precompressed_speed(particles, ratio * static, static) / particles.diameter_m for ratio in CURVE]
     waves = [solve_at_speed(stiffness, mass, static, beads_per_s) for beads_per_s in speeds]
     beta = pd.DataFrame({"force_over_static": [1 + wave.amplitude for wave in waves],
                           "beta": [wave.beta for wave in waves], "engine": WAVE})  # fmt: skip
@@ -123,16 +122,16 @@ def _waves() -> pd.DataFrame:
 def _points(runs: Path) -> pd.DataFrame:
     """Beta from full simulations by every engine."""
     chain, rows = _chain(), []
-    static = static_force(case_of("table1", *chain))
-    cases = [strike_for(ratio * static, contact_peak, *chain).case for ratio in STRIKES]
+    static = strikes.static_force(case_of("table1", *chain))
+    cases = [strikes.strike_for(ratio * static, strikes.contact_peak, *chain).case for ratio in STRIKES]
     for simulations in simulate(cases, runs):
         for engine, simulation in simulations.items():
-            upper, lower = (simulation.values[f"bead_{bead}_amplitude_N"] for bead in sensor_pair(simulation.case))
-            peak = contact_peak(simulation)
+            peak, places = strikes.contact_peak(simulation), strikes.sensor_pair(simulation.case)
+            upper, lower = (simulation.values[f"bead_{bead}_amplitude_N"] for bead in places)
             rows.append({
                 "panel": "c", "engine": engine, "force_over_static": peak / static,
-                "beta": (peak - static) / sensor_amplitude(simulation), "change_between_sensors": lower / upper - 1,
-                "solitary": abs(lower / upper - 1) < STEADY_CHANGE,
+                "beta": (peak - static) / strikes.sensor_amplitude(simulation),
+                "change_between_sensors": lower / upper - 1, "solitary": abs(lower / upper - 1) < STEADY_CHANGE,
             })  # fmt: skip
     return pd.DataFrame(rows)
 

@@ -10,7 +10,7 @@ which the paper describes and does not draw. Dots: Table 1, its F_m taken as the
 """
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -18,9 +18,7 @@ import pandas as pd
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
 from postproc.draw.style import COLUMN_IN, GREY, draw_codes, pyplot, text_color
-from postproc.paper import strikes
-from postproc.paper.quoted import quoted
-from postproc.paper.theory import contact_force, particles_of, precompressed_speed, speed_from_force
+from postproc.paper import quoted, strikes
 from postproc.read.motion import Simulation, case_of, run_codes_on
 from validation.reference.travelling_wave import solve_at_amplitude
 
@@ -31,26 +29,8 @@ PRINTED = {600.0: 1, 1460.0: 5}  # number of the first curve of a modulus in the
 COLOURS = {600.0: "#0072b2", 1000.0: "#009e73", 1460.0: "#d55e00"}
 THEORY: dict[str, Any] = {"lw": 2.6, "ls": (0, (1.4, 1.1)), "alpha": 0.45}
 CHAIN: dict[str, Any] = {"lw": 0.9, "ls": "-"}
-XLIM_N = (0.010, 190)
+XLIM_N, TICKS_M_S = (0.010, 190), (50, 70, 100, 150, 200)
 DEVIATION = "speed_off_reference_share"
-
-
-class SpeedCurve(NamedTuple):
-    """Curve of one modulus with or without gravity."""
-
-    modulus_MPa: float
-    gravity: bool
-
-    @property
-    def settings(self) -> tuple[str, ...]:
-        """Settings for the scene of Table 1."""
-        modulus = f"materials.ptfe.youngs_modulus={self.modulus_MPa} MPa"
-        return (modulus,) if self.gravity else (modulus, "gravity=")
-
-    @property
-    def number(self) -> float:
-        """Number of the theoretical curve in the paper, NaN if there is none; the next number is the discrete chain."""
-        return PRINTED.get(self.modulus_MPa, np.nan) + 2 * self.gravity
 
 
 def make(runs: Path) -> Product:
@@ -61,23 +41,22 @@ def make(runs: Path) -> Product:
     moduli. The spacetime diagram shows the weakest and the strongest strike by the reference, for the largest modulus
     with gravity.
     """
-    curves = [SpeedCurve(modulus, True) for modulus in quoted().ptfe_moduli_MPa]
-    curves += [SpeedCurve(modulus, False) for modulus in PRINTED]
+    moduli = quoted().ptfe_moduli_MPa
+    curves = [*((modulus, True) for modulus in moduli), *((modulus, False) for modulus in PRINTED)]
     exact = {
-        (curve, force): strikes.strike_for(force, strikes.contact_peak, *curve.settings)
+        (*curve, force): strikes.strike_for(force, strikes.contact_peak, *_settings(*curve))
         for curve in curves
-        for force in (FORCES_N if curve.gravity else BY_CODES)
+        for force in (FORCES_N if curve[1] else BY_CODES)
     }
     points = _points(exact, runs)
-    theory = _theory(curves, points)
-    experiment, score = _experiment(), strikes.scores()
+    theory = _theory(curves, float(points["static_N"].max()))
+    experiment, score = _experiment(), pd.concat([*map(strikes.score, moduli)])
     figure, axis = pyplot().subplots(figsize=(COLUMN_IN, 4.2), layout="constrained")
-    ticks = (50, 70, 100, 150, 200)
     axis.set(xscale="log", yscale="log", ylabel=r"$V_s$ (m/s)", xlim=XLIM_N, ylim=(46, 330))
     axis.set(xlabel=r"$F_m$, contact force (N)")
-    axis.set_yticks(ticks, [str(tick) for tick in ticks])
+    axis.set_yticks(TICKS_M_S, [*map(str, TICKS_M_S)])
     axis.minorticks_off()
-    _draw_curves(axis, curves, points, theory)
+    _draw_curves(axis, curves, points[points["engine"] == REFERENCE], theory)
     by_code = {str(code): of_code for code, of_code in points.groupby("engine") if code != REFERENCE}
     draw_codes(axis, {code: (of_code["force_N"], of_code["speed_m_s"]) for code, of_code in by_code.items()}, 3.5)
     _draw_experiment(axis, experiment)
@@ -86,84 +65,92 @@ def make(runs: Path) -> Product:
         axis.text(0.98, 0.02, off, transform=axis.transAxes, ha="right", color=GREY)
     axis.legend(loc="upper left", handlelength=1.8, labelspacing=0.3)
     tables = [points, theory, experiment.assign(source="experiment"), score.assign(source="score")]
-    stiffest = max(curves)
-    title = f"{stiffest.modulus_MPa:g} MPa, with gravity ({REFERENCE})"
-    chains = {f"{FORCES_N[i]:g} N, {title}": exact[stiffest, FORCES_N[i]].trace for i in (0, -1)}
+    stiffest = max(moduli)
+    chains = {
+        f"{force:g} N, {stiffest:g} MPa, with gravity ({REFERENCE})": exact[stiffest, True, force].trace
+        for force in FORCES_N[[0, -1]]
+    }
     return Product(figure, pd.concat(tables, ignore_index=True), chains)
 
 
-def _points(exact: dict[tuple[SpeedCurve, float], Simulation], runs: Path) -> pd.DataFrame:
+def _settings(modulus_MPa: float, gravity: bool) -> list[str]:
+    """Settings for the scene of Table 1."""
+    return [f"materials.ptfe.youngs_modulus={modulus_MPa} MPa", *(["gravity="] * (not gravity))]
+
+
+def _number(modulus_MPa: float, gravity: bool) -> float:
+    """Number of the theoretical curve in the paper, NaN if there is none; the next number is the discrete chain."""
+    return PRINTED.get(modulus_MPa, np.nan) + 2 * gravity
+
+
+def _points(exact: dict[tuple[float, bool, float], Simulation], runs: Path) -> pd.DataFrame:
     """Table of strikes, a row per strike and engine."""
-    chosen = [(curve, force) for curve, force in exact if force in BY_CODES]
-    pairs = [(curve, simulation) for (curve, _), simulation in exact.items()]
+    chosen = [key for key in exact if key[2] in BY_CODES]
+    pairs = [*exact.items()]
     for simulations in run_codes_on([exact[key].case for key in chosen], runs).values():
-        pairs += [(curve, simulation) for (curve, _), simulation in zip(chosen, simulations, strict=True)]
+        pairs += zip(chosen, simulations, strict=True)
     table = pd.DataFrame([
         {
-            "source": "simulated", "engine": simulation.engine, "curve": curve.number + 1,
-            "modulus_MPa": curve.modulus_MPa, "gravity": curve.gravity,
+            "source": "simulated", "engine": simulation.engine, "curve": _number(modulus, gravity) + 1,
+            "modulus_MPa": modulus, "gravity": gravity,
             "striker_m_s": strikes.striker_speed(simulation), "force_N": strikes.contact_peak(simulation),
             "static_N": strikes.static_force(simulation.case),
             "sensor_amplitude_N": strikes.sensor_amplitude(simulation),
             "speed_m_s": strikes.speed_between_sensors(simulation),
         }
-        for curve, simulation in pairs
+        for (modulus, gravity, _), simulation in pairs
     ])  # fmt: skip
     by_strike = table[table["engine"] == REFERENCE].set_index("striker_m_s")["speed_m_s"]
     table[DEVIATION] = table["speed_m_s"] / table["striker_m_s"].map(by_strike) - 1
     return table
 
 
-def _theory(curves: list[SpeedCurve], points: pd.DataFrame) -> pd.DataFrame:
+def _theory(curves: list[tuple[float, bool]], static_N: float) -> pd.DataFrame:
     """Eqs. (3) and (4) at the same amplitudes, with the static force between the sensors."""
-    static = float(points.loc[points["gravity"], "static_N"].iloc[0])
-    rows = []
+    tables = []
     for curve in curves:
-        particles = particles_of(case_of("table1", *curve.settings))
-        for force in FORCES_N:
-            bare, pressed = speed_from_force(particles, force), precompressed_speed(particles, force, static)
-            source, static_N, speed = ("Eq. (4)", static, pressed) if curve.gravity else ("Eq. (3)", 0.0, bare)
-            rows.append((source, curve.number, *curve, force, static_N, speed))
-    names = ("source", "curve", "modulus_MPa", "gravity", "force_N", "static_N", "speed_m_s")
-    return pd.DataFrame(rows, columns=names)
+        particles = strikes.particles_of(case_of("table1", *_settings(*curve)))
+        source, static, speeds = "Eq. (3)", 0.0, [strikes.speed_from_force(particles, force) for force in FORCES_N]
+        if curve[1]:
+            source, static = "Eq. (4)", static_N
+            speeds = [strikes.precompressed_speed(particles, force, static) for force in FORCES_N]
+        columns = {"curve": _number(*curve), "modulus_MPa": curve[0], "gravity": curve[1], "force_N": FORCES_N}
+        tables.append(pd.DataFrame({"source": source} | columns | {"static_N": static, "speed_m_s": speeds}))
+    return pd.concat(tables)
 
 
 def _experiment() -> pd.DataFrame:
     """Measured points of Table 1 at the contact force that Eq. (6) gives for the averages of the sensors."""
     points, static = strikes.measured_points(), strikes.static_force(case_of("table1"))
-    average, beta = points["force_N"], [_beta(each, static) for each in points["force_N"]]
-    force_N = [contact_force(factor, each, static) for factor, each in zip(beta, average, strict=True)]
+    average, beta = points["force_N"], np.array([_beta(each, static) for each in points["force_N"]])
     error_N = beta * points["force_error_N"]
-    return points.assign(force_N=force_N, force_error_N=error_N, sensor_amplitude_N=average, static_N=static)
+    return points.assign(
+        force_N=beta * average + static, force_error_N=error_N, sensor_amplitude_N=average, static_N=static
+    )
 
 
 def _beta(average_N: float, static_N: float) -> float:
     """Beta of Eq. (6) for the travelling wave with this average; it does not depend on modulus and mass."""
     beta = START_BETA
     for _ in range(BETA_STEPS):
-        force_N = contact_force(beta, average_N, static_N)
+        force_N = beta * average_N + static_N
         beta = solve_at_amplitude(1.0, 1.0, static_N, force_N / static_N - 1).beta
     return beta
 
 
-def _draw_curves(axis: Any, curves: list[SpeedCurve], points: pd.DataFrame, theory: pd.DataFrame) -> None:
+def _draw_curves(axis: Any, curves: list[tuple[float, bool]], chains: pd.DataFrame, theory: pd.DataFrame) -> None:
     """Draws the paper's curves with their numbers, and the curve of the third modulus under gravity."""
-    chains = points[points["engine"] == REFERENCE]
-    for curve in curves:
-        printed = curve.modulus_MPa in PRINTED
-        of_curve, equation = (
-            table[(table["modulus_MPa"] == curve.modulus_MPa) & (table["gravity"] == curve.gravity)]
-            for table in (chains, theory)
-        )
-        look = CHAIN | {"color": COLOURS.get(curve.modulus_MPa, GREY)}
+    for modulus, gravity in curves:
+        chain, equation = (table.query("modulus_MPa == @modulus and gravity == @gravity") for table in (chains, theory))
+        look, number = CHAIN | {"color": COLOURS[modulus]}, _number(modulus, gravity)
         label = {"textcoords": "offset points", "va": "center", "color": text_color(look["color"])}
-        first, *_, last = zip(of_curve["force_N"], of_curve["speed_m_s"], strict=True)
-        if printed:
+        first, *_, last = zip(chain["force_N"], chain["speed_m_s"], strict=True)
+        if modulus in PRINTED:
             axis.plot(equation["force_N"], equation["speed_m_s"], **(look | THEORY))
-            axis.annotate(f"{curve.number}, {curve.number + 1}", first, (-5, 0), ha="right", **label)
-        axis.plot(of_curve["force_N"], of_curve["speed_m_s"], **look)
-        if curve.gravity:
-            axis.annotate(f"{curve.modulus_MPa:g} MPa", last, (6, 0), **label)
+            axis.annotate(f"{number}, {number + 1}", first, (-5, 0), ha="right", **label)
+        axis.plot(chain["force_N"], chain["speed_m_s"], **look)
+        if gravity:
+            axis.annotate(f"{modulus:g} MPa", last, (6, 0), **label)
     for words, look in (("theory (1, 3, 5, 7)", THEORY), ("discrete chain (2, 4, 6, 8)", CHAIN)):
         axis.plot([], [], color=GREY, label=words, **look)
 

@@ -20,8 +20,7 @@ from drivers.engines import REFERENCE
 from postproc.draw.product import Product
 from postproc.draw.stack import ForcePanel, draw_curve, draw_pairs, quoted_rows
 from postproc.draw.style import AVERAGE, COLUMN_IN, DAMPED, MICRO, QUOTED, pyplot
-from postproc.paper.calibrated import calibrated
-from postproc.paper.quoted import quoted
+from postproc.paper import calibrated, quoted
 from postproc.paper.strikes import sensor_pair, speed_between_sensors
 from postproc.read.motion import UNTIL_REFLECTED, Simulation, case_of, simulate
 

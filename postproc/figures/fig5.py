@@ -21,8 +21,7 @@ from drivers.engines import REFERENCE
 from postproc.draw.product import Product
 from postproc.draw.stack import ForcePanel, draw_curve, draw_pairs, quoted_rows
 from postproc.draw.style import AVERAGE, COLUMN_IN, DAMPED, GREY, MICRO, QUOTED, letter_panel, pyplot
-from postproc.paper.calibrated import calibrated
-from postproc.paper.quoted import quoted
+from postproc.paper import calibrated, quoted
 from postproc.read.motion import Simulation, case_of, simulate
 from postproc.read.observables import LATER_PROMINENCE
 from postproc.read.sensors import sensor_signals

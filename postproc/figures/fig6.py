@@ -19,7 +19,7 @@ from drivers.engines import REFERENCE
 from postproc.draw.product import Product
 from postproc.draw.stack import ForcePanel, draw_curve, draw_pairs
 from postproc.draw.style import AVERAGE, COLUMN_IN, DAMPED, GREY, MICRO, QUOTED, pyplot
-from postproc.paper.calibrated import calibrated
+from postproc.paper import calibrated
 from postproc.read.motion import Simulation, case_of, simulate
 from postproc.read.observables import LATER_PROMINENCE
 from postproc.read.signals import Peak, peaks

@@ -8,32 +8,56 @@ Experiment and paper's calculation as printed; E = 1.46 GPa, under gravity. Widt
 0.2 % or 4 % of the peak. Deviation of codes: the largest, from the exact numbers of 20 beads.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
-from drivers.engines import REFERENCE
+from drivers.engines import REFERENCE, installed_codes
 from postproc.draw.product import Product
 from postproc.draw.style import PAGE_IN, pyplot
-from postproc.paper.strikes import COLUMNS, MEASURED, SPREAD, exact_table1, solve_table1
+from postproc.paper import quoted
+from postproc.paper.strikes import COLUMNS, sensor_amplitude, settled, strike_for, striker_speed, table1_numbers
+from postproc.read.motion import Simulation, run_codes
 
 SPEED, WIDTH = "$V_s$\n(m/s)", "$L/2R$"
 COMPUTED = (SPEED, f"{WIDTH}\n(0.2 %)", f"{WIDTH}\n(4 %)")
 DIGITS = (0, 1, 1)  # decimals of the paper's computed numbers
+MEASURED = ("duration_us", "speed_m_s", "width_diameters")
 LONGER = 21  # beads below the striker in the other reading of the paper's chain
 EXACT_LONGER = f"exact_{LONGER}"
+SPREAD = "codes_largest_deviation_share"
 # heading, first and last column
 GROUPS = (("experiment", 1, 3), ("paper, computed", 4, 6), ("exact, 20 beads", 7, 9), ("exact, 21 beads", 10, 12))
 ROW_IN, HEAD = 0.19, 3.2  # height of a row in inches, height of the headings in rows
 
 
 def make(runs: Path) -> Product:
-    """Solves for the striker speeds by the reference and by each code, with 21 beads by the reference alone."""
-    longer = exact_table1(f"chain.count={LONGER}")
-    more = {f"{EXACT_LONGER}_{name}": longer[f"{REFERENCE}_{name}"] for name in COLUMNS}
-    table = solve_table1(runs).assign(**more)
+    """Solves for the striker speeds by the reference and by each code, with 21 beads by the reference alone.
+
+    The table has a row per amplitude: the paper's columns, striker speed and three numbers by each engine, and the
+    largest relative deviation of any code from the three numbers of the reference, NaN without a code.
+    """
+    table, forces = quoted().table1.frame, quoted().table1.force_N
+    exact = [strike_for(force, sensor_amplitude) for force in forces]
+
+    def solve(code: str) -> Sequence[Simulation]:
+        return settled(lambda cases: run_codes({code: cases}, runs)[code], [motion.case for motion in exact], forces)
+
+    for engine, motions in [(REFERENCE, exact), *((code, solve(code)) for code in installed_codes())]:
+        table[f"{engine}_striker_m_s"] = [*map(striker_speed, motions)]
+        table[_names(engine)] = [*map(table1_numbers, motions)]
+    off = [table[_names(code)].to_numpy() / table[_names(REFERENCE)].to_numpy() - 1 for code in installed_codes()]
+    table[SPREAD] = np.abs(off).max(axis=(0, 2)) if off else np.nan
+    longer = [strike_for(force, sensor_amplitude, f"chain.count={LONGER}") for force in forces]
+    table[_names(EXACT_LONGER)] = [*map(table1_numbers, longer)]
     return Product(_draw(table), table)
+
+
+def _names(engine: str) -> list[str]:
+    return [f"{engine}_{name}" for name in COLUMNS]
 
 
 def _draw(table: pd.DataFrame) -> Any:

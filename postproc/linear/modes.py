@@ -1,4 +1,4 @@
-"""Small motions of a chain about its static equilibrium: modes, and bands of its pattern.
+"""Small motions of a chain about its static equilibrium: modes, bands and gaps of its pattern, and their figure.
 
 Each loaded contact is a spring ``K = (3/2) k d^(1/2) = (3/2) k^(2/3) F^(1/3)`` (Nesterenko, Dynamics of Heterogeneous
 Materials, chapter 1), each open contact none. The striker and a body that moves as prescribed are not part of it.
@@ -6,20 +6,49 @@ Materials, chapter 1), each open contact none. The striker and a body that moves
 A pattern of p members, repeated without end at one static force, has p bands: the frequencies of Bloch waves, whose
 displacements ``u_{j+p} = u_j exp(i q)`` have a phase q per cell from 0 to pi. Long waves travel at the static sound
 speed ``c = a / sqrt(M C)``, with the length a and the mass M of a cell and the sum C of its compliances 1/K.
+
+Between the bands and above them q is complex, and amplitudes fall by ``exp(-Im q)`` per cell. The matrix T that takes
+displacement and force across a cell has the determinant 1, so ``2 cos q = trace T`` and ``cosh(Im q) = |trace T| / 2``
+(Brillouin, Wave Propagation in Periodic Structures, 1946).
 """
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import pi, sqrt
+from typing import Any
 
 import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
 
 from drivers.chain.case import Case
-from drivers.chain.chain import Array, Chain, contact_stiffness, contact_stiffness_at
+from drivers.chain.chain import (
+    Array,
+    Chain,
+    contact_stiffness,
+    contact_stiffness_at,
+    hertz_stiffness,
+    ordinary_beads,
+    stiffness_by,
+)
+from drivers.chain.schemes import verlet_of
+from postproc.draw.product import Product
+from postproc.draw.style import GREY, PAGE_IN, letter_panel, pyplot
 
 MAX_BEADS = 5_000  # with modes; all shapes of 5,000 beads take 200 MB
 PHASES = 101  # of the dispersion curve
+GAP_POINTS = 51  # frequencies in each gap
+SHOWN, ABOVE = 1.15, 1.5  # upper end of the drawn frequencies, and of those in the table, divided by the highest edge
 # A contact that oscillates by r d about its overlap d is slower by r^2 / 24, by the Lindstedt method.
 SOFTENING = 1 / 24
+MAX_WORK = 20_000_000  # bodies times steps of the motion whose overlaps are compared with the static ones
+SMALL_RATIO = 0.1  # largest change of an overlap, divided by the static one, up to which a motion is called linear
+FEW = 3  # a mode is localised if fewer beads move, or if its frequency lies in a gap
+EDGE = 1e-6  # of a frequency: modes nearer to the edge of a band belong to it
+SHAPES = 3  # lowest modes that are drawn, with the highest one
+LINES = 8  # modes that are printed, at each end
+MOST_SHAPES = 200  # beads of the largest chain whose shapes are in the table
+BLUE, RED, BAND = "#0072b2", "#d55e00", "#dcebf5"
 
 
 @dataclass(frozen=True)
@@ -38,38 +67,9 @@ class Modes:
     participation: Array
 
 
-@dataclass(frozen=True)
-class Bands:
-    """Bloch waves of a pattern at one static force.
-
-    Attributes:
-        force_N: static force.
-        phase: phase q per cell, from 0 to pi. Shape (phases,).
-        frequency_Hz: frequencies, the lowest band first. Shape (phases, members).
-        group_velocity_m_s: group velocity ``d omega / d q`` times the length of a cell. Shape (phases, members).
-        sound_speed_m_s: speed of long waves.
-    """
-
-    force_N: float
-    phase: Array
-    frequency_Hz: Array
-    group_velocity_m_s: Array
-    sound_speed_m_s: float
-
-    @property
-    def edges_Hz(self) -> Array:
-        """Lowest and highest frequency of each band. Shape (members, 2)."""
-        return np.column_stack([self.frequency_Hz.min(axis=0), self.frequency_Hz.max(axis=0)])
-
-
 def springs_N_m(chain: Chain) -> Array:
     """Contact stiffness K of each contact between beads, or with the wall, at time 0. Shape (beads,)."""
     return contact_stiffness(chain.stiffness, np.maximum(chain.overlap_m, 0.0))[: chain.beads]
-
-
-def static_forces_N(chain: Chain) -> Array:
-    """Elastic forces of these contacts at time 0. Shape (beads,)."""
-    return np.asarray(chain.elastic_N[: chain.beads])
 
 
 def modes_of(chain: Chain) -> Modes:
@@ -93,21 +93,38 @@ def modes_of(chain: Chain) -> Modes:
     return Modes(np.sqrt(np.maximum(squared, 0.0)) / (2 * pi), shape, 1 / (energy**2).sum(axis=0))
 
 
-def bands_of(case: Case, force_N: float) -> Bands:
-    """Bands of the pattern of a scene, which is one bead without ``[[chain.pattern]]``, at a static force.
+def _cell(case: Case, force_N: float) -> tuple[Array, Array, float]:
+    """Masses and springs of a cell at a static force, each spring below its member, and the length of the cell in m.
 
-    The cell is the lowest one above the first that has no single bead and no sensor mass.
+    Its beads are those of the pattern: without single beads, masses of sensors and scatter.
 
     Raises:
-        ValueError: the chain has no such cell, or a taper.
+        ValueError: the chain has a taper.
     """
-    chain, members = case.chain, len(case.scene.chain.members)
-    if case.scene.chain.taper_at(case.chain.beads) != 1:
+    table, members = case.scene.chain, len(case.scene.chain.members)
+    if table.taper_at(case.chain.beads) != 1:
         raise ValueError("a tapered chain has no bands")
-    cell = _cell(case, members)
-    mass, radius = chain.mass_kg[cell], chain.radius_m[cell]
-    spring = np.array([contact_stiffness_at(k, force_N) for k in chain.stiffness[cell]])  # below each member
-    phase = np.linspace(0.0, pi, PHASES)
+    scene = case.scene.model_copy(update={"chain": table.model_copy(update={"count": 2 * members})})
+    materials, diameter, mass = ordinary_beads(scene)
+    stiffness = stiffness_by(hertz_stiffness, scene, materials, diameter / 2)[members:]
+    spring = np.array([contact_stiffness_at(k, force_N) for k in stiffness])
+    length = float(diameter[members:].sum() - ((force_N / stiffness) ** (2 / 3)).sum())
+    return mass[members:], spring, length
+
+
+def bands_of(case: Case, force_N: float) -> pd.DataFrame:
+    """Bloch waves of the pattern of a scene, which is one bead without ``[[chain.pattern]]``, at a static force.
+
+    Returns:
+        A row for each band and phase, the lowest band first, with the group velocity ``d omega / d q`` times the
+        length of a cell; the first one is the speed of long waves. Then a row for each frequency in a gap, from the
+        edge of a band on, where band and group velocity are empty and the decay per cell is above zero.
+
+    Raises:
+        ValueError: the chain has a taper.
+    """
+    mass, spring, length = _cell(case, force_N)
+    members, phase = len(mass), np.linspace(0.0, pi, PHASES)
     matrix = np.zeros((PHASES, members, members), complex)
     for j in range(members):
         below, turn = (j - 1) % members, np.exp(-1j * phase) if j == 0 else 1.0
@@ -120,26 +137,52 @@ def bands_of(case: Case, force_N: float) -> Bands:
     # Hellmann and Feynman: d omega^2 / d q is the expectation value of dD/dq, which only the contact of cells has
     last, across = members - 1, spring[0] / sqrt(mass[0] * mass[-1])
     slope = 2 * (np.conj(vectors[:, 0]) * 1j * across * np.exp(-1j * phase)[:, None] * vectors[:, last]).real
-    length = float(2 * radius.sum() - ((force_N / chain.stiffness[cell]) ** (2 / 3)).sum())
-    sound = length / sqrt(float(mass.sum()) * float((1 / spring).sum()))
     with np.errstate(divide="ignore", invalid="ignore"):
         group = np.where(omega > 0, length * slope / (2 * omega), 0.0)
-    group[0, 0] = sound
-    return Bands(force_N, phase, omega / (2 * pi), group, sound)
+    group[0, 0] = length / sqrt(float(mass.sum()) * float((1 / spring).sum()))
+    bands = pd.DataFrame({
+        "band": np.repeat(np.arange(1, members + 1), PHASES), "phase_rad": np.tile(phase, members),
+        "frequency_Hz": omega.T.ravel() / (2 * pi), "group_velocity_m_s": group.T.ravel(), "decay_per_cell": 0.0,
+    })  # fmt: skip
+    low, high = edges_Hz(bands).T
+    ends = np.column_stack([high, np.append(low[1:], ABOVE * high[-1])])
+    ends = ends[ends[:, 1] > (1 + EDGE) * ends[:, 0]]  # bands of equal beads touch
+    shares = np.sin(np.linspace(0, pi / 2, GAP_POINTS)) ** 2  # dense at the edges, where the decay grows as a root
+    frequency = (ends[:, :1] + np.diff(ends) * shares).ravel()
+    waves = bloch_phase(case, force_N, frequency)
+    gaps = pd.DataFrame({"phase_rad": waves.real, "frequency_Hz": frequency, "decay_per_cell": waves.imag})
+    table = pd.concat([bands, gaps], ignore_index=True).astype({"band": "Int64"})
+    table.insert(0, "static_force_N", force_N)
+    return table
 
 
-def _cell(case: Case, members: int) -> slice:
-    """Beads of a cell that has no bead of another kind, as low as possible; the contact below it is one of the pattern.
+def bloch_phase(case: Case, force_N: float, frequency_Hz: Array) -> NDArray[np.complex128]:
+    """Phase q per cell of the pattern at a static force, 0 to pi, with the decay of amplitudes as imaginary part.
+
+    The decay is 0 in a band. Shape as ``frequency_Hz``.
 
     Raises:
-        ValueError: there is none.
+        ValueError: the chain has a taper.
     """
-    table = case.scene.chain
-    special = {*table.bead_at, *(place for place, sensor in table.sensor_at.items() if sensor.mass)}
-    for start in range(members, case.chain.beads - members + 1, members):
-        if not special & set(range(start, start + members + 1)):
-            return slice(start, start + members)
-    raise ValueError("the chain has no cell of its pattern, between its ends, without single beads and sensor masses")
+    mass, spring, _ = _cell(case, force_N)
+    squared, whole = (2 * pi * frequency_Hz) ** 2, np.eye(2)
+    for m, K in zip(mass, spring, strict=True):
+        step = np.empty((*frequency_Hz.shape, 2, 2))  # across the spring, then across the mass
+        step[..., 0, :] = 1, 1 / K
+        step[..., 1, 0], step[..., 1, 1] = -m * squared, 1 - m * squared / K
+        whole = step @ whole
+    q = np.arccos(np.trace(whole, axis1=-2, axis2=-1).astype(complex) / 2)
+    return np.asarray(q.real + 1j * np.abs(q.imag))
+
+
+def edges_Hz(bands: pd.DataFrame) -> Array:
+    """Lowest and highest frequency of each band. Shape (members, 2)."""
+    return bands.groupby("band")["frequency_Hz"].agg(["min", "max"]).to_numpy()
+
+
+def static_forces_N(chain: Chain) -> Array:
+    """Elastic forces of the contacts between beads, or with the wall, at time 0. Shape (beads,)."""
+    return np.asarray(chain.elastic_N[: chain.beads])
 
 
 def sound_speed_m_s(chain: Chain, lower: int, upper: int, members: int = 1) -> float:
@@ -178,3 +221,148 @@ def overlap_ratio(case: Case, force_N: Array) -> Array:
     with np.errstate(divide="ignore", invalid="ignore"):
         changes = np.abs((force / static) ** (2 / 3) - 1).max(axis=0)
     return np.asarray(np.where(static > 0, changes, np.inf))
+
+
+def localised_modes(modes: Modes, bands: Sequence[pd.DataFrame]) -> NDArray[np.bool_]:
+    """Modes in which fewer than ``FEW`` beads move, or with frequencies in a gap at all static forces. Shape (modes,).
+
+    Args:
+        modes: the modes.
+        bands: bands at the smallest and the largest static force, between which those of all contacts lie.
+    """
+    few = modes.participation < FEW
+    if not bands:
+        return few
+    low, high = edges_Hz(bands[0])[:, 0] * (1 - EDGE), edges_Hz(bands[-1])[:, 1] * (1 + EDGE)
+    frequency = modes.frequency_Hz[:, np.newaxis]
+    return np.asarray(few | ~((low <= frequency) & (frequency <= high)).any(axis=1))
+
+
+def modes_product(case: Case) -> tuple[Product, pd.DataFrame | None]:
+    """Figure and table of the modes of a scene, with the lines to print; and the table of its bands, if it has any.
+
+    Raises:
+        ValueError: no contact has a load, no bead is free, or beads move sideways.
+    """
+    chain = case.chain
+    if not chain.straight:
+        raise ValueError("beads that move sideways: modes are those of straight chains")
+    if chain.beads == 1 and chain.drive is not None and chain.drive.prescribed:
+        raise ValueError("the only bead moves as prescribed: there is no mode")
+    if not springs_N_m(chain).any():
+        raise ValueError("no contact has a static load: without gravity or precompression there are no linear waves")
+    modes, remark = modes_of(chain), []
+    try:
+        bands = bands_at_loads(case)
+    except ValueError as error:
+        bands, remark = [], [f"no bands: {error}"]
+    localised = localised_modes(modes, bands)
+    figure, (left, middle, right) = pyplot().subplots(1, 3, figsize=(PAGE_IN, 3.0), layout="constrained")
+    _draw_dispersion(left, bands)
+    _draw_frequencies(middle, modes, bands, localised)
+    _draw_shapes(right, modes)
+    beads, count = modes.shape.shape
+    columns = {
+        "mode": np.arange(1, count + 1), "frequency_Hz": modes.frequency_Hz, "participation_beads": modes.participation,
+    }  # fmt: skip
+    if beads <= MOST_SHAPES:
+        columns |= {f"body_{body + 1}": modes.shape[body] for body in range(beads)}
+    lines = [*_lines(case, modes, bands, localised), *remark, _end_of_linear_theory(case)]
+    return Product(figure, pd.DataFrame(columns), notes=lines), pd.concat(bands) if bands else None
+
+
+def bands_at_loads(case: Case) -> list[pd.DataFrame]:
+    """Bands at the smallest and at the largest static force of the contacts between beads; none without a load.
+
+    Raises:
+        ValueError: the chain has a taper.
+    """
+    forces = static_forces_N(case.chain)[1:]
+    forces = forces[forces > 0]
+    return (
+        [bands_of(case, force) for force in sorted({float(end) for end in (forces.min(), forces.max())})]
+        if forces.size
+        else []
+    )
+
+
+def _lines(case: Case, modes: Modes, bands: list[pd.DataFrame], localised: NDArray[np.bool_]) -> Iterator[str]:
+    chain, forces = case.chain, static_forces_N(case.chain)
+    yield f"static force of the contacts: {forces.min():.4g} to {forces.max():.4g} N"
+    if chain.beads > 1:
+        speed = sound_speed_m_s(chain, 1, chain.beads, len(case.scene.chain.members))
+        yield f"static sound speed, mean of the chain: {speed:.5g} m/s"
+    driven_Hz = case.scene.drive.frequency if case.scene.drive else None
+    for table in bands:
+        force_N, sound = (float(table[column].iloc[0]) for column in ("static_force_N", "group_velocity_m_s"))
+        edges = ", ".join(f"{low:.5g} to {high:.5g} Hz" for low, high in edges_Hz(table))
+        yield f"bands at {force_N:.4g} N: {edges}; long waves {sound:.5g} m/s"
+        decay = bloch_phase(case, force_N, np.array([driven_Hz])).imag[0] if driven_Hz else 0.0
+        if decay:
+            yield f"drive of {driven_Hz:.6g} Hz: in a gap at {force_N:.4g} N, decay {decay:.5g} per cell"
+    count = len(modes.frequency_Hz)
+    ends = np.minimum(np.arange(count), np.arange(count)[::-1]) < LINES
+    for place in np.flatnonzero(ends | localised):
+        words = f", localised: {modes.participation[place]:.3g} beads move" if localised[place] else ""
+        yield f"mode {place + 1}: {modes.frequency_Hz[place]:.6g} Hz{words}"
+
+
+def _end_of_linear_theory(case: Case) -> str:
+    """Line on the motion of the scene: its changes of overlaps against the static ones."""
+    if case.work > MAX_WORK:
+        return f"motion not compared with linear theory: more than {MAX_WORK:g} bodies times steps"
+    ratio = overlap_ratio(case, verlet_of(case).force_N)
+    place = int(np.argmax(ratio))
+    largest = float(ratio[place])
+    words = f"the motion of the scene changes the overlap of contact {place + 1} by {largest:.3g} of the static overlap"
+    if largest <= SMALL_RATIO:
+        return f"linear: {words}; frequencies change by about {SOFTENING * largest**2:.1g}"
+    return f"not linear: {words}, linear theory holds far below 1"
+
+
+def _draw_dispersion(axis: Any, bands: list[pd.DataFrame]) -> None:
+    letter_panel(axis, "a")
+    for table, dashes in zip(bands, ("-", "--"), strict=False):
+        frequency, gap = table["frequency_Hz"].to_numpy() / 1e3, table["band"].isna().to_numpy()
+        for part, points, place, colour in (
+            (~gap, PHASES, table["phase_rad"], BLUE),
+            (gap, GAP_POINTS, -table["decay_per_cell"], RED),
+        ):
+            across = place.to_numpy()[part] / pi
+            axis.plot(across.reshape(-1, points).T, frequency[part].reshape(-1, points).T, dashes, color=colour)
+        axis.plot([], [], dashes, color=GREY, label=f"{table['static_force_N'][0]:.3g} N")
+    if bands:
+        axis.axvline(0, color=GREY, lw=0.6)
+        axis.legend(title="static force")
+        axis.set(xlabel="(−decay) | phase per cell / π", ylim=(0, SHOWN * edges_Hz(bands[-1]).max() / 1e3))
+    else:
+        axis.text(0.5, 0.5, "no bands", ha="center", transform=axis.transAxes, color=GREY)
+    axis.set_ylabel("frequency (kHz)")
+
+
+def _draw_frequencies(axis: Any, modes: Modes, bands: list[pd.DataFrame], localised: NDArray[np.bool_]) -> None:
+    letter_panel(axis, "b")
+    shade_bands(axis.axhspan, bands)
+    number, frequency = np.arange(1, len(localised) + 1), modes.frequency_Hz / 1e3
+    axis.plot(number[~localised], frequency[~localised], ".", color=BLUE, ms=4)
+    axis.plot(number[localised], frequency[localised], "x", color=RED, ms=5, label="localised")
+    axis.set(xlabel="mode", ylim=(0, None))
+    if localised.any():
+        axis.legend(frameon=False, loc="lower right")
+
+
+def shade_bands(span: Any, bands: Sequence[pd.DataFrame]) -> None:
+    """Shades the bands at the largest static force by ``axhspan`` or ``axvspan``, in kHz."""
+    for low, high in edges_Hz(bands[-1]) / 1e3 if bands else ():
+        span(low, high, color=BAND, lw=0)
+
+
+def _draw_shapes(axis: Any, modes: Modes) -> None:
+    letter_panel(axis, "c")
+    beads, count = modes.shape.shape
+    for row, place in enumerate(sorted({*range(min(SHAPES, count)), count - 1})):
+        level = 2.5 * row
+        axis.axhline(level, color=GREY, lw=0.4)
+        axis.plot(np.arange(1, beads + 1), level + modes.shape[:, place], ".-", color=BLUE, ms=3, lw=0.8)
+        axis.text(1.02, level, f"{place + 1}", va="center", color=GREY, transform=axis.get_yaxis_transform())
+    axis.set(xlabel="bead, from the wall", ylabel="displacement of modes", yticks=[])

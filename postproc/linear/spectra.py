@@ -1,52 +1,91 @@
-"""Spectra of signals: amplitudes, spectrograms, transfer functions, and harmonics of a drive.
+"""Spectra of a run: amplitudes, spectrogram, transfer function and harmonics of the drive, and their figure.
 
 Amplitude spectra are scaled by the mean of the window, so that a sine of amplitude A at a frequency of the spectrum
 shows A. The resolution is 1 divided by the length of the record; the window makes a line wider (Harris, Proc. IEEE
 66:51, 1978): hann by 4 such steps between its zeros, boxcar by 2.
+
+Harmonics are fitted to the later half of the driven interval, without silence before and after it and with fewer
+transients. In each signal this interval begins and ends later than the drive by the delay of its onset, and is cut at
+the end of the record.
 """
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from math import floor, pi
+from itertools import cycle
+from math import floor, inf, nan, pi
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
+from drivers.base.terminal import text_table
+from drivers.chain.case import Case
 from drivers.chain.chain import Array
+from drivers.chain.trace import Trace
+from postproc.draw.product import Product
+from postproc.draw.style import PAGE_IN, letter_panel, pyplot, value_colours
+from postproc.linear.modes import bands_at_loads, edges_Hz, shade_bands
+from postproc.read.sensors import sensor_signals
 
 WINDOWS = ("hann", "boxcar", "blackmanharris", "flattop")
 PARTS = 16  # of a record, in the windows of its spectrogram
 HARMONICS = 5
 LEAST_AMPLITUDE = 1e-6  # of the largest of the source: smaller ones give no transfer function
+ONSET_SHARE = 0.01  # of its largest value: a signal has begun when it is larger
+DRIVE = "drive"  # name of the drive among the signals
+LEAST_SAMPLES = 16
+DECADES = 6  # of amplitudes in figures
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#999999")
 
 
 @dataclass(frozen=True)
-class Spectrum:
-    """Amplitude spectrum of a signal; ``amplitude`` in the unit of the signal. Shape (frequencies,)."""
+class Analysis:
+    """Spectra of one run.
 
-    frequency_Hz: Array
-    amplitude: Array
+    Attributes:
+        source, target: names of the signals of the transfer function; equal if the run has only one.
+        window: window of the spectra.
+        time_s: times used. Shape (samples,).
+        signals: changes of the signals since time 0 by name, at these times.
+        units: units of the signals by name.
+        table: amplitude of each signal against frequency, with the transfer function.
+        harmonics: a row for each signal and multiple of the frequency, as of ``harmonics_of``; empty without one.
+    """
+
+    source: str
+    target: str
+    window: str
+    time_s: Array
+    signals: Mapping[str, Array]
+    units: Mapping[str, str]
+    table: pd.DataFrame
+    harmonics: pd.DataFrame
+
+    def amplitude(self, name: str) -> Array:
+        """Amplitude spectrum of a signal. Shape (frequencies,)."""
+        return self.table[f"{name}_amplitude_{self.units[name]}"].to_numpy()
 
     @property
-    def resolution_Hz(self) -> float:
-        """Distance of frequencies."""
-        return float(self.frequency_Hz[1])
+    def numbers(self) -> dict[str, Any]:
+        """Resolution, strongest lines and harmonics by signal."""
+        frequency, strongest = self.table["frequency_Hz"].to_numpy(), dict[str, dict[str, float]]()
+        for name, unit in self.units.items():
+            place, amplitude = int(np.argmax(self.amplitude(name))), self.amplitude(name)
+            strongest[name] = {"frequency_Hz": float(frequency[place]), f"amplitude_{unit}": float(amplitude[place])}
+        parts = self.harmonics.groupby("signal", sort=False) if len(self.harmonics) else ()
+        return {
+            "samples": len(self.time_s), "window": self.window, "resolution_Hz": float(frequency[1]),
+            "strongest": strongest,
+            "harmonics": {name: rows.drop(columns="signal").to_dict("records") for name, rows in parts},
+        }  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Harmonic:
-    """Part ``amplitude sin(2 pi frequency t + phase_rad)`` of a signal."""
-
-    frequency_Hz: float
-    amplitude: float
-    phase_rad: float
-
-
-def spectrum_of(time_s: Array, signal: Array, window: str = "hann") -> Spectrum:
-    """Amplitude spectrum of a signal without its mean. Samples are equally spaced; both shapes (samples,)."""
+def spectrum_of(time_s: Array, signal: Array, window: str = "hann") -> tuple[Array, Array]:
+    """Frequencies, and amplitudes of a signal without its mean. Samples are equally spaced; shape (frequencies,)."""
     from scipy.signal import periodogram
 
     frequency, power = periodogram(signal, _rate_Hz(time_s), window=window, detrend="constant", scaling="spectrum")
-    return Spectrum(np.asarray(frequency), np.sqrt(2 * power))
+    return np.asarray(frequency), np.sqrt(2 * power)
 
 
 def spectrogram_of(time_s: Array, signal: Array, window: str = "hann") -> tuple[Array, Array, Array]:
@@ -65,8 +104,8 @@ def spectrogram_of(time_s: Array, signal: Array, window: str = "hann") -> tuple[
     return np.asarray(time) + float(time_s[0]), np.asarray(frequency), np.sqrt(2 * np.asarray(power))
 
 
-def transfer_of(time_s: Array, source: Array, target: Array, window: str = "hann") -> tuple[Array, Array]:
-    """Frequencies and complex transfer function ``S_xy / S_xx`` from a source x to a target y. Shape (frequencies,).
+def transfer_of(time_s: Array, source: Array, target: Array, window: str = "hann") -> Array:
+    """Complex transfer function ``S_xy / S_xx`` from a source x to a target y. Shape (frequencies,).
 
     With one window over the whole record this is the quotient of the Fourier transforms. It is NaN where the amplitude
     of the source is below ``LEAST_AMPLITUDE`` of its largest.
@@ -74,18 +113,31 @@ def transfer_of(time_s: Array, source: Array, target: Array, window: str = "hann
     from scipy.signal import csd
 
     def density(one: Array, other: Array) -> Any:
-        return csd(one, other, _rate_Hz(time_s), window=window, nperseg=len(one), detrend="constant")
+        return csd(one, other, _rate_Hz(time_s), window=window, nperseg=len(one), detrend="constant")[1]
 
-    (frequency, cross), power = density(source, target), density(source, source)[1].real
+    cross, power = density(source, target), density(source, source).real
     with np.errstate(divide="ignore", invalid="ignore"):
-        quotient = np.where(power > LEAST_AMPLITUDE**2 * power.max(), cross / power, np.nan)
-    return np.asarray(frequency), np.asarray(quotient)
+        return np.asarray(np.where(power > LEAST_AMPLITUDE**2 * power.max(), cross / power, np.nan))
 
 
-def harmonics_of(time_s: Array, signal: Array, frequency_Hz: float, count: int = HARMONICS) -> list[Harmonic]:
-    """Parts of a signal at a frequency and its multiples, by least squares over the last whole number of periods.
+def harmonics_of(
+    time_s: Array, signal: Array, frequency_Hz: float, envelope: Array | None = None, count: int = HARMONICS
+) -> pd.DataFrame:
+    """Parts ``amplitude sin(2 pi frequency t + phase)`` of a signal at a frequency and its multiples.
 
+    They are fitted by least squares to the later half of the last whole periods, or, with an envelope, to all of these.
     Multiples above half the sampling rate are left out.
+
+    Args:
+        time_s: equally spaced times. Shape (samples,).
+        signal: shape (samples,).
+        frequency_Hz: lowest frequency.
+        envelope: factor of all parts, the window of a burst. Shape (samples,).
+        count: largest number of parts.
+
+    Returns:
+        A row for each part. ``change_share`` is the change from the earlier to the later half of the periods, in
+        amplitude and phase, as a share of the amplitude: 0 for a steady signal, NaN for a single period.
 
     Raises:
         ValueError: the record is shorter than a period, or has fewer than four samples a period.
@@ -96,15 +148,169 @@ def harmonics_of(time_s: Array, signal: Array, frequency_Hz: float, count: int =
         raise ValueError(f"the record of {length:.4g} s is shorter than a period of {1 / frequency_Hz:.4g} s")
     if rate < 4 * frequency_Hz:
         raise ValueError(f"{rate / frequency_Hz:.3g} samples a period of {frequency_Hz:g} Hz, at least 4 are needed")
-    used = time_s >= time_s[-1] - periods / frequency_Hz * (1 + 1e-12)
-    orders = [order for order in range(1, count + 1) if 2 * order * frequency_Hz < 0.99 * rate]
-    angles = [2 * pi * order * frequency_Hz * time_s[used] for order in orders]
-    columns = [np.ones(int(used.sum())), *(wave(angle) for angle in angles for wave in (np.sin, np.cos))]
-    coefficients, *_ = np.linalg.lstsq(np.column_stack(columns), signal[used])
-    return [
-        Harmonic(order * frequency_Hz, float(np.hypot(sine, cosine)), float(np.arctan2(cosine, sine)))
-        for order, sine, cosine in zip(orders, coefficients[1::2], coefficients[2::2], strict=True)
-    ]
+    orders = np.array([order for order in range(1, count + 1) if 2 * order * frequency_Hz < 0.99 * rate])
+    angles = 2 * pi * frequency_Hz * np.multiply.outer(time_s, orders)
+    waves = np.hstack([np.sin(angles), np.cos(angles)]) * (1.0 if envelope is None else envelope[:, np.newaxis])
+    columns = np.column_stack([np.ones(len(time_s)), waves])
+
+    def fitted(first: int, last: int) -> Array:
+        """Complex amplitudes in the periods from ``first`` to ``last``, counted back from the end of the record."""
+        back = (time_s[-1] - time_s) * frequency_Hz
+        used = (back >= last * (1 - 1e-12) - 1e-9) & (back <= first * (1 + 1e-12))
+        sine, cosine = np.linalg.lstsq(columns[used], signal[used])[0][1:].reshape(2, -1)
+        return np.asarray(sine + 1j * cosine)
+
+    half = periods // 2
+    parts = fitted(half or 1 if envelope is None else periods, 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        change = np.abs(fitted(half, 0) - fitted(2 * half, half)) / np.abs(parts) if half else np.full(len(orders), nan)
+    return pd.DataFrame({
+        "frequency_Hz": orders * frequency_Hz, "amplitude": np.abs(parts), "phase_rad": np.angle(parts),
+        "change_share": change,
+    })  # fmt: skip
+
+
+def signals_of(case: Case, trace: Trace) -> dict[str, Array]:
+    """Changes of the gauges' signals since time 0 in N, and the drive, in N or m, by name."""
+    readings = sensor_signals(case.layout, trace)
+    signals = {name: reading - reading[0] for name, reading in readings.items()}
+    drive = case.chain.drive
+    return signals if drive is None else {DRIVE: drive.at(trace.time_s)[0], **signals}
+
+
+def driven_interval(case: Case, time_s: Array, signals: Mapping[str, Array], name: str) -> tuple[float, float]:
+    """Begin and end of the driven interval of a signal in s; without a drive from 0 to inf."""
+    table = case.scene.drive
+    if table is None:
+        return 0.0, inf
+    duration_s = table.duration or (table.cycles / table.frequency if table.cycles and table.frequency else inf)
+    onset_s, drive_onset_s = (
+        time_s[np.argmax(np.abs(values) > ONSET_SHARE * np.abs(values).max())]
+        for values in (signals[name], signals[DRIVE])
+    )
+    begin_s = table.start + max(float(onset_s - drive_onset_s), 0.0)
+    return begin_s, begin_s + duration_s
+
+
+def analyse(
+    case: Case,
+    trace: Trace,
+    ends: tuple[str, str],
+    window: str,
+    frequency_Hz: float | None,
+    span_s: tuple[float, float],
+) -> Analysis:
+    """Spectra of the gauges of a run and of its drive.
+
+    Args:
+        case: the case.
+        trace: the run.
+        ends: names of the source and the target of the transfer function; empty for the drive, or else the highest
+            gauge, and for the lowest gauge.
+        window: name of the window.
+        frequency_Hz: frequency for the harmonics; None for that of the drive.
+        span_s: first and last time used.
+
+    Raises:
+        ValueError: the record is too short.
+    """
+    whole, table, drive = signals_of(case, trace), case.scene.drive, case.chain.drive
+    used = (trace.time_s >= span_s[0]) & (trace.time_s <= span_s[1])
+    time_s, signals = trace.time_s[used], {name: values[used] for name, values in whole.items()}
+    if len(time_s) < LEAST_SAMPLES:
+        raise ValueError(f"{len(time_s)} samples, at least {LEAST_SAMPLES} are needed")
+    units = dict.fromkeys(signals, "N") | ({DRIVE: "m"} if drive is not None and drive.prescribed else {})
+    if frequency_Hz is None and table is not None and table.form == "sine":
+        frequency_Hz = table.frequency
+    harmonics, problem = [], None
+    for name in signals:
+        if frequency_Hz is None:
+            break
+        begin_s, end_s = driven_interval(case, trace.time_s, whole, name)
+        driven = (time_s >= begin_s) & (time_s <= end_s * (1 + 1e-12))
+        waxing = table is not None and table.window == "hann"
+        envelope = np.sin(pi * (time_s[driven] - begin_s) / (end_s - begin_s)) ** 2 if waxing else None
+        try:
+            rows = harmonics_of(time_s[driven], signals[name][driven], frequency_Hz, envelope)
+            harmonics.append(rows.assign(signal=name))
+        except ValueError as error:  # of one signal, if the wave reaches it too late
+            problem = error
+    if problem and not harmonics:
+        raise problem
+    spectra = {f"{name}_amplitude_{units[name]}": spectrum_of(time_s, signals[name], window)[1] for name in signals}
+    columns = {"frequency_Hz": np.fft.rfftfreq(len(time_s), 1 / _rate_Hz(time_s))} | spectra
+    source, target = ends[0] or next(iter(signals)), ends[1] or [*signals][-1]
+    if source != target:
+        transfer = transfer_of(time_s, signals[source], signals[target], window)
+        columns |= {"transfer": np.abs(transfer), "transfer_phase_rad": np.angle(transfer)}
+    parts = pd.concat(harmonics, ignore_index=True) if harmonics else pd.DataFrame()
+    return Analysis(source, target, window, time_s, signals, units, pd.DataFrame(columns), parts)
+
+
+def spectrum_product(case: Case, analysis: Analysis, title: str) -> Product:
+    """Figure and table of the spectra, with the lines to print."""
+    figure, axes = pyplot().subplots(1, 3, figsize=(PAGE_IN, 3.0), layout="constrained", width_ratios=(1.2, 1, 1.1))
+    try:
+        bands = bands_at_loads(case)
+    except ValueError:
+        bands = []
+    frequency_Hz, last_Hz = analysis.table["frequency_Hz"].to_numpy(), 0.0
+    letter_panel(axes[0], "a", "amplitudes")
+    for name, colour in zip(analysis.signals, cycle(COLOURS), strict=False):
+        share = analysis.amplitude(name) / (analysis.amplitude(name).max() or 1.0)
+        axes[0].plot(frequency_Hz / 1e3, share, color=colour, lw=0.9, label=name.replace("_", " "))
+        last_Hz = max(last_Hz, frequency_Hz[share > 10.0 ** -(DECADES / 2)].max(initial=0.0))
+    axes[0].set(yscale="log", ylim=(10.0**-DECADES, 2), ylabel="amplitude / largest")
+    axes[0].legend(loc="upper right")
+    letter_panel(axes[1], "b", f"{analysis.target} / {analysis.source}".replace("_", " "))
+    if analysis.source != analysis.target:
+        transfer = analysis.table["transfer"]
+        axes[1].plot(frequency_Hz / 1e3, transfer, color=COLOURS[0], lw=0.9)
+        axes[1].set(yscale="log" if transfer.fillna(0).any() else "linear")
+    letter_panel(axes[2], "c", analysis.target.replace("_", " "))
+    time, frequency, power = spectrogram_of(analysis.time_s, analysis.signals[analysis.target], analysis.window)
+    level = np.log10(np.maximum(power / (power.max() or 1.0), 10.0**-DECADES))
+    mesh = axes[2].pcolormesh(1e3 * time, frequency / 1e3, level, cmap=value_colours(), rasterized=True)
+    figure.colorbar(mesh, ax=axes[2], label="log10 (amplitude / largest)")
+    # above the bands, or where all amplitudes stay small
+    edge_Hz = edges_Hz(bands[-1]).max() if bands else 0.0
+    highest = max(1.2 * edge_Hz, min(1.2 * last_Hz, frequency_Hz[-1])) / 1e3
+    for axis in axes[:2]:
+        shade_bands(axis.axvspan, bands)
+        axis.set(xlabel="frequency (kHz)", xlim=(0, highest))
+    axes[2].set(xlabel="time (ms)", ylabel="frequency (kHz)", ylim=(0, highest))
+    figure.suptitle(title)
+    return Product(figure, analysis.table, notes=[*_lines(analysis)])
+
+
+def _lines(analysis: Analysis) -> Iterator[str]:
+    numbers, time, units = analysis.numbers, analysis.time_s, analysis.units
+    yield (
+        f"{len(time)} samples from {time[0]:g} to {time[-1]:g} s, window {analysis.window}, "
+        f"resolution {numbers['resolution_Hz']:.5g} Hz, {PARTS} times as coarse in the spectrogram, "
+        f"up to {analysis.table['frequency_Hz'].iloc[-1]:.5g} Hz"
+    )
+    for name, (frequency, amplitude) in ((name, line.values()) for name, line in numbers["strongest"].items()):
+        yield f"{name}: strongest at {frequency:.5g} Hz, {amplitude:.4g} {units[name]}"
+    if analysis.harmonics.empty:
+        return
+    first = {name: parts[0] for name, parts in numbers["harmonics"].items()}
+    frequency_Hz = analysis.harmonics["frequency_Hz"][0]
+    yield f"harmonics of {frequency_Hz:g} Hz in the driven interval, A sin(2 pi f t + phase), and their change in it"
+    rows = [
+        (
+            name, f"{part['frequency_Hz']:.6g} Hz", f"{part['amplitude']:.6g} {units[name]}",
+            f"{part['phase_rad']:.5f} rad", f"{part['change_share']:.2g}",
+        )
+        for name, parts in numbers["harmonics"].items() for part in parts
+    ]  # fmt: skip
+    yield from text_table([("signal", "frequency", "amplitude", "phase", "change / amplitude"), *rows])
+    if analysis.source != analysis.target and {analysis.source, analysis.target} <= first.keys():
+        start, end = first[analysis.source], first[analysis.target]
+        turn = float(np.angle(np.exp(1j * (end["phase_rad"] - start["phase_rad"]))))
+        ratio = end["amplitude"] / start["amplitude"] if start["amplitude"] else nan
+        unit = f"{units[analysis.target]}/{units[analysis.source]}"
+        yield f"transfer from {analysis.source} to {analysis.target}: {ratio:.6g} {unit}, phase {turn:.5f} rad"
 
 
 def _rate_Hz(time_s: Array) -> float:

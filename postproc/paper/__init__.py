@@ -1,1 +1,133 @@
-"""Theory, simulations and quoted numbers behind the paper's figures."""
+"""Numbers of the paper: those that it quotes, and the parameters fitted to them for its chains with dissipation."""
+
+from functools import cache
+from typing import Annotated
+
+import numpy as np
+import pandas as pd
+from pydantic import Field
+
+from drivers.base import paths
+from drivers.base.messages import validate
+from drivers.scene.model import Part, Positive
+from drivers.scene.read_scene import read_toml
+
+Negative = Annotated[float, Field(lt=0)]
+Column = Annotated[tuple[Positive, ...], Field(strict=False, min_length=5, max_length=5)]
+
+
+class Table1(Part):
+    """Table 1, one attribute per column."""
+
+    force_N: Column
+    measured_duration_us: Column
+    measured_speed_m_s: Column
+    measured_width_diameters: Column
+    computed_speed_m_s: Column
+    computed_width_2permille_diameters: Column = Field(alias="computed_width_0.2pct_diameters")
+    computed_width_4pct_diameters: Column
+
+    @property
+    def frame(self) -> pd.DataFrame:
+        """The table with the column names of the file."""
+        return pd.DataFrame(self.model_dump(by_alias=True))
+
+
+class Quoted(Part):
+    """Content of ``inputs/paper/quoted.toml``: Table 1, and numbers named after the figure or part they belong to.
+
+    ``accuracy_`` numbers are relative accuracies of measurements, and the position of a sensor; ``sensor_`` numbers are
+    of a sensor bead: both caps together, and the square plate of the gauge between them. The brass plate lies on the
+    gauge below the chain. The moduli are those of the paper's calculations, the bulk sound speeds give two of them.
+    """
+
+    accuracy_force_large: Positive
+    accuracy_force_small: Positive
+    accuracy_speed: Positive
+    accuracy_sensor_position_m: Positive
+    fig4_leading_force_N: Positive
+    fig4_speed_m_s: Positive
+    fig4_duration_us: Positive
+    fig5_measured_envelope_per_us: Negative
+    fig5_computed_envelope_per_us: Negative
+    fig5_incident_rise_us: Positive
+    fig5_incident_decay_per_us: Negative
+    fig5_incident_duration_us: Positive
+    sensor_caps_g: Positive
+    sensor_gauge_g: Positive
+    sensor_gauge_side_mm: Positive
+    sensor_gauge_thickness_mm: Positive
+    brass_mm: Positive
+    smallest_force_N: Positive
+    ptfe_moduli_MPa: Annotated[tuple[Positive, ...], Field(strict=False, min_length=3)]
+    ptfe_hugoniot_m_s: Positive
+    ptfe_ultrasound_m_s: Positive
+    table1: Table1
+
+    @property
+    def sensor_mass_g(self) -> float:
+        """Mass of the whole sensor bead in g."""
+        return self.sensor_caps_g + self.sensor_gauge_g
+
+
+class CalibratedParameter(Part):
+    """A key of a scene with its fitted value and standard error, in the SI unit of the key.
+
+    ``low`` and ``high`` bound the fits of all laws, over all readings of the paper, that hold.
+    """
+
+    key: str
+    unit: str = ""
+    value: Positive
+    error: Positive
+    low: Positive
+    high: Positive
+
+
+class Calibrated(Part):
+    """Content of ``inputs/paper/calibrated.toml``: a law of dissipation, its parameters, and what all fits show.
+
+    Attributes:
+        reading: the reading of the paper for which the law was fitted.
+        findings: sentences on the fits of all readings.
+    """
+
+    law: str
+    reading: str
+    findings: Annotated[tuple[str, ...], Field(strict=False)]
+    parameter: Annotated[tuple[CalibratedParameter, ...], Field(strict=False, min_length=1)]
+
+    @property
+    def settings(self) -> tuple[str, ...]:
+        """Settings for a scene."""
+        return tuple(f"{parameter.key}={parameter.value!r} {parameter.unit}".rstrip() for parameter in self.parameter)
+
+
+@cache
+def quoted() -> Quoted:
+    """Content of the file of quoted numbers.
+
+    Raises:
+        InputError: The file is wrong.
+    """
+    return validate(Quoted, read_toml(paths.QUOTED), paths.QUOTED)
+
+
+@cache
+def calibrated() -> Calibrated:
+    """Content of the file of calibrated parameters.
+
+    Raises:
+        InputError: The file is wrong.
+    """
+    return validate(Calibrated, read_toml(paths.CALIBRATED), paths.CALIBRATED)
+
+
+def force_accuracy(force_N: float) -> float:
+    """Relative accuracy of a measured amplitude.
+
+    Linear in the logarithm of the force, between the accuracies quoted for the largest and smallest force of Table 1.
+    """
+    paper = quoted()
+    ends = np.log([min(paper.table1.force_N), max(paper.table1.force_N)])
+    return float(np.interp(np.log(force_N), ends, [paper.accuracy_force_small, paper.accuracy_force_large]))

@@ -1,4 +1,4 @@
-"""Solitary waves of a given amplitude, from full simulations that solve for the striker speed: Table 1 and its moduli.
+"""Solitary waves on the paper's chains: speeds by its Eqs. (3) and (4), and strikes that give a wave of some amplitude.
 
 The amplitude of Table 1 is the peak of the sensor averages above their static value, for a chain without lighter sensor
 beads, with E = 1.46 GPa and gravity, and with the striker counted among the 21 beads: this reading reproduces the
@@ -6,12 +6,11 @@ printed numbers. Measured and simulated speeds are compared at equal averages as
 """
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
-from math import ceil, exp, floor, log, log10
-from operator import is_not
-from pathlib import Path
+from math import ceil, exp, floor, log, log10, pi, sqrt
+from operator import is_
 
 import numpy as np
 import pandas as pd
@@ -20,10 +19,10 @@ from scipy.optimize import brentq, root_scalar
 
 from drivers.base.errors import InputError, RunError
 from drivers.chain.case import Case, build_case
-from drivers.chain.chain import Array
-from drivers.engines import REFERENCE
-from postproc.paper.quoted import force_accuracy, quoted
-from postproc.read.motion import Simulation, case_of, exact, run_codes, run_codes_on
+from drivers.chain.chain import Array, bead_mass, hertz_force, hertz_overlap
+from drivers.scene.model import Member
+from postproc.paper import force_accuracy, quoted
+from postproc.read.motion import Simulation, case_of, exact
 from postproc.read.signals import first_peak
 from validation.reference.travelling_wave import solve_travelling_wave
 
@@ -36,14 +35,75 @@ MAX_CORRECTIONS = 8
 SEARCH_RANGE = 6.0  # on either side of the logarithm of the estimated striker speed
 COLUMNS = ("speed_m_s", "width_0.2pct_diameters", "width_4pct_diameters")
 HALF_DIGITS = (0.5, 0.05, 0.05)  # of the printed numbers
-MEASURED = ("duration_us", "speed_m_s", "width_diameters")
-STRIKER = "_striker_m_s"
-SPREAD = "codes_largest_deviation_share"
 FITTED_STRIKES = 9  # between which the numbers of a row are interpolated
 SPEED_RATIO = 1.02  # of the striker speeds that give a slope
 WAVE_OVER_STRIKER = 0.682  # v_m of the leading wave divided by the speed of an equal striker, by the reference
 
 Amplitude = Callable[[Simulation], float]
+
+
+@dataclass(frozen=True)
+class Particles:
+    """Equal spheres of one material."""
+
+    youngs_modulus_Pa: float
+    poisson_ratio: float
+    density_kg_m3: float
+    diameter_m: float
+
+    @property
+    def speed_constant_m_s(self) -> float:
+        """The constant c of Eq. (1): ``c^2 = 2 E / (pi rho (1 - nu^2))``; of the order of the bulk sound speed."""
+        return sqrt(2 * self.youngs_modulus_Pa / (pi * self.density_kg_m3 * (1 - self.poisson_ratio**2)))
+
+    @property
+    def mass_kg(self) -> float:
+        """Mass of one particle."""
+        return self.density_kg_m3 * pi / 6 * self.diameter_m**3
+
+    @property
+    def stiffness(self) -> float:
+        """Hertz stiffness k of Eq. (7) for two equal spheres, ``F = k overlap^(3/2)``."""
+        return 2 * self.youngs_modulus_Pa / (3 * (1 - self.poisson_ratio**2)) * sqrt(self.diameter_m / 4)
+
+    def force_N(self, strain: float) -> float:
+        """Eq. (7) at the overlap ``a xi``."""
+        return float(hertz_force(self.stiffness, self.diameter_m * strain))
+
+    def strain(self, force_N: float) -> float:
+        """Inverse of ``force_N``."""
+        return float(hertz_overlap(self.stiffness, force_N) / self.diameter_m)
+
+
+def particles_of(case: Case) -> Particles:
+    """Beads of a case, taken to be equal, with the density that gives their mass."""
+    scene = case.scene
+    material, diameter = scene.materials[scene.chain.material], scene.chain.diameter
+    density = bead_mass(scene, Member()) / (pi / 6 * diameter**3)
+    return Particles(material.youngs_modulus, material.poisson_ratio, density, diameter)
+
+
+def speed_from_force(particles: Particles, force_N: float) -> float:
+    """Eq. (3), last form as printed: ``V_s = 0.68 (2 E / (a rho^(3/2) (1-nu^2)))^(1/3) F_m^(1/6)``."""
+    return float(0.68 * force_scale(particles) * force_N ** (1 / 6))
+
+
+def force_scale(particles: Particles) -> float:
+    """Speed in Eq. (3) at 1 N without its coefficient, ``(2 E / (a rho^(3/2) (1-nu^2)))^(1/3)``."""
+    p = particles
+    inside = 2 * p.youngs_modulus_Pa / (p.diameter_m * p.density_kg_m3**1.5 * (1 - p.poisson_ratio**2))
+    return float(inside ** (1 / 3))
+
+
+def precompressed_speed(particles: Particles, force_N: float, static_N: float) -> float:
+    """Eq. (4): speed of a solitary wave of total peak force ``force_N`` on a chain under ``static_N``.
+
+    ``V_s = 0.9314 (4 E^2 F_0 / (a^2 rho^3 (1-nu^2)^2))^(1/6) S / (f^(2/3) - 1)`` with ``f = F_m / F_0`` and
+    ``S^2 = (4/15) [3 + 2 f^(5/3) - 5 f^(2/3)]``.
+    """
+    f = force_N / static_N
+    bracket = 4 / 15 * (3 + 2 * f ** (5 / 3) - 5 * f ** (2 / 3))
+    return float(0.9314 * force_scale(particles) * static_N ** (1 / 6) * sqrt(bracket) / (f ** (2 / 3) - 1))
 
 
 def sensor_pair(case: Case) -> tuple[int, int]:
@@ -187,59 +247,21 @@ def fitting_force(force_N: float, *settings: str) -> float:
     return float(round(amplitudes[best], 3 - ceil(log10(force_N))))
 
 
-def resolved(run: Callable[[Case], Simulation], case: Case, force_N: float) -> Simulation:
-    """Strike on an engine, with its speed corrected until the engine's own amplitude is right.
+def settled(
+    run: Callable[[Sequence[Case]], Sequence[Simulation]], cases: Sequence[Case], forces_N: Sequence[float]
+) -> Sequence[Simulation]:
+    """Strikes on an engine, with speeds corrected until the engine's own amplitudes are right.
 
     Raises:
-        RunError: the corrections do not converge.
+        RunError: The corrections do not converge.
     """
     for _ in range(MAX_CORRECTIONS):
-        motion = run(case)
-        case = _corrected(motion, force_N)
-        if case is motion.case:
-            return motion
-    raise RunError(f"{SCENE}: the striker speed of {motion.engine} does not converge to the amplitude")
-
-
-def solve_table1(runs: Path) -> pd.DataFrame:
-    """Table 1: by amplitude the paper's columns, the striker speed and three numbers by each engine and their spread.
-
-    The spread is the largest relative deviation of any code from the three numbers of the reference; NaN without a
-    code. Codes start from the reference's striker speeds, which are corrected by the codes' own amplitudes.
-
-    Raises:
-        RunError: The corrections of a code do not converge.
-    """
-    forces = quoted().table1.force_N
-    exact_ones = [strike_for(force, sensor_amplitude) for force in forces]
-    solved = run_codes_on([simulation.case for simulation in exact_ones], runs)
-    for _ in range(MAX_CORRECTIONS):
-        cases = {code: [*map(_corrected, done, forces)] for code, done in solved.items()}
-        unsettled = [code for code, done in solved.items() if any(map(is_not, cases[code], (one.case for one in done)))]
-        if not unsettled:
-            break
-        solved = run_codes(cases, runs)  # unchanged cases are found again
-    else:
-        raise RunError(f"{SCENE}: the striker speed of {', '.join(unsettled)} does not converge to the amplitude")
-    return _table1({REFERENCE: exact_ones} | solved)
-
-
-def exact_table1(setting: str) -> pd.DataFrame:
-    """Table 1 by the reference alone, for a setting of its scene."""
-    return _table1({REFERENCE: [strike_for(force, sensor_amplitude, setting) for force in quoted().table1.force_N]})
-
-
-def _table1(solved: Mapping[str, Sequence[Simulation]]) -> pd.DataFrame:
-    """A row per amplitude, with the columns of the paper and of each engine."""
-    paper = quoted().table1.frame
-    for engine, simulations in solved.items():
-        paper[engine + STRIKER] = [striker_speed(simulation) for simulation in simulations]
-        paper[[f"{engine}_{name}" for name in COLUMNS]] = [table1_numbers(simulation) for simulation in simulations]
-    exact = paper[[f"{REFERENCE}_{name}" for name in COLUMNS]].to_numpy()
-    codes = [engine for engine in solved if engine != REFERENCE]
-    off = [paper[[f"{code}_{name}" for name in COLUMNS]].to_numpy() / exact - 1 for code in codes]
-    paper[SPREAD] = np.abs(off).max(axis=(0, 2)) if off else np.nan
-    return paper
+        motions = run(cases)
+        corrected = [*map(_corrected, motions, forces_N)]
+        if all(map(is_, corrected, cases)):
+            return motions
+        cases = corrected
+    raise RunError(f"{SCENE}: the striker speed of {motions[0].engine} does not converge to the amplitude")
 
 
 def _corrected(motion: Simulation, force_N: float) -> Case:
@@ -266,33 +288,22 @@ def measured_points() -> pd.DataFrame:
 
 
 @cache
-def _simulated(force_N: float, modulus_MPa: float, amplitude: Amplitude = sensor_amplitude) -> tuple[float, float]:
-    """Speed between the sensors in m/s at an amplitude, and its logarithmic derivative by the amplitude."""
-    motion = strike_for(force_N, amplitude, f"materials.ptfe.youngs_modulus={modulus_MPa} MPa")
-    other = exact(_struck_at(motion.case, -SPEED_RATIO * float(motion.case.chain.velocity_m_s[-1])))
-    speed, faster = speed_between_sensors(motion), speed_between_sensors(other)
-    return speed, float(np.log(faster / speed) / np.log(amplitude(other) / amplitude(motion)))
+def score(modulus_MPa: float, amplitude: Amplitude = sensor_amplitude) -> pd.DataFrame:
+    """Deviation of the experiment from a modulus, with gravity, in per cent of the speed and in standard errors.
 
-
-def deviations(modulus_MPa: float, amplitude: Amplitude = sensor_amplitude) -> Array:
-    """Relative deviation of the measured from the simulated speed at equal amplitudes. Shape (amplitudes,)."""
-    points = measured_points()
-    simulated = np.array([_simulated(force, modulus_MPa, amplitude)[0] for force in points["force_N"]])
-    return np.asarray(points["speed_m_s"].to_numpy() / simulated - 1)
-
-
-def scores() -> pd.DataFrame:
-    """Deviation of the experiment from each modulus, with gravity, in per cent of the speed and in standard errors.
-
-    The error of the force is converted by the slope of the simulated speed.
+    Speeds are compared at equal amplitudes; the error of the force is converted by the slope of the simulated speed.
     """
-    points, tables = measured_points(), []
-    forces = points["force_N"].to_numpy()
-    for modulus in quoted().ptfe_moduli_MPa:
-        speeds, slope = np.array([_simulated(force, modulus) for force in forces]).T
-        off = deviations(modulus)
-        error = np.hypot(points["speed_error_m_s"] / points["speed_m_s"], slope * points["force_error_N"] / forces)
-        columns = {"modulus_MPa": modulus, "force_N": forces, "measured_m_s": points["speed_m_s"]}
-        columns |= {"simulated_m_s": speeds, "deviation_pct": 100 * off, "deviation_standard_errors": off / error}
-        tables.append(pd.DataFrame(columns))
-    return pd.concat(tables, ignore_index=True)
+    points, simulated, slopes = measured_points(), list[float](), list[float]()
+    for force_N in points["force_N"]:
+        motion = strike_for(force_N, amplitude, f"materials.ptfe.youngs_modulus={modulus_MPa} MPa")
+        other = exact(_struck_at(motion.case, -SPEED_RATIO * float(motion.case.chain.velocity_m_s[-1])))
+        speed, faster = speed_between_sensors(motion), speed_between_sensors(other)
+        simulated.append(speed)
+        slopes.append(float(np.log(faster / speed) / np.log(amplitude(other) / amplitude(motion))))
+    off = points["speed_m_s"] / simulated - 1
+    by_force = slopes * points["force_error_N"] / points["force_N"]
+    error = np.hypot(points["speed_error_m_s"] / points["speed_m_s"], by_force)
+    return pd.DataFrame({
+        "modulus_MPa": modulus_MPa, "force_N": points["force_N"], "measured_m_s": points["speed_m_s"],
+        "simulated_m_s": simulated, "deviation_pct": 100 * off, "deviation_standard_errors": off / error,
+    })  # fmt: skip

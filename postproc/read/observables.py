@@ -1,112 +1,5 @@
 """Observables of a run: peaks, arrival times, speeds, widths, reflections, energies and momentum.
 
-All observables of waves are read from the gauge signals. A ``peak`` is the force itself. An ``amplitude`` is the peak
-above the signal at time 0, which is the static load; a gauge behind electronics shows no static load. The first pulse
-at a gauge is the incident wave. The reflected wave is the first pulse after the wall's first peak that goes up: while
-it rises, the contacts push the bead upwards. ``pulses`` counts the pulses before the reflected wave that do not go up.
-``beads observables --definitions`` prints the definition of every observable.
-"""
-
-import re
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cache
-from math import isnan
-
-import numpy as np
-
-from drivers.chain.case import Layout
-from drivers.chain.chain import Array
-from drivers.chain.trace import Trace, is_at_rest
-from postproc.read.sensors import going_up, sensor_signals
-from postproc.read.signals import (
-    ENVELOPE_MAXIMA,
-    ONSET,
-    first_pulse,
-    integral,
-    peaks,
-    pulses,
-    rising_crossing,
-    train_envelope,
-)  # fmt: skip
-
-LEVELS = (0.002, 0.04)  # shares of the peak at which the paper's Table 1 cuts the width
-WALL_REST_SHARE = 1e-14  # of the largest force: smaller changes at the wall are rounding
-LATER_PROMINENCE = 0.01  # of the signal's range, for maxima after the first: damping makes them small
-ROUNDING_SHARE = 1e-9  # of the largest force: a signal that changes by less is at rest
-# reasons why an observable is NaN, and the things without which a scene's runs do not have the observable
-PULSE = ("the gauge shows no pulse before the end of the run", "such gauge")
-WIDTH = ("the wave speed from the gauge above is not seen", "such gauge with another one above")
-ECHO = ("no pulse goes up after the wall's first one before the end of the run; at bead 1 never", "such gauge and wall")
-MAXIMUM = ("the wall shows no such maximum before the end of the run", "wall")
-SECOND = ("fewer than two pulses that do not go up come before the reflected wave", "such gauge")
-LOSS = (
-    "each contact between beads, or with the wall, that carries a load at time 0 keeps it",
-    "contact that carries a load at time 0",
-)
-TRAIN = ("fewer than three maxima at the wall are above 0, or one interval is more than twice the other", "wall")
-SPEED = ("a first pulse is missing or goes up, or that of the lower gauge is not later", "such neighbouring gauges")
-RATIO = (f"{SPEED[0]}; or the lower gauge is at bead 1 above a wall", SPEED[1])
-
-
-@dataclass(frozen=True)
-class Observable:
-    """A number of a run."""
-
-    pattern: str  # name without the unit; placeholders such as {gauge} depend on the scene
-    unit: str  # empty for a plain number
-    kind: str  # observables of one kind share a tolerance
-    words: str  # name in figures and tables
-    of_wave: bool = True  # read from pulses; its relative error measures the accuracy of a run
-    gaps: tuple[str, str] = ("", "such gauge")  # why it is NaN, empty if never; the thing that it needs in a scene
-
-    @property
-    def ending(self) -> str:
-        """The unit as the ending of a name, such as ``_m_s``."""
-        return "_" + re.sub("[/ ]", "_", self.unit.replace("1/", "per ")) if self.unit else ""
-
-    def match(self, name: str) -> re.Match[str] | None:
-        """Match of a name, with or without the unit, with the placeholders as groups; None for any other name."""
-        fields = {field: f"(?P<{field}>{pattern})" for field, pattern in PLACEHOLDERS.items()}
-        return re.fullmatch(f"{self.pattern.format(**fields)}(?:{self.ending})?", name)
-
-
-PLACEHOLDERS = {"gauge": r"bead_\d+|wall", "level": r"[\d.e+-]+pct", "number": r"\d+", "pair": r"\d+_to_\d+"}
-OBSERVABLES = (
-    Observable("{gauge}_static", "N", "static force", "static force at {gauge}", of_wave=False),
-    Observable("{gauge}_amplitude", "N", "amplitude", "force amplitude at {gauge}", gaps=PULSE),
-    Observable("{gauge}_peak", "N", "peak", "peak force at {gauge}", gaps=PULSE),
-    Observable("{gauge}_arrival", "s", "arrival", "arrival time at {gauge}", gaps=PULSE),
-    Observable("{gauge}_duration_{level}", "s", "duration", "pulse duration at {gauge}, cut at {level}", gaps=PULSE),
-    Observable("{gauge}_width_{level}", "diameters", "width", "pulse width at {gauge}, cut at {level}", gaps=WIDTH),
-    Observable("{gauge}_front_arrival", "s", "front arrival", "arrival time of the front at {gauge}", gaps=PULSE),
-    Observable("{gauge}_pulses", "", "count", "pulses at {gauge}", of_wave=False),
-    Observable("{gauge}_second_amplitude", "N", "second amplitude", "second amplitude at {gauge}", gaps=SECOND),
-    Observable("{gauge}_second_arrival", "s", "second arrival", "second arrival time at {gauge}", gaps=SECOND),
-    Observable("{gauge}_valley", "N", "valley", "force between pulses 1 and 2 at {gauge}", of_wave=False, gaps=SECOND),
-    Observable("{gauge}_reflected_amplitude", "N", "reflected amplitude", "reflected amplitude at {gauge}", gaps=ECHO),
-    Observable("{gauge}_reflected_arrival", "s", "reflected arrival", "reflected arrival time at {gauge}", gaps=ECHO),
-    Observable("wall_peak_{number}", "N", "later peak", "force maximum {number} at the wall", gaps=MAXIMUM),
-    Observable("wall_envelope", "1/s", "rate", "rate of the envelope at the wall", gaps=TRAIN),
-    Observable("speed_{pair}", "m/s", "speed", "wave speed from bead {pair}", gaps=SPEED),
-    Observable(
-        "transmission_{pair}", "", "transmission", "amplitude ratio per bead, bead {pair}", of_wave=False, gaps=RATIO
-    ),
-    Observable("contact_loss", "s", "contact loss", "first loss of contact", of_wave=False, gaps=LOSS),
-    Observable("kinetic_energy_start", "J", "energy", "kinetic energy at the start", of_wave=False),
-    Observable("energy_drift", "J", "energy", "largest energy drift", of_wave=False),
-    Observable("energy_lost", "J", "energy", "energy lost", of_wave=False, gaps=("", "damping or friction")),
-    Observable("energy_error_before_wall", "J", "energy", "energy error before the wall is reached", of_wave=False),
-    Observable("momentum_start", "N s", "momentum", "momentum at the start", of_wave=False),
-    Observable("momentum_end", "N s", "momentum", "momentum at the end", of_wave=False),
-    Observable(
-        "momentum_error_before_wall", "share", "balance", "momentum error before the wall is reached", of_wave=False
-    ),
-    Observable("impulse_imbalance", "share", "balance", "imbalance of momentum and impulse", of_wave=False),
-    Observable("impulse_sampling", "share", "balance", "impulse error by sampling", of_wave=False),
-)
-# symbols and terms of the definitions
-SYMBOLS = """\
 f is the signal of a gauge, s(t) = f(t) - f(0), t_p the time of its first pulse, d the diameter of the bead, z its
 height at time 0, E the total energy, p the momentum. N is the sum of the external forces: weight, precompression, wall,
 friction of the tube. P is the largest of |p(t)| and the sum of |m v| at time 0; where nothing moves, also the load
@@ -127,36 +20,492 @@ d_(j+1) of the contact forces below and above the bead, without electronics, it 
 d_j + d_(j+1) (the earliest of equal ones) since the maximum of the pulse before, or since time 0, to the sample of its
 own maximum. It goes up if the sum of d_j - d_(j+1) over these samples, both ends included, is above 1e-6 of the sum of
 |d_j| + |d_(j+1)|. At the top bead of a chain without a striker the contacts of the bead below are taken. At bead 1
-above a wall, where a wave and its reflection coincide, no pulse goes up."""
-DEFINITIONS = {
-    "{gauge}_static_N": "f(0)",
-    "{gauge}_amplitude_N": "A = s(t_p)",
-    "{gauge}_peak_N": "A + f(0)",
-    "{gauge}_arrival_s": "t_p",
-    "{gauge}_duration_{level}_s": "2 (t_p - t_l); before t_p, s last rises through the level times A at t_l",
-    "{gauge}_width_{level}_diameters": "duration times speed from the sensor above, divided by d",
-    "{gauge}_front_arrival_s": "time at which s last rises through 0.02 A, before t_p",
-    "{gauge}_pulses": "number of pulses at a sensor bead that do not go up, before the reflected one",
-    "{gauge}_second_amplitude_N": "s at the second of these pulses",
-    "{gauge}_second_arrival_s": "time of the second of these pulses",
-    "{gauge}_valley_N": "smallest sample of s between the first of these pulses and the second",
-    "{gauge}_reflected_amplitude_N": "s at the first pulse that goes up and is later than the wall's first pulse",
-    "{gauge}_reflected_arrival_s": "time of that pulse",
-    "wall_peak_{number}_N": "force at the wall's next maxima (2, 3) with a prominence of at least 0.01 of the range",
-    "wall_envelope_per_s": "rate r of C exp(r t) through the wall's first three maxima, least squares of the logarithm",
-    "speed_{pair}_m_s": "(z_i - z_j) / (t_p,j - t_p,i) between neighbouring sensors i above j",
-    "transmission_{pair}": "(A_j / A_i)^(1 / (i - j)) of neighbouring sensors: share passed on from bead to bead",
-    "contact_loss_s": "first sample with an open contact that carries more than 1e-9 of the largest force at time 0",
-    "kinetic_energy_start_J": "kinetic energy at time 0",
-    "energy_drift_J": "largest |E - E(0)|; with damping the largest gain over an earlier E, with friction over E(0)",
-    "energy_lost_J": "E(0) - E(end), with damping or friction",
-    "energy_error_before_wall_J": "energy drift until the force on the wall changes",
-    "momentum_start_N_s": "p(0)",
-    "momentum_end_N_s": "p at the end",
-    "momentum_error_before_wall_share": "largest |p - p(0) - N(0) t| / P until the force on the wall changes",
-    "impulse_imbalance_share": "largest |p - p(0) - I| / P, with I the integral of N from time 0",
-    "impulse_sampling_share": "largest change of I / P if every other sample is left out",
-}
+above a wall, where a wave and its reflection coincide, no pulse goes up.
+"""
+
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+from itertools import groupby, product
+from math import isnan, nan
+from typing import Any
+
+import numpy as np
+
+from drivers.chain.case import Layout, SensorBead
+from drivers.chain.chain import Array
+from drivers.chain.trace import Trace, is_at_rest
+from postproc.read.sensors import going_up, sensor_signals
+from postproc.read.signals import (
+    ENVELOPE_MAXIMA,
+    NO_PEAK,
+    ONSET,
+    Peak,
+    integral,
+    peaks,
+    pulses,
+    rising_crossing,
+    train_envelope,
+)  # fmt: skip
+
+LEVELS = (0.002, 0.04)  # shares of the peak at which the paper's Table 1 cuts the width
+WALL_REST_SHARE = 1e-14  # of the largest force: smaller changes at the wall are rounding
+LATER_PROMINENCE = 0.01  # of the signal's range, for maxima after the first: damping makes them small
+ROUNDING_SHARE = 1e-9  # of the largest force: a signal that changes by less is at rest
+# reasons why an observable is NaN, and the things without which a scene's runs do not have the observable
+NEVER = ("", "such gauge")
+PULSE = ("the gauge shows no pulse before the end of the run", "such gauge")
+WIDTH = ("the wave speed from the gauge above is not seen", "such gauge with another one above")
+ECHO = ("no pulse goes up after the wall's first one before the end of the run; at bead 1 never", "such gauge and wall")
+MAXIMUM = ("the wall shows no such maximum before the end of the run", "wall")
+SECOND = ("fewer than two pulses that do not go up come before the reflected wave", "such gauge")
+LOSS = (
+    "each contact between beads, or with the wall, that carries a load at time 0 keeps it",
+    "contact that carries a load at time 0",
+)
+TRAIN = ("fewer than three maxima at the wall are above 0, or one interval is more than twice the other", "wall")
+SPEED = ("a first pulse is missing or goes up, or that of the lower gauge is not later", "such neighbouring gauges")
+RATIO = (f"{SPEED[0]}; or the lower gauge is at bead 1 above a wall", SPEED[1])
+
+TERMS = __doc__  # of the definitions
+WALL = SensorBead(0, nan, nan)  # in the place of the bead of the wall's gauge
+PLACEHOLDERS = {"gauge": r"bead_\d+|wall", "level": r"[\d.e+-]+pct", "number": r"\d+", "pair": r"\d+_to_\d+"}
+
+
+@dataclass(frozen=True, eq=False)
+class Observable:
+    """A number of a run.
+
+    Attributes:
+        pattern: Name without the unit; placeholders such as ``{gauge}`` depend on the scene.
+        unit: SI unit; empty for a plain number.
+        kind: Observables of one kind share a tolerance.
+        words: Name in figures and tables.
+        gaps: Reason why it is NaN, empty if it never is; thing that it needs in a scene.
+        of_wave: True if it is read from pulses; then its relative error measures the accuracy of a run.
+        places: Attribute of ``Readings`` with the places at which it is read.
+        read: Function of a place, and of a level or number in its name; None if the scene does not have the observable.
+    """
+
+    pattern: str
+    unit: str
+    kind: str
+    words: str
+    gaps: tuple[str, str] = NEVER
+    of_wave: bool = True
+    places: str = ""
+    read: Callable[..., float | None] = lambda place: None
+
+    @cached_property
+    def ending(self) -> str:
+        """The unit as the ending of a name, such as ``_m_s``."""
+        return "_" + re.sub("[/ ]", "_", self.unit.replace("1/", "per ")) if self.unit else ""
+
+    @cached_property
+    def varies(self) -> str:
+        """Placeholder of a number in its name, which the scene does not give; empty if there is none."""
+        return "".join(field for field in ("level", "number") if f"{{{field}}}" in self.pattern)
+
+    @property
+    def definition(self) -> str:
+        """Definition, with the symbols and terms of this module."""
+        return " ".join((self.read.__doc__ or "").split())
+
+    def match(self, name: str) -> re.Match[str] | None:
+        """Match of a name, with or without the unit, with the placeholders as groups; None for any other name."""
+        fields = {field: f"(?P<{field}>{pattern})" for field, pattern in PLACEHOLDERS.items()}
+        return re.fullmatch(f"{self.pattern.format(**fields)}(?:{self.ending})?", name)
+
+
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """All that the observables of a run share, read when it is first used.
+
+    Attributes:
+        signals: Signals of all gauges by name.
+        levels: Shares of the peak at which durations and widths are cut.
+        most: Number of pulses to be found in each signal; None for all.
+    """
+
+    layout: Layout
+    trace: Trace
+    signals: Mapping[str, Array]
+    levels: tuple[float, ...] = ()
+    most: int | None = None
+    name = pair = ""  # of a gauge
+
+    @cached_property
+    def places(self) -> dict[str, list[Any]]:
+        """The run and its gauges, from the top of the chain to the wall."""
+        gauges = list[GaugeReadings]()
+        for bead, (name, reading) in zip((*self.layout.sensors, WALL), self.signals.items(), strict=False):
+            above = gauges[-1] if gauges else None
+            pair = f"{above.bead.from_wall}_to_{bead.from_wall}" if above else ""
+            gauges.append(GaugeReadings(self, name, bead, reading, above, pair))
+        beads = gauges[: len(self.layout.sensors)]
+        return {"run": [self], "gauge": gauges, "bead": beads, "wall": gauges[len(beads) :], "pair": beads[1:]}
+
+    @cached_property
+    def turned_s(self) -> float:
+        """Time of the first pulse at the wall; NaN without one."""
+        return next((gauge.first.time_s for gauge in self.places["wall"]), nan)
+
+    @cached_property
+    def rounding_N(self) -> float:
+        """Force below which a change or a load does not count."""
+        return ROUNDING_SHARE * float(np.abs(self.trace.force_N).max())
+
+    @cached_property
+    def net_N(self) -> Array:
+        """Sum of the external forces, without a drive. Shape (samples,)."""
+        wall_N = self.trace.force_N[:, 0] if self.layout.wall else np.zeros_like(self.trace.time_s)
+        friction_N = self.trace.bore_friction_N
+        return np.asarray(self.layout.load_N + wall_N + (0.0 if friction_N is None else friction_N))
+
+    @cached_property
+    def impulse_N_s(self) -> Array:
+        """Impulse of the external forces since time 0. Shape (samples,)."""
+        return integral(self.trace.time_s, self.net_N)
+
+    @cached_property
+    def gained_N_s(self) -> Array:
+        """Momentum gained since time 0, without the impulse of a drive. Shape (samples,)."""
+        drive_N_s = self.trace.drive_impulse_N_s
+        undriven_N_s = self.trace.momentum_N_s - (0.0 if drive_N_s is None else drive_N_s)
+        return np.asarray(undriven_N_s - undriven_N_s[0])
+
+    @cached_property
+    def scale_N_s(self) -> float:
+        """P, which errors of the momentum are relative to."""
+        loads_N = abs(self.layout.load_N) * is_at_rest(self.trace.force_N)
+        largest_N_s = float(np.abs(self.trace.momentum_N_s).max())
+        return max(largest_N_s, self.layout.moving_N_s, loads_N * float(self.trace.time_s[-1])) or 1.0
+
+    @cached_property
+    def drift_J(self) -> Array:
+        """Error of the total energy. Shape (samples,)."""
+        return energy_error_J(self.trace.total_energy_J, damped=self.layout.damped, slips=self.layout.slips)
+
+    @cached_property
+    def quiet(self) -> slice:
+        """Samples until the force on the wall changes; it is static, so the exact momentum needs no integral."""
+        wall_N = self.trace.force_N[:, 0]
+        changed = np.abs(wall_N - wall_N[0]) > WALL_REST_SHARE * float(np.abs(self.trace.force_N).max())
+        return slice(int(np.argmax(changed)) if changed.any() else len(wall_N))
+
+
+@dataclass(frozen=True, eq=False)
+class GaugeReadings:
+    """A gauge of a run, in a bead or at the wall, which has the number 0.
+
+    Attributes:
+        reading: Signal with the static load. Shape (samples,).
+        above: Next gauge above; None for the first one.
+        pair: Numbers of both in names, such as ``9_to_5``; empty for the first one.
+    """
+
+    run: Readings
+    name: str
+    bead: SensorBead
+    reading: Array
+    above: Any
+    pair: str
+
+    @cached_property
+    def signal(self) -> Array:
+        """Change of the reading since time 0. Shape (samples,)."""
+        return np.asarray(self.reading - self.reading[0])
+
+    @cached_property
+    def pulses(self) -> list[Peak]:
+        """Pulses by time, all or as many as are asked for."""
+        moves = np.ptp(self.signal) > self.run.rounding_N
+        return pulses(self.run.trace.time_s, self.signal, self.run.most) if moves else []
+
+    @cached_property
+    def first(self) -> Peak:
+        """First pulse, of NaN if there is none."""
+        return next(iter(self.pulses), NO_PEAK)
+
+    @cached_property
+    def upwards(self) -> list[Peak]:
+        """Pulses that go up; at bead 1 a wave and its reflection coincide."""
+        alone = self.bead.from_wall > self.run.layout.wall
+        return going_up(self.run.trace.force_N, self.bead.from_wall, self.pulses) if alone else []
+
+    @cached_property
+    def reflected(self) -> Peak:
+        """Reflected pulse, of NaN if there is none."""
+        return next((peak for peak in self.upwards if peak.time_s > self.run.turned_s), NO_PEAK)
+
+    @cached_property
+    def passing(self) -> list[Peak]:
+        """Pulses before the reflected one, or all; above a wall those that do not go up."""
+        before = [peak for peak in self.pulses if not peak.time_s >= self.reflected.time_s]
+        return [peak for peak in before if not self.run.layout.wall or peak not in self.upwards]
+
+    @cached_property
+    def second(self) -> Peak:
+        """Second of these pulses, of NaN if there is none."""
+        return self.passing[1] if len(self.passing) > 1 else NO_PEAK
+
+    @cached_property
+    def maxima(self) -> list[Peak]:
+        """First pulse and later maxima of the force itself."""
+        later = peaks(self.run.trace.time_s, self.signal, LATER_PROMINENCE)
+        shown = [*self.pulses[:1], *(peak for peak in later if peak.time_s > self.first.time_s)]
+        return [replace(peak, value=peak.value + float(self.reading[0])) for peak in shown[:ENVELOPE_MAXIMA]]
+
+    def rise_s(self, level: float) -> float:
+        """Time before the first pulse at which the signal last rises through this share of it."""
+        return rising_crossing(self.run.trace.time_s, self.signal, level * self.first.value, self.first)
+
+    def duration_s(self, level: float) -> float:
+        """Duration of the first pulse at a level."""
+        return 2 * (self.first.time_s - self.rise_s(level))
+
+    @cached_property
+    def speed_m_s(self) -> float:
+        """Speed from the gauge above, peak to peak; NaN if the first pulses belong to different waves.
+
+        Then the first pulse of either gauge goes up, or that of the lower one is not the later one.
+        """
+        travel_s = self.first.time_s - self.above.first.time_s
+        from_below = any(gauge.pulses[:1] == gauge.upwards[:1] != [] for gauge in (self.above, self))
+        return (self.above.bead.height_m - self.bead.height_m) / travel_s if travel_s > 0 and not from_below else nan
+
+
+OBSERVABLES: list[Observable] = []  # in the order of tables
+Reader = Callable[..., float | None]
+
+
+def _observable(
+    places: str, pattern: str, unit: str, kind: str, words: str, gaps: tuple[str, str] = NEVER, *, of_wave: bool = True
+) -> Callable[[Reader], Reader]:
+    """Declare the observable that the decorated function reads; its docstring is the definition."""
+
+    def declare(read: Reader) -> Reader:
+        OBSERVABLES.append(Observable(pattern, unit, kind, words, gaps, of_wave, places, read))
+        return read
+
+    return declare
+
+
+@_observable("gauge", "{gauge}_static", "N", "static force", "static force at {gauge}", of_wave=False)
+def _(gauge: GaugeReadings) -> float:
+    """f(0)."""
+    return float(gauge.reading[0])
+
+
+@_observable("gauge", "{gauge}_amplitude", "N", "amplitude", "force amplitude at {gauge}", PULSE)
+def _(gauge: GaugeReadings) -> float:
+    """A = s(t_p)."""
+    return gauge.first.value
+
+
+@_observable("gauge", "{gauge}_peak", "N", "peak", "peak force at {gauge}", PULSE)
+def _(gauge: GaugeReadings) -> float:
+    """A + f(0)."""
+    return gauge.first.value + float(gauge.reading[0])
+
+
+@_observable("gauge", "{gauge}_arrival", "s", "arrival", "arrival time at {gauge}", PULSE)
+def _(gauge: GaugeReadings) -> float:
+    """t_p."""
+    return gauge.first.time_s
+
+
+@_observable("gauge", "{gauge}_front_arrival", "s", "front arrival", "arrival time of the front at {gauge}", PULSE)
+def _(gauge: GaugeReadings) -> float:
+    """Time at which s last rises through 0.02 A, before t_p."""
+    return gauge.rise_s(ONSET)
+
+
+@_observable("gauge", "{gauge}_duration_{level}", "s", "duration", "pulse duration at {gauge}, cut at {level}", PULSE)
+def _(gauge: GaugeReadings, level: float) -> float:
+    """2 (t_p - t_l); before t_p, s last rises through the level times A at t_l."""
+    return gauge.duration_s(level)
+
+
+@_observable("bead", "{gauge}_pulses", "", "count", "pulses at {gauge}", of_wave=False)
+def _(gauge: GaugeReadings) -> float:
+    """Number of pulses at a sensor bead that do not go up, before the reflected one."""
+    return float(len(gauge.passing))
+
+
+@_observable("bead", "{gauge}_second_amplitude", "N", "second amplitude", "second amplitude at {gauge}", SECOND)
+def _(gauge: GaugeReadings) -> float:
+    """Signal s at the second of these pulses."""
+    return gauge.second.value
+
+
+@_observable("bead", "{gauge}_second_arrival", "s", "second arrival", "second arrival time at {gauge}", SECOND)
+def _(gauge: GaugeReadings) -> float:
+    """Time of the second of these pulses."""
+    return gauge.second.time_s
+
+
+@_observable("bead", "{gauge}_valley", "N", "valley", "force between pulses 1 and 2 at {gauge}", SECOND, of_wave=False)
+def _(gauge: GaugeReadings) -> float:
+    """Smallest sample of s between the first of these pulses and the second."""
+    between = [peak.sample for peak in gauge.passing[:2]]
+    return float(gauge.signal[slice(*between)].min()) if len(between) == 2 else nan
+
+
+@_observable("bead", "{gauge}_reflected_amplitude", "N", "reflected amplitude", "reflected amplitude at {gauge}", ECHO)
+def _(gauge: GaugeReadings) -> float | None:
+    """Signal s at the first pulse that goes up and is later than the wall's first pulse."""
+    return gauge.reflected.value if gauge.run.layout.wall else None
+
+
+@_observable("bead", "{gauge}_reflected_arrival", "s", "reflected arrival", "reflected arrival time at {gauge}", ECHO)
+def _(gauge: GaugeReadings) -> float | None:
+    """Time of that pulse."""
+    return gauge.reflected.time_s if gauge.run.layout.wall else None
+
+
+@_observable("wall", "wall_peak_{number}", "N", "later peak", "force maximum {number} at the wall", MAXIMUM)
+def _(wall: GaugeReadings, number: int) -> float:
+    """Force at the wall's next maxima (2, 3) with a prominence of at least 0.01 of the range."""
+    return wall.maxima[number - 1].value if number <= len(wall.maxima) else nan
+
+
+@_observable("wall", "wall_envelope", "1/s", "rate", "rate of the envelope at the wall", TRAIN)
+def _(wall: GaugeReadings) -> float:
+    """Rate r of C exp(r t) through the wall's first three maxima, least squares of the logarithm."""
+    curve = train_envelope(wall.maxima)
+    return curve.rate_per_s if curve else nan
+
+
+@_observable("pair", "speed_{pair}", "m/s", "speed", "wave speed from bead {pair}", SPEED)
+def _(lower: GaugeReadings) -> float:
+    """(z_i - z_j) / (t_p,j - t_p,i) between neighbouring sensors i above j."""
+    return lower.speed_m_s
+
+
+@_observable(
+    "pair", "transmission_{pair}", "", "transmission", "amplitude ratio per bead, bead {pair}", RATIO, of_wave=False
+)
+def _(lower: GaugeReadings) -> float:
+    """(A_j / A_i)^(1 / (i - j)) of neighbouring sensors: share passed on from bead to bead."""
+    beads = lower.above.bead.from_wall - lower.bead.from_wall
+    alone = isnan(lower.speed_m_s) or lower.bead.from_wall <= lower.run.layout.wall
+    return nan if alone else (lower.first.value / lower.above.first.value) ** (1 / beads)
+
+
+@_observable("pair", "{gauge}_width_{level}", "diameters", "width", "pulse width at {gauge}, cut at {level}", WIDTH)
+def _(lower: GaugeReadings, level: float) -> float:
+    """Duration times speed from the sensor above, divided by d."""
+    return lower.duration_s(level) * lower.speed_m_s / lower.bead.diameter_m
+
+
+@_observable("run", "contact_loss", "s", "contact loss", "first loss of contact", LOSS, of_wave=False)
+def _(run: Readings) -> float | None:
+    """First sample with an open contact that carries more than 1e-9 of the largest force at time 0."""
+    force_N = run.trace.force_N[:, : run.trace.force_N.shape[1] - run.layout.striker]
+    loaded = force_N[0] > run.rounding_N
+    if not loaded.any():
+        return None
+    opened = ((force_N <= 0) & loaded).any(axis=1)
+    return float(run.trace.time_s[int(np.argmax(opened))]) if opened.any() else nan
+
+
+@_observable("run", "kinetic_energy_start", "J", "energy", "kinetic energy at the start", of_wave=False)
+def _(run: Readings) -> float:
+    """Kinetic energy at time 0."""
+    return float(run.trace.kinetic_energy_J[0])
+
+
+@_observable("run", "energy_drift", "J", "energy", "largest energy drift", of_wave=False)
+def _(run: Readings) -> float:
+    """Largest |E - E(0)|; with damping the largest gain over an earlier E, with friction over E(0)."""
+    return float(run.drift_J.max())
+
+
+@_observable("run", "energy_lost", "J", "energy", "energy lost", ("", "damping or friction"), of_wave=False)
+def _(run: Readings) -> float | None:
+    """E(0) - E(end), with damping or friction."""
+    energy_J, loses = run.trace.total_energy_J, run.layout.damped or run.layout.slips
+    return float(energy_J[0] - energy_J[-1]) if loses else None
+
+
+@_observable("run", "momentum_start", "N s", "momentum", "momentum at the start", of_wave=False)
+def _(run: Readings) -> float:
+    """p(0)."""
+    return float(run.trace.momentum_N_s[0])
+
+
+@_observable("run", "momentum_end", "N s", "momentum", "momentum at the end", of_wave=False)
+def _(run: Readings) -> float:
+    """Momentum p at the end."""
+    return float(run.trace.momentum_N_s[-1])
+
+
+@_observable("run", "impulse_imbalance", "share", "balance", "imbalance of momentum and impulse", of_wave=False)
+def _(run: Readings) -> float:
+    """Largest |p - p(0) - I| / P, with I the integral of N from time 0."""
+    return float(np.abs(run.gained_N_s - run.impulse_N_s).max()) / run.scale_N_s
+
+
+@_observable(
+    "run", "momentum_error_before_wall", "share", "balance", "momentum error before the wall is reached", of_wave=False
+)
+def _(run: Readings) -> float:
+    """Largest |p - p(0) - N(0) t| / P until the force on the wall changes."""
+    return float(np.abs(run.gained_N_s - run.net_N[0] * run.trace.time_s)[run.quiet].max()) / run.scale_N_s
+
+
+@_observable("run", "energy_error_before_wall", "J", "energy", "energy error before the wall is reached", of_wave=False)
+def _(run: Readings) -> float:
+    """Energy drift until the force on the wall changes."""
+    return float(run.drift_J[run.quiet].max())
+
+
+@_observable("run", "impulse_sampling", "share", "balance", "impulse error by sampling", of_wave=False)
+def _(run: Readings) -> float:
+    """Largest change of I / P if every other sample is left out."""
+    coarse_N_s = integral(run.trace.time_s[::2], run.net_N[::2])
+    return float(np.abs(run.impulse_N_s[::2] - coarse_N_s).max()) / run.scale_N_s
+
+
+FIRST = [each for each in OBSERVABLES if each.kind in ("amplitude", "arrival", "speed", "transmission")]
+
+
+def energy_error_J(energy_J: Array, *, damped: bool, slips: bool) -> Array:
+    """Error of the total energy at each sample, in J.
+
+    For elastic contacts the change since time 0; for damped contacts the gain above the smallest value so far. With
+    friction the gain above the value at time 0, since shear energy is not included.
+    """
+    if slips:
+        return np.asarray(np.maximum(energy_J - energy_J[0], 0.0))
+    return np.asarray(energy_J - np.fmin.accumulate(energy_J) if damped else np.abs(energy_J - energy_J[0]))
+
+
+def observe(layout: Layout, trace: Trace, levels: tuple[float, ...] = LEVELS) -> dict[str, float]:
+    """All observables of a run by name, with the unit at the end; NaN if the trace does not show an observable."""
+    return _values(Readings(layout, trace, sensor_signals(layout, trace), levels), OBSERVABLES)
+
+
+def first_pulses(layout: Layout, trace: Trace, signals: Mapping[str, Array]) -> dict[str, float]:
+    """Those of ``observe`` that fits read most: amplitudes and arrivals of first pulses, speeds and ratios of them."""
+    return _values(Readings(layout, trace, signals, most=1), FIRST)
+
+
+def _values(readings: Readings, chosen: Iterable[Observable]) -> dict[str, float]:
+    """Values of some observables by name; those of equal places in a row go place by place."""
+    levels = [(f"{100 * level:g}pct", (level,)) for level in readings.levels]
+    maxima = [(str(number), (number,)) for number in range(2, ENVELOPE_MAXIMA + 1)]
+    numbers: dict[str, list[tuple[str, Any]]] = {"": [("", ())], "level": levels, "number": maxima}
+    values: dict[str, float] = {}
+    for places, alike in groupby(chosen, lambda observable: observable.places):
+        for place, observable in product(readings.places[places], [*alike]):
+            for text, number in numbers[observable.varies]:
+                if (value := observable.read(place, *number)) is not None:
+                    name = observable.pattern.format(gauge=place.name, pair=place.pair, level=text, number=text)
+                    values[name + observable.ending] = value
+    return values
 
 
 @cache
@@ -207,159 +556,3 @@ def scale_of(name: str, values: Mapping[str, float]) -> float:
     unit = "_N" if rest.endswith("_N") else ""
     static_N = values[f"{gauge}_peak{unit}"] - values[f"{gauge}_amplitude{unit}"]
     return abs(values[name] - static_N)
-
-
-def observe(layout: Layout, trace: Trace, levels: tuple[float, ...] = LEVELS) -> dict[str, float]:
-    """All observables of a run by name, with the unit at the end; NaN if the trace does not show an observable.
-
-    Widths are ``2 (t_peak - t_level) V_s / 2R`` from the leading edge, in bead diameters, with the speed from the
-    previous gauge. Speeds are peak to peak.
-    """
-    time = trace.time_s
-    readings = sensor_signals(layout, trace)
-    signals = {name: reading - reading[0] for name, reading in readings.items()}
-    noise = ROUNDING_SHARE * float(np.abs(trace.force_N).max())
-    pulses_of = {name: pulses(time, signal) if np.ptp(signal) > noise else [] for name, signal in signals.items()}
-    values: dict[str, float] = {}
-    for name, signal in signals.items():
-        first = pulses_of[name][0] if pulses_of[name] else None
-        static = values[f"{name}_static_N"] = float(readings[name][0])
-        values[f"{name}_amplitude_N"] = first.value if first else np.nan
-        values[f"{name}_peak_N"] = first.value + static if first else np.nan
-        values[f"{name}_arrival_s"] = first.time_s if first else np.nan
-        front_s = rising_crossing(time, signal, ONSET * first.value, first) if first else np.nan
-        values[f"{name}_front_arrival_s"] = front_s
-        for level in levels:
-            edge_s = rising_crossing(time, signal, level * first.value, first) if first else np.nan
-            values[f"{name}_duration_{_percent(level)}_s"] = 2 * (first.time_s - edge_s) if first else np.nan
-    turned = (
-        pulses_of["wall"][0].time_s if layout.wall and pulses_of["wall"] else np.inf
-    )  # until then waves travel to the wall
-    places = {f"bead_{sensor.from_wall}": sensor.from_wall for sensor in layout.sensors}
-    rising = {  # at bead 1 a wave and its reflection coincide
-        name: going_up(trace.force_N, place, pulses_of[name]) if place > 1 or not layout.wall else []
-        for name, place in places.items()
-    }
-    for name, upwards in rising.items():
-        back = next((peak for peak in upwards if peak.time_s > turned), None)
-        before = pulses_of[name][: pulses_of[name].index(back)] if back else pulses_of[name]
-        passing = [peak for peak in before if peak not in upwards] if layout.wall else before
-        values[f"{name}_pulses"] = float(len(passing))
-        one, two = passing[:2] if len(passing) > 1 else (None, None)
-        values[f"{name}_second_amplitude_N"] = two.value if two else np.nan
-        values[f"{name}_second_arrival_s"] = two.time_s if two else np.nan
-        values[f"{name}_valley_N"] = float(signals[name][one.sample : two.sample].min()) if one and two else np.nan
-        if layout.wall:
-            values[f"{name}_reflected_amplitude_N"] = back.value if back else np.nan
-            values[f"{name}_reflected_arrival_s"] = back.time_s if back else np.nan
-    if layout.wall:
-        later = [peak for peak in peaks(time, signals["wall"], LATER_PROMINENCE) if peak.time_s > turned]
-        maxima = [*pulses_of["wall"][:1], *later][:ENVELOPE_MAXIMA]
-        shown = [replace(peak, value=peak.value + values["wall_static_N"]) for peak in maxima]
-        for number in range(2, ENVELOPE_MAXIMA + 1):
-            values[f"wall_peak_{number}_N"] = shown[number - 1].value if number <= len(shown) else np.nan
-        curve = train_envelope(shown)
-        values["wall_envelope_per_s"] = curve.rate_per_s if curve else np.nan
-    from_below = {name for name, upwards in rising.items() if pulses_of[name][:1] == upwards[:1] != []}
-    values |= _speeds_and_widths(layout, values, levels, from_below)
-    values |= _contact_loss(layout, trace, noise)
-    values |= _balances(layout, trace)
-    return values
-
-
-def first_pulses(layout: Layout, trace: Trace, signals: Mapping[str, Array]) -> dict[str, float]:
-    """Those of ``observe`` that fits read most: amplitudes and arrivals of first pulses, speeds and ratios of them."""
-    values, from_below = dict[str, float](), set[str]()
-    noise = ROUNDING_SHARE * float(np.abs(trace.force_N).max())
-    for name, signal in signals.items():
-        first = first_pulse(trace.time_s, signal - signal[0]) if np.ptp(signal) > noise else None
-        values[f"{name}_amplitude_N"] = first.value if first else np.nan
-        values[f"{name}_arrival_s"] = first.time_s if first else np.nan
-        place = 0 if name == "wall" else int(name.removeprefix("bead_"))
-        if first and place > layout.wall and going_up(trace.force_N, place, [first]):
-            from_below.add(name)
-    return values | _speeds_and_widths(layout, values, (), from_below)
-
-
-def _contact_loss(layout: Layout, trace: Trace, noise_N: float) -> dict[str, float]:
-    """Time of the first sample at which a contact that carries a load at time 0 is open; the striker's is left out."""
-    between = trace.force_N[:, : trace.force_N.shape[1] - layout.striker]
-    loaded = between[0] > noise_N
-    if not loaded.any():
-        return {}
-    opened = ((between <= 0) & loaded).any(axis=1)
-    return {"contact_loss_s": float(trace.time_s[int(np.argmax(opened))]) if opened.any() else np.nan}
-
-
-def _percent(level: float) -> str:
-    return f"{100 * level:g}pct"
-
-
-def _speeds_and_widths(
-    layout: Layout, values: dict[str, float], levels: tuple[float, ...], from_below: set[str]
-) -> dict[str, float]:
-    """Peak-to-peak speed and amplitude ratio per bead between neighbouring sensors, width at the lower sensor.
-
-    ``transmission_9_to_5`` is ``(A_5 / A_9)^(1/4)``, the share of its amplitude that a wave passes on from bead to
-    bead; NaN to bead 1 above a wall, where a wave and its reflection coincide. Both are NaN if the first pulse of
-    either sensor goes up, or that of the lower sensor is not the later one: the pulses belong to different waves.
-    """
-    result: dict[str, float] = {}
-    for upper, lower in zip(layout.sensors[:-1], layout.sensors[1:], strict=True):
-        first, second = f"bead_{upper.from_wall}", f"bead_{lower.from_wall}"
-        pair = f"{upper.from_wall}_to_{lower.from_wall}"
-        travel = values[f"{second}_arrival_s"] - values[f"{first}_arrival_s"]
-        same = travel > 0 and not {first, second} & from_below
-        speed = result[f"speed_{pair}_m_s"] = (upper.height_m - lower.height_m) / travel if same else np.nan
-        share = values[f"{second}_amplitude_N"] / values[f"{first}_amplitude_N"]
-        steps = upper.from_wall - lower.from_wall
-        passing = same and share > 0 and (lower.from_wall > 1 or not layout.wall)
-        result[f"transmission_{pair}"] = share ** (1 / steps) if passing else np.nan
-        for level in levels:
-            duration = values[f"{second}_duration_{_percent(level)}_s"]
-            result[f"{second}_width_{_percent(level)}_diameters"] = duration * speed / lower.diameter_m
-    return result
-
-
-def energy_error_J(energy_J: Array, *, damped: bool, slips: bool) -> Array:
-    """Error of the total energy at each sample, in J.
-
-    For elastic contacts the change since time 0; for damped contacts the gain above the smallest value so far. With
-    friction the gain above the value at time 0, since shear energy is not included.
-    """
-    if slips:
-        return np.asarray(np.maximum(energy_J - energy_J[0], 0.0))
-    return np.asarray(energy_J - np.fmin.accumulate(energy_J) if damped else np.abs(energy_J - energy_J[0]))
-
-
-def _balances(layout: Layout, trace: Trace) -> dict[str, float]:
-    """Energy and momentum, and their deviation from conservation; with damping the largest gain of energy.
-
-    Before the wave reaches the wall the force on the wall is static, so the exact momentum needs no integral. The
-    imbalance over all times is |p - p(0) - impulse of wall, loads and drive|. Its sampling share is the change of the
-    impulse if only every other sample is integrated.
-    """
-    time, energy, momentum = trace.time_s, trace.total_energy_J, trace.momentum_N_s
-    net = layout.load_N + (trace.force_N[:, 0] if layout.wall else np.zeros_like(time))
-    if trace.bore_friction_N is not None:
-        net = net + trace.bore_friction_N
-    impulse, coarse = integral(time, net), integral(time[::2], net[::2])
-    undriven = momentum if trace.drive_impulse_N_s is None else momentum - trace.drive_impulse_N_s
-    wall_N, largest_N = trace.force_N[:, 0], float(np.abs(trace.force_N).max())
-    changed = np.abs(wall_N - wall_N[0]) > WALL_REST_SHARE * largest_N
-    quiet = slice(0, int(np.argmax(changed)) if changed.any() else len(wall_N))
-    steady = np.abs(undriven - undriven[0] - net[0] * time)[quiet]
-    loads = abs(layout.load_N) * float(time[-1]) if is_at_rest(trace.force_N) else 0.0
-    scale = max(float(np.abs(momentum).max()), layout.moving_N_s, loads) or 1.0
-    drift = energy_error_J(energy, damped=layout.damped, slips=layout.slips)
-    return {
-        "kinetic_energy_start_J": float(trace.kinetic_energy_J[0]),
-        "energy_drift_J": float(drift.max()),
-        **({"energy_lost_J": float(energy[0] - energy[-1])} if layout.damped or layout.slips else {}),
-        "momentum_start_N_s": float(momentum[0]),
-        "momentum_end_N_s": float(momentum[-1]),
-        "impulse_imbalance_share": float(np.abs(undriven - undriven[0] - impulse).max()) / scale,
-        "momentum_error_before_wall_share": float(steady.max()) / scale,
-        "energy_error_before_wall_J": float(drift[quiet].max()),
-        "impulse_sampling_share": float(np.abs(impulse[::2] - coarse).max()) / scale,
-    }

@@ -1,17 +1,30 @@
 """Tables of a finished run for notebooks and scripts: observables, contact forces, gauge signals."""
 
-import pandas as pd
+from collections.abc import Callable
+from itertools import chain
+from pathlib import Path
+from typing import Any
 
-from drivers.chain.trace import BALANCES, BORE, BORE_FRICTION, CONTACT
+import numpy as np
+import pandas as pd
+from pyarrow.csv import CSVWriter
+from pyarrow.parquet import ParquetWriter
+
+from drivers.base import paths
+from drivers.base.errors import InputError
+from drivers.base.files import whole_file
+from drivers.chain.trace import BALANCES, BORE, BORE_FRICTION, CONTACT, Trace, part_of, table_of
 from drivers.run.run_folder import EndedRun
 from postproc.read import observables
 from postproc.read.sensors import sensor_signals
+
+BLOCK = 1_000_000  # rows of a long table that are in memory together
 
 
 def observe(run: EndedRun, levels: tuple[float, ...] = observables.LEVELS) -> "pd.Series[float]":
     """Observables of a run: peaks, arrival times, speeds, widths, reflections, energies.
 
-    ``observables.DEFINITIONS`` has the definition of each.
+    ``beads observables --definitions`` prints the definition of each.
 
     Args:
         run: A run from ``drivers.run_scene`` or ``drivers.open_run``.
@@ -45,26 +58,33 @@ def errors(run: EndedRun) -> pd.DataFrame:
         DataFrame: One row per quantity, named as in ``observe`` without the unit. ``whole`` is the signed error, the
             sum of ``model``, ``rounding``, ``truncation``, ``sampling`` and ``elements``, the effect of elements that
             the accuracy of the scene left out; ``where`` is contact and time of the largest error of the forces, the
-            energy or the momentum. Without rows if the run has not been assessed.
+            energy or the momentum.
+
+    Raises:
+        InputError: The run has not been assessed.
 
     Examples:
         >>> list(errors(run).columns)
         ['whole', 'model', 'rounding', 'truncation', 'sampling', 'elements', 'where']
     """
     parts = ["whole", "model", "rounding", "truncation", "sampling", "elements"]
-    table = pd.DataFrame(run.record.error_budget or [], columns=["quantity", *parts, "where"])
+    if run.record.error_budget is None:
+        raise InputError(paths.shown(run.folder), "", "a run that has not been assessed", "validation.assess(run)")
+    table = pd.DataFrame(run.record.error_budget, columns=["quantity", *parts, "where"])
     return table.fillna(dict.fromkeys(parts, 0.0)).set_index("quantity")
 
 
-def forces(run: EndedRun) -> pd.DataFrame:
+def forces(run: EndedRun, *, long: bool = False) -> pd.DataFrame:
     """Contact forces, energies and momentum of a run against time, a column for each contact of any chain.
 
     Args:
         run: A run from ``drivers.run_scene`` or ``drivers.open_run``.
+        long: One row per sample and contact, with the contact forces alone.
 
     Returns:
         DataFrame: One row per sample, with ``time_s`` as index. ``contact_j_N`` is the force in contact j, which lies
-            under body j, counted from the wall; compression is positive.
+            under body j, counted from the wall; compression is positive. If ``long``, the columns are ``time_s``,
+            ``contact`` and ``force_N``.
 
     Raises:
         InputError: The forces of the run are missing or damaged.
@@ -73,7 +93,17 @@ def forces(run: EndedRun) -> pd.DataFrame:
         >>> print(forces(run)["contact_1_N"].max().round(2))
         16.37
     """
-    trace = run.trace
+    return _long_forces(run.trace) if long else _wide_forces(run.trace)
+
+
+def _long_forces(trace: Trace) -> pd.DataFrame:
+    samples, contacts = trace.force_N.shape
+    numbers = np.tile(np.arange(1, contacts + 1, dtype=np.int32), samples)
+    columns = {"time_s": np.repeat(trace.time_s, contacts), "contact": numbers, "force_N": trace.force_N.ravel()}
+    return pd.DataFrame(columns, copy=False)
+
+
+def _wide_forces(trace: Trace) -> pd.DataFrame:
     by_body = [(CONTACT, trace.force_N), *([(BORE, trace.bore_N)] if trace.bore_N is not None else [])]
     single = {name: getattr(trace, name) for name in BALANCES}
     single |= {BORE_FRICTION: trace.bore_friction_N} if trace.bore_friction_N is not None else {}
@@ -82,6 +112,37 @@ def forces(run: EndedRun) -> pd.DataFrame:
         names = [pattern.format(number) for number in range(1, values.shape[1] + 1)]
         table = pd.DataFrame(values, table.index, names).join(table)
     return table
+
+
+def write_table(run: EndedRun, path: Path, *, long: bool) -> Path:
+    """Write the table of ``forces`` as Parquet or CSV, whole or not at all, ``long`` in blocks of samples.
+
+    Parquet has units and scene in its metadata, and the usual compression, which R and Matlab read.
+
+    Args:
+        run: A run from ``drivers.run_scene`` or ``drivers.open_run``.
+        path: File to be written, ``.parquet`` or ``.csv``; an older one is replaced.
+        long: One row per sample and contact.
+
+    Returns:
+        Path: The file.
+
+    Raises:
+        InputError: The name of the file has another ending, or the forces of the run are missing or damaged.
+    """
+    writers: dict[str, Callable[..., Any]] = {".csv": CSVWriter, ".parquet": ParquetWriter}
+    if path.suffix not in writers:
+        raise InputError(str(path), "", f'the ending "{path.suffix}"', " or ".join(writers))
+    samples, contacts = run.trace.force_N.shape
+    block = max(1, BLOCK // contacts)
+    parts = [part_of(run.trace, slice(start, start + block)) for start in range(0, samples, block)]
+    frames = map(_long_forces, parts) if long else [_wide_forces(run.trace).reset_index()]
+    tables = (table_of({str(name): values.to_numpy() for name, values in f.items()}, run.record.about) for f in frames)
+    first = next(tables)
+    with whole_file(path) as draft, writers[path.suffix](draft, first.schema) as writer:
+        for table in chain([first], tables):
+            writer.write_table(table)
+    return path
 
 
 def gauges(run: EndedRun) -> pd.DataFrame:

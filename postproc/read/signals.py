@@ -7,7 +7,8 @@ width w sampled every h the error is of order (h/w)^6.
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from math import factorial
+from itertools import islice
+from math import factorial, nan
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -41,19 +42,17 @@ class Peak:
     sample: int
 
 
+NO_PEAK = Peak(nan, nan, 0)
+
+
 def peaks(time_s: Array, values: Array, prominence: float = PROMINENCE) -> list[Peak]:
     """Maxima with at least this prominence, as a share of the signal's range, by time; samples are equally spaced."""
     return [_peak_at(time_s, values, place) for place, _ in _maxima(values, prominence)]
 
 
-def pulses(time_s: Array, values: Array) -> list[Peak]:
-    """Maxima above 0 without noise, ripple and the wakes of earlier pulses; later pulses may be much larger."""
-    return [*_pulses(time_s, values)]
-
-
-def first_pulse(time_s: Array, values: Array) -> Peak | None:
-    """The first of ``pulses``; None if there is none."""
-    return next(_pulses(time_s, values), None)
+def pulses(time_s: Array, values: Array, most: int | None = None) -> list[Peak]:
+    """Maxima above 0 without noise, ripple and the wakes of earlier pulses, or the first of them; by time."""
+    return [*islice(_pulses(time_s, values), most)]
 
 
 def _pulses(time_s: Array, values: Array) -> Iterator[Peak]:

@@ -5,7 +5,7 @@ ten digits, rounding of heights included, so predicted errors are measured ones.
 exactly as needed.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from math import ceil, inf, pi, sqrt
 from pathlib import Path
@@ -40,6 +40,7 @@ PLATEAU = 0.9  # an error that a smaller step lowers by less is one of rounding
 MAX_WORK = 4e9  # bodies times steps of one trial: some seconds
 MAX_EXACT_WORK = 4e6  # bodies times duration divided by the time scale of a contact: some seconds for the exact motion
 MARGIN = 1.25  # on the best accuracy named in errors
+CRITERIA = ("0.2 Rayleigh", "0.1 Hertz", "P-wave")
 
 
 def _with(scene: Scene, **changes: object) -> Scene:
@@ -288,41 +289,25 @@ def plan_case(case: Case) -> Case:
     return replace(chosen, plan=plan)
 
 
-def rayleigh_time(case: Case) -> float:
-    """Smallest Rayleigh time of any bead, ``pi R sqrt(rho / G) / (0.1631 nu + 0.8766)``, in s."""
-    return min(
-        pi * radius * sqrt(density / (modulus / (2 * (1 + ratio)))) / (0.1631 * ratio + 0.8766)
-        for radius, density, modulus, ratio in _balls(case)
-    )
+def usual_steps(case: Case) -> dict[str, float]:
+    """Time steps of the usual criteria, by their names in ``CRITERIA``, in s; inf where nothing limits.
 
-
-def p_wave_time(case: Case) -> float:
-    """Smallest ``R sqrt(rho / E)`` of any bead, in s, as in YADE's ``PWaveTimeStep``."""
-    return min(radius * sqrt(density / modulus) for radius, density, modulus, _ in _balls(case))
-
-
-def hertz_time(case: Case) -> float:
-    """Smallest duration of an isolated collision of two neighbours, ``2.87 (m*^2 / (R* E*^2 v))^(1/5)``, in s.
-
-    The speed v is the largest at time 0, as in LIGGGHTS' ``check/timestep/gran``. inf if nothing moves.
+    Fractions of the smallest Rayleigh time of a bead, ``pi R sqrt(rho / G) / (0.1631 nu + 0.8766)``; of the smallest
+    duration of an isolated collision of two neighbours, ``2.87 (m*^2 / (R* E*^2 v))^(1/5)`` with the largest speed v at
+    time 0, as in LIGGGHTS' ``check/timestep/gran``; and the smallest ``R sqrt(rho / E)``, as in YADE's
+    ``PWaveTimeStep``.
     """
-    chain = case.chain
+    chain, rayleigh_s, wave_s, hertz_s = case.chain, [], [], inf
+    for name, radius, mass in {*zip(chain.materials, chain.radius_m, chain.mass_kg, strict=True)}:
+        if np.isfinite(radius):
+            density, (modulus, ratio) = float(mass / (4 / 3 * pi * radius**3)), case.scene.elastic_constants(name)
+            shear = modulus / (2 * (1 + ratio))
+            rayleigh_s.append(pi * float(radius) * sqrt(density / shear) / (0.1631 * ratio + 0.8766))
+            wave_s.append(float(radius) * sqrt(density / modulus))
     speed = float(np.abs(chain.velocity_m_s).max())
     inverse = 1 / chain.mass_kg + np.append(0.0, 1 / chain.mass_kg[:-1])
     stiffest = chain.stiffness * inverse  # k = (4/3) E* sqrt(R*), so R* E*^2 = (3 k / 4)^2
-    if not speed or not stiffest.any():
-        return inf
-    worst = int(np.argmax(stiffest))
-    return float(2.87 * (1 / inverse[worst] ** 2 / ((0.75 * chain.stiffness[worst]) ** 2 * speed)) ** 0.2)
-
-
-# usual fraction of each time, and its function
-CRITERIA = {"0.2 Rayleigh": (0.2, rayleigh_time), "0.1 Hertz": (0.1, hertz_time), "P-wave": (1.0, p_wave_time)}
-
-
-def _balls(case: Case) -> Iterator[tuple[float, float, float, float]]:
-    """Radius, density, Young's modulus and Poisson's ratio of each distinct sphere."""
-    chain = case.chain
-    for name, radius, mass in sorted(set(zip(chain.materials, chain.radius_m, chain.mass_kg, strict=True))):
-        if np.isfinite(radius):
-            yield float(radius), float(mass / (4 / 3 * pi * radius**3)), *case.scene.elastic_constants(name)
+    if speed and stiffest.any():
+        worst = int(np.argmax(stiffest))
+        hertz_s = float(2.87 * (1 / inverse[worst] ** 2 / ((0.75 * chain.stiffness[worst]) ** 2 * speed)) ** 0.2)
+    return dict(zip(CRITERIA, (0.2 * min(rayleigh_s), 0.1 * hertz_s, min(wave_s)), strict=True))

@@ -1,7 +1,8 @@
 """Output of ``beads plan``: time step, stability, errors, cheapest engine, other accuracies, horizon."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import asdict
+from math import inf
 from pathlib import Path
 
 from drivers.base import paths
@@ -19,11 +20,12 @@ from postproc.read.sensors import gauges_of
 from validation.accuracy.budget import AT_REST_NOTE
 from validation.accuracy.costs import capable_engines, cost_on, fault
 from validation.accuracy.motions import errors_of, motions_of, predicted_error
-from validation.accuracy.plan import CRITERIA, Chooser, planned_case
+from validation.accuracy.plan import Chooser, planned_case, usual_steps
 
 TENFOLD = 10.0
 MAX_WORK = 5e7  # bodies times steps, for the rows of other accuracies
 MAX_ERROR = 100.0  # larger errors are printed as "blows up"
+LISTED = 5  # errors in a line
 AS_GIVEN = ", as given in the scene"
 
 
@@ -160,7 +162,7 @@ def _stability(case: Case, law: str, why: str) -> Iterator[str]:
     step_s, steps = case.scene.time_step_s, case.scene.steps_per_sample
     yield f"time step  {_us(step_s)} ({steps} step{'s' if steps > 1 else ''} per sample){why}"
     stable_s, unstable_s, until_s = step_limit(case, law)
-    if stable_s == float("inf"):
+    if stable_s == inf:
         yield "stability  no limit: no contact closes"
         return
     used = f"this run uses {100 * step_s / stable_s:.3g} % of that"
@@ -169,13 +171,16 @@ def _stability(case: Case, law: str, why: str) -> Iterator[str]:
     yield f"           {blown_up}"
     if problem := why_unstable(case, law):
         yield f"           a trial at this step {problem}: the run is refused"
-    criteria = {label: fraction * time(case) for label, (fraction, time) in CRITERIA.items()}
-    others = ", ".join(f"{label} {_us(step_s)}" for label, step_s in criteria.items() if step_s < float("inf"))
+    others = ", ".join(f"{label} {_us(step_s)}" for label, step_s in usual_steps(case).items() if step_s < inf)
     yield f"           usual criteria, which ignore the motion: {others}"
 
 
-def _listed(errors: dict[str, float]) -> str:
-    return ", ".join(f"{name} {f'{error:.3g}' if error < MAX_ERROR else 'blows up'}" for name, error in errors.items())
+def _listed(errors: Mapping[str, float]) -> str:
+    """Errors by quantity; of many the number and the largest."""
+    many = len(errors) > LISTED
+    names = sorted(errors, key=lambda name: -errors[name])[:LISTED] if many else errors
+    listed = ", ".join(f"{name} {f'{errors[name]:.3g}' if errors[name] < MAX_ERROR else 'blows up'}" for name in names)
+    return f"{len(errors)} quantities, the largest errors: {listed}" if many else listed
 
 
 def _us(seconds: float) -> str:

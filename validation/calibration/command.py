@@ -8,7 +8,6 @@ import re
 import shlex
 import shutil
 import tempfile
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import isfinite
@@ -30,17 +29,34 @@ from drivers.limits import inability
 from drivers.scene.model import places_of
 from drivers.scene.read_scene import apply_setting, find_scene, read_scene, set_value
 from drivers.scene.settings import look_up
-from postproc.draw.fits import draw_parameters, interval_text, rounded, rows_of, value_text, with_error
 from postproc.draw.product import write_figure
+from postproc.draw.style import COLUMN_IN, pyplot
 from postproc.read.measured import MEASURED
 from postproc.read.observables import describe, without_unit
-from validation.calibration.data import GAIN, TRIGGER, DataSet, calibration_file, did_you_mean, paper_data, scene_data
-from validation.calibration.fit import DATA, LAWS, PARAMETERS, RISES, Fit, Tables, solve
+from validation.calibration.data import GAIN, TRIGGER, DataSet, calibration_file, paper_data, scene_data, unknown
+from validation.calibration.fit import (
+    COLOURS,
+    DATA,
+    LAWS,
+    MARKERS,
+    PARAMETERS,
+    RISES,
+    Fit,
+    Tables,
+    interval_text,
+    rounded,
+    rows_of,
+    solve,
+    suited,
+    value_text,
+    with_error,
+)
 from validation.calibration.problem import Problem, pose, simulated, stepped
 from validation.compare.comparison import EngineSelection, compare_scenes
 from validation.report.parts import Chapter, store_part
 
 PREDICTIONS, AGAIN = "predictions", "again.sh"
+ROW_IN, HEAD_IN = 0.55, 0.5
 DECISIVE = 6.0  # excess of Akaike's criterion: a ratio of likelihoods of 20
 LEGEND = (
     "deviation: fitted minus measured, in standard errors of the measurement; of a trace the rms of its readings, of a "
@@ -84,39 +100,37 @@ def problems_of(request: FitRequest) -> dict[str, Problem]:
     Raises:
         InputError: There are no free parameters or no measured data, or they have errors.
     """
-    asked = {text.partition("=")[0].strip(): text for text in request.free}
-    if not (request.free or request.own or request.laws):
-        raise InputError("fit", "--free", "no free parameter: name a key of the scene, --free contact.restitution")
+    asked = [(text.partition("=")[0].strip(), text) for text in request.free]
     if request.quoted and request.measured:
         raise InputError("fit", "--measured", "cannot be combined with --quoted")
     if not (request.scenes or request.quoted):
         raise InputError("fit", "", "no scene: name scenes with [[measured]] data, or use --quoted")
-    for option, given, count in (("law", request.laws, len({*request.laws})), ("free", request.free, len(asked))):
-        if count < len(given):
-            raise InputError("fit", f"--{option}", ", ".join(given), f"each {option} once")
-    known = calibration_file().law
+    known, problems = calibration_file().law, dict[str, Problem]()
     for law in request.laws:
         if law not in known:
-            raise InputError("--law", "", law, ", ".join(known))
+            raise unknown("fit", "--law", law, known)
     of_laws = {law: known[law].free for law in request.laws}
-    problems = dict[str, Problem]()
+    _refuse_repetition("--law", request.laws)
     for law in request.laws or [""]:
         settings, own = request.settings_of(law), of_laws.get(law, ())
         if request.quoted:
             sets = paper_data(request.quoted, settings)
         else:
-            freed = any(key.endswith(f".{TRIGGER}") for key in asked)
+            freed = any(key.endswith(f".{TRIGGER}") for key, _ in asked)
             sets = [scene_data(scene, settings, request.measured, free_trigger=freed) for scene in request.scenes]
-        for name, times in Counter(data.name for data in sets).items():
-            if times > 1:
-                found, allowed = f"data set {name} {times} times", "each data set once; scenes need different names"
-                raise InputError("fit", "", found, allowed)
+        _refuse_repetition("data sets", [data.name for data in sets])
         others = {key for keys in of_laws.values() for key in keys} - {*own}  # parameters of other laws
-        free = [*(text for key, text in asked.items() if key not in others), *(key for key in own if key not in asked)]
+        free = [text for key, text in asked if key not in others]
+        free += [key for key in own if key not in dict(asked)]
         if not (free or request.own):
-            raise InputError("fit", "--free", f"the law {law} has no free parameter: name one, --free KEY")
+            raise InputError("fit", "--free", "no free parameter: name a key of the scene, --free contact.restitution")
         problems[law] = pose(sets, free, request.own)
     return problems
+
+
+def _refuse_repetition(key: str, given: Sequence[str]) -> None:
+    if len({*given}) < len(given):
+        raise InputError("fit", key, ", ".join(given), "each once, with different names")
 
 
 def run_fit(request: FitRequest, runs: Path, results: Path) -> int:
@@ -130,8 +144,7 @@ def run_fit(request: FitRequest, runs: Path, results: Path) -> int:
     known = {name for data in problem.sets for name in observables_of(problem, data, problem.start, request.predict)}
     for name in request.predict:
         if without_unit(name) not in map(without_unit, known):
-            hint = did_you_mean(name, known) or f"allowed: {', '.join(sorted(known))}"
-            raise InputError(problem.sets[0].where, f"--predict {name}", f"unknown observable; {hint}")
+            raise unknown(problem.sets[0].where, "--predict", name, sorted(known))
     with counted(f"fit of {len(problem.free)} parameter{'s' * (len(problem.free) > 1)} to {problem.rows} readings"):
         for law, each in problems.items():  # each fit also starts from the earlier ones: a larger model is never worse
             seeds, names = [found.values for found in fits.values()], ", ".join(data.name for data in each.sets)
@@ -304,6 +317,33 @@ def write_folder(
         shutil.copytree(draft, folder, dirs_exist_ok=True)
     store_part(folder.name, Chapter({}), {PARAMETERS: ("Fitted parameters", svg)}, folder.parent)
     return {law: [folder / path.name for path in of_law] for law, of_law in fitted.items()}
+
+
+def draw_parameters(parameters: pd.DataFrame) -> Any:
+    """A panel for each parameter: value, 68 % (thick) and 95 % interval (thin) of each law."""
+    shown = parameters[np.isfinite(parameters["error"])]
+    names, laws = [*shown["parameter"].unique()] or [""], [*parameters["law"].unique()]
+    height = HEAD_IN + len(names) * (ROW_IN + 0.12 * len(laws))
+    figure, axes = pyplot().subplots(len(names), 1, figsize=(COLUMN_IN, height), squeeze=False, layout="constrained")
+    for axis, name in zip(axes[:, 0], names, strict=True):
+        own = shown[shown["parameter"] == name]
+        scale, unit = suited(own["value"].iloc[0], own["unit"].iloc[0]) if len(own) else (1.0, "")
+        places, colours = range(len(own)), [COLOURS[laws.index(law) % len(COLOURS)] for law in own["law"]]
+        for share, width in (("95pct", 0.9), ("68pct", 2.6)):
+            low, high = (own[f"{end}_{share}"].clip(own["least"], own["most"]) * scale for end in ("low", "high"))
+            axis.hlines(places, low, high, colours, lw=width)
+        for place, law, value, colour in zip(places, own["law"], own["value"] * scale, colours, strict=True):
+            axis.plot(value, place, MARKERS[laws.index(law) % len(MARKERS)], color=colour, ms=5, label=law or None)
+        title = name.removeprefix("materials.") or "no parameter is determined"
+        axis.set_title(f"{title}{f' ({unit})' * bool(unit)}", loc="left", fontsize=8)
+        axis.set(yticks=[], ylim=(len(own) - 0.4, -0.6))
+        axis.locator_params(axis="x", nbins=5)
+        axis.ticklabel_format(axis="x", useOffset=False)
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    if len(labels) > 1:
+        figure.legend(handles, labels, loc="outside upper left", ncols=len(labels), fontsize=7)
+    figure.supxlabel("value, 68 % (thick) and 95 % interval", fontsize=8)
+    return figure
 
 
 def _command(request: FitRequest) -> str:

@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from functools import cache
@@ -19,10 +19,10 @@ from drivers.base.messages import validate
 from drivers.chain.case import build_case
 from drivers.engines import REFERENCE
 from drivers.limits import refuse
-from drivers.scene.model import MeasuredEntry, Part, Scene
+from drivers.scene.model import MeasuredEntry, Part, Positive, Scene
 from drivers.scene.read_scene import apply_setting, find_scene, make_scene, read_scene, read_toml
 from drivers.scene.settings import look_up, unit_of
-from postproc.paper.quoted import force_accuracy, quoted
+from postproc.paper import force_accuracy, quoted
 from postproc.read.alignment import Channel, channels_of, must_overlap
 from postproc.read.measured import entries_of, read_measured, read_quoted
 from postproc.read.motion import exact
@@ -30,7 +30,6 @@ from postproc.read.observables import describe
 from postproc.read.sensors import gauges_of
 
 Texts = Annotated[tuple[str, ...], Field(strict=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 MIN_LOG_RATIO = 10.0  # of positive bounds; from here on the coordinate is logarithmic
 FACTOR = 10.0  # from a value to its bounds if ``inputs/calibration.toml`` has none
@@ -153,7 +152,7 @@ def calibration_file() -> CalibrationFile:
     Raises:
         InputError: the file has errors.
     """
-    return validate(CalibrationFile, read_toml(paths.CALIBRATION), paths.shown(paths.CALIBRATION))
+    return validate(CalibrationFile, read_toml(paths.CALIBRATION), paths.CALIBRATION)
 
 
 @dataclass(frozen=True)
@@ -218,9 +217,7 @@ def free_parameter(text: str, scene: Scene, where: str, own: str = "") -> Free:
     unit, value, known, start = unit_of(key), look_up(scene, key), _of_key(asked.range, key), _of_key(asked.start, key)
     physics = key.split(".")[0] not in NUMERICAL_KEYS and not isinstance(value, (bool, int, str))
     if not physics or not (isinstance(value, float) or (value is None and (unit or known))):
-        found = "unknown key" if value is None else repr(value)
-        allowed = did_you_mean(key, asked.range) or "allowed: a key of the scene with a physical number"
-        raise InputError(where, f"--free {key}", f"{found}; {allowed}")
+        raise unknown(where, "--free", key, asked.range, "a key of the scene with a physical number")
     if value is None and start is not None:
         value = _number(start, unit, file, key)
     usual = around(value) if value else None
@@ -308,10 +305,11 @@ def around(value: float) -> tuple[float, float]:
     return min(value / FACTOR, value * FACTOR), max(value / FACTOR, value * FACTOR)
 
 
-def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Question with the nearest known word; empty if none is near."""
-    close = get_close_matches(word, list(known), 1)
-    return f"did you mean {close[0]}?" if close else ""
+def unknown(where: str, key: str, name: str, known: Collection[str], allowed: str = "") -> InputError:
+    """Error of an unknown name, which asks for the nearest known one; else it says what is allowed."""
+    close = get_close_matches(name, known, 1)
+    hint = f"did you mean {close[0]}?" if close else f"allowed: {allowed or ', '.join(known)}"
+    return InputError(where, key, f"found {name}; {hint}")
 
 
 @dataclass(frozen=True)
@@ -399,8 +397,7 @@ def paper_data(names: Sequence[str], settings: Sequence[str] = (), answers: Sequ
     known, data = calibration_file().set, list[DataSet]()
     for name in names:
         if name not in known:
-            allowed = f"comma-separated names from {', '.join(known)}"
-            raise InputError("--quoted", "", f"{name}; {did_you_mean(name, known)}".rstrip("; "), allowed)
+            raise unknown("fit", "--quoted", name, known)
         asked = known[name]
         changes = [text for answer in answers for key in (ALL, name) for text in answer.set.get(key, ())]
         everything = (*asked.set, *settings, *changes)
@@ -506,34 +503,30 @@ def gauge_parameters(data: DataSet, asked: Sequence[str]) -> list[Free]:
     Raises:
         InputError: An option names an unknown entry or key, or the trigger of an entry that shares another's.
     """
-    options = {option.partition("=")[0].strip(): option for option in asked}
-    if len(data.entries) == 1:
-        (only,) = data.entries
-        options = {re.sub(r"^measured(\.0)?(?=\.\w+$)", only, key): text for key, text in options.items()}
-    channels = {channel.key: channel for channel in data.channels}
-    triggers = {f"{channel.file_key}.{TRIGGER}" for channel in data.channels}
-    known = [*(f"{key}.{GAIN}" for key in data.entries), *sorted(triggers)]
-    for key in options:
-        if key not in known:
-            allowed = ", ".join(known) or "none, since the data set has no gauge"
-            raise InputError(data.where, f"--free {key}", f"unknown gauge parameter; allowed: {allowed}")
-    parameters = list[Free]()
-
-    def add(key: str, unit: str, start: float, usual: tuple[float, float], prior: float = 0.0) -> None:
-        _, given, rest = options.get(key, "").partition("=")
-        free = stated(f"{key}{given}{rest}", "s" if unit == "s" else "", data.where, start, usual, data.name)
-        parameters.append(replace(free, unit=unit, prior=free.prior or prior))
-
+    options, channels = dict[str, str](), {channel.key: channel for channel in data.channels}
+    for option in asked:
+        key, given, rest = option.partition("=")
+        key = key.strip()
+        if len(data.entries) == 1:
+            key = re.sub(r"^measured(\.0)?(?=\.\w+$)", next(iter(data.entries)), key)
+        options[key] = key + given + rest
+    known = dict[str, tuple[str, float, tuple[float, float], float, bool]]()  # unit, start, bounds, prior, free unasked
     for key, entry in data.entries.items():
         channel = channels.get(key)
         gain, unit = (channel.trace.gain, channel.trace.unit) if channel else (1.0, "N")
-        if f"{key}.{GAIN}" in options or entry.gain_uncertainty:
-            prior = entry.gain_uncertainty * abs(gain)
-            add(f"{key}.{GAIN}", f"N/{unit}" if unit != "N" else "", gain, around(gain), prior)
-        name = f"{key}.{TRIGGER}"
-        if channel and name in triggers and (name in options or channel.trigger_s is None):
+        prior = entry.gain_uncertainty * abs(gain)
+        known[f"{key}.{GAIN}"] = (f"N/{unit}" if unit != "N" else ""), gain, around(gain), prior, prior > 0
+        if channel and key in {each.file_key for each in data.channels}:
             start_s = sum(channel.window_s) / 2 if channel.trigger_s is None else channel.trigger_s
-            add(name, "s", start_s, channel.window_s)
+            known[f"{key}.{TRIGGER}"] = "s", start_s, channel.window_s, 0.0, channel.trigger_s is None
+    for key in options:
+        if key not in known:
+            raise unknown(data.where, "--free", key, known, ", ".join(known) or "none, since the data set has no gauge")
+    parameters = list[Free]()
+    for key, (unit, start, usual, prior, unasked) in known.items():
+        if unasked or key in options:
+            free = stated(options.get(key, key), "s" * (unit == "s"), data.where, start, usual, data.name)
+            parameters.append(replace(free, unit=unit, prior=free.prior or prior))
     return parameters
 
 

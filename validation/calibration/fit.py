@@ -3,7 +3,7 @@
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from math import ceil, inf, isfinite, log, log2, nan, sqrt
+from math import ceil, inf, isfinite, isnan, log, log2, nan, sqrt
 from typing import Any, Literal, TypeVar
 
 import numpy as np
@@ -16,7 +16,6 @@ from drivers.base.errors import RunError
 from drivers.base.units import quantity
 from drivers.chain.chain import Array
 from drivers.run.execute import Place, execute
-from postproc.draw.fits import rounded
 from validation.calibration.data import TRIGGER, Datum, calibration_file
 from validation.calibration.problem import MISSING_RESIDUAL, Problem
 
@@ -39,6 +38,8 @@ MIN_COMPONENT = 0.1  # of a direction, relative to its largest; smaller componen
 MIN_INFLATION = 10.0  # growth of an error by the uncertainty of the other parameters, from which it is reported
 RISES = {"68 %": 1.0, "95 %": 3.841458820694124}  # rise of chi-square at the ends of intervals (Wilks, one parameter)
 MAX_RISE, STRIDE, MAX_POINTS = 5.0, 0.6, 12  # of a profile: rise, standard errors between points, points on each side
+COLOURS = ("#0072b2", "#d55e00", "#555555", "#cc79a7", "#999933", "#56b4e9")
+MARKERS = ("o", "s", "v", "D", "P", "^")
 LAWS, PARAMETERS, DATA = "laws", "parameters", "data"  # tables of a fit
 
 Tables = dict[str, pd.DataFrame]
@@ -454,3 +455,53 @@ def _remarks(best: Fit, parameters: pd.DataFrame) -> Iterator[str]:
         if correlation > MAX_CORRELATION:
             sentence = f"{datum.label}: neighbouring residuals have a correlation of {correlation:.2f}"
             yield f"{sentence}: they contain more than noise, and errors are larger than stated"
+
+
+def rows_of(table: pd.DataFrame) -> list[Any]:
+    """Rows of a table with their columns as attributes."""
+    return [*table.itertuples(index=False)]
+
+
+def value_text(row: Any, factor: float = 1.0) -> str:
+    """Value with its error, multiplied by a factor, to two digits in a suitable unit, and the bound that it is at."""
+    at = f" (at its {row.at})" if row.at else ""
+    if not isfinite(row.error):
+        return f"undetermined: {rounded(row.least, row.unit)} to {rounded(row.most, row.unit)}{at}"
+    return with_error(row.value, row.error * factor, row.unit) + at
+
+
+def with_error(value: float, error: float, unit: str) -> str:
+    """Value with its error to two digits, in a suitable unit."""
+    scale, places, unit = _digits(value, error, unit)
+    return f"{value * scale:.{places}f} ± {error * scale:.{places}f} {unit}".strip()
+
+
+def interval_text(row: Any, ends: tuple[float, float]) -> str:
+    """Interval with digits as in ``value_text``; an open side is the end of the range, in brackets; empty for NaN."""
+    if isnan(ends[0]):
+        return ""
+    scale, places, unit = _digits(row.value, min(row.error, (row.most - row.least) / 10), row.unit)
+    shown = [
+        f"{end * scale:.{places}f}" if isfinite(end) else f"({limit * scale:.{places}f})"
+        for end, limit in zip(ends, (row.least, row.most), strict=True)
+    ]
+    return f"{shown[0]} .. {shown[1]} {unit}".strip()
+
+
+def _digits(value: float, error: float, unit: str) -> tuple[float, int, str]:
+    """Factor from the SI unit to a suitable unit, decimal places for two digits of the error, name of the unit."""
+    scale, unit = suited(value, unit)
+    return scale, int(np.clip(1 - np.floor(np.log10(error * scale)), 0, 12)) if error > 0 else 6, unit
+
+
+def suited(value: float, unit: str) -> tuple[float, str]:
+    """Factor from the SI unit to a unit that suits a value, and that unit."""
+    if not (unit and value):
+        return 1.0, unit
+    amount, unit = quantity(float(f"{value:.3g}"), unit).split(" ", 1)
+    return float(amount) / float(f"{value:.3g}"), unit
+
+
+def rounded(value: float, unit: str) -> str:
+    """Value to three digits, with its unit."""
+    return quantity(float(f"{value:.3g}"), unit) if unit else f"{value:.3g}"

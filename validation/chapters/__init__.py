@@ -10,6 +10,9 @@ from importlib import import_module
 from io import StringIO
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
+
 from drivers.base import paths
 from drivers.base.cache import content_of, load, store
 from drivers.base.errors import InputError, RunError
@@ -18,9 +21,9 @@ from drivers.base.terminal import counted, say
 from drivers.engines import entry_files, installed_codes, missing_codes
 from postproc.draw.product import SPACETIME, draw_spacetime
 from postproc.figures import captions, make_figure
-from validation.checks import FAIL, table
-from validation.report.page_figures import shown_of
-from validation.report.parts import Chapter, part_file, write_part
+from postproc.figures.table1 import GROUPS, printed
+from validation.checks import REPRODUCED, table
+from validation.report.parts import Chapter, Shown, part_file, write_part
 
 # subject for progress lines, link and heading of the section by chapter, in the order of the page
 CHAPTERS = {
@@ -30,6 +33,9 @@ CHAPTERS = {
     "stability": ("limits of stability", "Stability", "Stability limits of the time step"),
     "elements": ("effects of elements", "Elements", "Effects of the modelled elements"),
 }
+TABLE, SCORED = "table1", "fig3"
+LARGE_N = 2.0  # smallest force counted among the large amplitudes of the scores
+COMPUTED = ("V_s, m/s", "L/2R, 0.2 %", "L/2R, 4 %")
 IN_FULL = ("claims",)  # chapters that the page has in full; the short form is enough for the others
 
 
@@ -64,12 +70,11 @@ def run_chapter(name: str, options: Options) -> int:
         written = _write(name, chapter, options.results)
     for line in (*chapter.findings, *map(paths.shown, written)):
         print(line)
-    failed = [check for check in chapter.checks if check.verdict == FAIL]
-    for line in table(failed) if failed else ():
+    for line in table(chapter.failed) if chapter.failed else ():
         say(line)
     if missing_codes():
         say(f"not installed, and left out: {', '.join(missing_codes())}")
-    return 1 if failed else 0
+    return 1 if chapter.failed else 0
 
 
 def up_to_date(name: str, results: Path) -> bool:
@@ -95,6 +100,41 @@ def write_paper_figure(name: str, runs: Path, results: Path) -> list[Path]:
         diagram, stem = draw_spacetime(product.chains), f"{name}-{SPACETIME}"
         tables[stem], figures[stem] = diagram.table, (f"{title}: force in every contact against time", diagram.figure)
     return _write(name, Chapter(tables, product.notes, figures, shown_of(name, product.table)), results)
+
+
+def shown_of(name: str, table: pd.DataFrame) -> list[Shown]:
+    """Tables of the page for a figure: Table 1 itself, and the scores of the moduli of the figure of speeds."""
+    if name == TABLE:
+        return [Shown("", "", _table_1(table))]
+    return [Shown("Deviation of measured from computed speeds", "", _scores(table))] if name == SCORED else []
+
+
+def _table_1(table: pd.DataFrame) -> pd.DataFrame:
+    """Texts of Table 1, a column for each amplitude; numbers that equal the paper's are marked."""
+    (measured, _, _), *computed = GROUPS
+    labels = [f"{measured}: {words}" for words in ("duration, µs", "V_s, m/s", "L/2R")]
+    labels += [f"{group}: {words}" for group, _, _ in computed for words in COMPUTED]
+    texts: dict[str, list[str]] = {"F_m": [*labels, "deviation of codes"]}
+    for row in table.to_dict("records"):
+        (force, _), *cells = printed(row)
+        texts[f"{force} N"] = [f"{REPRODUCED} {text}" if equal else text for text, equal in cells]
+    return pd.DataFrame(texts)
+
+
+def _scores(table: pd.DataFrame) -> pd.DataFrame:
+    """Deviation of measured from computed speeds: a column for each modulus.
+
+    Deviations are in per cent of the computed speed by amplitude, root mean squares in standard errors.
+    """
+    table = table[table["source"] == "score"]
+    at = [f"measured minus computed speed at {force:g} N, %" for force in table["force_N"].unique()]
+    texts = {"E": [*at, f"rms from {LARGE_N:g} N, standard errors", "rms below, standard errors"]}
+    for modulus, points in table.groupby("modulus_MPa"):
+        large = points["force_N"] >= LARGE_N
+        rms = [np.sqrt((points["deviation_standard_errors"][which] ** 2).mean()) for which in (large, ~large)]
+        deviations = [f"{value:+.1f}" for value in points["deviation_pct"]]
+        texts[f"{modulus:g} MPa"] = [*deviations, *(f"{value:.1f}" for value in rms)]
+    return pd.DataFrame(texts)
 
 
 def make_parts(results: Path, runs: Path, names: Iterable[str]) -> tuple[list[str], bool]:

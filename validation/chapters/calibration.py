@@ -12,10 +12,22 @@ from drivers.base import paths
 from drivers.base.terminal import following
 from drivers.base.tolerances import tolerance
 from drivers.run.execute import Place, execute
-from postproc.draw.fits import draw_deviations, name_of, rows_of, value_text
-from postproc.paper.calibrated import calibrated
+from postproc.draw.style import GREY, pyplot
+from postproc.paper import calibrated
 from validation.calibration.data import DEFAULT, calibration_file, paper_data
-from validation.calibration.fit import DATA, LAWS, MAX_DEVIATION, PARAMETERS, Fit, Tables, solve
+from validation.calibration.fit import (
+    COLOURS,
+    DATA,
+    LAWS,
+    MARKERS,
+    MAX_DEVIATION,
+    PARAMETERS,
+    Fit,
+    Tables,
+    rows_of,
+    solve,
+    value_text,
+)
 from validation.calibration.problem import pose
 from validation.chapters import Options
 from validation.checks import FAIL, Check, judged, without_run
@@ -28,23 +40,33 @@ MODULUS, RESTITUTION = "materials.ptfe.youngs_modulus", "contact.restitution"
 GAUGES, SPEEDS, CUT = "sensor.time_constant", "reading.speed_scale", "reading.cut"
 ELECTRONICS, ONE_MS = "electronics: RC about 1 ms", "electronics: RC 1 ms"
 NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
+# words for numbers of the paper, by parts of their names
+KINDS = {
+    "amplitude": "force",
+    "contact_force": "force",
+    "speed": "speed",
+    "full_width": "full width",
+    "decay": "decay at the wall",
+}
+NUMBER_IN, WIDTH_IN = 0.36, 6.8
+SPREAD = 0.7  # of the fits of a number, as a share of the distance of two numbers
 CUTS = ("4 %", "5 %", "8 %", "12 %", "15 %")  # fixed, of the dissipative law without electronics
 
 
 def measure(options: Options) -> Chapter:
     """Fits of all readings; the short study fits some, from the parameters found before, and shows stored findings."""
     tables = study(quick=options.quick)
-    findings, cuts, checks = calibrated().findings, calibrated().cuts, [*judge(tables)]
+    findings, checks = calibrated().findings, [*judge(tables)]
     if not options.quick:
-        stored, findings, cuts = (findings, cuts), tuple(conclusions(tables)), tuple(cut_rows(tables))
-        if not alike(str(stored), str((findings, cuts))):
-            place = f"findings and cuts: the fits give {findings} and {cuts}"
-            checks.append(without_run(paths.shown(paths.CALIBRATED), "", place, FAIL))
+        findings = tuple(conclusions(tables))
+        if not alike(" ".join(calibrated().findings), " ".join(findings)):
+            where = paths.shown(paths.CALIBRATED)
+            checks.append(without_run(where, "", f"findings: the fits give {findings}", FAIL))
     return Chapter(
         tables={name: tables[key] for key, name in NAMES.items()},
         findings=[*findings],
         figures={NAMES[LAWS]: ("Deviations of fitted from measured numbers", draw_deviations(deviations(tables)))},
-        shown=shown(tables, cuts),
+        shown=shown(tables),
         checks=checks,
         short=options.quick,
     )
@@ -167,13 +189,12 @@ def _span(values: "pd.Series[float]", digits: int = 2) -> str:
     return " to ".join(dict.fromkeys(f"{value:.{digits}f}" for value in (values.min(), values.max())))
 
 
-def cut_rows(tables: Tables) -> Iterator[tuple[str, ...]]:
-    """Rows of the table of cuts: cut, chi-square, degrees of freedom, probability, restitution."""
-    for cut, reading in [*((f"fixed at {cut}", f"cut: {cut}") for cut in CUTS), ("free", DEFAULT)]:
-        row, found = goodness_of(tables, DISSIPATIVE, reading), parameters_of(tables, DISSIPATIVE, reading)
-        named = f"{cut}: {value_text(found[CUT])}" if CUT in found else cut
-        goodness = f"{row.chi_square:.1f}", f"{row.freedom}", f"{row.probability:.2g}"
-        yield named, *goodness, value_text(found[RESTITUTION])
+def name_of(data_set: str, datum: str) -> str:
+    """Name of a datum: kind and, of a row, its force."""
+    kind = next((word for part, word in KINDS.items() if part in datum), datum)
+    words = {"table1": "Table 1,", "fig4": "Fig. 4", "fig5": "Fig. 5"}
+    named = " ".join(words.get(part, part) for part in data_set.removesuffix(" width").split(" "))
+    return f"{named}: {kind}"
 
 
 def deviations(tables: Tables) -> pd.DataFrame:
@@ -183,6 +204,32 @@ def deviations(tables: Tables) -> pd.DataFrame:
     endings = data["data"].map({DEFAULT: "", ELECTRONICS: ", with electronics"})
     names = [name_of(*pair) for pair in zip(data["data_set"], data["datum"], strict=True)]
     return data.assign(number=names, fit=data["law"] + endings, error=data["fitted_error"] / data["error"])
+
+
+def draw_deviations(data: pd.DataFrame) -> Any:
+    """Fitted minus measured numbers in standard errors of the measurement, with the errors of the fits.
+
+    Args:
+        data: Rows by ``number`` (name with measured value), ``law`` and ``fit`` (law with its reading), with
+            ``off`` and ``error``; fits after the first one of a law have open markers.
+    """
+    numbers, fits = [*data["number"].unique()], data[["law", "fit"]].drop_duplicates()
+    laws = [*fits["law"].unique()]
+    height = 1.0 + NUMBER_IN * len(numbers)
+    figure, axis = pyplot().subplots(figsize=(WIDTH_IN, height), layout="constrained")
+    axis.axvspan(-1, 1, color=GREY, alpha=0.15, lw=0)
+    axis.axvline(0, color="k", lw=0.8)
+    for place, (law, fit, repeated) in enumerate(fits.assign(again=fits["law"].duplicated()).itertuples(index=False)):
+        own, look = data[data["fit"] == fit], laws.index(law) % len(COLOURS)
+        rows = own["number"].map(numbers.index) + SPREAD * ((place + 0.5) / len(fits) - 0.5)
+        axis.errorbar(
+            own["off"], rows, xerr=own["error"], ls="none", marker=MARKERS[look], ms=4, elinewidth=0.8,
+            color=COLOURS[look], mfc="white" if repeated else COLOURS[look], label=fit,
+        )  # fmt: skip
+    axis.set(yticks=range(len(numbers)), yticklabels=numbers, ylim=(len(numbers) - 0.5, -0.5))
+    axis.set_xlabel("fitted minus measured, in standard errors of the measurement (grey: one)")
+    figure.legend(loc="outside upper center", ncols=3, fontsize=7)
+    return figure
 
 
 def judge(tables: Tables) -> Iterator[Check]:
@@ -209,18 +256,13 @@ INTRODUCTION = (
     "modulus, the dissipation, the strikes of Table 1 and, common to all numbers, the scales of force and speed and "
     f"the cut at which durations are read. A fit holds if its probability is at least {MIN_PROBABILITY:g}."
 )
-CUT_TEXT = (
-    "The paper does not state the share of the peak at which durations are read. Fits of the "
-    f"{DISSIPATIVE} law without electronics, with standard errors of the restitution; with cuts above 10 % the wall of "
-    "Fig. 5 shows no third maximum:"
-)
 NUMBERS_TEXT = (
     "Fitted value, its deviation in standard errors, and in brackets chi-square of the fit without this number. "
 )
 
 
-def shown(tables: Tables, cuts: Sequence[Sequence[str]]) -> list[Shown]:
-    """Tables of the page: fits of the default reading, cuts, fits of all readings with the choices, all numbers."""
+def shown(tables: Tables) -> list[Shown]:
+    """Tables of the page: fits of the default reading, fits of all readings with the choices, all numbers."""
     fits = tables[LAWS]
     choices = " ".join(
         f"{question}: {'; '.join(f'{answer.name} ({answer.because})' for answer in answers)}."
@@ -228,11 +270,9 @@ def shown(tables: Tables, cuts: Sequence[Sequence[str]]) -> list[Shown]:
     )
     default, others = fits[fits["data"] == DEFAULT], fits[fits["data"] != DEFAULT]
     remarks = " ".join(f"{row.law}: {row.remarks}." for row in rows_of(default) if row.remarks)
-    headings = ["cut", "chi-square", "degrees of freedom", "probability", "restitution"]
     every = f"Where the paper can be read in several ways, each is fitted. The first answers are the default. {choices}"
     return [
         Shown("", INTRODUCTION, _fits_table(tables, default).drop(columns="reading")),
-        Shown("The cut at which durations are read", CUT_TEXT, pd.DataFrame(cuts, columns=headings)),
         Shown("All readings of the paper", every, _fits_table(tables, others)),
         Shown("All numbers, and limits of the fits", NUMBERS_TEXT + remarks, _numbers_table(tables)),
     ]

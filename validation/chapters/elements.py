@@ -39,8 +39,6 @@ ROUNDING = 1e-6  # of a mean: a smaller spread counts as none
 MAX_ELEMENTS = 3  # in a sentence
 SCATTER = "scatter"  # in a setting: replaced by the scene's value
 MIN_CHANGE = 1e-6  # smaller changes are drawn here
-SAME = 0.01  # of a change: codes that differ by less are one dot
-DOT: dict[str, Any] = {"marker": "o", "ms": 4.5, "color": "black"}
 OMITTED = "elements that straight chains omit"
 Found = Mapping[tuple[Case, str], Simulation]  # all runs of the study, by case and engine
 
@@ -251,25 +249,16 @@ def largest_effects(effects: pd.DataFrame) -> pd.DataFrame:
 
 
 def draw_effects(effects: pd.DataFrame) -> Any:
-    """Draws a row for each element: its largest change by code, codes that agree as one dot; to the right its cost."""
+    """Draws a row for each element: its largest change by code; to the right its cost."""
     table = largest_effects(effects)
     names, variants = list(table["element"].unique()), {item.name for item in read_elements().element if item.of}
     figure, (left, right) = pyplot().subplots(
         1, 2, figsize=(PAGE_IN, 0.8 + 0.19 * len(names)), sharey=True, width_ratios=(3, 2), layout="constrained"
     )
-    for place, name in enumerate(names):
-        rows = table[table["element"] == name]
-        sizes = rows["size"].clip(lower=MIN_CHANGE)
-        if sizes.max() <= (1 + SAME) * sizes.min():
-            left.plot(sizes.mean(), place, ls="", **DOT)
-        for size, (_, row) in zip(sizes, rows.iterrows(), strict=True):
-            mark = marker_of(row["engine"])
-            if sizes.max() > (1 + SAME) * sizes.min():
-                left.plot(size, place, ls="", **mark)
-            right.plot(row["cost"], place, ls="", **mark)
-    for engine in table["engine"].unique():
-        right.plot([], [], ls="", label=engine, **marker_of(engine))
-    right.plot([], [], ls="", label="codes that agree", **DOT)
+    for engine, rows in table.groupby("engine", sort=False):
+        places, mark = rows["element"].map(names.index), marker_of(str(engine))
+        left.plot(rows["size"].clip(lower=MIN_CHANGE), places, ls="", **mark)
+        right.plot(rows["cost"], places, ls="", label=engine, **mark)
     right.axvline(1.0, color=GREY, lw=0.8)
     left.set(xscale="log", xlabel=f"largest relative change, all scenes ({MIN_CHANGE:.0e} or less: none)")
     right.set(xscale="log", xlabel="time with / without the element")

@@ -25,7 +25,7 @@ from drivers.run.compute import compute
 from drivers.run.execute import execute
 from drivers.scene.read_scene import make_scene
 from postproc.read.motion import case_of
-from validation.accuracy.plan import CRITERIA, plan_case
+from validation.accuracy.plan import plan_case, usual_steps
 
 PAPER = ("fig4", "fig5", "fig6b", "fig6d", "table1")
 SHIPPED, RANDOM, BOUNCING = "shipped scenes", "random scenes", "impacts"
@@ -155,7 +155,7 @@ def measure_limits(subjects: Sequence[MeasuredChain], names: Sequence[str] | Non
         ``predicted_s`` the predicted limit, a lower bound; ``measured_s`` the smallest scanned step at which the energy
         blows up, NaN if none does, ``ratio`` the measured limit divided by the predicted one; ``wrong_s`` the
         step at which a force of Verlet errs by a tenth of the largest change, NaN for random scenes;
-        ``rayleigh_s``, ``hertz_s``, ``p_wave_s`` the steps of usual criteria (``validation.accuracy.plan.CRITERIA``);
+        ``rayleigh_s``, ``hertz_s``, ``p_wave_s`` the steps of the usual criteria (``accuracy.plan.usual_steps``);
         ``steps`` the number of steps of the run at the limit.
     """
     names = installed_codes() if names is None else names
@@ -173,7 +173,8 @@ def _by_code(
     rows = []
     for subject, verlet in zip(subjects, by_verlet, strict=True):
         measured_s, predicted_s = verlet["measured_s"], verlet["predicted_s"]
-        if not _blows_up_first(name, subject, measured_s):
+        gains = [_gain_on(name, subject, step_s) for step_s in (measured_s, measured_s / (1 + FINENESS)) if step_s > 0]
+        if not gains or not gains[0] > UNSTABLE_GAIN >= gains[1]:  # not where Verlet blows up
             measured_s = _scan(subject, name, predicted_s, lowest=CODE_LOWEST)
         rows.append(verlet | {"method": name, "measured_s": measured_s, "ratio": measured_s / predicted_s})
         count()
@@ -192,7 +193,7 @@ def _row(subject: MeasuredChain, predicted_s: float, method: str, measured_s: fl
         "measured_s": measured_s,
         "wrong_s": nan if subject.group == RANDOM else wrong_step_s(case, predicted_s),
         "ratio": measured_s / predicted_s,
-        **{key: share * time(case) for key, (share, time) in zip(CRITERION_KEYS, CRITERIA.values(), strict=True)},
+        **dict(zip(CRITERION_KEYS, usual_steps(case).values(), strict=True)),
         "steps": float(case.sample_times_s[-1]) / measured_s,
     }
 
@@ -206,14 +207,6 @@ def wrong_step_s(case: Case, predicted_s: float) -> float:
 
     place = bisect_left(WRONG_SHARES, True, key=is_wrong)
     return predicted_s * WRONG_SHARES[place] if place < len(WRONG_SHARES) else nan
-
-
-def _blows_up_first(method: str, subject: MeasuredChain, step_s: float) -> bool:
-    """True if the energy of a method blows up at this step, but not at the step before in the scan."""
-    if not np.isfinite(step_s):
-        return False
-    before_s = step_s / (1 + FINENESS)
-    return _gain_on(method, subject, step_s) > UNSTABLE_GAIN >= _gain_on(method, subject, before_s)
 
 
 def _gain_on(method: str, subject: MeasuredChain, step_s: float) -> float:

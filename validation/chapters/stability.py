@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -60,8 +61,6 @@ BLOCKS = 20  # of a long run, for standard errors
 SIGNIFICANCE = 3.0  # standard errors of a drift
 COLOURS = ("#cc79a7", "#e69f00", "#0072b2")
 DASHES = ("-", (0, (5, 1.5)), (0, (1, 1)))
-COINCIDING: dict[str, Any] = {"marker": "o", "ms": 3.5, "mfc": "none", "color": "black"}  # several methods
-SAME = 5e-3  # methods that differ by less are drawn as one
 
 
 class Extreme(Part):
@@ -93,16 +92,14 @@ def run_all(chosen: list[Extreme], runs: Path) -> Iterator[Check]:
     names = (REFERENCE, VERLET, *codes())
     cases = {extreme.name: planned_case(extreme.scene, *extreme.set) for extreme in chosen}
     absent: dict[tuple[str, str], str] = {}
-    for extreme, case in cases.items():
-        for engine in names:
-            if engine not in installed(names):
-                absent[extreme, engine] = "not installed"
-                continue
-            try:
-                refuse(case, engine)
-            except InputError as refusal:
-                absent[extreme, engine] = f"refused: {refusal}"
-    jobs = [(extreme, engine) for extreme in cases for engine in names if (extreme, engine) not in absent]
+    for extreme, engine in product(cases, names):
+        try:
+            refuse(cases[extreme], engine)
+        except InputError as refusal:
+            absent[extreme, engine] = f"refused: {refusal}"
+        if engine not in installed(names):
+            absent[extreme, engine] = "not installed"
+    jobs = [job for job in product(cases, names) if job not in absent]
     ended = run_many([(cases[extreme], engine) for extreme, engine in jobs], runs, unsafe=True)
     by_job = dict(zip(jobs, ended, strict=True))
     for extreme, case in following(cases.items(), "extreme scenes, assessed", len(cases), "scene"):
@@ -111,12 +108,12 @@ def run_all(chosen: list[Extreme], runs: Path) -> Iterator[Check]:
                 yield without_run(extreme, engine, why, NOT_RUN)
                 continue
             run = assess(by_job[extreme, engine], case)
-            if run.done:
-                for check in kept_budget(case, run).checks:
-                    inaccurate = check.verdict == FAIL and check.quantity.startswith(ERROR)
-                    yield replace(check, scene=extreme, verdict=NOT_ACCURATE if inaccurate else check.verdict)
-            else:
+            if not run.done:
                 yield without_run(extreme, engine, f"{run.record.status}: {run.record.reason}", FAIL)
+                continue
+            for check in kept_budget(case, run).checks:
+                inaccurate = check.verdict == FAIL and check.quantity.startswith(ERROR)
+                yield replace(check, scene=extreme, verdict=NOT_ACCURATE if inaccurate else check.verdict)
 
 
 def energies() -> pd.DataFrame:
@@ -250,10 +247,9 @@ def draw_limits(limits: pd.DataFrame) -> Any:
         axis.axhline(1.0, color="black", lw=0.8)
         for key, label, colour, dashes in zip(CRITERION_KEYS, CRITERIA, COLOURS, DASHES, strict=True):
             axis.plot(x, verlet[key] / limit, color=colour, ls=dashes, lw=1.2, label=label)
-        for methods, points in _coinciding(part, "value", "measured_s", list(limits["method"].unique())):
+        for method, points in part.groupby("method", sort=False):
             share = points["predicted_s"] / points["measured_s"]
-            mark = COINCIDING if methods[1:] else marker_of(methods[0])
-            axis.plot(points["value"], share, ls="", label=f"predicted: {listed(methods)}", **mark)
+            axis.plot(points["value"], share, ls="", label=f"predicted: {method}", **marker_of(str(method)))
         axis.set(xscale="log", yscale="log", xlabel=group)
     grid[0].set_ylabel("step / measured limit")
     handles = {label: handle for axis in grid for handle, label in zip(*axis.get_legend_handles_labels(), strict=True)}
@@ -261,22 +257,17 @@ def draw_limits(limits: pd.DataFrame) -> Any:
     return figure
 
 
-def _coinciding(table: pd.DataFrame, x: str, y: str, methods: list[str]) -> Iterator[tuple[list[str], pd.DataFrame]]:
-    """Methods with equal values, with the rows of the first of them: they are drawn as one."""
-    left = [method for method in methods if (table["method"] == method).any()]
-    columns = {method: table[table["method"] == method].set_index(x)[y].sort_index() for method in left}
-    while left:
-        same = [
-            name for name in left if np.allclose(columns[name], columns[left[0]], rtol=SAME, atol=0, equal_nan=True)
-        ]
-        yield same, table[table["method"] == left[0]]
-        left = [name for name in left if name not in same]
-
-
 def show_limits(limits: pd.DataFrame) -> Shown:
     """Limits of the shipped scenes, and of a bouncing bead."""
-    listed_groups = limits[limits["group"].isin([SHIPPED, BOUNCING])].groupby("scene", sort=False)
-    rows = [_limit_row(str(scene), part.set_index("method")) for scene, part in listed_groups]
+    chosen = limits[limits["group"].isin([SHIPPED, BOUNCING])]
+    unstable = chosen.groupby("scene", sort=False)["measured_s"].agg(["min", "max"])
+    rows = []
+    for verlet in chosen[chosen["method"] == VERLET].to_dict("records"):
+        shares = [verlet[key] / verlet["measured_s"] for key in CRITERION_KEYS]
+        ends = dict.fromkeys(map(_micro, unstable.loc[verlet["scene"]]))
+        steps = _micro(verlet["predicted_s"]), " to ".join(ends), _micro(verlet["wrong_s"])
+        band = verlet["wrong_s"] / verlet["measured_s"]
+        rows.append([verlet["scene"], *steps, *(_judged(share, band) for share in shares)])
     return Shown(
         "Limits of the time step on the shipped scenes",
         "Steps in µs. Predicted: by trials of this scheme. Unstable: smallest step at which the energy grows by all"
@@ -284,21 +275,6 @@ def show_limits(limits: pd.DataFrame) -> Shown:
         " divided by the unstable step; unstable above 1, wrong by 10 % above the step of the force.",
         pd.DataFrame(rows, columns=["scene", "predicted", "unstable", "force wrong by 10 %", *CRITERIA]),
     )
-
-
-def _limit_row(scene: str, by_method: pd.DataFrame) -> list[str]:
-    """Predicted and measured limits of a scene in µs, and usual criteria divided by Verlet's limit."""
-    verlet: dict[Any, Any] = by_method.loc[VERLET].to_dict()
-    ends = dict.fromkeys(_micro(step_s) for step_s in (by_method["measured_s"].min(), by_method["measured_s"].max()))
-    shares = [verlet[key] / verlet["measured_s"] for key in CRITERION_KEYS]
-    band = verlet["wrong_s"] / verlet["measured_s"]
-    return [
-        scene,
-        _micro(verlet["predicted_s"]),
-        " to ".join(ends),
-        _micro(verlet["wrong_s"]),
-        *(_judged(share, band) for share in shares),
-    ]
 
 
 def _judged(share: float, band: float) -> str:
@@ -326,13 +302,10 @@ def _cell(checks: pd.DataFrame) -> str:
 
 def show_energy(energy: pd.DataFrame) -> Shown:
     """Energy errors of long runs."""
+    columns = ["scene", "method", "largest", "drift", "drift_error"]
     rows = [
-        (
-            f"{row['scene']}, {row['method']}",
-            short(row["largest"]),
-            f"{short(row['drift'])} ± {short(row['drift_error'])}",
-        )
-        for row in energy.to_dict("records")
+        (f"{scene}, {method}", short(largest), f"{short(drift)} ± {short(error)}")
+        for scene, method, largest, drift, error in energy[columns].itertuples(index=False)
     ]
     heading = "Energy over ten million steps, divided by the largest kinetic energy"
     return Shown(heading, "", pd.DataFrame(rows, columns=["scene, engine", "largest error", "drift"]))

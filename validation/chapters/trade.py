@@ -103,12 +103,10 @@ def at_step(case: Case, share: float, stable_s: float) -> Case:
 
 def affordable(rungs: list[Rung], budget_s: float) -> tuple[list[Rung], list[Rung]]:
     """Rungs within the budget, cheapest first, and the rest."""
-    kept, left, spent = list[Rung](), list[Rung](), 0.0
-    for rung in sorted(rungs, key=lambda rung: rung.expected_s):
-        fits = rung.expected_s <= MAX_RUN_SHARE * budget_s and spent + rung.expected_s <= budget_s
-        (kept if fits else left).append(rung)
-        spent += rung.expected_s if fits else 0.0
-    return kept, left
+    ordered = sorted(rungs, key=lambda rung: rung.expected_s)
+    expected_s = np.array([rung.expected_s for rung in ordered])
+    kept = int(((expected_s <= MAX_RUN_SHARE * budget_s) & (np.cumsum(expected_s) <= budget_s)).sum())
+    return ordered[:kept], ordered[kept:]
 
 
 def run_ladder(budget_s: float, scenes: Sequence[str], *, short: bool = False) -> pd.DataFrame:

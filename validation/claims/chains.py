@@ -11,13 +11,12 @@ from scipy.interpolate import CubicSpline
 
 from drivers.base.errors import InputError
 from drivers.chain.case import Case
-from postproc.paper import strikes, theory
-from postproc.paper.calibrated import calibrated
-from postproc.paper.quoted import quoted
+from postproc.paper import calibrated, quoted, strikes
 from postproc.read.motion import UNTIL_REFLECTED, Simulation, case_of, exact
 from postproc.read.observables import observe
 from postproc.read.sensors import sensor_average
 from postproc.read.signals import ONSET, Peak, envelope, incident_pulse, integral, peaks
+from validation.claims.equations import sound_speed
 from validation.reference.travelling_wave import solve_at_amplitude, solve_travelling_wave
 
 Run = Callable[[Case], Simulation]
@@ -82,9 +81,8 @@ def exponent(run: Run) -> float:
 def width_by_modulus(run: Run, force_N: float) -> float:
     """Width at 4 % with gravity for the softest modulus divided by that for the hardest, at strikes of equal force."""
     soft, hard = min(quoted().ptfe_moduli_MPa), max(quoted().ptfe_moduli_MPa)
-    speed = strikes.striker_speed(_strike(force_N, strikes.sensor_amplitude)) * (hard / soft) ** (
-        1 / 3
-    )  # F ~ k^(2/5) v^(6/5)
+    equal = (hard / soft) ** (1 / 3)  # F ~ k^(2/5) v^(6/5)
+    speed = strikes.striker_speed(_strike(force_N, strikes.sensor_amplitude)) * equal
     settings = (f"materials.ptfe.youngs_modulus={soft} MPa", f"striker.speed={speed!r} m/s")
     return run(case_of("table1", *settings)).values[WIDTH] / struck(run, force_N).values[WIDTH]
 
@@ -99,26 +97,22 @@ def widening(run: Run, force_N: float, gravity: bool, over_N: float, over_gravit
 
 def speed_by_gravity(run: Run, force_N: float) -> float:
     """Speed with gravity divided by that of the exponent 1/6 without it at the same peak force, less 1, per cent."""
-    heavy, bare = (struck(run, force_N, LONG_DURATION, *off) for off in ((), UNCOMPRESSED))
-    same_force = strikes.speed_between_sensors(bare) * (strikes.contact_peak(heavy) / strikes.contact_peak(bare)) ** (
-        1 / 6
-    )
-    return float(100 * (strikes.speed_between_sensors(heavy) / same_force - 1))
+    motions = [struck(run, force_N, LONG_DURATION, *off) for off in ((), UNCOMPRESSED)]
+    speed, bare_speed = map(strikes.speed_between_sensors, motions)
+    peak, bare_peak = map(strikes.contact_peak, motions)
+    return float(100 * (speed / (bare_speed * (peak / bare_peak) ** (1 / 6)) - 1))
 
 
 def theory_and_chain(run: Run) -> float:
     """Largest deviation of Eq. (4) from simulated speeds with gravity, at strikes of 0.015 to 5 m/s, per cent."""
-    errors = []
-    for speed in (0.015, 0.1, 0.7, 5.0):
-        motion = run(case_of("table1", f"striker.speed={speed} m/s"))
-        errors.append(
-            abs(_long_wave_speed(motion, strikes.contact_peak(motion)) / strikes.speed_between_sensors(motion) - 1)
-        )
-    return 100 * max(errors)
+    motions = [run(case_of("table1", f"striker.speed={speed} m/s")) for speed in (0.015, 0.1, 0.7, 5.0)]
+    by_theory = [_long_wave_speed(motion, strikes.contact_peak(motion)) for motion in motions]
+    speeds = map(strikes.speed_between_sensors, motions)
+    return 100 * max(abs(theirs / ours - 1) for theirs, ours in zip(by_theory, speeds, strict=True))
 
 
 def _long_wave_speed(motion: Simulation, peak_N: float) -> float:
-    return theory.precompressed_speed(theory.particles_of(motion.case), peak_N, strikes.static_force(motion.case))
+    return strikes.precompressed_speed(strikes.particles_of(motion.case), peak_N, strikes.static_force(motion.case))
 
 
 def theory_and_experiment(run: Run, force_is: str) -> float:
@@ -136,7 +130,7 @@ def contact_force(run: Run, force_N: float) -> float:
     motion = struck(run, force_N)
     chain, static, peak = motion.case.chain, strikes.static_force(motion.case), strikes.contact_peak(motion)
     wave = solve_at_amplitude(float(chain.stiffness[6]), float(chain.mass_kg[0]), static, peak / static - 1)
-    return peak / theory.contact_force(wave.beta, strikes.sensor_amplitude(motion), static)
+    return peak / (wave.beta * strikes.sensor_amplitude(motion) + static)
 
 
 def _fig4(run: Run, law: str = ELASTIC) -> Simulation:
@@ -169,7 +163,7 @@ def face_deviation(run: Run, at_peak: bool = False) -> float:
         signal[passing]
         for signal in (motion.trace.time_s, motion.trace.force_N, sensor_average(motion.trace.force_N, 5))
     )
-    third, _ = theory.sensor_forces(forces[:, 5], forces[:, 4], paper.sensor_gauge_g / paper.sensor_mass_g)
+    third = mean + (forces[:, 5] - forces[:, 4]) / 2 * (paper.sensor_gauge_g / paper.sensor_mass_g)  # Eq. (5)
     off = third / mean - 1
     if at_peak:
         return float(100 * abs(CubicSpline(time, off)(peaks(time, mean)[0].time_s)))
@@ -225,23 +219,24 @@ def table1(run: Run, force_N: float, column: str, beads: float, force_is: str, r
     amplitude, setting = READINGS[force_is], f"chain.count={beads:g}"
     solved_N = strikes.fitting_force(force_N, setting) if rounded else force_N
     case = _strike(solved_N, amplitude, setting).case
-    motion = strikes.resolved(run, case, solved_N) if amplitude is strikes.sensor_amplitude else run(case)
+    motion = run(case)
+    if amplitude is strikes.sensor_amplitude:
+        (motion,) = strikes.settled(lambda cases: [*map(run, cases)], [case], [solved_N])
     return strikes.table1_numbers(motion)[strikes.COLUMNS.index(column)]
 
 
 def misfit(_: Run, modulus_MPa: float, forces: str, force_is: str) -> float:
     """Deviation of measured from simulated speeds at equal amplitudes, root mean square over some forces, per cent."""
-    return float(100 * np.sqrt((strikes.deviations(modulus_MPa, READINGS[force_is])[ROWS[forces]] ** 2).mean()))
+    points = strikes.score(modulus_MPa, READINGS[force_is])[ROWS[forces]]
+    off = points["measured_m_s"].to_numpy() / points["simulated_m_s"].to_numpy() - 1
+    return float(100 * np.sqrt((off**2).mean()))
 
 
 def width_by_diameter(run: Run) -> float:
     """Width in diameters at 4 % on the smaller beads divided by that on the larger ones, without gravity."""
-    small = ("diameter=2.38 mm", "mass=0.0157 g")
-    settings = [f"{body}.{size}" for body in ("chain", "striker") for size in small]
-    return (
-        run(case_of("table1", *UNCOMPRESSED, *settings)).values[WIDTH]
-        / run(case_of("table1", *UNCOMPRESSED)).values[WIDTH]
-    )
+    small = [f"{body}.{size}" for body in ("chain", "striker") for size in ("diameter=2.38 mm", "mass=0.0157 g")]
+    first, second = (run(case_of("table1", *UNCOMPRESSED, *settings)).values[WIDTH] for settings in (small, ()))
+    return first / second
 
 
 def impulse_to_peak(run: Run) -> float:
@@ -289,11 +284,15 @@ def small_waves(run: Run, share: float) -> float:
     return _significant(train, share) / _significant(train, 0.05)
 
 
-def splitting(run: Run, below: float) -> float:
-    """Valley between the first two waves divided by the second, some beads below Fig. 5's striker, no gravity."""
-    motion, contact = heavy_strike(run, "run.sample_interval=0.2 us"), 61 - round(below)
+def _valley(motion: Simulation, contact: int) -> float:
+    """Least force between the first two waves that pass a contact, divided by the second."""
     first, second = waves(motion, contact, at_least=2)[:2]
     return float(motion.trace.force_N[first.sample : second.sample, contact - 1].min() / second.value)
+
+
+def splitting(run: Run, below: float) -> float:
+    """Valley between the first two waves divided by the second, some beads below Fig. 5's striker, no gravity."""
+    return _valley(heavy_strike(run, "run.sample_interval=0.2 us"), 61 - round(below))
 
 
 def count_at_wall(run: Run, scene: str, share: float) -> float:
@@ -359,7 +358,7 @@ def oscillations(run: Run) -> float:
 def leading_speed(run: Run) -> float:
     """Speed of the front of a long impact divided by that of the solitary wave of its peak force, ten beads on."""
     motion = _long_impact(run)
-    particles, wave = theory.particles_of(motion.case), solve_travelling_wave()
+    particles, wave = strikes.particles_of(motion.case), solve_travelling_wave()
     solitary = wave.speed_by_force * particles.stiffness ** (1 / 3) * particles.mass_kg**-0.5
     speed, peak_N = _front(motion, 35)
     return float(speed / (solitary * peak_N ** (1 / 6)))
@@ -373,10 +372,10 @@ def leading_speed_weak(run: Run) -> float:
     """
     chain = ("chain.count=400", "chain.precompression=2 N", "striker.speed=0.1 m/s", "run.duration=9.5 ms")
     motion = heavy_strike(run, "striker.mass=1 kg", *chain, "run.time_step=1 us", "run.sample_interval=5 us")
-    static_N, particles = float(motion.case.chain.precompression_N), theory.particles_of(motion.case)
+    static_N, particles = float(motion.case.chain.precompression_N), strikes.particles_of(motion.case)
     speed, peak_N = _front(motion, 65)
     strain_above = particles.strain(peak_N) / particles.strain(static_N) - 1
-    sound = theory.sound_speed(particles, static_N) / particles.diameter_m
+    sound = sound_speed(particles, static_N) / particles.diameter_m
     return float((speed / sound - 1) / (strain_above / 12))
 
 
@@ -423,9 +422,7 @@ def attenuation_by_amplitude(run: Run, waves_are: str) -> float:
 
 def valley(run: Run, scene: str) -> float:
     """Valley between the first two waves at the wall divided by the second, with dissipation."""
-    motion = run(of_law(scene, FITTED))
-    first, second = waves(motion, 1, at_least=2)[:2]
-    return float(motion.trace.force_N[first.sample : second.sample, 0].min() / second.value)
+    return _valley(run(of_law(scene, FITTED)), 1)
 
 
 def tail(run: Run, scene: str) -> float:

@@ -10,9 +10,8 @@ from math import pi, sqrt
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from postproc.paper import theory
-from postproc.paper.quoted import quoted
-from postproc.paper.strikes import static_force
+from drivers.chain.chain import Array, hertz_force
+from postproc.paper import quoted, strikes
 from postproc.read.motion import case_of
 from validation.reference import travelling_wave
 from validation.reference.travelling_wave import fixed_point, solve_at_amplitude, solve_travelling_wave
@@ -26,6 +25,90 @@ HEAVY_GAS_M_S = 134.0  # sound in sulphur hexafluoride at 20 °C
 PZT_KG_M3 = 7800.0  # usual density of lead zirconate titanate
 NORMAL_MODULUS_MPA = 750.0  # largest modulus of PTFE at normal conditions in section IV
 MICRO = 1e6
+HUMP_WAVE_NUMBER = sqrt(10) / 5  # times 1/a, of Eq. (2)
+HUMP_LENGTH = pi / HUMP_WAVE_NUMBER  # from zero to zero, in diameters: 4.967, "five" in the paper
+GRID = 64  # points of the Fourier grid over one period
+
+
+def long_wave_acceleration(particles: strikes.Particles, strain: Array, length_m: float) -> Array:
+    """u_tt by Eq. (1) for a strain that is periodic over ``length_m``, differentiated on its Fourier grid.
+
+    ``u_tt = -c^2 { xi^(3/2) + (a^2/10) xi^(1/4) (xi^(5/4))_xx }_x``, for xi > 0 at equally spaced positions.
+    """
+    a, c = particles.diameter_m, particles.speed_constant_m_s
+    dispersive = strain**0.25 * _derivative(strain**1.25, length_m, 2)
+    return -(c**2) * _derivative(strain**1.5 + a**2 / 10 * dispersive, length_m, 1)
+
+
+def _derivative(values: Array, length_m: float, order: int) -> Array:
+    wave_number = 2j * pi * np.fft.rfftfreq(len(values), length_m / len(values))
+    return np.asarray(np.fft.irfft(np.fft.rfft(values) * wave_number**order, len(values)))
+
+
+def lattice_acceleration(particles: strikes.Particles, displacement_m: Array) -> Array:
+    """Accelerations of the beads of a closed chain: ``m u_tt = F_j - F_{j+1}`` with Hertz forces between neighbours.
+
+    ``u_0 - u_1`` is the overlap of beads 0 and 1. There are beads + 1 displacements; the last is that of bead 0, one
+    period further.
+    """
+    overlap = displacement_m[:-1] - displacement_m[1:]
+    force = hertz_force(particles.stiffness, np.maximum(overlap, 0.0))
+    return np.asarray((np.roll(force, 1) - force) / particles.mass_kg)
+
+
+def peak_strain(particles: strikes.Particles, speed_m_s: float) -> float:
+    """Strain of Eq. (2) at x = 0, one hump of which is ``xi = (5 V^2 / 4 c^2)^2 cos^4(sqrt(10) x / 5a)``."""
+    return float((5 * speed_m_s**2 / (4 * particles.speed_constant_m_s**2)) ** 2)
+
+
+def stationary_residual(power: float) -> float:
+    """Largest violation of the long-wave equation by its periodic solution, divided by the largest of its terms.
+
+    For ``F ~ overlap^n`` (n = 3/2: Eq. (1)) a wave of speed V satisfies the once integrated equation
+    ``V^2 xi = c_n^2 { xi^n + n a^2 / (6 (n+1)) xi^((n-1)/2) (xi^((n+1)/2))_xx }``, solved by
+    ``xi^((n-1)/2) = cos(k x)`` with ``k a = (n-1) (6 / (n (n+1)))^(1/2)`` and ``V^2 = 2 c_n^2 / (n+1)``: Eq. (2) for
+    n = 3/2, a harmonic wave for n = 3. If (n+1)/(n-1) is whole, all terms are band-limited and derivatives are exact.
+    """
+    n = power
+    period = 2 * pi / ((n - 1) * sqrt(6 / (n * (n + 1))))
+    root = np.cos(2 * pi * np.arange(GRID) / GRID)  # xi^((n-1)/2), with its sign
+    curvature = _derivative(root ** ((n + 1) / (n - 1)), period, 2)
+    right = root ** (2 * n / (n - 1)) + n / (6 * (n + 1)) * root * curvature
+    left = 2 / (n + 1) * root ** (2 / (n - 1))
+    return float(np.abs(left - right).max() / np.abs(left).max())
+
+
+def speed_from_strain(particles: strikes.Particles, strain: float) -> float:
+    """Eq. (3), first form: ``V_s = (2/sqrt 5) c xi_m^(1/4)``."""
+    return float(2 / sqrt(5) * particles.speed_constant_m_s * strain**0.25)
+
+
+def speed_from_velocity(particles: strikes.Particles, velocity_m_s: float) -> float:
+    """Eq. (3), second form: ``V_s = (16/25)^(1/5) c^(4/5) v_m^(1/5)``."""
+    return float((16 / 25) ** 0.2 * particles.speed_constant_m_s**0.8 * velocity_m_s**0.2)
+
+
+def force_coefficient(particles: strikes.Particles, speed_m_s: float, force_N: float) -> float:
+    """Coefficient of Eq. (3), printed as 0.68, for a wave of this speed and peak force; for sound that of Eq. (4)."""
+    return float(speed_m_s / (strikes.force_scale(particles) * force_N ** (1 / 6)))
+
+
+def sound_speed(particles: strikes.Particles, force_N: float) -> float:
+    """c_0 of Eq. (1): ``c_0 = (3/2)^(1/2) c xi_0^(1/4)`` with the strain under a static force."""
+    return float(sqrt(1.5) * particles.speed_constant_m_s * particles.strain(force_N) ** 0.25)
+
+
+def bulk_modulus_to_youngs(bulk_speed_m_s: float, poisson_ratio: float, density_kg_m3: float) -> float:
+    """Young's modulus in Pa from a bulk sound speed, ``E = 3 rho c_b^2 (1 - 2 nu)``."""
+    return 3 * density_kg_m3 * bulk_speed_m_s**2 * (1 - 2 * poisson_ratio)
+
+
+def hertz_contact(particles: strikes.Particles, force_N: float) -> tuple[float, float]:
+    """Radius ``(3 F R* / 4 E*)^(1/3)`` in m, peak pressure ``3 F / (2 pi radius^2)`` in Pa (Hertz 1882)."""
+    reduced_radius = particles.diameter_m / 4
+    reduced_modulus = particles.youngs_modulus_Pa / (2 * (1 - particles.poisson_ratio**2))
+    radius_m = (3 * force_N * reduced_radius / (4 * reduced_modulus)) ** (1 / 3)
+    return radius_m, 3 * force_N / (2 * pi * radius_m**2)
 
 
 def convergence_order() -> float:
@@ -39,8 +122,8 @@ def convergence_order() -> float:
         place = np.arange(beads + 1) * p.diameter_m
         displacement = -mean * place - swing / wave_number * np.sin(wave_number * place)
         strain = mean + swing * np.cos(wave_number * place[:-1])
-        lattice = theory.lattice_acceleration(p, displacement)
-        long_wave = theory.long_wave_acceleration(p, strain, length)
+        lattice = lattice_acceleration(p, displacement)
+        long_wave = long_wave_acceleration(p, strain, length)
         errors.append(float(np.abs(lattice - long_wave).max() / np.abs(lattice).max()))
     return float(np.log(errors[0] / errors[1]) / np.log(4))
 
@@ -148,17 +231,17 @@ def paper_numbers() -> dict[str, float]:
     return _of_equations() | _of_materials() | _of_measurements()
 
 
-def ptfe_beads() -> theory.Particles:
+def ptfe_beads() -> strikes.Particles:
     """The paper's beads of 4.76 mm, E = 1.46 GPa."""
-    return theory.particles_of(case_of("table1"))
+    return strikes.particles_of(case_of("table1"))
 
 
 def _of_equations() -> dict[str, float]:
     """Statements on Eqs. (1) to (5) and (7)."""
     p, y = ptfe_beads(), np.linspace(-np.pi, np.pi, 1001)
     lattice_sound = travelling_wave.sound_speed(p.stiffness, p.mass_kg, STATIC_N) * p.diameter_m
-    speeds = [theory.speed_from_strain(p, strain) for strain in (STRAIN, 2 * STRAIN)]
-    peak = float(theory.solitary_strain(p, SPEED_M_S, np.zeros(1))[0])
+    speeds = [speed_from_strain(p, strain) for strain in (STRAIN, 2 * STRAIN)]
+    peak = peak_strain(p, SPEED_M_S)
     caps, gauge = quoted().sensor_caps_g, quoted().sensor_gauge_g
     # momentum of cap, gauge and cap under F_1 = 3 and F_2 = 1: unknown are F_3, F_4 and the acceleration
     parts = np.array([[1.0, 0.0, caps / 2], [1.0, -1.0, -gauge], [0.0, 1.0, -caps / 2]])
@@ -167,19 +250,19 @@ def _of_equations() -> dict[str, float]:
         "eq1-c": sqrt(p.stiffness * p.diameter_m**2.5 / p.mass_kg) / p.speed_constant_m_s,
         "eq1-c0": lattice_sound / (p.speed_constant_m_s * p.strain(STATIC_N) ** 0.25),
         "c-not-of-lattice": lattice_sound / p.speed_constant_m_s,
-        "eq2-solves-eq1": theory.stationary_residual(1.5),
-        "cubic-harmonic": theory.stationary_residual(3),
-        "eq2-length": theory.HUMP_LENGTH,
+        "eq2-solves-eq1": stationary_residual(1.5),
+        "cubic-harmonic": stationary_residual(3),
+        "eq2-length": HUMP_LENGTH,
         "eq2-first-form": float(np.log(2) / np.log(speeds[1] ** 2 / speeds[0] ** 2)),
         "eq2-harmonics": float(np.abs(np.cos(y) ** 4 - (3 + np.cos(4 * y) + 4 * np.cos(2 * y)) / 8).max()),
-        "eq2-wavelength-short": 2 * pi / (4 * theory.HUMP_WAVE_NUMBER),
-        "eq2-wavelength-long": 2 * pi / (2 * theory.HUMP_WAVE_NUMBER),
+        "eq2-wavelength-short": 2 * pi / (4 * HUMP_WAVE_NUMBER),
+        "eq2-wavelength-long": 2 * pi / (2 * HUMP_WAVE_NUMBER),
         "eq3-strain": SPEED_M_S / (p.speed_constant_m_s * peak**0.25),
         "eq3-velocity": SPEED_M_S / (p.speed_constant_m_s**0.8 * (SPEED_M_S * peak) ** 0.2),
-        "eq3-force": theory.force_coefficient(p, speeds[0], p.force_N(STRAIN)),
-        "eq4-coefficient": theory.force_coefficient(p, theory.sound_speed(p, STATIC_N), STATIC_N),
-        "eq4-weak": speed_by_eq4(1 + 1e-4) / theory.sound_speed(p, STATIC_N),
-        "eq4-strong": speed_by_eq4(1e12) / theory.speed_from_force(p, 1e12 * STATIC_N),
+        "eq3-force": force_coefficient(p, speeds[0], p.force_N(STRAIN)),
+        "eq4-coefficient": force_coefficient(p, sound_speed(p, STATIC_N), STATIC_N),
+        "eq4-weak": speed_by_eq4(1 + 1e-4) / sound_speed(p, STATIC_N),
+        "eq4-strong": speed_by_eq4(1e12) / strikes.speed_from_force(p, 1e12 * STATIC_N),
         "narrow-interval": max(100 * (speed_by_eq4(1.1 * f) / speed_by_eq4(f) - 1) for f in (2.0, 10.0, 100.0, 1000.0)),
         "eq5-share": (third - fourth) / 2.0,
         "eq5-average": (third + fourth) / 4.0,
@@ -189,17 +272,17 @@ def _of_equations() -> dict[str, float]:
 
 def speed_by_eq4(force_over_static: float) -> float:
     """Speed of Eq. (4) in m/s for a peak force, static part included, divided by the static force."""
-    return theory.precompressed_speed(ptfe_beads(), force_over_static * STATIC_N, STATIC_N)
+    return strikes.precompressed_speed(ptfe_beads(), force_over_static * STATIC_N, STATIC_N)
 
 
 def _of_materials() -> dict[str, float]:
     """Statements on moduli, masses, and the contact at 5 N."""
     p, paper, density = ptfe_beads(), quoted(), _density("ptfe")
-    small = theory.particles_of(case_of("fig6b"))
-    radius_m, peak_Pa = theory.hertz_contact(p, CONTACT_N)
-    small_radius_m, small_peak_Pa = theory.hertz_contact(small, CONTACT_N)
+    small = strikes.particles_of(case_of("fig6b"))
+    radius_m, peak_Pa = hertz_contact(p, CONTACT_N)
+    small_radius_m, small_peak_Pa = hertz_contact(small, CONTACT_N)
     bulk_speeds = paper.ptfe_hugoniot_m_s, paper.ptfe_ultrasound_m_s
-    stiff, soft = (theory.bulk_modulus_to_youngs(speed, p.poisson_ratio, density) for speed in bulk_speeds)
+    stiff, soft = (bulk_modulus_to_youngs(speed, p.poisson_ratio, density) for speed in bulk_speeds)
     strain = peak_Pa / p.youngs_modulus_Pa
     return {
         "modulus-hugoniot": stiff / 1e9,
@@ -230,8 +313,8 @@ def _of_measurements() -> dict[str, float]:
     """Statements on measured speeds, widths and amplitudes."""
     p, paper, table = ptfe_beads(), quoted(), quoted().table1
     slowest, fastest = min(table.measured_speed_m_s), max(table.measured_speed_m_s)
-    by_theory = theory.Particles(600e6, p.poisson_ratio, _density("ptfe"), p.diameter_m)
-    slow_m_s = theory.speed_from_velocity(by_theory, 0.2)
+    by_theory = strikes.Particles(600e6, p.poisson_ratio, _density("ptfe"), p.diameter_m)
+    slow_m_s = speed_from_velocity(by_theory, 0.2)
     times, widths = np.array(table.measured_duration_us) / MICRO, np.array(table.measured_width_diameters)
     off = times * np.array(table.measured_speed_m_s) / p.diameter_m - widths
     large = widths[np.array(table.force_N) >= 0.6]
@@ -245,7 +328,7 @@ def _of_measurements() -> dict[str, float]:
         "slower-than-on-nylon": NYLON_M_S / slowest,
         "nylon-amplitude": NYLON_N / paper.smallest_force_N,
         "far-smaller": NYLON_N / paper.smallest_force_N,
-        "strongly-nonlinear": min(table.force_N) / static_force(case_of("table1")),
+        "strongly-nonlinear": min(table.force_N) / strikes.static_force(case_of("table1")),
         "speed-accuracy": 100 * 2 * paper.accuracy_sensor_position_m / (4 * p.diameter_m),
         "table1-measured-widths": float(np.abs(off).max()),
         "very-close-to-five": float((times * np.array(table.measured_speed_m_s) / p.diameter_m)[1]),

@@ -42,6 +42,7 @@ SECTIONS = {  # functions with the words of their parameters, in the order in wh
         "spectrum": "RUN --from --to --frequency --since --until --window --json --runs-read --results --engines",
         "energy": "RUN --beads --runs-read --results --engines",
         "film": "RUN --frames --sideways --runs-read --results --engines",
+        "table": "RUN --long --out --runs-read --results --engines",
         "vtk": "RUN --frames --runs-read --results --engines",
     },
     "measured data": {

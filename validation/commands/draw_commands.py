@@ -15,15 +15,12 @@ from drivers.limits import refuse
 from drivers.run.inventory import scene_now
 from drivers.scene.read_scene import stored_scene
 from postproc.draw import film as films
-from postproc.draw.product import Product, draw_spacetime, write_product
+from postproc.draw.energies import draw_energies, range_numbers, run_energies, write_energies
+from postproc.draw.product import Product, draw_spacetime, write_product, write_table
 from postproc.draw.scene_drawing import draw_scene
 from postproc.draw.study_figure import column_of, draw_study, draw_tornado, key_label
-from postproc.energy.energies import range_numbers, run_energies
-from postproc.energy.energy_figure import draw_energies, write_energies
-from postproc.linear.modes import MAX_BEADS
-from postproc.linear.modes_figure import modes_product
-from postproc.linear.spectra import WINDOWS
-from postproc.linear.spectrum_figure import analyse, numbers_of, signals_of, spectrum_product
+from postproc.linear.modes import MAX_BEADS, modes_product
+from postproc.linear.spectra import WINDOWS, analyse, signals_of, spectrum_product
 from validation.accuracy.plan import planned_case
 from validation.commands.options import print_paths
 from validation.commands.run_commands import open_shown
@@ -53,11 +50,12 @@ def modes(scene: str, settings: tuple[str, ...], results: Path) -> None:
     if not 0 < beads <= MAX_BEADS:
         raise InputError(case.scene.file, "chain.count", f"{beads}", f"from 1 to {MAX_BEADS} beads for modes")
     try:
-        product = modes_product(case)
+        product, bands = modes_product(case)
     except ValueError as error:
         print(f"{case.scene.name}: {error}")
     else:
         _write(product, f"modes-{case.scene.name}", results)
+        print_paths([] if bands is None else [write_table(bands, f"modes-{case.scene.name}-bands", results)])
 
 
 def spacetime(run: str, runs: Path, results: Path) -> None:
@@ -99,14 +97,12 @@ def spectrum(
         raise InputError("beads spectrum", "RUN", "a run without gauges and drive", allowed)
     from_s, to_s = _si("--since", since, "s"), _si("--until", until, "s") if until else float(trace.time_s[-1])
     hertz = _si("--frequency", frequency, "Hz") if frequency else None
-    used = (trace.time_s >= from_s) & (trace.time_s <= to_s)
     try:
-        parts = {gauge: values[used] for gauge, values in signals.items()}
-        analysis = analyse(case, parts, trace.time_s[used], (source, target), window, hertz)
+        analysis = analyse(case, trace, (source, target), window, hertz, (from_s, to_s))
     except ValueError as error:
         raise InputError("beads spectrum", run, str(error), "a longer record or finer samples") from error
     if as_json:
-        print(json.dumps(numbers_of(analysis), indent=2))
+        print(json.dumps(analysis.numbers, indent=2))
     else:
         _write(spectrum_product(case, analysis, title), name, results)
 
@@ -143,7 +139,7 @@ def energy(run: str, ranges: tuple[tuple[int, int], ...], runs: Path, results: P
         print(*text_table([("bodies", *next(iter(numbers.values()))), *lines]), sep="\n")
     table = results / f"{name}.parquet"
     written = write_product(draw_energies(energies, ranges, title), name, results)
-    write_energies(energies, table)
+    write_energies(energies, table, opened.record.about)
     print_paths([*written, table])
 
 

@@ -39,6 +39,7 @@ TEXTS = {
     "--only patterns PATTERN ...": "Take only cases with KEY=GLOB, such as 'striker.speed=2 m/s', or with a label "
     "that matches; repeatable (default: all cases).",
     "--dry-run": "Print what would be done, without doing it.",
+    "--long": "One row for each sample and contact, instead of a column for each contact.",
     "--json as_json": "Print JSON.",
     "--dask ADDRESS": "Run on the Dask cluster at ADDRESS; without ADDRESS, on a local Dask cluster.",
     "--list every": "Print the state of each case: done, failed, timeout, refused, stale, claimed, to do, not "
@@ -89,7 +90,7 @@ TEXTS = {
     "--prune": "Remove runs that are not done, or whose build or deck is not today's.",
     "--out FILE": "File to write (default: report.html, or a table named after RUN, in results/).",
     "folder FOLDER": "Folder with a deck that was run by hand, and its output.",
-    "names [FIGURE]...": "Figures (default: all).",
+    "names [FIGURE]...": "Figures of the paper (default: all), or Python files.",
     "--file FILE": "Judge the cases of a file alone (default: all claims and inputs/independent.toml).",
     "--budget budget_s SECONDS": "Engine time of all runs together (default: 300 s; 30 s with --quick).",
     "name ENGINE": "Name of an engine, such as verlet or an entry of your engines.toml.",
@@ -152,9 +153,10 @@ def _print_definitions(context: click.Context, _: click.Parameter, asked: bool) 
     """Print the definitions of all observables."""
     if asked:
         from drivers.base.terminal import text_table
-        from postproc.read.observables import DEFINITIONS, SYMBOLS
+        from postproc.read.observables import OBSERVABLES, TERMS
 
-        print(SYMBOLS, "", *text_table(DEFINITIONS.items()), sep="\n")
+        rows = [(f"{each.pattern}{each.ending}", each.definition) for each in OBSERVABLES]
+        print(TERMS, *text_table(rows), sep="\n")
         context.exit()
 
 

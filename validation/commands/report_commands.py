@@ -2,15 +2,18 @@
 
 import shlex
 import sys
+import traceback
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any
 
 from drivers.base import paths
-from drivers.base.errors import InputError, RunError
+from drivers.base.errors import InputError, RunError, one_line
 from drivers.base.terminal import counted
 from drivers.engines import engines_again, missing_codes
-from postproc.figures import captions
-from validation.chapters import Options, run_chapter, write_paper_figure
+from postproc.draw.product import Product, write_product
+from postproc.figures import caption_of, captions
+from validation.chapters import CHAPTERS, Options, run_chapter, write_paper_figure
 from validation.commands.options import print_paths
 from validation.compare.comparison import EngineSelection
 
@@ -31,28 +34,60 @@ def report(scenes: tuple[str, ...], studies: bool, runs: Path, out: Path | None 
 
 
 def figures(names: tuple[str, ...], runs: Path, results: Path) -> int:
-    """Make figures and the table of the paper.
+    """Make figures and the table of the paper, or of your own.
 
     Examples:
       beads figures
       beads figures fig4 table1
+      beads figures my_figure.py
     """
-    titles, code = {name: caption.title for name, caption in captions().items()}, 0
+    known, code = captions(), 0
     for name in names:
-        if name not in titles:
-            raise InputError("figures", "", f'"{name}"', ", ".join(titles))
-    for name in dict.fromkeys(names or titles):
+        if name not in known and not name.endswith(".py"):
+            raise InputError("figures", "", f'"{name}"', f"{', '.join(known)}, or a Python file of your own")
+    for name in dict.fromkeys(names or known):
         try:
-            with counted(f"{name}: {titles[name]}"):
-                written = write_paper_figure(name, runs, results)
+            caption = known.get(name) or caption_of(Path(name))
+            with counted(f"{name}: {caption.title}"):
+                written = (write_paper_figure if name in known else _write_own)(name, runs, results)
         except (RunError, InputError) as error:
-            print(f"{name}: {error}", file=sys.stderr)
+            print(f"{name}: {error}" if name in known else error, file=sys.stderr)
             code = max(code, 2 if isinstance(error, InputError) else 1)
         else:
             print_paths(written)
     if missing_codes():
         print(f"left out, since not installed: {', '.join(missing_codes())}", file=sys.stderr)
     return code
+
+
+def _write_own(name: str, runs: Path, results: Path) -> list[Path]:
+    """Execute a figure file and write its table, figure and spacetime diagram under its name.
+
+    Raises:
+        InputError: The file has no function that makes a product, or the name of another output.
+        RunError: An exception in the file, with the line.
+    """
+    file, shown = Path(name).resolve(), paths.shown(Path(name))
+    if file.stem in (*captions(), *CHAPTERS):
+        raise InputError(shown, "", file.stem, "a name that is not that of a figure of the paper or of a chapter")
+    spec = spec_from_file_location(f"own_figure_{file.stem}", file)
+    assert spec
+    assert spec.loader
+    module = sys.modules[spec.name] = module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+        if not callable(getattr(module, "make", None)):
+            raise InputError(shown, "make", "no such function", "make(runs), which returns a Product")
+        product = module.make(runs)
+        if not isinstance(product, Product):
+            raise InputError(shown, "make", f"{type(product).__name__} returned", "a Product")
+        return write_product(product, file.stem, results)
+    except (InputError, RunError):
+        raise
+    except Exception as error:
+        lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(file)]
+        place = f", line {lines[-1]}" if lines else ""
+        raise RunError(one_line(f"{shown}{place}: {type(error).__name__}: ", error)) from error
 
 
 def fit(results: Path, runs: Path, **asked: Any) -> int:

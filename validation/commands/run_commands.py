@@ -224,6 +224,23 @@ def vtk(run: str, runs: Path, results: Path, **frames: int) -> None:
     print_paths(series.write_series(opened, results / name, **frames))
 
 
+def table(run: str, runs: Path, results: Path, long: bool, out: Path | None = None) -> None:
+    """Write contact forces and energies of a run as a table.
+
+    The ending of the file, .parquet or .csv, decides on the format.
+
+    Examples:
+      beads table yade:fig4
+      beads table yade:fig4 --long --out forces.csv
+    """
+    from postproc.read.run_tables import write_table  # pandas takes long to load
+
+    opened, name, _ = open_shown("table", run, runs)
+    file = out or results / f"{name}.parquet"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    print_paths([write_table(opened, file, long=long)])
+
+
 def open_shown(what: str, run: str, runs: Path) -> tuple[EndedRun, str, str]:
     """A run, a name for the files that a command makes from it, and a title."""
     opened = open_run(inventory.run_folder(run, runs), failed=True)

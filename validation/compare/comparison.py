@@ -35,6 +35,10 @@ model: difference from velocity Verlet at the same step; error: difference from 
 both relative to the largest change of force, unless stated otherwise"""
 INACCURATE = "inaccurate"  # the right computation, with larger errors than allowed
 NOT_INSTALLED, REFUSED = "not installed", "refused"  # accepted reasons for a missing run
+SCALES = (
+    "differences of force, energy and momentum are divided by the first run's largest change of force, kinetic energy"
+    " and momentum, those of peaks by its height above static load, others by its value"
+)
 KINDS = ("peak", "later peak", "speed")  # of observables of two runs that are shown
 LEVELS = (1e-9, 1e-6, 1e-3, 1e-2)  # of the largest change: rounding, horizon, coarse steps, experiments
 MIN_SAMPLES = 4  # for peaks
@@ -102,19 +106,15 @@ class EngineSelection:
         some = {*self.engines, *self.require, VERLET, REFERENCE}
         return [name for name in engine_names() if not self.engines or name in some]
 
-    @property
-    def needed(self) -> set[str]:
-        """Names of the engines that have to run."""
-        return {*self.require, *(() if self.allow_missing else self.engines)}
-
     def unmet(self, scenes: Sequence[ComparedScene]) -> dict[str, str]:
         """Messages on unmet requirements, by engine; a failed run counts as a run."""
         ran = {check.engine for scene in scenes for check in scene.checks if check.verdict != NOT_RUN}
         absent = {engine: why for scene in reversed(scenes) for engine, why in scene.absent.items()}
+        needed = {*self.require, *(() if self.allow_missing else self.engines)}
         messages = {
             name: f"{name} is required and did not run: {load_engine(name).absence if why == NOT_INSTALLED else why}"
             for name, why in absent.items()
-            if name in self.needed - ran
+            if name in needed - ran
         }
         if not (messages or self.allow_missing or ran & {*codes()}):
             how = ", ".join(f"{name} ({load_engine(name).how_to_get})" for name in codes())
@@ -198,7 +198,7 @@ def compare_scenes(
     scenes = []
     with counted(f"{sources[0] if len(sources) == 1 else f'{len(sources)} scenes'} on all engines, compared"):
         for compared in run_and_compare_all(sources, settings, runs, asked, unsafe=unsafe):
-            print(*_lines(compared, asked, brief=brief), "", sep="\n", flush=True)
+            print(*_lines(compared, brief=brief), "", sep="\n", flush=True)
             scenes.append(compared)
     unmet = asked.unmet(scenes)
     if unmet:
@@ -206,18 +206,14 @@ def compare_scenes(
     return 1 if unmet or any(check.verdict == FAIL for scene in scenes for check in scene.checks) else 0
 
 
-def _lines(compared: ComparedScene, asked: EngineSelection, *, brief: bool) -> Iterator[str]:
+def _lines(compared: ComparedScene, *, brief: bool) -> Iterator[str]:
     """Lines on a scene: summary, checks, diagnoses, error budgets; or the answer and the worst check of each engine."""
-    name, said = compared.case.scene.name, summary(compared.checks)
-    needed = [check for check in compared.checks if check.verdict == NOT_RUN and check.engine in asked.needed]
-    if needed and said.startswith(PASS):
-        said = "; ".join([*(f"not judged: {check.engine} did not run ({check.where})" for check in needed), said])
-    sentences = " ".join(answer([compared]))
+    name, sentences = compared.case.scene.name, " ".join(answer([compared]))
     if brief:
         by_engine = [compared.of_engine(engine) for engine in compared.verdicts]
         yield from (sentences, *table([worst_of(checks) or checks[0] for checks in by_engine]))
         return
-    yield from (f"{name}: {said}", sentences, LEGEND, "", *table(compared.checks))
+    yield from (f"{name}: {summary(compared.checks)}", sentences, LEGEND, "", *table(compared.checks))
     if compared.diagnoses:
         yield from ("", *text_table([(name, *said) for said in compared.diagnoses.items()]))
     yield from budget_lines("engine", compared.runs)
@@ -240,9 +236,6 @@ def answer(scenes: Sequence[ComparedScene], cases: Outcomes | None = None) -> It
     yield from _agreement(scenes, agreeing or [VERLET])
     if missing := [*_by_engine(rows, NOT_RUN, "did not run on")]:
         yield f"{'; '.join(missing)}."
-    warned = [scene for scene in scenes if any(run.record.warnings for run in scene.runs.values())]
-    if warned:
-        yield f"Runs of {listed([scene.case.scene.name for scene in warned])} have warnings."
 
 
 def display_name(engine: str) -> str:
@@ -260,15 +253,14 @@ def _agreement(scenes: Sequence[ComparedScene], engines: Sequence[str]) -> Itera
     """Sentence on the largest deviations and the cost of these engines on the scenes on which they are right."""
     right = [(scene, engine) for scene in scenes for engine in engines if scene.verdicts.get(engine) == PASS]
     checks = [check for scene, engine in right for check in scene.of_engine(engine)]
-    largest = {check.quantity: short(check.value) for check in sorted(checks, key=lambda check: check.value)}
-    if largest:
-        where = f"On {number} scenes the" if (number := len({check.scene for check in checks})) > 1 else "The"
-        parts = {MODEL: "with velocity Verlet at the same step to", ERROR: "with the exact motion to"}
-        said = [f"{words} {largest[key]}" for part, words in parts.items() if (key := f"{part}: {FORCE}") in largest]
-        most_s = max(
-            run.record.loop_s or 0.0 for scene in scenes for name, run in scene.runs.items() if name in engines
-        )
-        names = listed([*map(display_name, engines)])
+    said = []
+    for part, words in ((MODEL, "velocity Verlet at the same step"), (ERROR, "the exact motion")):
+        if off := [check.value for check in checks if check.quantity == f"{part}: {FORCE}"]:
+            said.append(f"with {words} to {short(max(off))}")
+    if said:
+        number, names = len({check.scene for check in checks}), listed([*map(display_name, engines)])
+        most_s = max(scene.runs[engine].record.loop_s or 0.0 for scene, engine in right)
+        where = f"On {number} scenes the" if number > 1 else "The"
         yield f"{where} forces of {names} agree {listed(said)}, for at most {in_words(most_s)} of computing per run."
 
 
@@ -287,53 +279,45 @@ def compare_runs(first: Path, second: Path) -> int:
         InputError: the runs cannot be compared.
     """
     both = {"first": open_run(first, failed=True), "second": open_run(second, failed=True)}
-    wrong, said, runs, traces = [], [], [*both.values()], common_samples(*both.values())
+    runs, wrong, about = [*both.values()], [], []
+    traces = common_samples(runs)
     for name, run in both.items():
-        departure, cause = diagnosis(Case(*chain_of(run), ()), run.record.engine, trace_with_state(run))
+        record = run.record
+        departure, cause = diagnosis(Case(*chain_of(run), ()), record.engine, trace_with_state(run))
         if departure or not run.done:
             wrong.append(f"the {name} run {'departs from its scheme' if departure else 'failed'}")
-        said += [(name, words) for words in (departure, cause) if words]
-    print(f"FAIL: {'; '.join(wrong)}" if wrong else "pass: both runs are those of their schemes")
+        code = f"{record.scene_name} on {record.engine} ({record.engine_version})"
+        step = f"time step {record.time_step_s:g} s, {len(run.trace.time_s)} samples, commit {record.commit[:10]}"
+        edits = [f"deck changed: {edit}" for edit in record.edits or ()]
+        lines = (paths.shown(run.folder), f"{code}, {step}", run.trouble, *edits, departure, cause)
+        about += [(name, line) for line in lines if line]
     keys = [
         f"the scenes differ in {key}: {setting_text(key, a) or 'none'} against {setting_text(key, b) or 'none'}"
         for key, a, b in differences(runs[0].record.scene, runs[1].record.scene)
     ]
-    print("", *_runs(both), "", *(keys or ["the scenes are the same"]), "", *difference_lines(runs, traces), sep="\n")
-    if said:
-        print("", *text_table(said), sep="\n")
-    print(*budget_lines("run", both), sep="\n")
+    print(f"FAIL: {'; '.join(wrong)}" if wrong else "pass: both runs are those of their schemes", "", sep="\n")
+    print(*text_table(about), "", *(keys or ["the scenes are the same"]), "", sep="\n")
+    print(*difference_lines(runs, traces), *budget_lines("run", both), sep="\n")
     return 1 if wrong else 0
 
 
-def common_samples(one: EndedRun, other: EndedRun) -> list[Trace]:
+def common_samples(runs: Sequence[EndedRun]) -> list[Trace]:
     """Traces of two runs at their common sample times.
 
     Raises:
-        InputError: there are too few, both are the same run, or their contacts differ.
+        InputError: there are too few, or their contacts differ.
     """
-    where, contacts = f"{paths.shown(one.folder)} {paths.shown(other.folder)}", other.trace.force_N.shape[1]
-    if one.folder.resolve() == other.folder.resolve():
-        raise InputError(where, "", "both are the same run; name two run folders")
-    if one.trace.force_N.shape[1] != contacts:
-        raise InputError(where, "", f"{one.trace.force_N.shape[1]} contacts against {contacts}", "equal numbers")
-    unit = TIME_TOLERANCE * max(float(run.trace.time_s[-1]) for run in (one, other))
-    ticks = [np.round(run.trace.time_s / unit) for run in (one, other)]
-    common, *places = np.intersect1d(ticks[0], ticks[1], return_indices=True)
-    if len(common) < MIN_SAMPLES:
-        raise InputError(where, "run.sample_interval", f"{len(common)} common sample times", f"{MIN_SAMPLES} or more")
-    return [part_of(run.trace, at) for run, at in zip((one, other), places, strict=True)]
-
-
-def _runs(both: Mapping[str, EndedRun]) -> Iterator[str]:
-    """Lines on two runs."""
-    for name, run in both.items():
-        record = run.record
-        step = f"time step {record.time_step_s:g} s, {record.steps} steps, {len(run.trace.time_s)} samples"
-        commit = f"commit {record.commit[:10]}{' and changes' if record.dirty else ''}"
-        yield f"{name:<7} {paths.shown(run.folder)}"
-        yield f"        {record.scene_name} on {record.engine} ({record.engine_version}), {step}, {commit}"
-        edits = [f"deck changed: {edit}" for edit in record.edits or ()]
-        yield from (f"        {line}" for line in [run.trouble, *edits] if line)
+    where, traces = " ".join(paths.shown(run.folder) for run in runs), [run.trace for run in runs]
+    contacts = [trace.force_N.shape[1] for trace in traces]
+    if contacts[0] != contacts[1]:
+        raise InputError(where, "", f"{contacts[0]} contacts against {contacts[1]}", "equal numbers")
+    unit = TIME_TOLERANCE * max(float(trace.time_s[-1]) for trace in traces)
+    one, other = (np.round(trace.time_s / unit) for trace in traces)
+    _, *places = np.intersect1d(one, other, return_indices=True)
+    if len(places[0]) < MIN_SAMPLES:
+        found = f"{len(places[0])} common sample times"
+        raise InputError(where, "run.sample_interval", found, f"{MIN_SAMPLES} or more")
+    return [part_of(trace, at) for trace, at in zip(traces, places, strict=True)]
 
 
 def difference_rows(runs: Sequence[EndedRun], traces: Sequence[Trace]) -> Iterator[tuple[str, ...]]:
@@ -351,17 +335,15 @@ def difference_rows(runs: Sequence[EndedRun], traces: Sequence[Trace]) -> Iterat
             yield without_unit(name), f"{share:.2e}", *(f"{value} {describe(name).unit}" for value in values)
 
 
-def difference_lines(runs: Sequence[EndedRun], traces: Sequence[Trace]) -> list[str]:
+def difference_lines(runs: Sequence[EndedRun], traces: Sequence[Trace]) -> Iterator[str]:
     """Table of the differences of two runs, and the times at which their forces begin to differ."""
     heading = ("quantity", "relative difference", "first run", "second run", "taken at")
-    lines = text_table([heading, *difference_rows(runs, traces)], right=(1, 2, 3))
+    yield from text_table([heading, *difference_rows(runs, traces)], right=(1, 2, 3))
     one, other = traces
+    yield from (SCALES, "", f"compared at {len(one.time_s)} common sample times")
     share = difference(FORCE, other, one, largest_change_N(one.force_N))
-    lines += ["", f"compared at {len(one.time_s)} common sample times"]
     for level in LEVELS:
-        beyond = (share > level).any(axis=1)
-        sample = int(np.argmax(beyond))
-        place = place_of(FORCE, one.time_s, (sample, int(np.argmax(share[sample]))))
-        when = f"first in {place}" if beyond.any() else "never"
-        lines.append(f"forces differ by more than {level:g} of the largest change: {when}")
-    return lines
+        sample, contact = divmod(int(np.argmax(share > level)), share.shape[1])
+        apart = share[sample, contact] > level
+        when = f"first in {place_of(FORCE, one.time_s, (sample, contact))}" if apart else "never"
+        yield f"forces differ by more than {level:g} of the largest change: {when}"

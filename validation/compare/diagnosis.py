@@ -31,7 +31,6 @@ CANDIDATES = 8  # contacts and beads that are tried alone
 MAX_TRIES, CONVERGED, PROBE = 12, 0.9, 1e-6  # of a fit; ratio of squares at its end; change of the factor for its slope
 MAX_DRAGGED_STEPS, MAX_WORK = 20_000, 2_000_000  # steps of a loop in Python; bodies times steps of a trial
 
-Places = NDArray[np.bool_]  # contacts or beads of a group. Shape (bodies,)
 Values = dict[str, Any]  # changed values of a chain
 # words of a change of the scene with its factor, changed values by the factor, and the first factor to try
 Change = tuple[str, Callable[[float], Values], float]
@@ -56,10 +55,10 @@ def diagnosis(case: Case, engine: str, trace: Trace) -> tuple[str, str]:
     for change in _changes(case, trace, stiffness, mass):
         if cause := _explains(case, change, force, limits_N, early=early):
             return departure, cause
-    ratios = [(ratio, f"stiffness of contact {place}") for place, ratio in enumerate(stiffness.tolist(), 1)]
-    ratios += [(ratio, f"mass of bead {place}") for place, ratio in enumerate(mass.tolist(), 1)]
-    off = sorted((abs(ratio - 1), f"{words} {ratio:.5g}") for ratio, words in ratios if abs(ratio - 1) > SIGNIFICANT)
-    told = ", ".join(words for _, words in off[: -TOLD - 1 : -1])
+    ratios = {f"stiffness of contact {place}": ratio for place, ratio in enumerate(stiffness.tolist(), 1)}
+    ratios |= {f"mass of bead {place}": ratio for place, ratio in enumerate(mass.tolist(), 1)}
+    furthest = sorted(ratios, key=lambda words: -abs(ratios[words] - 1))[:TOLD]
+    told = ", ".join(f"{words} {ratios[words]:.5g}" for words in furthest if abs(ratios[words] - 1) > SIGNIFICANT)
     return departure, f"no single change explains it; {f'largest: {told}' if told else 'its law is that of the scene'}"
 
 
@@ -98,15 +97,15 @@ def _explains(case: Case, change: Change, force_N: Array, limits_N: Array, *, ea
     with np.errstate(all="ignore"):
         for _ in range(MAX_TRIES):
             made = _forces(case, changed(factor), early=early)[:samples]
-            off = np.abs(force_N - made)
-            if (off <= limits_N).all():
-                return words.format(f"{abs(factor):.7g}")
+            off = force_N - made
+            if (np.abs(off) <= limits_N).all():
+                return words.format(f"{factor:.7g}")
             if not (off**2).sum() < CONVERGED * before:
                 break
             before = float((off**2).sum())
             slope = (_forces(case, changed(factor + PROBE), early=early)[:samples] - made) / PROBE
-            step = float((slope * (force_N - made)).sum() / (slope**2).sum())
-            factor += min(max(step, -0.5), 0.5)
+            step = float((slope * off).sum() / (slope**2).sum())
+            factor = abs(factor + min(max(step, -0.5), 0.5))
     return ""
 
 
@@ -118,15 +117,15 @@ def _changes(case: Case, trace: Trace, stiffness: Array, mass: Array) -> Iterato
     def times(name: str, value: Any, factor: float) -> Values:
         return {name: factor * value}
 
-    def stiffer(at: Places, factor: float) -> Values:
-        return {"stiffness": np.where(at, abs(factor), 1.0) * chain.stiffness}
+    def stiffer(at: NDArray[np.bool_], factor: float) -> Values:
+        return {"stiffness": np.where(at, factor, 1.0) * chain.stiffness}
 
-    def heavier(at: Places, factor: float) -> Values:
-        mass_kg = np.where(at, abs(factor), 1.0) * chain.mass_kg
+    def heavier(at: NDArray[np.bool_], factor: float) -> Values:
+        mass_kg = np.where(at, factor, 1.0) * chain.mass_kg
         return {"mass_kg": mass_kg, "load_N": chain.load_N - chain.gravity_m_s2 * (mass_kg - chain.mass_kg)}
 
     def harder(name: str, factor: float) -> Values:
-        changed = materials[name].model_copy(update={"youngs_modulus": abs(factor) * materials[name].youngs_modulus})
+        changed = materials[name].model_copy(update={"youngs_modulus": factor * materials[name].youngs_modulus})
         return {"stiffness": build_chain(scene.model_copy(update={"materials": materials | {name: changed}})).stiffness}
 
     slower = 1.0
@@ -169,18 +168,19 @@ def _forces(case: Case, changed: Values, *, early: bool) -> Array:
     which the adapter subtracts the loads of the scene from the lowest body upwards. Besides arrays of ``HertzChain``,
     ``changed`` may have a time step and the coefficients of ``_dragged``.
     """
-    scene, chain, values = case.scene, case.chain, dict(changed)
-    step_s = float(values.pop("time_step_s", scene.time_step_s))
-    drag = [float(values.pop(name, 0.0)) for name in ("local", "viscous")]
-    bent = replace(chain, **{name: values[name] for name in ("mass_kg", "stiffness") if name in values})
-    arrays = replace(arrays_of(bent), **values | {name: abs(values[name]) for name in ("damping",) if name in values})
+    scene, chain = case.scene, case.chain
+    drag = [changed.get(name, 0.0) for name in ("local", "viscous")]
+    bent = replace(chain, **{name: changed[name] for name in ("mass_kg", "stiffness") if name in changed})
+    own = {name: value for name, value in changed.items() if name not in ("time_step_s", "local", "viscous")}
+    arrays = replace(arrays_of(bent), **own)
     if early:
         gained = 0.5 * scene.time_step_s * (arrays.acceleration_m_s2 - arrays_of(chain).acceleration_m_s2)
         arrays = replace(arrays, velocity_m_s=arrays.velocity_m_s + gained)
     if any(drag):
         return _dragged(case, arrays, *drag)
-    where, counts = heights_and_reach(case), (scene.steps_per_sample, scene.samples)
-    forces = integrate_verlet_absolute(arrays, *where, step_s, *counts).force_N
+    step_s = changed.get("time_step_s", scene.time_step_s)
+    counts = scene.steps_per_sample, scene.samples
+    forces = integrate_verlet_absolute(arrays, *heights_and_reach(case), step_s, *counts).force_N
     return forces if early else np.asarray(forces - np.append(0.0, np.cumsum(arrays.load_N - chain.load_N)[:-1]))
 
 

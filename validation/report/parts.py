@@ -51,6 +51,7 @@ class Chapter:
         shown: tables of the page.
         checks: judged numbers; the chapter fails if one fails.
         short: True for the short study.
+        files: names of the written tables and figures, of a stored chapter.
     """
 
     tables: Mapping[str, pd.DataFrame]
@@ -59,6 +60,12 @@ class Chapter:
     shown: Sequence[Shown] = ()
     checks: Sequence[Check] = ()
     short: bool = False
+    files: Sequence[str] = ()
+
+    @property
+    def failed(self) -> list[Check]:
+        """Failed checks."""
+        return [check for check in self.checks if check.verdict == FAIL]
 
 
 @dataclass(frozen=True)
@@ -67,23 +74,6 @@ class Image:
 
     address: str
     width_px: int
-
-
-@dataclass(frozen=True)
-class StoredPart:
-    """A stored chapter or figure: see ``Chapter``; ``figures`` are headings and images, ``files`` its outputs."""
-
-    findings: Sequence[str]
-    figures: Mapping[str, tuple[str, Image]]
-    shown: Sequence[Shown]
-    checks: Sequence[Check]
-    short: bool
-    files: Sequence[str]
-
-    @property
-    def failed(self) -> list[Check]:
-        """Failed checks."""
-        return [check for check in self.checks if check.verdict == FAIL]
 
 
 def part_file(name: str, results: Path) -> Path:
@@ -100,7 +90,11 @@ def write_part(name: str, chapter: Chapter, results: Path) -> list[Path]:
         The written tables and figures.
     """
     results.mkdir(parents=True, exist_ok=True)
-    former, written = former_files(name, results), list[Path]()
+    written = list[Path]()
+    try:
+        part = read_part(name, results)
+    except (InputError, OSError):
+        part = None  # a damaged one
     for stem, table in chapter.tables.items():
         written.append(results / f"{stem}.csv")
         with whole_file(written[-1]) as draft:
@@ -110,19 +104,10 @@ def write_part(name: str, chapter: Chapter, results: Path) -> list[Path]:
         written += write_figure(figure, stem, results)
         figures[stem] = heading, (results / f"{stem}.svg").read_text(encoding="utf-8")
     files = [path.name for path in written]
-    for left in former - {*files}:
+    for left in {Path(file).name for file in part.files} - {*files} if part else ():
         (results / left).unlink(missing_ok=True)
     store_part(name, chapter, figures, results, files)
     return written
-
-
-def former_files(name: str, results: Path) -> set[str]:
-    """Names of the outputs of a stored part; none if it is missing or damaged."""
-    try:
-        part = read_part(name, results)
-    except (InputError, OSError):
-        return set()
-    return {Path(file).name for file in part.files} if part else set()
 
 
 def store_part(
@@ -144,8 +129,8 @@ def store_part(
     write_sealed(path, stored)
 
 
-def read_part(name: str, results: Path, command: str = "") -> StoredPart | None:
-    """Stored result of a chapter or figure; None if it has not been made.
+def read_part(name: str, results: Path, command: str = "") -> Chapter | None:
+    """Stored result of a chapter or figure, without its tables and with images as figures; None if it is not made.
 
     Args:
         name: chapter or figure.
@@ -163,7 +148,8 @@ def read_part(name: str, results: Path, command: str = "") -> StoredPart | None:
     try:
         if stored["name"] != name:
             raise ValueError(f"the result of {stored['name']}")
-        return StoredPart(
+        return Chapter(
+            {},
             stored["findings"],
             {stem: (heading, image_of(svg)) for stem, (heading, svg) in stored["figures"].items()},
             [Shown(item["heading"], item["text"], pd.DataFrame(**item["table"])) for item in stored["shown"]],

@@ -22,10 +22,11 @@ from drivers.chain.case import build_case
 from drivers.engines import in_order, load_engine
 from drivers.run.execute import Place, execute, get_ready
 from drivers.scene.read_scene import read_scene
+from postproc.draw.product import SPACETIME
 from postproc.figures import captions
 from postproc.read.measured import read_traces
 from postproc.read.sensors import gauges_of
-from validation.chapters import CHAPTERS, IN_FULL, make_parts, up_to_date
+from validation.chapters import CHAPTERS, IN_FULL, TABLE, make_parts, up_to_date
 from validation.checks import DIFFERS, FAIL, NOT_ACCURATE, NOT_RUN, PASS, REPRODUCED, short, table
 from validation.compare.comparison import (
     ComparedScene,
@@ -36,7 +37,6 @@ from validation.compare.comparison import (
     run_and_compare_all,
 )
 from validation.report.machine_readable import as_json, made_with, when_made
-from validation.report.page_figures import read_figures
 from validation.report.parts import read_part
 from validation.report.scene_section import ReportRow, case_rows, counted, section_of, tolerances
 
@@ -216,9 +216,21 @@ def write_report(
 
 
 def _section(name: str, results: Path, to_come: Sequence[str]) -> Any:
-    if name == FIGURES:
-        return read_figures(results, to_come)
-    return None if name in to_come else read_part(name, results)
+    """Stored chapter, or the paper's figures: caption, image if it is no table, space-time picture and part of each."""
+    if name != FIGURES:
+        return None if name in to_come else read_part(name, results)
+    stored = {name: None if name in to_come else read_part(name, results) for name in captions()}
+    made = [
+        {
+            "caption": captions()[name],
+            "image": part.figures.get(name) if name != TABLE else None,
+            "spacetime": part.figures.get(f"{name}-{SPACETIME}"),
+            "part": part,
+        }
+        for name, part in stored.items()
+        if part
+    ]
+    return {"made": made, "missing": [name for name, part in stored.items() if not part]}
 
 
 def _verdicts(rows: Sequence[ReportRow], engines: Sequence[str]) -> pd.DataFrame:

@@ -7,11 +7,11 @@ import sys
 import tomllib
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from drivers.base import paths
 from postproc.draw.style import pyplot
-from postproc.read.observables import DEFINITIONS, OBSERVABLES
 from validation.chapters import CHAPTERS
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.readme import command_lines, parse
@@ -59,10 +59,6 @@ def test_folders_of_packages_are_listed(package: str) -> None:
     assert set(listed) == folders
 
 
-def test_each_observable_has_a_definition() -> None:
-    assert list(DEFINITIONS) == [f"{observable.pattern}{observable.ending}" for observable in OBSERVABLES]
-
-
 def typed(line: str, folder: Path) -> subprocess.CompletedProcess[str]:
     """Type a line into a shell that has entered the environment."""
     return subprocess.run(
@@ -94,6 +90,18 @@ def test_the_worked_example_runs_line_by_line(tmp_path: Path) -> None:
     (tmp_path / "steel.toml").write_text(SCENE.replace("\nspeed", "\nsped"))
     ended = typed("beads plan steel.toml", tmp_path)
     assert (ended.returncode, ended.stderr.splitlines()[-1]) == (2, stated)
+
+
+def test_the_figure_of_one_s_own_is_made(tmp_path: Path) -> None:
+    (example,) = re.findall(r"```py\n(.*?)```", (paths.ROOT / "postproc" / "README.md").read_text(), re.DOTALL)
+    assert len(example.split("\n")) < 16
+    file = tmp_path / "my_figure.py"
+    file.write_text(example)
+    done = beads("figures", file, "--runs", tmp_path / "runs", "--results", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {f"my_figure.{end}" for end in ("csv", "png", "svg")}
+    wave = pd.read_csv(tmp_path / "out" / "my_figure.csv")["wave_m_s"]
+    assert wave.is_monotonic_increasing
 
 
 def test_python_examples_run(

@@ -1,5 +1,6 @@
 """Tables of traces: a column for each body, lists for long chains, the same numbers in both."""
 
+import json
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
@@ -8,8 +9,10 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
+from pandas.testing import assert_frame_equal
 
 import postproc
+from drivers.base.errors import InputError
 from drivers.chain.trace import (
     FORCE_COLUMNS,
     MAX_COLUMNS,
@@ -20,6 +23,7 @@ from drivers.chain.trace import (
     table_of_trace,
 )
 from drivers.run.run_folder import open_run
+from postproc.read import run_tables
 from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import case_of
 
@@ -36,8 +40,8 @@ def _trace(samples: int, bodies: int) -> Trace:
 @pytest.mark.parametrize("bodies", [1, 7, MAX_COLUMNS, MAX_COLUMNS + 1])
 def test_tables_return_the_same_bits(bodies: int) -> None:
     trace, stored = _trace(3, bodies), BytesIO()
-    state = table_of_trace(trace, STATE_COLUMNS)
-    pq.write_table(table_of_trace(trace, FORCE_COLUMNS), stored)
+    state = table_of_trace(trace, STATE_COLUMNS, {})
+    pq.write_table(table_of_trace(trace, FORCE_COLUMNS, {}), stored)
     table = pq.read_table(stored)
     assert (len(table), len(table.column_names) < MAX_COLUMNS) == (3, bodies == MAX_COLUMNS + 1 or bodies < 10)
     back = Trace(**fields_in(table, FORCE_COLUMNS, bodies) | fields_in(state, STATE_COLUMNS, bodies))
@@ -45,6 +49,39 @@ def test_tables_return_the_same_bits(bodies: int) -> None:
     assert back.place_m.shape == (3, bodies, 3)
     with pytest.raises((KeyError, ValueError)):
         fields_in(state, STATE_COLUMNS, bodies + 1)
+
+
+def test_units_and_scene_are_in_the_metadata(tmp_path: Path) -> None:
+    case = case_of("fig4-tube", "run.duration=4 us", "run.record=['forces', 'state']")
+    run = finished(case, "verlet", tmp_path)
+    units = dict[str, str]()
+    for name in ("forces.parquet", "state.parquet"):
+        schema = pq.read_schema(run.folder / name)
+        units |= {field.name: field.metadata[b"unit"].decode() for field in schema}
+        assert json.loads(schema.metadata[b"scene_si"]) == run.record.scene
+    asked = "time_s contact_1_N kinetic_energy_J momentum_N_s body_1_height_m body_1_velocity_m_s body_1_spin_x_rad_s"
+    assert [units[name] for name in asked.split()] == ["s", "N", "J", "N s", "m", "m/s", "rad/s"]
+    assert "" not in units.values()
+    about = {"scene": "fig4-tube", "title": case.scene.title, "engine": "verlet"}
+    assert pd.read_parquet(run.folder / "forces.parquet").attrs == about
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_a_long_table_has_a_row_a_sample_and_contact(
+    ending: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run_tables, "BLOCK", 50)
+    run = finished(case_of("fig4", "run.duration=20 us"), "verlet", tmp_path)
+    path = run_tables.write_table(run, tmp_path / f"long.{ending}", long=True)
+    table = pd.read_csv(path) if ending == "csv" else pd.read_parquet(path)
+    assert_frame_equal(table, postproc.forces(run, long=True), check_dtype=False, check_exact=True)
+    wide = table.pivot(index="time_s", columns="contact", values="force_N")
+    assert np.array_equal(wide, run.trace.force_N)
+    run_tables.write_table(run, path, long=False)
+    table = pd.read_csv(path) if ending == "csv" else pd.read_parquet(path)
+    assert_frame_equal(table.set_index("time_s"), postproc.forces(run), check_exact=True)
+    with pytest.raises(InputError, match=r"\.csv or \.parquet"):
+        run_tables.write_table(run, tmp_path / "table.xlsx", long=True)
 
 
 def test_a_long_chain_is_kept_in_a_list_a_sample(tmp_path: Path) -> None:

@@ -11,11 +11,12 @@ import pytest
 from PIL import Image
 
 from drivers.chain.chain import Array, build_chain
+from drivers.chain.schemes import verlet_of
 from drivers.run.run_folder import STATE, EndedRun, open_run
 from drivers.scene.read_scene import stored_scene
 from postproc.draw import film
 from postproc.draw.film import film_of, sheet, write_animation
-from postproc.draw.product import cells_of
+from postproc.draw.product import cells_of, draw_spacetime
 from postproc.read.sensors import mean_forces
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import edit_table, finished
@@ -111,6 +112,17 @@ def test_an_interrupted_animation_leaves_the_former(
     with pytest.raises(KeyboardInterrupt):
         write_animation(film_of(run_of(scene_file()), 2), "a chain", path)
     assert [(file, file.read_bytes()) for file in path.parent.iterdir()] == [(path, b"the former")]
+
+
+def test_a_weak_wave_on_a_load_is_drawn_as_changes_of_both_signs() -> None:
+    for scene, loaded in (("fig4", False), ("driven-steel", True)):
+        trace = verlet_of(case_of(scene))
+        product = draw_spacetime({scene: trace})
+        force_N = trace.force_N - trace.force_N[0] if loaded else trace.force_N
+        table = product.table.filter(like="_change_N" if loaded else "contact_")
+        assert (table.to_numpy().max(), table.shape[1]) == (force_N.max(), force_N.shape[1])
+        assert not loaded or table.to_numpy().min() == force_N.min()
+        assert ("change from static force" in product.figure.axes[1].get_ylabel()) == loaded
 
 
 def test_cells_keep_the_largest_force() -> None:

@@ -3,7 +3,6 @@
 import shutil
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import meshio
@@ -12,8 +11,7 @@ import pytest
 
 from drivers.chain.chain import Array
 from drivers.run.run_folder import STATE, EndedRun, open_run
-from postproc.draw import vtk
-from postproc.draw.vtk import tube_mesh, write_mesh, write_series
+from postproc.draw.vtk import tube_mesh, write_series
 from postproc.read.sensors import mean_forces
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import edit_table, finished
@@ -75,7 +73,7 @@ def test_a_series_has_the_values_of_the_run_to_the_last_bit(run_of: Runner, tmp_
     top_m = place_m[chosen, :5, 2].max() + RADIUS_M
     assert [tube.points[:, 2].min(), tube.points[:, 2].max()] == pytest.approx([0, top_m], rel=1e-12)
     assert np.hypot(*tube.points[:, :2].T).min() == pytest.approx(0.0025, rel=3e-3)
-    assert tube.cells[0].type == "triangle"
+    assert tube.cells[0].type == "quad"
 
 
 def test_a_series_replaces_a_longer_one_and_an_interrupted_one_leaves_no_files(
@@ -89,13 +87,15 @@ def test_a_series_replaces_a_longer_one_and_an_interrupted_one_leaves_no_files(
     assert {path.name for path in (home / "former").iterdir()} == {*frames, "chain.pvd", "view.pvsm"}
     before = {path: path.read_bytes() for path in home.rglob("*") if path.is_file()}
 
-    def break_off(path: Path, *mesh: Any, **fields: Any) -> None:
+    write = meshio.write
+
+    def break_off(path: Path, mesh: meshio.Mesh) -> None:
         if path.name == "chain-00002.vtu":
             path.write_text("<VTKFile")
             raise KeyboardInterrupt
-        write_mesh(path, *mesh, **fields)
+        write(path, mesh)
 
-    monkeypatch.setattr(vtk, "write_mesh", break_off)
+    monkeypatch.setattr(meshio, "write", break_off)
     for name in ("former", "new"):
         with pytest.raises(KeyboardInterrupt):
             write_series(run, home / name, 8)
@@ -122,16 +122,16 @@ def test_the_command_writes_100_frames_or_refuses_in_one_line(
         assert message in refused.stderr
 
 
-def test_the_bore_is_an_open_prism_of_triangles() -> None:
-    sides = 48
-    points, triangles = tube_mesh(0.0025, -0.01, 0.04, sides, 153)
-    corners = points[triangles]
+def test_the_bore_is_an_open_prism() -> None:
+    mesh = tube_mesh(0.0025, -0.01, 0.04)
+    quads = mesh.cells[0].data
+    corners = mesh.points[quads]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = np.linalg.norm(normal, axis=1) / 2
-    distance = np.einsum("ij,ij->i", normal, corners[:, 0]) / (2 * area)
+    area = np.linalg.norm(normal, axis=1)
+    distance = np.einsum("ij,ij->i", normal, corners[:, 0]) / area
     assert distance == pytest.approx(-0.0025, rel=1e-12)  # normals point inwards, every side touches the bore
-    assert area.sum() == pytest.approx(2 * sides * np.tan(np.pi / sides) * 0.0025 * 0.05, rel=1e-12)
-    sides_of = np.sort(np.stack([triangles, np.roll(triangles, 1, 1)], -1).reshape(-1, 2))
-    edges, counts = np.unique(sides_of, axis=0, return_counts=True)
+    assert area.sum() == pytest.approx(2 * len(quads) * np.tan(np.pi / len(quads)) * 0.0025 * 0.05, rel=1e-12)
+    edges = np.sort(np.stack([quads, np.roll(quads, 1, 1)], -1).reshape(-1, 2))
+    edges, counts = np.unique(edges, axis=0, return_counts=True)
     assert set(counts) == {1, 2}
-    assert np.unique(points[edges[counts == 1], 2]).tolist() == [-0.01, 0.04]  # the two ends are the only holes
+    assert np.unique(mesh.points[edges[counts == 1], 2]).tolist() == [-0.01, 0.04]  # two ends are the only holes

@@ -15,8 +15,7 @@ from postproc.draw.stack import STRIP
 from postproc.draw.style import COLUMN_IN, PAGE_IN
 from postproc.figures import captions, make_figure
 from postproc.figures.table1 import equals_printed
-from postproc.paper.calibrated import calibrated
-from postproc.paper.quoted import quoted
+from postproc.paper import calibrated, quoted
 from postproc.paper.strikes import COLUMNS, contact_peak, fitting_force, sensor_amplitude, strike_for, table1_numbers
 from postproc.read.signals import incident_pulse
 from validation.reference.travelling_wave import solve_at_amplitude
@@ -228,8 +227,7 @@ def test_a_figure_with_a_failed_run_leaves_no_files(stand_in: StandIn, tmp_path:
     ("reader", "old", "new", "message"),
     [
         ("QUOTED", "fig5_incident_rise_us", "fig5_incident_rize_us", "fig5_incident_rise_us: missing key"),
-        ("QUOTED", "force_N = [5, 2, 0.6, 0.1, 0.06]", "force_N = [5, 2]", "5 numbers"),
-        ("QUOTED", "force_N = [5, 2,", "force_N = [5, 5,", "the same force twice"),
+        ("QUOTED", "force_N = [5, 2, 0.6, 0.1, 0.06]", "force_N = [5, 2]", "table1.force_N"),
         ("QUOTED", "force_N = [5, 2,", "force_N = [nan, 2,", "table1.force_N"),
         ("QUOTED", "[table1]", "[[", "TOML"),
         ("CALIBRATED", "value = ", "value = -", "greater than 0"),
@@ -247,6 +245,30 @@ def test_broken_numbers_of_the_paper_are_refused_in_one_line(
     with pytest.raises(InputError, match=re.escape(message)) as caught:
         READERS[reader].__wrapped__()  # past the cache
     assert path.name in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "message"),
+    [
+        (None, 2, "own.py: cannot be read (No such file or directory)"),
+        ("def make(runs):\n", 2, "own.py, line 1: expected an indented block"),
+        ("def make(runs): ...", 2, "own.py: docstring: found 0 paragraphs"),
+        ('"""Title."""\nmake = 1', 2, "own.py: make: found no such function; allowed: make(runs)"),
+        ('"""Title."""\ndef make(runs): ...', 2, "own.py: make: found NoneType returned; allowed: a Product"),
+        ('"""Title."""\ndef make(runs):\n    return {}["no"]', 1, "own.py, line 3: KeyError: 'no'"),
+        ('"""Title."""\nimport nowhere', 1, "own.py, line 2: ModuleNotFoundError: No module named 'nowhere'"),
+    ],
+)
+def test_errors_of_a_figure_of_one_s_own_name_file_and_line(
+    tmp_path: Path, text: str | None, code: int, message: str
+) -> None:
+    file = tmp_path / "own.py"
+    if text:
+        file.write_text(text)
+    done = beads("figures", file, "--results", tmp_path / "out")
+    assert (done.returncode, done.stdout) == (code, "")
+    assert message in done.stderr.splitlines()[-1]
+    assert not list(tmp_path.glob("out/*"))
 
 
 def test_a_force_that_no_strike_gives_is_an_error() -> None:

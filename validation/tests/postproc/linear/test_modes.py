@@ -1,13 +1,15 @@
 """Tests of linear modes, bands, sound speeds, and of the limits of linear theory."""
 
 from math import pi
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, arrays_of, contact_stiffness_at
-from postproc.linear.modes import SOFTENING, bands_of, modes_of, sound_speed_m_s
+from postproc.linear.modes import SOFTENING, bands_of, edges_Hz, localised_modes, modes_of, sound_speed_m_s, springs_N_m
 from validation.reference.adaptive import integrate_adaptive
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.scenes import case_of
@@ -44,16 +46,21 @@ def test_modes_are_the_eigenvalues_of_the_whole_matrix_without_a_bead_that_is_he
         np.testing.assert_allclose(modes.shape[free, mode], expected, atol=1e-6)
 
 
-def test_a_uniform_chain_has_the_textbook_dispersion() -> None:
+def test_a_uniform_chain_has_the_textbook_dispersion_and_decay() -> None:
     case = case_of("small-signal")
     chain, bands = case.chain, bands_of(case, case.chain.precompression_N)
     spring = contact_stiffness_at(float(chain.stiffness[-1]), chain.precompression_N)
     ratio = np.sqrt(spring / chain.mass_kg[-1])
-    np.testing.assert_allclose(bands.frequency_Hz[:, 0], ratio / pi * np.sin(bands.phase / 2), rtol=1e-9, atol=1e-6)
+    band, above = bands[bands["band"] == 1], bands[bands["band"].isna()]
+    np.testing.assert_allclose(band["frequency_Hz"], ratio / pi * np.sin(band["phase_rad"] / 2), rtol=1e-9, atol=1e-6)
     length = 2 * chain.radius_m[-1] - chain.overlap_m[-1]
-    np.testing.assert_allclose(bands.group_velocity_m_s[:, 0], length * ratio * np.cos(bands.phase / 2), atol=1e-9)
-    assert bands.sound_speed_m_s == pytest.approx(length * ratio, rel=1e-12)
-    assert sound_speed_m_s(chain, 5, 30) == pytest.approx(bands.sound_speed_m_s, rel=1e-9)
+    slope = length * ratio * np.cos(band["phase_rad"] / 2)
+    np.testing.assert_allclose(band["group_velocity_m_s"], slope, atol=1e-9)
+    assert band["group_velocity_m_s"][0] == pytest.approx(length * ratio, rel=1e-12)
+    assert sound_speed_m_s(chain, 5, 30) == pytest.approx(length * ratio, rel=1e-9)
+    decay = 2 * np.arccosh(np.maximum(above["frequency_Hz"] * pi / ratio, 1.0))
+    np.testing.assert_allclose(above["decay_per_cell"], decay, atol=1e-6)  # a root at the edge
+    assert above["frequency_Hz"].max() == pytest.approx(1.5 * ratio / pi)
 
 
 def test_a_dimer_has_three_edges_and_group_velocities_that_are_slopes() -> None:
@@ -61,24 +68,44 @@ def test_a_dimer_has_three_edges_and_group_velocities_that_are_slopes() -> None:
     chain, bands = case.chain, bands_of(case, 5.0)
     spring = contact_stiffness_at(float(chain.stiffness[5]), 5.0)
     heavy, light = chain.mass_kg[4], chain.mass_kg[5]
-    (zero, acoustic), (optical, top) = bands.edges_Hz * 2 * pi
+    (zero, acoustic), (optical, top) = edges_Hz(bands) * 2 * pi
     assert zero == 0
     edges = np.sqrt(2 * spring * np.array([1 / heavy, 1 / light, 1 / heavy + 1 / light]))
     np.testing.assert_allclose([acoustic, optical, top], edges, rtol=1e-12)
-    length = bands.group_velocity_m_s[0, 0] / (2 * pi * np.gradient(bands.frequency_Hz[:3, 0], bands.phase[:3])[0])
-    slope = length * 2 * pi * np.gradient(bands.frequency_Hz, bands.phase, axis=0)
-    np.testing.assert_allclose(bands.group_velocity_m_s[2:-2], slope[2:-2], atol=2e-3 * bands.sound_speed_m_s)
-    assert sound_speed_m_s(chain, 3, 21, 2) == pytest.approx(bands.sound_speed_m_s, rel=1e-3)
+    rows, sound = bands.dropna().groupby("band"), bands["group_velocity_m_s"][0]
+    frequency, group = (np.stack([band[name] for _, band in rows]) for name in ("frequency_Hz", "group_velocity_m_s"))
+    slope = 2 * pi * np.gradient(frequency, bands["phase_rad"][: frequency.shape[1]], axis=1)
+    np.testing.assert_allclose(group[:, 2:-2], (sound / slope[0, 0] * slope)[:, 2:-2], atol=2e-3 * sound)
+    assert sound_speed_m_s(chain, 3, 21, 2) == pytest.approx(sound, rel=1e-3)
 
 
-def test_bands_are_read_from_ordinary_cells() -> None:
+def test_the_decay_in_gaps_is_that_of_a_long_chain_that_is_driven() -> None:
+    """Displacements ``(K - omega^2 M) u = f`` of 40 cells with a force on the top bead, far from both ends."""
+    case = dimer("chain.count=80")
+    chain, bands = case.chain, bands_of(case, 5.0)
+    spring, mass = springs_N_m(chain), chain.mass_kg
+    matrix = np.diag(spring + np.append(spring[1:], 0.0)) - np.diag(spring[1:], 1) - np.diag(spring[1:], -1)
+    gaps = bands[bands["band"].isna() & (bands["decay_per_cell"] > 0.2)].iloc[::9]
+    assert len(gaps) > 5
+    for frequency, decay in gaps[["frequency_Hz", "decay_per_cell"]].to_numpy(float):
+        u = np.linalg.solve(matrix - np.diag((2 * pi * frequency) ** 2 * mass), np.eye(80)[-1])
+        assert np.log(np.abs(u[77] / u[75])) == pytest.approx(decay, rel=1e-6)
+
+
+def test_bands_are_those_of_the_pattern_and_localised_modes_lie_in_gaps() -> None:
     plain = bands_of(dimer(), 5.0)
-    odd = dimer("chain.bead=[{from_wall='2-4', mass='3 g'}]")
-    np.testing.assert_array_equal(bands_of(odd, 5.0).frequency_Hz, plain.frequency_Hz)
+    odd = dimer("chain.bead=[{from_wall=20, mass='0.02 g'}]")
+    for case in (odd, dimer("chain.mass_scatter=1 mg"), dimer("chain.bead=[{from_wall='1-38', mass='3 g'}]")):
+        pd.testing.assert_frame_equal(bands_of(case, 5.0), plain)
+    modes = modes_of(odd.chain)
+    localised = localised_modes(modes, [plain])
+    edges = edges_Hz(plain)
+    gap = (modes.frequency_Hz > edges[0, 1]) & (modes.frequency_Hz < edges[1, 0])
+    assert gap.sum() == 2
+    assert localised[gap].all()
+    assert localised.sum() < 6
     with pytest.raises(ValueError, match="tapered"):
         bands_of(case_of("tapered"), 1.0)
-    with pytest.raises(ValueError, match="no cell"):
-        bands_of(dimer("chain.bead=[{from_wall='1-38', mass='3 g'}]"), 5.0)
 
 
 def test_a_contact_that_oscillates_is_slower_by_the_square_of_its_amplitude() -> None:
@@ -94,6 +121,16 @@ def test_a_contact_that_oscillates_is_slower_by_the_square_of_its_amplitude() ->
     crossings = times[up] - motion[up] * np.diff(times)[0] / (motion[up + 1] - motion[up])
     period = (crossings[-1] - crossings[0]) / (len(crossings) - 1)
     assert 1 - 1 / (period * frequency) == pytest.approx(SOFTENING * ratio**2, rel=0.05)
+
+
+def test_the_command_prints_localised_modes_and_writes_two_tables(tmp_path: Path) -> None:
+    light = ("--set", "chain.precompression=10 N", "--set", "chain.bead=[{from_wall=20, mass='0.02 g'}]")
+    done = beads("modes", "dimer", *light, "--results", tmp_path)
+    assert "\nmode 19: " in done.stdout
+    assert "\nmode 15: " not in done.stdout
+    modes, bands = (pd.read_csv(tmp_path / f"modes-dimer{end}.csv") for end in ("", "-bands"))
+    assert len(modes) == 38
+    assert bands["decay_per_cell"].max() > 1
 
 
 def test_the_command_says_where_linear_theory_ends_or_refuses_in_one_line() -> None:

@@ -1,11 +1,13 @@
 """Errors shown with observables are those from the true values of the scene as written."""
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import postproc
+from drivers.base.errors import InputError
 from drivers.chain.schemes import exact_of
 from drivers.run.run import run_case
 from postproc.read.observables import scale_of, without_unit
@@ -23,7 +25,10 @@ SETTINGS = (
 def test_printed_errors_are_from_the_scene_as_written(tmp_path: Path) -> None:
     """The accuracy leaves an element out, whose effect counts."""
     case = case_of("fig4", *SETTINGS)
-    run = assess(run_case(case, "verlet", tmp_path), case)
+    run = run_case(case, "verlet", tmp_path)
+    with pytest.raises(InputError, match=re.escape("validation.assess(run)")):
+        postproc.errors(run)
+    run = assess(run, case)
     assert any(element.reason.startswith("left out (") for element in case.elements)
     found, true = quantities(case, run.trace), quantities(case.full or case, exact_of(case.full or case, finer=32))
     right = {name: abs(found[name] - true[name]) / scale_of(name, true) for name in found.keys() & true.keys()}

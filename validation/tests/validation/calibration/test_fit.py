@@ -15,7 +15,6 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.schemes import exact_motion
 from drivers.scene.read_scene import read_scene
-from postproc.draw.fits import rows_of, value_text
 from postproc.read.motion import case_of, exact
 from postproc.read.sensors import sensor_signals
 from validation.calibration.command import lines
@@ -28,8 +27,10 @@ from validation.calibration.fit import (
     fit,
     interval,
     profile,
+    rows_of,
     solve,
     trade_offs,
+    value_text,
 )
 from validation.calibration.problem import MISSING_RESIDUAL, _integrated, _of_set, pose, simulated
 from validation.reference.hertz_chain import Motion

@@ -10,7 +10,7 @@ import pytest
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.chain.case import Case
-from postproc.paper.quoted import quoted
+from postproc.paper import quoted
 from postproc.paper.strikes import COLUMNS
 from postproc.read.motion import Simulation, exact
 from validation.chapters.claims import chapter_of

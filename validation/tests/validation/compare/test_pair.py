@@ -31,7 +31,7 @@ def run_of(shared_runs: Path) -> FolderOf:
 def differences_of(first: Path, second: Path) -> dict[str, float]:
     """Differences by quantity."""
     runs = open_run(first), open_run(second)
-    return {name: float(size) for name, size, *_ in difference_rows(runs, common_samples(*runs))}
+    return {name: float(size) for name, size, *_ in difference_rows(runs, common_samples(runs))}
 
 
 def test_codes_at_the_same_step_differ_by_rounding(run_of: FolderOf) -> None:
@@ -45,7 +45,7 @@ def test_codes_at_the_same_step_differ_by_rounding(run_of: FolderOf) -> None:
 def test_common_sample_times(setting: str, samples: int, run_of: FolderOf, scene_file: SceneWriter) -> None:
     folders = [run_of("verlet", scene_file()), run_of("verlet", scene_file(), f"run.{setting}")]
     for both in (folders, folders[::-1]):
-        assert [len(each.time_s) for each in common_samples(*map(open_run, both))] == [samples] * 2
+        assert [len(each.time_s) for each in common_samples([*map(open_run, both)])] == [samples] * 2
         assert differences_of(*both)["force"] == 0  # the same steps, looked at more often or for longer
 
 
@@ -55,7 +55,7 @@ def test_on_the_command_line(run_of: FolderOf, tmp_path: Path) -> None:
     assert (good.returncode, good.stderr) == (0, "")
     for words in (
         "pass: both runs are those of their schemes",
-        "time step 1e-06 s, 800 steps, 801 samples, commit ",
+        "time step 1e-06 s, 801 samples, commit ",
         "the scenes differ in run.time_step: 0.1 us against 1 us",
         "forces differ by more than 0.001 of the largest change: first in contact 5 at 465 µs",
         "error budget",
@@ -82,7 +82,6 @@ def test_runs_that_cannot_be_compared(run_of: FolderOf, scene_file: SceneWriter,
     edit_record(failed, status="failed", reason="unstable", files={})
     edit_record(foreign, engine="abacus")
     for folder, found in (
-        (good.parent / "." / good.name, "both are the same run"),
         (tmp_path / "empty", "no record of a run"),
         (good.parent, "no record of a run"),
         (failed, "failed: unstable"),

@@ -6,12 +6,12 @@ from pathlib import Path
 import pytest
 
 from drivers.chain.trace import until
-from postproc.figures.table1 import EXACT_LONGER
-from postproc.paper.quoted import quoted
-from postproc.paper.strikes import COLUMNS, SPREAD
+from postproc.figures.table1 import EXACT_LONGER, SPREAD
+from postproc.paper import quoted
+from postproc.paper.strikes import COLUMNS
+from validation.chapters import shown_of
 from validation.checks import FAIL, NOT_RUN, REPRODUCED, without_run
 from validation.compare.comparison import ComparedScene
-from validation.report.page_figures import shown_of
 from validation.report.parts import Chapter, store_part
 from validation.report.write_report import write_report
 from validation.tests.helpers.runs import blown_up, checks_of

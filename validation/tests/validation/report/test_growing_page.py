@@ -18,7 +18,7 @@ from postproc.figures import Caption
 from validation import chapters
 from validation.checks import FAIL, Check, without_run
 from validation.compare.comparison import ComparedScene, EngineSelection
-from validation.report import page_figures, write_report
+from validation.report import write_report
 from validation.report.parts import Chapter, read_part, write_part
 from validation.report.write_report import report
 
@@ -82,7 +82,7 @@ def parts(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Parts:
     monkeypatch.setattr(write_report, "run_and_compare_all", lambda *_, **__: [])
     monkeypatch.setattr(chapters, "make_figure", parts.make_figure)
     monkeypatch.setattr(chapters, "measure", parts.measure)
-    for module in (write_report, page_figures, chapters):
+    for module in (write_report, chapters):
         monkeypatch.setattr(module, "captions", lambda: {"fig1": Caption("Fig. 1", "A finding.", "A caption.")})
     return parts
 

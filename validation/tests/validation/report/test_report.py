@@ -19,9 +19,9 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.files import DAMAGED
 from drivers.chain.trace import until
+from validation.chapters import shown_of
 from validation.checks import FAIL, NOT_RUN, PASS, share_of_limit, short
 from validation.compare.comparison import ComparedScene
-from validation.report.page_figures import shown_of
 from validation.report.parts import Chapter, part_file, store_part
 from validation.report.scene_section import scene_row, section_of
 from validation.report.write_report import marked, write_report

@@ -8,7 +8,7 @@ from pyarrow.parquet import read_table
 
 from drivers.chain.schemes import verlet_motion, verlet_of
 from drivers.engines import REFERENCE
-from postproc.energy.energies import energies_of, range_energy_J, range_numbers
+from postproc.draw.energies import energies_of, range_energy_J, range_numbers
 from postproc.read.motion import exact
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import finished

@@ -1,4 +1,4 @@
-"""Energy of each body and contact of a straight chain against time, above its state at time 0.
+"""Energy of each body and contact of a straight chain against time, above its state at time 0, and its figure.
 
 With the displacements u of the bodies since time 0, the overlaps d and their changes ``x_j = u_{j-1} - u_j``, the
 equations of motion are ``m v_j' = G_j - G_{j+1} + r_j`` with ``G_j = F_j - F_j(0)``, the contact force beyond the
@@ -18,21 +18,30 @@ time 0. The energy of a body includes half of the elastic energy of the contact 
 contact at the wall belongs to body 1.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from drivers.base import paths
 from drivers.base.errors import InputError
+from drivers.base.files import whole_file
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.schemes import exact_motion, verlet_motion
-from drivers.chain.trace import Trace, overlaps
+from drivers.chain.trace import Trace, overlaps, table_of
 from drivers.engines import EXACT, load_engine
-from drivers.run.run_folder import EndedRun
+from drivers.run.run_folder import COMPRESSED, EndedRun
+from postproc.draw.product import Product, draw_cells
+from postproc.draw.style import AVERAGE, DAMPED, FIRST, GREYS, MICRO, SECOND, pyplot
 from postproc.read.motion import chain_of
 from validation.reference.hertz_chain import hertz_energy_beyond_tangent
 
+SIZE_IN = (6.4, 4.6)
+BODY = "body_{}_energy_J"
+LOOKS = (FIRST, SECOND, {"color": GREYS[1], "lw": 0.8}, DAMPED)  # of the sums, in their order
+RANGE_DASHES = ("-", "--", ":", "-.")
 LEFT_SHARE = 0.01  # of the largest energy of a range: with less the energy has left
 
 
@@ -93,19 +102,17 @@ def energies_of(case: Case, engine: str, trace: Trace) -> Energies:
     """Energies of a straight chain from a trace with heights and velocities at the samples of the case.
 
     Raises:
-        ValueError: the chain is three-dimensional, or the trace has no heights and velocities.
         ArithmeticError: the exact motion, for a run of ``reference``, cannot be integrated.
     """
-    chain = case.chain
-    if not chain.straight or trace.height_m is None or trace.velocity_m_s is None:
-        raise ValueError("a three-dimensional chain, or a trace without heights and velocities")
+    chain, velocity = case.chain, trace.velocity_m_s
     if load_engine(engine).scheme == EXACT:
         integrated = exact_motion(case, case.reference_tolerance, case.sample_times_s, energies=True)
     else:
         integrated = verlet_motion(case, energies=True)
     assert integrated.dissipated_J is not None
     assert integrated.passed_J is not None
-    velocity = trace.velocity_m_s
+    assert trace.height_m is not None
+    assert velocity is not None
     overlap, static_N = overlaps(chain, trace.height_m), chain.elastic_N
     net_N = static_N - np.append(static_N[1:], 0.0) + chain.load_N
     return Energies(
@@ -148,3 +155,48 @@ def range_numbers(energies: Energies, lowest: int, highest: int) -> dict[str, fl
         "left_s": float(energies.time_s[entered + int(np.argmax(left))]) if left.any() else np.nan,
         "passed_J": float(energies.passed_J[:, lowest - 1].max()),
     }
+
+
+def draw_energies(energies: Energies, ranges: Sequence[tuple[int, int]], title: str) -> Product:
+    """Energy of each body against time, and below it the sums of all bodies and contacts, and of ranges of bodies.
+
+    The table holds the largest energy of a body in each drawn cell.
+    """
+    from matplotlib.ticker import EngFormatter
+
+    joules, time_us = EngFormatter("J"), energies.time_s * MICRO
+    figure, axes = pyplot().subplots(2, 1, figsize=SIZE_IN, sharex=True, layout="constrained")
+    table = draw_cells(axes[0], title, energies.time_s, energies.body_J, BODY, "body", "energy", joules)
+    for (label, values), look in zip(energies.sums_J.items(), LOOKS, strict=True):
+        if values.any():
+            axes[1].plot(time_us, values, label=label, **look)
+    for place, (lowest, highest) in enumerate(ranges):
+        look = AVERAGE | {"ls": RANGE_DASHES[place % len(RANGE_DASHES)]}
+        label = f"bodies {lowest} to {highest}"
+        axes[1].plot(time_us, range_energy_J(energies, lowest, highest), label=label, **look)
+    axes[1].yaxis.set_major_formatter(joules)
+    axes[1].set(xlim=(0, time_us[-1]), xlabel="time since impact (µs)", ylabel="energy")
+    figure.legend(*axes[1].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    return Product(figure, table)
+
+
+def write_energies(energies: Energies, path: Path, about: Mapping[str, str]) -> None:
+    """Write the energies of all bodies and contacts at all samples as a Parquet file, whole or not at all.
+
+    Args:
+        energies: Energies of a run.
+        path: File to be written.
+        about: Metadata of the file (``RunRecord.about``).
+    """
+    from pyarrow.parquet import write_table
+
+    columns = {
+        "time_s": energies.time_s,
+        "body_{}_kinetic_J": energies.kinetic_J,
+        "body_{}_load_J": energies.load_J,
+        "body_{}_passed_J": energies.passed_J,
+        "contact_{}_elastic_J": energies.elastic_J,
+        "contact_{}_dissipated_J": energies.dissipated_J,
+    }
+    with whole_file(path) as draft:
+        write_table(table_of(columns, about), draft, **COMPRESSED)
