@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import click
-from click.shell_completion import BashComplete, add_completion_class
+from click.shell_completion import BashComplete, add_completion_class, shell_complete
 
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError, one_line, printable
@@ -75,9 +75,19 @@ SECTIONS = {  # functions with the words of their parameters, in the order in wh
         "wave": "",
     },
 }
+# options that have a meaning only with another one of the same command, and those that others exclude
+NEEDS = {
+    "--slices": "--slurm",
+    "--slurm-line": "--slurm",
+    "--wait": "--slurm",
+    "--dry-run": "--prune",
+    "--set": "--scene",
+}
+CLASHES = {"--slurm": "--slice --dask", "--dask": "--slice", "--dry-run": "--slice", "--workers": "--slice --slurm"}
 IMPOSSIBLE_NAMES = (errno.ENAMETOOLONG, errno.ELOOP)
 EMPTY = re.compile(r"(--[\w-]+=)?")  # a word without a value, as of a variable that is not set
 LEAST_MEMORY_BYTES = 1.5e9  # of addresses: libraries need 1.0e9 to start threads, else they wait for ever or abort
+COMPLETE = "_BEADS_COMPLETE"  # set by a shell that asks for completions
 
 
 class _Group(click.Group):
@@ -126,6 +136,12 @@ FUNCTIONS = {  # module and docstring by name, read without loading the modules
 
 def _act(module: str, function: str, **given: Any) -> Any:
     """Load a module of this package and call a function in it with what is given."""
+    options = {each.opts[0]: given.get(str(each.name)) for each in click.get_current_context().command.params}
+    for option in filter(options.get, options):
+        if not options.get(NEEDS.get(option, ""), True):
+            raise InputError(option, "", f"needs {NEEDS[option]}")
+        for other in filter(options.get, CLASHES.get(option, "").split()):
+            raise InputError(option, "", f"not allowed with {other}")
     given = {name: value for name, value in given.items() if value is not None}
     return getattr(import_module(f"{__package__}.{module}"), function)(**given)
 
@@ -176,17 +192,21 @@ def answer() -> int:
     Raises:
         InputError, RunError, OSError: the command failed.
     """
+    if asked := os.environ.get(COMPLETE):
+        return shell_complete(BEADS, {}, "beads", COMPLETE, asked)
     arguments = sys.argv[1:]
     if empty := [place for place, word in enumerate(arguments) if EMPTY.fullmatch(word)]:
         before = arguments[empty[0]].removesuffix("=") or ["beads", *arguments][empty[0]]
         raise InputError("beads", "", f"an empty word after {before}", "a value")
     try:
-        code = BEADS.main([*arguments] or ["--help"], "beads", standalone_mode=False) or 0
+        with BEADS.make_context("beads", [*arguments] or ["--help"]) as context:
+            return BEADS.invoke(context) or 0
+    except click.exceptions.Exit as end:
+        return end.exit_code if arguments else 2
     except click.UsageError as error:
         program = error.ctx.command_path if error.ctx else "beads"
         print(one_line(f"{program}: ", _statement(error), f" (see {program} --help)"), file=sys.stderr)
         return 2
-    return code if arguments else 2
 
 
 def _statement(error: click.UsageError) -> str:

@@ -153,8 +153,6 @@ def import_(folder: Path, scene: str | None, settings: Words, engines: Words, ru
       beads import deck --engine yade --scene fig4 --set run.time_step='0.2 us'
     """
     engine = load_engine(_one_of(engines), "--engine")
-    if settings and not scene:
-        raise InputError("--set", "", "needs --scene")
     case = planned_case(scene, *settings) if scene else build_case(scene_of(folder))
     ended = assess(import_run(folder, case, engine.name, runs), case)
     print(paths.shown(ended.folder))
@@ -183,8 +181,6 @@ def runs(runs: Path, prune: bool, dry_run: bool, **chosen: Words) -> None:
       beads runs --set 'striker.speed=*'
       beads runs --prune --dry-run
     """
-    if dry_run and not prune:
-        raise InputError("--dry-run", "", "needs --prune")
     if runs != paths.RUNS and not runs.is_dir():
         raise InputError(f"--runs {runs}", "", "folder not found")
     if prune:
