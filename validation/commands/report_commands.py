@@ -13,9 +13,11 @@ from drivers.base.terminal import counted
 from drivers.engines import engines_again, missing_codes
 from postproc.draw.product import Product, write_product
 from postproc.figures import caption_of, captions
+from validation.calibration.command import FitRequest, run_fit
 from validation.chapters import CHAPTERS, Options, run_chapter, write_paper_figure
 from validation.commands.options import print_paths
 from validation.compare.comparison import EngineSelection
+from validation.report import write_report
 
 
 def report(scenes: tuple[str, ...], studies: bool, runs: Path, out: Path | None = None, **engines: Any) -> int:
@@ -25,12 +27,10 @@ def report(scenes: tuple[str, ...], studies: bool, runs: Path, out: Path | None 
       beads report
       beads report fig4 --out fig4.html --allow-missing
     """
-    from validation.report.write_report import report as write  # takes longer to load than all others
-
     arguments = sys.argv[1:] if "--engines" in sys.argv else [*sys.argv[1:], *engines_again()]
     given = None if runs == paths.RUNS else runs
     again = shlex.join(["beads", *arguments])
-    return write(scenes, out, given, EngineSelection(**engines), again, studies=studies)
+    return write_report.report(scenes, out, given, EngineSelection(**engines), again, studies=studies)
 
 
 def figures(names: tuple[str, ...], runs: Path, results: Path) -> int:
@@ -99,8 +99,6 @@ def fit(results: Path, runs: Path, **asked: Any) -> int:
       beads fit example-measured --free contact.restitution
       beads fit shot.toml --law elastic --law power --free striker.speed=2±1%
     """
-    from validation.calibration.command import FitRequest, run_fit  # takes longer to load than all others
-
     return run_fit(FitRequest(**asked), runs, results)
 
 
