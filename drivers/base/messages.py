@@ -9,7 +9,7 @@ from typing import Any, TypeVar, get_args
 from pydantic import BaseModel, ValidationError
 
 from drivers.base import paths
-from drivers.base.errors import InputProblem, refuse_any
+from drivers.base.errors import MAX_PROBLEMS, InputProblem, refuse_any
 
 Model = TypeVar("Model", bound=BaseModel)
 MISPLACED = ("missing", "extra_forbidden")  # types of pydantic's errors on keys
@@ -29,22 +29,21 @@ def validate(model: type[Model], data: object, where: str | Path, prefix: str = 
     """
     try:
         return model.model_validate(data)
-    except ValidationError as failure:  # problems on keys come first, as they explain others
+    except ValidationError as failure:  # problems on keys come first, as they explain others; the first ones are listed
         errors = sorted(failure.errors(include_url=False), key=lambda error: error["type"] not in MISPLACED)
         shown = where if isinstance(where, str) else paths.shown(where)
-        refuse_any(shown, (_problem(error, model, prefix) for error in errors))
+        refuse_any(shown, (_problem(error, model, prefix, place < MAX_PROBLEMS) for place, error in enumerate(errors)))
         raise
 
 
-def _problem(error: Any, model: type[BaseModel], prefix: str) -> InputProblem:
-    """Problem of one of pydantic's errors; of an unknown key it names the one that was meant, as files have it."""
+def _problem(error: Any, model: type[BaseModel], prefix: str, meant: bool) -> InputProblem:
+    """Problem of one of pydantic's errors; with ``meant`` it names the key that was meant instead of an unknown one."""
     path = [part for part in error["loc"] if part != "[key]"]
     key = (prefix + ".".join(map(str, path))).rstrip(".")
     if error["type"] == "missing":
         return key, "missing key", ""
-    if error["type"] == "extra_forbidden":
-        fields = model_at(model, path[:-1]).model_fields
-        known = sorted(field.alias or name for name, field in fields.items())
+    if error["type"] == "extra_forbidden" and meant:
+        known = sorted(model_at(model, path[:-1]).model_json_schema()["properties"])
         close = get_close_matches(str(path[-1]), known, 1)
         return key, f"unknown key; {f'did you mean {close[0]}?' if close else 'allowed: ' + ', '.join(known)}", ""
     text = EXPECTED.get(error["type"]) or re.sub(r"^\w+ should (be|have) ", "", error["msg"])

@@ -112,6 +112,10 @@ def test_selection(write: StudyWriter) -> None:
 
 SPEED, COUNT = '[[axis]]\nkey = "striker.speed"\n', '[[axis]]\nkey = "chain.count"\n'
 BAD = {
+    "a key near that of a file": (
+        '[[axis]]\nkey = "chain.count"\nfrom_ = 3',
+        "axis.0.from_: unknown key; did you mean from?",
+    ),
     "no such key": ('[[axis]]\nkey = "striker.colour"\nvalues = ["red"]', "striker.colour: unknown key; allowed: "),
     "an empty axis": (f"{COUNT}values = []", "axis.0.values: found an empty list"),
     "no form": (COUNT, "exactly one of values, from, factors, zip, seeds, table"),
