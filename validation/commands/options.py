@@ -3,7 +3,7 @@
 import os
 import re
 from collections.abc import Callable, Iterable
-from math import isnan
+from math import isfinite
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -98,12 +98,12 @@ TEXTS = {
 
 
 class _Number(click.FloatRange):
-    """Number in a range; that of click takes nan."""
+    """Finite number in a range; that of click may be nan or infinite."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Value of a text."""
         number = super().convert(value, param, ctx)
-        return self.fail(f"{value} is not a number", param, ctx) if isnan(number) else number
+        return number if isfinite(number) else self.fail(f"{value} is not a finite number", param, ctx)
 
 
 def _folder_to_write(text: str | Path) -> Path:

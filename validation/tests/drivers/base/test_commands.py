@@ -145,6 +145,7 @@ def test_help_fits_the_terminal_lists_all_commands_and_has_valid_examples() -> N
         (("run", "fig4", "--time-limi"), "beads run: no such option '--time-limi'. Did you mean '--time-limit'?"),
         (("run", "fig4", "fig5"), "beads run: got unexpected extra argument (fig5)"),
         (("run", "fig4", "--time-limit", "-1"), "beads run: --time-limit: -1.0 is not in the range x>0"),
+        (("run", "fig4", "--time-limit", "nan"), "beads run: --time-limit: nan is not a finite number"),
         (("show", "sensitivity", "x"), "beads show: CASE: 'x' is not a valid integer range"),
     ],
 )
