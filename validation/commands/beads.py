@@ -6,13 +6,11 @@ import drivers.environment  # noqa: F401 - before imports that another environme
 import ast
 import errno
 import os
-import platform
 import re
 import resource
 import signal
 import sys
 import threading
-import tomllib
 from collections.abc import Callable
 from functools import partial
 from importlib import import_module
@@ -22,7 +20,6 @@ from typing import Any, NoReturn
 import click
 from click.shell_completion import BashComplete, add_completion_class, shell_complete
 
-from drivers.base import paths
 from drivers.base.errors import InputError, RunError, one_line, printable
 from validation.commands.options import PARAMETERS
 
@@ -106,19 +103,6 @@ class Bash(BashComplete):
     source_template = f"COMP_WORDBREAKS=${{COMP_WORDBREAKS//:}}\n{BashComplete.source_template}"
 
 
-def _print_version(context: click.Context, _: click.Parameter, asked: bool) -> None:
-    """Print a line with the version of the project and of Python, and the commit."""
-    if not asked:
-        return
-    from drivers.base.processes import git, local_changes  # takes as long to load as all others
-
-    project = tomllib.loads((paths.ROOT / "pyproject.toml").read_text())["project"]
-    changes = " and changes" * local_changes()
-    commit = git("rev-parse", "--short=10", "HEAD") or "unknown"
-    print(f"{project['name']} {project['version']}, commit {commit}{changes}, Python {platform.python_version()}")
-    context.exit()
-
-
 def _check_memory() -> None:
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     if 0 <= limit < LEAST_MEMORY_BYTES:
@@ -167,16 +151,7 @@ BEADS = _Group(
     context_settings={"help_option_names": ["-h", "--help"]},
     subcommand_metavar="COMMAND ...",
     callback=_check_memory,
-    params=[
-        click.Option(
-            ["--version"],
-            is_flag=True,
-            is_eager=True,
-            expose_value=False,
-            callback=_print_version,
-            help="Print version and commit.",
-        )
-    ],
+    params=[PARAMETERS["--version"]],
 )
 add_completion_class(Bash)
 

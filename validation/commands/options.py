@@ -1,7 +1,9 @@
 """Arguments and options of the commands, each declared once: what they mean, how they are read and completed."""
 
 import os
+import platform
 import re
+import tomllib
 from collections.abc import Callable, Iterable
 from math import isfinite
 from pathlib import Path
@@ -65,6 +67,7 @@ TEXTS = {
     "--write": "Write the tables of all files into inputs/README.md.",
     "--rerun": "Run again even if the run is done or, with auto, failed.",
     "--time-limit SECONDS": "Stop a run after this time (default: by beads and steps).",
+    "--version": "Print version and commit.",
     "--definitions": "Print the definitions of all observables and exit.",
     "--from source SIGNAL": "Source of the transfer function: drive, or a gauge.",
     "--to target SIGNAL": "Target of the transfer function: a gauge, such as wall.",
@@ -149,6 +152,19 @@ def _engine_names(_: click.Context) -> Iterable[str]:
     return engine_names()
 
 
+def _print_version(context: click.Context, _: click.Parameter, asked: bool) -> None:
+    """Print a line with the version of the project and of Python, and the commit."""
+    if not asked:
+        return
+    from drivers.base.processes import git, local_changes  # takes as long to load as all others
+
+    project = tomllib.loads((paths.ROOT / "pyproject.toml").read_text())["project"]
+    changes = " and changes" * local_changes()
+    commit = git("rev-parse", "--short=10", "HEAD") or "unknown"
+    print(f"{project['name']} {project['version']}, commit {commit}{changes}, Python {platform.python_version()}")
+    context.exit()
+
+
 def _print_definitions(context: click.Context, _: click.Parameter, asked: bool) -> None:
     """Print the definitions of all observables."""
     if asked:
@@ -190,6 +206,7 @@ UNUSUAL: dict[str, dict[str, Any]] = {  # further arguments of click.Option
     "--quoted": {"default": ""},
     "--dask": {"is_flag": False, "flag_value": "local"},
     "--engines": {"type": _engines_file, "is_eager": True, "expose_value": False},
+    "--version": {"callback": _print_version, "is_eager": True, "expose_value": False},
     "--definitions": {"callback": _print_definitions, "is_eager": True, "expose_value": False},
 }
 
