@@ -1,6 +1,5 @@
 """Studies: a base scene, axes of varied values, engines, and tabulated observables."""
 
-import csv
 import hashlib
 import json
 import pickle
@@ -11,7 +10,6 @@ from copy import deepcopy
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import cached_property
-from io import StringIO
 from itertools import chain, product
 from math import ceil, isfinite, nan, prod
 from pathlib import Path
@@ -35,7 +33,8 @@ MAX_SAMPLE = 100  # cases that are checked before the first one runs
 RESERVED = ("case", "engine", "status", "reason", "force_error_share")  # columns of every table
 MAX_VALUES = 1_000_000
 MAX_KEYS = 1000  # of a table: to refuse a hundred times as many takes ten seconds
-FORMS = ("values", "from_", "factors", "zip", "seeds", "table")
+RANGE = ("from", "to", "count")
+FORMS = ("values", "factors", "zip", "seeds", "table")
 HEADING = re.compile(r"(?P<key>[^\[\]]+?)(?: *\[(?P<unit>[^\[\]]+)\])?")
 NAME = r"^[A-Za-z][A-Za-z0-9_.-]*$"
 
@@ -51,11 +50,12 @@ End = str | int | Annotated[float, Field(allow_inf_nan=True)]  # of a range, whi
 
 
 class Axis(Part):
-    """Table ``[[axis]]`` of a study file, in one of six forms.
+    """Table ``[[axis]]`` of a study file, in one of several forms.
 
-    ``key`` with ``values``; ``key`` with ``from``, ``to``, ``count`` and ``spacing``; or ``key`` with ``factors`` of
-    the base scene's value. With several keys all get the same value. ``zip``: lists of equal length, one for each key.
-    ``seeds``: number of random draws. ``table``: a CSV file with a column for each key and a row for each case.
+    ``key`` with ``values``, with ``from``, ``to``, ``count`` and ``spacing``, or with both, which are put in order;
+    ``key`` with ``factors`` of the base scene's value. With several keys all get the same value. ``zip``: lists of
+    equal length, one for each key. ``seeds``: number of random draws. ``table``: a CSV file with a column for each key
+    and a row for each case.
     """
 
     key: Keys = Field(default=(), strict=False, description="scene key, or keys with the same values")
@@ -323,99 +323,98 @@ def expand(axis: Axis, base: dict[str, Any], folder: Path, where: str, place: st
     Raises:
         InputError: the axis is wrong or has no values.
     """
-    forms = [form.strip("_") for form in FORMS if getattr(axis, form) is not None]
-    if len(forms) != 1:
-        found, allowed = ", ".join(forms) or "none of them", ", ".join(form.strip("_") for form in FORMS)
-        raise InputError(where, place, found, f"exactly one of {allowed}")
-    if bool(axis.key) != (forms[0] in ("values", "from", "factors")):
-        needs = f"no key with {forms[0]}" if axis.key else "a key"
-        raise InputError(where, f"{place}.key", str(list(axis.key)), needs)
-    columns: Mapping[str, Sequence[Any]] = {"seed": range(1, 1 + (axis.seeds or 0))}
-    if axis.values is not None:
-        columns = dict.fromkeys(axis.key, axis.values)
-    elif axis.from_ is not None:
+    given = axis.model_dump(by_alias=True, exclude_none=True)
+    forms = [form for form in (*RANGE, *FORMS) if form in given]
+    ranged = forms[:1] and forms[0] in RANGE
+    if not forms or (len(forms) > 1 and not {*forms} <= {*RANGE, "values"}):
+        allowed = f"exactly one of {', '.join(FORMS)}, or from with to, count and perhaps values"
+        raise InputError(where, place, ", ".join(forms) or "none of them", allowed)
+    if bool(axis.key) != bool(ranged or forms[0] in ("values", "factors")):
+        raise InputError(where, f"{place}.key", str(list(axis.key)), f"{'no' if axis.key else 'a'} key with {forms[0]}")
+    columns: Mapping[str, Sequence[Any]] = axis.zip or {"seed": range(1, 1 + (axis.seeds or 0))}
+    if ranged:
         columns = dict.fromkeys(axis.key, _range(axis, where, place))
+    elif axis.values is not None:
+        columns = dict.fromkeys(axis.key, axis.values)
     elif axis.factors is not None:
         columns = {key: _multiplied(base, key, axis.factors, where, place) for key in axis.key}
-    elif axis.zip is not None:
-        columns = axis.zip
     elif axis.table is not None:
         columns = _table(folder / axis.table, where, f"{place}.table")
     lengths = {key: len(values) for key, values in columns.items()}
-    if not all(lengths.values()) or not lengths:
-        raise InputError(where, f"{place}.{forms[0]}", "an empty list", "at least one value for each key")
-    if len({*lengths.values()}) > 1:
-        found = ", ".join(f"{length} of {key}" for key, length in lengths.items())
-        raise InputError(where, f"{place}.{forms[0]}", found, "lists of equal length")
+    if len({*lengths.values()}) != 1 or not all(lengths.values()):
+        found = ", ".join(f"{length} of {key}" for key, length in lengths.items()) or "an empty list"
+        raise InputError(where, f"{place}.{forms[0]}", found, "at least one value, and equally many for each key")
     return tuple(dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True))
 
 
+def _number_and_unit(value: Any) -> tuple[float, str]:
+    """Number and unit of a value, empty for a plain number; ValueError for others."""
+    quantity = units.NUMBER_AND_UNIT.fullmatch(str(value))
+    return (float(quantity[1]), quantity[2]) if quantity else (float(str(value)), "")  # float(int) fails if huge
+
+
 def _range(axis: Axis, where: str, place: str) -> list[Any]:
-    """Values from one end to the other, both included; whole numbers at both ends give whole numbers."""
-    for key in ("to", "count"):
-        if getattr(axis, key) is None:
+    """Values from one end to the other, both included, and ``values`` at their places; without doubles.
+
+    Whole numbers at both ends give whole numbers.
+    """
+    for key, value in (("from", axis.from_), ("to", axis.to), ("count", axis.count)):
+        if value is None:
             raise InputError(where, f"{place}.{key}", "missing key; give from, to and count")
-    ends, log = (axis.from_, axis.to), axis.spacing == "log"
-    quantity = units.NUMBER_AND_UNIT.fullmatch(str(axis.from_))
-    unit = quantity[2] if quantity else ""
-    low = high = nan
+    ends, log, unit, numbers = (axis.from_, axis.to), axis.spacing == "log", "", [nan, nan]
     with suppress(ValueError):
-        low, high = (units.to_si(str(end), unit) if unit else float(str(end)) for end in ends)
-    if not isfinite(high - low) or (log and min(low, high) <= 0):
-        allowed = f'two numbers, or quantities of one kind such as "2 m/s"; finite{", above zero" * log}'
-        raise InputError(where, f"{place}.from", shorten(f"{axis.from_} to {axis.to}"), allowed)
-    values = (np.geomspace if log else np.linspace)(low, high, axis.count or 0).tolist()
+        unit = _number_and_unit(axis.from_)[1]
+        texts = map(str, (*ends, *(axis.values or ())))
+        numbers = [units.to_si(text, unit) if unit else float(text) for text in texts]
+    low, high, *more = numbers
+    if not all(map(isfinite, (high - low, *more))) or (log and min(numbers) <= 0):
+        allowed = f'numbers, or quantities of one kind such as "2 m/s"; finite{", above zero" * log}'
+        raise InputError(where, f"{place}.from", shorten(", ".join(map(str, (*ends, *(axis.values or ()))))), allowed)
+    between = (np.geomspace if log else np.linspace)(low, high, axis.count or 0).tolist()
     if all(isinstance(end, int) for end in ends):
-        return list(dict.fromkeys(map(round, values)))
-    return [f"{value!r} {unit}" if unit else value for value in values]
+        between = [*map(round, between)]
+    values = [f"{value!r} {unit}" if unit else value for value in between]
+    pairs = zip((*more, *between), (*(axis.values or ()), *values), strict=True)
+    by_number = {float(f"{number:.12g}"): value for number, value in pairs}  # equal but for rounding
+    return [by_number[number] for number in sorted(by_number, reverse=high < low)]
 
 
 def _multiplied(base: dict[str, Any], key: str, factors: Sequence[float], where: str, place: str) -> list[Any]:
     """Products of the value of the base scene at a key, or of that of the library of materials, and factors."""
     value = look_up(base, key)
-    if value is None:
-        value = look_up({"materials": library()}, key)
-    if type(value) in (int, float):
-        products = [float(str(value)) * factor for factor in factors]  # by its text: float() fails for huge integers
-        return [int(one) if type(value) is int and one.is_integer() else one for one in products]
-    quantity = units.NUMBER_AND_UNIT.fullmatch(str(value))
-    if quantity is None:
+    value = look_up({"materials": library()}, key) if value is None else value
+    try:
+        number, unit = _number_and_unit(value)
+    except ValueError as error:
         found = f"{'nothing' if value is None else shorten(value)} at {key} of the base scene"
-        raise InputError(where, f"{place}.factors", found, "a number or a quantity there")
-    return [f"{float(quantity[1]) * factor!r} {quantity[2]}" for factor in factors]
+        raise InputError(where, f"{place}.factors", found, "a number or a quantity there") from error
+    products = [number * factor for factor in factors]
+    if unit:
+        return [f"{one!r} {unit}" for one in products]
+    return [int(one) if isinstance(value, int) and one.is_integer() else one for one in products]
 
 
 def _table(path: Path, where: str, place: str) -> dict[str, list[Any]]:
     """Columns of a CSV file; headings are keys, with a unit in brackets for columns of plain numbers."""
     shown = paths.shown(path)
     try:
-        content = read_file(path, "a CSV file").decode("utf-8-sig")
-        rows = [row for row in csv.reader(StringIO(content, newline=""), strict=True) if row]
-    except (FileNotFoundError, ValueError, csv.Error) as error:
-        found = "no such file" if isinstance(error, FileNotFoundError) else str(error)
-        raise InputError(where, place, f"{shown}: {found}", "a readable CSV file") from error
-    if len(rows) < 2 or len(rows[0]) > MAX_KEYS:
-        allowed = f"a line of at most {MAX_KEYS} keys and at least one line of values"
-        raise InputError(shown, "", f"{len(rows)} lines of {len(rows[0]) if rows else 0} cells", allowed)
-    for number, row in enumerate(rows, start=1):
-        if len(row) != len(rows[0]):
-            raise InputError(shown, f"line {number}", f"{len(row)} values", f"{len(rows[0])}, one for each key")
+        lines = [line for line in read_file(path, "a CSV file").decode("utf-8-sig").splitlines() if line.strip()]
+        if len(lines) < 2 or lines[0].count(",") >= MAX_KEYS:
+            raise ValueError(f"{len(lines)} lines of {lines[0].count(',') + 1 if lines else 0} cells")
+        rows = np.loadtxt(lines, str, comments=None, delimiter=",", quotechar='"', ndmin=2).tolist()
+    except (FileNotFoundError, ValueError) as error:
+        found = "no such file" if isinstance(error, FileNotFoundError) else str(error).partition("; use")[0]
+        allowed = f"a CSV file: a line of at most {MAX_KEYS} keys and at least one line of values, one for each key"
+        raise InputError(f"{where}: {place}: {shown}", "", found, allowed) from error
     columns: dict[str, list[Any]] = {}
     for heading, *cells in zip(*rows, strict=True):
         match = HEADING.fullmatch(heading.strip())
         key, unit = (match["key"].strip(), match["unit"]) if match else ("", "")
         if not key or key in columns:
             raise InputError(shown, "line 1", shorten(heading), "each key once, such as striker.speed [m/s]")
-        places = (f"line {number}, {key}" for number in range(2, len(rows) + 1))
-        columns[key] = [_cell(cell.strip(), unit, shown, place) for cell, place in zip(cells, places, strict=True)]
+        columns[key] = [f"{cell.strip()} {unit}" if unit else read_value(cell) for cell in cells]
+        for number, value in enumerate(columns[key], start=2):
+            if value == "" or (unit and not units.NUMBER_AND_UNIT.fullmatch(value)):
+                allowed = f"a plain number, since the heading has its unit ({unit})" if unit else "a value"
+                raise InputError(shown, f"line {number}, {key}", shorten(cells[number - 2].strip()), allowed)
     return columns
-
-
-def _cell(text: str, unit: str | None, where: str, place: str) -> Any:
-    """Value of a cell; a quantity if the heading has a unit."""
-    if unit and units.NUMBER_AND_UNIT.fullmatch(f"{text} {unit}"):
-        return f"{text} {unit}"
-    if unit or not text:
-        allowed = f"a plain number, since the heading has its unit ({unit})" if unit else "a value"
-        raise InputError(where, place, shorten(text), allowed)
-    return read_value(text)

@@ -33,6 +33,7 @@ COLOURS = {"striker": STRIKER, "tube": TUBE, "gauge": GAUGE, "wall gauge": GAUGE
 # lengths in mm that the paper does not state
 TUBE_WALL, WALL_GAUGE, ROD, BLOCK, EMBEDDED, ABOVE = 0.7, (7.0, 1.0), 8.0, (26.0, 8.0), 3.0, 3.0
 CUT, WAVE = 1.4, 0.5  # mm: gap of the cut rod, amplitude of its wavy ends
+LEAD = {"arrowstyle": "-", "lw": 0.5, "color": GREY, "shrinkA": 1, "shrinkB": 0}
 DIMENSION = {"lw": 0.5, "color": GREY, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 5}
 SCOPE = (-20.5, 25.0, 18.5, 10.0)  # oscilloscope: middle, bottom, width, height
 
@@ -149,7 +150,8 @@ def _name_set_up(axis: Any, pieces: list[Piece]) -> None:
               ("steel block", "steel block", 15.0, 0.0)]  # fmt: skip
     for text, part, end, up in words:
         middle, height, half = at[part]
-        _point(axis, text, (np.sign(end) * (half + abs(middle)), height), (end, height + up))
+        axis.annotate(text, (np.sign(end) * (half + abs(middle)), height), (end, height + up), va="center",
+                      ha="left" if end > 0 else "right", arrowprops=LEAD)  # fmt: skip
     scope = pieces[-1]
     axis.text(scope.middle_mm, scope.bottom_mm + scope.height_mm / 2, "oscilloscope", ha="center", va="center")
     for part, half, aside in (*((part, side / 2, 4.0) for part in sensors), ("wall gauge", WALL_GAUGE[0] / 2, -4.0)):
@@ -174,9 +176,3 @@ def _name_particle(axis: Any, pieces: list[Piece]) -> None:
     axis.text(radius + 0.6, 0, f"{plate.height_mm:g} mm", va="center")
     axis.annotate("", (-half, thick + 0.2), (half, thick + 0.2), arrowprops=DIMENSION | {"arrowstyle": "<|-|>"})
     axis.text(0, thick + 0.25, f"{plate.width_mm:g} mm", ha="center", va="bottom")
-
-
-def _point(axis: Any, text: str, tip: tuple[float, float], end: tuple[float, float]) -> None:
-    """Draws a label to the left or right of a part, with a line to the part."""
-    axis.annotate(text, tip, end, va="center", ha="left" if end[0] > tip[0] else "right",
-                  arrowprops={"arrowstyle": "-", "lw": 0.5, "color": GREY, "shrinkA": 1, "shrinkB": 0})  # fmt: skip

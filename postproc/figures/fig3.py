@@ -141,7 +141,8 @@ def _beta(average_N: float, static_N: float) -> float:
 def _draw_curves(axis: Any, curves: list[tuple[float, bool]], chains: pd.DataFrame, theory: pd.DataFrame) -> None:
     """Draws the paper's curves with their numbers, and the curve of the third modulus under gravity."""
     for modulus, gravity in curves:
-        chain, equation = (table.query("modulus_MPa == @modulus and gravity == @gravity") for table in (chains, theory))
+        of_curve = {"modulus_MPa": modulus, "gravity": gravity}
+        chain, equation = (table.merge(pd.DataFrame([of_curve])) for table in (chains, theory))
         look, number = CHAIN | {"color": COLOURS[modulus]}, _number(modulus, gravity)
         label = {"textcoords": "offset points", "va": "center", "color": text_color(look["color"])}
         first, *_, last = zip(chain["force_N"], chain["speed_m_s"], strict=True)

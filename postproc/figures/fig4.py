@@ -75,8 +75,7 @@ def _draw_quoted(figure: Any, axes: dict[str, Any], motion: Simulation) -> list[
     upper, lower = sensor_pair(motion.case)
     above, below = f"bead_{upper}", f"bead_{lower}"
     level_N, speed_m_s = paper.fig4_leading_force_N, paper.fig4_speed_m_s
-    stated = {"leading_force_N": level_N, "speed_m_s": speed_m_s, "duration_us": paper.fig4_duration_us}
-    marks = [quoted_rows("a", **stated)]
+    marks = [quoted_rows("a", leading_force_N=level_N, speed_m_s=speed_m_s, duration_us=paper.fig4_duration_us)]
 
     def mark(words: str, gauge: str, time_s: list[float], force_N: list[float], **look: Any) -> None:
         marks.append(draw_curve(axes[gauge], "paper", words, time_s, gauge, force_N, **QUOTED | look).assign(panel="a"))

@@ -24,15 +24,7 @@ from postproc.draw.style import AVERAGE, COLUMN_IN, DAMPED, GREY, MICRO, QUOTED,
 from postproc.paper import calibrated, quoted
 from postproc.read.motion import Simulation, case_of, simulate
 from postproc.read.observables import LATER_PROMINENCE
-from postproc.read.sensors import sensor_signals
-from postproc.read.signals import (
-    ENVELOPE_MAXIMA,
-    Envelope,
-    Peak,
-    incident_pulse,
-    peaks,
-    train_envelope,
-)
+from postproc.read.signals import ENVELOPE_MAXIMA, Envelope, Peak, incident_pulse, peaks, train_envelope
 
 WALL = "wall"
 PANELS = (
@@ -66,29 +58,19 @@ def make(runs: Path) -> Product:
         _draw_envelope(drawn[WALL], motion, rate).assign(panel=panel.letter)
         for drawn, motion, rate, panel in zip(axes, (damped, elastic), rates, PANELS, strict=True)
     ]
-    return product.with_rows(entrance, *envelopes, *_stated())
+    pulse = quoted_rows("c", rise_us=paper.fig5_incident_rise_us, decay_per_us=paper.fig5_incident_decay_per_us,
+                        duration_us=paper.fig5_incident_duration_us)  # fmt: skip
+    stated = [quoted_rows(panel, envelope_per_us=rate) for panel, rate in zip("ab", rates, strict=True)]
+    return product.with_rows(entrance, *envelopes, *stated, pulse)
 
 
 def _train(motion: Simulation) -> tuple[list[Peak], dict[int, Envelope]]:
-    """Maxima at the wall, and envelopes by number of maxima.
-
-    Raises:
-        InputError: There are too few maxima.
-    """
+    """Maxima at the wall, and envelopes by number of maxima."""
     time_s, wall = motion.trace.time_s, motion.trace.force_N[:, 0]
     maxima = [
         replace(peak, value=peak.value + float(wall[0])) for peak in peaks(time_s, wall - wall[0], LATER_PROMINENCE)
     ]
-    envelopes = {count: curve for count in MAXIMA if (curve := train_envelope(maxima, count))}
-    if ENVELOPE_MAXIMA not in envelopes:
-        raise _too_short(motion, f"fewer than {ENVELOPE_MAXIMA} maxima at the wall")
-    return maxima, envelopes
-
-
-def _too_short(simulation: Simulation, found: str) -> InputError:
-    return InputError(
-        simulation.case.scene.file, "run.duration", found, "until the wave is back, and weaker dissipation"
-    )
+    return maxima, {count: curve for count in MAXIMA if (curve := train_envelope(maxima, count))}
 
 
 def _numbers(motion: Simulation) -> dict[str, float]:
@@ -99,25 +81,17 @@ def _numbers(motion: Simulation) -> dict[str, float]:
     """
     _, envelopes = _train(motion)
     numbers = {f"envelope_{count}_maxima_per_us": curve.rate_per_s / MICRO for count, curve in envelopes.items()}
-    time_s, signals = motion.trace.time_s, sensor_signals(motion.case.layout, motion.trace)
-    for words, signal in zip(PLACES, signals.values(), strict=False):
-        pulse, place = incident_pulse(time_s, signal - signal[0]), words.replace(" ", "_")
-        if pulse is None:
-            raise _too_short(motion, "no wave back at the top")
+    time_s = motion.trace.time_s
+    pulses = [incident_pulse(time_s, signal - signal[0]) for signal in [*motion.signals.values()][: len(PLACES)]]
+    found = f"fewer than {ENVELOPE_MAXIMA} maxima at the wall" if ENVELOPE_MAXIMA not in envelopes else ""
+    if found or None in pulses:
+        allowed = "until the wave is back, and weaker dissipation"
+        raise InputError(motion.case.scene.file, "run.duration", found or "no wave back at the top", allowed)
+    for words, pulse in zip(PLACES, filter(None, pulses), strict=True):
+        place = words.replace(" ", "_")
         numbers |= {f"{place}_rise_us": pulse.rise_s * MICRO, f"{place}_decay_per_us": pulse.decay_per_s / MICRO,
                     f"{place}_duration_us": pulse.duration_s * MICRO}  # fmt: skip
     return numbers
-
-
-def _stated() -> list[pd.DataFrame]:
-    """Numbers of the paper by panel."""
-    paper = quoted()
-    return [
-        quoted_rows("a", envelope_per_us=paper.fig5_measured_envelope_per_us),
-        quoted_rows("b", envelope_per_us=paper.fig5_computed_envelope_per_us),
-        quoted_rows("c", rise_us=paper.fig5_incident_rise_us, decay_per_us=paper.fig5_incident_decay_per_us,
-                    duration_us=paper.fig5_incident_duration_us),
-    ]  # fmt: skip
 
 
 def _draw_envelope(axis: Any, motion: Simulation, quoted_per_us: float) -> pd.DataFrame:
@@ -149,9 +123,7 @@ def _draw_entrance(axis: Any, damped: Simulation, elastic: Simulation) -> pd.Dat
         (damped, 0, ", damped", DAMPED),
     ):
         shown = motion.trace.time_s <= ENTRANCE_S
-        time_s, signals = motion.trace.time_s[shown], sensor_signals(motion.case.layout, motion.trace)
-        force_N = signals[upper[place]][shown]
-        words = PLACES[place] + more
+        time_s, force_N, words = motion.trace.time_s[shown], motion.signals[upper[place]][shown], PLACES[place] + more
         tables.append(draw_curve(axis, REFERENCE, words, time_s, "average", force_N, label=words, **look))
     top_N = float(tables[0]["average_N"].max())
     after_us = np.linspace(0, paper.fig5_incident_duration_us - paper.fig5_incident_rise_us, POINTS)

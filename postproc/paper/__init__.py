@@ -14,6 +14,7 @@ from drivers.scene.read_scene import read_toml
 
 Negative = Annotated[float, Field(lt=0)]
 Column = Annotated[tuple[Positive, ...], Field(strict=False, min_length=5, max_length=5)]
+Texts = Annotated[tuple[str, ...], Field(strict=False)]
 
 
 class Table1(Part):
@@ -90,11 +91,13 @@ class Calibrated(Part):
     Attributes:
         reading: the reading of the paper for which the law was fitted.
         findings: sentences on the fits of all readings.
+        cuts: cut at which durations are read, chi-square, degrees of freedom, probability, and restitution.
     """
 
     law: str
     reading: str
-    findings: Annotated[tuple[str, ...], Field(strict=False)]
+    findings: Texts
+    cuts: Annotated[tuple[Texts, ...], Field(strict=False)]
     parameter: Annotated[tuple[CalibratedParameter, ...], Field(strict=False, min_length=1)]
 
     @property

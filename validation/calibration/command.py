@@ -10,6 +10,7 @@ import shutil
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -35,10 +36,9 @@ from postproc.read.measured import MEASURED
 from postproc.read.observables import describe, without_unit
 from validation.calibration.data import GAIN, TRIGGER, DataSet, calibration_file, paper_data, scene_data, unknown
 from validation.calibration.fit import (
-    COLOURS,
     DATA,
     LAWS,
-    MARKERS,
+    LOOKS,
     PARAMETERS,
     RISES,
     Fit,
@@ -113,17 +113,17 @@ def problems_of(request: FitRequest) -> dict[str, Problem]:
     _refuse_repetition("--law", request.laws)
     for law in request.laws or [""]:
         settings, own = request.settings_of(law), of_laws.get(law, ())
+        others = {key for keys in of_laws.values() for key in keys} - {*own}  # parameters of other laws
+        free = [text for key, text in asked if key not in others]
+        free += [key for key in own if key not in dict(asked)]
+        if not (free or request.own):
+            raise InputError("fit", "--free", "no free parameter: name a key of the scene, --free contact.restitution")
         if request.quoted:
             sets = paper_data(request.quoted, settings)
         else:
             freed = any(key.endswith(f".{TRIGGER}") for key, _ in asked)
             sets = [scene_data(scene, settings, request.measured, free_trigger=freed) for scene in request.scenes]
         _refuse_repetition("data sets", [data.name for data in sets])
-        others = {key for keys in of_laws.values() for key in keys} - {*own}  # parameters of other laws
-        free = [text for key, text in asked if key not in others]
-        free += [key for key in own if key not in dict(asked)]
-        if not (free or request.own):
-            raise InputError("fit", "--free", "no free parameter: name a key of the scene, --free contact.restitution")
         problems[law] = pose(sets, free, request.own)
     return problems
 
@@ -141,7 +141,7 @@ def run_fit(request: FitRequest, runs: Path, results: Path) -> int:
     """
     problems, fits, tables = problems_of(request), dict[str, Fit](), dict[str, Tables]()
     problem, folder = next(iter(problems.values())), folder_of(request, results)
-    known = {name for data in problem.sets for name in observables_of(problem, data, problem.start, request.predict)}
+    known = {name for data in problem.sets for name in observables_of(problem, data, request.predict, problem.start)}
     for name in request.predict:
         if without_unit(name) not in map(without_unit, known):
             raise unknown(problem.sets[0].where, "--predict", name, sorted(known))
@@ -198,7 +198,7 @@ def lines(fit: Fit, tables: Tables) -> Iterator[str]:
     freedom = f"{goodness.freedom} degrees of freedom{chance}"
     yield f"chi-square {goodness.chi_square:.4g} with {freedom if fit.freedom >= 0 else 'fewer data than parameters'}"
     if not fit.explained:
-        yield "the model does not explain the data"
+        yield f"{goodness.law or 'the model'} does not explain the data"
     yield from goodness.remarks.split(". ") if goodness.remarks else ()
 
 
@@ -213,9 +213,6 @@ def comparison(fits: Mapping[str, Fit], tables: Mapping[str, Tables]) -> Iterato
     laws["above"] = laws["aic"] - laws["aic"].min()
     columns = ["law", "chi_square", "freedom", "probability", "aic", "bic", "above"]
     yield from laws[columns].to_string(index=False, float_format="{:.5g}".format).splitlines()
-    for law in laws["law"]:
-        if not fits[law].explained:
-            yield f"{law} does not explain the data"
     excess = laws["above"] / fits[laws["law"].iloc[0]].enlargement ** 2
     near = [*laws.loc[excess < DECISIVE, "law"]]
     if len(near) > 1:
@@ -243,29 +240,25 @@ def predict(fit: Fit, law: str, names: Sequence[str]) -> pd.DataFrame:
     """Observables of waves, and those asked for by ``names``, of each data set in the fitted motion."""
     parts = []
     for data in fit.problem.sets:
-
-        def at(place: Array, data: DataSet = data) -> "pd.Series[float]":
-            return pd.Series(observables_of(fit.problem, data, place, names), dtype=float)
-
-        here = at(fit.place)
-        columns = [(at(other) - here) / step for other, step in stepped(fit.place)]
+        at = partial(observables_of, fit.problem, data, names)
+        here = pd.Series(at(fit.place), dtype=float)
+        columns = [(pd.Series(at(other), dtype=float) - here) / step for other, step in stepped(fit.place)]
         slopes = pd.concat(columns, axis=1).reindex(here.index).fillna(0.0).to_numpy()
-        parts.append(here.rename("fitted").rename_axis("datum").reset_index())
-        parts[-1]["fitted_error"] = np.sqrt(np.einsum("ij,jk,ik->i", slopes, fit.covariance, slopes))
-        parts[-1].insert(0, "data_set", data.name)
-    rows = pd.concat(parts, ignore_index=True)
-    rows.insert(0, "law", law)
-    return rows.assign(unit=[describe(name).unit for name in rows["datum"]])
+        errors = np.sqrt(np.einsum("ij,jk,ik->i", slopes, fit.covariance, slopes))
+        part = {"law": law, "data_set": data.name, "datum": here.index, "fitted": here.to_numpy()}
+        part |= {"fitted_error": errors, "unit": [describe(name).unit for name in here.index]}
+        parts.append(pd.DataFrame(part))
+    return pd.concat(parts, ignore_index=True)
 
 
-def observables_of(problem: Problem, data: DataSet, place: Array, names: Sequence[str]) -> dict[str, float]:
+def observables_of(problem: Problem, data: DataSet, names: Sequence[str], place: Array) -> dict[str, float]:
     """Observables of waves, and those asked for, at given coordinates; a gauge is added at a bead without a sensor.
 
     Args:
         problem: The problem.
         data: One of its data sets, which is run as its scene.
-        place: Coordinates. Shape (parameters,).
         names: Observables, with or without their units.
+        place: Coordinates. Shape (parameters,).
     """
     tables = json.loads(data.tables)
     tables["run"]["duration"] = data.duration or tables["run"]["duration"]
@@ -328,12 +321,12 @@ def draw_parameters(parameters: pd.DataFrame) -> Any:
     for axis, name in zip(axes[:, 0], names, strict=True):
         own = shown[shown["parameter"] == name]
         scale, unit = suited(own["value"].iloc[0], own["unit"].iloc[0]) if len(own) else (1.0, "")
-        places, colours = range(len(own)), [COLOURS[laws.index(law) % len(COLOURS)] for law in own["law"]]
+        looks = [LOOKS[laws.index(law) % len(LOOKS)] for law in own["law"]]
         for share, width in (("95pct", 0.9), ("68pct", 2.6)):
             low, high = (own[f"{end}_{share}"].clip(own["least"], own["most"]) * scale for end in ("low", "high"))
-            axis.hlines(places, low, high, colours, lw=width)
-        for place, law, value, colour in zip(places, own["law"], own["value"] * scale, colours, strict=True):
-            axis.plot(value, place, MARKERS[laws.index(law) % len(MARKERS)], color=colour, ms=5, label=law or None)
+            axis.hlines(range(len(own)), low, high, [colour for colour, _ in looks], lw=width)
+        for place, (law, value) in enumerate(zip(own["law"], own["value"] * scale, strict=True)):
+            axis.plot(value, place, looks[place][1], color=looks[place][0], ms=5, label=law or None)
         title = name.removeprefix("materials.") or "no parameter is determined"
         axis.set_title(f"{title}{f' ({unit})' * bool(unit)}", loc="left", fontsize=8)
         axis.set(yticks=[], ylim=(len(own) - 0.4, -0.6))
@@ -348,13 +341,12 @@ def draw_parameters(parameters: pd.DataFrame) -> Any:
 
 def _command(request: FitRequest) -> str:
     """Command that fits again, in the folder of the fit."""
-    words = ["beads", "fit", *(Path(scene).stem + ".toml" for scene in request.scenes)]
+    data = [Path(scene).stem + ".toml" for scene in request.scenes]
+    options = {"--law": request.laws, "--free": request.free, "--own": request.own, "--predict": request.predict}
     if request.quoted:
-        words = ["beads", "fit", *request.scenes, "--quoted", ",".join(request.quoted)]
-    for option in ("laws", "free", "own", "predict", *(["settings"] * bool(request.quoted))):
-        name = {"laws": "--law", "settings": "--set"}.get(option, f"--{option}")
-        words += [word for value in getattr(request, option) for word in (name, value)]
-    return shlex.join([*words, *(["--quick"] * request.quick), "--results", "again"])
+        data, options["--set"] = [*request.scenes, "--quoted", ",".join(request.quoted)], request.settings
+    words = [word for option, values in options.items() for value in values for word in (option, value)]
+    return shlex.join(["beads", "fit", *data, *words, *(["--quick"] * request.quick), "--results", "again"])
 
 
 def _write_scenes(request: FitRequest, law: str, fit: Fit, parameters: pd.DataFrame, folder: Path) -> list[Path]:

@@ -39,7 +39,7 @@ MIN_INFLATION = 10.0  # growth of an error by the uncertainty of the other param
 RISES = {"68 %": 1.0, "95 %": 3.841458820694124}  # rise of chi-square at the ends of intervals (Wilks, one parameter)
 MAX_RISE, STRIDE, MAX_POINTS = 5.0, 0.6, 12  # of a profile: rise, standard errors between points, points on each side
 COLOURS = ("#0072b2", "#d55e00", "#555555", "#cc79a7", "#999933", "#56b4e9")
-MARKERS = ("o", "s", "v", "D", "P", "^")
+LOOKS = [*zip(COLOURS, "osvDP^", strict=True)]  # colours and markers of laws
 LAWS, PARAMETERS, DATA = "laws", "parameters", "data"  # tables of a fit
 
 Tables = dict[str, pd.DataFrame]

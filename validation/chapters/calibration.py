@@ -15,19 +15,7 @@ from drivers.run.execute import Place, execute
 from postproc.draw.style import GREY, pyplot
 from postproc.paper import calibrated
 from validation.calibration.data import DEFAULT, calibration_file, paper_data
-from validation.calibration.fit import (
-    COLOURS,
-    DATA,
-    LAWS,
-    MARKERS,
-    MAX_DEVIATION,
-    PARAMETERS,
-    Fit,
-    Tables,
-    rows_of,
-    solve,
-    value_text,
-)
+from validation.calibration.fit import DATA, LAWS, LOOKS, MAX_DEVIATION, PARAMETERS, Tables, rows_of, solve, value_text
 from validation.calibration.problem import pose
 from validation.chapters import Options
 from validation.checks import FAIL, Check, judged, without_run
@@ -41,13 +29,7 @@ GAUGES, SPEEDS, CUT = "sensor.time_constant", "reading.speed_scale", "reading.cu
 ELECTRONICS, ONE_MS = "electronics: RC about 1 ms", "electronics: RC 1 ms"
 NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 # words for numbers of the paper, by parts of their names
-KINDS = {
-    "amplitude": "force",
-    "contact_force": "force",
-    "speed": "speed",
-    "full_width": "full width",
-    "decay": "decay at the wall",
-}
+KINDS = {"amplitude": "force", "force": "force", "speed": "speed", "width": "full width", "decay": "decay at the wall"}
 NUMBER_IN, WIDTH_IN = 0.36, 6.8
 SPREAD = 0.7  # of the fits of a number, as a share of the distance of two numbers
 CUTS = ("4 %", "5 %", "8 %", "12 %", "15 %")  # fixed, of the dissipative law without electronics
@@ -56,17 +38,17 @@ CUTS = ("4 %", "5 %", "8 %", "12 %", "15 %")  # fixed, of the dissipative law wi
 def measure(options: Options) -> Chapter:
     """Fits of all readings; the short study fits some, from the parameters found before, and shows stored findings."""
     tables = study(quick=options.quick)
-    findings, checks = calibrated().findings, [*judge(tables)]
+    findings, cuts, checks = calibrated().findings, calibrated().cuts, [*judge(tables)]
     if not options.quick:
-        findings = tuple(conclusions(tables))
-        if not alike(" ".join(calibrated().findings), " ".join(findings)):
-            where = paths.shown(paths.CALIBRATED)
-            checks.append(without_run(where, "", f"findings: the fits give {findings}", FAIL))
+        stored, findings, cuts = (findings, cuts), tuple(conclusions(tables)), tuple(cut_rows(tables))
+        if not alike(str(stored), str((findings, cuts))):
+            place = f"findings and cuts: the fits give {findings} and {cuts}"
+            checks.append(without_run(paths.shown(paths.CALIBRATED), "", place, FAIL))
     return Chapter(
         tables={name: tables[key] for key, name in NAMES.items()},
         findings=[*findings],
-        figures={NAMES[LAWS]: ("Deviations of fitted from measured numbers", draw_deviations(deviations(tables)))},
-        shown=shown(tables),
+        figures={NAMES[LAWS]: ("Deviations of fitted from measured numbers", draw_deviations(tables[DATA]))},
+        shown=shown(tables, cuts),
         checks=checks,
         short=options.quick,
     )
@@ -86,7 +68,7 @@ def study(*, quick: bool = False) -> Tables:
     known, done = {name: law.found for name, law in laws.items()}, list[Tables]()
     if not quick:
         found = {law: fit_law(law, DEFAULT) for law in following(laws, "laws", len(laws), "law")}
-        known = {name: fit.values for name, (fit, _) in found.items()}
+        known = {name: values for name, (values, _) in found.items()}
         done, readings = [tables for _, tables in found.values()], readings[1:]
     work = execute(partial(_fit_laws, known), readings, Place(processes=True))
     results = dict(following(work, "readings", len(readings), "reading"))
@@ -96,21 +78,22 @@ def study(*, quick: bool = False) -> Tables:
 
 def _fit_laws(known: Mapping[str, Mapping[str, float]], reading: str) -> list[Tables]:
     """Tables of all laws for one reading, from known parameters and from each other: a larger law is never worse."""
-    fits, tables = list[Fit](), list[Tables]()
+    seeds, tables = list[Mapping[str, float]](), list[Tables]()
     for law in known:
-        fit, of_law = fit_law(law, reading, [known[law], *(earlier.values for earlier in fits)])
-        fits.append(fit)
+        values, of_law = fit_law(law, reading, [known[law], *seeds])
+        seeds.append(values)
         tables.append(of_law)
     return tables
 
 
-def fit_law(law: str, reading: str, seeds: Sequence[Mapping[str, float]] = ()) -> tuple[Fit, Tables]:
-    """Fit of a law to all quoted data for one reading, from seeds alone if there are some."""
+def fit_law(law: str, reading: str, seeds: Sequence[Mapping[str, float]] = ()) -> tuple[dict[str, float], Tables]:
+    """Parameters and tables of a law fitted to all quoted data for one reading, from seeds alone if there are some."""
     asked = calibration_file()
     named, answers = asked.law[law], asked.readings()[reading]
     free = (*asked.free, *named.free, *(text for answer in answers for text in answer.free))
     problem = pose(paper_data(asked.data, named.set, answers), free, answers=answers)
-    return solve(problem, law, reading, quick=bool(seeds), seeds=seeds, search=not seeds)
+    fit, tables = solve(problem, law, reading, quick=bool(seeds), seeds=seeds, search=not seeds)
+    return fit.values, tables
 
 
 def parameters_of(tables: Tables, law: str, reading: str) -> dict[str, Any]:
@@ -150,9 +133,8 @@ def conclusions(tables: Tables) -> Iterator[str]:
     yield from conditions(tables)
     low, high = bounds(tables, MODULUS)
     yield f"Young's modulus of the fits that hold, with their errors: {low * 1e-9:.2f} to {high * 1e-9:.2f} GPa."
-    data = held(tables, DATA).dropna(subset="measured")
-    names = [name_of(*pair) for pair in zip(data["data_set"], data["datum"], strict=True)]
-    missed = (data["off"].abs() > 1).groupby(names, sort=False).sum()
+    data = numbers(held(tables, DATA))
+    missed = (data["off"].abs() > 1).groupby(data["number"], sort=False).sum()
     often = "; ".join(str(name) for name in missed.index[missed > len(holding) / 2]) or "none"
     yield f"Missed by more than one standard error in most of the fits that hold: {often}."
 
@@ -189,6 +171,15 @@ def _span(values: "pd.Series[float]", digits: int = 2) -> str:
     return " to ".join(dict.fromkeys(f"{value:.{digits}f}" for value in (values.min(), values.max())))
 
 
+def cut_rows(tables: Tables) -> Iterator[tuple[str, ...]]:
+    """Rows of the table of cuts: cut, chi-square, degrees of freedom, probability, restitution."""
+    for cut, reading in [*((f"fixed at {cut}", f"cut: {cut}") for cut in CUTS), ("free", DEFAULT)]:
+        row, found = goodness_of(tables, DISSIPATIVE, reading), parameters_of(tables, DISSIPATIVE, reading)
+        named = f"{cut}: {value_text(found[CUT])}" if CUT in found else cut
+        goodness = f"{row.chi_square:.1f}", f"{row.freedom}", f"{row.probability:.2g}"
+        yield named, *goodness, value_text(found[RESTITUTION])
+
+
 def name_of(data_set: str, datum: str) -> str:
     """Name of a datum: kind and, of a row, its force."""
     kind = next((word for part, word in KINDS.items() if part in datum), datum)
@@ -197,36 +188,31 @@ def name_of(data_set: str, datum: str) -> str:
     return f"{named}: {kind}"
 
 
-def deviations(tables: Tables) -> pd.DataFrame:
-    """Deviations of the fits without and with electronics, for the figure."""
-    data = tables[DATA].dropna(subset="measured")
-    data = data[data["data"].isin([DEFAULT, ELECTRONICS])]
-    endings = data["data"].map({DEFAULT: "", ELECTRONICS: ", with electronics"})
-    names = [name_of(*pair) for pair in zip(data["data_set"], data["datum"], strict=True)]
-    return data.assign(number=names, fit=data["law"] + endings, error=data["fitted_error"] / data["error"])
+def numbers(data: pd.DataFrame) -> pd.DataFrame:
+    """Rows of measured numbers, with their names in a column ``number``."""
+    data = data.dropna(subset="measured")
+    return data.assign(number=[name_of(*pair) for pair in zip(data["data_set"], data["datum"], strict=True)])
 
 
 def draw_deviations(data: pd.DataFrame) -> Any:
     """Fitted minus measured numbers in standard errors of the measurement, with the errors of the fits.
 
-    Args:
-        data: Rows by ``number`` (name with measured value), ``law`` and ``fit`` (law with its reading), with
-            ``off`` and ``error``; fits after the first one of a law have open markers.
+    Fits of the default reading have filled markers, those with electronics open ones.
     """
-    numbers, fits = [*data["number"].unique()], data[["law", "fit"]].drop_duplicates()
-    laws = [*fits["law"].unique()]
-    height = 1.0 + NUMBER_IN * len(numbers)
-    figure, axis = pyplot().subplots(figsize=(WIDTH_IN, height), layout="constrained")
+    data = numbers(data[data["data"].isin([DEFAULT, ELECTRONICS])])
+    names, laws, fits = [*data["number"].unique()], [*data["law"].unique()], data.groupby(["data", "law"], sort=False)
+    figure, axis = pyplot().subplots(figsize=(WIDTH_IN, 1.0 + NUMBER_IN * len(names)), layout="constrained")
     axis.axvspan(-1, 1, color=GREY, alpha=0.15, lw=0)
     axis.axvline(0, color="k", lw=0.8)
-    for place, (law, fit, repeated) in enumerate(fits.assign(again=fits["law"].duplicated()).itertuples(index=False)):
-        own, look = data[data["fit"] == fit], laws.index(law) % len(COLOURS)
-        rows = own["number"].map(numbers.index) + SPREAD * ((place + 0.5) / len(fits) - 0.5)
+    for place, ((reading, law), own) in enumerate(fits):
+        rows = own["number"].map(names.index) + SPREAD * ((place + 0.5) / len(fits) - 0.5)
+        colour, marker = LOOKS[laws.index(law) % len(LOOKS)]
         axis.errorbar(
-            own["off"], rows, xerr=own["error"], ls="none", marker=MARKERS[look], ms=4, elinewidth=0.8,
-            color=COLOURS[look], mfc="white" if repeated else COLOURS[look], label=fit,
+            own["off"], rows, xerr=own["fitted_error"] / own["error"], ls="none", marker=marker, ms=4, elinewidth=0.8,
+            color=colour, mfc=colour if reading == DEFAULT else "white",
+            label=f"{law}{', with electronics' * (reading == ELECTRONICS)}",
         )  # fmt: skip
-    axis.set(yticks=range(len(numbers)), yticklabels=numbers, ylim=(len(numbers) - 0.5, -0.5))
+    axis.set(yticks=range(len(names)), yticklabels=names, ylim=(len(names) - 0.5, -0.5))
     axis.set_xlabel("fitted minus measured, in standard errors of the measurement (grey: one)")
     figure.legend(loc="outside upper center", ncols=3, fontsize=7)
     return figure
@@ -256,13 +242,18 @@ INTRODUCTION = (
     "modulus, the dissipation, the strikes of Table 1 and, common to all numbers, the scales of force and speed and "
     f"the cut at which durations are read. A fit holds if its probability is at least {MIN_PROBABILITY:g}."
 )
+CUT_TEXT = (
+    "The paper does not state the share of the peak at which durations are read. Fits of the "
+    f"{DISSIPATIVE} law without electronics, with standard errors of the restitution; with cuts above 10 % the wall of "
+    "Fig. 5 shows no third maximum:"
+)
 NUMBERS_TEXT = (
     "Fitted value, its deviation in standard errors, and in brackets chi-square of the fit without this number. "
 )
 
 
-def shown(tables: Tables) -> list[Shown]:
-    """Tables of the page: fits of the default reading, fits of all readings with the choices, all numbers."""
+def shown(tables: Tables, cuts: Sequence[Sequence[str]]) -> list[Shown]:
+    """Tables of the page: fits of the default reading, cuts, fits of all readings with the choices, all numbers."""
     fits = tables[LAWS]
     choices = " ".join(
         f"{question}: {'; '.join(f'{answer.name} ({answer.because})' for answer in answers)}."
@@ -270,9 +261,11 @@ def shown(tables: Tables) -> list[Shown]:
     )
     default, others = fits[fits["data"] == DEFAULT], fits[fits["data"] != DEFAULT]
     remarks = " ".join(f"{row.law}: {row.remarks}." for row in rows_of(default) if row.remarks)
+    headings = ["cut", "chi-square", "degrees of freedom", "probability", "restitution"]
     every = f"Where the paper can be read in several ways, each is fitted. The first answers are the default. {choices}"
     return [
         Shown("", INTRODUCTION, _fits_table(tables, default).drop(columns="reading")),
+        Shown("The cut at which durations are read", CUT_TEXT, pd.DataFrame(cuts, columns=headings)),
         Shown("All readings of the paper", every, _fits_table(tables, others)),
         Shown("All numbers, and limits of the fits", NUMBERS_TEXT + remarks, _numbers_table(tables)),
     ]
@@ -295,10 +288,10 @@ def _fits_table(tables: Tables, fits: pd.DataFrame) -> pd.DataFrame:
 
 def _numbers_table(tables: Tables) -> pd.DataFrame:
     """Measured numbers, and those of each law in the default reading with their deviations, as texts."""
-    data, rows = tables[DATA].query("data == @DEFAULT").dropna(subset="measured"), dict[str, dict[str, str]]()
-    for row in rows_of(data):
-        name = name_of(row.data_set, row.datum)
-        cells = rows.setdefault(name, {"number": name, "measured": f"{row.measured:.4g} ± {row.error:.2g} {row.unit}"})
+    rows = dict[str, dict[str, str]]()
+    for row in rows_of(numbers(tables[DATA].query("data == @DEFAULT"))):
+        measured = f"{row.measured:.4g} ± {row.error:.2g} {row.unit}"
+        cells = rows.setdefault(row.number, {"number": row.number, "measured": measured})
         without = f" ({row.chi_square_without:.1f})" if np.isfinite(row.chi_square_without) else ""
         cells[row.law] = f"{row.fitted:.4g}\n{row.off:+.1f}{without}"
     return pd.DataFrame([*rows.values()])

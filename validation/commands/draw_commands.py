@@ -2,6 +2,7 @@
 
 import json
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from drivers.base.errors import InputError
@@ -18,9 +19,10 @@ from postproc.draw import film as films
 from postproc.draw.energies import draw_energies, range_numbers, run_energies, write_energies
 from postproc.draw.product import Product, draw_spacetime, write_product, write_table
 from postproc.draw.scene_drawing import draw_scene
-from postproc.draw.study_figure import column_of, draw_study, draw_tornado, key_label
+from postproc.draw.study_figure import draw_study, draw_tornado, key_label
 from postproc.linear.modes import MAX_BEADS, modes_product
 from postproc.linear.spectra import WINDOWS, analyse, signals_of, spectrum_product
+from postproc.read.observables import without_unit
 from validation.accuracy.plan import planned_case
 from validation.commands.options import print_paths
 from validation.commands.run_commands import open_shown
@@ -205,8 +207,9 @@ def study(study: str, runs: Path, results: Path, x: str, y: str, log: bool, powe
     labels = {columns[name]: key_label(name, key) for name, key in swept.columns.items()}
     name, title, grid = f"{swept.name}-figure", swept.file.title or swept.name, swept.file.combine == "grid"
     if x:
-        x = column_of(table, x, "--x", columns, numbers=log or power_law)
-        y = column_of(table, y, "--y", columns, numbers=True)
+        numbers = [*map(str, table.select_dtypes("number"))]
+        x = _column(x, "--x", numbers if log or power_law else [*numbers, *columns.values()], columns)
+        y = _column(y, "--y", numbers, columns)
         name, how = f"{swept.name}-{y}-{x}-xy", {"joined": grid, "log": log, "fitted": power_law}
         product = draw_study(table, title, (y,), f"--x {x} --y {y}", labels, x, **how)
     else:
@@ -219,3 +222,11 @@ def _write(product: Product, name: str, results: Path) -> None:
     """Print what a product notes, and the paths of its files."""
     print(*(f"{note}\n" for note in product.notes), sep="", end="")
     print_paths(write_product(product, name, results))
+
+
+def _column(given: str, option: str, allowed: Sequence[str], columns: Mapping[str, str]) -> str:
+    """Column of a table by its name with or without the unit; ``columns`` has those of varied keys by such names."""
+    found = ({without_unit(name): name for name in allowed} | {**columns}).get(given, given)
+    if found not in allowed:
+        raise InputError(option, "", f'"{given}"', f"columns: {', '.join(dict.fromkeys(allowed))}")
+    return found

@@ -39,7 +39,12 @@ def test_a_grid_varies_the_last_axis_fastest_and_one_by_one_begins_with_the_base
     [
         ("striker.speed", 'from = "1 m/s"\nto = "300 cm/s"\ncount = 3', ["1.0 m/s", "2.0 m/s", "3.0 m/s"]),
         ("chain.count", 'from = 1\nto = 100\ncount = 9\nspacing = "log"', [1, 2, 3, 6, 10, 18, 32, 56, 100]),
-        ("chain.count", "from = 5\nto = 1\ncount = 3", [5, 3, 1]),
+        ("chain.count", "from = 5\nto = 1\ncount = 3\nvalues = [2, 3, 8]", [8, 5, 3, 2, 1]),
+        (
+            "striker.speed",
+            'from = "0.1 m/s"\nto = "1 m/s"\ncount = 2\nvalues = ["50 cm/s", "1.0 m/s"]',
+            ["0.1 m/s", "50 cm/s", "1.0 m/s"],
+        ),
     ],
 )
 def test_ranges_of_quantities_and_of_whole_numbers(
@@ -117,12 +122,17 @@ BAD = {
         "axis.0.from_: unknown key; did you mean from?",
     ),
     "no such key": ('[[axis]]\nkey = "striker.colour"\nvalues = ["red"]', "striker.colour: unknown key; allowed: "),
-    "an empty axis": (f"{COUNT}values = []", "axis.0.values: found an empty list"),
-    "no form": (COUNT, "exactly one of values, from, factors, zip, seeds, table"),
+    "an empty axis": (f"{COUNT}values = []", "axis.0.values: found 0 of chain.count"),
+    "no form": (COUNT, "exactly one of values, factors, zip, seeds, table, or from with to"),
     "two forms": (f"{COUNT}values = [1]\nseeds = 2", "found values, seeds"),
     "a key too many": (f"{COUNT}seeds = 2", "no key with seeds"),
+    "a value of another kind": (
+        f'{SPEED}from = "1 m/s"\nto = "2 m/s"\ncount = 3\nvalues = ["fast"]',
+        "1 m/s, 2 m/s, fast",
+    ),
+    "a key that was meant": (f"{COUNT}form = 1\nto = 2\ncount = 3", "axis.0.form: unknown key; did you mean from?"),
     "no count": (f"{COUNT}from = 1\nto = 2", "axis.0.count: missing key"),
-    "units apart": (f'{SPEED}from = "1 m/s"\nto = "2 kg"\ncount = 3', "two numbers, or quantities of one kind"),
+    "units apart": (f'{SPEED}from = "1 m/s"\nto = "2 kg"\ncount = 3', "numbers, or quantities of one kind"),
     "log of nothing": (
         f'{COUNT}from = 0\nto = 9\ncount = 3\nspacing = "log"',
         "finite, above zero",
@@ -139,7 +149,7 @@ BAD = {
     "a factor of a word": ('[[axis]]\nkey = "wall.material"\nfactors = [2]', '"brass" at wall.material'),
     "a device as table": ('[[axis]]\ntable = "/dev/zero"', "/dev/zero: found no regular file; allowed: a CSV"),
     "a word in the table": ('[[axis]]\ntable = "word.csv"', 'line 3, striker.speed: found "fast"; allowed: a plain'),
-    "a ragged table": ('[[axis]]\ntable = "ragged.csv"', "line 2: found 1 values; allowed: 2"),
+    "a ragged table": ('[[axis]]\ntable = "ragged.csv"', "the number of columns changed from 2 to 1 at row 2"),
     "an empty table": ('[[axis]]\ntable = "empty.csv"', "at least one line of values"),
     "a scene that cannot be": (f"{COUNT}values = [3, -1]", "case 2 (chain.count=-1): chain.count: found -1"),
     "an unknown engine": ('engines = ["abaqus"]', f'"abaqus"; allowed: {", ".join(engine_names())}'),
@@ -148,7 +158,7 @@ BAD = {
     "all problems": (f'engines = ["abaqus"]\n{COUNT}{COUNT}', ": 3 problems: (1) axis.0: "),
     "a line of too many cells": (
         '[[axis]]\ntable = "wide.csv"',
-        "found 2 lines of 100000 cells; allowed: a line of at",
+        "2 lines of 100000 cells; allowed: a CSV file: a line of at",
     ),
     "a million cases": (
         f"[[axis]]\nseeds = 1000\n{COUNT}from = 1\nto = 1000\ncount = 1000",

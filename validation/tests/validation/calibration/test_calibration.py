@@ -15,7 +15,7 @@ from postproc.read.motion import Simulation, case_of, exact
 from validation.calibration.data import DEFAULT, calibration_file, paper_data
 from validation.calibration.fit import DATA, LAWS, PARAMETERS, Tables
 from validation.calibration.problem import pose
-from validation.chapters.calibration import CUTS, ELECTRONICS, ONE_MS, alike, conclusions, judge
+from validation.chapters.calibration import CUTS, ELECTRONICS, ONE_MS, alike, conclusions, cut_rows, judge
 from validation.checks import FAIL, Check
 
 
@@ -125,12 +125,16 @@ def test_conclusions_are_what_all_fits_that_hold_have_in_common() -> None:
     assert "only if durations are read at 5 % of the peak or more" in dissipative
     assert modulus == "Young's modulus of the fits that hold, with their errors: 0.45 to 1.10 GPa."
     assert missed.endswith("in most of the fits that hold: Table 1, 5 N: force.")
+    first, *_, last = cut_rows(tables)
+    assert first[1:4] == ("10.0", "10", "0.01")
+    assert last[0].startswith("free: ")
+    assert last[4].endswith("(at its lower bound)")
 
 
 def test_the_bound_of_the_cut_is_where_fig_5_keeps_the_third_maximum_of_its_train() -> None:
     """At the fit with a cut of 12 % it is gone."""
-    bounded, (*_, beyond, _) = calibrated().settings, re.findall(r"0\.\d\d", calibrated().findings[2])
-    for restitution, shown in ((), True), ((f"contact.restitution={beyond}",), False):
+    bounded, beyond = calibrated().settings, next(row[4] for row in calibrated().cuts if row[0] == "fixed at 12 %")
+    for restitution, shown in ((), True), ((f"contact.restitution={beyond.split()[0]}",), False):
         peak_N = exact(case_of("fig5", *bounded, *restitution)).values["wall_peak_3_N"]
         assert np.isfinite(peak_N) == shown
 
