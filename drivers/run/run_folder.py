@@ -42,41 +42,45 @@ NOT_ASSESSED: dict[str, Any] = dict.fromkeys(
 
 @dataclass(frozen=True, kw_only=True)
 class RunRecord:
-    """Record of a run, the content of ``run.json`` besides its digest; times in seconds.
+    """Record of a run, the content of ``run.json`` besides its digest.
 
     ``error_budget``, ``error_note``, ``exact_to``, ``exact_until_s``, ``warnings`` and ``accuracy``
-    are None until ``validation.accuracy.budget`` has assessed the run.
+    are None until ``validation.accuracy.budget`` has assessed the run. ``beads keys run`` prints the attributes.
 
     Attributes:
         identity: digest of engine, build and deck, with which the name of the folder ends.
         engine: name of the engine.
         engine_version: version line of the build.
         executable: command of the build, with the paths of its programs.
-        build_sha256: digest of programs and libraries (``drivers.run.build``); empty for in-repo engines.
+        build_sha256: digest of programs and libraries; empty for in-repo engines.
         scene_name: name of the scene.
-        status: ``done``, ``failed`` or ``timeout``; ``damaged`` if it cannot be read.
+        status: done, failed or timeout; damaged if it cannot be read.
         reason: reason of a failure; else empty.
         scene: complete scene in SI units.
-        layout: properties of the chain for post-processing (``drivers.chain.case.Layout``).
+        layout: properties of the chain for post-processing.
         elements: modelling elements, each in or out with its reason.
         deck_sha256: digest of the deck.
         command: command of the deck.
-        time_step_s, steps, bodies: time step, number of time steps and of bodies.
-        wall_s, cpu_s: wall and CPU time of the process; on a server the wall time is that of this deck alone, and the
-            CPU time unknown.
-        loop_s: time in the code's time loop.
-        memory_bytes: peak memory, unknown on a server; for an imported run it is unknown as the times are.
+        time_step_s: time step in s.
+        steps: number of time steps.
+        bodies: number of bodies.
+        wall_s: wall time of the process in s; on a server that of this deck alone; unknown for an imported run.
+        cpu_s: CPU time of the process in s; unknown on a server and for an imported run.
+        loop_s: time in the code's time loop in s.
+        memory_bytes: peak memory in bytes; unknown on a server and for an imported run.
         files: digests of the files that are read back, by name.
-        error_budget: parts of the errors of the force and of observables (``validation.accuracy.budget``).
+        error_budget: parts of the errors of the force and of observables.
         error_note: parts that could not be measured, with the reason.
-        exact_to: error of the exact motion until ``exact_until_s``, divided by the largest change of force; None for
+        exact_to: error until exact_until_s against the exact motion, divided by the largest change of force; none for
             three-dimensional chains.
+        exact_until_s: end of that comparison in s.
         warnings: reasons why a finished run is of little use.
-        accuracy: ``asked``, ``predicted`` and ``measured`` error by quantity, measured None if the exact motion is not
-            known; None without an accuracy.
-        edits: differences of an imported run's deck from the scene's; None for a run of this project.
-        host, commit, dirty, lock_sha256: machine, commit of the checkout, True if it had local changes (new files
-            outside the packages do not count), digest of the lock file.
+        accuracy: asked, predicted and measured error by quantity; measured is none if the exact motion is not known.
+        host: name of the machine.
+        commit: commit of the checkout.
+        dirty: true if the checkout had local changes; new files outside the packages do not count.
+        lock_sha256: digest of the lock file.
+        edits: differences of an imported run's deck from the scene's; none for a run of this project.
     """
 
     identity: str

@@ -44,91 +44,71 @@ def batch_of(
 
 
 def batch(
-    results: Path, workers: int | None, part: tuple[int, int] | None, dask: str, slurm: bool, **given: Any
-) -> int:
-    """Run a study here, on a cluster or as a job array, or a part of it here."""
-    job = {name: given.pop(name) for name in ("slices", "lines", "wait", "dry_run", "yes")}
-    places = [name for name, given in (("--slice", part), ("--dask", dask), ("--slurm", slurm)) if given]
-    if len(places) > 1:
-        raise InputError(places[1], "", f"not allowed with {places[0]}")
-    for name, key in (("--wait", "wait"), ("--slices", "slices"), ("--slurm-line", "lines")):
-        if job[key] and not slurm:
-            raise InputError(name, "", "needs --slurm")
-    for name, clash in (("--dry-run", job["dry_run"] and part), ("--workers", workers and (part or slurm))):
-        if clash:
-            raise InputError(name, "", f"not allowed with {places[0]}")
-    asked = batch_of(**given, elsewhere=slurm, part=part or (1, 1))
-    for name, key in asked.study.columns.items():
-        column = column_name(name, key)
-        if (known := describe(column)).kind and column.endswith(known.ending):
-            found = f'"{column}", the name of an observable'
-            raise InputError(asked.study.where, "axis", found, "another name of the column")
-    if part:
-        return _run_part(asked)
-    return _run_study(asked, results, Place(workers or cores(), processes=not dask, dask=dask), **job)
-
-
-def _run_study(
-    batch: Batch,
     results: Path,
-    place: Place,
-    slices: int | None,
+    dask: str,
+    slurm: bool,
     lines: Sequence[str],
     wait: bool,
     dry_run: bool,
     yes: bool,
+    part: tuple[int, int] | None = None,
+    workers: int | None = None,
+    slices: int | None = None,
+    **given: Any,
 ) -> int:
-    """Run the unfinished cases of a study and write its tables; returns the exit code.
+    """Run the missing cases of a study and write its table.
 
-    Cases are planned and refused when they run; before, the study and a sample of its cases are checked. A batch that
-    runs elsewhere is a Slurm job array.
-
-    Args:
-        batch: the batch.
-        results: folder of the tables.
-        place: worker processes of this machine, or a Dask cluster.
-        slices: number of tasks of the job array; None for one by the expected time.
-        lines: lines of the job's script before its command.
-        wait: True to wait for the job array.
-        dry_run: True to print what would be run.
-        yes: True to accept a study of many cases.
+    Examples:
+      beads batch sensitivity
+      beads batch wall-material --engine verlet --workers 2 --dry-run
+      beads batch sensitivity --slurm --wait
     """
-    if batch.elsewhere and not dry_run and shutil.which("sbatch") is None:
+    asked = batch_of(**given, elsewhere=slurm, part=part or (1, 1))
+    study = asked.study
+    for name, key in study.columns.items():
+        column = column_name(name, key)
+        if (known := describe(column)).kind and column.endswith(known.ending):
+            found = f'"{column}", the name of an observable'
+            raise InputError(study.where, "axis", found, "another name of the column")
+    if part:
+        print(f"slice {part[0]}/{part[1]}")
+        with Store(asked.runs) as store:
+            run_all(asked, store)
+            return max(_print_states(asked, store, rows_of(asked, store, asked.numbers)), _print_absences(asked))
+    if slurm and not dry_run and shutil.which("sbatch") is None:
         raise InputError("--slurm", "", "sbatch not found; run this on a machine that submits to Slurm")
-    if place.dask:
-        check_dask(place.dask)
-    elif not (batch.elsewhere or dry_run):
-        get_ready(place.workers, run_rows, batch.plan, batch.observe)
-    if batch.study.count > MAX_CASES and not yes:
-        found, allowed = f"{batch.study.count:,} cases", f"at most {MAX_CASES:,}, or --yes"
-        raise InputError(batch.study.where, "axis", found, allowed)
-    sample = batch.check_sample()
-    absent = [name for name in batch.engines if name not in batch.here]
-    if batch.elsewhere and absent:
+    place = Place(workers or cores(), processes=not dask, dask=dask)
+    if dask:
+        check_dask(dask)
+    elif not (slurm or dry_run):
+        get_ready(place.workers, run_rows, asked.plan, asked.observe)
+    if study.count > MAX_CASES and not yes:
+        raise InputError(study.where, "axis", f"{study.count:,} cases", f"at most {MAX_CASES:,}, or --yes")
+    sample = asked.check_sample()  # the other cases are planned and refused when they run
+    if slurm and (absent := [name for name in asked.engines if name not in asked.here]):
         print(f"not installed here, assumed to exist in the job: {', '.join(absent)}", flush=True)
-    with Store(batch.runs) as store:
+    with Store(asked.runs) as store:
         store.merge()
         if dry_run:
-            _print_plan(batch, store, sample, place)
-            if batch.elsewhere:
-                print_job(*job_script(batch, store, sample, slices, lines))
+            _print_plan(asked, store, sample, place)
+            if slurm:
+                print_job(*job_script(asked, store, sample, slices, lines))
             return 0
         while True:
-            todo = batch.todo(store)
-            if any(todo.values()):
-                with _followed(batch, store, todo) as tick:
-                    if batch.elsewhere:
-                        for _ in run_job(*job_script(batch, store, sample, slices, lines)):
-                            if not wait:
-                                print("when the jobs have ended, the same command without --slurm writes the table")
-                                return 0
-                            tick()
-                        batch = replace(batch)  # its rows may be the first of their build
-                    else:
-                        run_all(batch, store, place, tick)
-            rows = rows_of(batch, store)
+            todo = asked.todo(store)
+            with _followed(asked, store, todo) as tick:
+                if slurm and any(todo.values()):
+                    for _ in run_job(*job_script(asked, store, sample, slices, lines)):
+                        if not wait:
+                            print("when the jobs have ended, the same command without --slurm writes the table")
+                            return 0
+                        tick()
+                    asked = replace(asked)  # its rows may be the first of their build
+                elif any(todo.values()):
+                    run_all(asked, store, place, tick)
+            rows = rows_of(asked, store)
             if not store.damaged:
-                return _write(batch, store, rows, results)
+                return _write(asked, store, rows, results)
             print(f"{len(store.damaged)} damaged rows in {paths.shown(store.common)}: run again", file=sys.stderr)
             store.remove_damaged()
 
@@ -209,16 +189,12 @@ def _write(batch: Batch, store: Store, rows: Sequence[Row], results: Path) -> in
     return code
 
 
-def _run_part(batch: Batch) -> int:
-    """Run the unfinished cases of a part of a study in this process; returns the exit code."""
-    print(f"slice {batch.part[0]}/{batch.part[1]}")
-    with Store(batch.runs) as store:
-        run_all(batch, store)
-        return max(_print_states(batch, store, rows_of(batch, store, batch.numbers)), _print_absences(batch))
-
-
 def status(study: str, engines: tuple[str, ...], patterns: tuple[str, ...], runs: Path, every: bool) -> None:
-    """Print the number of rows in each state; with ``every`` also each case."""
+    """Count the rows of a study by state.
+
+    Example:
+      beads status sensitivity --list
+    """
     asked = batch_of(study, runs, engines, patterns)
     with Store(asked.runs) as store:
         if every:
@@ -230,7 +206,11 @@ def status(study: str, engines: tuple[str, ...], patterns: tuple[str, ...], runs
 
 
 def show(study: str, case: int, engines: tuple[str, ...], runs: Path) -> int:
-    """Run a case in run folders with their decks, and compare the results with the rows of the batch."""
+    """Write one case of a study as run folders with their decks.
+
+    Example:
+      beads show wall-material 3 --engine lammps
+    """
     asked = batch_of(study, runs, engines)
     if not 1 <= case <= asked.study.count:
         raise InputError(f"case {case}", "", f"{asked.study.where} has cases 1 to {asked.study.count}")

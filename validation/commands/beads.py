@@ -3,6 +3,7 @@
 import drivers.environment  # noqa: F401 - before imports that another environment lacks
 
 # isort: split
+import ast
 import errno
 import os
 import re
@@ -11,16 +12,75 @@ import signal
 import sys
 import threading
 from collections.abc import Callable
+from functools import partial
+from importlib import import_module
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import click
-from click.shell_completion import shell_complete
+from click.shell_completion import BashComplete, add_completion_class, shell_complete
 
 from drivers.base.errors import InputError, RunError, one_line, printable
-from validation.commands.options import instead
-from validation.commands.sections import HELP_OPTIONS, SECTIONS
+from validation.commands.options import PARAMETERS
 
+SECTIONS = {  # functions with the words of their parameters, in the order in which a user meets the commands
+    "a scene": {
+        "scenes": "",
+        "keys": "[TABLE] --markdown --write",
+        "plan": "SCENE --set --engine --engines",
+        "draw": "SCENE --set --results --engines",
+        "modes": "SCENE --set --results --engines",
+        "run": "SCENE --set --engine --runs --rerun --time-limit --unsafe --engines",
+        "compare": "SCENE|RUN... --set --engine --runs --require --allow-missing --unsafe --engines",
+    },
+    "a run": {
+        "observables": "RUN --runs-read --level --json --definitions --engines",
+        "spacetime": "RUN --runs-read --results --engines",
+        "spectrum": "RUN --from --to --frequency --since --until --window --json --runs-read --results --engines",
+        "energy": "RUN --beads --runs-read --results --engines",
+        "film": "RUN --frames --sideways --runs-read --results --engines",
+        "table": "RUN --long --out --runs-read --results --engines",
+        "vtk": "RUN --frames --runs-read --results --engines",
+    },
+    "measured data": {
+        "overlay": "SCENE|RUN --set --measured --runs-read --results --engines",
+        "fit": "[SCENE]... --free --law --predict --own --measured --quoted --set --quick --results --runs --engines",
+    },
+    "studies": {
+        "batch": "STUDY --engine --only --runs --results --workers --dry-run --retry --yes --slice --dask "
+        "--slurm --slices --slurm-line --wait --engines",
+        "study": "STUDY --runs --results --x --y --log --power-law --engines",
+        "status": "STUDY --engine --only --runs --list --engines",
+        "show": "STUDY CASE --engine --runs --engines",
+    },
+    "files of runs": {
+        "runs": "[SCENE]... --set --engine --runs-read --prune --dry-run --engines",
+        "render": "SCENE --set --engine --out-deck --unsafe --engines",
+        "import_": "FOLDER --scene --set --engine --runs --engines",
+    },
+    "report and paper": {
+        "report": "[SCENE]... --studies --out --engine --runs --require --allow-missing --engines",
+        "figures": "[FIGURE]... --runs --results --engines",
+        "claims": "--file --runs --results --engines",
+        "trade": "--quick --budget --results --engines",
+        "stability": "--quick --runs --results --engines",
+        "elements": "--quick --runs --results --engines",
+        "calibration": "--quick --results --engines",
+    },
+    "engines": {
+        "engine": "ENGINE --results --engines",
+        "wave": "",
+    },
+}
+# options that have a meaning only with another one of the same command, and those that others exclude
+NEEDS = {
+    "--slices": "--slurm",
+    "--slurm-line": "--slurm",
+    "--wait": "--slurm",
+    "--dry-run": "--prune",
+    "--set": "--scene",
+}
+CLASHES = {"--slurm": "--slice --dask", "--dask": "--slice", "--dry-run": "--slice", "--workers": "--slice --slurm"}
 IMPOSSIBLE_NAMES = (errno.ENAMETOOLONG, errno.ELOOP)
 EMPTY = re.compile(r"(--[\w-]+=)?")  # a word without a value, as of a variable that is not set
 LEAST_MEMORY_BYTES = 1.5e9  # of addresses: libraries need 1.0e9 to start threads, else they wait for ever or abort
@@ -31,20 +91,69 @@ class _Group(click.Group):
     """Group that lists its commands by section, in their order."""
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        for title, commands in SECTIONS.items():
+        for title, listed in SECTIONS.items():
             with formatter.section(title):
-                formatter.write_dl([(f"{command.name:11}", command.get_short_help_str(100)) for command in commands])
+                named = [self.commands[name.rstrip("_")] for name in listed]
+                formatter.write_dl([(f"{command.name:11}", command.get_short_help_str(100)) for command in named])
+
+
+class Bash(BashComplete):
+    """Completion of bash, for which a colon otherwise ends a word such as ``yade:fig4``."""
+
+    source_template = f"COMP_WORDBREAKS=${{COMP_WORDBREAKS//:}}\n{BashComplete.source_template}"
+
+
+def _check_memory() -> None:
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if 0 <= limit < LEAST_MEMORY_BYTES:
+        least = f"{LEAST_MEMORY_BYTES / 1e6:.0f} MB are needed"
+        raise RunError(f"the memory is limited to {limit / 1e6:.0f} MB (ulimit -v); {least}")
+
+
+FUNCTIONS = {  # module and docstring by name, read without loading the modules
+    node.name: (file.stem, ast.get_docstring(node) or "")
+    for file in Path(__file__).parent.glob("*_commands.py")
+    for node in ast.parse(file.read_text()).body
+    if isinstance(node, ast.FunctionDef)
+}
+
+
+def _act(module: str, function: str, **given: Any) -> Any:
+    """Load a module of this package and call a function in it with what is given."""
+    options = {each.opts[0]: given.get(str(each.name)) for each in click.get_current_context().command.params}
+    for option in filter(options.get, options):
+        if not options.get(NEEDS.get(option, ""), True):
+            raise InputError(option, "", f"needs {NEEDS[option]}")
+        for other in filter(options.get, CLASHES.get(option, "").split()):
+            raise InputError(option, "", f"not allowed with {other}")
+    given = {name: value for name, value in given.items() if value is not None}
+    return getattr(import_module(f"{__package__}.{module}"), function)(**given)
+
+
+def _command(function: str, usage: str) -> click.Command:
+    """Command of a function, whose docstring with examples at the end is the help."""
+    module, docstring = FUNCTIONS[function]
+    text, _, examples = docstring.partition("\n\nExample")
+    return click.Command(
+        function.rstrip("_"),  # import_ is a command
+        callback=partial(_act, module, function),
+        params=[PARAMETERS[word] for word in usage.split()],
+        help=text,
+        epilog=f"\b\nexample{examples}",
+    )
 
 
 BEADS = _Group(
     "beads",
-    commands=[command for commands in SECTIONS.values() for command in commands],
+    commands=[_command(*declared) for section in SECTIONS.values() for declared in section.items()],
     help="Run chains of beads on several codes and judge the results.\n\nHelp on a command: beads COMMAND --help",
     epilog="\b\nexamples:\n  beads plan fig4\n  beads run fig4 --engine verlet\n  beads compare fig4",
-    context_settings=HELP_OPTIONS,
+    context_settings={"help_option_names": ["-h", "--help"]},
     subcommand_metavar="COMMAND ...",
-    params=[instead("--version", "Print version and commit.", "options", "print_version")],
+    callback=_check_memory,
+    params=[PARAMETERS["--version"]],
 )
+add_completion_class(Bash)
 
 
 def main() -> NoReturn:
@@ -66,30 +175,22 @@ def answer() -> int:
         raise InputError("beads", "", f"an empty word after {before}", "a value")
     try:
         with BEADS.make_context("beads", [*arguments] or ["--help"]) as context:
-            _check_memory()
             return BEADS.invoke(context) or 0
     except click.exceptions.Exit as end:
         return end.exit_code if arguments else 2
     except click.UsageError as error:
-        program = f"beads {arguments[0]}" if arguments[0] in BEADS.commands else "beads"
+        program = error.ctx.command_path if error.ctx else "beads"
         print(one_line(f"{program}: ", _statement(error), f" (see {program} --help)"), file=sys.stderr)
         return 2
 
 
 def _statement(error: click.UsageError) -> str:
     """Message of a wrong command line, which begins with the option or argument."""
+    message = error.format_message()
     if isinstance(error, click.BadParameter) and not isinstance(error, click.MissingParameter) and error.param:
         option = isinstance(error.param, click.Option)
-        return f"{error.param.opts[0] if option else error.param.metavar}: {error.message}"
-    message = error.format_message().rstrip(".")
-    return f"{message[0].lower()}{message[1:]}"
-
-
-def _check_memory() -> None:
-    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-    if 0 <= limit < LEAST_MEMORY_BYTES:
-        least = f"{LEAST_MEMORY_BYTES / 1e6:.0f} MB are needed"
-        raise RunError(f"the memory is limited to {limit / 1e6:.0f} MB (ulimit -v); {least}")
+        return f"{error.param.opts[0] if option else error.param.metavar}: {error.message.rstrip('.')}"
+    return f"{message[0].lower()}{message[1:].rstrip('.')}"
 
 
 def run_main(main: Callable[[], int]) -> NoReturn:

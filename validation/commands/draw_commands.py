@@ -29,14 +29,24 @@ from validation.commands.run_commands import open_shown
 
 
 def draw(scene: str, settings: tuple[str, ...], results: Path) -> None:
-    """Draw a scene."""
+    """Draw a scene to scale.
+
+    Examples:
+      beads draw fig4
+      beads draw fig4 --set chain.count=5 --results drawings
+    """
     case = planned_case(scene, *settings)
     product = Product(*draw_scene(case.scene, case.chain))
     print_paths(write_product(product, f"scene-{case.scene.name}", results))
 
 
 def modes(scene: str, settings: tuple[str, ...], results: Path) -> None:
-    """Draw the modes of a scene and print what they are."""
+    """Draw linear modes of a scene, print bands and sound speed.
+
+    Examples:
+      beads modes steel-chain --set chain.precompression='10 N'
+      beads modes dimer
+    """
     case = planned_case(scene, *settings)
     beads = case.chain.beads
     if not 0 < beads <= MAX_BEADS:
@@ -51,7 +61,11 @@ def modes(scene: str, settings: tuple[str, ...], results: Path) -> None:
 
 
 def spacetime(run: str, runs: Path, results: Path) -> None:
-    """Draw the forces of a run against position and time."""
+    """Draw the force in every contact of a run against time.
+
+    Example:
+      beads spacetime yade:fig4
+    """
     opened, name, title = open_shown("spacetime", run, runs)
     print_paths(write_product(draw_spacetime({title: opened.trace}, width_in=6.4), name, results))
 
@@ -68,7 +82,12 @@ def spectrum(
     runs: Path,
     results: Path,
 ) -> None:
-    """Draw the spectra of a run, or print their numbers."""
+    """Draw spectra and a transfer function of the gauges of a run.
+
+    Examples:
+      beads spectrum yade:driven-steel
+      beads spectrum yade:driven-steel --from bead_15 --to wall --since '0.2 ms'
+    """
     opened, name, title = open_shown("spectrum", run, runs)
     case, trace = build_case(stored_scene(opened.record.scene)), opened.trace
     signals = signals_of(case, trace)
@@ -102,7 +121,12 @@ def _si(option: str, text: str, unit: str) -> float:
 
 
 def energy(run: str, ranges: tuple[tuple[int, int], ...], runs: Path, results: Path) -> None:
-    """Draw the energies of a run, print their sums and those of ranges of bodies, and write all as a table."""
+    """Draw the energy of each bead (needs recorded positions).
+
+    Examples:
+      beads energy verlet:fig4
+      beads energy verlet:fig4 --beads 1-5 --beads 6-21
+    """
     opened, name, title = open_shown("energy", run, runs)
     energies = run_energies(opened)
     numbers = {f"{low}-{high}": range_numbers(energies, low, high) for low, high in ranges}
@@ -121,17 +145,27 @@ def energy(run: str, ranges: tuple[tuple[int, int], ...], runs: Path, results: P
     print_paths([*written, table])
 
 
-def film(run: str, frames: int | None, sideways: float, runs: Path, results: Path) -> None:
-    """Draw the chain of a run at several times, and in an animation."""
+def film(run: str, runs: Path, results: Path, frames: int = films.FRAMES, sideways: float = 1.0) -> None:
+    """Draw the chain of a run at several times, and an animated GIF.
+
+    Example:
+      beads film yade:fig4-tube --sideways 10
+    """
     opened, name, title = open_shown("film", run, runs)
-    still = films.film_of(opened, frames or films.FRAMES, sideways)
+    still = films.film_of(opened, frames, sideways)
     print_paths(write_product(films.sheet(still, title), name, results))
     moving = films.film_of(opened, films.GIF_FRAMES, sideways)
     print_paths([films.write_animation(moving, title, results / f"{name}.gif")])
 
 
-def overlay(run: str, settings: tuple[str, ...], measured: Path | None, runs: Path, results: Path) -> None:
-    """Draw measured traces over those of a run, or of the exact motion of a scene, and print the deviations."""
+def overlay(run: str, settings: tuple[str, ...], runs: Path, results: Path, measured: Path | None = None) -> None:
+    """Draw measured traces over computed ones, with deviations.
+
+    Examples:
+      beads overlay example-measured
+      beads overlay example-measured --set contact.restitution=0.9
+      beads overlay yade:fig4 --measured shot-12.csv
+    """
     from postproc.draw.overlay import HEADINGS, draw_overlay, misfit_rows  # takes as long to load as all others
     from postproc.read.measured import entries_of
     from postproc.read.misfit import lay_over
@@ -158,7 +192,12 @@ def overlay(run: str, settings: tuple[str, ...], measured: Path | None, runs: Pa
 
 
 def study(study: str, runs: Path, results: Path, x: str, y: str, log: bool, power_law: bool) -> None:
-    """Draw the table of a study."""
+    """Draw the rows of a study, or two columns of its table.
+
+    Examples:
+      beads study sensitivity
+      beads study speed-amplitude --x bead_5_amplitude --y speed_9_to_5 --log
+    """
     given = {"--x": x, "--y": y, "--log": log, "--power-law": power_law}
     missing = [name for name in ("--x", "--y") if not given[name]]
     if missing and any(given.values()):

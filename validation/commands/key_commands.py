@@ -2,30 +2,47 @@
 
 import json
 import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import re
+from collections.abc import Iterator
+from inspect import cleandoc
 from pathlib import Path
 from typing import Any
+
+from pydantic import BaseModel, TypeAdapter
 
 from drivers.base import paths
 from drivers.base.cache import store
 from drivers.base.errors import InputError, RunError
 from drivers.base.terminal import text_table
+from drivers.batch.study import StudyFile
 from drivers.engines import Entry, load_engine
+from drivers.run.build import build_of
+from drivers.run.run_folder import RECORD, RunRecord
 from drivers.scene.model import Scene
 from drivers.scene.read_scene import read_toml
+from validation.accuracy.costs import entry_of, kit_key, measured_cost
 from validation.reference.travelling_wave import constants, solve_travelling_wave
 
 README = paths.INPUTS / "README.md"
 BEGIN, END = "<!-- written by: beads keys --write -->\n", "<!-- end of the tables -->\n"
 HEADINGS = ("key", "values", "default", "meaning")
-Rows = Iterable[Sequence[str]]
 ENDS = ("minimum", "maximum", "exclusiveMaximum")
 WORDS = {"boolean": "true or false", "string": "text", "object": "table"}  # by type of a JSON schema
 Schema = dict[str, Any]
+Rows = list[tuple[str, ...]]
+INPUTS: dict[str, tuple[type[BaseModel], str]] = {  # model of each file, and what its keys begin with
+    "scene": (Scene, ""),
+    "study": (StudyFile, ""),
+    "engines": (Entry, "NAME."),
+}
 
 
 def scenes() -> None:
-    """List the shipped scenes, studies and materials."""
+    """List the shipped scenes, studies and materials.
+
+    Example:
+      beads scenes
+    """
     listed = {
         what: {path.stem: read_toml(path).get("title", "") for path in sorted(home.glob("*.toml"))}
         for what, home in (("scenes", paths.SCENES), ("studies", paths.STUDIES))
@@ -35,24 +52,44 @@ def scenes() -> None:
         print(f"{what}:", *(f"  {line}" for line in text_table(texts.items())), sep="\n")
 
 
-def keys(table: str, markdown: bool, write: bool) -> None:
-    """List keys of files or of a table, or write them into the README of the inputs."""
+def keys(markdown: bool, write: bool, table: str = "") -> None:
+    """List keys of scenes and studies, with units and ranges.
+
+    Examples:
+      beads keys chain
+      beads keys study --markdown
+    """
     if write:
         README.write_text(with_keys(README.read_text()))
         return
-    files = key_tables()
-    chosen = files if not table else {table: files[table]} if table in files else _part(table, files)
-    for name, rows in chosen.items():
-        print(_markdown(name, rows) if markdown else "\n  ".join([f"{name}:", *text_table([HEADINGS, *rows])]))
+    files = key_tables() | {RECORD: rows_of_record()}
+    if table in files:
+        files = {table: files[table]}
+    elif table:
+        listed = [*files, *(row[0] for rows in files.values() for row in rows if row[1].endswith(("table", "tables")))]
+        files = {file: [row for row in files[file] if f"{row[0]}.".startswith(f"{table}.")] for file in files}
+        files |= {RECORD: rows_of_record()} if table == Path(RECORD).stem else {}
+        if not any(files.values()):
+            raise InputError("keys", "", table, ", ".join(listed))
+    for name, rows in files.items():
+        if rows:
+            print(_markdown(name, rows) if markdown else "\n  ".join([f"{name}:", *text_table([HEADINGS, *rows])]))
 
 
-def key_tables() -> dict[str, list[tuple[str, ...]]]:
-    """Rows of the keys of each file, by name."""
-    from drivers.batch.study import StudyFile  # with the engines' signals takes as long as all others
+def key_tables() -> dict[str, Rows]:
+    """Rows of the keys of each file of the inputs, by name."""
+    schemas = {name: (model.model_json_schema(), prefix) for name, (model, prefix) in INPUTS.items()}
+    return {name: [*_rows(schema, schema.get("$defs", {}), prefix)] for name, (schema, prefix) in schemas.items()}
 
-    scene, study, engines = (model.model_json_schema() for model in (Scene, StudyFile, Entry))
-    files = {"scene": (scene, ""), "study": (study, ""), "engines": (engines, "NAME.")}
-    return {file: [*_rows(schema, schema.get("$defs", {}), prefix)] for file, (schema, prefix) in files.items()}
+
+def rows_of_record() -> Rows:
+    """Rows of the fields of ``run.json``, with their meanings in the docstring of their class."""
+    text = cleandoc(RunRecord.__doc__ or "").partition("Attributes:\n")[2]
+    meanings = dict(re.findall(r"^    (\w+): ((?:.|\n {8})*)\.$", text, re.MULTILINE))
+    return [
+        (*row[:2], "", " ".join(meanings[row[0]].split()))
+        for row in _rows(TypeAdapter(RunRecord).json_schema(), {}, "")
+    ]
 
 
 def _rows(table: Schema, tables: Schema, prefix: str) -> Iterator[tuple[str, ...]]:
@@ -101,26 +138,18 @@ def with_keys(text: str) -> str:
     return f"{text.partition(BEGIN)[0]}{BEGIN}\n{tables}\n{END}{text.partition(END)[2]}"
 
 
-def _part(table: str, files: Mapping[str, Rows]) -> dict[str, Rows]:
-    """Rows of a table of a file."""
-    rows = [row for of_file in files.values() for row in of_file]
-    if part := [row for row in rows if f"{row[0]}.".startswith(f"{table}.")]:
-        return {table: part}
-    raise InputError(
-        "keys", "", table, ", ".join([*files, *(row[0] for row in rows if row[1].endswith(("table", "tables")))])
-    )
-
-
 def _markdown(name: str, rows: Rows) -> str:
     cells = [HEADINGS, ["---"] * len(HEADINGS), *((f"`{key}`", *rest) for key, *rest in rows)]
     return "\n".join([f"### Keys: {name}\n", *(f"| {' | '.join(row)} |".replace("  ", " ") for row in cells), ""])
 
 
 def engine(name: str, results: Path) -> int:
-    """Run the tests of engines on one engine, and measure its cost."""
-    from drivers.run.build import build_of  # the other commands here shall not load runs
-    from validation.accuracy.costs import entry_of, kit_key, measured_cost
+    """Test an adapter or a build of a code.
 
+    Examples:
+      beads engine verlet
+      beads engine liggghts-old --engines mine.toml
+    """
     tested = load_engine(name)
     if tested.find() is None:
         raise RunError(f"{name}: {tested.absence}")
@@ -144,5 +173,9 @@ def engine(name: str, results: Path) -> int:
 
 
 def wave() -> None:
-    """Print constants of the exact solitary wave."""
+    """Print constants of the discrete chain's solitary wave.
+
+    Example:
+      beads wave
+    """
     print("\n".join(constants(solve_travelling_wave())))

@@ -1,85 +1,124 @@
-"""How arguments and options are made: readers of values, completion by a shell, actions in modules loaded late."""
+"""Arguments and options of the commands, each declared once: what they mean, how they are read and completed."""
 
+import os
 import platform
 import re
 import tomllib
 from collections.abc import Callable, Iterable
-from importlib import import_module
+from math import isfinite
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import click
-from click.shell_completion import BashComplete, CompletionItem, add_completion_class
+from click.shell_completion import CompletionItem
 
 from drivers.base import paths
 from postproc.figures import captions
 
-Items = list[CompletionItem[str]]
+# by option, its name in the function if that is another, the placeholder of its value, and ... if it is repeatable
+TEXTS = {
+    "scene SCENE": "A scene file, or the name of a scene in inputs/scenes.",
+    "scenes [SCENE]...": "Scenes by name or file (default: all, report: the paper's four, of fit those of --quoted).",
+    "study STUDY": "A study file, or the name of a study in inputs/studies.",
+    "run RUN": "A run folder, or ENGINE:SCENE for the newest run of that scene.",
+    "--set settings KEY=VALUE ...": "A key of the scene with its value, such as chain.count=60 or run.time_step='10"
+    " ns'; an empty value removes the key; runs lists runs with this setting, where * is any text; repeatable.",
+    "--engine engines ENGINE ...": "Take this engine only; repeatable (default: all that are installed, or those of"
+    " the study).",
+    "--engines engines_file FILE": "File with engines of your own, as well as those of each engines.toml (see "
+    "drivers/README.md).",
+    "--require ENGINE ...": "Fail if this engine does not run; repeatable.",
+    "--allow-missing": "Accept that engines of --engine or all codes are missing.",
+    "--runs DIR": "Folder of the run folders (default: runs/ of the checkout).",
+    "--results DIR": "Folder for tables and figures (default: results/ of the checkout).",
+    "--unsafe": "Accept a scene that a guard refuses, for instance a time step above the stability limit.",
+    "--measured FILE": "CSV file with forces in N, in columns named after gauges, such as bead_9 [N] (default: the "
+    "[[measured]] tables of the scene, for any other file).",
+    "--frames COUNT": "Number of times (default: 12 in a film, 100 for ParaView).",
+    "--quick": "Do less: fewer scenes, steps and seeds, no long runs; for fit no profiles, no data left out, no "
+    "runs of the codes.",
+    "--only patterns PATTERN ...": "Take only cases with KEY=GLOB, such as 'striker.speed=2 m/s', or with a label "
+    "that matches; repeatable (default: all cases).",
+    "--dry-run": "Print what would be done, without doing it.",
+    "--long": "One row for each sample and contact, instead of a column for each contact.",
+    "--json as_json": "Print JSON.",
+    "--dask ADDRESS": "Run on the Dask cluster at ADDRESS; without ADDRESS, on a local Dask cluster.",
+    "--list every": "Print the state of each case: done, failed, timeout, refused, stale, claimed, to do, not "
+    "installed.",
+    "--free KEY[=LOW..HIGH] ...": "Fit this key of the scene, such as contact.restitution=0.5..1, or with prior "
+    "knowledge striker.speed=2±1%; repeatable (default bounds: inputs/calibration.toml).",
+    "--law laws LAW ...": "Fit this contact law of inputs/calibration.toml (elastic, viscoelastic, power); "
+    "repeatable: all on the same data, and compared.",
+    "--level levels SHARE ...": "Measure widths at this share of the peak; repeatable (default: 0.002 and 0.04).",
+    "--predict OBSERVABLE ...": "Predict this observable, such as wall_peak or bead_8_reflected_arrival, with its "
+    "error; repeatable.",
+    "--quoted SET,...": "Fit to data that the paper quotes: sets of inputs/calibration.toml, such as fig4,table1.",
+    "--beads ranges A-B ...": "Energy of the bodies A to B, counted from the wall, the striker last; repeatable.",
+    "what SCENE|RUN...": "Scenes by name or file, or exactly two runs: run folders, or ENGINE:SCENE for the newest "
+    "run.",
+    "--scene SCENE": "Scene of the deck before changes, by name or file (default: the one that render wrote into "
+    "FOLDER).",
+    "--sideways FACTOR": "Multiply displacements from the axis by this (default: 1).",
+    "--studies": "Write the page first, then make figures and studies and add them; short studies where no table "
+    "exists.",
+    "table [TABLE]": "A table, such as chain.bead or axis, or a file: scene, study, engines, run (default: all files).",
+    "--markdown": "Print the tables in Markdown.",
+    "--write": "Write the tables of all files into inputs/README.md.",
+    "--rerun": "Run again even if the run is done or, with auto, failed.",
+    "--time-limit SECONDS": "Stop a run after this time (default: by beads and steps).",
+    "--version": "Print version and commit.",
+    "--definitions": "Print the definitions of all observables and exit.",
+    "--from source SIGNAL": "Source of the transfer function: drive, or a gauge.",
+    "--to target SIGNAL": "Target of the transfer function: a gauge, such as wall.",
+    "--frequency F": "Measure harmonics of this frequency (default: that of a sine drive).",
+    "--since TIME": "Begin of the record, such as '0.2 ms' (default: 0 s).",
+    "--until TIME": "End of the record (default: that of the run).",
+    "--window NAME": "hann (default), boxcar, blackmanharris or flattop.",
+    "run SCENE|RUN": "A scene, for its exact motion; or a run folder, or ENGINE:SCENE.",
+    "--own KEY[=LOW..HIGH] ...": "As --free, with a value of its own for each data set; repeatable.",
+    "--workers N": "Number of processes on this machine (default: number of cores).",
+    "--retry": "Run failed cases again.",
+    "--yes": "Accept a study of more than 20,000 cases.",
+    "--slice part I/N": "Run part I of N here, without writing the table.",
+    "--slurm": "Run as a Slurm job array.",
+    "--slices N": "Number of tasks of the job array (default: by the expected time).",
+    "--slurm-line lines LINE ...": "Add a line to the job script, such as '#SBATCH --mem=2G'; repeatable.",
+    "--wait": "Wait for the job array, then write the table.",
+    "--x COLUMN": "Draw --y against this column of the table.",
+    "--y COLUMN": "Column of numbers; a name may be without its unit.",
+    "--log": "Make the axes of --x and --y logarithmic.",
+    "--power-law": "Fit y = C x^n to each curve of each engine.",
+    "case CASE": "Number of the case, as in the table of the study.",
+    "--prune": "Remove runs that are not done, or whose build or deck is not today's.",
+    "--out FILE": "File to write (default: report.html, or a table named after RUN, in results/).",
+    "folder FOLDER": "Folder with a deck that was run by hand, and its output.",
+    "names [FIGURE]...": "Figures of the paper (default: all), or Python files.",
+    "--file FILE": "Judge the cases of a file alone (default: all claims and inputs/independent.toml).",
+    "--budget budget_s SECONDS": "Engine time of all runs together (default: 300 s; 30 s with --quick).",
+    "name ENGINE": "Name of an engine, such as verlet or an entry of your engines.toml.",
+}
 
 
-def act(module: str, function: str, **given: Any) -> Any:
-    """Import a module of this package and call a function in it."""
-    return getattr(import_module(f"{__package__}.{module}"), function)(**given)
+class _Number(click.FloatRange):
+    """Finite number in a range; that of click may be nan or infinite."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Value of a text."""
+        number = super().convert(value, param, ctx)
+        return number if isfinite(number) else self.fail(f"{value} is not a finite number", param, ctx)
 
 
-def instead(names: str, text: str, module: str, function: str) -> click.Option:
-    """Option that makes a command do something else, such as ``--version``."""
-
-    def callback(context: click.Context, parameter: click.Parameter, asked: bool) -> None:
-        if asked and not context.resilient_parsing:
-            act(module, function)
-            context.exit()
-
-    return option(names, text, is_eager=True, expose_value=False, callback=callback)
-
-
-def print_version() -> None:
-    """Print a line with the version of the project and of Python, and the commit."""
-    from drivers.base.processes import git, local_changes  # takes as long to load as all others
-
-    project = tomllib.loads((paths.ROOT / "pyproject.toml").read_text())["project"]
-    changes = " and changes" * local_changes()
-    commit = git("rev-parse", "--short=10", "HEAD") or "unknown"
-    print(f"{project['name']} {project['version']}, commit {commit}{changes}, Python {platform.python_version()}")
-
-
-def option(words: str, text: str, **more: Any) -> click.Option:
-    """Option of a command.
-
-    Args:
-        words: option, then the parameter of the function if it has another name, then the placeholder of the value
-            in capital letters, without which it is a flag, and ``...`` if it is repeatable.
-        text: help text.
-        more: further arguments of ``click.Option``.
-    """
-    names = [word for word in words.split() if word != "..." and not word.isupper()]
-    value = next((word for word in words.split() if word.isupper()), "")
-    look = (
-        {"metavar": value, "multiple": "..." in words.split(), **KINDS.get(value, {})} if value else {"is_flag": True}
-    )
-    return click.Option(names, help=text, **(look | more))
-
-
-def argument(name: str, value: str, text: str, **more: Any) -> click.Argument:
-    """Argument of a command, for which a placeholder stands in the help; with ``...`` there may be any number."""
-    look = {"nargs": -1 if value.endswith("...") else 1, **KINDS.get(value, {})}
-    return click.Argument([name], metavar=value, help=text, **(look | more))
-
-
-def number(kind: Callable[[str], float], allowed: Callable[[float], bool], described: str) -> Callable[[str], float]:
-    """Reader of a number within limits; unlike click's it refuses nan."""
-
-    def read(text: str) -> float:
-        try:
-            value = kind(text)
-        except ValueError:
-            value = None
-        if value is None or not allowed(value):
-            raise click.BadParameter(f"found {text}; allowed: {described}")
-        return value
-
-    return read
+def _folder_to_write(text: str | Path) -> Path:
+    """Path of a folder that can be made and written to, after a trial that leaves no file."""
+    path = Path(text)
+    try:
+        there = next(place for place in (path, *path.parents) if place.exists() or place.is_symlink())
+        with TemporaryDirectory(prefix=f".{path.name}-", dir=there):
+            return path
+    except OSError as error:
+        allowed = "a folder that can be made and written to"
+        raise click.BadParameter(f"found {path} ({error.strerror or error}); allowed: {allowed}") from error
 
 
 def _slice(text: str) -> tuple[int, int]:
@@ -95,103 +134,116 @@ def _bodies(text: str) -> tuple[int, int]:
     raise click.BadParameter(f"found {text}; allowed: a body, such as 9, or a range of bodies, such as 5-9")
 
 
-def folder_to_write(text: str | Path) -> Path:
-    """Path of a folder that can be made and written to, after a trial that leaves no file."""
-    path = Path(text)
-    try:
-        there = next(place for place in (path, *path.parents) if place.exists() or place.is_symlink())
-        with TemporaryDirectory(prefix=f".{path.name}-", dir=there):
-            return path
-    except OSError as error:
-        allowed = "a folder that can be made and written to"
-        raise click.BadParameter(f"found {path} ({error.strerror or error}); allowed: {allowed}") from error
+def _engines_file(text: str) -> Path:
+    """Path of ``--engines``; adds the engines of that file for this process and its child processes."""
+    path = Path(text).absolute()
+    os.environ[paths.ENGINES_VARIABLE] = str(path)
+    return path
 
 
-def file_to_write(text: str) -> Path:
-    """Path of a file that is there or can be made."""
-    path = Path(text)
-    if path.exists() and not path.is_file():
-        kind = "a folder" if path.is_dir() else "a device"
-        raise click.BadParameter(f"found {path}, {kind}; allowed: a file")
-    return folder_to_write(path.parent) / path.name
+def _run_names(context: click.Context) -> Iterable[str]:
+    folders = Path(context.params.get("runs") or paths.RUNS).glob("[!.]*/[!.]*-*-*/")
+    return (f"{folder.parent.name}:{folder.name.rsplit('-', 2)[0]}" for folder in folders)
+
+
+def _engine_names(_: click.Context) -> Iterable[str]:
+    from drivers.engines import engine_names  # takes longer than the rest of a completion
+
+    return engine_names()
+
+
+def _print_version(context: click.Context, _: click.Parameter, asked: bool) -> None:
+    """Print a line with the version of the project and of Python, and the commit."""
+    if not asked:
+        return
+    from drivers.base.processes import git, local_changes  # takes as long to load as all others
+
+    project = tomllib.loads((paths.ROOT / "pyproject.toml").read_text())["project"]
+    changes = " and changes" * local_changes()
+    commit = git("rev-parse", "--short=10", "HEAD") or "unknown"
+    print(f"{project['name']} {project['version']}, commit {commit}{changes}, Python {platform.python_version()}")
+    context.exit()
+
+
+def _print_definitions(context: click.Context, _: click.Parameter, asked: bool) -> None:
+    """Print the definitions of all observables."""
+    if asked:
+        from drivers.base.terminal import text_table
+        from postproc.read.observables import OBSERVABLES, TERMS
+
+        rows = [(f"{each.pattern}{each.ending}", each.definition) for each in OBSERVABLES]
+        print(TERMS, *text_table(rows), sep="\n")
+        context.exit()
+
+
+NAMES: dict[str, Callable[[click.Context], Iterable[str]]] = {  # that a shell completes, by placeholder
+    "SCENE": lambda _: (path.stem for path in paths.SCENES.glob("*.toml")),
+    "RUN": _run_names,
+    "STUDY": lambda _: (path.stem for path in paths.STUDIES.glob("*.toml")),
+    "ENGINE": _engine_names,
+    "FIGURE": lambda _: captions(),
+}
+TYPES: dict[str, Any] = {  # of values that are no text, by placeholder
+    "DIR": _folder_to_write,
+    "FILE": click.Path(path_type=Path),
+    "FOLDER": click.Path(path_type=Path),
+    "SECONDS": _Number(0, min_open=True),
+    "SHARE": _Number(0, 1, min_open=True, max_open=True),
+    "FACTOR": _Number(0, 1e6, min_open=True),
+    "N": click.IntRange(1, 10**8),
+    "COUNT": click.IntRange(2, 10_000),
+    "CASE": click.IntRange(1),
+    "I/N": _slice,
+    "A-B": _bodies,
+    "SET,...": lambda text: tuple(map(str.strip, text.split(","))) if text else (),
+}
+UNUSUAL: dict[str, dict[str, Any]] = {  # further arguments of click.Option
+    "--runs": {"default": lambda: paths.RUNS},
+    "--results": {"default": lambda: paths.RESULTS},
+    "--since": {"default": "0 s"},
+    "--window": {"default": "hann"},
+    "--out": {"type": click.Path(dir_okay=False, writable=True, path_type=Path)},
+    "--quoted": {"default": ""},
+    "--dask": {"is_flag": False, "flag_value": "local"},
+    "--engines": {"type": _engines_file, "is_eager": True, "expose_value": False},
+    "--version": {"callback": _print_version, "is_eager": True, "expose_value": False},
+    "--definitions": {"callback": _print_definitions, "is_eager": True, "expose_value": False},
+}
+
+
+def _complete(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem[str]]:
+    """Names that begin with the incomplete word; if there is none, the shell completes paths."""
+    kinds = NAMES.keys() & re.findall("[A-Z]+", str(parameter.metavar))
+    names = {name for kind in kinds for name in NAMES[kind](context) if name.startswith(incomplete)}
+    return [*map(CompletionItem, sorted(names))] or [CompletionItem(incomplete, type="file")]
+
+
+def _parameter(words: str, text: str, **more: Any) -> click.Parameter:
+    """Option or argument of a command, from an entry of ``TEXTS``."""
+    names = [word for word in words.split() if word != "..." and not word.isupper()]
+    value = next((word for word in words.split() if word.isupper()), "")
+    look: dict[str, Any] = {"metavar": value, "type": TYPES.get(value), "help": text}
+    if NAMES.keys() & re.findall("[A-Z]+", value):
+        look["shell_complete"] = _complete
+    if not words.startswith("--"):
+        return click.Argument(names, **look, nargs=-1 if value.endswith("...") else 1, required=value[0] != "[")
+    if not value:
+        look = {"is_flag": True, "help": text}
+    elif "..." in words.split():
+        look["multiple"] = True
+    elif value not in TYPES:
+        look["default"] = ""
+    return click.Option(names, **look | UNUSUAL.get(names[0], {}) | more)
+
+
+PARAMETERS = {  # by option, or by placeholder of an argument
+    **{words.split()[not words.startswith("--")]: _parameter(words, text) for words, text in TEXTS.items()},
+    "--runs-read": _parameter("--runs FOLDER", TEXTS["--runs DIR"]),
+    "--out-deck": _parameter("--out DIR", "Folder for the deck.", required=True, type=_folder_to_write),
+}
 
 
 def print_paths(written: Iterable[Path]) -> None:
     """Print the paths of written files, each as soon as it is written."""
     for path in written:
         print(paths.shown(path), flush=True)
-
-
-def _offer(names: Callable[[click.Context], Iterable[str]], files: str = "") -> dict[str, Any]:
-    """Completion by names and files; if none begins with the incomplete word, the shell completes paths."""
-
-    def complete(context: click.Context, parameter: click.Parameter, incomplete: str) -> Items:
-        folder, _, start = incomplete.rpartition("/")
-        near = Path(folder or ("/" if incomplete.startswith("/") else ".")).expanduser()
-        matching = [name for name in names(context) if name.startswith(incomplete)]
-        if files and near.is_dir():
-            prefix = incomplete.removesuffix(start)
-            matching += [f"{prefix}{path.name}" for path in near.glob(files) if path.name.startswith(start)]
-        items = [CompletionItem(name) for name in sorted(set(matching))]
-        return items or [CompletionItem(incomplete, type="file")]
-
-    return {"shell_complete": complete}
-
-
-def _engine_names(context: click.Context) -> Iterable[str]:
-    from drivers.engines import engine_names  # takes longer than the rest of a completion
-
-    return engine_names()
-
-
-def _run_names(context: click.Context) -> set[str]:
-    folders = Path(context.params.get("runs") or paths.RUNS).glob("[!.]*/[!.]*-*-*/")
-    return {f"{folder.parent.name}:{folder.name.rsplit('-', 2)[0]}" for folder in folders}
-
-
-def _scene_names(context: click.Context) -> set[str]:
-    return {path.stem for path in paths.SCENES.glob("*.toml")}
-
-
-def _figures(context: click.Context, parameter: click.Parameter, incomplete: str) -> Items:
-    """Names of the paper's figures, with their titles where a shell shows them; else files."""
-    known = [CompletionItem(name, help=text.title) for name, text in captions().items() if name.startswith(incomplete)]
-    return known or [CompletionItem(incomplete, type="file")]
-
-
-class Bash(BashComplete):
-    """Completion of bash, which takes a colon as the end of a word, for words with colons."""
-
-    def get_completion_args(self) -> tuple[list[str], str]:
-        """Words before the incomplete one, and that one, joined again at colons."""
-        before, last = super().get_completion_args()
-        *before, last = re.sub("\0?:\0?", ":", "\0".join([*before, last])).split("\0")
-        return before, last
-
-    def format_completion(self, item: CompletionItem[str]) -> str:
-        """Line of a completion, without the part that bash takes for earlier words."""
-        whole, seen = self.get_completion_args()[1], super().get_completion_args()[1].removeprefix(":")
-        return f"{item.type},{item.value.removeprefix(whole.removesuffix(seen))}"
-
-
-add_completion_class(Bash)
-SCENES, COUNT = _offer(_scene_names, "*.toml"), number(int, lambda count: 0 < count < 10**8, "a whole number from 1")
-SCENES_AND_RUNS = _offer(lambda context: _scene_names(context) | _run_names(context), "*.toml")
-KINDS: dict[str, dict[str, Any]] = {  # by the placeholder of a value: how a shell completes it, or how it is read
-    "SCENE": SCENES,
-    "[SCENE]...": SCENES,
-    "SCENE|RUN": SCENES_AND_RUNS,
-    "SCENE|RUN...": SCENES_AND_RUNS,
-    "RUN": _offer(_run_names),
-    "STUDY": _offer(lambda _: [path.stem for path in paths.STUDIES.glob("*.toml")], "*.toml"),
-    "ENGINE": _offer(_engine_names),
-    "[NAME]...": {"shell_complete": _figures},
-    "DIR": {"type": folder_to_write},
-    "FILE": {"type": Path},
-    "FOLDER": {"type": Path},
-    "SECONDS": {"type": number(float, lambda value: 0 < value < float("inf"), "seconds above zero")},
-    "N": {"type": COUNT},
-    "CASE": {"type": COUNT},
-    "I/N": {"type": _slice},
-    "A-B": {"type": _bodies},
-}

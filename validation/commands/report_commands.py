@@ -7,31 +7,40 @@ from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any
 
-import click
-
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError, one_line
 from drivers.base.terminal import counted
 from drivers.engines import engines_again, missing_codes
 from postproc.draw.product import Product, write_product
 from postproc.figures import caption_of, captions
+from validation.calibration.command import FitRequest, run_fit
 from validation.chapters import CHAPTERS, Options, run_chapter, write_paper_figure
 from validation.commands.options import print_paths
 from validation.compare.comparison import EngineSelection
+from validation.report import write_report
 
 
-def report(scenes: tuple[str, ...], studies: bool, out: Path | None, runs: Path, **engines: Any) -> int:
-    """Write the page of scenes; it names the command line that makes it again."""
-    from validation.report.write_report import report as write  # takes longer to load than all others
+def report(scenes: tuple[str, ...], studies: bool, runs: Path, out: Path | None = None, **engines: Any) -> int:
+    """Write the report page and its checks as JSON.
 
+    Examples:
+      beads report
+      beads report fig4 --out fig4.html --allow-missing
+    """
     arguments = sys.argv[1:] if "--engines" in sys.argv else [*sys.argv[1:], *engines_again()]
     given = None if runs == paths.RUNS else runs
     again = shlex.join(["beads", *arguments])
-    return write(scenes, out, given, EngineSelection(**engines), again, studies=studies)
+    return write_report.report(scenes, out, given, EngineSelection(**engines), again, studies=studies)
 
 
 def figures(names: tuple[str, ...], runs: Path, results: Path) -> int:
-    """Make figures of the paper, or of files with a function ``make``; a failed one does not stop the others."""
+    """Make figures and the table of the paper, or of your own.
+
+    Examples:
+      beads figures
+      beads figures fig4 table1
+      beads figures my_figure.py
+    """
     known, code = captions(), 0
     for name in names:
         if name not in known and not name.endswith(".py"):
@@ -81,14 +90,63 @@ def _write_own(name: str, runs: Path, results: Path) -> list[Path]:
         raise RunError(one_line(f"{shown}{place}: {type(error).__name__}: ", error)) from error
 
 
-def chapter(**given: Any) -> int:
-    """Run the chapter after which the command is named."""
-    name = str(click.get_current_context().command.name)
-    return run_chapter(name, Options(**{key: value for key, value in given.items() if value is not None}))
-
-
 def fit(results: Path, runs: Path, **asked: Any) -> int:
-    """Fit parameters of scenes."""
-    from validation.calibration.command import FitRequest, run_fit  # takes longer to load than all others
+    """Fit parameters of scenes to measured data.
 
+    The data are the [[measured]] tables of the scenes, or those that --measured or --quoted name.
+
+    Examples:
+      beads fit example-measured --free contact.restitution
+      beads fit shot.toml --law elastic --law power --free striker.speed=2±1%
+    """
     return run_fit(FitRequest(**asked), runs, results)
+
+
+def claims(**options: Any) -> int:
+    """Judge the paper's statements, and engines by published numbers.
+
+    Examples:
+      beads claims
+      beads claims --file my-cases.toml
+    """
+    return run_chapter("claims", Options(**options))
+
+
+def trade(**options: Any) -> int:
+    """Measure error against cost for all engines and time steps.
+
+    Examples:
+      beads trade --quick
+      beads trade --budget 600
+    """
+    return run_chapter("trade", Options(**options))
+
+
+def stability(**options: Any) -> int:
+    """Measure stable steps, extreme scenes, long runs.
+
+    Examples:
+      beads stability
+      beads stability --quick
+    """
+    return run_chapter("stability", Options(**options))
+
+
+def elements(**options: Any) -> int:
+    """Measure effect and cost of each modelling element.
+
+    Examples:
+      beads elements
+      beads elements --quick
+    """
+    return run_chapter("elements", Options(**options))
+
+
+def calibration(**options: Any) -> int:
+    """Fit parameters of each contact law to the paper's experiments.
+
+    Examples:
+      beads calibration
+      beads calibration --quick
+    """
+    return run_chapter("calibration", Options(**options))

@@ -15,11 +15,11 @@ from drivers.limits import inability, refuse
 from drivers.run import inventory
 from drivers.run.run import import_run, is_done, run_case
 from drivers.run.run_folder import EndedRun, open_run, scene_of, write_scene
-from postproc.read.observables import LEVELS, OBSERVABLES, TERMS, observe, without_unit
+from postproc.read.observables import LEVELS, observe, without_unit
 from validation.accuracy.budget import assess, missed_accuracy
 from validation.accuracy.costs import auto_engines
 from validation.accuracy.plan import plan_report, planned_case
-from validation.commands.options import folder_to_write, print_paths
+from validation.commands.options import print_paths
 from validation.compare.comparison import EngineSelection, compare_runs, compare_scenes
 
 Words = tuple[str, ...]
@@ -27,7 +27,12 @@ AUTO = "auto"  # instead of an engine's name: the cheapest engine that can model
 
 
 def plan(scene: str, settings: Words, engines: Words) -> None:
-    """Print how a scene would run."""
+    """Print time step, expected errors and cost of a scene.
+
+    Examples:
+      beads plan fig4
+      beads plan fig4 --set run.time_step= --set run.accuracy=1e-4
+    """
     for name in engines:
         load_engine(name, "--engine")
     for line in plan_report(scene, settings, engines):
@@ -35,9 +40,18 @@ def plan(scene: str, settings: Words, engines: Words) -> None:
 
 
 def run(
-    scene: str, settings: Words, engines: Words, runs: Path, rerun: bool, time_limit: float | None, unsafe: bool
+    scene: str, settings: Words, engines: Words, runs: Path, rerun: bool, unsafe: bool, time_limit: float | None = None
 ) -> int:
-    """Run a scene on several engines; with ``auto`` on the cheapest one that succeeds."""
+    """Run a scene and print the run folders.
+
+    --engine auto takes the cheapest engine that models the scene, after those whose build or run failed the next
+    one.
+
+    Examples:
+      beads run fig4 --engine yade
+      beads run fig4 --engine auto
+      beads run fig4 --set chain.count=60 --set run.time_step='50 ns'
+    """
     for name in engines:
         if name != AUTO:
             load_engine(name, "--engine", also=(AUTO,))  # refuses a wrong name before the case is planned
@@ -93,7 +107,13 @@ def _trouble(ended: EndedRun) -> str:
 
 
 def compare(what: Words, settings: Words, runs: Path, unsafe: bool, **engines: Any) -> int:
-    """Run scenes and judge them, or compare two runs."""
+    """Run scenes and judge them on every engine, or compare runs.
+
+    Examples:
+      beads compare fig4
+      beads compare fig4 --set run.time_step='1 us'
+      beads compare yade:fig4 liggghts:fig4
+    """
     folders = [source for source in what if Path(source).is_dir() or ":" in source]
     if not folders:
         return compare_scenes(what, settings, runs, EngineSelection(**engines), unsafe=unsafe)
@@ -106,7 +126,11 @@ def compare(what: Words, settings: Words, runs: Path, unsafe: bool, **engines: A
 
 
 def render(scene: str, settings: Words, engines: Words, out: Path, unsafe: bool) -> None:
-    """Write the deck of a scene with the scene beside it, and print its files."""
+    """Write the deck of a scene for one engine, without running it.
+
+    Example:
+      beads render fig4 --engine liggghts --out deck
+    """
     engine = load_engine(_one_of(engines), "--engine")
     case = planned_case(scene, *settings)
     if not unsafe:
@@ -119,10 +143,15 @@ def render(scene: str, settings: Words, engines: Words, out: Path, unsafe: bool)
 
 
 def import_(folder: Path, scene: str | None, settings: Words, engines: Words, runs: Path) -> int:
-    """Make a run folder of a deck with its output, and print what differs from the deck of the scene."""
+    """Make a run folder of a deck that was run by hand.
+
+    The deck may have been changed: the record names each line that differs from the scene's deck.
+
+    Examples:
+      beads import deck --engine liggghts
+      beads import deck --engine yade --scene fig4 --set run.time_step='0.2 us'
+    """
     engine = load_engine(_one_of(engines), "--engine")
-    if settings and not scene:
-        raise InputError("--set", "", "needs --scene")
     case = planned_case(scene, *settings) if scene else build_case(scene_of(folder))
     ended = assess(import_run(folder, case, engine.name, runs), case)
     print(paths.shown(ended.folder))
@@ -144,9 +173,13 @@ def _one_of(engines: Words) -> str:
 
 
 def runs(runs: Path, prune: bool, dry_run: bool, **chosen: Words) -> None:
-    """List or remove run folders."""
-    if dry_run and not prune:
-        raise InputError("--dry-run", "", "needs --prune")
+    """List the run folders, or remove those that are obsolete.
+
+    Examples:
+      beads runs fig4 --engine yade
+      beads runs --set 'striker.speed=*'
+      beads runs --prune --dry-run
+    """
     if runs != paths.RUNS and not runs.is_dir():
         raise InputError(f"--runs {runs}", "", "folder not found")
     if prune:
@@ -156,7 +189,12 @@ def runs(runs: Path, prune: bool, dry_run: bool, **chosen: Words) -> None:
 
 
 def observables(run: str, runs: Path, levels: tuple[float, ...], as_json: bool) -> None:
-    """Print the observables of a run with their errors."""
+    """Print peaks, speeds, widths, reflections, energies of a run.
+
+    Examples:
+      beads observables yade:fig4
+      beads observables yade:fig4 --level 0.1 --json
+    """
     opened, _, _ = open_shown("observables", run, runs)
     observed = observe(opened.layout, opened.trace, levels or LEVELS)
     values = {name: None if isnan(value) else value for name, value in observed.items()}
@@ -169,19 +207,33 @@ def observables(run: str, runs: Path, levels: tuple[float, ...], as_json: bool) 
     print(*text_table([("observable", "value", "relative error"), *rows]), sep="\n")
 
 
-def definitions() -> None:
-    """Print the definitions of all observables."""
-    rows = [(f"{each.pattern}{each.ending}", each.definition) for each in OBSERVABLES]
-    print(TERMS, *text_table(rows), sep="\n")
+def vtk(run: str, runs: Path, results: Path, **frames: int) -> None:
+    """Write a run for ParaView (needs recorded positions).
 
-
-def vtk(run: str, frames: int | None, runs: Path, results: Path) -> None:
-    """Write a run as a series of files for ParaView."""
+    Example:
+      beads vtk yade:fig4 --frames 200
+    """
     from postproc.draw import vtk as series  # meshio takes long to load
 
     opened, name, _ = open_shown("vtk", run, runs)
-    place = folder_to_write(results / name)
-    print_paths(series.write_series(opened, place, frames or series.FRAMES))
+    print_paths(series.write_series(opened, results / name, **frames))
+
+
+def table(run: str, runs: Path, results: Path, long: bool, out: Path | None = None) -> None:
+    """Write contact forces and energies of a run as a table.
+
+    The ending of the file, .parquet or .csv, decides on the format.
+
+    Examples:
+      beads table yade:fig4
+      beads table yade:fig4 --long --out forces.csv
+    """
+    from postproc.read.run_tables import write_table  # pandas takes long to load
+
+    opened, name, _ = open_shown("table", run, runs)
+    file = out or results / f"{name}.parquet"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    print_paths([write_table(opened, file, long=long)])
 
 
 def open_shown(what: str, run: str, runs: Path) -> tuple[EndedRun, str, str]:

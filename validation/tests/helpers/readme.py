@@ -35,10 +35,9 @@ def parse(line: str) -> dict[str, Any]:
     _, name, *words = shlex.split(line)
     with patch.dict("os.environ"):  # --engines changes it
         try:
-            if name.startswith("-"):
-                return BEADS.make_context("beads", [name, *words]).params
+            whole = BEADS.make_context("beads", [name])
             assert name in BEADS.commands, name
-            return BEADS.commands[name].make_context(name, words).params
+            return BEADS.commands[name].make_context(name, words, whole).params
         except click.exceptions.Exit:  # --help or --version
             return {}
         except click.UsageError as error:

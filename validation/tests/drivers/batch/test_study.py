@@ -117,6 +117,10 @@ def test_selection(write: StudyWriter) -> None:
 
 SPEED, COUNT = '[[axis]]\nkey = "striker.speed"\n', '[[axis]]\nkey = "chain.count"\n'
 BAD = {
+    "a key near that of a file": (
+        '[[axis]]\nkey = "chain.count"\nfrom_ = 3',
+        "axis.0.from_: unknown key; did you mean from?",
+    ),
     "no such key": ('[[axis]]\nkey = "striker.colour"\nvalues = ["red"]', "striker.colour: unknown key; allowed: "),
     "an empty axis": (f"{COUNT}values = []", "axis.0.values: found 0 of chain.count"),
     "no form": (COUNT, "exactly one of values, factors, zip, seeds, table, or from with to"),
@@ -198,7 +202,7 @@ def test_no_column_has_the_name_of_an_observable(write: StudyWriter, tmp_path: P
     ("words", "message"),
     [
         (["--slice", "0/2"], "I/N with I from 1 to N"),
-        (["--workers", "0"], "a whole number from 1"),
+        (["--workers", "0"], "--workers: 0 is not in the range 1<=x"),
         (["--dask", "carrier pigeon"], "no scheduler answers"),
         (["--dask"], "make cluster"),
         (["--slurm", "--dask"], "--slurm: not allowed with --dask"),

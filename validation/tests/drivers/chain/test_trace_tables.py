@@ -24,6 +24,7 @@ from drivers.chain.trace import (
 )
 from drivers.run.run_folder import open_run
 from postproc.read import run_tables
+from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import case_of
 
@@ -75,6 +76,10 @@ def test_a_long_table_has_a_row_a_sample_and_contact(
     path = run_tables.write_table(run, tmp_path / f"long.{ending}", long=True)
     table = pd.read_csv(path) if ending == "csv" else pd.read_parquet(path)
     assert_frame_equal(table, postproc.forces(run, long=True), check_dtype=False, check_exact=True)
+    by_command = tmp_path / "new" / path.name
+    done = beads("table", run.folder, "--long", "--out", by_command)
+    assert (done.returncode, done.stdout) == (0, f"{by_command}\n")
+    assert by_command.read_bytes() == path.read_bytes()
     wide = table.pivot(index="time_s", columns="contact", values="force_N")
     assert np.array_equal(wide, run.trace.force_N)
     run_tables.write_table(run, path, long=False)

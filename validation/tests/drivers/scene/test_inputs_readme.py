@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from drivers.base import paths
 from drivers.batch.study import read_study
 from drivers.engines import tables_in
+from drivers.run.run_folder import RunRecord
 from drivers.scene.read_scene import make_scene, read_scene, read_toml
 from validation.commands.key_commands import README, key_tables, with_keys
 from validation.tests.helpers.commands import beads
@@ -42,6 +44,12 @@ def test_the_command_lists_one_table() -> None:
     ]
     refused = beads("keys", "chains")
     assert (refused.returncode, refused.stderr[:35]) == (2, "keys: found chains; allowed: scene,")
+
+
+def test_the_command_explains_the_fields_of_a_record_beside_the_table_of_that_name() -> None:
+    explained = {line.split()[0]: line.split()[-1] for line in beads("keys", "run").stdout.splitlines()}
+    assert {"run.time_step", *(field.name for field in fields(RunRecord))} < {*explained}
+    assert explained["commit"] == "checkout"
 
 
 def read_fragment(path: Path) -> object:

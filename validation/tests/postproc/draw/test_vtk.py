@@ -115,7 +115,7 @@ def test_the_command_writes_100_frames_or_refuses_in_one_line(
     bare = finished(case_of(scene_file("bare", duration="0.2 ms")), "verlet", shared_runs).folder
     for words, message in [
         ((bare,), 'beads run bare.toml --engine verlet --set run.record=\'["forces", "state"]\''),
-        ((kept, "--frames", "1"), "whole numbers from 2"),
+        ((kept, "--frames", "1"), "1 is not in the range 2<=x"),
     ]:
         refused = beads("vtk", *words)
         assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
