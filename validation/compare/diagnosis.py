@@ -96,16 +96,16 @@ def _explains(case: Case, change: Change, force_N: Array, limits_N: Array, *, ea
     (words, changed, factor), samples, before = change, len(force_N), np.inf
     with np.errstate(all="ignore"):
         for _ in range(MAX_TRIES):
-            made = _forces(case, changed(factor), early=early)[:samples]
+            made = _forces(case, changed(abs(factor)), early=early)[:samples]
             off = force_N - made
             if (np.abs(off) <= limits_N).all():
-                return words.format(f"{factor:.7g}")
+                return words.format(f"{abs(factor):.7g}")
             if not (off**2).sum() < CONVERGED * before:
                 break
             before = float((off**2).sum())
-            slope = (_forces(case, changed(factor + PROBE), early=early)[:samples] - made) / PROBE
+            slope = (_forces(case, changed(abs(factor + PROBE)), early=early)[:samples] - made) / PROBE
             step = float((slope * off).sum() / (slope**2).sum())
-            factor = abs(factor + min(max(step, -0.5), 0.5))
+            factor += min(max(step, -0.5), 0.5)
     return ""
 
 
