@@ -10,14 +10,18 @@ In a chain with static overlap d, overlaps are ``d + w(j - c t)``, with
 ``(m c^2 - K tent) w = tent * (F(d + w) - F(d) - K w)``, and the iteration converges for every c above the sound speed.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from math import exp, log, sqrt
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from validation.reference.hertz_chain import ENERGY_SHARE, EXPONENT, Array
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 LENGTH_BEADS = 24.0  # length of the grid; the wave decays double-exponentially and vanishes within 4 beads
 POINTS = 2048
@@ -66,26 +70,32 @@ class TravellingWave:
     @property
     def contact_over_average(self) -> float:
         """Peak contact force divided by peak sensor reading (mean of two contacts), beta of Eq. (6) for F_0 = 0."""
-        from scipy.interpolate import CubicSpline
+        return float(self.force.max() / self.curve(0.5))
 
-        force = CubicSpline(self.place, self.force)
-        return float(self.force.max() / force(0.5))
+    @cached_property
+    def curve(self) -> "CubicSpline":
+        """Spline of the contact force against the distance from the peak in beads."""
+        from scipy.interpolate import CubicSpline  # takes longer to load than all others
+
+        return CubicSpline(self.place, self.force)
 
     def width(self, level: float, *, averaged: bool) -> float:
         """Full width in beads at the fraction ``level`` of the peak.
 
         The signal is the contact force or, if ``averaged``, a sensor's mean of the contacts half a bead to either side.
         """
-        from scipy.interpolate import CubicSpline
-        from scipy.optimize import brentq
-
-        force = CubicSpline(self.place, self.force)
         half = 0.5 if averaged else 0.0
 
         def signal(x: float) -> float:
-            return float(force(x - half) + force(x + half)) / 2
+            return float(self.curve(x - half) + self.curve(x + half)) / 2
 
-        return 2 * float(brentq(lambda x: signal(x) - level * signal(0.0), 0.0, 6.0, xtol=1e-14))
+        return 2 * _root(lambda x: signal(x) - level * signal(0.0), 0.0, 6.0, 1e-14)
+
+
+def _root(function: Callable[[float], float], low: float, high: float, tolerance: float = 2e-12) -> float:
+    from scipy.optimize import brentq  # as above
+
+    return float(brentq(function, low, high, xtol=tolerance))
 
 
 def fixed_point(power: float = EXPONENT, speed: float = 1.0) -> tuple[Array, Array, float]:
@@ -196,15 +206,13 @@ def solve_at_speed(stiffness: float, mass_kg: float, static_N: float, speed: flo
         ValueError: the speed is not above the sound speed, or above ``MAX_MACH`` times the sound speed.
         ArithmeticError: the iteration did not converge, as for amplitudes below about 0.005 of the static force.
     """
-    from scipy.optimize import brentq
-
     sound = sound_speed(stiffness, mass_kg, static_N)
     if not sound < speed <= MAX_MACH * sound:
         expected = f"above the sound speed ({sound:g}), up to {MAX_MACH:g} times the sound speed"
         raise ValueError(f"speed: {speed:g} beads/s, expected {expected}")
     mach = speed / sound
     # the tail decays as exp(-q x), mach^2 q^2 = 4 sinh^2(q / 2)
-    decay = float(brentq(lambda q: mach * q - 2 * np.sinh(q / 2), 1e-6, 100.0))
+    decay = _root(lambda q: mach * q - 2 * float(np.sinh(q / 2)), 1e-6, 100.0)
     per_bead = POINTS_PER_BEAD_LONG if mach < LONG_WAVE_MACH else POINTS_PER_BEAD
     points = 2 ** int(np.ceil(np.log2(2 * max(12.0, TAIL_EXPONENT / decay) * per_bead)))
     place = (np.arange(points) - points // 2) / per_bead
@@ -237,8 +245,6 @@ def solve_at_amplitude(stiffness: float, mass_kg: float, static_N: float, amplit
     Raises:
         ValueError: the amplitude is below ``MIN_AMPLITUDE`` (lost in rounding) or above ``MAX_AMPLITUDE``.
     """
-    from scipy.optimize import brentq
-
     if not MIN_AMPLITUDE <= amplitude <= MAX_AMPLITUDE:
         raise ValueError(f"amplitude: {amplitude:g}, expected from {MIN_AMPLITUDE:g} to {MAX_AMPLITUDE:g}")
 
@@ -252,7 +258,7 @@ def solve_at_amplitude(stiffness: float, mass_kg: float, static_N: float, amplit
         return log(wave.amplitude / amplitude)
 
     centre = log(guess - 1)
-    root = float(brentq(excess, centre - 0.3, centre + 0.3, xtol=1e-12))
+    root = _root(excess, centre - 0.3, centre + 0.3, 1e-12)
     return solve_at_speed(stiffness, mass_kg, static_N, sound * (1 + exp(root)))
 
 
