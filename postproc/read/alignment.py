@@ -71,6 +71,10 @@ class AlignedGauge:
         rest_error_N: Standard error of the baseline at each reading. Shape (readings,).
         baseline: Reading at rest at time 0, in the unit of the trace; ``baseline_error``: its standard error.
         trigger_s: Time of the impact in the file; ``trigger_error_s``: its standard error, 0 if the trigger is given.
+        curve: Regression spline of the force.
+        errors: Independent parts of its standard error by noise and baseline, as a spline with a value for each part.
+        run_s: Sample times of the run within the readings. Shape (samples,).
+        smooth_N: Regression spline at these times, and its standard error ``error_N``. Shape (samples,).
     """
 
     trace: MeasuredTrace
@@ -85,6 +89,11 @@ class AlignedGauge:
     baseline_error: float
     trigger_s: float
     trigger_error_s: float
+    curve: BSpline
+    errors: BSpline
+    run_s: Array
+    smooth_N: Array
+    error_N: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +142,6 @@ class _Signal:
     width_s: float
     peak_N: float
     onset_s: float
-    end_s: float  # of the run
 
 
 def channels_of(traces: Mapping[str, MeasuredTrace], duration_s: float, step_s: float) -> list[list[Channel]]:
@@ -238,7 +246,7 @@ def align(traces: Sequence[MeasuredTrace], layout: Layout, run: Trace) -> list[A
     duration_s, step_s = float(run.time_s[-1]), float(run.time_s[1])
     signals = {name: signal - signal[0] for name, signal in sensor_signals(layout, run).items()}
     files = channels_of({str(place): trace for place, trace in enumerate(traces)}, duration_s, step_s)
-    return [each for channels in files for each in _aligned([(c, _signal(c, signals, run)) for c in channels], step_s)]
+    return [gauge for channels in files for gauge in _aligned(channels, signals, run)]
 
 
 def averaged(trace: MeasuredTrace, step_s: float) -> MeasuredTrace:
@@ -293,39 +301,60 @@ def _signal(channel: Channel, signals: Mapping[str, Array], run: Trace) -> _Sign
         width_s=float(peak_widths(np.pad(size, 1), [np.argmax(size) + 1])[0][0] * run.time_s[1]),
         peak_N=float(size.max()),
         onset_s=float(run.time_s[np.argmax(size > QUIET_SHARE * size.max())]),
-        end_s=float(run.time_s[-1]),
     )
 
 
-def _aligned(pairs: list[tuple[Channel, _Signal]], step_s: float) -> list[AlignedGauge]:
+def _aligned(channels: list[Channel], signals: Mapping[str, Array], run: Trace) -> list[AlignedGauge]:
     """The gauges of one file."""
-    trigger_s, error_s = pairs[0][0].trigger_s, 0.0
+    pairs = [(channel, _signal(channel, signals, run)) for channel in channels]
+    trigger_s, error_s, run_s = channels[0].trigger_s, 0.0, run.time_s
+    step_s, end_s = float(run_s[1]), float(run_s[-1])
     if trigger_s is None:
         curves = {channel.gauge: signal.curve for channel, signal in pairs}
-        trigger_s, error_s = _refined(pairs, correlated([channel for channel, _ in pairs], curves, step_s), step_s)
+        trigger_s, error_s = _refined(pairs, correlated(channels, curves, step_s), step_s)
     first, signal = min(pairs, key=lambda pair: pair[1].onset_s)
-    must_overlap(first, trigger_s, signal.end_s, signal.onset_s)
+    must_overlap(first, trigger_s, end_s, signal.onset_s)
     gauges = []
     for channel, signal in pairs:
         clock_s, gain = channel.time_s - trigger_s, channel.trace.gain
         level, error = _rest(channel, signal, trigger_s)
-        inside = (clock_s >= 0) & (clock_s <= signal.end_s)
+        inside = (clock_s >= 0) & (clock_s <= end_s)
+        time_s, force_N = clock_s[inside], gain * (channel.reading - level)[inside]
+        noise_N, rest_error_N = abs(gain) * channel.noise, abs(gain) * error[inside]
+        curve, errors = _smooth(time_s, force_N, noise_N, rest_error_N)
+        within_s, nodes_s = run_s[(run_s >= time_s[0]) & (run_s <= time_s[-1])], np.unique(curve.t)
         gauge = AlignedGauge(
             trace=channel.trace,
             gauge=channel.gauge,
             onset_s=signal.onset_s,
-            time_s=clock_s[inside],
-            force_N=gain * (channel.reading - level)[inside],
-            computed_N=signal.curve(clock_s[inside]),
-            noise_N=abs(gain) * channel.noise,
-            rest_error_N=abs(gain) * error[inside],
+            time_s=time_s,
+            force_N=force_N,
+            computed_N=signal.curve(time_s),
+            noise_N=noise_N,
+            rest_error_N=rest_error_N,
             baseline=float(np.interp(0, clock_s, level)),
             baseline_error=float(np.interp(0, clock_s, error)),
             trigger_s=trigger_s,
             trigger_error_s=error_s,
+            curve=curve,
+            errors=errors,
+            run_s=within_s,
+            smooth_N=curve(within_s),
+            error_N=np.interp(within_s, nodes_s, np.linalg.norm(errors(nodes_s), axis=1)),
         )
         gauges.append(gauge)
     return gauges
+
+
+def _smooth(time_s: Array, force_N: Array, noise_N: float, rest_error_N: Array) -> tuple[BSpline, BSpline]:
+    """Regression spline of a gauge, and the independent parts of its standard error."""
+    knots = knots_of(time_s, force_N)
+    both = np.column_stack([force_N, rest_error_N])
+    force, rest = np.asarray(make_lsq_spline(time_s, both, knots, DEGREE, method="norm-eq").c.T)
+    design = BSpline.design_matrix(time_s, knots, DEGREE)
+    root = np.linalg.cholesky((design.T @ design).toarray())  # covariance of coefficients: noise^2 (root root^T)^-1
+    errors = BSpline(knots, np.column_stack([noise_N * np.linalg.inv(root).T, rest]), DEGREE)
+    return BSpline(knots, force, DEGREE), errors
 
 
 def _level(channel: Channel, reading: Array, quiet: NDArray[np.bool_]) -> Array:
@@ -354,7 +383,7 @@ def _rest(channel: Channel, signal: _Signal, trigger_s: float) -> tuple[Array, A
         return np.full(len(time_s), trace.baseline), np.zeros(len(time_s))
     change = change_at(signal.curve, time_s - trigger_s)
     computed = change / trace.gain
-    quiet = (np.abs(change) < QUIET_SHARE * signal.peak_N) & (time_s <= trigger_s + signal.end_s)
+    quiet = (np.abs(change) < QUIET_SHARE * signal.peak_N) & (time_s <= trigger_s + signal.curve.t[-1])
     if quiet.sum() < MIN_QUIET:
         few = f"{int(quiet.sum())} quiet readings of {channel.gauge}"
         allowed = f"at least {MIN_QUIET} before the pulse, or a baseline in the scene"
@@ -380,7 +409,7 @@ def _refined(pairs: list[tuple[Channel, _Signal]], near_s: float, step_s: float)
     parts = []
     for channel, signal in pairs:
         force_N = channel.trace.gain * (channel.reading - _rest(channel, signal, near_s)[0])
-        counts = channel.time_s - near_s <= signal.end_s - SEARCH_STEPS * step_s
+        counts = channel.time_s - near_s <= signal.curve.t[-1] - SEARCH_STEPS * step_s
         turned = np.sign(force_N[counts] @ change_at(signal.curve, channel.time_s[counts] - near_s))
         parts.append((channel, signal, turned * force_N, abs(channel.trace.gain) * channel.noise, counts))
 
