@@ -27,7 +27,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
-from itertools import groupby, product
+from itertools import groupby, islice, product
 from math import isnan, nan
 from typing import Any
 
@@ -216,7 +216,7 @@ class GaugeReadings:
     @cached_property
     def pulses(self) -> list[Peak]:
         """Pulses by time, all or as many as are asked for."""
-        return pulses(self.run.trace.time_s, self.signal, self.run.rounding_N, self.run.most)
+        return [*islice(pulses(self.run.trace.time_s, self.signal, self.run.rounding_N), self.run.most)]
 
     @cached_property
     def first(self) -> Peak:
@@ -371,8 +371,8 @@ def _(wall: GaugeReadings, number: int) -> float:
 @_of("wall", "wall_envelope", "1/s", "rate", "rate of the envelope at the wall", TRAIN)
 def _(wall: GaugeReadings) -> float:
     """Rate r of C exp(r t) through the wall's first three maxima, least squares of the logarithm."""
-    curve = train_envelope(wall.maxima)
-    return curve.rate_per_s if curve else nan
+    rate_per_s, _ = train_envelope(wall.maxima) or (nan, nan)
+    return rate_per_s
 
 
 @_of("pair", "speed_{pair}", "m/s", "speed", "wave speed from bead {pair}", SPEED)

@@ -264,7 +264,7 @@ def heavy_strike(run: Run, *settings: str) -> Simulation:
 
 def rate_through(train: list[Peak], maxima: float) -> float:
     """Rate of the exponential through a train's first maxima, per microsecond."""
-    return envelope(train[: round(maxima)]).rate_per_s / MICRO
+    return envelope(train[: round(maxima)])[0] / MICRO
 
 
 def _significant(train: list[Peak], share: float) -> float:
