@@ -168,12 +168,11 @@ def _rows(text: str, separator: str) -> Iterator[Row]:
 def _fit(rows: list[Row]) -> tuple[float, list[Row], list[Row]]:
     """Share of numbers among the cells of the first block of numbers; the rows of headings and units; the block."""
     counts = [sum(bool(NUMBER.fullmatch(cell)) for cell in cells) for _, cells in rows]
-    runs = [list(run) for _, run in groupby(range(len(rows)), lambda place: counts[place] > 0)]
-    table = [any(counts[place] and len(rows[place][1]) > 1 for place in run) for run in runs]
-    if not any(table):
+    runs = [list(run) for numeric, run in groupby(range(len(rows)), lambda place: counts[place] > 0) if numeric]
+    sizes = [min(BLOCK, sum(counts[place] > 1 for place in run)) for run in runs]
+    if not any(sizes):
         return 0.0, [], []
-    weights = [(min(BLOCK, sum(counts[place] > 1 for place in run)), has) for run, has in zip(runs, table, strict=True)]
-    run = runs[weights.index(max(weights))]
+    run = runs[sizes.index(max(sizes))]
     share = sum(counts[place] for place in run) / sum(bool(cell) for place in run for cell in rows[place][1])
     above, block = rows[max(0, run[0] - 2) : run[0]], rows[run[0] : run[-1] + 1]
     if len(above) == 2 and not (len(above[0][1]) >= len(above[1][1]) and _are_units(above[1][1])):
@@ -281,11 +280,10 @@ def read_measured(
     """
     assert entry.file is not None  # checked by the rules of the scene
     path = folder / entry.file
-    try:
-        columns = read_scope_file(path)
-    except FileNotFoundError as error:
+    if not path.exists():
         found, allowed = f"no such file: {paths.shown(path)}", f"a CSV file, relative to {paths.shown(folder)}"
-        raise InputError(where, f"{key}.file", found, allowed) from error
+        raise InputError(where, f"{key}.file", found, allowed)
+    columns = read_scope_file(path)
     time = _time(columns, entry, where, f"{key}.time")
     chosen = _gauge_columns(columns, entry, gauges, where, f"{key}.gauges")
     scale, _ = _unit(time, entry.time_unit, {TIME: "time"}, where, f"{key}.time_unit")
@@ -300,9 +298,8 @@ def read_measured(
         raise InputError(paths.shown(path), "", f"{len(time_s)} samples", f"at least {MIN_SAMPLES}")
     back = np.flatnonzero(np.diff(time_s) <= 0)
     if back.size:
-        found = "{1:.9g} after {0:.9g}".format(*time_s[back[0] : back[0] + 2] / scale)
-        line = f"line {list(time.cells)[back[0] + 1]}, {time.heading}"
-        raise InputError(time.file, line, found, "times that increase")
+        (_, before), (line, after) = list(time.cells.items())[back[0] : back[0] + 2]
+        raise InputError(time.file, f"line {line}, {time.heading}", f"{after} after {before}", "times that increase")
     gain = _gain(entry, unit, where, f"{key}.gain")
     noise = None if entry.noise is None else _number(entry.noise, unit, where, f"{key}.noise")
     if noise is not None and noise <= 0:
@@ -383,17 +380,14 @@ def _no_column(columns: list[Column], allowed: str, where: str, key: str) -> Inp
 def _time(columns: list[Column], entry: MeasuredEntry, where: str, key: str) -> Column:
     """The column of time: that of the entry, or one with a usual name, or the first if its unit is one of time."""
     named = [column for column in columns if column.name.lower() in TIMES]
-    candidates = (
-        named if len(named) == 1 else [column for column in named or columns[:1] if unit_of(column.unit)[1] == TIME]
-    )
+    candidates = named if len(named) == 1 else [each for each in named or columns[:1] if unit_of(each.unit)[1] == TIME]
     if entry.time is not None:
         candidates = [_column(columns, entry.time, where, key)]
     elif len(candidates) != 1:
         allowed = f'one column "time"; or in [[measured]], such as time = "{(candidates or columns)[0].heading}"'
         raise _no_column(columns, allowed, where, key)
-    return replace(
-        candidates[0], unit=candidates[0].unit or candidates[0].name * (unit_of(candidates[0].name)[1] == TIME)
-    )
+    (time,) = candidates
+    return replace(time, unit=time.unit or time.name * (unit_of(time.name)[1] == TIME))
 
 
 def _gauge_columns(
@@ -406,10 +400,8 @@ def _gauge_columns(
             allowed = _listed(gauges, gauge) or "none: the scene has no gauges"
             raise InputError(where, f"{key}.{gauge}", f'an unknown gauge for "{name}" in {columns[0].file}', allowed)
     if not chosen:
-        headings = [column.heading for column in columns]
-        pairs = [(gauge, heading) for gauge in gauges for heading in get_close_matches(gauge, headings)]
-        gauge, heading = next(iter(pairs), (next(iter(gauges), "wall"), headings[1]))
-        allowed = f'the gauges {", ".join(gauges)}; or in [[measured]], such as gauges = {{ {gauge} = "{heading}" }}'
+        example = f'gauges = {{ {next(iter(gauges), "wall")} = "{columns[1].heading}" }}'
+        allowed = f"the gauges {', '.join(gauges)}; or in [[measured]], such as {example}"
         raise _no_column(columns, allowed, where, key)
     return {gauge: _column(columns, name, where, f"{key}.{gauge}") for gauge, name in chosen.items()}
 
