@@ -84,13 +84,14 @@ def _numbers(motion: Simulation) -> dict[str, float]:
     time_s = motion.trace.time_s
     pulses = [incident_pulse(time_s, signal - signal[0]) for signal in [*motion.signals.values()][: len(PLACES)]]
     found = f"fewer than {ENVELOPE_MAXIMA} maxima at the wall" if ENVELOPE_MAXIMA not in envelopes else ""
-    if found or None in pulses:
+    if found or not all(pulses):
         allowed = "until the wave is back, and weaker dissipation"
         raise InputError(motion.case.scene.file, "run.duration", found or "no wave back at the top", allowed)
-    for words, pulse in zip(PLACES, filter(None, pulses), strict=True):
+    for words, pulse in zip(PLACES, pulses, strict=True):
         place = words.replace(" ", "_")
-        numbers |= {f"{place}_rise_us": pulse.rise_s * MICRO, f"{place}_decay_per_us": pulse.decay_per_s / MICRO,
-                    f"{place}_duration_us": pulse.duration_s * MICRO}  # fmt: skip
+        numbers[f"{place}_rise_us"] = pulse["rise_s"] * MICRO
+        numbers[f"{place}_decay_per_us"] = pulse["decay_per_s"] / MICRO
+        numbers[f"{place}_duration_us"] = pulse["duration_s"] * MICRO
     return numbers
 
 

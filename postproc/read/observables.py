@@ -69,7 +69,6 @@ TRAIN = ("fewer than three maxima at the wall are above 0, or one interval is mo
 SPEED = ("a first pulse is missing or goes up, or that of the lower gauge is not later", "such neighbouring gauges")
 RATIO = (f"{SPEED[0]}; or the lower gauge is at bead 1 above a wall", SPEED[1])
 
-TERMS = __doc__  # of the definitions
 WALL = SensorBead(0, nan, nan)  # in the place of the bead of the wall's gauge
 PLACEHOLDERS = {"gauge": r"bead_\d+|wall", "level": r"[\d.e+-]+pct", "number": r"\d+", "pair": r"\d+_to_\d+"}
 

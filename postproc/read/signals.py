@@ -200,17 +200,12 @@ def train_envelope(maxima: list[Peak], count: int = ENVELOPE_MAXIMA) -> tuple[fl
     return envelope(leading) if intervals.max() <= MAX_INTERVAL_RATIO * intervals.min() else None
 
 
-@dataclass(frozen=True)
-class PulseShape:
-    """Shape of an incident pulse at one place."""
+def incident_pulse(time_s: Array, signal: Array, onset_share: float = ONSET) -> dict[str, float]:
+    """Shape of the first pulse of a signal; empty without a later maximum. The largest later one is the reflected wave.
 
-    rise_s: float  # from the onset to the first maximum
-    decay_per_s: float  # rate of the exponential from the maximum to half of it; NaN if the pulse never falls to half
-    duration_s: float  # until the pulse first falls below the onset level; NaN if the reflected wave comes first
-
-
-def incident_pulse(time_s: Array, signal: Array, onset_share: float = ONSET) -> PulseShape | None:
-    """Shape of the first pulse of a signal; None without a later maximum. The largest later one is the reflected wave.
+    ``rise_s`` is the time from the onset to the first maximum. ``decay_per_s`` is the rate of the exponential from
+    there to half of it; NaN if the pulse never falls to half. ``duration_s`` is the time until the pulse first falls
+    below the onset level; NaN if the reflected wave comes first.
 
     Args:
         time_s: Sample times. Shape (samples,).
@@ -219,7 +214,7 @@ def incident_pulse(time_s: Array, signal: Array, onset_share: float = ONSET) -> 
     """
     maxima = peaks(time_s, signal)
     if len(maxima) < 2:
-        return None
+        return {}
     first, reflected = maxima[0], max(maxima[1:], key=lambda peak: peak.value)
     onset = rising_crossing(time_s, signal, onset_share * first.value, first)
     after = np.linspace(first.time_s, reflected.time_s, REFINEMENT * (reflected.sample - first.sample))
@@ -228,7 +223,7 @@ def incident_pulse(time_s: Array, signal: Array, onset_share: float = ONSET) -> 
     rate = np.polyfit(after[:half], np.log(falling[:half]), 1)[0] if half > 1 else np.nan
     quiet = falling < onset_share * first.value
     end = float(after[np.argmax(quiet)]) if quiet.any() else np.nan
-    return PulseShape(first.time_s - onset, float(rate), end - onset)
+    return {"rise_s": first.time_s - onset, "decay_per_s": float(rate), "duration_s": end - onset}
 
 
 def mean_forces(force_N: Array) -> Array:
