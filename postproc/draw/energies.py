@@ -35,7 +35,7 @@ from drivers.engines import EXACT, load_engine
 from drivers.run.run_folder import COMPRESSED, EndedRun
 from postproc.draw.product import Product, draw_cells
 from postproc.draw.style import AVERAGE, DAMPED, FIRST, GREYS, MICRO, SECOND, pyplot
-from postproc.read.motion import chain_of
+from postproc.read.motion import case_of_run
 from validation.reference.hertz_chain import hertz_energy_beyond_tangent
 
 SIZE_IN = (6.4, 4.6)
@@ -91,11 +91,11 @@ def run_energies(run: EndedRun) -> Energies:
     Raises:
         InputError: the beads move sideways; the run recorded no positions, or a file is missing or damaged.
     """
-    scene, chain = chain_of(run)
-    if not chain.straight:
+    case = case_of_run(run)
+    if not case.chain.straight:
         allowed = "a straight chain; forces.parquet has the total energies of all runs"
         raise InputError(paths.shown(run.folder), "", "a scene whose beads move sideways", allowed)
-    return energies_of(Case(scene, chain, ()), run.record.engine, run.state)
+    return energies_of(case, run.record.engine, run.state)
 
 
 def energies_of(case: Case, engine: str, trace: Trace) -> Energies:

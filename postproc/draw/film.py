@@ -18,7 +18,7 @@ from drivers.run.run_folder import EndedRun
 from postproc.draw.product import GAMMA, OPEN_SHARE, Product
 from postproc.draw.scene_drawing import WALL, draw_bodies, draw_tube, flat_size
 from postproc.draw.style import GREY, MICRO, colour_map, finish_bar, pyplot
-from postproc.read.motion import chain_of, spread
+from postproc.read.motion import case_of_run, spread
 from postproc.read.signals import mean_forces
 
 FRAMES, GIF_FRAMES = 12, 80
@@ -58,7 +58,8 @@ def film_of(run: EndedRun, frames: int, sideways: float = 1.0) -> Film:
 
     Displacements from the axis are multiplied by ``sideways``.
     """
-    scene, chain = chain_of(run)
+    case = case_of_run(run)
+    scene, chain = case.scene, case.chain
     chosen = spread(len(run.trace.time_s), frames)
     place = np.zeros((len(chosen), chain.bodies, 2))
     place[..., 1], notes = chain.height_m, ["positions of time 0: the run kept no others"]

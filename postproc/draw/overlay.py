@@ -13,7 +13,7 @@ from drivers.chain.trace import Trace
 from postproc.draw.product import Product
 from postproc.draw.stack import GAUGE_IN, gauge_title
 from postproc.draw.style import COLUMN_IN, MICRO, line_of, pyplot
-from postproc.read.misfit import Misfit, SmoothForce
+from postproc.read.alignment import AlignedGauge
 from postproc.read.signals import gauges_of, sensor_signals
 
 STRIP_IN = 0.62  # height of a panel of residuals
@@ -25,7 +25,7 @@ COLOURS = ("#333333", "#88572c", "#5b3a8c", "#2c6e49")  # of the files, in their
 
 
 def draw_overlay(
-    layout: Layout, run: Trace, engine: str, curves: Sequence[SmoothForce], misfits: Sequence[Misfit]
+    layout: Layout, run: Trace, engine: str, aligned: Sequence[AlignedGauge], misfits: pd.DataFrame
 ) -> Product:
     """Readings as forces above rest with the computed forces; below each, smoothed readings minus computed forces.
 
@@ -33,24 +33,24 @@ def draw_overlay(
         layout: Layout of the run.
         run: Computed trace.
         engine: Engine of the run.
-        curves: Measured gauges on the run's clock.
+        aligned: Measured gauges on the run's clock.
         misfits: Misfits, for the table.
     """
-    measured = {curve.gauge.gauge for curve in curves}
+    measured = {each.gauge for each in aligned}
     gauges = [gauge for gauge in gauges_of(layout) if gauge in measured]
     heights = [GAUGE_IN, STRIP_IN] * len(gauges)
     figure, grid = pyplot().subplots(
         len(heights), 1, sharex=True, figsize=(COLUMN_IN, HEAD_IN + FOOT_IN + sum(heights)), height_ratios=heights,
         squeeze=False, layout="constrained",
     )  # fmt: skip
-    files = list(dict.fromkeys(curve.gauge.trace.file for curve in curves))
+    files = list(dict.fromkeys(each.trace.file for each in aligned))
     signals, colour_of_run = sensor_signals(layout, run), line_of(engine)["color"]
     for place, gauge in enumerate(gauges):
         force, strip = grid[2 * place, 0], grid[2 * place + 1, 0]
         computed = signals[gauge] - signals[gauge][0]
-        for curve in (curve for curve in curves if curve.gauge.gauge == gauge):
-            colour = COLOURS[files.index(curve.gauge.trace.file) % len(COLOURS)]
-            _draw_gauge(force, strip, curve, np.interp(curve.time_s, run.time_s, computed), colour)
+        for each in (each for each in aligned if each.gauge == gauge):
+            colour = COLOURS[files.index(each.trace.file) % len(COLOURS)]
+            _draw_gauge(force, strip, each, np.interp(each.run_s, run.time_s, computed), colour)
         force.plot(run.time_s * MICRO, computed, color=colour_of_run, lw=1.3, label=f"computed ({engine})")
         force.set_title(fill(gauge_title(layout, gauge), LINE), loc="left")
         force.set(ylabel="force above\nrest (N)", xlim=(0, float(run.time_s[-1]) * MICRO))
@@ -64,45 +64,31 @@ def draw_overlay(
             handles.setdefault(label, handle)
     figure.legend(handles.values(), handles.keys(), loc="outside upper left", markerscale=4, ncols=1)
     figure.align_ylabels()
-    return Product(figure, misfit_table(misfits))
+    return Product(figure, misfits)
 
 
-def _draw_gauge(force: Any, strip: Any, curve: SmoothForce, computed_N: Any, colour: str) -> None:
+def _draw_gauge(force: Any, strip: Any, gauge: AlignedGauge, computed_N: Any, colour: str) -> None:
     """Draws readings and residual of a gauge, with a band of ``BAND`` standard errors by noise and baseline."""
-    gauge, every = curve.gauge, -(-len(curve.gauge.time_s) // MAX_READINGS)
+    every = -(-len(gauge.time_s) // MAX_READINGS)
     force.plot(
         gauge.time_s[::every] * MICRO, gauge.force_N[::every], ls="none", marker=".", ms=2.0, mew=0, alpha=0.75,
         color=colour, label=fill(f"measured ({gauge.trace.file.name})", LINE),
     )  # fmt: skip
-    left_N, time_us = curve.force_N - computed_N, curve.time_s * MICRO
-    band_N = BAND * curve.error_N
+    left_N, time_us = gauge.smooth_N - computed_N, gauge.run_s * MICRO
+    band_N = BAND * gauge.error_N
     strip.plot(time_us, left_N, color=colour, lw=0.8, label="residual: smoothed readings minus computed")
     band = f"{BAND:g} standard errors by noise and baseline"
     strip.fill_between(time_us, left_N - band_N, left_N + band_N, color=colour, alpha=0.25, lw=0, label=band)
 
 
-def misfit_table(misfits: Sequence[Misfit]) -> pd.DataFrame:
-    """Table of misfits, a row for each quantity; names of quantities contain the units."""
-    fields = {
-        "quantity": "name", "source": "source", "measured": "measured", "standard_error": "error",
-        "error_by_noise": "noise_error", "error_by_gain": "gain_error", "computed": "computed",
-        "difference": "difference", "difference_in_errors": "errors_off",
-    }  # fmt: skip
-    return pd.DataFrame({column: [getattr(misfit, field) for misfit in misfits] for column, field in fields.items()})
-
-
 HEADINGS = ("quantity", "source", "measured", "± error", "computed", "difference", "in standard errors")
+DIGITS = {"measured": 5, "standard_error": 2, "computed": 5, "difference": 3, "difference_in_errors": 2}
 
 
-def misfit_rows(misfits: Sequence[Misfit]) -> list[tuple[str, ...]]:
+def misfit_rows(misfits: pd.DataFrame) -> list[list[str]]:
     """Rows of the printed table, with a dash for missing values."""
-    return [
-        (
-            misfit.name, misfit.source, number(misfit.measured, 5), number(misfit.error, 2), number(misfit.computed, 5),
-            number(misfit.difference, 3), number(misfit.errors_off, 2),
-        )
-        for misfit in misfits
-    ]  # fmt: skip
+    rounded = {column: [number(value, digits) for value in misfits[column]] for column, digits in DIGITS.items()}
+    return misfits.assign(**rounded)[["quantity", "source", *DIGITS]].to_numpy().tolist()
 
 
 def number(value: float, digits: int) -> str:

@@ -9,7 +9,7 @@ import meshio
 import numpy as np
 
 from drivers.run.run_folder import EndedRun
-from postproc.read.motion import chain_of, spread
+from postproc.read.motion import case_of_run, spread
 from postproc.read.signals import mean_forces
 
 FRAMES = 100
@@ -32,7 +32,8 @@ def write_series(run: EndedRun, folder: Path, frames: int = FRAMES) -> list[Path
     Raises:
         InputError: The run kept no positions; an earlier series stays.
     """
-    scene, chain = chain_of(run)
+    case = case_of_run(run)
+    scene, chain = case.scene, case.chain
     motion = run.state
     chosen = spread(len(motion.time_s), frames)
     place, flat = motion.place_m[chosen], np.isinf(chain.radius_m)  # shape (frames, bodies, 3)

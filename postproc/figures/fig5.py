@@ -24,7 +24,7 @@ from postproc.draw.style import AVERAGE, COLUMN_IN, DAMPED, GREY, MICRO, QUOTED,
 from postproc.paper import calibrated, quoted
 from postproc.read.motion import Simulation, case_of, simulate
 from postproc.read.observables import LATER_PROMINENCE
-from postproc.read.signals import ENVELOPE_MAXIMA, Envelope, Peak, incident_pulse, peaks, train_envelope
+from postproc.read.signals import ENVELOPE_MAXIMA, Peak, incident_pulse, peaks, train_envelope
 
 WALL = "wall"
 PANELS = (
@@ -64,8 +64,8 @@ def make(runs: Path) -> Product:
     return product.with_rows(entrance, *envelopes, *stated, pulse)
 
 
-def _train(motion: Simulation) -> tuple[list[Peak], dict[int, Envelope]]:
-    """Maxima at the wall, and envelopes by number of maxima."""
+def _train(motion: Simulation) -> tuple[list[Peak], dict[int, tuple[float, float]]]:
+    """Maxima at the wall, and rates and amplitudes of envelopes by number of maxima."""
     time_s, wall = motion.trace.time_s, motion.trace.force_N[:, 0]
     maxima = [
         replace(peak, value=peak.value + float(wall[0])) for peak in peaks(time_s, wall - wall[0], LATER_PROMINENCE)
@@ -80,17 +80,18 @@ def _numbers(motion: Simulation) -> dict[str, float]:
         InputError: The scene ends too early.
     """
     _, envelopes = _train(motion)
-    numbers = {f"envelope_{count}_maxima_per_us": curve.rate_per_s / MICRO for count, curve in envelopes.items()}
+    numbers = {f"envelope_{count}_maxima_per_us": rate / MICRO for count, (rate, _) in envelopes.items()}
     time_s = motion.trace.time_s
     pulses = [incident_pulse(time_s, signal - signal[0]) for signal in [*motion.signals.values()][: len(PLACES)]]
     found = f"fewer than {ENVELOPE_MAXIMA} maxima at the wall" if ENVELOPE_MAXIMA not in envelopes else ""
-    if found or None in pulses:
+    if found or not all(pulses):
         allowed = "until the wave is back, and weaker dissipation"
         raise InputError(motion.case.scene.file, "run.duration", found or "no wave back at the top", allowed)
-    for words, pulse in zip(PLACES, filter(None, pulses), strict=True):
+    for words, pulse in zip(PLACES, pulses, strict=True):
         place = words.replace(" ", "_")
-        numbers |= {f"{place}_rise_us": pulse.rise_s * MICRO, f"{place}_decay_per_us": pulse.decay_per_s / MICRO,
-                    f"{place}_duration_us": pulse.duration_s * MICRO}  # fmt: skip
+        numbers[f"{place}_rise_us"] = pulse["rise_s"] * MICRO
+        numbers[f"{place}_decay_per_us"] = pulse["decay_per_s"] / MICRO
+        numbers[f"{place}_duration_us"] = pulse["duration_s"] * MICRO
     return numbers
 
 
@@ -100,12 +101,13 @@ def _draw_envelope(axis: Any, motion: Simulation, quoted_per_us: float) -> pd.Da
     The envelope with the paper's rate would differ by about the width of a line.
     """
     maxima, envelopes = _train(motion)
-    first, last, curve = maxima[0], maxima[ENVELOPE_MAXIMA - 1], envelopes[ENVELOPE_MAXIMA]
+    first, last = maxima[0], maxima[ENVELOPE_MAXIMA - 1]
+    rate_per_s, amplitude_N = envelopes[ENVELOPE_MAXIMA]
     time_s = np.linspace(first.time_s, last.time_s + EXTENSION_S, POINTS)
-    force_N = curve.amplitude_N * np.exp(curve.rate_per_s * time_s)
+    force_N = amplitude_N * np.exp(rate_per_s * time_s)
     look: dict[str, Any] = {"textcoords": "offset points", "ha": "right", "fontsize": 7}
     for words, rate, up, colour in (
-        ("", curve.rate_per_s / MICRO, 9, GREY), ("paper: ", quoted_per_us, 0, QUOTED["color"])
+        ("", rate_per_s / MICRO, 9, GREY), ("paper: ", quoted_per_us, 0, QUOTED["color"])
     ):  # fmt: skip
         text = f"{words}{rate:.4f}/µs".replace("-", "\N{MINUS SIGN}")
         axis.annotate(text, (axis.get_xlim()[1], 0.75 * first.value), (-2, up), color=colour, **look)

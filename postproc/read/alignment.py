@@ -71,6 +71,10 @@ class AlignedGauge:
         rest_error_N: Standard error of the baseline at each reading. Shape (readings,).
         baseline: Reading at rest at time 0, in the unit of the trace; ``baseline_error``: its standard error.
         trigger_s: Time of the impact in the file; ``trigger_error_s``: its standard error, 0 if the trigger is given.
+        curve: Regression spline of the force.
+        errors: Independent parts of its standard error by noise and baseline, as a spline with a value for each part.
+        run_s: Sample times of the run within the readings. Shape (samples,).
+        smooth_N: Regression spline at these times, and its standard error ``error_N``. Shape (samples,).
     """
 
     trace: MeasuredTrace
@@ -85,6 +89,11 @@ class AlignedGauge:
     baseline_error: float
     trigger_s: float
     trigger_error_s: float
+    curve: BSpline
+    errors: BSpline
+    run_s: Array
+    smooth_N: Array
+    error_N: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,17 +134,6 @@ class Channel:
         return np.asarray(np.linalg.qr(self.base_lines[self.counts])[0])
 
 
-@dataclass(frozen=True, eq=False)
-class _Signal:
-    """Change of the force of a computed gauge: its curve, width at half of its peak, peak, and time of arrival."""
-
-    curve: BSpline
-    width_s: float
-    peak_N: float
-    onset_s: float
-    end_s: float  # of the run
-
-
 def channels_of(traces: Mapping[str, MeasuredTrace], duration_s: float, step_s: float) -> list[list[Channel]]:
     """Gauges of each file; entries of the same file share their trigger.
 
@@ -150,7 +148,12 @@ def channels_of(traces: Mapping[str, MeasuredTrace], duration_s: float, step_s: 
     """
     files: dict[Path, list[str]] = defaultdict(list)
     for key, trace in traces.items():
-        must_have_unit(trace, duration_s)
+        length_s = float(trace.time_s[-1] - trace.time_s[0])
+        power = 3 * round(np.log10(length_s / duration_s) / 3)
+        if not 1 / MAX_RATIO <= length_s / duration_s <= MAX_RATIO:
+            units = " rather than ".join(("us", "ms" if abs(power) == 3 else "s")[:: 1 if power > 0 else -1])
+            allowed = f"about the run's {duration_s:.3g} s (run.duration); is the unit of time {units}?"
+            raise InputError(paths.shown(trace.file), "time", f"a record of {length_s:.3g} s", allowed)
         files[trace.file.resolve()].append(key)
     return [_of_file({key: traces[key] for key in keys}, duration_s, step_s) for keys in files.values()]
 
@@ -238,7 +241,7 @@ def align(traces: Sequence[MeasuredTrace], layout: Layout, run: Trace) -> list[A
     duration_s, step_s = float(run.time_s[-1]), float(run.time_s[1])
     signals = {name: signal - signal[0] for name, signal in sensor_signals(layout, run).items()}
     files = channels_of({str(place): trace for place, trace in enumerate(traces)}, duration_s, step_s)
-    return [each for channels in files for each in _aligned([(c, _signal(c, signals, run)) for c in channels], step_s)]
+    return [gauge for channels in files for gauge in _aligned(channels, signals, run)]
 
 
 def averaged(trace: MeasuredTrace, step_s: float) -> MeasuredTrace:
@@ -272,60 +275,63 @@ def check_length(trace: MeasuredTrace, trigger_s: float, end_s: float, onsets_s:
     return f"{shown}: no readings {gaps} after the impact, of the run's {end:.3g} ms{unreached}"
 
 
-def must_have_unit(trace: MeasuredTrace, end_s: float) -> None:
-    """Refuses a record that is much longer or shorter than the run."""
-    length_s = float(trace.time_s[-1] - trace.time_s[0])
-    power = 3 * round(np.log10(length_s / end_s) / 3)
-    if not 1 / MAX_RATIO <= length_s / end_s <= MAX_RATIO:
-        units = ("us", "ms" if abs(power) == 3 else "s")[:: 1 if power > 0 else -1]
-        allowed = f"about the run's {end_s:.3g} s (run.duration); is the unit of time {' rather than '.join(units)}?"
-        raise InputError(paths.shown(trace.file), "time", f"a record of {length_s:.3g} s", allowed)
-
-
-def _signal(channel: Channel, signals: Mapping[str, Array], run: Trace) -> _Signal:
-    """Computed gauge of a channel."""
-    signal = signals[channel.gauge]
-    if not np.ptp(signal):
-        raise InputError(paths.shown(channel.trace.file), channel.gauge, "the gauge stays at rest in the run")
-    size = np.abs(signal)
-    return _Signal(
-        curve=make_interp_spline(run.time_s, signal, k=5),
-        width_s=float(peak_widths(np.pad(size, 1), [np.argmax(size) + 1])[0][0] * run.time_s[1]),
-        peak_N=float(size.max()),
-        onset_s=float(run.time_s[np.argmax(size > QUIET_SHARE * size.max())]),
-        end_s=float(run.time_s[-1]),
-    )
-
-
-def _aligned(pairs: list[tuple[Channel, _Signal]], step_s: float) -> list[AlignedGauge]:
+def _aligned(channels: list[Channel], signals: Mapping[str, Array], run: Trace) -> list[AlignedGauge]:
     """The gauges of one file."""
-    trigger_s, error_s = pairs[0][0].trigger_s, 0.0
+    curves, onsets_s = dict[str, BSpline](), dict[str, float]()
+    for channel in channels:
+        signal = signals[channel.gauge]
+        if not np.ptp(signal):
+            raise InputError(paths.shown(channel.trace.file), channel.gauge, "the gauge stays at rest in the run")
+        curves[channel.gauge] = make_interp_spline(run.time_s, signal, k=DEGREE)
+        onsets_s[channel.gauge] = float(run.time_s[np.argmax(np.abs(signal) > QUIET_SHARE * np.abs(signal).max())])
+    trigger_s, error_s, run_s = channels[0].trigger_s, 0.0, run.time_s
+    step_s, end_s = float(run_s[1]), float(run_s[-1])
     if trigger_s is None:
-        curves = {channel.gauge: signal.curve for channel, signal in pairs}
-        trigger_s, error_s = _refined(pairs, correlated([channel for channel, _ in pairs], curves, step_s), step_s)
-    first, signal = min(pairs, key=lambda pair: pair[1].onset_s)
-    must_overlap(first, trigger_s, signal.end_s, signal.onset_s)
+        near_s = correlated(channels, curves, step_s)
+        trigger_s, error_s = _refined(channels, curves, signals, near_s, step_s)
+    first = min(channels, key=lambda channel: onsets_s[channel.gauge])
+    must_overlap(first, trigger_s, end_s, onsets_s[first.gauge])
     gauges = []
-    for channel, signal in pairs:
-        clock_s, gain = channel.time_s - trigger_s, channel.trace.gain
-        level, error = _rest(channel, signal, trigger_s)
-        inside = (clock_s >= 0) & (clock_s <= signal.end_s)
+    for channel in channels:
+        clock_s, gain, computed = channel.time_s - trigger_s, channel.trace.gain, curves[channel.gauge]
+        level, error = _rest(channel, computed, np.abs(signals[channel.gauge]), trigger_s)
+        inside = (clock_s >= 0) & (clock_s <= end_s)
+        time_s, force_N = clock_s[inside], gain * (channel.reading - level)[inside]
+        noise_N, rest_error_N = abs(gain) * channel.noise, abs(gain) * error[inside]
+        curve, errors = _smooth(time_s, force_N, noise_N, rest_error_N)
+        within_s, nodes_s = run_s[(run_s >= time_s[0]) & (run_s <= time_s[-1])], np.unique(curve.t)
         gauge = AlignedGauge(
             trace=channel.trace,
             gauge=channel.gauge,
-            onset_s=signal.onset_s,
-            time_s=clock_s[inside],
-            force_N=gain * (channel.reading - level)[inside],
-            computed_N=signal.curve(clock_s[inside]),
-            noise_N=abs(gain) * channel.noise,
-            rest_error_N=abs(gain) * error[inside],
+            onset_s=onsets_s[channel.gauge],
+            time_s=time_s,
+            force_N=force_N,
+            computed_N=computed(time_s),
+            noise_N=noise_N,
+            rest_error_N=rest_error_N,
             baseline=float(np.interp(0, clock_s, level)),
             baseline_error=float(np.interp(0, clock_s, error)),
             trigger_s=trigger_s,
             trigger_error_s=error_s,
+            curve=curve,
+            errors=errors,
+            run_s=within_s,
+            smooth_N=curve(within_s),
+            error_N=np.interp(within_s, nodes_s, np.linalg.norm(errors(nodes_s), axis=1)),
         )
         gauges.append(gauge)
     return gauges
+
+
+def _smooth(time_s: Array, force_N: Array, noise_N: float, rest_error_N: Array) -> tuple[BSpline, BSpline]:
+    """Regression spline of a gauge, and the independent parts of its standard error."""
+    knots = knots_of(time_s, force_N)
+    both = np.column_stack([force_N, rest_error_N])
+    force, rest = np.asarray(make_lsq_spline(time_s, both, knots, DEGREE, method="norm-eq").c.T)
+    design = BSpline.design_matrix(time_s, knots, DEGREE)
+    root = np.linalg.cholesky((design.T @ design).toarray())  # covariance of coefficients: noise^2 (root root^T)^-1
+    errors = BSpline(knots, np.column_stack([noise_N * np.linalg.inv(root).T, rest]), DEGREE)
+    return BSpline(knots, force, DEGREE), errors
 
 
 def _level(channel: Channel, reading: Array, quiet: NDArray[np.bool_]) -> Array:
@@ -341,7 +347,7 @@ def _level(channel: Channel, reading: Array, quiet: NDArray[np.bool_]) -> Array:
     return np.asarray(design @ least_squares(off, np.linalg.lstsq(scaled, target, rcond=None)[0], loss="cauchy").x)
 
 
-def _rest(channel: Channel, signal: _Signal, trigger_s: float) -> tuple[Array, Array]:
+def _rest(channel: Channel, curve: BSpline, size_N: Array, trigger_s: float) -> tuple[Array, Array]:
     """Baseline and its standard error, by least squares of quiet readings without outliers. Both of shape (readings,).
 
     The small computed reading is subtracted first; its mean size counts as an error.
@@ -352,16 +358,18 @@ def _rest(channel: Channel, signal: _Signal, trigger_s: float) -> tuple[Array, A
     trace, time_s, design = channel.trace, channel.time_s, channel.base_lines
     if trace.baseline is not None:
         return np.full(len(time_s), trace.baseline), np.zeros(len(time_s))
-    change = change_at(signal.curve, time_s - trigger_s)
+    change = change_at(curve, time_s - trigger_s)
     computed = change / trace.gain
-    quiet = (np.abs(change) < QUIET_SHARE * signal.peak_N) & (time_s <= trigger_s + signal.end_s)
+    quiet = (np.abs(change) < QUIET_SHARE * size_N.max()) & (time_s <= trigger_s + curve.t[-1])
     if quiet.sum() < MIN_QUIET:
         few = f"{int(quiet.sum())} quiet readings of {channel.gauge}"
         allowed = f"at least {MIN_QUIET} before the pulse, or a baseline in the scene"
         raise InputError(paths.shown(trace.file), "", few, allowed)
     reading = channel.reading - computed
     level, kept = _level(channel, reading, quiet), quiet
-    width = max(2, round(signal.width_s / float(np.median(np.diff(time_s)))))
+    samples = peak_widths(np.pad(size_N, 1), [np.argmax(size_N) + 1])[0][0]  # at half of the computed peak
+    width_s = float(samples * curve.t[-1] / (len(size_N) - 1))
+    width = max(2, round(width_s / float(np.median(np.diff(time_s)))))
     for _ in range(ROUNDS):
         running = np.abs(uniform_filter1d(reading - level, width // 2))
         spread = max(NORMAL * float(np.median(running[kept])), channel.noise / (width // 2) ** 0.5)
@@ -375,20 +383,23 @@ def _rest(channel: Channel, signal: _Signal, trigger_s: float) -> tuple[Array, A
     return level, np.hypot(error, float(np.abs(computed[kept]).mean()))
 
 
-def _refined(pairs: list[tuple[Channel, _Signal]], near_s: float, step_s: float) -> tuple[float, float]:
+def _refined(
+    channels: list[Channel], curves: Mapping[str, BSpline], signals: Mapping[str, Array], near_s: float, step_s: float
+) -> tuple[float, float]:
     """Trigger by least squares near a first guess, with its standard error by noise; inverted gauges are turned."""
     parts = []
-    for channel, signal in pairs:
-        force_N = channel.trace.gain * (channel.reading - _rest(channel, signal, near_s)[0])
-        counts = channel.time_s - near_s <= signal.end_s - SEARCH_STEPS * step_s
-        turned = np.sign(force_N[counts] @ change_at(signal.curve, channel.time_s[counts] - near_s))
-        parts.append((channel, signal, turned * force_N, abs(channel.trace.gain) * channel.noise, counts))
+    for channel in channels:
+        curve, size_N = curves[channel.gauge], np.abs(signals[channel.gauge])
+        force_N = channel.trace.gain * (channel.reading - _rest(channel, curve, size_N, near_s)[0])
+        counts = channel.time_s - near_s <= curve.t[-1] - SEARCH_STEPS * step_s
+        turned = np.sign(force_N[counts] @ change_at(curve, channel.time_s[counts] - near_s))
+        parts.append((channel, curve, turned * force_N, abs(channel.trace.gain) * channel.noise, counts))
 
     def off(place: Array) -> Array:
         trigger_s = near_s + float(place[0]) * step_s
         return np.concatenate([
-            ((change_at(signal.curve, channel.time_s - trigger_s) - force_N) / noise_N)[counts]
-            for channel, signal, force_N, noise_N, counts in parts
+            ((change_at(curve, channel.time_s - trigger_s) - force_N) / noise_N)[counts]
+            for channel, curve, force_N, noise_N, counts in parts
         ])  # fmt: skip
 
     best = least_squares(off, [0.0], "3-point", (-SEARCH_STEPS, SEARCH_STEPS), xtol=1e-9)

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import cache
 from itertools import groupby, zip_longest
+from math import isfinite, nan
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,9 +27,6 @@ from drivers.base.units import to_si
 from drivers.chain.chain import Array
 from drivers.scene.model import MeasuredEntry, Scene
 from postproc.read.observables import PLACEHOLDERS, describe, without_unit
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 MEASURED = "measured"  # key of a file's entry without a [[measured]] table; otherwise measured.0, measured.1, ...
 TIME, FORCE = "s", "N"
@@ -60,7 +57,7 @@ class Column:
     Attributes:
         file: File as messages name it; ``line``: line of its headings.
         heading: Heading; ``name``: heading without the unit; ``unit``: unit in the heading or below, empty if none.
-        cells: Cells by line: numbers, or if some are no numbers text with ``decimal`` as decimal mark.
+        cells: Cells by line, empty where a row ends before; ``decimal``: decimal mark in them.
     """
 
     file: str
@@ -68,7 +65,7 @@ class Column:
     heading: str
     name: str
     unit: str
-    cells: "pd.Series[Any]"
+    cells: Mapping[int, str]
     decimal: str
 
 
@@ -104,15 +101,17 @@ def read_scope_file(path: Path) -> list[Column]:
         )
     (line, headings), (last, units) = above[0], (*above, (above[0][0], []))[1]
     decimal = _decimal(block, separator, shown)
-    cells, longer = _cells(text, last, len(headings), separator, decimal)
+    rows = [(place, row) for place, row in _rows(text, separator) if place > last]
+    longer = next((place for place, row in rows if len(row) > len(headings)), None)
     if longer:
-        allowed = f"{len(headings)}, as many as headings in line {line}, and quotation marks in pairs"
         hint = "; decimal commas need semicolons between cells" * (separator == ",")
-        raise InputError(shown, f"line {longer}", f"more than {len(headings)} cells", f"{allowed}{hint}")
-    return [
-        Column(shown, line, heading, *_name_and_unit(heading, below), cells[place], decimal)
-        for place, (heading, below) in enumerate(zip_longest(headings, units, fillvalue=""))
-    ]
+        allowed = f"{len(headings)}, as many as headings in line {line}{hint}"
+        raise InputError(shown, f"line {longer}", f"more than {len(headings)} cells", allowed)
+    columns = []
+    for index, (heading, below) in enumerate(zip_longest(headings, units, fillvalue="")):
+        cells = {place: row[index] if index < len(row) else "" for place, row in rows}
+        columns.append(Column(shown, line, heading, *_name_and_unit(heading, below), cells, decimal))
+    return columns
 
 
 def numbers_of(column: Column) -> Array:
@@ -121,22 +120,21 @@ def numbers_of(column: Column) -> Array:
     Raises:
         InputError: A cell is empty or no finite number.
     """
-    import pandas as pd
-
-    cells = column.cells
-    if cells.dtype.kind in "iuf":
-        numbers = cells.to_numpy(float)
-    else:
-        points = {} if column.decimal == "." else {ord("."): "x", ord(","): "."}
-        numbers = pd.to_numeric(cells.astype(str).str.translate(points), errors="coerce").to_numpy(float)
-    finite = np.isfinite(numbers)
-    if not finite.all():
-        place = int(np.argmin(finite))
-        cell = "" if pd.isna(cells.iloc[place]) else str(cells.iloc[place])
-        marks = f', decimals with "{column.decimal}", no thousands separators' * bool(re.search(r"\d[.,'’\s]\d", cell))
-        key = f"line {cells.index[place]}, {column.heading}"
-        raise InputError(column.file, key, shorten(cell), f"a finite number{marks}")
-    return numbers
+    marks, numbers = (
+        str.maketrans({"_": "x"} if column.decimal == "." else {"_": "x", ".": "x", ",": "."}),
+        list[float](),
+    )
+    for line, cell in column.cells.items():
+        try:
+            number = float(cell.translate(marks))
+        except ValueError:
+            number = nan
+        if not isfinite(number):
+            separated = f', decimals with "{column.decimal}", no thousands separators, quotation marks in pairs'
+            allowed = "a finite number" + separated * bool(re.search(r"\d[.,'’\s]\d", cell))
+            raise InputError(column.file, f"line {line}, {column.heading}", shorten(cell), allowed)
+        numbers.append(number)
+    return np.array(numbers)
 
 
 def _text(path: Path) -> str:
@@ -151,28 +149,30 @@ def _text(path: Path) -> str:
 
 
 def _rows(text: str, separator: str) -> Iterator[Row]:
-    """Lines that are not empty, up to the first that is no CSV, without empty cells at the end."""
+    """Lines that are not empty, by number, without empty cells at the end; a line that is no CSV says why."""
     if separator == " ":  # no separator before the unit of a heading
         text = re.sub(r"(?<=\w) +(?=[\[(])", "", text)
     reader = csv.reader(io.StringIO(text), delimiter=separator, skipinitialspace=True)
+    end = 0
     try:
         for row in reader:
-            cells = [" ".join(cell.split()) for cell in row]
-            if any(cells):
-                yield reader.line_num, cells[: max(place for place, cell in enumerate(cells, 1) if cell)]
-    except csv.Error:
-        return
+            line, end = end + 1, reader.line_num
+            while row and not row[-1].strip():
+                row.pop()
+            if row:
+                yield line, row
+    except csv.Error as error:
+        yield end + 1, [str(error)]
 
 
 def _fit(rows: list[Row]) -> tuple[float, list[Row], list[Row]]:
     """Share of numbers among the cells of the first block of numbers; the rows of headings and units; the block."""
     counts = [sum(bool(NUMBER.fullmatch(cell)) for cell in cells) for _, cells in rows]
-    runs = [list(run) for _, run in groupby(range(len(rows)), lambda place: counts[place] > 0)]
-    table = [any(counts[place] and len(rows[place][1]) > 1 for place in run) for run in runs]
-    if not any(table):
+    runs = [list(run) for numeric, run in groupby(range(len(rows)), lambda place: counts[place] > 0) if numeric]
+    sizes = [min(BLOCK, sum(counts[place] > 1 for place in run)) for run in runs]
+    if not any(sizes):
         return 0.0, [], []
-    weights = [(min(BLOCK, sum(counts[place] > 1 for place in run)), has) for run, has in zip(runs, table, strict=True)]
-    run = runs[weights.index(max(weights))]
+    run = runs[sizes.index(max(sizes))]
     share = sum(counts[place] for place in run) / sum(bool(cell) for place in run for cell in rows[place][1])
     above, block = rows[max(0, run[0] - 2) : run[0]], rows[run[0] : run[-1] + 1]
     if len(above) == 2 and not (len(above[0][1]) >= len(above[1][1]) and _are_units(above[1][1])):
@@ -187,34 +187,6 @@ def _are_units(cells: list[str]) -> bool:
     """True if most cells are units or in brackets, one of them a unit of time."""
     units = [unit_of(cell)[1] or cell[0] in BRACKETS for cell in cells if cell]
     return "s" in units and 2 * sum(map(bool, units)) > len(units)
-
-
-def _cells(text: str, last: int, width: int, separator: str, decimal: str) -> tuple["pd.DataFrame", int]:
-    """Cells below a line in as many columns as headings, by line; the line of the first longer row, or 0."""
-    import pandas as pd
-
-    below = text.split("\n", last)[-1]
-    blank = next(re.finditer(r"(?:[ \t]*\n)*", below)).end()
-    start, sep = last + 1 + below.count("\n", 0, blank), r"\s+" if separator == " " else separator
-    try:
-        first = pd.read_csv(io.StringIO(below[blank:]), sep=sep, header=None, nrows=1, skipinitialspace=True)
-        cells = pd.read_csv(
-            io.StringIO(below[blank:]),
-            sep=sep,
-            decimal=decimal,
-            names=range(max(width, first.shape[1])),
-            skipinitialspace=True,
-            skip_blank_lines=False,  # the index counts lines
-            keep_default_na=False,
-            na_values=[""],
-            low_memory=False,
-        ).dropna(how="all")
-    except pd.errors.ParserError as error:  # too many cells, or a quotation mark without its end
-        place = re.search(r"in line (\d+)", str(error))
-        return pd.DataFrame(), start - 1 + int(place[1] if place else 1)
-    cells.index += start
-    longer = cells.index[cells.iloc[:, width:].notna().any(axis=1)].tolist()
-    return cells, longer[0] if longer else 0
 
 
 def _name_and_unit(heading: str, below: str) -> tuple[str, str]:
@@ -308,11 +280,10 @@ def read_measured(
     """
     assert entry.file is not None  # checked by the rules of the scene
     path = folder / entry.file
-    try:
-        columns = read_scope_file(path)
-    except FileNotFoundError as error:
+    if not path.exists():
         found, allowed = f"no such file: {paths.shown(path)}", f"a CSV file, relative to {paths.shown(folder)}"
-        raise InputError(where, f"{key}.file", found, allowed) from error
+        raise InputError(where, f"{key}.file", found, allowed)
+    columns = read_scope_file(path)
     time = _time(columns, entry, where, f"{key}.time")
     chosen = _gauge_columns(columns, entry, gauges, where, f"{key}.gauges")
     scale, _ = _unit(time, entry.time_unit, {TIME: "time"}, where, f"{key}.time_unit")
@@ -327,15 +298,14 @@ def read_measured(
         raise InputError(paths.shown(path), "", f"{len(time_s)} samples", f"at least {MIN_SAMPLES}")
     back = np.flatnonzero(np.diff(time_s) <= 0)
     if back.size:
-        found = "{1:.9g} after {0:.9g}".format(*time_s[back[0] : back[0] + 2] / scale)
-        line = f"line {time.cells.index[back[0] + 1]}, {time.heading}"
-        raise InputError(time.file, line, found, "times that increase")
+        (_, before), (line, after) = list(time.cells.items())[back[0] : back[0] + 2]
+        raise InputError(time.file, f"line {line}, {time.heading}", f"{after} after {before}", "times that increase")
     gain = _gain(entry, unit, where, f"{key}.gain")
     noise = None if entry.noise is None else _number(entry.noise, unit, where, f"{key}.noise")
     if noise is not None and noise <= 0:
         raise InputError(where, f"{key}.noise", shorten(entry.noise), "a standard deviation above 0")
     for gauge, values in reading.items():
-        _must_show_pulse(chosen[gauge], values * np.sign(gain), noise, entry.gain or 1)
+        _must_show_pulse(chosen[gauge], values * np.sign(gain), noise)
     return MeasuredTrace(
         file=path,
         time_s=time_s,
@@ -410,17 +380,14 @@ def _no_column(columns: list[Column], allowed: str, where: str, key: str) -> Inp
 def _time(columns: list[Column], entry: MeasuredEntry, where: str, key: str) -> Column:
     """The column of time: that of the entry, or one with a usual name, or the first if its unit is one of time."""
     named = [column for column in columns if column.name.lower() in TIMES]
-    candidates = (
-        named if len(named) == 1 else [column for column in named or columns[:1] if unit_of(column.unit)[1] == TIME]
-    )
+    candidates = named if len(named) == 1 else [each for each in named or columns[:1] if unit_of(each.unit)[1] == TIME]
     if entry.time is not None:
         candidates = [_column(columns, entry.time, where, key)]
     elif len(candidates) != 1:
         allowed = f'one column "time"; or in [[measured]], such as time = "{(candidates or columns)[0].heading}"'
         raise _no_column(columns, allowed, where, key)
-    return replace(
-        candidates[0], unit=candidates[0].unit or candidates[0].name * (unit_of(candidates[0].name)[1] == TIME)
-    )
+    (time,) = candidates
+    return replace(time, unit=time.unit or time.name * (unit_of(time.name)[1] == TIME))
 
 
 def _gauge_columns(
@@ -433,10 +400,8 @@ def _gauge_columns(
             allowed = _listed(gauges, gauge) or "none: the scene has no gauges"
             raise InputError(where, f"{key}.{gauge}", f'an unknown gauge for "{name}" in {columns[0].file}', allowed)
     if not chosen:
-        headings = [column.heading for column in columns]
-        pairs = [(gauge, heading) for gauge in gauges for heading in get_close_matches(gauge, headings)]
-        gauge, heading = next(iter(pairs), (next(iter(gauges), "wall"), headings[1]))
-        allowed = f'the gauges {", ".join(gauges)}; or in [[measured]], such as gauges = {{ {gauge} = "{heading}" }}'
+        example = f'gauges = {{ {next(iter(gauges), "wall")} = "{columns[1].heading}" }}'
+        allowed = f"the gauges {', '.join(gauges)}; or in [[measured]], such as {example}"
         raise _no_column(columns, allowed, where, key)
     return {gauge: _column(columns, name, where, f"{key}.{gauge}") for gauge, name in chosen.items()}
 
@@ -489,7 +454,7 @@ def _number(stated: str | float, unit: str, where: str, key: str) -> float:
     raise InputError(where, key, shorten(stated), allowed)
 
 
-def _must_show_pulse(column: Column, values: Array, noise: float | None, gain: str | float) -> None:
+def _must_show_pulse(column: Column, values: Array, noise: float | None) -> None:
     """Refuses readings without a maximum above the noise.
 
     If no noise is given, it is estimated from second differences, which remove slow changes.
@@ -500,7 +465,5 @@ def _must_show_pulse(column: Column, values: Array, noise: float | None, gain: s
     limit = (np.sqrt(2 * np.log(len(values))) + PULSE_MARGIN) * deviation
     if not risen.max() > limit:
         found = "a constant" if not np.ptp(values) else "no pulse: nothing rises above noise"
-        opposite = ("-" + str(gain).strip(" +")).replace("--", "")
-        factor = f'"{opposite}"' if isinstance(gain, str) else opposite
-        inverted = f"; a negative gain inverts the trace: gain = {factor}" * bool(-risen.min() > limit)
+        inverted = "; a gain of the other sign inverts the trace" * bool(-risen.min() > limit)
         raise InputError(column.file, column.heading, found, f"readings with a pulse{inverted}")

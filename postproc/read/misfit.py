@@ -1,28 +1,26 @@
 """Measured quantities with their standard errors, compared with the computed ones.
 
-A measured pulse is read from a regression spline through its readings (``smooth``). Peaks and crossings
-are found on the run's clock as for a computed trace (``postproc.read.signals``). Their standard errors are to first
-order in the white noise of the readings and the error of the baseline. Errors of the gain and of a fitted trigger are
-independent and added in quadrature. Quantities are named as in ``postproc.read.observables``; all forces are above
-rest.
+A measured pulse is read from a regression spline through its readings (``postproc.read.alignment``). Peaks and
+crossings are found on the run's clock as for a computed trace (``postproc.read.signals``). Their standard errors are
+to first order in the white noise of the readings and the error of the baseline. Errors of the gain and of a fitted
+trigger are independent and added in quadrature. Quantities are named as in ``postproc.read.observables``; all forces
+are above rest.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from math import hypot, log10, nan
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import BSpline, make_lsq_spline
+import pandas as pd
 from scipy.signal import correlate
 
 from drivers.base import paths
 from drivers.chain.case import Layout
-from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 from drivers.scene.model import MeasuredEntry
-from postproc.read.alignment import DEGREE, AlignedGauge, align, check_length, knots_of
+from postproc.read.alignment import AlignedGauge, align, check_length
 from postproc.read.measured import FORCE, read_measured, read_quoted
 from postproc.read.observables import LEVELS, observe
 from postproc.read.signals import gauges_of, peaks, rising_crossing
@@ -37,79 +35,15 @@ SMALLER = {3: "m", 6: "u"}  # prefixes of units that are mistaken for others, by
 MAX_FACTOR = 5.0  # factor between measured and computed forces apart from such a power
 INVERTED = 1.5  # smallest ratio of the negative to the positive extremum of the cross-correlation
 
+COLUMNS = ("quantity", "source", "measured", "error_by_noise", "error_by_gain", "computed")
+
 _Pulse = Mapping[str, tuple[float, float]]  # amplitude, arrival and duration with their errors by noise
-
-
-@dataclass(frozen=True)
-class Misfit:
-    """A measured quantity and the computed one, in SI units; NaN if a trace does not show the quantity.
-
-    Attributes:
-        name: Name as of an observable, with its unit.
-        source: Name of the file, or ``quoted``.
-        noise_error, gain_error: Parts of the standard error of ``measured``.
-    """
-
-    name: str
-    source: str
-    measured: float
-    noise_error: float
-    gain_error: float
-    computed: float
-
-    @property
-    def error(self) -> float:
-        """Standard error of the measured value."""
-        return hypot(self.noise_error, self.gain_error)
-
-    @property
-    def difference(self) -> float:
-        """Measured minus computed value."""
-        return self.measured - self.computed
-
-    @property
-    def errors_off(self) -> float:
-        """The difference in standard errors."""
-        return self.difference / self.error if self.error else nan
-
-
-@dataclass(frozen=True, eq=False)
-class SmoothForce:
-    """A gauge with its regression spline.
-
-    Attributes:
-        curve: Regression spline of the force.
-        errors: Independent parts of its standard error by noise and baseline, as a spline with a value for each part.
-        time_s: Sample times of the run within the readings. Shape (samples,).
-        force_N: Force at these times, and its standard error ``error_N``. Shape (samples,).
-    """
-
-    gauge: AlignedGauge
-    curve: BSpline
-    errors: BSpline
-    time_s: Array
-    force_N: Array
-    error_N: Array
-
-
-def smooth(gauge: AlignedGauge, run: Trace) -> SmoothForce:
-    """Regression spline of a gauge on the run's clock, over the range of its readings."""
-    time_s = run.time_s[(run.time_s >= gauge.time_s[0]) & (run.time_s <= gauge.time_s[-1])]
-    knots = knots_of(gauge.time_s, gauge.force_N)
-    both = np.column_stack([gauge.force_N, gauge.rest_error_N])
-    force, rest = np.asarray(make_lsq_spline(gauge.time_s, both, knots, DEGREE, method="norm-eq").c.T)
-    design = BSpline.design_matrix(gauge.time_s, knots, DEGREE)
-    root = np.linalg.cholesky((design.T @ design).toarray())  # covariance of coefficients: noise^2 (root root^T)^-1
-    curve = BSpline(knots, force, DEGREE)
-    errors = BSpline(knots, np.column_stack([gauge.noise_N * np.linalg.inv(root).T, rest]), DEGREE)
-    nodes = np.unique(knots)
-    error_N = np.interp(time_s, nodes, np.linalg.norm(errors(nodes), axis=1))
-    return SmoothForce(gauge, curve, errors, time_s, curve(time_s), error_N)
+_Row = tuple[str, str, float, float, float, float]  # of ``COLUMNS``
 
 
 def lay_over(
     entries: Mapping[str, MeasuredEntry], folder: Path, where: str, layout: Layout, run: Trace
-) -> tuple[list[SmoothForce], list[Misfit], list[str]]:
+) -> tuple[list[AlignedGauge], pd.DataFrame, list[str]]:
     """Measured gauges on a run's clock in the order of the scene, all misfits, and remarks on lengths and gains.
 
     Args:
@@ -125,17 +59,17 @@ def lay_over(
     gauges, names = gauges_of(layout), list(observe(layout, run, LEVELS))
     traces = {key: read_measured(entry, folder, gauges, where, key) for key, entry in entries.items() if entry.file}
     quoted = dict(pair for key, entry in entries.items() for pair in read_quoted(entry, names, where, key).items())
-    curves = [smooth(gauge, run) for gauge in align(list(traces.values()), layout, run)]
+    aligned = align(list(traces.values()), layout, run)
     remarks = []
     for key, trace in traces.items():
-        of_trace = [curve for curve in curves if curve.gauge.trace is trace]
-        onsets_s = {curve.gauge.gauge: curve.gauge.onset_s for curve in of_trace}
-        remarks.append(check_length(trace, of_trace[0].gauge.trigger_s, float(run.time_s[-1]), onsets_s))
-        on_gain = {curve.gauge.gauge: gain_remark(curve.gauge, key) for curve in of_trace}
+        of_trace = [gauge for gauge in aligned if gauge.trace is trace]
+        onsets_s = {gauge.gauge: gauge.onset_s for gauge in of_trace}
+        remarks.append(check_length(trace, of_trace[0].trigger_s, float(run.time_s[-1]), onsets_s))
+        on_gain = {gauge.gauge: gain_remark(gauge, key) for gauge in of_trace}
         for remark in filter(None, dict.fromkeys(on_gain.values())):
             named = ", ".join(gauge for gauge in on_gain if on_gain[gauge] == remark)
             remarks.append(f"{paths.shown(trace.file)}: {named}: {remark}")
-    return curves, misfits(curves, layout, run, quoted), [*dict.fromkeys(filter(None, remarks))]
+    return aligned, misfits(aligned, layout, run, quoted), [*dict.fromkeys(filter(None, remarks))]
 
 
 def gain_remark(gauge: AlignedGauge, key: str) -> str:
@@ -167,38 +101,39 @@ def gain_remark(gauge: AlignedGauge, key: str) -> str:
 
 
 def misfits(
-    curves: Sequence[SmoothForce], layout: Layout, run: Trace, quoted: Mapping[str, tuple[float, float]] | None = None
-) -> list[Misfit]:
-    """All measured quantities with those of a run, then the quoted ones.
+    aligned: Sequence[AlignedGauge], layout: Layout, run: Trace, quoted: Mapping[str, tuple[float, float]]
+) -> pd.DataFrame:
+    """All measured quantities with those of a run, then the quoted ones, with names as of observables, in SI units.
 
     For each gauge: amplitude, arrival and duration of the first pulse; impulse of all readings within the run, their
     correlation with the computed force, the root mean square of the residual in N and relative to the computed
     amplitude, with the noise of a reading as its error; baseline. For each file: speeds between neighbouring gauges and
-    the trigger.
+    the trigger. The ``source`` of a quantity is the name of the file, or ``quoted``. Numbers are NaN where a trace does
+    not show the quantity.
 
     Args:
-        curves: Measured gauges, aligned with the run.
+        aligned: Measured gauges on the run's clock.
         layout: Layout of the run.
         run: Computed trace.
         quoted: Quoted values with their relative standard errors by observable.
     """
-    computed, rows = observe(layout, run, LEVELS), list[Misfit]()
-    for file in dict.fromkeys(curve.gauge.trace.file for curve in curves):
-        by_gauge = {curve.gauge.gauge: curve for curve in curves if curve.gauge.trace.file == file}
-        pulses = {name: _pulse(curve) for name, curve in by_gauge.items()}
-        for name, curve in by_gauge.items():
-            rows += _of_gauge(curve.gauge, pulses[name], computed)
+    computed, rows = observe(layout, run, LEVELS), list[_Row]()
+    for file in dict.fromkeys(gauge.trace.file for gauge in aligned):
+        of_file = [gauge for gauge in aligned if gauge.trace.file == file]
+        pulses = {gauge.gauge: _pulse(gauge) for gauge in of_file}
+        for gauge in of_file:
+            rows += _of_gauge(gauge, pulses[gauge.gauge], computed)
         rows += _speeds(layout, pulses, file.name, computed)
-        gauge = next(iter(by_gauge.values())).gauge
-        rows.append(Misfit("trigger_s", file.name, gauge.trigger_s, gauge.trigger_error_s, 0.0, nan))
-    rows += [
-        Misfit(name, QUOTED, value, abs(value) * error_share, 0.0, computed[name])
-        for name, (value, error_share) in (quoted or {}).items()
-    ]
-    return rows
+        rows.append(("trigger_s", file.name, of_file[0].trigger_s, of_file[0].trigger_error_s, 0.0, nan))
+    for name, (value, error_share) in quoted.items():
+        rows.append((name, QUOTED, value, abs(value) * error_share, 0.0, computed[name]))
+    table = pd.DataFrame(rows, columns=COLUMNS)
+    table.insert(3, "standard_error", [hypot(noise, gain) for *_, noise, gain, _ in rows])
+    table["difference"] = table["measured"] - table["computed"]
+    return table.assign(difference_in_errors=table["difference"] / table["standard_error"].replace(0.0, nan))
 
 
-def _of_gauge(gauge: AlignedGauge, pulse: _Pulse, values: Mapping[str, float]) -> list[Misfit]:
+def _of_gauge(gauge: AlignedGauge, pulse: _Pulse, values: Mapping[str, float]) -> list[_Row]:
     """First pulse; impulse by the trapezoidal rule, correlation, root mean square of the residual, and baseline."""
     weights = np.convolve(np.diff(gauge.time_s), [0.5, 0.5])
     measured, computed = float(weights @ gauge.force_N), float(weights @ gauge.computed_N)
@@ -220,26 +155,26 @@ def _of_gauge(gauge: AlignedGauge, pulse: _Pulse, values: Mapping[str, float]) -
     known = {part: values[f"{name}_{part}"] for part in pulse} | {IMPULSE: computed}
     gain, source = dict.fromkeys((AMPLITUDE, IMPULSE), gauge.trace.gain_uncertainty), gauge.trace.file.name
     return [
-        Misfit(f"{name}_{part}", source, value, error, gain.get(part, 0.0) * abs(value), known.get(part, nan))
+        (f"{name}_{part}", source, value, error, gain.get(part, 0.0) * abs(value), known.get(part, nan))
         for part, (value, error) in rows.items()
     ]
 
 
-def _pulse(curve: SmoothForce) -> _Pulse:
+def _pulse(gauge: AlignedGauge) -> _Pulse:
     """First pulse of a smoothed gauge with errors to first order in the noise; NaN for quantities not shown.
 
     The arrival t and the edge e are zeros of F'(t) and F(e) - ``LEVEL`` F(t), so an error f of F moves them by
     -f'(t)/F''(t) and -(f(e) - ``LEVEL`` f(t))/F'(e).
     """
-    time_s, span_N = curve.time_s, float(np.ptp(curve.force_N))
-    prominence = max(NOISE_FACTOR * float(np.median(curve.error_N)) / span_N, MIN_PROMINENCE) if span_N else 1.0
-    first = next((peak for peak in peaks(time_s, curve.force_N, min(prominence, 1.0)) if peak.value > 0), None)
+    time_s, span_N = gauge.run_s, float(np.ptp(gauge.smooth_N))
+    prominence = max(NOISE_FACTOR * float(np.median(gauge.error_N)) / span_N, MIN_PROMINENCE) if span_N else 1.0
+    first = next((peak for peak in peaks(time_s, gauge.smooth_N, min(prominence, 1.0)) if peak.value > 0), None)
     if first is None:
         return dict.fromkeys((AMPLITUDE, ARRIVAL, DURATION), (nan, nan))
-    edge_s = rising_crossing(time_s, curve.force_N, LEVEL * first.value, first)
-    peak, error, norm = first.time_s, curve.errors, np.linalg.norm
-    late = error(peak, 1) / curve.curve(peak, 2)
-    early = (error(edge_s) - LEVEL * error(peak)) / curve.curve(edge_s, 1)
+    edge_s = rising_crossing(time_s, gauge.smooth_N, LEVEL * first.value, first)
+    peak, error, norm = first.time_s, gauge.errors, np.linalg.norm
+    late = error(peak, 1) / gauge.curve(peak, 2)
+    early = (error(edge_s) - LEVEL * error(peak)) / gauge.curve(edge_s, 1)
     return {
         AMPLITUDE: (first.value, float(norm(error(peak)))),
         ARRIVAL: (peak, float(norm(late))),
@@ -247,7 +182,7 @@ def _pulse(curve: SmoothForce) -> _Pulse:
     }
 
 
-def _speeds(layout: Layout, pulses: Mapping[str, _Pulse], source: str, computed: Mapping[str, float]) -> list[Misfit]:
+def _speeds(layout: Layout, pulses: Mapping[str, _Pulse], source: str, computed: Mapping[str, float]) -> list[_Row]:
     """Peak-to-peak speeds between neighbouring sensors that are both in the file."""
     speeds = []
     for upper, lower in pairwise(layout.sensors):
@@ -258,5 +193,5 @@ def _speeds(layout: Layout, pulses: Mapping[str, _Pulse], source: str, computed:
             speed = (upper.height_m - lower.height_m) / travel_s
             error = speed * hypot(first_error_s, second_error_s) / travel_s
             name = f"speed_{upper.from_wall}_to_{lower.from_wall}_m_s"
-            speeds.append(Misfit(name, source, speed, error, 0.0, computed[name]))
+            speeds.append((name, source, speed, error, 0.0, computed[name]))
     return speeds

@@ -1,4 +1,4 @@
-"""From a scene to a motion, computed here by the reference or run by the codes; from a run to its chain.
+"""From a scene to a motion, computed here by the reference or run by the codes; from a run to its case.
 
 Observables of ``postproc.read.observables`` follow the printed paper: a duration is twice the rise, an envelope passes
 through a list of maxima. A duration of that kind cannot fail, and a list of maxima changes by jumps. The readings of
@@ -22,16 +22,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.chain.case import Case, build_case
-from drivers.chain.chain import Array, Chain, build_chain
+from drivers.chain.chain import Array
 from drivers.chain.schemes import exact_of
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, installed_codes
 from drivers.run.run import run_all_done
 from drivers.run.run_folder import EndedRun
-from drivers.scene.model import Scene
 from drivers.scene.read_scene import read_scene, stored_scene
 from postproc.read.observables import first_pulses, observe
 from postproc.read.signals import first_peak, sensor_signals, signals_csv, spline
@@ -131,26 +129,9 @@ def simulate(cases: Sequence[Case], runs: Path) -> list[dict[str, Simulation]]:
     return [{engine: some[place] for engine, some in by_engine.items()} for place in range(len(cases))]
 
 
-def chain_of(run: EndedRun) -> tuple[Scene, Chain]:
-    """The scene of a run and its chain at time 0.
-
-    Raises:
-        InputError: The scene of the record is that of another version.
-    """
-    try:
-        scene = stored_scene(run.record.scene)
-        chain = build_chain(scene)
-        if scene.three_dimensional:
-            from drivers.chain.lateral import with_lateral  # imports scipy
-
-            chain = with_lateral(scene, chain)
-        if not np.isfinite([*chain.mass_kg, *chain.stiffness, *chain.velocity_m_s, *chain.load_N]).all():
-            raise ValueError("masses, stiffnesses, velocities or loads that are no numbers")
-    except (TypeError, LookupError, AttributeError, ValueError, ArithmeticError) as error:
-        raise InputError(
-            paths.shown(run.folder), "scene", "a record of another version", "the record of a run"
-        ) from error
-    return scene, chain
+def case_of_run(run: EndedRun) -> Case:
+    """The case of a run, from the scene in its record."""
+    return build_case(stored_scene(run.record.scene))
 
 
 def trace_with_state(run: EndedRun) -> Trace:

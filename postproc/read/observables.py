@@ -27,7 +27,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
-from itertools import groupby, product
+from itertools import groupby, islice, product
 from math import isnan, nan
 from typing import Any
 
@@ -69,7 +69,6 @@ TRAIN = ("fewer than three maxima at the wall are above 0, or one interval is mo
 SPEED = ("a first pulse is missing or goes up, or that of the lower gauge is not later", "such neighbouring gauges")
 RATIO = (f"{SPEED[0]}; or the lower gauge is at bead 1 above a wall", SPEED[1])
 
-TERMS = __doc__  # of the definitions
 WALL = SensorBead(0, nan, nan)  # in the place of the bead of the wall's gauge
 PLACEHOLDERS = {"gauge": r"bead_\d+|wall", "level": r"[\d.e+-]+pct", "number": r"\d+", "pair": r"\d+_to_\d+"}
 
@@ -216,7 +215,7 @@ class GaugeReadings:
     @cached_property
     def pulses(self) -> list[Peak]:
         """Pulses by time, all or as many as are asked for."""
-        return pulses(self.run.trace.time_s, self.signal, self.run.rounding_N, self.run.most)
+        return [*islice(pulses(self.run.trace.time_s, self.signal, self.run.rounding_N), self.run.most)]
 
     @cached_property
     def first(self) -> Peak:
@@ -371,8 +370,8 @@ def _(wall: GaugeReadings, number: int) -> float:
 @_of("wall", "wall_envelope", "1/s", "rate", "rate of the envelope at the wall", TRAIN)
 def _(wall: GaugeReadings) -> float:
     """Rate r of C exp(r t) through the wall's first three maxima, least squares of the logarithm."""
-    curve = train_envelope(wall.maxima)
-    return curve.rate_per_s if curve else nan
+    rate_per_s, _ = train_envelope(wall.maxima) or (nan, nan)
+    return rate_per_s
 
 
 @_of("pair", "speed_{pair}", "m/s", "speed", "wave speed from bead {pair}", SPEED)

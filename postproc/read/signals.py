@@ -10,7 +10,6 @@ width w sampled every h the error is of order (h/w)^6.
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import islice
 from math import factorial, nan
 from typing import TYPE_CHECKING
 
@@ -58,15 +57,11 @@ def peaks(time_s: Array, values: Array, prominence: float = PROMINENCE) -> list[
     return [_peak_at(time_s, values, place) for place, _ in _maxima(values, prominence)]
 
 
-def pulses(time_s: Array, values: Array, rounding: float, most: int | None = None) -> list[Peak]:
-    """Maxima above 0 without noise, ripple and the wakes of earlier pulses, or the first of them; by time.
+def pulses(time_s: Array, values: Array, rounding: float) -> Iterator[Peak]:
+    """Maxima above 0 without noise, ripple and the wakes of earlier pulses, by time.
 
     There are none in a signal whose range is at most ``rounding``.
     """
-    return [*islice(_pulses(time_s, values, rounding), most)]
-
-
-def _pulses(time_s: Array, values: Array, rounding: float) -> Iterator[Peak]:
     largest = 0.0
     for place, prominence in _maxima(values, NOISE, rounding):
         if prominence >= OWN_PROMINENCE * values[place]:  # a peak is at least as high as its sample
@@ -186,22 +181,14 @@ def integral(time_s: Array, values: Array) -> Array:
     return np.asarray(np.concatenate([[0.0], np.cumsum(steps)]) * _spacing(time_s))
 
 
-@dataclass(frozen=True)
-class Envelope:
-    """``amplitude_N exp(rate_per_s t)`` through maxima, by least squares of the logarithm."""
-
-    amplitude_N: float
-    rate_per_s: float
-
-
-def envelope(maxima: list[Peak]) -> Envelope:
-    """Exponential through at least two maxima."""
+def envelope(maxima: list[Peak]) -> tuple[float, float]:
+    """Rate in 1/s and amplitude of an exponential through at least two maxima, by least squares of the logarithm."""
     rate, start = np.polyfit([peak.time_s for peak in maxima], np.log([peak.value for peak in maxima]), 1)
-    return Envelope(float(np.exp(start)), float(rate))
+    return float(rate), float(np.exp(start))
 
 
-def train_envelope(maxima: list[Peak], count: int = ENVELOPE_MAXIMA) -> Envelope | None:
-    """Exponential through the first maxima of a train; None if there are fewer, or one is not above 0.
+def train_envelope(maxima: list[Peak], count: int = ENVELOPE_MAXIMA) -> tuple[float, float] | None:
+    """The ``envelope`` of the first maxima of a train; None if there are fewer, or one is not above 0.
 
     Maxima of a train follow at similar intervals. If one interval is more than twice another, a maximum belongs to a
     reflection, and the result is None.
@@ -213,17 +200,12 @@ def train_envelope(maxima: list[Peak], count: int = ENVELOPE_MAXIMA) -> Envelope
     return envelope(leading) if intervals.max() <= MAX_INTERVAL_RATIO * intervals.min() else None
 
 
-@dataclass(frozen=True)
-class PulseShape:
-    """Shape of an incident pulse at one place."""
+def incident_pulse(time_s: Array, signal: Array, onset_share: float = ONSET) -> dict[str, float]:
+    """Shape of the first pulse of a signal; empty without a later maximum. The largest later one is the reflected wave.
 
-    rise_s: float  # from the onset to the first maximum
-    decay_per_s: float  # rate of the exponential from the maximum to half of it; NaN if the pulse never falls to half
-    duration_s: float  # until the pulse first falls below the onset level; NaN if the reflected wave comes first
-
-
-def incident_pulse(time_s: Array, signal: Array, onset_share: float = ONSET) -> PulseShape | None:
-    """Shape of the first pulse of a signal; None without a later maximum. The largest later one is the reflected wave.
+    ``rise_s`` is the time from the onset to the first maximum. ``decay_per_s`` is the rate of the exponential from
+    there to half of it; NaN if the pulse never falls to half. ``duration_s`` is the time until the pulse first falls
+    below the onset level; NaN if the reflected wave comes first.
 
     Args:
         time_s: Sample times. Shape (samples,).
@@ -232,7 +214,7 @@ def incident_pulse(time_s: Array, signal: Array, onset_share: float = ONSET) -> 
     """
     maxima = peaks(time_s, signal)
     if len(maxima) < 2:
-        return None
+        return {}
     first, reflected = maxima[0], max(maxima[1:], key=lambda peak: peak.value)
     onset = rising_crossing(time_s, signal, onset_share * first.value, first)
     after = np.linspace(first.time_s, reflected.time_s, REFINEMENT * (reflected.sample - first.sample))
@@ -241,7 +223,7 @@ def incident_pulse(time_s: Array, signal: Array, onset_share: float = ONSET) -> 
     rate = np.polyfit(after[:half], np.log(falling[:half]), 1)[0] if half > 1 else np.nan
     quiet = falling < onset_share * first.value
     end = float(after[np.argmax(quiet)]) if quiet.any() else np.nan
-    return PulseShape(first.time_s - onset, float(rate), end - onset)
+    return {"rise_s": first.time_s - onset, "decay_per_s": float(rate), "duration_s": end - onset}
 
 
 def mean_forces(force_N: Array) -> Array:

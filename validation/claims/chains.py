@@ -264,7 +264,7 @@ def heavy_strike(run: Run, *settings: str) -> Simulation:
 
 def rate_through(train: list[Peak], maxima: float) -> float:
     """Rate of the exponential through a train's first maxima, per microsecond."""
-    return envelope(train[: round(maxima)]).rate_per_s / MICRO
+    return envelope(train[: round(maxima)])[0] / MICRO
 
 
 def _significant(train: list[Peak], share: float) -> float:
@@ -332,9 +332,9 @@ def entrance(run: Run, number: str, times: float, bead: float, onset: float = ON
     """A number of the incident pulse, from the averaged force in a bead of Fig. 5, in SI units times a factor."""
     motion = run(case_of("fig5"))
     shape = incident_pulse(motion.trace.time_s, _dynamic(motion, round(bead)), onset)
-    if shape is None:
+    if not shape:
         raise InputError(motion.case.scene.file, "run.duration", "a run without the reflected wave", "a longer run")
-    return float(getattr(shape, number) * times)  # NaN for the duration of a pulse that does not end
+    return float(shape[number] * times)  # NaN for the duration of a pulse that does not end
 
 
 def decay_ratio(run: Run, bead: float, maxima: float) -> float:

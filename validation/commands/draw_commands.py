@@ -183,8 +183,8 @@ def overlay(run: str, settings: tuple[str, ...], runs: Path, results: Path, meas
         scene, layout, trace, engine = case.scene, case.layout, exact(case).trace, REFERENCE
         name = f"overlay-{scene.name}"
     entries, folder, where = entries_of(scene, measured, run)
-    curves, misfits, remarks = lay_over(entries, folder, where, layout, trace)
-    drawn = write_product(draw_overlay(layout, trace, engine, curves, misfits), name, results) if curves else ()
+    aligned, misfits, remarks = lay_over(entries, folder, where, layout, trace)
+    drawn = write_product(draw_overlay(layout, trace, engine, aligned, misfits), name, results) if aligned else ()
     print(*text_table([HEADINGS, *misfit_rows(misfits)]), sep="\n")
     for remark in remarks:
         print(remark, file=sys.stderr)

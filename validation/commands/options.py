@@ -169,10 +169,10 @@ def _print_definitions(context: click.Context, _: click.Parameter, asked: bool) 
     """Print the definitions of all observables."""
     if asked:
         from drivers.base.terminal import text_table
-        from postproc.read.observables import OBSERVABLES, TERMS
+        from postproc.read import observables
 
-        rows = [(f"{each.pattern}{each.ending}", each.definition) for each in OBSERVABLES]
-        print(TERMS, *text_table(rows), sep="\n")
+        rows = [(f"{each.pattern}{each.ending}", each.definition) for each in observables.OBSERVABLES]
+        print(observables.__doc__, *text_table(rows), sep="\n")
         context.exit()
 
 

@@ -23,7 +23,7 @@ from drivers.run.run import run_many
 from drivers.run.run_folder import FORCES, EndedRun, open_run
 from drivers.run.scheme import UNITS, difference, field_of, largest_difference, place_of, scale_of_motion
 from drivers.scene.settings import differences, setting_text
-from postproc.read.motion import chain_of, trace_with_state
+from postproc.read.motion import case_of_run, trace_with_state
 from postproc.read.observables import describe, observe, of_kind, scale_of, without_unit
 from validation.accuracy.budget import ERROR, MODEL, assess, budget_lines, kept_budget
 from validation.accuracy.plan import planned_case
@@ -291,7 +291,7 @@ def compare_runs(first: Path, second: Path) -> int:
     traces = common_samples(runs)
     for name, run in both.items():
         record = run.record
-        departure, cause = diagnosis(Case(*chain_of(run), ()), record.engine, trace_with_state(run))
+        departure, cause = diagnosis(case_of_run(run), record.engine, trace_with_state(run))
         if departure or not run.done:
             wrong.append(f"the {name} run {'departs from its scheme' if departure else 'failed'}")
         code = f"{record.scene_name} on {record.engine} ({record.engine_version})"
@@ -330,7 +330,7 @@ def common_samples(runs: Sequence[EndedRun]) -> list[Trace]:
 
 def difference_rows(runs: Sequence[EndedRun], traces: Sequence[Trace]) -> Iterator[tuple[str, ...]]:
     """Quantity, relative difference, both values, and where they were taken."""
-    case, (one, other) = Case(*chain_of(runs[0]), ()), traces
+    case, (one, other) = case_of_run(runs[0]), traces
     for quantity, unit in UNITS.items():
         size, place, where = largest_difference(quantity, other, one, scale_of_motion(case, one, quantity))
         values = digits_apart(*(float(field_of(trace, quantity)[place]) for trace in traces))

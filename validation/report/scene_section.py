@@ -156,13 +156,13 @@ def overlay_of(case: Case, engine: str, trace: Trace, results: Path) -> dict[str
     fitted_scene = paths.shown(fitted) if parameters and not is_fit else ""
     overlay |= {"rows": [], "remarks": [], "problem": "", "far": None, "parameters": parameters, "fitted": fitted_scene}
     try:
-        curves, misfits, remarks = lay_over(*entries_of(scene, None, scene.file), case.layout, trace)
+        aligned, misfits, remarks = lay_over(*entries_of(scene, None, scene.file), case.layout, trace)
     except InputError as error:  # the file was read before; it does not fit the run
         return overlay | {"problem": str(error)}
-    drawn = draw_overlay(case.layout, trace, engine, curves, misfits) if curves else None
+    drawn = draw_overlay(case.layout, trace, engine, aligned, misfits) if aligned else None
     image = image_of(svg_of(drawn.figure)) if drawn else None
-    known = [misfit for misfit in misfits if not math.isnan(misfit.errors_off)]
-    far = max(known, key=lambda misfit: abs(misfit.errors_off), default=None)
+    known = misfits.dropna(subset="difference_in_errors").sort_values("difference_in_errors", key=abs)
+    far = known.to_dict("records")[-1] if len(known) else None
     return overlay | {"image": image, "rows": misfit_rows(misfits), "remarks": remarks, "far": far}
 
 

@@ -12,7 +12,7 @@ from scipy.interpolate import make_interp_spline
 from drivers.base.errors import InputError
 from postproc.read.alignment import AlignedGauge, align, check_length, noise_of
 from postproc.read.measured import MeasuredTrace
-from postproc.read.misfit import Misfit, gain_remark, misfits, smooth
+from postproc.read.misfit import gain_remark, misfits
 from postproc.read.motion import Simulation, case_of, exact
 from postproc.read.observables import observe
 from postproc.read.signals import sensor_signals
@@ -57,10 +57,10 @@ def measured(
     return MeasuredTrace(Path("shot.csv"), times_s, reading, gain=GAIN, drift=True, unit="V")
 
 
-def found_in(trace: MeasuredTrace, base: Simulation) -> tuple[list[AlignedGauge], dict[str, Misfit]]:
+def found_in(trace: MeasuredTrace, base: Simulation) -> tuple[list[AlignedGauge], dict[str, Any]]:
     gauges = align([trace], base.case.layout, base.trace)
-    rows = misfits([smooth(gauge, base.trace) for gauge in gauges], base.case.layout, base.trace)
-    return gauges, {row.name: row for row in rows}
+    table = misfits(gauges, base.case.layout, base.trace, {})
+    return gauges, {str(row.quantity): row for row in table.itertuples()}
 
 
 def exact_motion_of(made: Simulation, gauges: list[AlignedGauge]) -> dict[str, float]:
@@ -83,18 +83,18 @@ def test_measured_values_are_within_their_errors(base: Simulation, other: Simula
             gauges, rows = found_in(replace(trace, trigger_s=TRIGGER_S) if given else trace, base)
             truth = exact_motion_of(made, gauges)
             for name, row in rows.items():
-                if name in truth and row.error > 0:
-                    within.setdefault(name, []).append(abs(row.measured - truth[name]) <= COVERAGE * row.error)
+                if name in truth and row.standard_error > 0:
+                    within.setdefault(name, []).append(abs(row.measured - truth[name]) <= COVERAGE * row.standard_error)
     assert len(within) == 17
     shares = {name: np.mean(hits) for name, hits in within.items()}
     assert np.mean([hit for hits in within.values() for hit in hits]) == pytest.approx(0.955, abs=0.03), shares
     assert min(shares.values()) >= 0.75, shares
     _, rows = found_in(measured(base, 0.01), base)
     for name, share in (("bead_9_amplitude_N", 5e-3), ("wall_amplitude_N", 5e-3), ("speed_9_to_5_m_s", 0.01)):
-        assert rows[name].error < share * rows[name].measured, name
-    assert 0 < rows["trigger_s"].error < 5e-8
+        assert rows[name].standard_error < share * rows[name].measured, name
+    assert 0 < rows["trigger_s"].standard_error < 5e-8
     assert rows["wall_residual_rms_N"].measured == pytest.approx(0.01 * base.values["wall_amplitude_N"], rel=0.15)
-    assert rows["wall_residual_rms_N"].error == pytest.approx(0.01 * base.values["wall_amplitude_N"], rel=0.1)
+    assert rows["wall_residual_rms_N"].standard_error == pytest.approx(0.01 * base.values["wall_amplitude_N"], rel=0.1)
     assert rows["wall_correlation"].measured > 0.998
 
 
@@ -114,11 +114,11 @@ def test_readings_without_noise_give_the_observables_of_the_run(base: Simulation
 def test_given_values_are_used(base: Simulation) -> None:
     trace = replace(measured(base, 0.01), trigger_s=TRIGGER_S + 5e-6, noise=0.02, gain_uncertainty=0.1)
     gauges, rows = found_in(trace, base)
-    assert (rows["trigger_s"].measured, rows["trigger_s"].error) == (TRIGGER_S + 5e-6, 0.0)
+    assert (rows["trigger_s"].measured, rows["trigger_s"].standard_error) == (TRIGGER_S + 5e-6, 0.0)
     assert [gauge.noise_N for gauge in gauges] == pytest.approx([0.02 * GAIN] * 3)
     assert rows["bead_9_arrival_s"].difference == pytest.approx(-5e-6, abs=1e-6)
-    assert rows["wall_amplitude_N"].gain_error == pytest.approx(0.1 * rows["wall_amplitude_N"].measured)
-    assert rows["wall_amplitude_N"].error > rows["wall_amplitude_N"].gain_error
+    assert rows["wall_amplitude_N"].error_by_gain == pytest.approx(0.1 * rows["wall_amplitude_N"].measured)
+    assert rows["wall_amplitude_N"].standard_error > rows["wall_amplitude_N"].error_by_gain
     flat = {name: reading - DRIFT * trace.time_s for name, reading in trace.reading.items()}
     rested, _ = found_in(replace(trace, reading=flat, drift=False, baseline=BASELINE), base)
     assert [gauge.baseline for gauge in rested] == pytest.approx([BASELINE] * 3)
@@ -135,7 +135,7 @@ def test_readings_may_be_irregular_few_or_many(base: Simulation) -> None:
         gauges, rows = found_in(trace, base)
         for name in ("bead_9_amplitude_N", "bead_5_arrival_s", "wall_amplitude_N", "speed_9_to_5_m_s", "trigger_s"):
             truth = exact_motion_of(base, gauges)[name]
-            assert abs(rows[name].measured - truth) < 4 * rows[name].error, (name, len(times_s))
+            assert abs(rows[name].measured - truth) < 4 * rows[name].standard_error, (name, len(times_s))
         assert max(len(gauge.time_s) for gauge in gauges) <= 2.1 * len(base.trace.time_s)
 
 

@@ -45,7 +45,7 @@ def test_a_train_has_an_envelope_if_its_three_maxima_are_positive_and_regular() 
     train = [Peak(1e-4 * place, float(np.exp(-place / 2)), 100 * place) for place in (1, 2, 3)]
     curve = train_envelope(train)
     assert curve is not None
-    assert curve.rate_per_s == pytest.approx(-5e3)
+    assert curve[0] == pytest.approx(-5e3)
     for other in ([], [Peak(3e-4, -0.1, 300)], [Peak(5e-4, 0.2, 500)]):
         assert train_envelope([*train[:2], *other]) is None
 
