@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import click
-from click.shell_completion import BashComplete, add_completion_class, shell_complete
+from click.shell_completion import shell_complete
 
 from drivers.base.errors import InputError, RunError, one_line, printable
 from validation.commands.options import PARAMETERS
@@ -79,6 +79,10 @@ NEEDS = {
     "--wait": "--slurm",
     "--dry-run": "--prune",
     "--set": "--scene",
+    "--x": "--y",
+    "--y": "--x",
+    "--log": "--x",
+    "--power-law": "--x",
 }
 CLASHES = {"--slurm": "--slice --dask", "--dask": "--slice", "--dry-run": "--slice", "--workers": "--slice --slurm"}
 IMPOSSIBLE_NAMES = (errno.ENAMETOOLONG, errno.ELOOP)
@@ -95,12 +99,6 @@ class _Group(click.Group):
             with formatter.section(title):
                 named = [self.commands[name.rstrip("_")] for name in listed]
                 formatter.write_dl([(f"{command.name:11}", command.get_short_help_str(100)) for command in named])
-
-
-class Bash(BashComplete):
-    """Completion of bash, for which a colon otherwise ends a word such as ``yade:fig4``."""
-
-    source_template = f"COMP_WORDBREAKS=${{COMP_WORDBREAKS//:}}\n{BashComplete.source_template}"
 
 
 def _check_memory() -> None:
@@ -153,7 +151,6 @@ BEADS = _Group(
     callback=_check_memory,
     params=[PARAMETERS["--version"]],
 )
-add_completion_class(Bash)
 
 
 def main() -> NoReturn:
@@ -179,18 +176,10 @@ def answer() -> int:
     except click.exceptions.Exit as end:
         return end.exit_code if arguments else 2
     except click.UsageError as error:
-        program = error.ctx.command_path if error.ctx else "beads"
-        print(one_line(f"{program}: ", _statement(error), f" (see {program} --help)"), file=sys.stderr)
+        program, message = error.ctx.command_path if error.ctx else "beads", error.format_message().rstrip(".")
+        line = one_line(f"{program}: ", f"{message[0].lower()}{message[1:]}", f" (see {program} --help)")
+        print(line, file=sys.stderr)
         return 2
-
-
-def _statement(error: click.UsageError) -> str:
-    """Message of a wrong command line, which begins with the option or argument."""
-    message = error.format_message()
-    if isinstance(error, click.BadParameter) and not isinstance(error, click.MissingParameter) and error.param:
-        option = isinstance(error.param, click.Option)
-        return f"{error.param.opts[0] if option else error.param.metavar}: {error.message.rstrip('.')}"
-    return f"{message[0].lower()}{message[1:].rstrip('.')}"
 
 
 def run_main(main: Callable[[], int]) -> NoReturn:

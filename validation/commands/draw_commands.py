@@ -198,10 +198,6 @@ def study(study: str, runs: Path, results: Path, x: str, y: str, log: bool, powe
       beads study sensitivity
       beads study speed-amplitude --x bead_5_amplitude --y speed_9_to_5 --log
     """
-    given = {"--x": x, "--y": y, "--log": log, "--power-law": power_law}
-    missing = [name for name in ("--x", "--y") if not given[name]]
-    if missing and any(given.values()):
-        raise InputError(next(filter(given.get, given)), "", f"needs {' and '.join(missing)}")
     swept, table = read_study(study), read_study_table(study, runs)
     columns = {name: column_name(name, key) for name, key in swept.columns.items()}
     labels = {columns[name]: key_label(name, key) for name, key in swept.columns.items()}
@@ -214,8 +210,7 @@ def study(study: str, runs: Path, results: Path, x: str, y: str, log: bool, powe
         product = draw_study(table, title, (y,), f"--x {x} --y {y}", labels, x, **how)
     else:
         product = (draw_study if grid else draw_tornado)(table, title, swept.file.figure, swept.where, labels)
-    print_paths(write_product(product, name, results))
-    print(*(f"{note}\n" for note in product.notes), sep="", end="")
+    _write(product, name, results)
 
 
 def _write(product: Product, name: str, results: Path) -> None:

@@ -2,7 +2,9 @@
 
 import json
 import os
+import platform
 import re
+import tomllib
 from collections.abc import Iterator
 from inspect import cleandoc
 from pathlib import Path
@@ -13,6 +15,7 @@ from pydantic import BaseModel, TypeAdapter
 from drivers.base import paths
 from drivers.base.cache import store
 from drivers.base.errors import InputError, RunError
+from drivers.base.processes import git, local_changes
 from drivers.base.terminal import text_table
 from drivers.batch.study import StudyFile
 from drivers.engines import Entry, load_engine
@@ -20,6 +23,7 @@ from drivers.run.build import build_of
 from drivers.run.run_folder import RECORD, RunRecord
 from drivers.scene.model import Scene
 from drivers.scene.read_scene import read_toml
+from postproc.read.observables import OBSERVABLES, TERMS
 from validation.accuracy.costs import entry_of, kit_key, measured_cost
 from validation.reference.travelling_wave import constants, solve_travelling_wave
 
@@ -141,6 +145,19 @@ def with_keys(text: str) -> str:
 def _markdown(name: str, rows: Rows) -> str:
     cells = [HEADINGS, ["---"] * len(HEADINGS), *((f"`{key}`", *rest) for key, *rest in rows)]
     return "\n".join([f"### Keys: {name}\n", *(f"| {' | '.join(row)} |".replace("  ", " ") for row in cells), ""])
+
+
+def version() -> None:
+    """Print a line with the version of the project and of Python, and the commit."""
+    project = tomllib.loads((paths.ROOT / "pyproject.toml").read_text())["project"]
+    changes = " and changes" * local_changes()
+    commit = git("rev-parse", "--short=10", "HEAD") or "unknown"
+    print(f"{project['name']} {project['version']}, commit {commit}{changes}, Python {platform.python_version()}")
+
+
+def definitions() -> None:
+    """Print the definitions of all observables."""
+    print(TERMS, *text_table((f"{each.pattern}{each.ending}", each.definition) for each in OBSERVABLES), sep="\n")
 
 
 def engine(name: str, results: Path) -> int:

@@ -1,10 +1,10 @@
 """Arguments and options of the commands, each declared once: what they mean, how they are read and completed."""
 
 import os
-import platform
 import re
-import tomllib
 from collections.abc import Callable, Iterable
+from functools import partial
+from importlib import import_module
 from math import isfinite
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -103,10 +103,18 @@ TEXTS = {
 class _Number(click.FloatRange):
     """Finite number in a range; that of click may be nan or infinite."""
 
+    name = "number"
+
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Value of a text."""
         number = super().convert(value, param, ctx)
         return number if isfinite(number) else self.fail(f"{value} is not a finite number", param, ctx)
+
+
+class _Count(click.IntRange):
+    """Whole number in a range."""
+
+    name = "whole number"
 
 
 def _folder_to_write(text: str | Path) -> Path:
@@ -141,58 +149,30 @@ def _engines_file(text: str) -> Path:
     return path
 
 
-def _run_names(context: click.Context) -> Iterable[str]:
-    folders = Path(context.params.get("runs") or paths.RUNS).glob("[!.]*/[!.]*-*-*/")
-    return (f"{folder.parent.name}:{folder.name.rsplit('-', 2)[0]}" for folder in folders)
-
-
-def _engine_names(_: click.Context) -> Iterable[str]:
-    from drivers.engines import engine_names  # takes longer than the rest of a completion
-
-    return engine_names()
-
-
-def _print_version(context: click.Context, _: click.Parameter, asked: bool) -> None:
-    """Print a line with the version of the project and of Python, and the commit."""
-    if not asked:
-        return
-    from drivers.base.processes import git, local_changes  # takes as long to load as all others
-
-    project = tomllib.loads((paths.ROOT / "pyproject.toml").read_text())["project"]
-    changes = " and changes" * local_changes()
-    commit = git("rev-parse", "--short=10", "HEAD") or "unknown"
-    print(f"{project['name']} {project['version']}, commit {commit}{changes}, Python {platform.python_version()}")
-    context.exit()
-
-
-def _print_definitions(context: click.Context, _: click.Parameter, asked: bool) -> None:
-    """Print the definitions of all observables."""
+def _instead(function: str, context: click.Context, _: click.Parameter, asked: bool) -> None:
+    """Call a function instead of the command."""
     if asked:
-        from drivers.base.terminal import text_table
-        from postproc.read.observables import OBSERVABLES, TERMS
-
-        rows = [(f"{each.pattern}{each.ending}", each.definition) for each in OBSERVABLES]
-        print(TERMS, *text_table(rows), sep="\n")
+        getattr(import_module(f"{__package__}.key_commands"), function)()
         context.exit()
 
 
-NAMES: dict[str, Callable[[click.Context], Iterable[str]]] = {  # that a shell completes, by placeholder
-    "SCENE": lambda _: (path.stem for path in paths.SCENES.glob("*.toml")),
-    "RUN": _run_names,
-    "STUDY": lambda _: (path.stem for path in paths.STUDIES.glob("*.toml")),
-    "ENGINE": _engine_names,
-    "FIGURE": lambda _: captions(),
+NAMES: dict[str, Callable[[], Iterable[str]]] = {  # that a shell completes, by placeholder
+    "SCENE": lambda: (path.stem for path in paths.SCENES.glob("*.toml")),
+    "STUDY": lambda: (path.stem for path in paths.STUDIES.glob("*.toml")),
+    "ENGINE": lambda: import_module("drivers.engines").engine_names(),  # takes longer than other completions
+    "FIGURE": captions,
 }
 TYPES: dict[str, Any] = {  # of values that are no text, by placeholder
     "DIR": _folder_to_write,
+    "RUN": click.Path(),
     "FILE": click.Path(path_type=Path),
     "FOLDER": click.Path(path_type=Path),
     "SECONDS": _Number(0, min_open=True),
     "SHARE": _Number(0, 1, min_open=True, max_open=True),
     "FACTOR": _Number(0, 1e6, min_open=True),
-    "N": click.IntRange(1, 10**8),
-    "COUNT": click.IntRange(2, 10_000),
-    "CASE": click.IntRange(1),
+    "N": _Count(1, 10**8),
+    "COUNT": _Count(2, 10_000),
+    "CASE": _Count(1),
     "I/N": _slice,
     "A-B": _bodies,
     "SET,...": lambda text: tuple(map(str.strip, text.split(","))) if text else (),
@@ -206,16 +186,15 @@ UNUSUAL: dict[str, dict[str, Any]] = {  # further arguments of click.Option
     "--quoted": {"default": ""},
     "--dask": {"is_flag": False, "flag_value": "local"},
     "--engines": {"type": _engines_file, "is_eager": True, "expose_value": False},
-    "--version": {"callback": _print_version, "is_eager": True, "expose_value": False},
-    "--definitions": {"callback": _print_definitions, "is_eager": True, "expose_value": False},
+    "--version": {"callback": partial(_instead, "version"), "is_eager": True, "expose_value": False},
+    "--definitions": {"callback": partial(_instead, "definitions"), "is_eager": True, "expose_value": False},
 }
 
 
-def _complete(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem[str]]:
+def _complete(kind: str, _: click.Context, __: click.Parameter, incomplete: str) -> list[CompletionItem[str]]:
     """Names that begin with the incomplete word; if there is none, the shell completes paths."""
-    kinds = NAMES.keys() & re.findall("[A-Z]+", str(parameter.metavar))
-    names = {name for kind in kinds for name in NAMES[kind](context) if name.startswith(incomplete)}
-    return [*map(CompletionItem, sorted(names))] or [CompletionItem(incomplete, type="file")]
+    names = sorted(name for name in NAMES[kind]() if name.startswith(incomplete))
+    return [*map(CompletionItem, names)] or [CompletionItem(incomplete, type="file")]
 
 
 def _parameter(words: str, text: str, **more: Any) -> click.Parameter:
@@ -223,8 +202,8 @@ def _parameter(words: str, text: str, **more: Any) -> click.Parameter:
     names = [word for word in words.split() if word != "..." and not word.isupper()]
     value = next((word for word in words.split() if word.isupper()), "")
     look: dict[str, Any] = {"metavar": value, "type": TYPES.get(value), "help": text}
-    if NAMES.keys() & re.findall("[A-Z]+", value):
-        look["shell_complete"] = _complete
+    if named := NAMES.keys() & re.findall("[A-Z]+", value):
+        look["shell_complete"] = partial(_complete, *named)
     if not words.startswith("--"):
         return click.Argument(names, **look, nargs=-1 if value.endswith("...") else 1, required=value[0] != "[")
     if not value:

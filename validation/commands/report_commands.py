@@ -3,8 +3,8 @@
 import shlex
 import sys
 import traceback
-from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from runpy import run_path
 from typing import Any
 
 from drivers.base import paths
@@ -70,15 +70,11 @@ def _write_own(name: str, runs: Path, results: Path) -> list[Path]:
     file, shown = Path(name).resolve(), paths.shown(Path(name))
     if file.stem in (*captions(), *CHAPTERS):
         raise InputError(shown, "", file.stem, "a name that is not that of a figure of the paper or of a chapter")
-    spec = spec_from_file_location(f"own_figure_{file.stem}", file)
-    assert spec
-    assert spec.loader
-    module = sys.modules[spec.name] = module_from_spec(spec)
     try:
-        spec.loader.exec_module(module)
-        if not callable(getattr(module, "make", None)):
+        make = run_path(str(file)).get("make")
+        if not callable(make):
             raise InputError(shown, "make", "no such function", "make(runs), which returns a Product")
-        product = module.make(runs)
+        product = make(runs)
         if not isinstance(product, Product):
             raise InputError(shown, "make", f"{type(product).__name__} returned", "a Product")
         return write_product(product, file.stem, results)
