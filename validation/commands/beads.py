@@ -26,7 +26,7 @@ from validation.commands.options import PARAMETERS
 SECTIONS = {  # functions with the words of their parameters, in the order in which a user meets the commands
     "a scene": {
         "scenes": "",
-        "keys": "[TABLE] --markdown --write",
+        "keys": "[TABLE] --write",
         "plan": "SCENE --set --engine --engines",
         "draw": "SCENE --set --results --engines",
         "modes": "SCENE --set --results --engines",
@@ -55,8 +55,8 @@ SECTIONS = {  # functions with the words of their parameters, in the order in wh
     },
     "files of runs": {
         "runs": "[SCENE]... --set --engine --runs-read --prune --dry-run --engines",
-        "render": "SCENE --set --engine --out-deck --unsafe --engines",
-        "import_": "FOLDER --scene --set --engine --runs --engines",
+        "render": "SCENE --set --one-engine --out-deck --unsafe --engines",
+        "import_": "FOLDER --scene --set --one-engine --runs --engines",
     },
     "report and paper": {
         "report": "[SCENE]... --studies --out --engine --runs --require --allow-missing --engines",
@@ -196,7 +196,6 @@ def run_main(main: Callable[[], int]) -> NoReturn:
     write = sys.stdout.write
     setattr(sys.stdout, "write", lambda text: write(printable(text)))  # noqa: B010 - mypy refuses an assignment
     try:
-        _check_present_folder()
         code = main()
         sys.stdout.flush()
     except InputError as error:
@@ -223,13 +222,6 @@ def _interrupt_again(dropped: "sys.UnraisableHookArgs") -> None:
         threading.Timer(0.01, os.kill, (os.getpid(), signal.SIGTERM)).start()
     else:
         sys.__unraisablehook__(dropped)
-
-
-def _check_present_folder() -> None:
-    try:
-        Path.cwd()
-    except OSError as error:
-        raise InputError("the present folder", "", "removed", "one that exists") from error
 
 
 if __name__ == "__main__":

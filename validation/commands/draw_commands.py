@@ -21,7 +21,7 @@ from postproc.draw.product import Product, draw_spacetime, write_product, write_
 from postproc.draw.scene_drawing import draw_scene
 from postproc.draw.study_figure import draw_study, draw_tornado, key_label
 from postproc.linear.modes import MAX_BEADS, modes_product
-from postproc.linear.spectra import WINDOWS, analyse, signals_of, spectrum_product
+from postproc.linear.spectra import analyse, signals_of, spectrum_product
 from postproc.read.observables import without_unit
 from validation.accuracy.plan import planned_case
 from validation.commands.options import print_paths
@@ -71,16 +71,7 @@ def spacetime(run: str, runs: Path, results: Path) -> None:
 
 
 def spectrum(
-    run: str,
-    source: str,
-    target: str,
-    frequency: str | None,
-    since: str,
-    until: str | None,
-    window: str,
-    as_json: bool,
-    runs: Path,
-    results: Path,
+    run: str, source: str, target: str, window: str, as_json: bool, runs: Path, results: Path, **quantities: str
 ) -> None:
     """Draw spectra and a transfer function of the gauges of a run.
 
@@ -91,16 +82,17 @@ def spectrum(
     opened, name, title = open_shown("spectrum", run, runs)
     case, trace = build_case(stored_scene(opened.record.scene)), opened.trace
     signals = signals_of(case, trace)
-    for given, word, known in (("--from", source, signals), ("--to", target, signals), ("--window", window, WINDOWS)):
-        if word and word not in known:
-            raise InputError("beads spectrum", given, f'"{word}"', ", ".join(known))
+    for option, word in (("--from", source), ("--to", target)):
+        if word and word not in signals:
+            raise InputError("beads spectrum", option, f'"{word}"', ", ".join(signals))
     if not signals:
         allowed = "a scene with chain.sensors, or a wall"
         raise InputError("beads spectrum", "RUN", "a run without gauges and drive", allowed)
-    from_s, to_s = _si("--since", since, "s"), _si("--until", until, "s") if until else float(trace.time_s[-1])
-    hertz = _si("--frequency", frequency, "Hz") if frequency else None
+    units = {"since": "s", "until": "s", "frequency": "Hz"}
+    given = {name: _si(f"--{name}", text, units[name]) for name, text in quantities.items() if text}
+    span_s = given.get("since", 0.0), given.get("until", float(trace.time_s[-1]))
     try:
-        analysis = analyse(case, trace, (source, target), window, hertz, (from_s, to_s))
+        analysis = analyse(case, trace, (source, target), window, given.get("frequency"), span_s)
     except ValueError as error:
         raise InputError("beads spectrum", run, str(error), "a longer record or finer samples") from error
     if as_json:

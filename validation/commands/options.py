@@ -63,7 +63,6 @@ TEXTS = {
     "--studies": "Write the page first, then make figures and studies and add them; short studies where no table "
     "exists.",
     "table [TABLE]": "A table, such as chain.bead or axis, or a file: scene, study, engines, run (default: all files).",
-    "--markdown": "Print the tables in Markdown.",
     "--write": "Write the tables of all files into inputs/README.md.",
     "--rerun": "Run again even if the run is done or, with auto, failed.",
     "--time-limit SECONDS": "Stop a run after this time (default: by beads and steps).",
@@ -72,7 +71,7 @@ TEXTS = {
     "--from source SIGNAL": "Source of the transfer function: drive, or a gauge.",
     "--to target SIGNAL": "Target of the transfer function: a gauge, such as wall.",
     "--frequency F": "Measure harmonics of this frequency (default: that of a sine drive).",
-    "--since TIME": "Begin of the record, such as '0.2 ms' (default: 0 s).",
+    "--since TIME": "Begin of the record, such as '0.2 ms' (default: that of the run).",
     "--until TIME": "End of the record (default: that of the run).",
     "--window NAME": "hann (default), boxcar, blackmanharris or flattop.",
     "run SCENE|RUN": "A scene, for its exact motion; or a run folder, or ENGINE:SCENE.",
@@ -180,8 +179,7 @@ TYPES: dict[str, Any] = {  # of values that are no text, by placeholder
 UNUSUAL: dict[str, dict[str, Any]] = {  # further arguments of click.Option
     "--runs": {"default": lambda: paths.RUNS},
     "--results": {"default": lambda: paths.RESULTS},
-    "--since": {"default": "0 s"},
-    "--window": {"default": "hann"},
+    "--window": {"default": "hann", "type": click.Choice(("hann", "boxcar", "blackmanharris", "flattop"))},
     "--out": {"type": click.Path(dir_okay=False, writable=True, path_type=Path)},
     "--quoted": {"default": ""},
     "--dask": {"is_flag": False, "flag_value": "local"},
@@ -202,8 +200,8 @@ def _parameter(words: str, text: str, **more: Any) -> click.Parameter:
     names = [word for word in words.split() if word != "..." and not word.isupper()]
     value = next((word for word in words.split() if word.isupper()), "")
     look: dict[str, Any] = {"metavar": value, "type": TYPES.get(value), "help": text}
-    if named := NAMES.keys() & re.findall("[A-Z]+", value):
-        look["shell_complete"] = partial(_complete, *named)
+    for named in NAMES.keys() & re.findall("[A-Z]+", value):
+        look["shell_complete"] = partial(_complete, named)
     if not words.startswith("--"):
         return click.Argument(names, **look, nargs=-1 if value.endswith("...") else 1, required=value[0] != "[")
     if not value:
@@ -218,6 +216,7 @@ def _parameter(words: str, text: str, **more: Any) -> click.Parameter:
 PARAMETERS = {  # by option, or by placeholder of an argument
     **{words.split()[not words.startswith("--")]: _parameter(words, text) for words, text in TEXTS.items()},
     "--runs-read": _parameter("--runs FOLDER", TEXTS["--runs DIR"]),
+    "--one-engine": _parameter("--engine ENGINE", "The engine of the deck."),
     "--out-deck": _parameter("--out DIR", "Folder for the deck.", required=True, type=_folder_to_write),
 }
 
