@@ -27,6 +27,7 @@ from drivers.run.run import run_case
 from postproc.read.observables import describe, not_shown, observe
 from validation.accuracy.budget import assess
 from validation.accuracy.plan import plan_case
+from validation.commands.run_commands import show_run
 
 STATES = ("done", "failed", "timeout", "refused", "stale", "claimed", "to do", "not installed")  # of a row
 MAX_CASES = 20_000  # more need --yes
@@ -69,10 +70,10 @@ def batch(
             found = f'"{column}", the name of an observable'
             raise InputError(study.where, "axis", found, "another name of the column")
     if part:
+        _print_absences(asked)
         print(f"slice {part[0]}/{part[1]}")
         with Store(asked.runs) as store:
             run_all(asked, store)
-            _print_absences(asked)
             return _print_states(asked, store, rows_of(asked, store, asked.numbers))
     if slurm and not dry_run and shutil.which("sbatch") is None:
         raise InputError("--slurm", "", "sbatch not found; run this on a machine that submits to Slurm")
@@ -84,8 +85,7 @@ def batch(
     if study.count > MAX_CASES and not yes:
         raise InputError(study.where, "axis", f"{study.count:,} cases", f"at most {MAX_CASES:,}, or --yes")
     sample = asked.check_sample()  # the other cases are planned and refused when they run
-    if slurm and (absent := [name for name in asked.engines if name not in asked.here]):
-        print(f"not installed here, assumed to exist in the job: {', '.join(absent)}", flush=True)
+    _print_absences(asked)
     with Store(asked.runs) as store:
         store.merge()
         if dry_run:
@@ -203,16 +203,9 @@ def show(study: str, case: int, engines: tuple[str, ...], runs: Path) -> int:
         if not asked.study.file.unsafe:
             refuse(built, name, override="unsafe = true in the study")
         ended, row = assess(run_case(built, name, asked.runs, limit_s=asked.study.file.limit), built), rows[name]
-        for warning in ended.record.warnings or ():
-            print(f"{name} warning: {warning}", file=sys.stderr)
-        bad, verdict = not ended.done, f"{ended.record.status}: {ended.record.reason}"
-        if ended.done and row.done:
-            bad = digest_of(ended.trace) != row.trace_sha256
-            verdict = "differs from the batch" if bad else "as in the batch, bit for bit"
-        elif ended.done:
-            verdict = f"{row.status} in the batch, so there is nothing to compare with"
-        print(f"{paths.shown(ended.folder)}  {verdict}", file=sys.stderr if bad else sys.stdout)
-        code = max(code, bad)
+        same = ended.done and row.done and digest_of(ended.trace) == row.trace_sha256
+        code = max(code, not show_run(ended), row.done and not same)
+        print("  as in the batch, bit for bit" if same else f"  not as in the batch, where it is {row.status}")
     return code
 
 

@@ -23,45 +23,33 @@ TEXTS = {
     "study STUDY": "A study file, or the name of a study in inputs/studies.",
     "run RUN": "A run folder, or ENGINE:SCENE for the newest run of that scene.",
     "--set settings KEY=VALUE ...": "A key of the scene with its value, such as chain.count=60 or run.time_step='10"
-    " ns'; an empty value removes the key; runs lists runs with this setting, where * is any text; repeatable.",
-    "--engine engines ENGINE ...": "Take this engine only; repeatable (default: all that are installed, or those of"
-    " the study).",
-    "--engines engines_file FILE": "File with engines of your own, as well as those of each engines.toml (see "
-    "drivers/README.md).",
-    "--require ENGINE ...": "Fail if this engine does not run; repeatable.",
+    " ns'; an empty value removes the key; runs lists runs with this setting, where * is any text.",
+    "--engine engines ENGINE ...": "Take this engine only (default: all that are installed, or those of the study).",
+    "--engines engines_file FILE": "Engines of your own, beside those of each engines.toml (see drivers/README.md).",
+    "--require ENGINE ...": "Fail if this engine does not run.",
     "--allow-missing": "Accept that engines of --engine or all codes are missing.",
     "--runs DIR": "Folder of the run folders (default: runs/ of the checkout).",
     "--results DIR": "Folder for tables and figures (default: results/ of the checkout).",
     "--unsafe": "Accept a scene that a guard refuses, for instance a time step above the stability limit.",
-    "--measured FILE": "CSV file with forces in N, in columns named after gauges, such as bead_9 [N] (default: the "
-    "[[measured]] tables of the scene, for any other file).",
+    "--measured FILE": "CSV file with columns as bead_9 [N] (default: the [[measured]] tables of the scene).",
     "--frames COUNT": "Number of times (default: 12 in a film, 100 for ParaView).",
-    "--quick": "Do less: fewer scenes, steps and seeds, no long runs; for fit no profiles, no data left out, no "
-    "runs of the codes.",
-    "--only patterns PATTERN ...": "Take only cases with KEY=GLOB, such as 'striker.speed=2 m/s', or with a label "
-    "that matches; repeatable (default: all cases).",
+    "--quick": "Do less: fewer scenes, steps and seeds; for fit no profiles, no data left out, no runs of the codes.",
+    "--only patterns PATTERN ...": "Take only cases with KEY=GLOB, such as 'striker.speed=2 m/s', or a label like it.",
     "--dry-run": "Print what would be done, without doing it.",
     "--long": "One row for each sample and contact, instead of a column for each contact.",
     "--json as_json": "Print JSON.",
     "--dask ADDRESS": "Run on the Dask cluster at ADDRESS; without ADDRESS, on a local Dask cluster.",
-    "--list every": "Print the state of each case: done, failed, timeout, refused, stale, claimed, to do, not "
-    "installed.",
-    "--free KEY[=LOW..HIGH] ...": "Fit this key of the scene, such as contact.restitution=0.5..1, or with prior "
-    "knowledge striker.speed=2±1%; repeatable (default bounds: inputs/calibration.toml).",
-    "--law laws LAW ...": "Fit this contact law of inputs/calibration.toml (elastic, viscoelastic, power); "
-    "repeatable: all on the same data, and compared.",
-    "--level levels SHARE ...": "Measure widths at this share of the peak; repeatable (default: 0.002 and 0.04).",
-    "--predict OBSERVABLE ...": "Predict this observable, such as wall_peak or bead_8_reflected_arrival, with its "
-    "error; repeatable.",
+    "--list every": "Print the state of each case.",
+    "--free KEY[=LOW..HIGH] ...": "Fit this key, as contact.restitution=0.5..1, with a prior striker.speed=2±1%.",
+    "--law laws LAW ...": "Fit this law (elastic, viscoelastic or power); several are compared.",
+    "--level levels SHARE ...": "Measure widths at this share of the peak (default: 0.002 and 0.04).",
+    "--predict OBSERVABLE ...": "Predict this, such as wall_peak or bead_8_reflected_arrival, with its error.",
     "--quoted SET,...": "Fit to data that the paper quotes: sets of inputs/calibration.toml, such as fig4,table1.",
-    "--beads ranges A-B ...": "Energy of the bodies A to B, counted from the wall, the striker last; repeatable.",
-    "what SCENE|RUN...": "Scenes by name or file, or exactly two runs: run folders, or ENGINE:SCENE for the newest "
-    "run.",
-    "--scene SCENE": "Scene of the deck before changes, by name or file (default: the one that render wrote into "
-    "FOLDER).",
+    "--beads ranges A-B ...": "Energy of the bodies A to B, counted from the wall, the striker last.",
+    "what SCENE|RUN...": "Scenes by name or file; or two runs, each a run folder, or ENGINE:SCENE for the newest run.",
+    "--scene SCENE": "Scene of the deck before changes (default: the one that render wrote into FOLDER).",
     "--sideways FACTOR": "Multiply displacements from the axis by this (default: 1).",
-    "--studies": "Write the page first, then make figures and studies and add them; short studies where no table "
-    "exists.",
+    "--studies": "Add figures and studies after the page is written; short studies where no table exists.",
     "table [TABLE]": "A table, such as chain.bead or axis, or a file: scene, study, engines, run (default: all files).",
     "--write": "Write the tables of all files into inputs/README.md.",
     "--rerun": "Run again even if the run is done or, with auto, failed.",
@@ -75,14 +63,14 @@ TEXTS = {
     "--until TIME": "End of the record (default: that of the run).",
     "--window NAME": "hann (default), boxcar, blackmanharris or flattop.",
     "run SCENE|RUN": "A scene, for its exact motion; or a run folder, or ENGINE:SCENE.",
-    "--own KEY[=LOW..HIGH] ...": "As --free, with a value of its own for each data set; repeatable.",
+    "--own KEY[=LOW..HIGH] ...": "As --free, with a value of its own for each data set.",
     "--workers N": "Number of processes on this machine (default: number of cores).",
     "--retry": "Run failed cases again.",
     "--yes": "Accept a study of more than 20,000 cases.",
     "--slice part I/N": "Run part I of N here, without writing the table.",
     "--slurm": "Run as a Slurm job array.",
     "--slices N": "Number of tasks of the job array (default: by the expected time).",
-    "--slurm-line lines LINE ...": "Add a line to the job script, such as '#SBATCH --mem=2G'; repeatable.",
+    "--slurm-line lines LINE ...": "Add a line to the job script, such as '#SBATCH --mem=2G'.",
     "--wait": "Wait for the job array, then write the table.",
     "--x COLUMN": "Draw --y against this column of the table.",
     "--y COLUMN": "Column of numbers; a name may be without its unit.",
@@ -148,6 +136,12 @@ def _engines_file(text: str) -> Path:
     return path
 
 
+def _engine_names() -> Iterable[str]:
+    from drivers.engines import engine_names  # takes longer than the rest of a completion
+
+    return engine_names()
+
+
 def _instead(function: str, context: click.Context, _: click.Parameter, asked: bool) -> None:
     """Call a function instead of the command."""
     if asked:
@@ -158,7 +152,7 @@ def _instead(function: str, context: click.Context, _: click.Parameter, asked: b
 NAMES: dict[str, Callable[[], Iterable[str]]] = {  # that a shell completes, by placeholder
     "SCENE": lambda: (path.stem for path in paths.SCENES.glob("*.toml")),
     "STUDY": lambda: (path.stem for path in paths.STUDIES.glob("*.toml")),
-    "ENGINE": lambda: import_module("drivers.engines").engine_names(),  # takes longer than other completions
+    "ENGINE": _engine_names,
     "FIGURE": captions,
 }
 TYPES: dict[str, Any] = {  # of values that are no text, by placeholder
@@ -207,7 +201,7 @@ def _parameter(words: str, text: str, **more: Any) -> click.Parameter:
     if not value:
         look = {"is_flag": True, "help": text}
     elif "..." in words.split():
-        look["multiple"] = True
+        look |= {"multiple": True, "help": f"{text.removesuffix('.')}; repeatable."}
     elif value not in TYPES:
         look["default"] = ""
     return click.Option(names, **look | UNUSUAL.get(names[0], {}) | more)

@@ -18,9 +18,8 @@ from drivers.run.run import import_run, is_done, run_case
 from drivers.run.run_folder import EndedRun, open_run, scene_of, write_scene
 from postproc.read.observables import LEVELS, observe, without_unit
 from validation.accuracy.budget import assess, missed_accuracy
-from validation.accuracy.costs import auto_engines
+from validation.accuracy.costs import auto_engines, capable_engines
 from validation.accuracy.plan import plan_report, planned_case
-from validation.commands.options import print_paths
 from validation.compare.comparison import EngineSelection, compare_runs, compare_scenes
 
 Words = tuple[str, ...]
@@ -64,18 +63,16 @@ def run(
         if once(name, left_out="; --engine auto leaves it out"):
             return 0
     here = installed(engine_names())
-    unable = {name: why for name in here if not engines and (why := inability(case, name))}
-    names = list(dict.fromkeys(engines)) or [name for name in here if name not in unable]
+    names = list(dict.fromkeys(engines)) or capable_engines(case, here)
     for name in names:
         if cannot := inability(case, name):
             raise cannot
         if not unsafe and (rerun or not is_done(case, name, runs)):
             refuse(case, name)  # before any engine starts
     done = [once(name) for name in names]
-    for name, why in unable.items():
-        print(f"not run on {name}: {why}", file=sys.stderr)
-    if absent := [] if engines else [name for name in engine_names() if name not in here]:
-        print(f"not run, not installed ({len(absent)}): {', '.join(absent)}", file=sys.stderr)
+    for name in [] if engines else engine_names():
+        if why := "not installed" if name not in here else inability(case, name):
+            print(f"not run on {name}: {why}", file=sys.stderr)
     return int(not all(done))
 
 
@@ -85,13 +82,13 @@ def _ran(case: Case, name: str, runs: Path, rerun: bool, limit_s: float | None, 
         with counted(f"running {case.scene.name} on {name}"):
             ended = run_case(case, name, runs, rerun=rerun, limit_s=limit_s)
         with counted(f"measuring the error of {case.scene.name} on {name}"):
-            return _shown(assess(ended, case, limit_s), left_out)
+            return show_run(assess(ended, case, limit_s), left_out)
     except (RunError, OSError) as error:
         print(f"{case.scene.name}: {name}: {error}{left_out}", file=sys.stderr)
         return False
 
 
-def _shown(ended: EndedRun, left_out: str = "") -> bool:
+def show_run(ended: EndedRun, left_out: str = "") -> bool:
     """Print the folder and the warnings of a run, and why it failed or missed its accuracy; returns False if so.
 
     With words on why a wrong run is left out, its folder is no result.
@@ -157,7 +154,7 @@ def import_(folder: Path, scene: str, settings: Words, engine: str, runs: Path) 
     case = planned_case(scene, *settings) if scene else build_case(scene_of(folder))
     ended = assess(import_run(folder, case, engine, runs), case)
     print(*(f"deck changed: {edit}" for edit in ended.record.edits or ["nothing"]), sep="\n", file=sys.stderr)
-    return int(not _shown(ended))
+    return int(not show_run(ended))
 
 
 def runs(runs: Path, prune: bool, dry_run: bool, **chosen: Words) -> None:
@@ -193,35 +190,6 @@ def observables(run: str, runs: Path, levels: tuple[float, ...], as_json: bool) 
     shown = {name: "not seen" if value is None else f"{value:.6g}" for name, value in values.items()}
     rows = [(name, value, errors.get(without_unit(name), "")) for name, value in shown.items()]
     print(*text_table([("observable", "value", "relative error"), *rows]), sep="\n")
-
-
-def vtk(run: str, runs: Path, results: Path, **frames: int) -> None:
-    """Write a run for ParaView (needs recorded positions).
-
-    Example:
-      beads vtk yade:fig4 --frames 200
-    """
-    from postproc.draw import vtk as series  # meshio takes long to load
-
-    opened, name, _ = open_shown("vtk", run, runs)
-    print_paths(series.write_series(opened, results / name, **frames))
-
-
-def table(run: str, runs: Path, results: Path, long: bool, out: Path | None = None) -> None:
-    """Write contact forces and energies of a run as a table.
-
-    The ending of the file, .parquet or .csv, decides on the format.
-
-    Examples:
-      beads table yade:fig4
-      beads table yade:fig4 --long --out forces.csv
-    """
-    from postproc.read.run_tables import write_table  # pandas takes long to load
-
-    opened, name, _ = open_shown("table", run, runs)
-    file = out or results / f"{name}.parquet"
-    file.parent.mkdir(parents=True, exist_ok=True)
-    print_paths([write_table(opened, file, long=long)])
 
 
 def open_shown(what: str, run: str, runs: Path) -> tuple[EndedRun, str, str]:
