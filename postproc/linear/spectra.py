@@ -28,7 +28,6 @@ from postproc.draw.style import PAGE_IN, colour_map, letter_panel, pyplot
 from postproc.linear.modes import bands_at_loads, edges_Hz, shade_bands
 from postproc.read.signals import sensor_signals
 
-WINDOWS = ("hann", "boxcar", "blackmanharris", "flattop")
 PARTS = 16  # of a record, in the windows of its spectrogram
 HARMONICS = 5
 LEAST_AMPLITUDE = 1e-6  # of the largest of the source: smaller ones give no transfer function

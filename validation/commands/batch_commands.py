@@ -1,6 +1,5 @@
 """Commands that run the cases of a study, and print how that went: ``batch``, ``status``, ``show``."""
 
-import shlex
 import shutil
 import sys
 from collections import Counter
@@ -14,13 +13,12 @@ from typing import Any
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.processes import cores
-from drivers.base.terminal import counted, in_words, say, text_table
+from drivers.base.terminal import counted, in_words, text_table
 from drivers.base.tolerances import tolerance
 from drivers.batch.job_array import job_script, print_job, run_job
 from drivers.batch.rows import ENDED, Batch, Row, expected_s, rows_of, run_all, run_rows
-from drivers.batch.store import Store, StudyRow
+from drivers.batch.store import Store
 from drivers.batch.study import column_name
-from drivers.chain.case import Case
 from drivers.chain.trace import FORCE, digest_of
 from drivers.engines import entry_files, load_engine
 from drivers.limits import refuse
@@ -29,6 +27,7 @@ from drivers.run.run import run_case
 from postproc.read.observables import describe, not_shown, observe
 from validation.accuracy.budget import assess
 from validation.accuracy.plan import plan_case
+from validation.commands.run_commands import show_run
 
 STATES = ("done", "failed", "timeout", "refused", "stale", "claimed", "to do", "not installed")  # of a row
 MAX_CASES = 20_000  # more need --yes
@@ -71,10 +70,11 @@ def batch(
             found = f'"{column}", the name of an observable'
             raise InputError(study.where, "axis", found, "another name of the column")
     if part:
+        _print_absences(asked)
         print(f"slice {part[0]}/{part[1]}")
         with Store(asked.runs) as store:
             run_all(asked, store)
-            return max(_print_states(asked, store, rows_of(asked, store, asked.numbers)), _print_absences(asked))
+            return _print_states(asked, store, rows_of(asked, store, asked.numbers))
     if slurm and not dry_run and shutil.which("sbatch") is None:
         raise InputError("--slurm", "", "sbatch not found; run this on a machine that submits to Slurm")
     place = Place(workers or cores(), processes=not dask, dask=dask)
@@ -85,12 +85,15 @@ def batch(
     if study.count > MAX_CASES and not yes:
         raise InputError(study.where, "axis", f"{study.count:,} cases", f"at most {MAX_CASES:,}, or --yes")
     sample = asked.check_sample()  # the other cases are planned and refused when they run
-    if slurm and (absent := [name for name in asked.engines if name not in asked.here]):
-        print(f"not installed here, assumed to exist in the job: {', '.join(absent)}", flush=True)
+    _print_absences(asked)
     with Store(asked.runs) as store:
         store.merge()
         if dry_run:
-            _print_plan(asked, store, sample, place)
+            workers = 1 if slurm or place.dask not in ("", LOCAL) else place.workers
+            expected = expected_s(asked, store, asked.todo(store), sample)
+            time = "not known yet" if expected is None else f"{in_words(expected / workers)} with {workers} at work"
+            print(f"{study.name}: {len(sample)} of {study.count} cases checked", *_states(asked, store), sep="\n")
+            print(f"expected time: {time}; nothing has been run")
             if slurm:
                 print_job(*job_script(asked, store, sample, slices, lines))
             return 0
@@ -113,25 +116,9 @@ def batch(
             store.remove_damaged()
 
 
-def _print_plan(batch: Batch, store: Store, sample: Sequence[Case], place: Place) -> None:
-    """Print the number of rows in each state by engine, and the expected time."""
-    cases, workers = len(batch.numbers), place.workers
-    print(f"{batch.study.name}: {cases} case{'s' * (cases != 1)}; {len(sample)} of the study checked")
-    if batch.elsewhere or place.dask not in ("", LOCAL):
-        workers = 1
-    rows, todo = [], batch.todo(store)
-    for name, states in _counted(batch, store).items():
-        if todo.get(name):
-            time_s = expected_s(batch, store, {name: todo[name]}, sample)
-            states += ", cost not measured yet" if time_s is None else f", about {in_words(time_s / workers)}"
-        rows.append((f"  {name}", states))
-    print(*text_table(rows), sep="\n")
-    print(f"times of {workers} worker{'s' * (workers != 1)}; nothing has been run")
-
-
 @contextmanager
 def _followed(batch: Batch, store: Store, todo: dict[str, list[int]]) -> Iterator[Callable[[], None]]:
-    """Yield a function that shows progress by the rows that are stored; on a terminal it prints failures at once.
+    """Yield a function that shows progress by the rows that are stored.
 
     Raises:
         KeyboardInterrupt: says how many rows are done, and how to go on.
@@ -141,10 +128,7 @@ def _followed(batch: Batch, store: Store, todo: dict[str, list[int]]) -> Iterato
 
         def tick() -> None:
             for row in store.after(ends):
-                if row.study == batch.study.name:
-                    count()
-                    if not row.done and sys.stderr.isatty():  # else printed at the end
-                        say(failure_line(row))
+                count(row.study == batch.study.name)
 
         try:
             yield tick
@@ -167,10 +151,6 @@ def _write(batch: Batch, store: Store, rows: Sequence[Row], results: Path) -> in
     study = batch.study
     for path in write_tables(batch, rows, results):
         print(paths.shown(path))
-    if study.file.figure:
-        given = (("--runs", batch.runs, paths.RUNS), ("--results", results, paths.RESULTS))
-        folders = [word for option, folder, usual in given if folder != usual for word in (option, paths.shown(folder))]
-        print(f"to draw the table: {shlex.join(['beads', 'study', str(batch.source), *folders])}")
     done = [row for _, row in rows if row.done]
     names = [*observables(batch, done)]
     for line in not_shown(names, [row.values for row in done]):
@@ -181,7 +161,6 @@ def _write(batch: Batch, store: Store, rows: Sequence[Row], results: Path) -> in
     for name, count in useless.items():
         warning = f"{count} rows have force errors above {limit:g} of the largest change (force_error_share)"
         print(f"{name} warning: {warning}", file=sys.stderr)
-    print(f"{len(done)} of {len(rows)} rows done")
     for glob in study.file.observables if done else ():
         if not any(fnmatchcase(name, glob) for name in names):
             print(f'{study.where}: observables: "{glob}" matches no observable', file=sys.stderr)
@@ -201,8 +180,8 @@ def status(study: str, engines: tuple[str, ...], patterns: tuple[str, ...], runs
             by_engine = asked.states(store)
             for number in asked.numbers:
                 text = ", ".join(f"{name} {states[number]}" for name, states in by_engine.items())
-                sys.stdout.write(f"{number}: {asked.study.label(number)}: {text}\n")
-        print(*text_table(_counted(asked, store).items()), sep="\n")
+                print(f"{number}: {asked.study.label(number)}: {text}")
+        print(*_states(asked, store), sep="\n")
 
 
 def show(study: str, case: int, engines: tuple[str, ...], runs: Path) -> int:
@@ -216,38 +195,33 @@ def show(study: str, case: int, engines: tuple[str, ...], runs: Path) -> int:
         raise InputError(f"case {case}", "", f"{asked.study.where} has cases 1 to {asked.study.count}")
     built = asked.case(case)
     print(f"case {case}: {asked.study.label(case)}")
-    code = _print_absences(asked)
+    _print_absences(asked)
+    code = int(len(asked.runnable) < len(asked.engines))
     with Store(asked.runs) as store:
         rows = {row.engine: row for _, row in rows_of(asked, store, [case])}
     for name in asked.runnable:
         if not asked.study.file.unsafe:
             refuse(built, name, override="unsafe = true in the study")
         ended, row = assess(run_case(built, name, asked.runs, limit_s=asked.study.file.limit), built), rows[name]
-        for warning in ended.record.warnings or ():
-            print(f"{name} warning: {warning}", file=sys.stderr)
-        bad, verdict = not ended.done, f"{ended.record.status}: {ended.record.reason}"
-        if ended.done and row.done:
-            bad = digest_of(ended.trace) != row.trace_sha256
-            verdict = "differs from the batch" if bad else "as in the batch, bit for bit"
-        elif ended.done:
-            verdict = f"{row.status} in the batch, so there is nothing to compare with"
-        print(f"{paths.shown(ended.folder)}  {verdict}", file=sys.stderr if bad else sys.stdout)
-        code = max(code, bad)
+        same = ended.done and row.done and digest_of(ended.trace) == row.trace_sha256
+        code = max(code, not show_run(ended), row.done and not same)
+        print("  as in the batch, bit for bit" if same else f"  not as in the batch, where it is {row.status}")
     return code
 
 
-def _print_absences(batch: Batch) -> int:
-    """Print how to get each engine that is not installed; returns 1 if there is one."""
-    absent = [name for name in batch.engines if name not in batch.here]
-    for name in absent:
-        print(f"{name}: {load_engine(name).absence}", file=sys.stderr)
-    return 1 if absent else 0
+def _print_absences(batch: Batch) -> None:
+    """Print how to get each engine that is not installed."""
+    for name in batch.engines:
+        if name not in batch.here:
+            print(f"{name}: {load_engine(name).absence}", file=sys.stderr)
 
 
-def _counted(batch: Batch, store: Store) -> dict[str, str]:
-    """Number of the selected rows in each state, as text by engine."""
+def _states(batch: Batch, store: Store) -> list[str]:
+    """Table with the number of the selected rows in each state, by engine."""
     counts = {name: Counter(states.values()) for name, states in batch.states(store).items()}
-    return {name: ", ".join(f"{of[state]} {state}" for state in STATES if of[state]) for name, of in counts.items()}
+    return text_table(
+        (name, ", ".join(f"{of[state]} {state}" for state in STATES if of[state])) for name, of in counts.items()
+    )
 
 
 def _print_states(batch: Batch, store: Store, rows: Sequence[Row]) -> int:
@@ -256,21 +230,12 @@ def _print_states(batch: Batch, store: Store, rows: Sequence[Row]) -> int:
     Returns:
         Exit code: 2 if a row is refused, 1 if one is not done, else 0.
     """
-    counts, numbers = _counted(batch, store), {*batch.numbers}
-    print(*text_table(counts.items()), sep="\n", flush=True)
-    ended = [row for number, row in rows if row.status in ENDED and number in numbers and row.engine in batch.engines]
-    failed = [row for row in ended if not row.done]
-    for line in dict.fromkeys(map(failure_line, failed[:MAX_LINES])):
-        print(line, file=sys.stderr)
-    if len(failed) > MAX_LINES:
-        print(f"and {len(failed) - MAX_LINES} more, as in the column reason of the table", file=sys.stderr)
+    print(*_states(batch, store), sep="\n", flush=True)
+    numbers = {*batch.numbers}
+    missed = [row for number, row in rows if not row.done and number in numbers and row.engine in batch.engines]
+    failed = [row for row in missed if row.status in ENDED]
+    for row in failed[:MAX_LINES]:
+        print(f"{row.label}: {row.engine} {row.status}: {row.reason}", file=sys.stderr)
     if failed:
-        print(f"{len(failed)} row{'s' * (len(failed) > 1)} failed; --retry runs them again", file=sys.stderr)
-    if any(row.status == "refused" for row in failed):
-        return 2
-    return 0 if {*counts.values()} <= {f"{len(numbers)} done"} else 1
-
-
-def failure_line(row: StudyRow) -> str:
-    """One line for a failed row; the reason of a refused one names its case."""
-    return row.reason if row.status == "refused" else f"{row.label}: {row.engine} {row.status}: {row.reason}"
+        print(f"failed rows: {len(failed)}; --retry runs them again", file=sys.stderr)
+    return 2 if any(row.status == "refused" for row in failed) else int(bool(missed))

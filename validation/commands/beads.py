@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import click
-from click.shell_completion import BashComplete, add_completion_class, shell_complete
+from click.shell_completion import shell_complete
 
 from drivers.base.errors import InputError, RunError, one_line, printable
 from validation.commands.options import PARAMETERS
@@ -26,49 +26,49 @@ from validation.commands.options import PARAMETERS
 SECTIONS = {  # functions with the words of their parameters, in the order in which a user meets the commands
     "a scene": {
         "scenes": "",
-        "keys": "[TABLE] --markdown --write",
-        "plan": "SCENE --set --engine --engines",
-        "draw": "SCENE --set --results --engines",
-        "modes": "SCENE --set --results --engines",
-        "run": "SCENE --set --engine --runs --rerun --time-limit --unsafe --engines",
-        "compare": "SCENE|RUN... --set --engine --runs --require --allow-missing --unsafe --engines",
+        "keys": "[TABLE] --write",
+        "plan": "SCENE --set --engine",
+        "draw": "SCENE --set --results",
+        "modes": "SCENE --set --results",
+        "run": "SCENE --set --engine --runs --rerun --time-limit --unsafe",
+        "compare": "SCENE|RUN... --set --engine --runs --require --allow-missing --unsafe",
     },
     "a run": {
-        "observables": "RUN --runs-read --level --json --definitions --engines",
-        "spacetime": "RUN --runs-read --results --engines",
-        "spectrum": "RUN --from --to --frequency --since --until --window --json --runs-read --results --engines",
-        "energy": "RUN --beads --runs-read --results --engines",
-        "film": "RUN --frames --sideways --runs-read --results --engines",
-        "table": "RUN --long --out --runs-read --results --engines",
-        "vtk": "RUN --frames --runs-read --results --engines",
+        "observables": "RUN --runs-read --level --json --definitions",
+        "spacetime": "RUN --runs-read --results",
+        "spectrum": "RUN --from --to --frequency --since --until --window --json --runs-read --results",
+        "energy": "RUN --beads --runs-read --results",
+        "film": "RUN --frames --sideways --runs-read --results",
+        "table": "RUN --long --out --runs-read --results",
+        "vtk": "RUN --frames --runs-read --results",
     },
     "measured data": {
-        "overlay": "SCENE|RUN --set --measured --runs-read --results --engines",
-        "fit": "[SCENE]... --free --law --predict --own --measured --quoted --set --quick --results --runs --engines",
+        "overlay": "SCENE|RUN --set --measured --runs-read --results",
+        "fit": "[SCENE]... --free --law --predict --own --measured --quoted --set --quick --results --runs",
     },
     "studies": {
         "batch": "STUDY --engine --only --runs --results --workers --dry-run --retry --yes --slice --dask "
-        "--slurm --slices --slurm-line --wait --engines",
-        "study": "STUDY --runs --results --x --y --log --power-law --engines",
-        "status": "STUDY --engine --only --runs --list --engines",
-        "show": "STUDY CASE --engine --runs --engines",
+        "--slurm --slices --slurm-line --wait",
+        "study": "STUDY --runs --results --x --y --log --power-law",
+        "status": "STUDY --engine --only --runs --list",
+        "show": "STUDY CASE --engine --runs",
     },
     "files of runs": {
-        "runs": "[SCENE]... --set --engine --runs-read --prune --dry-run --engines",
-        "render": "SCENE --set --engine --out-deck --unsafe --engines",
-        "import_": "FOLDER --scene --set --engine --runs --engines",
+        "runs": "[SCENE]... --set --engine --runs-read --prune --dry-run",
+        "render": "SCENE --set --one-engine --out-deck --unsafe",
+        "import_": "FOLDER --scene --set --one-engine --runs",
     },
     "report and paper": {
-        "report": "[SCENE]... --studies --out --engine --runs --require --allow-missing --engines",
-        "figures": "[FIGURE]... --runs --results --engines",
-        "claims": "--file --runs --results --engines",
-        "trade": "--quick --budget --results --engines",
-        "stability": "--quick --runs --results --engines",
-        "elements": "--quick --runs --results --engines",
-        "calibration": "--quick --results --engines",
+        "report": "[SCENE]... --studies --out --engine --runs --require --allow-missing",
+        "figures": "[FIGURE]... --runs --results",
+        "claims": "--file --runs --results",
+        "trade": "--quick --budget --results",
+        "stability": "--quick --runs --results",
+        "elements": "--quick --runs --results",
+        "calibration": "--quick --results",
     },
     "engines": {
-        "engine": "ENGINE --results --engines",
+        "engine": "ENGINE --results",
         "wave": "",
     },
 }
@@ -79,6 +79,10 @@ NEEDS = {
     "--wait": "--slurm",
     "--dry-run": "--prune",
     "--set": "--scene",
+    "--x": "--y",
+    "--y": "--x",
+    "--log": "--x",
+    "--power-law": "--x",
 }
 CLASHES = {"--slurm": "--slice --dask", "--dask": "--slice", "--dry-run": "--slice", "--workers": "--slice --slurm"}
 IMPOSSIBLE_NAMES = (errno.ENAMETOOLONG, errno.ELOOP)
@@ -95,12 +99,6 @@ class _Group(click.Group):
             with formatter.section(title):
                 named = [self.commands[name.rstrip("_")] for name in listed]
                 formatter.write_dl([(f"{command.name:11}", command.get_short_help_str(100)) for command in named])
-
-
-class Bash(BashComplete):
-    """Completion of bash, for which a colon otherwise ends a word such as ``yade:fig4``."""
-
-    source_template = f"COMP_WORDBREAKS=${{COMP_WORDBREAKS//:}}\n{BashComplete.source_template}"
 
 
 def _check_memory() -> None:
@@ -137,7 +135,7 @@ def _command(function: str, usage: str) -> click.Command:
     return click.Command(
         function.rstrip("_"),  # import_ is a command
         callback=partial(_act, module, function),
-        params=[PARAMETERS[word] for word in usage.split()],
+        params=[PARAMETERS[word] for word in (*usage.split(), "--engines")],
         help=text,
         epilog=f"\b\nexample{examples}",
     )
@@ -153,7 +151,6 @@ BEADS = _Group(
     callback=_check_memory,
     params=[PARAMETERS["--version"]],
 )
-add_completion_class(Bash)
 
 
 def main() -> NoReturn:
@@ -179,18 +176,10 @@ def answer() -> int:
     except click.exceptions.Exit as end:
         return end.exit_code if arguments else 2
     except click.UsageError as error:
-        program = error.ctx.command_path if error.ctx else "beads"
-        print(one_line(f"{program}: ", _statement(error), f" (see {program} --help)"), file=sys.stderr)
+        program, message = error.ctx.command_path if error.ctx else "beads", error.format_message().rstrip(".")
+        line = one_line(f"{program}: ", f"{message[0].lower()}{message[1:]}", f" (see {program} --help)")
+        print(line, file=sys.stderr)
         return 2
-
-
-def _statement(error: click.UsageError) -> str:
-    """Message of a wrong command line, which begins with the option or argument."""
-    message = error.format_message()
-    if isinstance(error, click.BadParameter) and not isinstance(error, click.MissingParameter) and error.param:
-        option = isinstance(error.param, click.Option)
-        return f"{error.param.opts[0] if option else error.param.metavar}: {error.message.rstrip('.')}"
-    return f"{message[0].lower()}{message[1:].rstrip('.')}"
 
 
 def run_main(main: Callable[[], int]) -> NoReturn:
@@ -207,7 +196,6 @@ def run_main(main: Callable[[], int]) -> NoReturn:
     write = sys.stdout.write
     setattr(sys.stdout, "write", lambda text: write(printable(text)))  # noqa: B010 - mypy refuses an assignment
     try:
-        _check_present_folder()
         code = main()
         sys.stdout.flush()
     except InputError as error:
@@ -234,13 +222,6 @@ def _interrupt_again(dropped: "sys.UnraisableHookArgs") -> None:
         threading.Timer(0.01, os.kill, (os.getpid(), signal.SIGTERM)).start()
     else:
         sys.__unraisablehook__(dropped)
-
-
-def _check_present_folder() -> None:
-    try:
-        Path.cwd()
-    except OSError as error:
-        raise InputError("the present folder", "", "removed", "one that exists") from error
 
 
 if __name__ == "__main__":

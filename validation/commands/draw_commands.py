@@ -1,7 +1,6 @@
 """Commands that draw scenes, runs and studies."""
 
 import json
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -11,18 +10,17 @@ from drivers.base.units import to_si
 from drivers.batch.study import column_name, read_study
 from drivers.batch.tables import read_study_table
 from drivers.chain.case import build_case
-from drivers.engines import REFERENCE
-from drivers.limits import refuse
-from drivers.run.inventory import scene_now
 from drivers.scene.read_scene import stored_scene
 from postproc.draw import film as films
 from postproc.draw.energies import draw_energies, range_numbers, run_energies, write_energies
 from postproc.draw.product import Product, draw_spacetime, write_product, write_table
 from postproc.draw.scene_drawing import draw_scene
 from postproc.draw.study_figure import draw_study, draw_tornado, key_label
+from postproc.draw.vtk import write_series
 from postproc.linear.modes import MAX_BEADS, modes_product
-from postproc.linear.spectra import WINDOWS, analyse, signals_of, spectrum_product
+from postproc.linear.spectra import analyse, signals_of, spectrum_product
 from postproc.read.observables import without_unit
+from postproc.read.run_tables import write_table as write_run_table
 from validation.accuracy.plan import planned_case
 from validation.commands.options import print_paths
 from validation.commands.run_commands import open_shown
@@ -71,16 +69,7 @@ def spacetime(run: str, runs: Path, results: Path) -> None:
 
 
 def spectrum(
-    run: str,
-    source: str,
-    target: str,
-    frequency: str | None,
-    since: str,
-    until: str | None,
-    window: str,
-    as_json: bool,
-    runs: Path,
-    results: Path,
+    run: str, source: str, target: str, window: str, as_json: bool, runs: Path, results: Path, **quantities: str
 ) -> None:
     """Draw spectra and a transfer function of the gauges of a run.
 
@@ -91,16 +80,17 @@ def spectrum(
     opened, name, title = open_shown("spectrum", run, runs)
     case, trace = build_case(stored_scene(opened.record.scene)), opened.trace
     signals = signals_of(case, trace)
-    for given, word, known in (("--from", source, signals), ("--to", target, signals), ("--window", window, WINDOWS)):
-        if word and word not in known:
-            raise InputError("beads spectrum", given, f'"{word}"', ", ".join(known))
+    for option, word in (("--from", source), ("--to", target)):
+        if word and word not in signals:
+            raise InputError("beads spectrum", option, f'"{word}"', ", ".join(signals))
     if not signals:
         allowed = "a scene with chain.sensors, or a wall"
         raise InputError("beads spectrum", "RUN", "a run without gauges and drive", allowed)
-    from_s, to_s = _si("--since", since, "s"), _si("--until", until, "s") if until else float(trace.time_s[-1])
-    hertz = _si("--frequency", frequency, "Hz") if frequency else None
+    units = {"since": "s", "until": "s", "frequency": "Hz"}
+    given = {name: _si(f"--{name}", text, units[name]) for name, text in quantities.items() if text}
+    span_s = given.get("since", 0.0), given.get("until", float(trace.time_s[-1]))
     try:
-        analysis = analyse(case, trace, (source, target), window, hertz, (from_s, to_s))
+        analysis = analyse(case, trace, (source, target), window, given.get("frequency"), span_s)
     except ValueError as error:
         raise InputError("beads spectrum", run, str(error), "a longer record or finer samples") from error
     if as_json:
@@ -158,37 +148,29 @@ def film(run: str, runs: Path, results: Path, frames: int = films.FRAMES, sidewa
     print_paths([films.write_animation(moving, title, results / f"{name}.gif")])
 
 
-def overlay(run: str, settings: tuple[str, ...], runs: Path, results: Path, measured: Path | None = None) -> None:
-    """Draw measured traces over computed ones, with deviations.
+def vtk(run: str, runs: Path, results: Path, **frames: int) -> None:
+    """Write a run for ParaView (needs recorded positions).
+
+    Example:
+      beads vtk yade:fig4 --frames 200
+    """
+    opened, name, _ = open_shown("vtk", run, runs)
+    print_paths(write_series(opened, results / name, **frames))
+
+
+def table(run: str, runs: Path, results: Path, long: bool, out: Path | None = None) -> None:
+    """Write contact forces and energies of a run as a table.
+
+    The ending of the file, .parquet or .csv, decides on the format.
 
     Examples:
-      beads overlay example-measured
-      beads overlay example-measured --set contact.restitution=0.9
-      beads overlay yade:fig4 --measured shot-12.csv
+      beads table yade:fig4
+      beads table yade:fig4 --long --out forces.csv
     """
-    from postproc.draw.overlay import HEADINGS, draw_overlay, misfit_rows  # takes as long to load as all others
-    from postproc.read.measured import entries_of
-    from postproc.read.misfit import lay_over
-    from postproc.read.motion import exact
-
-    if Path(run).is_dir() or (":" in run and not Path(run).exists()):
-        if settings:
-            raise InputError(f"--set {settings[0]}", "", "not allowed for a finished run")
-        opened, name, _ = open_shown("overlay", run, runs)
-        scene = scene_now(run.partition(":")[2]) or scene_now(opened.record.scene_name)  # names the measured data
-        layout, trace, engine = opened.layout, opened.trace, opened.record.engine
-    else:
-        case = planned_case(run, *settings)
-        refuse(case, REFERENCE)
-        scene, layout, trace, engine = case.scene, case.layout, exact(case).trace, REFERENCE
-        name = f"overlay-{scene.name}"
-    entries, folder, where = entries_of(scene, measured, run)
-    aligned, misfits, remarks = lay_over(entries, folder, where, layout, trace)
-    drawn = write_product(draw_overlay(layout, trace, engine, aligned, misfits), name, results) if aligned else ()
-    print(*text_table([HEADINGS, *misfit_rows(misfits)]), sep="\n")
-    for remark in remarks:
-        print(remark, file=sys.stderr)
-    print_paths(drawn)
+    opened, name, _ = open_shown("table", run, runs)
+    file = out or results / f"{name}.parquet"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    print_paths([write_run_table(opened, file, long=long)])
 
 
 def study(study: str, runs: Path, results: Path, x: str, y: str, log: bool, power_law: bool) -> None:
@@ -198,10 +180,6 @@ def study(study: str, runs: Path, results: Path, x: str, y: str, log: bool, powe
       beads study sensitivity
       beads study speed-amplitude --x bead_5_amplitude --y speed_9_to_5 --log
     """
-    given = {"--x": x, "--y": y, "--log": log, "--power-law": power_law}
-    missing = [name for name in ("--x", "--y") if not given[name]]
-    if missing and any(given.values()):
-        raise InputError(next(filter(given.get, given)), "", f"needs {' and '.join(missing)}")
     swept, table = read_study(study), read_study_table(study, runs)
     columns = {name: column_name(name, key) for name, key in swept.columns.items()}
     labels = {columns[name]: key_label(name, key) for name, key in swept.columns.items()}
@@ -214,8 +192,7 @@ def study(study: str, runs: Path, results: Path, x: str, y: str, log: bool, powe
         product = draw_study(table, title, (y,), f"--x {x} --y {y}", labels, x, **how)
     else:
         product = (draw_study if grid else draw_tornado)(table, title, swept.file.figure, swept.where, labels)
-    print_paths(write_product(product, name, results))
-    print(*(f"{note}\n" for note in product.notes), sep="", end="")
+    _write(product, name, results)
 
 
 def _write(product: Product, name: str, results: Path) -> None:

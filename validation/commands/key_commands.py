@@ -1,8 +1,9 @@
 """Commands on the files and engines that there are: ``scenes``, ``keys``, ``engine``, ``wave``."""
 
 import json
-import os
+import platform
 import re
+import tomllib
 from collections.abc import Iterator
 from inspect import cleandoc
 from pathlib import Path
@@ -13,6 +14,7 @@ from pydantic import BaseModel, TypeAdapter
 from drivers.base import paths
 from drivers.base.cache import store
 from drivers.base.errors import InputError, RunError
+from drivers.base.processes import git, local_changes
 from drivers.base.terminal import text_table
 from drivers.batch.study import StudyFile
 from drivers.engines import Entry, load_engine
@@ -20,6 +22,7 @@ from drivers.run.build import build_of
 from drivers.run.run_folder import RECORD, RunRecord
 from drivers.scene.model import Scene
 from drivers.scene.read_scene import read_toml
+from postproc.read import observables
 from validation.accuracy.costs import entry_of, kit_key, measured_cost
 from validation.reference.travelling_wave import constants, solve_travelling_wave
 
@@ -52,28 +55,26 @@ def scenes() -> None:
         print(f"{what}:", *(f"  {line}" for line in text_table(texts.items())), sep="\n")
 
 
-def keys(markdown: bool, write: bool, table: str = "") -> None:
+def keys(write: bool, table: str = "") -> None:
     """List keys of scenes and studies, with units and ranges.
 
     Examples:
       beads keys chain
-      beads keys study --markdown
+      beads keys study
     """
     if write:
         README.write_text(with_keys(README.read_text()))
         return
-    files = key_tables() | {RECORD: rows_of_record()}
-    if table in files:
-        files = {table: files[table]}
-    elif table:
-        listed = [*files, *(row[0] for rows in files.values() for row in rows if row[1].endswith(("table", "tables")))]
-        files = {file: [row for row in files[file] if f"{row[0]}.".startswith(f"{table}.")] for file in files}
-        files |= {RECORD: rows_of_record()} if table == Path(RECORD).stem else {}
-        if not any(files.values()):
-            raise InputError("keys", "", table, ", ".join(listed))
-    for name, rows in files.items():
-        if rows:
-            print(_markdown(name, rows) if markdown else "\n  ".join([f"{name}:", *text_table([HEADINGS, *rows])]))
+    files = key_tables() | {Path(RECORD).stem: rows_of_record()}
+    found = {
+        file: [row for row in rows if table in ("", file) or f"{row[0]}.".startswith(f"{table}.")]
+        for file, rows in files.items()
+    }
+    if not any(found.values()):
+        tables = (row[0] for rows in files.values() for row in rows if row[1].endswith(("table", "tables")))
+        raise InputError("keys", "", table, ", ".join([*files, *tables]))
+    for file in filter(found.get, found):
+        print(f"{file}:", *(f"  {line}" for line in text_table([HEADINGS, *found[file]])), sep="\n")
 
 
 def key_tables() -> dict[str, Rows]:
@@ -143,6 +144,20 @@ def _markdown(name: str, rows: Rows) -> str:
     return "\n".join([f"### Keys: {name}\n", *(f"| {' | '.join(row)} |".replace("  ", " ") for row in cells), ""])
 
 
+def version() -> None:
+    """Print a line with the version of the project and of Python, and the commit."""
+    project = tomllib.loads((paths.ROOT / "pyproject.toml").read_text())["project"]
+    changes = " and changes" * local_changes()
+    commit = git("rev-parse", "--short=10", "HEAD") or "unknown"
+    print(f"{project['name']} {project['version']}, commit {commit}{changes}, Python {platform.python_version()}")
+
+
+def definitions() -> None:
+    """Print the definitions of all observables."""
+    rows = [(f"{each.pattern}{each.ending}", each.definition) for each in observables.OBSERVABLES]
+    print(observables.__doc__, *text_table(rows), sep="\n")
+
+
 def engine(name: str, results: Path) -> int:
     """Test an adapter or a build of a code.
 
@@ -156,9 +171,7 @@ def engine(name: str, results: Path) -> int:
     try:
         import pytest  # not in the environment of a user
     except ImportError as error:
-        file = os.environ.get(paths.ENGINES_VARIABLE)
-        command = f"make engine ENGINE={name}{f' ENGINES={file}' * bool(file)}"
-        raise RunError(f"pytest is not installed; {command} installs it and runs this") from error
+        raise RunError(f"pytest is not installed; make engine ENGINE={name} installs it and runs this") from error
     arguments = ["-v", "-rs", "--tb=short", "--capture=sys"]  # lines on progress reach the screen
     arguments += ["--rootdir", str(paths.ROOT), "-c", str(paths.ROOT / "pyproject.toml")]
     if results != paths.RESULTS:

@@ -1,10 +1,10 @@
 """Arguments and options of the commands, each declared once: what they mean, how they are read and completed."""
 
 import os
-import platform
 import re
-import tomllib
 from collections.abc import Callable, Iterable
+from functools import partial
+from importlib import import_module
 from math import isfinite
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -23,47 +23,34 @@ TEXTS = {
     "study STUDY": "A study file, or the name of a study in inputs/studies.",
     "run RUN": "A run folder, or ENGINE:SCENE for the newest run of that scene.",
     "--set settings KEY=VALUE ...": "A key of the scene with its value, such as chain.count=60 or run.time_step='10"
-    " ns'; an empty value removes the key; runs lists runs with this setting, where * is any text; repeatable.",
-    "--engine engines ENGINE ...": "Take this engine only; repeatable (default: all that are installed, or those of"
-    " the study).",
-    "--engines engines_file FILE": "File with engines of your own, as well as those of each engines.toml (see "
-    "drivers/README.md).",
-    "--require ENGINE ...": "Fail if this engine does not run; repeatable.",
+    " ns'; an empty value removes the key; runs lists runs with this setting, where * is any text.",
+    "--engine engines ENGINE ...": "Take this engine only (default: all that are installed, or those of the study).",
+    "--engines engines_file FILE": "Engines of your own, beside those of each engines.toml (see drivers/README.md).",
+    "--require ENGINE ...": "Fail if this engine does not run.",
     "--allow-missing": "Accept that engines of --engine or all codes are missing.",
     "--runs DIR": "Folder of the run folders (default: runs/ of the checkout).",
     "--results DIR": "Folder for tables and figures (default: results/ of the checkout).",
     "--unsafe": "Accept a scene that a guard refuses, for instance a time step above the stability limit.",
-    "--measured FILE": "CSV file with forces in N, in columns named after gauges, such as bead_9 [N] (default: the "
-    "[[measured]] tables of the scene, for any other file).",
+    "--measured FILE": "CSV file with columns as bead_9 [N] (default: the [[measured]] tables of the scene).",
     "--frames COUNT": "Number of times (default: 12 in a film, 100 for ParaView).",
-    "--quick": "Do less: fewer scenes, steps and seeds, no long runs; for fit no profiles, no data left out, no "
-    "runs of the codes.",
-    "--only patterns PATTERN ...": "Take only cases with KEY=GLOB, such as 'striker.speed=2 m/s', or with a label "
-    "that matches; repeatable (default: all cases).",
+    "--quick": "Do less: fewer scenes, steps and seeds; for fit no profiles, no data left out, no runs of the codes.",
+    "--only patterns PATTERN ...": "Take only cases with KEY=GLOB, such as 'striker.speed=2 m/s', or a label like it.",
     "--dry-run": "Print what would be done, without doing it.",
     "--long": "One row for each sample and contact, instead of a column for each contact.",
     "--json as_json": "Print JSON.",
     "--dask ADDRESS": "Run on the Dask cluster at ADDRESS; without ADDRESS, on a local Dask cluster.",
-    "--list every": "Print the state of each case: done, failed, timeout, refused, stale, claimed, to do, not "
-    "installed.",
-    "--free KEY[=LOW..HIGH] ...": "Fit this key of the scene, such as contact.restitution=0.5..1, or with prior "
-    "knowledge striker.speed=2±1%; repeatable (default bounds: inputs/calibration.toml).",
-    "--law laws LAW ...": "Fit this contact law of inputs/calibration.toml (elastic, viscoelastic, power); "
-    "repeatable: all on the same data, and compared.",
-    "--level levels SHARE ...": "Measure widths at this share of the peak; repeatable (default: 0.002 and 0.04).",
-    "--predict OBSERVABLE ...": "Predict this observable, such as wall_peak or bead_8_reflected_arrival, with its "
-    "error; repeatable.",
+    "--list every": "Print the state of each case.",
+    "--free KEY[=LOW..HIGH] ...": "Fit this key, as contact.restitution=0.5..1, with a prior striker.speed=2±1%.",
+    "--law laws LAW ...": "Fit this law (elastic, viscoelastic or power); several are compared.",
+    "--level levels SHARE ...": "Measure widths at this share of the peak (default: 0.002 and 0.04).",
+    "--predict OBSERVABLE ...": "Predict this, such as wall_peak or bead_8_reflected_arrival, with its error.",
     "--quoted SET,...": "Fit to data that the paper quotes: sets of inputs/calibration.toml, such as fig4,table1.",
-    "--beads ranges A-B ...": "Energy of the bodies A to B, counted from the wall, the striker last; repeatable.",
-    "what SCENE|RUN...": "Scenes by name or file, or exactly two runs: run folders, or ENGINE:SCENE for the newest "
-    "run.",
-    "--scene SCENE": "Scene of the deck before changes, by name or file (default: the one that render wrote into "
-    "FOLDER).",
+    "--beads ranges A-B ...": "Energy of the bodies A to B, counted from the wall, the striker last.",
+    "what SCENE|RUN...": "Scenes by name or file; or two runs, each a run folder, or ENGINE:SCENE for the newest run.",
+    "--scene SCENE": "Scene of the deck before changes (default: the one that render wrote into FOLDER).",
     "--sideways FACTOR": "Multiply displacements from the axis by this (default: 1).",
-    "--studies": "Write the page first, then make figures and studies and add them; short studies where no table "
-    "exists.",
+    "--studies": "Add figures and studies after the page is written; short studies where no table exists.",
     "table [TABLE]": "A table, such as chain.bead or axis, or a file: scene, study, engines, run (default: all files).",
-    "--markdown": "Print the tables in Markdown.",
     "--write": "Write the tables of all files into inputs/README.md.",
     "--rerun": "Run again even if the run is done or, with auto, failed.",
     "--time-limit SECONDS": "Stop a run after this time (default: by beads and steps).",
@@ -72,18 +59,18 @@ TEXTS = {
     "--from source SIGNAL": "Source of the transfer function: drive, or a gauge.",
     "--to target SIGNAL": "Target of the transfer function: a gauge, such as wall.",
     "--frequency F": "Measure harmonics of this frequency (default: that of a sine drive).",
-    "--since TIME": "Begin of the record, such as '0.2 ms' (default: 0 s).",
+    "--since TIME": "Begin of the record, such as '0.2 ms' (default: that of the run).",
     "--until TIME": "End of the record (default: that of the run).",
     "--window NAME": "hann (default), boxcar, blackmanharris or flattop.",
     "run SCENE|RUN": "A scene, for its exact motion; or a run folder, or ENGINE:SCENE.",
-    "--own KEY[=LOW..HIGH] ...": "As --free, with a value of its own for each data set; repeatable.",
+    "--own KEY[=LOW..HIGH] ...": "As --free, with a value of its own for each data set.",
     "--workers N": "Number of processes on this machine (default: number of cores).",
     "--retry": "Run failed cases again.",
     "--yes": "Accept a study of more than 20,000 cases.",
     "--slice part I/N": "Run part I of N here, without writing the table.",
     "--slurm": "Run as a Slurm job array.",
     "--slices N": "Number of tasks of the job array (default: by the expected time).",
-    "--slurm-line lines LINE ...": "Add a line to the job script, such as '#SBATCH --mem=2G'; repeatable.",
+    "--slurm-line lines LINE ...": "Add a line to the job script, such as '#SBATCH --mem=2G'.",
     "--wait": "Wait for the job array, then write the table.",
     "--x COLUMN": "Draw --y against this column of the table.",
     "--y COLUMN": "Column of numbers; a name may be without its unit.",
@@ -103,10 +90,18 @@ TEXTS = {
 class _Number(click.FloatRange):
     """Finite number in a range; that of click may be nan or infinite."""
 
+    name = "number"
+
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Value of a text."""
         number = super().convert(value, param, ctx)
         return number if isfinite(number) else self.fail(f"{value} is not a finite number", param, ctx)
+
+
+class _Count(click.IntRange):
+    """Whole number in a range."""
+
+    name = "whole number"
 
 
 def _folder_to_write(text: str | Path) -> Path:
@@ -141,58 +136,36 @@ def _engines_file(text: str) -> Path:
     return path
 
 
-def _run_names(context: click.Context) -> Iterable[str]:
-    folders = Path(context.params.get("runs") or paths.RUNS).glob("[!.]*/[!.]*-*-*/")
-    return (f"{folder.parent.name}:{folder.name.rsplit('-', 2)[0]}" for folder in folders)
-
-
-def _engine_names(_: click.Context) -> Iterable[str]:
+def _engine_names() -> Iterable[str]:
     from drivers.engines import engine_names  # takes longer than the rest of a completion
 
     return engine_names()
 
 
-def _print_version(context: click.Context, _: click.Parameter, asked: bool) -> None:
-    """Print a line with the version of the project and of Python, and the commit."""
-    if not asked:
-        return
-    from drivers.base.processes import git, local_changes  # takes as long to load as all others
-
-    project = tomllib.loads((paths.ROOT / "pyproject.toml").read_text())["project"]
-    changes = " and changes" * local_changes()
-    commit = git("rev-parse", "--short=10", "HEAD") or "unknown"
-    print(f"{project['name']} {project['version']}, commit {commit}{changes}, Python {platform.python_version()}")
-    context.exit()
-
-
-def _print_definitions(context: click.Context, _: click.Parameter, asked: bool) -> None:
-    """Print the definitions of all observables."""
+def _instead(function: str, context: click.Context, _: click.Parameter, asked: bool) -> None:
+    """Call a function instead of the command."""
     if asked:
-        from drivers.base.terminal import text_table
-        from postproc.read import observables
-
-        rows = [(f"{each.pattern}{each.ending}", each.definition) for each in observables.OBSERVABLES]
-        print(observables.__doc__, *text_table(rows), sep="\n")
+        getattr(import_module(f"{__package__}.key_commands"), function)()
         context.exit()
 
 
-NAMES: dict[str, Callable[[click.Context], Iterable[str]]] = {  # that a shell completes, by placeholder
-    "SCENE": lambda _: (path.stem for path in paths.SCENES.glob("*.toml")),
-    "RUN": _run_names,
-    "STUDY": lambda _: (path.stem for path in paths.STUDIES.glob("*.toml")),
+NAMES: dict[str, Callable[[], Iterable[str]]] = {  # that a shell completes, by placeholder
+    "SCENE": lambda: (path.stem for path in paths.SCENES.glob("*.toml")),
+    "STUDY": lambda: (path.stem for path in paths.STUDIES.glob("*.toml")),
     "ENGINE": _engine_names,
-    "FIGURE": lambda _: captions(),
+    "FIGURE": captions,
 }
 TYPES: dict[str, Any] = {  # of values that are no text, by placeholder
     "DIR": _folder_to_write,
+    "RUN": click.Path(),
     "FILE": click.Path(path_type=Path),
     "FOLDER": click.Path(path_type=Path),
     "SECONDS": _Number(0, min_open=True),
     "SHARE": _Number(0, 1, min_open=True, max_open=True),
     "FACTOR": _Number(0, 1e6, min_open=True),
-    "N": click.IntRange(1, 10**8),
-    "COUNT": click.IntRange(2, 10_000),
-    "CASE": click.IntRange(1),
+    "N": _Count(1, 10**8),
+    "COUNT": _Count(2, 10_000),
+    "CASE": _Count(1),
     "I/N": _slice,
     "A-B": _bodies,
     "SET,...": lambda text: tuple(map(str.strip, text.split(","))) if text else (),
@@ -200,22 +173,20 @@ TYPES: dict[str, Any] = {  # of values that are no text, by placeholder
 UNUSUAL: dict[str, dict[str, Any]] = {  # further arguments of click.Option
     "--runs": {"default": lambda: paths.RUNS},
     "--results": {"default": lambda: paths.RESULTS},
-    "--since": {"default": "0 s"},
-    "--window": {"default": "hann"},
+    "--window": {"default": "hann", "type": click.Choice(("hann", "boxcar", "blackmanharris", "flattop"))},
     "--out": {"type": click.Path(dir_okay=False, writable=True, path_type=Path)},
     "--quoted": {"default": ""},
     "--dask": {"is_flag": False, "flag_value": "local"},
     "--engines": {"type": _engines_file, "is_eager": True, "expose_value": False},
-    "--version": {"callback": _print_version, "is_eager": True, "expose_value": False},
-    "--definitions": {"callback": _print_definitions, "is_eager": True, "expose_value": False},
+    "--version": {"callback": partial(_instead, "version"), "is_eager": True, "expose_value": False},
+    "--definitions": {"callback": partial(_instead, "definitions"), "is_eager": True, "expose_value": False},
 }
 
 
-def _complete(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[CompletionItem[str]]:
+def _complete(kind: str, _: click.Context, __: click.Parameter, incomplete: str) -> list[CompletionItem[str]]:
     """Names that begin with the incomplete word; if there is none, the shell completes paths."""
-    kinds = NAMES.keys() & re.findall("[A-Z]+", str(parameter.metavar))
-    names = {name for kind in kinds for name in NAMES[kind](context) if name.startswith(incomplete)}
-    return [*map(CompletionItem, sorted(names))] or [CompletionItem(incomplete, type="file")]
+    names = sorted(name for name in NAMES[kind]() if name.startswith(incomplete))
+    return [*map(CompletionItem, names)] or [CompletionItem(incomplete, type="file")]
 
 
 def _parameter(words: str, text: str, **more: Any) -> click.Parameter:
@@ -223,14 +194,14 @@ def _parameter(words: str, text: str, **more: Any) -> click.Parameter:
     names = [word for word in words.split() if word != "..." and not word.isupper()]
     value = next((word for word in words.split() if word.isupper()), "")
     look: dict[str, Any] = {"metavar": value, "type": TYPES.get(value), "help": text}
-    if NAMES.keys() & re.findall("[A-Z]+", value):
-        look["shell_complete"] = _complete
+    for named in NAMES.keys() & re.findall("[A-Z]+", value):
+        look["shell_complete"] = partial(_complete, named)
     if not words.startswith("--"):
         return click.Argument(names, **look, nargs=-1 if value.endswith("...") else 1, required=value[0] != "[")
     if not value:
         look = {"is_flag": True, "help": text}
     elif "..." in words.split():
-        look["multiple"] = True
+        look |= {"multiple": True, "help": f"{text.removesuffix('.')}; repeatable."}
     elif value not in TYPES:
         look["default"] = ""
     return click.Option(names, **look | UNUSUAL.get(names[0], {}) | more)
@@ -239,6 +210,7 @@ def _parameter(words: str, text: str, **more: Any) -> click.Parameter:
 PARAMETERS = {  # by option, or by placeholder of an argument
     **{words.split()[not words.startswith("--")]: _parameter(words, text) for words, text in TEXTS.items()},
     "--runs-read": _parameter("--runs FOLDER", TEXTS["--runs DIR"]),
+    "--one-engine": _parameter("--engine ENGINE", "The engine of the deck."),
     "--out-deck": _parameter("--out DIR", "Folder for the deck.", required=True, type=_folder_to_write),
 }
 

@@ -3,19 +3,27 @@
 import shlex
 import sys
 import traceback
-from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from runpy import run_path
 from typing import Any
 
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError, one_line
-from drivers.base.terminal import counted
-from drivers.engines import engines_again, missing_codes
+from drivers.base.terminal import counted, text_table
+from drivers.engines import REFERENCE, engines_again, missing_codes
+from drivers.limits import refuse
+from drivers.run.inventory import scene_now
+from postproc.draw.overlay import HEADINGS, draw_overlay, misfit_rows
 from postproc.draw.product import Product, write_product
 from postproc.figures import caption_of, captions
+from postproc.read.measured import entries_of
+from postproc.read.misfit import lay_over
+from postproc.read.motion import exact
+from validation.accuracy.plan import planned_case
 from validation.calibration.command import FitRequest, run_fit
 from validation.chapters import CHAPTERS, Options, run_chapter, write_paper_figure
 from validation.commands.options import print_paths
+from validation.commands.run_commands import open_shown
 from validation.compare.comparison import EngineSelection
 from validation.report import write_report
 
@@ -70,15 +78,11 @@ def _write_own(name: str, runs: Path, results: Path) -> list[Path]:
     file, shown = Path(name).resolve(), paths.shown(Path(name))
     if file.stem in (*captions(), *CHAPTERS):
         raise InputError(shown, "", file.stem, "a name that is not that of a figure of the paper or of a chapter")
-    spec = spec_from_file_location(f"own_figure_{file.stem}", file)
-    assert spec
-    assert spec.loader
-    module = sys.modules[spec.name] = module_from_spec(spec)
     try:
-        spec.loader.exec_module(module)
-        if not callable(getattr(module, "make", None)):
+        make = run_path(str(file)).get("make")
+        if not callable(make):
             raise InputError(shown, "make", "no such function", "make(runs), which returns a Product")
-        product = module.make(runs)
+        product = make(runs)
         if not isinstance(product, Product):
             raise InputError(shown, "make", f"{type(product).__name__} returned", "a Product")
         return write_product(product, file.stem, results)
@@ -100,6 +104,34 @@ def fit(results: Path, runs: Path, **asked: Any) -> int:
       beads fit shot.toml --law elastic --law power --free striker.speed=2±1%
     """
     return run_fit(FitRequest(**asked), runs, results)
+
+
+def overlay(run: str, settings: tuple[str, ...], runs: Path, results: Path, measured: Path | None = None) -> None:
+    """Draw measured traces over computed ones, with deviations.
+
+    Examples:
+      beads overlay example-measured
+      beads overlay example-measured --set contact.restitution=0.9
+      beads overlay yade:fig4 --measured shot-12.csv
+    """
+    if Path(run).is_dir() or (":" in run and not Path(run).exists()):
+        if settings:
+            raise InputError(f"--set {settings[0]}", "", "not allowed for a finished run")
+        opened, name, _ = open_shown("overlay", run, runs)
+        scene = scene_now(run.partition(":")[2]) or scene_now(opened.record.scene_name)  # names the measured data
+        layout, trace, engine = opened.layout, opened.trace, opened.record.engine
+    else:
+        case = planned_case(run, *settings)
+        refuse(case, REFERENCE)
+        scene, layout, trace, engine = case.scene, case.layout, exact(case).trace, REFERENCE
+        name = f"overlay-{scene.name}"
+    entries, folder, where = entries_of(scene, measured, run)
+    aligned, misfits, remarks = lay_over(entries, folder, where, layout, trace)
+    drawn = write_product(draw_overlay(layout, trace, engine, aligned, misfits), name, results) if aligned else ()
+    print(*text_table([HEADINGS, *misfit_rows(misfits)]), sep="\n")
+    for remark in remarks:
+        print(remark, file=sys.stderr)
+    print_paths(drawn)
 
 
 def claims(**options: Any) -> int:

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from functools import partial
 from math import isnan
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
 from drivers.base.terminal import counted, text_table
-from drivers.chain.case import build_case
+from drivers.chain.case import Case, build_case
 from drivers.engines import engine_names, installed, load_engine
 from drivers.limits import inability, refuse
 from drivers.run import inventory
@@ -17,9 +18,8 @@ from drivers.run.run import import_run, is_done, run_case
 from drivers.run.run_folder import EndedRun, open_run, scene_of, write_scene
 from postproc.read.observables import LEVELS, observe, without_unit
 from validation.accuracy.budget import assess, missed_accuracy
-from validation.accuracy.costs import auto_engines
+from validation.accuracy.costs import auto_engines, capable_engines
 from validation.accuracy.plan import plan_report, planned_case
-from validation.commands.options import print_paths
 from validation.compare.comparison import EngineSelection, compare_runs, compare_scenes
 
 Words = tuple[str, ...]
@@ -52,58 +52,57 @@ def run(
       beads run fig4 --engine auto
       beads run fig4 --set chain.count=60 --set run.time_step='50 ns'
     """
-    for name in engines:
-        if name != AUTO:
-            load_engine(name, "--engine", also=(AUTO,))  # refuses a wrong name before the case is planned
+    auto = engines == (AUTO,)
+    for name in () if auto else engines:
+        load_engine(name, "--engine", also=(f"{AUTO} alone",))  # refuses a wrong name before the case is planned
     case = planned_case(scene, *settings)
-    auto = auto_engines(case, None if rerun else runs)
-    asked = [next(auto) if name == AUTO else name for name in dict.fromkeys(engines)]
-    names = list(dict.fromkeys(asked or installed(engine_names())))
-    missing = [] if asked else [name for name in engine_names() if name not in names]
-    refusals = {name: error for name in names if (error := inability(case, name))}
-    for refusal in refusals.values() if asked else ():
-        raise refusal
-    names = [name for name in names if name not in refusals]
-    for name in [] if unsafe else names:
-        if rerun or not is_done(case, name, runs):
+    once = partial(_ran, case, runs=runs, rerun=rerun, limit_s=time_limit)
+    for name in auto_engines(case, None if rerun else runs) if auto else ():
+        if not unsafe:
+            refuse(case, name)
+        if once(name, left_out="; --engine auto leaves it out"):
+            return 0
+    here = installed(engine_names())
+    names = list(dict.fromkeys(engines)) or capable_engines(case, here)
+    for name in names:
+        if cannot := inability(case, name):
+            raise cannot
+        if not unsafe and (rerun or not is_done(case, name, runs)):
             refuse(case, name)  # before any engine starts
-    failures = 0
-    for name in names:  # --engine auto adds the next engine after one that fails
-        by_auto = bool(asked) and name not in engines
-        try:
-            with counted(f"running {case.scene.name} on {name}"):
-                ended = run_case(case, name, runs, rerun=rerun, limit_s=time_limit)
-            with counted(f"measuring the error of {case.scene.name} on {name}"):
-                ended = assess(ended, case, time_limit)
-        except (RunError, OSError) as error:
-            wrong = f": {error}"
-        else:
-            wrong = _trouble(ended)
-            if not (by_auto and wrong):
-                print(paths.shown(ended.folder), flush=True)
-        if wrong:
-            print(f"{case.scene.name}: {name}{wrong}{'; --engine auto leaves it out' * by_auto}", file=sys.stderr)
-            failures += not by_auto
-        if wrong and by_auto and (another := next(auto)) not in names:
-            names.append(another)
-            if not unsafe:
-                refuse(case, another)
-    for name, refusal in refusals.items():
-        print(f"not run on {name}: {refusal}", file=sys.stderr)
-    if missing:
-        print(f"not run, not installed ({len(missing)}): {', '.join(missing)}", file=sys.stderr)
-    return 1 if failures else 0
+    done = [once(name) for name in names]
+    for name in [] if engines else engine_names():
+        if why := "not installed" if name not in here else inability(case, name):
+            print(f"not run on {name}: {why}", file=sys.stderr)
+    return int(not all(done))
 
 
-def _trouble(ended: EndedRun) -> str:
-    """Print the warnings of a run; returns why it failed or missed its accuracy, as the end of a line, or nothing."""
+def _ran(case: Case, name: str, runs: Path, rerun: bool, limit_s: float | None, left_out: str = "") -> bool:
+    """Run a case on an engine and show the run; returns False if it fails or misses its accuracy."""
+    try:
+        with counted(f"running {case.scene.name} on {name}"):
+            ended = run_case(case, name, runs, rerun=rerun, limit_s=limit_s)
+        with counted(f"measuring the error of {case.scene.name} on {name}"):
+            return show_run(assess(ended, case, limit_s), left_out)
+    except (RunError, OSError) as error:
+        print(f"{case.scene.name}: {name}: {error}{left_out}", file=sys.stderr)
+        return False
+
+
+def show_run(ended: EndedRun, left_out: str = "") -> bool:
+    """Print the folder and the warnings of a run, and why it failed or missed its accuracy; returns False if so.
+
+    With words on why a wrong run is left out, its folder is no result.
+    """
+    name = f"{ended.record.scene_name}: {ended.record.engine}"
     for warning in ended.record.warnings or ():
-        print(f"{ended.record.scene_name}: {ended.record.engine} warning: {warning}", file=sys.stderr)
-    if ended.done:
-        return f" missed the accuracy: {missed}" if (missed := missed_accuracy(ended)) else ""
-    stderr = ended.folder / "stderr.txt"
-    said = f" (see {paths.shown(stderr)})" if stderr.is_file() and stderr.stat().st_size else ""
-    return f" {ended.trouble}{said}"
+        print(f"{name} warning: {warning}", file=sys.stderr)
+    missed = missed_accuracy(ended) if ended.done else ""
+    wrong = f"missed the accuracy: {missed}" if missed else ended.trouble
+    if not (wrong and left_out):
+        print(paths.shown(ended.folder), flush=True)
+    if wrong:
+        print(f"{name} {wrong}{left_out}", file=sys.stderr)
+    return not wrong
 
 
 def compare(what: Words, settings: Words, runs: Path, unsafe: bool, **engines: Any) -> int:
@@ -125,24 +124,24 @@ def compare(what: Words, settings: Words, runs: Path, unsafe: bool, **engines: A
     return compare_runs(*(inventory.run_folder(folder, runs) for folder in folders))
 
 
-def render(scene: str, settings: Words, engines: Words, out: Path, unsafe: bool) -> None:
+def render(scene: str, settings: Words, engine: str, out: Path, unsafe: bool) -> None:
     """Write the deck of a scene for one engine, without running it.
 
     Example:
       beads render fig4 --engine liggghts --out deck
     """
-    engine = load_engine(_one_of(engines), "--engine")
+    code = load_engine(engine, "--engine")
     case = planned_case(scene, *settings)
     if not unsafe:
-        refuse(case, engine.name)
-    deck = engine.by_hand(engine.render(case))
+        refuse(case, engine)
+    deck = code.by_hand(code.render(case))
     out.mkdir(parents=True, exist_ok=True)
     write_scene(out, case.scene)
     for file in deck.write(out):
         print(file)
 
 
-def import_(folder: Path, scene: str | None, settings: Words, engines: Words, runs: Path) -> int:
+def import_(folder: Path, scene: str, settings: Words, engine: str, runs: Path) -> int:
     """Make a run folder of a deck that was run by hand.
 
     The deck may have been changed: the record names each line that differs from the scene's deck.
@@ -151,25 +150,11 @@ def import_(folder: Path, scene: str | None, settings: Words, engines: Words, ru
       beads import deck --engine liggghts
       beads import deck --engine yade --scene fig4 --set run.time_step='0.2 us'
     """
-    engine = load_engine(_one_of(engines), "--engine")
+    load_engine(engine, "--engine")
     case = planned_case(scene, *settings) if scene else build_case(scene_of(folder))
-    ended = assess(import_run(folder, case, engine.name, runs), case)
-    print(paths.shown(ended.folder))
+    ended = assess(import_run(folder, case, engine, runs), case)
     print(*(f"deck changed: {edit}" for edit in ended.record.edits or ["nothing"]), sep="\n", file=sys.stderr)
-    if wrong := _trouble(ended):
-        print(f"{ended.record.scene_name}: {ended.record.engine}{wrong}", file=sys.stderr)
-    return int(bool(wrong))
-
-
-def _one_of(engines: Words) -> str:
-    """The only engine given.
-
-    Raises:
-        InputError: none or several are given.
-    """
-    if len(engines) != 1:
-        raise InputError("--engine", "", ", ".join(engines) or "none", "one engine")
-    return engines[0]
+    return int(not show_run(ended))
 
 
 def runs(runs: Path, prune: bool, dry_run: bool, **chosen: Words) -> None:
@@ -205,35 +190,6 @@ def observables(run: str, runs: Path, levels: tuple[float, ...], as_json: bool) 
     shown = {name: "not seen" if value is None else f"{value:.6g}" for name, value in values.items()}
     rows = [(name, value, errors.get(without_unit(name), "")) for name, value in shown.items()]
     print(*text_table([("observable", "value", "relative error"), *rows]), sep="\n")
-
-
-def vtk(run: str, runs: Path, results: Path, **frames: int) -> None:
-    """Write a run for ParaView (needs recorded positions).
-
-    Example:
-      beads vtk yade:fig4 --frames 200
-    """
-    from postproc.draw import vtk as series  # meshio takes long to load
-
-    opened, name, _ = open_shown("vtk", run, runs)
-    print_paths(series.write_series(opened, results / name, **frames))
-
-
-def table(run: str, runs: Path, results: Path, long: bool, out: Path | None = None) -> None:
-    """Write contact forces and energies of a run as a table.
-
-    The ending of the file, .parquet or .csv, decides on the format.
-
-    Examples:
-      beads table yade:fig4
-      beads table yade:fig4 --long --out forces.csv
-    """
-    from postproc.read.run_tables import write_table  # pandas takes long to load
-
-    opened, name, _ = open_shown("table", run, runs)
-    file = out or results / f"{name}.parquet"
-    file.parent.mkdir(parents=True, exist_ok=True)
-    print_paths([write_table(opened, file, long=long)])
 
 
 def open_shown(what: str, run: str, runs: Path) -> tuple[EndedRun, str, str]:

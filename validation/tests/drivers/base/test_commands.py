@@ -1,7 +1,6 @@
 """Tests of what all commands share: help, messages of wrong words, version, environment, shell completion."""
 
 import ast
-import os
 import re
 import signal
 import subprocess
@@ -16,7 +15,7 @@ from click.shell_completion import BashComplete
 
 from drivers.base import paths, processes
 from drivers.base.processes import git
-from drivers.engines import VERLET, engine_names
+from drivers.engines import engine_names
 from validation import commands
 from validation.commands.beads import BEADS as COMMANDS
 from validation.tests.helpers.commands import BEADS, beads
@@ -99,27 +98,6 @@ def test_a_shell_completes_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         assert {item.value for item in completion.get_completions(words, start)} == names
 
 
-def test_bash_completes_names_of_runs(tmp_path: Path) -> None:
-    """For bash a word ends at a colon."""
-    for name in ("small-0123ab-0123456789ab", "small-other-0123ab-0123456789ab", ".work"):
-        (tmp_path / "there" / VERLET / name).mkdir(parents=True)
-    (tmp_path / "beads").write_text(f'#!/bin/sh\nexec {" ".join(BEADS)} "$@"\n')
-    (tmp_path / "beads").chmod(0o755)
-    script = """
-        eval "$(_BEADS_COMPLETE=bash_source beads)"
-        compopt() { :; }
-        COMP_WORDS=(beads compare --runs there verlet:small verlet:s)
-        COMP_CWORD=5
-        _beads_completion beads
-        printf '%s\\n' "${COMPREPLY[@]}"
-        [[ $COMP_WORDBREAKS != *:* ]]
-    """
-    variables = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}", "PYTHONPATH": str(paths.ROOT)}
-    bash = ["bash", "--norc", "-c", script]
-    ended = subprocess.run(bash, capture_output=True, text=True, check=True, cwd=tmp_path, env=variables)
-    assert set(ended.stdout.split()) == {f"{VERLET}:small", f"{VERLET}:small-other"}
-
-
 def test_help_fits_the_terminal_lists_all_commands_and_has_valid_examples() -> None:
     without_words = beads()
     assert (without_words.returncode, without_words.stdout) == (2, beads("--help").stdout)
@@ -144,9 +122,10 @@ def test_help_fits_the_terminal_lists_all_commands_and_has_valid_examples() -> N
         (("run",), "beads run: missing argument 'SCENE'"),
         (("run", "fig4", "--time-limi"), "beads run: no such option '--time-limi'. Did you mean '--time-limit'?"),
         (("run", "fig4", "fig5"), "beads run: got unexpected extra argument (fig5)"),
-        (("run", "fig4", "--time-limit", "-1"), "beads run: --time-limit: -1.0 is not in the range x>0"),
-        (("run", "fig4", "--time-limit", "nan"), "beads run: --time-limit: nan is not a finite number"),
-        (("show", "sensitivity", "x"), "beads show: CASE: 'x' is not a valid integer range"),
+        (("trade", "--budget", "-1"), "beads trade: invalid value for '--budget': -1.0 is not in the range x>0"),
+        (("trade", "--budget", "nan"), "beads trade: invalid value for '--budget': nan is not a finite number"),
+        (("trade", "--budget", "x"), "beads trade: invalid value for '--budget': 'x' is not a valid number"),
+        (("show", "sensitivity", "x"), "beads show: invalid value for 'CASE': 'x' is not a valid whole number"),
     ],
 )
 def test_a_wrong_command_line_ends_in_one_line(words: tuple[str, ...], said: str) -> None:

@@ -93,12 +93,12 @@ def test_the_table(study_file: StudyWriter, scene_file: SceneWriter, tmp_path: P
 def test_rows_done_or_equal_are_not_run_again_unless_damaged(study_file: StudyWriter, tmp_path: Path) -> None:
     """Nothing is drawn at random, so cases that differ by their seed have equal numbers."""
     path, runs = study_file(f"{SPEEDS.format(2)}[[axis]]\nseeds = 2\n", "verlet"), tmp_path / "runs"
-    assert "verlet  4 to do, cost not measured yet" in batch(path, runs, "--dry-run").stdout
+    assert "verlet  4 to do\nexpected time: not known yet; " in batch(path, runs, "--dry-run").stdout
     assert not runs.exists()
-    assert batch_here(path, runs, "--only", "striker.speed=0.5*").stdout.endswith("verlet  2 done\n2 of 4 rows done\n")
+    assert batch_here(path, runs, "--only", "striker.speed=0.5*").stdout.endswith("verlet  2 done\n")
     assert list(table(runs)["status"]) == ["done", "done", "to do", "to do"]
     assert sql(runs, "SELECT count(DISTINCT identity), count(DISTINCT loop_s) FROM rows") == [(1, 1)]
-    assert "2 done, 2 to do, about " in batch(path, runs, "--dry-run").stdout
+    assert "2 done, 2 to do\nexpected time: " in batch(path, runs, "--dry-run").stdout
     assert beads("status", path, "--runs", runs, "--list").stdout.splitlines()[1:] == [
         "2: striker.speed=0.5 m/s, seed=2: verlet done",
         "3: striker.speed=2.0 m/s, seed=1: verlet to do",
@@ -313,13 +313,13 @@ def test_a_failure_is_charged_to_its_case_and_not_run_again(
     assert done.returncode == 1
     reason, last = done.stderr.splitlines()[-2:]
     assert "killed by signal 11" in reason
-    assert last == "1 row failed; --retry runs them again"
+    assert last == "failed rows: 1; --retry runs them again"
     failed = table(runs)
     assert list(failed["status"]) == ["done", "failed", "done", "done"]
     assert stored(runs) == [1, 2, 3, 4]
     repaired.touch()
     assert "liggghts  3 done, 1 failed\n" in batch(path, runs, "--dry-run").stdout
-    assert "liggghts  3 done, 1 to do, about " in batch(path, runs, "--dry-run", "--retry").stdout
+    assert "liggghts  3 done, 1 to do\nexpected time: " in batch(path, runs, "--dry-run", "--retry").stdout
     assert batch_here(path, runs, "--retry").returncode == 0
     assert failed.iloc[[0, 2, 3]].equals(table(runs).iloc[[0, 2, 3]])
     assert set(table(runs)["status"]) == {"done"}

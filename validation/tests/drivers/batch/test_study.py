@@ -202,7 +202,7 @@ def test_no_column_has_the_name_of_an_observable(write: StudyWriter, tmp_path: P
     ("words", "message"),
     [
         (["--slice", "0/2"], "I/N with I from 1 to N"),
-        (["--workers", "0"], "--workers: 0 is not in the range 1<=x"),
+        (["--workers", "0"], "'--workers': 0 is not in the range 1<=x"),
         (["--dask", "carrier pigeon"], "no scheduler answers"),
         (["--dask"], "make cluster"),
         (["--slurm", "--dask"], "--slurm: not allowed with --dask"),

@@ -197,7 +197,7 @@ RENDER = ("render", "fig4", "--engine", "verlet", "--out")
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("run", "fig4", "--runs", "/proc/x"), "--runs: found /proc/x"),
+        (("run", "fig4", "--runs", "/proc/x"), "'--runs': found /proc/x"),
         ((*RENDER, "/dev/null"), "(Not a directory); allowed: a folder"),
         ((*RENDER, "{tmp}/deck", "--set", "a="), "a: unknown key"),
         (("run", "n" * 4000), "File name too long"),

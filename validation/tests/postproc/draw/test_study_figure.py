@@ -210,7 +210,7 @@ def test_power_laws_are_those_of_least_squares_and_say_what_is_left_out() -> Non
 WRONG = {
     "--x striker.speed": "--x: needs --y",
     "--power-law --y wall_peak": "--y: needs --x",
-    "--log": "--log: needs --x and --y",
+    "--log": "--log: needs --x",
     "--x striker.sped --y wall_peak": '--x: found "striker.sped"; allowed: columns: case, striker.speed_m_s',
     "--x wall.material --y wall_peak --log": '--x: found "wall.material"; allowed: columns: case, ',
 }

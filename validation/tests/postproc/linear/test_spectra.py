@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from drivers.chain.chain import Array
-from postproc.linear.spectra import WINDOWS, harmonics_of, spectrum_of, transfer_of
+from postproc.linear.spectra import harmonics_of, spectrum_of, transfer_of
 from validation.tests.helpers.commands import beads
 
 TIME_S: Array = np.arange(2000.0) * 1e-6
 
 
-@pytest.mark.parametrize("window", WINDOWS)
+@pytest.mark.parametrize("window", ["hann", "boxcar", "blackmanharris", "flattop"])
 def test_a_sine_shows_its_amplitude(window: str) -> None:
     frequency, amplitude = spectrum_of(TIME_S, 5 + 0.7 * np.sin(2 * pi * 10e3 * TIME_S), window)
     place = int(np.argmax(amplitude))
@@ -65,7 +65,7 @@ def test_the_command_measures_a_driven_run_or_refuses_in_one_line(tmp_path: Path
     assert len(list(tmp_path.glob("spectrum-*.csv"))) == 1
     for option, value, message in [
         ("--to", "bead_3", 'found "bead_3"; allowed: drive, bead_15, bead_5, wall'),
-        ("--window", "kaiser", 'found "kaiser"; allowed: hann, boxcar'),
+        ("--window", "kaiser", "'kaiser' is not one of 'hann', 'boxcar'"),
         ("--since", "1", 'found "1"; allowed: a quantity in s'),
         ("--since", "0.99 ms", "at least 16 are needed"),
         ("--frequency", "10 Hz", "shorter than a period"),
