@@ -96,7 +96,7 @@ def draw_scene(scene: Scene, chain: Chain) -> tuple[Any, pd.DataFrame]:
     text = "\n".join(fill(line, NARROW) for line in labels)
     axis.text(-beside, (high + wall_m) / 2, text, ha="right", va="center")
     base, longest = (wall_m if chain.wall else low) + 0.02 * tall, min(0.3 * half, 0.5 * tall)
-    length = 10 ** np.floor(np.log10(longest))
+    length = max(size for size in np.outer(10.0 ** np.arange(-9, 3), (1, 2, 5)).flat if size <= longest)
     axis.plot([-0.78 * half, -0.78 * half + length], [base, base], color="black", lw=1.5, solid_capstyle="butt")
     axis.annotate(_mm(length), (-0.78 * half, base), (0, 4), textcoords="offset points")
     if scene.chain.angle and scene.gravity:

@@ -60,7 +60,7 @@ def make(runs: Path) -> Product:
     by_code = {str(code): of_code for code, of_code in points.groupby("engine") if code != REFERENCE}
     draw_codes(axis, {code: (of_code["force_N"], of_code["speed_m_s"]) for code, of_code in by_code.items()}, 3.5)
     _draw_experiment(axis, experiment)
-    off = f"speeds of the codes:\n{points[DEVIATION].abs().max():.0e} off at most"
+    off = f"speeds of the codes:\n{points[DEVIATION].abs().max():.1e} off at most"
     axis.text(0.98, 0.02, off, transform=axis.transAxes, ha="right", color=GREY)
     axis.legend(loc="upper left", handlelength=1.8, labelspacing=0.3)
     tables = [points, theory, experiment.assign(source="experiment")]
