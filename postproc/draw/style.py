@@ -61,23 +61,19 @@ def grey_of(engine: str) -> dict[str, Any]:
     return marker_of(engine) | {"color": GREYS[engine_names().index(engine) % len(GREYS)], "ls": "none"}
 
 
-def draw_codes(axis: Any, points: Mapping[str, tuple[Any, Any]], size: float = 4.0, **look: Any) -> None:
-    """Draws points of codes in grey, and one open circle for codes that coincide within half of its size.
+def draw_codes(axis: Any, points: Mapping[str, tuple[Any, Any]], size: float = 4.0) -> None:
+    """Draws points of codes in grey, and one open circle if all codes coincide within half of its size.
 
     Args:
         axis: Axes with their final limits and scales.
         points: x and y by code.
         size: Size of the markers in points.
-        look: Further plot keywords.
     """
-    near_px, groups = size / 2 * axis.figure.dpi / 72, dict[str, list[str]]()
-    places = {code: axis.transData.transform(np.transpose(xy)) for code, xy in points.items()}
-    for code, place in places.items():
-        near = (first for first in groups if np.abs(place - places[first]).max(initial=0.0) < near_px)
-        groups.setdefault(next(near, code), []).append(code)
-    for first, group in groups.items():
-        form = CIRCLE if len(group) > 1 else grey_of(first)
-        axis.plot(*points[first], **form | {"ms": size, "label": ", ".join(map(_title, group))} | look)
+    places = [axis.transData.transform(np.transpose(xy)) for xy in points.values()]
+    equal = len(places) > 1 and np.ptp(places, axis=0).max(initial=0.0) < size / 2 * axis.figure.dpi / 72
+    for group in [[*points]] if equal else [[code] for code in points]:
+        form = CIRCLE if equal else grey_of(group[0])
+        axis.plot(*points[group[0]], **form | {"ms": size, "label": ", ".join(map(_title, group))})
 
 
 def _title(engine: str) -> str:
