@@ -179,11 +179,6 @@ def edges_Hz(bands: pd.DataFrame) -> Array:
     return bands.groupby("band")["frequency_Hz"].agg(["min", "max"]).to_numpy()
 
 
-def static_forces_N(chain: Chain) -> Array:
-    """Elastic forces of the contacts between beads, or with the wall, at time 0. Shape (beads,)."""
-    return np.asarray(chain.elastic_N[: chain.beads])
-
-
 def sound_speed_m_s(chain: Chain, lower: int, upper: int, members: int = 1) -> float:
     """Static sound speed between two beads, from the travel time of long waves, ``sqrt(M C)`` of each cell.
 
@@ -258,13 +253,13 @@ def bands_at_loads(case: Case) -> list[pd.DataFrame]:
     Raises:
         ValueError: the chain has a taper.
     """
-    forces = np.unique(static_forces_N(case.chain)[1:])
+    forces = np.unique(case.chain.elastic_N[1 : case.chain.beads])
     forces = forces[forces > 0]
     return [bands_of(case, float(force)) for force in np.unique([*forces[:1], *forces[-1:]])]
 
 
 def _lines(case: Case, modes: Modes, bands: list[pd.DataFrame], localised: NDArray[np.bool_]) -> Iterator[str]:
-    chain, forces = case.chain, static_forces_N(case.chain)
+    chain, forces = case.chain, case.chain.elastic_N[: case.chain.beads]
     yield f"static force of the contacts: {forces.min():.4g} to {forces.max():.4g} N"
     if chain.beads > 1:
         speed = sound_speed_m_s(chain, 1, chain.beads, len(case.scene.chain.members))
@@ -286,7 +281,8 @@ def _end_of_linear_theory(case: Case) -> str:
     """Line on the motion of the scene: the largest change of an overlap, divided by the static overlap."""
     if case.work > MAX_WORK:
         return f"motion not compared with linear theory: more than {MAX_WORK:g} bodies times steps"
-    force, static = verlet_of(case).force_N[:, : case.chain.beads], static_forces_N(case.chain)
+    beads = case.chain.beads
+    force, static = verlet_of(case).force_N[:, :beads], case.chain.elastic_N[:beads]
     with np.errstate(divide="ignore", invalid="ignore"):
         changes = np.abs((np.maximum(force, 0.0) / static) ** (2 / 3) - 1).max(axis=0)
     place = int(np.argmax(ratio := np.where(static > 0, changes, np.inf)))  # infinite for a contact without load
@@ -311,10 +307,8 @@ def _draw_dispersion(axis: Any, bands: list[pd.DataFrame]) -> None:
     if bands:
         axis.axvline(0, color=GREY, lw=0.6)
         axis.legend(title="static force")
-        axis.set(xlabel="−decay | phase, per cell / π", ylim=(0, SHOWN * edges_Hz(bands[-1]).max() / 1e3))
-    else:
-        axis.text(0.5, 0.5, "no bands", ha="center", transform=axis.transAxes, color=GREY)
-    axis.set_ylabel("frequency (kHz)")
+        axis.set_ylim(0, SHOWN * edges_Hz(bands[-1]).max() / 1e3)
+    axis.set(xlabel="−decay | phase, per cell / π", ylabel="frequency (kHz)")
 
 
 def _draw_frequencies(axis: Any, modes: Modes, bands: list[pd.DataFrame], localised: NDArray[np.bool_]) -> None:
