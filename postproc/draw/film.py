@@ -1,9 +1,8 @@
 """A wave in a chain: a contact sheet of the chain at several times, and an animation."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from textwrap import fill
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -29,8 +28,7 @@ EDGE: dict[str, Any] = {"edgecolor": "#777777", "lw": 0.4}
 GIF_IN, FILM_DPI, FILM_PER_S = (3.9, 4.8), 80, 12  # of the animation
 
 
-@dataclass(frozen=True)
-class Film:
+class Film(NamedTuple):
     """A chain at several times."""
 
     time_s: Array  # shape (frames,)
@@ -73,11 +71,9 @@ def film_of(run: EndedRun, frames: int, sideways: float = 1.0) -> Film:
     radius = chain.sphere_radius_m
     flat, size, tube = flat_size(scene), scene.chain.diameter, scene.tube
     low, high = float((place[..., 1] - radius).min()), float((place[..., 1] + radius).max()) + flat[1]
-    bore, top = None, high
-    if tube is not None and tube.inner_diameter < 5 * size:
-        # beads touch the bore in the picture when they do in the run
-        bore = (size + sideways * (tube.inner_diameter - size)) / 2
-        top = high if tube.top is None else min(tube.top, high)
+    # beads touch the bore in the picture when they do in the run
+    bore = None if tube is None else (size + sideways * (tube.inner_diameter - size)) / 2
+    top = high if tube is None or tube.top is None else min(tube.top, high)
     return Film(
         run.trace.time_s[chosen], place, force[chosen], radius, flat, bore, top,
         chain.wall_height_m if chain.wall else None, min(low, chain.wall_height_m), high,
