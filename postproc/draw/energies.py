@@ -20,6 +20,7 @@ contact at the wall belongs to body 1.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -68,9 +69,8 @@ class Energies:
     @property
     def body_J(self) -> Array:
         """Energy of each body, with half of the elastic energy of its contacts, and all of that at the wall."""
-        below, above = self.elastic_J / 2, np.zeros_like(self.elastic_J)
-        below[:, 0] *= 2
-        above[:, :-1] = self.elastic_J[:, 1:] / 2
+        above = np.pad(self.elastic_J[:, 1:] / 2, ((0, 0), (0, 1)))
+        below = np.hstack([self.elastic_J[:, :1], self.elastic_J[:, 1:] / 2])
         return np.asarray(self.kinetic_J + self.load_J + below + above)
 
     @property
@@ -170,10 +170,9 @@ def draw_energies(energies: Energies, ranges: Sequence[tuple[int, int]], title: 
     for (label, values), look in zip(energies.sums_J.items(), LOOKS, strict=True):
         if values.any():
             axes[1].plot(time_us, values, label=label, **look)
-    for place, (lowest, highest) in enumerate(ranges):
-        look = AVERAGE | {"ls": RANGE_DASHES[place % len(RANGE_DASHES)]}
-        label = f"bodies {lowest} to {highest}"
-        axes[1].plot(time_us, range_energy_J(energies, lowest, highest), label=label, **look)
+    for (lowest, highest), dashes in zip(ranges, cycle(RANGE_DASHES), strict=False):
+        look = AVERAGE | {"ls": dashes, "label": f"bodies {lowest} to {highest}"}
+        axes[1].plot(time_us, range_energy_J(energies, lowest, highest), **look)
     axes[1].yaxis.set_major_formatter(joules)
     axes[1].set(xlim=(0, time_us[-1]), xlabel="time since impact (µs)", ylabel="energy")
     figure.legend(*axes[1].get_legend_handles_labels(), loc="outside lower center", ncols=4)

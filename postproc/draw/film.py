@@ -1,9 +1,8 @@
 """A wave in a chain: a contact sheet of the chain at several times, and an animation."""
 
-from dataclasses import dataclass
 from pathlib import Path
 from textwrap import fill
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -23,14 +22,13 @@ from postproc.read.signals import mean_forces
 
 FRAMES, GIF_FRAMES = 12, 80
 WIDTH_IN, MAX_HEIGHT_IN, MIN_HEIGHT_IN = 6.4, 5.2, 1.2
-BEAD_IN = 0.025  # smallest drawn diameter of a bead; smaller beads become a band
-BAND_IN = 0.15  # smallest width of a band
+BEAD_IN = 0.025  # smallest drawn diameter of a bead; a smaller bead becomes a line as thick as this
+BAND_IN = 0.15  # length of such a line
 EDGE: dict[str, Any] = {"edgecolor": "#777777", "lw": 0.4}
 GIF_IN, FILM_DPI, FILM_PER_S = (3.9, 4.8), 80, 12  # of the animation
 
 
-@dataclass(frozen=True)
-class Film:
+class Film(NamedTuple):
     """A chain at several times."""
 
     time_s: Array  # shape (frames,)
@@ -74,11 +72,9 @@ def film_of(run: EndedRun, frames: int, sideways: float = 1.0) -> Film:
     radius = chain.sphere_radius_m
     flat, size, tube = flat_size(scene), scene.chain.diameter, scene.tube
     low, high = float((place[..., 1] - radius).min()), float((place[..., 1] + radius).max()) + flat[1]
-    bore, top = None, high
-    if tube is not None and tube.inner_diameter < 5 * size:
-        # beads touch the bore in the picture when they do in the run
-        bore = (size + sideways * (tube.inner_diameter - size)) / 2
-        top = high if tube.top is None else min(tube.top, high)
+    # beads touch the bore in the picture when they do in the run
+    bore = None if tube is None else (size + sideways * (tube.inner_diameter - size)) / 2
+    top = high if tube is None or tube.top is None else min(tube.top, high)
     return Film(
         run.trace.time_s[chosen], place, force[chosen], radius, flat, bore, top,
         chain.wall_height_m if chain.wall else None, min(low, chain.wall_height_m), high,
@@ -170,12 +166,6 @@ def _draw_chain(axis: Any, film: Film, frame: int, middle: float, scale_in: floa
             draw_tube(axis, film.bore_m, film.wall_m, film.tube_top_m, middle)
         draw_bodies(axis, place, film.radius_m, film.flat_m, _rgba(film, film.force_N[frame]), **EDGE)
         return
-    # a band: the largest force in each slice of the height, which is larger than a bead
-    rows = max(int((film.high_m - film.low_m) * scale_in / BEAD_IN), 1)
-    slices = np.clip(rows * (place[:, 1] - film.low_m) / (film.high_m - film.low_m), 0, rows - 1).astype(int)
-    largest_N = np.zeros((rows, 1))
-    np.maximum.at(largest_N[:, 0], slices, film.force_N[frame])
-    half = max(film.half_m, BAND_IN / 2 / scale_in)
-    extent = (middle - half, middle + half, film.low_m, film.high_m)
-    axis.set_autoscale_on(False)
-    axis.imshow(_rgba(film, largest_N), extent=extent, origin="lower", aspect="auto", interpolation="none")
+    order = np.argsort(film.force_N[frame])  # the largest forces are drawn last
+    look = {"c": _rgba(film, film.force_N[frame][order]), "s": (72 * BAND_IN) ** 2, "lw": 72 * BEAD_IN}
+    axis.scatter(*place[order].T, marker="_", rasterized=True, **look)

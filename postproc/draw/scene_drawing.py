@@ -1,6 +1,6 @@
 """A scene drawn to scale: wall, tube, beads, sensors, striker.
 
-Long rows of equal beads, wide gaps, and very long strikers and tubes are cut. A label at each cut names the missing
+Long rows of equal beads, wide gaps and very long strikers are cut. A label at each cut names the missing
 part. All drawn parts are to scale. A chain that leans is drawn upright; an arrow shows the direction of gravity.
 """
 
@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.collections import EllipseCollection
 from matplotlib.patches import Rectangle
+from matplotlib.ticker import EngFormatter
 
 from drivers.chain.chain import Array, Chain, ordinary_beads
 from drivers.scene.model import RIGID, Scene
@@ -19,13 +20,14 @@ from postproc.draw.style import COLUMN_IN, GREY, pyplot
 
 MAX_BEADS = 60  # in a drawing without a cut
 ENDS, AROUND, SPECIAL = 8, 2, 8  # beads of a longer chain: at each end, next to special beads; number of special beads
-WIDE_GAP, LONGEST_STRIKER, WIDEST_TUBE = 6.0, 4.0, 5.0  # in diameters of the neighbouring beads
+WIDE_GAP, LONGEST_STRIKER = 6.0, 4.0  # in diameters of the neighbouring beads
 MAX_HEIGHT_IN = 7.0
 WRAP, NARROW = 26, 20  # characters per line of a label, and of those at the left
 BEAD, SENSOR, PLATE, OTHER, STRIKER = "#f2f2f2", "#e69f00", "#7f4f00", "#bfe3d5", "#cfe3f2"
 MEMBERS = (BEAD, "#bdbdbd", "#e3d5ea", "#969696")  # of a pattern, in turn
 WALL, TUBE = "#c9b27c", "#dddddd"
 OUTLINE: dict[str, Any] = {"edgecolor": "black", "lw": 0.6}
+_mm = EngFormatter("m")
 ARROW: dict[str, Any] = {"arrowstyle": "-|>", "color": "black"}
 
 
@@ -38,10 +40,9 @@ def draw_scene(scene: Scene, chain: Chain) -> tuple[Any, pd.DataFrame]:
         kept &= set(range(ENDS)) | set(range(chain.beads - ENDS, chain.bodies)) | near
     drawn = sorted(kept)
     radius, flat, tube, wall_m = chain.sphere_radius_m, flat_size(scene), scene.tube, chain.wall_height_m
-    height, cuts = _closed_up(chain, drawn, special)
+    height, cuts = _closed_up(chain, drawn)
     widest = max(2 * radius[drawn].max(initial=0.0), flat[0])
-    tube_shown = tube is not None and tube.inner_diameter <= WIDEST_TUBE * widest
-    if tube is not None and tube_shown:
+    if tube is not None:
         widest = max(widest, 1.4 * tube.inner_diameter)
     top = (height + radius)[drawn].max(initial=wall_m) + flat[1]
     low = wall_m - (1.5 * min(widest, 0.2 * (top - wall_m) + 0.3 * widest) if chain.wall else 0.3 * widest)
@@ -58,21 +59,17 @@ def draw_scene(scene: Scene, chain: Chain) -> tuple[Any, pd.DataFrame]:
     labels = _beads(scene) if chain.beads else []
     if tube is not None:
         labels += [f"{tube.material} tube,", f"inner ⌀ {_mm(tube.inner_diameter)}"]
-        labels += [f"up to {_mm(tube.top)}"] if tube_shown and tube.top is not None else []
-        labels += [] if tube_shown else ["(outside the picture)"]
-        inside = scene.striker is not None and (scene.striker.diameter or 0) < tube.inner_diameter
-        rim = (height + radius)[beads].max(initial=wall_m) + tube.inner_diameter * inside
-        if tube_shown:
-            draw_tube(axis, tube.inner_diameter / 2, wall_m, min(rim if tube.top is None else tube.top, high))
+        labels += [f"up to {_mm(tube.top)}"] if tube.top is not None else []
+        draw_tube(axis, tube.inner_diameter / 2, wall_m, min(high if tube.top is None else tube.top, high))
     if chain.wall:
         axis.add_patch(Rectangle((-1.2 * widest, low), 2.4 * widest, wall_m - low, fc=WALL, hatch="////", **OUTLINE))
         named = "rigid wall" if chain.wall == RIGID else f"wall of {chain.wall}"
         axis.text(1.4 * widest, (wall_m + low) / 2, fill(named, WRAP), va="center")
-    members = [MEMBERS[i % len(scene.chain.members) % len(MEMBERS)] for i in range(chain.beads)]
-    colours = members + [STRIKER] * (chain.bodies - chain.beads)
-    colours = [SENSOR if i in sensors else OTHER if i in special else plain for i, plain in enumerate(colours)]
-    place = np.column_stack([np.zeros(chain.bodies), height])
-    draw_bodies(axis, place[drawn], radius[drawn], flat, np.array(colours)[drawn], **OUTLINE)
+    members = scene.chain.members
+    plain = [MEMBERS[i % len(members) % len(MEMBERS)] if i < chain.beads else STRIKER for i in range(chain.bodies)]
+    colours = [SENSOR if i in sensors else OTHER if i in special else plain[i] for i in drawn]
+    place = np.column_stack([np.zeros(len(drawn)), height[drawn]])
+    draw_bodies(axis, place, radius[drawn], flat, np.array(colours), **OUTLINE)
     below = -inf
     for i in beads:
         if i in sensors:
@@ -98,7 +95,10 @@ def draw_scene(scene: Scene, chain: Chain) -> tuple[Any, pd.DataFrame]:
         axis.annotate("", (0, end + 0.1 * (high - end)), (0, high), arrowprops=ARROW)
     text = "\n".join(fill(line, NARROW) for line in labels)
     axis.text(-beside, (high + wall_m) / 2, text, ha="right", va="center")
-    _scale_bar(axis, -0.78 * half, (wall_m if chain.wall else low) + 0.02 * tall, min(0.3 * half, 0.5 * tall))
+    base, longest = (wall_m if chain.wall else low) + 0.02 * tall, min(0.3 * half, 0.5 * tall)
+    length = max(size for size in np.outer(10.0 ** np.arange(-9, 3), (1, 2, 5)).flat if size <= longest)
+    axis.plot([-0.78 * half, -0.78 * half + length], [base, base], color="black", lw=1.5, solid_capstyle="butt")
+    axis.annotate(_mm(length), (-0.78 * half, base), (0, 4), textcoords="offset points")
     if scene.chain.angle and scene.gravity:
         angle, tail = radians(scene.chain.angle), np.array([0.95 * half, high - 0.05 * tall])
         tip = tail - 0.3 * half * np.array([sin(angle), cos(angle)])
@@ -143,25 +143,16 @@ def draw_tube(axis: Any, bore_m: float, low_m: float, high_m: float, middle_m: f
         axis.add_patch(Rectangle(corner, *size, facecolor=TUBE, edgecolor=GREY, lw=0.4, zorder=0))
 
 
-def _scale_bar(axis: Any, left_m: float, base_m: float, longest_m: float) -> None:
-    decade = 10 ** np.floor(np.log10(longest_m))
-    length = decade * max(step for step in (1, 2, 5) if step * decade <= longest_m)
-    axis.plot([left_m, left_m + length], [base_m, base_m], color="black", lw=1.5, solid_capstyle="butt")
-    axis.annotate(_mm(length), (left_m, base_m), (0, 4), textcoords="offset points")
-
-
 def _beads(scene: Scene) -> list[str]:
     """Lines of the label of the beads: material, diameter and mass of each member of the pattern."""
     materials, diameter_m, mass_kg = ordinary_beads(scene)
     count, period = scene.chain.count, len(scene.chain.members)
-    counted = f"{count} {'beads' if count > 1 else 'bead'}"
-    lines = [f"{counted} in turn:"] if period > 1 else []
+    lines = [f"{count} {'beads' if count > 1 else 'bead'}{' in turn' if period > 1 else ''}:"]
     for first in range(period):
         ends = first, first + (count - 1 - first) // period * period  # they differ in a taper
         sizes = dict.fromkeys(_mm(float(diameter_m[i])) for i in ends)
         masses = dict.fromkeys(f"{1e3 * mass_kg[i]:.4g}" for i in ends)
-        lines.append(materials[first] if period > 1 else f"{counted} of {materials[first]}")
-        lines += [f"⌀ {' to '.join(sizes)}", f"{' to '.join(masses)} g each"]
+        lines += [materials[first], f"⌀ {' to '.join(sizes)}", f"{' to '.join(masses)} g each"]
     return lines
 
 
@@ -180,7 +171,7 @@ def _special(scene: Scene, chain: Chain) -> dict[int, str]:
     return {i: f"bead {i + 1}: {', '.join([*said, f'{1e3 * chain.mass_kg[i]:.4g} g'])}" for i, said in texts.items()}
 
 
-def _closed_up(chain: Chain, bodies: list[int], special: dict[int, str]) -> tuple[Array, list[tuple[float, str]]]:
+def _closed_up(chain: Chain, bodies: list[int]) -> tuple[Array, list[tuple[float, str]]]:
     """Heights with cut rows of beads and wide gaps closed up; drawn heights of the cuts, and the missing parts."""
     height, radius, cuts, shift = chain.height_m.copy(), chain.sphere_radius_m, [], 0.0
     before, floor, near = -1, chain.wall_height_m, 0.0
@@ -189,9 +180,7 @@ def _closed_up(chain: Chain, bodies: list[int], special: dict[int, str]) -> tupl
         left_out = body - before - 1
         if left_out or gap > WIDE_GAP / 2 * room:
             shift += gap - room
-            hidden = sum(before < i < body for i in special)
             missing = f"{left_out} beads" if left_out else f"{_mm(gap)} apart"
-            missing += f", {hidden} of them special" if hidden else ""
             cuts.append((float(floor + room / 2), missing))
         height[body] = chain.height_m[body] - shift
         before, floor, near = body, height[body] + radius[body], radius[body]
@@ -206,10 +195,3 @@ def flat_size(scene: Scene) -> tuple[float, float]:
     density, mass = scene.materials[scene.striker.material].density, scene.striker.mass
     length = mass / (density * pi / 4 * width**2) if density and mass else width
     return width, min(max(length, 0.2 * width), LONGEST_STRIKER * width)
-
-
-def _mm(length_m: float) -> str:
-    """Text of a length in µm, mm or m."""
-    if length_m and abs(length_m) < 1e-4:
-        return f"{1e6 * length_m:.4g} µm"
-    return f"{1e3 * length_m:.4g} mm" if abs(length_m) < 1 else f"{length_m:.4g} m"

@@ -68,59 +68,46 @@ def draw_pairs(
         For each panel its axes by gauge in the order in which a wave meets them, then the axes of the strip; the figure
         with all drawn numbers and those of ``numbers``.
     """
-    axes, tables, tops = [], [], dict[str, float]()
+    axes, tables, chains, bottom = [], [], {}, -ROOM * step_N
+    tops = dict[str, float]()
     for place, (cell, panel, by_engine) in enumerate(zip(cells, panels, simulations, strict=True)):
+        exact = by_engine[REFERENCE]
         if place % 2 == 0:
             pair = [half[REFERENCE].signals for half in simulations[place:][:2]]
-            tops = {name: max(float(signals[name].max()) for signals in pair) + ROOM * step_N
-                    for name in gauges or pair[0]}  # fmt: skip
-        drawn, table = _draw_panel(figure, cell, panel, by_engine, tops, step_N, strip)
-        rows = [(engine, *number) for engine, motion in by_engine.items() for number in numbers(motion).items()]
-        further = pd.DataFrame(rows, columns=["engine", "quantity", "value"])
+            names = gauges or pair[0]
+            tops = {name: max(float(signals[name].max()) for signals in pair) + ROOM * step_N for name in names}
+        heights = [top - bottom for top in tops.values()]
+        rows = cell.subgridspec(len(tops) + 1, 1, height_ratios=[*heights, strip * sum(heights)], hspace=0)
+        drawn = dict(zip([*tops, STRIP], rows.subplots(sharex=True).flat, strict=True))
+        stacked = [drawn[name] for name in tops]
+        for axis, (name, top) in zip(stacked, tops.items(), strict=True):
+            axis.plot(exact.trace.time_s * MICRO, exact.signals[name], **panel.look)
+            axis.set(xlim=(0, exact.trace.time_s[-1] * MICRO), ylim=(bottom, top))
+            axis.yaxis.set_major_locator(pyplot().MultipleLocator(step_N))
+            axis.tick_params(axis="x", length=0, labelbottom=False)
+            axis.spines["bottom"].set_visible(False)
+            if len(tops) > 1:
+                axis.text(LABEL_AT, 0.97, name.replace("_", " "), va="top", transform=axis.transAxes)
+        letter_panel(stacked[0], panel.letter, panel.words)
+        stacked[len(stacked) // 2].set_ylabel("force (N)")
+        strips = _draw_strip(drawn[STRIP], {engine: motion.trace for engine, motion in by_engine.items()})
+        curves = [
+            pd.DataFrame(
+                {"engine": engine, "time_s": motion.trace.time_s}
+                | {f"{name}_N": motion.signals[name] for name in tops}
+                | {RESIDUAL: residual(motion.trace, exact.trace)}
+            )
+            for engine, motion in by_engine.items()
+        ]
+        further = [(engine, *number) for engine, motion in by_engine.items() for number in numbers(motion).items()]
+        values = pd.DataFrame(further, columns=["engine", "quantity", "value"])
         axes.append(drawn)
-        tables.append(pd.concat([table, further]).assign(panel=panel.letter))
+        tables.append(pd.concat([strips, *curves, values]).assign(panel=panel.letter))
+        chains[f"({panel.letter}) {panel.words}"] = exact.trace
     if markers := {line.get_label(): line for drawn in axes for line in drawn[STRIP].lines}:
         look = {"ncols": 6, "handletextpad": 0.1, "title": STRIP_WORDS, "title_fontsize": 8}
         figure.legend(markers.values(), markers, loc="outside lower center", **look)
-    chains = {
-        f"({panel.letter}) {panel.words}": by_engine[REFERENCE].trace
-        for panel, by_engine in zip(panels, simulations, strict=True)
-    }
     return axes, Product(figure, pd.concat(tables, ignore_index=True), chains)
-
-
-def _draw_panel(
-    figure: Any,
-    cell: Any,
-    panel: ForcePanel,
-    by_engine: Mapping[str, Simulation],
-    tops: Mapping[str, float],
-    step_N: float,
-    strip: float,
-) -> tuple[dict[str, Any], pd.DataFrame]:
-    """Draws a panel of ``draw_pairs`` up to the force in ``tops`` by gauge."""
-    exact, bottom = by_engine[REFERENCE], -ROOM * step_N
-    heights = [top - bottom for top in tops.values()]
-    rows = cell.subgridspec(len(tops) + 1, 1, height_ratios=[*heights, strip * sum(heights)], hspace=0)
-    axes = {name: figure.add_subplot(rows[place]) for place, name in enumerate(tops)}
-    for name, axis in axes.items():
-        axis.plot(exact.trace.time_s * MICRO, exact.signals[name], **panel.look)
-        axis.set(xlim=(0, exact.trace.time_s[-1] * MICRO), ylim=(bottom, tops[name]))
-        axis.yaxis.set_major_locator(pyplot().MultipleLocator(step_N))
-        axis.tick_params(axis="x", length=0, labelbottom=False)
-        axis.spines["bottom"].set_visible(False)
-        if len(tops) > 1:
-            axis.text(LABEL_AT, 0.97, name.replace("_", " "), va="top", transform=axis.transAxes)
-    stacked = [*axes.values()]
-    letter_panel(stacked[0], panel.letter, panel.words)
-    stacked[len(stacked) // 2].set_ylabel("force (N)")
-    axes[STRIP] = figure.add_subplot(rows[-1], sharex=stacked[0])
-    tables = [_draw_strip(axes[STRIP], {engine: motion.trace for engine, motion in by_engine.items()})]
-    for engine, motion in by_engine.items():
-        columns = {"engine": engine, "time_s": motion.trace.time_s}
-        columns |= {f"{name}_N": motion.signals[name] for name in tops}
-        tables.append(pd.DataFrame(columns | {RESIDUAL: residual(motion.trace, exact.trace)}))
-    return axes, pd.concat(tables)
 
 
 def _draw_strip(axis: Any, traces: Mapping[str, Trace]) -> pd.DataFrame:
@@ -131,18 +118,16 @@ def _draw_strip(axis: Any, traces: Mapping[str, Trace]) -> pd.DataFrame:
     largest = {code: np.maximum.reduceat(share, starts) for code, share in differences.items()}
     everything = np.concatenate([*largest.values(), STRIP_RANGE])
     low, high = everything[everything > 0].min(), everything.max()
-    axis.set(yscale="log", ylim=(low / STRIP_ROOM, high * STRIP_ROOM), xlabel="time since impact (µs)")
-    axis.set_ylabel(r"$\delta F$")
-    axis.set_yticks(STRIP_TICKS)
+    axis.set(xlabel="time since impact (µs)", yscale="log", ylabel=r"$\delta F$", yticks=STRIP_TICKS)
+    axis.set_ylim(low / STRIP_ROOM, high * STRIP_ROOM)
     axis.minorticks_off()
     if not differences:
         axis.text(0.5, 0.5, "no code", transform=axis.transAxes, ha="center", va="center", color=GREY)
     middle_s = time_s[starts + every // 2]
     draw_codes(axis, {code: (middle_s * MICRO, share) for code, share in largest.items()}, STRIP_SIZE)
-    return pd.concat([pd.DataFrame()] + [
-        pd.DataFrame({"engine": code, "quantity": STRIP, "time_s": middle_s, RESIDUAL: share})
-        for code, share in largest.items()
-    ])  # fmt: skip
+    columns = {"quantity": STRIP, "time_s": middle_s}
+    strips = [pd.DataFrame({"engine": code} | columns | {RESIDUAL: share}) for code, share in largest.items()]
+    return pd.concat([pd.DataFrame(), *strips])
 
 
 def draw_curve(
@@ -155,8 +140,7 @@ def draw_curve(
 
 def quoted_rows(panel: str, **values: float) -> pd.DataFrame:
     """Rows of a table with numbers that the paper states."""
-    columns = {"panel": panel, "engine": "paper", "quantity": [*values], "value": [*values.values()]}
-    return pd.DataFrame(columns)
+    return pd.DataFrame({"panel": panel, "engine": "paper", "quantity": [*values], "value": [*values.values()]})
 
 
 def gauge_title(layout: Layout, gauge: str) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.engines import REFERENCE, engine_names, load_engine
+from drivers.engines import engine_names, load_engine
 
 MICRO = 1e6
 COLUMN_IN = 3.5  # width of a journal column
@@ -38,17 +38,12 @@ EXTRA_STYLES: tuple[dict[str, Any], ...] = (
 
 @cache
 def _style_of(engine: str) -> dict[str, Any]:
-    """Style of an engine: its adapter's for the first build, else the next of ``EXTRA_STYLES``.
-
-    Unknown names get the last of ``EXTRA_STYLES``.
-    """
-    styles = dict[str, Mapping[str, Any]]()
-    for build in sorted(map(load_engine, engine_names()), key=lambda build: build.entry.adapter != build.name):
-        if build.style and build.style not in styles.values():
-            styles[build.name] = build.style
-    plain = [name for name in engine_names() if name not in styles]
-    extra = EXTRA_STYLES[plain.index(engine) % len(EXTRA_STYLES) if engine in plain else -1]
-    return {**PLAIN, **styles.get(engine, extra)}
+    """Style of an engine: its adapter's for the build of the same name, else one of ``EXTRA_STYLES`` by its place."""
+    names, own = engine_names(), None
+    if engine in names and (build := load_engine(engine)).entry.adapter == engine:
+        own = build.style
+    place = names.index(engine) if engine in names else -1
+    return {**PLAIN, **(own or EXTRA_STYLES[place % len(EXTRA_STYLES)])}
 
 
 def line_of(engine: str) -> dict[str, Any]:
@@ -63,40 +58,27 @@ def marker_of(engine: str) -> dict[str, Any]:
 
 def grey_of(engine: str) -> dict[str, Any]:
     """Plot keywords for the points of an engine in figures whose colours are quantities: its marker, in grey."""
-    codes = [name for name in engine_names() if name != REFERENCE]
-    level = GREYS[codes.index(engine) % len(GREYS)] if engine in codes else GREYS[0]
-    return marker_of(engine) | {"color": level, "ls": "none"}
+    return marker_of(engine) | {"color": GREYS[engine_names().index(engine) % len(GREYS)], "ls": "none"}
 
 
-def draw_codes(axis: Any, points: Mapping[str, tuple[Any, Any]], size: float = 4.0, **look: Any) -> None:
-    """Draws points of codes in grey, and one open circle for codes that coincide within half of its size.
+def draw_codes(axis: Any, points: Mapping[str, tuple[Any, Any]], size: float = 4.0) -> None:
+    """Draws points of codes in grey, and one open circle if all codes coincide within half of its size.
 
     Args:
         axis: Axes with their final limits and scales.
         points: x and y by code.
         size: Size of the markers in points.
-        look: Further plot keywords.
     """
-    near_px, groups = size / 2 * axis.figure.dpi / 72, dict[str, list[str]]()
-    places = {code: axis.transData.transform(np.transpose(xy)) for code, xy in points.items()}
-    for code, place in places.items():
-        near = (first for first in groups if np.abs(place - places[first]).max(initial=0.0) < near_px)
-        groups.setdefault(next(near, code), []).append(code)
-    for first, group in groups.items():
-        form = CIRCLE if len(group) > 1 else grey_of(first)
-        axis.plot(*points[first], **form | {"ms": size, "label": ", ".join(map(_title, group))} | look)
+    places = [axis.transData.transform(np.transpose(xy)) for xy in points.values()]
+    equal = len(places) > 1 and np.ptp(places, axis=0).max(initial=0.0) < size / 2 * axis.figure.dpi / 72
+    for group in [[*points]] if equal else [[code] for code in points]:
+        form = CIRCLE if equal else grey_of(group[0])
+        axis.plot(*points[group[0]], **form | {"ms": size, "label": ", ".join(map(_title, group))})
 
 
 def _title(engine: str) -> str:
     """Name of an engine in print: that of a code in capitals, that of a further build as it is."""
     return engine.upper() if load_engine(engine).entry.adapter == engine else engine
-
-
-def text_color(color: str) -> tuple[float, ...]:
-    """A line's colour, darkened so that text in it has a contrast of 4.5 on white."""
-    from matplotlib.colors import to_rgb
-
-    return tuple(0.75 * part for part in to_rgb(color))
 
 
 def letter_panel(axis: Any, letter: str, words: str = "") -> None:

@@ -34,12 +34,9 @@ def caption_of(file: Path) -> Caption:
     """
     where = paths.shown(file)
     try:
-        words = ast.get_docstring(ast.parse(file.read_bytes())) or ""
-    except OSError as error:
-        raise InputError(where, "", f"cannot be read ({error.strerror})") from error
-    except (SyntaxError, ValueError) as error:
-        line = f", line {error.lineno}" if isinstance(error, SyntaxError) else ""
-        raise InputError(where + line, "", str(getattr(error, "msg", error))) from error
+        words = ast.get_docstring(ast.parse(file.read_bytes(), file.name)) or ""
+    except (OSError, SyntaxError, ValueError) as error:
+        raise InputError(where, "", f"cannot be read ({error})") from error
     title, *more = (" ".join(part.split()) for part in words.split("\n\n"))
     if not title or len(more) > 2:
         allowed = "the caption: title, then, after empty lines, finding and panels if the figure has them"

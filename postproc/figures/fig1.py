@@ -8,10 +8,9 @@ except for sizes that the paper does not state: wall gauge, rod, block, tube wal
 lead zirconate titanate between two PTFE caps, whose cut is not stated.
 """
 
-from dataclasses import dataclass
 from math import nan
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -38,8 +37,7 @@ DIMENSION = {"lw": 0.5, "color": GREY, "shrinkA": 0, "shrinkB": 0, "mutation_sca
 SCOPE = (-20.5, 25.0, 18.5, 10.0)  # oscilloscope: middle, bottom, width, height
 
 
-@dataclass(frozen=True)
-class Piece:
+class Piece(NamedTuple):
     """A drawn part; heights are above the wall in (a), above the particle's centre in (b)."""
 
     panel: str
@@ -76,7 +74,7 @@ def make(_: Path) -> Product:
             axis.add_patch(_patch(piece))
     _name_set_up(first, set_up)
     _name_particle(second, particle)
-    return Product(figure, pd.DataFrame([vars(piece) for piece in (*set_up, *particle)]))
+    return Product(figure, pd.DataFrame([*set_up, *particle]))
 
 
 def _set_up(case: Case) -> list[Piece]:
@@ -86,8 +84,7 @@ def _set_up(case: Case) -> list[Piece]:
     pieces = []
     for body, (middle_m, radius_m) in enumerate(zip(chain.height_m, chain.sphere_radius_m, strict=True), 1):
         name = "striker" if body > chain.beads else f"sensor bead {body}" if body in sensors else f"bead {body}"
-        middle, size = 1e3 * float(middle_m), 2e3 * float(radius_m)
-        mass_g = 1e3 * float(chain.mass_kg[body - 1])
+        middle, size, mass_g = 1e3 * float(middle_m), 2e3 * float(radius_m), 1e3 * float(chain.mass_kg[body - 1])
         pieces.append(Piece("a", name, "disc", 0, middle - size / 2, size, size, "both", mass_g))
         if body in sensors:
             plate = paper.sensor_gauge_side_mm, paper.sensor_gauge_thickness_mm
@@ -95,12 +92,11 @@ def _set_up(case: Case) -> list[Piece]:
     if tube:
         apart, long = 1e3 * tube.inner_diameter + TUBE_WALL, pieces[-1].top_mm + ABOVE
         pieces += [Piece("a", "tube", "box", at, 0, TUBE_WALL, long, "place") for at in (-apart / 2, apart / 2)]
-    brass = quoted().brass_mm
-    top = -brass - WALL_GAUGE[1]
+    top = -paper.brass_mm - WALL_GAUGE[1]
     ends = top, top - 9, top - 9 - CUT, top - 18  # of the rod and of the cut through it
     return [
         *pieces,
-        Piece("a", "brass plate", "box", 0, -brass, ROD, brass, "height"),
+        Piece("a", "brass plate", "box", 0, -paper.brass_mm, ROD, paper.brass_mm, "height"),
         Piece("a", "wall gauge", "box", 0, top, *WALL_GAUGE, "none"),
         Piece("a", "steel block", "box", 0, ends[3] + EMBEDDED - BLOCK[1], *BLOCK, "none"),
         Piece("a", "steel rod", "cut above", 0, ends[3], ROD, ends[2] - ends[3], "none"),

@@ -79,8 +79,8 @@ def _forces(runs: Path) -> pd.DataFrame:
     for engine, simulation in simulations.items():
         force_N = simulation.trace.force_N[near]
         above, below, average = force_N[:, SENSOR], force_N[:, SENSOR - 1], sensor_average(force_N, SENSOR)
-        columns = {"panel": "b", "engine": engine, "time_s": time_s[near]}
-        tables.append(pd.DataFrame(columns | dict(zip(FORCES, (above, below, average), strict=True))))
+        forces = dict(zip(FORCES, (above, below, average), strict=True))
+        tables.append(pd.DataFrame({"panel": "b", "engine": engine, "time_s": time_s[near]} | forces))
     return pd.concat(tables, ignore_index=True)
 
 
@@ -96,12 +96,11 @@ def _draw_forces(axis: Any, forces: pd.DataFrame) -> None:
     seen = [int(rise), int(average.argmax()), int(fall)]
     at_maxima = {str(code): some.iloc[seen] for code, some in forces.groupby("engine") if code != REFERENCE}
     draw_codes(axis, {code: (some["time_s"] * MICRO, some["average_N"]) for code, some in at_maxima.items()})
-    for name, label, side in (("F1_N", "$F_1$", -1), ("F2_N", "$F_2$", 1)):
+    look = {"textcoords": "offset points", "ha": "right"}
+    for name, label, aside in (("F1_N", "$F_1$", -4), ("F2_N", "$F_2$", 14)):
         top = int(np.argmax(exact[name]))
-        axis.annotate(label, (time_us[top], exact[name].iloc[top]), xytext=(9 * side, 2), textcoords="offset points",
-                      ha="center", va="bottom")  # fmt: skip
-    axis.annotate(r"$(F_1 + F_2)/2$", (time_us[rise], average[rise]), xytext=(-24, 8), ha="right",
-                  textcoords="offset points", arrowprops={"arrowstyle": "-", "lw": 0.5, "shrinkB": 4})  # fmt: skip
+        axis.annotate(label, (time_us[top], exact[name].iloc[top]), (aside, 2), **look)
+    axis.annotate(r"$(F_1 + F_2)/2$", (time_us[rise], average[rise]), (-8, 8), **look)
     axis.legend(loc="upper right", handlelength=1.0)
 
 
@@ -112,11 +111,10 @@ def _waves() -> pd.DataFrame:
     stiffness, mass, static = float(chain.stiffness[1]), float(chain.mass_kg[0]), chain.precompression_N
     speeds = [strikes.precompressed_speed(particles, ratio * static, static) / particles.diameter_m for ratio in CURVE]
     waves = [solve_at_speed(stiffness, mass, static, beads_per_s) for beads_per_s in speeds]
-    beta = pd.DataFrame({"force_over_static": [1 + wave.amplitude for wave in waves],
-                          "beta": [wave.beta for wave in waves], "engine": WAVE})  # fmt: skip
+    rows = [{"force_over_static": 1 + wave.amplitude, "beta": wave.beta, "engine": WAVE} for wave in waves]
     limit = solve_travelling_wave().contact_over_average
     bare = pd.DataFrame({"force_over_static": CURVE[[0, -1]], "beta": limit, "engine": f"{WAVE} without static force"})
-    return pd.concat([beta, bare]).assign(panel="c")
+    return pd.concat([pd.DataFrame(rows), bare]).assign(panel="c")
 
 
 def _points(runs: Path) -> pd.DataFrame:
@@ -149,6 +147,6 @@ def _draw_beta(axis: Any, waves: pd.DataFrame, points: pd.DataFrame) -> None:
     axis.text(40, 1.27, "exact travelling wave")
     by_code = {str(code): some for code, some in points.groupby("engine") if code != REFERENCE}
     draw_codes(axis, {code: (some["force_over_static"], some["beta"]) for code, some in by_code.items()})
-    early = points[~points["solitary"]].head(1)
-    for x, y in zip(early["force_over_static"], early["beta"], strict=True):
-        axis.annotate("not yet solitary", (x, y), (6, -3), textcoords="offset points", color=GREY)
+    early = points[~points["solitary"]].iloc[0]
+    place = early["force_over_static"], early["beta"]
+    axis.annotate("not yet solitary", place, (6, -3), textcoords="offset points", color=GREY)

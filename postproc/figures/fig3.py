@@ -17,7 +17,7 @@ import pandas as pd
 
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
-from postproc.draw.style import COLUMN_IN, GREY, draw_codes, pyplot, text_color
+from postproc.draw.style import COLUMN_IN, GREY, draw_codes, pyplot
 from postproc.paper import quoted, strikes
 from postproc.read.motion import Simulation, case_of, run_codes_on
 from validation.reference.travelling_wave import solve_at_amplitude
@@ -50,21 +50,21 @@ def make(runs: Path) -> Product:
     }
     points = _points(exact, runs)
     theory = _theory(curves, float(points["static_N"].max()))
-    experiment, score = _experiment(), pd.concat([*map(strikes.score, moduli)])
+    experiment = _experiment()
     figure, axis = pyplot().subplots(figsize=(COLUMN_IN, 4.2), layout="constrained")
-    axis.set(xscale="log", yscale="log", ylabel=r"$V_s$ (m/s)", xlim=XLIM_N, ylim=(46, 330))
-    axis.set(xlabel=r"$F_m$, contact force (N)")
+    axis.set(xscale="log", xlabel=r"$F_m$, contact force (N)", xlim=XLIM_N)
+    axis.set(yscale="log", ylabel=r"$V_s$ (m/s)", ylim=(46, 330))
     axis.set_yticks(TICKS_M_S, [*map(str, TICKS_M_S)])
     axis.minorticks_off()
     _draw_curves(axis, curves, points[points["engine"] == REFERENCE], theory)
     by_code = {str(code): of_code for code, of_code in points.groupby("engine") if code != REFERENCE}
     draw_codes(axis, {code: (of_code["force_N"], of_code["speed_m_s"]) for code, of_code in by_code.items()}, 3.5)
     _draw_experiment(axis, experiment)
-    off = f"speeds of the codes:\n{points[DEVIATION].abs().max():.1e} off at most".replace("e-0", "e-")
-    if by_code:
-        axis.text(0.98, 0.02, off, transform=axis.transAxes, ha="right", color=GREY)
+    off = f"speeds of the codes:\n{points[DEVIATION].abs().max():.1e} off at most"
+    axis.text(0.98, 0.02, off, transform=axis.transAxes, ha="right", color=GREY)
     axis.legend(loc="upper left", handlelength=1.8, labelspacing=0.3)
-    tables = [points, theory, experiment.assign(source="experiment"), score.assign(source="score")]
+    tables = [points, theory, experiment.assign(source="experiment")]
+    tables += [strikes.score(modulus).assign(source="score") for modulus in moduli]
     stiffest = max(moduli)
     chains = {
         f"{force:g} N, {stiffest:g} MPa, with gravity ({REFERENCE})": exact[stiffest, True, force].trace
@@ -75,7 +75,8 @@ def make(runs: Path) -> Product:
 
 def _settings(modulus_MPa: float, gravity: bool) -> list[str]:
     """Settings for the scene of Table 1."""
-    return [f"materials.ptfe.youngs_modulus={modulus_MPa} MPa", *(["gravity="] * (not gravity))]
+    modulus = f"materials.ptfe.youngs_modulus={modulus_MPa} MPa"
+    return [modulus] if gravity else [modulus, "gravity="]
 
 
 def _number(modulus_MPa: float, gravity: bool) -> float:
@@ -85,8 +86,7 @@ def _number(modulus_MPa: float, gravity: bool) -> float:
 
 def _points(exact: dict[tuple[float, bool, float], Simulation], runs: Path) -> pd.DataFrame:
     """Table of strikes, a row per strike and engine."""
-    chosen = [key for key in exact if key[2] in BY_CODES]
-    pairs = [*exact.items()]
+    chosen, pairs = [key for key in exact if key[2] in BY_CODES], [*exact.items()]
     for simulations in run_codes_on([exact[key].case for key in chosen], runs).values():
         pairs += zip(chosen, simulations, strict=True)
     table = pd.DataFrame([
@@ -144,7 +144,7 @@ def _draw_curves(axis: Any, curves: list[tuple[float, bool]], chains: pd.DataFra
         of_curve = {"modulus_MPa": modulus, "gravity": gravity}
         chain, equation = (table.merge(pd.DataFrame([of_curve])) for table in (chains, theory))
         look, number = CHAIN | {"color": COLOURS[modulus]}, _number(modulus, gravity)
-        label = {"textcoords": "offset points", "va": "center", "color": text_color(look["color"])}
+        label = {"textcoords": "offset points", "va": "center"}
         first, *_, last = zip(chain["force_N"], chain["speed_m_s"], strict=True)
         if modulus in PRINTED:
             axis.plot(equation["force_N"], equation["speed_m_s"], **(look | THEORY))

@@ -46,7 +46,6 @@ SMALL_RATIO = 0.1  # largest change of an overlap, divided by the static one, up
 FEW = 3  # a mode is localised if fewer beads move, or if its frequency lies in a gap
 EDGE = 1e-6  # of a frequency: modes nearer to the edge of a band belong to it
 SHAPES = 3  # lowest modes that are drawn, with the highest one
-LINES = 8  # modes that are printed, at each end
 MOST_SHAPES = 200  # beads of the largest chain whose shapes are in the table
 BLUE, RED, BAND = "#0072b2", "#d55e00", "#dcebf5"
 
@@ -180,11 +179,6 @@ def edges_Hz(bands: pd.DataFrame) -> Array:
     return bands.groupby("band")["frequency_Hz"].agg(["min", "max"]).to_numpy()
 
 
-def static_forces_N(chain: Chain) -> Array:
-    """Elastic forces of the contacts between beads, or with the wall, at time 0. Shape (beads,)."""
-    return np.asarray(chain.elastic_N[: chain.beads])
-
-
 def sound_speed_m_s(chain: Chain, lower: int, upper: int, members: int = 1) -> float:
     """Static sound speed between two beads, from the travel time of long waves, ``sqrt(M C)`` of each cell.
 
@@ -245,13 +239,12 @@ def modes_product(case: Case) -> tuple[Product, pd.DataFrame | None]:
     _draw_frequencies(middle, modes, bands, localised)
     _draw_shapes(right, modes)
     beads, count = modes.shape.shape
-    columns = {
-        "mode": np.arange(1, count + 1), "frequency_Hz": modes.frequency_Hz, "participation_beads": modes.participation,
-    }  # fmt: skip
+    columns = {"frequency_Hz": modes.frequency_Hz, "participation_beads": modes.participation}
     if beads <= MOST_SHAPES:
         columns |= {f"body_{body + 1}": modes.shape[body] for body in range(beads)}
+    table = pd.DataFrame(columns, pd.RangeIndex(1, count + 1, name="mode")).reset_index()
     lines = [*_lines(case, modes, bands, localised), *remark, _end_of_linear_theory(case)]
-    return Product(figure, pd.DataFrame(columns), notes=lines), pd.concat(bands) if bands else None
+    return Product(figure, table, notes=lines), pd.concat(bands) if bands else None
 
 
 def bands_at_loads(case: Case) -> list[pd.DataFrame]:
@@ -260,17 +253,13 @@ def bands_at_loads(case: Case) -> list[pd.DataFrame]:
     Raises:
         ValueError: the chain has a taper.
     """
-    forces = static_forces_N(case.chain)[1:]
+    forces = np.unique(case.chain.elastic_N[1 : case.chain.beads])
     forces = forces[forces > 0]
-    return (
-        [bands_of(case, force) for force in sorted({float(end) for end in (forces.min(), forces.max())})]
-        if forces.size
-        else []
-    )
+    return [bands_of(case, float(force)) for force in np.unique([*forces[:1], *forces[-1:]])]
 
 
 def _lines(case: Case, modes: Modes, bands: list[pd.DataFrame], localised: NDArray[np.bool_]) -> Iterator[str]:
-    chain, forces = case.chain, static_forces_N(case.chain)
+    chain, forces = case.chain, case.chain.elastic_N[: case.chain.beads]
     yield f"static force of the contacts: {forces.min():.4g} to {forces.max():.4g} N"
     if chain.beads > 1:
         speed = sound_speed_m_s(chain, 1, chain.beads, len(case.scene.chain.members))
@@ -283,22 +272,20 @@ def _lines(case: Case, modes: Modes, bands: list[pd.DataFrame], localised: NDArr
         decay = bloch_phase(case, force_N, np.array([driven_Hz])).imag[0] if driven_Hz else 0.0
         if decay:
             yield f"drive of {driven_Hz:.6g} Hz: in a gap at {force_N:.4g} N, decay {decay:.5g} per cell"
-    count = len(modes.frequency_Hz)
-    ends = np.minimum(np.arange(count), np.arange(count)[::-1]) < LINES
-    for place in np.flatnonzero(ends | localised):
-        words = f", localised: {modes.participation[place]:.3g} beads move" if localised[place] else ""
-        yield f"mode {place + 1}: {modes.frequency_Hz[place]:.6g} Hz{words}"
+    for place in np.flatnonzero(localised):
+        words = f"localised: {modes.participation[place]:.3g} beads move"
+        yield f"mode {place + 1}: {modes.frequency_Hz[place]:.6g} Hz, {words}"
 
 
 def _end_of_linear_theory(case: Case) -> str:
     """Line on the motion of the scene: the largest change of an overlap, divided by the static overlap."""
     if case.work > MAX_WORK:
         return f"motion not compared with linear theory: more than {MAX_WORK:g} bodies times steps"
-    force, static = verlet_of(case).force_N[:, : case.chain.beads], static_forces_N(case.chain)
+    beads = case.chain.beads
+    force, static = verlet_of(case).force_N[:, :beads], case.chain.elastic_N[:beads]
     with np.errstate(divide="ignore", invalid="ignore"):
         changes = np.abs((np.maximum(force, 0.0) / static) ** (2 / 3) - 1).max(axis=0)
-    ratio = np.where(static > 0, changes, np.inf)  # of a contact without load it is infinite
-    place = int(np.argmax(ratio))
+    place = int(np.argmax(ratio := np.where(static > 0, changes, np.inf)))  # infinite for a contact without load
     largest = float(ratio[place])
     words = f"the motion of the scene changes the overlap of contact {place + 1} by {largest:.3g} of the static overlap"
     if largest <= SMALL_RATIO:
@@ -320,10 +307,8 @@ def _draw_dispersion(axis: Any, bands: list[pd.DataFrame]) -> None:
     if bands:
         axis.axvline(0, color=GREY, lw=0.6)
         axis.legend(title="static force")
-        axis.set(xlabel="−decay | phase, per cell / π", ylim=(0, SHOWN * edges_Hz(bands[-1]).max() / 1e3))
-    else:
-        axis.text(0.5, 0.5, "no bands", ha="center", transform=axis.transAxes, color=GREY)
-    axis.set_ylabel("frequency (kHz)")
+        axis.set_ylim(0, SHOWN * edges_Hz(bands[-1]).max() / 1e3)
+    axis.set(xlabel="−decay | phase, per cell / π", ylabel="frequency (kHz)")
 
 
 def _draw_frequencies(axis: Any, modes: Modes, bands: list[pd.DataFrame], localised: NDArray[np.bool_]) -> None:

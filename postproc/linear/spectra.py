@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from drivers.base.terminal import text_table
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
@@ -61,21 +60,21 @@ class Analysis:
     table: pd.DataFrame
     harmonics: pd.DataFrame
 
-    def amplitude(self, name: str) -> Array:
-        """Amplitude spectrum of a signal. Shape (frequencies,)."""
-        return self.table[f"{name}_amplitude_{self.units[name]}"].to_numpy()
+    def amplitude(self, name: str) -> "pd.Series[float]":
+        """Amplitude spectrum of a signal, by frequency in Hz."""
+        return self.table.set_index("frequency_Hz")[f"{name}_amplitude_{self.units[name]}"]
 
     @property
     def numbers(self) -> dict[str, Any]:
         """Resolution, strongest lines and harmonics by signal."""
-        frequency, strongest = self.table["frequency_Hz"].to_numpy(), dict[str, dict[str, float]]()
-        for name, unit in self.units.items():
-            place, amplitude = int(np.argmax(self.amplitude(name))), self.amplitude(name)
-            strongest[name] = {"frequency_Hz": float(frequency[place]), f"amplitude_{unit}": float(amplitude[place])}
+        spectra = {name: self.amplitude(name) for name in self.units}
         parts = self.harmonics.groupby("signal", sort=False) if len(self.harmonics) else ()
         return {
-            "samples": len(self.time_s), "window": self.window, "resolution_Hz": float(frequency[1]),
-            "strongest": strongest,
+            "samples": len(self.time_s), "window": self.window, "resolution_Hz": float(self.table["frequency_Hz"][1]),
+            "strongest": {
+                name: {"frequency_Hz": spectrum.idxmax(), f"amplitude_{self.units[name]}": spectrum.max()}
+                for name, spectrum in spectra.items()
+            },
             "harmonics": {name: rows.drop(columns="signal").to_dict("records") for name, rows in parts},
         }  # fmt: skip
 
@@ -120,9 +119,7 @@ def transfer_of(time_s: Array, source: Array, target: Array, window: str = "hann
         return np.asarray(np.where(power > LEAST_AMPLITUDE**2 * power.max(), cross / power, np.nan))
 
 
-def harmonics_of(
-    time_s: Array, signal: Array, frequency_Hz: float, envelope: Array | None = None, count: int = HARMONICS
-) -> pd.DataFrame:
+def harmonics_of(time_s: Array, signal: Array, frequency_Hz: float, envelope: Array | None = None) -> pd.DataFrame:
     """Parts ``amplitude sin(2 pi frequency t + phase)`` of a signal at a frequency and its multiples.
 
     They are fitted by least squares to the later half of the last whole periods, or, with an envelope, to all of these.
@@ -133,7 +130,6 @@ def harmonics_of(
         signal: shape (samples,).
         frequency_Hz: lowest frequency.
         envelope: factor of all parts, the window of a burst. Shape (samples,).
-        count: largest number of parts.
 
     Returns:
         A row for each part. ``change_share`` is the change from the earlier to the later half of the periods, in
@@ -148,7 +144,7 @@ def harmonics_of(
         raise ValueError(f"the record of {length:.4g} s is shorter than a period of {1 / frequency_Hz:.4g} s")
     if (rate := _rate_Hz(time_s)) < 4 * frequency_Hz:
         raise ValueError(f"{rate / frequency_Hz:.3g} samples a period of {frequency_Hz:g} Hz, at least 4 are needed")
-    orders = np.array([order for order in range(1, count + 1) if 2 * order * frequency_Hz < 0.99 * rate])
+    orders = np.array([order for order in range(1, HARMONICS + 1) if 2 * order * frequency_Hz < 0.99 * rate])
     angles = 2 * pi * frequency_Hz * np.multiply.outer(time_s, orders)
     waves = np.hstack([np.sin(angles), np.cos(angles)]) * (1.0 if envelope is None else envelope[:, np.newaxis])
     columns = np.column_stack([np.ones(len(time_s)), waves])
@@ -225,7 +221,7 @@ def analyse(
                 envelope = np.sin(pi * (time_s[driven] - begin_s) / (end_s - begin_s)) ** 2
         try:
             parts = harmonics_of(time_s[driven], signals[name][driven], frequency_Hz or own_Hz or nan, envelope)
-            harmonics.append(parts.assign(signal=name))
+            harmonics.append(pd.DataFrame({"signal": name}, parts.index).join(parts))
         except ValueError:  # the driven interval may lie outside the record
             if driven.all():
                 raise
@@ -249,7 +245,7 @@ def spectrum_product(case: Case, analysis: Analysis, title: str) -> Product:
     frequency_Hz, last_Hz = analysis.table["frequency_Hz"].to_numpy(), 0.0
     letter_panel(axes[0], "a", "amplitudes")
     for name, colour in zip(analysis.signals, cycle(COLOURS), strict=False):
-        share = analysis.amplitude(name) / (analysis.amplitude(name).max() or 1.0)
+        share = analysis.amplitude(name).to_numpy() / (analysis.amplitude(name).max() or 1.0)
         axes[0].plot(frequency_Hz / 1e3, share, color=colour, lw=0.9, label=name.replace("_", " "))
         last_Hz = max(last_Hz, frequency_Hz[share > 10.0 ** -(DECADES / 2)].max(initial=0.0))
     axes[0].set(yscale="log", ylim=(10.0**-DECADES, 2), ylabel="amplitude / largest")
@@ -276,34 +272,26 @@ def spectrum_product(case: Case, analysis: Analysis, title: str) -> Product:
 
 
 def _lines(analysis: Analysis) -> Iterator[str]:
-    numbers, time, units = analysis.numbers, analysis.time_s, analysis.units
+    numbers, time, harmonics = analysis.numbers, analysis.time_s, analysis.harmonics
     yield (
         f"{len(time)} samples from {time[0]:g} to {time[-1]:g} s, window {analysis.window}, "
         f"resolution {numbers['resolution_Hz']:.5g} Hz, {PARTS} times as coarse in the spectrogram, "
         f"up to {analysis.table['frequency_Hz'].iloc[-1]:.5g} Hz"
     )
     for name, (frequency, amplitude) in ((name, line.values()) for name, line in numbers["strongest"].items()):
-        yield f"{name}: strongest at {frequency:.5g} Hz, {amplitude:.4g} {units[name]}"
-    if analysis.harmonics.empty:
-        yield from ["no harmonics: no whole period of a sine of the drive in this record"] if DRIVE in units else []
+        yield f"{name}: strongest at {frequency:.5g} Hz, {amplitude:.4g} {analysis.units[name]}"
+    if harmonics.empty:
+        yield from ["no harmonics: no whole period of a sine of the drive in this record"] * (DRIVE in analysis.units)
         return
-    first = {name: parts[0] for name, parts in numbers["harmonics"].items()}
-    frequency_Hz = analysis.harmonics["frequency_Hz"][0]
-    yield f"harmonics of {frequency_Hz:g} Hz in the driven interval, A sin(2 pi f t + phase), and their change in it"
-    rows = [
-        (
-            name, f"{part['frequency_Hz']:.6g} Hz", f"{part['amplitude']:.6g} {units[name]}",
-            f"{part['phase_rad']:.5f} rad", f"{part['change_share']:.2g}",
-        )
-        for name, parts in numbers["harmonics"].items() for part in parts
-    ]  # fmt: skip
-    yield from text_table([("signal", "frequency", "amplitude", "phase", "change / amplitude"), *rows])
-    if analysis.source != analysis.target and {analysis.source, analysis.target} <= first.keys():
-        start, end = first[analysis.source], first[analysis.target]
-        turn = float(np.angle(np.exp(1j * (end["phase_rad"] - start["phase_rad"]))))
-        ratio = end["amplitude"] / start["amplitude"] if start["amplitude"] else nan
-        unit = f"{units[analysis.target]}/{units[analysis.source]}"
-        yield f"transfer from {analysis.source} to {analysis.target}: {ratio:.6g} {unit}, phase {turn:.5f} rad"
+    yield "harmonics in the driven interval, A sin(2 pi f t + phase), and their change in it as a share of A"
+    yield from harmonics.to_string(index=False, float_format="{:.6g}".format).splitlines()
+    first = harmonics.drop_duplicates("signal").set_index("signal")
+    if analysis.source != analysis.target and {analysis.source, analysis.target} <= {*first.index}:
+        wave = first["amplitude"] * np.exp(1j * first["phase_rad"])
+        ratio = wave[analysis.target] / wave[analysis.source]
+        unit = f"{analysis.units[analysis.target]}/{analysis.units[analysis.source]}"
+        words = f"{abs(ratio):.6g} {unit}, phase {np.angle(ratio):.5f} rad"
+        yield f"transfer from {analysis.source} to {analysis.target}: {words}"
 
 
 def _rate_Hz(time_s: Array) -> float:

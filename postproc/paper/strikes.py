@@ -114,9 +114,8 @@ def sensor_pair(case: Case) -> tuple[int, int]:
     """
     beads = [sensor.from_wall for sensor in case.layout.sensors]
     if len(beads) != 2:
-        raise InputError(
-            case.scene.file, "chain.sensors", f"{len(beads)} sensors", "two sensors, for the speed between them"
-        )
+        allowed = "two sensors, for the speed between them"
+        raise InputError(case.scene.file, "chain.sensors", f"{len(beads)} sensors", allowed)
     return beads[0], beads[1]
 
 
@@ -140,9 +139,8 @@ def static_force(case: Case) -> float:
 
 
 def striker_speed(simulation: Simulation) -> float:
-    """Striker speed of the scene in m/s; 0 without a striker."""
-    striker = simulation.case.scene.striker
-    return striker.speed if striker else 0.0
+    """Speed of the striker at time 0 in m/s."""
+    return -float(simulation.case.chain.velocity_m_s[-1])
 
 
 def speed_between_sensors(simulation: Simulation) -> float:
@@ -160,7 +158,8 @@ def strike(speed_m_s: float, duration_s: float, *settings: str) -> Case:
 def strike_for(force_N: float, amplitude: Amplitude, *settings: str) -> Simulation:
     """Exact simulation of the strike with a given amplitude, just long enough for the wave to pass the sensors.
 
-    The search starts from the speed for a wave without static force.
+    The search starts from the speed for a wave without static force, where the logarithm of the amplitude is a straight
+    line of slope 6/5 in that of the striker speed, so that the secant method converges in one step.
 
     Raises:
         RunError: No striker speed gives the amplitude.
@@ -178,9 +177,15 @@ def strike_for(force_N: float, amplitude: Amplitude, *settings: str) -> Simulati
         with np.errstate(invalid="ignore", divide="ignore"):
             return float(np.log(amplitude(exact(_struck_at(long, exp(log_speed)))) / force_N))
 
-    root = _root(excess, log(speed))
-    if root is None:
-        raise RunError(f"{SCENE}: no striker speed gives a wave of {force_N:g} N")
+    start = log(speed)
+    first, ends = excess(start), (start - SEARCH_RANGE, start + SEARCH_RANGE)
+    with warnings.catch_warnings(action="ignore"):  # if the secant method diverges, the bracket below is used
+        solution = root_scalar(excess, x0=start, x1=start - first / 1.2, xtol=SPEED_TOLERANCE, maxiter=8)
+    root = float(solution.root)
+    if not (solution.converged and ends[0] < root < ends[1] and abs(excess(root)) < 1e3 * SPEED_TOLERANCE):
+        if not excess(ends[0]) < 0 < excess(ends[1]):
+            raise RunError(f"{SCENE}: no striker speed gives a wave of {force_N:g} N")
+        root = float(brentq(excess, *ends, xtol=SPEED_TOLERANCE))
     striker_m_s = exp(root)
     arrival_s = exact(_struck_at(long, striker_m_s)).values[f"bead_{sensor_pair(long)[1]}_arrival_s"]
     return exact(strike(striker_m_s, END_FACTOR * arrival_s, *settings))
@@ -191,27 +196,6 @@ def _struck_at(case: Case, speed_m_s: float) -> Case:
     velocity = case.chain.velocity_m_s.copy()
     velocity[-1] = -speed_m_s
     return replace(case, chain=replace(case.chain, velocity_m_s=velocity))
-
-
-def _root(excess: Callable[[float], float], start: float) -> float | None:
-    """Root of ``excess``, log(amplitude / target) as a function of the logarithm of the striker speed.
-
-    Without static force it is a straight line of slope 6/5, and the secant method converges in one step. None if there
-    is no root within ``SEARCH_RANGE`` of the start.
-    """
-    first = excess(start)
-    with warnings.catch_warnings(action="ignore"):  # if the secant method diverges, the bracket below is used
-        solution = root_scalar(
-            excess, method="secant", x0=start, x1=start - first / 1.2, xtol=SPEED_TOLERANCE, maxiter=8
-        )
-    if (
-        solution.converged
-        and abs(solution.root - start) < SEARCH_RANGE
-        and abs(excess(float(solution.root))) < 1e3 * SPEED_TOLERANCE
-    ):
-        return float(solution.root)
-    ends = start - SEARCH_RANGE, start + SEARCH_RANGE
-    return float(brentq(excess, *ends, xtol=SPEED_TOLERANCE)) if excess(ends[0]) < 0 < excess(ends[1]) else None
 
 
 def table1_numbers(simulation: Simulation) -> list[float]:

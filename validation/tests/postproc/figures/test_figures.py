@@ -249,8 +249,8 @@ def test_broken_numbers_of_the_paper_are_refused_in_one_line(
 @pytest.mark.parametrize(
     ("text", "code", "message"),
     [
-        (None, 2, "own.py: cannot be read (No such file or directory)"),
-        ("def make(runs):\n", 2, "own.py, line 1: expected an indented block"),
+        (None, 2, "own.py: cannot be read ([Errno 2] No such file or directory"),
+        ("def make(runs):\n", 2, "own.py: cannot be read (expected an indented block"),
         ("def make(runs): ...", 2, "own.py: docstring: found 0 paragraphs"),
         ('"""Title."""\nmake = 1', 2, "own.py: make: found no such function; allowed: make(runs)"),
         ('"""Title."""\ndef make(runs): ...', 2, "own.py: make: found NoneType returned; allowed: a Product"),
