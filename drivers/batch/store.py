@@ -35,7 +35,6 @@ SCHEMA_VERSION = 1
 OF_PROCESS = re.compile(r"batch-(.+)-([0-9]+)\.sqlite")  # machine and number of the process
 ANEW = "move the file away to begin anew"
 BUSY_LIMIT_S = 60.0  # longest wait for the transaction of another process
-FEW = 4  # rows of the database for each case: to find fewer cases one by one takes longer than to read all rows
 PAGE_BYTES = 16_384  # a row has about 2 kB
 NETWORK = ("nfs", "nfs4", "cifs", "smb3", "smbfs", "lustre", "gpfs", "beegfs", "ceph", "afs", "glusterfs", "fuse.sshfs")
 CLOCK_S = 10.0  # by which the start of a process may seem to move when the clock is set
@@ -167,15 +166,11 @@ class Store(AbstractContextManager["Store"]):
 
         A state says whether the row is of the program of its engine, whether it is done, its end and its status.
         """
-        query, values = "SELECT case_sha256, engine, program, ended, status FROM rows", list[str]()
-        if FEW * len(cases) < sum(self.ends().values()):  # else it is faster to read all rows
-            query, values = f"{query} {OF_CASES}", [json.dumps(cases)]
+        query = f"SELECT case_sha256, engine, program, ended, status FROM rows {OF_CASES}"
         states: dict[Key, tuple[bool, bool, float, str]] = {}
-        wanted = {*cases}
-        for case, engine, program, ended, status in self._found(query, *values):
+        for case, engine, program, ended, status in self._found(query, json.dumps(cases)):
             key, state = (case, engine), (program == programs.get(engine), status == "done", ended, status)
-            if case in wanted and (key not in states or states[key] < state):
-                states[key] = state
+            states[key] = max(state, states.get(key, state))
         return states
 
     def equal(self, identity: str) -> StudyRow | None:
