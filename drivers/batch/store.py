@@ -188,12 +188,11 @@ class Store(AbstractContextManager["Store"]):
 
     def after(self, ends: dict[Path, int]) -> list[StudyRow]:
         """Rows written after the ends of the databases, which move on."""
-        fresh: list[StudyRow] = []
-        for file in self.files:
-            query = f"SELECT {COLUMNS}, sha256, rowid FROM rows WHERE rowid > ? ORDER BY rowid"
-            for *values, place in self._in(file, query, ends.get(file, 0)):
-                ends[file] = place
-                fresh += self._checked([values])
+        now, fresh = self.ends(), list[StudyRow]()
+        for file, end in now.items():
+            found = self._in(file, f"{ROWS} WHERE rowid > ? AND rowid <= ? ORDER BY rowid", ends.get(file, 0), end)
+            fresh += self._checked(found)
+        ends |= now
         return fresh
 
     def claimed(self) -> set[Key]:
@@ -278,8 +277,7 @@ class Store(AbstractContextManager["Store"]):
     def _found(self, query: str, *values: Any) -> Iterator[Any]:
         """Results of a query of all databases."""
         for file in self.files:
-            with _named(file):
-                yield from self._connection(file).execute(query, values)
+            yield from self._in(file, query, *values)
 
     def _verified(self, query: str, *values: Any) -> Iterator[StudyRow]:
         """Rows of a query of all databases, without damaged ones."""

@@ -26,7 +26,7 @@ from pydantic import BeforeValidator, Field, RootModel
 from drivers.base import paths, units
 from drivers.base.decks import Deck
 from drivers.base.errors import InputError, InputProblem, RunError, one_line
-from drivers.base.files import home_of, readable
+from drivers.base.files import readable
 from drivers.base.messages import validate
 from drivers.base.processes import find_command
 from drivers.chain.case import STRAIGHT, Case
@@ -212,7 +212,7 @@ def entries_of(files: tuple[Path, ...]) -> dict[str, tuple[Entry, str]]:
             before, _ = by_name.get(name) or by_name.get(table.adapter) or (_named(name), "")
             adapter = table.adapter or before.adapter
             if adapter.endswith(".py"):
-                adapter = str(path.parent / home_of(adapter))
+                adapter = str(path.parent / os.path.expanduser(adapter))  # noqa: PTH111
             if adapter not in codes and not (adapter.endswith(".py") and readable(Path(adapter))):
                 allowed = f"{', '.join(codes)}, or the path of a .py file"
                 raise InputError(paths.shown(path), f"{name}.adapter", f'"{adapter}"', allowed)
@@ -244,7 +244,7 @@ def tables_in(path: Path) -> Iterator[tuple[str, Entry]]:
 
 def _relative_to_file(path: Path, word: str) -> str:
     """Word of a command; a relative path is relative to the folder of the entry's file."""
-    there = path.parent / home_of(word)
+    there = path.parent / os.path.expanduser(word)  # noqa: PTH111
     if "/" not in word or "=" in word or not there.exists():
         return word
     _check_owner(there, path)
@@ -337,8 +337,9 @@ def _external(path: Path) -> Engine:
         engine: Engine = _guarded("ENGINE", load, path)()
     except (InputError, RunError) as error:
         raise InputError(paths.shown(path), "", str(error), "ENGINE = Engine(...)") from error
-    functions = {name: value for name, value in vars(engine).items() if callable(value) and name != "integrate"}
-    return replace(engine, integrate=None, **{name: _guarded(name, functions[name], path) for name in functions})
+    functions = {name: value for name, value in vars(engine).items() if callable(value)}
+    guarded: dict[str, Any] = {name: _guarded(name, function, path) for name, function in functions.items()}
+    return replace(engine, **guarded | {"integrate": None})
 
 
 def engine_names() -> list[str]:
