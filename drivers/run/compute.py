@@ -30,7 +30,7 @@ from drivers.chain.schemes import default_limit_s, endable
 from drivers.chain.trace import Trace
 from drivers.engines import EXACT, Engine, load_engine
 from drivers.run.build import Build, build_of
-from drivers.run.guard import checked, checked_trace, timed_out
+from drivers.run.scheme import checked, checked_trace, timed_out
 from validation.reference.hertz_chain import Flag
 
 DONE = "the-case-has-ended"  # printed by the server after a deck

@@ -19,7 +19,7 @@ from drivers.engines import EXACT, Engine
 from drivers.limits import inability
 from drivers.run.build import Build
 from drivers.run.compute import Session
-from drivers.run.guard import checked_trace
+from drivers.run.scheme import checked_trace
 from validation.accuracy.plan import planned_case
 
 NORMAL_END = EndedProcess(0, False, 0.0)

@@ -12,7 +12,7 @@ from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import digest_of
 from drivers.engines import load_engine
 from drivers.run.compute import Session
-from drivers.run.guard import checked_trace
+from drivers.run.scheme import checked_trace
 from validation.tests.helpers.scenes import case_of
 
 
