@@ -7,7 +7,6 @@ digest of itself.
 import hashlib
 import json
 import platform
-import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import cache
@@ -21,7 +20,6 @@ from drivers.base.files import digest_of_json, read_sealed, write_sealed
 from drivers.base.terminal import say
 
 MAX_FILES = 2000  # beyond these the oldest are removed
-MIN_AGE_S = 3600.0  # but none that a command under way may have written
 LIBRARIES = ("numpy", "scipy", "numba", "pint")  # their versions may change numbers
 
 
@@ -63,11 +61,9 @@ def _entry(depends_on: Any) -> Path:
 
 
 def _remove_old(folder: Path) -> None:
-    files = [*folder.iterdir()]
-    if len(files) > MAX_FILES:
-        for date, old in sorted((file.stat().st_mtime, file) for file in files)[:-MAX_FILES]:
-            if time.time() - date > MIN_AGE_S:
-                old.unlink(missing_ok=True)
+    if len(files := [*folder.iterdir()]) > MAX_FILES:
+        for old in sorted(files, key=lambda file: file.stat().st_mtime)[:-MAX_FILES]:
+            old.unlink(missing_ok=True)
 
 
 @cache

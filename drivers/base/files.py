@@ -9,7 +9,7 @@ import json
 import os
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -107,13 +107,4 @@ def sha256_of(path: Path) -> str:
 
 def readable(path: Path) -> bool:
     """True if this is a file that may be read; a folder without access is no error."""
-    with suppress(OSError):
-        return path.is_file() and os.access(path, os.R_OK)
-    return False
-
-
-def home_of(path: str) -> Path:
-    """Path with ``~`` replaced by the home of the user, if known."""
-    with suppress(RuntimeError):
-        return Path(path).expanduser()
-    return Path(path)
+    return os.path.isfile(path) and os.access(path, os.R_OK)  # noqa: PTH113, since that of Path raises errors

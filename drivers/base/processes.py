@@ -22,7 +22,6 @@ import psutil
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.base.files import home_of
 
 KEPT_VARIABLES = ("PATH", "HOME", "USER", "LOGNAME", "TMPDIR", "LD_LIBRARY_PATH")
 PROBE_LIMIT_S = 20.0
@@ -62,7 +61,7 @@ class EndedProcess:
 
 def scrubbed_environment() -> dict[str, str]:
     """Environment of engines, without the virtual environment: YADE would import its modules."""
-    kept = {"HOME": str(home_of("~"))} | {name: os.environ[name] for name in KEPT_VARIABLES if name in os.environ}
+    kept = {"HOME": os.path.expanduser("~")} | {name: os.environ[name] for name in KEPT_VARIABLES if name in os.environ}  # noqa: PTH111
     return kept | {"LC_ALL": "C.UTF-8", "PYTHONNOUSERSITE": "1", "OMP_NUM_THREADS": "1", "MPLBACKEND": "Agg"}
 
 

@@ -35,7 +35,6 @@ SCHEMA_VERSION = 1
 OF_PROCESS = re.compile(r"batch-(.+)-([0-9]+)\.sqlite")  # machine and number of the process
 ANEW = "move the file away to begin anew"
 BUSY_LIMIT_S = 60.0  # longest wait for the transaction of another process
-FEW = 4  # rows of the database for each case: to find fewer cases one by one takes longer than to read all rows
 PAGE_BYTES = 16_384  # a row has about 2 kB
 NETWORK = ("nfs", "nfs4", "cifs", "smb3", "smbfs", "lustre", "gpfs", "beegfs", "ceph", "afs", "glusterfs", "fuse.sshfs")
 CLOCK_S = 10.0  # by which the start of a process may seem to move when the clock is set
@@ -167,15 +166,11 @@ class Store(AbstractContextManager["Store"]):
 
         A state says whether the row is of the program of its engine, whether it is done, its end and its status.
         """
-        query, values = "SELECT case_sha256, engine, program, ended, status FROM rows", list[str]()
-        if FEW * len(cases) < sum(self.ends().values()):  # else it is faster to read all rows
-            query, values = f"{query} {OF_CASES}", [json.dumps(cases)]
+        query = f"SELECT case_sha256, engine, program, ended, status FROM rows {OF_CASES}"
         states: dict[Key, tuple[bool, bool, float, str]] = {}
-        wanted = {*cases}
-        for case, engine, program, ended, status in self._found(query, *values):
+        for case, engine, program, ended, status in self._found(query, json.dumps(cases)):
             key, state = (case, engine), (program == programs.get(engine), status == "done", ended, status)
-            if case in wanted and (key not in states or states[key] < state):
-                states[key] = state
+            states[key] = max(state, states.get(key, state))
         return states
 
     def equal(self, identity: str) -> StudyRow | None:
@@ -193,12 +188,11 @@ class Store(AbstractContextManager["Store"]):
 
     def after(self, ends: dict[Path, int]) -> list[StudyRow]:
         """Rows written after the ends of the databases, which move on."""
-        fresh: list[StudyRow] = []
-        for file in self.files:
-            query = f"SELECT {COLUMNS}, sha256, rowid FROM rows WHERE rowid > ? ORDER BY rowid"
-            for *values, place in self._in(file, query, ends.get(file, 0)):
-                ends[file] = place
-                fresh += self._checked([values])
+        now, fresh = self.ends(), list[StudyRow]()
+        for file, end in now.items():
+            found = self._in(file, f"{ROWS} WHERE rowid > ? AND rowid <= ? ORDER BY rowid", ends.get(file, 0), end)
+            fresh += self._checked(found)
+        ends |= now
         return fresh
 
     def claimed(self) -> set[Key]:
@@ -283,8 +277,7 @@ class Store(AbstractContextManager["Store"]):
     def _found(self, query: str, *values: Any) -> Iterator[Any]:
         """Results of a query of all databases."""
         for file in self.files:
-            with _named(file):
-                yield from self._connection(file).execute(query, values)
+            yield from self._in(file, query, *values)
 
     def _verified(self, query: str, *values: Any) -> Iterator[StudyRow]:
         """Rows of a query of all databases, without damaged ones."""

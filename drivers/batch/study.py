@@ -325,8 +325,8 @@ def expand(axis: Axis, base: dict[str, Any], folder: Path, where: str, place: st
     """
     given = axis.model_dump(by_alias=True, exclude_none=True)
     forms = [form for form in (*RANGE, *FORMS) if form in given]
-    ranged = forms[:1] and forms[0] in RANGE
-    if not forms or (len(forms) > 1 and not {*forms} <= {*RANGE, "values"}):
+    ranged = {*RANGE} <= {*forms} <= {*RANGE, "values"}
+    if not ranged and (len(forms) != 1 or forms[0] in RANGE):
         allowed = f"exactly one of {', '.join(FORMS)}, or from with to, count and perhaps values"
         raise InputError(where, place, ", ".join(forms) or "none of them", allowed)
     if bool(axis.key) != bool(ranged or forms[0] in ("values", "factors")):
@@ -358,9 +358,6 @@ def _range(axis: Axis, where: str, place: str) -> list[Any]:
 
     Whole numbers at both ends give whole numbers.
     """
-    for key, value in (("from", axis.from_), ("to", axis.to), ("count", axis.count)):
-        if value is None:
-            raise InputError(where, f"{place}.{key}", "missing key; give from, to and count")
     ends, log, unit, numbers = (axis.from_, axis.to), axis.spacing == "log", "", [nan, nan]
     with suppress(ValueError):
         unit = _number_and_unit(axis.from_)[1]

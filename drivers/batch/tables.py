@@ -48,11 +48,10 @@ def write_tables(batch: Batch, rows: Sequence[Row], results: Path) -> list[Path]
     results.mkdir(parents=True, exist_ok=True)
     name, written = batch.study.name, []
     for table, stem in zip(tables(batch, rows), (name, f"{name}-cost"), strict=True):
-        written += [results / f"{stem}.parquet", results / f"{stem}.csv"]
-        with whole_file(written[-2]) as draft:
-            table.to_parquet(draft, index=False)
-        with whole_file(written[-1]) as draft:
-            table.to_csv(draft, index=False)
+        for ending, write in (("parquet", table.to_parquet), ("csv", table.to_csv)):
+            written.append(results / f"{stem}.{ending}")
+            with whole_file(written[-1]) as draft:
+                write(draft, index=False)
     return written
 
 

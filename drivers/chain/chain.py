@@ -356,8 +356,6 @@ def build_chain(scene: Scene) -> Chain:
     if count:
         load[count - 1] -= table.precompression
     overlap = _overlaps(stiffness, load[:count], gaps, resting=scene.wall is not None)
-    for array in (mass, radius, stiffness, overlap, velocity, load):
-        array.setflags(write=False)
     return Chain(
         materials=tuple(materials),
         mass_kg=mass,

@@ -55,15 +55,10 @@ def conformity(radius_m: float, bore_radius_m: float) -> float:
     Hertz's elliptic contact (Johnson, Contact Mechanics, section 4.2) with the relative curvatures ``1/R - 1/R_bore``
     across the axis and ``1/R`` along the axis; the force is proportional to overlap^(3/2) as well. A bore radius of
     inf is a flat.
-
-    Raises:
-        ValueError: the sphere does not fit into the bore.
     """
     from scipy.optimize import brentq
     from scipy.special import ellipe, ellipkm1
 
-    if not 0 < radius_m < bore_radius_m:
-        raise ValueError(f"radius_m: {radius_m}, expected above zero and below that of the bore, {bore_radius_m}")
     across, along = (1 / radius_m - 1 / bore_radius_m) / 2, 1 / radius_m / 2
     if across == along:
         return 1.0

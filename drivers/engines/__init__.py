@@ -19,14 +19,14 @@ from importlib import import_module
 from pathlib import Path
 from runpy import run_path
 from traceback import extract_tb
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, RootModel
 
 from drivers.base import paths, units
 from drivers.base.decks import Deck
 from drivers.base.errors import InputError, InputProblem, RunError, one_line
-from drivers.base.files import home_of, readable
+from drivers.base.files import readable
 from drivers.base.messages import validate
 from drivers.base.processes import find_command
 from drivers.chain.case import STRAIGHT, Case
@@ -40,11 +40,9 @@ REFERENCE, VERLET = "reference", "verlet"  # in-repo engines: exact motion, and 
 IN_HEIGHTS = "velocity Verlet in absolute heights"
 IN_OVERLAPS = "velocity Verlet in overlaps"
 EXACT = "exact to its tolerance, at any time step"
-EXTERNAL = f"{__name__}.at."  # first part of the names of modules of external adapters
 TOTAL, INCREMENTAL = "total", "incremental"  # friction that stores the shear displacement, or the shear force
 RESERVED = ("auto", "batch", REFERENCE, VERLET)  # a value of --engine, a folder of runs/, the in-repo engines
 
-_exit = os._exit
 _path = cache(Path)  # a batch asks for the files of entries several times for each case
 
 
@@ -214,7 +212,7 @@ def entries_of(files: tuple[Path, ...]) -> dict[str, tuple[Entry, str]]:
             before, _ = by_name.get(name) or by_name.get(table.adapter) or (_named(name), "")
             adapter = table.adapter or before.adapter
             if adapter.endswith(".py"):
-                adapter = str(path.parent / home_of(adapter))
+                adapter = str(path.parent / os.path.expanduser(adapter))  # noqa: PTH111
             if adapter not in codes and not (adapter.endswith(".py") and readable(Path(adapter))):
                 allowed = f"{', '.join(codes)}, or the path of a .py file"
                 raise InputError(paths.shown(path), f"{name}.adapter", f'"{adapter}"', allowed)
@@ -246,7 +244,7 @@ def tables_in(path: Path) -> Iterator[tuple[str, Entry]]:
 
 def _relative_to_file(path: Path, word: str) -> str:
     """Word of a command; a relative path is relative to the folder of the entry's file."""
-    there = path.parent / home_of(word)
+    there = path.parent / os.path.expanduser(word)  # noqa: PTH111
     if "/" not in word or "=" in word or not there.exists():
         return word
     _check_owner(there, path)
@@ -321,23 +319,15 @@ def _guarded(name: str, function: Callable[..., Any], path: Path) -> Callable[..
     return guarded
 
 
-def _exit_unless_adapter(status: int) -> NoReturn:
-    """Take the place of ``os._exit`` in adapters, where it would end a command without a word."""
-    if sys._getframe(1).f_globals.get("__name__", "").startswith(EXTERNAL):
-        raise SystemExit(f"os._exit({status})")
-    _exit(status)
-
-
 def _external(path: Path) -> Engine:
     """Engine of an adapter outside this package.
 
     Raises:
         InputError: the file cannot be loaded or defines no ``ENGINE``.
     """
-    os._exit = _exit_unless_adapter
 
     def load() -> Engine:
-        engine = run_path(str(path), run_name=f"{EXTERNAL}{path}").get("ENGINE")
+        engine = run_path(str(path)).get("ENGINE")
         if not isinstance(engine, Engine):
             raise TypeError(f"ENGINE is {type(engine).__name__}")
         re.compile(engine.loop_pattern)
@@ -347,9 +337,8 @@ def _external(path: Path) -> Engine:
         engine: Engine = _guarded("ENGINE", load, path)()
     except (InputError, RunError) as error:
         raise InputError(paths.shown(path), "", str(error), "ENGINE = Engine(...)") from error
-    guarded: dict[str, Any] = {
-        name: _guarded(name, value, path) for name, value in vars(engine).items() if callable(value)
-    }
+    functions = {name: value for name, value in vars(engine).items() if callable(value)}
+    guarded: dict[str, Any] = {name: _guarded(name, function, path) for name, function in functions.items()}
     return replace(engine, **guarded | {"integrate": None})
 
 

@@ -1,23 +1,30 @@
-"""The executor: all work in parallel, on threads, on worker processes of this machine, or on a Dask cluster."""
+"""The executor: all work in parallel, on threads, on worker processes of this machine, or on a Dask cluster.
+
+As a program it is a worker process, which does the work of another process until that closes their connection: ``python
+-P -m drivers.run.execute FOLDER MODULE...``, with the connection as standard input. FOLDER is that of temporary files.
+The modules are loaded before the first work. The answer to a function with its argument is True and the result, or
+False and the error.
+"""
 
 import atexit
 import os
 import signal
 import sys
+import tempfile
+import traceback
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError, Executor, ThreadPoolExecutor, wait
-from contextlib import ExitStack, contextmanager, nullcontext
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from functools import partial
+from importlib import import_module
 from math import inf
 from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
-from tempfile import gettempdir
 from typing import Any, TypeVar
 
 from drivers.base.errors import InputError, RunError
 from drivers.base.processes import Launched, all_stopped, cores, end, remove_abandoned, start, waited
-from drivers.run import worker
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -89,7 +96,7 @@ def _threads(place: Place) -> Iterator[Executor]:
             with all_stopped() if place.processes or isinstance(error, KeyboardInterrupt) else nullcontext():
                 pool.shutdown(cancel_futures=True)
             if place.processes:
-                remove_abandoned(Path(gettempdir()))  # places of the workers
+                remove_abandoned(Path(tempfile.gettempdir()))  # places of the workers
             raise
 
 
@@ -101,7 +108,7 @@ def get_ready(workers: int, *functions: Callable[..., Any]) -> None:
 def _started(*modules: str) -> Worker:
     """Worker process, in a session of its own, which the signals of a terminal do not reach."""
     ours, theirs = Pipe()
-    command = (sys.executable, "-P", "-m", worker.__name__, gettempdir(), *modules, *LIBRARIES)
+    command = (sys.executable, "-P", "-m", __name__, tempfile.gettempdir(), *modules, *LIBRARIES)
     with theirs:
         return start(command, Path.cwd(), {**os.environ}, stdin=theirs.fileno()), ours
 
@@ -137,7 +144,7 @@ def _dismiss() -> None:
         end(*launched)
         pipe.close()
     if _idle:
-        remove_abandoned(Path(gettempdir()))
+        remove_abandoned(Path(tempfile.gettempdir()))
 
 
 def check_dask(address: str) -> None:
@@ -182,3 +189,24 @@ def _on_dask(place: Place) -> Iterator[Executor]:
             raise
         except Exception as error:
             raise RunError(f"work failed on the cluster: {type(error).__name__}: {error}") from error
+
+
+def main() -> None:
+    """Work for another process."""
+    tempfile.tempdir = sys.argv[1]  # else it would be tried with a file, which a kill would leave there
+    for module in sys.argv[2:]:
+        import_module(module)
+    pipe = Connection(sys.stdin.fileno())
+    with suppress(EOFError):
+        while True:
+            work, item = pipe.recv()
+            try:
+                answer = True, work(item)
+            except Exception as error:
+                error.add_note(traceback.format_exc())  # which is lost on the way
+                answer = False, error
+            pipe.send(answer)
+
+
+if __name__ == "__main__":
+    main()

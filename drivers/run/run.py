@@ -30,7 +30,6 @@ from drivers.limits import inability, refuse
 from drivers.run.build import Build, build_of
 from drivers.run.compute import Computed, compute
 from drivers.run.execute import execute
-from drivers.run.guard import checked, compared, unstable
 from drivers.run.run_folder import (
     EndedRun,
     RunRecord,
@@ -41,6 +40,7 @@ from drivers.run.run_folder import (
     move_into_place,
     write_run,
 )
+from drivers.run.scheme import checked, compared, unstable
 
 BY_HAND = "run by hand"  # version of the build, which is not known
 WIDTH = 80  # characters of a changed line in the record

@@ -5,16 +5,13 @@ import tomllib
 from functools import cache
 from math import nan
 from pathlib import Path
-from types import GenericAlias
-from typing import Any, TypeVar
-
-from pydantic import Field, create_model
+from typing import Any
 
 from drivers.base import paths, units
 from drivers.base.errors import InputError, refuse_any
 from drivers.base.files import read_file
 from drivers.base.messages import model_at, shorten, validate
-from drivers.scene.model import RIGID, Material, Part, Scene
+from drivers.scene.model import RIGID, Material, Scene
 from drivers.scene.rules import named_materials, problems_of
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,99}\.toml")
@@ -26,7 +23,6 @@ SI = {"force": "N", "displacement": "m"}
 LEAST_S, LARGEST = 1e-300, 1e9  # in SI units
 HEADINGS = "two headings with units, such as time_us,force_mN or time_us,displacement_nm"
 MAX_POINTS = 100_000
-Entry = TypeVar("Entry", bound=Part)
 
 
 def read_scene(source: str | Path, settings: tuple[str, ...] = ()) -> Scene:
@@ -190,17 +186,6 @@ def library() -> dict[str, Any]:
 def library_materials() -> dict[str, Material]:
     """Materials of ``inputs/materials.toml``."""
     return {name: validate(Material, table, paths.MATERIALS, f"{name}.") for name, table in library().items()}
-
-
-def read_entries(path: Path, key: str, kind: type[Entry]) -> tuple[Entry, ...]:
-    """Entries of a file that has nothing but a list of tables ``[[key]]``, at least one.
-
-    Raises:
-        InputError: the file cannot be read, or is wrong.
-    """
-    entries: Any = (GenericAlias(tuple, (kind, ...)), Field(strict=False, min_length=1))
-    file = validate(create_model("File", __base__=Part, **{key: entries}), read_toml(path), path)
-    return tuple(getattr(file, key))
 
 
 def _complete_own_materials(data: dict[str, Any]) -> None:

@@ -27,7 +27,6 @@ DASHES = ("-", (0, (5, 1.5)), (0, (1, 1.2)), (0, (4, 1, 1, 1)), (0, (8, 2)), (0,
 MARKERS = "osD^v<>"  # filled ones, of curves; engines have open ones
 LOG_RATIO = 30  # of the largest to the smallest varied value: larger ratios get a logarithmic scale
 MAX_CURVES = 8  # that differ in more than colour, and are named in the legend
-MAX_TEXT_TICKS = 60
 MAX_CHARACTERS = 24  # of a text value; of all texts on an axis, longer ones are turned
 MIN_VALUES = 4  # of a power law with a curvature that has an error
 BINS = 15
@@ -149,8 +148,7 @@ def draw_study(
         notes += laws
     for axis in axes.values():
         if texts:
-            step = ceil(len(texts) / MAX_TEXT_TICKS)
-            axis.set_xticks(range(0, len(texts), step), texts[::step], rotation=90 * turned, fontsize=7)
+            axis.set_xticks(range(len(texts)), texts, rotation=90 * turned, fontsize=7)
         if log:
             axis.set(xscale="log", yscale="log")
             for ticks in (axis.xaxis, axis.yaxis):  # plain numbers, since powers of ten overlap within a decade
@@ -209,7 +207,7 @@ def _draw_curves(
     line = {"ls": "none"} if fitted or order == "case" else {}
     for name, axis in axes.items():
         label, y_factor = labels[name].axis(numbers[name])
-        axis.set(xlabel=words, ylabel=label, xscale=_scale(at))
+        axis.set(xlabel=words, ylabel=label, xscale="log" if 0 < at.min() < at.max() / LOG_RATIO else "linear")
         for look, rows in zip(looks, curves, strict=True):
             joined = along[rows.index[rows["engine"] == engines[0]]].drop_duplicates().sort_values().index
             axis.plot(at[joined], y_factor * means.loc[joined, name], **look | line)
@@ -238,11 +236,6 @@ def _places(values: pd.Series) -> pd.Series:
     """Numbers as they are, and the places of texts in order of appearance."""
     codes, _ = pd.factorize(values, use_na_sentinel=False)
     return values if is_numeric_dtype(values) else pd.Series(codes, values.index)
-
-
-def _scale(values: pd.Series) -> str:
-    """Scale of an axis of varied values."""
-    return "log" if values.min() > 0 and values.max() / values.min() > LOG_RATIO else "linear"
 
 
 def _power_law(rows: pd.DataFrame, x: str, y: str, name: str) -> tuple[Any, Any, float, str]:
@@ -300,11 +293,12 @@ def draw_tornado(
     inputs = [name for name in keys if name in table and is_numeric_dtype(table[name])]
     shares = rows[["case", *inputs, *known]].astype(float).set_index("case")
     shares = (shares / shares.iloc[0] - 1).where(np.isfinite)
-    varied = shares[inputs].where(shares[inputs] != 0).stack().dropna().rename_axis(["case", "input"])
-    varied = varied.rename("input_change_share").reset_index()
-    changes = varied.merge(shares[known], on="case").set_index([*varied]).rename_axis(columns="observable").stack()
-    changes = changes.dropna().rename("observable_change_share").reset_index().drop(columns="case")
-    changes.insert(0, "observable", changes.pop("observable"))
+    varied, seen = (
+        shares[part].rename_axis(columns=name).stack().dropna().rename(f"{name}_change_share").reset_index(name)
+        for part, name in ((inputs, "input"), (known, "observable"))
+    )
+    changes = varied[varied["input_change_share"] != 0].merge(seen, on="case")
+    changes = changes[["observable", *varied, "observable_change_share"]].reset_index(drop=True)
     changes["elasticity"] = changes["observable_change_share"] / changes["input_change_share"]
     shown = [name for name in observables if name in set(changes["observable"])]
     if not shown:

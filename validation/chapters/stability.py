@@ -20,6 +20,7 @@ from pydantic import Field
 
 from drivers.base import paths
 from drivers.base.errors import InputError
+from drivers.base.messages import validate
 from drivers.base.terminal import counted, following
 from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case, build_case
@@ -31,7 +32,7 @@ from drivers.limits import refuse, resolved_trial, step_limit
 from drivers.run.compute import compute
 from drivers.run.execute import execute
 from drivers.scene.model import Part
-from drivers.scene.read_scene import make_scene, read_entries
+from drivers.scene.read_scene import make_scene, read_toml
 from postproc.draw.style import PAGE_IN, marker_of, pyplot
 from postproc.read.motion import case_of
 from validation.accuracy.budget import ERROR
@@ -265,10 +266,16 @@ class Extreme(Part):
     quick: bool = False
 
 
+class Extremes(Part):
+    """Contents of ``inputs/extremes.toml``."""
+
+    extreme: tuple[Extreme, ...] = Field(strict=False, min_length=1)
+
+
 def extremes(*, quick: bool = False) -> list[Extreme]:
     """Scenes of ``inputs/extremes.toml``, or the quick subset."""
-    entries = read_entries(paths.INPUTS / "extremes.toml", "extreme", Extreme)
-    return [entry for entry in entries if entry.quick or not quick]
+    path = paths.INPUTS / "extremes.toml"
+    return [entry for entry in validate(Extremes, read_toml(path), path).extreme if entry.quick or not quick]
 
 
 def run_all(chosen: list[Extreme], runs: Path) -> Iterator[Check]:

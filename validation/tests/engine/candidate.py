@@ -18,8 +18,8 @@ from drivers.chain.trace import Trace
 from drivers.engines import EXACT, Engine
 from drivers.limits import inability
 from drivers.run.build import Build
-from drivers.run.guard import checked_trace
-from drivers.run.session import Session
+from drivers.run.compute import Session
+from drivers.run.scheme import checked_trace
 from validation.accuracy.plan import planned_case
 
 NORMAL_END = EndedProcess(0, False, 0.0)

@@ -8,7 +8,7 @@ import pytest
 
 from drivers.engines import VERLET, engine_names, load_engine
 from drivers.run.build import build_of
-from drivers.run.session import Session
+from drivers.run.compute import Session
 from validation.tests.engine.candidate import STAND_INS, Candidate
 from validation.tests.helpers.runs import need
 

@@ -15,8 +15,8 @@ from drivers.chain.case import Case
 from drivers.chain.schemes import default_limit_s
 from drivers.chain.trace import digest_of
 from drivers.limits import inability
-from drivers.run.guard import checked_trace
-from drivers.run.session import DONE, Session
+from drivers.run.compute import DONE, Session
+from drivers.run.scheme import checked_trace
 from validation.tests.engine.candidate import Candidate, case_with
 
 FLIPS = 16  # bytes flipped one at a time, at the head of each file and throughout

@@ -12,7 +12,7 @@ from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
 from drivers.chain.trace import Trace, residual
 from drivers.limits import step_limit
-from drivers.run.guard import UNSTABLE
+from drivers.run.scheme import UNSTABLE
 from validation.accuracy.motions import exact_motion_of
 from validation.tests.engine.candidate import Candidate, case_of_variant, case_with, kit
 

@@ -11,7 +11,7 @@ import psutil
 import pytest
 
 from drivers.base import paths
-from drivers.run import worker
+from drivers.run import execute
 from validation.tests.helpers.commands import BEADS
 from validation.tests.helpers.scenes import SPEEDS, EnginesWriter, StandIn, StudyWriter
 
@@ -80,7 +80,7 @@ def test_an_interrupted_start_of_workers_prints_no_traceback(study_file: StudyWr
     """The workers have just started, and load libraries."""
     study = study_file(SPEEDS.format(2), "verlet")
     process = started(tmp_path, "batch", str(study), "--results", "results", stderr=subprocess.PIPE)
-    while not any(worker.__name__ in line for line in left_from(tmp_path / "places")):
+    while not any(execute.__name__ in line for line in left_from(tmp_path / "places")):
         assert process.poll() is None
         time.sleep(0.01)
     os.killpg(process.pid, signal.SIGINT)

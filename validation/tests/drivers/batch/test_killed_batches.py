@@ -14,7 +14,7 @@ from typing import TypeVar
 import psutil
 import pytest
 
-from drivers.run import worker
+from drivers.run import execute
 from validation.tests.drivers.batch.test_batch import batch, batch_here, sql, stored, table, table_bytes
 from validation.tests.helpers.commands import BEADS, beads, without_progress
 from validation.tests.helpers.runs import need
@@ -41,7 +41,7 @@ def workers_of(process: subprocess.Popen[str]) -> list[psutil.Process]:
     found = []
     for child in psutil.Process(process.pid).children(recursive=True):
         with suppress(psutil.Error):
-            if child.cmdline()[1:4] == ["-P", "-m", worker.__name__]:
+            if child.cmdline()[1:4] == ["-P", "-m", execute.__name__]:
                 found.append(child)
     return found
 

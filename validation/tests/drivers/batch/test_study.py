@@ -131,7 +131,7 @@ BAD = {
         "1 m/s, 2 m/s, fast",
     ),
     "a key that was meant": (f"{COUNT}form = 1\nto = 2\ncount = 3", "axis.0.form: unknown key; did you mean from?"),
-    "no count": (f"{COUNT}from = 1\nto = 2", "axis.0.count: missing key"),
+    "no count": (f"{COUNT}from = 1\nto = 2", "axis.0: found from, to; allowed: exactly one of values"),
     "units apart": (f'{SPEED}from = "1 m/s"\nto = "2 kg"\ncount = 3', "numbers, or quantities of one kind"),
     "log of nothing": (
         f'{COUNT}from = 0\nto = 9\ncount = 3\nspacing = "log"',

@@ -11,8 +11,8 @@ from drivers.chain.case import Case
 from drivers.chain.drives import drive_of, pieces_of
 from drivers.chain.schemes import exact_of, verlet_in_heights, verlet_of
 from drivers.engines import load_engine
-from drivers.run.guard import compared
 from drivers.run.run_folder import in_si
+from drivers.run.scheme import compared
 from drivers.scene.read_scene import stored_scene
 from postproc.read.observables import observe
 from validation.tests.helpers.scenes import case_of

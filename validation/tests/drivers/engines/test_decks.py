@@ -10,8 +10,8 @@ from drivers.base.processes import STDOUT, run_command
 from drivers.chain.case import Case
 from drivers.chain.trace import digest_of
 from drivers.engines import codes, installed_codes, load_engine
-from drivers.run.guard import checked_trace
 from drivers.run.run import run_case
+from drivers.run.scheme import checked_trace
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import case_of
 

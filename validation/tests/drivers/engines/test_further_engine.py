@@ -14,7 +14,7 @@ from drivers.chain.case import Case
 from drivers.engines import codes, installed_codes, load_engine
 from drivers.engines._lammps_family import DUMP, table_of_pairs
 from drivers.engines._raw_output import contact_forces, read_dump
-from drivers.run.guard import checked_trace
+from drivers.run.scheme import checked_trace
 from postproc.read.observables import observe
 from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import case_of

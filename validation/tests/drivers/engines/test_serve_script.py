@@ -11,8 +11,8 @@ from drivers.base.decks import Deck, render
 from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import digest_of
 from drivers.engines import load_engine
-from drivers.run.guard import checked_trace
-from drivers.run.session import Session
+from drivers.run.compute import Session
+from drivers.run.scheme import checked_trace
 from validation.tests.helpers.scenes import case_of
 
 

@@ -65,7 +65,6 @@ def test_without_a_writable_folder_results_are_computed() -> None:
 
 def test_oldest_files_are_removed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "MAX_FILES", 3)
-    monkeypatch.setattr(module, "MIN_AGE_S", -1.0)
     for number in range(5):
         cached([number], lambda: 0)
     assert len([*paths.CACHE.iterdir()]) == 3

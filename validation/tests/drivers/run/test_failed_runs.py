@@ -18,8 +18,8 @@ from drivers.base.processes import LOCK, PLACE
 from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import Trace
 from drivers.engines import load_engine, missing_codes
-from drivers.run.guard import checked, compared
 from drivers.run.run import run_case
+from drivers.run.scheme import checked, compared
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import failing_run, need
 from validation.tests.helpers.scenes import SceneWriter, StandIn, case_of

@@ -17,7 +17,7 @@ from drivers.base.errors import RunError
 from drivers.base.processes import STDOUT, all_stopped, run_command
 from drivers.chain.trace import digest_of
 from drivers.engines import REFERENCE, VERLET
-from drivers.run import session
+from drivers.run import compute as computing
 from drivers.run.compute import compute
 from drivers.run.execute import Place, execute
 from drivers.run.run import run_case, run_many
@@ -152,7 +152,7 @@ def test_a_build_that_is_no_server_runs_each_deck_in_its_own_process(
     need(CODE)
     count, real = tmp_path / "count", shutil.which("lmp")
     stand_in("lmp", f'case "$*" in *-h*) ;; *) echo >> {count} ;; esac\nexec {real} "$@" < /dev/null')
-    session._idle.clear()
+    computing._idle.clear()
     for runs in (2, 3):
         assert compute(case_of(scene_file()), CODE).done.time_s.size
         assert count.read_text().count("\n") == runs

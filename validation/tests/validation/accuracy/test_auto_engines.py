@@ -13,7 +13,7 @@ from drivers.base.cache import load, store
 from drivers.base.errors import RunError
 from drivers.chain.case import Case
 from drivers.engines import REFERENCE, VERLET, codes, engine_names, load_engine
-from drivers.run import guard
+from drivers.run import scheme as comparator
 from drivers.run.compute import Computed, compute
 from drivers.run.run_folder import RECORD
 from validation.accuracy import costs, plan
@@ -98,7 +98,7 @@ def test_a_build_that_failed_its_tests_is_not_started_and_one_that_misses_the_ac
         code, engines, lines = run(scene, *words, "--rerun")
         assert (code, engines) == (0, [VERLET])
         assert [line for line in lines if line.startswith(f"scene: mine {begins}") and line.endswith(LEFT_OUT)], lines
-        monkeypatch.setattr(guard, "compared", lambda case, engine, trace: trace)
+        monkeypatch.setattr(comparator, "compared", lambda case, engine, trace: trace)
 
 
 def test_no_engine_is_left(scene: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ from drivers.chain.trace import residual
 from drivers.engines import codes
 from drivers.limits import refuse
 from drivers.run.compute import compute
-from drivers.run.guard import checked
+from drivers.run.scheme import checked
 from validation.accuracy.motions import exact_motion_of
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import case_of
