@@ -19,6 +19,7 @@ from drivers.base.files import whole_file
 from drivers.base.processes import cores
 from drivers.base.terminal import say
 from drivers.chain.case import build_case
+from drivers.chain.trace import FORCE
 from drivers.engines import in_order, load_engine
 from drivers.run.execute import Place, execute, get_ready
 from drivers.scene.read_scene import read_scene
@@ -26,6 +27,7 @@ from postproc.draw.product import SPACETIME
 from postproc.figures import captions
 from postproc.read.measured import read_traces
 from postproc.read.signals import gauges_of
+from validation.accuracy.budget import ERROR
 from validation.chapters import CHAPTERS, IN_FULL, TABLE, make_parts, up_to_date
 from validation.checks import DIFFERS, FAIL, NOT_ACCURATE, NOT_RUN, PASS, REPRODUCED, short, table
 from validation.compare.comparison import (
@@ -38,7 +40,7 @@ from validation.compare.comparison import (
 )
 from validation.report.machine_readable import as_json, made_with, when_made
 from validation.report.parts import read_part
-from validation.report.scene_section import ReportRow, case_rows, counted, section_of, tolerances
+from validation.report.scene_section import case_rows, counted, section_of, tolerances
 
 SUBJECT = "Strongly nonlinear waves in a chain of Teflon beads"
 PAPER = ("fig4", "fig5", "fig6b", "fig6d")
@@ -168,20 +170,23 @@ def write_report(
     cases = case_rows(claims.checks if claims else ())
     about = [section_of(scene, results, runs) for scene in scenes]
     rows = [described["row"] for described in about]
-    engines = in_order(engine for row in (*rows, *cases) for engine in row.cells)
-    verdicts = {row.name: {name: cell.verdict for name, cell in row.cells.items()} for row in cases}
+    engines = in_order(engine for row in (*rows, *cases) for engine in row["engines"])
+    verdicts = {row["name"]: {name: cell["verdict"] for name, cell in row["engines"].items()} for row in cases}
     builds = [
         (name, build["version"], f"`{build['command']}`", f"`{build['sha256']}`")
         for name, build in made["engines"].items()
     ]
     page = deck.render(
         "report/report.html.j2",
-        subject=SUBJECT if sections else f"{' and '.join(row.title for row in rows)}: do the codes agree?",
+        subject=SUBJECT if sections else f"{' and '.join(row['title'] for row in rows)}: do the codes agree?",
         answer=" ".join(answer(scenes, verdicts)),
         codes=listed([display_name(name) for name in engines if not load_engine(name).in_repository]),
         claims=claims,
         failures=[
-            (row, engine, cell) for row in (*rows, *cases) for engine, cell in row.cells.items() if cell.verdict == FAIL
+            (row, engine, cell)
+            for row in (*rows, *cases)
+            for engine, cell in row["engines"].items()
+            if cell["verdict"] == FAIL
         ],
         made=made,
         builds=pd.DataFrame(builds, columns=["engine", "version", "command", "digest of programs and libraries"]),
@@ -229,14 +234,19 @@ def _section(name: str, results: Path, to_come: Sequence[str]) -> Any:
     return {"made": made, "missing": [name for name, part in stored.items() if not part]}
 
 
-def _verdicts(rows: Sequence[ReportRow], engines: Sequence[str]) -> pd.DataFrame:
+def _verdicts(rows: Sequence[Mapping[str, Any]], engines: Sequence[str]) -> pd.DataFrame:
     """Verdict, error of the force and note by scene and engine; each scene links to its section."""
     lines = []
     for row in rows:
-        link = Markup('<a href="#scene-{}">{}</a>').format(quote(row.name), row.name)
-        cells = (row.cells.get(engine) for engine in engines)
-        lines.append([link, *("" if cell is None else cell.text for cell in cells)])
+        cells = row["engines"]
+        link = Markup('<a href="#scene-{}">{}</a>').format(quote(row["name"]), row["name"])
+        lines.append([link, *(_verdict(cells[engine]) if engine in cells else "" for engine in engines)])
     return pd.DataFrame(lines, columns=["scene", *engines], dtype=object)
+
+
+def _verdict(cell: Mapping[str, Any]) -> str:
+    errors = [short(check.value) for check in cell["checks"] if check.quantity == f"{ERROR}: {FORCE}"]
+    return "\n".join(filter(None, (" ".join([cell["verdict"], *errors]), cell["note"])))
 
 
 def is_wide(table: pd.DataFrame) -> bool:
