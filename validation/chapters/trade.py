@@ -48,7 +48,6 @@ ADVISED_S = 1.05e-7  # steps up to 0.1 us are advised
 FACTORS = (10, 100, 1000)  # by which the modulus of softened beads is divided
 TARGETS = tuple(10.0**-k for k in range(2, 9))
 SHOWN_TARGETS = TARGETS[::2]
-TYPICAL = 1e-4  # error of the force in a sentence
 STRAIGHT = 0.9e-3, 0.11  # shares of the stability limit between rounding and large errors, which show the order
 QUANTITIES = {
     "force": "force trace",
@@ -286,27 +285,23 @@ def measure(options: Options) -> Chapter:
     caption = "Largest error of the force against the time of the loop, by scene"
     return Chapter(
         {"trade": rows, "trade-advice": advised, "trade-softening": softened},
-        findings(rows, advised),
+        findings(rows),
         {"trade": (caption, draw_trade(rows))},
         [show_advice(rows, advised), show_softening(softened)],
         short=not set(SCENES) <= set(rows["scene"]),
     )
 
 
-def findings(rows: pd.DataFrame, advised: pd.DataFrame) -> list[str]:
-    """Advice for these sizes, cost of a usual error on the first scene, orders of convergence of the force."""
+def findings(rows: pd.DataFrame) -> list[str]:
+    """Advice for these sizes, and orders of convergence of the force."""
     finished = done(rows)
     fine = finished[finished["time_step_s"] <= ADVISED_S].groupby(["scene", "method"], sort=False).tail(1)
-    starts_s, scene = finished["start_s"], rows["scene"].iloc[0]
-    usual = advised[np.isclose(advised["error_at_most"], TYPICAL) & (advised["quantity"] == "force")]
-    loops_s = usual.loc[usual["scene"] == scene, "loop_s"]
+    starts_s = finished["start_s"]
     ranges = ", ".join(f"{low:.2f} to {high:.2f} by {name}" for name, (low, high) in orders(rows).items())
     return [
         f"At these sizes take a time step of 0.1 µs: accuracy is free, with an error of the force of"
         f" {short(fine['force'].max())} or less; a time loop takes {_time(fine['loop_s'].min())} to"
         f" {_time(fine['loop_s'].max())}, the start of a process {_time(starts_s.min())} to {_time(starts_s.max())}.",
-        f"{scene}, error of the force at most {_power(TYPICAL)}: the time loop takes {_time(loops_s.min())} to"
-        f" {_time(loops_s.max())}, by method.",
         f"Orders of convergence of the force: {ranges}.",
     ]
 

@@ -374,7 +374,6 @@ def precompressed_wave(case: Case, trace: Trace) -> dict[str, float]:
     f = (1 + peak_N / static_N) ** (2 / 3)
     uncompressed = solve_travelling_wave().speed_by_force * stiffness ** (1 / 3) * mass**-0.5 * peak_N ** (1 / 6)
     return {
-        "force_over_static": peak_N / static_N,
         "speed_over_exact": speed / solve_at_amplitude(stiffness, mass, static_N, peak_N / static_N).speed,
         "speed_over_long_wave": speed / sound * (f - 1) / sqrt(4 / 15 * (3 + 2 * f**2.5 - 5 * f)),
         "speed_over_uncompressed": speed / uncompressed,

@@ -19,7 +19,6 @@ from drivers.base.files import whole_file
 from drivers.base.processes import cores
 from drivers.base.terminal import say
 from drivers.chain.case import build_case
-from drivers.chain.trace import FORCE
 from drivers.engines import in_order, load_engine
 from drivers.run.execute import Place, execute, get_ready
 from drivers.scene.read_scene import read_scene
@@ -27,7 +26,7 @@ from postproc.draw.product import SPACETIME
 from postproc.figures import captions
 from postproc.read.measured import read_traces
 from postproc.read.signals import gauges_of
-from validation.accuracy.budget import ERROR
+from validation.accuracy.budget import text_of
 from validation.chapters import CHAPTERS, IN_FULL, TABLE, make_parts, up_to_date
 from validation.checks import DIFFERS, FAIL, NOT_ACCURATE, NOT_RUN, PASS, REPRODUCED, short, table
 from validation.compare.comparison import (
@@ -240,13 +239,8 @@ def _verdicts(rows: Sequence[Mapping[str, Any]], engines: Sequence[str]) -> pd.D
     for row in rows:
         cells = row["engines"]
         link = Markup('<a href="#scene-{}">{}</a>').format(quote(row["name"]), row["name"])
-        lines.append([link, *(_verdict(cells[engine]) if engine in cells else "" for engine in engines)])
+        lines.append([link, *(text_of(cells[engine]["checks"]) if engine in cells else "" for engine in engines)])
     return pd.DataFrame(lines, columns=["scene", *engines], dtype=object)
-
-
-def _verdict(cell: Mapping[str, Any]) -> str:
-    errors = [short(check.value) for check in cell["checks"] if check.quantity == f"{ERROR}: {FORCE}"]
-    return "\n".join(filter(None, (" ".join([cell["verdict"], *errors]), cell["note"])))
 
 
 def is_wide(table: pd.DataFrame) -> bool:
