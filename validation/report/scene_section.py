@@ -33,7 +33,7 @@ from postproc.read.signals import gauges_of
 from validation.accuracy.budget import PARTS, budget_rows
 from validation.checks import FAIL, Check, outcome, short, worst_of
 from validation.compare.comparison import ComparedScene
-from validation.report.parts import Image, Shown, image_of, read_part
+from validation.report.parts import Shown, image_of, read_part
 
 
 def cell_of(checks: Sequence[Check], diagnosis: str = "") -> dict[str, Any]:
@@ -246,7 +246,7 @@ def _timing(scene: ComparedScene) -> str:
     return text + (f"; computing time: {', '.join(loops)}" if loops else "")
 
 
-def _forces_picture(scene: ComparedScene) -> Image | None:
+def _forces_picture(scene: ComparedScene) -> dict[str, Any] | None:
     """Forces on the gauges and differences; None without a trace, or without both a gauge and a second engine."""
     traces = {engine: scene.runs[engine].trace for engine in in_order(scene.runs)}
     refused = {engine: part_in_range(scene.case, scene.refused[engine], traces) for engine in in_order(scene.refused)}
