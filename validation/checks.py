@@ -73,9 +73,9 @@ def worst_of(checks: Iterable[Check]) -> Check | None:
 
 
 def outcome(checks: Iterable[Check]) -> str:
-    """Verdict on several checks: fail if one fails, else not run if one is missing."""
+    """Verdict on several checks: fail if one fails, else not run if one is missing, else not accurate if one is."""
     verdicts = {check.verdict for check in checks}
-    return FAIL if FAIL in verdicts else NOT_RUN if NOT_RUN in verdicts else PASS
+    return next((verdict for verdict in (FAIL, NOT_RUN, NOT_ACCURATE) if verdict in verdicts), PASS)
 
 
 def summary(checks: Sequence[Check]) -> str:

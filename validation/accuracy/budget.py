@@ -20,9 +20,10 @@ scheme does, plus rounding.
 In three dimensions Q_e is extrapolated, rounding is included in model, and sampling is not measured.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
+from math import isnan
 from typing import Any
 
 import numpy as np
@@ -38,7 +39,7 @@ from drivers.run.scheme import COMPARED, ROUNDING_MARGIN, field_of, judged_until
 from postproc.read.observables import describe, of_kind, scale_of
 from postproc.read.signals import signals_csv
 from validation.accuracy.motions import HORIZON, Motions, errors_of, motions_of, quantities
-from validation.checks import FAIL, Check, judged
+from validation.checks import FAIL, Check, judged, outcome, short
 
 AT_REST_NOTE = "nothing moves: errors are relative to the largest force"
 PARTS = ("whole", "model", "rounding", "truncation", "sampling")
@@ -255,6 +256,12 @@ def budget_lines(heading: str, runs: Mapping[str, EndedRun]) -> Iterator[str]:
     for name, run in runs.items():
         lines = [run.record.error_note, *(f"warning: {warning}" for warning in run.record.warnings or ())]
         yield from (f"{name:<9} {line}" for line in lines if line)
+
+
+def text_of(checks: Sequence[Check]) -> str:
+    """Outcome of checks, error of the force against the exact motion if it was judged, and reason of a missing run."""
+    errors = [short(check.value) for check in checks if check.quantity == f"{ERROR}: {FORCE}"]
+    return "\n".join([" ".join([outcome(checks), *errors]), *(check.where for check in checks if isnan(check.limit))])
 
 
 def assess(ended: EndedRun, case: Case, limit_s: float | None = None) -> EndedRun:

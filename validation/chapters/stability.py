@@ -6,7 +6,7 @@ in-repo Verlet, which takes milliseconds; the codes confirm the limit.
 """
 
 from bisect import bisect_left
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -26,7 +26,7 @@ from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case, build_case
 from drivers.chain.chain import hertz_force
 from drivers.chain.schemes import exact_of, verlet_of
-from drivers.chain.trace import FORCE, Trace, largest_kinetic_J, residual
+from drivers.chain.trace import Trace, largest_kinetic_J, residual
 from drivers.engines import REFERENCE, VERLET, codes, installed_codes
 from drivers.limits import refuse, resolved_trial, step_limit
 from drivers.run.compute import compute
@@ -35,11 +35,11 @@ from drivers.scene.model import Part
 from drivers.scene.read_scene import make_scene, read_toml
 from postproc.draw.style import PAGE_IN, marker_of, pyplot
 from postproc.read.motion import case_of
-from validation.accuracy.budget import ERROR
+from validation.accuracy.budget import ERROR, text_of
 from validation.accuracy.plan import CRITERIA, plan_case, planned_case, usual_steps
 from validation.chapters import Options
-from validation.checks import FAIL, NOT_ACCURATE, NOT_RUN, PASS, RUN, Check, judged, short
-from validation.compare.comparison import compare_cases, listed
+from validation.checks import FAIL, NOT_ACCURATE, Check, judged, short
+from validation.compare.comparison import compare_cases
 from validation.report.parts import Chapter, Shown
 
 PAPER = ("fig4", "fig5", "fig6b", "fig6d", "table1")
@@ -70,7 +70,6 @@ FIVE_BEADS = ("chain.count=5", "chain.sensors=[]", *TIMES)
 LOADED = ("chain.precompression=30 N", "striker=", "chain.bead=[{from_wall=5, velocity='-2 cm/s'}]")
 LONG_RUNS = {"beads that bounce": FIVE_BEADS, "contacts that stay closed": (*FIVE_BEADS, *LOADED)}
 BLOCKS = 20  # of a long run, for standard errors
-SIGNIFICANCE = 3.0  # standard errors of a drift
 COLOURS = ("#cc79a7", "#e69f00", "#0072b2")
 DASHES = ("-", (0, (5, 1.5)), (0, (1, 1)))
 
@@ -347,14 +346,12 @@ def measure(options: Options) -> Chapter:
 
 def study(limits: pd.DataFrame, edge: Sequence[Check], energy: pd.DataFrame | None) -> Chapter:
     """Chapter on limits, checks of extreme scenes, and energies of long runs if there are any."""
-    extreme = pd.DataFrame(edge)
     title = "Predicted limit and usual criteria, divided by the measured limit"
-    tables = {"stability": limits, "stability-extremes": extreme}
-    findings = [on_criteria(limits), _on_limits(limits), _on_extremes(extreme)]
-    shown = [show_limits(limits), show_extremes(extreme)]
+    tables = {"stability": limits, "stability-extremes": pd.DataFrame(edge)}
+    findings = [on_criteria(limits), _on_limits(limits)]
+    shown = [show_limits(limits), show_extremes(edge)]
     if energy is not None:
         tables["stability-energy"] = energy
-        findings.append(_on_energy(energy))
         shown.append(show_energy(energy))
     figures, checks = {"stability-limits": (title, draw_limits(limits))}, [*judge(limits), *edge]
     return Chapter(tables, findings, figures, shown, checks, short=energy is None)
@@ -388,38 +385,13 @@ def on_criteria(limits: pd.DataFrame) -> str:
 
 
 def _on_limits(limits: pd.DataFrame) -> str:
-    ratio, methods = limits["ratio"], sorted(limits["method"].unique())
+    ratio = limits["ratio"]
     above = int((ratio < 1).sum())
     exceeded = f"exceeds it {above} times" if above else "never exceeds it"
-    wide = limits.pivot_table(index="scene", columns="method", values="measured_s")
-    same = int((wide.sub(wide[VERLET], axis=0).abs().max(axis=1) < 1e-9 * wide[VERLET]).sum())
     return (
         f"The measured limit of the time step is {ratio.min():.2f} to {ratio.max():.2f} times the predicted one, which"
-        f" {exceeded} in {len(ratio)} measurements; {listed(methods)} become unstable at the same measured step"
-        f" on {same} of {len(wide)} scenes."
+        f" {exceeded} in {len(ratio)} measurements."
     )
-
-
-def _on_extremes(edge: pd.DataFrame) -> str:
-    outcomes = [_outcome(checks) for _, checks in edge.groupby(["scene", "engine"], sort=False)]
-    said = ", ".join(f"{count} {verdict}" for verdict, count in Counter(outcomes).items())
-    return f"{edge['scene'].nunique()} extreme scenes on {edge['engine'].nunique()} engines: {said}."
-
-
-def _on_energy(energy: pd.DataFrame) -> str:
-    drifting = energy[energy["drift"].abs() > SIGNIFICANCE * energy["drift_error"]]
-    names = [f"{row['method']}, {row['scene']}: {row['drift']:.1e}" for _, row in drifting.iterrows()]
-    return (
-        f"Over {energy['steps'].max():.0e} steps the energy errs by at most {energy['largest'].max():.1e} of the"
-        f" largest kinetic energy, and drifts in {len(drifting)} of {len(energy)} runs"
-        f"{f' ({listed(names)})' if names else ''}."
-    )
-
-
-def _outcome(checks: pd.DataFrame) -> str:
-    """Outcome of a scene on an engine; not accurate means an error above a general ceiling."""
-    verdicts = {*checks["verdict"]}
-    return next((verdict for verdict in (FAIL, NOT_RUN, NOT_ACCURATE) if verdict in verdicts), PASS)
 
 
 def draw_limits(limits: pd.DataFrame) -> Any:
@@ -471,19 +443,14 @@ def _micro(seconds: float) -> str:
     return f"{seconds * 1e6:.4g}" if pd.notna(seconds) else "–"
 
 
-def show_extremes(edge: pd.DataFrame) -> Shown:
+def show_extremes(edge: Sequence[Check]) -> Shown:
     """Outcomes of extreme scenes, by engine."""
-    cells = {name: _cell(checks) for name, checks in edge.groupby(["scene", "engine"], sort=False)}
-    table = pd.Series(cells).unstack(sort=False).rename_axis("scene").reset_index()
+    cells: dict[tuple[str, str], list[Check]] = defaultdict(list)
+    for check in edge:
+        cells[check.scene, check.engine].append(check)
+    texts = pd.Series({place: text_of(checks) for place, checks in cells.items()})
     text = "Largest error of the force against the exact motion; not accurate: above the general ceiling."
-    return Shown("Scenes at the edge", text, table)
-
-
-def _cell(checks: pd.DataFrame) -> str:
-    """Outcome of a scene on an engine, its error of the force, and the reason for a missing run."""
-    missing = checks[checks["quantity"] == RUN]["where"]
-    forces = checks[checks["quantity"] == f"{ERROR}: {FORCE}"]["value"]
-    return "\n".join([" ".join([_outcome(checks), *map(short, forces)]), *missing])
+    return Shown("Scenes at the edge", text, texts.unstack(sort=False).rename_axis("scene").reset_index())
 
 
 def show_energy(energy: pd.DataFrame) -> Shown:

@@ -3,7 +3,6 @@
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from itertools import chain
 from math import ceil, inf, nan
@@ -48,7 +47,6 @@ ADVISED_S = 1.05e-7  # steps up to 0.1 us are advised
 FACTORS = (10, 100, 1000)  # by which the modulus of softened beads is divided
 TARGETS = tuple(10.0**-k for k in range(2, 9))
 SHOWN_TARGETS = TARGETS[::2]
-TYPICAL = 1e-4  # error of the force in a sentence
 STRAIGHT = 0.9e-3, 0.11  # shares of the stability limit between rounding and large errors, which show the order
 QUANTITIES = {
     "force": "force trace",
@@ -61,38 +59,31 @@ QUANTITIES = {
     "momentum": "momentum",
 }
 DONE = "done"
-Samples = tuple[str, float, int]  # scene, sample interval in s, number of samples
+Rung = dict[str, Any]  # one run of the ladder
 NUMBERS = ("time_step_s", "share_of_limit", "loop_s", "start_s", *QUANTITIES)  # columns of the table of runs
 
 
-@dataclass(frozen=True)
-class Rung:
-    """One run of the ladder.
+def rungs_of(scene: str, code_shares: Sequence[float]) -> Iterator[Rung]:
+    """Runs of a scene: in-repo schemes at all steps, codes at some, ``reference`` at all tolerances.
 
-    Attributes:
-        method: name of the engine.
-        case: case with the time step and the samples of this run.
-        share: time step divided by the predicted stability limit; for ``reference`` the tolerance.
-        expected_s: expected time of the loop.
+    Each is the beginning of its row, with its ``case``, the expected time of its loop, ``expected_s``, and ``samples``:
+    runs with the same have the same exact motion.
     """
 
-    scene: str
-    method: str
-    case: Case
-    share: float
-    expected_s: float
+    def rung(method: str, case: Case, share: float) -> Rung:
+        step_s = nan if method == REFERENCE else case.scene.time_step_s
+        row = {"scene": scene, "method": method, "time_step_s": step_s, "share_of_limit": share}
+        samples = scene, case.scene.run.sample_interval, case.scene.samples
+        return row | {"case": case, "expected_s": cost_on(method).loop_s(case), "samples": samples}
 
-
-def rungs_of(scene: str, code_shares: Sequence[float]) -> Iterator[Rung]:
-    """Runs of a scene: in-repo schemes at all steps, codes at some, ``reference`` at all tolerances."""
     base = case_of(scene)
     stable_s, *_ = step_limit(base)
     for share in SHARES:
         case = at_step(base, share, stable_s)
         for method in (*(installed_codes() if share in code_shares else ()), VERLET):
-            yield Rung(scene, method, case, share, cost_on(method).loop_s(case))
+            yield rung(method, case, share)
     for tolerance in TOLERANCES:
-        yield Rung(scene, REFERENCE, base, tolerance, cost_on(REFERENCE).loop_s(base))
+        yield rung(REFERENCE, base, tolerance)
 
 
 def at_step(case: Case, share: float, stable_s: float) -> Case:
@@ -103,8 +94,8 @@ def at_step(case: Case, share: float, stable_s: float) -> Case:
 
 def affordable(rungs: list[Rung], budget_s: float) -> tuple[list[Rung], list[Rung]]:
     """Rungs within the budget, cheapest first, and the rest."""
-    ordered = sorted(rungs, key=lambda rung: rung.expected_s)
-    expected_s = np.array([rung.expected_s for rung in ordered])
+    ordered = sorted(rungs, key=lambda rung: rung["expected_s"])
+    expected_s = np.array([rung["expected_s"] for rung in ordered])
     kept = int(((expected_s <= MAX_RUN_SHARE * budget_s) & (np.cumsum(expected_s) <= budget_s)).sum())
     return ordered[:kept], ordered[kept:]
 
@@ -125,40 +116,32 @@ def run_ladder(budget_s: float, scenes: Sequence[str], *, short: bool = False) -
     kept, left = affordable([rung for scene in scenes for rung in rungs_of(scene, shares)], budget_s)
     groups: dict[tuple[str, str], list[Rung]] = defaultdict(list)
     for rung in kept:
-        groups[rung.scene, rung.method].append(rung)
-    longest_first = sorted(groups, key=lambda key: -sum(rung.expected_s for rung in groups[key]))
-    engines = dict.fromkeys(rung.method for rung in kept)
+        groups[rung["scene"], rung["method"]].append(rung)
+    longest_first = sorted(groups, key=lambda key: -sum(rung["expected_s"] for rung in groups[key]))
     with counted("runs at all steps", len(kept)) as count:
-        start_s = dict(execute(partial(start_up, case_of(scenes[0])), engines))
-        sampled = {_samples_of(rung): rung.case for rung in kept}
+        start_s = dict(execute(partial(start_up, case_of(scenes[0])), {rung["method"]: None for rung in kept}))
+        sampled = {rung["samples"]: rung["case"] for rung in kept}
         exact = dict(execute(lambda samples: exact_motion_of(sampled[samples]), sampled))
         under_way = execute(lambda key: [*_rows_of(groups[key], start_s, exact, count)], longest_first)
         rows = [row for _, part in under_way for row in part]
     methods = [*installed_codes(), *IN_REPO]
     rows.sort(key=lambda row: (scenes.index(row["scene"]), methods.index(row["method"])))
-    rows += [_row(rung, status=NOT_RUN, reason=f"its loop would take {rung.expected_s:.0f} s") for rung in left]
+    rows += [rung | {"status": NOT_RUN, "reason": f"its loop would take {rung['expected_s']:.0f} s"} for rung in left]
     return pd.DataFrame(rows, columns=["scene", "method", *NUMBERS, "status", "reason"])
 
 
-def _samples_of(rung: Rung) -> Samples:
-    """Scene and sampling of a rung: rungs with the same have the same exact motion."""
-    return rung.scene, rung.case.scene.run.sample_interval, rung.case.scene.samples
-
-
 def _rows_of(
-    rungs: Sequence[Rung],
-    start_s: Mapping[str, float],
-    exact: Mapping[Samples, ExactMotion],
-    count: Callable[[], None],
+    rungs: Sequence[Rung], start_s: Mapping[str, float], exact: Mapping[Any, ExactMotion], count: Callable[[], None]
 ) -> Iterator[dict[str, Any]]:
     """Rows of one scene by one method, one run after the other."""
     for rung in rungs:
         try:
-            runs = [_timed(rung) for _ in range(REPEATS if rung.expected_s < SHORT_RUN_S else 1)]
-            times = {"loop_s": min(loop_s for _, loop_s in runs), "start_s": start_s[rung.method]}
-            yield _row(rung, **times, **errors_by_group(rung.case, runs[-1][0], exact[_samples_of(rung)]))
+            runs = [_timed(rung) for _ in range(REPEATS if rung["expected_s"] < SHORT_RUN_S else 1)]
+            errors = errors_by_group(rung["case"], runs[-1][0], exact[rung["samples"]])
+            times = {"loop_s": min(loop_s for _, loop_s in runs), "start_s": start_s[rung["method"]]}
+            yield rung | times | errors | {"status": DONE, "reason": ""}
         except RunError as error:
-            yield _row(rung, status=error.status, reason=str(error))
+            yield rung | {"status": error.status, "reason": str(error)}
         count()
 
 
@@ -168,26 +151,19 @@ def _timed(rung: Rung) -> tuple[Trace, float]:
     Raises:
         RunError: the run failed.
     """
-    case, scene = rung.case, rung.case.scene
-    if rung.method not in IN_REPO:
-        ended = compute(case, rung.method)
+    case, scene = rung["case"], rung["case"].scene
+    if rung["method"] not in IN_REPO:
+        ended = compute(case, rung["method"])
         return ended.done, ended.loop_s or 0.0
     chain, began = arrays_of(case.chain), time.perf_counter()
-    if rung.method == REFERENCE:
-        motion = integrate_adaptive(chain, case.sample_times_s, rung.share)
+    if rung["method"] == REFERENCE:
+        motion = integrate_adaptive(chain, case.sample_times_s, rung["share_of_limit"])
     else:
         motion = integrate_verlet(chain, scene.time_step_s, scene.steps_per_sample, scene.samples)
     loop_s = time.perf_counter() - began
     if not np.isfinite(motion.force_N).all():
         raise RunError("the motion is not finite: the time step is too large")
     return trace_of(case, case.sample_times_s, motion), loop_s
-
-
-def _row(rung: Rung, **measured: Any) -> dict[str, Any]:
-    """Row of a run; what was not measured is NaN."""
-    row = {"scene": rung.scene, "method": rung.method} | dict.fromkeys(NUMBERS, nan) | {"status": DONE, "reason": ""}
-    step_s = nan if rung.method == REFERENCE else rung.case.scene.time_step_s
-    return row | {"time_step_s": step_s, "share_of_limit": rung.share} | measured
 
 
 def errors_by_group(case: Case, trace: Trace, exact_motion: ExactMotion) -> dict[str, float]:
@@ -286,27 +262,23 @@ def measure(options: Options) -> Chapter:
     caption = "Largest error of the force against the time of the loop, by scene"
     return Chapter(
         {"trade": rows, "trade-advice": advised, "trade-softening": softened},
-        findings(rows, advised),
+        findings(rows),
         {"trade": (caption, draw_trade(rows))},
         [show_advice(rows, advised), show_softening(softened)],
         short=not set(SCENES) <= set(rows["scene"]),
     )
 
 
-def findings(rows: pd.DataFrame, advised: pd.DataFrame) -> list[str]:
-    """Advice for these sizes, cost of a usual error on the first scene, orders of convergence of the force."""
+def findings(rows: pd.DataFrame) -> list[str]:
+    """Advice for these sizes, and orders of convergence of the force."""
     finished = done(rows)
     fine = finished[finished["time_step_s"] <= ADVISED_S].groupby(["scene", "method"], sort=False).tail(1)
-    starts_s, scene = finished["start_s"], rows["scene"].iloc[0]
-    usual = advised[np.isclose(advised["error_at_most"], TYPICAL) & (advised["quantity"] == "force")]
-    loops_s = usual.loc[usual["scene"] == scene, "loop_s"]
+    starts_s = finished["start_s"]
     ranges = ", ".join(f"{low:.2f} to {high:.2f} by {name}" for name, (low, high) in orders(rows).items())
     return [
         f"At these sizes take a time step of 0.1 µs: accuracy is free, with an error of the force of"
         f" {short(fine['force'].max())} or less; a time loop takes {_time(fine['loop_s'].min())} to"
         f" {_time(fine['loop_s'].max())}, the start of a process {_time(starts_s.min())} to {_time(starts_s.max())}.",
-        f"{scene}, error of the force at most {_power(TYPICAL)}: the time loop takes {_time(loops_s.min())} to"
-        f" {_time(loops_s.max())}, by method.",
         f"Orders of convergence of the force: {ranges}.",
     ]
 

@@ -1,5 +1,6 @@
 """Cases beyond the paper with strong waves: impacts, solitary waves, trains, and their theories."""
 
+from dataclasses import replace
 from functools import cache
 from math import gamma, log, pi, sqrt
 
@@ -97,8 +98,8 @@ SAMPLES_PER_UNIT = 16  # a solitary wave passes in four units; peaks of quintic 
 REACH = 10.0  # beads from the peak of an exact wave; beyond, the force is below rounding
 
 
-def forces(mass: Array, stiffness: Array, overlap: Array, velocity_down: Array, duration: float) -> tuple[Array, Array]:
-    """Times and contact forces, shape (samples, bodies), of a chain without loads.
+def forces(mass: Array, stiffness: Array, overlap: Array, velocity_down: Array, duration: float) -> Trace:
+    """Times and contact forces, shape (samples, bodies), of a chain without loads; energies and momentum are 0.
 
     Raises:
         ArithmeticError: scipy does not converge.
@@ -118,10 +119,11 @@ def forces(mass: Array, stiffness: Array, overlap: Array, velocity_down: Array, 
     solution = solve_ivp(rates, (0.0, duration), start, "DOP853", time, rtol=TOLERANCE, atol=TOLERANCE)
     if not solution.success:
         raise ArithmeticError(f"scipy's DOP853: {solution.message}")
-    return time, force_of(solution.y[:bodies].T)
+    none = np.zeros_like(time)
+    return Trace(time, force_of(solution.y[:bodies].T), none, none, none)
 
 
-def forces_of(chain: Chain, duration_s: float) -> tuple[Array, Array]:
+def forces_of(chain: Chain, duration_s: float) -> Trace:
     """Times and contact forces of a chain of this project, in s and N.
 
     Raises:
@@ -133,18 +135,19 @@ def forces_of(chain: Chain, duration_s: float) -> tuple[Array, Array]:
     mass, stiffness = float(chain.mass_kg[0]), float(chain.stiffness.max())
     speed = float(np.abs(chain.velocity_m_s).max())
     length = (mass * speed**2 / stiffness) ** 0.4  # unit of length in which mass, stiffness and speed are 1
-    time, force = forces(
+    motion = forces(
         chain.mass_kg / mass,
         chain.stiffness / stiffness,
         chain.overlap_m / length,
         -chain.velocity_m_s / speed,
         duration_s * speed / length,
     )
-    return time * length / speed, hertz_force(force * stiffness, length)
+    force_N = hertz_force(motion.force_N * stiffness, length)
+    return replace(motion, time_s=motion.time_s * length / speed, force_N=force_N)
 
 
 @cache
-def led_to_wall(beads: int, start: float, wall_stiffness: float, duration: float) -> tuple[Array, Array]:
+def led_to_wall(beads: int, start: float, wall_stiffness: float, duration: float) -> Trace:
     """Times and contact forces, shape (samples, beads), of an exact solitary wave that runs into a wall.
 
     Masses and stiffnesses are 1; in these units the wave's speed is 1 bead per unit of time.
@@ -197,8 +200,9 @@ def collision(case: Case, trace: Trace) -> dict[str, float]:
 def collision_theory(case: Case) -> dict[str, float]:
     """Shares for an exact solitary wave in half of the chain, before a wall in place of the other half."""
     wall_stiffness = 2 * sqrt(2) if case.chain.beads % 2 == 0 else 1.0
-    time, force = led_to_wall(HALF_BEADS, HALF_START, wall_stiffness, LAST)
-    return _collision_shares(time, force[:, 0], force[:, FAR_CONTACT]) | {"asymmetry": 0.0, "momentum_share": 0.0}
+    motion = led_to_wall(HALF_BEADS, HALF_START, wall_stiffness, LAST)
+    shares = _collision_shares(motion.time_s, motion.force_N[:, 0], motion.force_N[:, FAR_CONTACT])
+    return shares | {"asymmetry": 0.0, "momentum_share": 0.0}
 
 
 def _collision_shares(time_s: Array, middle_N: Array, beyond_N: Array) -> dict[str, float]:
@@ -220,8 +224,18 @@ REFLECTED_PROMINENCE = 0.02  # of a wave, divided by the range
 
 
 def wall(case: Case, trace: Trace) -> dict[str, float]:
-    """Ratios of the maxima at the lowest sensor's contact and at the wall."""
-    return _reflection_ratios(_lowest_sensor(case), trace.time_s, trace.force_N)
+    """Ratios of the maxima at the wall, and of the reflected wave, to the first wave at the lowest sensor's contact."""
+    place = _lowest_sensor(case)
+    missing = "no wave at the sensor or at the wall within run.duration"
+    incident, wall = (peak_in(trace.time_s, trace.force_N[:, column], missing) for column in (place - 1, 0))
+    passing = peaks(trace.time_s, trace.force_N[:, place - 1], REFLECTED_PROMINENCE)
+    back = [peak.value for peak in passing if peak.time_s > wall.time_s]
+    if not back:
+        raise ValueError(f"no reflected wave at contact {place} within run.duration")
+    return {
+        "wall_peak_over_incident": wall.value / incident.value,
+        "reflected_over_incident": max(back) / incident.value,
+    }
 
 
 def wall_theory(case: Case) -> dict[str, float]:
@@ -233,21 +247,7 @@ def wall_theory(case: Case) -> dict[str, float]:
     # the wave returns to the sensor after 2 place + APPROACH beads and a delay at the wall
     duration = 2.0 * place + APPROACH + 8.0
     stiffness = float(chain.stiffness[0] / chain.stiffness[1])
-    return _reflection_ratios(place, *led_to_wall(start + APPROACH, start, stiffness, duration))
-
-
-def _reflection_ratios(place: int, time_s: Array, force_N: Array) -> dict[str, float]:
-    """Ratios to the first wave that passes contact ``place``."""
-    missing = "no wave at the sensor or at the wall within run.duration"
-    incident, wall = (peak_in(time_s, force_N[:, column], missing) for column in (place - 1, 0))
-    passing = peaks(time_s, force_N[:, place - 1], REFLECTED_PROMINENCE)
-    back = [peak.value for peak in passing if peak.time_s > wall.time_s]
-    if not back:
-        raise ValueError(f"no reflected wave at contact {place} within run.duration")
-    return {
-        "wall_peak_over_incident": wall.value / incident.value,
-        "reflected_over_incident": max(back) / incident.value,
-    }
+    return wall(case, led_to_wall(start + APPROACH, start, stiffness, duration))
 
 
 def _lowest_sensor(case: Case) -> int:
@@ -266,22 +266,18 @@ TRAIN_PROMINENCE = 1e-3  # of a wave, divided by the range
 
 def train(case: Case, trace: Trace) -> dict[str, float]:
     """Ratios of the maxima at the contact."""
-    return _train_ratios(case, trace.time_s, trace.force_N)
+    column = case.chain.bodies - 1 - TRAIN_CONTACTS
+    if case.scene.striker is None or column < 1:
+        raise ValueError(f"no contact {TRAIN_CONTACTS} below a striker's")
+    waves = [peak.value for peak in peaks(trace.time_s, trace.force_N[:, column], TRAIN_PROMINENCE)]
+    if len(waves) < 2:
+        raise ValueError(f"{len(waves)} waves at contact {column + 1} within run.duration")
+    return {f"wave_{number}_over_first": value / waves[0] for number, value in enumerate(waves[1:], start=2)}
 
 
 def train_theory(case: Case) -> dict[str, float]:
     """Ratios for the same chain by scipy's DOP853."""
-    return _train_ratios(case, *forces_of(case.chain, float(case.sample_times_s[-1])))
-
-
-def _train_ratios(case: Case, time_s: Array, force_N: Array) -> dict[str, float]:
-    column = case.chain.bodies - 1 - TRAIN_CONTACTS
-    if case.scene.striker is None or column < 1:
-        raise ValueError(f"no contact {TRAIN_CONTACTS} below a striker's")
-    waves = [peak.value for peak in peaks(time_s, force_N[:, column], TRAIN_PROMINENCE)]
-    if len(waves) < 2:
-        raise ValueError(f"{len(waves)} waves at contact {column + 1} within run.duration")
-    return {f"wave_{number}_over_first": value / waves[0] for number, value in enumerate(waves[1:], start=2)}
+    return train(case, forces_of(case.chain, float(case.sample_times_s[-1])))
 
 
 # A single solitary wave in an uncompressed chain, compared with the exact travelling wave of the discrete chain.
@@ -330,8 +326,8 @@ def solitary_wave_theory(case: Case) -> dict[str, float]:
     speed = float(np.abs(chain.velocity_m_s).max())
     stiffness, mass = float(chain.stiffness[-1]), float(chain.mass_kg[0])
     time_unit = (mass / stiffness) ** 0.4 * speed**-0.2
-    time, force = forces_of(chain, 1.3 * FORMATION_CONTACTS * time_unit)
-    peak = first_wave(time, force[:, -1 - FORMATION_CONTACTS]).value
+    motion = forces_of(chain, 1.3 * FORMATION_CONTACTS * time_unit)
+    peak = first_wave(motion.time_s, motion.force_N[:, -1 - FORMATION_CONTACTS]).value
     velocity = (peak / (wave.force_by_velocity * stiffness**0.4 * mass**0.6)) ** (5 / 6)
     widths = [wave.width(share, averaged=averaged) for averaged, share in WIDTHS]
     return _by_quantity(velocity / speed, wave.force_by_velocity, wave.speed_by_force, wave.speed_by_velocity, *widths)
@@ -374,7 +370,6 @@ def precompressed_wave(case: Case, trace: Trace) -> dict[str, float]:
     f = (1 + peak_N / static_N) ** (2 / 3)
     uncompressed = solve_travelling_wave().speed_by_force * stiffness ** (1 / 3) * mass**-0.5 * peak_N ** (1 / 6)
     return {
-        "force_over_static": peak_N / static_N,
         "speed_over_exact": speed / solve_at_amplitude(stiffness, mass, static_N, peak_N / static_N).speed,
         "speed_over_long_wave": speed / sound * (f - 1) / sqrt(4 / 15 * (3 + 2 * f**2.5 - 5 * f)),
         "speed_over_uncompressed": speed / uncompressed,

@@ -5,12 +5,12 @@ import os
 import platform
 import time
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from llvmlite.binding import get_host_cpu_name
 from pydantic import TypeAdapter
 
 from drivers.base import paths
@@ -19,10 +19,9 @@ from drivers.run.run import provenance
 from validation.checks import FAIL, NOT_RUN, PASS
 from validation.compare.comparison import ComparedScene
 from validation.report.parts import PARTS
-from validation.report.scene_section import ReportRow, counted, source_of
+from validation.report.scene_section import counted, source_of
 
 LIBRARIES = ("numpy", "scipy", "numba")
-CPUS = Path("/proc/cpuinfo")
 
 
 def made_with(scenes: Sequence[ComparedScene], command: str) -> dict[str, Any]:
@@ -43,7 +42,7 @@ def made_with(scenes: Sequence[ComparedScene], command: str) -> dict[str, Any]:
         "machine": {
             "host": platform.node(),
             "system": platform.platform(),
-            "processor": cpu_name(),
+            "processor": get_host_cpu_name(),
             "cores": os.cpu_count() or 1,
         },
     }
@@ -58,13 +57,6 @@ def _utc(seconds: float) -> str:
     return datetime.datetime.fromtimestamp(seconds, datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
 
 
-def cpu_name() -> str:
-    """Processor's name from Linux, else from Python."""
-    lines = CPUS.read_text(errors="replace").splitlines() if CPUS.exists() else []
-    names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    return next(names, "") or platform.processor() or platform.machine()
-
-
 SCHEMA = 3
 LEFT_OUT = ("scene", "layout", "elements", "files")  # of the record of a run
 SCENES, CASES = "scenes", "independent"  # keys
@@ -73,13 +65,15 @@ SCENES, CASES = "scenes", "independent"  # keys
 def as_json(
     made: dict[str, Any],
     scenes: Sequence[ComparedScene],
-    rows: Sequence[ReportRow],
-    cases: Sequence[ReportRow],
+    rows: Sequence[Mapping[str, Any]],
+    cases: Sequence[Mapping[str, Any]],
     unmet: Mapping[str, str],
     to_come: Sequence[str],
 ) -> str:
     """Report as JSON, with the names of chapters still to come; NaN and infinities become null."""
-    checks = Counter(check.verdict for row in (*rows, *cases) for cell in row.cells.values() for check in cell.checks)
+    checks = Counter(
+        check.verdict for row in (*rows, *cases) for cell in row["engines"].values() for check in cell["checks"]
+    )
     counts = {SCENES: counted(rows), CASES: counted(cases), "checks": checks}
     data = {
         "schema_version": SCHEMA,
@@ -88,38 +82,22 @@ def as_json(
         "to_come": to_come,
         "counts": {key: {kind: verdicts[kind] for kind in (PASS, FAIL, NOT_RUN)} for key, verdicts in counts.items()},
         SCENES: [_scene(scene, row) for scene, row in zip(scenes, rows, strict=True)],
-        CASES: [_row(row) for row in cases],
+        CASES: cases,
     }
     text = TypeAdapter(Any).dump_json(data, indent=1, fallback=lambda scalar: scalar.item())
     return f"{text.decode()}\n"
 
 
-def _scene(scene: ComparedScene, row: ReportRow) -> dict[str, Any]:
-    case, entry = scene.case, _row(row)
+def _scene(scene: ComparedScene, row: Mapping[str, Any]) -> dict[str, Any]:
+    case, engines = scene.case, dict(row["engines"])
     for engine, run in scene.runs.items():
-        record = _without(asdict(run.record), LEFT_OUT)
-        entry["engines"][engine]["run"] = {"folder": paths.shown(run.folder)} | record
-    return entry | {
+        record = {name: value for name, value in vars(run.record).items() if name not in LEFT_OUT}
+        engines[engine] = engines[engine] | {"run": {"folder": paths.shown(run.folder)} | record}
+    return {
+        **row,
+        "engines": engines,
         "summary": case.summary,
         "source": source_of(case.scene),
         "time_step_s": case.scene.time_step_s,
         "elements": case.elements,
     }
-
-
-def _row(row: ReportRow) -> dict[str, Any]:
-    engines = {
-        engine: {
-            "verdict": cell.verdict,
-            "note": cell.note,
-            "worst": cell.worst.quantity if cell.worst else None,
-            "diagnosis": cell.diagnosis or None,
-            "checks": [_without(asdict(check), ("scene", "engine")) for check in cell.checks],
-        }
-        for engine, cell in row.cells.items()
-    }
-    return {"name": row.name, "title": row.title, "command": row.again, "engines": engines}
-
-
-def _without(values: dict[str, Any], names: Collection[str]) -> dict[str, Any]:
-    return {name: value for name, value in values.items() if name not in names}

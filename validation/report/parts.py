@@ -68,14 +68,6 @@ class Chapter:
         return [check for check in self.checks if check.verdict == FAIL]
 
 
-@dataclass(frozen=True)
-class Image:
-    """An embedded SVG file: data address with its bytes, and its full width."""
-
-    address: str
-    width_px: int
-
-
 def part_file(name: str, results: Path) -> Path:
     """File with the stored result of a chapter or figure."""
     return results / PARTS / f"{name}.json"
@@ -162,8 +154,8 @@ def read_part(name: str, results: Path, command: str = "") -> Chapter | None:
         raise InputError(paths.shown(path), "", found) from error
 
 
-def image_of(svg: str) -> Image:
-    """Image of an SVG written by matplotlib.
+def image_of(svg: str) -> dict[str, Any]:
+    """Embedded SVG written by matplotlib: ``address`` with its bytes, and its full width ``width_px``.
 
     Raises:
         ValueError: the text is not an SVG with a width in points.
@@ -173,4 +165,4 @@ def image_of(svg: str) -> Image:
     except ElementTree.ParseError as error:
         raise ValueError(str(error)) from error
     address = f"data:image/svg+xml;base64,{b64encode(svg.encode()).decode()}"
-    return Image(address, round(PX_PER_PT * float(width.removesuffix("pt"))))
+    return {"address": address, "width_px": round(PX_PER_PT * float(width.removesuffix("pt")))}

@@ -4,7 +4,7 @@ import math
 import shlex
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from drivers.base.errors import InputError
 from drivers.base.terminal import in_words
 from drivers.chain.case import Case
 from drivers.chain.chain import hertz_force
-from drivers.chain.trace import FORCE, Trace
+from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, engines_again, in_order, load_engine
 from drivers.limits import step_limit
 from drivers.run.run_folder import EndedRun
@@ -30,86 +30,59 @@ from postproc.read.measured import entries_of
 from postproc.read.misfit import lay_over
 from postproc.read.observables import observe
 from postproc.read.signals import gauges_of
-from validation.accuracy.budget import ERROR, PARTS, budget_rows
+from validation.accuracy.budget import PARTS, budget_rows
 from validation.checks import FAIL, Check, outcome, short, worst_of
 from validation.compare.comparison import ComparedScene
-from validation.report.parts import Image, Shown, image_of, read_part
-
-EXACT_FORCE = f"{ERROR}: {FORCE}"  # quantity of a check
+from validation.report.parts import Shown, image_of, read_part
 
 
-@dataclass(frozen=True)
-class Cell:
-    """Checks of one engine on one scene or case.
+def cell_of(checks: Sequence[Check], diagnosis: str = "") -> dict[str, Any]:
+    """Checks of one engine on one scene or case, as page and JSON have them.
 
-    Attributes:
-        diagnosis: sentence on the measured law of a wrong run; else empty.
+    ``note`` is the reason for a missing run or missing numbers, else empty; ``worst`` the quantity closest to its
+    limit, or furthest beyond, None if nothing was measured; ``diagnosis`` the cause of a wrong run.
     """
-
-    checks: list[Check]
-    diagnosis: str = ""
-
-    @property
-    def verdict(self) -> str:
-        """Outcome of the checks."""
-        return outcome(self.checks)
-
-    @property
-    def note(self) -> str:
-        """Reason for a missing run or missing numbers; else empty."""
-        return next((check.where for check in self.checks if math.isnan(check.limit)), "")
-
-    @property
-    def worst(self) -> Check | None:
-        """Check closest to its limit, or furthest beyond; None if nothing was measured."""
-        return worst_of(self.checks)
-
-    @property
-    def text(self) -> str:
-        """Verdict, largest error of the force against the exact motion if it was judged, and the note."""
-        errors = (short(check.value) for check in self.checks if check.quantity == EXACT_FORCE)
-        return "\n".join(filter(None, (f"{self.verdict} {next(errors, '')}".rstrip(), self.note)))
-
-    @property
-    def misses(self) -> list[Check]:
-        """Failed checks."""
-        return [check for check in self.checks if check.verdict == FAIL]
+    worst = worst_of(checks)
+    return {
+        "verdict": outcome(checks),
+        "note": next((check.where for check in checks if math.isnan(check.limit)), ""),
+        "worst": worst.quantity if worst else None,
+        "diagnosis": diagnosis or None,
+        "checks": checks,
+    }
 
 
-@dataclass(frozen=True)
-class ReportRow:
-    """A scene or a case on all engines; the command ``again`` prints more details."""
+def scene_row(scene: ComparedScene, runs: Path | None = None) -> dict[str, Any]:
+    """A compared scene on all engines: name, title, the command that prints more, and a ``cell_of`` each engine.
 
-    name: str
-    title: str
-    again: str
-    cells: dict[str, Cell]
-
-
-def scene_row(scene: ComparedScene, runs: Path | None = None) -> ReportRow:
-    """Row of a compared scene; ``runs`` is the folder of its run folders if not the default."""
-    engines = in_order([*scene.runs, *scene.absent])
-    cells = {engine: Cell(scene.of_engine(engine), scene.diagnoses.get(engine, "")) for engine in engines}
+    ``runs`` is the folder of its run folders if not the default.
+    """
     source = scene.case.scene
     options = [*(["--runs", str(runs)] if runs else []), *engines_again()]
-    again = " ".join(["beads compare", source_of(source), *map(shlex.quote, options)])
-    return ReportRow(source.name, source.title or source.name, again, cells)
+    engines = in_order([*scene.runs, *scene.absent])
+    return {
+        "name": source.name,
+        "title": source.title or source.name,
+        "command": " ".join(["beads compare", source_of(source), *map(shlex.quote, options)]),
+        "engines": {name: cell_of(scene.of_engine(name), scene.diagnoses.get(name, "")) for name in engines},
+    }
 
 
-def case_rows(checks: Sequence[Check]) -> list[ReportRow]:
-    """Rows of the cases beyond the paper, whose checks are those with an engine."""
+def case_rows(checks: Sequence[Check]) -> list[dict[str, Any]]:
+    """Rows of the cases beyond the paper, whose checks are those with an engine; as of ``scene_row``."""
     cases: dict[str, dict[str, list[Check]]] = {}
     for check in (check for check in checks if check.engine):
         cases.setdefault(check.scene, {}).setdefault(check.engine, []).append(check)
     return [
-        ReportRow(name, name, "beads claims", {engine: Cell(by_engine[engine]) for engine in in_order(by_engine)})
+        {"name": name, "title": name, "command": "beads claims"}
+        | {"engines": {engine: cell_of(by_engine[engine]) for engine in in_order(by_engine)}}
         for name, by_engine in cases.items()
     ]
 
 
-def counted(rows: Iterable[ReportRow]) -> Counter[str]:
+def counted(rows: Iterable[Mapping[str, Any]]) -> Counter[str]:
     """Numbers of cells that passed, failed and were not run."""
-    return Counter(cell.verdict for row in rows for cell in row.cells.values())
+    return Counter(cell["verdict"] for row in rows for cell in row["engines"].values())
 
 
 def tolerances(scenes: Iterable[ComparedScene]) -> pd.DataFrame:
@@ -209,9 +182,9 @@ def section_of(scene: ComparedScene, results: Path, runs: Path | None = None) ->
         ],
         "decks": [
             (name, file, text)
-            for name, cell in row.cells.items()
+            for name, cell in row["engines"].items()
             for engine in [load_engine(name)]
-            if (cell.verdict == FAIL if name in scene.absent else not engine.in_repository)
+            if (cell["verdict"] == FAIL if name in scene.absent else not engine.in_repository)
             for file, text in engine.by_hand(engine.render(case)).files.items()
         ],
     }
@@ -273,7 +246,7 @@ def _timing(scene: ComparedScene) -> str:
     return text + (f"; computing time: {', '.join(loops)}" if loops else "")
 
 
-def _forces_picture(scene: ComparedScene) -> Image | None:
+def _forces_picture(scene: ComparedScene) -> dict[str, Any] | None:
     """Forces on the gauges and differences; None without a trace, or without both a gauge and a second engine."""
     traces = {engine: scene.runs[engine].trace for engine in in_order(scene.runs)}
     refused = {engine: part_in_range(scene.case, scene.refused[engine], traces) for engine in in_order(scene.refused)}

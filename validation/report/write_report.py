@@ -6,6 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 from urllib.parse import quote
 
@@ -26,6 +27,7 @@ from postproc.draw.product import SPACETIME
 from postproc.figures import captions
 from postproc.read.measured import read_traces
 from postproc.read.signals import gauges_of
+from validation.accuracy.budget import text_of
 from validation.chapters import CHAPTERS, IN_FULL, TABLE, make_parts, up_to_date
 from validation.checks import DIFFERS, FAIL, NOT_ACCURATE, NOT_RUN, PASS, REPRODUCED, short, table
 from validation.compare.comparison import (
@@ -38,7 +40,7 @@ from validation.compare.comparison import (
 )
 from validation.report.machine_readable import as_json, made_with, when_made
 from validation.report.parts import read_part
-from validation.report.scene_section import ReportRow, case_rows, counted, section_of, tolerances
+from validation.report.scene_section import case_rows, counted, section_of, tolerances
 
 SUBJECT = "Strongly nonlinear waves in a chain of Teflon beads"
 PAPER = ("fig4", "fig5", "fig6b", "fig6d")
@@ -75,11 +77,20 @@ def report(
     page names the ``command`` that makes it.
 
     Raises:
-        InputError: a scene is wrong, two scenes have one name, or the page has the name of a JSON file.
+        InputError: a scene is wrong, two scenes have one name, or the page is no file that can be written.
     """
     page, folder = out or paths.RESULTS / "report.html", runs or paths.RUNS
     if page.suffix == ".json":
         raise InputError(f"--out {page}", "", page.suffix, "another ending than that of its JSON file")
+    if page.exists() and not page.is_file():
+        raise InputError(f"--out {page}", "", "a device", "a file")
+    try:  # before any run
+        page.parent.mkdir(parents=True, exist_ok=True)
+        TemporaryDirectory(dir=page.parent).cleanup()
+    except OSError as error:
+        raise InputError(
+            f"--out {page}", "", str(error.strerror), "a file in a folder that can be written to"
+        ) from error
     scenes = [read_scene(source) for source in sources or PAPER]
     names = Counter(scene.name for scene in scenes)
     for name in (name for name, count in names.items() if count > 1):
@@ -168,20 +179,23 @@ def write_report(
     cases = case_rows(claims.checks if claims else ())
     about = [section_of(scene, results, runs) for scene in scenes]
     rows = [described["row"] for described in about]
-    engines = in_order(engine for row in (*rows, *cases) for engine in row.cells)
-    verdicts = {row.name: {name: cell.verdict for name, cell in row.cells.items()} for row in cases}
+    engines = in_order(engine for row in (*rows, *cases) for engine in row["engines"])
+    verdicts = {row["name"]: {name: cell["verdict"] for name, cell in row["engines"].items()} for row in cases}
     builds = [
         (name, build["version"], f"`{build['command']}`", f"`{build['sha256']}`")
         for name, build in made["engines"].items()
     ]
     page = deck.render(
         "report/report.html.j2",
-        subject=SUBJECT if sections else f"{' and '.join(row.title for row in rows)}: do the codes agree?",
+        subject=SUBJECT if sections else f"{' and '.join(row['title'] for row in rows)}: do the codes agree?",
         answer=" ".join(answer(scenes, verdicts)),
         codes=listed([display_name(name) for name in engines if not load_engine(name).in_repository]),
         claims=claims,
         failures=[
-            (row, engine, cell) for row in (*rows, *cases) for engine, cell in row.cells.items() if cell.verdict == FAIL
+            (row, engine, cell)
+            for row in (*rows, *cases)
+            for engine, cell in row["engines"].items()
+            if cell["verdict"] == FAIL
         ],
         made=made,
         builds=pd.DataFrame(builds, columns=["engine", "version", "command", "digest of programs and libraries"]),
@@ -229,13 +243,13 @@ def _section(name: str, results: Path, to_come: Sequence[str]) -> Any:
     return {"made": made, "missing": [name for name, part in stored.items() if not part]}
 
 
-def _verdicts(rows: Sequence[ReportRow], engines: Sequence[str]) -> pd.DataFrame:
+def _verdicts(rows: Sequence[Mapping[str, Any]], engines: Sequence[str]) -> pd.DataFrame:
     """Verdict, error of the force and note by scene and engine; each scene links to its section."""
     lines = []
     for row in rows:
-        link = Markup('<a href="#scene-{}">{}</a>').format(quote(row.name), row.name)
-        cells = (row.cells.get(engine) for engine in engines)
-        lines.append([link, *("" if cell is None else cell.text for cell in cells)])
+        cells = row["engines"]
+        link = Markup('<a href="#scene-{}">{}</a>').format(quote(row["name"]), row["name"])
+        lines.append([link, *(text_of(cells[engine]["checks"]) if engine in cells else "" for engine in engines)])
     return pd.DataFrame(lines, columns=["scene", *engines], dtype=object)
 
 

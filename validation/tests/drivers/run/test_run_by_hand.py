@@ -50,7 +50,8 @@ def test_deck_run_by_hand_comes_back(scene_file: SceneWriter, tmp_path: Path) ->
     assert "warning: departs from its scheme from " in done.stderr
     compared = beads("compare", run.folder, folder)
     assert compared.returncode == 1
-    changed = r"second .*\n.*run by hand.*\n +deck changed: .*\n +deck changed: chain.data: \+3 1 0.00476 2500"
+    edit = r"second +deck changed: "
+    changed = rf"second .*\n.*run by hand.*\n{edit}.*\n{edit}chain.data: \+3 1 0.00476 2500"
     assert re.search(changed, compared.stdout)
     assert "bead 3 " in compared.stdout
 

@@ -132,7 +132,7 @@ def test_the_chapter_leads_with_the_gap_to_the_experiment_and_counts_what_can_fa
     faults = {check.scene: check.where for check in chapter.checks}
     assert "without an explanation" in faults["power-three"]
     assert "explained" in faults["collision-secondary"]  # is hit here
-    rows = {row.name for row in case_rows(chapter.checks)}  # on the page no engine fails by a statement
+    rows = {row["name"] for row in case_rows(chapter.checks)}  # on the page no engine fails by a statement
     assert rows == {whole.id for whole in claims if whole.kind == "case"}
     assert "fig4-amplitudes-agree" not in faults
 

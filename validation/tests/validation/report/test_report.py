@@ -109,8 +109,8 @@ def test_a_failure_is_named_first_with_its_diagnosis_and_a_command_for_details(
     runs, absent = compared.runs | {"yade": late}, {"liggghts": "not installed"}
     checks = checks_of(compared.case, runs, absent)
     sick = ComparedScene(compared.case, runs, absent, checks, {"yade": "matches forces a sample <late>"})
-    worst = scene_row(sick).cells["yade"].worst
-    assert worst is not None
+    name = scene_row(sick)["engines"]["yade"]["worst"]
+    (worst,) = (check for check in sick.of_engine("yade") if check.quantity == name)
     assert max(map(share_of_limit, sick.of_engine("yade"))) == share_of_limit(worst)
     text = page_of([sick], tmp_path)
     assert "yade fails on scene." in failures(text)
