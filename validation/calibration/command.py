@@ -267,7 +267,7 @@ def observables_of(problem: Problem, data: DataSet, names: Sequence[str], place:
     new = asked.difference(*(places_of(sensor["from_wall"]) for sensor in sensors))
     sensors.extend({"from_wall": bead} for bead in sorted(new, reverse=True))  # one without a mass changes nothing
     shown = replace(data, tables=json.dumps(tables))
-    simulation = simulated(shown, problem.motion_values(data, place), whole=True)
+    simulation = simulated(shown, problem.motion_values(data, place))
     values = simulation.values if simulation else {}
     known = {without_unit(name): name for name in values}
     listed = [*map(without_unit, names), *(name for name in known if describe(name).of_wave)]
