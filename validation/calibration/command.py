@@ -43,7 +43,7 @@ from validation.calibration.fit import (
     RISES,
     Fit,
     Tables,
-    interval_text,
+    digits,
     rounded,
     rows_of,
     solve,
@@ -58,10 +58,6 @@ from validation.report.parts import Chapter, store_part
 PREDICTIONS, AGAIN = "predictions", "again.sh"
 ROW_IN, HEAD_IN = 0.55, 0.5
 DECISIVE = 6.0  # excess of Akaike's criterion: a ratio of likelihoods of 20
-LEGEND = (
-    "deviation: fitted minus measured, in standard errors of the measurement; of a trace the rms of its readings, of a "
-    "parameter with prior knowledge fitted minus stated value"
-)
 
 
 @dataclass(frozen=True)
@@ -173,30 +169,31 @@ def _confirm(fitted: Sequence[Path], runs: Path) -> int:
 
 
 def lines(fit: Fit, tables: Tables) -> Iterator[str]:
-    """Lines of text with parameters, data and remarks; columns without an entry are left out."""
+    """Lines of text with parameters, data and remarks."""
     rows = []
     for row in rows_of(tables[PARAMETERS]):
-        ends = ((row.low_68pct, row.high_68pct), (row.low_95pct, row.high_95pct))
+        ends, unit = digits(
+            (row.low_68pct, row.high_68pct, row.low_95pct, row.high_95pct), row.value, row.error, row.unit
+        )
+        intervals = [
+            f"{low} .. {high} {unit}".rstrip() if isfinite(row.error) else "" for low, high in (ends[:2], ends[2:])
+        ]
         start = with_error(row.start, row.prior, row.unit) if row.prior else rounded(row.start, row.unit)
-        intervals = [interval_text(row, end) for end in ends]
         rows.append([row.parameter, value_text(row, fit.enlargement), *intervals, start])
-    yield from _table(["parameter", "value", *(f"{rise} interval" for rise in RISES), "start"], rows)
+    yield from text_table([["parameter", "value", *(f"{rise} interval" for rise in RISES), "start"], *rows])
     if fit.enlargement != 1:
         times = f"enlarged {fit.enlargement:.2g} times"
         yield f"errors (not intervals) are {times}, since the data scatter more than noise explains"
     yield ""
-    rows = []
+    rows = [["datum", "measured", "fitted", "deviation in standard errors"]]
     for row in rows_of(tables[DATA]):
         number = [f"{row.measured:.4g} ± {row.error:.2g}", f"{row.fitted:.5g}"] if isfinite(row.measured) else ["", ""]
-        without = f"{row.chi_square_without:.4g}" if isfinite(row.chi_square_without) else ""
-        rows.append([": ".join(filter(None, (row.data_set, row.datum))), *number, f"{row.off:.2f}", without])
-    yield from _table(["datum", "measured", "fitted", "deviation", "chi-square without it"], rows)
-    yield LEGEND
+        rows.append([": ".join(filter(None, (row.data_set, row.datum))), *number, f"{row.off:.2f}"])
+    yield from text_table(rows)
     yield ""
     (goodness,) = rows_of(tables[LAWS])
     chance = f", probability {goodness.probability:.2g}" if goodness.freedom > 0 else ""
-    freedom = f"{goodness.freedom} degrees of freedom{chance}"
-    yield f"chi-square {goodness.chi_square:.4g} with {freedom if fit.freedom >= 0 else 'fewer data than parameters'}"
+    yield f"chi-square {goodness.chi_square:.4g} with {goodness.freedom} degrees of freedom{chance}"
     if not fit.explained:
         yield f"{goodness.law or 'the model'} does not explain the data"
     yield from goodness.remarks.split(". ") if goodness.remarks else ()
@@ -227,13 +224,7 @@ def predicted_lines(predictions: pd.DataFrame, asked: Sequence[str]) -> Iterator
     names = {without_unit(name) for name in asked}
     rows = [row for row in rows_of(predictions) if without_unit(row.datum) in names]
     cells = [(row.datum, row.data_set, row.law, with_error(row.fitted, row.fitted_error, row.unit)) for row in rows]
-    yield from (*_table(["predicted", "scene", "law", "value"], sorted(cells)), "") if cells else ()
-
-
-def _table(heading: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    """Lines of a table; columns without an entry are left out."""
-    shown = [place for place in range(len(heading)) if any(row[place] for row in rows)]
-    return text_table([row[place] for place in shown] for row in (heading, *rows))
+    yield from (*text_table([("predicted", "scene", "law", "value"), *sorted(cells)]), "") if cells else ()
 
 
 def predict(fit: Fit, law: str, names: Sequence[str]) -> pd.DataFrame:
@@ -313,21 +304,20 @@ def write_folder(
 
 
 def draw_parameters(parameters: pd.DataFrame) -> Any:
-    """A panel for each parameter: value, 68 % (thick) and 95 % interval (thin) of each law."""
-    shown = parameters[np.isfinite(parameters["error"])]
-    names, laws = [*shown["parameter"].unique()] or [""], [*parameters["law"].unique()]
+    """A panel for each parameter: value, 68 % (thick) and 95 % interval (thin) of each law, or range if it is open."""
+    names, laws = [*parameters["parameter"].unique()], [*parameters["law"].unique()]
     height = HEAD_IN + len(names) * (ROW_IN + 0.12 * len(laws))
     figure, axes = pyplot().subplots(len(names), 1, figsize=(COLUMN_IN, height), squeeze=False, layout="constrained")
     for axis, name in zip(axes[:, 0], names, strict=True):
-        own = shown[shown["parameter"] == name]
-        scale, unit = suited(own["value"].iloc[0], own["unit"].iloc[0]) if len(own) else (1.0, "")
-        looks = [LOOKS[laws.index(law) % len(LOOKS)] for law in own["law"]]
-        for share, width in (("95pct", 0.9), ("68pct", 2.6)):
-            low, high = (own[f"{end}_{share}"].clip(own["least"], own["most"]) * scale for end in ("low", "high"))
-            axis.hlines(range(len(own)), low, high, [colour for colour, _ in looks], lw=width)
-        for place, (law, value) in enumerate(zip(own["law"], own["value"] * scale, strict=True)):
-            axis.plot(value, place, looks[place][1], color=looks[place][0], ms=5, label=law or None)
-        title = name.removeprefix("materials.") or "no parameter is determined"
+        own = parameters[parameters["parameter"] == name]
+        scale, unit = suited(own["value"].iloc[0], own["unit"].iloc[0])
+        for place, row in enumerate(rows_of(own)):
+            colour, marker = LOOKS[laws.index(row.law) % len(LOOKS)]
+            for low, high, width in ((row.low_95pct, row.high_95pct, 0.9), (row.low_68pct, row.high_68pct, 2.6)):
+                ends = np.fmax(low, row.least) * scale, np.fmin(high, row.most) * scale  # the range instead of NaN
+                axis.hlines(place, *ends, colour, lw=width)
+            axis.plot(row.value * scale, place, marker, color=colour, ms=5, label=row.law or None)
+        title = name.removeprefix("materials.")
         axis.set_title(f"{title}{f' ({unit})' * bool(unit)}", loc="left", fontsize=8)
         axis.set(yticks=[], ylim=(len(own) - 0.4, -0.6))
         axis.locator_params(axis="x", nbins=5)
