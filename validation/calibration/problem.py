@@ -12,12 +12,10 @@ import numpy as np
 from drivers.base.errors import InputError, RunError
 from drivers.chain.case import build_case
 from drivers.chain.chain import Array
-from drivers.chain.schemes import exact_motion, trace_of
-from drivers.engines import REFERENCE
 from drivers.scene.read_scene import make_scene, set_value
 from drivers.scene.settings import unit_of
 from postproc.read.alignment import correlated, residual_of
-from postproc.read.motion import Simulation, is_censored, read
+from postproc.read.motion import Simulation, exact, is_censored, read
 from validation.calibration.data import CUT, GAIN, TRIGGER, Answer, DataSet, Datum, Free, parameters_of
 
 DEFAULT_CUT = 0.04  # share of the peak at which the paper cuts widths
@@ -205,9 +203,7 @@ def simulated(data: DataSet, values: Values) -> Simulation | None:
 @lru_cache(maxsize=CACHE_SIZE)
 def _integrated(tables: str, where: str, values: Values) -> Simulation | None:
     try:
-        case = build_case(make_scene(_changed(tables, values), where, where))
-        times = case.sample_times_s
-        return Simulation(case, REFERENCE, trace_of(case, times, exact_motion(case, TOLERANCE, times)))
+        return exact(build_case(make_scene(_changed(tables, values), where, where)), TOLERANCE)
     except (ArithmeticError, InputError):  # values that are allowed one by one may give an impossible chain
         return None
 
