@@ -88,11 +88,6 @@ class Fit:
         return self.problem.rows - len(self.place) - lines
 
     @property
-    def probability(self) -> float:
-        """Probability of a chi-square at least as large by chance; NaN without degrees of freedom."""
-        return float(chi2.sf(self.chi_square, self.freedom))
-
-    @property
     def explained(self) -> bool:
         """True if noise can explain the residual; noise found from traces is uncertain by ``NOISE_ERROR``."""
         noises = [channel.trace.noise for data in self.problem.sets for channel in data.channels]
@@ -291,9 +286,6 @@ def trade_offs(fit: Fit) -> Iterator[str]:
             yield f"the data do not determine {names}"
         else:
             yield f"the data {how} distinguish {names}: they trade off along {_along(fit, direction, members)}"
-    if len(weak) > 1:
-        times = f"{float(inflation[weak].min()):.0f} times smaller"
-        yield f"each of them would have an error at least {times} if all other parameters were known"
 
 
 def _along(fit: Fit, direction: Array, members: NDArray[np.intp]) -> str:
@@ -385,10 +377,11 @@ def solve(
     rows = pd.DataFrame([*map(one, problem.data)] if quick else for_each(problem, one, problem.data))
     missed = rows[np.isfinite(rows["measured"]) & ~(rows["off"].abs() <= MAX_DEVIATION)]
     goodness = {
-        "chi_square": best.chi_square, "freedom": best.freedom, "probability": best.probability,
+        "chi_square": best.chi_square, "freedom": best.freedom,
+        "probability": float(chi2.sf(best.chi_square, best.freedom)),
         "aic": best.chi_square + 2 * len(problem.free), "bic": best.chi_square + len(problem.free) * log(problem.rows),
         "missed": "; ".join(missed["data_set"] + ": " + missed["datum"]),
-        "remarks": ". ".join(_remarks(best, parameters)),
+        "remarks": ". ".join(_remarks(best)),
     }  # fmt: skip
     tables = {LAWS: pd.DataFrame([goodness]), PARAMETERS: parameters, DATA: rows}
     for table in tables.values():
@@ -427,7 +420,7 @@ def _datum(best: Fit, datum: Datum, *, leave_out: bool) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _remarks(best: Fit, parameters: pd.DataFrame) -> Iterator[str]:
+def _remarks(best: Fit) -> Iterator[str]:
     """Sentences on other minima, undetermined parameters, and numbers that the motion does not have."""
     problem, certain = best.problem, not len(best.open_directions)
     if best.reached < 2 <= best.descents and certain:
@@ -439,10 +432,6 @@ def _remarks(best: Fit, parameters: pd.DataFrame) -> Iterator[str]:
             yield f"{datum.label} is missing from the computed motion and {counts}"
         if problem.censored(datum, best.place):
             yield f"{datum.label} is a lower bound: the force is above the cut until the wave meets the wall"
-    for name, *ends in parameters[["parameter", "low_95pct", "high_95pct"]].itertuples(index=False):
-        open_ends = [side for side, end in zip(("below", "above"), ends, strict=True) if abs(end) == inf]
-        if open_ends:
-            yield f"the data do not bound {name} {' and '.join(open_ends)} within its range"
     if best.other and certain:
         pairs = zip(problem.free, problem.values(best.other[1]).items(), strict=True)
         shown = ", ".join(f"{name} {rounded(value, free.unit)}" for free, (name, value) in pairs)

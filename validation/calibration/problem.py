@@ -1,9 +1,10 @@
 """Calibration problem: exact motions of scenes by free parameters, residuals and their derivatives."""
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import accumulate
 from math import inf
 from typing import Any
 
@@ -16,7 +17,7 @@ from drivers.scene.read_scene import make_scene, set_value
 from drivers.scene.settings import unit_of
 from postproc.read.alignment import correlated, residual_of
 from postproc.read.motion import Simulation, exact, is_censored, read
-from validation.calibration.data import CUT, GAIN, TRIGGER, Answer, DataSet, Datum, Free, parameters_of
+from validation.calibration.data import CUT, GAIN, TRIGGER, DataSet, Datum, Free, parameters_of
 
 DEFAULT_CUT = 0.04  # share of the peak at which the paper cuts widths
 
@@ -33,16 +34,11 @@ Values = tuple[tuple[str, float], ...]  # values of parameters by key
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Data sets and free parameters; ``data`` has the order of the rows of the residual.
-
-    Attributes:
-        fixed: Values of parameters of readings that are not free, by key.
-    """
+    """Data sets and free parameters; ``data`` has the order of the rows of the residual."""
 
     sets: tuple[DataSet, ...]
     free: tuple[Free, ...]
     data: tuple[Datum, ...]
-    fixed: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def start(self) -> Array:
@@ -66,7 +62,7 @@ class Problem:
     def own_values(self, data: DataSet, place: Array) -> dict[str, float]:
         """Values of the parameters of a data set, by key."""
         pairs = zip(self.free, place, strict=True)
-        return {free.key: free.value(float(x)) for free, x in pairs if free.own in ("", data.name)} | dict(self.fixed)
+        return {free.key: free.value(float(x)) for free, x in pairs if free.own in ("", data.name)} | dict(data.fixed)
 
     def motion_values(self, data: DataSet, place: Array) -> Values:
         """Values of the parameters of a data set on which its motion depends."""
@@ -140,41 +136,33 @@ def stepped(place: Array, moving: Sequence[int] | None = None) -> Iterator[tuple
         yield other, float(other[index] - place[index])
 
 
-def pose(
-    sets: Sequence[DataSet], free: Sequence[str], own: Sequence[str] = (), answers: Sequence[Answer] = ()
-) -> Problem:
+def pose(sets: Sequence[DataSet], free: Sequence[str], own: Sequence[str] = ()) -> Problem:
     """Problem from data sets and options that name free parameters, with or without bounds.
 
     Args:
         sets: Measured data.
         free: Parameters shared by all data sets; parameters of gauges belong to one data set.
         own: Parameters with a separate value for each data set, in addition to the data set's own list.
-        answers: Readings of the sentences that the paper leaves open.
 
     Raises:
         InputError: A scene lacks an observable or a parameter, or a parameter is named twice.
         RunError: The exact motion cannot be computed at the starting values.
     """
-    parameters, fixed = parameters_of(sets, free, own, answers)
-    begun, data = [_begun(source, parameters) for source in sets], list[Datum]()
+    parameters = parameters_of(sets, free, own)
+    begun, data = [_begun(source, parameters) for source in sets], list[tuple[Datum, int]]()
     for source in begun:
         simulation = simulated(source, ())
         if simulation is None:
             raise RunError(f"{source.where}: the exact motion cannot be computed at the starting values")
         for number in source.numbers:
             read(simulation, number.name, DEFAULT_CUT)  # an unknown observable is refused here
-            _add(data, replace(number, data_set=source.name), 1)
+            data.append((replace(number, data_set=source.name), 1))
         for channel in source.channels:
-            _add(data, Datum(f"{channel.key} {channel.gauge}", data_set=source.name), int(channel.counts.sum()))
-    for parameter in (parameter for parameter in parameters if parameter.prior):
-        _add(data, Datum(parameter.key, data_set=parameter.own), 1)
-    return Problem(tuple(begun), tuple(parameters), tuple(data), fixed)
-
-
-def _add(data: list[Datum], datum: Datum, rows: int) -> None:
-    """Add a datum with the next rows of the residual."""
-    first = data[-1].rows.stop if data else 0
-    data.append(replace(datum, rows=range(first, first + rows)))
+            data.append((Datum(f"{channel.key} {channel.gauge}", data_set=source.name), int(channel.counts.sum())))
+    data += [(Datum(parameter.key, data_set=parameter.own), 1) for parameter in parameters if parameter.prior]
+    ends = accumulate(rows for _, rows in data)
+    placed = [replace(datum, rows=range(end - rows, end)) for (datum, rows), end in zip(data, ends, strict=True)]
+    return Problem(tuple(begun), tuple(parameters), tuple(placed))
 
 
 def _begun(data: DataSet, parameters: Sequence[Free]) -> DataSet:

@@ -91,7 +91,7 @@ def fit_law(law: str, reading: str, seeds: Sequence[Mapping[str, float]] = ()) -
     asked = calibration_file()
     named, answers = asked.law[law], asked.readings()[reading]
     free = (*asked.free, *named.free, *(text for answer in answers for text in answer.free))
-    problem = pose(paper_data(asked.data, named.set, answers), free, answers=answers)
+    problem = pose(paper_data(asked.data, named.set, answers), free)
     fit, tables = solve(problem, law, reading, quick=bool(seeds), seeds=seeds, search=not seeds)
     return fit.values, tables
 
@@ -273,10 +273,9 @@ def _fits_table(tables: Tables, fits: pd.DataFrame) -> pd.DataFrame:
 
 def _numbers_table(tables: Tables) -> pd.DataFrame:
     """Measured numbers, and those of each law in the default reading with their deviations, as texts."""
-    rows = dict[str, dict[str, str]]()
-    for row in rows_of(numbers(tables[DATA].query("data == @DEFAULT"))):
-        measured = f"{row.measured:.4g} ± {row.error:.2g} {row.unit}"
-        cells = rows.setdefault(row.number, {"number": row.number, "measured": measured})
-        without = f" ({row.chi_square_without:.1f})" if np.isfinite(row.chi_square_without) else ""
-        cells[row.law] = f"{row.fitted:.4g}\n{row.off:+.1f}{without}"
-    return pd.DataFrame([*rows.values()])
+    data = numbers(tables[DATA].query("data == @DEFAULT"))
+    data["measured"] = [f"{row.measured:.4g} ± {row.error:.2g} {row.unit}" for row in rows_of(data)]
+    left_out = [f" ({each:.1f})" if np.isfinite(each) else "" for each in data["chi_square_without"]]
+    texts = [f"{row.fitted:.4g}\n{row.off:+.1f}{without}" for row, without in zip(rows_of(data), left_out, strict=True)]
+    table = data.assign(text=texts).set_index(["number", "measured", "law"])["text"].unstack("law", sort=False)
+    return table.reset_index().rename_axis(columns=None)

@@ -101,9 +101,8 @@ def test_nearly_dependent_sensitivities_are_reported(outcome: tuple[Fit, Tables]
     sensitivities[:2, 1] = 1e3, 50.0
     found = replace(outcome[0])
     vars(found)["jacobian"] = sensitivities
-    line, times = trade_offs(found)
+    (line,) = trade_offs(found)
     assert line.startswith(f"the data barely distinguish {MODULUS} and {RESTITUTION}: they trade off along {MODULUS} ")
-    assert "an error at least 20 times smaller" in times
 
 
 def quoting(scene_file: SceneWriter, values: str, errors: str) -> Path:
