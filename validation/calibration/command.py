@@ -10,6 +10,7 @@ import shutil
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from filecmp import cmp
 from functools import partial
 from math import isfinite
 from pathlib import Path
@@ -102,11 +103,10 @@ def problems_of(request: FitRequest) -> dict[str, Problem]:
     if not (request.scenes or request.quoted):
         raise InputError("fit", "", "no scene: name scenes with [[measured]] data, or use --quoted")
     known, problems = calibration_file().law, dict[str, Problem]()
-    for law in request.laws:
-        if law not in known:
-            raise unknown("fit", "--law", law, known)
-    of_laws = {law: known[law].free for law in request.laws}
     _refuse_repetition("--law", request.laws)
+    for law in {*request.laws} - {*known}:
+        raise unknown("fit", "--law", law, known)
+    of_laws = {law: known[law].free for law in request.laws}
     for law in request.laws or [""]:
         settings, own = request.settings_of(law), of_laws.get(law, ())
         others = {key for keys in of_laws.values() for key in keys} - {*own}  # parameters of other laws
@@ -346,60 +346,52 @@ def _write_scenes(request: FitRequest, law: str, fit: Fit, parameters: pd.DataFr
     for source in dict.fromkeys(request.scenes or [data.source for data in fit.problem.sets]):
         path = find_scene(source)
         data = next((each for each in fit.problem.sets if each.name == path.stem and each.entries), None)
-        copies = _copied(data, folder) if data else {}
         if data:
-            _write_scene(folder / path.name, path, request.settings, {}, _entries(data, copies, {}))
-        values = {
-            free.key: (rows[free.label], f"fitted: {value_text(rows[free.label], fit.enlargement)}")
-            for free in fit.problem.free
-            if free.own in ("", path.stem) and free.of_motion
-        }
+            _write_scene(folder / path.name, path, request.settings, data, fit, {})
         written.append(folder / f"fit-{path.stem}{ending}.toml")
-        entries = _entries(data, copies, rows) if data else None
-        _write_scene(written[-1], path, request.settings_of(law), values, entries)
+        _write_scene(written[-1], path, request.settings_of(law), data, fit, rows)
     return written
 
 
-def _copied(data: DataSet, folder: Path) -> dict[Path, str]:
-    """Copies the measured files of a data set; their new paths, relative to the folder, by file."""
-    copies = dict[Path, str]()
-    for file in dict.fromkeys(channel.trace.file for channel in data.channels):
-        target = folder / DATA / file.name
-        while target.exists():  # a file of the same name from another folder
-            target = target.with_stem(f"{target.stem}-other")
-        target.parent.mkdir(exist_ok=True)
-        shutil.copyfile(file, target)
-        copies[file] = str(target.relative_to(folder))
-    return copies
-
-
 def _write_scene(
-    path: Path, source: Path, settings: Sequence[str], values: Mapping[str, tuple[Any, str]], entries: Any | None
+    path: Path, source: Path, settings: Sequence[str], data: DataSet | None, fit: Fit, rows: Mapping[str, Any]
 ) -> None:
-    """Writes a scene file with settings, fitted values to six digits and data, and with the comments of its source."""
+    """Writes a scene file with settings, data, and values of rows by label, and with the comments of its source."""
     document: Any = tomlkit.parse(source.read_text(encoding="utf-8"))
     for setting in settings:
         apply_setting(document, setting)
-    for key, (row, remark) in values.items():
-        value = float(f"{row.value:.6g}")
-        set_value(document, key, quantity(value, row.unit) if row.unit else value, str(source))
-        if not isinstance(look_up(document, key.rpartition(".")[0]), tomlkit.items.InlineTable):
-            look_up(document, key).comment(remark)  # in an inline table it would hide the rest of the line
-    if entries is not None:
-        document[MEASURED] = entries
+    for free in fit.problem.free:
+        row = rows.get(free.label)
+        if row and free.own in ("", source.stem) and free.of_motion:
+            value = float(f"{row.value:.6g}")
+            set_value(document, free.key, quantity(value, row.unit) if row.unit else value, str(source))
+            if not isinstance(look_up(document, free.key.rpartition(".")[0]), tomlkit.items.InlineTable):
+                # in an inline table it would hide the rest of the line
+                look_up(document, free.key).comment(f"fitted: {value_text(row, fit.enlargement)}")
+    if data:
+        document[MEASURED] = _entries(data, path.parent, rows)
     path.write_text(tomlkit.dumps(document), encoding="utf-8")
 
 
-def _entries(data: DataSet, copies: Mapping[Path, str], rows: Mapping[str, Any]) -> Any:
+def _copied(file: Path, folder: Path) -> str:
+    """Copies a measured file; its new path, relative to the folder."""
+    target = folder / DATA / file.name
+    target.parent.mkdir(exist_ok=True)
+    while target.exists() and not cmp(file, target, shallow=False):  # a file of the same name from another folder
+        target = target.with_stem(f"{target.stem}-other")
+    shutil.copyfile(file, target)
+    return str(target.relative_to(folder))
+
+
+def _entries(data: DataSet, folder: Path, rows: Mapping[str, Any]) -> Any:
     """``[[measured]]`` tables of a data set, with copied files, and with gains and triggers of fitted rows by label."""
     tables, channels = tomlkit.aot(), {channel.key: channel for channel in data.channels}
     for key, entry in data.entries.items():
         values = entry.model_dump(exclude_none=True, exclude_unset=True)
         if channel := channels.get(key):
-            values["file"] = copies[channel.trace.file]
-            trigger, gain = (
-                rows.get(f"{data.name}: {name}") for name in (f"{channel.file_key}.{TRIGGER}", f"{key}.{GAIN}")
-            )
+            values["file"] = _copied(channel.trace.file, folder)
+            trigger = rows.get(f"{data.name}: {channel.file_key}.{TRIGGER}")
+            gain = rows.get(f"{data.name}: {key}.{GAIN}")
             trigger_s = trigger.value if trigger else channel.trigger_s
             if trigger_s is not None:
                 values[TRIGGER] = quantity(float(f"{trigger_s:.9g}"), "s")
