@@ -10,6 +10,7 @@ import shutil
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from filecmp import cmp
 from functools import partial
 from math import isfinite
 from pathlib import Path
@@ -43,7 +44,7 @@ from validation.calibration.fit import (
     RISES,
     Fit,
     Tables,
-    interval_text,
+    digits,
     rounded,
     rows_of,
     solve,
@@ -58,10 +59,6 @@ from validation.report.parts import Chapter, store_part
 PREDICTIONS, AGAIN = "predictions", "again.sh"
 ROW_IN, HEAD_IN = 0.55, 0.5
 DECISIVE = 6.0  # excess of Akaike's criterion: a ratio of likelihoods of 20
-LEGEND = (
-    "deviation: fitted minus measured, in standard errors of the measurement; of a trace the rms of its readings, of a "
-    "parameter with prior knowledge fitted minus stated value"
-)
 
 
 @dataclass(frozen=True)
@@ -106,11 +103,10 @@ def problems_of(request: FitRequest) -> dict[str, Problem]:
     if not (request.scenes or request.quoted):
         raise InputError("fit", "", "no scene: name scenes with [[measured]] data, or use --quoted")
     known, problems = calibration_file().law, dict[str, Problem]()
-    for law in request.laws:
-        if law not in known:
-            raise unknown("fit", "--law", law, known)
-    of_laws = {law: known[law].free for law in request.laws}
     _refuse_repetition("--law", request.laws)
+    for law in {*request.laws} - {*known}:
+        raise unknown("fit", "--law", law, known)
+    of_laws = {law: known[law].free for law in request.laws}
     for law in request.laws or [""]:
         settings, own = request.settings_of(law), of_laws.get(law, ())
         others = {key for keys in of_laws.values() for key in keys} - {*own}  # parameters of other laws
@@ -173,30 +169,31 @@ def _confirm(fitted: Sequence[Path], runs: Path) -> int:
 
 
 def lines(fit: Fit, tables: Tables) -> Iterator[str]:
-    """Lines of text with parameters, data and remarks; columns without an entry are left out."""
+    """Lines of text with parameters, data and remarks."""
     rows = []
     for row in rows_of(tables[PARAMETERS]):
-        ends = ((row.low_68pct, row.high_68pct), (row.low_95pct, row.high_95pct))
+        ends, unit = digits(
+            (row.low_68pct, row.high_68pct, row.low_95pct, row.high_95pct), row.value, row.error, row.unit
+        )
+        intervals = [
+            f"{low} .. {high} {unit}".rstrip() if isfinite(row.error) else "" for low, high in (ends[:2], ends[2:])
+        ]
         start = with_error(row.start, row.prior, row.unit) if row.prior else rounded(row.start, row.unit)
-        intervals = [interval_text(row, end) for end in ends]
         rows.append([row.parameter, value_text(row, fit.enlargement), *intervals, start])
-    yield from _table(["parameter", "value", *(f"{rise} interval" for rise in RISES), "start"], rows)
+    yield from text_table([["parameter", "value", *(f"{rise} interval" for rise in RISES), "start"], *rows])
     if fit.enlargement != 1:
         times = f"enlarged {fit.enlargement:.2g} times"
         yield f"errors (not intervals) are {times}, since the data scatter more than noise explains"
     yield ""
-    rows = []
+    rows = [["datum", "measured", "fitted", "deviation in standard errors"]]
     for row in rows_of(tables[DATA]):
         number = [f"{row.measured:.4g} ± {row.error:.2g}", f"{row.fitted:.5g}"] if isfinite(row.measured) else ["", ""]
-        without = f"{row.chi_square_without:.4g}" if isfinite(row.chi_square_without) else ""
-        rows.append([": ".join(filter(None, (row.data_set, row.datum))), *number, f"{row.off:.2f}", without])
-    yield from _table(["datum", "measured", "fitted", "deviation", "chi-square without it"], rows)
-    yield LEGEND
+        rows.append([": ".join(filter(None, (row.data_set, row.datum))), *number, f"{row.off:.2f}"])
+    yield from text_table(rows)
     yield ""
     (goodness,) = rows_of(tables[LAWS])
     chance = f", probability {goodness.probability:.2g}" if goodness.freedom > 0 else ""
-    freedom = f"{goodness.freedom} degrees of freedom{chance}"
-    yield f"chi-square {goodness.chi_square:.4g} with {freedom if fit.freedom >= 0 else 'fewer data than parameters'}"
+    yield f"chi-square {goodness.chi_square:.4g} with {goodness.freedom} degrees of freedom{chance}"
     if not fit.explained:
         yield f"{goodness.law or 'the model'} does not explain the data"
     yield from goodness.remarks.split(". ") if goodness.remarks else ()
@@ -227,13 +224,7 @@ def predicted_lines(predictions: pd.DataFrame, asked: Sequence[str]) -> Iterator
     names = {without_unit(name) for name in asked}
     rows = [row for row in rows_of(predictions) if without_unit(row.datum) in names]
     cells = [(row.datum, row.data_set, row.law, with_error(row.fitted, row.fitted_error, row.unit)) for row in rows]
-    yield from (*_table(["predicted", "scene", "law", "value"], sorted(cells)), "") if cells else ()
-
-
-def _table(heading: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    """Lines of a table; columns without an entry are left out."""
-    shown = [place for place in range(len(heading)) if any(row[place] for row in rows)]
-    return text_table([row[place] for place in shown] for row in (heading, *rows))
+    yield from (*text_table([("predicted", "scene", "law", "value"), *sorted(cells)]), "") if cells else ()
 
 
 def predict(fit: Fit, law: str, names: Sequence[str]) -> pd.DataFrame:
@@ -267,7 +258,7 @@ def observables_of(problem: Problem, data: DataSet, names: Sequence[str], place:
     new = asked.difference(*(places_of(sensor["from_wall"]) for sensor in sensors))
     sensors.extend({"from_wall": bead} for bead in sorted(new, reverse=True))  # one without a mass changes nothing
     shown = replace(data, tables=json.dumps(tables))
-    simulation = simulated(shown, problem.motion_values(data, place), whole=True)
+    simulation = simulated(shown, problem.motion_values(data, place))
     values = simulation.values if simulation else {}
     known = {without_unit(name): name for name in values}
     listed = [*map(without_unit, names), *(name for name in known if describe(name).of_wave)]
@@ -313,21 +304,20 @@ def write_folder(
 
 
 def draw_parameters(parameters: pd.DataFrame) -> Any:
-    """A panel for each parameter: value, 68 % (thick) and 95 % interval (thin) of each law."""
-    shown = parameters[np.isfinite(parameters["error"])]
-    names, laws = [*shown["parameter"].unique()] or [""], [*parameters["law"].unique()]
+    """A panel for each parameter: value, 68 % (thick) and 95 % interval (thin) of each law, or range if it is open."""
+    names, laws = [*parameters["parameter"].unique()], [*parameters["law"].unique()]
     height = HEAD_IN + len(names) * (ROW_IN + 0.12 * len(laws))
     figure, axes = pyplot().subplots(len(names), 1, figsize=(COLUMN_IN, height), squeeze=False, layout="constrained")
     for axis, name in zip(axes[:, 0], names, strict=True):
-        own = shown[shown["parameter"] == name]
-        scale, unit = suited(own["value"].iloc[0], own["unit"].iloc[0]) if len(own) else (1.0, "")
-        looks = [LOOKS[laws.index(law) % len(LOOKS)] for law in own["law"]]
-        for share, width in (("95pct", 0.9), ("68pct", 2.6)):
-            low, high = (own[f"{end}_{share}"].clip(own["least"], own["most"]) * scale for end in ("low", "high"))
-            axis.hlines(range(len(own)), low, high, [colour for colour, _ in looks], lw=width)
-        for place, (law, value) in enumerate(zip(own["law"], own["value"] * scale, strict=True)):
-            axis.plot(value, place, looks[place][1], color=looks[place][0], ms=5, label=law or None)
-        title = name.removeprefix("materials.") or "no parameter is determined"
+        own = parameters[parameters["parameter"] == name]
+        scale, unit = suited(own["value"].iloc[0], own["unit"].iloc[0])
+        for place, row in enumerate(rows_of(own)):
+            colour, marker = LOOKS[laws.index(row.law) % len(LOOKS)]
+            for low, high, width in ((row.low_95pct, row.high_95pct, 0.9), (row.low_68pct, row.high_68pct, 2.6)):
+                ends = np.fmax(low, row.least) * scale, np.fmin(high, row.most) * scale  # the range instead of NaN
+                axis.hlines(place, *ends, colour, lw=width)
+            axis.plot(row.value * scale, place, marker, color=colour, ms=5, label=row.law or None)
+        title = name.removeprefix("materials.")
         axis.set_title(f"{title}{f' ({unit})' * bool(unit)}", loc="left", fontsize=8)
         axis.set(yticks=[], ylim=(len(own) - 0.4, -0.6))
         axis.locator_params(axis="x", nbins=5)
@@ -356,60 +346,52 @@ def _write_scenes(request: FitRequest, law: str, fit: Fit, parameters: pd.DataFr
     for source in dict.fromkeys(request.scenes or [data.source for data in fit.problem.sets]):
         path = find_scene(source)
         data = next((each for each in fit.problem.sets if each.name == path.stem and each.entries), None)
-        copies = _copied(data, folder) if data else {}
         if data:
-            _write_scene(folder / path.name, path, request.settings, {}, _entries(data, copies, {}))
-        values = {
-            free.key: (rows[free.label], f"fitted: {value_text(rows[free.label], fit.enlargement)}")
-            for free in fit.problem.free
-            if free.own in ("", path.stem) and free.of_motion
-        }
+            _write_scene(folder / path.name, path, request.settings, data, fit, {})
         written.append(folder / f"fit-{path.stem}{ending}.toml")
-        entries = _entries(data, copies, rows) if data else None
-        _write_scene(written[-1], path, request.settings_of(law), values, entries)
+        _write_scene(written[-1], path, request.settings_of(law), data, fit, rows)
     return written
 
 
-def _copied(data: DataSet, folder: Path) -> dict[Path, str]:
-    """Copies the measured files of a data set; their new paths, relative to the folder, by file."""
-    copies = dict[Path, str]()
-    for file in dict.fromkeys(channel.trace.file for channel in data.channels):
-        target = folder / DATA / file.name
-        while target.exists():  # a file of the same name from another folder
-            target = target.with_stem(f"{target.stem}-other")
-        target.parent.mkdir(exist_ok=True)
-        shutil.copyfile(file, target)
-        copies[file] = str(target.relative_to(folder))
-    return copies
-
-
 def _write_scene(
-    path: Path, source: Path, settings: Sequence[str], values: Mapping[str, tuple[Any, str]], entries: Any | None
+    path: Path, source: Path, settings: Sequence[str], data: DataSet | None, fit: Fit, rows: Mapping[str, Any]
 ) -> None:
-    """Writes a scene file with settings, fitted values to six digits and data, and with the comments of its source."""
+    """Writes a scene file with settings, data, and values of rows by label, and with the comments of its source."""
     document: Any = tomlkit.parse(source.read_text(encoding="utf-8"))
     for setting in settings:
         apply_setting(document, setting)
-    for key, (row, remark) in values.items():
-        value = float(f"{row.value:.6g}")
-        set_value(document, key, quantity(value, row.unit) if row.unit else value, str(source))
-        if not isinstance(look_up(document, key.rpartition(".")[0]), tomlkit.items.InlineTable):
-            look_up(document, key).comment(remark)  # in an inline table it would hide the rest of the line
-    if entries is not None:
-        document[MEASURED] = entries
+    for free in fit.problem.free:
+        row = rows.get(free.label)
+        if row and free.own in ("", source.stem) and free.of_motion:
+            value = float(f"{row.value:.6g}")
+            set_value(document, free.key, quantity(value, row.unit) if row.unit else value, str(source))
+            if not isinstance(look_up(document, free.key.rpartition(".")[0]), tomlkit.items.InlineTable):
+                # in an inline table it would hide the rest of the line
+                look_up(document, free.key).comment(f"fitted: {value_text(row, fit.enlargement)}")
+    if data:
+        document[MEASURED] = _entries(data, path.parent, rows)
     path.write_text(tomlkit.dumps(document), encoding="utf-8")
 
 
-def _entries(data: DataSet, copies: Mapping[Path, str], rows: Mapping[str, Any]) -> Any:
+def _copied(file: Path, folder: Path) -> str:
+    """Copies a measured file; its new path, relative to the folder."""
+    target = folder / DATA / file.name
+    target.parent.mkdir(exist_ok=True)
+    while target.exists() and not cmp(file, target, shallow=False):  # a file of the same name from another folder
+        target = target.with_stem(f"{target.stem}-other")
+    shutil.copyfile(file, target)
+    return str(target.relative_to(folder))
+
+
+def _entries(data: DataSet, folder: Path, rows: Mapping[str, Any]) -> Any:
     """``[[measured]]`` tables of a data set, with copied files, and with gains and triggers of fitted rows by label."""
     tables, channels = tomlkit.aot(), {channel.key: channel for channel in data.channels}
     for key, entry in data.entries.items():
         values = entry.model_dump(exclude_none=True, exclude_unset=True)
         if channel := channels.get(key):
-            values["file"] = copies[channel.trace.file]
-            trigger, gain = (
-                rows.get(f"{data.name}: {name}") for name in (f"{channel.file_key}.{TRIGGER}", f"{key}.{GAIN}")
-            )
+            values["file"] = _copied(channel.trace.file, folder)
+            trigger = rows.get(f"{data.name}: {channel.file_key}.{TRIGGER}")
+            gain = rows.get(f"{data.name}: {key}.{GAIN}")
             trigger_s = trigger.value if trigger else channel.trigger_s
             if trigger_s is not None:
                 values[TRIGGER] = quantity(float(f"{trigger_s:.9g}"), "s")

@@ -190,9 +190,9 @@ class Free:
 
     def value(self, coordinate: float) -> float:
         """Value at a coordinate from 0 (lower bound) to 1 (upper bound)."""
-        ratio, width = self.high / self.low if self.logarithmic else 1.0, self.high - self.low
-        value = self.low * exp(coordinate * log(ratio)) if self.logarithmic else self.low + coordinate * width
-        return min(max(value, self.low), self.high)
+        low, high = self.low, self.high
+        value = low * exp(coordinate * log(high / low)) if self.logarithmic else low + coordinate * (high - low)
+        return min(max(value, low), high)
 
     def coordinate(self, value: float) -> float:
         """Coordinate of a value; that of the nearer bound beyond the range."""
@@ -359,6 +359,7 @@ class DataSet:
         entries: ``[[measured]]`` tables by key, such as ``measured.0``.
         step_s: Sample interval of the run.
         duration: Duration of the scene's run; that of the tables is longer if a trigger has to be found.
+        fixed: Values of parameters of readings that are not free, by key.
     """
 
     name: str
@@ -371,6 +372,7 @@ class DataSet:
     entries: Mapping[str, MeasuredEntry] = field(default_factory=dict)
     step_s: float = nan
     duration: str = ""
+    fixed: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def rows(self) -> int:
@@ -395,6 +397,7 @@ def paper_data(names: Sequence[str], settings: Sequence[str] = (), answers: Sequ
         InputError: A data set or setting is unknown.
     """
     known, data = calibration_file().set, list[DataSet]()
+    fixed = {f"{READING}.{key}": value for answer in answers for key, value in answer.fixed.items()}
     for name in names:
         if name not in known:
             raise unknown("fit", "--quoted", name, known)
@@ -408,7 +411,7 @@ def paper_data(names: Sequence[str], settings: Sequence[str] = (), answers: Sequ
         for row in (row for row in range(rows) if row not in skipped):
             numbers = tuple(column[min(row, len(column) - 1)] for column in columns)
             label = f"{name} {numbers[0].value:g} {numbers[0].unit}" if rows > 1 else name
-            data.append(DataSet(label, asked.scene, json.dumps(tables), where, numbers, asked.own))
+            data.append(DataSet(label, asked.scene, json.dumps(tables), where, numbers, asked.own, fixed=fixed))
     return data
 
 
@@ -503,13 +506,13 @@ def gauge_parameters(data: DataSet, asked: Sequence[str]) -> list[Free]:
     Raises:
         InputError: An option names an unknown entry or key, or the trigger of an entry that shares another's.
     """
-    options, channels = dict[str, str](), {channel.key: channel for channel in data.channels}
-    for option in asked:
-        key, given, rest = option.partition("=")
-        key = key.strip()
-        if len(data.entries) == 1:
-            key = re.sub(r"^measured(\.0)?(?=\.\w+$)", next(iter(data.entries)), key)
-        options[key] = key + given + rest
+    if len(data.entries) == 1:
+        (only,) = data.entries
+        asked = [re.sub(r"^measured(\.0)?(?=\.\w+\s*(=|$))", only, text) for text in asked]
+    options, channels = (
+        {text.partition("=")[0].strip(): text for text in asked},
+        {each.key: each for each in data.channels},
+    )
     known = dict[str, tuple[str, float, tuple[float, float], float, bool]]()  # unit, start, bounds, prior, free unasked
     for key, entry in data.entries.items():
         channel = channels.get(key)
@@ -530,16 +533,13 @@ def gauge_parameters(data: DataSet, asked: Sequence[str]) -> list[Free]:
     return parameters
 
 
-def parameters_of(
-    sets: Sequence[DataSet], free: Sequence[str], own: Sequence[str], answers: Sequence[Answer]
-) -> tuple[list[Free], dict[str, float]]:
-    """Free parameters of data sets, and values of parameters of readings that are fixed, by key.
+def parameters_of(sets: Sequence[DataSet], free: Sequence[str], own: Sequence[str]) -> list[Free]:
+    """Free parameters of data sets.
 
     Args:
         sets: Measured data.
         free: Options that name parameters shared by all data sets, and parameters of gauges.
         own: Options that name parameters with a separate value for each data set.
-        answers: Readings of the sentences that the paper leaves open.
 
     Raises:
         InputError: A scene lacks a parameter, or a parameter is named twice.
@@ -551,10 +551,9 @@ def parameters_of(
         parameters += gauge_parameters(source, gauges)
     numbers = [number for source in sets for number in source.numbers]
     needed = {number.divisor for number in numbers} | {CUT for number in numbers if "_full_width" in number.name}
-    fixed = {f"{READING}.{key}": value for answer in answers for key, value in answer.fixed.items()}
-    parameters += [parameter for parameter in of_readings() if parameter.key in needed and parameter.key not in fixed]
+    parameters += [parameter for parameter in of_readings() if parameter.key in needed - {*sets[0].fixed}]
     names = [(parameter.key, parameter.own) for parameter in parameters]
     for key, own_set in names:
         if names.count((key, own_set)) > 1 or (own_set and (key, "") in names):
             raise InputError(sets[0].where, f"--free {key}", "twice", "each parameter once")
-    return parameters, fixed
+    return parameters

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from math import ceil, inf, isfinite, isnan, log, log2, nan, sqrt
+from math import ceil, inf, isfinite, log, log2, nan, sqrt
 from typing import Any, Literal, TypeVar
 
 import numpy as np
@@ -86,11 +86,6 @@ class Fit:
         """Degrees of freedom: data minus parameters minus coefficients of the fitted base lines of traces."""
         lines = sum(len(channel.base_lines.T) for data in self.problem.sets for channel in data.channels)
         return self.problem.rows - len(self.place) - lines
-
-    @property
-    def probability(self) -> float:
-        """Probability of a chi-square at least as large by chance; NaN without degrees of freedom."""
-        return float(chi2.sf(self.chi_square, self.freedom))
 
     @property
     def explained(self) -> bool:
@@ -278,23 +273,19 @@ def _moved(place: Array, moving: Sequence[int], coordinates: Sequence[float] | A
 def trade_offs(fit: Fit) -> Iterator[str]:
     """Sentences on parameters that the data do not determine, or barely distinguish."""
     free = fit.problem.free
-    for direction in fit.open_directions:
-        members = np.flatnonzero(named(direction))
-        if len(members) == 1:
-            yield f"the data do not determine {free[members[0]].label}"
-        else:
-            names = " and ".join(free[i].label for i in members)
-            yield f"the data cannot distinguish {names}: they trade off along {_along(fit, direction, members)}"
+    groups = [("cannot", direction, np.flatnonzero(named(direction))) for direction in fit.open_directions]
     alone = np.maximum(np.linalg.norm(fit.jacobian, axis=0), 1 / RANGE_DEVIATION)
     inflation = np.sqrt(np.diag(fit.covariance)) * alone  # each error divided by that with all others known
     weak = np.flatnonzero((inflation > MIN_INFLATION) & ~fit.undetermined)
     if len(weak) > 1:
         singular, directions = fit.directions
-        names = " and ".join(free[i].label for i in weak)
-        along = _along(fit, directions[int(np.argmin(singular))], weak)
-        yield f"the data barely distinguish {names}: they trade off along {along}"
-        times = f"{float(inflation[weak].min()):.0f} times smaller"
-        yield f"each of them would have an error at least {times} if all other parameters were known"
+        groups.append(("barely", directions[int(np.argmin(singular))], weak))
+    for how, direction, members in groups:
+        names = " and ".join(free[i].label for i in members)
+        if len(members) == 1:
+            yield f"the data do not determine {names}"
+        else:
+            yield f"the data {how} distinguish {names}: they trade off along {_along(fit, direction, members)}"
 
 
 def _along(fit: Fit, direction: Array, members: NDArray[np.intp]) -> str:
@@ -386,10 +377,11 @@ def solve(
     rows = pd.DataFrame([*map(one, problem.data)] if quick else for_each(problem, one, problem.data))
     missed = rows[np.isfinite(rows["measured"]) & ~(rows["off"].abs() <= MAX_DEVIATION)]
     goodness = {
-        "chi_square": best.chi_square, "freedom": best.freedom, "probability": best.probability,
+        "chi_square": best.chi_square, "freedom": best.freedom,
+        "probability": float(chi2.sf(best.chi_square, best.freedom)),
         "aic": best.chi_square + 2 * len(problem.free), "bic": best.chi_square + len(problem.free) * log(problem.rows),
         "missed": "; ".join(missed["data_set"] + ": " + missed["datum"]),
-        "remarks": ". ".join(_remarks(best, parameters)),
+        "remarks": ". ".join(_remarks(best)),
     }  # fmt: skip
     tables = {LAWS: pd.DataFrame([goodness]), PARAMETERS: parameters, DATA: rows}
     for table in tables.values():
@@ -428,7 +420,7 @@ def _datum(best: Fit, datum: Datum, *, leave_out: bool) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _remarks(best: Fit, parameters: pd.DataFrame) -> Iterator[str]:
+def _remarks(best: Fit) -> Iterator[str]:
     """Sentences on other minima, undetermined parameters, and numbers that the motion does not have."""
     problem, certain = best.problem, not len(best.open_directions)
     if best.reached < 2 <= best.descents and certain:
@@ -440,10 +432,6 @@ def _remarks(best: Fit, parameters: pd.DataFrame) -> Iterator[str]:
             yield f"{datum.label} is missing from the computed motion and {counts}"
         if problem.censored(datum, best.place):
             yield f"{datum.label} is a lower bound: the force is above the cut until the wave meets the wall"
-    for name, *ends in parameters[["parameter", "low_95pct", "high_95pct"]].itertuples(index=False):
-        open_ends = [side for side, end in zip(("below", "above"), ends, strict=True) if abs(end) == inf]
-        if open_ends:
-            yield f"the data do not bound {name} {' and '.join(open_ends)} within its range"
     if best.other and certain:
         pairs = zip(problem.free, problem.values(best.other[1]).items(), strict=True)
         shown = ", ".join(f"{name} {rounded(value, free.unit)}" for free, (name, value) in pairs)
@@ -472,26 +460,15 @@ def value_text(row: Any, factor: float = 1.0) -> str:
 
 def with_error(value: float, error: float, unit: str) -> str:
     """Value with its error to two digits, in a suitable unit."""
-    scale, places, unit = _digits(value, error, unit)
-    return f"{value * scale:.{places}f} ± {error * scale:.{places}f} {unit}".strip()
+    (number, deviation), unit = digits((value, error), value, error, unit)
+    return f"{number} ± {deviation} {unit}".strip()
 
 
-def interval_text(row: Any, ends: tuple[float, float]) -> str:
-    """Interval with digits as in ``value_text``; an open side is the end of the range, in brackets; empty for NaN."""
-    if isnan(ends[0]):
-        return ""
-    scale, places, unit = _digits(row.value, min(row.error, (row.most - row.least) / 10), row.unit)
-    shown = [
-        f"{end * scale:.{places}f}" if isfinite(end) else f"({limit * scale:.{places}f})"
-        for end, limit in zip(ends, (row.least, row.most), strict=True)
-    ]
-    return f"{shown[0]} .. {shown[1]} {unit}".strip()
-
-
-def _digits(value: float, error: float, unit: str) -> tuple[float, int, str]:
-    """Factor from the SI unit to a suitable unit, decimal places for two digits of the error, name of the unit."""
+def digits(numbers: Sequence[float], value: float, error: float, unit: str) -> tuple[list[str], str]:
+    """Numbers with the digits of a value with its error, of which two are shown, in a suitable unit, and this unit."""
     scale, unit = suited(value, unit)
-    return scale, int(np.clip(1 - np.floor(np.log10(error * scale)), 0, 12)) if error > 0 else 6, unit
+    places = int(np.clip(1 - np.floor(np.log10(error * scale)), 0, 12)) if 0 < error < inf else 6
+    return [f"{number * scale:.{places}f}" for number in numbers], unit
 
 
 def suited(value: float, unit: str) -> tuple[float, str]:

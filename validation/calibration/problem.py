@@ -1,26 +1,23 @@
 """Calibration problem: exact motions of scenes by free parameters, residuals and their derivatives."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from math import inf, nan
+from itertools import accumulate
+from math import inf
 from typing import Any
 
 import numpy as np
 
-from drivers.base.errors import RunError
-from drivers.chain.case import Case, build_case
-from drivers.chain.chain import Array, build_chain
-from drivers.chain.schemes import exact_motion, trace_of
-from drivers.chain.trace import Trace
-from drivers.engines import REFERENCE
+from drivers.base.errors import InputError, RunError
+from drivers.chain.case import build_case
+from drivers.chain.chain import Array
 from drivers.scene.read_scene import make_scene, set_value
 from drivers.scene.settings import unit_of
 from postproc.read.alignment import correlated, residual_of
-from postproc.read.motion import READERS, Simulation, is_censored, read
-from postproc.read.observables import describe
-from validation.calibration.data import CUT, GAIN, TRIGGER, Answer, DataSet, Datum, Free, parameters_of
+from postproc.read.motion import Simulation, exact, is_censored, read
+from validation.calibration.data import CUT, GAIN, TRIGGER, DataSet, Datum, Free, parameters_of
 
 DEFAULT_CUT = 0.04  # share of the peak at which the paper cuts widths
 
@@ -29,7 +26,7 @@ DEFAULT_CUT = 0.04  # share of the peak at which the paper cuts widths
 TOLERANCE = 1e-6
 STEP = 1e-4  # of finite differences, as a share of a parameter's range
 MISSING_RESIDUAL = 10.0  # standard errors counted for a number that the computed motion does not have
-CACHE_SIZE = 256  # simulations; residuals are smaller
+CACHE_SIZE = 64  # simulations; residuals are smaller
 SCANNED = 8  # values of a parameter that one data set has alone, at the start of a descent
 
 Values = tuple[tuple[str, float], ...]  # values of parameters by key
@@ -37,16 +34,11 @@ Values = tuple[tuple[str, float], ...]  # values of parameters by key
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Data sets and free parameters; ``data`` has the order of the rows of the residual.
-
-    Attributes:
-        fixed: Values of parameters of readings that are not free, by key.
-    """
+    """Data sets and free parameters; ``data`` has the order of the rows of the residual."""
 
     sets: tuple[DataSet, ...]
     free: tuple[Free, ...]
     data: tuple[Datum, ...]
-    fixed: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def start(self) -> Array:
@@ -70,7 +62,7 @@ class Problem:
     def own_values(self, data: DataSet, place: Array) -> dict[str, float]:
         """Values of the parameters of a data set, by key."""
         pairs = zip(self.free, place, strict=True)
-        return {free.key: free.value(float(x)) for free, x in pairs if free.own in ("", data.name)} | dict(self.fixed)
+        return {free.key: free.value(float(x)) for free, x in pairs if free.own in ("", data.name)} | dict(data.fixed)
 
     def motion_values(self, data: DataSet, place: Array) -> Values:
         """Values of the parameters of a data set on which its motion depends."""
@@ -119,15 +111,15 @@ class Problem:
                     heights = []
                     for x in (place[index], *np.linspace(0.0, 1.0, SCANNED)):
                         moved[index] = x
-                        off = self.residual_of_set(data, self.with_triggers(moved, [data]))
+                        off = self.residual_of_set(data, self.with_triggers(moved))
                         heights.append((float(np.sum(np.nan_to_num(off, nan=MISSING_RESIDUAL) ** 2)), float(x)))
                     moved[index] = min(heights)[1]
         return moved
 
-    def with_triggers(self, place: Array, sets: Sequence[DataSet] | None = None) -> Array:
-        """``place`` with the triggers of all or of some data sets at the best correlation of motion and traces."""
+    def with_triggers(self, place: Array) -> Array:
+        """``place`` with the triggers of all data sets at the best correlation of motion and traces."""
         moved = place.copy()
-        for data in self.sets if sets is None else sets:
+        for data in self.sets:
             simulation = simulated(data, self.motion_values(data, place)) if data.channels else None
             for index, free in enumerate(self.free):
                 if simulation and free.own == data.name and free.key.endswith(f".{TRIGGER}"):
@@ -144,105 +136,67 @@ def stepped(place: Array, moving: Sequence[int] | None = None) -> Iterator[tuple
         yield other, float(other[index] - place[index])
 
 
-def pose(
-    sets: Sequence[DataSet], free: Sequence[str], own: Sequence[str] = (), answers: Sequence[Answer] = ()
-) -> Problem:
+def pose(sets: Sequence[DataSet], free: Sequence[str], own: Sequence[str] = ()) -> Problem:
     """Problem from data sets and options that name free parameters, with or without bounds.
 
     Args:
         sets: Measured data.
         free: Parameters shared by all data sets; parameters of gauges belong to one data set.
         own: Parameters with a separate value for each data set, in addition to the data set's own list.
-        answers: Readings of the sentences that the paper leaves open.
 
     Raises:
         InputError: A scene lacks an observable or a parameter, or a parameter is named twice.
         RunError: The exact motion cannot be computed at the starting values.
     """
-    parameters, fixed = parameters_of(sets, free, own, answers)
-    begun, data = [_begun(source, parameters) for source in sets], list[Datum]()
+    parameters = parameters_of(sets, free, own)
+    begun, data = [_begun(source, parameters) for source in sets], list[tuple[Datum, int]]()
     for source in begun:
         simulation = simulated(source, ())
         if simulation is None:
             raise RunError(f"{source.where}: the exact motion cannot be computed at the starting values")
         for number in source.numbers:
             read(simulation, number.name, DEFAULT_CUT)  # an unknown observable is refused here
-            _add(data, replace(number, data_set=source.name), 1)
+            data.append((replace(number, data_set=source.name), 1))
         for channel in source.channels:
-            _add(data, Datum(f"{channel.key} {channel.gauge}", data_set=source.name), int(channel.counts.sum()))
-    for parameter in (parameter for parameter in parameters if parameter.prior):
-        _add(data, Datum(parameter.key, data_set=parameter.own), 1)
-    return Problem(tuple(begun), tuple(parameters), tuple(data), fixed)
-
-
-def _add(data: list[Datum], datum: Datum, rows: int) -> None:
-    """Add a datum with the next rows of the residual."""
-    first = data[-1].rows.stop if data else 0
-    data.append(replace(datum, rows=range(first, first + rows)))
+            data.append((Datum(f"{channel.key} {channel.gauge}", data_set=source.name), int(channel.counts.sum())))
+    data += [(Datum(parameter.key, data_set=parameter.own), 1) for parameter in parameters if parameter.prior]
+    ends = accumulate(rows for _, rows in data)
+    placed = [replace(datum, rows=range(end - rows, end)) for (datum, rows), end in zip(data, ends, strict=True)]
+    return Problem(tuple(begun), tuple(parameters), tuple(placed))
 
 
 def _begun(data: DataSet, parameters: Sequence[Free]) -> DataSet:
     """Data set whose tables have the starting values; refuses bounds such as a restitution of 2."""
-    tables = json.loads(data.tables)
-    for free in parameters:
-        if free.own in ("", data.name) and free.of_motion:
-            for bound in (free.low, free.high):
-                changed = json.loads(data.tables)
-                set_value(changed, free.key, _as_text(free.key, bound), data.where)
-                make_scene(changed, data.name, f"--free {free.key}")
-            set_value(tables, free.key, _as_text(free.key, free.start), data.where)
-    return replace(data, tables=json.dumps(tables))
+    moving = [free for free in parameters if free.own in ("", data.name) and free.of_motion]
+    for free in moving:
+        for bound in (free.low, free.high):
+            make_scene(_changed(data.tables, [(free.key, bound)]), data.name, f"--free {free.key}")
+    return replace(data, tables=json.dumps(_changed(data.tables, [(free.key, free.start) for free in moving])))
 
 
-def _as_text(key: str, value: float) -> Any:
-    """A value as in a scene file: text with its unit, or a plain number."""
-    unit = unit_of(key)
-    return f"{value!r} {unit}" if unit else value
-
-
-def simulated(data: DataSet, values: Values, *, whole: bool = False) -> Simulation | None:
-    """Exact motion of a data set's scene at given parameter values; None if the integration fails.
-
-    Its trace has energies only if ``whole``, or if numbers of the data set are not read from waves.
-    """
-    names = [number.name for number in data.numbers]
-    of_waves = all(describe(name).of_wave or name.endswith(tuple(READERS)) for name in names)
-    return _integrated(data.tables, data.where, values, whole or not of_waves)
-
-
-@lru_cache(maxsize=CACHE_SIZE)
-def _integrated(tables: str, where: str, values: Values, whole: bool) -> Simulation | None:
-    case = _case(tables, where)
-    scene = case.scene
+def _changed(tables: str, values: Iterable[tuple[str, float]]) -> dict[str, Any]:
+    """Tables of a scene with other values of some keys: text with the unit, or a plain number."""
+    changed: dict[str, Any] = json.loads(tables)
     for key, value in values:
-        scene = _changed(scene, key.split("."), value)
-    case = build_case(scene) if whole else replace(case, scene=scene, chain=build_chain(scene))
-    times = case.sample_times_s
-    try:
-        motion = exact_motion(case, TOLERANCE, times)
-    except ArithmeticError:
-        return None
-    energies = np.full((3, len(times)), nan)
-    trace = trace_of(case, times, motion) if whole else Trace(times, motion.force_N, *energies)
-    return Simulation(case, REFERENCE, trace)
+        unit = unit_of(key)
+        set_value(changed, key, f"{value!r} {unit}" if unit else value, "--free")
+    return changed
+
+
+def simulated(data: DataSet, values: Values) -> Simulation | None:
+    """Exact motion of a data set's scene at given parameter values; None if there is none."""
+    return _integrated(data.tables, data.where, values)
 
 
 @lru_cache(maxsize=CACHE_SIZE)
-def _case(tables: str, where: str) -> Case:
-    return build_case(make_scene(json.loads(tables), where, where))
+def _integrated(tables: str, where: str, values: Values) -> Simulation | None:
+    try:
+        return exact(build_case(make_scene(_changed(tables, values), where, where)), TOLERANCE)
+    except (ArithmeticError, InputError):  # values that are allowed one by one may give an impossible chain
+        return None
 
 
-def _changed(part: Any, keys: Sequence[str], value: float) -> Any:
-    """Copy of a scene, or of a part of it, with another value of a key, which is not checked."""
-    name, *rest = keys
-    if isinstance(part, tuple):
-        return tuple(_changed(each, rest, value) if str(i) == name else each for i, each in enumerate(part))
-    if isinstance(part, dict):
-        return part | {name: _changed(part[name], rest, value)}
-    return part.model_copy(update={name: _changed(getattr(part, name), rest, value) if rest else value})
-
-
-@lru_cache(maxsize=16 * CACHE_SIZE)
+@lru_cache(maxsize=64 * CACHE_SIZE)
 def _of_set(data: DataSet, motion: Values, values: Values) -> Array:
     simulation = simulated(data, motion)
     if simulation is None:

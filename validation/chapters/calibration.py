@@ -91,7 +91,7 @@ def fit_law(law: str, reading: str, seeds: Sequence[Mapping[str, float]] = ()) -
     asked = calibration_file()
     named, answers = asked.law[law], asked.readings()[reading]
     free = (*asked.free, *named.free, *(text for answer in answers for text in answer.free))
-    problem = pose(paper_data(asked.data, named.set, answers), free, answers=answers)
+    problem = pose(paper_data(asked.data, named.set, answers), free)
     fit, tables = solve(problem, law, reading, quick=bool(seeds), seeds=seeds, search=not seeds)
     return fit.values, tables
 
@@ -123,28 +123,15 @@ def bounds(tables: Tables, key: str) -> tuple[float, float]:
 
 
 def conclusions(tables: Tables) -> Iterator[str]:
-    """Laws that fit in some reading, conditions of their fits, the range of moduli, and numbers that most fits miss."""
+    """Laws that fit in some reading, what elastic beads need to fit, the range of moduli, and numbers mostly missed."""
     fits, holding = tables[LAWS], held(tables, LAWS)
     counts = ", ".join(f"{law} in {(holding['law'] == law).sum()}" for law in fits["law"].unique())
     least = f"(probability above {MIN_PROBABILITY:g})"
     yield f"Of {fits['data'].nunique()} readings of the paper, the laws fit {least}: {counts}."
     if holding.empty:
         return
-    yield from conditions(tables)
-    low, high = bounds(tables, MODULUS)
-    yield f"Young's modulus of the fits that hold, with their errors: {low * 1e-9:.2f} to {high * 1e-9:.2f} GPa."
-    data = numbers(held(tables, DATA))
-    missed = (data["off"].abs() > 1).groupby(data["number"], sort=False).sum()
-    often = "; ".join(str(name) for name in missed.index[missed > len(holding) / 2]) or "none"
-    yield f"Missed by more than one standard error in most of the fits that hold: {often}."
-
-
-def conditions(tables: Tables) -> Iterator[str]:
-    """Two sentences of the README: what elastic beads need to fit, and what dissipation needs."""
     fits = held(tables, PARAMETERS).query("law == @ELASTIC")
-    if fits.empty or not fits["data"].str.contains("electronics").all():
-        yield f"Elastic beads fit {'in no reading' if fits.empty else 'without the electronics of the gauges'}."
-    else:
+    if len(fits) and fits["data"].str.contains("electronics").all():
         rows = {key: fits[fits["parameter"] == key] for key in (GAUGES, MODULUS, SPEEDS, CUT)}
         values, exact = {key: of_key["value"] for key, of_key in rows.items()}, goodness_of(tables, ELASTIC, ONE_MS)
         below = (rows[SPEEDS]["start"] - values[SPEEDS]) / rows[SPEEDS]["prior"]
@@ -156,14 +143,12 @@ def conditions(tables: Tables) -> Iterator[str]:
             f"peak{lowest}; with the paper's time constant of 1 ms, chi-square is {exact.chi_square:.1f} with "
             f"{exact.freedom} degrees of freedom (probability {exact.probability:.0e})."
         )
-    cuts = [goodness_of(tables, DISSIPATIVE, f"cut: {cut}") for cut in CUTS]
-    found = [parameters_of(tables, DISSIPATIVE, row.data)[RESTITUTION].value for row in cuts]
-    least = next((cut for cut, row in zip(CUTS, cuts, strict=True) if row.probability >= MIN_PROBABILITY), "no share")
-    yield (
-        f"Without electronics dissipation is needed, and fits only if durations are read at {least} of the peak or "
-        f"more: with cuts of {', '.join(CUTS)} chi-square is {', '.join(f'{row.chi_square:.1f}' for row in cuts)} with "
-        f"{cuts[0].freedom} degrees of freedom, and the restitution {', '.join(f'{value:.2f}' for value in found)}."
-    )
+    low, high = bounds(tables, MODULUS)
+    yield f"Young's modulus of the fits that hold, with their errors: {low * 1e-9:.2f} to {high * 1e-9:.2f} GPa."
+    data = numbers(held(tables, DATA))
+    missed = (data["off"].abs() > 1).groupby(data["number"], sort=False).sum()
+    often = "; ".join(str(name) for name in missed.index[missed > len(holding) / 2]) or "none"
+    yield f"Missed by more than one standard error in most of the fits that hold: {often}."
 
 
 def _span(values: "pd.Series[float]", digits: int = 2) -> str:
@@ -288,10 +273,9 @@ def _fits_table(tables: Tables, fits: pd.DataFrame) -> pd.DataFrame:
 
 def _numbers_table(tables: Tables) -> pd.DataFrame:
     """Measured numbers, and those of each law in the default reading with their deviations, as texts."""
-    rows = dict[str, dict[str, str]]()
-    for row in rows_of(numbers(tables[DATA].query("data == @DEFAULT"))):
-        measured = f"{row.measured:.4g} ± {row.error:.2g} {row.unit}"
-        cells = rows.setdefault(row.number, {"number": row.number, "measured": measured})
-        without = f" ({row.chi_square_without:.1f})" if np.isfinite(row.chi_square_without) else ""
-        cells[row.law] = f"{row.fitted:.4g}\n{row.off:+.1f}{without}"
-    return pd.DataFrame([*rows.values()])
+    data = numbers(tables[DATA].query("data == @DEFAULT"))
+    data["measured"] = [f"{row.measured:.4g} ± {row.error:.2g} {row.unit}" for row in rows_of(data)]
+    left_out = [f" ({each:.1f})" if np.isfinite(each) else "" for each in data["chi_square_without"]]
+    texts = [f"{row.fitted:.4g}\n{row.off:+.1f}{without}" for row, without in zip(rows_of(data), left_out, strict=True)]
+    table = data.assign(text=texts).set_index(["number", "measured", "law"])["text"].unstack("law", sort=False)
+    return table.reset_index().rename_axis(columns=None)
