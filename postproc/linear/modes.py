@@ -45,6 +45,7 @@ MAX_WORK = 20_000_000  # bodies times steps of the motion whose overlaps are com
 SMALL_RATIO = 0.1  # largest change of an overlap, divided by the static one, up to which a motion is called linear
 FEW = 3  # a mode is localised if fewer beads move, or if its frequency lies in a gap
 EDGE = 1e-6  # of a frequency: modes nearer to the edge of a band belong to it
+LINES = 8  # lowest modes that are printed, with all localised ones
 SHAPES = 3  # lowest modes that are drawn, with the highest one
 MOST_SHAPES = 200  # beads of the largest chain whose shapes are in the table
 BLUE, RED, BAND = "#0072b2", "#d55e00", "#dcebf5"
@@ -272,9 +273,10 @@ def _lines(case: Case, modes: Modes, bands: list[pd.DataFrame], localised: NDArr
         decay = bloch_phase(case, force_N, np.array([driven_Hz])).imag[0] if driven_Hz else 0.0
         if decay:
             yield f"drive of {driven_Hz:.6g} Hz: in a gap at {force_N:.4g} N, decay {decay:.5g} per cell"
-    for place in np.flatnonzero(localised):
-        words = f"localised: {modes.participation[place]:.3g} beads move"
-        yield f"mode {place + 1}: {modes.frequency_Hz[place]:.6g} Hz, {words}"
+    lowest = np.arange(len(localised)) < LINES
+    for place in np.flatnonzero(localised | lowest):
+        words = f", localised: {modes.participation[place]:.3g} beads move" if localised[place] else ""
+        yield f"mode {place + 1}: {modes.frequency_Hz[place]:.6g} Hz{words}"
 
 
 def _end_of_linear_theory(case: Case) -> str:

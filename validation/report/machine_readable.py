@@ -10,7 +10,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from llvmlite.binding import get_host_cpu_name
 from pydantic import TypeAdapter
 
 from drivers.base import paths
@@ -22,6 +21,7 @@ from validation.report.parts import PARTS
 from validation.report.scene_section import counted, source_of
 
 LIBRARIES = ("numpy", "scipy", "numba")
+CPUS = Path("/proc/cpuinfo")
 
 
 def made_with(scenes: Sequence[ComparedScene], command: str) -> dict[str, Any]:
@@ -42,7 +42,7 @@ def made_with(scenes: Sequence[ComparedScene], command: str) -> dict[str, Any]:
         "machine": {
             "host": platform.node(),
             "system": platform.platform(),
-            "processor": get_host_cpu_name(),
+            "processor": cpu_name(),
             "cores": os.cpu_count() or 1,
         },
     }
@@ -55,6 +55,13 @@ def when_made(results: Path) -> list[tuple[str, str]]:
 
 def _utc(seconds: float) -> str:
     return datetime.datetime.fromtimestamp(seconds, datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
+
+
+def cpu_name() -> str:
+    """Processor's name from Linux, else from Python."""
+    lines = CPUS.read_text(errors="replace").splitlines() if CPUS.exists() else []
+    names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(names, "") or platform.processor() or platform.machine()
 
 
 SCHEMA = 3

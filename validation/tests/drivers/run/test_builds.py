@@ -196,6 +196,7 @@ def test_wrong_entry_is_named(text: str, words: str, engines_file: EnginesWriter
     [
         ("import json\n\njson.loads('{')\n", "mine.py:3: JSONDecodeError"),
         ("raise BaseException('enough')\n", "mine.py:1: BaseException: enough"),
+        ("import os\nos._exit(3)\n", r"mine.py:2: SystemExit: os._exit\(3\)"),
         ("A = 1", "mine.py: TypeError: ENGINE is NoneType"),
         ("(", r"mine.py: SyntaxError: '\(' was never closed \(mine.py, line 1\)"),
         (f"{OWN_ADAPTER}\nENGINE = replace(ENGINE, loop_pattern='(completed')", "error: missing \\)"),
@@ -229,6 +230,7 @@ ENGINE = replace(ENGINE, **dict.fromkeys({functions}, wrong))
         ("return 1 / 0", r"mine.py:10: \w+: [^\n]*"),
         ("yield 1 / 0", r"mine.py:10: \w+: [^\n]*"),
         ("raise BaseException", r"mine.py:10: BaseException: "),
+        ("__import__('os')._exit(3)", r"mine.py:10: SystemExit: os._exit\(3\)"),
         ("return None", r"mine.py: \w+ returns None"),
     ],
 )
