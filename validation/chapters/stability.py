@@ -265,7 +265,7 @@ class Extreme(Part):
     quick: bool = False
 
 
-class Extremes(Part):
+class ExtremesFile(Part):
     """Contents of ``inputs/extremes.toml``."""
 
     extreme: tuple[Extreme, ...] = Field(strict=False, min_length=1)
@@ -274,7 +274,7 @@ class Extremes(Part):
 def extremes(*, quick: bool = False) -> list[Extreme]:
     """Scenes of ``inputs/extremes.toml``, or the quick subset."""
     path = paths.INPUTS / "extremes.toml"
-    return [entry for entry in validate(Extremes, read_toml(path), path).extreme if entry.quick or not quick]
+    return [entry for entry in validate(ExtremesFile, read_toml(path), path).extreme if entry.quick or not quick]
 
 
 def run_all(chosen: list[Extreme], runs: Path) -> Iterator[Check]:
