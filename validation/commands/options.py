@@ -149,6 +149,13 @@ def _instead(function: str, context: click.Context, _: click.Parameter, asked: b
         context.exit()
 
 
+def _only(_: click.Context, __: click.Parameter, given: tuple[str, ...]) -> str:
+    """The value of an option that stands once."""
+    if len(given) != 1:
+        raise click.BadParameter(f"found {', '.join(given) or 'none'}; allowed: one")
+    return given[0]
+
+
 NAMES: dict[str, Callable[[], Iterable[str]]] = {  # that a shell completes, by placeholder
     "SCENE": lambda: (path.stem for path in paths.SCENES.glob("*.toml")),
     "STUDY": lambda: (path.stem for path in paths.STUDIES.glob("*.toml")),
@@ -210,7 +217,9 @@ def _parameter(words: str, text: str, **more: Any) -> click.Parameter:
 PARAMETERS = {  # by option, or by placeholder of an argument
     **{words.split()[not words.startswith("--")]: _parameter(words, text) for words, text in TEXTS.items()},
     "--runs-read": _parameter("--runs FOLDER", TEXTS["--runs DIR"]),
-    "--one-engine": _parameter("--engine ENGINE", "The engine of the deck."),
+    "--one-engine": _parameter(
+        "--engine ENGINE", "The engine of the deck.", multiple=True, callback=_only, default=None
+    ),
     "--out-deck": _parameter("--out DIR", "Folder for the deck.", required=True, type=_folder_to_write),
 }
 
