@@ -116,6 +116,14 @@ def _folder_to_write(text: str | Path) -> Path:
         raise click.BadParameter(f"found {path} ({error.strerror or error}); allowed: {allowed}") from error
 
 
+def _file_to_write(text: str) -> Path:
+    """Path of a file that is there or can be made, together with its folder."""
+    path = Path(text)
+    if path.exists() and not path.is_file():
+        raise click.BadParameter(f"found {path}, {'a folder' if path.is_dir() else 'a device'}; allowed: a file")
+    return _folder_to_write(path.parent) / path.name
+
+
 def _slice(text: str) -> tuple[int, int]:
     match = re.fullmatch(r"([0-9]{1,8})/([0-9]{1,8})", text)
     if match and 1 <= int(match[1]) <= int(match[2]):
@@ -181,7 +189,7 @@ UNUSUAL: dict[str, dict[str, Any]] = {  # further arguments of click.Option
     "--runs": {"default": lambda: paths.RUNS},
     "--results": {"default": lambda: paths.RESULTS},
     "--window": {"default": "hann", "type": click.Choice(("hann", "boxcar", "blackmanharris", "flattop"))},
-    "--out": {"type": click.Path(dir_okay=False, writable=True, path_type=Path)},
+    "--out": {"type": _file_to_write},
     "--quoted": {"default": ""},
     "--dask": {"is_flag": False, "flag_value": "local"},
     "--engines": {"type": _engines_file, "is_eager": True, "expose_value": False},

@@ -6,7 +6,6 @@ from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 from urllib.parse import quote
 
@@ -77,20 +76,11 @@ def report(
     page names the ``command`` that makes it.
 
     Raises:
-        InputError: a scene is wrong, two scenes have one name, or the page is no file that can be written.
+        InputError: a scene is wrong, two scenes have one name, or the page has the ending of its JSON file.
     """
     page, folder = out or paths.RESULTS / "report.html", runs or paths.RUNS
     if page.suffix == ".json":
         raise InputError(f"--out {page}", "", page.suffix, "another ending than that of its JSON file")
-    if page.exists() and not page.is_file():
-        raise InputError(f"--out {page}", "", "a device", "a file")
-    try:  # before any run
-        page.parent.mkdir(parents=True, exist_ok=True)
-        TemporaryDirectory(dir=page.parent).cleanup()
-    except OSError as error:
-        raise InputError(
-            f"--out {page}", "", str(error.strerror), "a file in a folder that can be written to"
-        ) from error
     scenes = [read_scene(source) for source in sources or PAPER]
     names = Counter(scene.name for scene in scenes)
     for name in (name for name, count in names.items() if count > 1):
