@@ -18,6 +18,7 @@ from drivers.run.compute import Computed, compute
 from drivers.run.run_folder import RECORD
 from validation.accuracy import costs, plan
 from validation.accuracy.costs import Cost, cost_on, kit_key
+from validation.commands import key_commands
 from validation.tests.engine.candidate import MINE
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.scenes import EnginesWriter, SceneWriter
@@ -129,7 +130,7 @@ def test_the_outcome_of_the_tests_of_a_build_is_kept(
 ) -> None:
     """Tests that were interrupted have no outcome."""
     monkeypatch.setattr(pytest, "main", lambda words: code)
-    monkeypatch.setattr(costs, "measured_cost", lambda engine, build: Cost(1.0, 1.0, 1.0))
+    monkeypatch.setattr(key_commands, "measured_cost", lambda engine, build: Cost(1.0, 1.0, 1.0))
     assert beads("engine", "mine").returncode == int(code > 0)
     assert load(kit_key("mine")) is kept
 
@@ -162,7 +163,7 @@ def test_a_cost_is_measured_once_for_each_build_and_never_infinite(
     def fails(*_: object) -> Cost:
         raise RunError("out of order")
 
-    monkeypatch.setattr(costs, "measured_cost", fails)
+    monkeypatch.setattr(key_commands, "measured_cost", fails)
     costs._measured.cache_clear()  # as in another process
     assert cost_on("mine") == measured
     adapter.write_text(f"{MINE}\n# another build\n")

@@ -312,7 +312,7 @@ def test_a_scene_shows_its_measured_traces_and_quoted_values(scene_file: SceneWr
     measured = page.split("Measured and computed forces (reference)")[1]
     assert {"wall_impulse_N_s", "shot.csv"} <= set(re.findall(r"[\w.]+", measured))
     assert re.search(r"Do the measurements fit\?.*is the furthest, [\d.e+]+ standard errors", page)
-    (scene.parent / "shot.csv").write_text("time_us,wall_N\n1,x\n")  # is named before anything runs
+    (scene.parent / "shot.csv").write_text("time_us,wall_N\n1,2\n2,x\n")  # is named before anything runs
     done = beads(*words, scene.parent / "fresh")
-    assert (done.returncode, 'line 2, wall_N: found "x"' in done.stderr) == (2, True)
+    assert (done.returncode, 'line 3, wall_N: found "x"' in done.stderr) == (2, True)
     assert not (scene.parent / "fresh").exists()
