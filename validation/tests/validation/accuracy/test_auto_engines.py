@@ -163,7 +163,7 @@ def test_a_cost_is_measured_once_for_each_build_and_never_infinite(
     def fails(*_: object) -> Cost:
         raise RunError("out of order")
 
-    monkeypatch.setattr(key_commands, "measured_cost", fails)
+    monkeypatch.setattr(costs, "measured_cost", fails)
     costs._measured.cache_clear()  # as in another process
     assert cost_on("mine") == measured
     adapter.write_text(f"{MINE}\n# another build\n")
