@@ -158,9 +158,9 @@ def _instead(function: str, context: click.Context, _: click.Parameter, asked: b
 
 
 def _only(_: click.Context, __: click.Parameter, given: tuple[str, ...]) -> str:
-    """The value of an option that stands once."""
-    if len(given) != 1:
-        raise click.BadParameter(f"found {', '.join(given) or 'none'}; allowed: one")
+    """The value of a required option that stands once."""
+    if len(given) > 1:
+        raise click.BadParameter(f"found {', '.join(given)}; allowed: one")
     return given[0]
 
 
@@ -226,7 +226,7 @@ PARAMETERS = {  # by option, or by placeholder of an argument
     **{words.split()[not words.startswith("--")]: _parameter(words, text) for words, text in TEXTS.items()},
     "--runs-read": _parameter("--runs FOLDER", TEXTS["--runs DIR"]),
     "--one-engine": _parameter(
-        "--engine ENGINE", "The engine of the deck.", multiple=True, callback=_only, default=None
+        "--engine ENGINE", "The engine of the deck.", multiple=True, callback=_only, required=True, default=None
     ),
     "--out-deck": _parameter("--out DIR", "Folder for the deck.", required=True, type=_folder_to_write),
 }

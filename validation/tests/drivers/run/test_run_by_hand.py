@@ -69,7 +69,7 @@ def test_incomplete_folders_are_not_imported(scene_file: SceneWriter, tmp_path: 
         (verlet, "scene.json: no such file; give the scene of the deck by --scene"),
         ((*verlet, "--scene", scene), "chain.json: found no such file; allowed: a file"),
         ((*verlet, "--set", "chain.count=3"), "--set: needs --scene"),
-        ((deck,), "'--engine': found none; allowed: one"),
+        ((deck,), "missing option '--engine'"),
         ((*verlet, "--engine", "yade"), "'--engine': found verlet, yade; allowed: one"),
     ):
         done = beads("import", *words, *runs)
