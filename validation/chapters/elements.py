@@ -6,9 +6,10 @@ with lateral freedom, tube and friction, which must change nothing.
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from itertools import product
-from math import nan
+from math import inf, nan
 from typing import Any
 
 import numpy as np
@@ -18,11 +19,13 @@ from pydantic import Field
 
 from drivers.base import paths
 from drivers.base.messages import validate
+from drivers.base.terminal import following
 from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
 from drivers.chain.trace import residual
 from drivers.engines import VERLET, installed_codes
 from drivers.limits import inability
+from drivers.run.compute import compute
 from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml
 from postproc.draw.style import GREY, PAGE_IN, marker_of, pyplot
@@ -31,12 +34,12 @@ from validation.chapters import Options
 from validation.checks import Check, judged, summary
 from validation.report.parts import Chapter, Shown
 
+REPEATS = 3  # further runs for costs, except in the short study
 ROUNDING = 1e-6  # of a mean: a smaller spread counts as none
 MAX_ELEMENTS = 3  # in a sentence
 SCATTER = "scatter"  # in a setting: replaced by the scene's value
 MIN_CHANGE = 1e-6  # smaller changes are drawn here
 OMITTED = "elements that straight chains omit"
-Pairs = Mapping[tuple[str, str], Sequence[Case]]  # scene, element: cases of all seeds without it, then with it
 Found = Mapping[tuple[Case, str], Simulation]  # all runs of the study, by case and engine
 
 
@@ -81,20 +84,27 @@ class Elements(Part):
 STRAIGHT = Side(tube=True, set=("chain.lateral_offset=0 um",))
 
 
+@dataclass(frozen=True)
+class Switched:
+    """Cases of all seeds of a scene without an element, then with it."""
+
+    scene: str
+    element: str
+    cases: Sequence[Case]
+
+
 def read_elements() -> Elements:
     """Reads ``inputs/elements.toml``."""
     return validate(Elements, read_toml(paths.ELEMENTS), paths.shown(paths.ELEMENTS))
 
 
-def pairs_of(elements: Elements, seeds: int) -> Pairs:
+def pairs_of(elements: Elements, seeds: int) -> Iterator[Switched]:
     """Cases without and with each element, for all scenes and seeds."""
-    pairs = {}
     for subject, switch in product(elements.scene, elements.element):
         if not switch.only or subject.name in switch.only:
             count = seeds if switch.random else 1
             sides = product((switch.without, switch.with_), range(1, count + 1))
-            pairs[subject.name, switch.name] = [case_on(subject, side, seed) for side, seed in sides]
-    return pairs
+            yield Switched(subject.name, switch.name, [case_on(subject, side, seed) for side, seed in sides])
 
 
 @cache
@@ -117,26 +127,26 @@ def observables_of(case: Case) -> dict[str, str]:
     }
 
 
-def measure_effects(pairs: Pairs, engines: Iterable[str], ran: Found) -> pd.DataFrame:
+def measure_effects(pairs: Sequence[Switched], engines: Iterable[str], repeats: int, ran: Found) -> pd.DataFrame:
     """Effects of all elements on all codes that can model them, a row for each observable.
 
     ``without`` and ``with`` are means over the ``seeds``; ``change`` and ``spread`` are mean and standard deviation of
     their relative changes, with a NaN spread for a single run. ``cost_ns`` is the loop time with the element per body
-    and step, the least of all seeds; ``cost_ratio`` is that time divided by the loop time without.
+    and step, on the first scene, ``cost_ratio`` that time divided by the loop time without.
     """
     rows = []
     for engine in engines:
-        for (scene, element), cases in taken_by(engine, pairs).items():
-            runs = [ran[case, engine] for case in cases]
-            loops_ns = [1e9 * run.loop_s / (run.case.chain.bodies * run.case.scene.steps) for run in runs]
-            cost_without, cost = (min(side) for side in np.split(np.array(loops_ns), 2))
-            for word, name in observables_of(cases[0]).items():
+        possible = taken_by(engine, pairs)
+        costs = _costs([pair for pair in possible if pair.scene == pairs[0].scene], engine, repeats, ran)
+        for pair in possible:
+            runs, (cost_without, cost) = [ran[case, engine] for case in pair.cases], costs[pair.element]
+            for word, name in observables_of(pair.cases[0]).items():
                 without, with_ = np.split(np.array([run.values[name] for run in runs]), 2)
                 changes = with_ / without - 1
                 rows.append(
                     {
-                        "scene": scene,
-                        "element": element,
+                        "scene": pair.scene,
+                        "element": pair.element,
                         "engine": engine,
                         "observable": word,
                         "without": without.mean(),
@@ -151,9 +161,28 @@ def measure_effects(pairs: Pairs, engines: Iterable[str], ran: Found) -> pd.Data
     return pd.DataFrame(rows)
 
 
-def taken_by(engine: str, pairs: Pairs) -> Pairs:
+def taken_by(engine: str, pairs: Iterable[Switched]) -> list[Switched]:
     """Pairs that an engine can run on both sides."""
-    return {names: cases for names, cases in pairs.items() if not any(inability(case, engine) for case in cases)}
+    return [pair for pair in pairs if not any(inability(case, engine) for case in pair.cases)]
+
+
+def _costs(pairs: Sequence[Switched], engine: str, repeats: int, ran: Found) -> dict[str, tuple[float, float]]:
+    """Loop time in ns per body and step without and with each element: the least of all seeds and repetitions.
+
+    The runs of the study are parallel; the repetitions, of the first seed, run one after the other.
+    """
+    loops_s = {case: ran[case, engine].loop_s for pair in pairs for case in pair.cases}
+    repeated = {case for pair in pairs for case in (pair.cases[0], pair.cases[len(pair.cases) // 2])}
+    what = f"costs on {engine}, one run after the other"
+    for case in following([*repeated] * repeats, what, len(repeated) * repeats):
+        ended = compute(case, engine)
+        loops_s[case] = min(loops_s[case], ended.loop_s if ended.done and ended.loop_s else inf)
+    costs = {}
+    for pair in pairs:
+        cases_ns = [loops_s[case] / (case.chain.bodies * case.scene.steps) * 1e9 for case in pair.cases]
+        without_ns, with_ns = np.split(np.array(cases_ns), 2)
+        costs[pair.element] = float(without_ns.min()), float(with_ns.min())
+    return costs
 
 
 def straight(subject: SwitchedScene) -> list[Case]:
@@ -176,15 +205,15 @@ def measure(options: Options) -> Chapter:
     scenes = asked.scene[:1] if options.quick else asked.scene
     engines = installed_codes() or [VERLET]
     in_tubes = [name for name in engines if inability(case_of(f"{scenes[0].name}-tube"), name) is None]
-    pairs = pairs_of(asked.model_copy(update={"scene": scenes}), seeds)
+    pairs = [*pairs_of(asked.model_copy(update={"scene": scenes}), seeds)]
     jobs: dict[str, list[Case]] = {}
     for engine in engines:
-        cases = [case for pair in taken_by(engine, pairs).values() for case in pair]
+        cases = [case for pair in taken_by(engine, pairs) for case in pair.cases]
         cases += [case for scene in scenes if engine in in_tubes for case in straight(scene)]
         jobs[engine] = [*dict.fromkeys(cases)]
     done = run_codes(jobs, options.runs)
     ran = {(run.case, engine): run for engine, own in done.items() for run in own}
-    effects = measure_effects(pairs, engines, ran)
+    effects = measure_effects(pairs, engines, 0 if options.quick else REPEATS, ran)
     checks = [*omitted_effects(scenes, in_tubes, ran)]
     sizes = largest_effects(effects).groupby("element")["size"].max().nlargest(MAX_ELEMENTS)
     findings = [
