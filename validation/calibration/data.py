@@ -18,28 +18,32 @@ from drivers.base.errors import InputError
 from drivers.base.messages import validate
 from drivers.chain.case import build_case
 from drivers.engines import REFERENCE
+from drivers.laws import LAWS, VISCOELASTIC
 from drivers.limits import refuse
 from drivers.scene.model import MeasuredEntry, Part, Positive, Scene
 from drivers.scene.read_scene import apply_setting, find_scene, make_scene, read_scene, read_toml
+from drivers.scene.rules import LAW_KEYS
 from drivers.scene.settings import look_up, unit_of
 from postproc.paper import force_accuracy, quoted
-from postproc.read.alignment import Channel, channels_of, must_overlap
-from postproc.read.measured import entries_of, read_measured, read_quoted
+from postproc.read.alignment import Channel, channels_of, correlated, must_overlap
+from postproc.read.measured import MEASURED, entries_of, read_measured, read_quoted
 from postproc.read.motion import exact
 from postproc.read.observables import describe
 from postproc.read.signals import gauges_of
 
 Texts = Annotated[tuple[str, ...], Field(strict=False)]
 
-MIN_LOG_RATIO = 10.0  # of positive bounds; from here on the coordinate is logarithmic
+LOG_RATIOS = 10.0, 1e6  # of positive bounds with a logarithmic coordinate; a larger one has a lower bound for 0
 FACTOR = 10.0  # from a value to its bounds if ``inputs/calibration.toml`` has none
 REACH = 8.0  # standard errors of prior knowledge from the value to the bounds
 LONGER = 2.0  # a run divided by the scene's duration, if a trigger has to be found
+ELASTIC = "elastic"
 GAIN, TRIGGER = "gain", "trigger"  # keys of a [[measured]] table
 NUMERICAL_KEYS = ("run", "seed", "title")  # not physical parameters
 READING = "reading"  # table of the keys of parameters of readings
 CUT = f"{READING}.cut"
-PRIOR = re.compile(r"(?P<value>.+?)\s*(?:±|\+/?-)\s*(?P<error>[^\s%]+)\s*(?P<percent>%)?\s*(?P<unit>.*)")
+IN_UNIT = re.compile(r"\s*[+-]?[\d.]++(?:[eE][+-]?\d+)?+\s*(\D.*?)\s*")  # a number with its unit
+PRIOR = re.compile(r"(?P<value>.*?)\s*(?:±|\+/?-)\s*(?P<error>[^\s%]+)\s*(?P<percent>%)?\s*(?P<unit>.*)")
 DEFAULT = "default"  # reading with the first answer to each question
 ALL = "all"  # instead of the name of a data set
 
@@ -99,15 +103,10 @@ class Answer(Part):
 
 
 class Law(Part):
-    """A contact law, given by settings, and the free parameters of its dissipation.
-
-    Attributes:
-        found: parameters found on the paper, by label; the short study starts there alone.
-    """
+    """A contact law: settings of a scene that give it, and free parameters of its dissipation."""
 
     set: Texts = ()
     free: Texts = ()
-    found: dict[str, float] = Field(default_factory=dict)
 
 
 class CalibrationFile(Part):
@@ -119,6 +118,7 @@ class CalibrationFile(Part):
         range: bounds by key of the scene or by the last part of a key, as in ``--free``.
         start, none: values at which a fit starts where the scene has none, and at which a parameter has no effect.
         reading: parameters of readings that are fitted with the numbers, as in ``--free``.
+        found: parameters found on the paper, by law and label; the short study starts there alone.
         choice: answers to each question that the paper leaves open; the first is the default.
     """
 
@@ -128,7 +128,7 @@ class CalibrationFile(Part):
     start: dict[str, str | float]
     none: dict[str, float]
     reading: dict[Literal["force_scale", "speed_scale", "cut"], str]
-    law: dict[str, Law]
+    found: dict[str, dict[str, float]]
     set: dict[str, QuotedSet]
     choice: dict[str, Annotated[tuple[Answer, ...], Field(strict=False, min_length=2)]]
 
@@ -155,13 +155,41 @@ def calibration_file() -> CalibrationFile:
     return validate(CalibrationFile, read_toml(paths.CALIBRATION), paths.CALIBRATION)
 
 
+def law_of(text: str, asked: Mapping[str, str] | None = None) -> Law:
+    """Law by its name, ``elastic`` or one of ``drivers.laws``, with constants after commas: ``power,alpha=1.5``.
+
+    Keys of other laws are removed from the scene, those of the law stay. Its first key is a free parameter, which
+    starts at the value of ``inputs/calibration.toml``, or else at an end of its bounds.
+
+    Args:
+        text: The law.
+        asked: Options ``--free`` by key.
+
+    Raises:
+        InputError: There is no such law, or no start of its parameter.
+    """
+    name, *constants = (part.strip() for part in text.split(","))
+    if name not in (ELASTIC, *LAWS):
+        raise unknown("fit", "--law", name, [ELASTIC, *LAWS])
+    own = [key for key in LAW_KEYS.get(name, ()) if key != "damping_ratio"]  # which the restitution states, too
+    removed = {key: "" for of_law in LAW_KEYS.values() for key in of_law if key not in own}
+    free = [f"contact.{key}" for key in own[:1]]
+    starts = [calibration_file().start.get(key) or (asked or {}).get(key, "").rpartition("..")[2] for key in free]
+    if "" in starts:
+        raise InputError("fit", f"--law {name}", f"no start of {free[0]}", f"bounds, --free '{free[0]}=LOW..HIGH'")
+    chosen = {"dissipation": name if own else VISCOELASTIC} | removed | dict(zip(own, starts, strict=False))
+    given = [*(f"{key}={value}" for key, value in chosen.items()), *constants]
+    return Law(set=tuple(f"contact.{each}" for each in given), free=tuple(free))
+
+
 @dataclass(frozen=True)
 class Free:
     """A free parameter with bounds, prior knowledge, and a coordinate from 0 to 1; values in the SI unit of its key.
 
     Attributes:
         key: Key of the scene, such as ``materials.ptfe.youngs_modulus``, of a gauge or of a reading.
-        own: Name of the data set that alone has this parameter; empty if all data sets share it.
+        own: Name of the data set that alone has this parameter; empty if data sets share it.
+        without: Names of data sets whose scenes have no table for a shared parameter.
         prior: Standard error of prior knowledge of the starting value; 0 without prior knowledge.
     """
 
@@ -172,6 +200,11 @@ class Free:
     high: float
     own: str = ""
     prior: float = 0.0
+    without: tuple[str, ...] = ()
+
+    def belongs_to(self, data_set: str) -> bool:
+        """True if a data set depends on the parameter."""
+        return self.own in ("", data_set) and data_set not in self.without
 
     @property
     def label(self) -> str:
@@ -186,7 +219,7 @@ class Free:
     @property
     def logarithmic(self) -> bool:
         """True if the coordinate is proportional to the logarithm of the value."""
-        return self.low > 0 and self.high / self.low >= MIN_LOG_RATIO
+        return self.low > 0 and LOG_RATIOS[0] <= self.high / self.low <= LOG_RATIOS[1]
 
     def value(self, coordinate: float) -> float:
         """Value at a coordinate from 0 (lower bound) to 1 (upper bound)."""
@@ -232,8 +265,10 @@ def stated(
 ) -> Free:
     """Parameter of an option ``KEY``, ``KEY=LOW..HIGH`` or ``KEY=VALUE±ERROR``; the error may be in per cent.
 
+    A number without a unit has that of the other number, or else the SI unit of the key.
+
     Args:
-        text: The option.
+        text: The option; without a value before ± it is that of the scene.
         unit: SI unit of the key.
         where: Scene as messages name it.
         start: Starting value; None: the middle of the bounds.
@@ -244,19 +279,22 @@ def stated(
         InputError: There are no bounds, or the text after ``=`` is wrong.
     """
     key, given, rest = (part.strip() for part in text.partition("="))
-    if prior := PRIOR.fullmatch(rest):
-        value, error = _known_value(prior, unit, where, key)
-        if unit and not re.search("[A-Za-z]", rest) and start and not 0.1 <= value / start <= 10:
-            found, allowed = f"{rest}, that is {value:g} {unit}", f"a value near {start:g} {unit}, or a unit"
-            raise InputError(where, f"--free {key}", found, allowed)
+    prior = PRIOR.fullmatch(rest)
+    if prior:
+        value, error = _known_value(prior, unit, where, key, start)
+        ends = usual if usual and usual[0] <= value <= usual[1] else (-inf, inf)
         low = value - REACH * error if not 0 < value <= REACH * error else value / (2 * FACTOR)
-        high, ends = value + REACH * error, usual if usual and usual[0] <= value <= usual[1] else (low, inf)
-        return Free(key, unit, value, max(low, ends[0]), min(high, ends[1]), own, error)
-    bounds = _bounds(rest, unit, where, key) if given else usual
-    if bounds is None:
-        raise InputError(where, f"--free {key}", f"no starting value: give bounds, --free '{key}=LOW..HIGH'")
-    low, high = bounds
-    return Free(key, unit, (low + high) / 2 if start is None else min(max(start, low), high), low, high, own)
+        free = Free(key, unit, value, max(low, ends[0]), min(value + REACH * error, ends[1]), own, error)
+    else:
+        bounds = _bounds(rest, unit, where, key) if given else usual
+        if bounds is None:
+            raise InputError(where, f"--free {key}", f"no starting value: give bounds, --free '{key}=LOW..HIGH'")
+        free = Free(key, unit, bounds[0], *bounds, own)
+        free = replace(free, start=free.value(0.5) if start is None else min(max(start, free.low), free.high))
+    if unit and start and given and not re.search("[A-Za-z]", rest) and not 0.1 <= free.start / start <= 10:
+        found, allowed = f"{rest}, that is {free.start:g} {unit}", f"a value near {start:g} {unit}, or a unit"
+        raise InputError(where, f"--free {key}", found, allowed)
+    return free
 
 
 def _bounds(text: str, unit: str, where: str, key: str) -> tuple[float, float]:
@@ -265,31 +303,30 @@ def _bounds(text: str, unit: str, where: str, key: str) -> tuple[float, float]:
     if not dots:
         allowed = "bounds such as 0.5 GPa..2 GPa, or a value with its error such as 1 GPa±5%"
         raise InputError(where, f"--free {key}", text, allowed)
-    low, high = _number(first, unit, where, key), _number(last, unit, where, key)
+    other = IN_UNIT.fullmatch(last)
+    low, high = _number(first, unit, where, key, other[1] if other else ""), _number(last, unit, where, key)
     if not low < high:
         raise InputError(where, f"--free {key}", f"{low:g}..{high:g}", "a lower bound, then an upper bound")
     return low, high
 
 
-def _known_value(prior: re.Match[str], unit: str, where: str, key: str) -> tuple[float, float]:
-    """Value and standard error of a text such as ``9.525±0.005 mm``; without a unit it is in the SI unit."""
-
-    def number(text: str) -> float:
-        bare = not text.strip()[-1:].isalpha()
-        return _number(f"{text} {prior['unit'] or unit}" if bare and unit else text, unit, where, key)
-
-    value = number(prior["value"])
-    share = _number(prior["error"], "", where, key) / 100 if prior["percent"] else nan
-    error = abs(value) * share if prior["percent"] else number(prior["error"])
+def _known_value(prior: re.Match[str], unit: str, where: str, key: str, start: float | None) -> tuple[float, float]:
+    """Value and standard error of a text such as ``9.525±0.005 mm``."""
+    if not prior["value"] and start is None:
+        raise InputError(where, f"--free {key}", prior[0], "a value before ±, since the scene has none")
+    value = _number(prior["value"], unit, where, key, prior["unit"]) if prior["value"] else start or 0.0
+    error = _number(prior["error"], "" if prior["percent"] else unit, where, key, prior["unit"])
+    error *= abs(value) / 100 if prior["percent"] else 1.0
     if not error > 0:
         raise InputError(where, f"--free {key}", prior[0], "a value with an error above 0, such as 1 GPa±5%")
     return value, error
 
 
-def _number(text: object, unit: str, where: str, key: str) -> float:
-    """Number in the unit of its key, from text or a plain number."""
+def _number(text: object, unit: str, where: str, key: str, other: str = "") -> float:
+    """Number in the SI unit of its key, from text with a unit, or without one in another or the SI unit."""
+    given = str(text) if IN_UNIT.fullmatch(str(text)) else f"{text} {other}".strip()
     try:
-        return units.to_si(text, unit) if unit and isinstance(text, str) else float(str(text))
+        return units.to_si(given, unit) if unit and IN_UNIT.fullmatch(given) else float(given)
     except ValueError as error:
         allowed = f"a quantity in {unit} with its unit" if unit else "a plain number"
         raise InputError(where, f"--free {key}", str(text), allowed) from error
@@ -357,6 +394,7 @@ class DataSet:
         own: Keys of free parameters of this data set alone.
         channels: Measured traces of gauges.
         entries: ``[[measured]]`` tables by key, such as ``measured.0``.
+        triggers: Trigger of each file, given or found at the scene's values, by the key of its first entry.
         step_s: Sample interval of the run.
         duration: Duration of the scene's run; that of the tables is longer if a trigger has to be found.
         fixed: Values of parameters of readings that are not free, by key.
@@ -370,6 +408,7 @@ class DataSet:
     own: tuple[str, ...] = ()
     channels: tuple[Channel, ...] = ()
     entries: Mapping[str, MeasuredEntry] = field(default_factory=dict)
+    triggers: Mapping[str, float] = field(default_factory=dict)
     step_s: float = nan
     duration: str = ""
     fixed: Mapping[str, float] = field(default_factory=dict)
@@ -404,7 +443,7 @@ def paper_data(names: Sequence[str], settings: Sequence[str] = (), answers: Sequ
         asked = known[name]
         changes = [text for answer in answers for key in (ALL, name) for text in answer.set.get(key, ())]
         everything = (*asked.set, *settings, *changes)
-        _, tables, where = _checked(asked.scene, everything)
+        _, tables, where = checked(asked.scene, everything)
         skipped = [row for other, row in asked.also.items() if other in names]
         columns = [_column(number, answers) for number in asked.number]
         rows = max(map(len, columns))
@@ -443,7 +482,7 @@ def of_readings() -> list[Free]:
     return [stated(f"{READING}.{key}={text}", "", paths.shown(paths.CALIBRATION), None, None) for key, text in asked]
 
 
-def _checked(source: str, settings: Sequence[str]) -> tuple[Scene, dict[str, Any], str]:
+def checked(source: str, settings: Sequence[str]) -> tuple[Scene, dict[str, Any], str]:
     """Scene of which the exact motion can be computed, with its tables and file, settings applied.
 
     Raises:
@@ -453,6 +492,8 @@ def _checked(source: str, settings: Sequence[str]) -> tuple[Scene, dict[str, Any
     tables = read_toml(path)
     for setting in settings:
         apply_setting(tables, setting)
+    if file := look_up(tables, "drive.file"):
+        tables["drive"]["file"] = str((path.parent / file).resolve())
     refuse(build_case(scene), REFERENCE)
     return scene, tables, paths.shown(path)
 
@@ -471,7 +512,7 @@ def scene_data(
     Raises:
         InputError: There is no measured data, or the scene or its data have errors.
     """
-    scene, tables, where = _checked(source, settings)
+    scene, tables, where = checked(source, settings)
     entries, folder, named = entries_of(scene, file, where)
     simulation = exact(build_case(scene))
     gauges, names = gauges_of(simulation.case.layout), [*simulation.values]
@@ -481,18 +522,20 @@ def scene_data(
         for key, entry in entries.items()
         for observable, (value, share) in read_quoted(entry, names, named, key).items()
     ]
-    step_s = scene.run.sample_interval
-    files = channels_of(traces, scene.run.duration, step_s)
-    for channel, *_ in files:
-        if channel.trigger_s is not None:
-            must_overlap(channel, channel.trigger_s, scene.run.duration)
+    step_s, duration_s = scene.run.sample_interval, scene.run.duration
+    files, triggers = channels_of(traces, duration_s, step_s), dict[str, float]()
+    for file in files:
+        given_s, key = file[0].trigger_s, file[0].file_key
+        triggers[key] = correlated(file, simulation.curves, step_s) if given_s is None else given_s
+        if given_s is not None:
+            must_overlap(file[0], given_s, duration_s)
     channels = tuple(channel for key in traces for file in files for channel in file if channel.key == key)
     tables.pop("measured", None)
     duration = tables["run"]["duration"]
     if free_trigger or any(channel.trigger_s is None for channel in channels):
-        apply_setting(tables, f"run.duration={LONGER * scene.run.duration!r} s")
-    name = find_scene(source).stem
-    return DataSet(name, source, json.dumps(tables), where, tuple(numbers), (), channels, entries, step_s, duration)
+        apply_setting(tables, f"run.duration={LONGER * duration_s!r} s")
+    more = {"channels": channels, "entries": entries, "triggers": triggers, "step_s": step_s, "duration": duration}
+    return DataSet(find_scene(source).stem, source, json.dumps(tables), where, tuple(numbers), **more)
 
 
 def gauge_parameters(data: DataSet, asked: Sequence[str]) -> list[Free]:
@@ -500,41 +543,43 @@ def gauge_parameters(data: DataSet, asked: Sequence[str]) -> list[Free]:
 
     Args:
         data: Data set with its entries.
-        asked: Options such as ``measured.0.gain`` or ``measured.0.trigger=10 us..20 us``. With a single entry its
-            number may be left out or, for a file without a ``[[measured]]`` table, given as 0.
+        asked: Options such as ``measured.0.gain`` or ``measured.0.trigger=10 us..20 us``; without a number it is that
+            of all entries.
 
     Raises:
         InputError: An option names an unknown entry or key, or the trigger of an entry that shares another's.
     """
-    if len(data.entries) == 1:
-        (only,) = data.entries
-        asked = [re.sub(r"^measured(\.0)?(?=\.\w+\s*(=|$))", only, text) for text in asked]
-    options, channels = (
-        {text.partition("=")[0].strip(): text for text in asked},
-        {each.key: each for each in data.channels},
-    )
+    channels = {each.key: each for each in data.channels}
     known = dict[str, tuple[str, float, tuple[float, float], float, bool]]()  # unit, start, bounds, prior, free unasked
     for key, entry in data.entries.items():
         channel = channels.get(key)
         gain, unit = (channel.trace.gain, channel.trace.unit) if channel else (1.0, "N")
         prior = entry.gain_uncertainty * abs(gain)
-        known[f"{key}.{GAIN}"] = (f"N/{unit}" if unit != "N" else ""), gain, around(gain), prior, prior > 0
+        if channel or any(number.divisor == f"{key}.{GAIN}" for number in data.numbers):
+            known[f"{key}.{GAIN}"] = (f"N/{unit}" if unit != "N" else ""), gain, around(gain), prior, prior > 0
         if channel and key in {each.file_key for each in data.channels}:
-            start_s = sum(channel.window_s) / 2 if channel.trigger_s is None else channel.trigger_s
-            known[f"{key}.{TRIGGER}"] = "s", start_s, channel.window_s, 0.0, channel.trigger_s is None
-    for key in options:
-        if key not in known:
+            known[f"{key}.{TRIGGER}"] = "s", data.triggers[key], channel.window_s, 0.0, channel.trigger_s is None
+    options = dict[str, str]()
+    for key, text in ((text.partition("=")[0].strip(), text) for text in asked):
+        whole = re.fullmatch(rf"{MEASURED}(?:\.0)?\.(\w+)", key)  # .0 of a file without a [[measured]] table
+        named = [each for each in known if whole and each.rpartition(".")[2] == whole[1]] if key not in known else [key]
+        if not named:
             raise unknown(data.where, "--free", key, known, ", ".join(known) or "none, since the data set has no gauge")
+        options |= dict.fromkeys(named, text)
     parameters = list[Free]()
     for key, (unit, start, usual, prior, unasked) in known.items():
         if unasked or key in options:
-            free = stated(options.get(key, key), "s" * (unit == "s"), data.where, start, usual, data.name)
+            text = key + "".join(options.get(key, "").partition("=")[1:])
+            free = stated(text, "s" * (unit == "s"), data.where, start, usual, data.name)
             parameters.append(replace(free, unit=unit, prior=free.prior or prior))
     return parameters
 
 
 def parameters_of(sets: Sequence[DataSet], free: Sequence[str], own: Sequence[str]) -> list[Free]:
     """Free parameters of data sets.
+
+    A data set whose scene lacks the table of a key is without it, unless all are. Prior knowledge of the scene's own
+    value (``KEY=±ERROR``) belongs to each data set if these values differ.
 
     Args:
         sets: Measured data.
@@ -544,10 +589,21 @@ def parameters_of(sets: Sequence[DataSet], free: Sequence[str], own: Sequence[st
     Raises:
         InputError: A scene lacks a parameter, or a parameter is named twice.
     """
-    gauges = [text for text in free if text.startswith("measured")]
-    parameters = [free_parameter(text, sets[0].scene, sets[0].where) for text in free if text not in gauges]
+    gauges = [text for text in free if text.startswith(MEASURED)]
+    parameters, scenes = list[Free](), {source.name: source.scene for source in sets}
+    for text in (text for text in free if text not in gauges):
+        key, _, rest = (part.strip() for part in text.partition("="))
+        values = {name: look_up(scene, key) for name, scene in scenes.items()}
+        having = [each for each in sets if look_up(scenes[each.name], key.rpartition(".")[0]) is not None] or [*sets]
+        if rest.startswith(("±", "+")) and len({values[source.name] for source in having}) > 1:
+            parameters += [free_parameter(text, scenes[each.name], each.where, each.name) for each in having]
+            continue
+        first = next((each for each in having if values[each.name] is not None), having[0])
+        without = tuple(each.name for each in sets if each not in having)
+        parameters.append(replace(free_parameter(text, scenes[first.name], first.where), without=without))
     for source in sets:
-        parameters += [free_parameter(text, source.scene, source.where, source.name) for text in (*source.own, *own)]
+        texts = (*source.own, *own)
+        parameters += [free_parameter(text, scenes[source.name], source.where, source.name) for text in texts]
         parameters += gauge_parameters(source, gauges)
     numbers = [number for source in sets for number in source.numbers]
     needed = {number.divisor for number in numbers} | {CUT for number in numbers if "_full_width" in number.name}

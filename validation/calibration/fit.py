@@ -3,7 +3,7 @@
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from math import ceil, inf, isfinite, log, log2, nan, sqrt
+from math import ceil, exp, inf, isfinite, log, log2, nan, sqrt
 from typing import Any, Literal, TypeVar
 
 import numpy as np
@@ -40,7 +40,8 @@ RISES = {"68 %": 1.0, "95 %": 3.841458820694124}  # rise of chi-square at the en
 MAX_RISE, STRIDE, MAX_POINTS = 5.0, 0.6, 12  # of a profile: rise, standard errors between points, points on each side
 COLOURS = ("#0072b2", "#d55e00", "#555555", "#cc79a7", "#999933", "#56b4e9")
 LOOKS = [*zip(COLOURS, "osvDP^", strict=True)]  # colours and markers of laws
-LAWS, PARAMETERS, DATA = "laws", "parameters", "data"  # tables of a fit
+LAWS, PARAMETERS, DATA, EXACT = "laws", "parameters", "data", "exact"  # tables of a fit
+DECISIVE, LEANING = 10.0, 2.0  # excess of Akaike's criterion: a law that has no support, and one with less
 
 Tables = dict[str, pd.DataFrame]
 Seeds = Sequence[Mapping[str, float]]  # values of parameters by label
@@ -80,6 +81,11 @@ class Fit:
     def chi_square(self) -> float:
         """Sum of the squared residuals."""
         return float(self.residual @ self.residual)
+
+    @property
+    def aic(self) -> float:
+        """Akaike's criterion for known errors."""
+        return self.chi_square + 2 * len(self.place)
 
     @property
     def freedom(self) -> int:
@@ -130,11 +136,44 @@ class Fit:
             sum((named(direction) for direction in self.open_directions), np.zeros(len(self.place), dtype=bool))
         )
 
+    @cached_property
+    def slopes(self) -> Array:
+        """Derivatives of the values by the coordinates. Shape (parameters,)."""
+        return np.array([free.slope(float(x)) for free, x in zip(self.problem.free, self.place, strict=True)])
+
     @property
     def errors(self) -> Array:
         """Standard errors of the values, inf for undetermined parameters. Shape (parameters,)."""
-        slopes = np.array([free.slope(float(x)) for free, x in zip(self.problem.free, self.place, strict=True)])
-        return np.where(self.undetermined, inf, np.abs(slopes) * np.sqrt(np.diag(self.covariance)))
+        return np.where(self.undetermined, inf, np.abs(self.slopes) * np.sqrt(np.diag(self.covariance)))
+
+
+def weights_of(fits: Mapping[str, Fit]) -> dict[str, float]:
+    """Akaike weights of the laws that hold, up to ``DECISIVE`` above the best; of all laws if none explains the data.
+
+    They are proportional to ``exp(-AIC / 2)``: Burnham and Anderson, Model selection and multimodel inference, 2002,
+    2.9. Where no law explains the data, differences of AIC are divided by chi-square per degree of freedom.
+    """
+    able = {law: fit for law, fit in fits.items() if fit.explained} or fits
+    best = min(able.values(), key=lambda fit: fit.aic)
+    above = {law: (fit.aic - best.aic) / best.enlargement**2 for law, fit in able.items()}
+    shares = {law: exp(-excess / 2) for law, excess in above.items() if excess < DECISIVE}
+    return {law: share / sum(shares.values()) for law, share in shares.items()}
+
+
+def taken_as_exact(fit: Fit) -> pd.DataFrame:
+    """Changes of the parameters of the motion by 1 % of each number of the scenes, or gain, that is taken as exact.
+
+    A change of the residual by r moves the minimum by ``-(J^T J)^-1 J^T r`` with the Jacobian J.
+    """
+    rows = list[dict[str, Any]]()
+    for key, slope in fit.problem.slopes_by_exact(fit.place).items():
+        shifts = fit.slopes * -(fit.covariance @ (fit.jacobian[: len(slope)].T @ slope)) / 100
+        rows += [
+            {"key": key, "parameter": free.label, "unit": free.unit, "change_by_1pct": float(shift), "error": error}
+            for free, shift, error in zip(fit.problem.free, shifts, fit.errors.tolist(), strict=True)
+            if free.of_motion and slope.any()
+        ]
+    return pd.DataFrame(rows, columns=["key", "parameter", "unit", "change_by_1pct", "error"])
 
 
 def for_each(problem: Problem, work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
@@ -379,7 +418,7 @@ def solve(
     goodness = {
         "chi_square": best.chi_square, "freedom": best.freedom,
         "probability": float(chi2.sf(best.chi_square, best.freedom)),
-        "aic": best.chi_square + 2 * len(problem.free), "bic": best.chi_square + len(problem.free) * log(problem.rows),
+        "aic": best.aic, "bic": best.chi_square + len(problem.free) * log(problem.rows),
         "missed": "; ".join(missed["data_set"] + ": " + missed["datum"]),
         "remarks": ". ".join(_remarks(best)),
     }  # fmt: skip

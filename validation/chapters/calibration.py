@@ -14,7 +14,7 @@ from drivers.base.tolerances import tolerance
 from drivers.run.execute import Place, execute
 from postproc.draw.style import GREY, pyplot
 from postproc.paper import calibrated
-from validation.calibration.data import DEFAULT, calibration_file, paper_data
+from validation.calibration.data import DEFAULT, calibration_file, law_of, paper_data
 from validation.calibration.fit import DATA, LAWS, LOOKS, MAX_DEVIATION, PARAMETERS, Tables, rows_of, solve, value_text
 from validation.calibration.problem import pose
 from validation.chapters import Options
@@ -64,10 +64,10 @@ def alike(stored: str, found: str) -> bool:
 
 def study(*, quick: bool = False) -> Tables:
     """Tables of all fits: each law in the default reading, then from there in all others."""
-    laws, readings = calibration_file().law, [*calibration_file().readings(quick=quick)]
-    known, done = {name: law.found for name, law in laws.items()}, list[Tables]()
+    known, readings = calibration_file().found, [*calibration_file().readings(quick=quick)]
+    done = list[Tables]()
     if not quick:
-        found = {law: fit_law(law, DEFAULT) for law in following(laws, "laws", len(laws), "law")}
+        found = {law: fit_law(law, DEFAULT) for law in following(known, "laws", len(known), "law")}
         known = {name: values for name, (values, _) in found.items()}
         done, readings = [tables for _, tables in found.values()], readings[1:]
     work = execute(partial(_fit_laws, known), readings, Place(processes=True))
@@ -89,7 +89,7 @@ def _fit_laws(known: Mapping[str, Mapping[str, float]], reading: str) -> list[Ta
 def fit_law(law: str, reading: str, seeds: Sequence[Mapping[str, float]] = ()) -> tuple[dict[str, float], Tables]:
     """Parameters and tables of a law fitted to all quoted data for one reading, from seeds alone if there are some."""
     asked = calibration_file()
-    named, answers = asked.law[law], asked.readings()[reading]
+    named, answers = law_of(law), asked.readings()[reading]
     free = (*asked.free, *named.free, *(text for answer in answers for text in answer.free))
     problem = pose(paper_data(asked.data, named.set, answers), free)
     fit, tables = solve(problem, law, reading, quick=bool(seeds), seeds=seeds, search=not seeds)

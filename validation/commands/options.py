@@ -19,7 +19,8 @@ from postproc.figures import captions
 # by option, its name in the function if that is another, the placeholder of its value, and ... if it is repeatable
 TEXTS = {
     "scene SCENE": "A scene file, or the name of a scene in inputs/scenes.",
-    "scenes [SCENE]...": "Scenes by name or file (default: all, report: the paper's four, of fit those of --quoted).",
+    "scenes [SCENE]...": "Scenes by name or file (default: all, report: the paper's four, of fit those of --quoted); for"
+    " fit also the folder of a fit, which is repeated with further options.",
     "study STUDY": "A study file, or the name of a study in inputs/studies.",
     "run RUN": "A run folder, or ENGINE:SCENE for the newest run of that scene.",
     "--set settings KEY=VALUE ...": "A key of the scene with its value, such as chain.count=60 or run.time_step='10"
@@ -41,7 +42,14 @@ TEXTS = {
     "--dask ADDRESS": "Run on the Dask cluster at ADDRESS; without ADDRESS, on a local Dask cluster.",
     "--list every": "Print the state of each case.",
     "--free KEY[=LOW..HIGH] ...": "Fit this key, as contact.restitution=0.5..1, with a prior striker.speed=2±1%.",
-    "--law laws LAW ...": "Fit this law (elastic, viscoelastic or power); several are compared.",
+    "--law laws LAW ...": "Fit this law: elastic, viscoelastic, power, hunt-crossley, kuwabara-kono, with constants as"
+    " power,alpha=1.5; several are compared.",
+    "--uncertain KEY=ERROR ...": "Fit this key with the scene's value as prior knowledge, as striker.speed=1%.",
+    "fit FIT": "Folder of a fit, or its name in the results, such as fit-example-measured.",
+    "--vary KEY=LOW..HIGH ...": "Vary this key, as striker.speed=0.05..2 or chain.count=5..40.",
+    "--gauges LOW..HIGH": "Place the sensor beads between these beads, counted from the wall.",
+    "--pin KEY": "Minimise the error of this parameter (default: tell the laws apart).",
+    "--candidates N": "Number of experiments to compare (default: 100).",
     "--level levels SHARE ...": "Measure widths at this share of the peak (default: 0.002 and 0.04).",
     "--predict OBSERVABLE ...": "Predict this, such as wall_peak or bead_8_reflected_arrival, with its error.",
     "--quoted SET,...": "Fit to data that the paper quotes: sets of inputs/calibration.toml, such as fig4,table1.",

@@ -20,7 +20,11 @@ from postproc.read.measured import entries_of
 from postproc.read.misfit import lay_over
 from postproc.read.motion import exact
 from validation.accuracy.plan import planned_case
-from validation.calibration.command import FitRequest, run_fit
+from validation.calibration.command import run_fit
+from validation.calibration.folder import folder_named, request_of
+from validation.calibration.predict import chapter_of, part_of
+from validation.calibration.predict import lines as prediction_lines
+from validation.calibration.predict import predict as predict_scene
 from validation.chapters import CHAPTERS, Options, run_chapter, write_paper_figure
 from validation.commands.options import print_paths
 from validation.commands.run_commands import open_shown
@@ -103,7 +107,22 @@ def fit(results: Path, runs: Path, **asked: Any) -> int:
       beads fit example-measured --free contact.restitution
       beads fit shot.toml --law elastic --law power --free striker.speed=2±1%
     """
-    return run_fit(FitRequest(**asked), runs, results)
+    return run_fit(request_of(**asked), runs, results)
+
+
+def predict(fit: str, scene: str, settings: tuple[str, ...], results: Path) -> None:
+    """Predict forces and observables of a scene by a fit, with errors and the spread over laws.
+
+    Materials, contact law and electronics are taken from the fit, all else from the scene.
+
+    Examples:
+      beads predict fit-shot other.toml
+      beads predict results/fit-example-measured fig4 --set striker.speed='0.2 m/s'
+    """
+    found = predict_scene(folder_named(fit, results), scene, settings)
+    case, stem = found.simulation.case, f"predict-{Path(scene).stem}"
+    print(*prediction_lines(found), sep="\n")
+    print_paths(write_part(part_of(case.scene), chapter_of(found, stem), results))
 
 
 def overlay(run: str, settings: tuple[str, ...], runs: Path, results: Path, measured: Path | None = None) -> None:

@@ -1,0 +1,294 @@
+"""``beads predict``: forces and observables of another scene by a fit, with errors and the spread over laws.
+
+Materials, contact law and electronics are those of the fit, all else is of the scene. For each law that holds, the
+motion is computed at the parameters found, and at one standard error on either side along each principal axis of their
+covariance: half of that difference is the error by this axis. Laws are weighed by Akaike's criterion (``weights_of``);
+an interval of 95 % is that of the mixture of their normal distributions.
+"""
+
+import json
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy.special import ndtr
+
+from drivers.base import paths
+from drivers.base.errors import InputError, RunError
+from drivers.base.files import digest_of_json
+from drivers.base.terminal import text_table
+from drivers.chain.chain import Array
+from drivers.scene.model import Scene, places_of
+from drivers.scene.read_scene import make_scene
+from drivers.scene.rules import LAW_KEYS
+from drivers.scene.settings import look_up
+from postproc.draw.stack import GAUGE_IN, gauge_title
+from postproc.draw.style import COLUMN_IN, MICRO, pyplot
+from postproc.read.motion import Simulation
+from postproc.read.observables import describe, without_unit
+from validation.calibration.data import DataSet, checked
+from validation.calibration.fit import LOOKS, Fit, digits, rows_of, weights_of, with_error
+from validation.calibration.folder import Fitted, read_fits
+from validation.calibration.problem import simulated
+from validation.report.parts import Chapter, Shown
+
+CARRIED = ("materials", "contact", "sensor")  # tables with parameters that a prediction takes from a fit
+LAW_OF_CONTACTS = ("dissipation", *(key for keys in LAW_KEYS.values() for key in keys))
+SPAN, HALVINGS = 8.0, 50  # of the search for a quantile: standard errors on either side, and halvings
+ENDS = (0.025, 0.975)
+HEAD_IN = 1.0
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Predicted observables and forces; the law of a column is ``scene`` if it is that of the fitted scene.
+
+    Attributes:
+        fit: Folder of the fit.
+        simulation: Motion of the first law at the parameters found.
+        weights: Weights of the laws that hold.
+        holds: False if no law explains the data of the fit.
+        observables: A row for each ``observable``: ``value``, the mean of the laws by weight; ``error`` by the
+            parameters; ``between_laws``, the largest minus the smallest value; ``low_95pct``, ``high_95pct``; value
+            and error of each law.
+        forces: ``time_s``, and for each gauge the same numbers in N.
+    """
+
+    fit: Path
+    simulation: Simulation
+    weights: Mapping[str, float]
+    holds: bool
+    observables: pd.DataFrame
+    forces: pd.DataFrame
+
+    @property
+    def said(self) -> str:
+        """Sentence on the laws."""
+        shares = ", ".join(f"{law} {weight:.2g}" for law, weight in self.weights.items() if law)
+        weights = f"laws by weight: {shares}" if shares else "by the contact law of the fitted scene"
+        failed = "the prediction does not hold: no fitted law explains the data"
+        return f"{weights}" if self.holds else f"{failed}; {weights}"
+
+
+def predict(fit: Fitted | str | Path, scene: str | Path, settings: Sequence[str] = ()) -> Prediction:
+    """Prediction of a scene by a fit or its folder.
+
+    Args:
+        fit: What ``fit`` returned, or its folder.
+        scene: Name or file of a scene.
+        settings: Settings applied to the scene, ``KEY=VALUE``.
+
+    Raises:
+        InputError: The folder is not that of a fit, the scene has errors, or no fitted parameter occurs in it.
+        RunError: The exact motion cannot be computed at the parameters found.
+    """
+    fitted = fit if isinstance(fit, Fitted) else read_fits(Path(fit))
+    _, tables, where = checked(str(scene), settings)
+    return predicted(fitted, lambda fit: carried(fit, tables, where))
+
+
+def carried(fit: Fit, tables: Mapping[str, Any], where: str) -> tuple[DataSet, list[str]]:
+    """Scene with the contact law of a fit, and the keys of the parameters that it takes from the fit.
+
+    Raises:
+        InputError: No fitted parameter occurs in the scene.
+    """
+    source, known = json.loads(fit.problem.sets[0].tables), make_scene(json.loads(json.dumps(tables)), "", where)
+    contact = {key: value for key, value in tables.get("contact", {}).items() if key not in LAW_OF_CONTACTS}
+    law = {key: value for key, value in source.get("contact", {}).items() if key in LAW_OF_CONTACTS}
+    shared = [each.key for each in fit.problem.free if each.of_motion and not each.own]
+    keys = [key for key in shared if key.partition(".")[0] in CARRIED]
+    keys = [key for key in keys if key.startswith(CARRIED[1:]) or look_up(known, key) is not None]
+    if not keys:
+        allowed = f"a scene with {' or '.join(shared) or 'materials of the fit'}"
+        raise InputError(where, "", "no fitted parameter of materials, contacts or electronics", allowed)
+    return DataSet("", "", json.dumps({**tables, "contact": contact | law}), where), keys
+
+
+def of_own_scene(fit: Fit, data: DataSet, names: Sequence[str] = ()) -> tuple[DataSet, list[str]]:
+    """Scene of a data set with all its parameters; a gauge is added at each bead without a sensor that is named."""
+    tables = json.loads(data.tables)
+    tables["run"]["duration"] = data.duration or tables["run"]["duration"]
+    sensors = tables["chain"].setdefault("sensors", [])
+    asked = {int(match[1]) for name in names if (match := re.match(r"bead_(\d+)_", name))}
+    new = asked.difference(*(places_of(sensor["from_wall"]) for sensor in sensors))
+    sensors.extend({"from_wall": bead} for bead in sorted(new, reverse=True))  # one without a mass changes nothing
+    moved = [each.key for each in fit.problem.free if each.of_motion and each.belongs_to(data.name)]
+    return DataSet(data.name, data.source, json.dumps(tables), data.where), moved
+
+
+def predicted(fitted: Fitted, scene_of: Callable[[Fit], tuple[DataSet, list[str]]]) -> Prediction:
+    """Prediction of a scene that is given for each fit with the keys of the parameters that it takes.
+
+    Raises:
+        RunError: The exact motion cannot be computed at the parameters found.
+    """
+    weights, values, errors, motions = weights_of(fitted.fits), list[Array](), list[Array](), list[Simulation]()
+    for law in weights:
+        fit = fitted.fits[law]
+        data, keys = scene_of(fit)
+        motion_at = partial(_motion_at, fit, data, keys)
+        motion = motion_at(fit.place)
+        if motion is None:
+            raise RunError(f"{data.where}: the exact motion cannot be computed at the parameters found")
+        value, error = propagated(fit, keys, lambda place, at=motion_at: _numbers_of(at(place)))
+        values.append(value)
+        errors.append(error)
+        motions.append(motion)
+    first = motions[0]
+    table, names, samples = (
+        _table(weights, np.array(values), np.array(errors)),
+        [*first.values],
+        len(first.trace.time_s),
+    )
+    forces: dict[str, Any] = {"time_s": first.trace.time_s}
+    for number, gauge in enumerate(first.signals):
+        rows = table.iloc[len(names) + number * samples :][:samples]
+        forces |= {f"{gauge}_{column}_N": rows[column].to_numpy() for column in table}
+    observables = table.iloc[: len(names)].assign(observable=names, unit=[describe(name).unit for name in names])
+    holds = any(fitted.fits[law].explained for law in weights)
+    ordered = observables[["observable", "unit", *table.columns]]
+    return Prediction(fitted.folder, first, weights, holds, ordered, pd.DataFrame(forces))
+
+
+def _motion_at(fit: Fit, data: DataSet, keys: Sequence[str], place: Array) -> Simulation | None:
+    """Motion of a scene at the values of the parameters with these keys."""
+    free = zip(fit.problem.free, place, strict=True)
+    return simulated(data, tuple((each.key, each.value(float(x))) for each, x in free if each.key in keys))
+
+
+def _numbers_of(simulation: Simulation | None) -> Array:
+    """Observables, then the forces of all gauges; NaN without a motion."""
+    return (
+        np.concatenate([[*simulation.values.values()], *simulation.signals.values()])
+        if simulation
+        else np.array(np.nan)
+    )
+
+
+def propagated(fit: Fit, keys: Sequence[str], computed: Callable[[Array], Array]) -> tuple[Array, Array]:
+    """Numbers at the parameters found, and their standard errors by the parameters with these keys.
+
+    Ends beyond a bound move to the bound, and the difference is scaled.
+    """
+    moving = [index for index, free in enumerate(fit.problem.free) if free.key in keys]
+    variances, axes = np.linalg.eigh(fit.covariance[np.ix_(moving, moving)])
+    here = computed(fit.place)
+    squares = np.zeros(len(here))
+    for variance, axis in zip(variances, axes.T, strict=True):
+        ends, length = list[Array](), 0.0
+        for step in (np.sqrt(max(variance, 0.0)) * axis, -np.sqrt(max(variance, 0.0)) * axis):
+            room = np.where(step > 0, 1 - fit.place[moving], fit.place[moving])
+            share = min(1.0, *(room[step != 0] / np.abs(step[step != 0])), 1.0)
+            place = fit.place.copy()
+            place[moving] += share * step
+            ends.append(computed(place))
+            length += share
+        squares += ((ends[0] - ends[1]) / length) ** 2 if length else 0.0
+    return here, np.sqrt(squares) * fit.enlargement
+
+
+def _table(weights: Mapping[str, float], values: Array, errors: Array) -> pd.DataFrame:
+    """Mean, error, spread and interval of each number, from those of each law; both of shape (laws, numbers)."""
+    shares = np.array([*weights.values()])[:, None]
+    table = {
+        "value": (shares * values).sum(axis=0),
+        "error": np.sqrt((shares * errors**2).sum(axis=0)),
+        "between_laws": np.ptp(values, axis=0),
+        "low_95pct": quantile(shares, values, errors, ENDS[0]),
+        "high_95pct": quantile(shares, values, errors, ENDS[1]),
+    }
+    for law, value, error in zip(weights, values, errors, strict=True):
+        table |= {f"value_{law or 'scene'}": value, f"error_{law or 'scene'}": error}
+    return pd.DataFrame(table)
+
+
+def quantile(shares: Array, values: Array, errors: Array, probability: float) -> Array:
+    """Quantile of mixtures of normal distributions, by bisection.
+
+    Args:
+        shares: Weights. Shape (laws, 1).
+        values: Means. Shape (laws, numbers).
+        errors: Standard deviations. Shape (laws, numbers).
+        probability: That of a smaller number.
+    """
+    errors = np.maximum(errors, np.finfo(float).tiny)
+    low, high = (values - SPAN * errors).min(axis=0), (values + SPAN * errors).max(axis=0)
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        below = (shares * ndtr((middle - values) / errors)).sum(axis=0) < probability
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
+    return np.asarray((low + high) / 2)
+
+
+def lines_of(observables: pd.DataFrame) -> list[list[str]]:
+    """Rows of the printed table, the heading first; an observable that the motion does not show is left out."""
+    rows = [["predicted", "value", "between laws", "95 % interval"]]
+    for row in rows_of(observables[observables["value"].notna()]):
+        (spread, *ends), unit = digits(
+            (row.between_laws, row.low_95pct, row.high_95pct), row.value, row.error, row.unit
+        )
+        interval = f"{ends[0]} .. {ends[1]} {unit}".rstrip()
+        rows.append([row.observable, with_error(row.value, row.error, row.unit), f"{spread} {unit}".rstrip(), interval])
+    return rows
+
+
+def named(observables: pd.DataFrame, names: Sequence[str], where: str) -> pd.DataFrame:
+    """Rows of the observables that are asked for, with or without their units.
+
+    Raises:
+        InputError: One is unknown.
+    """
+    known = {without_unit(name): name for name in observables["observable"]}
+    for name in names:
+        if without_unit(name) not in known:
+            raise InputError(where, "--predict", name, ", ".join(sorted(known)))
+    return observables[observables["observable"].isin([known[without_unit(name)] for name in names])]
+
+
+def part_of(scene: Scene) -> str:
+    """Name of the stored prediction of a scene as it is now."""
+    return f"predict-{scene.name}-{digest_of_json(scene.model_dump(mode='json'))[:8]}"
+
+
+def chapter_of(found: Prediction, name: str) -> Chapter:
+    """Tables, figure and sentences of a prediction, for its files and the page."""
+    rows = lines_of(found.observables)
+    said = f"Predicted by {paths.shown(found.fit)}: {found.said}."
+    return Chapter(
+        {name: found.observables, f"{name}-forces": found.forces},
+        [said],
+        {name: ("Predicted forces with their intervals of 95 %", draw(found))},
+        [Shown("Predicted observables", said, pd.DataFrame(rows[1:], columns=rows[0]))],
+    )
+
+
+def draw(found: Prediction) -> Any:
+    """A panel for each gauge: the interval of 95 %, and the force by each law."""
+    forces, layout = found.forces, found.simulation.case.layout
+    gauges, time_us = [*found.simulation.signals], forces["time_s"] * MICRO
+    size = (COLUMN_IN, HEAD_IN + GAUGE_IN * len(gauges))
+    figure, axes = pyplot().subplots(len(gauges), 1, sharex=True, figsize=size, squeeze=False, layout="constrained")
+    for axis, gauge in zip(axes[:, 0], gauges, strict=True):
+        low, high = (forces[f"{gauge}_{end}_95pct_N"] for end in ("low", "high"))
+        axis.fill_between(time_us, low, high, color="0.75", lw=0, label="95 % interval")
+        for (colour, _), law in zip(LOOKS * len(found.weights), found.weights, strict=False):
+            label = law or "law of the fitted scene"
+            axis.plot(time_us, forces[f"{gauge}_value_{law or 'scene'}_N"], color=colour, lw=0.9, label=label)
+        axis.set_title(gauge_title(layout, gauge), loc="left")
+        axis.set_ylabel("force (N)")
+    axes[-1, 0].set(xlabel="time since impact (µs)", xlim=(0, time_us.iloc[-1]))
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper left", ncols=2)
+    if not found.holds:
+        figure.suptitle("does not hold: no fitted law explains the data", color="#b00020", fontsize=8)
+    return figure
+
+
+def lines(found: Prediction) -> list[str]:
+    """Lines of text: the observables, then the laws."""
+    return [*text_table(lines_of(found.observables)), "", found.said]
