@@ -261,7 +261,13 @@ def free_parameter(text: str, scene: Scene, where: str, own: str = "") -> Free:
 
 
 def stated(
-    text: str, unit: str, where: str, start: float | None, usual: tuple[float, float] | None, own: str = ""
+    text: str,
+    unit: str,
+    where: str,
+    start: float | None,
+    usual: tuple[float, float] | None,
+    own: str = "",
+    option: str = "--free",
 ) -> Free:
     """Parameter of an option ``KEY``, ``KEY=LOW..HIGH`` or ``KEY=VALUE±ERROR``; the error may be in per cent.
 
@@ -274,62 +280,63 @@ def stated(
         start: Starting value; None: the middle of the bounds.
         usual: Bounds if the option gives none.
         own: Data set that alone has the parameter.
+        option: Option as messages name it.
 
     Raises:
         InputError: There are no bounds, or the text after ``=`` is wrong.
     """
     key, given, rest = (part.strip() for part in text.partition("="))
-    prior = PRIOR.fullmatch(rest)
+    prior, label = PRIOR.fullmatch(rest), f"{option} {key}"
     if prior:
-        value, error = _known_value(prior, unit, where, key, start)
+        value, error = _known_value(prior, unit, where, label, start)
         ends = usual if usual and usual[0] <= value <= usual[1] else (-inf, inf)
         low = value - REACH * error if not 0 < value <= REACH * error else value / (2 * FACTOR)
         free = Free(key, unit, value, max(low, ends[0]), min(value + REACH * error, ends[1]), own, error)
     else:
-        bounds = _bounds(rest, unit, where, key) if given else usual
+        bounds = _bounds(rest, unit, where, label) if given else usual
         if bounds is None:
-            raise InputError(where, f"--free {key}", f"no starting value: give bounds, --free '{key}=LOW..HIGH'")
+            raise InputError(where, label, f"no starting value: give bounds, {option} '{key}=LOW..HIGH'")
         free = Free(key, unit, bounds[0], *bounds, own)
         free = replace(free, start=free.value(0.5) if start is None else min(max(start, free.low), free.high))
     if unit and start and given and not re.search("[A-Za-z]", rest) and not 0.1 <= free.start / start <= 10:
         found, allowed = f"{rest}, that is {free.start:g} {unit}", f"a value near {start:g} {unit}, or a unit"
-        raise InputError(where, f"--free {key}", found, allowed)
+        raise InputError(where, label, found, allowed)
     return free
 
 
-def _bounds(text: str, unit: str, where: str, key: str) -> tuple[float, float]:
+def _bounds(text: str, unit: str, where: str, label: str) -> tuple[float, float]:
     """Bounds such as ``0.5 GPa..2 GPa``."""
     first, dots, last = (part.strip() for part in text.partition(".."))
     if not dots:
         allowed = "bounds such as 0.5 GPa..2 GPa, or a value with its error such as 1 GPa±5%"
-        raise InputError(where, f"--free {key}", text, allowed)
+        raise InputError(where, label, text, allowed)
     other = IN_UNIT.fullmatch(last)
-    low, high = _number(first, unit, where, key, other[1] if other else ""), _number(last, unit, where, key)
+    low, high = _number(first, unit, where, label, other[1] if other else ""), _number(last, unit, where, label)
     if not low < high:
-        raise InputError(where, f"--free {key}", f"{low:g}..{high:g}", "a lower bound, then an upper bound")
+        raise InputError(where, label, f"{low:g}..{high:g}", "a lower bound, then an upper bound")
     return low, high
 
 
-def _known_value(prior: re.Match[str], unit: str, where: str, key: str, start: float | None) -> tuple[float, float]:
+def _known_value(prior: re.Match[str], unit: str, where: str, label: str, start: float | None) -> tuple[float, float]:
     """Value and standard error of a text such as ``9.525±0.005 mm``."""
     if not prior["value"] and start is None:
-        raise InputError(where, f"--free {key}", prior[0], "a value before ±, since the scene has none")
-    value = _number(prior["value"], unit, where, key, prior["unit"]) if prior["value"] else start or 0.0
-    error = _number(prior["error"], "" if prior["percent"] else unit, where, key, prior["unit"])
+        raise InputError(where, label, prior[0], "a value before ±, since the scene has none")
+    value = _number(prior["value"], unit, where, label, prior["unit"]) if prior["value"] else start or 0.0
+    error = _number(prior["error"], "" if prior["percent"] else unit, where, label, prior["unit"])
     error *= abs(value) / 100 if prior["percent"] else 1.0
     if not error > 0:
-        raise InputError(where, f"--free {key}", prior[0], "a value with an error above 0, such as 1 GPa±5%")
+        raise InputError(where, label, prior[0], "a value with an error above 0, such as 1 GPa±5%")
     return value, error
 
 
-def _number(text: object, unit: str, where: str, key: str, other: str = "") -> float:
+def _number(text: object, unit: str, where: str, label: str, other: str = "") -> float:
     """Number in the SI unit of its key, from text with a unit, or without one in another or the SI unit."""
     given = str(text) if IN_UNIT.fullmatch(str(text)) else f"{text} {other}".strip()
     try:
         return units.to_si(given, unit) if unit and IN_UNIT.fullmatch(given) else float(given)
     except ValueError as error:
         allowed = f"a quantity in {unit} with its unit" if unit else "a plain number"
-        raise InputError(where, f"--free {key}", str(text), allowed) from error
+        raise InputError(where, label, str(text), allowed) from error
 
 
 def _of_key(table: Mapping[str, Any], key: str) -> Any:

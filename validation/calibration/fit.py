@@ -511,8 +511,8 @@ def digits(numbers: Sequence[float], value: float, error: float, unit: str) -> t
 
 
 def suited(value: float, unit: str) -> tuple[float, str]:
-    """Factor from the SI unit to a unit that suits a value, and that unit."""
-    if not (unit and value):
+    """Factor from the SI unit to a unit that suits a value, and that unit; speeds stay in m/s."""
+    if not (unit and value) or unit == "m/s":
         return 1.0, unit
     amount, unit = quantity(float(f"{value:.3g}"), unit).split(" ", 1)
     return float(amount) / float(f"{value:.3g}"), unit

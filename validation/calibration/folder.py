@@ -253,7 +253,7 @@ def _complete(fitted: Fitted) -> FitRequest:
         fitted.request,
         [each for fit in fitted.fits.values() for each in fit.problem.free if each.of_motion],
     )
-    bounded = {each.key: _option(each) for each in free}
+    bounded = {each.key: option_of(each) for each in free}
 
     def complete(texts: Sequence[str]) -> tuple[str, ...]:
         return tuple(bounded.get(text, text) for text in texts)
@@ -266,7 +266,7 @@ def _complete(fitted: Fitted) -> FitRequest:
     return request.model_copy(update=update)
 
 
-def _option(free: Free) -> str:
+def option_of(free: Free) -> str:
     """Text of a parameter with its bounds, or with its prior knowledge."""
     ends = (free.start, free.prior) if free.prior else (free.low, free.high)
     return f"{free.key}=" + ("±" if free.prior else "..").join(f"{end!r} {free.unit}".strip() for end in ends)

@@ -46,7 +46,7 @@ SECTIONS = {  # functions with the words of their parameters, in the order in wh
         "overlay": "SCENE|RUN --set --measured --runs-read --results",
         "fit": "[SCENE]... --free --law --uncertain --predict --own --measured --quoted --set --quick --results --runs",
         "predict": "FIT SCENE --set --results",
-        #"design": "FIT --vary --gauges --pin --candidates --set --results",
+        "design": "FIT --vary --gauges --pin --candidates --set --results",
     },
     "studies": {
         "batch": "STUDY --engine --only --runs --results --workers --dry-run --retry --yes --slice --dask "

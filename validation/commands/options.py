@@ -19,8 +19,8 @@ from postproc.figures import captions
 # by option, its name in the function if that is another, the placeholder of its value, and ... if it is repeatable
 TEXTS = {
     "scene SCENE": "A scene file, or the name of a scene in inputs/scenes.",
-    "scenes [SCENE]...": "Scenes by name or file (default: all, report: the paper's four, of fit those of --quoted); for"
-    " fit also the folder of a fit, which is repeated with further options.",
+    "scenes [SCENE]...": "Scenes by name or file (default: all, report: the paper's four, of fit those of --quoted), or"
+    " for fit the folder of a fit, to repeat it with further options.",
     "study STUDY": "A study file, or the name of a study in inputs/studies.",
     "run RUN": "A run folder, or ENGINE:SCENE for the newest run of that scene.",
     "--set settings KEY=VALUE ...": "A key of the scene with its value, such as chain.count=60 or run.time_step='10"

@@ -1,0 +1,105 @@
+"""Commands of measured data: overlays, fits, and predictions and designs of experiments by fits."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+from drivers.base.errors import InputError
+from drivers.base.files import whole_file
+from drivers.base.terminal import text_table
+from drivers.engines import REFERENCE
+from drivers.limits import refuse
+from drivers.run.inventory import scene_now
+from postproc.draw.overlay import HEADINGS, draw_overlay, misfit_rows
+from postproc.draw.product import Product, write_product
+from postproc.read.measured import entries_of
+from postproc.read.misfit import lay_over
+from postproc.read.motion import exact
+from validation.accuracy.plan import planned_case
+from validation.calibration import design as designs
+from validation.calibration import predict as predictions
+from validation.calibration.command import run_fit
+from validation.calibration.folder import folder_named, request_of
+from validation.commands.options import print_paths
+from validation.commands.run_commands import open_shown
+from validation.report.parts import write_part
+
+
+def fit(results: Path, runs: Path, **asked: Any) -> int:
+    """Fit parameters of scenes to measured data.
+
+    The data are the [[measured]] tables of the scenes, or those that --measured or --quoted name.
+
+    Examples:
+      beads fit example-measured --free contact.restitution
+      beads fit shot.toml --law elastic --law power --free striker.speed=2±1%
+    """
+    return run_fit(request_of(**asked), runs, results)
+
+
+def predict(fit: str, scene: str, settings: tuple[str, ...], results: Path) -> None:
+    """Predict forces and observables of a scene by a fit, with errors and the spread over laws.
+
+    Materials, contact law and electronics are taken from the fit, all else from the scene.
+
+    Examples:
+      beads predict fit-shot other.toml
+      beads predict results/fit-example-measured fig4 --set striker.speed='0.2 m/s'
+    """
+    found = predictions.predict(folder_named(fit, results), scene, settings)
+    case, stem = found.simulation.case, f"predict-{Path(scene).stem}"
+    print(*predictions.lines(found), sep="\n")
+    print_paths(write_part(predictions.part_of(case.scene), predictions.chapter_of(found, stem), results))
+
+
+def design(
+    fit: str,
+    vary: tuple[str, ...],
+    gauges: str,
+    pin: str,
+    settings: tuple[str, ...],
+    results: Path,
+    candidates: int = designs.CANDIDATES,
+) -> None:
+    """Compare experiments: which one tells the laws of a fit apart, or pins a parameter down?
+
+    Examples:
+      beads design fit-shot --vary striker.speed=0.05..2 --vary chain.count=5..40 --gauges 2..15
+      beads design fit-shot --vary striker.speed=0.05..2 --pin contact.restitution
+    """
+    folder = folder_named(fit, results)
+    found = designs.design(folder, vary, gauges, pin, candidates, settings)
+    name = f"design-{folder.resolve().name.removeprefix('fit-')}"
+    written = write_product(Product(designs.draw(found), found.table), name, results)
+    with whole_file(results / f"{name}.toml") as draft:
+        draft.write_text(found.scene, encoding="utf-8")
+    print(*designs.lines(found), sep="\n")
+    print_paths([*written, results / f"{name}.toml"])
+
+
+def overlay(run: str, settings: tuple[str, ...], runs: Path, results: Path, measured: Path | None = None) -> None:
+    """Draw measured traces over computed ones, with deviations.
+
+    Examples:
+      beads overlay example-measured
+      beads overlay example-measured --set contact.restitution=0.9
+      beads overlay yade:fig4 --measured shot-12.csv
+    """
+    if Path(run).is_dir() or (":" in run and not Path(run).exists()):
+        if settings:
+            raise InputError(f"--set {settings[0]}", "", "not allowed for a finished run")
+        opened, name, _ = open_shown("overlay", run, runs)
+        scene = scene_now(run.partition(":")[2]) or scene_now(opened.record.scene_name)  # names the measured data
+        layout, trace, engine = opened.layout, opened.trace, opened.record.engine
+    else:
+        case = planned_case(run, *settings)
+        refuse(case, REFERENCE)
+        scene, layout, trace, engine = case.scene, case.layout, exact(case).trace, REFERENCE
+        name = f"overlay-{scene.name}"
+    entries, folder, where = entries_of(scene, measured, run)
+    aligned, misfits, remarks = lay_over(entries, folder, where, layout, trace)
+    drawn = write_product(draw_overlay(layout, trace, engine, aligned, misfits), name, results) if aligned else ()
+    print(*text_table([HEADINGS, *misfit_rows(misfits)]), sep="\n")
+    for remark in remarks:
+        print(remark, file=sys.stderr)
+    print_paths(drawn)
