@@ -105,6 +105,7 @@ class Channel:
         trace: Trace as read.
         time_s, reading: Times and readings of the blocks. Shape (readings,).
         noise: Standard deviation of one of these readings.
+        coefficients: Of the spline whose residual is the noise; 0 if the noise is stated, or that of rounding.
         trigger_s: Time of the impact in the file; None if it has to be found.
         window_s: Range of a trigger to be found.
         counts: True until the run's duration after the trigger or, if it has to be found, after the first rise in the
@@ -118,6 +119,7 @@ class Channel:
     time_s: Array
     reading: Array
     noise: float
+    coefficients: int
     trigger_s: float | None
     window_s: tuple[float, float]
     counts: NDArray[np.bool_]
@@ -175,6 +177,7 @@ def _of_file(traces: Mapping[str, MeasuredTrace], duration_s: float, step_s: flo
             raise InputError(shown, "", found, f"at least {MIN_SAMPLES}")
         for gauge, reading in trace.reading.items():
             rounding = rounding_of(traces[key].reading[gauge]) * (len(reading) / len(traces[key].time_s)) ** 0.5
+            noise, coefficients = (trace.noise, 0) if trace.noise else noise_of(trace.time_s, reading)
             channel = Channel(
                 key=key,
                 file_key=next(iter(traces)),
@@ -182,7 +185,8 @@ def _of_file(traces: Mapping[str, MeasuredTrace], duration_s: float, step_s: flo
                 gauge=gauge,
                 time_s=trace.time_s,
                 reading=reading,
-                noise=trace.noise or max(noise_of(trace.time_s, reading), rounding),
+                noise=noise if trace.noise else max(noise, rounding),
+                coefficients=coefficients if noise >= rounding else 0,
                 trigger_s=given[0] if given else None,
                 window_s=(rise_s - duration_s, rise_s),
                 counts=trace.time_s <= end_s,
@@ -427,22 +431,23 @@ def rounding_of(reading: Array) -> float:
     return float(np.diff(np.unique(reading)).min(initial=np.inf)) / 12**0.5 if np.ptp(reading) else 0.0
 
 
-def noise_of(time_s: Array, reading: Array) -> float:
-    """Standard deviation of the white noise of one reading, from the trace alone.
+def noise_of(time_s: Array, reading: Array) -> tuple[float, int]:
+    """Standard deviation of the white noise of one reading, from the trace alone, and the coefficients that it takes.
 
-    It is the root of RSS / (n - p) of the regression spline, or the rounding of the readings if that is larger. For
-    noise of 0.5 to 10 % of the peak its standard error is 15 % for 100 readings of waves through a chain, 6 % for 200,
-    3 % for 1000 and 1 % from 4000; its bias is below 3 %. Pulses need about ten readings each.
+    It is the root of RSS / (n - p) of the regression spline with p coefficients, or the rounding of the readings if that
+    is larger, with p = 0. For noise of 0.5 to 10 % of the peak its standard error is 15 % for 100 readings of waves
+    through a chain, 6 % for 200, 3 % for 1000 and 1 % from 4000; its bias is below 3 %. Pulses need about ten readings
+    each.
 
     Args:
         time_s: Times of the readings, increasing. Shape (readings,).
         reading: Readings in any unit, which is that of the result. Shape (readings,).
     """
     block = -(-len(time_s) // MAX_READINGS)
-    times_s, means = block_means(time_s, block), block_means(reading, block)
-    knots = knots_of(times_s, means)
-    squares = _squares(times_s, means, knots) * block / (len(times_s) - len(knots) + DEGREE + 1)
-    return max(float(np.sqrt(squares)), rounding_of(reading))
+    knots = knots_of(block_means(time_s, block), block_means(reading, block))
+    coefficients, rounding = len(knots) - DEGREE - 1, rounding_of(reading)
+    noise = float(np.sqrt(_squares(time_s, reading, knots) / (len(time_s) - coefficients)))
+    return (noise, coefficients) if noise > rounding else (rounding, 0)
 
 
 def knots_of(time_s: Array, values: Array) -> Array:

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import combinations
 from math import isfinite, nan
 from pathlib import Path
 from textwrap import fill
@@ -34,7 +35,7 @@ from postproc.read.measured import MEASURED, MeasuredTrace
 from postproc.read.motion import Simulation, exact, read
 from postproc.read.signals import gauges_of
 from validation.calibration.data import CUT, READING, DataSet, stated
-from validation.calibration.fit import CLOSE_CHANGE, LOOKS, Fit, chi_square_at, minimise, rounded, weights_of
+from validation.calibration.fit import LOOKS, ROUGH_CHANGE, Fit, chi_square_at, minimise, rounded, weights_of
 from validation.calibration.folder import Fitted, option_of, read_fits
 from validation.calibration.predict import CARRIED
 from validation.calibration.problem import DEFAULT_CUT, TOLERANCE, Problem, pose
@@ -118,13 +119,16 @@ def _candidates(base: DataSet, vary: Sequence[str], gauges: str, count: int) -> 
             raise InputError("design", "--vary", key, f"a number of {base.where}")
         axes.append((stated(text, unit_of(key), "design", None, None, option="--vary"), isinstance(value, int)))
     places = len(scene.chain.sensor_at) if gauges else 0
-    for _ in range(places):
-        axes.append((stated(f"gauges={gauges}", "", "design", None, None, option="--gauges"), True))
-    for draw in qmc.Halton(len(axes), scramble=False).random(count + 1)[1:]:  # the first one is a corner
-        values = [axis.value(float(x)) for (axis, _), x in zip(axes, draw, strict=True)]
-        numbers = [round(value) if whole else value for value, (_, whole) in zip(values, axes, strict=True)]
-        change = dict(zip((axis.key for axis, _ in axes[: len(vary)]), numbers, strict=False))
-        yield change | ({"gauges": sorted({*numbers[len(vary) :]}, reverse=True)} if gauges else {})
+    ends = stated(f"beads={gauges or '1..2'}", "", "design", None, None, option="--gauges")
+    for draw in qmc.Halton(len(axes) + places, scramble=False).random(count + 1)[1:]:  # the first one is a corner
+        values = [axis.value(float(x)) for (axis, _), x in zip(axes, draw, strict=False)]
+        change = {axis.key: round(value) if whole else value for value, (axis, whole) in zip(values, axes, strict=True)}
+        if gauges:
+            low, high = round(ends.low), min(round(ends.high), change.get("chain.count", scene.chain.count))
+            free = [*range(low, high + 1)]
+            beads = [free.pop(int(x * len(free))) for x in draw[len(axes) :] if free]
+            change["gauges"] = sorted(beads, reverse=True)
+        yield change
 
 
 def _row(fits: Mapping[str, Fit], pin: str, settings: Sequence[str], change: Mapping[str, Any]) -> dict[str, Any]:
@@ -139,17 +143,20 @@ def _row(fits: Mapping[str, Fit], pin: str, settings: Sequence[str], change: Map
     first = next(iter(motions.values()))
     row |= {"gauges": " ".join(gauges_of(first.case.layout)), "duration_s": longest}
     numbers = dict[str, float]()
-    for law, motion in motions.items():
-        data = _data_of(fits[law].problem.sets[0], motion)
-        if pin:
-            problem = _problem_of(fits[law], scenes[law], data)
-            index = [free.key for free in problem.free].index(pin)
-            numbers[f"error_{law}"] = float(Fit(problem, problem.start).errors[index])
-        for other in (other for other in fits if other != law and not pin):
-            problem = _problem_of(fits[other], scenes[other], data)
-            place = minimise(problem, problem.with_triggers(problem.start), converged=CLOSE_CHANGE)
-            numbers[f"{law}_as_{other}"] = chi_square_at(problem, place)
+    for law, motion in motions.items() if pin else ():
+        problem = _problem_of(fits[law], scenes[law], _data_of(fits[law].problem.sets[0], motion))
+        numbers[f"error_{law}"] = _error_of(Fit(problem, problem.start), pin)
+    for law, other in () if pin else combinations(fits, 2):  # made up by the other one, data differ by as much
+        data = _data_of(fits[law].problem.sets[0], motions[law])
+        problem = _problem_of(fits[other], scenes[other], data)
+        place = minimise(problem, problem.with_triggers(problem.start), converged=ROUGH_CHANGE)
+        numbers[f"{law}_or_{other}"] = chi_square_at(problem, place)
     return row | {"expected": max(numbers.values()) if pin else min(numbers.values())} | numbers
+
+
+def _error_of(fit: Fit, key: str) -> float:
+    """Standard error of a parameter."""
+    return float(fit.errors[[free.key for free in fit.problem.free].index(key)])
 
 
 def _scene_of(fit: Fit, change: Mapping[str, Any], settings: Sequence[str]) -> dict[str, Any]:

@@ -11,6 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import chi2, qmc
+from scipy.stats import f as f_distribution
 
 from drivers.base.errors import RunError
 from drivers.base.units import quantity
@@ -28,8 +29,7 @@ MIN_SEPARATION, MIN_DISTANCE = 0.2, 2e-2  # shares of a range: between two start
 MAX_EXCESS, SAME = 1.0, 0.1  # of chi-square: another minimum is reported, and descents have reached the same minimum
 MIN_GAIN, MAX_REFITS = 0.01, 3  # decrease of chi-square in a profile that makes another fit, and the number of these
 
-NOISE_ERROR = 0.1  # relative; twice the standard error of a noise level from about 100 readings
-MIN_PROBABILITY = 0.01  # of a chi-square; below it the model does not explain the data
+MIN_PROBABILITY = 1e-3  # of a residual by noise alone; below it the model does not explain the data
 MAX_DEVIATION = 2.0  # standard errors; data with larger deviations are missed
 MAX_CORRELATION = 0.5  # of neighbouring residuals; above it they are not noise
 END_MARGIN = 1e-3  # share of a range: a parameter so close to a bound is at the bound
@@ -93,12 +93,24 @@ class Fit:
         lines = sum(len(channel.base_lines.T) for data in self.problem.sets for channel in data.channels)
         return self.problem.rows - len(self.place) - lines
 
+    @cached_property
+    def probability(self) -> float:
+        """Probability of as bad a fit by noise alone.
+
+        Noise that was found from traces is that of their regression splines, which have the residual ``n - p`` of n
+        readings by p coefficients in its unit. What chi-square has beyond is tested against it (F-test of lack of fit).
+        """
+        channels = [channel for data in self.problem.sets for channel in data.channels if channel.coefficients]
+        spline = sum(float(np.sum(each.counts) - each.coefficients * np.mean(each.counts)) for each in channels)
+        lacking = self.freedom - spline
+        if not channels or lacking <= 0:
+            return float(chi2.sf(self.chi_square, self.freedom))
+        return float(f_distribution.sf((self.chi_square - spline) / lacking, lacking, spline))
+
     @property
     def explained(self) -> bool:
-        """True if noise can explain the residual; noise found from traces is uncertain by ``NOISE_ERROR``."""
-        noises = [channel.trace.noise for data in self.problem.sets for channel in data.channels]
-        chi_square = self.chi_square / ((1 + NOISE_ERROR) ** 2 if None in noises else 1.0)
-        return not chi2.sf(chi_square, self.freedom) < MIN_PROBABILITY
+        """True if noise can explain the residual."""
+        return not self.probability < MIN_PROBABILITY
 
     @property
     def enlargement(self) -> float:
@@ -417,7 +429,7 @@ def solve(
     missed = rows[np.isfinite(rows["measured"]) & ~(rows["off"].abs() <= MAX_DEVIATION)]
     goodness = {
         "chi_square": best.chi_square, "freedom": best.freedom,
-        "probability": float(chi2.sf(best.chi_square, best.freedom)),
+        "probability": best.probability,
         "aic": best.aic, "bic": best.chi_square + len(problem.free) * log(problem.rows),
         "missed": "; ".join(missed["data_set"] + ": " + missed["datum"]),
         "remarks": ". ".join(_remarks(best)),

@@ -9,9 +9,11 @@ an interval of 95 % is that of the mixture of their normal distributions.
 import json
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -23,6 +25,7 @@ from drivers.base.errors import InputError, RunError
 from drivers.base.files import digest_of_json
 from drivers.base.terminal import text_table
 from drivers.chain.chain import Array
+from drivers.laws import LAWS
 from drivers.scene.model import Scene, places_of
 from drivers.scene.read_scene import make_scene
 from drivers.scene.rules import LAW_KEYS
@@ -31,14 +34,15 @@ from postproc.draw.stack import GAUGE_IN, gauge_title
 from postproc.draw.style import COLUMN_IN, MICRO, pyplot
 from postproc.read.motion import Simulation
 from postproc.read.observables import describe, without_unit
-from validation.calibration.data import DataSet, checked
-from validation.calibration.fit import LOOKS, Fit, digits, rows_of, weights_of, with_error
-from validation.calibration.folder import Fitted, read_fits
+from validation.calibration.data import ELASTIC, DataSet, checked, law_of
+from validation.calibration.fit import DECISIVE, LOOKS, Fit, digits, fit, rows_of, weights_of, with_error
+from validation.calibration.folder import Fitted, problems_of, read_fits
 from validation.calibration.problem import simulated
 from validation.report.parts import Chapter, Shown
 
 CARRIED = ("materials", "contact", "sensor")  # tables with parameters that a prediction takes from a fit
 LAW_OF_CONTACTS = ("dissipation", *(key for keys in LAW_KEYS.values() for key in keys))
+LAW_KEYS_OF_SCENE = [f"contact.{key}" for key in LAW_OF_CONTACTS]
 SPAN, HALVINGS = 8.0, 50  # of the search for a quantile: standard errors on either side, and halvings
 ENDS = (0.025, 0.975)
 HEAD_IN = 1.0
@@ -52,7 +56,8 @@ class Prediction:
         fit: Folder of the fit.
         simulation: Motion of the first law at the parameters found.
         weights: Weights of the laws that hold.
-        holds: False if no law explains the data of the fit.
+        explained: True if a fitted law explains the data of the fit.
+        others: Excess of Akaike's criterion over the best fitted law, of the laws that were not fitted.
         observables: A row for each ``observable``: ``value``, the mean of the laws by weight; ``error`` by the
             parameters; ``between_laws``, the largest minus the smallest value; ``low_95pct``, ``high_95pct``; value
             and error of each law.
@@ -62,17 +67,32 @@ class Prediction:
     fit: Path
     simulation: Simulation
     weights: Mapping[str, float]
-    holds: bool
+    explained: bool
+    others: Mapping[str, float]
     observables: pd.DataFrame
     forces: pd.DataFrame
 
     @property
     def said(self) -> str:
-        """Sentence on the laws."""
+        """Sentences on the laws."""
         shares = ", ".join(f"{law} {weight:.2g}" for law, weight in self.weights.items() if law)
-        weights = f"laws by weight: {shares}" if shares else "by the contact law of the fitted scene"
-        failed = "the prediction does not hold: no fitted law explains the data"
-        return f"{weights}" if self.holds else f"{failed}; {weights}"
+        said = [f"laws by weight: {shares}" if shares else "by the contact law of the fitted scene"]
+        better = min(self.others, key=self.others.__getitem__, default="")
+        if not self.explained:
+            said.insert(0, "the prediction does not hold: no fitted law explains the data")
+        elif better and self.others[better] < -DECISIVE:
+            reason = f"{better}, which was not fitted, has an AIC that is {-self.others[better]:.3g} lower"
+            said.insert(0, f"the prediction does not hold: {reason}")
+        if equal := [law for law, above in self.others.items() if above < DECISIVE]:
+            said.append(
+                f"not fitted, but not excluded by the data: {', '.join(equal)} (beads fit {paths.shown(self.fit)} --law LAW)"
+            )
+        return "; ".join(said)
+
+    @property
+    def holds(self) -> bool:
+        """True if a fitted law explains the data, and no other law of ``drivers.laws`` does so far better."""
+        return self.explained and min(self.others.values(), default=0.0) >= -DECISIVE
 
 
 def predict(fit: Fitted | str | Path, scene: str | Path, settings: Sequence[str] = ()) -> Prediction:
@@ -89,7 +109,21 @@ def predict(fit: Fitted | str | Path, scene: str | Path, settings: Sequence[str]
     """
     fitted = fit if isinstance(fit, Fitted) else read_fits(Path(fit))
     _, tables, where = checked(str(scene), settings)
-    return predicted(fitted, lambda fit: carried(fit, tables, where))
+    return replace(predicted(fitted, lambda fit: carried(fit, tables, where)), others=others_of(fitted))
+
+
+def others_of(fitted: Fitted) -> dict[str, float]:
+    """Excess of Akaike's criterion over the best law of a fit, of laws that were not fitted; they start at its values."""
+    best = min(fitted.fits.values(), key=lambda fit: fit.aic)
+    known = {*fitted.fits, best.problem.sets[0].scene.contact.law.name}
+    asked = [text for text in fitted.request.free if text.split("=")[0] not in LAW_KEYS_OF_SCENE]
+    excess = dict[str, float]()
+    for law in {ELASTIC, *LAWS} - known:
+        request = fitted.request.model_copy(update={"free": (*asked,), "law": {law: law_of(law)}})
+        with suppress(InputError, RunError):  # such as a law without a start
+            (problem,) = problems_of(request).values()
+            excess[law] = fit(problem, [best.values], search=False).aic - best.aic
+    return dict(sorted(excess.items(), key=lambda item: item[1]))
 
 
 def carried(fit: Fit, tables: Mapping[str, Any], where: str) -> tuple[DataSet, list[str]]:
@@ -151,9 +185,9 @@ def predicted(fitted: Fitted, scene_of: Callable[[Fit], tuple[DataSet, list[str]
         rows = table.iloc[len(names) + number * samples :][:samples]
         forces |= {f"{gauge}_{column}_N": rows[column].to_numpy() for column in table}
     observables = table.iloc[: len(names)].assign(observable=names, unit=[describe(name).unit for name in names])
-    holds = any(fitted.fits[law].explained for law in weights)
+    explained = any(fitted.fits[law].explained for law in weights)
     ordered = observables[["observable", "unit", *table.columns]]
-    return Prediction(fitted.folder, first, weights, holds, ordered, pd.DataFrame(forces))
+    return Prediction(fitted.folder, first, weights, explained, {}, ordered, pd.DataFrame(forces))
 
 
 def _motion_at(fit: Fit, data: DataSet, keys: Sequence[str], place: Array) -> Simulation | None:
@@ -285,7 +319,7 @@ def draw(found: Prediction) -> Any:
     axes[-1, 0].set(xlabel="time since impact (µs)", xlim=(0, time_us.iloc[-1]))
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper left", ncols=2)
     if not found.holds:
-        figure.suptitle("does not hold: no fitted law explains the data", color="#b00020", fontsize=8)
+        figure.suptitle(fill(found.said.split(";")[0], 70), color="#b00020", fontsize=8)
     return figure
 
 
