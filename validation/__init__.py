@@ -1,6 +1,6 @@
 """Comparison of results with independent references, and the cost of their accuracy.
 
-For notebooks and scripts (see ``postproc/README.md``): ``plan``, ``assess``.
+For notebooks and scripts (see ``postproc/README.md``): ``plan``, ``assess``, ``fit``, ``predict``, ``design``.
 """
 
 from importlib import import_module
@@ -9,9 +9,18 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from validation.accuracy.budget import assess
     from validation.accuracy.plan import plan
+    from validation.calibration.command import fit
+    from validation.calibration.design import design
+    from validation.calibration.predict import predict
 
-__all__ = ["assess", "plan"]
-EXPORTS = {"assess": "validation.accuracy.budget", "plan": "validation.accuracy.plan"}
+__all__ = ["assess", "design", "fit", "plan", "predict"]
+EXPORTS = {
+    "assess": "validation.accuracy.budget",
+    "plan": "validation.accuracy.plan",
+    "fit": "validation.calibration.command",
+    "predict": "validation.calibration.predict",
+    "design": "validation.calibration.design",
+}
 
 
 def __getattr__(name: str) -> Any:

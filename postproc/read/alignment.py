@@ -445,6 +445,7 @@ def noise_of(time_s: Array, reading: Array) -> tuple[float, int]:
     """
     block = -(-len(time_s) // MAX_READINGS)
     knots = knots_of(block_means(time_s, block), block_means(reading, block))
+    knots[: DEGREE + 1], knots[-DEGREE - 1 :] = time_s[0], time_s[-1]
     coefficients, rounding = len(knots) - DEGREE - 1, rounding_of(reading)
     noise = float(np.sqrt(_squares(time_s, reading, knots) / (len(time_s) - coefficients)))
     return (noise, coefficients) if noise > rounding else (rounding, 0)

@@ -34,7 +34,7 @@ from validation.calibration.fit import (
     with_error,
 )
 from validation.calibration.folder import FitRequest, Fitted, folder_of, problems_of, request_of, write_folder
-from validation.calibration.predict import lines_of, named, of_own_scene, predicted
+from validation.calibration.predict import named, of_own_scene, predicted, rows_to_print
 from validation.compare.comparison import EngineSelection, compare_scenes
 
 PREDICTIONS = "predictions"
@@ -110,8 +110,8 @@ def run_fit(request: FitRequest, runs: Path, results: Path) -> int:
     finally:  # last, so that it stays on screen, also after a failed run
         for law, found in fitted.fits.items():
             own = {name: table[table["law"] == law] for name, table in fitted.tables.items() if "law" in table}
-            print(*([f"--- {law} ---"] * bool(law)), *lines(found, own), "", sep="\n")
-        predictions = text_table(lines_of(fitted.tables[PREDICTIONS])) if request.predict else ()
+            print(*([f"--- {law} ---"] * bool(law)), *lines(found, own), "", *exact_lines(own[EXACT]), "", sep="\n")
+        predictions = text_table(rows_to_print(fitted.tables[PREDICTIONS])) if request.predict else ()
         print(*comparison(fitted), *predictions, paths.shown(fitted.folder), sep="\n", flush=True)
 
 
@@ -149,8 +149,6 @@ def lines(fit: Fit, tables: Tables) -> Iterator[str]:
         rows.append([": ".join(filter(None, (row.data_set, row.datum))), *number, f"{row.off:.2f}"])
     yield from text_table(rows)
     yield ""
-    yield from text_table(exact_rows(tables[EXACT]))
-    yield ""
     (goodness,) = rows_of(tables[LAWS])
     chance = f", probability {goodness.probability:.2g}" if goodness.freedom > 0 else ""
     yield f"chi-square {goodness.chi_square:.4g} with {goodness.freedom} degrees of freedom{chance}"
@@ -159,18 +157,15 @@ def lines(fit: Fit, tables: Tables) -> Iterator[str]:
     yield from goodness.remarks.split(". ") if goodness.remarks else ()
 
 
-def exact_rows(exact: pd.DataFrame) -> Iterator[list[str]]:
-    """Rows of the table of numbers that are taken as exact, those of the largest effect on a parameter first."""
+def exact_lines(exact: pd.DataFrame) -> list[str]:
+    """Table of the numbers that are taken as exact, those of the largest effect on a parameter first."""
     exact = exact.assign(size=(exact["change_by_1pct"] / exact["error"]).abs())
     sizes = exact.groupby("key")["size"].max().sort_values(ascending=False)
-    keys = [*sizes.index[sizes > LEAST_CHANGE][:MAX_EXACT]]
-    yield ["taken as exact: 1 % would add", *exact["parameter"].unique()]
-    for key in keys:
-        cells = []
-        for row in rows_of(exact[exact["key"] == key]):
-            scale, unit = suited(row.change_by_1pct, row.unit)
-            cells.append(f"{row.change_by_1pct * scale:+.2g} {unit}".rstrip())
-        yield [key, *cells]
+    rows = [["taken as exact: 1 % would add", *exact["parameter"].unique()]]
+    for key in sizes.index[sizes > LEAST_CHANGE][:MAX_EXACT]:
+        scaled = [(row, *suited(row.change_by_1pct, row.unit)) for row in rows_of(exact[exact["key"] == key])]
+        rows.append([key, *(f"{row.change_by_1pct * scale:+.2g} {unit}".rstrip() for row, scale, unit in scaled)])
+    return text_table(rows) if len(rows) > 1 else []
 
 
 def comparison(fitted: Fitted) -> Iterator[str]:

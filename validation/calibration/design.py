@@ -34,9 +34,10 @@ from postproc.read.alignment import change_at, channels_of
 from postproc.read.measured import MEASURED, MeasuredTrace
 from postproc.read.motion import Simulation, exact, read
 from postproc.read.signals import gauges_of
-from validation.calibration.data import CUT, READING, DataSet, stated
+from validation.calibration.data import DataSet
 from validation.calibration.fit import LOOKS, ROUGH_CHANGE, Fit, chi_square_at, minimise, rounded, weights_of
 from validation.calibration.folder import Fitted, option_of, read_fits
+from validation.calibration.parameters import CUT, READING, stated
 from validation.calibration.predict import CARRIED
 from validation.calibration.problem import DEFAULT_CUT, TOLERANCE, Problem, pose
 
@@ -101,7 +102,7 @@ def design(
     table = pd.DataFrame([rows[id(change)] for change in changes])
     if table["expected"].isna().all():
         raise RunError(f"design: no experiment can be computed: {table['problem'].iloc[0]}")
-    best = int(table["expected"].idxmin() if pin else table["expected"].idxmax())
+    best = int(np.nanargmin(table["expected"]) if pin else np.nanargmax(table["expected"]))
     goal = f"standard error of {pin}" if pin else "smallest expected difference in chi-square of two laws"
     text = _scene_text(fitted.scenes(next(iter(fits)))[0], changes[best], settings, base, table.iloc[best])
     return Design(table, best, text, goal)

@@ -17,7 +17,8 @@ from drivers.base.errors import RunError
 from drivers.base.units import quantity
 from drivers.chain.chain import Array
 from drivers.run.execute import Place, execute
-from validation.calibration.data import TRIGGER, Datum, calibration_file
+from validation.calibration.data import TRIGGER, Datum
+from validation.calibration.parameters import calibration_file
 from validation.calibration.problem import MISSING_RESIDUAL, Problem
 
 SCREENED_POINTS, DESCENTS = 8, 3  # points tried over the ranges for each parameter, and descents from the best

@@ -30,18 +30,9 @@ from drivers.scene.settings import look_up
 from postproc.draw.product import write_figure
 from postproc.draw.style import COLUMN_IN, pyplot
 from postproc.read.measured import MEASURED
-from validation.calibration.data import (
-    GAIN,
-    TRIGGER,
-    DataSet,
-    Free,
-    Law,
-    Texts,
-    law_of,
-    paper_data,
-    scene_data,
-)
+from validation.calibration.data import GAIN, TRIGGER, DataSet, paper_data, scene_data, with_settings
 from validation.calibration.fit import DATA, LAWS, LOOKS, PARAMETERS, Fit, Tables, rows_of, suited, value_text
+from validation.calibration.parameters import Free, Law, Texts, law_of
 from validation.calibration.problem import Problem, pose
 from validation.report.parts import Chapter, store_part
 
@@ -138,30 +129,38 @@ def problems_of(request: FitRequest) -> dict[str, Problem]:
     Raises:
         InputError: There are no free parameters or no measured data, or they have errors.
     """
-    asked = [(text.partition("=")[0].strip(), text) for text in request.free]
     if request.quoted and request.measured:
         raise InputError("fit", "--measured", "cannot be combined with --quoted")
     if not (request.scenes or request.quoted):
         raise InputError("fit", "", "no scene: name scenes with [[measured]] data, or use --quoted")
-    problems, of_laws = dict[str, Problem](), {}
-    for name, law in request.law.items():
-        of_laws[name] = {text.partition("=")[0]: text for text in law.free}
+    problems = dict[str, Problem]()
     for law in request.law or [""]:
-        own = of_laws.get(law, {})
-        others = {key for keys in of_laws.values() for key in keys} - {*own}  # parameters of other laws
-        free = [text for key, text in asked if key not in others]
-        free += [text for key, text in own.items() if key not in dict(asked)]
-        if not (free or request.own):
-            raise InputError("fit", "--free", "no free parameter: name a key of the scene, --free contact.restitution")
-        if request.quoted:
-            sets = paper_data(request.quoted, request.settings_of(law))
-        else:
-            freed = any(key.endswith(f".{TRIGGER}") for key, _ in asked)
-            settings = request.settings_of(law)
-            sets = [scene_data(scene, settings, request.measured, free_trigger=freed) for scene in request.scenes]
-        refuse_repetition("data sets", [data.name for data in sets])
-        problems[law] = pose(sets, free, request.own)
+        problems[law] = problem_of(request, law, next((each.sets for each in problems.values()), ()))
     return problems
+
+
+def problem_of(request: FitRequest, law: str, known: Sequence[DataSet] = ()) -> Problem:
+    """Problem of a law of a request; the data are read if they are not known.
+
+    Raises:
+        InputError: As of ``problems_of``.
+    """
+    asked = {text.partition("=")[0].strip(): text for text in request.free}
+    keys = {name: [text.partition("=")[0] for text in each.free] for name, each in request.law.items()}
+    others = {key for of_law in keys.values() for key in of_law} - {*keys.get(law, ())}  # parameters of other laws
+    own = {text.partition("=")[0]: text for text in (request.law[law].free if law else ())}
+    free = [text for key, text in (asked | own | asked).items() if key not in others]
+    if not (free or request.own):
+        raise InputError("fit", "--free", "no free parameter: name a key of the scene, --free contact.restitution")
+    settings, freed = request.settings_of(law), any(key.endswith(f".{TRIGGER}") for key in asked)
+    if request.quoted:
+        sets = paper_data(request.quoted, settings)
+    elif known:
+        sets = [with_settings(data, settings) for data in known]
+    else:
+        sets = [scene_data(scene, settings, request.measured, free_trigger=freed) for scene in request.scenes]
+    refuse_repetition("data sets", [data.name for data in sets])
+    return pose(sets, free, request.own)
 
 
 def refuse_repetition(key: str, given: Sequence[str]) -> None:

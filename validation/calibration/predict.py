@@ -11,7 +11,6 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from textwrap import fill
 from typing import Any
@@ -22,11 +21,10 @@ from scipy.special import ndtr
 
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
-from drivers.base.files import digest_of_json
 from drivers.base.terminal import text_table
 from drivers.chain.chain import Array
 from drivers.laws import LAWS
-from drivers.scene.model import Scene, places_of
+from drivers.scene.model import places_of
 from drivers.scene.read_scene import make_scene
 from drivers.scene.rules import LAW_KEYS
 from drivers.scene.settings import look_up
@@ -34,9 +32,10 @@ from postproc.draw.stack import GAUGE_IN, gauge_title
 from postproc.draw.style import COLUMN_IN, MICRO, pyplot
 from postproc.read.motion import Simulation
 from postproc.read.observables import describe, without_unit
-from validation.calibration.data import ELASTIC, DataSet, checked, law_of
+from validation.calibration.data import DataSet, checked
 from validation.calibration.fit import DECISIVE, LOOKS, Fit, digits, fit, rows_of, weights_of, with_error
-from validation.calibration.folder import Fitted, problems_of, read_fits
+from validation.calibration.folder import Fitted, problem_of, read_fits
+from validation.calibration.parameters import ELASTIC, law_of
 from validation.calibration.problem import simulated
 from validation.report.parts import Chapter, Shown
 
@@ -83,10 +82,8 @@ class Prediction:
         elif better and self.others[better] < -DECISIVE:
             reason = f"{better}, which was not fitted, has an AIC that is {-self.others[better]:.3g} lower"
             said.insert(0, f"the prediction does not hold: {reason}")
-        if equal := [law for law, above in self.others.items() if above < DECISIVE]:
-            said.append(
-                f"not fitted, but not excluded by the data: {', '.join(equal)} (beads fit {paths.shown(self.fit)} --law LAW)"
-            )
+        if equal := ", ".join(law for law, above in self.others.items() if above < DECISIVE):
+            said.append(f"not excluded by the data, but not fitted (beads fit {paths.shown(self.fit)} --law): {equal}")
         return "; ".join(said)
 
     @property
@@ -113,16 +110,16 @@ def predict(fit: Fitted | str | Path, scene: str | Path, settings: Sequence[str]
 
 
 def others_of(fitted: Fitted) -> dict[str, float]:
-    """Excess of Akaike's criterion over the best law of a fit, of laws that were not fitted; they start at its values."""
+    """Excess of Akaike's criterion of laws that were not fitted over the best one; they start at the values of that."""
     best = min(fitted.fits.values(), key=lambda fit: fit.aic)
     known = {*fitted.fits, best.problem.sets[0].scene.contact.law.name}
-    asked = [text for text in fitted.request.free if text.split("=")[0] not in LAW_KEYS_OF_SCENE]
+    asked = tuple(text for text in fitted.request.free if text.split("=")[0] not in LAW_KEYS_OF_SCENE)
     excess = dict[str, float]()
     for law in {ELASTIC, *LAWS} - known:
-        request = fitted.request.model_copy(update={"free": (*asked,), "law": {law: law_of(law)}})
         with suppress(InputError, RunError):  # such as a law without a start
-            (problem,) = problems_of(request).values()
-            excess[law] = fit(problem, [best.values], search=False).aic - best.aic
+            request = fitted.request.model_copy(update={"free": asked, "law": {law: law_of(law)}})
+            found = fit(problem_of(request, law, best.problem.sets), [best.values], search=False)
+            excess[law] = found.aic - best.aic
     return dict(sorted(excess.items(), key=lambda item: item[1]))
 
 
@@ -166,11 +163,10 @@ def predicted(fitted: Fitted, scene_of: Callable[[Fit], tuple[DataSet, list[str]
     for law in weights:
         fit = fitted.fits[law]
         data, keys = scene_of(fit)
-        motion_at = partial(_motion_at, fit, data, keys)
-        motion = motion_at(fit.place)
+        motion = _motion_at(fit, data, keys, fit.place)
         if motion is None:
             raise RunError(f"{data.where}: the exact motion cannot be computed at the parameters found")
-        value, error = propagated(fit, keys, lambda place, at=motion_at: _numbers_of(at(place)))
+        value, error = propagated(fit, data, keys)
         values.append(value)
         errors.append(error)
         motions.append(motion)
@@ -205,14 +201,14 @@ def _numbers_of(simulation: Simulation | None) -> Array:
     )
 
 
-def propagated(fit: Fit, keys: Sequence[str], computed: Callable[[Array], Array]) -> tuple[Array, Array]:
-    """Numbers at the parameters found, and their standard errors by the parameters with these keys.
+def propagated(fit: Fit, data: DataSet, keys: Sequence[str]) -> tuple[Array, Array]:
+    """Numbers of a scene at the parameters found, and their standard errors by the parameters with these keys.
 
     Ends beyond a bound move to the bound, and the difference is scaled.
     """
     moving = [index for index, free in enumerate(fit.problem.free) if free.key in keys]
     variances, axes = np.linalg.eigh(fit.covariance[np.ix_(moving, moving)])
-    here = computed(fit.place)
+    here = _numbers_of(_motion_at(fit, data, keys, fit.place))
     squares = np.zeros(len(here))
     for variance, axis in zip(variances, axes.T, strict=True):
         ends, length = list[Array](), 0.0
@@ -221,7 +217,7 @@ def propagated(fit: Fit, keys: Sequence[str], computed: Callable[[Array], Array]
             share = min(1.0, *(room[step != 0] / np.abs(step[step != 0])), 1.0)
             place = fit.place.copy()
             place[moving] += share * step
-            ends.append(computed(place))
+            ends.append(_numbers_of(_motion_at(fit, data, keys, place)))
             length += share
         squares += ((ends[0] - ends[1]) / length) ** 2 if length else 0.0
     return here, np.sqrt(squares) * fit.enlargement
@@ -260,7 +256,7 @@ def quantile(shares: Array, values: Array, errors: Array, probability: float) ->
     return np.asarray((low + high) / 2)
 
 
-def lines_of(observables: pd.DataFrame) -> list[list[str]]:
+def rows_to_print(observables: pd.DataFrame) -> list[list[str]]:
     """Rows of the printed table, the heading first; an observable that the motion does not show is left out."""
     rows = [["predicted", "value", "between laws", "95 % interval"]]
     for row in rows_of(observables[observables["value"].notna()]):
@@ -285,19 +281,14 @@ def named(observables: pd.DataFrame, names: Sequence[str], where: str) -> pd.Dat
     return observables[observables["observable"].isin([known[without_unit(name)] for name in names])]
 
 
-def part_of(scene: Scene) -> str:
-    """Name of the stored prediction of a scene as it is now."""
-    return f"predict-{scene.name}-{digest_of_json(scene.model_dump(mode='json'))[:8]}"
-
-
 def chapter_of(found: Prediction, name: str) -> Chapter:
     """Tables, figure and sentences of a prediction, for its files and the page."""
-    rows = lines_of(found.observables)
+    rows = rows_to_print(_of_waves(found.observables))
     said = f"Predicted by {paths.shown(found.fit)}: {found.said}."
     return Chapter(
         {name: found.observables, f"{name}-forces": found.forces},
         [said],
-        {name: ("Predicted forces with their intervals of 95 %", draw(found))},
+        {name: ("Predicted forces with their 95 % intervals", draw(found))},
         [Shown("Predicted observables", said, pd.DataFrame(rows[1:], columns=rows[0]))],
     )
 
@@ -324,5 +315,10 @@ def draw(found: Prediction) -> Any:
 
 
 def lines(found: Prediction) -> list[str]:
-    """Lines of text: the observables, then the laws."""
-    return [*text_table(lines_of(found.observables)), "", found.said]
+    """Lines of text: the observables of waves, then the laws."""
+    return [*text_table(rows_to_print(_of_waves(found.observables))), "", *found.said.split("; ")]
+
+
+def _of_waves(observables: pd.DataFrame) -> pd.DataFrame:
+    """Rows of the observables of waves."""
+    return observables[[describe(name).of_wave for name in observables["observable"]]]

@@ -18,7 +18,8 @@ from drivers.scene.read_scene import make_scene, set_value
 from drivers.scene.settings import DERIVED, unit_of
 from postproc.read.alignment import correlated, residual_of
 from postproc.read.motion import Simulation, exact, is_censored, read
-from validation.calibration.data import CUT, GAIN, NUMERICAL_KEYS, TRIGGER, DataSet, Datum, Free, parameters_of
+from validation.calibration.data import GAIN, TRIGGER, DataSet, Datum, parameters_of
+from validation.calibration.parameters import CUT, NUMERICAL_KEYS, Free
 
 DEFAULT_CUT = 0.04  # share of the peak at which the paper cuts widths
 

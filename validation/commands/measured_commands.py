@@ -22,7 +22,7 @@ from validation.calibration.command import run_fit
 from validation.calibration.folder import folder_named, request_of
 from validation.commands.options import print_paths
 from validation.commands.run_commands import open_shown
-from validation.report.parts import write_part
+from validation.report.parts import prediction_part, write_part
 
 
 def fit(results: Path, runs: Path, **asked: Any) -> int:
@@ -49,7 +49,7 @@ def predict(fit: str, scene: str, settings: tuple[str, ...], results: Path) -> N
     found = predictions.predict(folder_named(fit, results), scene, settings)
     case, stem = found.simulation.case, f"predict-{Path(scene).stem}"
     print(*predictions.lines(found), sep="\n")
-    print_paths(write_part(predictions.part_of(case.scene), predictions.chapter_of(found, stem), results))
+    print_paths(write_part(prediction_part(case.scene), predictions.chapter_of(found, stem), results))
 
 
 def design(

@@ -15,7 +15,8 @@ import pandas as pd
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.base.files import read_sealed, whole_file, write_sealed
+from drivers.base.files import digest_of_json, read_sealed, whole_file, write_sealed
+from drivers.scene.model import Scene
 from postproc.draw.product import write_figure
 from validation.checks import FAIL, Check
 
@@ -71,6 +72,11 @@ class Chapter:
 def part_file(name: str, results: Path) -> Path:
     """File with the stored result of a chapter or figure."""
     return results / PARTS / f"{name}.json"
+
+
+def prediction_part(scene: Scene) -> str:
+    """Name of the stored prediction of a scene as it is now (``beads predict``)."""
+    return f"predict-{scene.name}-{digest_of_json(scene.model_dump(mode='json'))[:8]}"
 
 
 def write_part(name: str, chapter: Chapter, results: Path) -> list[Path]:

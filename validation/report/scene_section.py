@@ -33,7 +33,7 @@ from postproc.read.signals import gauges_of
 from validation.accuracy.budget import PARTS, budget_rows
 from validation.checks import FAIL, Check, outcome, short, worst_of
 from validation.compare.comparison import ComparedScene
-from validation.report.parts import Shown, image_of, read_part
+from validation.report.parts import Shown, image_of, prediction_part, read_part
 
 
 def cell_of(checks: Sequence[Check], diagnosis: str = "") -> dict[str, Any]:
@@ -157,6 +157,7 @@ def section_of(scene: ComparedScene, results: Path, runs: Path | None = None) ->
         timing: time step, samples and stability in a sentence.
         forces: forces on the gauges and differences; None without a trace, or without both a gauge and a second engine.
         left_out: number of gauges without a panel.
+        prediction: stored result of ``beads predict`` for the scene as it is now; None without one.
         overlay: measured traces over the exact motion, or over the first engine without it; None without traces.
         chain: forces of all contacts in space and time; None if no run finished.
         shown: tables of misfits, checks by quantity, observables, error budget and elements.
@@ -174,6 +175,7 @@ def section_of(scene: ComparedScene, results: Path, runs: Path | None = None) ->
         "timing": _timing(scene),
         "forces": _forces_picture(scene),
         "left_out": max(0, len(gauges_of(case.layout)) - MAX_GAUGES),
+        "prediction": read_part(prediction_part(case.scene), results, "beads predict"),
         "overlay": overlay,
         "chain": image_of(svg_of(draw_spacetime({shown: trace}).figure)) if trace else None,
         "shown": [

@@ -16,7 +16,7 @@ from drivers.scene.read_scene import read_scene
 from postproc.read.motion import Simulation, case_of, exact
 from postproc.read.signals import sensor_signals
 from validation.calibration.command import lines
-from validation.calibration.data import DataSet, Datum, free_parameter, paper_data, scene_data
+from validation.calibration.data import DataSet, Datum, paper_data, scene_data
 from validation.calibration.fit import (
     DATA,
     PARAMETERS,
@@ -30,6 +30,7 @@ from validation.calibration.fit import (
     trade_offs,
     value_text,
 )
+from validation.calibration.parameters import free_parameter
 from validation.calibration.problem import MISSING_RESIDUAL, _integrated, _of_set, pose, simulated
 from validation.tests.helpers.commands import assert_in_order, beads
 from validation.tests.helpers.scenes import SceneWriter
