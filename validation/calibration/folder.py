@@ -216,6 +216,7 @@ def read_fits(folder: Path) -> Fitted:
     found, fits = {name: table.fillna({"law": ""}) for name, table in tables.items()}, dict[str, Fit]()
     for law, problem in problems_of(request).items():
         values = found[PARAMETERS].query("law == @law").set_index("parameter")["value"]
+        values.index = values.index.str.replace(rf"{MEASURED}\.(?!\d)", f"{MEASURED}.0.", regex=True)  # of --measured
         stated = found[LAWS].query("law == @law")["chi_square"]
         same = set(values.index) == {free.label for free in problem.free} and len(stated) == 1
         if same:
@@ -332,13 +333,15 @@ def _write_scene(
 
 
 def _copied(file: Path, folder: Path) -> str:
-    """Copies a measured file; its new path, relative to the folder."""
+    """Copy a measured file, once for equal content; its new path, relative to the folder."""
     target = folder / DATA / file.name
     target.parent.mkdir(exist_ok=True)
-    while target.exists() and not cmp(file, target, shallow=False):  # a file of the same name from another folder
+    equal = next((each for each in target.parent.iterdir() if cmp(file, each, shallow=False)), None)
+    while not equal and target.exists():  # a file of the same name from another folder
         target = target.with_stem(f"{target.stem}-other")
-    shutil.copyfile(file, target)
-    return str(target.relative_to(folder))
+    if not equal:
+        shutil.copyfile(file, target)
+    return str((equal or target).relative_to(folder))
 
 
 def _entries(data: DataSet, folder: Path, rows: Mapping[str, Any]) -> Any:
