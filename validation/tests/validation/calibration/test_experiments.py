@@ -36,7 +36,7 @@ PREDICTED = (
     "speed_12_to_7_m_s",
 )  # fmt: skip
 NOISES_N = (0.01, 0.06, 0.3)  # for pulses of 2 N
-REPEATED = 12
+REPEATED = 22
 
 
 def fitted(folder: Path, law: str, noise_N: float, seed: int, laws: tuple[str, ...]) -> Fitted:
