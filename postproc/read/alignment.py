@@ -434,7 +434,7 @@ def rounding_of(reading: Array) -> float:
 def noise_of(time_s: Array, reading: Array) -> tuple[float, int]:
     """Standard deviation of the white noise of one reading, from the trace alone, and the coefficients that it takes.
 
-    It is the root of RSS / (n - p) of the regression spline with p coefficients, or the rounding of the readings if that
+    It is the root of RSS / (n - p) of the regression spline with p coefficients, or the rounding of the readings if it
     is larger, with p = 0. For noise of 0.5 to 10 % of the peak its standard error is 15 % for 100 readings of waves
     through a chain, 6 % for 200, 3 % for 1000 and 1 % from 4000; its bias is below 3 %. Pulses need about ten readings
     each.

@@ -12,7 +12,7 @@ from scipy.stats import norm
 from validation.calibration.command import fit
 from validation.calibration.data import checked, scene_data
 from validation.calibration.design import design
-from validation.calibration.fit import DECISIVE, Fit, taken_as_exact
+from validation.calibration.fit import DECISIVE, Fit, rows_of, taken_as_exact
 from validation.calibration.fit import fit as least_squares
 from validation.calibration.folder import Fitted, problems_of, request_of
 from validation.calibration.predict import carried, predict, predicted, quantile
@@ -62,7 +62,7 @@ def test_parameters_and_predictions_are_within_their_95_pct_as_often_as_they_say
                 for (name, at), error in zip(found.fits[law].values.items(), found.fits[law].errors, strict=True):
                     inside["law" if name == key else name].append(abs(at - true[name]) < 1.96 * error)
                 tables = checked("fig4", OTHER)[1]
-                for row in predicted(found, partial(carried, tables=tables, where="fig4")).observables.itertuples():
+                for row in rows_of(predicted(found, partial(carried, tables=tables, where="fig4")).observables):
                     if row.observable in PREDICTED:
                         inside[row.observable].append(row.low_95pct < known[row.observable] < row.high_95pct)
     assert len(inside) == 3 + len(PREDICTED)
@@ -78,7 +78,7 @@ def test_a_prediction_by_the_wrong_law_alone_does_not_hold(law: str, noise_N: fl
     assert found.said.startswith("the prediction does not hold: ")
     assert min(found.others, key=found.others.__getitem__) == law
     assert found.others[law] < -DECISIVE
-    row = found.observables.set_index("observable").loc["bead_12_amplitude_N"]
+    row: Any = found.observables.set_index("observable").loc["bead_12_amplitude_N"]
     assert abs(row["value"] - true_observables(law, "fig4", OTHER)["bead_12_amplitude_N"]) > 5 * row["error"]
 
 
@@ -86,11 +86,11 @@ def test_laws_that_the_data_leave_open_widen_the_interval(tmp_path: Path) -> Non
     both = predict(fitted(tmp_path, "viscoelastic", 0.3, 1, ("viscoelastic", "kuwabara-kono")), "fig4", OTHER)
     assert both.holds
     assert [*both.weights] == ["viscoelastic", "kuwabara-kono"]
-    row = both.observables.set_index("observable").loc["bead_3_amplitude_N"]
+    row: Any = both.observables.set_index("observable").loc["bead_3_amplitude_N"]
     assert row["between_laws"] > 2 * row["error"]
     assert row["high_95pct"] - row["low_95pct"] > row["between_laws"]
     assert row["low_95pct"] < min(row["value_viscoelastic"], row["value_kuwabara-kono"])
-    wide = both.forces["wall_high_95pct_N"] - both.forces["wall_low_95pct_N"]
+    wide: Any = both.forces["wall_high_95pct_N"] - both.forces["wall_low_95pct_N"]
     assert wide.max() > 0.1
     assert wide[0] < 1e-9, "at rest the force is known"
 
@@ -118,7 +118,7 @@ def test_the_designed_experiment_tells_the_laws_apart_as_expected(tmp_path: Path
     options: dict[str, Any] = {"free": [MODULUS], "laws": laws, "quick": True}
     first = fit("fig4", measured=base, settings=settings, results=tmp_path, **options)
     found = design(first.folder, ["striker.speed=0.05..8", "chain.count=8..30"], "2..15", candidates=40)
-    expected = found.table["expected"]
+    expected: Any = found.table["expected"]
     assert expected[found.best] > 4 * expected[0], "the experiment as it was"
     assert expected.median() < 0.1 * expected[found.best]
     scene = tmp_path / "designed.toml"
@@ -137,7 +137,7 @@ def test_a_design_pins_a_parameter_down_at_the_error_that_a_fit_then_has(tmp_pat
     laws, settings = ["viscoelastic"], dict(text.split("=") for text in SHORT)
     found = fit("fig4", free=[MODULUS], laws=laws, settings=settings, measured=path, quick=True, results=tmp_path)
     designed = design(found, ["striker.speed=0.5..4"], pin="contact.restitution", candidates=4)
-    table = designed.table
+    table: Any = designed.table
     assert table["expected"].idxmin() == designed.best
     assert table["striker.speed"][designed.best] == table["striker.speed"].max(), "the noise is the same"
     assert table["expected"][0] == pytest.approx(found.fits["viscoelastic"].errors[1], rel=0.1), "as it was"
@@ -150,7 +150,7 @@ def shifted(problem: Problem, start: Fit) -> dict[str, float]:
 def test_numbers_taken_as_exact_move_parameters_as_a_repeated_fit_does(tmp_path: Path) -> None:
     found = fitted(tmp_path, "viscoelastic", 0.06, 3, ("viscoelastic",))
     one, path = found.fits["viscoelastic"], tmp_path / "shot.csv"
-    changes = taken_as_exact(one).set_index(["key", "parameter"])["change_by_1pct"]
+    changes: Any = taken_as_exact(one).set_index(["key", "parameter"])["change_by_1pct"]
     settings = found.request.settings_of("viscoelastic")
     for setting, key in (("striker.speed=2.02 m/s", "striker.speed"), ("chain.mass=0.123826 g", "chain.mass")):
         data = scene_data("fig4", (*settings, setting), path)
