@@ -1,7 +1,7 @@
 """Keys of scenes: their units and values, and differences between scenes as settings of ``--set``."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from typing import Any
 
@@ -55,8 +55,10 @@ def setting_text(key: str, value: Any) -> str:
     return _quantity(key, value) or _toml(key, value)
 
 
-def setting_texts(settings: Mapping[str, Any]) -> tuple[str, ...]:
-    """``KEY=VALUE`` texts of settings by key; numbers are given in SI units, None removes the key."""
+def setting_texts(settings: Mapping[str, Any] | Sequence[str]) -> tuple[str, ...]:
+    """``KEY=VALUE`` texts of settings by key, or such texts; numbers are given in SI units, None removes the key."""
+    if not isinstance(settings, Mapping):
+        return tuple(settings)
     return tuple(f"{key}={setting_text(key, value)}" for key, value in settings.items())
 
 

@@ -1,25 +1,47 @@
-"""``beads fit``: fit parameters of scenes to measured data, compare laws, and check the fitted scene with codes."""
+"""``beads fit``: fit parameters of scenes to measured data, compare laws, and check the fitted scene with codes.
 
+The folder ``fit-SCENE`` can be sent: scenes and data, fitted scenes, tables, a figure, and in ``fit.json`` the request,
+with the laws and the bounds of the parameters, by which it fits again elsewhere. Predictions and designs read it.
+"""
+
+import json
+import re
+import shutil
+import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from math import isfinite
+from dataclasses import dataclass, replace
+from filecmp import cmp
+from math import isfinite, nan
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
+import tomlkit
+from pydantic import Field
 
 from drivers.base import paths
+from drivers.base.errors import InputError
+from drivers.base.messages import validate
 from drivers.base.terminal import counted, text_table
+from drivers.base.units import quantity
 from drivers.chain.case import build_case
 from drivers.engines import codes
 from drivers.limits import inability
-from drivers.scene.read_scene import read_scene
-from drivers.scene.settings import setting_texts
+from drivers.scene.model import Part
+from drivers.scene.read_scene import apply_setting, find_scene, read_scene, set_value
+from drivers.scene.settings import look_up, setting_texts
+from postproc.draw.product import write_figure
+from postproc.draw.style import COLUMN_IN, pyplot
+from postproc.read.measured import MEASURED
+from validation.calibration.data import GAIN, TRIGGER, DataSet, paper_data, scene_data, with_settings
 from validation.calibration.fit import (
     DATA,
     DECISIVE,
     EXACT,
     LAWS,
     LEANING,
+    LOOKS,
     PARAMETERS,
     RISES,
     Fit,
@@ -33,26 +55,340 @@ from validation.calibration.fit import (
     value_text,
     with_error,
 )
-from validation.calibration.folder import FitRequest, Fitted, folder_of, problems_of, request_of, write_folder
-from validation.calibration.predict import named, of_own_scene, predicted, rows_to_print
+from validation.calibration.parameters import Free, Law, Texts, law_of
+from validation.calibration.problem import Problem, pose
 from validation.compare.comparison import EngineSelection, compare_scenes
+from validation.report.parts import Chapter, store_part
 
-PREDICTIONS = "predictions"
+REQUEST = "fit.json"
+ROW_IN, HEAD_IN = 0.55, 0.5
+SAME = 1e-3  # relative, of chi-square: a repeated computation
 MAX_EXACT = 8  # printed numbers that are taken as exact
 LEAST_CHANGE = 0.1  # standard errors by 1 % of such a number: smaller ones are in the table alone
 
 
+class FitRequest(Part):
+    """What to fit, to which data.
+
+    Attributes:
+        scenes: Names or files of scenes with measured data.
+        free, own: Options ``--free`` and ``--own``: keys with or without bounds.
+        law: Laws to compare by name, with their own free parameters; none for that of the scene.
+        quoted: Names of data sets of the paper.
+        measured: CSV file that replaces the files of the scene.
+        settings: Settings applied to the scenes.
+        quick: True to omit profiles, left-out data and runs of codes.
+    """
+
+    scenes: Texts = ()
+    free: Texts = ()
+    own: Texts = ()
+    law: dict[str, Law] = Field(default_factory=dict)
+    quoted: Texts = ()
+    measured: Path | None = None
+    settings: Texts = ()
+    quick: bool = False
+
+    def settings_of(self, law: str) -> tuple[str, ...]:
+        """Settings of a law and of the command; those of the command come last, so that ``contact.alpha=1.5`` stays."""
+        return (*(self.law[law].set if law else ()), *self.settings)
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """Fits with their folder.
+
+    Attributes:
+        fits: Fit of each law; the law is an empty text if it is that of the scene.
+        tables: ``parameters``, ``data``, ``laws`` and ``exact`` of all laws.
+    """
+
+    folder: Path
+    request: FitRequest
+    fits: Mapping[str, Fit]
+    tables: Tables
+
+    def scenes(self, law: str) -> list[Path]:
+        """Fitted scenes of a law."""
+        ending = "-" + re.sub("[ =,]+", "-", law) if len(self.fits) > 1 else ""
+        return [self.folder / f"fit-{source.stem}{ending}.toml" for source in self.sources]
+
+    @property
+    def sources(self) -> list[Path]:
+        """Files of the scenes that are fitted."""
+        sets = next(iter(self.fits.values())).problem.sets
+        return [*map(find_scene, dict.fromkeys(self.request.scenes or [data.source for data in sets]))]
+
+
+def request_of(
+    scenes: Sequence[str | Path],
+    free: Sequence[str] = (),
+    laws: Sequence[str] = (),
+    uncertain: Sequence[str] = (),
+    **more: Any,
+) -> FitRequest:
+    """Request of the words of a command, or of the folder of a fit with further words.
+
+    Raises:
+        InputError: A law is unknown, or the folder is not that of a fit.
+    """
+    for text in uncertain:
+        if not all(map(str.strip, text.partition("="))):
+            raise InputError("fit", "--uncertain", text, "KEY=ERROR, such as striker.speed=1%")
+    free = (*free, *("=±".join(text.split("=", 1)) for text in uncertain))
+    asked = {text.partition("=")[0].strip(): text for text in free}
+    given = FitRequest(free=free, law={law: law_of(law, asked) for law in laws}, **more)
+    if len(scenes) != 1 or not Path(scenes[0]).is_dir():
+        return given.model_copy(update={"scenes": (*map(str, scenes),)})
+    former = read_request(Path(scenes[0]))
+    both = {key: getattr(former, key) + getattr(given, key) for key in ("free", "own", "settings")}
+    return former.model_copy(update=both | {"law": former.law | given.law, "quick": given.quick})
+
+
+def problems_of(request: FitRequest) -> dict[str, Problem]:
+    """Problem of each law, on identical data.
+
+    Raises:
+        InputError: There are no free parameters or no measured data, or they have errors.
+    """
+    if request.quoted and request.measured:
+        raise InputError("fit", "--measured", "cannot be combined with --quoted")
+    if not (request.scenes or request.quoted):
+        raise InputError("fit", "", "no scene: name scenes with [[measured]] data, or use --quoted")
+    problems = dict[str, Problem]()
+    for law in request.law or [""]:
+        problems[law] = problem_of(request, law, next((each.sets for each in problems.values()), ()))
+    return problems
+
+
+def problem_of(request: FitRequest, law: str, known: Sequence[DataSet] = ()) -> Problem:
+    """Problem of a law of a request; the data are read if they are not known.
+
+    Raises:
+        InputError: As of ``problems_of``.
+    """
+    asked = {text.partition("=")[0].strip(): text for text in request.free}
+    keys = {name: [text.partition("=")[0] for text in each.free] for name, each in request.law.items()}
+    others = {key for of_law in keys.values() for key in of_law} - {*keys.get(law, ())}  # parameters of other laws
+    own = {text.partition("=")[0]: text for text in (request.law[law].free if law else ())}
+    free = [text for key, text in (asked | own | asked).items() if key not in others]
+    if not (free or request.own):
+        raise InputError("fit", "--free", "no free parameter: name a key of the scene, --free contact.restitution")
+    settings, freed = request.settings_of(law), any(key.endswith(f".{TRIGGER}") for key in asked)
+    names = [find_scene(scene).stem for scene in request.scenes]
+    if len({*names}) < len(names):
+        raise InputError("fit", "data sets", ", ".join(names), "each once, with different names")
+    if request.quoted:
+        sets = paper_data(request.quoted, settings)
+    elif known:
+        sets = [with_settings(data, settings) for data in known]
+    else:
+        sets = [scene_data(scene, settings, request.measured, free_trigger=freed) for scene in request.scenes]
+    return pose(sets, free, request.own)
+
+
+def folder_of(request: FitRequest, results: Path) -> Path:
+    """Folder of a fit.
+
+    Raises:
+        InputError: There is another folder of this name.
+    """
+    first = Path((*request.scenes, *request.quoted)[0]).stem
+    folder = results.resolve() / f"fit-{first}".replace(" ", "-")  # the current folder may be that of the fit
+    if folder.exists() and not (folder / f"{PARAMETERS}.csv").is_file():
+        raise InputError(paths.shown(folder), "", "not a folder of a fit", "another --results, or move it away")
+    return folder
+
+
+def folder_named(name: str, results: Path) -> Path:
+    """Folder of a fit by its path, or by its name in the folder of results."""
+    return Path(name) if Path(name).exists() else results / name
+
+
+def read_request(folder: Path) -> FitRequest:
+    """Request of a fit from its folder, with the scenes of the folder.
+
+    Raises:
+        InputError: The folder is not that of a fit, or the file has errors.
+    """
+    file = folder / REQUEST
+    if not file.is_file():
+        raise InputError(paths.shown(folder), "", f"no {REQUEST} in it", "a folder that beads fit has written")
+    try:
+        request = validate(FitRequest, json.loads(file.read_bytes()), file)
+    except ValueError as error:
+        raise InputError(paths.shown(file), "", f"not valid JSON: {error}") from error
+    return request.model_copy(update={"scenes": tuple(str(folder / scene) for scene in request.scenes)})
+
+
+def read_fits(folder: Path) -> Fitted:
+    """Fits of a folder, posed again from its scenes and data at the parameters found.
+
+    Raises:
+        InputError: The folder is not that of a fit, or its files are not those of one fit.
+    """
+    request, fits = read_request(folder), dict[str, Fit]()
+    tables = {name: pd.read_csv(folder / f"{name}.csv").fillna({"law": ""}) for name in (PARAMETERS, LAWS)}
+    for law, problem in problems_of(request).items():
+        values = tables[PARAMETERS].query("law == @law").set_index("parameter")["value"]
+        values.index = values.index.str.replace(rf"{MEASURED}\.(?!\d)", f"{MEASURED}.0.", regex=True)  # of --measured
+        stated = tables[LAWS].query("law == @law")["chi_square"].sum()
+        found = [free.coordinate(values.get(free.label, nan)) for free in problem.free]
+        fits[law] = Fit(problem, np.array(found))
+        if not abs(fits[law].chi_square - stated) <= SAME * (1 + stated):
+            allowed = f"those of one fit; beads fit {paths.shown(folder)} fits again"
+            raise InputError(paths.shown(folder), law, "changed files: another chi-square", allowed)
+    return Fitted(folder, request, fits, tables)
+
+
+def write_folder(fitted: Fitted) -> None:
+    """Write the folder when all its files are made; files of an earlier fit are replaced, others stay."""
+    folder, tables = fitted.folder, fitted.tables
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".fit-") as temporary:
+        draft = Path(temporary)
+        for name, table in tables.items():
+            table.to_csv(draft / f"{name}.csv", index=False)
+        write_figure(draw_parameters(tables[PARAMETERS]), PARAMETERS, draft)
+        svg = (draft / f"{PARAMETERS}.svg").read_text(encoding="utf-8")
+        _write_scenes(replace(fitted, folder=draft))
+        stored = _complete(fitted).model_dump_json(indent=2, exclude_defaults=True)
+        (draft / REQUEST).write_text(f"{stored}\n", encoding="utf-8")
+        for former in folder.glob("fit-*.toml"):
+            former.unlink()
+        shutil.copytree(draft, folder, dirs_exist_ok=True)
+    store_part(folder.name, Chapter({}), {PARAMETERS: ("Fitted parameters", svg)}, folder.parent)
+
+
+def _complete(fitted: Fitted) -> FitRequest:
+    """The request for the scenes of its folder, with the bounds that parameters had."""
+    request, fits = fitted.request, fitted.fits.values()
+    bounded = {each.key: option_of(each) for fit in fits for each in fit.problem.free if each.of_motion}
+
+    def complete(texts: Sequence[str]) -> tuple[str, ...]:
+        return tuple(bounded.get(text, text) for text in texts)
+
+    update: dict[str, Any] = {"free": complete(request.free), "own": complete(request.own), "measured": None}
+    update["law"] = {name: law.model_copy(update={"free": complete(law.free)}) for name, law in request.law.items()}
+    if not request.quoted:  # the scenes have their data
+        update["scenes"] = tuple(Path(scene).stem + ".toml" for scene in request.scenes)
+        update["settings"] = tuple(text for text in request.settings if not text.startswith(MEASURED))
+    return request.model_copy(update=update)
+
+
+def option_of(free: Free) -> str:
+    """Text of a parameter with its bounds, or with its prior knowledge."""
+    ends = (free.start, free.prior) if free.prior else (free.low, free.high)
+    return f"{free.key}=" + ("±" if free.prior else "..").join(f"{end!r} {free.unit}".strip() for end in ends)
+
+
+def draw_parameters(parameters: pd.DataFrame) -> Any:
+    """A panel for each parameter: value, 68 % (thick) and 95 % interval (thin) of each law, or range if it is open."""
+    names, laws = [*parameters["parameter"].unique()], [*parameters["law"].unique()]
+    height = HEAD_IN + len(names) * (ROW_IN + 0.12 * len(laws))
+    figure, axes = pyplot().subplots(len(names), 1, figsize=(COLUMN_IN, height), squeeze=False, layout="constrained")
+    for axis, name in zip(axes[:, 0], names, strict=True):
+        own = parameters[parameters["parameter"] == name]
+        scale, unit = suited(own["value"].iloc[0], own["unit"].iloc[0])
+        for place, row in enumerate(rows_of(own)):
+            colour, marker = LOOKS[laws.index(row.law) % len(LOOKS)]
+            for low, high, width in ((row.low_95pct, row.high_95pct, 0.9), (row.low_68pct, row.high_68pct, 2.6)):
+                ends = np.fmax(low, row.least) * scale, np.fmin(high, row.most) * scale  # the range instead of NaN
+                axis.hlines(place, *ends, colour, lw=width)
+            axis.plot(row.value * scale, place, marker, color=colour, ms=5, label=row.law or None)
+        title = name.removeprefix("materials.")
+        axis.set_title(f"{title}{f' ({unit})' * bool(unit)}", loc="left", fontsize=8)
+        axis.set(yticks=[], ylim=(len(own) - 0.4, -0.6))
+        axis.locator_params(axis="x", nbins=5)
+        axis.ticklabel_format(axis="x", useOffset=False)
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    if len(labels) > 1:
+        figure.legend(handles, labels, loc="outside upper left", ncols=len(labels), fontsize=7)
+    figure.supxlabel("value, 68 % (thick) and 95 % interval", fontsize=8)
+    return figure
+
+
+def _write_scenes(fitted: Fitted) -> None:
+    """Write the scenes with copies of their data, and the fitted ones of each law."""
+    request, parameters = fitted.request, fitted.tables[PARAMETERS]
+    for law, fit in fitted.fits.items():
+        rows = {row.parameter: row for row in rows_of(parameters[parameters["law"] == law])}
+        for source, written in zip(fitted.sources, fitted.scenes(law), strict=True):
+            data = next((each for each in fit.problem.sets if each.name == source.stem and each.entries), None)
+            if data:
+                _write_scene(fitted.folder / source.name, source, request.settings, data, fit, {})
+            _write_scene(written, source, request.settings_of(law), data, fit, rows)
+
+
+def _write_scene(
+    path: Path, source: Path, settings: Sequence[str], data: DataSet | None, fit: Fit, rows: Mapping[str, Any]
+) -> None:
+    """Writes a scene file with settings, data, and values of rows by label, and with the comments of its source."""
+    document: Any = tomlkit.parse(source.read_text(encoding="utf-8"))
+    for setting in settings:
+        apply_setting(document, setting)
+    for free in fit.problem.free:
+        row = rows.get(free.label)
+        if row and free.belongs_to(source.stem) and free.of_motion:
+            value = float(f"{row.value:.6g}")
+            set_value(document, free.key, quantity(value, row.unit) if row.unit else value, str(source))
+            if not isinstance(look_up(document, free.key.rpartition(".")[0]), tomlkit.items.InlineTable):
+                # in an inline table it would hide the rest of the line
+                look_up(document, free.key).comment(f"fitted: {value_text(row, fit.enlargement)}")
+    if drive := look_up(document, "drive.file"):
+        document["drive"]["file"] = _copied(source.parent / drive, path.parent)
+    if data:
+        document[MEASURED] = _entries(data, path.parent, rows)
+    path.write_text(tomlkit.dumps(document), encoding="utf-8")
+
+
+def _copied(file: Path, folder: Path) -> str:
+    """Copy a measured file, once for equal content; its new path, relative to the folder."""
+    target = folder / DATA / file.name
+    target.parent.mkdir(exist_ok=True)
+    equal = next((each for each in target.parent.iterdir() if cmp(file, each, shallow=False)), None)
+    while not equal and target.exists():  # a file of the same name from another folder
+        target = target.with_stem(f"{target.stem}-other")
+    if not equal:
+        shutil.copyfile(file, target)
+    return str((equal or target).relative_to(folder))
+
+
+def _entries(data: DataSet, folder: Path, rows: Mapping[str, Any]) -> Any:
+    """``[[measured]]`` tables of a data set, with copied files, and with gains and triggers of fitted rows by label."""
+    tables, channels = tomlkit.aot(), {channel.key: channel for channel in data.channels}
+    for key, entry in data.entries.items():
+        values = entry.model_dump(exclude_none=True, exclude_unset=True)
+        if channel := channels.get(key):
+            values["file"] = _copied(channel.trace.file, folder)
+            trigger = rows.get(f"{data.name}: {channel.file_key}.{TRIGGER}")
+            gain = rows.get(f"{data.name}: {key}.{GAIN}")
+            trigger_s = trigger.value if trigger else channel.trigger_s
+            if trigger_s is not None:
+                values[TRIGGER] = quantity(float(f"{trigger_s:.9g}"), "s")
+            if gain:
+                error = abs(gain.error / gain.value)
+                values["gain_uncertainty"] = float(f"{error:.2g}") if error < 1 else entry.gain_uncertainty
+                number = f"{gain.value:.6g}"
+                values[GAIN] = float(number) if channel.trace.unit == "N" else f"{number} N/{channel.trace.unit}"
+        tables.append(tomlkit.item(values))
+    return tables
+
+
 def fit(
-    *scenes: str | Path, settings: Mapping[str, Any] | None = None, results: str | Path | None = None, **options: Any
+    *scenes: str | Path,
+    settings: Mapping[str, Any] | Sequence[str] = (),
+    results: str | Path | None = None,
+    **options: Any,
 ) -> Fitted:
     """Fit as ``beads fit`` does, without a check by codes.
 
     Args:
         scenes: Names or files of scenes with measured data, or the folder of a fit.
-        settings: Values that replace those of the scenes, by key, as for ``drivers.run_scene``.
+        settings: Values that replace those of the scenes by key, as for ``drivers.run_scene``; or ``KEY=VALUE`` texts.
         results: Folder of the fit's folder; by default ``results/`` of the checkout.
-        options: ``free``, ``own``, ``laws``, ``uncertain``, ``predict``, ``quoted``: sequences of texts, as after the
-            options of the command; ``measured``: a Path; ``quick``: True to omit profiles and left-out data.
+        options: ``free``, ``own``, ``laws``, ``uncertain``, ``quoted``: sequences of texts, as after the options of the
+            command; ``measured``: a Path; ``quick``: True to omit profiles and left-out data.
 
     Raises:
         InputError: The request has errors.
@@ -64,8 +400,8 @@ def fit(
         'contact.restitution'
     """
     asked = {key: tuple(value) if isinstance(value, (list, tuple)) else value for key, value in options.items()}
-    request = request_of(scenes, settings=setting_texts(settings or {}), **asked)
-    return fit_request(request, Path(results or paths.RESULTS))
+    request = request_of(scenes, settings=setting_texts(settings), **asked)
+    return fit_request(request, Path(results))
 
 
 def fit_request(request: FitRequest, results: Path) -> Fitted:
@@ -84,17 +420,8 @@ def fit_request(request: FitRequest, results: Path) -> Fitted:
             of_laws.append(tables | {EXACT: taken_as_exact(fits[law]).assign(law=law)})
     whole = {name: pd.concat([each[name] for each in of_laws], ignore_index=True) for name in of_laws[0]}
     fitted = Fitted(folder, request, fits, whole)
-    whole[PREDICTIONS] = pd.concat([_of_data_set(fitted, place) for place in range(len(problem.sets))])
     write_folder(fitted)
     return fitted
-
-
-def _of_data_set(fitted: Fitted, place: int) -> pd.DataFrame:
-    """Observables of waves, and those asked for, of the scene of a data set."""
-    asked, data = fitted.request.predict, next(iter(fitted.fits.values())).problem.sets[place]
-    found = predicted(fitted, lambda fit: of_own_scene(fit, fit.problem.sets[place], asked))
-    found.observables.insert(0, "data_set", data.name)
-    return named(found.observables, asked, data.where)
 
 
 def run_fit(request: FitRequest, runs: Path, results: Path) -> int:
@@ -111,8 +438,7 @@ def run_fit(request: FitRequest, runs: Path, results: Path) -> int:
         for law, found in fitted.fits.items():
             own = {name: table[table["law"] == law] for name, table in fitted.tables.items() if "law" in table}
             print(*([f"--- {law} ---"] * bool(law)), *lines(found, own), "", *exact_lines(own[EXACT]), "", sep="\n")
-        predictions = text_table(rows_to_print(fitted.tables[PREDICTIONS])) if request.predict else ()
-        print(*comparison(fitted), *predictions, paths.shown(fitted.folder), sep="\n", flush=True)
+        print(*comparison(fitted), paths.shown(fitted.folder), sep="\n", flush=True)
 
 
 def _confirm(fitted: Sequence[Path], runs: Path) -> int:
@@ -130,12 +456,9 @@ def lines(fit: Fit, tables: Tables) -> Iterator[str]:
     """Lines of text with parameters, data and remarks."""
     rows = []
     for row in rows_of(tables[PARAMETERS]):
-        ends, unit = digits(
-            (row.low_68pct, row.high_68pct, row.low_95pct, row.high_95pct), row.value, row.error, row.unit
-        )
-        intervals = [
-            f"{low} .. {high} {unit}".rstrip() if isfinite(row.error) else "" for low, high in (ends[:2], ends[2:])
-        ]
+        numbers = row.low_68pct, row.high_68pct, row.low_95pct, row.high_95pct
+        ends, unit = digits(numbers, row.value, row.error, row.unit)
+        intervals = [f"{low} .. {high} {unit}".rstrip() * isfinite(row.error) for low, high in (ends[:2], ends[2:])]
         start = with_error(row.start, row.prior, row.unit) if row.prior else rounded(row.start, row.unit)
         rows.append([row.parameter, value_text(row, fit.enlargement), *intervals, start])
     yield from text_table([["parameter", "value", *(f"{rise} interval" for rise in RISES), "start"], *rows])
@@ -175,20 +498,20 @@ def comparison(fitted: Fitted) -> Iterator[str]:
     """
     if len(fitted.fits) < 2:
         return
-    laws = fitted.tables[LAWS].sort_values("aic", kind="stable")
-    laws["above"] = laws["aic"] - laws["aic"].min()
+    laws = (
+        fitted.tables[LAWS]
+        .sort_values("aic", kind="stable")
+        .assign(above=lambda table: table["aic"] - table["aic"].min())
+    )
     columns = ["law", "chi_square", "freedom", "probability", "aic", "bic", "above"]
     yield from laws[columns].to_string(index=False, float_format="{:.5g}".format).splitlines()
     best, second = laws["law"].iloc[:2]
-    excess = (laws["above"] / fitted.fits[best].enlargement ** 2).set_axis(laws["law"])
-    near, equal = [*excess.index[excess < DECISIVE]], [*excess.index[excess < LEANING]]
-    if len(near) == 1:
+    excess = laws.set_index("law")["above"] / fitted.fits[best].enlargement ** 2
+    if excess[second] >= DECISIVE:
         yield f"{best} is the best law: the AIC of {second} is {excess[second]:.3g} higher"
-    elif len(equal) > 1:
-        yield f"undecided: the data do not distinguish {', '.join(near)} (AIC within {excess[near].max():.2g})"
     else:
-        yield f"undecided, leaning to {best}: the AIC of {second} is {excess[second]:.2g} higher; {DECISIVE:g} decides"
-    if len(near) > 1:
-        decide = f"beads design {paths.shown(fitted.folder)} --vary striker.speed=LOW..HIGH"
-        yield f"the experiment that decides: {decide}"
+        near = ", ".join(excess.index[excess < DECISIVE])
+        leaning = f", leaning to {best}" * bool(excess[second] >= LEANING)
+        yield f"undecided{leaning}: the AIC of {second} is {excess[second]:.2g} higher, and {DECISIVE:g} would decide"
+        yield f"the experiment that distinguishes {near}: beads design {paths.shown(fitted.folder)} --vary KEY=LOW..HIGH"
     yield ""

@@ -12,7 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
-from math import isfinite, nan
+from math import isfinite, nan, sqrt
 from pathlib import Path
 from textwrap import fill
 from typing import Any
@@ -24,27 +24,27 @@ from scipy.stats import qmc
 
 from drivers.base.errors import InputError, RunError
 from drivers.base.terminal import following, text_table
-from drivers.base.units import quantity
 from drivers.chain.case import build_case
+from drivers.chain.chain import Array
 from drivers.run.execute import Place, execute
-from drivers.scene.read_scene import apply_setting, make_scene, set_value
-from drivers.scene.settings import look_up, unit_of
+from drivers.scene.read_scene import apply_setting, make_scene
+from drivers.scene.settings import look_up, setting_texts, unit_of
 from postproc.draw.style import COLUMN_IN, GREY, pyplot
 from postproc.read.alignment import change_at, channels_of
 from postproc.read.measured import MEASURED, MeasuredTrace
 from postproc.read.motion import Simulation, exact, read
-from postproc.read.signals import gauges_of
-from validation.calibration.data import DataSet
-from validation.calibration.fit import LOOKS, ROUGH_CHANGE, Fit, chi_square_at, minimise, rounded, weights_of
-from validation.calibration.folder import Fitted, option_of, read_fits
-from validation.calibration.parameters import CUT, READING, stated
+from validation.calibration.command import Fitted, read_fits
+from validation.calibration.data import GAIN, TRIGGER, DataSet, Datum
+from validation.calibration.fit import ROUGH_CHANGE, Fit, chi_square_at, minimise, rounded, weights_of
+from validation.calibration.parameters import CUT, Free, stated
 from validation.calibration.predict import CARRIED
-from validation.calibration.problem import DEFAULT_CUT, TOLERANCE, Problem, pose
+from validation.calibration.problem import DEFAULT_CUT, TOLERANCE, Problem
 
 CANDIDATES = 100
 MAX_LONGER = 4  # doublings of a run until the wave has passed all gauges
 PANEL_IN, HEAD_IN = 1.5, 0.7
 SHOWN = 10  # printed experiments
+SENSORS = "chain.sensors"
 
 
 @dataclass(frozen=True)
@@ -65,6 +65,11 @@ class Design:
     scene: str
     goal: str
 
+    @property
+    def keys(self) -> list[str]:
+        """Varied keys."""
+        return [*self.table.columns[: list(self.table.columns).index("gauges")]]
+
 
 def design(
     fit: Fitted | str | Path,
@@ -72,7 +77,7 @@ def design(
     gauges: str = "",
     pin: str = "",
     candidates: int = CANDIDATES,
-    settings: Sequence[str] = (),
+    settings: Mapping[str, Any] | Sequence[str] = (),
 ) -> Design:
     """Compare experiments as ``beads design`` does.
 
@@ -82,10 +87,17 @@ def design(
         gauges: Beads between which the sensor beads are placed, as ``2..15``.
         pin: Parameter whose error is to be small; without it laws are to be told apart.
         candidates: Number of experiments.
-        settings: Settings applied to all of them.
+        settings: As those of ``fit``, applied to all of them.
 
     Raises:
         InputError: The folder is not that of a fit, a key has no range, or there is nothing to decide.
+
+    Examples:
+        >>> import validation
+        >>> found = validation.fit("example-measured", free=["contact.restitution"], quick=True, results=folder)
+        >>> compared = design(found, ["striker.speed=0.5..4"], pin="contact.restitution", candidates=2)
+        >>> compared.table["expected"].idxmin() == compared.best
+        True
     """
     fitted = fit if isinstance(fit, Fitted) else read_fits(Path(fit))
     fits = {law: fitted.fits[law] for law in weights_of(fitted.fits)}
@@ -96,106 +108,111 @@ def design(
             raise InputError("design", "--pin", pin, ", ".join(one.values))
     base = next(iter(fits.values())).problem.sets[0]
     changes = [*_candidates(base, vary, gauges, candidates)]
-    changes.insert(0, {key: look_up(base.scene, key) for key in changes[0] if key != "gauges"})  # as measured
-    work = execute(partial(_row, fits, pin, settings), changes, Place(processes=True))
+    changes.insert(0, {key: look_up(base.scene, key) for key in changes[0] if key != SENSORS})  # as measured
+    work = execute(partial(_row, fits, pin, setting_texts(settings)), changes, Place(processes=True))
     rows = {id(change): row for change, row in following(work, "experiments", len(changes), "experiment")}
     table = pd.DataFrame([rows[id(change)] for change in changes])
     if table["expected"].isna().all():
         raise RunError(f"design: no experiment can be computed: {table['problem'].iloc[0]}")
     best = int(np.nanargmin(table["expected"]) if pin else np.nanargmax(table["expected"]))
+    document: Any = tomlkit.parse(fitted.scenes(next(iter(fits)))[0].read_text(encoding="utf-8"))
+    document.pop(MEASURED, None)
+    for setting in (
+        *setting_texts(settings),
+        *setting_texts(changes[best] | {"run.duration": float(table["duration_s"][best])}),
+    ):
+        apply_setting(document, setting)
     goal = f"standard error of {pin}" if pin else "smallest expected difference in chi-square of two laws"
-    text = _scene_text(fitted.scenes(next(iter(fits)))[0], changes[best], settings, base, table.iloc[best])
-    return Design(table, best, text, goal)
+    return Design(table, best, tomlkit.dumps(document), goal)
 
 
 def _candidates(base: DataSet, vary: Sequence[str], gauges: str, count: int) -> Iterator[dict[str, Any]]:
-    """Changes of the scene: values by key, and the beads of ``gauges`` from the top."""
+    """Changes of the scene: values by key, and the sensor beads, with their masses, between those of ``gauges``."""
     if not (vary or gauges):
         raise InputError("design", "", "nothing to vary", "--vary KEY=LOW..HIGH or --gauges LOW..HIGH")
-    scene, axes = base.scene, list[tuple[Any, bool]]()
+    scene, axes = base.scene, list[tuple[Free, bool]]()
     for text in vary:
         key = text.partition("=")[0].strip()
         value = look_up(scene, key)
         if not isinstance(value, (int, float)) or isinstance(value, bool):
             raise InputError("design", "--vary", key, f"a number of {base.where}")
         axes.append((stated(text, unit_of(key), "design", None, None, option="--vary"), isinstance(value, int)))
-    places = len(scene.chain.sensor_at) if gauges else 0
+    masses = [sensor.mass for _, sensor in sorted(scene.chain.sensor_at.items(), reverse=True) if gauges]
     ends = stated(f"beads={gauges or '1..2'}", "", "design", None, None, option="--gauges")
-    for draw in qmc.Halton(len(axes) + places, scramble=False).random(count + 1)[1:]:  # the first one is a corner
+    for draw in qmc.Halton(len(axes) + len(masses), scramble=False).random(count + 1)[1:]:  # the first one is a corner
         values = [axis.value(float(x)) for (axis, _), x in zip(axes, draw, strict=False)]
-        change = {axis.key: round(value) if whole else value for value, (axis, whole) in zip(values, axes, strict=True)}
+        change: dict[str, Any] = {}
+        for value, (axis, whole) in zip(values, axes, strict=True):
+            change[axis.key] = round(value) if whole else value
         if gauges:
-            low, high = round(ends.low), min(round(ends.high), change.get("chain.count", scene.chain.count))
-            free = [*range(low, high + 1)]
-            beads = [free.pop(int(x * len(free))) for x in draw[len(axes) :] if free]
-            change["gauges"] = sorted(beads, reverse=True)
+            free = [*range(round(ends.low), min(round(ends.high), change.get("chain.count", scene.chain.count)) + 1)]
+            beads = sorted((free.pop(int(x * len(free))) for x in draw[len(axes) :] if free), reverse=True)
+            change[SENSORS] = [{"from_wall": bead, "mass": mass} for bead, mass in zip(beads, masses, strict=False)]
         yield change
 
 
 def _row(fits: Mapping[str, Fit], pin: str, settings: Sequence[str], change: Mapping[str, Any]) -> dict[str, Any]:
     """Row of a candidate."""
-    row = {**change, "gauges": "", "duration_s": nan, "expected": nan, "problem": ""}
+    row = {key: value for key, value in change.items() if key != SENSORS}
+    row |= {"gauges": "", "duration_s": nan, "expected": nan, "problem": ""}
     try:
-        scenes = {law: _scene_of(fit, change, settings) for law, fit in fits.items()}
-        motions = {law: _motion_of(scenes[law]) for law in fits}
-        longest = max(float(motion.trace.time_s[-1]) for motion in motions.values())
+        made = {law: _made_up(fit, (*settings, *setting_texts(change))) for law, fit in fits.items()}
     except (InputError, ArithmeticError) as error:
         return row | {"problem": str(error)}
-    first = next(iter(motions.values()))
-    row |= {"gauges": " ".join(gauges_of(first.case.layout)), "duration_s": longest}
-    numbers = dict[str, float]()
-    for law, motion in motions.items() if pin else ():
-        problem = _problem_of(fits[law], scenes[law], _data_of(fits[law].problem.sets[0], motion))
-        numbers[f"error_{law}"] = _error_of(Fit(problem, problem.start), pin)
+    numbers, (first, *_) = dict[str, float](), made.values()
+    gauges = [channel.gauge for channel in first.channels]
+    row |= {"gauges": " ".join(gauges), "duration_s": first.scene.run.duration}
+    for law, data in made.items() if pin else ():
+        problem, place = _problem_of(fits[law], data)
+        numbers[f"error_{law}"] = float(Fit(problem, place).errors[[free.label for free in problem.free].index(pin)])
     for law, other in () if pin else combinations(fits, 2):  # made up by the other one, data differ by as much
-        data = _data_of(fits[law].problem.sets[0], motions[law])
-        problem = _problem_of(fits[other], scenes[other], data)
-        place = minimise(problem, problem.with_triggers(problem.start), converged=ROUGH_CHANGE)
-        numbers[f"{law}_or_{other}"] = chi_square_at(problem, place)
+        problem, place = _problem_of(fits[other], replace(made[law], tables=made[other].tables))
+        end = minimise(problem, problem.with_triggers(place), converged=ROUGH_CHANGE)
+        numbers[f"{law}_or_{other}"] = chi_square_at(problem, end)
     return row | {"expected": max(numbers.values()) if pin else min(numbers.values())} | numbers
 
 
-def _error_of(fit: Fit, key: str) -> float:
-    """Standard error of a parameter."""
-    return float(fit.errors[[free.key for free in fit.problem.free].index(key)])
+def _problem_of(fit: Fit, data: DataSet) -> tuple[Problem, Array]:
+    """Problem of the parameters of a fit for data of a candidate, and the coordinates at which they were made up.
+
+    Geometry and strikes have the value of the candidate, with the relative error that they had.
+    """
+    free, place = list[Free](), list[float]()
+    gauges = {f"{channel.key}.{part}" for channel in data.channels for part in (GAIN, TRIGGER)}
+    readings = {CUT, *(number.divisor for number in data.numbers)}
+    for each, x in zip(fit.problem.free, fit.place, strict=True):
+        if each.own in ("", data.name) and (each.of_motion or each.key in gauges | readings):
+            carried, moved = each.key.startswith(CARRIED), each
+            if each.of_motion and not carried:
+                ratio = look_up(data.scene, each.key) / each.start
+                ends = (each.start, each.low, each.high, each.prior)
+                moved = replace(
+                    each, **dict(zip(("start", "low", "high", "prior"), np.multiply(ends, ratio), strict=True))
+                )
+            free.append(moved)
+            place.append(float(x) if carried else moved.coordinate(moved.start))
+    rows = data.rows + sum(each.prior > 0 for each in free)
+    return Problem((data,), tuple(free), (Datum("made up", rows=range(rows)),)), np.array(place)
 
 
-def _scene_of(fit: Fit, change: Mapping[str, Any], settings: Sequence[str]) -> dict[str, Any]:
-    """Tables of a candidate at the fitted parameters of materials, contacts and electronics."""
-    base = fit.problem.sets[0]
-    tables: dict[str, Any] = json.loads(base.tables)
-    tables["run"]["duration"] = base.duration or tables["run"]["duration"]
-    for setting in settings:
-        apply_setting(tables, setting)
-    found = {free.key: free.value(float(x)) for free, x in zip(fit.problem.free, fit.place, strict=True)}
-    values = {key: value for key, value in found.items() if key.partition(".")[0] in CARRIED} | {**change}
-    beads = values.pop("gauges", ())
-    for key, value in values.items():
-        set_value(tables, key, f"{value!r} {unit_of(key)}" if unit_of(key) else value, "--vary")
-    if beads:
-        tables["chain"]["sensors"] = [*_sensors(base, beads)]
-    return tables
-
-
-def _sensors(base: DataSet, beads: Sequence[int]) -> Iterator[dict[str, Any]]:
-    """Sensor beads of a scene at other places, from the top."""
-    masses = [sensor.mass for _, sensor in sorted(base.scene.chain.sensor_at.items(), reverse=True)]
-    for bead, mass in zip(beads, masses, strict=False):
-        yield {"from_wall": bead} | ({} if mass is None else {"mass": f"{mass!r} kg"})
-
-
-def _motion_of(tables: dict[str, Any]) -> Simulation:
-    """Motion of a candidate, whose run is prolonged until the wave has passed all gauges.
+def _made_up(fit: Fit, settings: Sequence[str]) -> DataSet:
+    """Data of a candidate by a law, without noise; its run is prolonged until the wave has passed all gauges.
 
     Raises:
         InputError: The scene is impossible, or the wave does not reach a gauge.
         ArithmeticError: The motion cannot be computed.
     """
+    base, tables = fit.problem.sets[0], json.loads(fit.problem.sets[0].tables)
+    tables["run"]["duration"] = base.duration or tables["run"]["duration"]
+    values = zip(fit.problem.free, fit.place, strict=True)
+    found = {free.key: free.value(float(x)) for free, x in values if free.key.startswith(CARRIED)}
+    for setting in (*setting_texts(found), *settings):
+        apply_setting(tables, setting)
     for _ in range(MAX_LONGER + 1):
         scene = make_scene(json.loads(json.dumps(tables)), "design", "design")
         motion = exact(build_case(scene), TOLERANCE)
         if all(isfinite(motion.first.get(f"{gauge}_arrival_s", nan)) for gauge in motion.signals):
-            return motion
+            return _data_of(replace(base, tables=json.dumps(tables)), motion)
         tables["run"]["duration"] = f"{2 * scene.run.duration!r} s"
     raise InputError("design", "run.duration", f"no pulse at a gauge within {scene.run.duration:g} s", "a longer run")
 
@@ -228,71 +245,31 @@ def _data_of(base: DataSet, motion: Simulation) -> DataSet:
                 numbers.append(replace(number, value=value, error=abs(value * number.error / number.value)))
     if not (channels or numbers):
         raise InputError("design", "", "none of the measured gauges and numbers in the scene", "--set chain.sensors")
-    return replace(base, name="design", numbers=tuple(numbers), channels=channels, triggers=triggers, duration="")
-
-
-def _problem_of(fit: Fit, tables: Mapping[str, Any], data: DataSet) -> Problem:
-    """Problem of the parameters of a fit for data of a candidate, which starts at the values found.
-
-    Prior knowledge of geometry, strikes and gains has the same relative error as in the fit.
-    """
-    texts: dict[bool, list[str]] = {False: [], True: []}  # of all, and of one data set
-    entries, first = {channel.key for channel in data.channels}, fit.problem.sets[0].name
-    for free in fit.problem.free:
-        gauge = free.key.startswith(MEASURED)
-        if free.own not in ("", first) or free.key.startswith(READING):
-            continue  # of another experiment, or added by the numbers
-        if not gauge or free.key.rpartition(".")[0] in entries:
-            known = option_of(free) if free.key.startswith(CARRIED) else free.key
-            share = f"=±{100 * free.prior / abs(free.start)!r}%" if free.prior and known == free.key else ""
-            texts[bool(free.own) and not gauge].append(known + share)
-    return pose([replace(data, tables=json.dumps(tables), own=())], texts[False], texts[True])
-
-
-def _scene_text(source: Path, change: Mapping[str, Any], settings: Sequence[str], base: DataSet, row: Any) -> str:
-    """Scene file of a candidate: the fitted scene with its changes, without data."""
-    document: Any = tomlkit.parse(source.read_text(encoding="utf-8"))
-    document.pop(MEASURED, None)
-    for setting in (*settings, f"run.duration={row['duration_s']:.9g} s"):
-        apply_setting(document, setting)
-    for key, value in change.items():
-        if key == "gauges":
-            document["chain"]["sensors"] = [*_sensors(base, value)]
-        else:
-            set_value(document, key, quantity(value, unit_of(key)) if unit_of(key) else value, "--vary")
-    return tomlkit.dumps(document)
+    return replace(base, numbers=tuple(numbers), channels=channels, triggers=triggers, duration="")
 
 
 def draw(found: Design) -> Any:
     """Expected number of each candidate against each varied value, and against the beads of the gauges."""
-    table, at = found.table, found.table.iloc[found.best]
-    keys = [*table.columns[: table.columns.get_loc("gauges")]]
-    keys += ["gauges"] * (table["gauges"].nunique() > 1)
-    figure, axes = pyplot().subplots(
-        len(keys), 1, figsize=(COLUMN_IN, HEAD_IN + PANEL_IN * len(keys)), squeeze=False, layout="constrained"
-    )
-    for axis, key in zip(axes[:, 0], keys, strict=True):
-        for row, look in ((table, {"color": GREY, "ms": 3}), (at.to_frame().T, {"color": LOOKS[1][0], "ms": 7})):
-            beads = row["gauges"].str.findall(r"\d+") if key == "gauges" else row[key].map(lambda value: [value])
-            points = row.assign(place=beads).explode("place")
-            axis.plot(points["place"].astype(float), points["expected"].astype(float), "o", **look)
-        axis.set(
-            xlabel="beads with a gauge, from the wall" if key == "gauges" else f"{key} ({unit_of(key) or 'number'})"
-        )
-        axis.set_yscale("log")
-    figure.supylabel(fill(found.goal, 50), fontsize=8)
+    beads = "bead with a gauge, from the wall"
+    table = found.table.assign(**{beads: found.table["gauges"].str.findall(r"\d+")}).explode(beads)
+    size = (COLUMN_IN, HEAD_IN + PANEL_IN * (len(found.keys) + 1))
+    figure, axes = pyplot().subplots(len(found.keys) + 1, 1, figsize=size, squeeze=False, layout="constrained")
+    for axis, key in zip(axes[:, 0], (*found.keys, beads), strict=True):
+        for rows, colour, size_pt in ((table, GREY, 3), (table.loc[[found.best]], "k", 7)):
+            axis.semilogy(rows[key].astype(float), rows["expected"], "o", color=colour, ms=size_pt)
+        axis.set_xlabel(key if key == beads else f"{key} ({unit_of(key) or 'number'})")
+    figure.supylabel(fill(found.goal, 40), fontsize=8)
     return figure
 
 
 def lines(found: Design) -> list[str]:
     """The best candidates, and last the experiment as it was."""
-    table = found.table.dropna(subset="expected").sort_values("expected", ascending="error" in found.goal)
-    shown = pd.concat([table.drop(index=0, errors="ignore").head(SHOWN), table.loc[table.index == 0]])
-    keys = [*table.columns[: table.columns.get_loc("gauges")]]
-    rows = [["experiment", *keys, "gauges", found.goal]]
-    for index, row in shown.iterrows():
-        values = [rounded(row[key], unit_of(key)) for key in keys]
-        rows.append([f"{index}" if index else "as measured", *values, row["gauges"], f"{row['expected']:.3g}"])
-    failed = found.table["expected"].isna()
-    reason = found.table.loc[failed, "problem"].min()
-    return [*text_table(rows), *([f"{failed.sum()} experiments left out: {reason}"] if failed.any() else [])]
+    table, pinned = found.table.dropna(subset="expected"), found.goal.startswith("standard error")
+    rows = [["experiment", *found.keys, "gauges", found.goal]]
+    best = table.drop(index=0, errors="ignore").sort_values("expected", ascending=pinned).head(SHOWN)
+    for index, row in pd.concat([best, table[table.index == 0]]).iterrows():
+        values = [rounded(row[key], unit_of(key)) for key in found.keys]
+        scatter = "" if pinned else f" ± {2 * sqrt(row['expected']):.2g}"
+        rows.append([f"{index}" if index else "as measured", *values, row["gauges"], f"{row['expected']:.3g}{scatter}"])
+    left = found.table[found.table["expected"].isna()]
+    return [*text_table(rows), *(f"{len(left)} left out: {problem}" for problem in left["problem"].head(1))]

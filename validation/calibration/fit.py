@@ -1,7 +1,7 @@
 """Least squares from several starting points, the uncertainty of the parameters found, and the tables of a fit."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from math import ceil, exp, inf, isfinite, log, log2, nan, sqrt
 from typing import Any, Literal, TypeVar
@@ -19,7 +19,7 @@ from drivers.chain.chain import Array
 from drivers.run.execute import Place, execute
 from validation.calibration.data import TRIGGER, Datum
 from validation.calibration.parameters import calibration_file
-from validation.calibration.problem import MISSING_RESIDUAL, Problem
+from validation.calibration.problem import MISSING_RESIDUAL, Problem, exact_numbers
 
 SCREENED_POINTS, DESCENTS = 8, 3  # points tried over the ranges for each parameter, and descents from the best
 ROUGH_CHANGE, CLOSE_CHANGE, FINE_CHANGE = 1e-3, 1e-5, 1e-6  # of chi-square or coordinates, at the end of a descent
@@ -176,16 +176,23 @@ def weights_of(fits: Mapping[str, Fit]) -> dict[str, float]:
 def taken_as_exact(fit: Fit) -> pd.DataFrame:
     """Changes of the parameters of the motion by 1 % of each number of the scenes, or gain, that is taken as exact.
 
-    A change of the residual by r moves the minimum by ``-(J^T J)^-1 J^T r`` with the Jacobian J.
+    The number is a further parameter, with the column k of the Jacobian. A change of its coordinate by s moves the
+    minimum by ``-(J^T J)^-1 J^T k s`` with the Jacobian J of the fit.
     """
-    rows = list[dict[str, Any]]()
-    for key, slope in fit.problem.slopes_by_exact(fit.place).items():
-        shifts = fit.slopes * -(fit.covariance @ (fit.jacobian[: len(slope)].T @ slope)) / 100
-        rows += [
-            {"key": key, "parameter": free.label, "unit": free.unit, "change_by_1pct": float(shift), "error": error}
-            for free, shift, error in zip(fit.problem.free, shifts, fit.errors.tolist(), strict=True)
-            if free.of_motion and slope.any()
-        ]
+    problem, known, rows = fit.problem, {free.key for free in fit.problem.free}, list[dict[str, Any]]()
+    for free in dict.fromkeys(each for data in problem.sets for each in exact_numbers(problem.sets, data)):
+        if free.key not in known:
+            wide, place = (
+                replace(problem, free=(*problem.free, free)),
+                np.append(fit.place, free.coordinate(free.start)),
+            )
+            column = wide.jacobian(place, [len(fit.place)])[:, 0] * 0.01 * free.start / free.slope(float(place[-1]))
+            changes = fit.slopes * -(fit.covariance @ (fit.jacobian.T @ column))
+            rows += [
+                {"key": free.label, "parameter": own.label, "unit": own.unit, "change_by_1pct": change, "error": error}
+                for own, change, error in zip(problem.free, changes.tolist(), fit.errors.tolist(), strict=True)
+                if own.of_motion and column.any()
+            ]
     return pd.DataFrame(rows, columns=["key", "parameter", "unit", "change_by_1pct", "error"])
 
 

@@ -7,8 +7,7 @@ an interval of 95 % is that of the mixture of their normal distributions.
 """
 
 import json
-import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,20 +20,18 @@ from scipy.special import ndtr
 
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
-from drivers.base.terminal import text_table
 from drivers.chain.chain import Array
 from drivers.laws import LAWS
-from drivers.scene.model import places_of
 from drivers.scene.read_scene import make_scene
 from drivers.scene.rules import LAW_KEYS
-from drivers.scene.settings import look_up
+from drivers.scene.settings import look_up, setting_texts
 from postproc.draw.stack import GAUGE_IN, gauge_title
 from postproc.draw.style import COLUMN_IN, MICRO, pyplot
 from postproc.read.motion import Simulation
-from postproc.read.observables import describe, without_unit
+from postproc.read.observables import describe
+from validation.calibration.command import Fitted, problem_of, read_fits
 from validation.calibration.data import DataSet, checked
 from validation.calibration.fit import DECISIVE, LOOKS, Fit, digits, fit, rows_of, weights_of, with_error
-from validation.calibration.folder import Fitted, problem_of, read_fits
 from validation.calibration.parameters import ELASTIC, law_of
 from validation.calibration.problem import simulated
 from validation.report.parts import Chapter, Shown
@@ -72,41 +69,50 @@ class Prediction:
     forces: pd.DataFrame
 
     @property
-    def said(self) -> str:
+    def holds(self) -> bool:
+        """True if a fitted law explains the data, and no other law does so far better."""
+        return self.explained and min(self.others.values(), default=0.0) >= -DECISIVE
+
+    @property
+    def said(self) -> list[str]:
         """Sentences on the laws."""
-        shares = ", ".join(f"{law} {weight:.2g}" for law, weight in self.weights.items() if law)
-        said = [f"laws by weight: {shares}" if shares else "by the contact law of the fitted scene"]
-        better = min(self.others, key=self.others.__getitem__, default="")
-        if not self.explained:
-            said.insert(0, "the prediction does not hold: no fitted law explains the data")
-        elif better and self.others[better] < -DECISIVE:
-            reason = f"{better}, which was not fitted, has an AIC that is {-self.others[better]:.3g} lower"
+        shares = (f"{law or 'that of the scene'} {share:.2g}" for law, share in self.weights.items())
+        said = [f"laws by weight: {', '.join(shares)}"]
+        if not self.holds:
+            reason = "no fitted law explains the data"
+            if self.explained:
+                law, above = next(iter(self.others.items()))
+                reason = f"{law}, which was not fitted, has an AIC that is {-above:.3g} lower"
             said.insert(0, f"the prediction does not hold: {reason}")
         if equal := ", ".join(law for law, above in self.others.items() if above < DECISIVE):
             said.append(f"not excluded by the data, but not fitted (beads fit {paths.shown(self.fit)} --law): {equal}")
-        return "; ".join(said)
-
-    @property
-    def holds(self) -> bool:
-        """True if a fitted law explains the data, and no other law of ``drivers.laws`` does so far better."""
-        return self.explained and min(self.others.values(), default=0.0) >= -DECISIVE
+        return said
 
 
-def predict(fit: Fitted | str | Path, scene: str | Path, settings: Sequence[str] = ()) -> Prediction:
+def predict(
+    fit: Fitted | str | Path, scene: str | Path = "", settings: Mapping[str, Any] | Sequence[str] = ()
+) -> Prediction:
     """Prediction of a scene by a fit or its folder.
 
     Args:
         fit: What ``fit`` returned, or its folder.
-        scene: Name or file of a scene.
-        settings: Settings applied to the scene, ``KEY=VALUE``.
+        scene: Name or file of a scene; by default that of the fit, with all of its parameters.
+        settings: As those of ``fit``, applied to the scene.
 
     Raises:
         InputError: The folder is not that of a fit, the scene has errors, or no fitted parameter occurs in it.
         RunError: The exact motion cannot be computed at the parameters found.
+
+    Examples:
+        >>> import validation
+        >>> found = validation.fit("example-measured", free=["contact.restitution"], quick=True, results=folder)
+        >>> predict(found, "fig4", {"striker.speed": "1 m/s"}).said[0]
+        'the prediction does not hold: no fitted law explains the data'
     """
     fitted = fit if isinstance(fit, Fitted) else read_fits(Path(fit))
-    _, tables, where = checked(str(scene), settings)
-    return replace(predicted(fitted, lambda fit: carried(fit, tables, where)), others=others_of(fitted))
+    _, tables, where = checked(str(scene or fitted.sources[0]), setting_texts(settings))
+    found = by_fits(fitted, tables, where, own=not scene)
+    return replace(found, others=others_of(fitted))
 
 
 def others_of(fitted: Fitted) -> dict[str, float]:
@@ -123,67 +129,51 @@ def others_of(fitted: Fitted) -> dict[str, float]:
     return dict(sorted(excess.items(), key=lambda item: item[1]))
 
 
-def carried(fit: Fit, tables: Mapping[str, Any], where: str) -> tuple[DataSet, list[str]]:
-    """Scene with the contact law of a fit, and the keys of the parameters that it takes from the fit.
+def by_fits(fitted: Fitted, tables: Mapping[str, Any], where: str, *, own: bool = False) -> Prediction:
+    """Prediction of a scene, given by its tables, by the laws that hold; with ``own`` by all parameters of the fit.
 
     Raises:
         InputError: No fitted parameter occurs in the scene.
+        RunError: The exact motion cannot be computed at the parameters found.
     """
+    weights, found, motions = weights_of(fitted.fits), list[tuple[Array, Array]](), list[Simulation]()
+    for law in weights:
+        fit = fitted.fits[law]
+        data, keys = _scene_of(fit, tables, where, own=own)
+        motion = _motion_at(fit, data, keys, fit.place)
+        if motion is None:
+            raise RunError(f"{where}: the exact motion cannot be computed at the parameters found")
+        found.append(propagated(fit, data, keys))
+        motions.append(motion)
+    names, time_s = [*motions[0].values], motions[0].trace.time_s
+    table, forces = _table(weights, *map(np.array, zip(*found, strict=True))), {"time_s": time_s}
+    for number, gauge in enumerate(motions[0].signals):
+        rows = table.iloc[len(names) + number * len(time_s) :][: len(time_s)]
+        forces |= {f"{gauge}_{column}_N": rows[column].to_numpy() for column in table}
+    observables = table.iloc[: len(names)]
+    observables.insert(0, "observable", names)
+    observables.insert(1, "unit", [describe(name).unit for name in names])
+    explained = any(fitted.fits[law].explained for law in weights)
+    return Prediction(fitted.folder, motions[0], weights, explained, {}, observables, pd.DataFrame(forces))
+
+
+def _scene_of(fit: Fit, tables: Mapping[str, Any], where: str, *, own: bool) -> tuple[DataSet, list[str]]:
+    """Scene with the contact law of a fit, and the keys of the parameters that it takes from the fit."""
     source, known = json.loads(fit.problem.sets[0].tables), make_scene(json.loads(json.dumps(tables)), "", where)
     contact = {key: value for key, value in tables.get("contact", {}).items() if key not in LAW_OF_CONTACTS}
     law = {key: value for key, value in source.get("contact", {}).items() if key in LAW_OF_CONTACTS}
-    shared = [each.key for each in fit.problem.free if each.of_motion and not each.own]
-    keys = [key for key in shared if key.partition(".")[0] in CARRIED]
-    keys = [key for key in keys if key.startswith(CARRIED[1:]) or look_up(known, key) is not None]
+    moving = [each for each in fit.problem.free if each.of_motion and each.belongs_to(fit.problem.sets[0].name)]
+    keys = [
+        each.key
+        for each in moving
+        if own
+        or (not each.own and each.key.startswith(CARRIED[1:]))
+        or (not each.own and each.key.startswith(CARRIED) and look_up(known, each.key) is not None)
+    ]
     if not keys:
-        allowed = f"a scene with {' or '.join(shared) or 'materials of the fit'}"
+        allowed = f"a scene with {' or '.join(each.key for each in moving) or 'materials of the fit'}"
         raise InputError(where, "", "no fitted parameter of materials, contacts or electronics", allowed)
     return DataSet("", "", json.dumps({**tables, "contact": contact | law}), where), keys
-
-
-def of_own_scene(fit: Fit, data: DataSet, names: Sequence[str] = ()) -> tuple[DataSet, list[str]]:
-    """Scene of a data set with all its parameters; a gauge is added at each bead without a sensor that is named."""
-    tables = json.loads(data.tables)
-    tables["run"]["duration"] = data.duration or tables["run"]["duration"]
-    sensors = tables["chain"].setdefault("sensors", [])
-    asked = {int(match[1]) for name in names if (match := re.match(r"bead_(\d+)_", name))}
-    new = asked.difference(*(places_of(sensor["from_wall"]) for sensor in sensors))
-    sensors.extend({"from_wall": bead} for bead in sorted(new, reverse=True))  # one without a mass changes nothing
-    moved = [each.key for each in fit.problem.free if each.of_motion and each.belongs_to(data.name)]
-    return DataSet(data.name, data.source, json.dumps(tables), data.where), moved
-
-
-def predicted(fitted: Fitted, scene_of: Callable[[Fit], tuple[DataSet, list[str]]]) -> Prediction:
-    """Prediction of a scene that is given for each fit with the keys of the parameters that it takes.
-
-    Raises:
-        RunError: The exact motion cannot be computed at the parameters found.
-    """
-    weights, values, errors, motions = weights_of(fitted.fits), list[Array](), list[Array](), list[Simulation]()
-    for law in weights:
-        fit = fitted.fits[law]
-        data, keys = scene_of(fit)
-        motion = _motion_at(fit, data, keys, fit.place)
-        if motion is None:
-            raise RunError(f"{data.where}: the exact motion cannot be computed at the parameters found")
-        value, error = propagated(fit, data, keys)
-        values.append(value)
-        errors.append(error)
-        motions.append(motion)
-    first = motions[0]
-    table, names, samples = (
-        _table(weights, np.array(values), np.array(errors)),
-        [*first.values],
-        len(first.trace.time_s),
-    )
-    forces: dict[str, Any] = {"time_s": first.trace.time_s}
-    for number, gauge in enumerate(first.signals):
-        rows = table.iloc[len(names) + number * samples :][:samples]
-        forces |= {f"{gauge}_{column}_N": rows[column].to_numpy() for column in table}
-    observables = table.iloc[: len(names)].assign(observable=names, unit=[describe(name).unit for name in names])
-    explained = any(fitted.fits[law].explained for law in weights)
-    ordered = observables[["observable", "unit", *table.columns]]
-    return Prediction(fitted.folder, first, weights, explained, {}, ordered, pd.DataFrame(forces))
 
 
 def _motion_at(fit: Fit, data: DataSet, keys: Sequence[str], place: Array) -> Simulation | None:
@@ -192,13 +182,10 @@ def _motion_at(fit: Fit, data: DataSet, keys: Sequence[str], place: Array) -> Si
     return simulated(data, tuple((each.key, each.value(float(x))) for each, x in free if each.key in keys))
 
 
-def _numbers_of(simulation: Simulation | None) -> Array:
+def _numbers_at(fit: Fit, data: DataSet, keys: Sequence[str], place: Array) -> Array:
     """Observables, then the forces of all gauges; NaN without a motion."""
-    return (
-        np.concatenate([[*simulation.values.values()], *simulation.signals.values()])
-        if simulation
-        else np.array(np.nan)
-    )
+    motion = _motion_at(fit, data, keys, place)
+    return np.concatenate([[*motion.values.values()], *motion.signals.values()]) if motion else np.array(np.nan)
 
 
 def propagated(fit: Fit, data: DataSet, keys: Sequence[str]) -> tuple[Array, Array]:
@@ -208,16 +195,16 @@ def propagated(fit: Fit, data: DataSet, keys: Sequence[str]) -> tuple[Array, Arr
     """
     moving = [index for index, free in enumerate(fit.problem.free) if free.key in keys]
     variances, axes = np.linalg.eigh(fit.covariance[np.ix_(moving, moving)])
-    here = _numbers_of(_motion_at(fit, data, keys, fit.place))
+    here = _numbers_at(fit, data, keys, fit.place)
     squares = np.zeros(len(here))
-    for variance, axis in zip(variances, axes.T, strict=True):
+    for axis in (axes * np.sqrt(np.maximum(variances, 0.0))).T:
         ends, length = list[Array](), 0.0
-        for step in (np.sqrt(max(variance, 0.0)) * axis, -np.sqrt(max(variance, 0.0)) * axis):
+        for step in (axis, -axis):
             room = np.where(step > 0, 1 - fit.place[moving], fit.place[moving])
-            share = min(1.0, *(room[step != 0] / np.abs(step[step != 0])), 1.0)
+            share = float(np.min(room[step != 0] / np.abs(step[step != 0]), initial=1.0))
             place = fit.place.copy()
             place[moving] += share * step
-            ends.append(_numbers_of(_motion_at(fit, data, keys, place)))
+            ends.append(_numbers_at(fit, data, keys, place))
             length += share
         squares += ((ends[0] - ends[1]) / length) ** 2 if length else 0.0
     return here, np.sqrt(squares) * fit.enlargement
@@ -256,40 +243,26 @@ def quantile(shares: Array, values: Array, errors: Array, probability: float) ->
     return np.asarray((low + high) / 2)
 
 
-def rows_to_print(observables: pd.DataFrame) -> list[list[str]]:
-    """Rows of the printed table, the heading first; an observable that the motion does not show is left out."""
+def rows_of_text(found: Prediction) -> list[list[str]]:
+    """Rows of the printed table, the heading first: observables of waves that the motion shows."""
     rows = [["predicted", "value", "between laws", "95 % interval"]]
-    for row in rows_of(observables[observables["value"].notna()]):
-        (spread, *ends), unit = digits(
-            (row.between_laws, row.low_95pct, row.high_95pct), row.value, row.error, row.unit
-        )
-        interval = f"{ends[0]} .. {ends[1]} {unit}".rstrip()
-        rows.append([row.observable, with_error(row.value, row.error, row.unit), f"{spread} {unit}".rstrip(), interval])
+    for row in rows_of(found.observables.dropna(subset="value")):
+        if describe(row.observable).of_wave:
+            numbers = row.between_laws, row.low_95pct, row.high_95pct
+            (spread, low, high), unit = digits(numbers, row.value, row.error, row.unit)
+            value = with_error(row.value, row.error, row.unit)
+            rows.append([row.observable, value, f"{spread} {unit}".rstrip(), f"{low} .. {high} {unit}".rstrip()])
     return rows
-
-
-def named(observables: pd.DataFrame, names: Sequence[str], where: str) -> pd.DataFrame:
-    """Rows of the observables that are asked for, with or without their units.
-
-    Raises:
-        InputError: One is unknown.
-    """
-    known = {without_unit(name): name for name in observables["observable"]}
-    for name in names:
-        if without_unit(name) not in known:
-            raise InputError(where, "--predict", name, ", ".join(sorted(known)))
-    return observables[observables["observable"].isin([known[without_unit(name)] for name in names])]
 
 
 def chapter_of(found: Prediction, name: str) -> Chapter:
     """Tables, figure and sentences of a prediction, for its files and the page."""
-    rows = rows_to_print(_of_waves(found.observables))
-    said = f"Predicted by {paths.shown(found.fit)}: {found.said}."
+    rows = rows_of_text(found)
     return Chapter(
         {name: found.observables, f"{name}-forces": found.forces},
-        [said],
+        [f"By {paths.shown(found.fit)}. {'. '.join(found.said)}."],
         {name: ("Predicted forces with their 95 % intervals", draw(found))},
-        [Shown("Predicted observables", said, pd.DataFrame(rows[1:], columns=rows[0]))],
+        [Shown("Predicted observables", "", pd.DataFrame(rows[1:], columns=rows[0]))],
     )
 
 
@@ -310,15 +283,5 @@ def draw(found: Prediction) -> Any:
     axes[-1, 0].set(xlabel="time since impact (µs)", xlim=(0, time_us.iloc[-1]))
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper left", ncols=2)
     if not found.holds:
-        figure.suptitle(fill(found.said.split(";")[0], 70), color="#b00020", fontsize=8)
+        figure.suptitle(fill(found.said[0], 70), color="#b00020", fontsize=8)
     return figure
-
-
-def lines(found: Prediction) -> list[str]:
-    """Lines of text: the observables of waves, then the laws."""
-    return [*text_table(rows_to_print(_of_waves(found.observables))), "", *found.said.split("; ")]
-
-
-def _of_waves(observables: pd.DataFrame) -> pd.DataFrame:
-    """Rows of the observables of waves."""
-    return observables[[describe(name).of_wave for name in observables["observable"]]]

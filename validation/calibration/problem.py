@@ -13,13 +13,12 @@ import numpy as np
 from drivers.base.errors import InputError, RunError
 from drivers.chain.case import build_case
 from drivers.chain.chain import Array
-from drivers.scene.model import Scene
 from drivers.scene.read_scene import make_scene, set_value
-from drivers.scene.settings import DERIVED, unit_of
+from drivers.scene.settings import DERIVED, look_up, unit_of
 from postproc.read.alignment import correlated, residual_of
 from postproc.read.motion import Simulation, exact, is_censored, read
 from validation.calibration.data import GAIN, TRIGGER, DataSet, Datum, parameters_of
-from validation.calibration.parameters import CUT, NUMERICAL_KEYS, Free
+from validation.calibration.parameters import CUT, NUMERICAL_KEYS, Free, around
 
 DEFAULT_CUT = 0.04  # share of the peak at which the paper cuts widths
 
@@ -95,28 +94,6 @@ class Problem:
     def residual_of_set(self, data: DataSet, place: Array) -> Array:
         """Raw residual of a data set."""
         return _of_set(data, self.motion_values(data, place), tuple(self.own_values(data, place).items()))
-
-    def slopes_by_exact(self, place: Array) -> dict[str, Array]:
-        """Derivatives of the residual by the logarithms of numbers that are no parameters: of the scenes, and gains.
-
-        Returns:
-            A derivative of shape (rows without prior knowledge,) by key.
-        """
-        scenes = {data.name: dict(physical_numbers(data.scene)) for data in self.sets}
-        gains = {f"{channel.key}.{GAIN}": channel.trace.gain for data in self.sets for channel in data.channels}
-        here, slopes = [self.residual_of_set(data, place) for data in self.sets], dict[str, Array]()
-        keys = dict.fromkeys([key for numbers in (*scenes.values(), gains) for key in numbers])
-        for key in (key for key in keys if key not in {each.key for each in self.free}):
-            changes = []
-            for data, off in zip(self.sets, here, strict=True):
-                own, motion = self.own_values(data, place), self.motion_values(data, place)
-                if value := scenes[data.name].get(key):
-                    motion = (*motion, (key, value * (1 + STEP)))
-                elif key in gains:
-                    own[key] = gains[key] * (1 + STEP)
-                changes.append(_of_set(data, motion, tuple(own.items())) - off)
-            slopes[key] = np.nan_to_num(np.concatenate(changes) / STEP, nan=0.0, posinf=0.0, neginf=0.0)
-        return slopes
 
     def censored(self, datum: Datum, place: Array) -> bool:
         """True for a width of which the force is still above the cut when the wave reaches the wall."""
@@ -207,18 +184,26 @@ def _changed(tables: str, values: Iterable[tuple[str, float]]) -> dict[str, Any]
     return changed
 
 
-def physical_numbers(scene: Scene) -> Iterator[tuple[str, float]]:
-    """Keys of a scene's physical numbers other than 0, with their values in SI units."""
-    dumped = scene.model_dump(mode="json", exclude_none=True)
+def exact_numbers(sets: Sequence[DataSet], data: DataSet) -> Iterator[Free]:
+    """Physical numbers other than 0 of a data set's scene, and its gains, as parameters in SI units.
+
+    A number belongs to all data sets of a fit if they agree on it.
+    """
 
     def numbers(value: Any, key: str) -> Iterator[tuple[str, float]]:
         parts = enumerate(value) if isinstance(value, list) else value.items() if isinstance(value, dict) else ()
         for part, inner in parts:
-            yield from numbers(inner, f"{key}.{part}".lstrip("."))
+            if key or part not in (*NUMERICAL_KEYS, *DERIVED):
+                yield from numbers(inner, f"{key}.{part}".lstrip("."))
         if isinstance(value, float) and value:
             yield key, value
 
-    yield from (pair for pair in numbers(dumped, "") if pair[0].split(".")[0] not in (*NUMERICAL_KEYS, *DERIVED))
+    for key, value in numbers(data.scene.model_dump(mode="json", exclude_none=True), ""):
+        common = all(look_up(each.scene, key) == value for each in sets)
+        yield Free(key, "", value, *around(value), own="" if common else data.name)
+    for channel in data.channels:
+        gain = channel.trace.gain
+        yield Free(f"{channel.key}.{GAIN}", "", gain, *around(gain), own=data.name)
 
 
 def simulated(data: DataSet, values: Values) -> Simulation | None:

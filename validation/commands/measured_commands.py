@@ -18,8 +18,7 @@ from postproc.read.motion import exact
 from validation.accuracy.plan import planned_case
 from validation.calibration import design as designs
 from validation.calibration import predict as predictions
-from validation.calibration.command import run_fit
-from validation.calibration.folder import folder_named, request_of
+from validation.calibration.command import folder_named, request_of, run_fit
 from validation.commands.options import print_paths
 from validation.commands.run_commands import open_shown
 from validation.report.parts import prediction_part, write_part
@@ -37,19 +36,20 @@ def fit(results: Path, runs: Path, **asked: Any) -> int:
     return run_fit(request_of(**asked), runs, results)
 
 
-def predict(fit: str, scene: str, settings: tuple[str, ...], results: Path) -> None:
+def predict(fit: str, settings: tuple[str, ...], results: Path, scene: str = "") -> None:
     """Predict forces and observables of a scene by a fit, with errors and the spread over laws.
 
     Materials, contact law and electronics are taken from the fit, all else from the scene.
 
     Examples:
       beads predict fit-shot other.toml
-      beads predict results/fit-example-measured fig4 --set striker.speed='0.2 m/s'
+      beads predict fit-shot --set 'striker.speed=0.2 m/s'
     """
     found = predictions.predict(folder_named(fit, results), scene, settings)
-    case, stem = found.simulation.case, f"predict-{Path(scene).stem}"
-    print(*predictions.lines(found), sep="\n")
-    print_paths(write_part(prediction_part(case.scene), predictions.chapter_of(found, stem), results))
+    case = found.simulation.case
+    print(*text_table(predictions.rows_of_text(found)), "", *found.said, sep="\n")
+    chapter = predictions.chapter_of(found, f"predict-{case.scene.name}")
+    print_paths(write_part(prediction_part(case.scene), chapter, results))
 
 
 def design(

@@ -19,6 +19,7 @@ from postproc.figures import captions
 # by option, its name in the function if that is another, the placeholder of its value, and ... if it is repeatable
 TEXTS = {
     "scene SCENE": "A scene file, or the name of a scene in inputs/scenes.",
+    "scene [SCENE]": "A scene file, or the name of a scene (default: that of the fit).",
     "scenes [SCENE]...": "Scenes by name or file (default: all, report: the paper's four, of fit those of --quoted), or"
     " for fit the folder of a fit, to repeat it with further options.",
     "study STUDY": "A study file, or the name of a study in inputs/studies.",
@@ -51,7 +52,6 @@ TEXTS = {
     "--pin KEY": "Minimise the error of this parameter (default: tell the laws apart).",
     "--candidates N": "Number of experiments to compare (default: 100).",
     "--level levels SHARE ...": "Measure widths at this share of the peak (default: 0.002 and 0.04).",
-    "--predict OBSERVABLE ...": "Predict this, such as wall_peak or bead_8_reflected_arrival, with its error.",
     "--quoted SET,...": "Fit to data that the paper quotes: sets of inputs/calibration.toml, such as fig4,table1.",
     "--beads ranges A-B ...": "Energy of the bodies A to B, counted from the wall, the striker last.",
     "what SCENE|RUN...": "Scenes by name or file; or two runs, each a run folder, or ENGINE:SCENE for the newest run.",

@@ -1,7 +1,6 @@
 """From a fit to the next experiment: made-up experiments by an independent integrator, predicted and designed."""
 
 from collections import defaultdict
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -9,13 +8,12 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from validation.calibration.command import fit
+from validation.calibration.command import Fitted, fit, problems_of, request_of
 from validation.calibration.data import checked, scene_data
 from validation.calibration.design import design
 from validation.calibration.fit import DECISIVE, Fit, rows_of, taken_as_exact
 from validation.calibration.fit import fit as least_squares
-from validation.calibration.folder import Fitted, problems_of, request_of
-from validation.calibration.predict import carried, predict, predicted, quantile
+from validation.calibration.predict import by_fits, predict, quantile
 from validation.calibration.problem import Problem, pose
 from validation.tests.helpers.made_up_experiment import (
     LAWS,
@@ -62,7 +60,7 @@ def test_parameters_and_predictions_are_within_their_95_pct_as_often_as_they_say
                 for (name, at), error in zip(found.fits[law].values.items(), found.fits[law].errors, strict=True):
                     inside["law" if name == key else name].append(abs(at - true[name]) < 1.96 * error)
                 tables = checked("fig4", OTHER)[1]
-                for row in rows_of(predicted(found, partial(carried, tables=tables, where="fig4")).observables):
+                for row in rows_of(by_fits(found, tables, "fig4").observables):
                     if row.observable in PREDICTED:
                         inside[row.observable].append(row.low_95pct < known[row.observable] < row.high_95pct)
     assert len(inside) == 3 + len(PREDICTED)
@@ -75,7 +73,7 @@ def test_a_prediction_by_the_wrong_law_alone_does_not_hold(law: str, noise_N: fl
     """Chi-square is 1.11 and 1.03 per degree of freedom, and the predicted amplitude is many errors off."""
     found = predict(fitted(tmp_path, law, noise_N, 0, ("viscoelastic",)), "fig4", OTHER)
     assert not found.holds
-    assert found.said.startswith("the prediction does not hold: ")
+    assert found.said[0].startswith("the prediction does not hold: ")
     assert min(found.others, key=found.others.__getitem__) == law
     assert found.others[law] < -DECISIVE
     row: Any = found.observables.set_index("observable").loc["bead_12_amplitude_N"]
