@@ -121,11 +121,7 @@ class Fitted:
 
 
 def request_of(
-    scenes: Sequence[str | Path],
-    free: Sequence[str] = (),
-    laws: Sequence[str] = (),
-    uncertain: Sequence[str] = (),
-    **more: Any,
+    scenes: Sequence[str | Path], *, free: Texts = (), laws: Texts = (), uncertain: Texts = (), **more: Any
 ) -> FitRequest:
     """Request of the words of a command, or of the folder of a fit with further words.
 
@@ -155,7 +151,9 @@ def problems_of(request: FitRequest) -> dict[str, Problem]:
         raise InputError("fit", "--measured", "cannot be combined with --quoted")
     if not (request.scenes or request.quoted):
         raise InputError("fit", "", "no scene: name scenes with [[measured]] data, or use --quoted")
-    problems = dict[str, Problem]()
+    names, problems = (*request.quoted, *(Path(scene).stem for scene in request.scenes)), dict[str, Problem]()
+    if len({*names}) < len(names):
+        raise InputError("fit", "data sets", ", ".join(names), "each once, with different names")
     for law in request.law or [""]:
         problems[law] = problem_of(request, law, next((each.sets for each in problems.values()), ()))
     return problems
@@ -175,9 +173,6 @@ def problem_of(request: FitRequest, law: str, known: Sequence[DataSet] = ()) -> 
     if not (free or request.own):
         raise InputError("fit", "--free", "no free parameter: name a key of the scene, --free contact.restitution")
     settings, freed = request.settings_of(law), any(key.endswith(f".{TRIGGER}") for key in asked)
-    names = [find_scene(scene).stem for scene in request.scenes]
-    if len({*names}) < len(names):
-        raise InputError("fit", "data sets", ", ".join(names), "each once, with different names")
     if request.quoted:
         sets = paper_data(request.quoted, settings)
     elif known:
@@ -378,7 +373,7 @@ def _entries(data: DataSet, folder: Path, rows: Mapping[str, Any]) -> Any:
 def fit(
     *scenes: str | Path,
     settings: Mapping[str, Any] | Sequence[str] = (),
-    results: str | Path | None = None,
+    results: str | Path = paths.RESULTS,
     **options: Any,
 ) -> Fitted:
     """Fit as ``beads fit`` does, without a check by codes.
@@ -498,11 +493,8 @@ def comparison(fitted: Fitted) -> Iterator[str]:
     """
     if len(fitted.fits) < 2:
         return
-    laws = (
-        fitted.tables[LAWS]
-        .sort_values("aic", kind="stable")
-        .assign(above=lambda table: table["aic"] - table["aic"].min())
-    )
+    laws = fitted.tables[LAWS].sort_values("aic", kind="stable")
+    laws["above"] = laws["aic"] - laws["aic"].min()
     columns = ["law", "chi_square", "freedom", "probability", "aic", "bic", "above"]
     yield from laws[columns].to_string(index=False, float_format="{:.5g}".format).splitlines()
     best, second = laws["law"].iloc[:2]
@@ -513,5 +505,5 @@ def comparison(fitted: Fitted) -> Iterator[str]:
         near = ", ".join(excess.index[excess < DECISIVE])
         leaning = f", leaning to {best}" * bool(excess[second] >= LEANING)
         yield f"undecided{leaning}: the AIC of {second} is {excess[second]:.2g} higher, and {DECISIVE:g} would decide"
-        yield f"the experiment that distinguishes {near}: beads design {paths.shown(fitted.folder)} --vary KEY=LOW..HIGH"
+        yield f"to distinguish {near}: beads design {paths.shown(fitted.folder)} --vary striker.speed=LOW..HIGH"
     yield ""

@@ -64,7 +64,7 @@ def design(
     """Compare experiments: which one tells the laws of a fit apart, or pins a parameter down?
 
     Examples:
-      beads design fit-shot --vary striker.speed=0.05..2 --vary chain.count=5..40 --gauges 2..15
+      beads design fit-shot --vary striker.speed=0.05..2 --gauges 2..15
       beads design fit-shot --vary striker.speed=0.05..2 --pin contact.restitution
     """
     folder = folder_named(fit, results)

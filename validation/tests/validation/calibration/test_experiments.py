@@ -40,7 +40,7 @@ REPEATED = 22
 def fitted(folder: Path, law: str, noise_N: float, seed: int, laws: tuple[str, ...]) -> Fitted:
     """Fits to a made-up experiment that start at the truth, without a folder."""
     path = make_up(folder / "shot.csv", law, noise_N, (seed, len(law), int(1e3 * noise_N)), "fig4", SHORT)
-    request = request_of(["fig4"], (MODULUS,), laws, settings=SHORT, measured=path, quick=True)
+    request = request_of(["fig4"], free=(MODULUS,), laws=laws, settings=SHORT, measured=path, quick=True)
     start = {MODULUS: MODULUS_PA, **{key: value for key, value, _ in LAWS.values()}}
     fits = {name: least_squares(each, [start], search=False) for name, each in problems_of(request).items()}
     return Fitted(folder, request, fits, {})
