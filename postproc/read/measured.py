@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import cache
 from itertools import groupby, zip_longest
-from math import isfinite, nan
+from math import isfinite, isnan, nan
 from pathlib import Path
 
 import numpy as np
@@ -433,10 +433,11 @@ def _gain(entry: MeasuredEntry, unit: str, where: str, key: str) -> float:
         example = f'such as gain = "2.1 N/{unit}" or "0.5 {unit}/N"'
         raise InputError(where, key, f"missing key: readings in {unit} need a gain in [[measured]], {example}")
     else:
-        try:
-            gain = 1 / to_si(str(entry.gain), f"{unit}/N")  # as data sheets of gauges give it
-        except (ValueError, ZeroDivisionError):
-            gain = _number(entry.gain, f"N/{unit}", where, key)
+        gain = nan
+        if str(entry.gain).rstrip().endswith("/N"):  # as data sheets of gauges give it
+            with suppress(ValueError, ZeroDivisionError):
+                gain = 1 / to_si(str(entry.gain), f"{unit}/N")
+        gain = _number(entry.gain, f"N/{unit}", where, key) if isnan(gain) else gain
     if gain == 0:
         raise InputError(where, key, "0", "a gain other than 0; a negative gain inverts the trace")
     return gain

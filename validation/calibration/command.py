@@ -207,8 +207,9 @@ def read_request(folder: Path) -> FitRequest:
         InputError: The folder is not that of a fit, or the file has errors.
     """
     file = folder / REQUEST
-    if not file.is_file():
-        raise InputError(paths.shown(folder), "", f"no {REQUEST} in it", "a folder that beads fit has written")
+    for name in (REQUEST, f"{PARAMETERS}.csv", f"{LAWS}.csv"):
+        if not (folder / name).is_file():
+            raise InputError(paths.shown(folder), "", f"no {name} in it", "a folder that beads fit has written")
     try:
         request = validate(FitRequest, json.loads(file.read_bytes()), file)
     except ValueError as error:

@@ -135,7 +135,7 @@ def _candidates(base: DataSet, vary: Sequence[str], gauges: str, count: int) -> 
         key = text.partition("=")[0].strip()
         value = look_up(scene, key)
         if not isinstance(value, (int, float)) or isinstance(value, bool):
-            raise InputError("design", "--vary", key, f"a number of {base.where}")
+            raise InputError("design", "--vary", key, "a key of the scene with a number")
         axes.append((stated(text, unit_of(key), "design", None, None, option="--vary"), isinstance(value, int)))
     masses = [sensor.mass for _, sensor in sorted(scene.chain.sensor_at.items(), reverse=True) if gauges]
     ends = stated(f"beads={gauges or '1..2'}", "", "design", None, None, option="--gauges")
@@ -145,7 +145,8 @@ def _candidates(base: DataSet, vary: Sequence[str], gauges: str, count: int) -> 
         for value, (axis, whole) in zip(values, axes, strict=True):
             change[axis.key] = round(value) if whole else value
         if gauges:
-            free = [*range(round(ends.low), min(round(ends.high), change.get("chain.count", scene.chain.count)) + 1)]
+            low, most = round(ends.low), change.get("chain.count", scene.chain.count)
+            free = [*range(low, max(low, min(round(ends.high), most)) + 1)]
             beads = sorted((free.pop(int(x * len(free))) for x in draw[len(axes) :] if free), reverse=True)
             change[SENSORS] = [{"from_wall": bead, "mass": mass} for bead, mass in zip(beads, masses, strict=False)]
         yield change

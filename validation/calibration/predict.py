@@ -22,7 +22,7 @@ from drivers.base import paths
 from drivers.base.errors import InputError, RunError
 from drivers.chain.chain import Array
 from drivers.laws import LAWS
-from drivers.scene.read_scene import make_scene
+from drivers.scene.model import Scene
 from drivers.scene.rules import LAW_KEYS
 from drivers.scene.settings import look_up, setting_texts
 from postproc.draw.stack import GAUGE_IN, gauge_title
@@ -50,6 +50,7 @@ class Prediction:
 
     Attributes:
         fit: Folder of the fit.
+        scene: The scene, as its file states it.
         simulation: Motion of the first law at the parameters found.
         weights: Weights of the laws that hold.
         explained: True if a fitted law explains the data of the fit.
@@ -61,6 +62,7 @@ class Prediction:
     """
 
     fit: Path
+    scene: Scene
     simulation: Simulation
     weights: Mapping[str, float]
     explained: bool
@@ -110,8 +112,7 @@ def predict(
         'the prediction does not hold: no fitted law explains the data'
     """
     fitted = fit if isinstance(fit, Fitted) else read_fits(Path(fit))
-    _, tables, where = checked(str(scene or fitted.sources[0]), setting_texts(settings))
-    found = by_fits(fitted, tables, where, own=not scene)
+    found = by_fits(fitted, *checked(str(scene or fitted.sources[0]), setting_texts(settings)), own=not scene)
     return replace(found, others=others_of(fitted))
 
 
@@ -129,7 +130,7 @@ def others_of(fitted: Fitted) -> dict[str, float]:
     return dict(sorted(excess.items(), key=lambda item: item[1]))
 
 
-def by_fits(fitted: Fitted, tables: Mapping[str, Any], where: str, *, own: bool = False) -> Prediction:
+def by_fits(fitted: Fitted, scene: Scene, tables: Mapping[str, Any], where: str, *, own: bool = False) -> Prediction:
     """Prediction of a scene, given by its tables, by the laws that hold; with ``own`` by all parameters of the fit.
 
     Raises:
@@ -139,7 +140,7 @@ def by_fits(fitted: Fitted, tables: Mapping[str, Any], where: str, *, own: bool 
     weights, found, motions = weights_of(fitted.fits), list[tuple[Array, Array]](), list[Simulation]()
     for law in weights:
         fit = fitted.fits[law]
-        data, keys = _scene_of(fit, tables, where, own=own)
+        data, keys = _scene_of(fit, scene, tables, where, own=own)
         motion = _motion_at(fit, data, keys, fit.place)
         if motion is None:
             raise RunError(f"{where}: the exact motion cannot be computed at the parameters found")
@@ -154,25 +155,23 @@ def by_fits(fitted: Fitted, tables: Mapping[str, Any], where: str, *, own: bool 
     observables.insert(0, "observable", names)
     observables.insert(1, "unit", [describe(name).unit for name in names])
     explained = any(fitted.fits[law].explained for law in weights)
-    return Prediction(fitted.folder, motions[0], weights, explained, {}, observables, pd.DataFrame(forces))
+    return Prediction(fitted.folder, scene, motions[0], weights, explained, {}, observables, pd.DataFrame(forces))
 
 
-def _scene_of(fit: Fit, tables: Mapping[str, Any], where: str, *, own: bool) -> tuple[DataSet, list[str]]:
+def _scene_of(fit: Fit, scene: Scene, tables: Mapping[str, Any], where: str, *, own: bool) -> tuple[DataSet, list[str]]:
     """Scene with the contact law of a fit, and the keys of the parameters that it takes from the fit."""
-    source, known = json.loads(fit.problem.sets[0].tables), make_scene(json.loads(json.dumps(tables)), "", where)
+    source = json.loads(fit.problem.sets[0].tables)
     contact = {key: value for key, value in tables.get("contact", {}).items() if key not in LAW_OF_CONTACTS}
     law = {key: value for key, value in source.get("contact", {}).items() if key in LAW_OF_CONTACTS}
     moving = [each for each in fit.problem.free if each.of_motion and each.belongs_to(fit.problem.sets[0].name)]
-    keys = [
-        each.key
-        for each in moving
-        if own
-        or (not each.own and each.key.startswith(CARRIED[1:]))
-        or (not each.own and each.key.startswith(CARRIED) and look_up(known, each.key) is not None)
-    ]
-    if not keys:
-        allowed = f"a scene with {' or '.join(each.key for each in moving) or 'materials of the fit'}"
-        raise InputError(where, "", "no fitted parameter of materials, contacts or electronics", allowed)
+    shared = [each.key for each in moving if own or (not each.own and each.key.startswith(CARRIED))]
+    keys = [key for key in shared if own or key.startswith(CARRIED[1:]) or look_up(scene, key) is not None]
+    elsewhere = any(key.startswith(CARRIED[0]) for key in shared) and not any(
+        key.startswith(CARRIED[0]) for key in keys
+    )
+    if elsewhere or not keys:
+        found, allowed = "other materials than those of the fit", " or ".join(shared) or "a fit of material or law"
+        raise InputError(where, "", found, allowed)
     return DataSet("", "", json.dumps({**tables, "contact": contact | law}), where), keys
 
 
@@ -260,7 +259,7 @@ def chapter_of(found: Prediction, name: str) -> Chapter:
     rows = rows_of_text(found)
     return Chapter(
         {name: found.observables, f"{name}-forces": found.forces},
-        [f"By {paths.shown(found.fit)}. {'. '.join(found.said)}."],
+        [f"By {paths.shown(found.fit)}: {'; '.join(found.said)}."],
         {name: ("Predicted forces with their 95 % intervals", draw(found))},
         [Shown("Predicted observables", "", pd.DataFrame(rows[1:], columns=rows[0]))],
     )

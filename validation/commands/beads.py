@@ -44,7 +44,7 @@ SECTIONS = {  # functions with the words of their parameters, in the order in wh
     },
     "measured data": {
         "overlay": "SCENE|RUN --set --measured --runs-read --results",
-        "fit": "[SCENE]... --free --law --uncertain --own --measured --quoted --set --quick --results --runs",
+        "fit": "[SCENE|FIT]... --free --law --uncertain --own --measured --quoted --set --quick --results --runs",
         "predict": "FIT [SCENE] --set --results",
         "design": "FIT --vary --gauges --pin --candidates --set --results",
     },

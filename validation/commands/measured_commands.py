@@ -46,10 +46,9 @@ def predict(fit: str, settings: tuple[str, ...], results: Path, scene: str = "")
       beads predict fit-shot --set 'striker.speed=0.2 m/s'
     """
     found = predictions.predict(folder_named(fit, results), scene, settings)
-    case = found.simulation.case
     print(*text_table(predictions.rows_of_text(found)), "", *found.said, sep="\n")
-    chapter = predictions.chapter_of(found, f"predict-{case.scene.name}")
-    print_paths(write_part(prediction_part(case.scene), chapter, results))
+    chapter = predictions.chapter_of(found, f"predict-{found.scene.name}")
+    print_paths(write_part(prediction_part(found.scene), chapter, results))
 
 
 def design(

@@ -20,8 +20,8 @@ from postproc.figures import captions
 TEXTS = {
     "scene SCENE": "A scene file, or the name of a scene in inputs/scenes.",
     "scene [SCENE]": "A scene file, or the name of a scene (default: that of the fit).",
-    "scenes [SCENE]...": "Scenes by name or file (default: all, report: the paper's four, of fit those of --quoted), or"
-    " for fit the folder of a fit, to repeat it with further options.",
+    "scenes [SCENE]...": "Scenes by name or file (default: all, report: the paper's four).",
+    "scenes [SCENE|FIT]...": "Scenes with measured data, by name or file; or the folder of a fit, to fit it again.",
     "study STUDY": "A study file, or the name of a study in inputs/studies.",
     "run RUN": "A run folder, or ENGINE:SCENE for the newest run of that scene.",
     "--set settings KEY=VALUE ...": "A key of the scene with its value, such as chain.count=60 or run.time_step='10"

@@ -59,8 +59,7 @@ def test_parameters_and_predictions_are_within_their_95_pct_as_often_as_they_say
                 assert found.fits[law].explained
                 for (name, at), error in zip(found.fits[law].values.items(), found.fits[law].errors, strict=True):
                     inside["law" if name == key else name].append(abs(at - true[name]) < 1.96 * error)
-                tables = checked("fig4", OTHER)[1]
-                for row in rows_of(by_fits(found, tables, "fig4").observables):
+                for row in rows_of(by_fits(found, *checked("fig4", OTHER)).observables):
                     if row.observable in PREDICTED:
                         inside[row.observable].append(row.low_95pct < known[row.observable] < row.high_95pct)
     assert len(inside) == 3 + len(PREDICTED)
