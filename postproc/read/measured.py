@@ -434,7 +434,7 @@ def _gain(entry: MeasuredEntry, unit: str, where: str, key: str) -> float:
         raise InputError(where, key, f"missing key: readings in {unit} need a gain in [[measured]], {example}")
     else:
         gain = nan
-        if str(entry.gain).rstrip().endswith("/N"):  # as data sheets of gauges give it
+        if re.search(r"/ *\w*N$", str(entry.gain).rstrip()):  # as data sheets of gauges give it
             with suppress(ValueError, ZeroDivisionError):
                 gain = 1 / to_si(str(entry.gain), f"{unit}/N")
         gain = _number(entry.gain, f"N/{unit}", where, key) if isnan(gain) else gain

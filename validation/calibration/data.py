@@ -167,20 +167,27 @@ def _column(number: QuotedNumber, answers: Sequence[Answer]) -> list[Datum]:
     return numbers
 
 
+def tables_of(source: str, settings: Sequence[str]) -> dict[str, Any]:
+    """Tables of a scene's file with settings applied, and without its measured data."""
+    path = find_scene(source)
+    tables = read_toml(path)
+    for setting in settings:
+        apply_setting(tables, setting)
+    if file := look_up(tables, "drive.file"):
+        tables["drive"]["file"] = str((path.parent / file).resolve())
+    tables.pop(MEASURED, None)
+    return tables
+
+
 def checked(source: str, settings: Sequence[str]) -> tuple[Scene, dict[str, Any], str]:
     """Scene of which the exact motion can be computed, with its tables and file, settings applied.
 
     Raises:
         InputError: The scene or a setting is unknown, or its exact motion cannot be computed.
     """
-    path, scene = find_scene(source), read_scene(source, tuple(settings))
-    tables = read_toml(path)
-    for setting in settings:
-        apply_setting(tables, setting)
-    if file := look_up(tables, "drive.file"):
-        tables["drive"]["file"] = str((path.parent / file).resolve())
+    scene = read_scene(source, tuple(settings))
     refuse(build_case(scene), REFERENCE)
-    return scene, tables, paths.shown(path)
+    return scene, tables_of(source, settings), paths.shown(find_scene(source))
 
 
 def scene_data(
@@ -215,7 +222,6 @@ def scene_data(
         if given_s is not None:
             must_overlap(own[0], given_s, duration_s)
     channels = tuple(channel for key in traces for file in files for channel in file if channel.key == key)
-    tables.pop("measured", None)
     duration = tables["run"]["duration"]
     if free_trigger or any(channel.trigger_s is None for channel in channels):
         apply_setting(tables, f"run.duration={LONGER * duration_s!r} s")
@@ -229,8 +235,7 @@ def with_settings(data: DataSet, settings: Sequence[str]) -> DataSet:
     Raises:
         InputError: A setting is wrong, or the scene's exact motion cannot be computed.
     """
-    tables = checked(data.source, settings)[1] | {"run": json.loads(data.tables)["run"]}
-    tables.pop(MEASURED, None)
+    tables = tables_of(data.source, settings) | {"run": json.loads(data.tables)["run"]}
     return replace(data, tables=json.dumps(tables))
 
 

@@ -22,7 +22,7 @@ import pandas as pd
 import tomlkit
 from scipy.stats import qmc
 
-from drivers.base.errors import InputError, RunError
+from drivers.base.errors import InputError
 from drivers.base.terminal import following, text_table
 from drivers.chain.case import build_case
 from drivers.chain.chain import Array
@@ -112,8 +112,8 @@ def design(
     work = execute(partial(_row, fits, pin, setting_texts(settings)), changes, Place(processes=True))
     rows = {id(change): row for change, row in following(work, "experiments", len(changes), "experiment")}
     table = pd.DataFrame([rows[id(change)] for change in changes])
-    if table["expected"].isna().all():
-        raise RunError(f"design: no experiment can be computed: {table['problem'].iloc[0]}")
+    if table["expected"][1:].isna().all():
+        raise InputError("design", "", f"no experiment can be computed: {table['problem'].iloc[-1]}")
     best = int(np.nanargmin(table["expected"]) if pin else np.nanargmax(table["expected"]))
     document: Any = tomlkit.parse(fitted.scenes(next(iter(fits)))[0].read_text(encoding="utf-8"))
     document.pop(MEASURED, None)
