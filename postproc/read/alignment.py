@@ -23,7 +23,6 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +33,7 @@ from scipy.signal import correlate, peak_widths
 
 from drivers.base import paths
 from drivers.base.errors import InputError
+from drivers.base.files import sha256_of
 from drivers.chain.case import Layout
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
@@ -137,7 +137,7 @@ class Channel:
 
 
 def channels_of(traces: Mapping[str, MeasuredTrace], duration_s: float, step_s: float) -> list[list[Channel]]:
-    """Gauges of each file; entries of the same file share their trigger.
+    """Gauges of each file; entries of the same file, or of equal copies of it, share their trigger.
 
     Args:
         traces: Traces by key of their entry.
@@ -148,7 +148,7 @@ def channels_of(traces: Mapping[str, MeasuredTrace], duration_s: float, step_s: 
         InputError: A record is ``MAX_RATIO`` times longer or shorter than the run or has too few readings, or entries
             of one file state different triggers.
     """
-    files: dict[Path, list[str]] = defaultdict(list)
+    files: dict[str, list[str]] = defaultdict(list)
     for key, trace in traces.items():
         length_s = float(trace.time_s[-1] - trace.time_s[0])
         power = 3 * round(np.log10(length_s / duration_s) / 3)
@@ -156,7 +156,7 @@ def channels_of(traces: Mapping[str, MeasuredTrace], duration_s: float, step_s: 
             units = " rather than ".join(("us", "ms" if abs(power) == 3 else "s")[:: 1 if power > 0 else -1])
             allowed = f"about the run's {duration_s:.3g} s (run.duration); is the unit of time {units}?"
             raise InputError(paths.shown(trace.file), "time", f"a record of {length_s:.3g} s", allowed)
-        files[trace.file.resolve()].append(key)
+        files[sha256_of(trace.file) if trace.file.is_file() else str(trace.file)].append(key)
     return [_of_file({key: traces[key] for key in keys}, duration_s, step_s) for keys in files.values()]
 
 

@@ -55,7 +55,7 @@ from validation.calibration.fit import (
     value_text,
     with_error,
 )
-from validation.calibration.parameters import Free, Law, Texts, law_of
+from validation.calibration.parameters import OF_LAWS, Free, Law, Texts, law_of
 from validation.calibration.problem import Problem, pose
 from validation.compare.comparison import EngineSelection, compare_scenes
 from validation.report.parts import Chapter, store_part
@@ -138,6 +138,8 @@ def request_of(
         return given.model_copy(update={"scenes": (*map(str, scenes),)})
     former = read_request(Path(scenes[0]))
     both = {key: getattr(former, key) + getattr(given, key) for key in ("free", "own", "settings")}
+    if laws and not former.law:  # those of the law of the scene
+        both["free"] = tuple(text for text in both["free"] if text.partition("=")[0] not in OF_LAWS)
     return former.model_copy(update=both | {"law": former.law | given.law, "quick": given.quick})
 
 
@@ -459,7 +461,7 @@ def lines(fit: Fit, tables: Tables) -> Iterator[str]:
         rows.append([row.parameter, value_text(row, fit.enlargement), *intervals, start])
     yield from text_table([["parameter", "value", *(f"{rise} interval" for rise in RISES), "start"], *rows])
     if fit.enlargement != 1:
-        times = f"enlarged {fit.enlargement:.2g} times"
+        times = f"enlarged {fit.enlargement:.3g} times"
         yield f"errors (not intervals) are {times}, since the data scatter more than noise explains"
     yield ""
     rows = [["datum", "measured", "fitted", "deviation in standard errors"]]

@@ -26,6 +26,7 @@ LOG_RATIOS = 10.0, 1e6  # of positive bounds with a logarithmic coordinate; a la
 FACTOR = 10.0  # from a value to its bounds if ``inputs/calibration.toml`` has none
 REACH = 8.0  # standard errors of prior knowledge from the value to the bounds
 ELASTIC = "elastic"
+OF_LAWS = ["contact.dissipation", *(f"contact.{key}" for keys in LAW_KEYS.values() for key in keys)]
 NUMERICAL_KEYS = ("run", "seed", "title")  # not physical parameters
 READING = "reading"  # table of the keys of parameters of readings
 CUT = f"{READING}.cut"

@@ -23,7 +23,6 @@ from drivers.base.errors import InputError, RunError
 from drivers.chain.chain import Array
 from drivers.laws import LAWS
 from drivers.scene.model import Scene
-from drivers.scene.rules import LAW_KEYS
 from drivers.scene.settings import look_up, setting_texts
 from postproc.draw.stack import GAUGE_IN, gauge_title
 from postproc.draw.style import COLUMN_IN, MICRO, pyplot
@@ -32,13 +31,11 @@ from postproc.read.observables import describe
 from validation.calibration.command import Fitted, problem_of, read_fits
 from validation.calibration.data import DataSet, checked
 from validation.calibration.fit import DECISIVE, LOOKS, Fit, digits, fit, rows_of, weights_of, with_error
-from validation.calibration.parameters import ELASTIC, law_of
+from validation.calibration.parameters import ELASTIC, OF_LAWS, law_of
 from validation.calibration.problem import simulated
 from validation.report.parts import Chapter, Shown
 
 CARRIED = ("materials", "contact", "sensor")  # tables with parameters that a prediction takes from a fit
-LAW_OF_CONTACTS = ("dissipation", *(key for keys in LAW_KEYS.values() for key in keys))
-LAW_KEYS_OF_SCENE = [f"contact.{key}" for key in LAW_OF_CONTACTS]
 SPAN, HALVINGS = 8.0, 50  # of the search for a quantile: standard errors on either side, and halvings
 ENDS = (0.025, 0.975)
 HEAD_IN = 1.0
@@ -120,7 +117,7 @@ def others_of(fitted: Fitted) -> dict[str, float]:
     """Excess of Akaike's criterion of laws that were not fitted over the best one; they start at the values of that."""
     best = min(fitted.fits.values(), key=lambda fit: fit.aic)
     known = {*fitted.fits, best.problem.sets[0].scene.contact.law.name}
-    asked = tuple(text for text in fitted.request.free if text.split("=")[0] not in LAW_KEYS_OF_SCENE)
+    asked = tuple(text for text in fitted.request.free if text.split("=")[0] not in OF_LAWS)
     excess = dict[str, float]()
     for law in {ELASTIC, *LAWS} - known:
         with suppress(InputError, RunError):  # such as a law without a start
@@ -161,8 +158,8 @@ def by_fits(fitted: Fitted, scene: Scene, tables: Mapping[str, Any], where: str,
 def _scene_of(fit: Fit, scene: Scene, tables: Mapping[str, Any], where: str, *, own: bool) -> tuple[DataSet, list[str]]:
     """Scene with the contact law of a fit, and the keys of the parameters that it takes from the fit."""
     source = json.loads(fit.problem.sets[0].tables)
-    contact = {key: value for key, value in tables.get("contact", {}).items() if key not in LAW_OF_CONTACTS}
-    law = {key: value for key, value in source.get("contact", {}).items() if key in LAW_OF_CONTACTS}
+    contact = {key: value for key, value in tables.get("contact", {}).items() if f"contact.{key}" not in OF_LAWS}
+    law = {key: value for key, value in source.get("contact", {}).items() if f"contact.{key}" in OF_LAWS}
     moving = [each for each in fit.problem.free if each.of_motion and each.belongs_to(fit.problem.sets[0].name)]
     shared = [each.key for each in moving if own or (not each.own and each.key.startswith(CARRIED))]
     keys = [key for key in shared if own or key.startswith(CARRIED[1:]) or look_up(scene, key) is not None]

@@ -221,7 +221,7 @@ def test_errors_are_enlarged_where_the_model_does_not_explain_the_data() -> None
     said = [*lines(found, tables)]
     assert not found.explained
     assert found.enlargement == pytest.approx(np.sqrt(found.chi_square))
-    assert any(f"enlarged {found.enlargement:.2g} times" in line for line in said)
+    assert any(f"enlarged {found.enlargement:.3g} times" in line for line in said)
     assert "the model does not explain the data" in said
 
 
