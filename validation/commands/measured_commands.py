@@ -27,7 +27,8 @@ from validation.report.parts import prediction_part, write_part
 def fit(results: Path, runs: Path, **asked: Any) -> int:
     """Fit parameters of scenes to measured data.
 
-    The data are the [[measured]] tables of the scenes, or those that --measured or --quoted name.
+    The data are the [[measured]] tables of the scenes, or those that --measured or --quoted name. Triggers that are not
+    stated, and gains with an uncertainty, are fitted with the parameters. The folder of a fit is fitted again.
 
     Examples:
       beads fit example-measured --free contact.restitution
@@ -37,7 +38,7 @@ def fit(results: Path, runs: Path, **asked: Any) -> int:
 
 
 def predict(fit: str, settings: tuple[str, ...], results: Path, scene: str = "") -> None:
-    """Predict forces and observables of a scene by a fit, with errors and the spread over laws.
+    """Predict another scene by a fit, with errors and spread over laws.
 
     Materials, contact law and electronics are taken from the fit, all else from the scene.
 
@@ -60,7 +61,7 @@ def design(
     results: Path,
     candidates: int = designs.CANDIDATES,
 ) -> None:
-    """Compare experiments: which one tells the laws of a fit apart, or pins a parameter down?
+    """Find the experiment that tells laws apart or pins a parameter.
 
     Examples:
       beads design fit-shot --vary striker.speed=0.05..2 --gauges 2..15
