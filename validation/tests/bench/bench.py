@@ -57,6 +57,7 @@ FREE = {
     "two parameters, all quoted data": (QUOTED, TWO),
     "four parameters, all quoted data": (QUOTED, (*TWO, "sensor.time_constant", "chain.mass=0.1 g..0.15 g")),
 }
+FITTED = ("viscoelastic", "kuwabara-kono", "hunt-crossley")
 FINISHED = (("--help",), ("plan", "fig4"), ("compare", "fig4"))
 LARGE = {("lammps", 100_000): 500, ("liggghts", 100_000): 500, ("verlet", 100_000): 500, ("verlet", 1_000_000): 50}
 
@@ -127,6 +128,25 @@ def fits(asked: Mapping[str, tuple[Sequence[str], Sequence[str]]] = FREE) -> Ite
         yield f"fit, {name}", time.perf_counter() - began, "s"
 
 
+def experiments(
+    laws: Sequence[str] = ("viscoelastic", "kuwabara-kono", "hunt-crossley"), count: int = 100
+) -> Iterator[Row]:
+    """Time of a fit of the example by several laws, of a prediction by it, and of a design of experiments."""
+    with TemporaryDirectory() as home:
+        place = ("--results", home)
+        compared = [word for law in laws for word in ("--law", law)]
+        asked = {
+            f"fit of {len(laws)} laws": ("fit", "example-measured", "--free", TWO[0], "--quick", *compared),
+            "prediction": ("predict", "fit-example-measured", "fig4"),
+            f"design of {count} experiments": (
+                *("design", "fit-example-measured", "--vary", "striker.speed=0.5..4", "--vary", "chain.count=12..40"),
+                *("--gauges", "2..12", "--candidates", str(count)),
+            ),
+        }
+        for name, words in asked.items():
+            yield name, spent(*BEADS, *words, *place)[1], "s"
+
+
 def commands(asked: Sequence[tuple[str, ...]] = FINISHED, repeats: int = 5) -> Iterator[Row]:
     """CPU time of commands whose runs are finished and whose results are cached."""
     with TemporaryDirectory() as runs:
@@ -178,7 +198,7 @@ def spent(*words: str | Path) -> tuple[float, float]:
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, wall_s
 
 
-ALL: tuple[Callable[..., Iterator[Row]], ...] = (reference, steps, batch, fits, commands, large, clone)
+ALL: tuple[Callable[..., Iterator[Row]], ...] = (reference, steps, batch, fits, experiments, commands, large, clone)
 
 
 def write(rows: Iterable[Row], path: Path) -> None:

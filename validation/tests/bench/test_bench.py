@@ -16,6 +16,7 @@ SMALL: dict[Callable[..., Iterator[Row]], tuple[Any, ...]] = {
     bench.steps: ({5: 10}, 1),
     bench.batch: ({("verlet",): 2},),
     bench.fits: ({"speed of Fig. 4": (("fig4",), ("materials.ptfe.youngs_modulus",))},),
+    bench.experiments: (("viscoelastic", "kuwabara-kono"), 2),
     bench.commands: ((("--help",), ("compare", "fig4", "--engine", "verlet", "--allow-missing")), 1),
     bench.large: ({("verlet", 50): 50},),
     bench.clone: ("help", ()),
