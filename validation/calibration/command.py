@@ -30,7 +30,7 @@ from drivers.engines import codes
 from drivers.limits import inability
 from drivers.scene.model import Part
 from drivers.scene.read_scene import apply_setting, find_scene, read_scene, set_value
-from drivers.scene.settings import look_up, setting_texts
+from drivers.scene.settings import look_up, setting_texts, unit_of
 from postproc.draw.product import write_figure
 from postproc.draw.style import COLUMN_IN, pyplot
 from postproc.read.measured import MEASURED
@@ -328,16 +328,20 @@ def _write_scene(
     for free in fit.problem.free:
         row = rows.get(free.label)
         if row and free.belongs_to(source.stem) and free.of_motion:
-            value = float(f"{row.value:.6g}")
-            set_value(document, free.key, quantity(value, row.unit) if row.unit else value, str(source))
-            if not isinstance(look_up(document, free.key.rpartition(".")[0]), tomlkit.items.InlineTable):
-                # in an inline table it would hide the rest of the line
-                look_up(document, free.key).comment(f"fitted: {value_text(row, fit.enlargement)}")
+            set_number(document, free.key, float(f"{row.value:.6g}"), f"fitted: {value_text(row, fit.enlargement)}")
     if drive := look_up(document, "drive.file"):
         document["drive"]["file"] = _copied(source.parent / drive, path.parent)
     if data:
         document[MEASURED] = _entries(data, path.parent, rows)
     path.write_text(tomlkit.dumps(document), encoding="utf-8")
+
+
+def set_number(document: Any, key: str, value: float, words: str) -> None:
+    """Set a number of a scene document with a comment, which in an inline table would hide the rest of the line."""
+    unit = unit_of(key)
+    set_value(document, key, quantity(value, unit) if unit else value, "")
+    if not isinstance(look_up(document, key.rpartition(".")[0]), tomlkit.items.InlineTable):
+        look_up(document, key).comment(words)
 
 
 def _copied(file: Path, folder: Path) -> str:

@@ -33,7 +33,7 @@ from postproc.draw.style import COLUMN_IN, GREY, pyplot
 from postproc.read.alignment import change_at, channels_of
 from postproc.read.measured import MEASURED, MeasuredTrace
 from postproc.read.motion import Simulation, exact, read
-from validation.calibration.command import Fitted, read_fits
+from validation.calibration.command import Fitted, read_fits, set_number
 from validation.calibration.data import GAIN, TRIGGER, DataSet, Datum
 from validation.calibration.fit import ROUGH_CHANGE, Fit, chi_square_at, minimise, rounded, weights_of
 from validation.calibration.parameters import CUT, Free, stated
@@ -115,14 +115,16 @@ def design(
     if table["expected"][1:].isna().all():
         raise InputError("design", "", f"no experiment can be computed: {table['problem'].iloc[-1]}")
     best = int(np.nanargmin(table["expected"]) if pin else np.nanargmax(table["expected"]))
+    goal = f"standard error of {pin}" if pin else "smallest expected difference in chi-square of two laws"
     document: Any = tomlkit.parse(fitted.scenes(next(iter(fits)))[0].read_text(encoding="utf-8"))
     document.pop(MEASURED, None)
-    for setting in (
-        *setting_texts(settings),
-        *setting_texts(changes[best] | {"run.duration": float(table["duration_s"][best])}),
-    ):
+    document["title"] = f"Designed from {fitted.folder.name}: {goal} {table['expected'][best]:.3g}"
+    sensors = {key: changes[best].pop(key) for key in {SENSORS} & {*changes[best]}}
+    chosen = sensors | {"run.duration": float(table["duration_s"][best])}
+    for setting in (*setting_texts(settings), *setting_texts(chosen)):
         apply_setting(document, setting)
-    goal = f"standard error of {pin}" if pin else "smallest expected difference in chi-square of two laws"
+    for key, value in changes[best].items():
+        set_number(document, key, value, "designed")
     return Design(table, best, tomlkit.dumps(document), goal)
 
 
@@ -137,7 +139,8 @@ def _candidates(base: DataSet, vary: Sequence[str], gauges: str, count: int) -> 
         if not isinstance(value, (int, float)) or isinstance(value, bool):
             raise InputError("design", "--vary", key, "a key of the scene with a number")
         axes.append((stated(text, unit_of(key), "design", None, None, option="--vary"), isinstance(value, int)))
-    masses = [sensor.mass for _, sensor in sorted(scene.chain.sensor_at.items(), reverse=True) if gauges]
+    sensors = [sensor for _, sensor in sorted(scene.chain.sensor_at.items(), reverse=True) if gauges]
+    masses = [sensor.model_dump(include={"mass"}, exclude_none=True) for sensor in sensors]
     ends = stated(f"beads={gauges or '1..2'}", "", "design", None, None, option="--gauges")
     for draw in qmc.Halton(len(axes) + len(masses), scramble=False).random(count + 1)[1:]:  # the first one is a corner
         values = [axis.value(float(x)) for (axis, _), x in zip(axes, draw, strict=False)]
@@ -148,7 +151,7 @@ def _candidates(base: DataSet, vary: Sequence[str], gauges: str, count: int) -> 
             low, most = round(ends.low), change.get("chain.count", scene.chain.count)
             free = [*range(low, max(low, min(round(ends.high), most)) + 1)]
             beads = sorted((free.pop(int(x * len(free))) for x in draw[len(axes) :] if free), reverse=True)
-            change[SENSORS] = [{"from_wall": bead, "mass": mass} for bead, mass in zip(beads, masses, strict=False)]
+            change[SENSORS] = [{"from_wall": bead} | mass for bead, mass in zip(beads, masses, strict=False)]
         yield change
 
 
@@ -186,10 +189,8 @@ def _problem_of(fit: Fit, data: DataSet) -> tuple[Problem, Array]:
             carried, moved = each.key.startswith(CARRIED), each
             if each.of_motion and not carried:
                 ratio = look_up(data.scene, each.key) / each.start
-                ends = (each.start, each.low, each.high, each.prior)
-                moved = replace(
-                    each, **dict(zip(("start", "low", "high", "prior"), np.multiply(ends, ratio), strict=True))
-                )
+                moved = replace(each, start=ratio * each.start, low=ratio * each.low, high=ratio * each.high)
+                moved = replace(moved, prior=ratio * each.prior)
             free.append(moved)
             place.append(float(x) if carried else moved.coordinate(moved.start))
     rows = data.rows + sum(each.prior > 0 for each in free)
