@@ -153,7 +153,7 @@ def problems_of(request: FitRequest) -> dict[str, Problem]:
         raise InputError("fit", "--measured", "cannot be combined with --quoted")
     if not (request.scenes or request.quoted):
         raise InputError("fit", "", "no scene: name scenes with [[measured]] data, or use --quoted")
-    names, problems = (*request.quoted, *(Path(scene).stem for scene in request.scenes)), dict[str, Problem]()
+    names, problems = request.quoted or [Path(scene).stem for scene in request.scenes], dict[str, Problem]()
     if len({*names}) < len(names):
         raise InputError("fit", "data sets", ", ".join(names), "each once, with different names")
     for law in request.law or [""]:
