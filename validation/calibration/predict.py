@@ -35,7 +35,8 @@ from validation.calibration.parameters import ELASTIC, OF_LAWS, law_of
 from validation.calibration.problem import simulated
 from validation.report.parts import Chapter, Shown
 
-CARRIED = ("materials", "contact", "sensor")  # tables with parameters that a prediction takes from a fit
+MATERIALS = "materials"
+CARRIED = (MATERIALS, "contact", "sensor")  # tables with parameters that a prediction takes from a fit
 SPAN, HALVINGS = 8.0, 50  # of the search for a quantile: standard errors on either side, and halvings
 ENDS = (0.025, 0.975)
 HEAD_IN = 1.0
@@ -137,11 +138,11 @@ def by_fits(fitted: Fitted, scene: Scene, tables: Mapping[str, Any], where: str,
     weights, found, motions = weights_of(fitted.fits), list[tuple[Array, Array]](), list[Simulation]()
     for law in weights:
         fit = fitted.fits[law]
-        data, keys = _scene_of(fit, scene, tables, where, own=own)
-        motion = _motion_at(fit, data, keys, fit.place)
+        data, moving = _scene_of(fit, scene, tables, where, own=own)
+        motion = _motion_at(fit, data, moving, fit.place[moving])
         if motion is None:
             raise RunError(f"{where}: the exact motion cannot be computed at the parameters found")
-        found.append(propagated(fit, data, keys))
+        found.append(propagated(fit, data, moving))
         motions.append(motion)
     names, time_s = [*motions[0].values], motions[0].trace.time_s
     table, forces = _table(weights, *map(np.array, zip(*found, strict=True))), {"time_s": time_s}
@@ -155,52 +156,51 @@ def by_fits(fitted: Fitted, scene: Scene, tables: Mapping[str, Any], where: str,
     return Prediction(fitted.folder, scene, motions[0], weights, explained, {}, observables, pd.DataFrame(forces))
 
 
-def _scene_of(fit: Fit, scene: Scene, tables: Mapping[str, Any], where: str, *, own: bool) -> tuple[DataSet, list[str]]:
-    """Scene with the contact law of a fit, and the keys of the parameters that it takes from the fit."""
+def _scene_of(fit: Fit, scene: Scene, tables: Mapping[str, Any], where: str, *, own: bool) -> tuple[DataSet, list[int]]:
+    """Scene with the contact law of a fit, and the places of the parameters that it takes from the fit."""
     source = json.loads(fit.problem.sets[0].tables)
     contact = {key: value for key, value in tables.get("contact", {}).items() if f"contact.{key}" not in OF_LAWS}
     law = {key: value for key, value in source.get("contact", {}).items() if f"contact.{key}" in OF_LAWS}
-    moving = [each for each in fit.problem.free if each.of_motion and each.belongs_to(fit.problem.sets[0].name)]
-    shared = [each.key for each in moving if own or (not each.own and each.key.startswith(CARRIED))]
-    keys = [key for key in shared if own or key.startswith(CARRIED[1:]) or look_up(scene, key) is not None]
-    elsewhere = any(key.startswith(CARRIED[0]) for key in shared) and not any(
-        key.startswith(CARRIED[0]) for key in keys
-    )
-    if elsewhere or not keys:
-        found, allowed = "other materials than those of the fit", " or ".join(shared) or "a fit of material or law"
-        raise InputError(where, "", found, allowed)
-    return DataSet("", "", json.dumps({**tables, "contact": contact | law}), where), keys
+    free, first = fit.problem.free, fit.problem.sets[0].name
+    moving = [place for place, each in enumerate(free) if each.of_motion and each.belongs_to(first)]
+    if not own:
+        offered = [place for place in moving if not free[place].own and free[place].key.startswith(CARRIED)]
+        moving = [place for place in offered if look_up(scene, free[place].key) is not None]
+        moving += [place for place in offered if place not in moving and not free[place].key.startswith(MATERIALS)]
+        materials = [any(free[place].key.startswith(MATERIALS) for place in places) for places in (offered, moving)]
+        if not moving or materials == [True, False]:
+            allowed = " or ".join(free[place].key for place in offered) or "a fit of a material or a law"
+            raise InputError(where, "", "other materials than those of the fit", allowed)
+    return DataSet("", "", json.dumps({**tables, "contact": contact | law}), where), moving
 
 
-def _motion_at(fit: Fit, data: DataSet, keys: Sequence[str], place: Array) -> Simulation | None:
-    """Motion of a scene at the values of the parameters with these keys."""
-    free = zip(fit.problem.free, place, strict=True)
-    return simulated(data, tuple((each.key, each.value(float(x))) for each, x in free if each.key in keys))
+def _motion_at(fit: Fit, data: DataSet, moving: Sequence[int], coordinates: Array) -> Simulation | None:
+    """Motion of a scene at coordinates of its parameters."""
+    free = [fit.problem.free[place] for place in moving]
+    return simulated(data, tuple((each.key, each.value(float(x))) for each, x in zip(free, coordinates, strict=True)))
 
 
-def _numbers_at(fit: Fit, data: DataSet, keys: Sequence[str], place: Array) -> Array:
+def _numbers_at(fit: Fit, data: DataSet, moving: Sequence[int], coordinates: Array) -> Array:
     """Observables, then the forces of all gauges; NaN without a motion."""
-    motion = _motion_at(fit, data, keys, place)
+    motion = _motion_at(fit, data, moving, coordinates)
     return np.concatenate([[*motion.values.values()], *motion.signals.values()]) if motion else np.array(np.nan)
 
 
-def propagated(fit: Fit, data: DataSet, keys: Sequence[str]) -> tuple[Array, Array]:
-    """Numbers of a scene at the parameters found, and their standard errors by the parameters with these keys.
+def propagated(fit: Fit, data: DataSet, moving: Sequence[int]) -> tuple[Array, Array]:
+    """Numbers of a scene at the parameters found, and their standard errors by the parameters at these places.
 
     Ends beyond a bound move to the bound, and the difference is scaled.
     """
-    moving = [index for index, free in enumerate(fit.problem.free) if free.key in keys]
+    place = fit.place[moving]
     variances, axes = np.linalg.eigh(fit.covariance[np.ix_(moving, moving)])
-    here = _numbers_at(fit, data, keys, fit.place)
+    here = _numbers_at(fit, data, moving, place)
     squares = np.zeros(len(here))
     for axis in (axes * np.sqrt(np.maximum(variances, 0.0))).T:
         ends, length = list[Array](), 0.0
         for step in (axis, -axis):
-            room = np.where(step > 0, 1 - fit.place[moving], fit.place[moving])
+            room = np.where(step > 0, 1 - place, place)
             share = float(np.min(room[step != 0] / np.abs(step[step != 0]), initial=1.0))
-            place = fit.place.copy()
-            place[moving] += share * step
-            ends.append(_numbers_at(fit, data, keys, place))
+            ends.append(_numbers_at(fit, data, moving, place + share * step))
             length += share
         squares += ((ends[0] - ends[1]) / length) ** 2 if length else 0.0
     return here, np.sqrt(squares) * fit.enlargement
