@@ -496,7 +496,7 @@ def exact_lines(exact: pd.DataFrame) -> list[str]:
 def comparison(fitted: Fitted) -> Iterator[str]:
     """Lines on several laws: goodness of each, the best one, or those that remain with what would decide.
 
-    Where no law explains the data, differences of AIC are divided by the best law's chi-square per degree of freedom.
+    Where no law explains the data, differences of AIC are divided by the square of the enlargement of its errors.
     """
     if len(fitted.fits) < 2:
         return

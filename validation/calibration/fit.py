@@ -30,6 +30,7 @@ MIN_SEPARATION, MIN_DISTANCE = 0.2, 2e-2  # shares of a range: between two start
 MAX_EXCESS, SAME = 1.0, 0.1  # of chi-square: another minimum is reported, and descents have reached the same minimum
 MIN_GAIN, MAX_REFITS = 0.01, 3  # decrease of chi-square in a profile that makes another fit, and the number of these
 
+ROUNDING_ERROR = 0.1  # relative: errors of rounding without much noise are correlated
 MIN_PROBABILITY = 1e-3  # of a residual by noise alone; below it the model does not explain the data
 MAX_DEVIATION = 2.0  # standard errors; data with larger deviations are missed
 MAX_CORRELATION = 0.5  # of neighbouring residuals; above it they are not noise
@@ -95,18 +96,27 @@ class Fit:
         return self.problem.rows - len(self.place) - lines
 
     @cached_property
-    def probability(self) -> float:
-        """Probability of as bad a fit by noise alone.
+    def misfit(self) -> tuple[float, float, float]:
+        """Chi-square per degree of freedom of what the noise leaves to explain; these degrees, and those of the noise.
 
         Noise that was found from traces is that of their regression splines, which have the residual ``n - p`` of n
-        readings by p coefficients in its unit. What chi-square has beyond is tested against it (F-test of lack of fit).
+        readings by p coefficients in its unit: what chi-square has beyond is left. Noise that is stated has infinite
+        degrees, and noise that is mere rounding is uncertain by ``ROUNDING_ERROR``.
         """
-        channels = [channel for data in self.problem.sets for channel in data.channels if channel.coefficients]
-        spline = sum(float(np.sum(each.counts) - each.coefficients * np.mean(each.counts)) for each in channels)
-        lacking = self.freedom - spline
-        if not channels or lacking <= 0:
-            return float(chi2.sf(self.chi_square, self.freedom))
-        return float(f_distribution.sf((self.chi_square - spline) / lacking, lacking, spline))
+        found = [each for data in self.problem.sets for each in data.channels if each.trace.noise is None]
+        splines = [each for each in found if each.coefficients]
+        residual = sum(float(each.counts.sum() * (1 - each.coefficients / len(each.counts))) for each in splines)
+        chi_square = self.chi_square / (1 + ROUNDING_ERROR * (len(splines) < len(found))) ** 2
+        lacking = self.freedom - residual
+        if not splines or lacking <= 0:
+            return (chi_square / self.freedom if self.freedom else 0.0), self.freedom, inf
+        return (chi_square - residual) / lacking, lacking, residual
+
+    @cached_property
+    def probability(self) -> float:
+        """Probability of as bad a fit by noise alone, by the F-test of lack of fit, or that of chi-square."""
+        ratio, lacking, known = self.misfit
+        return float(f_distribution.sf(ratio, lacking, known) if isfinite(known) else chi2.sf(ratio * lacking, lacking))
 
     @property
     def explained(self) -> bool:
@@ -116,7 +126,7 @@ class Fit:
     @property
     def enlargement(self) -> float:
         """Factor on printed errors, from the scatter of the data: 1 if the model explains the data."""
-        return 1.0 if self.explained else max(1.0, sqrt(self.chi_square / self.freedom))
+        return 1.0 if self.explained else max(1.0, sqrt(self.misfit[0]))
 
     @property
     def values(self) -> dict[str, float]:
@@ -164,7 +174,7 @@ def weights_of(fits: Mapping[str, Fit]) -> dict[str, float]:
     """Akaike weights of the laws that hold, up to ``DECISIVE`` above the best; of all laws if none explains the data.
 
     They are proportional to ``exp(-AIC / 2)``: Burnham and Anderson, Model selection and multimodel inference, 2002,
-    2.9. Where no law explains the data, differences of AIC are divided by chi-square per degree of freedom.
+    2.9. Where no law explains the data, differences of AIC are divided by the square of the enlargement of errors.
     """
     able = {law: fit for law, fit in fits.items() if fit.explained} or fits
     best = min(able.values(), key=lambda fit: fit.aic)

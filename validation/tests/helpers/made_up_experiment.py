@@ -44,13 +44,17 @@ def true_observables(law: str, scene: str, settings: tuple[str, ...]) -> dict[st
     return observe(case.layout, trace)
 
 
-def make_up(path: Path, law: str, noise_N: float, seed: Sequence[int], scene: str, settings: tuple[str, ...]) -> Path:
+def make_up(
+    path: Path, law: str, noise_N: float, seed: Sequence[int], scene: str, settings: tuple[str, ...],
+    interval_s: float = INTERVAL_S, digit_N: float = 0.0,
+) -> Path:  # fmt: skip
     """Write readings of all gauges with an offset and white noise, from before the impact to the end of the run."""
     (case, trace), random = truth(law, scene, settings), np.random.default_rng(seed)
-    time_s = np.arange(0.0, TRIGGER_S + trace.time_s[-1], INTERVAL_S)
+    time_s = np.arange(0.0, TRIGGER_S + trace.time_s[-1], interval_s)
     columns = {"time_s": time_s}
     for gauge, signal in sensor_signals(case.layout, trace).items():
         force_N = np.interp(time_s - TRIGGER_S, trace.time_s, signal - signal[0], left=0.0)
-        columns[f"{gauge}_N"] = force_N + random.normal(OFFSET_N, noise_N, len(time_s))
+        reading_N = force_N + random.normal(OFFSET_N, noise_N, len(time_s))
+        columns[f"{gauge}_N"] = np.round(reading_N / digit_N) * digit_N if digit_N else reading_N
     pd.DataFrame(columns).to_csv(path, index=False)
     return path

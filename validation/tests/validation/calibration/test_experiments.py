@@ -37,9 +37,9 @@ NOISES_N = (0.01, 0.06, 0.3)  # for pulses of 2 N
 REPEATED = 22
 
 
-def fitted(folder: Path, law: str, noise_N: float, seed: int, laws: tuple[str, ...]) -> Fitted:
+def fitted(folder: Path, law: str, noise_N: float, seed: int, laws: tuple[str, ...], **more: float) -> Fitted:
     """Fits to a made-up experiment that start at the truth, without a folder."""
-    path = make_up(folder / "shot.csv", law, noise_N, (seed, len(law), int(1e3 * noise_N)), "fig4", SHORT)
+    path = make_up(folder / "shot.csv", law, noise_N, (seed, len(law), int(1e3 * noise_N)), "fig4", SHORT, **more)
     request = request_of(["fig4"], free=(MODULUS,), laws=laws, settings=SHORT, measured=path, quick=True)
     start = {MODULUS: MODULUS_PA, **{key: value for key, value, _ in LAWS.values()}}
     fits = {name: least_squares(each, [start], search=False) for name, each in problems_of(request).items()}
@@ -77,6 +77,13 @@ def test_a_prediction_by_the_wrong_law_alone_does_not_hold(law: str, noise_N: fl
     assert found.others[law] < -DECISIVE
     row: Any = found.observables.set_index("observable").loc["bead_12_amplitude_N"]
     assert abs(row["value"] - true_observables(law, "fig4", OTHER)["bead_12_amplitude_N"]) > 5 * row["error"]
+
+
+@pytest.mark.parametrize(("noise_N", "interval_s"), [(0.002, 1e-7), (0.006, 1e-7), (0.006, 1e-6)])
+def test_the_right_law_explains_coarsely_rounded_readings(noise_N: float, interval_s: float, tmp_path: Path) -> None:
+    """A digit of a hundredth of the pulse, with noise of 0.1 to 0.3 digits, also averaged."""
+    found = fitted(tmp_path, "viscoelastic", noise_N, 4, ("viscoelastic",), interval_s=interval_s, digit_N=0.02)
+    assert found.fits["viscoelastic"].explained
 
 
 def test_laws_that_the_data_leave_open_widen_the_interval(tmp_path: Path) -> None:
