@@ -21,7 +21,6 @@ from functools import cache
 from itertools import count, product
 from math import nan
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 from urllib.parse import quote
 
@@ -29,6 +28,7 @@ import psutil
 
 from drivers.base import paths
 from drivers.base.errors import InputError
+from drivers.base.processes import workplace
 
 NAME = "batch.sqlite"
 SCHEMA_VERSION = 1
@@ -353,8 +353,8 @@ def _opened(file: Path) -> sqlite3.Connection:
 def _make(file: Path) -> None:
     """Make an empty database, which appears when it is complete, since others may make it at the same time."""
     file.parent.mkdir(parents=True, exist_ok=True)
-    with TemporaryDirectory(prefix=".", dir=file.parent) as folder:
-        draft = Path(folder, NAME)
+    with workplace(file.parent) as folder:
+        draft = folder / NAME
         with closing(sqlite3.connect(draft, isolation_level=None)) as connection:
             connection.execute(f"PRAGMA page_size = {PAGE_BYTES}")
             connection.execute(f"PRAGMA journal_mode = {'WAL' if is_shared(file.parent) else 'DELETE'}")
