@@ -257,7 +257,7 @@ def chapter_of(found: Prediction, name: str) -> Chapter:
     return Chapter(
         {name: found.observables, f"{name}-forces": found.forces},
         [f"By {paths.shown(found.fit)}: {'; '.join(found.said)}."],
-        {name: ("Predicted forces with their 95 % intervals", draw(found))},
+        {name: ("Predicted forces with their 95 % intervals", draw(found))} if found.simulation.signals else {},
         [Shown("Predicted observables", "", pd.DataFrame(rows[1:], columns=rows[0]))],
     )
 

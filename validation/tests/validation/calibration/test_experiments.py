@@ -13,7 +13,7 @@ from validation.calibration.data import checked, scene_data
 from validation.calibration.design import design
 from validation.calibration.fit import DECISIVE, Fit, rows_of, taken_as_exact
 from validation.calibration.fit import fit as least_squares
-from validation.calibration.predict import by_fits, predict, quantile
+from validation.calibration.predict import by_fits, chapter_of, predict, quantile
 from validation.calibration.problem import Problem, pose
 from validation.tests.helpers.made_up_experiment import (
     LAWS,
@@ -97,6 +97,13 @@ def test_laws_that_the_data_leave_open_widen_the_interval(tmp_path: Path) -> Non
     wide: Any = both.forces["wall_high_95pct_N"] - both.forces["wall_low_95pct_N"]
     assert wide.max() > 0.1
     assert wide[0] < 1e-9, "at rest the force is known"
+
+
+def test_a_scene_without_gauges_is_predicted_without_a_figure(tmp_path: Path) -> None:
+    found = fitted(tmp_path, "viscoelastic", 0.3, 1, ("viscoelastic",))
+    bare = by_fits(found, *checked("fig4", ("chain.sensors=", "wall=")))
+    assert [*bare.forces] == ["time_s"]
+    assert chapter_of(bare, "bare").figures == {}
 
 
 def test_quantiles_of_mixtures() -> None:
