@@ -126,13 +126,15 @@ def request_of(
     """Request of the words of a command, or of the folder of a fit with further words.
 
     Raises:
-        InputError: A law is unknown, or the folder is not that of a fit.
+        InputError: A law is unknown, a parameter stands twice, or the folder is not that of a fit.
     """
     for text in uncertain:
         if not all(map(str.strip, text.partition("="))):
             raise InputError("fit", "--uncertain", text, "KEY=ERROR, such as striker.speed=1%")
     free = (*free, *("=±".join(text.split("=", 1)) for text in uncertain))
     asked = {text.partition("=")[0].strip(): text for text in free}
+    if len(asked) < len(free):
+        raise InputError("fit", "--free", ", ".join(free), "each parameter once")
     given = FitRequest(free=free, law={law: law_of(law, asked) for law in laws}, **more)
     if len(scenes) != 1 or not Path(scenes[0]).is_dir():
         return given.model_copy(update={"scenes": (*map(str, scenes),)})
@@ -140,7 +142,8 @@ def request_of(
     both = {key: getattr(former, key) + getattr(given, key) for key in ("free", "own", "settings")}
     if laws and not former.law:  # those of the law of the scene
         both["free"] = tuple(text for text in both["free"] if text.partition("=")[0] not in OF_LAWS)
-    return former.model_copy(update=both | {"law": former.law | given.law, "quick": given.quick})
+    both |= {"law": former.law | given.law, "quick": given.quick, "measured": given.measured}
+    return former.model_copy(update=both)
 
 
 def problems_of(request: FitRequest) -> dict[str, Problem]:
@@ -216,7 +219,8 @@ def read_request(folder: Path) -> FitRequest:
         request = validate(FitRequest, json.loads(file.read_bytes()), file)
     except ValueError as error:
         raise InputError(paths.shown(file), "", f"not valid JSON: {error}") from error
-    return request.model_copy(update={"scenes": tuple(str(folder / scene) for scene in request.scenes)})
+    scenes = () if request.quoted else tuple(str(folder / scene) for scene in request.scenes)  # quoted data name theirs
+    return request.model_copy(update={"scenes": scenes} if scenes else {})
 
 
 def read_fits(folder: Path) -> Fitted:

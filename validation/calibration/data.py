@@ -24,6 +24,7 @@ from postproc.read.observables import describe
 from postproc.read.signals import gauges_of
 from validation.calibration.parameters import (
     CUT,
+    PRIOR,
     READING,
     Answer,
     Free,
@@ -233,7 +234,7 @@ def with_settings(data: DataSet, settings: Sequence[str]) -> DataSet:
     """Data set with other settings of its scene, such as those of a law.
 
     Raises:
-        InputError: A setting is wrong, or the scene's exact motion cannot be computed.
+        InputError: A setting is wrong.
     """
     tables = tables_of(data.source, settings) | {"run": json.loads(data.tables)["run"]}
     return replace(data, tables=json.dumps(tables))
@@ -260,9 +261,9 @@ def gauge_parameters(data: DataSet, asked: Sequence[str]) -> list[Free]:
             known[f"{key}.{GAIN}"] = (f"N/{unit}" if unit != "N" else ""), gain, around(gain), prior, prior > 0
         if channel and key in {each.file_key for each in data.channels}:
             known[f"{key}.{TRIGGER}"] = "s", data.triggers[key], channel.window_s, 0.0, channel.trigger_s is None
-    options = dict[str, str]()
+    options, all_of = dict[str, str](), rf"{MEASURED}(?:\.0)?" if MEASURED in data.entries else MEASURED
     for key, text in ((text.partition("=")[0].strip(), text) for text in asked):
-        whole = re.fullmatch(rf"{MEASURED}(?:\.0)?\.(\w+)", key)  # .0 of a file without a [[measured]] table
+        whole = re.fullmatch(rf"{all_of}\.(\w+)", key)  # .0 of a file without a [[measured]] table
         named = [each for each in known if whole and each.rpartition(".")[2] == whole[1]] if key not in known else [key]
         if not named:
             raise unknown(data.where, "--free", key, known, ", ".join(known) or "none, since the data set has no gauge")
@@ -296,7 +297,8 @@ def parameters_of(sets: Sequence[DataSet], free: Sequence[str], own: Sequence[st
         key, _, rest = (part.strip() for part in text.partition("="))
         values = {name: look_up(scene, key) for name, scene in scenes.items()}
         having = [each for each in sets if look_up(scenes[each.name], key.rpartition(".")[0]) is not None] or [*sets]
-        if rest.startswith(("±", "+")) and len({values[source.name] for source in having}) > 1:
+        unstated = (prior := PRIOR.fullmatch(rest)) and not prior["value"]
+        if unstated and len({values[source.name] for source in having}) > 1:
             parameters += [free_parameter(text, scenes[each.name], each.where, each.name) for each in having]
             continue
         first = next((each for each in having if values[each.name] is not None), having[0])

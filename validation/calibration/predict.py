@@ -135,16 +135,16 @@ def by_fits(fitted: Fitted, scene: Scene, tables: Mapping[str, Any], where: str,
         InputError: No fitted parameter occurs in the scene.
         RunError: The exact motion cannot be computed at the parameters found.
     """
-    weights, found, motions = weights_of(fitted.fits), list[tuple[Array, Array]](), list[Simulation]()
+    weights, scenes, motions = weights_of(fitted.fits), list[tuple[DataSet, list[int]]](), list[Simulation]()
     for law in weights:
         fit = fitted.fits[law]
-        data, moving = _scene_of(fit, scene, tables, where, own=own)
-        motion = _motion_at(fit, data, moving, fit.place[moving])
+        scenes.append(_scene_of(fit, scene, tables, where, own=own))
+        motion = _motion_at(fit, *scenes[-1], fit.place[scenes[-1][1]])
         if motion is None:
             raise RunError(f"{where}: the exact motion cannot be computed at the parameters found")
-        found.append(propagated(fit, data, moving))
         motions.append(motion)
-    names, time_s = [*motions[0].values], motions[0].trace.time_s
+    names, time_s = [*dict.fromkeys(name for motion in motions for name in motion.values)], motions[0].trace.time_s
+    found = [propagated(fitted.fits[law], *each, names) for law, each in zip(weights, scenes, strict=True)]
     table, forces = _table(weights, *map(np.array, zip(*found, strict=True))), {"time_s": time_s}
     for number, gauge in enumerate(motions[0].signals):
         rows = table.iloc[len(names) + number * len(time_s) :][: len(time_s)]
@@ -180,27 +180,29 @@ def _motion_at(fit: Fit, data: DataSet, moving: Sequence[int], coordinates: Arra
     return simulated(data, tuple((each.key, each.value(float(x))) for each, x in zip(free, coordinates, strict=True)))
 
 
-def _numbers_at(fit: Fit, data: DataSet, moving: Sequence[int], coordinates: Array) -> Array:
-    """Observables, then the forces of all gauges; NaN without a motion."""
+def _numbers_at(fit: Fit, data: DataSet, moving: Sequence[int], coordinates: Array, names: Sequence[str]) -> Array:
+    """Observables by name, then the forces of all gauges; NaN for those that the motion lacks, or without a motion."""
     motion = _motion_at(fit, data, moving, coordinates)
-    return np.concatenate([[*motion.values.values()], *motion.signals.values()]) if motion else np.array(np.nan)
+    if motion is None:
+        return np.array(np.nan)
+    return np.concatenate([[motion.values.get(name, np.nan) for name in names], *motion.signals.values()])
 
 
-def propagated(fit: Fit, data: DataSet, moving: Sequence[int]) -> tuple[Array, Array]:
-    """Numbers of a scene at the parameters found, and their standard errors by the parameters at these places.
+def propagated(fit: Fit, data: DataSet, moving: Sequence[int], names: Sequence[str]) -> tuple[Array, Array]:
+    """Observables and forces at the parameters found, and their standard errors by the parameters at these places.
 
     Ends beyond a bound move to the bound, and the difference is scaled.
     """
     place = fit.place[moving]
     variances, axes = np.linalg.eigh(fit.covariance[np.ix_(moving, moving)])
-    here = _numbers_at(fit, data, moving, place)
+    here = _numbers_at(fit, data, moving, place, names)
     squares = np.zeros(len(here))
     for axis in (axes * np.sqrt(np.maximum(variances, 0.0))).T:
         ends, length = list[Array](), 0.0
         for step in (axis, -axis):
             room = np.where(step > 0, 1 - place, place)
             share = float(np.min(room[step != 0] / np.abs(step[step != 0]), initial=1.0))
-            ends.append(_numbers_at(fit, data, moving, place + share * step))
+            ends.append(_numbers_at(fit, data, moving, place + share * step, names))
             length += share
         squares += ((ends[0] - ends[1]) / length) ** 2 if length else 0.0
     return here, np.sqrt(squares) * fit.enlargement

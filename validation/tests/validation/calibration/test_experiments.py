@@ -86,10 +86,24 @@ def test_the_right_law_explains_coarsely_rounded_readings(noise_N: float, interv
     assert found.fits["viscoelastic"].explained
 
 
+def test_lack_of_fit_shows_where_chi_square_is_that_of_a_slightly_larger_noise(tmp_path: Path) -> None:
+    """Chi-square is 1.11 per degree of freedom; errors are enlarged by what the noise of the spline leaves."""
+    found = fitted(tmp_path, "kuwabara-kono", 0.06, 0, ("viscoelastic", "kuwabara-kono")).fits
+    wrong, right = found["viscoelastic"], found["kuwabara-kono"]
+    assert wrong.chi_square / wrong.freedom < 1.2
+    assert not wrong.explained
+    assert 1.3 < wrong.enlargement < 2.0
+    assert right.explained
+    assert right.enlargement == 1
+
+
 def test_laws_that_the_data_leave_open_widen_the_interval(tmp_path: Path) -> None:
-    both = predict(fitted(tmp_path, "viscoelastic", 0.3, 1, ("viscoelastic", "kuwabara-kono")), "fig4", OTHER)
+    found = fitted(tmp_path, "viscoelastic", 0.3, 1, ("viscoelastic", "kuwabara-kono"))
+    both = predict(found, "fig4", OTHER)
     assert both.holds
-    assert [*both.weights] == ["viscoelastic", "kuwabara-kono"]
+    first, second = found.fits.values()
+    ratio = both.weights["viscoelastic"] / both.weights["kuwabara-kono"]
+    assert np.log(ratio) == pytest.approx((second.aic - first.aic) / 2)
     row: Any = both.observables.set_index("observable").loc["bead_3_amplitude_N"]
     assert row["between_laws"] > 2 * row["error"]
     assert row["high_95pct"] - row["low_95pct"] > row["between_laws"]
@@ -104,6 +118,17 @@ def test_a_scene_without_gauges_is_predicted_without_a_figure(tmp_path: Path) ->
     bare = by_fits(found, *checked("fig4", ("chain.sensors=", "wall=")))
     assert [*bare.forces] == ["time_s"]
     assert chapter_of(bare, "bare").figures == {}
+
+
+def test_a_fit_to_quoted_numbers_predicts_though_one_law_lacks_an_observable(tmp_path: Path) -> None:
+    """Elastic beads and damped ones do not show the same numbers; the folder names the quoted data, not its scenes."""
+    laws = ("elastic", "viscoelastic")
+    fitted_one = fit("fig4", quoted=["fig4"], free=[MODULUS], laws=laws, quick=True, results=tmp_path)
+    found = predict(fitted_one.folder, "fig4", {"striker.speed": "1 m/s"})
+    assert [*found.weights] == [*laws]
+    table: Any = found.observables.set_index("observable")
+    assert table.loc["bead_9_amplitude_N", "low_95pct"] < table.loc["bead_9_amplitude_N", "high_95pct"]
+    assert (table["value_elastic"].isna() != table["value_viscoelastic"].isna()).any()
 
 
 def test_quantiles_of_mixtures() -> None:
