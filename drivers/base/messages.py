@@ -21,14 +21,14 @@ EXPECTED = {  # words of TOML where those of pydantic are of Python, by the type
 }
 
 
-def validate(model: type[Model], data: object, where: str | Path, prefix: str = "") -> Model:
-    """Validate ``data`` as a ``model``; ``where`` is the file, or its name in messages.
+def validate(model: type[Model], data: object, where: str | Path, prefix: str = "", context: object = None) -> Model:
+    """Validate ``data`` as a ``model``; ``where`` is the file, or its name in messages, ``context`` that of pydantic.
 
     Raises:
         InputError: lists the first problem of each key, with the key, the value found and those allowed.
     """
     try:
-        return model.model_validate(data)
+        return model.model_validate(data, context=context)
     except ValidationError as failure:  # problems on keys come first, as they explain others; the first ones are listed
         errors = sorted(failure.errors(include_url=False), key=lambda error: error["type"] not in MISPLACED)
         shown = where if isinstance(where, str) else paths.shown(where)

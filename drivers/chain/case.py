@@ -27,6 +27,7 @@ STRAIGHT = frozenset(
 )
 SIDEWAYS = frozenset({"lateral freedom", "tube", "friction", "rotation"})
 NONE = "the scene has none"
+ALL_DIGITS = 17  # significant digits of a double
 
 
 @dataclass(frozen=True)
@@ -147,6 +148,7 @@ class Case:
         reference_tolerance: largest force error of the reference, divided by the largest force.
         plan: planned time step if the scene asks for an accuracy (``validation.accuracy.plan``).
         full: case with all elements of the scene, if elements are left out for the accuracy; else None.
+        digits: significant digits of its output.
     """
 
     scene: Scene
@@ -155,6 +157,7 @@ class Case:
     reference_tolerance: float = MIN_TOLERANCE
     plan: StepPlan | None = None
     full: "Case | None" = None
+    digits: int = ALL_DIGITS
 
     def at(self, steps_per_sample: int) -> "Case":
         """Case with another time step."""

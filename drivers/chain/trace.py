@@ -58,7 +58,8 @@ class Trace:
         kinetic_energy_J: kinetic energy of all bodies. Shape (samples,).
         total_energy_J: kinetic energy, and the change of Hertz energy and of the potential of weight and
             precompression since time 0, without the work of a drive where that is known. Shape (samples,).
-        momentum_N_s: momentum of all bodies, upwards positive. Shape (samples,).
+        momentum_N_s: momentum of all bodies, upwards positive. Shape (samples,). As the energies NaN at all samples of
+            an imported run whose dump does not tell.
         height_m: heights of the centres, or of a flat striker's face. Shape (samples, bodies); None if not kept.
         velocity_m_s: velocities, upwards positive. Shape (samples, bodies); None if not kept.
         bore_friction_N: sum of the bore's friction along the axis on all bodies, upwards positive. Shape (samples,);
@@ -117,7 +118,8 @@ def until(trace: Trace, samples: int) -> Trace:
 
 def finite_part(trace: Trace) -> Trace | None:
     """Samples before the first value that is not finite; None if there are none."""
-    wrong = ~(np.isfinite(trace.force_N).all(axis=1) & np.isfinite(trace.total_energy_J))
+    known = np.isfinite(trace.total_energy_J) | np.isnan(trace.total_energy_J).all()
+    wrong = ~(np.isfinite(trace.force_N).all(axis=1) & known)
     samples = int(np.argmax(wrong)) if wrong.any() else len(wrong)
     return until(trace, samples) if samples else None
 

@@ -89,6 +89,8 @@ class Engine:
         read: function that reads the raw output of a finished run in its folder as a trace and raises RunError if the
             output is damaged, with the trace of the samples before as its ``partial`` if there are any. Shapes and
             signs as in ``drivers.chain.trace.make_trace``.
+        read_dump: function that reads a dump of a deck of another hand, of a case, a path, and the names of its columns
+            if the user gives them; returns the trace and its significant digits. None for a code without dumps.
         loop_pattern: regular expression of the output line with the seconds spent in the code's time loop (group 1).
         server: files and command of a process that runs many decks one after another, requested on its standard
             input. It may end on a deck that fails; the next deck gets a new process.
@@ -117,6 +119,7 @@ class Engine:
     loop_pattern: str
     server: Deck
     request: Callable[[str, str], str] = lambda folder, word: f"{folder} {word}\n"
+    read_dump: Callable[[Case, Path, tuple[str, ...]], tuple[Trace, int]] | None = None
     integrate: Callable[[Case, Flag], tuple[Trace, float]] | None = None
     scheme: str = IN_HEIGHTS
     shear: str = TOTAL

@@ -17,11 +17,12 @@ from drivers.chain.chain import Array, Chain
 from drivers.chain.drives import drive_words, pieces_of
 from drivers.chain.trace import Trace, make_trace
 from drivers.engines import Engine, last_line
-from drivers.engines._raw_output import contact_forces, read_dump
+from drivers.engines._raw_output import read_dump
 from drivers.laws import LAWS
 from validation.reference.hertz_chain import loads_N
 
 DUMP = "chain.bin"
+CONTACT_FORCE = "f_contacts[3]"  # between beads, along the axis
 # columns of three-dimensional chains; the force of the wall has another name in each code
 PLACE, VELOCITY, SPIN = ("x", "y", "z"), ("vx", "vy", "vz"), ("omegax", "omegay", "omegaz")
 BORE_FORCE = tuple(f"f_force_tube[{axis}]" for axis in (1, 2, 3))
@@ -78,14 +79,15 @@ def member(
         command = ("stdbuf", "-oL", program, "-in", "chain.in")  # -oL keeps the last lines of an abort
         return Deck(files, command, raw=(DUMP,), logs=(f"log.{code.lower()}",))
 
-    def read(case: Case, folder: Path) -> Trace:
-        """Read the binary dump as a trace; RunError, with the samples before, if it is incomplete or damaged."""
+    def read(case: Case, path: Path, names: tuple[str, ...] = ()) -> tuple[Trace, int]:
+        """Read a dump as a trace, with its digits; RunError, with the samples before, if it is damaged."""
         try:
-            return _trace(case, radii(case), read_dump(case, folder / DUMP, _columns(case, wall_force)), wall_force)
+            dump = read_dump(case, path, names or _columns(case, wall_force), named=bool(names))
         except RunError as error:
             if error.partial is not None:
-                error.partial = _trace(case, radii(case), error.partial, wall_force)
+                error.partial = _trace(case, radii(case), error.partial.columns, wall_force)
             raise
+        return _trace(case, radii(case), dump.columns, wall_force), dump.digits
 
     return Engine(
         program=program,
@@ -93,7 +95,8 @@ def member(
         render=render,
         server=Deck({}, ("stdbuf", "-oL", program, "-log", "none"), raw=()),  # reads commands from stdin
         request=request_by_include,
-        read=read,
+        read=lambda case, folder: read(case, folder / DUMP)[0],
+        read_dump=read,
         failure_reason=failure_reason,
         loop_pattern=r"^Loop time of ([0-9.e+-]*[0-9]) on",
         dissipation=frozenset(LAWS),
@@ -181,29 +184,44 @@ def _columns(case: Case, wall_force: str) -> tuple[str, ...]:
     """Columns of the dump."""
     wall, lateral = (wall_force,) if case.chain.wall else (), case.chain.lateral
     if lateral is None:
-        return ("id", "z", "vz", "fz", *wall)
+        return ("id", "z", "vz", CONTACT_FORCE, *wall)
     spin, bore = SPIN if lateral.turns else (), BORE_FORCE if lateral.bore else ()
-    return ("id", *PLACE, *VELOCITY, *spin, "fz", *wall, *bore)
+    return ("id", *PLACE, *VELOCITY, *spin, CONTACT_FORCE, *wall, *bore)
 
 
 def _trace(case: Case, radius_m: Array, dump: dict[str, Array], wall_force: str) -> Trace:
-    """Trace of a dump's columns.
+    """Trace of a dump's columns; without heights or velocities, the energies that they give are NaN.
 
-    Contact forces follow from the wall's force F_1 upwards, with the total force on each bead in the column ``fz``:
-    ``F_{j+1} = F_j - fz_j + load_j + bore_j``.
+    Contact forces are those of the wall and of the beads. A dump of another deck may have the total forces ``fz``
+    instead, from which they follow from the uppermost body downwards: ``F_j = F_{j+1} + fz_j - load_j``.
     """
-    chain, height = case.chain, dump["z"] - above_face(case.chain, radius_m)
-    times = case.sample_times_s[: len(height)]
+    chain, samples = case.chain, len(dump["id"])
+    times, unknown = case.sample_times_s[:samples], np.full(samples, np.nan)
+    needed = () if chain.straight else {*_columns(case, wall_force)} - {CONTACT_FORCE, wall_force}
+    missing = [name for name in needed if name not in dump]
+    if CONTACT_FORCE in dump and (wall_force in dump or not chain.wall):
+        wall = dump[wall_force][:, 0] if chain.wall else np.zeros(samples)
+        force = np.column_stack([wall, -np.cumsum(dump[CONTACT_FORCE], axis=1)[:, :-1]])
+    elif "fz" in dump and chain.straight:
+        on_bodies = dump["fz"] - loads_N(chain.load_N, chain.drive, times)
+        force = np.cumsum(on_bodies[:, ::-1], axis=1)[:, ::-1] * (chain.stiffness > 0)
+    else:
+        missing.append("fz" if chain.straight else CONTACT_FORCE)
+    if missing:
+        raise RunError(f"no column {', '.join(missing)} in {', '.join(dump)}, so nothing can be judged: --columns")
 
     def vectors(names: tuple[str, ...]) -> Array | None:
         return np.stack([dump[name] for name in names], axis=2) if names[0] in dump else None
 
+    height = dump["z"] - above_face(chain, radius_m) if "z" in dump else None
+    velocity = dump.get("vz")
+    if height is None or velocity is None:
+        momentum = unknown if velocity is None else velocity @ chain.mass_kg
+        return Trace(times, force, unknown, unknown, momentum, height, velocity)
+    if chain.straight:
+        return make_trace(chain, times, force, height, velocity)
     place, velocity, spin, bore = map(vectors, (PLACE, VELOCITY, SPIN, BORE_FORCE))
-    on_bodies = dump["fz"] - loads_N(chain.load_N, chain.drive, times)
-    if bore is not None:
-        on_bodies -= bore[:, :, 2]
-    force = contact_forces(dump[wall_force][:, 0] if chain.wall else np.zeros(len(times)), on_bodies)
-    if place is None or velocity is None:
-        return make_trace(chain, times, force, height, dump["vz"])
+    assert place is not None
+    assert velocity is not None
     place[:, :, 2] = height
     return make_trace(chain, times, force, place, velocity, spin, bore)

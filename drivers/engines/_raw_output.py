@@ -1,24 +1,60 @@
-"""Readers of raw output for all adapters: arrays, binary dumps, contact forces from forces on bodies."""
+"""Readers of raw output for all adapters: arrays, and dumps of LAMMPS and its descendants."""
 
+import re
 import struct
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from itertools import groupby
+from math import isclose
 from operator import itemgetter
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from drivers.base.errors import RunError
-from drivers.chain.case import Case
+from drivers.base.units import quantity
+from drivers.chain.case import ALL_DIGITS, Case
 from drivers.chain.chain import Array
 
-# head of a frame of a binary dump: step, number of atoms, 80 bytes of boundary and box, number of processes; since
-# LAMMPS of 2020 a mark comes first, and 9 bytes and the names of the columns come before the number of processes; then
-# follows a chunk for each process: a count and as many values
+# head of a frame of a binary dump: step, number of atoms, boundary and box, number of columns, number of processes;
+# since LAMMPS of 2020 a mark of 26 bytes comes first, and units, time and names of the columns come before the number
+# of processes; then follows a chunk for each process: a count and as many values
 _MARK = (-10).to_bytes(8, sys.byteorder, signed=True) + b"DUMPCUSTOM"
-_MARKED, _PLAIN, _COUNT = "=26x2q89x{}xi", "=2q80xi", struct.Struct("=i")
+_COUNT = struct.Struct("=i")
+_SECTION = b"ITEM: "  # begins the parts of a text dump
+_STEP = re.compile(r"^[ \t]*timestep[ \t]+([\d.eE+-]+)", re.MULTILINE)
+_ROOM = 1_000_000  # bytes of a file that may be a deck
+_LOOKED_AT = 50  # frames of a text whose digits are counted
+_DIGIT = re.compile(r"\d")
+_NOT_DIGITS = re.compile(r"[eE].*|[-+.]")
+
+
+class _Frames(NamedTuple):
+    """Frames of a dump that follow each other and have the same number of atoms.
+
+    Attributes:
+        steps: time steps.
+        names: names of the columns; empty if the file does not tell.
+        values: shape (frames, atoms, columns).
+    """
+
+    steps: list[int]
+    names: tuple[str, ...]
+    values: Array
+
+
+class Dump(NamedTuple):
+    """A dump that was read.
+
+    Attributes:
+        columns: values by name, from the lowest body up, each of shape (samples, bodies).
+        digits: significant digits of the values.
+    """
+
+    columns: dict[str, Array]
+    digits: int
 
 
 def read_arrays(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Array]:
@@ -41,55 +77,109 @@ def read_arrays(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, 
     return arrays
 
 
-def read_dump(case: Case, path: Path, columns: tuple[str, ...]) -> dict[str, Array]:
-    """Columns of a binary dump of LAMMPS or a descendant by name, each of shape (samples, bodies).
+def read_dump(case: Case, path: Path, names: Sequence[str], *, named: bool = False) -> Dump:
+    """Read a dump, binary or text, with atoms in any order.
 
     Args:
-        case: the case; its bodies are atoms 1, 2, ... from the lowest up.
-        path: the dump, written by any number of processes, with frames sorted by atom.
-        columns: names of the columns; the first is the atom's number.
+        case: the case; its bodies are the atoms in the order of their heights at time 0, without a column ``z`` in the
+            order of their numbers.
+        path: the dump, written by any number of processes.
+        names: names of the columns, if the file does not tell them.
+        named: True if these names replace those of the file.
 
     Raises:
-        RunError: frames or bodies are missing, or the file is damaged; its ``partial`` holds the columns of the samples
-            before, if there are any.
+        RunError: frames, atoms or columns are not those of the case, or the file is damaged; its ``partial`` is the
+            dump of the samples before, if there are any.
     """
-    bodies, samples, width = case.chain.bodies, case.scene.samples, len(columns)
-    try:
-        raw = memoryview(path.read_bytes())
-    except OSError as error:
-        raise RunError(f"no output: {error.strerror}") from error
-    head = _MARKED.format(len(" ".join(columns))) if raw[: len(_MARK)] == _MARK else _PLAIN
-    parts, steps, at, problem = [np.empty((0, bodies, width))], list[int](), 0, ""
-    with suppress(struct.error):  # the last frame is incomplete
-        while at < len(raw):
-            _, atoms, processes = struct.unpack_from(head, raw, at)
-            frame, chunks = _frame(raw, at, head, processes)
-            whole = raw[at : len(raw) - (len(raw) - at) % frame.size]
-            size = sum(chunk.stop - chunk.start for chunk in chunks)
-            if atoms != bodies or size != 8 * bodies * width or not whole:
-                if 0 < atoms < bodies:
-                    when = case.sample_times_s[min(len(steps), samples - 1)]
-                    problem = f"unstable at t = {when:g} s: {atoms} bodies instead of {bodies}, one was lost"
+    raw = _content_of(path)
+    text = raw[: len(_SECTION)] == _SECTION
+    bodies, samples = case.chain.bodies, case.scene.samples
+    steps, parts, problem, own = list[int](), list[Array](), "", tuple(names)
+    with suppress(struct.error, ValueError):  # the last frame is incomplete
+        for frames in _text_frames(raw) if text else _binary_frames(raw):
+            atoms, width = frames.values.shape[1:]
+            own = frames.names if frames.names and not named else own
+            if steps and atoms < bodies:
+                when = case.sample_times_s[min(len(steps), samples - 1)]
+                problem = f"unstable at t = {when:g} s: {atoms} bodies instead of {bodies}, one was lost"
+            elif atoms != bodies:
+                problem = f"{path.name} has {atoms} atoms, expected {bodies}"
+            elif width != len(own):
+                problem = (
+                    f"{path.name} has {width} columns, expected {len(own)} ({' '.join(own)}); name them: --columns"
+                )
+            if problem:
                 break
-            _, alike = next(groupby(frame.iter_unpack(whole), itemgetter(slice(1, None))))
-            numbers = [step for step, *_ in alike]
-            steps += numbers
-            block = np.frombuffer(whole, np.uint8).reshape(-1, frame.size)[: len(numbers)]
-            values = np.concatenate([block[:, chunk] for chunk in chunks], axis=1).view(float)
-            parts.append(values.reshape(-1, bodies, width))
-            at += block.size
-    by_body = parts[1] if len(parts) == 2 else np.concatenate(parts)
-    arrays = {name: by_body[:samples, :, place] for place, name in enumerate(columns)}
-    if not problem:
-        if len(steps) != samples:
-            problem = f"output ends in sample {min(len(steps) + 1, samples)} of {samples}, or is damaged there"
-        elif steps != [*range(0, case.scene.steps + 1, case.scene.steps_per_sample)]:
-            problem = "output has other time steps than the samples"
-        elif (arrays[columns[0]] != np.arange(1, bodies + 1)).any():
-            problem = "output has its beads in another order"
+            steps += frames.steps
+            parts.append(frames.values)
+    problem = problem or _other_times(case, path, steps)
+    if not steps:
+        raise RunError(problem)
+    values = parts[0] if len(parts) == 1 else np.concatenate(parts)
+    columns = {name: values[:samples, :, place] for place, name in enumerate(own)}
+    dump = Dump(_in_order(path, columns), _digits(raw) if text else ALL_DIGITS)
     if problem:
-        raise RunError(problem, partial=arrays if steps else None)
-    return arrays
+        raise RunError(problem, partial=dump)
+    return dump
+
+
+def _content_of(path: Path) -> memoryview:
+    """Content of a dump, or of its files of a frame each; RunError with the names of other dumps if there is none."""
+    try:
+        if found := files_of(path):
+            return memoryview(b"".join(file.read_bytes() for file in found))
+    except OSError as error:
+        raise RunError(f"no output: {path.name}: {error.strerror}") from error
+    others = [file.name for file in sorted(path.parent.glob("*")) if file.is_file() and _is_dump(file)]
+    raise RunError(f"no output: {path.name} not found" + (f"; found {others[0]}: --dump {others[0]}" if others else ""))
+
+
+def files_of(dump: Path) -> list[Path]:
+    """Files of a dump by step, if its name has a ``*``; else the dump, if it exists."""
+    found = dump.parent.glob(dump.name) if "*" in dump.name else filter(Path.is_file, [dump])
+    return sorted(found, key=lambda file: [*map(int, re.findall(r"\d+", file.name))])
+
+
+def _is_dump(file: Path) -> bool:
+    with open(file, "rb") as opened:
+        return opened.read(len(_MARK)).startswith((_MARK, _SECTION))
+
+
+def _binary_frames(raw: memoryview) -> Iterator[_Frames]:
+    """Frames of a binary dump.
+
+    Raises:
+        struct.error: the file ends within a frame, or is damaged.
+    """
+    head, names = _head(raw)
+    at = 0
+    while at < len(raw):
+        _, atoms, processes = struct.unpack_from(head, raw, at)
+        frame, chunks = _frame(raw, at, head, processes)
+        whole = raw[at : len(raw) - (len(raw) - at) % frame.size]
+        width, rest = divmod(sum(chunk.stop - chunk.start for chunk in chunks), 8 * max(atoms, 1))
+        if rest or not whole or atoms < 1:
+            return
+        _, alike = next(groupby(frame.iter_unpack(whole), itemgetter(slice(1, None))))
+        numbers = [step for step, *_ in alike]
+        block = np.frombuffer(whole, np.uint8).reshape(-1, frame.size)[: len(numbers)]
+        values = np.concatenate([block[:, chunk] for chunk in chunks], axis=1).view(float)
+        yield _Frames(numbers, names, values.reshape(-1, atoms, width))
+        at += block.size
+
+
+def _head(raw: memoryview) -> tuple[str, tuple[str, ...]]:
+    """Format of the heads of a binary dump, with step, atoms and processes; names of its columns if it tells them."""
+    marked = raw[: len(_MARK)] == _MARK
+    begin, names = 26 * marked, tuple[str, ...]()
+    at = begin + 16 + 28 + 24 * (3 if _COUNT.unpack_from(raw, begin + 16)[0] else 2) + 4  # the box may be triclinic
+    if marked:
+        at += 4 + _COUNT.unpack_from(raw, at)[0]  # units
+        at += 1 + 8 * bool(raw[at])  # time
+        length = _COUNT.unpack_from(raw, at)[0]
+        at += 4 + length
+        names = tuple(bytes(raw[at - length : at]).decode(errors="replace").split())
+    return f"={begin}x2q{at - begin - 16}xi", names
 
 
 def _frame(raw: memoryview, at: int, head: str, processes: int) -> tuple[struct.Struct, list[slice]]:
@@ -102,15 +192,95 @@ def _frame(raw: memoryview, at: int, head: str, processes: int) -> tuple[struct.
     return struct.Struct(head + "".join(f"i{chunk.stop - chunk.start}x" for chunk in chunks)), chunks
 
 
-def contact_forces(lowest_N: Array, contacts_N: Array) -> Array:
-    """Contact forces along the axis from the lowest contact upwards: ``F_{j+1} = F_j - f_j``.
+def _text_frames(raw: memoryview) -> Iterator[_Frames]:
+    """Frames of a text dump.
 
-    Args:
-        lowest_N: force of contact 1, zero without a wall. Shape (samples,).
-        contacts_N: force on each body by its two contacts, upwards positive. Shape (samples, bodies).
-
-    Returns:
-        Contact forces, compression positive. Shape (samples, bodies).
+    Raises:
+        ValueError: the file ends within a frame, or is damaged.
     """
-    force = np.column_stack([lowest_N, -contacts_N[:, :-1]])
-    return np.cumsum(force, axis=1, out=force)
+    step = atoms = 0
+    for heading, content in _sections(raw):
+        if heading.startswith("TIMESTEP"):
+            step = int(content)
+        elif heading.startswith("NUMBER OF ATOMS"):
+            atoms = int(content)
+        elif heading.startswith("ATOMS"):
+            names, words = tuple(heading.split()[1:]), content.split()
+            try:
+                values = np.array(words, float)
+            except ValueError:  # names of elements
+                values = np.array([float(word) if _DIGIT.search(word) else np.nan for word in words])
+            yield _Frames([step], names, values.reshape(1, atoms, len(names)))
+
+
+def _sections(raw: memoryview) -> list[tuple[str, str]]:
+    """Headings and contents of the sections of a text dump."""
+    sections = bytes(raw).decode(errors="replace").split(_SECTION.decode())[1:]
+    return [(heading, content) for heading, _, content in (section.partition("\n") for section in sections)]
+
+
+def _digits(raw: memoryview) -> int:
+    """Significant digits of a text dump: the most of each column of real numbers, of these the least."""
+    frames = [(heading.split()[1:], content.split()) for heading, content in _sections(raw) if heading[:5] == "ATOMS"]
+    looked_at = frames[:: max(1, len(frames) // _LOOKED_AT)]
+    columns = [
+        [word for names, words in looked_at for word in words[place :: len(names)] if "." in word]
+        for place in range(len(frames[0][0]))
+    ]
+    most = [max(len(_NOT_DIGITS.sub("", word).lstrip("0")) for word in words) for words in columns if words]
+    return min(most, default=ALL_DIGITS)
+
+
+def _in_order(path: Path, columns: dict[str, Array]) -> dict[str, Array]:
+    """Columns with the atoms of each frame in the order of their numbers, and of their heights at time 0."""
+    if "id" not in columns:
+        raise RunError(f"{path.name} has no column id, without which atoms cannot be told apart; name it: --columns")
+    ids = columns["id"]
+    order = np.argsort(ids, axis=1, kind="stable")
+    if (np.take_along_axis(ids, order, 1) != np.sort(ids[0])).any():
+        raise RunError(f"output is damaged: {path.name} has other atoms in some frames")
+    if "z" in columns:
+        order = order[:, np.argsort(columns["z"][0, order[0]], kind="stable")]
+    if (order == np.arange(ids.shape[1])).all():
+        return columns
+    return {name: np.take_along_axis(column, order, 1) for name, column in columns.items()}
+
+
+def _other_times(case: Case, path: Path, steps: Sequence[int]) -> str:
+    """Message on frames that are missing, or at other times than the samples, with the settings that fit them."""
+    scene = case.scene
+    expected = range(0, scene.steps + 1, scene.steps_per_sample)
+    if [*steps] == [*expected]:
+        return ""
+    if [*steps] == [*expected][: len(steps)]:
+        return f"output ends in sample {len(steps) + 1} of {scene.samples}, or is damaged there"
+    step_s = _time_step(path.parent) or scene.time_step_s
+    of, of_scene = (
+        f" of {quantity(each, 's')}" * (step_s != scene.time_step_s) for each in (step_s, scene.time_step_s)
+    )
+    message = f"{path.name} has frames at steps {_listed(steps)}{of}; the scene has {_listed(expected)}{of_scene}"
+    every = steps[-1] // (len(steps) - 1) if len(steps) > 1 else 0
+    if every < 1 or [*steps] != [*range(0, steps[-1] + 1, every)]:
+        return message
+    now = {"time_step": scene.time_step_s, "sample_interval": scene.run.sample_interval, "duration": case.duration_s}
+    has = {"time_step": step_s, "sample_interval": every * step_s, "duration": steps[-1] * step_s}
+    other = {key: float(f"{value:.12g}") for key, value in has.items() if not isclose(value, now[key], rel_tol=1e-9)}
+    return " ".join([f"{message}:", *(f"--set run.{key}='{quantity(value, 's')}'" for key, value in other.items())])
+
+
+def _listed(steps: Sequence[int]) -> str:
+    """The first steps, and the last."""
+    return ", ".join([*map(str, steps[:2]), *(["..."] if len(steps) > 3 else []), *map(str, steps[2:][-1:])])
+
+
+def _time_step(folder: Path) -> float | None:
+    """Time step of the decks in a folder; None if none tells it, or they tell several."""
+    found = set[str]()
+    for file in folder.glob("*"):
+        if file.is_file() and file.stat().st_size < _ROOM:
+            found.update(_STEP.findall(file.read_text(errors="replace")))
+    try:
+        (step_s,) = set(map(float, found))
+    except ValueError:
+        return None
+    return step_s

@@ -23,7 +23,7 @@ def values(case: Case, radius_m: Array) -> dict[str, Any]:
     return {
         "types": types,
         "binned": chain.bodies > MAX_IN_PAIRS,
-        "kn": table_of_pairs(types, below, labels, kn, 1.0),
+        "kn": table_of_pairs(types, below, labels, kn, max(kn)),
         "damping": table_of_pairs(types, below, labels, damping, damping[-1]),
         "at_wall": (kn[0], damping[0]),
     }

@@ -61,7 +61,7 @@ def values(case: Case, radius_m: Array) -> dict[str, Any]:
         "moduli": moduli,
         "ratios": ratios,
         "springs": springs,
-        "contact_kn": table_of_pairs(types, below, labels, kn, 1.0),
+        "contact_kn": table_of_pairs(types, below, labels, kn, max(kn)),
         "contact_gn": table_of_pairs(types, below, labels, gn, 0.0),
         "friction": friction,
         "face_radius": radius_m[-1] if flat and not springs else None,

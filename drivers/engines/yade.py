@@ -16,7 +16,7 @@ from drivers.chain.case import SIDEWAYS, STRAIGHT, Case
 from drivers.chain.drives import drive_words, pieces_of
 from drivers.chain.trace import Trace, make_trace
 from drivers.engines import INCREMENTAL, Engine, last_line
-from drivers.engines._raw_output import contact_forces, read_arrays
+from drivers.engines._raw_output import read_arrays
 from drivers.laws import LAWS, VISCOELASTIC
 from validation.reference.hertz_chain import loads_N
 
@@ -88,28 +88,29 @@ def read(case: Case, folder: Path) -> Trace:
 
 
 def _read_sideways(case: Case, folder: Path) -> Trace:
-    """Read a three-dimensional chain: contact forces are sums of the forces on bodies, from the wall up."""
+    """Read a three-dimensional chain, with forces of contacts on the body above."""
     chain, samples, step = case.chain, case.scene.samples, case.scene.time_step_s
     assert chain.lateral is not None
-    bore, turns = chain.bore, chain.lateral.turns
+    bore, turns, free = chain.bore, chain.lateral.turns, int(chain.wall is None)
     shape = (samples, chain.bodies, 3)
-    shapes = dict.fromkeys(("force", "place", "velocity", *(("spin", "torque") if turns else ())), shape)
+    shapes = dict.fromkeys(("place", "velocity", *(("spin", "torque") if turns else ())), shape)
+    shapes |= {"contact": (samples, chain.bodies - free, 3)}
     shapes |= {"on_bore": (samples, len(bore.guided), 3)} if bore else {}
-    arrays = read_arrays(folder / "chain.npz", shapes | ({"on_wall": (samples, 3)} if chain.wall else {}))
+    arrays = read_arrays(folder / "chain.npz", shapes)
     by_bore = np.zeros(shape)
     if bore:
         by_bore[:, bore.guided] = arrays["on_bore"]
-    total = arrays["force"]  # without gravity
-    total[:, :, 2] -= chain.gravity_m_s2 * chain.mass_kg
+    contact = np.concatenate([np.zeros((samples, free, 3)), arrays["contact"]], axis=1)
+    flat = np.isinf(chain.radius_m)
+    contact[:, flat] *= -1  # the face is the first body of its contact
+    total = by_bore - np.diff(contact, axis=1, append=0.0)
+    total[:, :, 2] += chain.load_N
     velocity = arrays["velocity"] - 0.5 * step * total / chain.mass_kg[:, np.newaxis]
     place = arrays["place"] - step * arrays["velocity"]
-    flat = np.isinf(chain.radius_m)
     velocity[:, flat, :2], place[:, flat, :2] = 0.0, 0.0  # guided
-    from_wall = -arrays["on_wall"][:, 2] if chain.wall else np.zeros(samples)
-    force = contact_forces(from_wall, total[:, :, 2] - chain.load_N - by_bore[:, :, 2])
     inertia = 0.4 * chain.mass_kg * chain.radius_m**2  # inf of a flat face
     spin = arrays["spin"] - 0.5 * step * arrays["torque"] / inertia[:, np.newaxis] if turns else None
-    return make_trace(chain, case.sample_times_s, force, place, velocity, spin, by_bore)
+    return make_trace(chain, case.sample_times_s, contact[:, :, 2], place, velocity, spin, by_bore)
 
 
 def libraries(program: Path) -> Iterator[Path]:

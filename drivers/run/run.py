@@ -23,9 +23,10 @@ from drivers.base.errors import InputError, RunError
 from drivers.base.files import read_file, sha256_of
 from drivers.base.processes import git, local_changes, workplace
 from drivers.base.terminal import following, say
-from drivers.chain.case import Case
-from drivers.chain.trace import finite_part
+from drivers.chain.case import ALL_DIGITS, Case
+from drivers.chain.trace import Trace, finite_part
 from drivers.engines import Engine, load_engine
+from drivers.engines._raw_output import files_of
 from drivers.limits import inability, refuse
 from drivers.run.build import Build, build_of
 from drivers.run.compute import Computed, compute
@@ -40,10 +41,14 @@ from drivers.run.run_folder import (
     move_into_place,
     write_run,
 )
-from drivers.run.scheme import checked, compared, unstable
+from drivers.run.scheme import COMPARED, checked, compared, known_of, unstable, wrong_start
 
 BY_HAND = "run by hand"  # version of the build, which is not known
 WIDTH = 80  # characters of a changed line in the record
+LARGEST_DECK = 1_000_000  # bytes of a file of a deck of one's own
+OUTPUT = (b"ITEM: ", b"LIGGGHTS (", b"LAMMPS (")  # beginnings of dumps and logs
+
+Words = tuple[str, ...]
 
 
 def run_case(
@@ -219,61 +224,99 @@ def provenance() -> dict[str, Any]:
     }
 
 
-def import_run(source: Path, case: Case, engine_name: str, runs: Path = paths.RUNS) -> EndedRun:
+def import_run(
+    source: Path, case: Case, engine_name: str, runs: Path = paths.RUNS, dump: Path | None = None, columns: Words = ()
+) -> EndedRun:
     """Make a run folder of a folder with a deck and its raw output; the record holds the differences of the deck.
 
     The output is read as that of the case. A run that is unstable has failed and keeps its forces; so has one that is
     not that of its scheme without a change of its deck.
 
     Args:
-        source: folder with the deck, whose files have the names of the engine's decks, and the raw output.
+        source: folder with the deck and the raw output. A deck of other files than the engine's is one's own.
         case: case of the deck before changes.
         engine_name: name of the engine.
         runs: folder of all run folders.
+        dump: output of a deck of one's own, in any folder; None for that of the engine's decks.
+        columns: names of its columns in the words of the engine's decks; none for those that the dump has.
 
     Raises:
         InputError: a file of the deck is missing.
         RunError: the output is missing or cannot be read; nothing is kept.
     """
     engine, home = load_engine(engine_name, "--engine"), runs / engine_name
+    if dump and engine.read_dump is None:
+        raise InputError("--dump", "", f"the engine {engine_name}", "an engine that writes dumps, as lammps, liggghts")
     deck = engine.render(case)
-    edited = {name: _text_of(source / name) for name in deck.files}
-    edits = [line for name, text in deck.files.items() for line in _edits(name, text, edited[name])]
-    raw = [source / name for name in deck.raw if (source / name).is_file()]
     for file in source.iterdir():
         if file.exists() and not (file.is_file() or file.is_dir()):  # a reader of output would wait for ever
             raise InputError(paths.shown(file), "", "no regular file", "files and folders")
-    newest = max((source / name).stat().st_mtime for name in edited)
+    own, newest = dump and not all((source / name).exists() for name in deck.files), 0.0
+    if dump and own:
+        files = {file.name: file.read_text(errors="replace") for file in source.iterdir() if _is_deck(file)}
+        edits = [f"a deck of one's own: {', '.join(sorted(files)) or 'not given'}"]
+    else:
+        files = {name: _text_of(source / name) for name in deck.files}
+        edits = [line for name, text in deck.files.items() for line in _edits(name, text, files[name])]
+        newest = max((source / name).stat().st_mtime for name in files)
+    raw = files_of(dump) if dump else [source / name for name in deck.raw if (source / name).is_file()]
     for file in raw:
-        if file.stat().st_mtime < newest:
+        if file.exists() and file.stat().st_mtime < newest:
             say(f"{paths.shown(file)}: older than the deck; run the deck again if it has been changed since")
+    digits = ALL_DIGITS
     try:
-        trace = engine.read(case, source)
+        if dump and engine.read_dump:
+            trace, digits = engine.read_dump(case, dump, columns)
+        else:
+            trace = engine.read(case, source)
     except RunError as error:
-        raise RunError(f"{paths.shown(source)}: {error}") from error
+        raise RunError(f"{paths.shown(dump.parent if dump else source)}: {error}") from error
+    edits += _untold(case, trace, digits)
+    case = replace(case, digits=digits)
     reason = unstable(case, trace)  # a changed deck may have another motion than the scene
-    fault = RunError(reason) if reason else None
+    off = wrong_start(case.chain, trace) if reason and edits else None
+    fault = RunError(f"{reason}; {off}" if off else reason) if reason else None
     try:
         trace = trace if edits else compared(case, engine, checked(case, trace))
     except RunError as error:
         fault = error
-    digest = hashlib.sha256(repr((engine_name, edited)).encode() + b"".join(file.read_bytes() for file in raw))
+    digest = hashlib.sha256(repr((engine_name, files, columns)).encode() + b"".join(file.read_bytes() for file in raw))
     ended = Computed(trace, fault, wall_s=0.0, cpu_s=0.0, memory_bytes=0, loop_s=None)
-    deck = replace(deck, files=edited)
-    record = record_of_end(case, engine, Build((), BY_HAND, ""), deck, ended)
-    record = replace(record, identity=digest.hexdigest()[:12], edits=edits, wall_s=None, cpu_s=None, memory_bytes=None)
+    deck = replace(deck, files=files)
+    record = record_of_end(case, engine, Build((), BY_HAND, ""), replace(deck, files=files or deck.files), ended)
+    record = replace(record, identity=digest.hexdigest()[:12], edits=edits, digits=digits)
+    record = replace(record, wall_s=None, cpu_s=None, memory_bytes=None)
     with workplace(home) as place:
         folder = place / "run"
         folder.mkdir()
         deck.write(folder)
-        record = write_run(folder, record, finite_part(trace), state=True)
+        record = write_run(folder, record, finite_part(trace), state=trace.height_m is not None)
         target = home / folder_name(case.scene.name, record.layout, record.identity)
         move_into_place(folder, target)
     return EndedRun(target, record)
 
 
+def _is_deck(file: Path) -> bool:
+    """True if a file of a folder may be part of a deck: a text that is no scene and no output."""
+    if not file.is_file() or file.stat().st_size > LARGEST_DECK:
+        return False
+    text = file.read_bytes()
+    return not (text.startswith(OUTPUT) or b"\0" in text or file.suffix in (".json", ".toml"))
+
+
+def _untold(case: Case, trace: Trace, digits: int) -> Iterator[str]:
+    """Sentences on what an output does not tell."""
+    if missing := [quantity for quantity in COMPARED if quantity not in known_of(trace)]:
+        lost = [name for name, values in (("z", trace.height_m), ("vz", trace.velocity_m_s)) if values is None]
+        yield f"no column {' and '.join(lost)}: {' and '.join(missing)} cannot be judged"
+    if digits < ALL_DIGITS - 2:
+        if not case.chain.straight:
+            raise RunError(f"output of {digits} digits; a chain in three dimensions is judged by {ALL_DIGITS}")
+        yield f"output of {digits} digits: what they may change is not judged; dump_modify format writes more"
+
+
 def _text_of(path: Path) -> str:
-    allowed = "a file of the deck, as beads render writes it, perhaps changed"
+    allowed = "a file of the deck, as beads render writes it, perhaps changed; or --dump FILE of a deck of your own"
     try:
         return read_file(path, allowed).decode(errors="replace")
     except FileNotFoundError as error:
@@ -281,9 +324,14 @@ def _text_of(path: Path) -> str:
 
 
 def _edits(name: str, rendered: str, edited: str) -> Iterator[str]:
-    """Lines of a file that differ from the rendered one, as of ``diff``; the first may be the command of a build."""
-    _, *old = rendered.splitlines()
-    _, *new = edited.splitlines() or [""]
+    """Lines of a file that differ from the rendered one by more than spaces; the first may name another build."""
+    old, new = ([*filter(None, (_plain(name, line) for line in text.splitlines()[1:]))] for text in (rendered, edited))
     for line in unified_diff(old, new, n=0, lineterm=""):
         if line[0] in "+-" and line not in ("--- ", "+++ "):
             yield f"{name}: {shorten(line, WIDTH, placeholder=' ...')}"
+
+
+def _plain(name: str, line: str) -> str:
+    """Line without needless spaces; those before a statement of Python have a meaning."""
+    indent = line[: len(line) - len(line.lstrip())] if name.endswith(".py") else ""
+    return indent + " ".join(line.split()) if line.strip() else ""

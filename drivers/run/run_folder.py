@@ -21,10 +21,10 @@ from drivers.base.errors import InputError
 from drivers.base.files import ALTERED, arrow_in, read_file, read_sealed, sha256_of, whole_file, write_sealed
 from drivers.base.processes import workplace
 from drivers.base.terminal import say
-from drivers.chain.case import Layout, read_layout
+from drivers.chain.case import ALL_DIGITS, Layout, read_layout
 from drivers.chain.trace import FORCE_COLUMNS, STATE_COLUMNS, Trace, fields_in, table_of_trace
 from drivers.scene.model import Scene
-from drivers.scene.read_scene import stored_scene
+from drivers.scene.read_scene import changed_scene, stored_scene
 
 RECORD, FORCES, STATE, SENSORS = "run.json", "forces.parquet", "state.parquet", "sensors.csv"
 SCENE = "scene.json"  # next to a deck
@@ -81,6 +81,7 @@ class RunRecord:
         dirty: true if the checkout had local changes; new files outside the packages do not count.
         lock_sha256: digest of the lock file.
         edits: differences of an imported run's deck from the scene's; none for a run of this project.
+        digits: significant digits of its output.
     """
 
     identity: str
@@ -115,6 +116,7 @@ class RunRecord:
     dirty: bool
     lock_sha256: str
     edits: list[str] | None = None
+    digits: int = ALL_DIGITS
 
     @property
     def about(self) -> dict[str, str]:
@@ -372,16 +374,18 @@ def write_scene(folder: Path, scene: Scene) -> None:
     write_sealed(folder / SCENE, in_si(scene), indent=2)
 
 
-def scene_of(folder: Path) -> Scene:
-    """Scene of a run folder, or of a folder with a deck.
+def scene_of(folder: Path, settings: tuple[str, ...] = ()) -> Scene:
+    """Scene of a run folder, or of a folder with a deck, with settings applied.
 
     Raises:
-        InputError: there is none, or it is damaged or of another version.
+        InputError: there is none, it is damaged or of another version, or a setting is wrong.
     """
     path = folder / (RECORD if is_run(folder) else SCENE)
     try:
         stored = read_sealed(path, "the scene of a deck")
-        return stored_scene(stored.get("scene", stored))
+        stored = stored.get("scene", stored)
+        scene = stored_scene(stored)
+        return changed_scene(stored, settings, paths.shown(path)) if settings else scene
     except FileNotFoundError:
         raise InputError(paths.shown(path), "", "no such file; give the scene of the deck by --scene") from None
     except (TypeError, ValueError, AttributeError) as error:

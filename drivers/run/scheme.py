@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from drivers.base.errors import RunError, digits_apart
 from drivers.base.processes import STDERR, STDOUT, EndedProcess
 from drivers.base.tolerances import Tolerance, tolerance
-from drivers.chain.case import Case
+from drivers.chain.case import ALL_DIGITS, Case
 from drivers.chain.chain import Array, Chain, above_rim_m, furthest_m, hertz_force, moving_at_start
-from drivers.chain.schemes import exact_of, turned_verlet_of, verlet_in_heights, verlet_of
+from drivers.chain.schemes import exact_of, printed_of, turned_verlet_of, verlet_in_heights, verlet_of
 from drivers.chain.trace import (
     FORCE,
     Trace,
@@ -109,10 +109,16 @@ class Scheme:
     def rounding(self) -> dict[str, Array]:
         """Largest effect of rounding until each sample by quantity, divided by its scale; inf after a blow-up.
 
-        Each is an array of shape (samples,).
+        That of the few digits of a text is included. Each is an array of shape (samples,).
         """
-        apart = {name: difference(name, self.rounded, self.plain, self.scales[name]).max(axis=1) for name in COMPARED}
-        return {name: np.maximum.accumulate(shares) for name, shares in apart.items()}
+        others = [self.rounded]
+        if self.case.digits < ALL_DIGITS and self.case.chain.straight:
+            others.append(printed_of(self.case, self.plain))
+        apart = {
+            name: [difference(name, other, self.plain, self.scales[name]).max(axis=1) for other in others]
+            for name in COMPARED
+        }
+        return {name: np.maximum.accumulate(np.max(shares, axis=0)) for name, shares in apart.items()}
 
     def explained(self, quantity: str) -> Array:
         """Limits of the difference of a run from its scheme at each sample until the horizon. Shape (samples,).
@@ -153,13 +159,14 @@ class Scheme:
         right = self.of(engine)
         trace = with_work(trace, right)
         scales = {quantity: scale_of_motion(self.case, right, quantity) for quantity in COMPARED}
-        apart = {quantity: difference(quantity, trace, right, scale).max() for quantity, scale in scales.items()}
-        if all(apart[quantity] <= SAME * self._least(quantity).limit for quantity in COMPARED):
+        known = known_of(trace)
+        apart = {name: difference(name, trace, right, scale).max() for name, scale in scales.items() if name in known}
+        if all(apart[quantity] <= SAME * self._least(quantity).limit for quantity in known):
             return ""  # the same to the last digits in all samples: how far rounding may go need not be known
         right = until(right, min(self.samples, len(trace.time_s)))
         trace = until(trace, len(right.time_s))
-        for quantity, unit in UNITS.items():
-            scale = self.scales[quantity]
+        for quantity in known:
+            unit, scale = UNITS[quantity], self.scales[quantity]
             share = difference(quantity, trace, right, scale)
             allowed = self.explained(quantity)[: len(share)]
             beyond = share.max(axis=1) > allowed
@@ -198,6 +205,11 @@ def scale_of_motion(case: Case, motion: Trace, quantity: str) -> float:
     least = MOMENTUM_SHARE * np.sqrt(2 * case.chain.mass_kg.sum() * largest_kinetic_J(case.chain, motion))
     largest = float(np.abs(motion.momentum_N_s).max())
     return max(largest, moving_at_start(case.chain), loads, float(least)) or 1.0
+
+
+def known_of(trace: Trace) -> list[str]:
+    """Quantities of ``COMPARED`` that a trace tells."""
+    return [quantity for quantity in COMPARED if not np.isnan(field_of(trace, quantity)).all()]
 
 
 def field_of(trace: Trace, quantity: str) -> Array:
@@ -342,8 +354,8 @@ def unstable(case: Case, trace: Trace) -> str | None:
 def _faults(case: Case, trace: Trace) -> Iterator[tuple[NDArray[np.bool_], str]]:
     """Kinds of faults: a mask of the samples, or of samples and bodies, that have it, and its message."""
     chain = case.chain
-    for values in (trace.force_N, trace.total_energy_J):
-        yield ~np.isfinite(values), "values are not finite"
+    yield ~np.isfinite(trace.force_N), "values are not finite"
+    yield ~(np.isfinite(trace.total_energy_J) | np.isnan(trace.total_energy_J).all()), "values are not finite"
     if trace.height_m is not None:
         passed = np.empty(trace.height_m.shape, bool)
         passed[:, 0] = (trace.height_m[:, 0] < chain.wall_height_m) & (chain.wall is not None)

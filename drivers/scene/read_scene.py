@@ -23,6 +23,7 @@ SI = {"force": "N", "displacement": "m"}
 LEAST_S, LARGEST = 1e-300, 1e9  # in SI units
 HEADINGS = "two headings with units, such as time_us,force_mN or time_us,displacement_nm"
 MAX_POINTS = 100_000
+COMPUTED = ("units", "steps_per_sample", "samples")  # of a stored scene, beside the keys of files
 
 
 def read_scene(source: str | Path, settings: tuple[str, ...] = ()) -> Scene:
@@ -45,7 +46,7 @@ def read_scene(source: str | Path, settings: tuple[str, ...] = ()) -> Scene:
     return make_scene(data, path.stem, where, path.parent)
 
 
-def make_scene(data: dict[str, Any], name: str, where: str, folder: Path = Path()) -> Scene:
+def make_scene(data: dict[str, Any], name: str, where: str, folder: Path = Path(), context: str | None = None) -> Scene:
     """Scene made from the tables of a scene file.
 
     Args:
@@ -53,12 +54,13 @@ def make_scene(data: dict[str, Any], name: str, where: str, folder: Path = Path(
         name: name of the scene.
         where: file name used in messages.
         folder: folder to which paths in the scene are relative.
+        context: ``units.SI`` if numbers may be without units, in SI units.
 
     Raises:
         InputError: a table is wrong.
     """
     _complete_own_materials(data)
-    scene = validate(Scene, data, where)
+    scene = validate(Scene, data, where, context=context)
     drive, run = scene.drive, scene.run
     if drive is not None and drive.file is not None:
         drive = drive.model_copy(update=_points(folder, drive.file, where))
@@ -78,6 +80,18 @@ def stored_scene(stored: dict[str, Any]) -> Scene:
         ValueError, TypeError, AttributeError: the record contains no complete scene.
     """
     return Scene.model_validate(stored | {"file": stored.get("name")}, extra="ignore", context=units.SI)
+
+
+def changed_scene(stored: dict[str, Any], settings: tuple[str, ...], where: str) -> Scene:
+    """Scene as in ``stored_scene`` with settings applied.
+
+    Raises:
+        InputError: a setting is wrong.
+    """
+    data = {key: value for key, value in stored.items() if key not in COMPUTED}
+    for setting in settings:
+        apply_setting(data, setting)
+    return make_scene(data, stored["name"], f"{where} with --set {shorten(' '.join(settings))}", context=units.SI)
 
 
 def apply_setting(data: dict[str, Any], setting: str) -> None:

@@ -131,7 +131,7 @@ def simulate(cases: Sequence[Case], runs: Path) -> list[dict[str, Simulation]]:
 
 def case_of_run(run: EndedRun) -> Case:
     """The case of a run, from the scene in its record."""
-    return build_case(stored_scene(run.record.scene))
+    return replace(build_case(stored_scene(run.record.scene)), digits=run.record.digits)
 
 
 def trace_with_state(run: EndedRun) -> Trace:

@@ -35,7 +35,7 @@ from drivers.chain.case import Case
 from drivers.chain.trace import FORCE, Trace, is_at_rest, until, with_work
 from drivers.engines import EXACT, load_engine
 from drivers.run.run_folder import FORCES, EndedRun
-from drivers.run.scheme import COMPARED, ROUNDING_MARGIN, field_of, judged_until, largest_difference
+from drivers.run.scheme import COMPARED, ROUNDING_MARGIN, field_of, judged_until, known_of, largest_difference
 from postproc.read.observables import describe, of_kind, scale_of
 from postproc.read.signals import signals_csv
 from validation.accuracy.motions import HORIZON, Motions, errors_of, motions_of, quantities
@@ -129,7 +129,7 @@ def _rows(motions: Motions, engine: str, trace: Trace) -> tuple[list[dict[str, A
     stages += [stages[-1], *([until(full.exact, samples)] if full else [])]
 
     rows = []
-    for quantity in COMPARED:
+    for quantity in known_of(trace):
         scale = (full or motions).scale(quantity)
         _, place, where = largest_difference(quantity, trace, stages[-1], scale)
         rows.append(_row(quantity, [float(field_of(stage, quantity)[place]) / scale for stage in stages], where))
@@ -155,7 +155,7 @@ def _model_checks(motions: Motions, engine: str, trace: Trace) -> Iterator[Check
     scheme = motions.scheme
     right = until(scheme.of(engine), scheme.samples)
     trace = with_work(until(trace, scheme.samples), right)
-    for quantity in COMPARED:
+    for quantity in known_of(trace):
         scale, limits = scheme.scales[quantity], scheme.explained(quantity)
         size, (sample, _), where = largest_difference(quantity, trace, right, scale, limits)
         limit, where = scheme.tolerance_at(quantity, sample), where + scheme.until_horizon
@@ -218,15 +218,17 @@ def _warnings(
     motions: Motions, engine: str, trace: Trace, checks: list[Check], rows: list[dict[str, Any]]
 ) -> Iterator[str]:
     """Warnings on errors beyond the general ceilings, on an exact motion that is lost, and of a changed deck."""
+    wrong = any(check.verdict == FAIL and check.quantity.startswith(MODEL) for check in checks)
     for check in checks:
         name = check.quantity.removeprefix(f"{ERROR}: ")
         row = next((row for row in rows if row["quantity"] == name), None)
         if check.verdict == FAIL and row and motions.case.plan is None:
-            cause = CAUSES[max(PARTS[1:], key=lambda part: abs(row[part]))]
+            part = max(PARTS[1:], key=lambda part: abs(row[part]))
+            cause = CAUSES[part] if part != MODEL or wrong else "the few digits of the output"
             yield f"error of the {name} {check.value:.2g}, above {check.limit:g}: {check.where}; cause: {cause}"
     if load_engine(engine).scheme == EXACT and not motions.why_unknown and motions.exact_to_end.error[-1] > HORIZON:
         yield exactness_note(motions)
-    if any(check.verdict == FAIL and check.quantity.startswith(MODEL) for check in checks):
+    if wrong:
         yield motions.scheme.departure(engine, trace)
 
 

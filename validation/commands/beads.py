@@ -58,7 +58,7 @@ SECTIONS = {  # functions with the words of their parameters, in the order in wh
     "files of runs": {
         "runs": "[SCENE]... --set --engine --runs-read --prune --dry-run",
         "render": "SCENE --set --one-engine --out-deck --unsafe",
-        "import_": "FOLDER --scene --set --one-engine --runs",
+        "import_": "[FOLDER] --dump --columns --scene --set --one-engine --runs",
     },
     "report and paper": {
         "report": "[SCENE]... --studies --out --engine --runs --require --allow-missing",
@@ -80,7 +80,7 @@ NEEDS = {
     "--slurm-line": "--slurm",
     "--wait": "--slurm",
     "--dry-run": "--prune",
-    "--set": "--scene",
+    "--columns": "--dump",
     "--x": "--y",
     "--y": "--x",
     "--log": "--x",

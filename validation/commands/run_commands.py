@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import replace
 from functools import partial
 from math import isnan
 from pathlib import Path
@@ -11,16 +12,20 @@ from drivers.base import paths
 from drivers.base.errors import InputError, RunError
 from drivers.base.terminal import counted, text_table
 from drivers.chain.case import Case, build_case
+from drivers.chain.trace import FORCE
 from drivers.engines import engine_names, installed, load_engine
+from drivers.engines._raw_output import files_of
 from drivers.limits import inability, refuse
 from drivers.run import inventory
 from drivers.run.run import import_run, is_done, run_case
 from drivers.run.run_folder import EndedRun, open_run, scene_of, write_scene
+from postproc.read.motion import trace_with_state
 from postproc.read.observables import LEVELS, observe, without_unit
-from validation.accuracy.budget import assess, missed_accuracy
+from validation.accuracy.budget import MODEL, assess, kept_budget, missed_accuracy
 from validation.accuracy.costs import auto_engines, capable_engines
 from validation.accuracy.plan import plan_report, planned_case
 from validation.compare.comparison import EngineSelection, compare_runs, compare_scenes
+from validation.compare.diagnosis import diagnosis
 
 Words = tuple[str, ...]
 AUTO = "auto"  # instead of an engine's name: the cheapest engine that can model the scene
@@ -141,20 +146,47 @@ def render(scene: str, settings: Words, engine: str, out: Path, unsafe: bool) ->
         print(file)
 
 
-def import_(folder: Path, scene: str, settings: Words, engine: str, runs: Path) -> int:
+def import_(
+    scene: str,
+    settings: Words,
+    engine: str,
+    runs: Path,
+    columns: str,
+    folder: Path | None = None,
+    dump: Path | None = None,
+) -> int:
     """Make a run folder of a deck that was run by hand.
 
-    The deck may have been changed: the record names each line that differs from the scene's deck.
+    The deck may have been changed: the record names each line that differs from the scene's deck. With --dump it may
+    be one of your own.
 
     Examples:
       beads import deck --engine liggghts
-      beads import deck --engine yade --scene fig4 --set run.time_step='0.2 us'
+      beads import deck --engine yade --set run.time_step='0.2 us'
+      beads import --dump shot.txt --engine lammps --scene fig4
+      beads import mine --dump shot.bin --columns id,z,vz,fz --engine liggghts --scene fig4
     """
     load_engine(engine, "--engine")
-    case = planned_case(scene, *settings) if scene else build_case(scene_of(folder))
-    ended = assess(import_run(folder, case, engine, runs), case)
+    if folder is None:
+        if dump is None:
+            raise InputError("import", "", "no folder; give that of the deck, or --dump FILE")
+        folder = dump.parent
+    elif dump and not files_of(dump):
+        dump = folder / dump
+    if dump and not files_of(dump):
+        raise InputError("--dump", "", f"{dump}, no such file", "the dump of a run")
+    case = planned_case(scene, *settings) if scene else build_case(scene_of(folder, settings))
+    ended = import_run(folder, case, engine, runs, dump, tuple(filter(None, columns.split(","))))
+    case = replace(case, digits=ended.record.digits)
+    ended = assess(ended, case)
     print(*(f"deck changed: {edit}" for edit in ended.record.edits or ["nothing"]), sep="\n", file=sys.stderr)
-    return int(not show_run(ended))
+    shown = show_run(ended)
+    if shown:
+        departure, cause = diagnosis(case, engine, trace_with_state(ended))
+        (check,) = (each for each in kept_budget(case, ended).checks if each.quantity == f"{MODEL}: {FORCE}")
+        agrees = f"the forces are those of its scheme to {check.value:.1e} of their largest change"
+        print(cause if departure else agrees, file=sys.stderr)
+    return int(not shown)
 
 
 def runs(runs: Path, prune: bool, dry_run: bool, **chosen: Words) -> None:

@@ -21,7 +21,7 @@ from drivers.engines import REFERENCE, VERLET, codes, engine_names, in_order, in
 from drivers.limits import inability
 from drivers.run.run import run_many
 from drivers.run.run_folder import FORCES, EndedRun, open_run
-from drivers.run.scheme import UNITS, difference, field_of, largest_difference, place_of, scale_of_motion
+from drivers.run.scheme import UNITS, difference, field_of, known_of, largest_difference, place_of, scale_of_motion
 from drivers.scene.settings import differences, setting_text
 from postproc.read.motion import case_of_run, trace_with_state
 from postproc.read.observables import describe, observe, of_kind, scale_of, without_unit
@@ -332,6 +332,8 @@ def difference_rows(runs: Sequence[EndedRun], traces: Sequence[Trace]) -> Iterat
     """Quantity, relative difference, both values, and where they were taken."""
     case, (one, other) = case_of_run(runs[0]), traces
     for quantity, unit in UNITS.items():
+        if not all(quantity in known_of(trace) for trace in traces):
+            continue
         size, place, where = largest_difference(quantity, other, one, scale_of_motion(case, one, quantity))
         values = digits_apart(*(float(field_of(trace, quantity)[place]) for trace in traces))
         yield quantity, f"{size:.2e}", *(f"{value} {unit}" for value in values), where

@@ -163,10 +163,8 @@ def _furthest(ratios: Array) -> float:
 def _forces(case: Case, changed: Values, *, early: bool) -> Array:
     """Forces of a case with some values of its chain changed. Shape (samples, bodies).
 
-    They are those that an adapter would read. YADE gives the forces of contacts, and its deck (``early``) has the
-    velocities of half a step before time 0, by the forces of the scene. The others give net forces on bodies, from
-    which the adapter subtracts the loads of the scene from the lowest body upwards. Besides arrays of ``HertzChain``,
-    ``changed`` may have a time step and the coefficients of ``_dragged``.
+    YADE's deck (``early``) has the velocities of half a step before time 0, by the forces of the scene. Besides arrays
+    of ``HertzChain``, ``changed`` may have a time step and the coefficients of ``_dragged``.
     """
     scene, chain = case.scene, case.chain
     drag = [changed.get(name, 0.0) for name in ("local", "viscous")]
@@ -180,12 +178,11 @@ def _forces(case: Case, changed: Values, *, early: bool) -> Array:
         return _dragged(case, arrays, *drag)
     step_s = changed.get("time_step_s", scene.time_step_s)
     counts = scene.steps_per_sample, scene.samples
-    forces = integrate_verlet_absolute(arrays, *heights_and_reach(case), step_s, *counts).force_N
-    return forces if early else np.asarray(forces - np.append(0.0, np.cumsum(arrays.load_N - chain.load_N)[:-1]))
+    return integrate_verlet_absolute(arrays, *heights_and_reach(case), step_s, *counts).force_N
 
 
 def _dragged(case: Case, chain: HertzChain, local: float, viscous: float) -> Array:
-    """Forces with Cundall's damping, or with a drag, which is part of the forces that a code gives.
+    """Forces with Cundall's damping, or with a drag.
 
     Cundall's is ``a (1 - local sign(a v))`` with v predicted for the time of the forces, as in YADE; the drag is
     ``-viscous v`` with v of half a step before, as in LAMMPS.
@@ -197,7 +194,7 @@ def _dragged(case: Case, chain: HertzChain, local: float, viscous: float) -> Arr
         force = contact_force(chain, overlap, velocity)
         drag = -viscous * velocity if step else drag
         if step % case.scene.steps_per_sample == 0:
-            kept.append(force - np.append(0.0, np.cumsum(drag)[:-1]))
+            kept.append(force)
         acceleration = (force - np.append(force[1:], 0.0) + chain.load_N + drag) / chain.mass_kg
         against = np.sign(acceleration * (velocity + 0.5 * step_s * acceleration))
         velocity = velocity + step_s * acceleration * (1 - local * against)

@@ -1,17 +1,14 @@
 """Decks: snapshots of the paper's scenes, no lines for elements that a scene does not have, checks and logs."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from drivers.base.decks import Deck
-from drivers.base.processes import STDOUT, run_command
-from drivers.chain.case import Case
-from drivers.chain.trace import digest_of
+from drivers.base.processes import STDERR, STDOUT, run_command
 from drivers.engines import codes, installed_codes, load_engine
+from drivers.limits import inability
+from drivers.run.compute import compute
 from drivers.run.run import run_case
-from drivers.run.scheme import checked_trace
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import case_of
 
@@ -23,7 +20,7 @@ NEEDED_BY: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
     "friction": (
         ("contact.friction=0", "tube.friction=0"),
         {
-            "liggghts": ("coefficientFriction", "tangential history", "contact_distance_factor", "tangential_damping"),
+            "liggghts": ("tangential history", "contact_distance_factor", "tangential_damping"),
             "yade": ("kso", "forget", "tangensOfFrictionAngle", "slipping", "shearElastic"),
         },
     ),
@@ -46,7 +43,7 @@ NEEDED_BY: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
     "gravity": (("gravity=",), {"lammps": ("gravity",), "liggghts": ("gravity",), "yade": ("gravity", "\ng = ")}),
     "wall": (
         ("wall=",),
-        {"lammps": ("wall/gran",), "liggghts": ("zplane", "f_force_wall"), "yade": ("utils.wall", "on_wall", "[wall]")},
+        {"lammps": ("wall/gran",), "liggghts": ("zplane", "f_force_wall"), "yade": ("utils.wall", "[wall]")},
     ),
 }
 
@@ -80,27 +77,24 @@ def test_no_line_for_an_element_that_is_out(element: str, engine: str) -> None:
     assert modelled[0] != modelled[1]
 
 
-def by_hand(case: Case, engine: str, deck: Deck, folder: Path) -> str:
-    """Digest of the forces of a deck that runs in a folder."""
-    code = load_engine(engine)
-    folder.mkdir()
-    deck.write(folder)
-    outcome = run_command(code.started(deck, code.find() or ()), folder, 60, **code.environment)
-    return digest_of(checked_trace(case, code, outcome, folder))
-
-
-def test_the_line_that_checks_the_step_works_and_changes_no_force(tmp_path: Path) -> None:
-    need("liggghts")
-    for step, warned in (("0.5 us", False), ("5 us", True)):
-        times = ("run.duration=50 us", "run.sample_interval=5 us", f"run.time_step={step}")
-        case = case_of("fig4", *times, "contact.restitution=0.8")
-        deck = load_engine("liggghts").render(case)
-        text = deck.files["chain.in"].replace("# fix check", "fix check")
-        assert text != deck.files["chain.in"]
-        folder, checking = tmp_path / f"checked at {step}", replace(deck, files={**deck.files, "chain.in": text})
-        assert by_hand(case, "liggghts", checking, folder) == by_hand(case, "liggghts", deck, tmp_path / step)
-        assert ("WARNING: time-step is" in (folder / STDOUT).read_text()) == warned
-    assert "check/timestep" not in text_of("liggghts", "fig5")  # without moduli
+@pytest.mark.parametrize("scene", ["fig4", "fig5", "fig4-tube", "driven-steel"])
+@pytest.mark.parametrize("engine", codes())
+def test_a_code_prints_no_warning_unless_its_check_of_the_step_fails(engine: str, scene: str, tmp_path: Path) -> None:
+    need(engine)
+    short, coarse = "run.duration=50 us", ("run.sample_interval=5 us", "run.time_step=5 us")
+    checks = any(word in text_of(engine, scene) for word in ("fix check", "PWaveTimeStep"))
+    for name, settings, warned in (
+        ("elastic", (short,), False),
+        ("damped", (short, "contact.restitution=0.8"), False),
+        ("coarse", (short, *coarse), checks),
+    ):
+        case = case_of(scene, *settings)
+        if inability(case, engine):
+            continue
+        (folder := tmp_path / name).mkdir()
+        compute(case, engine, folder=folder)
+        printed = "".join((folder / log).read_text() for log in (STDOUT, STDERR)).lower()
+        assert ("warning" in printed) == warned, printed
 
 
 LOGGED = [name for name in installed_codes() if load_engine(name).render(case_of("fig4")).logs]
@@ -109,8 +103,10 @@ LOGGED = [name for name in installed_codes() if load_engine(name).render(case_of
 @pytest.mark.parametrize("engine", LOGGED)
 def test_a_deck_by_hand_writes_a_log_and_a_run_folder_has_none(engine: str, tmp_path: Path) -> None:
     case = case_of("fig4", "run.duration=20 us")
-    by_hand(case, engine, load_engine(engine).render(case), tmp_path / "hand")
-    (log,) = (tmp_path / "hand").glob("log.*")
+    code, deck = load_engine(engine), load_engine(engine).render(case)
+    deck.write(tmp_path)
+    assert run_command(code.started(deck, code.find() or ()), tmp_path, 60, **code.environment).code == 0
+    (log,) = tmp_path.glob("log.*")
     assert "timestep" in log.read_text()
     assert not [*run_case(case, engine, tmp_path / "runs").folder.glob("log.*")]
 

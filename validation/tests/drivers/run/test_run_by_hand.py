@@ -7,6 +7,7 @@ import subprocess
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from drivers.engines import load_engine
 from drivers.run.run_folder import open_run, record_of
@@ -68,7 +69,10 @@ def test_incomplete_folders_are_not_imported(scene_file: SceneWriter, tmp_path: 
     for words, said in (
         (verlet, "scene.json: no such file; give the scene of the deck by --scene"),
         ((*verlet, "--scene", scene), "chain.json: found no such file; allowed: a file"),
-        ((*verlet, "--set", "chain.count=3"), "--set: needs --scene"),
+        ((*verlet, "--set", "chain.count=3"), "scene.json: no such file; give the scene of the deck by --scene"),
+        (("--engine", "verlet"), "no folder; give that of the deck, or --dump FILE"),
+        ((*verlet, "--columns", "id,z"), "--columns: needs --dump"),
+        ((*verlet, "--dump", "no.txt"), "no.txt, no such file; allowed: the dump of a run"),
         ((deck,), "missing option '--engine'"),
         ((*verlet, "--engine", "yade"), "'--engine': found verlet, yade; allowed: one"),
     ):
@@ -81,6 +85,67 @@ def test_incomplete_folders_are_not_imported(scene_file: SceneWriter, tmp_path: 
     none = beads("import", *verlet, *runs)
     assert (none.returncode, none.stdout) == (1, "")
     assert "chain.npy was not written" in none.stderr
+
+
+EVERY = ("custom 10 ", "custom 20 ")
+HALF = (r"timestep .*", "timestep 0.05e-6"), ("run .*", "run 6000")
+BOTH = "has frames at steps 0, 20, ..., {} the scene has 0, 10, ..., 3000{}: --set "
+EDITS: dict[str, tuple[str, tuple[tuple[str, str], ...], str, tuple[str, ...]]] = {
+    "a dump every 20 steps": (
+        "chain.in", (EVERY,), BOTH.format("3000;", "") + "run.sample_interval='2 us'",
+        ("--set", "run.sample_interval=2 us"),
+    ),
+    "half the step": (
+        "chain.in", (EVERY, *HALF), BOTH.format("6000 of 50 ns;", " of 0.1 us") + "run.time_step='50 ns'",
+        ("--set", "run.time_step=50 ns"),
+    ),
+    "a longer run": (
+        "chain.in", (("run  .*", "run 4000"),),
+        "has frames at steps 0, 10, ..., 4000; the scene has 0, 10, ..., 3000: --set run.duration='0.4 ms'",
+        ("--set", "run.duration=0.4 ms"),
+    ),
+    "other columns": (
+        "chain.in", (("chain.bin id z", "chain.bin id type x y vx vy fx fy z"),),
+        "chain.bin has 12 columns, expected 5 (id z vz f_contacts[3] f_force_wall[3]); name them: --columns",
+        ("--dump", "chain.bin", "--columns", "id,type,x,y,vx,vy,fx,fy,z,vz,f_contacts[3],f_force_wall[3]"),
+    ),
+    "a second striker": (
+        "chain.data",
+        (("6 atoms", "7 atoms"), (r"\S+ \S+ zlo", "-0.01 0.2 zlo"),
+         (r"\n\nVelocities", "\n7 1 0.00476 2171 0 0 0.04\n\nVelocities"), (r"\Z", "7 0 0 -1 0 0 0\n")),
+        "chain.bin has 7 atoms, expected 6", (),
+    ),
+    "a text": (
+        "chain.in", (("chain.bin", "dump.txt"),), "chain.bin not found; found dump.txt: --dump dump.txt",
+        ("--dump", "dump.txt"),
+    ),
+    "spaces": ("chain.in", (("  +", " "), ("\nrun", "\n\n  run")), "", ()),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", EDITS)
+def test_an_edit_is_named_in_words_that_help(name: str, scene_file: SceneWriter, tmp_path: Path) -> None:
+    """The advice works; an edit of spaces alone is none."""
+    need("liggghts")
+    file, changes, said, further = EDITS[name]
+    deck = tmp_path / "deck"
+    words = ("import", deck, "--engine", "liggghts", "--runs", tmp_path / "runs")
+    assert beads("render", scene_file(), "--engine", "liggghts", "--out", deck).returncode == 0
+    text = (deck / file).read_text()
+    for pattern, other in changes:
+        text, count = re.subn(pattern, other, text)
+        assert count, pattern
+    (deck / file).write_text(text)
+    run_by_hand(deck)
+    done = beads(*words)
+    assert done.returncode == bool(said)
+    assert said in done.stderr
+    if further:
+        done = beads(*words, *further)
+        assert done.returncode == 0, done.stderr
+    if done.returncode == 0:
+        assert "the forces are those of its scheme to " in done.stderr
+    assert ("deck changed: nothing" in done.stderr) == (name in ("spaces", "a dump every 20 steps"))
 
 
 def test_failed_run_keeps_its_forces(tmp_path: Path) -> None:
