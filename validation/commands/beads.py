@@ -70,7 +70,7 @@ SECTIONS = {  # functions with the words of their parameters, in the order in wh
         "calibration": "--quick --results",
     },
     "engines": {
-        "engine": "ENGINE --results",
+        "engine": "ENGINE --tests --every-test --results",
         "wave": "",
     },
 }

@@ -3,9 +3,11 @@
 import json
 import platform
 import re
+import shlex
 import tomllib
 from collections.abc import Iterator
 from inspect import cleandoc
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +19,7 @@ from drivers.base.errors import InputError, RunError
 from drivers.base.processes import git, local_changes
 from drivers.base.terminal import text_table
 from drivers.batch.study import StudyFile
-from drivers.engines import Entry, load_engine
+from drivers.engines import Entry, engines_again, load_engine
 from drivers.run.build import build_of
 from drivers.run.run_folder import RECORD, RunRecord
 from drivers.scene.model import Scene
@@ -158,31 +160,50 @@ def definitions() -> None:
     print(observables.__doc__, *text_table(rows), sep="\n")
 
 
-def engine(name: str, results: Path) -> int:
-    """Test an adapter or a build of a code.
+def engine(name: str, results: Path, every: bool, only: str = "") -> int:
+    """Test an adapter or a build of a code, in a minute.
+
+    Tests that a build passed are not run again; --all runs all the others, however long they take.
 
     Examples:
       beads engine verlet
       beads engine liggghts-old --engines mine.toml
+      beads engine mine --only server
     """
     tested = load_engine(name)
     if tested.find() is None:
         raise RunError(f"{name}: {tested.absence}")
-    try:
-        import pytest  # not in the environment of a user
-    except ImportError as error:
-        raise RunError(f"pytest is not installed; make engine ENGINE={name} installs it and runs this") from error
-    arguments = ["-v", "-rs", "--tb=short", "--capture=sys"]  # lines on progress reach the screen
-    arguments += ["--rootdir", str(paths.ROOT), "-c", str(paths.ROOT / "pyproject.toml")]
+    import pytest  # takes as long to load as all the rest
+
+    from validation.tests.engine.kit import MINUTE_S, Kit
+
+    arguments = ["-rs", "--tb=short", "--capture=sys", "-W", "ignore::pytest.PytestConfigWarning"]
+    arguments += [
+        "--rootdir",
+        str(paths.ROOT),
+        "-c",
+        str(paths.ROOT / "pyproject.toml"),
+        *(["-k", only] if only else []),
+    ]
     if results != paths.RESULTS:
         arguments += ["--junitxml", str(results / f"engine-{name}.xml")]
-    code = int(pytest.main([*arguments, "--engine", name, str(paths.ROOT / "validation/tests/engine")]))
-    if code in (0, 1):  # else the tests did not end
-        store(kit_key(name), code == 0)
-    cost = measured_cost(tested, build_of(tested))
-    where = f"as an entry of {paths.shown(paths.COSTS)}; for own engines no file has to be edited"
-    print(f"\nmeasured cost, cached for plans and batches ({where}):\n" + "\n".join(entry_of(name, cost)))
-    return int(code != 0)
+    kit = Kit(name, inf if every else MINUTE_S, again=bool(only))
+    code = int(pytest.main([*arguments, "--engine", name, str(paths.ROOT / "validation/tests/engine")], plugins=[kit]))
+    if code == pytest.ExitCode.NO_TESTS_COLLECTED and only:
+        raise InputError("--only", "", only, "a part of the name of a test, such as scene, server")
+    if code not in (0, 1, pytest.ExitCode.NO_TESTS_COLLECTED) and not kit.session.shouldstop:
+        raise RunError(f"{name}: the tests did not end")
+    known = f", {len(kit.before)} of them before" if kit.before and not only else ""
+    ended = f"{len(kit.failed)} tests failed" if kit.failed else f"passed {len(kit.passed)} tests{known}"
+    again = shlex.join(["beads", "engine", name, *engines_again()])
+    print(f"\n{name}: {ended}" + (f"; {kit.left} are left: {again} goes on, with --all to the end" if kit.left else ""))
+    if kit.failed or not only:
+        store(kit_key(name), not kit.failed)
+    if not kit.failed and not kit.left and not only:
+        cost = measured_cost(tested, build_of(tested))
+        where = f"as an entry of {paths.shown(paths.COSTS)}; for own engines no file has to be edited"
+        print(f"measured cost, cached for plans and batches ({where}):", *entry_of(name, cost), sep="\n")
+    return int(bool(kit.failed))
 
 
 def wave() -> None:

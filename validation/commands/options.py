@@ -239,6 +239,8 @@ PARAMETERS = {  # by option, or by placeholder of an argument
     "--one-engine": _parameter(
         "--engine ENGINE", "The engine of the deck.", multiple=True, callback=_only, required=True, default=None
     ),
+    "--tests": _parameter("--only only PATTERN", "Run the tests with this in their names, such as scene or server."),
+    "--every-test": _parameter("--all every", "Go on after a minute."),
     "--out-deck": _parameter("--out DIR", "Folder for the deck.", required=True, type=_folder_to_write),
 }
 

@@ -4,6 +4,7 @@ import sys
 from dataclasses import replace
 from math import inf
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -20,6 +21,7 @@ from validation.accuracy import costs, plan
 from validation.accuracy.costs import Cost, cost_on, kit_key
 from validation.commands import key_commands
 from validation.tests.engine.candidate import MINE
+from validation.tests.engine.kit import Kit
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.scenes import EnginesWriter, SceneWriter
 
@@ -129,7 +131,14 @@ def test_the_outcome_of_the_tests_of_a_build_is_kept(
     code: int, kept: bool | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Tests that were interrupted have no outcome."""
-    monkeypatch.setattr(pytest, "main", lambda words: code)
+
+    def main(words: list[str], plugins: list[Kit]) -> int:
+        (kit,) = plugins
+        kit.session = SimpleNamespace(shouldstop=False)  # type: ignore[assignment]
+        kit.failed = {"test_start"} if code == 1 else set()
+        return code
+
+    monkeypatch.setattr(pytest, "main", main)
     monkeypatch.setattr(key_commands, "measured_cost", lambda engine, build: Cost(1.0, 1.0, 1.0))
     assert beads("engine", "mine").returncode == int(code > 0)
     assert load(kit_key("mine")) is kept

@@ -159,7 +159,7 @@ def test_the_comparison_prints_departure_and_diagnosis(
     words = ("--runs", tmp_path / "runs", "--engine", "liggghts")
     done = beads("compare", scene_file(top='gravity = "9.81 m/s^2"'), *words)
     assert done.returncode == 1, done.stderr
-    assert re.search("fail: failed: departs from its scheme from .* before any wave arrives: ", done.stdout), done.stdout
+    assert re.search("fail: failed: departs from its scheme from .* before any wave arrives: ", done.stdout)
     assert re.search(r"^scene +liggghts +loads 0 times the scene's$", done.stdout, re.MULTILINE), done.stdout
     kept = {path.name for path in (tmp_path / "runs" / "liggghts").glob("scene-*/*")}
     assert kept == {"chain.in", "chain.data", "run.json", "stdout.txt", "stderr.txt", "forces.parquet", "state.parquet"}
