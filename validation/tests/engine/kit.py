@@ -28,6 +28,7 @@ DECKS = {
     "test_server": 14,
 }
 TOLD_AFTER = 5  # decks, which give the time of the others
+STARTS = 8  # of processes
 MINUTE_S = 60.0
 
 
@@ -49,10 +50,10 @@ class Kit:
         self.passed = {*self.before}
         self.failed: set[str] = set()
         self.again = again
-        self.first_s = time.perf_counter()  # when the first deck was run
-        self.until_s = self.first_s + within_s
+        self.last_s = time.perf_counter()  # end of the last test
+        self.until_s = self.last_s + within_s
         self.decks: list[int] = []
-        self.run = 0
+        self.run, self.start_s = 0, 0.0  # decks; time of the first one, with the start of the server
 
     @pytest.hookimpl(trylast=True)
     def pytest_collection_modifyitems(
@@ -78,13 +79,13 @@ class Kit:
 
     def pytest_runtest_logfinish(self) -> None:
         """Tell the time that the rest will take, and end before a test for which there is no time."""
-        now_s, before = time.perf_counter(), self.run
-        self.run += self.decks.pop(0)
-        if not self.run:
-            self.first_s = now_s
-        deck_s = (now_s - self.first_s) / max(self.run, 1)
+        now_s, decks = time.perf_counter(), self.decks.pop(0)
+        deck_s = (now_s - self.last_s) / max(decks, 1)
+        self.run, before, self.last_s = self.run + decks, self.run, now_s
+        self.start_s = self.start_s or deck_s * bool(decks)
         if before < TOLD_AFTER <= self.run:
-            print(f" {self.left} more tests take about {in_words(deck_s * sum(self.decks))} ", end="", flush=True)
+            rest_s = deck_s * sum(self.decks) + STARTS * self.start_s
+            print(f" {self.left} more tests take about {in_words(rest_s)} ", end="", flush=True)
         if self.decks and now_s + deck_s * self.decks[0] > self.until_s:
             self.session.shouldstop = "the time is over"
 
