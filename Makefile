@@ -66,7 +66,7 @@ test: .venv/.ready-dev .venv/.engines lint ## run lint, types and tests
 	$(PY) -m pytest -n 2 --dist loadfile
 
 test-long: OPTIONS = -n 2 --dist loadfile
-test-long: ## run long tests: figures, claims, tubes, Dask, films
+test-long: .cc ## run long tests: figures, claims, tubes, Dask, films
 test-accuracy: OPTIONS = -n 2
 test-accuracy: ## run accuracy tests on random scenes
 test-slurm: .slurm ## run studies on a Slurm of this machine (installs it)
@@ -150,9 +150,12 @@ define install
   $(AS_ROOT) apt-get update -q && $(INSTALL) -q $(1)); }
 endef
 
-.PHONY: .python-venv .slurm .chromium
+.PHONY: .python-venv .cc .slurm .chromium
 .python-venv:
 	@$(call install,python3-venv)
+
+.cc:
+	-@command -v cc >/dev/null || $(call install,gcc libc6-dev)
 
 .slurm:
 	@command -v slurmctld >/dev/null && command -v munged >/dev/null || \

@@ -1,6 +1,7 @@
 """Runs for tests: finished, failed, blown up."""
 
 import os
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -38,10 +39,19 @@ def run_and_compare(
 
 def need(engine: str) -> None:
     """Skip a test whose engine is not installed; fail it in CI."""
-    if load_engine(engine).find() is None:
-        if os.environ.get("CI"):
-            pytest.fail(f"{engine} is not installed, but required in CI")
-        pytest.skip(f"{engine} is not installed")
+    _need(engine, there=load_engine(engine).find() is not None)
+
+
+def need_program(name: str) -> None:
+    """Skip a test whose program is not installed; fail it in CI."""
+    _need(name, there=shutil.which(name) is not None)
+
+
+def _need(name: str, *, there: bool) -> None:
+    if not there and os.environ.get("CI"):
+        pytest.fail(f"{name} is not installed, but required in CI")
+    if not there:
+        pytest.skip(f"{name} is not installed")
 
 
 def finished(case: Case, engine: str, runs: Path) -> EndedRun:
