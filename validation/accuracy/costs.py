@@ -33,15 +33,18 @@ class Cost:
         start_s: start-up, in s.
         step_ns: per body and time step, in ns.
         sample_ns: per body and sample, in ns.
+        sideways_ns: per body and time step in three dimensions, in ns; 0 if it was not measured.
     """
 
     start_s: float
     step_ns: float
     sample_ns: float
+    sideways_ns: float = 0.0
 
     def loop_s(self, case: Case) -> float:
         """Time of a run in the time loop, in s."""
-        return case.chain.bodies * (self.step_ns * case.scene.steps + self.sample_ns * case.scene.samples) * 1e-9
+        step_ns = self.step_ns if case.chain.straight else self.sideways_ns or self.step_ns
+        return case.chain.bodies * (step_ns * case.scene.steps + self.sample_ns * case.scene.samples) * 1e-9
 
     def run_s(self, case: Case) -> float:
         """Time of a run in a process of its own, in s."""
@@ -106,8 +109,10 @@ def measured_cost(engine: Engine, build: Build) -> Cost:
             raise RunError("no line of the output matches loop_pattern")
         return min(loops_s)
 
-    alone = compute(few, engine.name, build=build, own_process=True)
-    start_s = alone.wall_s - (alone.loop_s or 0.0) if alone.done else 0.0
+    start_s = 0.0  # an in-repo engine integrates in the process of the command
+    if not engine.in_repository:
+        alone = compute(few, engine.name, build=build, own_process=True)
+        start_s = alone.wall_s - (alone.loop_s or 0.0) if alone.done else 0.0
     loop_s = best(few)
     factor = int(min(max(LOOP_S / loop_s, 2), MAX_FACTOR))
     longer_s = best(few.at(factor * few.scene.steps_per_sample))
@@ -131,31 +136,59 @@ def capable_engines(case: Case, among: Collection[str] = ()) -> list[str]:
     return [name for name in names if inability(case, name) is None]
 
 
+@dataclass(frozen=True)
+class Ranking:
+    """Engines that can run a case.
+
+    Attributes:
+        costs: costs by name, the cheapest first.
+        faults: of those left out, the reason.
+    """
+
+    costs: dict[str, Cost]
+    faults: dict[str, str]
+
+
+def ranking_of(case: Case, among: Collection[str] = (), runs: Path | None = None) -> Ranking:
+    """Rank the engines that can run a case, or those ``among``, without those that have a ``fault``."""
+    faults = {name: fault(case, name, runs) for name in capable_engines(case, among)}
+    costs = {name: cost_on(name) for name, why in faults.items() if not why}
+    by_cost = dict(sorted(costs.items(), key=lambda item: item[1].run_s(case)))
+    return Ranking(by_cost, {name: why for name, why in faults.items() if why})
+
+
 def auto_engines(case: Case, runs: Path | None = None) -> Iterator[str]:
     """Installed engines that can run a case, the cheapest first; those with a ``fault`` become lines on stderr.
 
     Raises:
         RunError: no engine is left.
     """
-    capable = capable_engines(case)
-    by_cost = sorted(installed(capable), key=lambda name: cost_on(name).run_s(case))
-    for name in by_cost:
-        if why := fault(case, name, runs):
-            say(f"{case.scene.name}: {name}: {why}; --engine auto leaves it out")
-        else:
-            yield name
-    if by_cost:
-        raise RunError(f"{case.scene.name}: no engine is left for --engine auto, after {', '.join(by_cost)}")
-    others = f"; {', '.join(capable)} would" if capable else ""
+    ranking = ranking_of(case, runs=runs)
+    here = installed([*ranking.costs, *ranking.faults])
+    for name in filter(ranking.faults.get, here):
+        say(f"{case.scene.name}: {name}: {ranking.faults[name]}; --engine auto leaves it out")
+    yield from ranking.costs
+    if here:
+        raise RunError(f"{case.scene.name}: no engine is left for --engine auto, after {', '.join(sorted(here))}")
+    others = f"; {', '.join(ranking.faults)} would" if ranking.faults else ""
     raise RunError(f"no installed engine models all of this scene{others}")
 
 
 def fault(case: Case, name: str, runs: Path | None = None) -> str:
-    """Reason to leave out an engine: its build failed ``beads engine``, or its run of the case in ``runs`` failed."""
-    if load(kit_key(name)) is False:
+    """Reason to leave out an engine; empty if there is none.
+
+    It is not installed, its build failed ``beads engine`` or, if it is the user's own, was never tested, or its run of
+    the case in ``runs`` failed.
+    """
+    engine = load_engine(name)
+    if not installed([name]):
+        return "it is not installed"
+    passed = load(kit_key(name))
+    if passed is None and engine.own:
+        return f"its build was never tested by beads engine {name}"
+    if passed is False:
         return f"its build failed beads engine {name}"
     with suppress(RunError):  # a faulty adapter renders no deck
-        engine = load_engine(name)
         identity = run_identity(name, build_of(engine), engine.render(case).sha256) if runs else ""
         if runs and (run := find_run(runs / name, identity, {})) and run.record.status not in ("done", DAMAGED):
             return f"{run.trouble} (see {paths.shown(run.folder)}; --rerun tries again)"

@@ -21,7 +21,7 @@ from drivers.chain.case import Case, StepPlan, build_case, choose_elements
 from drivers.chain.chain import arrays_of, build_chain
 from drivers.chain.schemes import exact_of
 from drivers.chain.trace import FORCE, is_at_rest
-from drivers.engines import TOTAL, VERLET, installed, load_engine
+from drivers.engines import TOTAL, VERLET, load_engine
 from drivers.limits import EXACT_SHARE, inability, refuse_depth, resolved_trial, step_limit, until_words, why_unstable
 from drivers.run.scheme import COMPARED, Scheme, scheme_of
 from drivers.scene.model import Contact, Scene
@@ -32,7 +32,7 @@ from postproc.read.measured import read_traces
 from postproc.read.observables import of_kind, scale_of, without_unit
 from postproc.read.signals import gauges_of
 from validation.accuracy.budget import AT_REST_NOTE
-from validation.accuracy.costs import capable_engines, cost_on, fault
+from validation.accuracy.costs import Ranking, ranking_of
 from validation.accuracy.motions import (
     COARSE_ERROR,
     ExactMotion,
@@ -342,22 +342,21 @@ def plan_report(source: str | Path, settings: tuple[str, ...] = (), among: Colle
     for error in (inability(case, name) for name in among):
         if error:
             raise error
-    engines = [(name, load_engine(name).shear, asdict(cost_on(name))) for name in capable_engines(case, among)]
-    there = [(name, fault(case, name)) for name in installed(name for name, *_ in engines)]
+    ranking = ranking_of(case, among)
     scenes = [variant.scene.model_dump(mode="json") for variant in (case, case.full) if variant]
     report = _straight if case.chain.straight else _three_dimensional
 
     def computed() -> list[str]:
         refuse_depth(case)
-        return [*report(case, among)]
+        return [*report(case, ranking)]
 
-    lines = cached(["plan", scenes, engines, there], computed)
+    lines = cached(["plan", scenes, asdict(ranking)], computed)
     yield from (f"{case.scene.name}: {case.summary}", *lines)
     for trace in traces:
         yield f"measured   {paths.shown(trace.file)}: {len(trace.time_s)} readings of {', '.join(trace.reading)}"
 
 
-def _straight(case: Case, among: Collection[str]) -> Iterator[str]:
+def _straight(case: Case, ranking: Ranking) -> Iterator[str]:
     steps, plan = case.scene.steps_per_sample, case.plan
     asked = plan.asked if plan else {FORCE: 0.0}
     try:
@@ -365,12 +364,12 @@ def _straight(case: Case, among: Collection[str]) -> Iterator[str]:
     except InputError as error:
         if plan:
             raise
-        yield from (*_stability(case, TOTAL, AS_GIVEN), *_engines(case, among))
+        yield from (*_stability(case, TOTAL, AS_GIVEN), *_engines(case, ranking))
         yield f"predicted  not measured: {error.args[2].partition(';')[0]}"
         return
     errors = plan.predicted if plan else dict(chooser.errors_at(steps))
     scheme = scheme_of(case)
-    others = [*_other_errors(case, chooser, asked if plan else errors, errors, among)]
+    others = [*_other_errors(case, chooser, asked if plan else errors, errors, ranking)]
 
     why = AS_GIVEN
     if plan:
@@ -392,7 +391,7 @@ def _straight(case: Case, among: Collection[str]) -> Iterator[str]:
     for element in case.elements:
         if case.full is not None and case.full.models(element.name) and not element.modelled:
             yield f"left out   {element.name}: {element.reason.partition(': ')[2]}"
-    yield from _engines(case, among)
+    yield from _engines(case, ranking)
     yield from (
         "",
         "time steps, errors and run times at larger and smaller errors",
@@ -402,14 +401,14 @@ def _straight(case: Case, among: Collection[str]) -> Iterator[str]:
     )
 
 
-def _three_dimensional(case: Case, among: Collection[str]) -> Iterator[str]:
+def _three_dimensional(case: Case, ranking: Ranking) -> Iterator[str]:
     """Report on a three-dimensional scene: errors by extrapolation."""
-    law = load_engine(min(capable_engines(case, among), key=lambda name: name != VERLET, default=VERLET)).shear
+    law = load_engine(min(ranking.costs, key=lambda name: name != VERLET, default=VERLET)).shear
     yield from _stability(case, law, AS_GIVEN)
     if why_unstable(case, law):
         return
-    yield from _engines(case, among)
-    for name in capable_engines(case, among):
+    yield from _engines(case, ranking)
+    for name in ranking.costs:
         motions = motions_of(case, name)
         if motions.why_unknown:
             yield f"predicted  {motions.why_unknown}"
@@ -420,11 +419,11 @@ def _three_dimensional(case: Case, among: Collection[str]) -> Iterator[str]:
 
 
 def _other_errors(
-    case: Case, chooser: Chooser, asked: dict[str, float], errors: dict[str, float], among: Collection[str]
+    case: Case, chooser: Chooser, asked: dict[str, float], errors: dict[str, float], ranking: Ranking
 ) -> Iterator[str]:
     """Table of time steps, errors and run times for ten times the error of this run, this run, and a tenth."""
-    names, missed = capable_engines(case, among), []
-    cells = [["", "time step", f"{'largest ' * (len(errors) > 1)}error of {', '.join(errors)}", *names]]
+    missed = []
+    cells = [["", "time step", f"{'largest ' * (len(errors) > 1)}error of {', '.join(errors)}", *ranking.costs]]
     needed = case.scene.steps * TENFOLD ** (1 if case.chain.damped else 0.5)  # by the scheme's order
     for label, factor in (("ten times the error of", TENFOLD), ("", 1.0), ("a tenth of the error of", 1 / TENFOLD)):
         chosen, found, why = case, errors, ""
@@ -445,17 +444,19 @@ def _other_errors(
         else:
             worst = max(found.values())
             error = f"{worst:.1e}" if worst < MAX_ERROR else "blows up"
-            seconds = [f"{cost_on(name).run_s(chosen):.2f} s" for name in names]
+            seconds = [f"{cost.run_s(chosen):.2g} s" for cost in ranking.costs.values()]
             cells.append([label, _us(chosen.scene.time_step_s), error, *seconds])
     yield from (*text_table(cells, right=range(1, len(cells[0]))), *missed)
 
 
-def _engines(case: Case, among: Collection[str]) -> Iterator[str]:
-    faults = {name: fault(case, name) for name in installed(capable_engines(case, among))}
-    seconds = {name: cost_on(name).run_s(case) for name, why in faults.items() if not why}
-    by_cost = ", ".join(f"{name} {seconds[name]:.2g} s" for name in sorted(seconds, key=seconds.__getitem__))
+def _engines(case: Case, ranking: Ranking) -> Iterator[str]:
+    """Lines on the engines by cost, and on those left out."""
+    by_cost = ", ".join(f"{name} {cost.run_s(case):.2g} s" for name, cost in ranking.costs.items())
     yield f"engines    that model the scene, the cheapest first: {by_cost or 'none is left'}"
-    yield from (f"           left out: {name}, since {why}" for name, why in faults.items() if why)
+    starts = [name for name, cost in ranking.costs.items() if cost.start_s > cost.loop_s(case)]
+    if starts:
+        yield f"           mostly the start of the program: {', '.join(starts)}"
+    yield from (f"           left out: {name}, since {why}" for name, why in ranking.faults.items())
 
 
 def _stability(case: Case, law: str, why: str) -> Iterator[str]:

@@ -163,8 +163,8 @@ def import_(
     Examples:
       beads import deck --engine liggghts
       beads import deck --engine yade --set run.time_step='0.2 us'
-      beads import --dump shot.txt --engine lammps --scene fig4
-      beads import mine --dump shot.bin --columns id,z,vz,fz --engine liggghts --scene fig4
+      beads import --dump shot.txt --engine liggghts --scene fig4
+      beads import --dump a.bin --columns id,z,vz,fz --engine lammps --scene fig4
     """
     load_engine(engine, "--engine")
     if folder is None:

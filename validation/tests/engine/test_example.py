@@ -17,22 +17,22 @@ def compiled(folder: Path, change: tuple[str, str] = ("", "")) -> Path:
     """Entry of the example, compiled in a folder after a change."""
     need_program("cc")
     shutil.copytree(EXAMPLE, folder)
-    source = folder / "chain.c"
+    source = folder / "leapfrog.c"
     text = source.read_text()
     assert change[0] in text
     source.write_text(text.replace(*change) if change[0] else text)
-    subprocess.run(("cc", "-O2", "-Wall", "-Werror", "-o", "chain", "chain.c", "-lm"), cwd=folder, check=True)
+    subprocess.run(("cc", "-O2", "-Wall", "-Werror", "-o", "leapfrog", "leapfrog.c", "-lm"), cwd=folder, check=True)
     return folder / "engines.toml"
 
 
 @pytest.mark.long
 def test_the_example_passes_and_a_wrong_one_fails(tmp_path: Path) -> None:
-    done = beads_process("engine", "chain", "--engines", compiled(tmp_path / "right"))
+    done = beads_process("engine", "leapfrog", "--engines", compiled(tmp_path / "right"))
     assert done.returncode == 0, done.stdout
-    assert re.search(r"^chain: passed 5\d tests$", done.stdout, re.MULTILINE)
-    assert "[chain]\nstart_s = " in done.stdout
+    assert re.search(r"^leapfrog: passed 5\d tests$", done.stdout, re.MULTILINE)
+    assert "[leapfrog]\nstart_s = " in done.stdout
     wrong = compiled(tmp_path / "wrong", ("sqrt(overlap)", "pow(overlap, 0.500001)"))
-    done = beads_process("engine", "chain", "--engines", wrong, "--only", "scene or start")
+    done = beads_process("engine", "leapfrog", "--engines", wrong, "--only", "scene or start")
     assert done.returncode == 1
     assert "departs from its scheme" in done.stdout
 
@@ -40,6 +40,6 @@ def test_the_example_passes_and_a_wrong_one_fails(tmp_path: Path) -> None:
 @pytest.mark.long
 def test_the_example_agrees_with_its_scheme(tmp_path: Path) -> None:
     entry = compiled(tmp_path / "example")
-    done = beads_process("compare", "fig4", "--engines", entry, "--engine", "chain", "--runs", tmp_path / "runs")
+    done = beads_process("compare", "fig4", "--engines", entry, "--engine", "leapfrog", "--runs", tmp_path / "runs")
     assert done.returncode == 0, done.stdout
-    assert re.search(r"^fig4 .*chain .*pass", done.stdout, re.MULTILINE), done.stdout
+    assert re.search(r"^fig4 .*leapfrog .*pass", done.stdout, re.MULTILINE), done.stdout

@@ -17,7 +17,7 @@ from drivers.engines import REFERENCE, VERLET, codes, engine_names, load_engine
 from drivers.run import scheme as comparator
 from drivers.run.compute import Computed, compute
 from drivers.run.run_folder import RECORD
-from validation.accuracy import costs, plan
+from validation.accuracy import costs
 from validation.accuracy.costs import Cost, cost_on, kit_key
 from validation.commands import key_commands
 from validation.tests.engine.candidate import MINE
@@ -38,8 +38,7 @@ FAILED_KIT = "scene: {0}: its build failed beads engine {0}" + LEFT_OUT
 
 
 def only_installed(monkeypatch: pytest.MonkeyPatch, *engines: str) -> None:
-    for module in (costs, plan):
-        monkeypatch.setattr(module, "installed", lambda names: [name for name in names if name in engines])
+    monkeypatch.setattr(costs, "installed", lambda names: [name for name in names if name in engines])
 
 
 @pytest.fixture
@@ -53,8 +52,9 @@ def scene(
     )
     monkeypatch.chdir(tmp_path)
     only_installed(monkeypatch, *ORDER)
-    for module in (costs, plan):
-        monkeypatch.setattr(module, "cost_on", lambda name: Cost(float((*ORDER, name).index(name)), 0.0, 0.0))
+    monkeypatch.setattr(costs, "cost_on", lambda name: Cost(float((*ORDER, name).index(name)), 0.0, 0.0))
+    for name in ("mine", "other"):
+        store(kit_key(name), True)
     return scene_file(duration="20 us")
 
 
@@ -95,6 +95,7 @@ def test_a_build_that_failed_its_tests_is_not_started_and_one_that_misses_the_ac
     assert not Path("runs/mine").exists()
     Path("mine.py").write_text(MINE + MISSES)  # another build, as with a wrong modulus: its run is done
     engines_module._engine_of.cache_clear()  # as in another process
+    store(kit_key("mine"), True)
     store(kit_key("other"), False)
     words = ("--set", "run.time_step=", "--set", "run.accuracy=1e-4")
     for begins in ("failed: departs from its scheme ", "missed the accuracy: force has an error of 0.001"):
@@ -131,6 +132,7 @@ def test_the_outcome_of_the_tests_of_a_build_is_kept(
     code: int, kept: bool | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Tests that were interrupted have no outcome."""
+    store(kit_key("mine"), None)
 
     def main(words: list[str], plugins: list[Kit]) -> int:
         (kit,) = plugins

@@ -1,4 +1,4 @@
-/* An elastic chain by the leapfrog scheme, as a small code of one's own: chain DECK OUTPUT
+/* An elastic chain by the leapfrog scheme, as a small code of one's own: leapfrog DECK OUTPUT
  *
  * deck: a comment; time step, steps per sample, samples, bodies; of each body from the lowest up:
  * mass, height, velocity, load, stiffness of the contact below, distance at which it just touches
@@ -25,20 +25,20 @@ static double acceleration(const Body *body, int i, int bodies) {
 int main(int argc, char **argv) {
     FILE *deck = argc == 3 ? fopen(argv[1], "r") : NULL;
     if (argc != 3) {  /* the only place where this code tells its version */
-        fprintf(stdout, "chain 1.0 (compiled " __DATE__ ")\nusage: chain DECK OUTPUT\n");
+        fprintf(stdout, "leapfrog 1.0 (compiled " __DATE__ ")\nusage: leapfrog DECK OUTPUT\n");
         return 2;
     }
     double step;
     int every, samples, bodies;
     if (!deck || fscanf(deck, "#%*[^\n]%lf %d %d %d", &step, &every, &samples, &bodies) != 4) {
-        fprintf(stderr, "chain: %s is no deck\n", argv[1]);
+        fprintf(stderr, "leapfrog: %s is no deck\n", argv[1]);
         return 1;
     }
     Body *body = calloc(bodies, sizeof(Body));
     for (Body *b = body; b < body + bodies; b++)
         if (fscanf(deck, "%lf %lf %lf %lf %lf %lf", &b->mass, &b->height, &b->velocity, &b->load, &b->stiffness,
                    &b->reach) != 6) {
-            fprintf(stderr, "chain: the deck ends in body %d\n", (int)(b - body) + 1);
+            fprintf(stderr, "leapfrog: the deck ends in body %d\n", (int)(b - body) + 1);
             return 1;
         }
     FILE *output = fopen(argv[2], "w");

@@ -1,4 +1,4 @@
-"""Adapter of ``chain.c``, a code that reads a deck of numbers: an example of an engine of one's own."""
+"""Adapter of ``leapfrog.c``, a code that reads a deck of numbers: an example of an engine of one's own."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from drivers.chain.schemes import heights_and_reach
 from drivers.chain.trace import Trace, make_trace
 from drivers.engines import Engine
 
-COMMAND = ("chain", "chain.txt", "chain.out")
+COMMAND = ("leapfrog", "chain.txt", "chain.out")
 
 
 def deck_of(case: Case) -> Deck:
@@ -46,9 +46,9 @@ def read(case: Case, folder: Path) -> Trace:
 
 
 ENGINE = Engine(
-    how_to_get="cc -O2 -o chain chain.c -lm",
-    program="chain",
-    version=lambda command: line_of(command, "--version", r"^chain [0-9]"),  # of any wrong command line
+    how_to_get="cc -O2 -o leapfrog leapfrog.c -lm",
+    program="leapfrog",
+    version=lambda command: line_of(command, "--version", r"^leapfrog [0-9]"),  # of any wrong command line
     render=deck_of,
     read=read,
     server=Deck({"serve.sh": render("serve.sh")}, ("sh", "serve.sh", *COMMAND), raw=()),

@@ -1,0 +1,1 @@
+"""Example of an engine of one's own: a code in C, its adapter, its entry."""
