@@ -80,7 +80,7 @@ class Batch:
 
     def __getstate__(self) -> dict[str, Any]:
         """What is asked, without what is read; for processes that may have another working folder."""
-        source = find_input(self.source, paths.STUDIES, "study").absolute()
+        source = find_input(self._source, paths.STUDIES, "study").absolute()
         return {asked.name: getattr(self, asked.name) for asked in fields(self)} | {"source": source}
 
     @cached_property
@@ -90,7 +90,13 @@ class Batch:
         Raises:
             InputError: anything wrong with the study or its base scene.
         """
-        return read_study(self.source, self.selected)
+        return read_study(self._source, self.selected)
+
+    @property
+    def _source(self) -> str | Path:
+        """The source, or the path of a study of that name that was run into this folder."""
+        with Store(self.runs) as store:
+            return store.path_of(self.source)
 
     @cached_property
     def numbers(self) -> Sequence[int]:

@@ -223,6 +223,20 @@ class Store(AbstractContextManager["Store"]):
         with self._writing(self.own) as connection:
             _put(connection, row, merged=False)
 
+    def note_study(self, path: Path) -> None:
+        """Note the path of a study of which rows will be run."""
+        with self._writing(self.own) as connection:
+            connection.execute("CREATE TABLE IF NOT EXISTS studies (name PRIMARY KEY, path)")
+            connection.execute("INSERT OR REPLACE INTO studies VALUES (?, ?)", (path.stem, str(path.resolve())))
+
+    def path_of(self, study: str | Path) -> str | Path:
+        """Path of a noted study by its name, unless there is another study of that name."""
+        if Path(study).is_file() or (paths.STUDIES / f"{study}.toml").is_file():
+            return study
+        noted = [file for file in self.files if self._in(file, "SELECT 1 FROM sqlite_master WHERE name = 'studies'")]
+        found = (self._in(file, "SELECT path FROM studies WHERE name = ?", str(study)) for file in noted)
+        return next((path for rows in found for (path,) in rows), study)
+
     def remove_damaged(self) -> None:
         """Remove the damaged rows that were read."""
         for file in self.files:

@@ -138,11 +138,6 @@ class Engine:
         """True for an engine that is part of this repository."""
         return self.integrate is not None
 
-    @property
-    def own(self) -> bool:
-        """True for an entry of the user."""
-        return self.where not in ("", paths.shown(paths.ENGINES))
-
     def find(self) -> tuple[str, ...] | None:
         """Command that starts the build, with paths of its programs; None if it is not installed."""
         if self.in_repository:

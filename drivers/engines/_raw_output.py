@@ -24,11 +24,8 @@ from drivers.chain.chain import Array
 _MARK = (-10).to_bytes(8, sys.byteorder, signed=True) + b"DUMPCUSTOM"
 _COUNT = struct.Struct("=i")
 _SECTION = b"ITEM: "  # begins the parts of a text dump
-_STEP = re.compile(r"^[ \t]*timestep[ \t]+([\d.eE+-]+)", re.MULTILINE)
+_STEP = re.compile(r"^[ \t]*timestep[ \t]+(\d*\.?\d+(?:[eE][+-]?\d+)?)", re.MULTILINE)
 _ROOM = 1_000_000  # bytes of a file that may be a deck
-_LOOKED_AT = 50  # frames of a text whose digits are counted
-_DIGIT = re.compile(r"\d")
-_NOT_DIGITS = re.compile(r"[eE].*|[-+.]")
 
 
 class _Frames(NamedTuple):
@@ -38,11 +35,13 @@ class _Frames(NamedTuple):
         steps: time steps.
         names: names of the columns; empty if the file does not tell.
         values: shape (frames, atoms, columns).
+        digits: largest number of significant digits of a real number.
     """
 
     steps: list[int]
     names: tuple[str, ...]
     values: Array
+    digits: int = ALL_DIGITS
 
 
 class Dump(NamedTuple):
@@ -92,11 +91,10 @@ def read_dump(case: Case, path: Path, names: Sequence[str], *, named: bool = Fal
             dump of the samples before, if there are any.
     """
     raw = _content_of(path)
-    text = raw[: len(_SECTION)] == _SECTION
     bodies, samples = case.chain.bodies, case.scene.samples
-    steps, parts, problem, own = list[int](), list[Array](), "", tuple(names)
-    with suppress(struct.error, ValueError):  # the last frame is incomplete
-        for frames in _text_frames(raw) if text else _binary_frames(raw):
+    steps, parts, digits, problem, own = list[int](), list[Array](), 0, "", tuple(names)
+    with suppress(struct.error, IndexError, ValueError):  # the last frame is incomplete
+        for frames in _text_frames(raw) if raw[: len(_SECTION)] == _SECTION else _binary_frames(raw):
             atoms, width = frames.values.shape[1:]
             own = frames.names if frames.names and not named else own
             if steps and atoms < bodies:
@@ -105,19 +103,19 @@ def read_dump(case: Case, path: Path, names: Sequence[str], *, named: bool = Fal
             elif atoms != bodies:
                 problem = f"{path.name} has {atoms} atoms, expected {bodies}"
             elif width != len(own):
-                problem = (
-                    f"{path.name} has {width} columns, expected {len(own)} ({' '.join(own)}); name them: --columns"
-                )
+                expected = f"expected {len(own)} ({' '.join(own)}); name them: --columns"
+                problem = f"{path.name} has {width} columns, {expected}"
             if problem:
                 break
             steps += frames.steps
             parts.append(frames.values)
+            digits = max(digits, frames.digits)
     problem = problem or _other_times(case, path, steps)
     if not steps:
         raise RunError(problem)
     values = parts[0] if len(parts) == 1 else np.concatenate(parts)
     columns = {name: values[:samples, :, place] for place, name in enumerate(own)}
-    dump = Dump(_in_order(path, columns), _digits(raw) if text else ALL_DIGITS)
+    dump = Dump(_in_order(path, columns), digits)
     if problem:
         raise RunError(problem, partial=dump)
     return dump
@@ -199,36 +197,18 @@ def _text_frames(raw: memoryview) -> Iterator[_Frames]:
         ValueError: the file ends within a frame, or is damaged.
     """
     step = atoms = 0
-    for heading, content in _sections(raw):
+    for section in bytes(raw).decode(errors="replace").split(_SECTION.decode())[1:]:
+        heading, _, content = section.partition("\n")
         if heading.startswith("TIMESTEP"):
             step = int(content)
         elif heading.startswith("NUMBER OF ATOMS"):
             atoms = int(content)
         elif heading.startswith("ATOMS"):
             names, words = tuple(heading.split()[1:]), content.split()
-            try:
-                values = np.array(words, float)
-            except ValueError:  # names of elements
-                values = np.array([float(word) if _DIGIT.search(word) else np.nan for word in words])
-            yield _Frames([step], names, values.reshape(1, atoms, len(names)))
-
-
-def _sections(raw: memoryview) -> list[tuple[str, str]]:
-    """Headings and contents of the sections of a text dump."""
-    sections = bytes(raw).decode(errors="replace").split(_SECTION.decode())[1:]
-    return [(heading, content) for heading, _, content in (section.partition("\n") for section in sections)]
-
-
-def _digits(raw: memoryview) -> int:
-    """Significant digits of a text dump: the most of each column of real numbers, of these the least."""
-    frames = [(heading.split()[1:], content.split()) for heading, content in _sections(raw) if heading[:5] == "ATOMS"]
-    looked_at = frames[:: max(1, len(frames) // _LOOKED_AT)]
-    columns = [
-        [word for names, words in looked_at for word in words[place :: len(names)] if "." in word]
-        for place in range(len(frames[0][0]))
-    ]
-    most = [max(len(_NOT_DIGITS.sub("", word).lstrip("0")) for word in words) for words in columns if words]
-    return min(most, default=ALL_DIGITS)
+            reals = (word.partition("e")[0] for word in words if "." in word)
+            digits = max((len(real.lstrip("-0.").replace(".", "")) for real in reals), default=0)
+            numbers = [float(word) if word[-1].isdigit() else np.nan for word in words]  # some name elements
+            yield _Frames([step], names, np.reshape(numbers, (1, atoms, len(names))), digits)
 
 
 def _in_order(path: Path, columns: dict[str, Array]) -> dict[str, Array]:
@@ -255,10 +235,11 @@ def _other_times(case: Case, path: Path, steps: Sequence[int]) -> str:
     if [*steps] == [*expected][: len(steps)]:
         return f"output ends in sample {len(steps) + 1} of {scene.samples}, or is damaged there"
     step_s = _time_step(path.parent) or scene.time_step_s
-    of, of_scene = (
-        f" of {quantity(each, 's')}" * (step_s != scene.time_step_s) for each in (step_s, scene.time_step_s)
+    found, allowed = (
+        f"{_listed(steps)} of {quantity(step_s, 's')}",
+        f"{_listed(expected)} of {quantity(scene.time_step_s, 's')}",
     )
-    message = f"{path.name} has frames at steps {_listed(steps)}{of}; the scene has {_listed(expected)}{of_scene}"
+    message = f"{path.name} has frames at steps {found}; the scene has {allowed}"
     every = steps[-1] // (len(steps) - 1) if len(steps) > 1 else 0
     if every < 1 or [*steps] != [*range(0, steps[-1] + 1, every)]:
         return message
@@ -275,12 +256,6 @@ def _listed(steps: Sequence[int]) -> str:
 
 def _time_step(folder: Path) -> float | None:
     """Time step of the decks in a folder; None if none tells it, or they tell several."""
-    found = set[str]()
-    for file in folder.glob("*"):
-        if file.is_file() and file.stat().st_size < _ROOM:
-            found.update(_STEP.findall(file.read_text(errors="replace")))
-    try:
-        (step_s,) = set(map(float, found))
-    except ValueError:
-        return None
-    return step_s
+    small = (file for file in folder.glob("*") if file.is_file() and file.stat().st_size < _ROOM)
+    found = {float(step) for file in small for step in _STEP.findall(file.read_text(errors="replace"))}
+    return found.pop() if len(found) == 1 else None

@@ -119,15 +119,17 @@ def write_animation(film: Film, title: str, path: Path) -> Path:
     beside.set(xlim=(0, 1.05 * film.largest_N), ylim=_around(film, height), yticks=[])
     beside.set(xlabel="mean of the contact forces (N)")
     line = beside.plot([], [], color=GREY, lw=0.8, marker="o" if _circles(film, scale_in) else "", ms=2.5)[0]
+    axis.axis("off")
+    axis.set(xlim=(-width / 2, width / 2), ylim=_around(film, height), aspect="equal")
     images = []
     for i, time_s in enumerate(film.time_s):
-        axis.clear()
-        axis.axis("off")
-        axis.set(xlim=(-width / 2, width / 2), ylim=_around(film, height), aspect="equal")
+        for artist in (*axis.patches, *axis.collections):
+            artist.remove()
         _draw_chain(axis, film, i, 0.0, scale_in)
         line.set_data(film.force_N[i], film.place_m[i, :, 1])
         beside.set_title(f"{time_s * MICRO:.0f} µs", loc="left")
         figure.canvas.draw()
+        figure.set_layout_engine("none")  # that of the first picture is kept
         images.append(Image.fromarray(np.asarray(figure.canvas.buffer_rgba())).convert("RGB"))
     plt.close(figure)
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -136,25 +136,14 @@ def capable_engines(case: Case, among: Collection[str] = ()) -> list[str]:
     return [name for name in names if inability(case, name) is None]
 
 
-@dataclass(frozen=True)
-class Ranking:
-    """Engines that can run a case.
-
-    Attributes:
-        costs: costs by name, the cheapest first.
-        faults: of those left out, the reason.
-    """
-
-    costs: dict[str, Cost]
-    faults: dict[str, str]
-
-
-def ranking_of(case: Case, among: Collection[str] = (), runs: Path | None = None) -> Ranking:
-    """Rank the engines that can run a case, or those ``among``, without those that have a ``fault``."""
+def ranking_of(
+    case: Case, among: Collection[str] = (), runs: Path | None = None
+) -> tuple[dict[str, Cost], dict[str, str]]:
+    """Costs of the engines that can run a case, the cheapest first, and of those left out the ``fault``, by name."""
     faults = {name: fault(case, name, runs) for name in capable_engines(case, among)}
     costs = {name: cost_on(name) for name, why in faults.items() if not why}
     by_cost = dict(sorted(costs.items(), key=lambda item: item[1].run_s(case)))
-    return Ranking(by_cost, {name: why for name, why in faults.items() if why})
+    return by_cost, {name: why for name, why in faults.items() if why}
 
 
 def auto_engines(case: Case, runs: Path | None = None) -> Iterator[str]:
@@ -163,14 +152,14 @@ def auto_engines(case: Case, runs: Path | None = None) -> Iterator[str]:
     Raises:
         RunError: no engine is left.
     """
-    ranking = ranking_of(case, runs=runs)
-    here = installed([*ranking.costs, *ranking.faults])
-    for name in filter(ranking.faults.get, here):
-        say(f"{case.scene.name}: {name}: {ranking.faults[name]}; --engine auto leaves it out")
-    yield from ranking.costs
+    costs, faults = ranking_of(case, runs=runs)
+    here = installed([*costs, *faults])
+    for name in filter(faults.get, here):
+        say(f"{case.scene.name}: {name}: {faults[name]}; --engine auto leaves it out")
+    yield from costs
     if here:
         raise RunError(f"{case.scene.name}: no engine is left for --engine auto, after {', '.join(sorted(here))}")
-    others = f"; {', '.join(ranking.faults)} would" if ranking.faults else ""
+    others = f"; {', '.join(faults)} would" if faults else ""
     raise RunError(f"no installed engine models all of this scene{others}")
 
 
@@ -184,7 +173,7 @@ def fault(case: Case, name: str, runs: Path | None = None) -> str:
     if not installed([name]):
         return "it is not installed"
     passed = load(kit_key(name))
-    if passed is None and engine.own:
+    if passed is None and engine.where not in ("", paths.shown(paths.ENGINES)):  # an entry of the user
         return f"its build was never tested by beads engine {name}"
     if passed is False:
         return f"its build failed beads engine {name}"

@@ -32,7 +32,7 @@ from postproc.read.measured import read_traces
 from postproc.read.observables import of_kind, scale_of, without_unit
 from postproc.read.signals import gauges_of
 from validation.accuracy.budget import AT_REST_NOTE
-from validation.accuracy.costs import Ranking, ranking_of
+from validation.accuracy.costs import Cost, ranking_of
 from validation.accuracy.motions import (
     COARSE_ERROR,
     ExactMotion,
@@ -57,6 +57,7 @@ OTHERS_WORK = 5e7  # bodies times steps, for the rows of other accuracies
 MAX_ERROR = 100.0  # larger errors are printed as "blows up"
 LISTED = 5  # errors in a line
 AS_GIVEN = ", as given in the scene"
+Costs = Mapping[str, Cost]  # by engine, the cheapest first
 CRITERIA = ("0.2 Rayleigh", "0.1 Hertz", "P-wave")
 
 
@@ -342,21 +343,22 @@ def plan_report(source: str | Path, settings: tuple[str, ...] = (), among: Colle
     for error in (inability(case, name) for name in among):
         if error:
             raise error
-    ranking = ranking_of(case, among)
+    costs, faults = ranking_of(case, among)
     scenes = [variant.scene.model_dump(mode="json") for variant in (case, case.full) if variant]
     report = _straight if case.chain.straight else _three_dimensional
 
     def computed() -> list[str]:
         refuse_depth(case)
-        return [*report(case, ranking)]
+        return [*report(case, costs)]
 
-    lines = cached(["plan", scenes, asdict(ranking)], computed)
+    lines = cached(["plan", scenes, {name: asdict(cost) for name, cost in costs.items()}], computed)
     yield from (f"{case.scene.name}: {case.summary}", *lines)
+    yield from (f"left out   {name}: {why}" for name, why in faults.items())
     for trace in traces:
         yield f"measured   {paths.shown(trace.file)}: {len(trace.time_s)} readings of {', '.join(trace.reading)}"
 
 
-def _straight(case: Case, ranking: Ranking) -> Iterator[str]:
+def _straight(case: Case, costs: Costs) -> Iterator[str]:
     steps, plan = case.scene.steps_per_sample, case.plan
     asked = plan.asked if plan else {FORCE: 0.0}
     try:
@@ -364,12 +366,12 @@ def _straight(case: Case, ranking: Ranking) -> Iterator[str]:
     except InputError as error:
         if plan:
             raise
-        yield from (*_stability(case, TOTAL, AS_GIVEN), *_engines(case, ranking))
+        yield from (*_stability(case, TOTAL, AS_GIVEN), *_engines(case, costs))
         yield f"predicted  not measured: {error.args[2].partition(';')[0]}"
         return
     errors = plan.predicted if plan else dict(chooser.errors_at(steps))
     scheme = scheme_of(case)
-    others = [*_other_errors(case, chooser, asked if plan else errors, errors, ranking)]
+    others = [*_other_errors(case, chooser, asked if plan else errors, errors, costs)]
 
     why = AS_GIVEN
     if plan:
@@ -391,7 +393,7 @@ def _straight(case: Case, ranking: Ranking) -> Iterator[str]:
     for element in case.elements:
         if case.full is not None and case.full.models(element.name) and not element.modelled:
             yield f"left out   {element.name}: {element.reason.partition(': ')[2]}"
-    yield from _engines(case, ranking)
+    yield from _engines(case, costs)
     yield from (
         "",
         "time steps, errors and run times at larger and smaller errors",
@@ -401,14 +403,14 @@ def _straight(case: Case, ranking: Ranking) -> Iterator[str]:
     )
 
 
-def _three_dimensional(case: Case, ranking: Ranking) -> Iterator[str]:
+def _three_dimensional(case: Case, costs: Costs) -> Iterator[str]:
     """Report on a three-dimensional scene: errors by extrapolation."""
-    law = load_engine(min(ranking.costs, key=lambda name: name != VERLET, default=VERLET)).shear
+    law = load_engine(min(costs, key=lambda name: name != VERLET, default=VERLET)).shear
     yield from _stability(case, law, AS_GIVEN)
     if why_unstable(case, law):
         return
-    yield from _engines(case, ranking)
-    for name in ranking.costs:
+    yield from _engines(case, costs)
+    for name in costs:
         motions = motions_of(case, name)
         if motions.why_unknown:
             yield f"predicted  {motions.why_unknown}"
@@ -419,11 +421,11 @@ def _three_dimensional(case: Case, ranking: Ranking) -> Iterator[str]:
 
 
 def _other_errors(
-    case: Case, chooser: Chooser, asked: dict[str, float], errors: dict[str, float], ranking: Ranking
+    case: Case, chooser: Chooser, asked: dict[str, float], errors: dict[str, float], costs: Costs
 ) -> Iterator[str]:
     """Table of time steps, errors and run times for ten times the error of this run, this run, and a tenth."""
     missed = []
-    cells = [["", "time step", f"{'largest ' * (len(errors) > 1)}error of {', '.join(errors)}", *ranking.costs]]
+    cells = [["", "time step", f"{'largest ' * (len(errors) > 1)}error of {', '.join(errors)}", *costs]]
     needed = case.scene.steps * TENFOLD ** (1 if case.chain.damped else 0.5)  # by the scheme's order
     for label, factor in (("ten times the error of", TENFOLD), ("", 1.0), ("a tenth of the error of", 1 / TENFOLD)):
         chosen, found, why = case, errors, ""
@@ -444,19 +446,18 @@ def _other_errors(
         else:
             worst = max(found.values())
             error = f"{worst:.1e}" if worst < MAX_ERROR else "blows up"
-            seconds = [f"{cost.run_s(chosen):.2g} s" for cost in ranking.costs.values()]
+            seconds = [f"{cost.run_s(chosen):.2g} s" for cost in costs.values()]
             cells.append([label, _us(chosen.scene.time_step_s), error, *seconds])
     yield from (*text_table(cells, right=range(1, len(cells[0]))), *missed)
 
 
-def _engines(case: Case, ranking: Ranking) -> Iterator[str]:
-    """Lines on the engines by cost, and on those left out."""
-    by_cost = ", ".join(f"{name} {cost.run_s(case):.2g} s" for name, cost in ranking.costs.items())
+def _engines(case: Case, costs: Costs) -> Iterator[str]:
+    """Lines on the engines by cost."""
+    by_cost = ", ".join(f"{name} {cost.run_s(case):.2g} s" for name, cost in costs.items())
     yield f"engines    that model the scene, the cheapest first: {by_cost or 'none is left'}"
-    starts = [name for name, cost in ranking.costs.items() if cost.start_s > cost.loop_s(case)]
+    starts = [name for name, cost in costs.items() if cost.start_s > cost.loop_s(case)]
     if starts:
         yield f"           mostly the start of the program: {', '.join(starts)}"
-    yield from (f"           left out: {name}, since {why}" for name, why in ranking.faults.items())
 
 
 def _stability(case: Case, law: str, why: str) -> Iterator[str]:

@@ -97,6 +97,8 @@ def batch(
             if slurm:
                 print_job(*job_script(asked, store, sample, slices, lines))
             return 0
+        if any(asked.todo(store).values()):
+            store.note_study(study.path)
         while True:
             todo = asked.todo(store)
             with _followed(asked, store, todo) as tick:

@@ -7,7 +7,8 @@ from pathlib import Path
 from drivers.base.errors import InputError
 from drivers.base.terminal import text_table
 from drivers.base.units import to_si
-from drivers.batch.study import column_name, read_study
+from drivers.batch.rows import Batch
+from drivers.batch.study import column_name
 from drivers.batch.tables import read_study_table
 from drivers.chain.case import build_case
 from drivers.scene.read_scene import stored_scene
@@ -180,7 +181,7 @@ def study(study: str, runs: Path, results: Path, x: str, y: str, log: bool, powe
       beads study sensitivity
       beads study speed-amplitude --x bead_5_amplitude --y speed_9_to_5 --log
     """
-    swept, table = read_study(study), read_study_table(study, runs)
+    swept, table = Batch(study, runs).study, read_study_table(study, runs)
     columns = {name: column_name(name, key) for name, key in swept.columns.items()}
     labels = {columns[name]: key_label(name, key) for name, key in swept.columns.items()}
     name, title, grid = f"{swept.name}-figure", swept.file.title or swept.name, swept.file.combine == "grid"

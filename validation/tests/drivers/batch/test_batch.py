@@ -20,6 +20,7 @@ from drivers.base import paths
 from drivers.batch import rows as batch_rows
 from drivers.batch import store as batch_store
 from drivers.batch.store import Store, StudyRow
+from drivers.batch.tables import read_study_table
 from postproc.read.motion import exact
 from postproc.read.observables import observe
 from validation.tests.helpers.commands import BEADS, beads, beads_process
@@ -411,3 +412,17 @@ def test_observables_that_rows_do_not_show_are_counted(study_file: StudyWriter, 
         assert [line for line in done.stdout.splitlines() if ": not " in line] == lines
         assert (done.returncode, done.stderr) == (1, f'{path}: observables: "wal_*" matches no observable\n')
         assert [*table(runs).columns[-2:]] == ["wall_peak_N", "bead_3_peak_N"]
+
+
+def test_a_study_run_from_a_path_is_found_by_its_name(
+    study_file: StudyWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study, runs = study_file(SPEEDS.format(2), "verlet"), ("--runs", tmp_path / "runs")
+    assert beads("batch", study, *runs, "--results", tmp_path / "results").returncode == 0
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert beads("status", study.stem, *runs).stdout == "verlet  2 done\n"
+    assert beads("show", study.stem, "2", *runs).returncode == 0
+    assert len(read_study_table(study.stem, tmp_path / "runs")) == 2
+    study.unlink()
+    assert "study.toml: file not found" in beads("status", study.stem, *runs).stderr

@@ -92,7 +92,7 @@ HALF = (r"timestep .*", "timestep 0.05e-6"), ("run .*", "run 6000")
 BOTH = "has frames at steps 0, 20, ..., {} the scene has 0, 10, ..., 3000{}: --set "
 EDITS: dict[str, tuple[str, tuple[tuple[str, str], ...], str, tuple[str, ...]]] = {
     "a dump every 20 steps": (
-        "chain.in", (EVERY,), BOTH.format("3000;", "") + "run.sample_interval='2 us'",
+        "chain.in", (EVERY,), BOTH.format("3000 of 0.1 us;", " of 0.1 us") + "run.sample_interval='2 us'",
         ("--set", "run.sample_interval=2 us"),
     ),
     "half the step": (
@@ -101,7 +101,7 @@ EDITS: dict[str, tuple[str, tuple[tuple[str, str], ...], str, tuple[str, ...]]] 
     ),
     "a longer run": (
         "chain.in", (("run  .*", "run 4000"),),
-        "has frames at steps 0, 10, ..., 4000; the scene has 0, 10, ..., 3000: --set run.duration='0.4 ms'",
+        BOTH.replace("20", "10").format("4000 of 0.1 us;", " of 0.1 us") + "run.duration='0.4 ms'",
         ("--set", "run.duration=0.4 ms"),
     ),
     "other columns": (
