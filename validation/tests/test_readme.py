@@ -2,6 +2,7 @@
 
 import os
 import re
+import shlex
 import subprocess
 import sys
 import tomllib
@@ -15,6 +16,7 @@ from postproc.draw.style import pyplot
 from validation.chapters import CHAPTERS
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.readme import command_lines, parse
+from validation.tests.helpers.runs import need
 
 README = paths.ROOT / "README.md"
 READMES = [README, *(paths.ROOT / name / "README.md" for name in ("inputs", "drivers", "postproc", "validation"))]
@@ -22,6 +24,39 @@ TEXT = README.read_text()
 BLOCKS = re.findall(r"^```(\w*)\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
 (SCENE,) = (block for language, block in BLOCKS if language == "toml")
 EXAMPLES = [block for _, block in BLOCKS if "steel.toml" in block]
+
+TWO = """
+[chain]
+count = 1
+material = "ptfe"
+diameter = "4.76 mm"
+[striker]
+material = "ptfe"
+diameter = "4.76 mm"
+speed = "1 m/s"
+[run]
+duration = "100 us"
+sample_interval = "1 us"
+time_step = "0.1 us"
+"""
+BEADS_DATA = """two beads
+
+2 atoms
+1 atom types
+-0.01 0.01 xlo xhi
+-0.01 0.01 ylo yhi
+-0.01 0.02 zlo zhi
+
+Atoms
+
+1 1 0.00476 2200 0 0 0.00238
+2 1 0.00476 2200 0 0 0.00714
+
+Velocities
+
+1 0 0 0 0 0 0
+2 0 0 -1 0 0 0
+"""
 
 
 @pytest.mark.parametrize("line", sorted({line for readme in READMES for line in command_lines(readme)}))
@@ -102,6 +137,21 @@ def test_the_figure_of_one_s_own_is_made(tmp_path: Path) -> None:
     assert {path.name for path in (tmp_path / "out").iterdir()} == {f"my_figure.{end}" for end in ("csv", "png", "svg")}
     wave = pd.read_csv(tmp_path / "out" / "my_figure.csv")["wave_m_s"]
     assert wave.is_monotonic_increasing
+
+
+def test_the_deck_of_one_s_own_is_judged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    need("lammps")
+    text = (paths.ROOT / "drivers" / "README.md").read_text()
+    (deck,) = re.findall(r"```\n(units .*?)```", text, re.DOTALL)
+    (line,) = re.findall(r"^(beads import --dump .*)$", text, re.MULTILINE)
+    monkeypatch.chdir(tmp_path)
+    Path("in.own").write_text(deck)
+    Path("two.toml").write_text(TWO)
+    Path("beads.data").write_text(BEADS_DATA)
+    subprocess.run(("lmp", "-in", "in.own"), capture_output=True, check=True)
+    done = beads(*shlex.split(line)[1:], "--runs", tmp_path / "runs")
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"the forces are those of its scheme to \d\.\de-0[78] of", done.stderr)
 
 
 def test_python_examples_run(
