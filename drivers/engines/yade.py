@@ -94,23 +94,23 @@ def _read_sideways(case: Case, folder: Path) -> Trace:
     bore, turns, free = chain.bore, chain.lateral.turns, int(chain.wall is None)
     shape = (samples, chain.bodies, 3)
     shapes = dict.fromkeys(("place", "velocity", *(("spin", "torque") if turns else ())), shape)
-    shapes |= {"contact": (samples, chain.bodies - free, 3)}
+    shapes |= {"force": (samples, chain.bodies - free, 3)}
     shapes |= {"on_bore": (samples, len(bore.guided), 3)} if bore else {}
     arrays = read_arrays(folder / "chain.npz", shapes)
     by_bore = np.zeros(shape)
     if bore:
         by_bore[:, bore.guided] = arrays["on_bore"]
-    contact = np.concatenate([np.zeros((samples, free, 3)), arrays["contact"]], axis=1)
+    force = np.concatenate([np.zeros((samples, free, 3)), arrays["force"]], axis=1)
     flat = np.isinf(chain.radius_m)
-    contact[:, flat] *= -1  # the face is the first body of its contact
-    total = by_bore - np.diff(contact, axis=1, append=0.0)
+    force[:, flat] *= -1  # the face is the first body of its contact
+    total = by_bore - np.diff(force, axis=1, append=0.0)
     total[:, :, 2] += chain.load_N
     velocity = arrays["velocity"] - 0.5 * step * total / chain.mass_kg[:, np.newaxis]
     place = arrays["place"] - step * arrays["velocity"]
     velocity[:, flat, :2], place[:, flat, :2] = 0.0, 0.0  # guided
     inertia = 0.4 * chain.mass_kg * chain.radius_m**2  # inf of a flat face
     spin = arrays["spin"] - 0.5 * step * arrays["torque"] / inertia[:, np.newaxis] if turns else None
-    return make_trace(chain, case.sample_times_s, contact[:, :, 2], place, velocity, spin, by_bore)
+    return make_trace(chain, case.sample_times_s, force[:, :, 2], place, velocity, spin, by_bore)
 
 
 def libraries(program: Path) -> Iterator[Path]:
