@@ -82,12 +82,12 @@ def member(
     def read(case: Case, path: Path, names: tuple[str, ...] = ()) -> tuple[Trace, int]:
         """Read a dump as a trace, with its digits; RunError, with the samples before, if it is damaged."""
         try:
-            dump = read_dump(case, path, names or _columns(case, wall_force), named=bool(names))
+            dump, digits = read_dump(case, path, names or _columns(case, wall_force), named=bool(names))
         except RunError as error:
             if error.partial is not None:
-                error.partial = _trace(case, radii(case), error.partial.columns, wall_force)
+                error.partial = _trace(case, radii(case), error.partial, wall_force)
             raise
-        return _trace(case, radii(case), dump.columns, wall_force), dump.digits
+        return _trace(case, radii(case), dump, wall_force), digits
 
     return Engine(
         program=program,

@@ -9,7 +9,6 @@ from itertools import groupby
 from math import isclose
 from operator import itemgetter
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -28,32 +27,9 @@ _STEP = re.compile(r"^[ \t]*timestep[ \t]+(\d*\.?\d+(?:[eE][+-]?\d+)?)", re.MULT
 _ROOM = 1_000_000  # bytes of a file that may be a deck
 
 
-class _Frames(NamedTuple):
-    """Frames of a dump that follow each other and have the same number of atoms.
-
-    Attributes:
-        steps: time steps.
-        names: names of the columns; empty if the file does not tell.
-        values: shape (frames, atoms, columns).
-        digits: largest number of significant digits of a real number.
-    """
-
-    steps: list[int]
-    names: tuple[str, ...]
-    values: Array
-    digits: int = ALL_DIGITS
-
-
-class Dump(NamedTuple):
-    """A dump that was read.
-
-    Attributes:
-        columns: values by name, from the lowest body up, each of shape (samples, bodies).
-        digits: significant digits of the values.
-    """
-
-    columns: dict[str, Array]
-    digits: int
+# frames of a dump that follow each other: their steps, names of the columns if the file tells them, values of shape
+# (frames, atoms, columns), significant digits
+_Frames = tuple[list[int], tuple[str, ...], Array, int]
 
 
 def read_arrays(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Array]:
@@ -76,7 +52,7 @@ def read_arrays(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, 
     return arrays
 
 
-def read_dump(case: Case, path: Path, names: Sequence[str], *, named: bool = False) -> Dump:
+def read_dump(case: Case, path: Path, names: Sequence[str], *, named: bool = False) -> tuple[dict[str, Array], int]:
     """Read a dump, binary or text, with atoms in any order.
 
     Args:
@@ -86,17 +62,21 @@ def read_dump(case: Case, path: Path, names: Sequence[str], *, named: bool = Fal
         names: names of the columns, if the file does not tell them.
         named: True if these names replace those of the file.
 
+    Returns:
+        Columns by name, from the lowest body up, each of shape (samples, bodies); the number of significant digits.
+
     Raises:
-        RunError: frames, atoms or columns are not those of the case, or the file is damaged; its ``partial`` is the
-            dump of the samples before, if there are any.
+        RunError: frames, atoms or columns are not those of the case, or the file is damaged; its ``partial`` holds the
+            columns of the samples before, if there are any.
     """
     raw = _content_of(path)
     bodies, samples = case.chain.bodies, case.scene.samples
     steps, parts, digits, problem, own = list[int](), list[Array](), 0, "", tuple(names)
     with suppress(struct.error, IndexError, ValueError):  # the last frame is incomplete
-        for frames in _text_frames(raw) if raw[: len(_SECTION)] == _SECTION else _binary_frames(raw):
-            atoms, width = frames.values.shape[1:]
-            own = frames.names if frames.names and not named else own
+        frames = _text_frames(raw) if raw[: len(_SECTION)] == _SECTION else _binary_frames(raw)
+        for numbers, in_file, values, precise in frames:
+            atoms, width = values.shape[1:]
+            own = in_file if in_file and not named else own
             if steps and atoms < bodies:
                 when = case.sample_times_s[min(len(steps), samples - 1)]
                 problem = f"unstable at t = {when:g} s: {atoms} bodies instead of {bodies}, one was lost"
@@ -107,18 +87,17 @@ def read_dump(case: Case, path: Path, names: Sequence[str], *, named: bool = Fal
                 problem = f"{path.name} has {width} columns, {expected}"
             if problem:
                 break
-            steps += frames.steps
-            parts.append(frames.values)
-            digits = max(digits, frames.digits)
+            steps += numbers
+            parts.append(values)
+            digits = max(digits, precise)
     problem = problem or _other_times(case, path, steps)
     if not steps:
         raise RunError(problem)
-    values = parts[0] if len(parts) == 1 else np.concatenate(parts)
-    columns = {name: values[:samples, :, place] for place, name in enumerate(own)}
-    dump = Dump(_in_order(path, columns), digits)
+    whole = parts[0] if len(parts) == 1 else np.concatenate(parts)
+    columns = _in_order(path, {name: whole[:samples, :, place] for place, name in enumerate(own)})
     if problem:
-        raise RunError(problem, partial=dump)
-    return dump
+        raise RunError(problem, partial=columns)
+    return columns, digits
 
 
 def _content_of(path: Path) -> memoryview:
@@ -162,7 +141,7 @@ def _binary_frames(raw: memoryview) -> Iterator[_Frames]:
         numbers = [step for step, *_ in alike]
         block = np.frombuffer(whole, np.uint8).reshape(-1, frame.size)[: len(numbers)]
         values = np.concatenate([block[:, chunk] for chunk in chunks], axis=1).view(float)
-        yield _Frames(numbers, names, values.reshape(-1, atoms, width))
+        yield numbers, names, values.reshape(-1, atoms, width), ALL_DIGITS
         at += block.size
 
 
@@ -208,7 +187,7 @@ def _text_frames(raw: memoryview) -> Iterator[_Frames]:
             reals = (word.partition("e")[0] for word in words if "." in word)
             digits = max((len(real.lstrip("-0.").replace(".", "")) for real in reals), default=0)
             numbers = [float(word) if word[-1].isdigit() else np.nan for word in words]  # some name elements
-            yield _Frames([step], names, np.reshape(numbers, (1, atoms, len(names))), digits)
+            yield [step], names, np.reshape(numbers, (1, atoms, len(names))), digits
 
 
 def _in_order(path: Path, columns: dict[str, Array]) -> dict[str, Array]:

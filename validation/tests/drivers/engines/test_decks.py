@@ -77,7 +77,9 @@ def test_no_line_for_an_element_that_is_out(element: str, engine: str) -> None:
     assert modelled[0] != modelled[1]
 
 
-@pytest.mark.parametrize("scene", ["fig4", "fig5", "fig4-tube", "driven-steel"])
+@pytest.mark.parametrize(
+    "scene", ["fig4", *(pytest.param(name, marks=pytest.mark.long) for name in ("fig5", "fig4-tube", "driven-steel"))]
+)
 @pytest.mark.parametrize("engine", codes())
 def test_a_code_prints_no_warning_unless_its_check_of_the_step_fails(engine: str, scene: str, tmp_path: Path) -> None:
     need(engine)

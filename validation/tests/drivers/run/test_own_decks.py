@@ -170,7 +170,10 @@ def imported(own: Own, scene: Path, folder: Path, *further: tuple[str, str]) -> 
     return said.stderr
 
 
-@pytest.mark.parametrize("name", OWN)
+QUICK = ("liggghts, a text of six digits", "liggghts, binary", "lammps, along x")
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.long] * (name not in QUICK)) for name in OWN])
 def test_a_deck_of_ones_own_is_judged_as_a_rendered_one(name: str, scene_file: SceneWriter, tmp_path: Path) -> None:
     own = OWN[name]
     need(own.engine)
