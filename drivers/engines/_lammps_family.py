@@ -210,18 +210,17 @@ def _trace(case: Case, radius_m: Array, dump: dict[str, Array], wall_force: str)
     if missing:
         raise RunError(f"no column {', '.join(missing)} in {', '.join(dump)}, so nothing can be judged: --columns")
 
-    def vectors(names: tuple[str, ...]) -> Array | None:
-        return np.stack([dump[name] for name in names], axis=2) if names[0] in dump else None
+    def vectors(names: tuple[str, ...]) -> Array:
+        return np.stack([dump[name] for name in names], axis=2)
 
     height = dump["z"] - above_face(chain, radius_m) if "z" in dump else None
     velocity = dump.get("vz")
     if height is None or velocity is None:
         momentum = unknown if velocity is None else velocity @ chain.mass_kg
         return Trace(times, force, unknown, unknown, momentum, height, velocity)
-    if chain.straight:
+    if chain.lateral is None:
         return make_trace(chain, times, force, height, velocity)
-    place, velocity, spin, bore = map(vectors, (PLACE, VELOCITY, SPIN, BORE_FORCE))
-    assert place is not None
-    assert velocity is not None
+    place, spin = vectors(PLACE), vectors(SPIN) if chain.lateral.turns else None
     place[:, :, 2] = height
-    return make_trace(chain, times, force, place, velocity, spin, bore)
+    bore = vectors(BORE_FORCE) if chain.bore else None
+    return make_trace(chain, times, force, place, vectors(VELOCITY), spin, bore)

@@ -213,7 +213,9 @@ def _other_times(case: Case, path: Path, steps: Sequence[int]) -> str:
         return ""
     if [*steps] == [*expected][: len(steps)]:
         return f"output ends in sample {len(steps) + 1} of {scene.samples}, or is damaged there"
-    step_s = _time_step(path.parent) or scene.time_step_s
+    small = (file for file in path.parent.glob("*") if file.is_file() and file.stat().st_size < _ROOM)
+    told = {float(step) for file in small for step in _STEP.findall(file.read_text(errors="replace"))}
+    step_s = told.pop() if len(told) == 1 else scene.time_step_s  # that of the deck, if it lies there
     found, allowed = (
         f"{_listed(steps)} of {quantity(step_s, 's')}",
         f"{_listed(expected)} of {quantity(scene.time_step_s, 's')}",
@@ -231,10 +233,3 @@ def _other_times(case: Case, path: Path, steps: Sequence[int]) -> str:
 def _listed(steps: Sequence[int]) -> str:
     """The first steps, and the last."""
     return ", ".join([*map(str, steps[:2]), *(["..."] if len(steps) > 3 else []), *map(str, steps[2:][-1:])])
-
-
-def _time_step(folder: Path) -> float | None:
-    """Time step of the decks in a folder; None if none tells it, or they tell several."""
-    small = (file for file in folder.glob("*") if file.is_file() and file.stat().st_size < _ROOM)
-    found = {float(step) for file in small for step in _STEP.findall(file.read_text(errors="replace"))}
-    return found.pop() if len(found) == 1 else None

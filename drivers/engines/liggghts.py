@@ -46,15 +46,14 @@ def values(case: Case, radius_m: Array) -> dict[str, Any]:
         moduli[types.index(labels[-1])] = sphere_for_face(scene, chain)[1]
     below = [chain.wall, *labels[:-1]]
     kn, gn = coefficients_of(chain, radius_m)
-    friction = np.full((len(types), len(types)), lateral.friction) if lateral and lateral.slips else None
+    friction = np.full((len(types), len(types)), lateral.friction if lateral and lateral.slips else 0.0)
     by_bore = {}
     if bore:
         beside = [TUBE if stiffness else None for stiffness in bore.stiffness]
         sheared = bore.shear_stiffness * (bore.friction > 0)
         for name, stiffness in (("bore_kn", bore.stiffness), ("bore_kt", sheared)):
             by_bore[name] = table_of_pairs(types, beside, labels, stiffness / np.sqrt(chain.radius_m), 0.0)
-        if friction is not None:
-            friction[-1] = friction[:, -1] = bore.friction
+        friction[-1] = friction[:, -1] = bore.friction
     return by_bore | {
         "types": types,
         "binsize": 100 * radius_m.max() if chain.straight and chain.bodies > MAX_IN_PAIRS else None,

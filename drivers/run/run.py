@@ -6,6 +6,7 @@ A deck that a person ran by hand, unchanged or after changes, is imported as a r
 import hashlib
 import json
 import platform
+import re
 import shlex
 import shutil
 from collections import Counter, defaultdict
@@ -46,7 +47,8 @@ from drivers.run.scheme import COMPARED, checked, compared, known_of, unstable, 
 BY_HAND = "run by hand"  # version of the build, which is not known
 WIDTH = 80  # characters of a changed line in the record
 LARGEST_DECK = 1_000_000  # bytes of a file of a deck of one's own
-OUTPUT = (b"ITEM: ", b"LIGGGHTS (", b"LAMMPS (")  # beginnings of dumps and logs
+COMMANDS = re.compile(rb"^[ \t]*(units|timestep|pair_style|read_data|create_atoms|Atoms)\b", re.MULTILINE)
+LOGS = (b"LIGGGHTS (", b"LAMMPS (")  # their beginnings
 
 Words = tuple[str, ...]
 
@@ -251,8 +253,8 @@ def import_run(
     for file in source.iterdir():
         if file.exists() and not (file.is_file() or file.is_dir()):  # a reader of output would wait for ever
             raise InputError(paths.shown(file), "", "no regular file", "files and folders")
-    own, newest = dump and not all((source / name).exists() for name in deck.files), 0.0
-    if dump and own:
+    newest = 0.0
+    if dump and not all((source / name).exists() for name in deck.files):
         files = {file.name: file.read_text(errors="replace") for file in source.iterdir() if _is_deck(file)}
         edits = [f"a deck of one's own: {', '.join(sorted(files)) or 'not given'}"]
     else:
@@ -297,11 +299,9 @@ def import_run(
 
 
 def _is_deck(file: Path) -> bool:
-    """True if a file of a folder may be part of a deck: a text that is no scene and no output."""
-    if not file.is_file() or file.stat().st_size > LARGEST_DECK:
-        return False
-    text = file.read_bytes()
-    return not (text.startswith(OUTPUT) or b"\0" in text or file.suffix in (".json", ".toml"))
+    """True if a file of a folder is part of a deck of LAMMPS or LIGGGHTS, and no log."""
+    text = file.read_bytes() if file.is_file() and file.stat().st_size < LARGEST_DECK else b""
+    return bool(COMMANDS.search(text)) and not text.startswith(LOGS)
 
 
 def _untold(case: Case, trace: Trace, digits: int) -> Iterator[str]:

@@ -177,18 +177,12 @@ def engine(name: str, results: Path, every: bool, only: str = "") -> int:
 
     from validation.tests.engine.kit import MINUTE_S, Kit
 
-    arguments = ["-rs", "--tb=short", "--capture=sys", "-W", "ignore::pytest.PytestConfigWarning"]
-    arguments += [
-        "--rootdir",
-        str(paths.ROOT),
-        "-c",
-        str(paths.ROOT / "pyproject.toml"),
-        *(["-k", only] if only else []),
-    ]
+    arguments = ["-rs", "--tb=short", "--capture=sys", "-W", "ignore::pytest.PytestConfigWarning", "--engine", name]
+    arguments += ["--rootdir", str(paths.ROOT), "-c", str(paths.ROOT / "pyproject.toml"), *(["-k", only] * bool(only))]
     if results != paths.RESULTS:
         arguments += ["--junitxml", str(results / f"engine-{name}.xml")]
     kit = Kit(name, inf if every else MINUTE_S, again=bool(only))
-    code = int(pytest.main([*arguments, "--engine", name, str(paths.ROOT / "validation/tests/engine")], plugins=[kit]))
+    code = int(pytest.main([*arguments, str(paths.ROOT / "validation/tests/engine")], plugins=[kit]))
     if code == pytest.ExitCode.NO_TESTS_COLLECTED and only:
         raise InputError("--only", "", only, "a part of the name of a test, such as scene, server")
     if code not in (0, 1, pytest.ExitCode.NO_TESTS_COLLECTED) and not kit.session.shouldstop:

@@ -167,16 +167,15 @@ def import_(
       beads import --dump a.bin --columns id,z,vz,fz --engine lammps --scene fig4
     """
     load_engine(engine, "--engine")
-    if folder is None:
-        if dump is None:
-            raise InputError("import", "", "no folder; give that of the deck, or --dump FILE")
-        folder = dump.parent
-    elif dump and not files_of(dump):
+    if folder and dump and not files_of(dump):
         dump = folder / dump
     if dump and not files_of(dump):
         raise InputError("--dump", "", f"{dump}, no such file", "the dump of a run")
-    case = planned_case(scene, *settings) if scene else build_case(scene_of(folder, settings))
-    ended = import_run(folder, case, engine, runs, dump, tuple(filter(None, columns.split(","))))
+    place = folder or (dump and dump.parent)
+    if place is None:
+        raise InputError("import", "", "no folder; give that of the deck, or --dump FILE")
+    case = planned_case(scene, *settings) if scene else build_case(scene_of(place, settings))
+    ended = import_run(place, case, engine, runs, dump, tuple(filter(None, columns.split(","))))
     case = replace(case, digits=ended.record.digits)
     ended = assess(ended, case)
     print(*(f"deck changed: {edit}" for edit in ended.record.edits or ["nothing"]), sep="\n", file=sys.stderr)
