@@ -83,11 +83,13 @@ def member(
         """Read a dump as a trace, with its digits; RunError, with the samples before, if it is damaged."""
         try:
             dump, digits = read_dump(case, path, names or _columns(case, wall_force), named=bool(names))
+            return _trace(case, radii(case), dump, wall_force), digits
         except RunError as error:
             if error.partial is not None:
                 error.partial = _trace(case, radii(case), error.partial, wall_force)
             raise
-        return _trace(case, radii(case), dump, wall_force), digits
+        except KeyError as error:
+            raise RunError(f"{path.name} has no column {error.args[0]}, so nothing can be judged: --columns") from error
 
     return Engine(
         program=program,
@@ -197,18 +199,12 @@ def _trace(case: Case, radius_m: Array, dump: dict[str, Array], wall_force: str)
     """
     chain, samples = case.chain, len(dump["id"])
     times, unknown = case.sample_times_s[:samples], np.full(samples, np.nan)
-    needed = () if chain.straight else {*_columns(case, wall_force)} - {CONTACT_FORCE, wall_force}
-    missing = [name for name in needed if name not in dump]
-    if CONTACT_FORCE in dump and (wall_force in dump or not chain.wall):
-        wall = dump[wall_force][:, 0] if chain.wall else np.zeros(samples)
-        force = np.column_stack([wall, -np.cumsum(dump[CONTACT_FORCE], axis=1)[:, :-1]])
-    elif "fz" in dump and chain.straight:
+    if chain.straight and not (CONTACT_FORCE in dump and (wall_force in dump or not chain.wall)):
         on_bodies = dump["fz"] - loads_N(chain.load_N, chain.drive, times)
         force = np.cumsum(on_bodies[:, ::-1], axis=1)[:, ::-1] * (chain.stiffness > 0)
     else:
-        missing.append("fz" if chain.straight else CONTACT_FORCE)
-    if missing:
-        raise RunError(f"no column {', '.join(missing)} in {', '.join(dump)}, so nothing can be judged: --columns")
+        wall = dump[wall_force][:, 0] if chain.wall else np.zeros(samples)
+        force = np.column_stack([wall, -np.cumsum(dump[CONTACT_FORCE], axis=1)[:, :-1]])
 
     def vectors(names: tuple[str, ...]) -> Array:
         return np.stack([dump[name] for name in names], axis=2)

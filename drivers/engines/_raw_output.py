@@ -24,7 +24,7 @@ _MARK = (-10).to_bytes(8, sys.byteorder, signed=True) + b"DUMPCUSTOM"
 _COUNT = struct.Struct("=i")
 _SECTION = b"ITEM: "  # begins the parts of a text dump
 _STEP = re.compile(r"^[ \t]*timestep[ \t]+(\d*\.?\d+(?:[eE][+-]?\d+)?)", re.MULTILINE)
-_ROOM = 1_000_000  # bytes of a file that may be a deck
+LARGEST_DECK = 1_000_000  # bytes of a file of a deck
 
 
 # frames of a dump that follow each other: their steps, names of the columns if the file tells them, values of shape
@@ -66,6 +66,7 @@ def read_dump(case: Case, path: Path, names: Sequence[str], *, named: bool = Fal
         Columns by name, from the lowest body up, each of shape (samples, bodies); the number of significant digits.
 
     Raises:
+        KeyError: the dump has no column ``id``.
         RunError: frames, atoms or columns are not those of the case, or the file is damaged; its ``partial`` holds the
             columns of the samples before, if there are any.
     """
@@ -85,6 +86,8 @@ def read_dump(case: Case, path: Path, names: Sequence[str], *, named: bool = Fal
             elif width != len(own):
                 expected = f"expected {len(own)} ({' '.join(own)}); name them: --columns"
                 problem = f"{path.name} has {width} columns, {expected}"
+            elif len({*own}) < width:
+                problem = f"{path.name} has two columns of one name: {' '.join(own)}; name them: --columns"
             if problem:
                 break
             steps += numbers
@@ -128,9 +131,9 @@ def _binary_frames(raw: memoryview) -> Iterator[_Frames]:
     Raises:
         struct.error: the file ends within a frame, or is damaged.
     """
-    head, names = _head(raw)
     at = 0
     while at < len(raw):
+        head, names = _head(raw[at:])  # the first one may have more words
         _, atoms, processes = struct.unpack_from(head, raw, at)
         frame, chunks = _frame(raw, at, head, processes)
         whole = raw[at : len(raw) - (len(raw) - at) % frame.size]
@@ -192,12 +195,10 @@ def _text_frames(raw: memoryview) -> Iterator[_Frames]:
 
 def _in_order(path: Path, columns: dict[str, Array]) -> dict[str, Array]:
     """Columns with the atoms of each frame in the order of their numbers, and of their heights at time 0."""
-    if "id" not in columns:
-        raise RunError(f"{path.name} has no column id, without which atoms cannot be told apart; name it: --columns")
     ids = columns["id"]
     order = np.argsort(ids, axis=1, kind="stable")
-    if (np.take_along_axis(ids, order, 1) != np.sort(ids[0])).any():
-        raise RunError(f"output is damaged: {path.name} has other atoms in some frames")
+    if len({*ids[0]}) < ids.shape[1] or (np.take_along_axis(ids, order, 1) != np.sort(ids[0])).any():
+        raise RunError(f"output is damaged: {path.name} has an atom twice, or other atoms in some frames")
     if "z" in columns:
         order = order[:, np.argsort(columns["z"][0, order[0]], kind="stable")]
     if (order == np.arange(ids.shape[1])).all():
@@ -212,10 +213,8 @@ def _other_times(case: Case, path: Path, steps: Sequence[int]) -> str:
     if [*steps] == [*expected]:
         return ""
     if [*steps] == [*expected][: len(steps)]:
-        return f"output ends in sample {len(steps) + 1} of {scene.samples}, or is damaged there"
-    small = (file for file in path.parent.glob("*") if file.is_file() and file.stat().st_size < _ROOM)
-    told = {float(step) for file in small for step in _STEP.findall(file.read_text(errors="replace"))}
-    step_s = told.pop() if len(told) == 1 else scene.time_step_s  # that of the deck, if it lies there
+        return f"output ends in sample {len(steps) + 1} of {scene.samples}, or is damaged there: {path.name}"
+    step_s = _time_step(path.parent) or _time_step(path.parent.parent) or scene.time_step_s
     found, allowed = (
         f"{_listed(steps)} of {quantity(step_s, 's')}",
         f"{_listed(expected)} of {quantity(scene.time_step_s, 's')}",
@@ -223,7 +222,8 @@ def _other_times(case: Case, path: Path, steps: Sequence[int]) -> str:
     message = f"{path.name} has frames at steps {found}; the scene has {allowed}"
     every = steps[-1] // (len(steps) - 1) if len(steps) > 1 else 0
     if every < 1 or [*steps] != [*range(0, steps[-1] + 1, every)]:
-        return message
+        frame = next(i for i, step in enumerate(steps) if [step] != [*expected[i : i + 1]])
+        return f"{message}; frame {frame + 1} is of step {steps[frame]} (reset_timestep 0 at the impact)"
     now = {"time_step": scene.time_step_s, "sample_interval": scene.run.sample_interval, "duration": case.duration_s}
     has = {"time_step": step_s, "sample_interval": every * step_s, "duration": steps[-1] * step_s}
     other = {key: float(f"{value:.12g}") for key, value in has.items() if not isclose(value, now[key], rel_tol=1e-9)}
@@ -233,3 +233,10 @@ def _other_times(case: Case, path: Path, steps: Sequence[int]) -> str:
 def _listed(steps: Sequence[int]) -> str:
     """The first steps, and the last."""
     return ", ".join([*map(str, steps[:2]), *(["..."] if len(steps) > 3 else []), *map(str, steps[2:][-1:])])
+
+
+def _time_step(folder: Path) -> float | None:
+    """Time step of the decks in a folder, if they tell one."""
+    small = (file for file in folder.glob("*") if file.is_file() and file.stat().st_size < LARGEST_DECK)
+    told = {float(step) for file in small for step in _STEP.findall(file.read_text(errors="replace"))}
+    return told.pop() if len(told) == 1 else None

@@ -27,12 +27,13 @@ from drivers.base.terminal import following, say
 from drivers.chain.case import ALL_DIGITS, Case
 from drivers.chain.trace import Trace, finite_part
 from drivers.engines import Engine, load_engine
-from drivers.engines._raw_output import files_of
+from drivers.engines._raw_output import LARGEST_DECK, files_of
 from drivers.limits import inability, refuse
 from drivers.run.build import Build, build_of
 from drivers.run.compute import Computed, compute
 from drivers.run.execute import execute
 from drivers.run.run_folder import (
+    SCENE,
     EndedRun,
     RunRecord,
     find_run,
@@ -46,7 +47,7 @@ from drivers.run.scheme import COMPARED, checked, compared, known_of, unstable, 
 
 BY_HAND = "run by hand"  # version of the build, which is not known
 WIDTH = 80  # characters of a changed line in the record
-LARGEST_DECK = 1_000_000  # bytes of a file of a deck of one's own
+FEW_DIGITS = 5  # of an output: with fewer nothing is left to be judged
 COMMANDS = re.compile(rb"^[ \t]*(units|timestep|pair_style|read_data|create_atoms|Atoms)\b", re.MULTILINE)
 LOGS = (b"LIGGGHTS (", b"LAMMPS (")  # their beginnings
 
@@ -247,51 +248,48 @@ def import_run(
         RunError: the output is missing or cannot be read; nothing is kept.
     """
     engine, home = load_engine(engine_name, "--engine"), runs / engine_name
-    if dump and engine.read_dump is None:
+    read = engine.read_dump
+    if dump and read is None:
         raise InputError("--dump", "", f"the engine {engine_name}", "an engine that writes dumps, as lammps, liggghts")
+    if cannot := inability(case, engine_name):
+        raise cannot
     deck = engine.render(case)
     for file in source.iterdir():
         if file.exists() and not (file.is_file() or file.is_dir()):  # a reader of output would wait for ever
             raise InputError(paths.shown(file), "", "no regular file", "files and folders")
-    newest = 0.0
-    if dump and not all((source / name).exists() for name in deck.files):
+    if dump and not (source / SCENE).exists():  # which render writes
         files = {file.name: file.read_text(errors="replace") for file in source.iterdir() if _is_deck(file)}
         edits = [f"a deck of one's own: {', '.join(sorted(files)) or 'not given'}"]
     else:
         files = {name: _text_of(source / name) for name in deck.files}
         edits = [line for name, text in deck.files.items() for line in _edits(name, text, files[name])]
-        newest = max((source / name).stat().st_mtime for name in files)
+    newest = max(((source / name).stat().st_mtime for name in files), default=0.0)
     raw = files_of(dump) if dump else [source / name for name in deck.raw if (source / name).is_file()]
     for file in raw:
         if file.exists() and file.stat().st_mtime < newest:
             say(f"{paths.shown(file)}: older than the deck; run the deck again if it has been changed since")
-    digits = ALL_DIGITS
     try:
-        if dump and engine.read_dump:
-            trace, digits = engine.read_dump(case, dump, columns)
-        else:
-            trace = engine.read(case, source)
+        trace, digits = read(case, dump, columns) if dump and read else (engine.read(case, source), ALL_DIGITS)
     except RunError as error:
         raise RunError(f"{paths.shown(dump.parent if dump else source)}: {error}") from error
-    edits += _untold(case, trace, digits)
     case = replace(case, digits=digits)
+    edits += [*_untold(case, trace), *filter(None, [wrong_start(case, trace) if edits else None])]
     reason = unstable(case, trace)  # a changed deck may have another motion than the scene
-    off = wrong_start(case.chain, trace) if reason and edits else None
-    fault = RunError(f"{reason}; {off}" if off else reason) if reason else None
+    fault = RunError(reason) if reason else None
     try:
         trace = trace if edits else compared(case, engine, checked(case, trace))
     except RunError as error:
         fault = error
-    digest = hashlib.sha256(repr((engine_name, files, columns)).encode() + b"".join(file.read_bytes() for file in raw))
+    digest = hashlib.sha256(repr((engine_name, deck.sha256, files, columns)).encode())
+    digest.update(b"".join(file.read_bytes() for file in raw))
     ended = Computed(trace, fault, wall_s=0.0, cpu_s=0.0, memory_bytes=0, loop_s=None)
-    deck = replace(deck, files=files)
     record = record_of_end(case, engine, Build((), BY_HAND, ""), replace(deck, files=files or deck.files), ended)
     record = replace(record, identity=digest.hexdigest()[:12], edits=edits, digits=digits)
     record = replace(record, wall_s=None, cpu_s=None, memory_bytes=None)
     with workplace(home) as place:
         folder = place / "run"
         folder.mkdir()
-        deck.write(folder)
+        replace(deck, files=files).write(folder)
         record = write_run(folder, record, finite_part(trace), state=trace.height_m is not None)
         target = home / folder_name(case.scene.name, record.layout, record.identity)
         move_into_place(folder, target)
@@ -304,15 +302,16 @@ def _is_deck(file: Path) -> bool:
     return bool(COMMANDS.search(text)) and not text.startswith(LOGS)
 
 
-def _untold(case: Case, trace: Trace, digits: int) -> Iterator[str]:
-    """Sentences on what an output does not tell."""
-    if missing := [quantity for quantity in COMPARED if quantity not in known_of(trace)]:
-        lost = [name for name, values in (("z", trace.height_m), ("vz", trace.velocity_m_s)) if values is None]
+def _untold(case: Case, trace: Trace) -> Iterator[str]:
+    """Sentences on what an output does not tell; RunError if it tells too little."""
+    if lost := [name for name, values in (("z", trace.height_m), ("vz", trace.velocity_m_s)) if values is None]:
+        missing = [quantity for quantity in COMPARED if quantity not in known_of(trace)]
         yield f"no column {' and '.join(lost)}: {' and '.join(missing)} cannot be judged"
-    if digits < ALL_DIGITS - 2:
-        if not case.chain.straight:
-            raise RunError(f"output of {digits} digits; a chain in three dimensions is judged by {ALL_DIGITS}")
-        yield f"output of {digits} digits: what they may change is not judged; dump_modify format writes more"
+    least = FEW_DIGITS if case.chain.straight else ALL_DIGITS - 2
+    if case.digits < least:
+        raise RunError(f"output of {case.digits} digits; {least} or more can be judged: dump_modify format writes them")
+    if case.digits < ALL_DIGITS - 2:
+        yield f"output of {case.digits} digits: what they may change is not judged; dump_modify format writes more"
 
 
 def _text_of(path: Path) -> str:

@@ -286,7 +286,7 @@ def checked(case: Case, trace: Trace) -> Trace:
     Raises:
         RunError: it cannot be that of the case.
     """
-    if reason := unstable(case, trace) or wrong_start(case.chain, trace) or not_modelled(case.chain, trace):
+    if reason := unstable(case, trace) or wrong_start(case, trace) or not_modelled(case.chain, trace):
         raise RunError(reason, partial=trace)
     return trace
 
@@ -329,14 +329,15 @@ def _failed_start(stdout: str, stderr: str) -> str:
     return " ".join(lines)
 
 
-def wrong_start(chain: Chain, trace: Trace) -> str | None:
+def wrong_start(case: Case, trace: Trace) -> str | None:
     """Message on a height at time 0 that is not that of the scene; None if all are those of the scene.
 
     Other deviations of a start are found by the comparison with the scheme, which has no heights.
     """
     if trace.height_m is None:
         return None
-    off = np.abs(trace.height_m[0] - chain.height_m) > ROUNDINGS * np.spacing(furthest_m(chain))
+    chain, furthest = case.chain, furthest_m(case.chain)
+    off = np.abs(trace.height_m[0] - chain.height_m) > max(ROUNDINGS * np.spacing(furthest), furthest / 10**case.digits)
     body = int(np.argmax(off))
     has, right = digits_apart(float(trace.height_m[0, body]), float(chain.height_m[body]))
     return f"body {body + 1} starts with a height of {has} m, the scene has {right} m" if off.any() else None

@@ -127,8 +127,7 @@ def measured_cost(engine: Engine, build: Build) -> Cost:
 
 def entry_of(name: str, cost: Cost) -> list[str]:
     """Lines of an entry of ``inputs/costs.toml``."""
-    measured = {key: value for key, value in asdict(cost).items() if key != "sideways_ns"}
-    return [f"[{name}]", *(f"{key} = {value:.2g}" for key, value in measured.items())]
+    return [f"[{name}]", *(f"{key} = {value:.2g}" for key, value in asdict(cost).items() if key != "sideways_ns")]
 
 
 def capable_engines(case: Case, among: Collection[str] = ()) -> list[str]:

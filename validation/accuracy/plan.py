@@ -57,7 +57,6 @@ OTHERS_WORK = 5e7  # bodies times steps, for the rows of other accuracies
 MAX_ERROR = 100.0  # larger errors are printed as "blows up"
 LISTED = 5  # errors in a line
 AS_GIVEN = ", as given in the scene"
-Costs = Mapping[str, Cost]  # by engine, the cheapest first
 CRITERIA = ("0.2 Rayleigh", "0.1 Hertz", "P-wave")
 
 
@@ -358,7 +357,7 @@ def plan_report(source: str | Path, settings: tuple[str, ...] = (), among: Colle
         yield f"measured   {paths.shown(trace.file)}: {len(trace.time_s)} readings of {', '.join(trace.reading)}"
 
 
-def _straight(case: Case, costs: Costs) -> Iterator[str]:
+def _straight(case: Case, costs: Mapping[str, Cost]) -> Iterator[str]:
     steps, plan = case.scene.steps_per_sample, case.plan
     asked = plan.asked if plan else {FORCE: 0.0}
     try:
@@ -403,7 +402,7 @@ def _straight(case: Case, costs: Costs) -> Iterator[str]:
     )
 
 
-def _three_dimensional(case: Case, costs: Costs) -> Iterator[str]:
+def _three_dimensional(case: Case, costs: Mapping[str, Cost]) -> Iterator[str]:
     """Report on a three-dimensional scene: errors by extrapolation."""
     law = load_engine(min(costs, key=lambda name: name != VERLET, default=VERLET)).shear
     yield from _stability(case, law, AS_GIVEN)
@@ -421,7 +420,7 @@ def _three_dimensional(case: Case, costs: Costs) -> Iterator[str]:
 
 
 def _other_errors(
-    case: Case, chooser: Chooser, asked: dict[str, float], errors: dict[str, float], costs: Costs
+    case: Case, chooser: Chooser, asked: dict[str, float], errors: dict[str, float], costs: Mapping[str, Cost]
 ) -> Iterator[str]:
     """Table of time steps, errors and run times for ten times the error of this run, this run, and a tenth."""
     missed = []
@@ -451,7 +450,7 @@ def _other_errors(
     yield from (*text_table(cells, right=range(1, len(cells[0]))), *missed)
 
 
-def _engines(case: Case, costs: Costs) -> Iterator[str]:
+def _engines(case: Case, costs: Mapping[str, Cost]) -> Iterator[str]:
     """Lines on the engines by cost."""
     by_cost = ", ".join(f"{name} {cost.run_s(case):.2g} s" for name, cost in costs.items())
     yield f"engines    that model the scene, the cheapest first: {by_cost or 'none is left'}"

@@ -183,14 +183,15 @@ def engine(name: str, results: Path, every: bool, only: str = "") -> int:
         arguments += ["--junitxml", str(results / f"engine-{name}.xml")]
     kit = Kit(name, inf if every else MINUTE_S, again=bool(only))
     code = int(pytest.main([*arguments, str(paths.ROOT / "validation/tests/engine")], plugins=[kit]))
-    if code == pytest.ExitCode.NO_TESTS_COLLECTED and only:
-        raise InputError("--only", "", only, "a part of the name of a test, such as scene, server")
-    if code not in (0, 1, pytest.ExitCode.NO_TESTS_COLLECTED) and not kit.session.shouldstop:
-        raise RunError(f"{name}: the tests did not end")
-    known = f", {len(kit.before)} of them before" if kit.before and not only else ""
-    ended = f"{len(kit.failed)} tests failed" if kit.failed else f"passed {len(kit.passed)} tests{known}"
-    again = shlex.join(["beads", "engine", name, *engines_again()])
-    print(f"\n{name}: {ended}" + (f"; {kit.left} are left: {again} goes on, with --all to the end" if kit.left else ""))
+    if only and code in (pytest.ExitCode.NO_TESTS_COLLECTED, pytest.ExitCode.USAGE_ERROR):
+        raise InputError("--only", "", only, "words in the names of tests, such as server, or 'scene and not fig4'")
+    again = f"{shlex.join(['beads', 'engine', name, *engines_again()])} goes on"
+    if code == pytest.ExitCode.INTERRUPTED and not kit.over:
+        raise KeyboardInterrupt(again)
+    ended = (
+        f"failed {len(kit.failed)}; passed, or skipped for a reason, {len(kit.passed)} now, {len(kit.before)} before"
+    )
+    print(f"\n{name}: {ended}" + (f"; left: {kit.left}: {again}, with --all to the end" if kit.left else ""))
     if kit.failed or not only:
         store(kit_key(name), not kit.failed)
     if not kit.failed and not kit.left and not only:

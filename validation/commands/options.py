@@ -185,7 +185,7 @@ TYPES: dict[str, Any] = {  # of values that are no text, by placeholder
     "RUN": click.Path(),
     "FILE": click.Path(path_type=Path),
     "FOLDER": click.Path(path_type=Path),
-    "[FOLDER]": click.Path(path_type=Path),
+    "[FOLDER]": click.Path(path_type=Path, file_okay=False),
     "SECONDS": _Number(0, min_open=True),
     "SHARE": _Number(0, 1, min_open=True, max_open=True),
     "FACTOR": _Number(0, 1e6, min_open=True),

@@ -19,6 +19,7 @@ from drivers.limits import inability, refuse
 from drivers.run import inventory
 from drivers.run.run import import_run, is_done, run_case
 from drivers.run.run_folder import EndedRun, open_run, scene_of, write_scene
+from drivers.run.scheme import scheme_of
 from postproc.read.motion import trace_with_state
 from postproc.read.observables import LEVELS, observe, without_unit
 from validation.accuracy.budget import MODEL, assess, kept_budget, missed_accuracy
@@ -146,15 +147,7 @@ def render(scene: str, settings: Words, engine: str, out: Path, unsafe: bool) ->
         print(file)
 
 
-def import_(
-    scene: str,
-    settings: Words,
-    engine: str,
-    runs: Path,
-    columns: str,
-    folder: Path | None = None,
-    dump: Path | None = None,
-) -> int:
+def import_(scene: str, settings: Words, engine: str, runs: Path, columns: str, **given: Path) -> int:
     """Make a run folder of a deck that was run by hand.
 
     The deck may have been changed: the record names each line that differs from the scene's deck. With --dump it may
@@ -167,15 +160,16 @@ def import_(
       beads import --dump a.bin --columns id,z,vz,fz --engine lammps --scene fig4
     """
     load_engine(engine, "--engine")
-    if folder and dump and not files_of(dump):
+    folder, dump = given.get("folder"), given.get("dump")
+    if folder and dump and files_of(folder / dump):
         dump = folder / dump
     if dump and not files_of(dump):
-        raise InputError("--dump", "", f"{dump}, no such file", "the dump of a run")
+        raise InputError("--dump", "", f"{dump}, which is no file", "the dump of a run")
     place = folder or (dump and dump.parent)
     if place is None:
         raise InputError("import", "", "no folder; give that of the deck, or --dump FILE")
     case = planned_case(scene, *settings) if scene else build_case(scene_of(place, settings))
-    ended = import_run(place, case, engine, runs, dump, tuple(filter(None, columns.split(","))))
+    ended = import_run(place, case, engine, runs, dump, tuple(map(str.strip, columns.split(",") if columns else ())))
     case = replace(case, digits=ended.record.digits)
     ended = assess(ended, case)
     print(*(f"deck changed: {edit}" for edit in ended.record.edits or ["nothing"]), sep="\n", file=sys.stderr)
@@ -183,7 +177,8 @@ def import_(
     if shown:
         departure, cause = diagnosis(case, engine, trace_with_state(ended))
         (check,) = (each for each in kept_budget(case, ended).checks if each.quantity == f"{MODEL}: {FORCE}")
-        agrees = f"the forces are those of its scheme to {check.value:.1e} of their largest change"
+        until = scheme_of(case, engine).until_horizon
+        agrees = f"the forces are those of its scheme to {check.value:.1e} of their largest change{until}"
         print(cause if departure else agrees, file=sys.stderr)
     return int(not shown)
 

@@ -59,7 +59,7 @@ def diagnosis(case: Case, engine: str, trace: Trace) -> tuple[str, str]:
     ratios |= {f"mass of bead {place}": ratio for place, ratio in enumerate(mass.tolist(), 1)}
     furthest = sorted(ratios, key=lambda words: -abs(ratios[words] - 1))[:TOLD]
     told = ", ".join(f"{words} {ratios[words]:.5g}" for words in furthest if abs(ratios[words] - 1) > SIGNIFICANT)
-    return departure, f"no single change explains it; {f'largest: {told}' if told else 'its law is that of the scene'}"
+    return departure, f"no single change explains it; {f'largest: {told}' if told else 'masses and stiffnesses agree'}"
 
 
 def own_ratios(case: Case, trace: Trace) -> tuple[Array, Array]:
@@ -105,6 +105,8 @@ def _explains(case: Case, change: Change, force_N: Array, limits_N: Array, *, ea
             before = float((off**2).sum())
             slope = (_forces(case, changed(abs(factor + PROBE)), early=early)[:samples] - made) / PROBE
             step = float((slope * off).sum() / (slope**2).sum())
+            if not np.isfinite(step):
+                break
             factor += min(max(step, -0.5), 0.5)
     return ""
 
@@ -116,6 +118,9 @@ def _changes(case: Case, trace: Trace, stiffness: Array, mass: Array) -> Iterato
 
     def times(name: str, value: Any, factor: float) -> Values:
         return {name: factor * value}
+
+    def lighter(factor: float) -> Values:  # of a dump of total forces, from which the loads of the scene are subtracted
+        return times("load_N", chain.load_N, factor) | {"read": (factor - 1) * np.cumsum(chain.load_N[::-1])[::-1]}
 
     def stiffer(at: NDArray[np.bool_], factor: float) -> Values:
         return {"stiffness": np.where(at, factor, 1.0) * chain.stiffness}
@@ -144,6 +149,8 @@ def _changes(case: Case, trace: Trace, stiffness: Array, mass: Array) -> Iterato
     ):
         if np.any(value):
             yield words, partial(times, name, value), factor
+    if chain.load_N.any():
+        yield "loads {} times the scene's", lighter, 1.0
     for noun, words, changed, ratio in (
         ("contact", "{} times as stiff", stiffer, stiffness),
         ("bead", "with {} of its mass", heavier, mass),
@@ -169,7 +176,7 @@ def _forces(case: Case, changed: Values, *, early: bool) -> Array:
     scene, chain = case.scene, case.chain
     drag = [changed.get(name, 0.0) for name in ("local", "viscous")]
     bent = replace(chain, **{name: changed[name] for name in ("mass_kg", "stiffness") if name in changed})
-    own = {name: value for name, value in changed.items() if name not in ("time_step_s", "local", "viscous")}
+    own = {name: value for name, value in changed.items() if name not in ("time_step_s", "local", "viscous", "read")}
     arrays = replace(arrays_of(bent), **own)
     if early:
         gained = 0.5 * scene.time_step_s * (arrays.acceleration_m_s2 - arrays_of(chain).acceleration_m_s2)
@@ -178,7 +185,8 @@ def _forces(case: Case, changed: Values, *, early: bool) -> Array:
         return _dragged(case, arrays, *drag)
     step_s = changed.get("time_step_s", scene.time_step_s)
     counts = scene.steps_per_sample, scene.samples
-    return integrate_verlet_absolute(arrays, *heights_and_reach(case), step_s, *counts).force_N
+    forces = integrate_verlet_absolute(arrays, *heights_and_reach(case), step_s, *counts).force_N
+    return np.asarray(forces + changed.get("read", 0.0))
 
 
 def _dragged(case: Case, chain: HertzChain, local: float, viscous: float) -> Array:

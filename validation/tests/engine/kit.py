@@ -36,7 +36,7 @@ class Kit:
     """Plugin of pytest that runs the tests of an engine until they have ended or its time is over.
 
     Attributes:
-        passed: names of the tests that the build has passed, or skipped for a reason, now or before.
+        before, passed: names of the tests that the build passed, or skipped for a reason, before and now.
         failed: names of those that failed now.
         decks: number of decks of each test that was not run yet.
     """
@@ -47,9 +47,9 @@ class Kit:
         tests = [*paths.ROOT.glob("validation/tests/engine/*.py")]
         self.key = ["tests", name, build_of(engine).identity, engine.render(case_with()).sha256, content_of(tests)]
         self.before: set[str] = {*(load(self.key) or ())}
-        self.passed = {*self.before}
+        self.passed: set[str] = set()
         self.failed: set[str] = set()
-        self.again = again
+        self.again, self.over = again, ""
         self.last_s = time.perf_counter()  # end of the last test
         self.until_s = self.last_s + within_s
         self.decks: list[int] = []
@@ -72,10 +72,9 @@ class Kit:
         name = report.nodeid.rpartition("::")[2]
         if report.failed:
             self.failed.add(name)
-            self.passed.discard(name)
         elif report.when == "teardown" and name not in self.failed:
             self.passed.add(name)
-        store(self.key, sorted(self.passed))
+        store(self.key, sorted(self.before - self.failed | self.passed))
 
     def pytest_runtest_logfinish(self) -> None:
         """Tell the time that the rest will take, and end before a test for which there is no time."""
@@ -87,7 +86,7 @@ class Kit:
             rest_s = deck_s * sum(self.decks) + STARTS * self.start_s
             print(f" {self.left} more tests take about {in_words(rest_s)} ", end="", flush=True)
         if self.decks and now_s + deck_s * self.decks[0] > self.until_s:
-            self.session.shouldstop = "the time is over"
+            self.session.shouldstop = self.over = "the time is over"
 
     @property
     def left(self) -> int:

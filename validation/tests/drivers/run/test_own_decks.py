@@ -1,6 +1,7 @@
 """Decks of one's own: written by hand for LAMMPS and LIGGGHTS, imported with nothing renamed and judged."""
 
 import re
+import shutil
 import subprocess
 from pathlib import Path
 from typing import NamedTuple
@@ -184,3 +185,52 @@ def test_a_deck_of_ones_own_is_judged_as_a_rendered_one(name: str, scene_file: S
     wrong = imported(own, scene, tmp_path / "wrong", own.fault)
     assert "departs from its scheme" in wrong
     assert own.named in wrong
+
+
+PLAIN = OWN["lammps, along x"]._replace(changes=((ALL, "dump d all custom 10 my.bin id z vz fz"),), dump=("my.bin",))
+FURTHER = {
+    "units in the first frame": ((("run 3000", "dump_modify d units yes time yes\nrun 3000"),), "scheme to", "wall"),
+    "gravity": ((("fix i ", "fix g all gravity 9.81 vector 0 0 -1\nfix i "),), "", "wall"),
+    "no gravity": (
+        tuple((f"0 0 {height}\n", f"0 0 {lower}\n") for height, lower in zip(HEIGHTS, PRESSED, strict=True)),
+        "loads 0 times the scene's",
+        "gravity",
+    ),
+    "a higher striker": ((("0.02618", "0.0261805"),), "body 6 starts with a height of 0.0261805 m", "wall"),
+    "few digits": (
+        (("my.bin", "my.txt"), ("run 3000", "dump_modify d format float %.3g\nrun 3000")),
+        "3 digits; 5",
+        "",
+    ),
+    "two columns of one name": ((("my.bin id z vz fz", "my.bin id z vz fz fz"),), "two columns of one name", ""),
+}
+
+
+@pytest.mark.parametrize("name", FURTHER)
+def test_what_a_dump_of_another_deck_tells(name: str, scene_file: SceneWriter, tmp_path: Path) -> None:
+    need("lammps")
+    changes, said, of = FURTHER[name]
+    own = PLAIN._replace(dump=("my.txt",) if name == "few digits" else ("my.bin",))
+    scene = scene_file(striker=STRIKER, **SCENES[of or "wall"])
+    if of:
+        assert said in imported(own, scene, tmp_path / "one", *changes)
+    else:
+        with pytest.raises(AssertionError, match=said):
+            imported(own, scene, tmp_path / "one", *changes)
+
+
+def test_a_dump_without_its_deck_is_judged(scene_file: SceneWriter, tmp_path: Path) -> None:
+    """An import by other settings is another run."""
+    need("lammps")
+    scene = scene_file(striker=STRIKER)
+    imported(PLAIN, scene, tmp_path / "made")
+    (tmp_path / "alone").mkdir()
+    shutil.copy(tmp_path / "made" / "my.bin", tmp_path / "alone")
+    words = ("--scene", scene, "--engine", "lammps", "--runs", tmp_path / "runs", "--dump", tmp_path / "alone/my.bin")
+    folders = []
+    for further in ((), ("--set", "striker.speed=1.1 m/s")):
+        done = beads("import", *words, *further)
+        assert done.returncode == 0, done.stderr
+        assert "a deck of one's own: not given" in done.stderr
+        folders.append(done.stdout)
+    assert folders[0] != folders[1]

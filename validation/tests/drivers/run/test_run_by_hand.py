@@ -72,7 +72,7 @@ def test_incomplete_folders_are_not_imported(scene_file: SceneWriter, tmp_path: 
         ((*verlet, "--set", "chain.count=3"), "scene.json: no such file; give the scene of the deck by --scene"),
         (("--engine", "verlet"), "no folder; give that of the deck, or --dump FILE"),
         ((*verlet, "--columns", "id,z"), "--columns: needs --dump"),
-        ((*verlet, "--dump", "no.txt"), "no.txt, no such file; allowed: the dump of a run"),
+        ((*verlet, "--dump", "no.txt"), "no.txt, which is no file; allowed: the dump of a run"),
         ((deck,), "missing option '--engine'"),
         ((*verlet, "--engine", "yade"), "'--engine': found verlet, yade; allowed: one"),
     ):
