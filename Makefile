@@ -56,7 +56,7 @@ study: .venv/.ready .venv/.engines ## run and draw a study: make study STUDY=sen
 	$(BEADS) batch $(STUDY)
 	$(BEADS) study $(STUDY)
 
-engine: .venv/.ready-dev ## test an adapter or a build: make engine ENGINE=verlet
+engine: .venv/.ready ## test an adapter or a build: make engine ENGINE=verlet
 	@test -n "$(ENGINE)" || { echo "ENGINE is missing: make engine ENGINE=verlet"; exit 2; }
 	$(BEADS) engine $(ENGINE)
 

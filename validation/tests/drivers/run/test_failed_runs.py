@@ -4,7 +4,7 @@ import json
 import platform
 import re
 import shutil
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -162,3 +162,15 @@ def test_the_first_of_several_faults_is_named() -> None:
     trace = changed(changed(verlet_of(case), "force_N", (4, 1), 1e9), "force_N", (7, 2), None)
     with pytest.raises(RunError, match=r"^unstable at t = 4e-06 s: beads are"):
         checked(case, trace)
+
+
+@pytest.mark.parametrize(
+    ("first_N", "said"), [(1.3e-13, ""), (1e-3, "beads are pressed into each other by more than a")]
+)
+def test_a_chain_without_a_wall_has_no_lowest_force_but_rounding(first_N: float, said: str) -> None:
+    case = case_of("fig4", "wall=", "gravity=", "chain.sensors=[]", "run.duration=0.1 ms")
+    right, engine = verlet_of(case), load_engine("verlet")
+    force_N = right.force_N.copy()
+    force_N[:, 0] = first_N
+    with pytest.raises(RunError, match=said) if said else nullcontext():
+        compared(case, engine, checked(case, replace(right, force_N=force_N)))
