@@ -206,6 +206,7 @@ FURTHER = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", FURTHER)
 def test_what_a_dump_of_another_deck_tells(name: str, scene_file: SceneWriter, tmp_path: Path) -> None:
     need("lammps")
