@@ -24,7 +24,8 @@ SMALL: dict[Callable[..., Iterator[Row]], tuple[Any, ...]] = {
 
 
 @pytest.mark.parametrize(
-    "measure", [pytest.param(each, marks=[pytest.mark.long] * (each is bench.experiments)) for each in ALL]
+    "measure",
+    [pytest.param(each, marks=[pytest.mark.long] * (each in (bench.batch, bench.experiments))) for each in ALL],
 )
 def test_costs_are_numbers(measure: Callable[..., Iterator[Row]], tmp_path: Path) -> None:
     write(measure(*SMALL[measure]), tmp_path / "bench.csv")

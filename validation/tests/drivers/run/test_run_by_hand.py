@@ -123,7 +123,10 @@ EDITS: dict[str, tuple[str, tuple[tuple[str, str], ...], str, tuple[str, ...]]] 
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", EDITS)
+QUICK = ("a dump every 20 steps", "a text", "spaces")
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.long] * (name not in QUICK)) for name in EDITS])
 def test_an_edit_is_named_in_words_that_help(name: str, scene_file: SceneWriter, tmp_path: Path) -> None:
     """The advice works; an edit of spaces alone is none."""
     need("liggghts")

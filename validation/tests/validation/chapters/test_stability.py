@@ -261,6 +261,7 @@ def test_forces_are_wrong_well_below_the_limit() -> None:
     assert 0.2 < limit["wrong_s"] / limit["measured_s"] < 0.4
 
 
+@pytest.mark.long
 def test_the_study_fails_for_a_limit_that_is_exceeded_or_far(tmp_path: Path, shared_runs: Path) -> None:
     """A coarse run is right but not accurate; tables of a longer study are removed."""
     chosen = [MeasuredChain(SHIPPED, "fig5", case_of("fig5")), *{sweep.group: sweep for sweep in sweeps()}.values()]
