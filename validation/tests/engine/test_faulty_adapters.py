@@ -19,6 +19,7 @@ from drivers.chain.trace import Trace, make_trace
 from drivers.engines import Engine, load_engine
 from drivers.laws import VISCOELASTIC
 from validation.tests.engine.candidate import MINE, STAND_INS
+from validation.tests.engine.kit import Kit
 from validation.tests.helpers.commands import beads, beads_process
 from validation.tests.helpers.scenes import EnginesWriter
 
@@ -26,6 +27,8 @@ Change = Callable[[Engine], Engine]
 RUN = ("start", "scene[damped]")  # both fail if the guard fails a run
 QUICK = ("interface", "version", "deck")
 DEPARTS = "departs from its scheme"
+FOLDER = paths.ROOT / "validation" / "tests" / "engine"
+FEW = "interface or version or base"
 
 
 class Recorder:
@@ -51,8 +54,7 @@ def short_name(name: str) -> str:
 def failures_of(names: tuple[str, ...]) -> dict[str, str]:
     """Failures of the named tests on the engine ``mine``."""
     recorder = Recorder(names)
-    folder = paths.ROOT / "validation" / "tests" / "engine"
-    tests = [str(folder / f"test_{name}.py") for name in ("adapter", "output", "results")]
+    tests = [str(FOLDER / f"test_{name}.py") for name in ("adapter", "output", "results")]
     with redirect_stdout(StringIO()):
         pytest.main(["-p", "no:cacheprovider", "--engine", "mine", "-n0", *tests], plugins=[recorder])
     return recorder.failures
@@ -190,3 +192,14 @@ def test_engines_that_are_not_installed_are_named(engines_file: EnginesWriter, t
     assert (absent.returncode, absent.stderr) == (1, message)
     assert unknown.returncode == 2
     assert unknown.stderr.startswith('engine: found "unknown"; allowed: absent, ')
+
+
+def test_the_tests_of_an_engine_end_when_their_time_is_over_and_go_on_later() -> None:
+    """A test that passed is left out the next time."""
+    left = []
+    for within_s in (0.0, 60.0):
+        kit = Kit("verlet", within_s)
+        with redirect_stdout(StringIO()):
+            pytest.main(["-p", "no:cacheprovider", "--engine", "verlet", "-n0", str(FOLDER), "-k", FEW], plugins=[kit])
+        left.append((bool(kit.over), kit.left, len(kit.passed), len(kit.before)))
+    assert left == [(True, 2, 1, 0), (False, 0, 2, 1)]
