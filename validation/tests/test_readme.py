@@ -154,6 +154,7 @@ def test_the_deck_of_one_s_own_is_judged(tmp_path: Path, monkeypatch: pytest.Mon
     assert re.search(r"the forces are those of its scheme to \d\.\de-0[78] of", done.stderr)
 
 
+@pytest.mark.long
 def test_python_examples_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

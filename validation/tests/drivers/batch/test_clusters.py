@@ -51,6 +51,7 @@ def run_with_module(modules: Path, monkeypatch: pytest.MonkeyPatch) -> RunWithMo
     return run
 
 
+@pytest.mark.long
 def test_an_engine_may_exist_in_the_job_alone(
     study: Path, run_with_module: RunWithModule, stand_in: StandIn, tmp_path: Path
 ) -> None:

@@ -168,6 +168,7 @@ def test_the_designed_experiment_tells_the_laws_apart_as_expected(tmp_path: Path
     assert min(differences) > DECISIVE
 
 
+@pytest.mark.long
 def test_a_design_pins_a_parameter_down_at_the_error_that_a_fit_then_has(tmp_path: Path) -> None:
     path = make_up(tmp_path / "shot.csv", "viscoelastic", 0.06, (2,), "fig4", SHORT)
     laws, settings = ["viscoelastic"], dict(text.split("=") for text in SHORT)
