@@ -350,7 +350,8 @@ def plan_report(source: str | Path, settings: tuple[str, ...] = (), among: Colle
         refuse_depth(case)
         return [*report(case, costs)]
 
-    lines = cached(["plan", scenes, {name: asdict(cost) for name, cost in costs.items()}], computed)
+    engines = [(name, load_engine(name).shear, asdict(cost)) for name, cost in costs.items()]
+    lines = cached(["plan", scenes, engines], computed)
     yield from (f"{case.scene.name}: {case.summary}", *lines)
     yield from (f"left out   {name}: {why}" for name, why in faults.items())
     for trace in traces:
