@@ -34,7 +34,37 @@ RETRIES = 3  # of an item whose worker was killed
 POLL_INTERVAL_S = 0.2
 LIBRARIES = ("numba", "scipy.interpolate", "scipy.signal")  # which workers load at their start
 
-Worker = tuple[Launched, Connection]
+
+class Worker:
+    """Worker process, in a session of its own, which the signals of a terminal do not reach.
+
+    It begins with loading ``modules``, and ends at ``end`` or with this process, however that ends.
+    """
+
+    def __init__(self, *modules: str) -> None:
+        ours, theirs = Pipe()
+        command = (sys.executable, "-P", "-m", __name__, tempfile.gettempdir(), *modules, *LIBRARIES)
+        with theirs:
+            self._launched: Launched = start(command, Path.cwd(), {**os.environ}, stdin=theirs.fileno())
+        self._pipe: Connection = ours
+
+    def answer(self, work: Callable[[Any], Any], item: Any) -> tuple[bool, Any]:
+        """True and the result of a function of an item, or False and its error.
+
+        Raises:
+            EOFError, ConnectionError: the process was killed.
+            KeyboardInterrupt: all work is being stopped.
+        """
+        self._pipe.send((work, item))
+        waited(self._pipe.poll, inf)
+        succeeded, result = self._pipe.recv()
+        return succeeded, result
+
+    def end(self) -> None:
+        """End the process, whatever it does."""
+        end(*self._launched)
+        self._pipe.close()
+
 
 _idle: list[Worker] = []
 
@@ -102,35 +132,29 @@ def _threads(place: Place) -> Iterator[Executor]:
 
 def get_ready(workers: int, *functions: Callable[..., Any]) -> None:
     """Start worker processes, which load the modules of functions, without waiting for them."""
-    _idle.extend(_started(*(function.__module__ for function in functions)) for _ in range(workers - len(_idle)))
+    _idle.extend(Worker(*(function.__module__ for function in functions)) for _ in range(workers - len(_idle)))
 
 
-def _started(*modules: str) -> Worker:
-    """Worker process, in a session of its own, which the signals of a terminal do not reach."""
-    ours, theirs = Pipe()
-    command = (sys.executable, "-P", "-m", __name__, tempfile.gettempdir(), *modules, *LIBRARIES)
-    with theirs:
-        return start(command, Path.cwd(), {**os.environ}, stdin=theirs.fileno()), ours
+def idle_worker() -> Worker:
+    """A worker process that waits for work, or a new one; ``end`` ends it."""
+    try:
+        return _idle.pop()
+    except IndexError:
+        return Worker()
 
 
 def _in_worker(work: Callable[[Any], Any], item: Any) -> Any:
     """Result of an item by a worker process, by another one if that is killed."""
     for _ in range(1 + RETRIES):
+        worker = idle_worker()
         try:
-            launched, pipe = _idle.pop()
-        except IndexError:
-            launched, pipe = _started()
-        try:
-            pipe.send((work, item))
-            waited(pipe.poll, inf)
-            succeeded, result = pipe.recv()
+            succeeded, result = worker.answer(work, item)
         except BaseException as error:
-            end(*launched)
-            pipe.close()
+            worker.end()
             if not isinstance(error, (EOFError, ConnectionError)):
                 raise
             continue
-        _idle.append((launched, pipe))
+        _idle.append(worker)
         if not succeeded:
             raise result
         return result
@@ -140,9 +164,8 @@ def _in_worker(work: Callable[[Any], Any], item: Any) -> Any:
 @atexit.register
 def _dismiss() -> None:
     """End the workers, with the servers that they have started and their places."""
-    for launched, pipe in _idle:
-        end(*launched)
-        pipe.close()
+    for worker in _idle:
+        worker.end()
     if _idle:
         remove_abandoned(Path(tempfile.gettempdir()))
 

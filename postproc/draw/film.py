@@ -12,12 +12,13 @@ from matplotlib.patches import Rectangle
 from PIL import Image
 
 from drivers.base.files import whole_file
+from drivers.chain.case import Case
 from drivers.chain.chain import Array
-from drivers.run.run_folder import EndedRun
+from drivers.chain.trace import Trace
 from postproc.draw.product import GAMMA, OPEN_SHARE, Product
 from postproc.draw.scene_drawing import WALL, draw_bodies, draw_tube, flat_size
 from postproc.draw.style import GREY, MICRO, colour_map, finish_bar, pyplot
-from postproc.read.motion import case_of_run, spread
+from postproc.read.motion import spread
 from postproc.read.signals import mean_forces
 
 FRAMES, GIF_FRAMES = 12, 80
@@ -51,24 +52,23 @@ class Film(NamedTuple):
         return max(reach, 1.1 * (self.bore_m or 0.0))
 
 
-def film_of(run: EndedRun, frames: int, sideways: float = 1.0) -> Film:
-    """A run at ``frames`` times, evenly spread; without kept positions the bodies stay where they were at time 0.
+def film_of(case: Case, trace: Trace, frames: int, sideways: float = 1.0) -> Film:
+    """A motion at ``frames`` times, evenly spread; without positions the bodies stay where they were at time 0.
 
     Displacements from the axis are multiplied by ``sideways``.
     """
-    case = case_of_run(run)
     scene, chain = case.scene, case.chain
-    chosen = spread(len(run.trace.time_s), frames)
+    chosen = spread(len(trace.time_s), frames)
     place = np.zeros((len(chosen), chain.bodies, 2))
     place[..., 1], notes = chain.height_m, ["positions of time 0: the run kept no others"]
-    if run.has_state:
-        where = run.state.place_m[chosen]
+    if trace.height_m is not None:
+        where = trace.place_m[chosen]
         place, notes = np.stack([sideways * where[..., 0], where[..., 2]], axis=-1), []
     if sideways != 1:
         notes.append(f"sideways displacements {sideways:g} times as large")
     if scene.chain.angle:
         notes.append(f"upright in the picture: the chain leans by {scene.chain.angle:g} deg")
-    force = mean_forces(run.trace.force_N)
+    force = mean_forces(trace.force_N)
     radius = chain.sphere_radius_m
     flat, size, tube = flat_size(scene), scene.chain.diameter, scene.tube
     low, high = float((place[..., 1] - radius).min()), float((place[..., 1] + radius).max()) + flat[1]
@@ -76,7 +76,7 @@ def film_of(run: EndedRun, frames: int, sideways: float = 1.0) -> Film:
     bore = None if tube is None else (size + sideways * (tube.inner_diameter - size)) / 2
     top = high if tube is None or tube.top is None else min(tube.top, high)
     return Film(
-        run.trace.time_s[chosen], place, force[chosen], radius, flat, bore, top,
+        trace.time_s[chosen], place, force[chosen], radius, flat, bore, top,
         chain.wall_height_m if chain.wall else None, min(low, chain.wall_height_m), high,
         float(force.max(initial=0.0)) or 1.0, notes,
     )  # fmt: skip
@@ -153,7 +153,8 @@ def _colours(film: Film) -> ScalarMappable:
     return ScalarMappable(PowerNorm(GAMMA, 0, film.largest_N), colour_map("force"))
 
 
-def _rgba(film: Film, force_N: Array) -> Any:
+def rgba(film: Film, force_N: Array) -> Any:
+    """Colours of forces; light grey without a force."""
     return _colours(film).to_rgba(np.ma.masked_less_equal(force_N, OPEN_SHARE * film.largest_N))
 
 
@@ -166,8 +167,8 @@ def _draw_chain(axis: Any, film: Film, frame: int, middle: float, scale_in: floa
     if _circles(film, scale_in):
         if film.bore_m is not None and film.wall_m is not None:
             draw_tube(axis, film.bore_m, film.wall_m, film.tube_top_m, middle)
-        draw_bodies(axis, place, film.radius_m, film.flat_m, _rgba(film, film.force_N[frame]), **EDGE)
+        draw_bodies(axis, place, film.radius_m, film.flat_m, rgba(film, film.force_N[frame]), **EDGE)
         return
     order = np.argsort(film.force_N[frame])  # the largest forces are drawn last
-    look = {"c": _rgba(film, film.force_N[frame][order]), "s": (72 * BAND_IN) ** 2, "lw": 72 * BEAD_IN}
+    look = {"c": rgba(film, film.force_N[frame][order]), "s": (72 * BAND_IN) ** 2, "lw": 72 * BEAD_IN}
     axis.scatter(*place[order].T, marker="_", rasterized=True, **look)

@@ -5,7 +5,6 @@ A spacetime diagram shows the contact forces against time and contact: a wave is
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -72,7 +71,9 @@ def write_figure(figure: Any, name: str, folder: Path) -> list[Path]:
     return written
 
 
-def cells_of(time_s: Array, values: Array, columns: int = COLUMNS, rows: int = ROWS) -> tuple[Array, Array, Array]:
+def cells_of(
+    time_s: Array, values: Array, columns: int = COLUMNS, rows: int = ROWS, *, signed: bool = False
+) -> tuple[Array, Array, Array]:
     """Values at all contacts or bodies in at most ``rows`` by ``columns`` cells of equal size, except the last ones.
 
     Args:
@@ -80,6 +81,7 @@ def cells_of(time_s: Array, values: Array, columns: int = COLUMNS, rows: int = R
         values: A quantity of each contact or body. Shape (samples, places).
         columns: Largest number of cells along the time.
         rows: Largest number of cells along the chain.
+        signed: True for values of both signs; then a cell has the value of the largest magnitude.
 
     Returns:
         Time of the first sample of each column in s, lowest place of each row counted from the wall, and the largest
@@ -89,6 +91,9 @@ def cells_of(time_s: Array, values: Array, columns: int = COLUMNS, rows: int = R
     over_time = np.arange(0, samples, -(-samples // columns))
     over_places = np.arange(0, places, -(-places // rows))
     cells = np.maximum.reduceat(np.maximum.reduceat(values, over_time, axis=0), over_places, axis=1)
+    if signed:
+        lowest = -cells_of(time_s, -values, columns, rows)[2].T
+        cells = np.where(cells >= -lowest, cells, lowest)
     return time_s[over_time], over_places + 1.0, cells.T
 
 
@@ -114,7 +119,7 @@ def draw_cells(
         place: Words at the axis along the chain.
         words: Words at the colour bar.
         ticks: Formatter of matplotlib of the numbers at the colour bar; None for its default.
-        signed: True for colours of both signs; then a cell shows the value of the largest magnitude.
+        signed: True for colours of both signs.
 
     Returns:
         The values of the cells, a row per time.
@@ -122,10 +127,7 @@ def draw_cells(
     from matplotlib.colors import FuncNorm, PowerNorm
     from matplotlib.ticker import MaxNLocator
 
-    start_s, number, cells = cells_of(time_s, values)
-    if signed:
-        lowest = -cells_of(time_s, -values)[2]
-        cells = np.where(cells >= -lowest, cells, lowest)
+    start_s, number, cells = cells_of(time_s, values, signed=signed)
     samples, places = values.shape
     width_s = (time_s[-1] - time_s[0]) / max(samples - 1, 1) * -(-samples // COLUMNS)
     right, top = float(start_s[-1] + width_s) * MICRO, float(number[-1]) + -(-places // ROWS) - 0.5
@@ -149,6 +151,13 @@ def draw_cells(
     return table
 
 
+def shown_forces(trace: Trace) -> tuple[Array, bool]:
+    """Forces of all contacts, or their changes since time 0 and True if the static force would hide these."""
+    changes = trace.force_N - trace.force_N[0]
+    signed = bool(trace.force_N[0].max() > LOADED_SHARE * np.abs(changes).max())
+    return (changes, True) if signed else (trace.force_N, False)
+
+
 def draw_spacetime(chains: Mapping[str, Trace], width_in: float = COLUMN_IN) -> Product:
     """Spacetime diagram with a panel for each chain, each with its own scale of force; white after the end of a run.
 
@@ -159,11 +168,9 @@ def draw_spacetime(chains: Mapping[str, Trace], width_in: float = COLUMN_IN) -> 
     size = (width_in, 0.5 + PANEL_IN * len(chains))
     figure, axes = pyplot().subplots(len(chains), 1, figsize=size, squeeze=False, sharex=True, layout="constrained")
     for axis, (title, trace) in zip(axes[:, 0], chains.items(), strict=True):
-        shown, changes = partial(draw_cells, axis, title, trace.time_s), trace.force_N - trace.force_N[0]
-        if trace.force_N[0].max() > LOADED_SHARE * np.abs(changes).max():
-            table = shown(changes, CHANGE, words="change from static force (N)", signed=True)
-        else:
-            table = shown(trace.force_N)
+        values, signed = shown_forces(trace)
+        look: dict[str, Any] = {"words": "change from static force (N)", "column": CHANGE} if signed else {}
+        table = draw_cells(axis, title, trace.time_s, values, signed=signed, **look)
         table.insert(0, "chain", title)
         tables.append(table)
     last_s = max(float(trace.time_s[-1]) for trace in chains.values())

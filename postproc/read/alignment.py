@@ -71,6 +71,7 @@ class AlignedGauge:
         rest_error_N: Standard error of the baseline at each reading. Shape (readings,).
         baseline: Reading at rest at time 0, in the unit of the trace; ``baseline_error``: its standard error.
         trigger_s: Time of the impact in the file; ``trigger_error_s``: its standard error, 0 if the trigger is given.
+        off: Computed minus measured readings that count, as ``residual_of``; the sum of their squares is chi-square.
         curve: Regression spline of the force.
         errors: Independent parts of its standard error by noise and baseline, as a spline with a value for each part.
         run_s: Sample times of the run within the readings. Shape (samples,).
@@ -89,6 +90,7 @@ class AlignedGauge:
     baseline_error: float
     trigger_s: float
     trigger_error_s: float
+    off: Array
     curve: BSpline
     errors: BSpline
     run_s: Array
@@ -317,6 +319,7 @@ def _aligned(channels: list[Channel], signals: Mapping[str, Array], run: Trace) 
             baseline_error=float(np.interp(0, clock_s, error)),
             trigger_s=trigger_s,
             trigger_error_s=error_s,
+            off=residual_of(channel, computed, gain, trigger_s),
             curve=curve,
             errors=errors,
             run_s=within_s,

@@ -29,6 +29,7 @@ SECTIONS = {  # functions with the words of their parameters, in the order in wh
         "keys": "[TABLE] --write",
         "plan": "SCENE --set --engine",
         "draw": "SCENE --set --results",
+        "explore": "SCENE --set --knob --no-browser --runs --results",
         "modes": "SCENE --set --results",
         "run": "SCENE --set --engine --runs --rerun --time-limit --unsafe",
         "compare": "SCENE|RUN... --set --engine --runs --require --allow-missing --unsafe",

@@ -20,6 +20,7 @@ from postproc.draw.study_figure import draw_study, draw_tornado, key_label
 from postproc.draw.vtk import write_series
 from postproc.linear.modes import MAX_BEADS, modes_product
 from postproc.linear.spectra import analyse, signals_of, spectrum_product
+from postproc.read.motion import case_of_run, trace_with_state
 from postproc.read.observables import without_unit
 from postproc.read.run_tables import write_table as write_run_table
 from validation.accuracy.plan import planned_case
@@ -143,9 +144,9 @@ def film(run: str, runs: Path, results: Path, frames: int = films.FRAMES, sidewa
       beads film yade:fig4-tube --sideways 10
     """
     opened, name, title = open_shown("film", run, runs)
-    still = films.film_of(opened, frames, sideways)
+    motion = case_of_run(opened), trace_with_state(opened)
+    still, moving = (films.film_of(*motion, count, sideways) for count in (frames, films.GIF_FRAMES))
     print_paths(write_product(films.sheet(still, title), name, results))
-    moving = films.film_of(opened, films.GIF_FRAMES, sideways)
     print_paths([films.write_animation(moving, title, results / f"{name}.gif")])
 
 

@@ -91,6 +91,8 @@ TEXTS = {
     "--dump FILE": "Dump of a deck of your own, binary or text (default: that of the rendered deck).",
     "--columns NAMES": "Names of all its columns, such as id,z,vz,fz (default: those in the dump).",
     "names [FIGURE]...": "Figures of the paper (default: all), or Python files.",
+    "--knob knobs KEY=FROM..TO ...": "Turn this key first, within this range, as striker.speed=0.1..5.",
+    "--no-browser quiet": "Open no browser.",
     "--file FILE": "Judge the cases of a file alone (default: all claims and inputs/independent.toml).",
     "--budget budget_s SECONDS": "Engine time of all runs together (default: 300 s; 30 s with --quick).",
     "name ENGINE": "Name of an engine, such as verlet or an entry of your engines.toml.",

@@ -1,0 +1,284 @@
+"""Views of a scene for its live page: pure functions that a worker process computes, with the functions of commands."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import chain
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+import tomlkit
+
+from drivers.base import paths
+from drivers.base.errors import InputError, RunError
+from drivers.chain.case import Case
+from drivers.chain.chain import Array
+from drivers.chain.trace import Trace
+from drivers.engines import REFERENCE, VERLET
+from drivers.interactive import run_scene
+from drivers.limits import inability, refuse
+from drivers.run.compute import compute
+from drivers.scene.model import Scene
+from drivers.scene.read_scene import apply_setting, find_scene
+from postproc.draw.film import Film, film_of
+from postproc.draw.product import cells_of, shown_forces
+from postproc.draw.stack import gauge_title
+from postproc.draw.style import GREY, MICRO, PAGE_IN, line_of, marker_of, pyplot, svg_of
+from postproc.read.measured import MEASURED, entries_of
+from postproc.read.misfit import lay_over
+from postproc.read.observables import describe, observe, without_unit
+from postproc.read.signals import gauges_of, sensor_signals, signals_csv
+from validation.accuracy.budget import assess, budget_of, kept_budget
+from validation.accuracy.costs import cost_on
+from validation.accuracy.plan import planned_case
+from validation.calibration.command import fit
+from validation.calibration.fit import PARAMETERS
+from validation.checks import short
+from validation.explore.knobs import TRIGGER, Knob, knobs_of
+
+AUTO = "auto"
+EXACT_S = 0.03  # longest expected time of an exact motion that follows a knob; longer ones are those of velocity Verlet
+LIMIT_S = 60.0  # of each motion
+FRAMES = 300  # of the moving beads
+KINDS = ("peak", "amplitude", "arrival", "speed", "duration", "width", "reflected amplitude", "reflected arrival")
+POINTS = 100  # markers of a code at a gauge
+
+
+class Question(NamedTuple):
+    """A scene with settings, and the engine of its motion."""
+
+    scene: str
+    settings: tuple[str, ...] = ()
+    engine: str = AUTO
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """Scene and settings as arguments of a command."""
+        return (self.scene, *chain.from_iterable(("--set", text) for text in self.settings))
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """Motion of a question.
+
+    Attributes:
+        engine: Engine of the motion.
+        signals: Signals of the gauges by name, with the static load. Shape (samples,).
+        values: Observables that are shown, by name.
+        cells: Beginning of each column in s, number of the contact in each row, and forces. Shape (rows, columns).
+        signed: True if these are changes since time 0.
+        film: Bodies at some times.
+        knobs: Knobs of the scene.
+        taken_s: Time of the computation.
+    """
+
+    engine: str
+    scene: Scene
+    time_s: Array
+    signals: Mapping[str, Array]
+    titles: Mapping[str, str]
+    values: Mapping[str, float]
+    cells: tuple[Array, Array, Array]
+    signed: bool
+    film: Film
+    knobs: list[Knob]
+    taken_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class Laid:
+    """Measured traces over a motion.
+
+    Attributes:
+        gauges: Times in s and forces above rest of the readings, times and smoothed residuals, by gauge; several files
+            one after another.
+        chi_square, readings: Sum of the squares of residuals in standard errors, as of ``beads fit``, and their number.
+        remarks: Remarks on lengths and gains.
+        knobs: Knobs of triggers that were found.
+    """
+
+    gauges: Mapping[str, tuple[Array, Array, Array, Array]]
+    chi_square: float
+    readings: int
+    remarks: list[str]
+    knobs: list[Knob]
+
+
+def expected(question: Question) -> tuple[str, float]:
+    """Engine of a question, and the expected time of its motion in s.
+
+    Raises:
+        InputError: The scene or a setting is wrong.
+    """
+    case, engine = _case(question)
+    return engine, cost_on(engine).loop_s(case)
+
+
+def view_of(asked: tuple[Question, tuple[str, ...]]) -> View:
+    """Motion of a question, with the knobs that ``--knob`` asks for.
+
+    Raises:
+        InputError: The scene or a setting is wrong, or the engine cannot compute it.
+        RunError: The computation failed.
+    """
+    question, ranges = asked
+    case, engine, trace, taken_s = motion_of(question)
+    values = {name: value for name, value in observe(case.layout, trace).items() if value == value}
+    forces, signed = shown_forces(trace)
+    return View(
+        engine=engine,
+        scene=case.scene,
+        time_s=trace.time_s,
+        signals=sensor_signals(case.layout, trace),
+        titles={gauge: gauge_title(case.layout, gauge) for gauge in gauges_of(case.layout)},
+        values={name: value for name, value in values.items() if describe(without_unit(name)).kind in KINDS},
+        cells=cells_of(trace.time_s, forces, signed=signed),
+        signed=signed,
+        film=film_of(case, trace, FRAMES),
+        knobs=knobs_of(case, ranges),
+        taken_s=taken_s,
+    )
+
+
+@lru_cache(maxsize=8)
+def _case(question: Question) -> tuple[Case, str]:
+    """Case of a question, and its engine."""
+    case, engine = planned_case(question.scene, *question.settings), question.engine
+    if engine == AUTO:
+        exact = inability(case, REFERENCE) is None and cost_on(REFERENCE).loop_s(case) < EXACT_S
+        engine = REFERENCE if exact else VERLET
+    refuse(case, engine)
+    return case, engine
+
+
+@lru_cache(maxsize=8)
+def motion_of(question: Question) -> tuple[Case, str, Trace, float]:
+    """Case, engine and trace of a question, as ``beads run`` computes it, and the time that it took in s."""
+    case, engine = _case(question)
+    ended = compute(case, engine, limit_s=LIMIT_S)
+    return case, engine, ended.done, ended.wall_s
+
+
+def errors_of(question: Question) -> tuple[dict[str, tuple[float, float]], list[str]]:
+    """Relative errors of a motion, and those of the codes' scheme at the time step of the scene, by quantity; notes."""
+    case, engine, trace, _ = motion_of(question)
+    budgets = [budget_of(case, engine, trace, LIMIT_S)]
+    if engine != VERLET:
+        try:
+            refuse(case, VERLET)
+            budgets.append(budget_of(case, VERLET, motion_of(question._replace(engine=VERLET))[2], LIMIT_S))
+        except (InputError, RunError) as error:
+            budgets[0].warnings.append(f"velocity Verlet: {error}")
+    own, of_scheme = ({row["quantity"]: abs(row["whole"]) for row in each.error_budget} for each in (budgets * 2)[:2])
+    notes = dict.fromkeys(text for budget in budgets for text in (budget.error_note, *budget.warnings) if text)
+    return {name: (error, of_scheme.get(name, np.nan)) for name, error in own.items()}, [*notes]
+
+
+def laid_over(question: Question) -> Laid:
+    """Measured traces of the scene over a motion.
+
+    Raises:
+        InputError: A measured file is wrong, or does not fit the motion.
+    """
+    case, _, trace, _ = motion_of(question)
+    entries, folder, where = entries_of(case.scene, None, case.scene.name)
+    aligned, _, remarks = lay_over(entries, folder, where, case.layout, trace)
+    gauges: dict[str, list[Any]] = {}
+    for each in aligned:
+        left_N = each.smooth_N - np.interp(each.run_s, each.time_s, each.computed_N)
+        gauges.setdefault(each.gauge, []).append((each.time_s, each.force_N, each.run_s, left_N))
+    trigger_s = {each.trace.file: each.trigger_s for each in aligned}
+    triggers = {f"{key}.{TRIGGER}": trigger_s[folder / entry.file] for key, entry in entries.items() if entry.file}
+    return Laid(
+        gauges={gauge: tuple(map(np.concatenate, zip(*parts, strict=True))) for gauge, parts in gauges.items()},
+        chi_square=float(sum(each.off @ each.off for each in aligned)),
+        readings=sum(len(each.off) for each in aligned),
+        remarks=remarks,
+        knobs=[knob for knob in knobs_of(case, (), triggers) if knob.key in triggers and not knob.text],
+    )
+
+
+class OnCode(NamedTuple):
+    """A run of a question on a code."""
+
+    engine: str
+    time_s: Array
+    signals: Mapping[str, Array]
+    said: list[str]
+
+
+def on_code(asked: tuple[Question, str, Path]) -> OnCode:
+    """Run of a question on a code in a folder of runs, with what its budget says.
+
+    Raises:
+        InputError: The scene or a setting is wrong, or the code cannot compute it.
+        RunError: The run failed.
+    """
+    question, engine, runs = asked
+    case = planned_case(question.scene, *question.settings)
+    run = assess(run_scene(case, engine, runs=runs), case)
+    said = [f"{check.quantity}: {short(check.value)} (limit {short(check.limit)}): {check.verdict}"
+            for check in kept_budget(case, run).checks]  # fmt: skip
+    return OnCode(engine, run.trace.time_s, sensor_signals(case.layout, run.trace), [*said, paths.shown(run.folder)])
+
+
+def fitted(asked: tuple[Question, tuple[str, ...], Path]) -> tuple[Path, pd.DataFrame]:
+    """Folder and parameters of a fit that starts at a question, without profiles.
+
+    Raises:
+        InputError: A parameter or the data are wrong.
+        RunError: The exact motion cannot be computed.
+    """
+    question, free, results = asked
+    found = fit(question.scene, settings=question.settings, free=free, quick=True, results=results)
+    return found.folder, found.tables[PARAMETERS]
+
+
+def scene_file(question: Question) -> str:
+    """Scene file with the settings in place of its values; paths in it are absolute, so that it runs anywhere."""
+    source = find_scene(question.scene)
+    document: Any = tomlkit.parse(source.read_text(encoding="utf-8"))
+    for setting in question.settings:
+        apply_setting(document, setting)
+    for table in (document.get("drive", {}), *document.get(MEASURED, ())):
+        if "file" in table:
+            table["file"] = str((source.parent / table["file"]).resolve())
+    return tomlkit.dumps(document)
+
+
+def figure_of(asked: tuple[Question, tuple[Question, ...], tuple[OnCode, ...]]) -> str:
+    """SVG of the forces on the gauges, with those of former questions, of codes, and measured ones."""
+    question, before, codes = asked
+    case, engine, trace, _ = motion_of(question)
+    laid = laid_over(question).gauges if any(entry.file for entry in case.scene.measured) else {}
+    gauges, former = gauges_of(case.layout), [motion_of(each) for each in before]
+    figure, axes = pyplot().subplots(len(gauges), 1, figsize=(PAGE_IN, 0.6 + 1.6 * len(gauges)), squeeze=False,
+                                     sharex=True, layout="constrained")  # fmt: skip
+    for axis, gauge in zip(axes[:, 0], gauges, strict=True):
+        static_N = sensor_signals(case.layout, trace)[gauge][0]
+        if gauge in laid:
+            time_s, force_N, *_ = laid[gauge]
+            axis.plot(time_s * MICRO, force_N + static_N, ".", ms=2, mew=0, color=GREY, label="measured")
+        for other, _, old, _ in former:
+            if gauge in (signals := sensor_signals(other.layout, old)):
+                axis.plot(old.time_s * MICRO, signals[gauge], color=GREY, lw=0.8, ls="--", label="before")
+        axis.plot(trace.time_s * MICRO, sensor_signals(case.layout, trace)[gauge], label=engine, **line_of(engine))
+        for code in codes:
+            if gauge in code.signals:
+                every = slice(None, None, max(len(code.time_s) // POINTS, 1))
+                look = {"ls": "none", "label": code.engine, **marker_of(code.engine)}
+                axis.plot(code.time_s[every] * MICRO, code.signals[gauge][every], **look)
+        axis.set_title(gauge_title(case.layout, gauge), loc="left")
+        axis.set_ylabel("force (N)")
+    axes[-1, 0].set_xlabel("time since impact (µs)")
+    handles = {line.get_label(): line for axis in axes[:, 0] for line in axis.lines}
+    figure.legend(handles.values(), handles.keys(), loc="outside upper left", ncols=5)
+    return svg_of(figure)
+
+
+def forces_csv(question: Question) -> bytes:
+    """Signals of the gauges of a question as CSV."""
+    case, _, trace, _ = motion_of(question)
+    return signals_csv(case.layout, trace)
