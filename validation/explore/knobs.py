@@ -64,6 +64,11 @@ class Knob:
         return self.range is not None and not self.parts_of_s and not self.key.startswith(("run", "chain.count"))
 
     @property
+    def form(self) -> tuple[object, ...]:
+        """Key and kind, on which its widgets depend."""
+        return self.key, self.range is None, *self.choices
+
+    @property
     def place(self) -> float:
         """Place of the present value in the range, from 0 to 1; the lower end without a value."""
         if self.range is None or not self.text:
@@ -193,8 +198,8 @@ def _measured(scene: Scene, triggers_s: Mapping[str, float]) -> Iterator[Knob]:
         if entry.gain is not None:
             match = NUMBER_AND_UNIT.fullmatch(str(entry.gain))
             number, ending = (float(match[1]), f" {match[2]}") if match else (float(entry.gain), "")
-            ends = sorted((number / GAIN_FACTOR, number * GAIN_FACTOR))
-            free = Free(f"{key}.{GAIN}", "", number, *ends)
+            low, high = sorted((number / GAIN_FACTOR, number * GAIN_FACTOR))
+            free = Free(f"{key}.{GAIN}", "", number, low, high)
             yield Knob(f"{key}.{GAIN}", f"{number:g}{ending}", free, ending=ending)
     for keys in files.values():
         stated_s = next((each for key in keys if (each := look_up(scene, key)) is not None), None)

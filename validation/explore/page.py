@@ -11,20 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+from bokeh import models
 from bokeh.document import Document
-from bokeh.layouts import column
-from bokeh.models import CustomJS, InlineStyleSheet
-from bokeh.models.widgets import (
-    Button,
-    CheckboxGroup,
-    Div,
-    MultiChoice,
-    RangeSlider,
-    Select,
-    Slider,
-    TextInput,
-    Toggle,
-)
 from jinja2 import Template
 
 from drivers.base import paths
@@ -34,32 +22,20 @@ from drivers.scene.read_scene import find_scene, read_scene, read_toml, read_val
 from drivers.scene.settings import look_up, setting_text, unit_of
 from postproc.draw.style import MICRO
 from postproc.read.observables import without_unit
-from validation.calibration.fit import digits
+from validation.calibration.fit import digits, rows_of
 from validation.checks import short
+from validation.explore import plots, views
 from validation.explore.desk import Desk
 from validation.explore.knobs import Knob
-from validation.explore.plots import Plots
-from validation.explore.views import (
-    AUTO,
-    Laid,
-    OnCode,
-    Question,
-    View,
-    errors_of,
-    expected,
-    figure_of,
-    fitted,
-    forces_csv,
-    laid_over,
-    on_code,
-    scene_file,
-    view_of,
-)
+from validation.explore.views import Question, View
 
-KEPT = {"scene.toml": scene_file, "forces.csv": forces_csv, "forces.svg": figure_of}  # functions by name of the file
+KEPT: dict[str, Callable[[Any], Any]] = {  # functions of what is shown, by name of the file
+    "scene.toml": views.scene_file,
+    "forces.csv": views.forces_csv,
+    "forces.svg": views.figure_of,
+}
 STEP = 0.002  # of a slider from 0 to 1
 REST_MS = 300  # after the last turn of a knob, before errors are measured
-SAID_S = 0.3  # expected time of a motion from which on it is said
 FRAME_MS = 80  # of the moving beads
 STYLE = """:host { color: inherit; } .bk-input, .bk-btn, .choices__inner, .choices__list { color: inherit !important;
 background-color: light-dark(#fff, #23282d) !important; border-color: light-dark(#bbb, #555) !important; }
@@ -78,124 +54,113 @@ class Page:
         scene = read_scene(question.scene, question.settings)
         self.document, self.ranges, self.runs, self.results, self.name = document, ranges, runs, results, scene.name
         self.tables = read_toml(find_scene(question.scene))
+        self.measured = any("file" in entry for entry in self.tables.get("measured", ()))
         self.question = self.shown = question
         self.settings = dict(text.split("=", 1) for text in question.settings)
         self.view: View | None = None
-        self.before: list[tuple[Question, View]] = []
-        self.codes: list[OnCode] = []
-        self.errors: dict[str, tuple[float, float]] = {}
+        self.before: dict[Question, View] = {}
+        self.codes: dict[str, views.OnCode] = {}
         self.knobs: dict[str, Knob] = {}
-        self.fields: dict[str, Any] = {}
-        self.sliders: dict[str, Slider] = {}
+        self.fields: dict[str, Any] = {}  # by key of the knob
+        self.sliders: dict[str, Any] = {}
         self.turned, self.filling = "", False
-        self.taken: list[tuple[str, str]] = []
-        self.plots = Plots()
-        call = document.add_next_tick_callback
-        self.motions, self.judge, self.work = (Desk(call) for _ in range(3))
-        self._build()
+        self.found: list[tuple[str, str]] = []  # settings by a fit
+        self.plots = plots.Plots()
+        self.motions, self.judge, self.works = (Desk(document.add_next_tick_callback) for _ in range(3))
+        self.sheet = models.InlineStyleSheet(css=STYLE)
+        self.widgets = self._widgets()
+        for name, model in (self.widgets | self.plots.figures).items():
+            model.name = name
+            document.add_root(model)
+        self._paint()
+        self.widgets["dark"].js_on_change("active", models.CustomJS(code=SCHEME))
+        document.js_on_event("document_ready", models.CustomJS(args={"dark": self.widgets["dark"]}, code=DARK))
+        document.on_event("document_ready", lambda _: self._compute())
         document.title = scene.title or scene.name
         document.template = Template((paths.TEMPLATES / "explore" / "page.html").read_text())
         document.template_variables.update(keep=keep, files=[*KEPT], measured=self.measured)
-        document.on_event("document_ready", lambda _: self._compute())
 
     def close(self) -> None:
         """End all work of the page."""
-        for desk in (self.motions, self.judge, self.work):
+        for desk in (self.motions, self.judge, self.works):
             desk.close()
 
     def kept(self, name: str) -> Future[Any]:
         """Text of a file of what is shown, or an error."""
-        former = tuple(question for question, _ in self.before)
-        return self.judge.result(
-            KEPT[name], (self.shown, former, tuple(self.codes)) if name.endswith("svg") else self.shown
-        )
+        drawn = (self.shown, tuple(self.before), tuple(self.codes.values()))
+        return self.judge.result(KEPT[name], drawn if name.endswith("svg") else self.shown)
 
-    # --- widgets --------------------------------------------------------------------------------------------------
+    # --- widgets ------------------------------------------------------------------------------------------------------
 
-    def _build(self) -> None:
-        """Make all widgets, each a root of the document that its template places by name."""
-        self.sheet = InlineStyleSheet(css=STYLE)
-        texts, names = ("status", "problem", "table", "overlay", "command", "run_said", "fit_said"), [*installed(codes())]
-        self.texts = {name: self._make(Div) for name in texts}
-        self.texts["problem"].visible = False
-        self.gauges = self._make(CheckboxGroup, self._only, "active", inline=True)
-        self.window = self._make(RangeSlider, self._zoom, "value", title="shown (µs)", start=0, end=1, value=(0, 1))
-        self.time = self._make(Slider, self._at, "value", title="time (µs)", start=0, end=1, value=0)
-        self.play = self._make(Toggle, self._play, "active", label="play")
-        self.dark = self._make(Toggle, self._paint, "active", label="dark")
-        self.column = column(name="knobs", sizing_mode="stretch_width")
-        self.other = self._make(TextInput, self._other, "value", title="any other key", placeholder="KEY=VALUE")
-        how = [AUTO, REFERENCE, VERLET]
-        self.engine = self._make(Select, self._compute, "value", title="computed by", options=how, value=AUTO)
-        self.code = self._make(Select, title="run it on", options=names, value=names[0] if names else "")
-        self.free = self._make(MultiChoice, title="fit from here: free keys")
-        labels = {
-            "reset": ("reset", self._reset), "keep": ("keep these curves", self._keep), "drop": ("drop kept curves", self._drop),
-            "run": ("run", self._run), "fit": ("fit", self._fit), "take": ("take over the fit", self._take),
+    def _widgets(self) -> dict[str, Any]:
+        """All widgets but the knobs, by name; the template of the document has their places."""
+        names, line = [*installed(codes())], {"start": 0, "end": 1}
+        texts = ("status", "problem", "table", "overlay", "command", "run_said", "fit_said")
+        kinds: dict[str, tuple[Any, dict[str, Any], str, Callable[[], None] | None]] = {
+            **{name: (models.Div, {"visible": name != "problem"}, "", None) for name in texts},
+            "knobs": (models.Column, {}, "", None),
+            "other": (models.TextInput, {"title": "any other key", "placeholder": "KEY=VALUE"}, "value", self._other),
+            "engine": (models.Select, {"title": "computed by", "options": [views.AUTO, REFERENCE, VERLET],
+                                       "value": views.AUTO}, "value", self._compute),
+            "window": (models.RangeSlider, {"title": "shown (µs)", "value": (0, 1), **line}, "value", self._zoom),
+            "gauges": (models.CheckboxGroup, {"inline": True}, "active", self._only),
+            "time": (models.Slider, {"title": "time (µs)", "value": 0, **line}, "value", self._at),
+            "play": (models.Toggle, {"label": "play"}, "active", self._play),
+            "dark": (models.Toggle, {"label": "dark"}, "active", self._paint),
+            "reset": (models.Button, {"label": "reset"}, "click", self._reset),
+            "keep": (models.Button, {"label": "keep these curves"}, "click", self._keep),
+            "drop": (models.Button, {"label": "drop kept curves"}, "click", self._drop),
+            "code": (models.Select, {"title": "run it on", "options": names, "value": "".join(names[:1])}, "", None),
+            "run": (models.Button, {"label": "run"}, "click", self._run),
+            "free": (models.MultiChoice, {"title": "fit from here: free keys"}, "", None),
+            "fit": (models.Button, {"label": "fit"}, "click", self._fit),
+            "take": (models.Button, {"label": "take over the fit", "visible": False}, "click", self._take),
         }  # fmt: skip
-        self.buttons = {name: self._make(Button, label=label) for name, (label, _) in labels.items()}
-        for name, (_, act) in labels.items():
-            self.buttons[name].on_click(act)
-        self.buttons["take"].visible = False
-        named = {
-            name: getattr(self, name)
-            for name in ("gauges", "window", "time", "play", "dark", "other", "engine", "code", "free")
-        }
-        for name, model in {**self.texts, **named, **self.buttons, "knobs": self.column, **self.plots.figures}.items():
-            model.name = name
-            self.document.add_root(model)
-        self.dark.js_on_change("active", CustomJS(code=SCHEME))
-        self.document.js_on_event("document_ready", CustomJS(args={"dark": self.dark}, code=DARK))
-        self._paint()
+        return {name: self._make(kind, changed, act, **more) for name, (kind, more, changed, act) in kinds.items()}
 
-    def _make(self, kind: Any, act: Callable[[], None] | None = None, changed: str = "", **more: Any) -> Any:
-        """A widget; changes of a property call a function."""
-        wide = {} if kind in (Button, Toggle, CheckboxGroup) else {"sizing_mode": "stretch_width"}
+    def _make(self, kind: Any, changed: str = "", act: Callable[[], None] | None = None, **more: Any) -> Any:
+        """A widget that calls a function when it is clicked or a property has changed."""
+        wide = {} if kind in (models.Button, models.Toggle) else {"sizing_mode": "stretch_width"}
         made = kind(stylesheets=[self.sheet], **wide, **more)
-        if act is not None:
+        if changed == "click":
+            made.on_click(lambda _: act and act())
+        elif act:
             made.on_change(changed, lambda attr, old, new: act())
         return made
 
-    @property
-    def measured(self) -> bool:
-        """True if the scene has measured traces."""
-        return any("file" in entry for entry in self.tables.get("measured", ()))
+    def _say(self, name: str, lines: Iterable[str], form: str = "{}") -> None:
+        """Show lines of text."""
+        self.widgets[name].text = form.format("<br>".join(map(escape, lines)))
 
     def _fill(self, knobs: Iterable[Knob]) -> None:
         """Show knobs with their present values; widgets are made anew if there are other knobs."""
         former, self.knobs = self.knobs, {knob.key: knob for knob in knobs}
         self.filling = True
-        if [*map(_kind, former.values())] != [*map(_kind, self.knobs.values())]:
+        if [knob.form for knob in former.values()] != [knob.form for knob in self.knobs.values()]:
             self.fields, self.sliders, children = {}, {}, list[Any]()
             for table, group in groupby(self.knobs.values(), lambda knob: knob.key.partition(".")[0]):
-                children += [
-                    self._make(Div, text=f"<h2>{escape(table)}</h2>"),
-                    *(widget for knob in group for widget in self._widgets(knob)),
-                ]
-            self.column.children = children
-            self.free.options = [key for key, knob in self.knobs.items() if knob.free]
+                children += [self._make(models.Div, text=f"<h2>{escape(table)}</h2>"), *map(self._field, group)]
+            self.widgets["knobs"].children = children
+            self.widgets["free"].options = [key for key, knob in self.knobs.items() if knob.free]
         for key, knob in self.knobs.items():
             self.fields[key].value = knob.text
             if key in self.sliders and key != self.turned:
                 self.sliders[key].value = knob.place
         self.filling = False
 
-    def _widgets(self, knob: Knob) -> list[Any]:
-        """Field of a knob, and slider of a number."""
-        key, kind, more = (
-            knob.key,
-            Select if knob.choices else TextInput,
-            {"options": [*knob.choices]} if knob.choices else {},
-        )
-        title = key.partition(".")[2] or key
-        self.fields[key] = self._make(kind, partial(self._typed, key), "value", title=title, value=knob.text, **more)
+    def _field(self, knob: Knob) -> Any:
+        """Field of a knob, with a slider for a number."""
+        key, title = knob.key, knob.key.partition(".")[2] or knob.key
+        kind, more = (models.Select, {"options": [*knob.choices]}) if knob.choices else (models.TextInput, {})
+        field = self._make(kind, "value", partial(self._typed, key), name=key, title=title, value=knob.text, **more)
+        self.fields[key] = field
         if knob.range is None:
-            return [self.fields[key]]
-        look = {"start": 0, "end": 1, "step": STEP, "value": knob.place, "show_value": False, "tooltips": False}
-        self.sliders[key] = self._make(Slider, partial(self._slid, key), "value", **look)
-        return [self.fields[key], self.sliders[key]]
+            return field
+        look = {"name": f"{key} slider", "start": 0, "end": 1, "step": STEP, "show_value": False, "tooltips": False}
+        self.sliders[key] = self._make(models.Slider, "value", partial(self._slid, key), value=knob.place, **look)
+        return self._make(models.Column, children=[field, self.sliders[key]])
 
-    # --- turns ----------------------------------------------------------------------------------------------------
+    # --- turns --------------------------------------------------------------------------------------------------------
 
     def _slid(self, key: str) -> None:
         if not self.filling:
@@ -207,7 +172,7 @@ class Page:
             self._set(self.knobs[key].settings(self.fields[key].value.strip(), self.view.scene))
 
     def _other(self) -> None:
-        key, equals, text = self.other.value.partition("=")
+        key, equals, text = self.widgets["other"].value.partition("=")
         if equals:
             self._set({key.strip(): text.strip()})
 
@@ -221,185 +186,183 @@ class Page:
         self._compute()
 
     def _reset(self) -> None:
-        self.settings, self.turned, self.other.value = {}, "", ""
+        self.settings, self.turned, self.widgets["other"].value = {}, "", ""
         self._compute()
 
     def _only(self) -> None:
-        self.plots.only(self.gauges.labels[i] for i in self.gauges.active)
+        gauges = self.widgets["gauges"]
+        self.plots.only(gauges.labels[place] for place in gauges.active)
 
     def _paint(self) -> None:
-        self.plots.paint(dark=self.dark.active)
+        self.plots.paint(dark=self.widgets["dark"].active)
 
     def _zoom(self) -> None:
-        start, end = self.window.value
-        self.plots.forces.x_range.update(start=start, end=end)
+        start, end = self.widgets["window"].value
+        self.plots.figures["forces"].x_range.update(start=start, end=end)
 
     def _at(self) -> None:
         if self.view is not None:
-            self.plots.at(self.view, self.time.value / MICRO)
+            self.plots.at(self.view, self.widgets["time"].value / MICRO)
 
     def _play(self) -> None:
-        if self.play.active:
+        if self.widgets["play"].active:
             self.document.add_timeout_callback(self._next_frame, FRAME_MS)
 
     def _next_frame(self) -> None:
-        self.time.value = (
-            0 if self.time.value >= self.time.end else min(self.time.value + self.time.end / 100, self.time.end)
-        )
+        time = self.widgets["time"]
+        time.value = 0 if time.value >= time.end else min(time.value + time.end / 100, time.end)
         self._play()
 
-    # --- motions --------------------------------------------------------------------------------------------------
+    # --- motions ------------------------------------------------------------------------------------------------------
 
     def _compute(self) -> None:
         """Compute the scene with its settings."""
         texts = tuple(f"{key}={text}" for key, text in self.settings.items())
-        self.question = question = Question(self.question.scene, texts, self.engine.value)
-        self.motions.ask(expected, question, partial(self._expect, question))
-
-    def _expect(self, question: Question, answer: Any) -> None:
-        """Show how long a motion takes, or why there is none."""
-        if question != self.question:
-            return
-        self.texts["problem"].visible = isinstance(answer, Exception)
-        if self.texts["problem"].visible:
-            self.texts["problem"].text = f"<b role='alert'>{escape(str(answer))}</b>"
-            return
-        engine, takes_s = answer
-        if takes_s > SAID_S:
-            self.texts["status"].text = f"computing by {engine}: about {takes_s:.2g} s"
-        self.motions.ask(view_of, (question, self.ranges), partial(self._show, question))
+        self.question = question = Question(self.question.scene, texts, self.widgets["engine"].value)
+        self.motions.ask(views.quick_view_of, (question, self.ranges), partial(self._show, question))
 
     def _show(self, question: Question, answer: Any) -> None:
-        """Show a motion, then ask for what takes longer."""
-        if isinstance(answer, Exception):
-            self._expect(question, answer)
+        """Show the forces of a motion, how long it takes, or why there is none."""
+        if isinstance(answer, View):
+            self.view, self.shown = answer, question
+            self.plots.show(answer)
+            self.document.add_next_tick_callback(partial(self._show_all, question, answer))
+        elif question == self.question and not isinstance(answer, Exception):
+            self._say("status", [f"computing {answer}"])
+            self.motions.ask(views.view_of, (question, self.ranges), partial(self._show, question))
+        if question == self.question:
+            self.widgets["problem"].visible = isinstance(answer, Exception)
+            self._say("problem", [str(answer)] if isinstance(answer, Exception) else [], '<b role="alert">{}</b>')
+
+    def _show_all(self, question: Question, view: View) -> None:
+        """Show what else is known of a motion, then ask for what takes longer."""
+        if view is not self.view:
             return
-        self.view, self.shown, view = answer, question, answer
-        self.plots.show(view)
+        self.plots.show_cells(view)
         if question == self.question:
             self._fill(view.knobs)
-        labels = [*view.signals]
-        if self.gauges.labels != labels:
-            self.gauges.update(labels=labels, active=[*range(len(labels))])
-            self.plots.show_before(former for _, former in self.before)
-        end_us = float(view.time_s[-1]) * MICRO
-        if self.time.end != end_us:
-            self.time.update(end=end_us, value=min(self.time.value, end_us), step=end_us / 400)
-            self.window.update(end=end_us, value=(0, end_us), step=end_us / 400)
+        gauges, time, end_us = self.widgets["gauges"], self.widgets["time"], float(view.time_s[-1]) * MICRO
+        if gauges.labels != [*view.signals]:
+            gauges.update(labels=[*view.signals], active=[*range(len(view.signals))])
+            self._show_before()
+        if time.end != end_us:
+            time.update(end=end_us, value=min(time.value, end_us), step=end_us / 400)
+            self.widgets["window"].update(end=end_us, value=(0, end_us), step=end_us / 400)
         self._at()
         step = quantity(view.scene.time_step_s, "s")
         how = "exact motion" if view.engine == REFERENCE else f"velocity Verlet at {step}"
-        self.texts["status"].text = f"{how} ({view.engine}), computed in {view.taken_s * 1e3:.0f} ms"
-        self.errors = {}
-        self._tabulate([])
-        if self.codes:
-            self.codes = []
-            self.plots.show_codes([])
+        self._say("status", [f"{how} ({view.engine}), computed in {view.taken_s * 1e3:.0f} ms"])
+        self._tabulate({}, [])
+        while self.codes:
+            self.plots.put(self.codes.popitem()[0], {})
         command = ("beads", "run", *question.words, "--engine", view.engine)
-        self.texts["command"].text = f"<code>{escape(shlex.join(command))}</code>"
+        self._say("command", [shlex.join(command)], "<code>{}</code>")
         if self.measured:
-            self.judge.ask(laid_over, question, partial(self._lay, question))
+            self.judge.ask(views.laid_over, question, partial(self._lay, question))
         self.document.add_timeout_callback(partial(self._rest, question), REST_MS)
 
     def _rest(self, question: Question) -> None:
         """Measure the errors if no knob was turned meanwhile."""
         if question == self.question:
-            self.judge.ask(errors_of, question, partial(self._err, question))
+            self.judge.ask(views.errors_of, question, partial(self._err, question))
 
     def _err(self, question: Question, answer: Any) -> None:
         if question == self.question:
-            self.errors, notes = ({}, [str(answer)]) if isinstance(answer, Exception) else answer
-            self._tabulate(notes)
+            self._tabulate(*(({}, [str(answer)]) if isinstance(answer, Exception) else answer))
 
     def _lay(self, question: Question, answer: Any) -> None:
-        """Show measured traces over the motion."""
+        """Show measured traces over the motion, above its static load, and residuals."""
         if question != self.shown or self.view is None:
             return
-        laid: Laid | None = None if isinstance(answer, Exception) else answer
-        self.plots.show_measured(laid, self.view)
-        if laid is None:
-            self.texts["overlay"].text = escape(str(answer))
-            return
-        words = f"chi-square {laid.chi_square:.5g} of {laid.readings} readings"
-        self.texts["overlay"].text = "<br>".join(map(escape, (words, *laid.remarks)))
-        if question == self.question and not {knob.key for knob in laid.knobs} <= {*self.knobs}:
-            self._fill([*self.knobs.values(), *laid.knobs])
+        if isinstance(answer, Exception):
+            self._say("overlay", [str(answer)])
+            answer = views.NOTHING_LAID
+        else:
+            words = f"chi-square {answer.chi_square:.5g} of {answer.readings} readings"
+            self._say("overlay", [words, *answer.remarks])
+        laid, signals = answer.gauges.items(), self.view.signals
+        self.plots.put(
+            plots.MEASURED, {name: (time_s * MICRO, force_N + signals[name][0]) for name, (time_s, force_N, *_) in laid}
+        )
+        self.plots.put(plots.RESIDUAL, {name: (time_s * MICRO, left_N) for name, (*_, time_s, left_N) in laid})
+        if question == self.question and not {knob.key for knob in answer.knobs} <= {*self.knobs}:
+            self._fill([*self.knobs.values(), *answer.knobs])
 
-    def _tabulate(self, notes: Sequence[str]) -> None:
+    def _tabulate(self, errors: dict[str, tuple[float, float]], notes: Sequence[str]) -> None:
         """Table of observables with their errors."""
         assert self.view is not None
-        rows = []
-        for name, value in self.view.values.items():
-            errors = self.errors.get(without_unit(name), (nan, nan))
-            rows.append((name, f"{value:.6g}", *map(short, errors[: 1 + (self.view.engine != VERLET)])))
-        step = quantity(self.view.scene.time_step_s, "s")
-        heads = ("observable", "value", "error", f"error of codes at {step}")
-        self.texts["table"].text = table_of([heads[: len(rows[0])] if rows else heads, *rows]) + "<br>".join(
-            map(escape, notes)
-        )
+        heads = ["observable", "value", "error", f"error of codes at {quantity(self.view.scene.time_step_s, 's')}"]
+        rows = [heads, *(
+            [name, f"{value:.6g}", *map(short, errors.get(without_unit(name), (nan, nan)))]
+            for name, value in self.view.values.items()
+        )]  # fmt: skip
+        columns = 3 if self.view.engine == VERLET else 4
+        lines = ("".join(f"<td>{escape(cell)}</td>" for cell in cells[:columns]) for cells in rows)
+        self._say("table", notes, f"<table>{''.join(f'<tr>{line}</tr>' for line in lines)}</table>{{}}")
 
-    # --- what is kept, run and fitted -------------------------------------------------------------------------------
+    # --- what is kept, run and fitted ---------------------------------------------------------------------------------
 
     def _keep(self) -> None:
         if self.view is not None:
-            self.before.append((self.shown, self.view))
-            self.plots.show_before(view for _, view in self.before)
+            self.before[self.shown] = self.view
+        self._show_before()
 
     def _drop(self) -> None:
-        self.before = []
-        self.plots.show_before([])
+        self.before = {}
+        self._show_before()
+
+    def _show_before(self) -> None:
+        kept = self.before.values()
+        gauges = dict.fromkeys(name for view in kept for name in view.signals)
+        curves = {
+            name: [(view.time_s * MICRO, view.signals[name]) for view in kept if name in view.signals]
+            for name in gauges
+        }
+        self.plots.put(plots.BEFORE, {name: plots.joined(each) for name, each in curves.items()})
 
     def _run(self) -> None:
-        self._work("run", on_code, (self.shown, self.code.value, self.runs), self._ran)
+        self._work("run", views.on_code, (self.shown, self.widgets["code"].value, self.runs), self._ran)
 
-    def _ran(self, question: Question, run: OnCode) -> list[str]:
+    def _ran(self, question: Question, run: views.OnCode) -> list[str]:
+        """Show the points of a run on a code, with what it says."""
         if question == self.shown:
-            self.codes = [*(each for each in self.codes if each.engine != run.engine), run]
-            self.plots.show_codes(self.codes)
+            self.codes[run.engine] = run
+            every = slice(None, None, max(len(run.time_s) // views.POINTS, 1))
+            points = {name: (run.time_s[every] * MICRO, force_N[every]) for name, force_N in run.signals.items()}
+            self.plots.put(run.engine, points)
         return [f"{run.engine}:", *run.said]
 
     def _fit(self) -> None:
-        self._work("fit", fitted, (self.shown, tuple(self.free.value), self.results), self._fitted)
+        self._work("fit", views.fitted, (self.shown, tuple(self.widgets["free"].value), self.results), self._fitted)
 
     def _fitted(self, _: Question, found: tuple[Path, pd.DataFrame]) -> list[str]:
-        folder, table = found
-        self.taken, lines = [], [f"{paths.shown(folder)}:"]
-        for each in table.itertuples():
-            key = str(each.parameter).rpartition(": ")[2]
+        """Show the parameters of a fit."""
+        self.found, lines = [], [f"{paths.shown(found[0])}:"]
+        for each in rows_of(found[1]):
+            key = each.parameter.rpartition(": ")[2]
             (value, error), unit = digits((each.value, each.error), each.value, each.error, each.unit)
             lines.append(f"{key} = {value} ± {error} {unit}")
-            self.taken.append((key, setting_text(key, each.value) if unit_of(key) else f"{each.value:.9g} {each.unit}"))
-        self.buttons["take"].visible = True
+            self.found.append((key, setting_text(key, each.value) if unit_of(key) else f"{each.value:.9g} {each.unit}"))
+        self.widgets["take"].visible = True
         return lines
 
     def _take(self) -> None:
-        for key, text in self.taken:
+        for key, text in self.found:
             shared = self.knobs[key].shared if key in self.knobs else ()
             self._set(dict.fromkeys((key, *shared), text.strip()))
 
     def _work(
-        self, what: str, function: Callable[[Any], Any], item: Any, then: Callable[[Question, Any], list[str]]
+        self, what: str, work: Callable[[Any], Any], item: Any, then: Callable[[Question, Any], list[str]]
     ) -> None:
         """Do work that takes seconds, and show what it says."""
-        button, said, question = self.buttons[what], self.texts[f"{what}_said"], item[0]
-        button.disabled, said.text = True, "under way"
+        self.widgets[what].disabled = True
+        self._say(f"{what}_said", ["under way"])
 
         def end(answer: Any) -> None:
-            button.disabled = False
-            lines = [str(answer)] if isinstance(answer, Exception) else then(question, answer)
-            said.text = "<br>".join(map(escape, lines))
+            self.widgets[what].disabled = False
+            self._say(f"{what}_said", [str(answer)] if isinstance(answer, Exception) else then(item[0], answer))
 
         def call(done: Future[Any]) -> None:
             self.document.add_next_tick_callback(partial(end, done.result()))
 
-        self.work.result(function, item).add_done_callback(call)
-
-
-def table_of(rows: Sequence[Sequence[str]]) -> str:
-    """HTML of a table."""
-    lines = ("".join(f"<td>{escape(cell)}</td>" for cell in cells) for cells in rows)
-    return f"<table>{''.join(f'<tr>{line}</tr>' for line in lines)}</table>"
-
-
-def _kind(knob: Knob) -> tuple[Any, ...]:
-    return knob.key, knob.range is None, tuple(knob.choices)
+        self.works.result(work, item).add_done_callback(call)

@@ -39,7 +39,8 @@ from validation.checks import short
 from validation.explore.knobs import TRIGGER, Knob, knobs_of
 
 AUTO = "auto"
-EXACT_S = 0.03  # longest expected time of an exact motion that follows a knob; longer ones are those of velocity Verlet
+EXACT_S = 0.01  # longest expected time of an exact motion that follows a knob; longer ones are those of velocity Verlet
+SAID_S = 0.3  # expected time of a motion from which on it is said
 LIMIT_S = 60.0  # of each motion
 FRAMES = 300  # of the moving beads
 KINDS = ("peak", "amplitude", "arrival", "speed", "duration", "width", "reflected amplitude", "reflected arrival")
@@ -99,21 +100,21 @@ class Laid:
         knobs: Knobs of triggers that were found.
     """
 
-    gauges: Mapping[str, tuple[Array, Array, Array, Array]]
+    gauges: Mapping[str, tuple[Array, ...]]
     chi_square: float
     readings: int
     remarks: list[str]
     knobs: list[Knob]
 
 
-def expected(question: Question) -> tuple[str, float]:
-    """Engine of a question, and the expected time of its motion in s.
+NOTHING_LAID = Laid({}, 0.0, 0, [], [])
 
-    Raises:
-        InputError: The scene or a setting is wrong.
-    """
-    case, engine = _case(question)
-    return engine, cost_on(engine).loop_s(case)
+
+def quick_view_of(asked: tuple[Question, tuple[str, ...]]) -> View | str:
+    """Motion of a question, or the engine and the expected time of one that takes long; raises as ``view_of`` does."""
+    case, engine = _case(asked[0])
+    takes_s = cost_on(engine).loop_s(case)
+    return view_of(asked) if takes_s < SAID_S else f"by {engine}: about {takes_s:.2g} s"
 
 
 def view_of(asked: tuple[Question, tuple[str, ...]]) -> View:

@@ -15,8 +15,9 @@ from drivers.chain.schemes import verlet_of
 from drivers.run.run_folder import STATE, EndedRun, open_run
 from drivers.scene.read_scene import stored_scene
 from postproc.draw import film
-from postproc.draw.film import film_of, sheet, write_animation
+from postproc.draw.film import Film, film_of, sheet, write_animation
 from postproc.draw.product import cells_of, draw_spacetime
+from postproc.read.motion import case_of_run, trace_with_state
 from postproc.read.signals import mean_forces
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.runs import edit_table, finished
@@ -37,7 +38,11 @@ def run_of(shared_runs: Path) -> Runner:
     return run
 
 
-def notes_of(shown: film.Film) -> str:
+def filmed(run: EndedRun, frames: int, sideways: float = 1.0) -> Film:
+    return film_of(case_of_run(run), trace_with_state(run), frames, sideways)
+
+
+def notes_of(shown: Film) -> str:
     return str(sheet(shown, "a chain").figure.axes[0].get_title("left"))
 
 
@@ -66,7 +71,7 @@ def test_a_record_gives_back_its_chain() -> None:
 )
 def test_a_sheet_has_every_body_at_every_time(settings: tuple[str, ...], frames: int, run_of: Runner) -> None:
     run = run_of(*settings)
-    product = sheet(film_of(run, frames), "a chain")
+    product = sheet(filmed(run, frames), "a chain")
     table, forces = product.table.set_index(["time_s", "body"]), mean_forces(run.trace.force_N)
     assert len(table) == frames * run.record.bodies
     for sample in (0, -1):
@@ -82,7 +87,7 @@ def test_sideways_displacements_are_exaggerated_only_with_a_note(run_of: Runner,
     shutil.copytree(run.folder, folder)
     across = {f"body_{body}_{axis}_m": 1.2e-4 * (body == 3 and axis == "x") for body in range(1, 23) for axis in "xy"}
     edit_table(folder, lambda state: state.assign(**across), STATE)  # bead 3 touches the tube
-    for factor, shown in ((1, film_of(open_run(folder), 3)), (8, film_of(open_run(folder), 3, 8.0))):
+    for factor, shown in ((1, filmed(open_run(folder), 3)), (8, filmed(open_run(folder), 3, 8.0))):
         assert (shown.place_m[:, 2, 0] == factor * 1.2e-4).all()
         assert shown.bore_m == pytest.approx(shown.place_m[0, 2, 0] + 0.00238)
         assert (f"sideways displacements {factor} times" in notes_of(shown)) == (factor != 1)
@@ -90,7 +95,7 @@ def test_sideways_displacements_are_exaggerated_only_with_a_note(run_of: Runner,
 
 def test_without_positions_bodies_stay_where_they_were(scene_file: SceneWriter, shared_runs: Path) -> None:
     case = case_of(scene_file("still", duration="0.15 ms"))
-    shown = film_of(finished(case, "verlet", shared_runs), 4)
+    shown = filmed(finished(case, "verlet", shared_runs), 4)
     assert (shown.place_m[:, :, 1] == case.chain.height_m).all()
     assert shown.force_N[1].max() > 0.1
     assert "kept no others" in notes_of(shown)
@@ -109,7 +114,7 @@ def test_an_interrupted_animation_leaves_the_former(
 
     monkeypatch.setattr(Image.Image, "save", break_off)
     with pytest.raises(KeyboardInterrupt):
-        write_animation(film_of(run_of(scene_file()), 2), "a chain", path)
+        write_animation(filmed(run_of(scene_file()), 2), "a chain", path)
     assert [(file, file.read_bytes()) for file in path.parent.iterdir()] == [(path, b"the former")]
 
 
