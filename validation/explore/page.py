@@ -37,9 +37,11 @@ KEPT: dict[str, Callable[[Any], Any]] = {  # functions of what is shown, by name
 STEP = 0.002  # of a slider from 0 to 1
 REST_MS = 300  # after the last turn of a knob, before errors are measured
 FRAME_MS = 80  # of the moving beads
-STYLE = """:host { color: inherit; } .bk-input, .bk-btn, .choices__inner, .choices__list { color: inherit !important;
-background-color: light-dark(#fff, #23282d) !important; border-color: light-dark(#bbb, #555) !important; }
-.bk-btn.bk-active { background-color: light-dark(#ddd, #444) !important; } table { border-spacing: 12px 0; }
+STYLE = """:host { color: inherit; } h2 { font-size: 15px; margin: 12px 0 0; }
+.bk-input, .bk-btn { color: inherit !important; background-color: light-dark(#fff, #23282d) !important;
+border-color: light-dark(#bbb, #555) !important; }
+.bk-btn.bk-active { background-color: light-dark(#ddd, #444) !important; }
+[role=alert] { color: light-dark(#b00020, #ff9a90); } table { border-spacing: 12px 0; }
 td:not(:first-child) { text-align: right; font-variant-numeric: tabular-nums; }"""
 DARK = "dark.active = matchMedia('(prefers-color-scheme: dark)').matches"
 SCHEME = "document.documentElement.style.colorScheme = cb_obj.active ? 'dark' : 'light'"
@@ -112,7 +114,7 @@ class Page:
             "drop": (models.Button, {"label": "drop kept curves"}, "click", self._drop),
             "code": (models.Select, {"title": "run it on", "options": names, "value": "".join(names[:1])}, "", None),
             "run": (models.Button, {"label": "run"}, "click", self._run),
-            "free": (models.MultiChoice, {"title": "fit from here: free keys"}, "", None),
+            "free": (models.CheckboxGroup, {"inline": True}, "", None),
             "fit": (models.Button, {"label": "fit"}, "click", self._fit),
             "take": (models.Button, {"label": "take over the fit", "visible": False}, "click", self._take),
         }  # fmt: skip
@@ -121,7 +123,7 @@ class Page:
     def _make(self, kind: Any, changed: str = "", act: Callable[[], None] | None = None, **more: Any) -> Any:
         """A widget that calls a function when it is clicked or a property has changed."""
         wide = {} if kind in (models.Button, models.Toggle) else {"sizing_mode": "stretch_width"}
-        made = kind(stylesheets=[self.sheet], **wide, **more)
+        made = kind(stylesheets=[self.sheet], margin=(3, 0), **wide, **more)
         if changed == "click":
             made.on_click(lambda _: act and act())
         elif act:
@@ -141,7 +143,7 @@ class Page:
             for table, group in groupby(self.knobs.values(), lambda knob: knob.key.partition(".")[0]):
                 children += [self._make(models.Div, text=f"<h2>{escape(table)}</h2>"), *map(self._field, group)]
             self.widgets["knobs"].children = children
-            self.widgets["free"].options = [key for key, knob in self.knobs.items() if knob.free]
+            self.widgets["free"].update(labels=[key for key, knob in self.knobs.items() if knob.free], active=[])
         for key, knob in self.knobs.items():
             self.fields[key].value = knob.text
             if key in self.sliders and key != self.turned:
@@ -333,7 +335,8 @@ class Page:
         return [f"{run.engine}:", *run.said]
 
     def _fit(self) -> None:
-        self._work("fit", views.fitted, (self.shown, tuple(self.widgets["free"].value), self.results), self._fitted)
+        free = tuple(self.widgets["free"].labels[place] for place in self.widgets["free"].active)
+        self._work("fit", views.fitted, (self.shown, free, self.results), self._fitted)
 
     def _fitted(self, _: Question, found: tuple[Path, pd.DataFrame]) -> list[str]:
         """Show the parameters of a fit."""

@@ -43,6 +43,8 @@ class Plots:
                 x_range=models.Range1d(start=0, end=1), y_range=models.Range1d(start=0, end=1),
             ),
         }  # fmt: skip
+        for name in ("forces", "residuals"):
+            self.figures[name].line([0], [0])  # without anything to draw there is no range
         self._parts: dict[str, dict[str, Any]] = {}  # renderers by gauge and part
         self._legend = models.Legend(orientation="horizontal", background_fill_alpha=0, border_line_alpha=0, padding=0)
         self.figures["forces"].add_layout(self._legend, "above")
@@ -71,7 +73,7 @@ class Plots:
         if [*self._parts] != [*view.signals]:
             self._parts = {gauge: {} for gauge in view.signals}
             for name in ("forces", "residuals"):
-                self.figures[name].renderers = []
+                self.figures[name].renderers = self.figures[name].renderers[:1]
             tools = self.figures["forces"].tools
             self.figures["forces"].tools = [each for each in tools if not isinstance(each, models.HoverTool)]
             self._legend.items = []
@@ -106,20 +108,20 @@ class Plots:
     def _renderer(self, gauge: str, part: str) -> Any:
         """Glyphs of a part of a gauge, without data."""
         forces, colour = self.figures["forces"], COLOURS[[*self._parts].index(gauge) % len(COLOURS)]
-        source = models.ColumnDataSource({"x": [], "y": []})
+        source, name = models.ColumnDataSource({"x": [], "y": []}), f"{gauge} {part}"
         if part in LOOKS:
             axes = self.figures["residuals"] if part == RESIDUAL else forces
-            line = axes.line("x", "y", source=source, line_color=colour, **LOOKS[part])
+            line = axes.line("x", "y", source=source, line_color=colour, name=name, **LOOKS[part])
             if part == NOW:
                 self._legend.items = [*self._legend.items, models.LegendItem(label=gauge, renderers=[line])]
                 tips = [("µs", "@x{0.00}"), (gauge, "@y{0.0000} N")]
                 forces.add_tools(models.HoverTool(renderers=[line], mode="vline", tooltips=tips))
             return line
         if part == MEASURED:
-            return forces.scatter("x", "y", source=source, size=3, color=colour, alpha=0.5)
+            return forces.scatter("x", "y", source=source, size=3, color=colour, alpha=0.5, name=name)
         look = marker_of(part)
         points: dict[str, Any] = {"marker": MARKERS.get(look["marker"], "circle"), "line_color": look["color"]}
-        return forces.scatter("x", "y", source=source, size=7, fill_alpha=0, **points)
+        return forces.scatter("x", "y", source=source, size=7, fill_alpha=0, name=name, **points)
 
     def at(self, view: View, time_s: float) -> None:
         """Show the beads at the frame that is closest to a time."""

@@ -6,6 +6,7 @@ import secrets
 import socket
 import webbrowser
 from asyncio import wrap_future
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -94,7 +95,9 @@ def serve(question: Question, ranges: tuple[str, ...], runs: Path, results: Path
     if browser:
         webbrowser.open(address)
     try:
-        server.run_until_shutdown()
+        server.start()
+        with suppress(KeyboardInterrupt):
+            server.io_loop.start()
     finally:
         for page in pages.values():
             page.close()

@@ -1,0 +1,252 @@
+"""The live page in headless Chromium: ``make test-page``, with screenshots in ``results/page``."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from selenium.webdriver import Chrome
+from selenium.webdriver.common.keys import Keys
+
+import drivers
+from drivers.base import paths
+from drivers.chain.case import build_case
+from drivers.engines import codes, installed
+from drivers.scene.read_scene import read_scene
+from postproc.read.measured import entries_of
+from postproc.read.misfit import lay_over
+from postproc.read.motion import exact
+from postproc.read.signals import sensor_signals
+from validation.tests.helpers.browser import browser, keep_screenshot, need_browser, requests, said, view
+from validation.tests.helpers.live import Live, served, until
+
+pytestmark = pytest.mark.page
+
+SCENE = "fig4"
+SCREENSHOTS = paths.RESULTS / "page"
+
+
+@pytest.fixture(scope="module")
+def driver() -> Iterator[Chrome]:
+    need_browser()
+    with browser() as driver:
+        yield driver
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("explored")
+
+
+@pytest.fixture(scope="module")
+def addresses(folder: Path) -> Iterator[dict[str, str]]:
+    """Addresses of pages by scene."""
+    where = ("--runs", folder / "runs", "--results", folder / "results")
+    with served(SCENE, *where) as (plain, _), served("example-measured", *where) as (measured, _):
+        yield {SCENE: plain, "measured": measured}
+
+
+@pytest.fixture
+def page(driver: Chrome, addresses: dict[str, str]) -> Live:
+    view(driver, 1280)
+    return Live(driver, addresses[SCENE])
+
+
+def assert_as_run(page: Live, folder: Path, scene: str, engine: str, settings: dict[str, Any]) -> None:
+    """Check that the curves are those of ``beads run``, to the last bit."""
+    run = drivers.run_scene(scene, engine, settings, runs=folder / "runs")
+    for gauge, force_N in sensor_signals(run.layout, run.trace).items():
+        time_us, shown_N = page.curve(gauge)
+        assert shown_N == force_N.tolist()
+        assert time_us == (1e6 * run.trace.time_s).tolist()
+
+
+@pytest.mark.parametrize(
+    ("knob", "text"),
+    [
+        ("striker.speed", "1.5 m/s"),
+        ("striker.mass", "0.2 g"),
+        ("striker.diameter", "4 mm"),
+        ("chain.count", "30"),
+        ("chain.diameter", "4.9 mm"),
+        ("chain.precompression", "2 N"),
+        ("chain.angle", "30 deg"),
+        ("gravity", "1 m/s^2"),
+        ("materials.ptfe.youngs_modulus", "0.9 GPa"),
+        ("sensor.time_constant", "1 ms"),
+        ("run.duration", "0.6 ms"),
+        ("run.time_step", "50 ns"),
+    ],
+)
+def test_a_knob_gives_the_run_of_its_setting(page: Live, folder: Path, knob: str, text: str) -> None:
+    page.turn(knob, text)
+    until(lambda: page.value(knob) == text)
+    assert_as_run(page, folder, SCENE, "reference", {knob: text})
+
+
+@pytest.mark.parametrize(
+    ("knob", "key", "settings"),
+    [
+        ("striker.shape", "f", {"striker.shape": "flat", "striker.diameter": None, "striker.mass": "0.1226 g"}),
+        ("contact.dissipation", "k", {"contact.dissipation": "kuwabara-kono", "contact.relaxation": "1 us"}),
+        ("wall.material", "g", {"wall.material": "glass"}),
+        ("wall.material", "n", {"wall": None}),
+    ],
+)
+def test_a_choice_gives_the_run_of_its_settings(
+    page: Live, folder: Path, knob: str, key: str, settings: dict[str, Any]
+) -> None:
+    page.press(knob, key)
+    until(lambda: "--set" in page.text("command"))
+    assert_as_run(page, folder, SCENE, "reference", settings)
+
+
+def test_gauges_a_drive_and_any_other_key(page: Live, folder: Path) -> None:
+    page.type("chain.sensors", "15, 2")
+    until(lambda: "from_wall=15" in page.text("command"))
+    sensors = [{"from_wall": place, "mass": "0.116 g"} for place in (15, 2)]
+    assert_as_run(page, folder, SCENE, "reference", {"chain.sensors": sensors})
+    page.type("other", 'drive={form="half-sine", force="-5 N", duration="20 us"}')
+    drive = {"form": "half-sine", "force": "-5 N", "duration": "20 us"}
+    until(lambda: "drive=" in page.text("command") and page.ask('model("drive.force") !== null'))
+    page.turn("drive.force", "-7 N")
+    assert_as_run(page, folder, SCENE, "reference", {"chain.sensors": sensors, "drive": drive | {"force": "-7 N"}})
+
+
+def test_a_slider_by_keys_and_the_engine(page: Live, folder: Path) -> None:
+    page.press("striker.speed slider", Keys.ARROW_RIGHT)
+    until(lambda: "striker.speed=2.02" in page.text("command"))
+    assert_as_run(page, folder, SCENE, "reference", {"striker.speed": page.value("striker.speed")})
+    page.press("engine", "v")
+    until(lambda: "--engine verlet" in page.text("command"))
+    assert_as_run(page, folder, SCENE, "verlet", {"striker.speed": page.value("striker.speed")})
+    page.press("reset")
+    until(lambda: page.text("command") == "beads run fig4 --engine verlet")
+
+
+def test_a_refused_value_is_said_in_the_words_of_the_command(page: Live) -> None:
+    before = page.curve("wall")
+    page.type("striker.speed", "2 kg")
+    words = 'fig4.toml with --set "striker.speed=2 kg": striker.speed: found "2 kg"; allowed: a speed above zero'
+    until(lambda: words in page.text("problem"))
+    assert page.curve("wall") == before
+    page.type("striker.speed", "2 m/s")
+    until(lambda: not page.text("problem"))
+
+
+def test_curves_are_kept_and_hidden(page: Live) -> None:
+    before = page.curve("wall")
+    page.press("keep")
+    page.turn("striker.speed", "1 m/s")
+    until(lambda: len(page.curve("wall", "before")[1]) == len(before[1]) + 1)
+    assert page.curve("wall", "before")[1][:-1] == before[1]
+    assert page.curve("wall")[1] != before[1]
+    page.press("gauges", Keys.SPACE)
+    until(lambda: not page.ask('model("forces").renderers[1].visible'))
+    page.press("drop")
+    until(lambda: page.curve("wall", "before") == ([], []))
+
+
+def test_a_kept_scene_runs_and_gives_the_same_curve(page: Live, folder: Path) -> None:
+    page.turn("chain.precompression", "1 N")
+    page.turn("striker.speed", "1.25 m/s")
+    files = {name: page.driver.execute_async_script(
+        "fetch(document.querySelector(`a[href$='${arguments[0]}']`).href).then(x => x.text()).then(arguments[1])", name
+    ) for name in ("scene.toml", "forces.csv", "forces.svg")}  # fmt: skip
+    (folder / "kept.toml").write_text(files["scene.toml"])
+    assert_as_run(page, folder, str(folder / "kept.toml"), "reference", {})
+    original = (paths.SCENES / "fig4.toml").read_text().splitlines()
+    changed = [line for line in files["scene.toml"].splitlines() if line not in original]
+    assert changed == ['precompression = "1 N"', 'speed = "1.25 m/s"']
+    forces = np.genfromtxt(files["forces.csv"].splitlines(), delimiter=",", names=True)
+    assert forces["wall_N"].tolist() == page.curve("wall")[1]
+    assert files["forces.svg"].startswith("<?xml")
+
+
+def test_measured_traces_a_gain_and_chi_square(driver: Chrome, addresses: dict[str, str], folder: Path) -> None:
+    view(driver, 1280)
+    page = Live(driver, addresses["measured"])
+    until(lambda: "chi-square" in page.text("overlay"))
+    readings, first = page.curve("wall", "measured"), float(page.text("overlay").split()[1])
+    page.turn("measured.1.gain", "11 N/V")
+    until(lambda: page.curve("wall", "measured") != readings)
+    case = build_case(read_scene("example-measured", ("measured.1.gain=11 N/V",)))
+    motion = exact(case)
+    aligned, *_ = lay_over(*entries_of(case.scene, None, ""), case.layout, motion.trace)
+    (wall,) = (each for each in aligned if each.gauge == "wall")
+    assert page.curve("wall", "measured")[1] == (wall.force_N + motion.signals["wall"][0]).tolist()
+    page.press("reset")
+    page.turn("measured.0.trigger", "30 us")
+    until(lambda: page.curve("wall", "measured")[0][-1] > readings[0][-1] + 5)
+    page.press("reset")
+    until(lambda: page.text("command") == "beads run example-measured --engine reference")
+    labels = page.ask('model("free").labels')
+    page.ask(f'model("free").active = [{labels.index("materials.ptfe.youngs_modulus")}]')
+    page.press("fit")
+    until(lambda: "youngs_modulus = " in page.text("fit_said"))
+    page.press("take")
+    until(lambda: "measured.1.gain" in page.text("command"))
+    until(lambda: float(page.text("overlay").split()[1]) < first / 10)
+    stated = sum(row["chi_square"] for row in _table(folder / "results" / "fit-example-measured" / "laws.csv"))
+    assert float(page.text("overlay").split()[1]) == pytest.approx(stated, rel=0.02)
+
+
+def _table(path: Path) -> list[dict[str, float]]:
+    rows = np.genfromtxt(path, delimiter=",", names=True, dtype=None, encoding="utf-8", ndmin=1)
+    return [{"chi_square": float(row["chi_square"])} for row in rows]
+
+
+@pytest.mark.parametrize("code", installed(codes()))
+def test_a_run_on_a_code_draws_its_points(page: Live, code: str) -> None:
+    page.turn("striker.speed", "1.75 m/s")
+    page.press("code", code)
+    until(lambda: page.value("code") == code)
+    page.press("run")
+    until(lambda: "model: force" in page.text("run_said"))
+    assert page.text("run_said").count(": pass") >= 5
+    time_us, force_N = page.curve("wall", code)
+    exact = np.interp(time_us, *page.curve("wall"))
+    assert len(force_N) >= 100
+    assert np.abs(np.array(force_N) - exact).max() < 1e-3 * max(force_N)
+
+
+def test_errors_beads_and_the_time(page: Live) -> None:
+    until(lambda: "e-" in page.text("table").split("wall_peak_N")[1][:20])
+    page.press("time", Keys.END)
+    until(lambda: page.value("time") == 800)
+    assert max(page.ask('[...model("beads").renderers[1].data_source.data.force]')) > 0
+    page.press("play")
+    until(lambda: 0 < page.value("time") < 200)
+    page.press("play")
+
+
+def test_a_second_browser_has_its_own_knobs(page: Live, addresses: dict[str, str]) -> None:
+    page.turn("striker.speed", "1.1 m/s")
+    first = page.driver.current_window_handle
+    page.driver.switch_to.new_window("tab")
+    try:
+        other = Live(page.driver, addresses[SCENE])
+        assert other.value("striker.speed") == "2 m/s"
+    finally:
+        page.driver.close()
+        page.driver.switch_to.window(first)
+    assert page.value("striker.speed") == "1.1 m/s"
+
+
+@pytest.mark.parametrize("width_px", [1280, 390])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_it_fits_wide_and_narrow_light_and_dark(
+    driver: Chrome, addresses: dict[str, str], width_px: int, scheme: str
+) -> None:
+    said(driver), requests(driver)
+    view(driver, width_px, scheme)
+    page = Live(driver, addresses["measured"])
+    until(lambda: "chi-square" in page.text("overlay"))
+    assert page.ask("document.documentElement.scrollWidth <= innerWidth")
+    dark = page.ask("getComputedStyle(document.body).backgroundColor") != "rgb(255, 255, 255)"
+    assert dark == page.ask('model("dark").active') == (scheme == "dark")
+    keep_screenshot(driver, SCREENSHOTS / f"live-{width_px}-{scheme}.png")
+    assert said(driver) == []
+    loaded = {address.split("/")[2].split(":")[0] for address in requests(driver) if not address.startswith("data:")}
+    assert loaded == {"localhost"}
