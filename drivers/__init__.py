@@ -1,15 +1,16 @@
 """From a scene file to an engine's raw output: scene -> chain -> elements -> deck -> run.
 
-For notebooks and scripts (see ``postproc/README.md``): ``run_scene``, ``open_run``, ``read_study_table``.
+For notebooks and scripts (see ``postproc/README.md``): ``run_scene``, ``open_run``, ``explore``,
+``read_study_table``.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from drivers.interactive import open_run, read_study_table, run_scene
+    from drivers.interactive import explore, open_run, read_study_table, run_scene
 
-__all__ = ["open_run", "read_study_table", "run_scene"]
+__all__ = ["explore", "open_run", "read_study_table", "run_scene"]
 
 
 def __getattr__(name: str) -> Any:

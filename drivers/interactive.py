@@ -1,11 +1,16 @@
 """Functions for notebooks and scripts: run a scene, open a finished run, read the rows of a study."""
 
-from collections.abc import Mapping
+import os
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from html import escape
 from pathlib import Path
 from typing import Any
 
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
+from drivers.base.processes import end, start
 from drivers.batch.tables import read_study_table
 from drivers.chain.case import Case, build_case
 from drivers.limits import refuse
@@ -16,7 +21,9 @@ from drivers.run.run_folder import open_run as open_folder
 from drivers.scene.read_scene import read_scene
 from drivers.scene.settings import setting_texts
 
-__all__ = ["open_run", "read_study_table", "run_scene"]
+__all__ = ["explore", "open_run", "read_study_table", "run_scene"]
+
+PAGE_PX = 900  # height of a live page in a notebook
 
 
 def run_scene(
@@ -90,3 +97,51 @@ def open_run(name: str | Path, runs: str | Path | None = None) -> EndedRun:
         'verlet'
     """
     return open_folder(run_folder(name, Path(runs or paths.RUNS)))
+
+
+class LivePage:
+    """Live page of a scene, which a notebook shows as the last value of a cell.
+
+    Attributes:
+        address: Address of the page, on this machine.
+    """
+
+    def __init__(self, *words: str) -> None:
+        command = (str(Path(sys.executable).with_name("beads")), "explore", *words, "--no-browser")
+        self._launched = start(command, Path.cwd(), {**os.environ}, stdout=subprocess.PIPE)
+        assert self._launched[0].stdout is not None
+        self.address = self._launched[0].stdout.readline().decode().strip()
+        if not self.address:
+            self.close()
+            raise RunError("the page did not start; the reason stands in the output of this process")
+
+    def _repr_html_(self) -> str:
+        return f'<iframe src="{escape(self.address)}" width="100%" height="{PAGE_PX}" style="border: 0"></iframe>'
+
+    def close(self) -> None:
+        """End the page and its work; the end of this process does so, too."""
+        end(*self._launched)
+
+
+def explore(scene: str | Path, settings: Mapping[str, Any] | None = None, *, knobs: Sequence[str] = ()) -> LivePage:
+    """Live page of a scene, as by the command ``beads explore``, shown in a notebook on the same machine.
+
+    Args:
+        scene: Name of a scene in ``inputs/scenes``, or path of a scene file.
+        settings: Values that replace those of the scene file, as for ``run_scene``.
+        knobs: Ranges of knobs, such as ``"striker.speed=0.1..5"``.
+
+    Raises:
+        InputError: The scene or a setting is wrong.
+        RunError: The page does not start, for instance because of a knob.
+
+    Examples:
+        >>> page = explore("fig4", {"striker.speed": 1.0})
+        >>> page.address.startswith("http://localhost:")
+        True
+        >>> page.close()
+    """
+    texts = setting_texts(settings or {})
+    read_scene(scene, texts)
+    options = (("--set", text) for text in texts), (("--knob", text) for text in knobs)
+    return LivePage(str(scene), *(word for each in options for pair in each for word in pair))
