@@ -48,8 +48,9 @@ class Desk:
         self._thread.shutdown(wait=False)
 
     def _stop(self) -> None:
-        if self._worker is not None:
-            self._worker.end()
+        worker, self._worker = self._worker, None
+        if worker is not None:
+            worker.end()
 
     def _serve(self) -> None:
         """Do the newest wish, unless another call has done it."""
@@ -64,9 +65,9 @@ class Desk:
         if self._worker is None:
             self._worker = idle_worker()
             get_ready(1, view_of)  # for the next page
-        self._began_s = time.perf_counter()
+        worker, self._began_s = self._worker, time.perf_counter()
         try:
-            return self._worker.answer(work, item)[1]
+            return worker.answer(work, item)[1]
         except (EOFError, OSError, ValueError):  # ended, here or by others
             self._worker = None
             return RunError("the computation was ended")

@@ -168,12 +168,15 @@ def _choices(case: Case) -> Iterator[Knob]:
         flat = {"striker.shape": "flat", "striker.diameter": "", "striker.mass": quantity(mass_kg, "kg")}
         yield Knob("striker.shape", scene.striker.shape, choices={"sphere": sphere, "flat": flat})
     laws = {law: dict(text.split("=", 1) for text in law_of(law).set) for law in (ELASTIC, *LAWS)}
-    yield Knob(LAW, scene.contact.dissipation if case.chain.damped else ELASTIC, choices=laws)
+    stated_keys = {key: getattr(scene.contact, key) for key in LAW_KEYS[scene.contact.dissipation]}
+    law = scene.contact.dissipation if any(value is not None for value in stated_keys.values()) else ELASTIC
+    laws[law] |= {f"contact.{key}": setting_text(f"contact.{key}", value) for key, value in stated_keys.items()}
+    yield Knob(LAW, law, choices=laws)
     walls = {name: {"wall": f'{{material="{name}"}}'} for name in (*library_materials(), *scene.materials, RIGID)} | {
         NONE: {"wall": ""}
     }
     yield Knob(WALL, scene.wall.material if scene.wall else NONE, choices=walls)
-    yield Knob(SENSORS, ", ".join(map(str, sorted(scene.chain.sensor_at, reverse=True))))
+    yield Knob(SENSORS, ", ".join(map(str, scene.chain.sensor_at)))
 
 
 def _sensors(text: str, scene: Scene) -> str:
