@@ -74,7 +74,7 @@ test-page: .chromium ## run tests of the page in Chromium (installs it)
 test-long test-accuracy test-slurm test-page: test-%: .venv/.ready-dev .venv/.engines
 	$(PY) -m pytest -m $* $(OPTIONS)
 
-bench: .venv/.ready .venv/.engines ## measure costs: reference against verlet, batches, fits
+bench: .chromium .venv/.ready-dev .venv/.engines ## measure costs: reference against verlet, batches, fits, live page
 	$(PY) -m validation.tests.bench
 
 lint: .venv/.ready-dev ## run ruff and mypy

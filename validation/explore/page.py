@@ -243,7 +243,7 @@ class Page:
         self.plots.show_cells(view)
         if question == self.question:
             self._fill(view.knobs)
-        gauges, time, end_us = self.widgets["gauges"], self.widgets["time"], float(view.time_s[-1]) * MICRO
+        gauges, time, end_us = self.widgets["gauges"], self.widgets["time"], float(f"{view.time_s[-1] * MICRO:.9g}")
         if gauges.labels != [*view.signals]:
             gauges.update(labels=[*view.signals], active=[*range(len(view.signals))])
             self._show_before()

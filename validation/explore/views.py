@@ -79,7 +79,6 @@ class View:
     scene: Scene
     time_s: Array
     signals: Mapping[str, Array]
-    titles: Mapping[str, str]
     values: Mapping[str, float]
     cells: tuple[Array, Array, Array]
     signed: bool
@@ -133,7 +132,6 @@ def view_of(asked: tuple[Question, tuple[str, ...]]) -> View:
         scene=case.scene,
         time_s=trace.time_s,
         signals=sensor_signals(case.layout, trace),
-        titles={gauge: gauge_title(case.layout, gauge) for gauge in gauges_of(case.layout)},
         values={name: value for name, value in values.items() if describe(without_unit(name)).kind in KINDS},
         cells=cells_of(trace.time_s, forces, signed=signed),
         signed=signed,

@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import pandas as pd
+import psutil
 
 from drivers.base import paths
 from drivers.base.files import whole_file
@@ -22,9 +23,25 @@ from validation.calibration.fit import solve
 from validation.calibration.problem import pose
 from validation.reference.adaptive import MIN_TOLERANCE, integrate_adaptive
 from validation.reference.velocity_verlet import integrate_verlet
+from validation.tests.helpers.browser import browser
 from validation.tests.helpers.commands import BEADS
+from validation.tests.helpers.live import Live, served
 from validation.tests.helpers.scenes import case_of
 
+TURNS = {10: 200, 50: 200, 200: 200, 1000: 200, 20: 2000}  # of a knob of the live page, by beads
+TURN = """
+const [turns, done] = arguments, named = (name) => Bokeh.documents[0].get_model_by_name(name);
+const slider = named("striker.speed slider"), source = named("forces").renderers.at(-1).data_source, taken = [];
+const turn = () => {
+  if (taken.length === turns) return done(taken);
+  began = performance.now(), slider.value = 0.3 + 0.4 * ((taken.length * 37) % 101) / 101;
+};
+let began;
+const changed = () => { taken.push(performance.now() - began); setTimeout(turn, 50); };
+source.connect(source.properties.data.change, () => taken.length < turns && changed());
+turn();
+"""
+HEAP = "return performance.memory.usedJSHeapSize"
 Row = tuple[str, float, str]  # quantity, value, unit
 COLUMNS = ("quantity", "value", "unit")
 STEP = "run.time_step=0.1 us"
@@ -175,6 +192,29 @@ def large(asked: Mapping[tuple[str, int], int] = LARGE) -> Iterator[Row]:
         yield f"run, {engine}, {bodies} bodies, memory so far", most, "GB"
 
 
+def live(turns: Mapping[int, int] = TURNS) -> Iterator[Row]:
+    """Time from a turn of a knob of the live page to the data of the curve in Chromium, and memory after all turns."""
+    for count, times in turns.items():
+        words = ("fig4", "--set", f"chain.count={count}")
+        with served(*words) as (address, process), browser() as driver:
+            page, server = Live(driver, address), psutil.Process(process.pid)
+            driver.set_script_timeout(600)
+            driver.execute_async_script(TURN, 10)
+            before_B, began_MB = driver.execute_script(HEAP), server.memory_info().rss / 1e6
+            taken_ms = driver.execute_async_script(TURN, times)
+            assert "striker.speed" in page.text("command")
+            yield f"live page, {count} beads: knob to curve, median", float(np.median(taken_ms)), "ms"
+            yield f"live page, {count} beads: knob to curve, worst of {times}", max(taken_ms), "ms"
+            yield (
+                f"live page, {count} beads: memory of the server after {times} turns",
+                server.memory_info().rss / 1e6,
+                "MB",
+            )
+            yield f"live page, {count} beads: the same before", began_MB, "MB"
+            grown = driver.execute_script(HEAP) / before_B
+            yield f"live page, {count} beads: memory of the browser's page, after divided by before", grown, ""
+
+
 def clone(target: str = "report", before: Sequence[str] = (".venv/.ready", ".venv/.engines")) -> Iterator[Row]:
     """Time of a target of make in a fresh clone of the last commit, after others."""
     with TemporaryDirectory() as home:
@@ -198,7 +238,17 @@ def spent(*words: str | Path) -> tuple[float, float]:
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, wall_s
 
 
-ALL: tuple[Callable[..., Iterator[Row]], ...] = (reference, steps, batch, fits, experiments, commands, large, clone)
+ALL: tuple[Callable[..., Iterator[Row]], ...] = (
+    reference,
+    steps,
+    batch,
+    fits,
+    experiments,
+    commands,
+    large,
+    live,
+    clone,
+)
 
 
 def write(rows: Iterable[Row], path: Path) -> None:

@@ -19,13 +19,21 @@ SMALL: dict[Callable[..., Iterator[Row]], tuple[Any, ...]] = {
     bench.experiments: (("viscoelastic", "kuwabara-kono"), 2),
     bench.commands: ((("--help",), ("compare", "fig4", "--engine", "verlet", "--allow-missing")), 1),
     bench.large: ({("verlet", 50): 50},),
+    bench.live: ({10: 3},),
     bench.clone: ("help", ()),
 }
 
 
 @pytest.mark.parametrize(
     "measure",
-    [pytest.param(each, marks=[pytest.mark.long] * (each in (bench.batch, bench.experiments))) for each in ALL],
+    [
+        *(
+            pytest.param(each, marks=[pytest.mark.long] * (each in (bench.batch, bench.experiments)))
+            for each in ALL
+            if each is not bench.live
+        ),
+        pytest.param(bench.live, marks=pytest.mark.page),
+    ],
 )
 def test_costs_are_numbers(measure: Callable[..., Iterator[Row]], tmp_path: Path) -> None:
     write(measure(*SMALL[measure]), tmp_path / "bench.csv")
