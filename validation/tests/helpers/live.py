@@ -18,11 +18,11 @@ from validation.tests.helpers.commands import BEADS
 Found = TypeVar("Found")
 PATIENCE_S = 20.0
 SCRIPT = """
-const model = (name) => Bokeh.documents[0]?.get_model_by_name(name);
 function* within(view) { yield view; for (const child of view.children()) yield* within(child); }
 const view = (name) => {
   for (const root of Bokeh.index) for (const each of within(root)) if (each.model.name === name) return each;
 };
+const model = (name) => view(name)?.model;
 const input = (name) => view(name).shadow_el.querySelector("input, select, button, .noUi-handle-lower, .noUi-handle");
 """
 

@@ -70,12 +70,14 @@ def page(opened: tuple[Live, str]) -> Live:
 @pytest.fixture
 def measured(driver: Chrome, addresses: dict[str, str]) -> Iterator[Live]:
     """A new page of measured traces, in a tab of its own."""
+    window = driver.current_window_handle
     driver.switch_to.new_window("tab")
     view(driver, 1280)
     page = Live(driver, addresses["measured"])
     until(lambda: "chi-square" in page.text("overlay"))
     yield page
     driver.close()
+    driver.switch_to.window(window)
 
 
 def assert_as_run(page: Live, folder: Path, scene: str, engine: str, settings: dict[str, Any]) -> None:
@@ -134,7 +136,7 @@ def test_gauges_a_drive_and_any_other_key(page: Live, folder: Path) -> None:
     assert_as_run(page, folder, SCENE, "reference", {"chain.sensors": sensors})
     page.type("other", 'drive={form="half-sine", force="-5 N", duration="20 us"}')
     drive = {"form": "half-sine", "force": "-5 N", "duration": "20 us"}
-    until(lambda: "drive=" in page.text("command") and page.ask('model("drive.force") !== null'))
+    until(lambda: "drive=" in page.text("command") and page.ask('model("drive.force") !== undefined'))
     page.turn("drive.force", "-7 N")
     assert_as_run(page, folder, SCENE, "reference", {"chain.sensors": sensors, "drive": drive | {"force": "-7 N"}})
 
@@ -221,7 +223,7 @@ def test_a_run_on_a_code_draws_its_points(page: Live, code: str) -> None:
     page.press("code", code)
     until(lambda: page.value("code") == code)
     page.press("run")
-    until(lambda: "model: force" in page.text("run_said"))
+    until(lambda: page.text("run_said").startswith(f"{code}:model: force"))
     assert page.text("run_said").count(": pass") >= 5
     time_us, force_N = page.curve("wall", code)
     exact = np.interp(time_us, *page.curve("wall"))
