@@ -42,7 +42,7 @@ STYLE = """:host { color: inherit; } h2 { font-size: 15px; margin: 12px 0 0; }
 border-color: light-dark(#bbb, #555) !important; }
 .bk-btn.bk-active { background-color: light-dark(#ddd, #444) !important; }
 [role=alert] { color: light-dark(#b00020, #ff9a90); } table { border-spacing: 12px 0; }
-td:not(:first-child) { text-align: right; font-variant-numeric: tabular-nums; }"""
+td { white-space: nowrap; } td:not(:first-child) { text-align: right; font-variant-numeric: tabular-nums; }"""
 DARK = "dark.active = matchMedia('(prefers-color-scheme: dark)').matches"
 SCHEME = "document.documentElement.style.colorScheme = cb_obj.active ? 'dark' : 'light'"
 
@@ -60,8 +60,8 @@ class Page:
         self.question = self.shown = question
         self.settings = dict(text.split("=", 1) for text in question.settings)
         self.view: View | None = None
-        self.before: dict[Question, View] = {}
-        self.codes: dict[str, views.OnCode] = {}
+        self.before: list[View] = []
+        self.codes: list[str] = []  # that have run what is shown
         self.knobs: dict[str, Knob] = {}
         self.fields: dict[str, Any] = {}  # by key of the knob
         self.sliders: dict[str, Any] = {}
@@ -89,8 +89,7 @@ class Page:
 
     def kept(self, name: str) -> Future[Any]:
         """Text of a file of what is shown, or an error."""
-        drawn = (self.shown, tuple(self.before), tuple(self.codes.values()))
-        return self.judge.result(KEPT[name], drawn if name.endswith("svg") else self.shown)
+        return self.judge.result(KEPT[name], self.plots.curves if name.endswith("svg") else self.shown)
 
     # --- widgets ------------------------------------------------------------------------------------------------------
 
@@ -256,7 +255,7 @@ class Page:
         self._say("status", [f"{how} ({view.engine}), computed in {view.taken_s * 1e3:.0f} ms"])
         self._tabulate({}, [])
         while self.codes:
-            self.plots.put(self.codes.popitem()[0], {})
+            self.plots.put(self.codes.pop(), {})
         command = ("beads", "run", *question.words, "--engine", view.engine)
         self._say("command", [shlex.join(command)], "<code>{}</code>")
         if self.measured:
@@ -276,17 +275,15 @@ class Page:
         """Show measured traces over the motion, above its static load, and residuals."""
         if question != self.shown or self.view is None:
             return
+        laid: dict[str, Any] = {} if isinstance(answer, Exception) else answer.gauges
+        signals = self.view.signals
+        dots = {name: (time_s * MICRO, force_N + signals[name][0]) for name, (time_s, force_N, *_) in laid.items()}
+        self.plots.put(views.MEASURED, dots)
+        self.plots.put(views.RESIDUAL, {name: (time_s * MICRO, left_N) for name, (*_, time_s, left_N) in laid.items()})
         if isinstance(answer, Exception):
             self._say("overlay", [str(answer)])
-            answer = views.NOTHING_LAID
-        else:
-            words = f"chi-square {answer.chi_square:.5g} of {answer.readings} readings"
-            self._say("overlay", [words, *answer.remarks])
-        laid, signals = answer.gauges.items(), self.view.signals
-        self.plots.put(
-            plots.MEASURED, {name: (time_s * MICRO, force_N + signals[name][0]) for name, (time_s, force_N, *_) in laid}
-        )
-        self.plots.put(plots.RESIDUAL, {name: (time_s * MICRO, left_N) for name, (*_, time_s, left_N) in laid})
+            return
+        self._say("overlay", [f"chi-square {answer.chi_square:.5g} of {answer.readings} readings", *answer.remarks])
         if question == self.question and not {knob.key for knob in answer.knobs} <= {*self.knobs}:
             self._fill([*self.knobs.values(), *answer.knobs])
 
@@ -306,21 +303,21 @@ class Page:
 
     def _keep(self) -> None:
         if self.view is not None:
-            self.before[self.shown] = self.view
+            self.before.append(self.view)
         self._show_before()
 
     def _drop(self) -> None:
-        self.before = {}
+        self.before = []
         self._show_before()
 
     def _show_before(self) -> None:
-        kept = self.before.values()
+        kept = self.before
         gauges = dict.fromkeys(name for view in kept for name in view.signals)
         curves = {
             name: [(view.time_s * MICRO, view.signals[name]) for view in kept if name in view.signals]
             for name in gauges
         }
-        self.plots.put(plots.BEFORE, {name: plots.joined(each) for name, each in curves.items()})
+        self.plots.put(views.BEFORE, {name: plots.joined(each) for name, each in curves.items()})
 
     def _run(self) -> None:
         self._work("run", views.on_code, (self.shown, self.widgets["code"].value, self.runs), self._ran)
@@ -328,7 +325,7 @@ class Page:
     def _ran(self, question: Question, run: views.OnCode) -> list[str]:
         """Show the points of a run on a code, with what it says."""
         if question == self.shown:
-            self.codes[run.engine] = run
+            self.codes.append(run.engine)
             every = slice(None, None, max(len(run.time_s) // views.POINTS, 1))
             points = {name: (run.time_s[every] * MICRO, force_N[every]) for name, force_N in run.signals.items()}
             self.plots.put(run.engine, points)

@@ -13,10 +13,9 @@ from drivers.chain.chain import Array
 from postproc.draw.film import rgba
 from postproc.draw.product import GAMMA, OPEN_SHARE
 from postproc.draw.style import MICRO, OPEN_CONTACT, colour_map, marker_of
-from validation.explore.views import View
+from validation.explore.views import BEFORE, MEASURED, NOW, RESIDUAL, View
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")  # of gauges
-NOW, BEFORE, MEASURED, RESIDUAL = "now", "before", "measured", "residual"  # parts of a gauge, beside names of codes
 LOOKS: dict[str, dict[str, Any]] = {  # of lines; other parts are points
     NOW: {"line_width": 2},
     BEFORE: {"line_dash": "dashed", "line_alpha": 0.8},
@@ -122,6 +121,19 @@ class Plots:
         look = marker_of(part)
         points: dict[str, Any] = {"marker": MARKERS.get(look["marker"], "circle"), "line_color": look["color"]}
         return forces.scatter("x", "y", source=source, size=7, fill_alpha=0, name=name, **points)
+
+    @property
+    def curves(self) -> dict[str, dict[str, tuple[Any, Any]]]:
+        """Times in µs and forces that are shown, by gauge and part."""
+        return {
+            gauge: {
+                part: (each.data_source.data["x"], each.data_source.data["y"])
+                for part, each in parts.items()
+                if part != RESIDUAL and len(each.data_source.data["x"])
+            }
+            for gauge, parts in self._parts.items()
+            if parts[NOW].visible
+        }
 
     def at(self, view: View, time_s: float) -> None:
         """Show the beads at the frame that is closest to a time."""

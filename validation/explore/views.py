@@ -24,12 +24,11 @@ from drivers.scene.model import Scene
 from drivers.scene.read_scene import apply_setting, find_scene
 from postproc.draw.film import Film, film_of
 from postproc.draw.product import cells_of, shown_forces
-from postproc.draw.stack import gauge_title
-from postproc.draw.style import GREY, MICRO, PAGE_IN, line_of, marker_of, pyplot, svg_of
-from postproc.read.measured import MEASURED, entries_of
+from postproc.draw.style import AVERAGE, GREY, PAGE_IN, marker_of, pyplot, svg_of
+from postproc.read.measured import entries_of
 from postproc.read.misfit import lay_over
 from postproc.read.observables import describe, observe, without_unit
-from postproc.read.signals import gauges_of, sensor_signals, signals_csv
+from postproc.read.signals import sensor_signals, signals_csv
 from validation.accuracy.budget import assess, budget_of, kept_budget
 from validation.accuracy.costs import cost_on
 from validation.accuracy.plan import planned_case
@@ -44,6 +43,12 @@ SAID_S = 0.3  # expected time of a motion from which on it is said
 LIMIT_S = 60.0  # of each motion
 FRAMES = 300  # of the moving beads
 KINDS = ("peak", "amplitude", "arrival", "speed", "duration", "width", "reflected amplitude", "reflected arrival")
+NOW, BEFORE, MEASURED, RESIDUAL = "now", "before", "measured", "residual"  # parts of a gauge, beside names of codes
+DRAWN: dict[str, dict[str, Any]] = {  # in figures that are kept
+    MEASURED: {"ls": "none", "marker": ".", "ms": 2, "mew": 0, "color": GREY},
+    BEFORE: {"ls": "--", "lw": 0.8, "color": GREY},
+    NOW: AVERAGE,
+}
 POINTS = 100  # markers of a code at a gauge
 
 
@@ -104,9 +109,6 @@ class Laid:
     readings: int
     remarks: list[str]
     knobs: list[Knob]
-
-
-NOTHING_LAID = Laid({}, 0.0, 0, [], [])
 
 
 def quick_view_of(asked: tuple[Question, tuple[str, ...]]) -> View | str:
@@ -241,35 +243,20 @@ def scene_file(question: Question) -> str:
     document: Any = tomlkit.parse(source.read_text(encoding="utf-8"))
     for setting in question.settings:
         apply_setting(document, setting)
-    for table in (document.get("drive", {}), *document.get(MEASURED, ())):
+    for table in (document.get("drive", {}), *document.get("measured", ())):
         if "file" in table:
             table["file"] = str((source.parent / table["file"]).resolve())
     return tomlkit.dumps(document)
 
 
-def figure_of(asked: tuple[Question, tuple[Question, ...], tuple[OnCode, ...]]) -> str:
-    """SVG of the forces on the gauges, with those of former questions, of codes, and measured ones."""
-    question, before, codes = asked
-    case, engine, trace, _ = motion_of(question)
-    laid = laid_over(question).gauges if any(entry.file for entry in case.scene.measured) else {}
-    gauges, former = gauges_of(case.layout), [motion_of(each) for each in before]
-    figure, axes = pyplot().subplots(len(gauges), 1, figsize=(PAGE_IN, 0.6 + 1.6 * len(gauges)), squeeze=False,
-                                     sharex=True, layout="constrained")  # fmt: skip
-    for axis, gauge in zip(axes[:, 0], gauges, strict=True):
-        static_N = sensor_signals(case.layout, trace)[gauge][0]
-        if gauge in laid:
-            time_s, force_N, *_ = laid[gauge]
-            axis.plot(time_s * MICRO, force_N + static_N, ".", ms=2, mew=0, color=GREY, label="measured")
-        for other, _, old, _ in former:
-            if gauge in (signals := sensor_signals(other.layout, old)):
-                axis.plot(old.time_s * MICRO, signals[gauge], color=GREY, lw=0.8, ls="--", label="before")
-        axis.plot(trace.time_s * MICRO, sensor_signals(case.layout, trace)[gauge], label=engine, **line_of(engine))
-        for code in codes:
-            if gauge in code.signals:
-                every = slice(None, None, max(len(code.time_s) // POINTS, 1))
-                look = {"ls": "none", "label": code.engine, **marker_of(code.engine)}
-                axis.plot(code.time_s[every] * MICRO, code.signals[gauge][every], **look)
-        axis.set_title(gauge_title(case.layout, gauge), loc="left")
+def figure_of(curves: Mapping[str, Mapping[str, tuple[Array, Array]]]) -> str:
+    """SVG of times in us and forces by gauge and part, as of ``Plots.curves``."""
+    size = (PAGE_IN, 0.6 + 1.6 * len(curves))
+    figure, axes = pyplot().subplots(len(curves), 1, figsize=size, squeeze=False, sharex=True, layout="constrained")
+    for axis, (gauge, parts) in zip(axes[:, 0], curves.items(), strict=True):
+        for part, (time_us, force_N) in parts.items():
+            axis.plot(time_us, force_N, label=part, **(DRAWN.get(part) or marker_of(part) | {"ls": "none"}))
+        axis.set_title(gauge.replace("_", " "), loc="left")
         axis.set_ylabel("force (N)")
     axes[-1, 0].set_xlabel("time since impact (µs)")
     handles = {line.get_label(): line for axis in axes[:, 0] for line in axis.lines}
