@@ -70,7 +70,7 @@ test-long: .cc ## run long tests: figures, claims, tubes, Dask, films
 test-accuracy: OPTIONS = -n 2
 test-accuracy: ## run accuracy tests on random scenes
 test-slurm: .slurm ## run studies on a Slurm of this machine (installs it)
-test-page: .chromium ## run tests of the page in Chromium (installs it)
+test-page: .chromium ## run tests of both pages in Chromium (installs it)
 test-long test-accuracy test-slurm test-page: test-%: .venv/.ready-dev .venv/.engines
 	$(PY) -m pytest -m $* $(OPTIONS)
 

@@ -140,6 +140,7 @@ def pid(_: Any) -> int:
     return os.getpid()
 
 
+@pytest.mark.long
 def test_of_wishes_that_wait_the_newest_is_done(desk: Desk) -> None:
     done: list[float] = []
     for seconds in (0.3, 0.01, 0.02, 0.03):
@@ -149,6 +150,7 @@ def test_of_wishes_that_wait_the_newest_is_done(desk: Desk) -> None:
     assert done == [0.3, 0.03]
 
 
+@pytest.mark.long
 def test_work_that_takes_long_is_ended_for_newer_work(desk: Desk) -> None:
     done: list[Any] = []
     desk.ask(slow, 1000.0, done.append)
@@ -158,6 +160,7 @@ def test_work_that_takes_long_is_ended_for_newer_work(desk: Desk) -> None:
     assert done == [0.01]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("stop", [lambda _: None, lambda process: process.send_signal(signal.SIGSTOP)])
 def test_a_process_that_hangs_ends_with_its_page(desk: Desk, stop: Callable[[psutil.Process], None]) -> None:
     process = psutil.Process(desk.result(pid, None).result())
@@ -167,6 +170,7 @@ def test_a_process_that_hangs_ends_with_its_page(desk: Desk, stop: Callable[[psu
     until(lambda: not process.is_running() or process.status() == psutil.STATUS_ZOMBIE)
 
 
+@pytest.mark.long
 def test_a_killed_process_is_said_and_replaced(desk: Desk) -> None:
     first = desk.result(pid, None).result()
     done: list[Any] = []
