@@ -137,7 +137,7 @@ def explore(scene: str | Path, settings: Mapping[str, Any] | None = None, *, kno
 
     Examples:
         >>> page = explore("fig4", {"striker.speed": 1.0})
-        >>> page.address.startswith("http://localhost:")
+        >>> page.address.startswith("http://127.0.0.1:")
         True
         >>> page.close()
     """

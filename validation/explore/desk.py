@@ -6,13 +6,15 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from math import inf
+from threading import Lock
 from typing import Any
 
 from drivers.base.errors import RunError
 from drivers.run.execute import Worker, get_ready, idle_worker
 from validation.explore.views import view_of
 
-PATIENCE_S = 1.0  # work that has taken longer is ended for newer work
+PATIENCE_S = 1.0  # a wish that has taken longer is ended for a newer one
+ENDED = RunError("the computation was ended")
 
 Wish = tuple[Callable[[Any], Any], Any, Callable[[Any], None]]
 
@@ -25,8 +27,9 @@ class Desk:
         self._call = call
         self._waiting = deque[Wish](maxlen=1)
         self._thread = ThreadPoolExecutor(1)
+        self._lock = Lock()
         self._worker: Worker | None = None
-        self._began_s = inf
+        self._began_s = inf  # of the wish under way
         self._closed = False
 
     def ask(self, work: Callable[[Any], Any], item: Any, then: Callable[[Any], None]) -> None:
@@ -36,40 +39,46 @@ class Desk:
             self._stop()
         self._thread.submit(self._serve)
 
-    def result(self, work: Callable[[Any], Any], item: Any) -> Future[Any]:
-        """Result of a function of an item, or its error, after all work under way."""
-        return self._thread.submit(self._done, work, item)
+    def result(self, work: Callable[[Any], Any], item: Any, then: Callable[[Any], None] | None = None) -> Future[Any]:
+        """Result of a function of an item, or its error, after all work under way; ``then`` gets it as well."""
+        return self._thread.submit(self._do, work, item, then)
 
     def close(self) -> None:
-        """End the process and what it does."""
-        self._closed = True
-        self._waiting.clear()
+        """End the process and what it does; what waits is not done."""
+        with self._lock:
+            self._closed = True
+        self._thread.shutdown(wait=False, cancel_futures=True)
         self._stop()
-        self._thread.shutdown(wait=False)
 
     def _stop(self) -> None:
-        worker, self._worker = self._worker, None
+        with self._lock:
+            worker, self._worker = self._worker, None
         if worker is not None:
             worker.end()
 
     def _serve(self) -> None:
         """Do the newest wish, unless another call has done it."""
         if self._waiting:
-            work, item, then = self._waiting.popleft()
-            result = self._done(work, item)
-            if not self._closed and not (self._waiting and isinstance(result, RunError)):
-                self._call(partial(then, result))
-
-    def _done(self, work: Callable[[Any], Any], item: Any) -> Any:
-        """Result of a function of an item, or its error."""
-        if self._worker is None:
-            self._worker = idle_worker()
-            get_ready(1, view_of)  # for the next page
-        worker, self._began_s = self._worker, time.perf_counter()
-        try:
-            return worker.answer(work, item)[1]
-        except (EOFError, OSError, ValueError):  # ended, here or by others
-            self._worker = None
-            return RunError("the computation was ended")
-        finally:
+            wish, self._began_s = self._waiting.popleft(), time.perf_counter()
+            self._do(*wish)
             self._began_s = inf
+
+    def _do(self, work: Callable[[Any], Any], item: Any, then: Callable[[Any], None] | None) -> Any:
+        """Result of a function of an item, or its error; by a new process if others have ended that of the desk."""
+        result: Any = ENDED
+        for begin in (idle_worker, Worker):
+            with self._lock:
+                if self._closed:
+                    return ENDED
+                worker = self._worker = self._worker or begin()
+            get_ready(1, view_of)  # for the next page
+            try:
+                _, result = worker.answer(work, item)
+                break
+            except (EOFError, OSError, ValueError):
+                if self._worker is not worker:  # ended for a newer wish, or by ``close``
+                    return ENDED
+                self._stop()
+        if then is not None and not self._closed:
+            self._call(partial(then, result))
+        return result

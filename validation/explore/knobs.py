@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
-from math import inf
+from math import inf, log, nan
 from typing import Any
 
 from drivers.base.errors import InputError
@@ -32,8 +32,10 @@ FROM_ZERO = {
 }
 TABLES = ("striker", "chain", "materials", "contact", "gravity", "wall", "drive", "sensor", "tube", "run", "measured")
 GAIN, TRIGGER = "gain", "trigger"
+STEP, STEP_OF_PARTS = 0.002, 0.05  # of a place in a range
+PARTS = [digit * 10**power for power in range(9) for digit in (1, 2, 4, 5, 8)]  # of a sample interval
 GAIN_FACTOR = 2.0  # from the stated gain to both ends
-TRIGGER_SHARE = 0.25  # of the run's duration, from the trigger to both ends
+TRIGGER_SHARE = 0.1  # of the run's duration, from the trigger to both ends
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,7 @@ class Knob:
         shared: Further keys that have the same value.
         parts_of_s: Time of which a number is a whole part; 0 without one.
         ending: Words after a number whose key has no SI unit.
+        title: Words in place of the key.
     """
 
     key: str
@@ -57,6 +60,7 @@ class Knob:
     shared: tuple[str, ...] = ()
     parts_of_s: float = 0.0
     ending: str = ""
+    title: str = ""
 
     @property
     def free(self) -> bool:
@@ -69,19 +73,33 @@ class Knob:
         return self.key, self.range is None, *self.choices
 
     @property
-    def place(self) -> float:
-        """Place of the present value in the range, from 0 to 1; the lower end without a value."""
+    def value(self) -> float:
+        """Present value of a number in its SI unit, without one the lower end of its range."""
         if self.range is None or not self.text:
-            return 0.0
+            return self.range.low if self.range else nan
         number = self.text.removesuffix(self.ending)
-        return self.range.coordinate(to_si(number, self.range.unit) if self.range.unit else float(number))
+        return to_si(number, self.range.unit) if self.range.unit else float(number)
+
+    @property
+    def place(self) -> float:
+        """Place of the present value in the range, from 0 to 1."""
+        return self.range.coordinate(self.value) if self.range else 0.0
+
+    @property
+    def step(self) -> float:
+        """Step of the place, which changes a whole number, too."""
+        if self.parts_of_s:
+            return STEP_OF_PARTS
+        whole = self.key == "chain.count" and self.range and self.range.start
+        return max(STEP, 1.01 / self.range.slope(self.range.coordinate(whole))) if self.range and whole else STEP
 
     def text_at(self, place: float) -> str:
         """Value at a place in the range, to three digits."""
         assert self.range is not None
         value = self.range.value(place)
         if self.parts_of_s:
-            return quantity(divided(self.parts_of_s, max(round(self.parts_of_s / value), 1)), "s")
+            parts = min(PARTS, key=lambda parts: abs(log(parts * value / self.parts_of_s)))
+            return quantity(divided(self.parts_of_s, parts), "s")
         if self.key == "chain.count":
             return str(round(value))
         value = float(f"{value:.3g}" if self.key.rpartition(".")[2] != TRIGGER else f"{value:.6g}")
@@ -165,6 +183,7 @@ def _choices(case: Case) -> Iterator[Knob]:
     if scene.striker:
         diameter, mass_kg = scene.striker.diameter or scene.chain.diameter, float(case.chain.mass_kg[-1])
         sphere = {"striker.shape": "sphere", "striker.diameter": quantity(diameter, "m")}
+        sphere["striker.mass"] = setting_text("striker.mass", scene.striker.mass)
         flat = {"striker.shape": "flat", "striker.diameter": "", "striker.mass": quantity(mass_kg, "kg")}
         yield Knob("striker.shape", scene.striker.shape, choices={"sphere": sphere, "flat": flat})
     laws = {law: dict(text.split("=", 1) for text in law_of(law).set) for law in (ELASTIC, *LAWS)}
@@ -198,16 +217,17 @@ def _measured(scene: Scene, triggers_s: Mapping[str, float]) -> Iterator[Knob]:
             continue
         key = f"measured.{place}"
         files.setdefault(entry.file, []).append(f"{key}.{TRIGGER}")
+        gauges = ", ".join(entry.gauges or ("all gauges",))
         if entry.gain is not None:
             match = NUMBER_AND_UNIT.fullmatch(str(entry.gain))
             number, ending = (float(match[1]), f" {match[2]}") if match else (float(entry.gain), "")
             low, high = sorted((number / GAIN_FACTOR, number * GAIN_FACTOR))
             free = Free(f"{key}.{GAIN}", "", number, low, high)
-            yield Knob(f"{key}.{GAIN}", f"{number:g}{ending}", free, ending=ending)
+            yield Knob(f"{key}.{GAIN}", f"{number:g}{ending}", free, ending=ending, title=f"gain of {gauges}")
     for keys in files.values():
         stated_s = next((each for key in keys if (each := look_up(scene, key)) is not None), None)
         value = stated_s if stated_s is not None else triggers_s.get(keys[0])
         if value is not None:
-            reach_s = TRIGGER_SHARE * scene.run.duration
-            text = "" if stated_s is None else setting_text(keys[0], stated_s)
-            yield Knob(keys[0], text, Free(keys[0], "s", value, value - reach_s, value + reach_s), shared=(*keys[1:],))
+            reach_s, text = TRIGGER_SHARE * scene.run.duration, setting_text(keys[0], float(f"{value:.6g}"))
+            free = Free(keys[0], "s", value, value - reach_s, value + reach_s)
+            yield Knob(keys[0], text, free, shared=(*keys[1:],), title="trigger")

@@ -1,8 +1,10 @@
 """The live page of a scene: its widgets, and what happens when one of them is turned."""
 
 import shlex
+import time
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future
+from dataclasses import replace
 from functools import partial
 from html import escape
 from itertools import groupby
@@ -10,7 +12,6 @@ from math import nan
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
 from bokeh import models
 from bokeh.document import Document
 from jinja2 import Template
@@ -22,7 +23,7 @@ from drivers.scene.read_scene import find_scene, read_scene, read_toml, read_val
 from drivers.scene.settings import look_up, setting_text, unit_of
 from postproc.draw.style import MICRO
 from postproc.read.observables import without_unit
-from validation.calibration.fit import digits, rows_of
+from validation.calibration.fit import LAWS, PARAMETERS, Tables, digits, rows_of
 from validation.checks import short
 from validation.explore import plots, views
 from validation.explore.desk import Desk
@@ -34,17 +35,21 @@ KEPT: dict[str, Callable[[Any], Any]] = {  # functions of what is shown, by name
     "forces.csv": views.forces_csv,
     "forces.svg": views.figure_of,
 }
-STEP = 0.002  # of a slider from 0 to 1
 REST_MS = 300  # after the last turn of a knob, before errors are measured
 FRAME_MS = 80  # of the moving beads
+LEAST_S = 0.1  # between motions of values that are outdated already, as those of a slider on its way
 STYLE = """:host { color: inherit; } h2 { font-size: 15px; margin: 12px 0 0; }
 .bk-input, .bk-btn { color: inherit !important; background-color: light-dark(#fff, #23282d) !important;
 border-color: light-dark(#bbb, #555) !important; }
 .bk-btn.bk-active { background-color: light-dark(#ddd, #444) !important; }
 [role=alert] { color: light-dark(#b00020, #ff9a90); } table { border-spacing: 12px 0; }
 td { white-space: nowrap; } td:not(:first-child) { text-align: right; font-variant-numeric: tabular-nums; }"""
-DARK = "dark.active = matchMedia('(prefers-color-scheme: dark)').matches"
+DARK = """const scheme = matchMedia('(prefers-color-scheme: dark)');
+scheme.addEventListener('change', () => { dark.active = scheme.matches }); dark.active = scheme.matches"""
 SCHEME = "document.documentElement.style.colorScheme = cb_obj.active ? 'dark' : 'light'"
+
+
+ALERT = '<b role="alert">{}</b>'
 
 
 class Page:
@@ -58,14 +63,20 @@ class Page:
         self.tables = read_toml(find_scene(question.scene))
         self.measured = any("file" in entry for entry in self.tables.get("measured", ()))
         self.question = self.shown = question
-        self.settings = dict(text.split("=", 1) for text in question.settings)
+        self.given = dict(text.split("=", 1) for text in question.settings)
+        self.settings = {**self.given}
         self.view: View | None = None
         self.before: list[View] = []
         self.codes: list[str] = []  # that have run what is shown
         self.knobs: dict[str, Knob] = {}
+        self.first: dict[str, Knob] = {}  # with the ranges and choices that sliders and fields keep
+        self.aligned: list[Knob] = []  # of triggers that were found
+        self.groups: dict[Any, Any] = {}  # widgets by form of the knob
         self.fields: dict[str, Any] = {}  # by key of the knob
         self.sliders: dict[str, Any] = {}
-        self.turned, self.filling = "", False
+        self.turned, self.filling, self.tried = "", False, ""  # last slider, and last of other keys
+        self.playing: Any = None
+        self.shown_s = 0.0
         self.found: list[tuple[str, str]] = []  # settings by a fit
         self.plots = plots.Plots()
         self.motions, self.judge, self.works = (Desk(document.add_next_tick_callback) for _ in range(3))
@@ -96,9 +107,10 @@ class Page:
     def _widgets(self) -> dict[str, Any]:
         """All widgets but the knobs, by name; the template of the document has their places."""
         names, line = [*installed(codes())], {"start": 0, "end": 1}
-        texts = ("status", "problem", "table", "overlay", "command", "run_said", "fit_said")
+        texts = ("problem", "table", "overlay", "command", "run_said", "fit_said")
         kinds: dict[str, tuple[Any, dict[str, Any], str, Callable[[], None] | None]] = {
             **{name: (models.Div, {"visible": name != "problem"}, "", None) for name in texts},
+            "status": (models.Div, {"text": "computing; after a change of the code it is compiled first"}, "", None),
             "knobs": (models.Column, {}, "", None),
             "other": (models.TextInput, {"title": "any other key", "placeholder": "KEY=VALUE"}, "value", self._other),
             "engine": (models.Select, {"title": "computed by", "options": [views.AUTO, REFERENCE, VERLET],
@@ -112,8 +124,8 @@ class Page:
             "keep": (models.Button, {"label": "keep these curves"}, "click", self._keep),
             "drop": (models.Button, {"label": "drop kept curves"}, "click", self._drop),
             "code": (models.Select, {"title": "run it on", "options": names, "value": "".join(names[:1])}, "", None),
-            "run": (models.Button, {"label": "run"}, "click", self._run),
-            "free": (models.CheckboxGroup, {"inline": True}, "", None),
+            "run": (models.Button, {"label": "run", "disabled": not names}, "click", self._run),
+            "free": (models.CheckboxGroup, {}, "", None),
             "fit": (models.Button, {"label": "fit"}, "click", self._fit),
             "take": (models.Button, {"label": "take over the fit", "visible": False}, "click", self._take),
         }  # fmt: skip
@@ -134,15 +146,24 @@ class Page:
         self.widgets[name].text = form.format("<br>".join(map(escape, lines)))
 
     def _fill(self, knobs: Iterable[Knob]) -> None:
-        """Show knobs with their present values; widgets are made anew if there are other knobs."""
-        former, self.knobs = self.knobs, {knob.key: knob for knob in knobs}
+        """Show knobs with their present values; there are other widgets only for other knobs."""
+        former, self.knobs = self.knobs, {}
+        for knob in knobs:
+            first = self.first.setdefault(knob.key, knob)
+            if first.form != knob.form or (first.range and not first.range.low <= knob.value <= first.range.high):
+                first = self.first[knob.key] = knob
+            self.knobs[knob.key] = replace(knob, range=first.range, choices=first.choices)
         self.filling = True
-        if [knob.form for knob in former.values()] != [knob.form for knob in self.knobs.values()]:
-            self.fields, self.sliders, children = {}, {}, list[Any]()
+        if [*former] != [*self.knobs]:
+            children, free = list[Any](), self.widgets["free"]
             for table, group in groupby(self.knobs.values(), lambda knob: knob.key.partition(".")[0]):
-                children += [self._make(models.Div, text=f"<h2>{escape(table)}</h2>"), *map(self._field, group)]
+                if (table, "heading") not in self.groups:
+                    self.groups[table, "heading"] = self._make(models.Div, text=f"<h2>{escape(table)}</h2>")
+                children += [self.groups[table, "heading"], *map(self._field, group)]
             self.widgets["knobs"].children = children
-            self.widgets["free"].update(labels=[key for key, knob in self.knobs.items() if knob.free], active=[])
+            chosen = {free.labels[place] for place in free.active}
+            labels = [key for key, knob in self.knobs.items() if knob.free]
+            free.update(labels=labels, active=[place for place, key in enumerate(labels) if key in chosen])
         for key, knob in self.knobs.items():
             self.fields[key].value = knob.text
             if key in self.sliders and key != self.turned:
@@ -151,15 +172,18 @@ class Page:
 
     def _field(self, knob: Knob) -> Any:
         """Field of a knob, with a slider for a number."""
-        key, title = knob.key, knob.key.partition(".")[2] or knob.key
+        if knob.form in self.groups:
+            return self.groups[knob.form]
+        key, title = knob.key, knob.title or knob.key.partition(".")[2] or knob.key
         kind, more = (models.Select, {"options": [*knob.choices]}) if knob.choices else (models.TextInput, {})
         field = self._make(kind, "value", partial(self._typed, key), name=key, title=title, value=knob.text, **more)
-        self.fields[key] = field
-        if knob.range is None:
-            return field
-        look = {"name": f"{key} slider", "start": 0, "end": 1, "step": STEP, "show_value": False, "tooltips": False}
-        self.sliders[key] = self._make(models.Slider, "value", partial(self._slid, key), value=knob.place, **look)
-        return self._make(models.Column, children=[field, self.sliders[key]])
+        self.fields[key] = self.groups[knob.form] = field
+        if knob.range is not None:
+            look = {"start": 0, "end": 1, "step": knob.step, "show_value": False, "tooltips": False}
+            turn, name = partial(self._slid, key), f"{key} slider"
+            self.sliders[key] = self._make(models.Slider, "value", turn, name=name, value=knob.place, **look)
+            self.groups[knob.form] = self._make(models.Column, children=[field, self.sliders[key]])
+        return self.groups[knob.form]
 
     # --- turns --------------------------------------------------------------------------------------------------------
 
@@ -173,9 +197,11 @@ class Page:
             self._set(self.knobs[key].settings(self.fields[key].value.strip(), self.view.scene))
 
     def _other(self) -> None:
+        self.settings.pop(self.tried, None)  # which was refused
         key, equals, text = self.widgets["other"].value.partition("=")
         if equals:
-            self._set({key.strip(): text.strip()})
+            self.tried = key.strip()
+            self._set({self.tried: text.strip()})
 
     def _set(self, changed: dict[str, str]) -> None:
         """Apply settings; those that give the value of the scene file go."""
@@ -187,7 +213,7 @@ class Page:
         self._compute()
 
     def _reset(self) -> None:
-        self.settings, self.turned, self.widgets["other"].value = {}, "", ""
+        self.settings, self.first, self.turned, self.widgets["other"].value = {**self.given}, {}, "", ""
         self._compute()
 
     def _only(self) -> None:
@@ -206,13 +232,14 @@ class Page:
             self.plots.at(self.view, self.widgets["time"].value / MICRO)
 
     def _play(self) -> None:
-        if self.widgets["play"].active:
-            self.document.add_timeout_callback(self._next_frame, FRAME_MS)
+        if self.playing is not None:
+            self.document.remove_periodic_callback(self.playing)
+        active = self.widgets["play"].active
+        self.playing = self.document.add_periodic_callback(self._next_frame, FRAME_MS) if active else None
 
     def _next_frame(self) -> None:
-        time = self.widgets["time"]
-        time.value = 0 if time.value >= time.end else min(time.value + time.end / 100, time.end)
-        self._play()
+        at = self.widgets["time"]
+        at.value = 0 if at.value >= at.end else min(at.value + at.end / 100, at.end)
 
     # --- motions ------------------------------------------------------------------------------------------------------
 
@@ -225,7 +252,9 @@ class Page:
     def _show(self, question: Question, answer: Any) -> None:
         """Show the forces of a motion, how long it takes, or why there is none."""
         if isinstance(answer, View):
-            self.view, self.shown = answer, question
+            if question != self.question and time.monotonic() < self.shown_s + LEAST_S:
+                return
+            self.view, self.shown, self.shown_s, self.tried = answer, question, time.monotonic(), ""
             self.plots.show(answer)
             self.document.add_next_tick_callback(partial(self._show_all, question, answer))
         elif question == self.question and not isinstance(answer, Exception):
@@ -233,7 +262,9 @@ class Page:
             self.motions.ask(views.view_of, (question, self.ranges), partial(self._show, question))
         if question == self.question:
             self.widgets["problem"].visible = isinstance(answer, Exception)
-            self._say("problem", [str(answer)] if isinstance(answer, Exception) else [], '<b role="alert">{}</b>')
+            if isinstance(answer, Exception):
+                self._say("status", [])
+            self._say("problem", [str(answer)] if isinstance(answer, Exception) else [], ALERT)
 
     def _show_all(self, question: Question, view: View) -> None:
         """Show what else is known of a motion, then ask for what takes longer."""
@@ -241,26 +272,32 @@ class Page:
             return
         self.plots.show_cells(view)
         if question == self.question:
-            self._fill(view.knobs)
-        gauges, time, end_us = self.widgets["gauges"], self.widgets["time"], float(f"{view.time_s[-1] * MICRO:.9g}")
+            stated = {knob.key for knob in view.knobs}
+            self._fill([*view.knobs, *(knob for knob in self.aligned if knob.key not in stated)])
+        gauges, at, end_us = self.widgets["gauges"], self.widgets["time"], float(f"{view.time_s[-1] * MICRO:.9g}")
         if gauges.labels != [*view.signals]:
             gauges.update(labels=[*view.signals], active=[*range(len(view.signals))])
             self._show_before()
-        if time.end != end_us:
-            time.update(end=end_us, value=min(time.value, end_us), step=end_us / 400)
+        if at.end != end_us:
+            at.update(end=end_us, value=min(at.value, end_us), step=end_us / 400)
             self.widgets["window"].update(end=end_us, value=(0, end_us), step=end_us / 400)
         self._at()
         step = quantity(view.scene.time_step_s, "s")
         how = "exact motion" if view.engine == REFERENCE else f"velocity Verlet at {step}"
-        self._say("status", [f"{how} ({view.engine}), computed in {view.taken_s * 1e3:.0f} ms"])
-        self._tabulate({}, [])
+        hint = "" if view.signals else "; no gauges: name beads in sensors"
+        self._say("status", [f"{how} ({view.engine}), computed in {view.taken_s * 1e3:.0f} ms{hint}"])
+        self._tabulate({}, ["errors are being measured"])
+        if not self.widgets["run"].disabled:
+            self._say("run_said", [])
         while self.codes:
             self.plots.put(self.codes.pop(), {})
         command = ("beads", "run", *question.words, "--engine", view.engine)
         self._say("command", [shlex.join(command)], "<code>{}</code>")
         if self.measured:
+            self._say("overlay", ["chi-square: being computed"])
             self.judge.ask(views.laid_over, question, partial(self._lay, question))
-        self.document.add_timeout_callback(partial(self._rest, question), REST_MS)
+        else:
+            self.document.add_timeout_callback(partial(self._rest, question), REST_MS)
 
     def _rest(self, question: Question) -> None:
         """Measure the errors if no knob was turned meanwhile."""
@@ -273,6 +310,7 @@ class Page:
 
     def _lay(self, question: Question, answer: Any) -> None:
         """Show measured traces over the motion, above its static load, and residuals."""
+        self.document.add_timeout_callback(partial(self._rest, question), REST_MS)
         if question != self.shown or self.view is None:
             return
         laid: dict[str, Any] = {} if isinstance(answer, Exception) else answer.gauges
@@ -281,16 +319,19 @@ class Page:
         self.plots.put(views.MEASURED, dots)
         self.plots.put(views.RESIDUAL, {name: (time_s * MICRO, left_N) for name, (*_, time_s, left_N) in laid.items()})
         if isinstance(answer, Exception):
-            self._say("overlay", [str(answer)])
+            self._say("overlay", [str(answer)], ALERT)
             return
-        self._say("overlay", [f"chi-square {answer.chi_square:.5g} of {answer.readings} readings", *answer.remarks])
-        if question == self.question and not {knob.key for knob in answer.knobs} <= {*self.knobs}:
-            self._fill([*self.knobs.values(), *answer.knobs])
+        words = f"chi-square {answer.chi_square:.5g} of {answer.readings} readings"
+        self._say("overlay", [f"{words}, {answer.chi_square / answer.readings:.3g} each", *answer.remarks])
+        if question == self.question and (answer.knobs or self.aligned):
+            others = [knob for knob in self.knobs.values() if knob.key not in {each.key for each in answer.knobs}]
+            self.aligned = answer.knobs
+            self._fill([*others, *answer.knobs])
 
     def _tabulate(self, errors: dict[str, tuple[float, float]], notes: Sequence[str]) -> None:
         """Table of observables with their errors."""
         assert self.view is not None
-        heads = ["observable", "value", "error", f"error of codes at {quantity(self.view.scene.time_step_s, 's')}"]
+        heads = ["observable", "value", "relative error", f"of codes at {quantity(self.view.scene.time_step_s, 's')}"]
         rows = [heads, *(
             [name, f"{value:.6g}", *map(short, errors.get(without_unit(name), (nan, nan)))]
             for name, value in self.view.values.items()
@@ -335,14 +376,18 @@ class Page:
         free = tuple(self.widgets["free"].labels[place] for place in self.widgets["free"].active)
         self._work("fit", views.fitted, (self.shown, free, self.results), self._fitted)
 
-    def _fitted(self, _: Question, found: tuple[Path, pd.DataFrame]) -> list[str]:
-        """Show the parameters of a fit."""
-        self.found, lines = [], [f"{paths.shown(found[0])}:"]
-        for each in rows_of(found[1]):
+    def _fitted(self, _: Question, found: tuple[Path, Tables]) -> list[str]:
+        """Show the parameters of a fit and how well it fits."""
+        (law,) = rows_of(found[1][LAWS])
+        fits = f"chi-square {law.chi_square:.5g} with {law.freedom:g} degrees of freedom"
+        self.found, lines = [], [f"{paths.shown(found[0])}: {fits}, probability {short(law.probability)}"]
+        for each in rows_of(found[1][PARAMETERS]):
             key = each.parameter.rpartition(": ")[2]
             (value, error), unit = digits((each.value, each.error), each.value, each.error, each.unit)
             lines.append(f"{key} = {value} ± {error} {unit}")
-            self.found.append((key, setting_text(key, each.value) if unit_of(key) else f"{each.value:.9g} {each.unit}"))
+            number = float(f"{each.value:.7g}")
+            if key not in {knob.key for knob in self.aligned}:  # which stay free
+                self.found.append((key, setting_text(key, number) if unit_of(key) else f"{number:g} {each.unit}"))
         self.widgets["take"].visible = True
         return lines
 
@@ -362,7 +407,4 @@ class Page:
             self.widgets[what].disabled = False
             self._say(f"{what}_said", [str(answer)] if isinstance(answer, Exception) else then(item[0], answer))
 
-        def call(done: Future[Any]) -> None:
-            self.document.add_next_tick_callback(partial(end, done.result()))
-
-        self.works.result(work, item).add_done_callback(call)
+        self.works.result(work, item, end)

@@ -24,7 +24,7 @@ LOOKS: dict[str, dict[str, Any]] = {  # of lines; other parts are points
 MARKERS = {"s": "square", "D": "diamond", "x": "x"}  # of Bokeh by that of matplotlib
 INK = {False: ("#222222", "#dddddd"), True: ("#e4e4e4", "#444444")}  # of text and of lines; True: on dark paper
 MILLI = 1e3
-BELOW = 0.15  # of the largest force: room for the beads below the curve
+BELOW = 0.3  # of the largest force: room for the beads below the curve
 SINCE = "time since impact (µs)"
 
 
@@ -171,7 +171,7 @@ class Plots:
 
 
 def _figure(height: int, y: str, x: str, **ranges: Any) -> Any:
-    look = {"sizing_mode": "stretch_width", "tools": "pan,box_zoom,wheel_zoom,reset"}
+    look = {"sizing_mode": "stretch_width", "tools": "xpan,xbox_zoom,xwheel_zoom,reset"}
     return figure(height=height, y_axis_label=y, x_axis_label=x, **look, **ranges)
 
 

@@ -2,11 +2,13 @@
 
 import getpass
 import logging
+import re
 import secrets
 import socket
 import webbrowser
-from asyncio import wrap_future
+from asyncio import CancelledError, wrap_future
 from contextlib import suppress
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,7 @@ from bokeh.models.widgets import Div
 from bokeh.server.server import Server
 from tornado.web import HTTPError, RequestHandler
 
+from drivers.base.errors import InputError
 from drivers.chain.case import build_case
 from drivers.run.execute import get_ready
 from drivers.scene.read_scene import read_scene
@@ -22,7 +25,7 @@ from validation.explore.knobs import knobs_of
 from validation.explore.page import KEPT, Page
 from validation.explore.views import Question, view_of
 
-HOST = "localhost"  # the only origin that Bokeh's server then accepts
+HOST = "127.0.0.1"
 MAX_PAGES = 8  # at a time, each with up to three worker processes
 LIFETIME_MS = 5_000  # of a page that no browser is connected to
 TYPES = {".toml": "text/plain", ".csv": "text/csv", ".svg": "image/svg+xml"}
@@ -39,7 +42,10 @@ class _Keep(RequestHandler):
         page = self.pages.get(number)
         if page is None:
             raise HTTPError(404)
-        made = await wrap_future(page.kept(name))
+        try:
+            made = await wrap_future(page.kept(name))
+        except CancelledError:  # the page was closed
+            raise HTTPError(404) from None
         if isinstance(made, Exception):
             raise HTTPError(409, reason="the scene has errors")
         self.set_header("Content-Type", f"{TYPES[Path(name).suffix]}; charset=utf-8")
@@ -72,7 +78,11 @@ def serve(question: Question, ranges: tuple[str, ...], runs: Path, results: Path
             document.add_root(Div(text=f"More than {MAX_PAGES} pages are open; close some, then load this one again."))
             return
         number = secrets.token_hex(16)
-        pages[number] = Page(document, question, ranges, runs, results, f"keep/{number}")
+        try:
+            pages[number] = Page(document, question, ranges, runs, results, f"keep/{number}")
+        except InputError as error:  # the file has changed
+            document.add_root(Div(text=escape(str(error))))
+            return
 
         def close(_: Any) -> None:
             pages.pop(number).close()
@@ -81,10 +91,11 @@ def serve(question: Question, ranges: tuple[str, ...], runs: Path, results: Path
 
     server = Server(
         {"/": open_page},
-        address="127.0.0.1",
+        address=HOST,
         port=0,
+        ico_path="none",
         prefix=secrets.token_urlsafe(24),
-        extra_patterns=[(rf"/keep/([0-9a-f]{{32}})/({'|'.join(KEPT)})", _Keep, {"pages": pages})],
+        extra_patterns=[(rf"/keep/([0-9a-f]{{32}})/({'|'.join(map(re.escape, KEPT))})", _Keep, {"pages": pages})],
         unused_session_lifetime_milliseconds=LIFETIME_MS,
         check_unused_sessions_milliseconds=LIFETIME_MS // 5,
     )

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 import tomlkit
 
 from drivers.base import paths
@@ -22,6 +21,7 @@ from drivers.limits import inability, refuse
 from drivers.run.compute import compute
 from drivers.scene.model import Scene
 from drivers.scene.read_scene import apply_setting, find_scene
+from drivers.scene.settings import look_up
 from postproc.draw.film import Film, film_of
 from postproc.draw.product import cells_of, shown_forces
 from postproc.draw.style import AVERAGE, GREY, PAGE_IN, marker_of, pyplot, svg_of
@@ -33,7 +33,7 @@ from validation.accuracy.budget import assess, budget_of, kept_budget
 from validation.accuracy.costs import cost_on
 from validation.accuracy.plan import planned_case
 from validation.calibration.command import fit
-from validation.calibration.fit import PARAMETERS
+from validation.calibration.fit import Tables
 from validation.checks import short
 from validation.explore.knobs import TRIGGER, Knob, knobs_of
 
@@ -197,7 +197,11 @@ def laid_over(question: Question) -> Laid:
         chi_square=float(sum(each.off @ each.off for each in aligned)),
         readings=sum(len(each.off) for each in aligned),
         remarks=remarks,
-        knobs=[knob for knob in knobs_of(case, (), triggers) if knob.key in triggers and not knob.text],
+        knobs=[
+            knob
+            for knob in knobs_of(case, (), triggers)
+            if knob.key in triggers and look_up(case.scene, knob.key) is None
+        ],
     )
 
 
@@ -225,8 +229,8 @@ def on_code(asked: tuple[Question, str, Path]) -> OnCode:
     return OnCode(engine, run.trace.time_s, sensor_signals(case.layout, run.trace), [*said, paths.shown(run.folder)])
 
 
-def fitted(asked: tuple[Question, tuple[str, ...], Path]) -> tuple[Path, pd.DataFrame]:
-    """Folder and parameters of a fit that starts at a question, without profiles.
+def fitted(asked: tuple[Question, tuple[str, ...], Path]) -> tuple[Path, Tables]:
+    """Folder and tables of a fit that starts at a question, without profiles.
 
     Raises:
         InputError: A parameter or the data are wrong.
@@ -234,7 +238,7 @@ def fitted(asked: tuple[Question, tuple[str, ...], Path]) -> tuple[Path, pd.Data
     """
     question, free, results = asked
     found = fit(question.scene, settings=question.settings, free=free, quick=True, results=results)
-    return found.folder, found.tables[PARAMETERS]
+    return found.folder, found.tables
 
 
 def scene_file(question: Question) -> str:

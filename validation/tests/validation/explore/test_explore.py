@@ -17,7 +17,7 @@ from drivers.base.errors import InputError
 from drivers.chain.case import Case, build_case
 from drivers.scene.read_scene import read_scene
 from validation.explore import views
-from validation.explore.desk import PATIENCE_S, Desk
+from validation.explore.desk import ENDED, PATIENCE_S, Desk
 from validation.explore.knobs import knobs_of
 from validation.explore.views import Question, View, errors_of, quick_view_of, view_of
 from validation.tests.helpers.commands import beads
@@ -171,12 +171,18 @@ def test_a_process_that_hangs_ends_with_its_page(desk: Desk, stop: Callable[[psu
 
 
 @pytest.mark.long
-def test_a_killed_process_is_said_and_replaced(desk: Desk) -> None:
+def test_a_killed_process_is_replaced(desk: Desk) -> None:
     first = desk.result(pid, None).result()
-    done: list[Any] = []
-    desk.ask(slow, 1000.0, done.append)
-    until(lambda: desk._began_s < float("inf"))
     os.kill(first, signal.SIGKILL)
-    until(lambda: done)
-    assert str(done[0]) == "the computation was ended"
     assert desk.result(pid, None).result() != first
+
+
+@pytest.mark.long
+def test_what_waits_ends_with_the_page(desk: Desk) -> None:
+    done: list[Any] = []
+    waiting = [desk.result(slow, seconds, done.append) for seconds in (1000.0, 0.01, 0.02)]
+    until(lambda: desk._worker is not None)
+    desk.close()
+    assert waiting[0].result() is ENDED
+    assert all(each.cancelled() for each in waiting[1:])
+    assert not done

@@ -265,4 +265,4 @@ def test_it_fits_wide_and_narrow_light_and_dark(measured: Live, width_px: int, s
     keep_screenshot(driver, SCREENSHOTS / f"live-{width_px}-{scheme}.png")
     assert said(driver) == []
     loaded = {address.split("/")[2].split(":")[0] for address in requests(driver) if not address.startswith("data:")}
-    assert loaded == {"localhost"}
+    assert loaded == {"127.0.0.1"}
