@@ -157,9 +157,10 @@ class Page:
         if [*former] != [*self.knobs]:
             children, free = list[Any](), self.widgets["free"]
             for table, group in groupby(self.knobs.values(), lambda knob: knob.key.partition(".")[0]):
-                if (table, "heading") not in self.groups:
-                    self.groups[table, "heading"] = self._make(models.Div, text=f"<h2>{escape(table)}</h2>")
-                children += [self.groups[table, "heading"], *map(self._field, group)]
+                fields = [self._field(knob) for knob in group]
+                head = self.groups.get(fields[0].id) or self._make(models.Div, text=f"<h2>{escape(table)}</h2>")
+                self.groups[fields[0].id] = head
+                children += [head, *fields]
             self.widgets["knobs"].children = children
             chosen = {free.labels[place] for place in free.active}
             labels = [key for key, knob in self.knobs.items() if knob.free]
