@@ -4,10 +4,8 @@ import shlex
 import time
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future
-from dataclasses import replace
 from functools import partial
 from html import escape
-from itertools import groupby
 from math import nan
 from pathlib import Path
 from typing import Any
@@ -28,6 +26,7 @@ from validation.checks import short
 from validation.explore import plots, views
 from validation.explore.desk import Desk
 from validation.explore.knobs import Knob
+from validation.explore.panel import STYLE, Panel, widget
 from validation.explore.views import Question, View
 
 KEPT: dict[str, Callable[[Any], Any]] = {  # functions of what is shown, by name of the file
@@ -38,12 +37,6 @@ KEPT: dict[str, Callable[[Any], Any]] = {  # functions of what is shown, by name
 REST_MS = 300  # after the last turn of a knob, before errors are measured
 FRAME_MS = 80  # of the moving beads
 LEAST_S = 0.1  # between motions of values that are outdated already, as those of a slider on its way
-STYLE = """:host { color: inherit; } h2 { font-size: 15px; margin: 12px 0 0; }
-.bk-input, .bk-btn { color: inherit !important; background-color: light-dark(#fff, #23282d) !important;
-border-color: light-dark(#bbb, #555) !important; }
-.bk-btn.bk-active { background-color: light-dark(#ddd, #444) !important; }
-[role=alert] { color: light-dark(#b00020, #ff9a90); } table { border-spacing: 12px 0; }
-td { white-space: nowrap; } td:not(:first-child) { text-align: right; font-variant-numeric: tabular-nums; }"""
 DARK = """const scheme = matchMedia('(prefers-color-scheme: dark)');
 scheme.addEventListener('change', () => { dark.active = scheme.matches }); dark.active = scheme.matches"""
 SCHEME = "document.documentElement.style.colorScheme = cb_obj.active ? 'dark' : 'light'"
@@ -68,19 +61,15 @@ class Page:
         self.view: View | None = None
         self.before: list[View] = []
         self.codes: list[str] = []  # that have run what is shown
-        self.knobs: dict[str, Knob] = {}
-        self.first: dict[str, Knob] = {}  # with the ranges and choices that sliders and fields keep
         self.aligned: list[Knob] = []  # of triggers that were found
-        self.groups: dict[Any, Any] = {}  # widgets by form of the knob
-        self.fields: dict[str, Any] = {}  # by key of the knob
-        self.sliders: dict[str, Any] = {}
-        self.turned, self.filling, self.tried = "", False, ""  # last slider, and last of other keys
+        self.tried = ""  # last of other keys
         self.playing: Any = None
         self.shown_s = 0.0
         self.found: list[tuple[str, str]] = []  # settings by a fit
         self.plots = plots.Plots()
         self.motions, self.judge, self.works = (Desk(document.add_next_tick_callback) for _ in range(3))
-        self.sheet = models.InlineStyleSheet(css=STYLE)
+        self.make = partial(widget, models.InlineStyleSheet(css=STYLE))
+        self.panel = Panel(self.make, self._turn)
         self.widgets = self._widgets()
         for name, model in (self.widgets | self.plots.figures).items():
             model.name = name
@@ -111,7 +100,6 @@ class Page:
         kinds: dict[str, tuple[Any, dict[str, Any], str, Callable[[], None] | None]] = {
             **{name: (models.Div, {"visible": name != "problem"}, "", None) for name in texts},
             "status": (models.Div, {"text": "computing; after a change of the code it is compiled first"}, "", None),
-            "knobs": (models.Column, {}, "", None),
             "other": (models.TextInput, {"title": "any other key", "placeholder": "KEY=VALUE"}, "value", self._other),
             "engine": (models.Select, {"title": "computed by", "options": [views.AUTO, REFERENCE, VERLET],
                                        "value": views.AUTO}, "value", self._compute),
@@ -129,73 +117,18 @@ class Page:
             "fit": (models.Button, {"label": "fit"}, "click", self._fit),
             "take": (models.Button, {"label": "take over the fit", "visible": False}, "click", self._take),
         }  # fmt: skip
-        return {name: self._make(kind, changed, act, **more) for name, (kind, more, changed, act) in kinds.items()}
-
-    def _make(self, kind: Any, changed: str = "", act: Callable[[], None] | None = None, **more: Any) -> Any:
-        """A widget that calls a function when it is clicked or a property has changed."""
-        wide = {} if kind in (models.Button, models.Toggle) else {"sizing_mode": "stretch_width"}
-        made = kind(stylesheets=[self.sheet], margin=(3, 0), **wide, **more)
-        if changed == "click":
-            made.on_click(lambda _: act and act())
-        elif act:
-            made.on_change(changed, lambda attr, old, new: act())
-        return made
+        made = {name: self.make(kind, changed, act, **more) for name, (kind, more, changed, act) in kinds.items()}
+        return made | {"knobs": self.panel.column}
 
     def _say(self, name: str, lines: Iterable[str], form: str = "{}") -> None:
         """Show lines of text."""
         self.widgets[name].text = form.format("<br>".join(map(escape, lines)))
 
-    def _fill(self, knobs: Iterable[Knob]) -> None:
-        """Show knobs with their present values; there are other widgets only for other knobs."""
-        former, self.knobs = self.knobs, {}
-        for knob in knobs:
-            first = self.first.setdefault(knob.key, knob)
-            if first.form != knob.form or (first.range and not first.range.low <= knob.value <= first.range.high):
-                first = self.first[knob.key] = knob
-            self.knobs[knob.key] = replace(knob, range=first.range, choices=first.choices)
-        self.filling = True
-        if [*former] != [*self.knobs]:
-            children, free = list[Any](), self.widgets["free"]
-            for table, group in groupby(self.knobs.values(), lambda knob: knob.key.partition(".")[0]):
-                fields = [self._field(knob) for knob in group]
-                head = self.groups.get(fields[0].id) or self._make(models.Div, text=f"<h2>{escape(table)}</h2>")
-                self.groups[fields[0].id] = head
-                children += [head, *fields]
-            self.widgets["knobs"].children = children
-            chosen = {free.labels[place] for place in free.active}
-            labels = [key for key, knob in self.knobs.items() if knob.free]
-            free.update(labels=labels, active=[place for place, key in enumerate(labels) if key in chosen])
-        for key, knob in self.knobs.items():
-            self.fields[key].value = knob.text
-            if key in self.sliders and key != self.turned:
-                self.sliders[key].value = knob.place
-        self.filling = False
-
-    def _field(self, knob: Knob) -> Any:
-        """Field of a knob, with a slider for a number."""
-        if knob.form in self.groups:
-            return self.groups[knob.form]
-        key, title = knob.key, knob.title or knob.key.partition(".")[2] or knob.key
-        kind, more = (models.Select, {"options": [*knob.choices]}) if knob.choices else (models.TextInput, {})
-        field = self._make(kind, "value", partial(self._typed, key), name=key, title=title, value=knob.text, **more)
-        self.fields[key] = self.groups[knob.form] = field
-        if knob.range is not None:
-            look = {"start": 0, "end": 1, "step": knob.step, "show_value": False, "tooltips": False}
-            turn, name = partial(self._slid, key), f"{key} slider"
-            self.sliders[key] = self._make(models.Slider, "value", turn, name=name, value=knob.place, **look)
-            self.groups[knob.form] = self._make(models.Column, children=[field, self.sliders[key]])
-        return self.groups[knob.form]
-
     # --- turns --------------------------------------------------------------------------------------------------------
 
-    def _slid(self, key: str) -> None:
-        if not self.filling:
-            self.turned = key
-            self.fields[key].value = self.knobs[key].text_at(self.sliders[key].value)
-
-    def _typed(self, key: str) -> None:
-        if not self.filling and self.view is not None:
-            self._set(self.knobs[key].settings(self.fields[key].value.strip(), self.view.scene))
+    def _turn(self, key: str, text: str) -> None:
+        if self.view is not None:
+            self._set(self.panel.knobs[key].settings(text, self.view.scene))
 
     def _other(self) -> None:
         self.settings.pop(self.tried, None)  # which was refused
@@ -214,7 +147,8 @@ class Page:
         self._compute()
 
     def _reset(self) -> None:
-        self.settings, self.first, self.turned, self.widgets["other"].value = {**self.given}, {}, "", ""
+        self.settings, self.widgets["other"].value = {**self.given}, ""
+        self.panel.forget()
         self._compute()
 
     def _only(self) -> None:
@@ -241,6 +175,14 @@ class Page:
     def _next_frame(self) -> None:
         at = self.widgets["time"]
         at.value = 0 if at.value >= at.end else min(at.value + at.end / 100, at.end)
+
+    def _fill(self, knobs: Iterable[Knob]) -> None:
+        """Show knobs with their present values; free keys stay chosen."""
+        self.panel.show(knobs)
+        free, labels = self.widgets["free"], [key for key, knob in self.panel.knobs.items() if knob.free]
+        if free.labels != labels:
+            chosen = {free.labels[place] for place in free.active}
+            free.update(labels=labels, active=[place for place, key in enumerate(labels) if key in chosen])
 
     # --- motions ------------------------------------------------------------------------------------------------------
 
@@ -325,7 +267,7 @@ class Page:
         words = f"chi-square {answer.chi_square:.5g} of {answer.readings} readings"
         self._say("overlay", [f"{words}, {answer.chi_square / answer.readings:.3g} each", *answer.remarks])
         if question == self.question and (answer.knobs or self.aligned):
-            others = [knob for knob in self.knobs.values() if knob.key not in {each.key for each in answer.knobs}]
+            others = [knob for key, knob in self.panel.knobs.items() if key not in {each.key for each in answer.knobs}]
             self.aligned = answer.knobs
             self._fill([*others, *answer.knobs])
 
@@ -394,7 +336,7 @@ class Page:
 
     def _take(self) -> None:
         for key, text in self.found:
-            shared = self.knobs[key].shared if key in self.knobs else ()
+            shared = self.panel.knobs[key].shared if key in self.panel.knobs else ()
             self._set(dict.fromkeys((key, *shared), text.strip()))
 
     def _work(
