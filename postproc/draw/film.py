@@ -153,8 +153,7 @@ def _colours(film: Film) -> ScalarMappable:
     return ScalarMappable(PowerNorm(GAMMA, 0, film.largest_N), colour_map("force"))
 
 
-def rgba(film: Film, force_N: Array) -> Any:
-    """Colours of forces; light grey without a force."""
+def _rgba(film: Film, force_N: Array) -> Any:
     return _colours(film).to_rgba(np.ma.masked_less_equal(force_N, OPEN_SHARE * film.largest_N))
 
 
@@ -167,8 +166,8 @@ def _draw_chain(axis: Any, film: Film, frame: int, middle: float, scale_in: floa
     if _circles(film, scale_in):
         if film.bore_m is not None and film.wall_m is not None:
             draw_tube(axis, film.bore_m, film.wall_m, film.tube_top_m, middle)
-        draw_bodies(axis, place, film.radius_m, film.flat_m, rgba(film, film.force_N[frame]), **EDGE)
+        draw_bodies(axis, place, film.radius_m, film.flat_m, _rgba(film, film.force_N[frame]), **EDGE)
         return
     order = np.argsort(film.force_N[frame])  # the largest forces are drawn last
-    look = {"c": rgba(film, film.force_N[frame][order]), "s": (72 * BAND_IN) ** 2, "lw": 72 * BEAD_IN}
+    look = {"c": _rgba(film, film.force_N[frame][order]), "s": (72 * BAND_IN) ** 2, "lw": 72 * BEAD_IN}
     axis.scatter(*place[order].T, marker="_", rasterized=True, **look)

@@ -1,5 +1,6 @@
 """The live page of a scene: its widgets, and what happens when one of them is turned."""
 
+import gc
 import shlex
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -245,6 +246,7 @@ class Page:
     def _rest(self, question: Question) -> None:
         """Measure the errors if no knob was turned meanwhile."""
         if question == self.question:
+            gc.collect()  # else the data of former motions wait for it, in circles with the models that showed them
             self.judge.ask(views.errors_of, question, partial(self._err, question))
 
     def _err(self, question: Question, answer: Any) -> None:

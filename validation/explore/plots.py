@@ -10,7 +10,6 @@ from bokeh.plotting import figure
 from matplotlib.colors import rgb2hex
 
 from drivers.chain.chain import Array
-from postproc.draw.film import rgba
 from postproc.draw.product import GAMMA, OPEN_SHARE
 from postproc.draw.style import MICRO, OPEN_CONTACT, colour_map, marker_of
 from validation.explore.views import BEFORE, MEASURED, NOW, RESIDUAL, View
@@ -48,9 +47,10 @@ class Plots:
         self._legend = models.Legend(orientation="horizontal", background_fill_alpha=0, border_line_alpha=0, padding=0)
         self.figures["forces"].add_layout(self._legend, "above")
         self._colours = models.LinearColorMapper(palette=_palette("force"), low_color=OPEN_CONTACT)
-        cells, bodies = dict.fromkeys(("image", "x", "y", "dw", "dh"), ()), ("x", "y", "force", "radius", "colour")
+        cells, bodies = dict.fromkeys(("image", "x", "y", "dw", "dh"), ()), ("x", "y", "force", "radius")
         self._cells = models.ColumnDataSource({name: [] for name in cells})
         self._bodies = models.ColumnDataSource({name: [] for name in bodies})
+        self._shades = models.LinearColorMapper(palette=_palette("force"), low_color=OPEN_CONTACT)
         self._bar = models.ColorBar(color_mapper=self._colours, title="N", width=10, background_fill_alpha=0)
         self._now = [models.Span(dimension="height", line_dash="dotted") for _ in range(2)]
         self._wall = models.Span(dimension="height", line_width=4, line_color="#888888")
@@ -61,10 +61,9 @@ class Plots:
         spacetime.add_layout(self._now[0])
         self.figures["forces"].add_layout(self._now[1])
         beads.add_layout(self._wall)
-        beads.circle(
-            "x", "y", radius="radius", radius_dimension="x", fill_color="colour", line_color="#777777",
-            source=self._bodies,
-        )  # fmt: skip
+        ball: dict[str, Any] = {"radius": "radius", "radius_dimension": "x", "line_color": "#777777"}
+        ball["fill_color"] = {"field": "force", "transform": self._shades}
+        beads.circle("x", "y", source=self._bodies, **ball)
         beads.line("x", "force", source=self._bodies, line_color="#888888")
 
     def show(self, view: View) -> None:
@@ -94,6 +93,7 @@ class Plots:
         film = view.film
         self.figures["beads"].x_range.update(start=film.low_m * MILLI, end=film.high_m * MILLI)
         self.figures["beads"].y_range.update(start=-BELOW * film.largest_N, end=1.05 * film.largest_N)
+        self._shades.update(low=OPEN_SHARE * film.largest_N, high=film.largest_N)
         self._wall.update(location=(film.wall_m or 0.0) * MILLI, visible=film.wall_m is not None)
 
     def put(self, part: str, curves: Mapping[str, tuple[Any, Any]]) -> None:
@@ -147,7 +147,6 @@ class Plots:
             "y": film.place_m[frame, :, 0] / film.half_m * BELOW * film.largest_N,
             "force": film.force_N[frame],
             "radius": radius_m * MILLI,
-            "colour": [rgb2hex(colour) for colour in rgba(film, film.force_N[frame])],
         }
 
     def only(self, gauges: Iterable[str]) -> None:
