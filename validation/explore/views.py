@@ -45,7 +45,7 @@ FRAMES = 300  # of the moving beads
 KINDS = ("peak", "amplitude", "arrival", "speed", "duration", "width", "reflected amplitude", "reflected arrival")
 NOW, BEFORE, MEASURED, RESIDUAL = "now", "before", "measured", "residual"  # parts of a gauge, beside names of codes
 DRAWN: dict[str, dict[str, Any]] = {  # in figures that are kept
-    MEASURED: {"ls": "none", "marker": ".", "ms": 2, "mew": 0, "color": GREY},
+    MEASURED: {"ls": "none", "marker": ".", "ms": 3, "mew": 0, "color": GREY},
     BEFORE: {"ls": "--", "lw": 0.8, "color": GREY},
     NOW: AVERAGE,
 }
