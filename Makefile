@@ -74,7 +74,7 @@ test-page: .chromium ## run tests of both pages in Chromium (installs it)
 test-long test-accuracy test-slurm test-page: test-%: .venv/.ready-dev .venv/.engines
 	$(PY) -m pytest -m $* $(OPTIONS)
 
-bench: .chromium .venv/.ready-dev .venv/.engines ## measure costs: reference against verlet, batches, fits, live page
+bench: .venv/.ready-dev .venv/.engines ## measure costs: reference against verlet, batches, fits, live page
 	$(PY) -m validation.tests.bench
 
 lint: .venv/.ready-dev ## run ruff and mypy

@@ -1,6 +1,7 @@
 """Costs of integrators, codes, batches, fits, commands and the report, as rows of ``results/bench.csv``."""
 
 import resource
+import shutil
 import subprocess
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -194,8 +195,8 @@ def large(asked: Mapping[tuple[str, int], int] = LARGE) -> Iterator[Row]:
 
 
 def live(turns: Mapping[int, int] = TURNS) -> Iterator[Row]:
-    """Time from a turn of a knob of the live page to the data of the curve in Chromium, and memory after all turns."""
-    for count, times in turns.items():
+    """Time from a turn of a knob of the live page to the data of the curve, and memory after all turns, in Chromium."""
+    for count, times in turns.items() if shutil.which("chromium") else ():
         words = ("fig4", "--set", f"chain.count={count}")
         with served(*words) as (address, process), browser() as driver:
             page, server = Live(driver, address), psutil.Process(process.pid)
