@@ -41,8 +41,6 @@ LEAST_S = 0.1  # between motions of values that are outdated already, as those o
 DARK = """const scheme = matchMedia('(prefers-color-scheme: dark)');
 scheme.addEventListener('change', () => { dark.active = scheme.matches }); dark.active = scheme.matches"""
 SCHEME = "document.documentElement.style.colorScheme = cb_obj.active ? 'dark' : 'light'"
-
-
 ALERT = '<b role="alert">{}</b>'
 
 
