@@ -22,10 +22,10 @@ from drivers.base.errors import InputError
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain, arrays_of, contact_stiffness, hertz_force, tube_arrays_of
 from drivers.chain.schemes import endable
-from drivers.engines import EXACT, TOTAL, engine_names, load_engine
+from drivers.engines import EXACT, engine_names, load_engine
 from validation.reference.adaptive import MIN_TOLERANCE
 from validation.reference.hertz_chain import Extremes, Flag
-from validation.reference.tube import integrate_tube
+from validation.reference.tube import TOTAL, integrate_tube
 from validation.reference.velocity_verlet import follow_verlet
 
 ON_COMMAND = "--unsafe"

@@ -35,13 +35,13 @@ from drivers.laws import VISCOELASTIC
 from drivers.scene.model import Name, Part
 from drivers.scene.read_scene import read_toml
 from validation.reference.hertz_chain import Flag
+from validation.reference.tube import TOTAL
 
 REFERENCE, VERLET = "reference", "verlet"  # in-repo engines: exact motion, and the scheme of the codes
 IN_HEIGHTS = "velocity Verlet in absolute heights"
 IN_OVERLAPS = "velocity Verlet in overlaps"
 EXACT = "exact to its tolerance, at any time step"
 EXTERNAL = f"{__name__}.at."  # first part of the names of modules of external adapters
-TOTAL, INCREMENTAL = "total", "incremental"  # friction that stores the shear displacement, or the shear force
 RESERVED = ("auto", "batch", REFERENCE, VERLET)  # a value of --engine, a folder of runs/, the in-repo engines
 
 _exit = os._exit
@@ -101,7 +101,7 @@ class Engine:
             flag ends it. None for a code; that of an adapter outside this package is not used.
         scheme: integration scheme, one of the constants above. Velocity Verlet uses the closing speed of half a step
             before for damping, and at time 0 the one of time 0.
-        shear: ``TOTAL`` or ``INCREMENTAL`` friction in three dimensions.
+        shear: law of friction in three dimensions, one of ``LAWS`` of ``validation.reference.tube``.
         dissipation: laws of dissipation that it models, as named in scenes; a shipped code asks the laws.
         models: modelling elements (``drivers.chain.case``) that it models.
         refusal: function that returns key, found and allowed of a case that the engine cannot run; else None.

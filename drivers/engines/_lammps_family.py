@@ -25,7 +25,6 @@ DUMP = "chain.bin"
 CONTACT_FORCE = "f_contacts[3]"  # between beads, along the axis
 # columns of three-dimensional chains; the force of the wall has another name in each code
 PLACE, VELOCITY, SPIN = ("x", "y", "z"), ("vx", "vy", "vz"), ("omegax", "omegay", "omegaz")
-BORE_FORCE = tuple(f"f_force_tube[{axis}]" for axis in (1, 2, 3))
 MAX_TYPES = 60  # with a coefficient for each pair
 
 
@@ -34,6 +33,7 @@ def member(
     program: str,
     introduction: str,
     wall_force: str,
+    bore_forces: Callable[[Case], list[str]],
     radii: Callable[[Case], Array],
     values: Callable[[Case, Array], dict[str, Any]],
     **fields: Any,
@@ -45,6 +45,8 @@ def member(
         program: name of the program.
         introduction: regular expression that matches the line with the version.
         wall_force: column of the dump with the wall's force along the axis.
+        bore_forces: function that returns the columns of a case with the bore's force along x, y and z, three for each
+            of its fixes.
         radii: function that returns the radii of the atoms of a case.
         values: function of a case and the radii of its atoms that returns further values of the templates,
             among them ``types``, the names of all types, including those of ``labels_of``.
@@ -70,7 +72,7 @@ def member(
                 "high": (place[:, 2] + radius_m).max(),
             },
             "skin": float(f"{0.2 * radius_m.min():.1g}"),
-            "columns": _columns(case, wall_force),
+            "columns": columns(case),
             "pieces": pieces_of(chain.drive, case.scene.time_step_s, case.scene.steps),
             "drive_words": drive_words(case.scene),
         }
@@ -79,14 +81,25 @@ def member(
         command = ("stdbuf", "-oL", program, "-in", "chain.in")  # -oL keeps the last lines of an abort
         return Deck(files, command, raw=(DUMP,), logs=(f"log.{code.lower()}",))
 
+    def columns(case: Case) -> tuple[str, ...]:
+        """Columns of the dump."""
+        wall, lateral = (wall_force,) if case.chain.wall else (), case.chain.lateral
+        if lateral is None:
+            return ("id", "z", "vz", CONTACT_FORCE, *wall)
+        spin, bore = SPIN if lateral.turns else (), bore_forces(case) if lateral.bore else ()
+        return ("id", *PLACE, *VELOCITY, *spin, CONTACT_FORCE, *wall, *bore)
+
+    def trace(case: Case, dump: dict[str, Array]) -> Trace:
+        return _trace(case, radii(case), dump, wall_force, bore_forces(case))
+
     def read(case: Case, path: Path, names: tuple[str, ...] = ()) -> tuple[Trace, int]:
         """Read a dump as a trace, with its digits; RunError, with the samples before, if it is damaged."""
         try:
-            dump, digits = read_dump(case, path, names or _columns(case, wall_force), named=bool(names))
-            return _trace(case, radii(case), dump, wall_force), digits
+            dump, digits = read_dump(case, path, names or columns(case), named=bool(names))
+            return trace(case, dump), digits
         except RunError as error:
             if error.partial is not None:
-                error.partial = _trace(case, radii(case), error.partial, wall_force)
+                error.partial = trace(case, error.partial)
             raise
         except KeyError as error:
             raise RunError(f"{path.name} has no column {error.args[0]}, so nothing can be judged: --columns") from error
@@ -175,23 +188,18 @@ def failure_reason(stdout: str, stderr: str) -> str:
     return errors[-1] if errors else last_line(stderr, stdout, ("[hwloc/",))
 
 
+def roots(radius_m: Array) -> Array:
+    """``sqrt(R*)`` of each contact of atoms of these radii. Shape (bodies,)."""
+    return np.sqrt(np.append(radius_m[0], 1 / (1 / radius_m[1:] + 1 / radius_m[:-1])))
+
+
 def coefficients_of(chain: Chain, radius_m: Array) -> tuple[list[float], list[float]]:
     """Stiffness kn in ``F = kn sqrt(R*) overlap^(3/2)`` of each contact of atoms, and its damping coefficient."""
-    reduced = np.append(radius_m[0], 1 / (1 / radius_m[1:] + 1 / radius_m[:-1]))
-    kn = (chain.stiffness / np.sqrt(reduced)).tolist()
+    kn = (chain.stiffness / roots(radius_m)).tolist()
     return kn, [*map(chain.law.lammps, kn, chain.reduced_mass_kg.tolist())]
 
 
-def _columns(case: Case, wall_force: str) -> tuple[str, ...]:
-    """Columns of the dump."""
-    wall, lateral = (wall_force,) if case.chain.wall else (), case.chain.lateral
-    if lateral is None:
-        return ("id", "z", "vz", CONTACT_FORCE, *wall)
-    spin, bore = SPIN if lateral.turns else (), BORE_FORCE if lateral.bore else ()
-    return ("id", *PLACE, *VELOCITY, *spin, CONTACT_FORCE, *wall, *bore)
-
-
-def _trace(case: Case, radius_m: Array, dump: dict[str, Array], wall_force: str) -> Trace:
+def _trace(case: Case, radius_m: Array, dump: dict[str, Array], wall_force: str, bore_forces: Sequence[str]) -> Trace:
     """Trace of a dump's columns; without heights or velocities, the energies that they give are NaN.
 
     Contact forces are those of the wall and of the beads. A dump of another deck may have the total forces ``fz``
@@ -206,7 +214,7 @@ def _trace(case: Case, radius_m: Array, dump: dict[str, Array], wall_force: str)
         wall = dump[wall_force][:, 0] if chain.wall else np.zeros(samples)
         force = np.column_stack([wall, -np.cumsum(dump[CONTACT_FORCE], axis=1)[:, :-1]])
 
-    def vectors(names: tuple[str, ...]) -> Array:
+    def vectors(names: Sequence[str]) -> Array:
         return np.stack([dump[name] for name in names], axis=2)
 
     height = dump["z"] - above_face(chain, radius_m) if "z" in dump else None
@@ -218,5 +226,5 @@ def _trace(case: Case, radius_m: Array, dump: dict[str, Array], wall_force: str)
         return make_trace(chain, times, force, height, velocity)
     place, spin = vectors(PLACE), vectors(SPIN) if chain.lateral.turns else None
     place[:, :, 2] = height
-    bore = vectors(BORE_FORCE) if chain.bore else None
+    bore = sum(vectors(bore_forces[i : i + 3]) for i in range(0, len(bore_forces), 3)) if chain.bore else None
     return make_trace(chain, times, force, place, vectors(VELOCITY), spin, bore)

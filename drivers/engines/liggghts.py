@@ -72,6 +72,7 @@ ENGINE = member(
     "liggghts",
     r"LIGGGHTS \(Version",
     "f_force_wall[3]",
+    lambda case: [f"f_force_tube[{axis}]" for axis in (1, 2, 3)],
     _radii,
     values,
     how_to_get="Debian's package liggghts",

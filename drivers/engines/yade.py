@@ -15,10 +15,11 @@ from drivers.base.processes import line_of
 from drivers.chain.case import SIDEWAYS, STRAIGHT, Case
 from drivers.chain.drives import drive_words, pieces_of
 from drivers.chain.trace import Trace, make_trace
-from drivers.engines import INCREMENTAL, Engine, last_line
+from drivers.engines import Engine, last_line
 from drivers.engines._raw_output import read_arrays
 from drivers.laws import LAWS, VISCOELASTIC
 from validation.reference.hertz_chain import loads_N
+from validation.reference.tube import INCREMENTAL
 
 COMMAND = ("yade", "-n", "-x", "chain.py")
 CHATTER = ("Welcome to Yade", "Using python version", "TCP python prompt", "XMLRPC info", "Running script")

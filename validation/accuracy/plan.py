@@ -21,7 +21,7 @@ from drivers.chain.case import Case, StepPlan, build_case, choose_elements
 from drivers.chain.chain import arrays_of, build_chain
 from drivers.chain.schemes import exact_of
 from drivers.chain.trace import FORCE, is_at_rest
-from drivers.engines import TOTAL, VERLET, load_engine
+from drivers.engines import VERLET, load_engine
 from drivers.limits import EXACT_SHARE, inability, refuse_depth, resolved_trial, step_limit, until_words, why_unstable
 from drivers.run.scheme import COMPARED, Scheme, scheme_of
 from drivers.scene.model import Contact, Scene
@@ -42,6 +42,7 @@ from validation.accuracy.motions import (
     predicted_error,
 )
 from validation.reference.adaptive import MIN_TOLERANCE, scales
+from validation.reference.tube import TOTAL
 
 ELEMENTS_SHARE = 0.5  # of the accuracy, for the effect of all elements left out; the rest is for the time step
 MIN_ACCURACY = 10 * MIN_TOLERANCE

@@ -17,11 +17,12 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array, arrays_of, build_chain
 from drivers.chain.schemes import heights_and_reach
 from drivers.chain.trace import FORCE, Trace, finite_part, largest_change_N, overlaps
-from drivers.engines import INCREMENTAL, load_engine
+from drivers.engines import load_engine
 from drivers.laws import viscoelastic
 from drivers.run.scheme import scheme_of
 from postproc.read.signals import integral
 from validation.reference.hertz_chain import HertzChain, contact_force, hertz_force
+from validation.reference.tube import INCREMENTAL
 from validation.reference.velocity_verlet import integrate_verlet_absolute
 
 MIN_SAMPLES = 12

@@ -1,15 +1,17 @@
-"""Velocity Verlet for beads in a tube, in three dimensions with spin: the scheme of LIGGGHTS and YADE.
+"""Velocity Verlet for beads in a tube, in three dimensions with spin: the scheme of the codes.
 
 Forces at step n follow from positions at n and velocities and spins at n - 1/2. Then ``v += dt F/m``, ``x += dt v``,
 and the spin is advanced in the same way with the inertia ``2/5 m r^2``. Normal forces follow ``hertz_chain`` along the
-lines of centres. The tangential force follows one of two laws:
+lines of centres. The tangential force follows one of three laws:
 
 * total: the contact stores the shear displacement, projected onto the present tangent plane; the force is the whole
   displacement times the present stiffness (LIGGGHTS' ``tangential history``);
 * incremental: the contact stores the force, rotated with the contact, and adds the displacement of each step times the
-  present stiffness (YADE's ``Law2_ScGeom_MindlinPhys_Mindlin`` and ``ScGeom::rotate``).
+  present stiffness (YADE's ``Law2_ScGeom_MindlinPhys_Mindlin`` and ``ScGeom::rotate``);
+* turned: as total, but before the displacement of a step is added, the stored one is turned into the present tangent
+  plane at its full length, and surfaces have the speeds of whole radii (LAMMPS' ``tangential mindlin``).
 
-Both laws limit the force, and scale the stored vector accordingly, to the coefficient of friction times the normal
+All laws limit the force, and scale the stored vector accordingly, to the coefficient of friction times the normal
 force. A contact that opens loses the stored vector.
 """
 
@@ -19,7 +21,7 @@ import numpy as np
 
 from validation.reference.hertz_chain import Extremes, Flag, TubeChain, TubeMotion, check_timing
 
-TOTAL, INCREMENTAL = "total", "incremental"
+LAWS = TOTAL, INCREMENTAL, TURNED = "total", "incremental", "turned"
 
 
 def integrate_tube(
@@ -34,14 +36,14 @@ def integrate_tube(
 ) -> TubeMotion:
     """Integrates from time 0 and samples the motion every ``steps_per_sample`` steps, beginning at time 0.
 
-    ``law`` is the law of the tangential force, ``total`` or ``incremental``. With ``extremes`` it ends at a blow-up.
+    ``law`` is the law of the tangential force, one of ``LAWS``. With ``extremes`` it ends at a blow-up.
 
     Raises:
         ValueError: the step is not above zero, a count is below one, or the law is unknown.
     """
     check_timing(time_step_s, steps_per_sample, samples)
-    if law not in (TOTAL, INCREMENTAL):
-        raise ValueError(f'law: {law}, expected "{TOTAL}" or "{INCREMENTAL}"')
+    if law not in LAWS:
+        raise ValueError(f"law: {law}, expected {', '.join(LAWS)}")
     from validation.reference.tube_kernels import run_tube
 
     n = chain.mass_kg.size
@@ -57,7 +59,7 @@ def integrate_tube(
     marks = (flat(), flat(), np.array([0.0, 0.0, np.nan, 0.0] if extremes else []))
     memory = (rows(), rows(), rows(), rows())
     forces, kept = np.empty((samples, n)), np.empty((4, samples, n, 3))
-    timing = (law == INCREMENTAL, time_step_s, steps_per_sample)
+    timing = (LAWS.index(law), time_step_s, steps_per_sample)
     stop = np.zeros(1, bool) if stop is None else stop
     run_tube(bodies, inertia, numbers, state, memory, marks, *timing, forces, kept, stop)
     reached = None

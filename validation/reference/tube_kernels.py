@@ -8,6 +8,8 @@ from numba import njit
 from validation.reference.contact_kernels import CACHED, damped_force, elastic_force
 from validation.reference.hertz_chain import ENERGY_SHARE, Array, Flag
 
+INCREMENTAL, TURNED = 1, 2  # places in LAWS of tube.py
+LEAST_TURN = 1e-10  # LAMMPS turns no vector whose force out of the plane is a smaller share of the limit
 Three = tuple[float, float, float]
 # mass, radius, stiffness, damping, shear, load; contact with the bore: stiffness, shear
 Bodies = tuple[Array, Array, Array, Array, Array, Array, Array, Array]
@@ -23,13 +25,13 @@ Marks = tuple[Array, Array, Array]
 
 @njit(cache=CACHED, nogil=True, error_model="numpy")
 def run_tube(
-    bodies: Bodies, inertia: Array, numbers: Numbers, state: State, memory: Memory, marks: Marks, incremental: bool,
+    bodies: Bodies, inertia: Array, numbers: Numbers, state: State, memory: Memory, marks: Marks, law: int,
     dt: float, every: int, forces: Array, samples: Array, stop: Flag,
 ) -> None:  # fmt: skip
     """Runs the time loop; fills contact forces and, per body, bore force, place, velocity and spin."""
     mass = bodies[0]
     place, velocity, spin, force, torque, bore, axial = state
-    _forces(bodies, numbers, state, memory, marks, incremental, dt, dt < 0.0)
+    _forces(bodies, numbers, state, memory, marks, law, dt, dt < 0.0)
     for j in range(mass.size):  # velocities at -1/2 step
         for axis in range(3):
             velocity[j, axis] -= 0.5 * dt * force[j, axis] / mass[j]
@@ -37,8 +39,8 @@ def run_tube(
     for step in range((len(forces) - 1) * every + 1):
         if stop[0]:
             return
-        if step or incremental:  # LIGGGHTS: the first forces use the velocities at time 0 and zero shear
-            _forces(bodies, numbers, state, memory, marks, incremental, dt, dt > 0.0)
+        if step or law == INCREMENTAL:  # others: the first forces use the velocities at time 0 and zero shear
+            _forces(bodies, numbers, state, memory, marks, law, dt, dt > 0.0)
         if marks[2].size:
             _mark_energies(mass, inertia, bodies[5], state, marks[2], dt)
             if not marks[2][0] < np.inf:
@@ -85,7 +87,7 @@ def _mark_energies(mass: Array, inertia: Array, load: Array, state: State, energ
 
 @njit(error_model="numpy", forceinline=True)
 def _forces(
-    bodies: Bodies, numbers: Numbers, state: State, memory: Memory, marks: Marks, incremental: bool, dt: float,
+    bodies: Bodies, numbers: Numbers, state: State, memory: Memory, marks: Marks, law: int, dt: float,
     moved: bool,
 ) -> None:  # fmt: skip
     """Forces and torques of the present state; ``moved``: True if shear displacements advance by one step."""
@@ -96,16 +98,16 @@ def _forces(
     for j in range(radius.size):
         force[j, 2] += load[j]
         if bodies[2][j] > 0.0:
-            _between(j, bodies, numbers, state, memory, marks, incremental, dt, moved)
+            _between(j, bodies, numbers, state, memory, marks, law, dt, moved)
         if bodies[6][j] > 0.0:
-            _in_bore(j, bodies, numbers, state, memory, marks, incremental, dt, moved)
+            _in_bore(j, bodies, numbers, state, memory, marks, law, dt, moved)
         if np.isinf(radius[j]):  # flat striker: stays on the axis
             force[j, 0] = force[j, 1] = 0.0
 
 
 @njit(error_model="numpy", forceinline=True)
 def _between(
-    j: int, bodies: Bodies, numbers: Numbers, state: State, memory: Memory, marks: Marks, incremental: bool, dt: float,
+    j: int, bodies: Bodies, numbers: Numbers, state: State, memory: Memory, marks: Marks, law: int, dt: float,
     moved: bool,
 ) -> None:  # fmt: skip
     """Contact under body j: sphere on wall, sphere on sphere, or flat striker on sphere."""
@@ -122,16 +124,19 @@ def _between(
         apart = sqrt(nx * nx + ny * ny + nz * nz)
         nx, ny, nz = nx / apart, ny / apart, nz / apart
         overlap = radius[j] + radius[j - 1] - apart
-    plane = 1.0 if incremental else 0.5  # arms end at the plane in YADE, in the middle of the overlap in LIGGGHTS
-    share = plane if wall or face else 0.5
+    # arms end in the middle of the overlap, in YADE at a plane; LAMMPS takes whole radii for speeds, and at a wall
+    share = 1.0 if law == INCREMENTAL and (wall or face) else 0.5
     over = 0.0 if face else radius[j] - share * overlap
     under = 0.0 if wall else radius[j - 1] - share * overlap
+    further = share * overlap if law == TURNED else 0.0
     # velocity of the upper surface relative to the lower: v + n x (arm spin)
-    wx, wy, wz = over * spin[j, 0], over * spin[j, 1], over * spin[j, 2]
+    arm = over + further
+    wx, wy, wz = arm * spin[j, 0], arm * spin[j, 1], arm * spin[j, 2]
     ux, uy, uz = velocity[j, 0], velocity[j, 1], velocity[j, 2]
     if not wall:
         ux, uy, uz = ux - velocity[j - 1, 0], uy - velocity[j - 1, 1], uz - velocity[j - 1, 2]
-        wx, wy, wz = wx + under * spin[j - 1, 0], wy + under * spin[j - 1, 1], wz + under * spin[j - 1, 2]
+        arm = under + further
+        wx, wy, wz = wx + arm * spin[j - 1, 0], wy + arm * spin[j - 1, 1], wz + arm * spin[j - 1, 2]
     closing = -(ux * nx + uy * ny + uz * nz)
     marks[0][j] = max(marks[0][j], overlap)
     kept, before = memory[0][j], memory[2][j]
@@ -154,10 +159,11 @@ def _between(
         )
         turning = 0.5 * dt * _turning(j, before, spin, wall)
         tx, ty, tz = _friction(
-            kept, before, (nx, ny, nz), (ux, uy, uz), turning, shear[j] * root, numbers[1] * normal, dt, incremental,
+            kept, before, (nx, ny, nz), (ux, uy, uz), turning, shear[j] * root, numbers[1] * normal, dt, law,
             moved,
         )  # fmt: skip
         fx, fy, fz = fx + tx, fy + ty, fz + tz
+        over += further if wall else 0.0
         _add(torque, j, -over, (ny * tz - nz * ty, nz * tx - nx * tz, nx * ty - ny * tx))
         if not wall:
             _add(torque, j - 1, -under, (ny * tz - nz * ty, nz * tx - nx * tz, nx * ty - ny * tx))
@@ -185,7 +191,7 @@ def _turning(j: int, normal: Array, spin: Array, alone: bool) -> float:
 
 @njit(error_model="numpy", forceinline=True)
 def _in_bore(
-    j: int, bodies: Bodies, numbers: Numbers, state: State, memory: Memory, marks: Marks, incremental: bool, dt: float,
+    j: int, bodies: Bodies, numbers: Numbers, state: State, memory: Memory, marks: Marks, law: int, dt: float,
     moved: bool,
 ) -> None:  # fmt: skip
     """Contact of body j with the bore, an exact cylinder."""
@@ -207,12 +213,12 @@ def _in_bore(
     marks[2][1:2] += ENERGY_SHARE * normal * overlap
     fx, fy, fz = nx * normal, ny * normal, 0.0
     if numbers[3] > 0.0:
-        arm = radius - 0.5 * overlap
+        arm = radius if law == TURNED else radius - 0.5 * overlap
         wx, wy, wz = arm * spin[j, 0], arm * spin[j, 1], arm * spin[j, 2]
         ux, uy, uz = ux + closing * nx + ny * wz, uy + closing * ny - nx * wz, uz + nx * wy - ny * wx
         turning = 0.5 * dt * _turning(j, before, spin, True)
         tx, ty, tz = _friction(
-            kept, before, (nx, ny, 0.0), (ux, uy, uz), turning, shear * root, numbers[3] * normal, dt, incremental,
+            kept, before, (nx, ny, 0.0), (ux, uy, uz), turning, shear * root, numbers[3] * normal, dt, law,
             moved,
         )  # fmt: skip
         fx, fy, fz = fx + tx, fy + ty, fz + tz
@@ -227,7 +233,7 @@ def _in_bore(
 @njit(error_model="numpy", forceinline=True)
 def _friction(
     kept: Array, before: Array, normal: Three, slip: Three, turning: float, stiffness: float, most: float, dt: float,
-    incremental: bool, moved: bool,
+    law: int, moved: bool,
 ) -> Three:  # fmt: skip
     """Tangential force on the upper body; updates the stored vector of the contact.
 
@@ -240,23 +246,31 @@ def _friction(
         stiffness: Present tangential stiffness, in N/m.
         most: Coefficient of friction times the normal force.
         dt: Time step.
-        incremental: True for the incremental law, False for the total law.
+        law: Place of the law in ``LAWS`` of ``tube``.
         moved: As for ``_forces``.
     """
     x, y, z = kept[0], kept[1], kept[2]
     nx, ny, nz = normal
-    if moved and incremental:
+    if moved and law == INCREMENTAL:
         bx, by, bz = before[0], before[1], before[2]
         ax, ay, az = by * nz - bz * ny, bz * nx - bx * nz, bx * ny - by * nx
         x, y, z = x - (y * az - z * ay), y - (z * ax - x * az), z - (x * ay - y * ax)
         ax, ay, az = turning * bx, turning * by, turning * bz
         x, y, z = x - (y * az - z * ay), y - (z * ax - x * az), z - (x * ay - y * ax)
         x, y, z = x - stiffness * dt * slip[0], y - stiffness * dt * slip[1], z - stiffness * dt * slip[2]
+    elif moved and law == TURNED:
+        along = x * nx + y * ny + z * nz
+        if abs(along) * stiffness > LEAST_TURN * most:
+            tx, ty, tz = x - along * nx, y - along * ny, z - along * nz
+            across = sqrt(tx * tx + ty * ty + tz * tz)
+            scale = sqrt(x * x + y * y + z * z) / across if across > 0.0 else 0.0
+            x, y, z = scale * tx, scale * ty, scale * tz
+        x, y, z = x + dt * slip[0], y + dt * slip[1], z + dt * slip[2]
     elif moved:
         x, y, z = x + dt * slip[0], y + dt * slip[1], z + dt * slip[2]
         along = x * nx + y * ny + z * nz
         x, y, z = x - along * nx, y - along * ny, z - along * nz
-    scale = 1.0 if incremental else -stiffness
+    scale = 1.0 if law == INCREMENTAL else -stiffness
     size = abs(scale) * sqrt(x * x + y * y + z * z)
     if size > most:
         cut = most / size

@@ -15,8 +15,9 @@ import pytest
 from drivers.base.processes import UNKNOWN_VERSION, scrubbed_environment
 from drivers.chain.case import SIDEWAYS, STRAIGHT
 from drivers.chain.trace import digest_of
-from drivers.engines import EXACT, IN_HEIGHTS, IN_OVERLAPS, INCREMENTAL, TOTAL
+from drivers.engines import EXACT, IN_HEIGHTS, IN_OVERLAPS
 from drivers.run.build import build_of
+from validation.reference.tube import LAWS
 from validation.tests.engine.candidate import Candidate, case_with, kit
 
 OTHER_PROGRAM = "true"  # a program that prints no version
@@ -30,7 +31,7 @@ def test_interface(candidate: Candidate) -> None:
     assert engine.program in engine.server.command
     assert re.compile(engine.loop_pattern).groups, "loop_pattern has no group"
     assert engine.scheme in (IN_HEIGHTS, IN_OVERLAPS, EXACT)
-    assert engine.shear in (TOTAL, INCREMENTAL)
+    assert engine.shear in LAWS
     assert engine.models <= STRAIGHT | SIDEWAYS
     assert deck.files
     assert deck.raw

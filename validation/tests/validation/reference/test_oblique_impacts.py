@@ -10,9 +10,9 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array, tube_arrays_of
 from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import Trace
-from drivers.engines import INCREMENTAL, TOTAL, load_engine
+from drivers.engines import load_engine
 from drivers.run.compute import compute
-from validation.reference.tube import integrate_tube
+from validation.reference.tube import INCREMENTAL, TOTAL, integrate_tube
 from validation.tests.helpers.runs import need
 from validation.tests.helpers.scenes import case_of
 

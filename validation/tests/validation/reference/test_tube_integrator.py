@@ -12,11 +12,11 @@ from drivers.chain.case import Case
 from drivers.chain.chain import arrays_of, tube_arrays_of
 from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import residual
-from drivers.engines import INCREMENTAL, TOTAL, load_engine
+from drivers.engines import load_engine
 from drivers.limits import refuse, step_limit, two_over_omega
 from validation.accuracy.budget import budget_of
 from validation.reference.hertz_chain import Extremes, TubeMotion
-from validation.reference.tube import integrate_tube
+from validation.reference.tube import INCREMENTAL, TOTAL, integrate_tube
 from validation.reference.velocity_verlet import follow_verlet, integrate_verlet
 from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import case_of
