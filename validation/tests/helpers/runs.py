@@ -12,9 +12,9 @@ import pandas as pd
 import pytest
 
 from drivers.base.files import read_sealed, sha256_of, write_sealed
-from drivers.chain.case import Case
+from drivers.chain.case import SIDEWAYS, Case
 from drivers.chain.trace import Trace
-from drivers.engines import load_engine
+from drivers.engines import codes, load_engine
 from drivers.limits import refuse
 from drivers.run.run import run_case
 from drivers.run.run_folder import FORCES, RECORD, EndedRun, record_of
@@ -22,6 +22,8 @@ from validation.accuracy.budget import assess, budget_of
 from validation.checks import Check
 from validation.compare.comparison import ComparedScene, EngineSelection, missing, run_and_compare_all
 from validation.tests.helpers.scenes import case_of
+
+TUBE_CODES = [name for name in codes() if load_engine(name).models >= SIDEWAYS]
 
 
 def run_and_compare(

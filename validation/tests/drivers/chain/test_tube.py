@@ -1,4 +1,4 @@
-"""Beads in a tube: equilibrium, bore contacts, records, and LIGGGHTS and YADE against the integrator."""
+"""Beads in a tube: equilibrium, bore contacts, records, and codes against the integrator."""
 
 from pathlib import Path
 
@@ -17,10 +17,9 @@ from drivers.run.run import run_case
 from postproc.read.observables import observe
 from validation.accuracy.budget import budget_of
 from validation.checks import PASS
-from validation.tests.helpers.runs import finished
+from validation.tests.helpers.runs import TUBE_CODES, finished
 from validation.tests.helpers.scenes import case_of
 
-CODES = ("liggghts", "yade")
 STATE = "run.record=['forces', 'state']"
 
 
@@ -132,7 +131,7 @@ SCENES = {
 @pytest.mark.parametrize("name", SCENES)
 def test_codes_agree_with_the_integrator(name: str, shared_runs: Path) -> None:
     case = case_of("fig4-tube", *SHORT_CHAIN, *SCENES[name])
-    for engine in CODES:
+    for engine in TUBE_CODES:
         run = finished(case, engine, shared_runs)
         assert {check.verdict for check in budget_of(case, engine, run.trace).checks} == {PASS}
         assert run.record.warnings == []

@@ -14,23 +14,32 @@ from validation.tests.helpers.scenes import case_of
 
 SNAPSHOTS = Path(__file__).parent / "decks"
 PAPER = ("fig4", "fig5", "fig6b", "fig6d")
-SCENES = {"lammps": "fig4", "liggghts": "fig4-tube", "yade": "fig4-tube"}
+SCENES = {"lammps": "fig4-tube", "liggghts": "fig4-tube", "yade": "fig4-tube"}
 # settings that remove (or add) the element, and the words of each deck that models it
 NEEDED_BY: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
     "friction": (
         ("contact.friction=0", "tube.friction=0"),
         {
+            "lammps": ("mindlin", "friction"),
             "liggghts": ("tangential history", "contact_distance_factor", "tangential_damping"),
             "yade": ("kso", "forget", "tangensOfFrictionAngle", "slipping", "shearElastic"),
         },
     ),
     "rotation": (
         ("contact.rotation=false",),
-        {"liggghts": ("nve/sphere", "omega"), "yade": ("inertia", "spin", "torque", "angVel")},
+        {
+            "lammps": ("nve/sphere", "omega"),
+            "liggghts": ("nve/sphere", "omega"),
+            "yade": ("inertia", "spin", "torque", "angVel"),
+        },
     ),
     "tube": (
         ("tube=", "chain.lateral_offset=", "chain.bead=[{from_wall=3, lateral_velocity='1 m/s'}]"),
-        {"liggghts": ("zcylinder", "hertz/stiffness", "fix kn", "_tube"), "yade": ("acet", "bore", "follow", "math")},
+        {
+            "lammps": ("zcylinder", "tube", "bore"),
+            "liggghts": ("zcylinder", "hertz/stiffness", "fix kn", "_tube"),
+            "yade": ("acet", "bore", "follow", "math"),
+        },
     ),
     "damping": (
         ("contact.restitution=0.9",),
@@ -43,7 +52,7 @@ NEEDED_BY: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
     "gravity": (("gravity=",), {"lammps": ("gravity",), "liggghts": ("gravity",), "yade": ("gravity", "\ng = ")}),
     "wall": (
         ("wall=",),
-        {"lammps": ("wall/gran",), "liggghts": ("zplane", "f_force_wall"), "yade": ("utils.wall", "[wall]")},
+        {"lammps": ("zplane", "f_wall"), "liggghts": ("zplane", "f_force_wall"), "yade": ("utils.wall", "[wall]")},
     ),
 }
 

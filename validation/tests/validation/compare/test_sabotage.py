@@ -28,6 +28,7 @@ SCENES = {
         "fig4", "chain.count=5", SENSOR, "run.duration=0.3 ms",
         "contact.dissipation=kuwabara-kono", "contact.relaxation=1 us",
     ),
+    "tube": ("fig4-tube", "chain.count=5", "chain.sensors=[]", "run.duration=0.15 ms"),
 }  # fmt: skip
 
 
@@ -111,6 +112,14 @@ SABOTAGE = [
     Sabotage("liggghts", "no drive", "fix drive .*\n", "\n", DEPARTS, NONE, "driven"),
     Sabotage("liggghts", "a drive of another bead", "driven id 20", "driven id 19", DEPARTS, NONE, "driven"),
     Sabotage("yade", "a drive one step early", "tau = step ", "tau = (step + 1) ", DEPARTS, NONE, "driven"),
+    # tubes, in three dimensions, where no cause is sought
+    Sabotage("lammps", "a friction off by 0.001", r"(mindlin \S+ 0) 0\.05", r"\1 0.051", DEPARTS, "", "tube"),
+    Sabotage("lammps", "a bore wider by 0.1 um", "zcylinder 0.0025", "zcylinder 0.00250005", DEPARTS, "", "tube"),
+    Sabotage("lammps", "no rotation", "nve/sphere", "nve", DEPARTS, "", "tube"),
+    Sabotage("lammps", "a shear that shrinks in opening contacts", "mindlin ", "mindlin_rescale ", DEPARTS, "", "tube"),
+    Sabotage("liggghts", "a bore wider by 0.1 um", "zcylinder 0.0025", "zcylinder 0.00250005", DEPARTS, "", "tube"),
+    Sabotage("yade", "a friction off by 0.001", r"(frictionAngle=|tangensOfFrictionAngle = )0\.0[45]\d*", r"\g<1>0.051",
+             DEPARTS, "", "tube"),
     # ends
     Sabotage("lammps", "NaN", "timestep        1e-07", "timestep        1e200", "simulation unstable"),
     Sabotage("lammps", "a step far too large", "timestep        1e-07", "timestep        2.5e-05", UNSTABLE),

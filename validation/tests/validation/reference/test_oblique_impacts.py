@@ -12,8 +12,8 @@ from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import Trace
 from drivers.engines import load_engine
 from drivers.run.compute import compute
-from validation.reference.tube import INCREMENTAL, TOTAL, integrate_tube
-from validation.tests.helpers.runs import need
+from validation.reference.tube import INCREMENTAL, LAWS, TOTAL, integrate_tube
+from validation.tests.helpers.runs import TUBE_CODES, need
 from validation.tests.helpers.scenes import case_of
 
 SPEED_M_S, RESTITUTION = 3.9, 0.98
@@ -45,7 +45,7 @@ def motion_of(trace: Trace) -> tuple[Array, Array, Array]:
     return trace.across_velocity_m_s[:, :, 0], trace.velocity_m_s, trace.spin_rad_s[:, :, 1]
 
 
-@pytest.mark.parametrize("engine", ["liggghts", "yade"])
+@pytest.mark.parametrize("engine", TUBE_CODES)
 @pytest.mark.parametrize(
     ("degrees", "material"), [(5.0, "aluminium-oxide"), (20.0, "aluminium-alloy"), (60.0, "aluminium-oxide")]
 )
@@ -54,23 +54,23 @@ def test_codes_rebound_by_their_laws(degrees: float, material: str, engine: str)
     case, (normal, tangential) = case_at(degrees, f'chain.material="{material}"'), velocities(degrees)
     law = load_engine(engine).shear
     trace = compute(case, engine, limit_s=60.0).done
-    (along, up, spin), right, wrong = (
+    (along, up, spin), right, *wrong = (
         [values[-1, 0] for values in motion_of(each)]
-        for each in (trace, verlet_of(case, law), verlet_of(case, INCREMENTAL if law == TOTAL else TOTAL))
+        for each in (trace, *(verlet_of(case, each) for each in (law, *({*LAWS} - {law}))))
     )
     assert abs(up - right[1]) < ROUNDED * SPEED_M_S
     assert abs(along - right[0]) < ROUNDED * SPEED_M_S
     assert abs(spin - right[2]) < ROUNDED * SPEED_M_S / case.chain.radius_m[0]
     assert up / normal == pytest.approx(RESTITUTION, abs=1e-5)  # error of the step; 1e-6 at 1 ns
     if degrees < 30:
-        assert abs(along - wrong[0]) > 5e-4 * SPEED_M_S
+        assert min(abs(along - other[0]) for other in wrong) > 1e-4 * SPEED_M_S
     else:  # it slides throughout: momentum alone gives the rebound, but a few of the first and last steps stick
         friction = case.scene.contact.friction
         assert along == pytest.approx(tangential - friction * (1 + RESTITUTION) * normal, rel=5e-5)
     assert trace.total_energy_J[-1] < trace.total_energy_J[0]
 
 
-@pytest.mark.parametrize("law", [TOTAL, INCREMENTAL])
+@pytest.mark.parametrize("law", LAWS)
 def test_two_free_beads_keep_their_momenta(law: str) -> None:
     upper = '{from_wall=2, diameter="3 mm", velocity="-3 m/s", lateral_velocity="0.4 m/s"}'
     case = case_at(30.0, "wall=", "chain.count=2", f"chain.bead=[{upper}]", "contact.friction=0.3")
