@@ -190,7 +190,7 @@ def failure_reason(stdout: str, stderr: str) -> str:
 
 def roots(radius_m: Array) -> Array:
     """``sqrt(R*)`` of each contact of atoms of these radii. Shape (bodies,)."""
-    return np.sqrt(np.append(radius_m[0], 1 / (1 / radius_m[1:] + 1 / radius_m[:-1])))
+    return np.asarray(np.sqrt(np.append(radius_m[0], 1 / (1 / radius_m[1:] + 1 / radius_m[:-1]))))
 
 
 def coefficients_of(chain: Chain, radius_m: Array) -> tuple[list[float], list[float]]:
@@ -226,5 +226,5 @@ def _trace(case: Case, radius_m: Array, dump: dict[str, Array], wall_force: str,
         return make_trace(chain, times, force, height, velocity)
     place, spin = vectors(PLACE), vectors(SPIN) if chain.lateral.turns else None
     place[:, :, 2] = height
-    bore = sum(vectors(bore_forces[i : i + 3]) for i in range(0, len(bore_forces), 3)) if chain.bore else None
-    return make_trace(chain, times, force, place, vectors(VELOCITY), spin, bore)
+    bore = np.sum([vectors(bore_forces[at : at + 3]) for at in range(0, len(bore_forces), 3)], axis=0)
+    return make_trace(chain, times, force, place, vectors(VELOCITY), spin, bore if chain.bore else None)
