@@ -1,8 +1,12 @@
-# Bead chains on LIGGGHTS, YADE and LAMMPS. "make" lists the targets.
+# Bead chains on LIGGGHTS, YADE, LAMMPS and Kratos. "make" lists the targets.
 PYTHON ?= python3
 PY := .venv/bin/python
 BEADS := .venv/bin/beads
-CODES := liggghts yade lammps
+AS_ROOT := $(if $(filter 0,$(shell id -u)),,sudo)
+APT := $(if $(shell command -v apt-get),$(if $(AS_ROOT),$(shell command -v sudo),yes))
+# Kratos takes the place of LIGGGHTS and YADE if they cannot be installed; with them: make engines CODES="... kratos"
+PRESENT := $(shell command -v liggghts >/dev/null && command -v yade)
+CODES := liggghts yade lammps $(if $(APT)$(PRESENT),,kratos)
 # file with engines of your own: make report ENGINES=mine.toml
 export BEAD_CHAINS_ENGINES := $(or $(abspath $(ENGINES)),$(BEAD_CHAINS_ENGINES))
 ENTRIES := $(wildcard $(subst :, ,$(BEAD_CHAINS_ENGINES)) engines.toml $(HOME)/.config/bead-chains/engines.toml)
@@ -18,8 +22,6 @@ SOURCES := $(shell find inputs templates drivers postproc validation -type f \
 MADE_FROM := $(SOURCES) $(ENTRIES) .venv/.ready .venv/.engines
 MEASURED := claims trade stability elements calibration
 BUDGET := 300
-AS_ROOT := $(if $(filter 0,$(shell id -u)),,sudo)
-APT := $(if $(shell command -v apt-get),$(if $(AS_ROOT),$(shell command -v sudo),yes))
 INSTALL := $(AS_ROOT) env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends
 
 .DEFAULT_GOAL := help
@@ -164,12 +166,15 @@ endef
 .chromium:
 	@command -v chromium >/dev/null && command -v chromedriver >/dev/null || $(call install,chromium chromium-driver)
 
-# installs from the system's packages, else LAMMPS from Python's; lists the found codes, rewritten only if they change
+# installs from the system's packages, else, as Kratos always, from Python's; lists the found codes, rewritten only if
+# they change
 .venv/.engines: $(AGAIN) $(if $(filter-out $(shell cat .venv/.engines 2>/dev/null),$(FOUND)),FORCE) | .venv/.ready
 ifneq ($(FOUND),$(CODES))
-	-@$(if $(APT),$(call install,$(filter-out $(FOUND),$(CODES))))
+	-@$(if $(APT),$(if $(filter-out $(FOUND) kratos,$(CODES)),$(call install,$(filter-out $(FOUND) kratos,$(CODES)))))
 	-@$(FIND) | grep -q lammps || \
 	  { $(call packages,requirements-lammps.lock); }
+	-@$(if $(filter kratos,$(CODES)),$(FIND) | grep -q kratos || \
+	  { ($(call packages,requirements-kratos.lock)) && ln -sf python .venv/bin/kratos; })
 	@for each in $(CODES); do $(FIND) | grep -q $$each || printf "%s " $$each; done >$@.new
 	@test ! -s $@.new || echo "missing: $$(cat $@.new)- install it, or name your own build in engines.toml" \
 	  "(see inputs/engines.toml), then: make engines. Continuing without it."
