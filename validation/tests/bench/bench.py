@@ -58,6 +58,7 @@ CASES: Mapping[tuple[str, ...], int] = {
     ("liggghts",): 200,
     ("lammps",): 200,
     ("yade",): 200,
+    ("kratos",): 200,
 }  # by engines
 STUDY = """
 scene = "fig4"
@@ -113,16 +114,21 @@ def reference(
 
 
 def steps(counts: Mapping[int, int] = STEPS, repeats: int = 5) -> Iterator[Row]:
-    """Cost of a step of a chain under 1 N, in which every contact is closed, in ``verlet`` and in the codes' loops."""
+    """Cost of a step of a chain under 1 N, in which every contact is closed, in ``verlet`` and in the codes' loops.
+
+    The start of a code is the time of its process outside the loop.
+    """
     for bodies, count in counts.items():
         chain = (f"chain.count={bodies - 1}", "chain.sensors=[]", "chain.precompression=1 N", "gravity=", "tube=")
         case = case_of("fig4", *chain, STEP, f"run.duration={count / 10} us", f"run.sample_interval={count / 10} us")
         (own_s,) = best(repeats, partial(integrate_verlet, arrays_of(case.chain), 1e-7, count, 2))
-        loops_s = {"verlet": own_s}
         with TemporaryDirectory() as runs:
-            loops_s |= {code: run_case(case, code, Path(runs)).record.loop_s or np.nan for code in installed_codes()}
+            records = {code: run_case(case, code, Path(runs)).record for code in installed_codes()}
+        loops_s = {"verlet": own_s} | {code: record.loop_s or np.nan for code, record in records.items()}
         for name, loop_s in loops_s.items():
             yield f"step, {name}, {bodies} bodies", loop_s / bodies / count * 1e9, "ns per body"
+        for name, record in records.items():
+            yield f"start, {name}, {bodies} bodies", (record.wall_s or np.nan) - loops_s[name], "s"
 
 
 def batch(cases: Mapping[tuple[str, ...], int] = CASES) -> Iterator[Row]:
