@@ -74,6 +74,7 @@ class Entry(Part):
     variables: tuple[str, ...] = Field(default=(), strict=False, description="environment variables passed on")
     time_limit: units.Duration | None = Field(default=None, description="time limit of a run")
     how_to_get: str = Field(default="", description="advice if the code is missing")
+    optional: bool = Field(default=False, description="true: nothing is said if the code is missing")
 
 
 @dataclass(frozen=True)
@@ -381,6 +382,12 @@ def installed_codes() -> list[str]:
     return list(installed(codes()))
 
 
+def expected_engines() -> list[str]:
+    """Names of all engines, without optional codes that are not installed."""
+    here = installed(engine_names())
+    return [name for name in engine_names() if name in here or not load_engine(name).entry.optional]
+
+
 def missing_codes() -> list[str]:
-    """Names of codes that are not installed."""
-    return [name for name in codes() if name not in installed_codes()]
+    """Names of codes that are not installed, and not optional."""
+    return [name for name in expected_engines() if load_engine(name).find() is None]

@@ -21,7 +21,7 @@ from drivers.batch.study import read_study, seen_from
 from drivers.chain.case import Case
 from drivers.chain.schemes import verlet_of
 from drivers.chain.trace import Trace
-from drivers.engines import REFERENCE, VERLET, engine_names, installed_codes
+from drivers.engines import REFERENCE, VERLET, expected_engines, installed_codes
 from drivers.run.run import run_many
 from drivers.run.run_folder import EndedRun
 from drivers.scene.model import Part
@@ -376,7 +376,7 @@ def judge(claims: Sequence[Claim], runs: Path = paths.RUNS) -> list[Check]:
     on_engines: list[tuple[Claim, str, Reading | Case, str]] = []
     for claim, words, way in ways:
         asked[:] = [way] if isinstance(way, Case) else []
-        engines = engine_names() if claim.kind == CASE else installed_codes()
+        engines = expected_engines() if claim.kind == CASE else installed_codes()
         if claim.kind != CASE:
             checks[check(claim, words, way, REFERENCE)] = None
         if asked and (claim.kind == CASE or way is claim.favoured):

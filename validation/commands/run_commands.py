@@ -13,7 +13,7 @@ from drivers.base.errors import InputError, RunError
 from drivers.base.terminal import counted, text_table
 from drivers.chain.case import Case, build_case
 from drivers.chain.trace import FORCE
-from drivers.engines import engine_names, installed, load_engine
+from drivers.engines import engine_names, expected_engines, installed, load_engine
 from drivers.engines._raw_output import files_of
 from drivers.limits import inability, refuse
 from drivers.run import inventory
@@ -76,7 +76,7 @@ def run(
         if not unsafe and (rerun or not is_done(case, name, runs)):
             refuse(case, name)  # before any engine starts
     done = [once(name) for name in names]
-    for name in [] if engines else engine_names():
+    for name in [] if engines else expected_engines():
         if why := "not installed" if name not in here else inability(case, name):
             print(f"not run on {name}: {why}", file=sys.stderr)
     return int(not all(done))

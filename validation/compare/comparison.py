@@ -17,7 +17,7 @@ from drivers.base.errors import InputError, digits_apart
 from drivers.base.terminal import counted, in_words, say, text_table
 from drivers.chain.case import Case
 from drivers.chain.trace import FORCE, Trace, largest_change_N, part_of
-from drivers.engines import REFERENCE, VERLET, codes, engine_names, in_order, installed_codes, load_engine
+from drivers.engines import REFERENCE, VERLET, codes, expected_engines, in_order, installed_codes, load_engine
 from drivers.limits import inability
 from drivers.run.run import run_many
 from drivers.run.run_folder import FORCES, EndedRun, open_run
@@ -105,8 +105,8 @@ class EngineSelection:
     @property
     def names(self) -> list[str]:
         """Names of all engines to compare."""
-        some = {*self.engines, *self.require, VERLET, REFERENCE}
-        return [name for name in engine_names() if not self.engines or name in some]
+        others = (VERLET, REFERENCE) if self.engines else expected_engines()
+        return sorted({*self.engines, *self.require, *others})
 
     def unmet(self, scenes: Sequence[ComparedScene]) -> dict[str, str]:
         """Messages on unmet requirements, by engine; a failed run counts as a run."""
