@@ -37,7 +37,7 @@ setup: .venv/.ready ## create .venv with the locked packages and beads
 
 cluster: .venv/.ready-cluster ## setup, with Dask for studies on a cluster
 
-engines: ## install LIGGGHTS, YADE and LAMMPS if missing
+engines: ## install LIGGGHTS, YADE and LAMMPS if missing; CODES="... kratos" for Kratos
 	@$(MAKE) --no-print-directory .venv/.engines AGAIN=FORCE
 
 figures: .venv/.ready .venv/.engines ## draw all figures and Table 1 of the paper

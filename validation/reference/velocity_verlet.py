@@ -1,4 +1,4 @@
-"""Velocity Verlet at a fixed step: the scheme of LIGGGHTS, YADE and LAMMPS, with overlaps instead of positions.
+"""Velocity Verlet at a fixed step: the scheme of the codes, with overlaps instead of positions.
 
 Internal velocities lag half a step behind, so that one step is one pass over the chain. Recorded velocities belong to
 the time of the forces. The first integration loads the compiled code.

@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from drivers.base import paths
-from drivers.base.errors import InputError
 from drivers.chain.schemes import default_limit_s
 from drivers.engines import engine_names, load_engine
 from drivers.limits import inability
