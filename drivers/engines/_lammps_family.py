@@ -226,5 +226,6 @@ def _trace(case: Case, radius_m: Array, dump: dict[str, Array], wall_force: str,
         return make_trace(chain, times, force, height, velocity)
     place, spin = vectors(PLACE), vectors(SPIN) if chain.lateral.turns else None
     place[:, :, 2] = height
-    bore = np.sum([vectors(bore_forces[at : at + 3]) for at in range(0, len(bore_forces), 3)], axis=0)
-    return make_trace(chain, times, force, place, vectors(VELOCITY), spin, bore if chain.bore else None)
+    by_fix = [bore_forces[at : at + 3] for at in range(0, len(bore_forces), 3)]
+    bore = np.sum([*map(vectors, by_fix)], axis=0) if chain.bore else None
+    return make_trace(chain, times, force, place, vectors(VELOCITY), spin, bore)

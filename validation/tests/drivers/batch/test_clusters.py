@@ -158,7 +158,8 @@ def test_rows_of_an_absent_engine_wait_and_count(study: Path, run_with_module: R
 
 def test_an_engine_of_the_job_refuses_cases_before_the_job(modules: Path, tmp_path: Path) -> None:
     study = tmp_path / "study.toml"
-    study.write_text('scene = "fig4-tube"\nengines = ["verlet", "by-module"]\n')
+    law = '{ "contact.dissipation" = "hunt-crossley", "contact.slowness" = "0.2 s/m" }'
+    study.write_text(f'scene = "fig4"\nengines = ["verlet", "by-module"]\nset = {law}\n')
     done = batch(study, tmp_path / "runs", "--slurm", "--dry-run")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-    assert 'found "by-module" for a scene with ' in done.stderr
+    assert 'contact.dissipation: found "hunt-crossley"; allowed: on by-module' in done.stderr

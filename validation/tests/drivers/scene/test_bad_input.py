@@ -102,7 +102,9 @@ def test_lateral_offset_may_be_as_large_as_the_play() -> None:
 
 def test_engine_refuses_a_tube_that_it_cannot_model() -> None:
     fast, coarse = "chain.bead=[{from_wall=3, lateral_velocity='2 km/s'}]", "run.time_step=20 us"
-    lacks = "lateral freedom, tube, friction, rotation; allowed: an engine that models it: liggghts, verlet, yade"
+    lacks = (
+        "lateral freedom, tube, friction, rotation; allowed: an engine that models it: lammps, liggghts, verlet, yade"
+    )
     for engine, settings, message in (
         ("reference", (), lacks),
         ("yade", (coarse, "run.sample_interval=20 us"), "run.time_step: found 2e-05 s; allowed: at mo"),

@@ -104,7 +104,7 @@ def cheap(tmp_path: Path) -> Path:
 @pytest.fixture
 def in_repo(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leaves the engines of the repository alone."""
-    monkeypatch.setattr(judged, "engine_names", lambda: [*IN_REPO])
+    monkeypatch.setattr(judged, "expected_engines", lambda: [*IN_REPO])
 
 
 @pytest.mark.usefixtures("in_repo")
@@ -160,7 +160,7 @@ def test_an_engine_that_is_not_there_or_refuses_is_not_run(
 def test_a_case_without_state_does_not_take_it_from_another(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Their decks are equal, and so is their run."""
     need("liggghts")
-    monkeypatch.setattr(judged, "engine_names", lambda: ["liggghts"])
+    monkeypatch.setattr(judged, "expected_engines", lambda: ["liggghts"])
     path = tmp_path / "both.toml"
     path.write_text(
         CASE + CASE.replace('"glass"', '"bare"').replace("scene =", "set = ['run.record=[\"forces\"]']\nscene =")
