@@ -1,0 +1,73 @@
+"""Kratos: deck of a straight chain for the DEMApplication, reader of its arrays."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from drivers.base.decks import Deck
+from drivers.base.decks import render as render_template
+from drivers.base.processes import line_of
+from drivers.chain.case import Case
+from drivers.chain.chain import Array, sphere_for_face
+from drivers.chain.drives import drive_words, pieces_of
+from drivers.chain.trace import Trace, make_trace
+from drivers.engines import Engine, last_line
+from drivers.engines._raw_output import read_arrays
+
+PACKAGE = "lib/python3*/site-packages/KratosMultiphysics"  # beside the folder of its interpreter
+
+
+def render(case: Case) -> Deck:
+    """Render ``chain.py``; a flat face is the sphere of ``sphere_for_face``."""
+    chain, scene = case.chain, case.scene
+    radius, labels = chain.radius_m.copy(), list(chain.materials)
+    constants = {name: scene.elastic_constants(name) for name in [*labels, *([chain.wall] if chain.wall else [])]}
+    if np.isinf(radius[-1]):
+        radius[-1], modulus = sphere_for_face(scene, chain)
+        labels[-1] = f"flat {labels[-1]}"
+        constants[labels[-1]] = modulus, scene.materials[chain.materials[-1]].poisson_ratio
+    numbers = np.column_stack([chain.height_m + above_face(case), radius, chain.mass_kg, chain.velocity_m_s])
+    gaps = np.where(chain.stiffness > 0, -chain.overlap_m, 0.0)
+    text = render_template(
+        "kratos/chain.py.j2",
+        case=case,
+        bodies=list(zip(numbers.tolist(), labels, strict=True)),
+        materials=[(name, *values) for name, values in constants.items()],
+        reach=float(f"{gaps.max() + 0.1 * radius.min():.2g}"),
+        pieces=pieces_of(chain.drive, scene.time_step_s, scene.steps),
+        drive_words=drive_words(scene),
+    )
+    return Deck({"chain.py": text}, ("kratos", "chain.py"), raw=("chain.npz",))
+
+
+def above_face(case: Case) -> Array:
+    """Height of the spheres above their bodies, which differs for a flat face."""
+    chain, above = case.chain, np.zeros(case.chain.bodies)
+    if np.isinf(chain.radius_m[-1]):
+        above[-1], _ = sphere_for_face(case.scene, chain)
+        if chain.damped:  # a gap above the rounding error: see Chain.height_m
+            above[-1] += 4 * np.spacing(above[-1])
+    return above
+
+
+def read(case: Case, folder: Path) -> Trace:
+    """Read the arrays as a trace; RunError if the file or an array is missing or incomplete."""
+    chain, samples = case.chain, case.scene.samples
+    arrays = read_arrays(folder / "chain.npz", dict.fromkeys(("force", "height", "velocity"), (samples, chain.bodies)))
+    height = arrays["height"] - above_face(case)
+    return make_trace(chain, case.sample_times_s, arrays["force"], height, arrays["velocity"])
+
+
+ENGINE = Engine(
+    how_to_get="pip install KratosMultiphysics KratosDEMApplication, with a link kratos to their interpreter",
+    program="kratos",
+    version=lambda command: line_of(command, "-cimport KratosMultiphysics", r"Multi-Physics \d"),
+    libraries=lambda program: sorted(program.parent.parent.glob(f"{PACKAGE}/**/*.so")),
+    render=render,
+    server=Deck({"serve.py": render_template("kratos/serve.py.j2")}, ("kratos", "serve.py"), raw=()),
+    read=read,
+    failure_reason=lambda stdout, stderr: last_line(stdout, stderr),
+    loop_pattern=r"^completed \d+ steps in ([0-9.]+) s$",
+    style={"color": "#009e73", "marker": "^", "ms": 4.0},
+)
