@@ -1,6 +1,6 @@
 """Kratos: deck of a straight chain for the DEMApplication, reader of its arrays."""
 
-from collections.abc import Iterable
+import re
 from pathlib import Path
 
 import numpy as np
@@ -16,25 +16,30 @@ from drivers.engines import Engine, last_line
 from drivers.engines._raw_output import read_arrays
 
 PACKAGE = "lib/python3*/site-packages/KratosMultiphysics"  # beside the folder of its interpreter
+CHATTER = ("|", "'", ".", "_", "Multi-Physics", "Compiled", "Maximum number", "Running without", "Importing", "KRATOS |")
 
 
 def render(case: Case) -> Deck:
     """Render ``chain.py``; a flat face is the sphere of ``sphere_for_face``."""
     chain, scene = case.chain, case.scene
     radius, labels = chain.radius_m.copy(), list(chain.materials)
-    constants = {name: scene.elastic_constants(name) for name in [*labels, *([chain.wall] if chain.wall else [])]}
-    if np.isinf(radius[-1]):
+    flat = bool(np.isinf(radius[-1]))
+    if flat:
         radius[-1], modulus = sphere_for_face(scene, chain)
         labels[-1] = f"flat {labels[-1]}"
-        constants[labels[-1]] = modulus, scene.materials[chain.materials[-1]].poisson_ratio
+    constants = {name: scene.elastic_constants(name) for name in [*chain.materials, *filter(None, [chain.wall])]}
+    if flat:
+        constants[labels[-1]] = modulus, constants[chain.materials[-1]][1]
+    used = dict.fromkeys([*labels, *filter(None, [chain.wall])])
     numbers = np.column_stack([chain.height_m + above_face(case), radius, chain.mass_kg, chain.velocity_m_s])
-    gaps = np.where(chain.stiffness > 0, -chain.overlap_m, 0.0)
+    gap = np.where(chain.stiffness > 0, -chain.overlap_m, 0.0).max(initial=0.0)
     text = render_template(
         "kratos/chain.py.j2",
         case=case,
         bodies=list(zip(numbers.tolist(), labels, strict=True)),
-        materials=[(name, *values) for name, values in constants.items()],
-        reach=float(f"{gaps.max() + 0.1 * radius.min():.2g}"),
+        materials=[(name, *constants[name]) for name in used],
+        face_radius=radius[-1] if flat else None,
+        reach=float(f"{2 * gap + 0.1 * radius.min():.1g}"),
         pieces=pieces_of(chain.drive, scene.time_step_s, scene.steps),
         drive_words=drive_words(scene),
     )
@@ -59,15 +64,22 @@ def read(case: Case, folder: Path) -> Trace:
     return make_trace(chain, case.sample_times_s, arrays["force"], height, arrays["velocity"])
 
 
+def failure_reason(stdout: str, stderr: str) -> str:
+    """Line of Python's error; an error of Kratos continues with its source lines and names that it knows."""
+    errors = re.findall(r"^\w*(?:Error|Exception)\b.*", stderr, re.MULTILINE)
+    return errors[-1] if errors else last_line(stdout, stderr, CHATTER)
+
+
 ENGINE = Engine(
     how_to_get="pip install KratosMultiphysics KratosDEMApplication, with a link kratos to their interpreter",
     program="kratos",
     version=lambda command: line_of(command, "-cimport KratosMultiphysics", r"Multi-Physics \d"),
     libraries=lambda program: sorted(program.parent.parent.glob(f"{PACKAGE}/**/*.so")),
+    refusal=lambda case: case.chain.law.refusal("kratos"),
     render=render,
     server=Deck({"serve.py": render_template("kratos/serve.py.j2")}, ("kratos", "serve.py"), raw=()),
     read=read,
-    failure_reason=lambda stdout, stderr: last_line(stdout, stderr),
+    failure_reason=failure_reason,
     loop_pattern=r"^completed \d+ steps in ([0-9.]+) s$",
-    style={"color": "#009e73", "marker": "^", "ms": 4.0},
+    style={"color": "#e69f00", "ls": (0, (7, 2)), "marker": ">", "ms": 4.0},
 )
