@@ -16,28 +16,26 @@ from drivers.engines import Engine, last_line
 from drivers.engines._raw_output import read_arrays
 
 PACKAGE = "lib/python3*/site-packages/KratosMultiphysics"  # beside the folder of its interpreter
-CHATTER = ("|", "'", ".", "_", "Multi-Physics", "Compiled", "Maximum number", "Running without", "Importing", "KRATOS |")
 
 
 def render(case: Case) -> Deck:
     """Render ``chain.py``; a flat face is the sphere of ``sphere_for_face``."""
     chain, scene = case.chain, case.scene
-    radius, labels = chain.radius_m.copy(), list(chain.materials)
-    flat = bool(np.isinf(radius[-1]))
+    radius, labels, flat = chain.radius_m.copy(), list(chain.materials), bool(np.isinf(chain.radius_m[-1]))
+    if flat:
+        labels[-1] = f"flat {labels[-1]}"
+    named = [*zip(labels, chain.materials, strict=True), *([(chain.wall, chain.wall)] if chain.wall else [])]
+    constants = {label: scene.elastic_constants(name) for label, name in named}
     if flat:
         radius[-1], modulus = sphere_for_face(scene, chain)
-        labels[-1] = f"flat {labels[-1]}"
-    constants = {name: scene.elastic_constants(name) for name in [*chain.materials, *filter(None, [chain.wall])]}
-    if flat:
-        constants[labels[-1]] = modulus, constants[chain.materials[-1]][1]
-    used = dict.fromkeys([*labels, *filter(None, [chain.wall])])
+        constants[labels[-1]] = modulus, constants[labels[-1]][1]
     numbers = np.column_stack([chain.height_m + above_face(case), radius, chain.mass_kg, chain.velocity_m_s])
     gap = np.where(chain.stiffness > 0, -chain.overlap_m, 0.0).max(initial=0.0)
     text = render_template(
         "kratos/chain.py.j2",
         case=case,
         bodies=list(zip(numbers.tolist(), labels, strict=True)),
-        materials=[(name, *constants[name]) for name in used],
+        materials=[(label, *values) for label, values in constants.items()],
         face_radius=radius[-1] if flat else None,
         reach=float(f"{2 * gap + 0.1 * radius.min():.1g}"),
         pieces=pieces_of(chain.drive, scene.time_step_s, scene.steps),
@@ -67,7 +65,7 @@ def read(case: Case, folder: Path) -> Trace:
 def failure_reason(stdout: str, stderr: str) -> str:
     """Line of Python's error; an error of Kratos continues with its source lines and names that it knows."""
     errors = re.findall(r"^\w*(?:Error|Exception)\b.*", stderr, re.MULTILINE)
-    return errors[-1] if errors else last_line(stdout, stderr, CHATTER)
+    return errors[-1] if errors else last_line(stdout, stderr)
 
 
 ENGINE = Engine(
