@@ -69,6 +69,12 @@ def read(case: Case, folder: Path) -> Trace:
     return make_trace(chain, case.sample_times_s, arrays["force"], height, arrays["velocity"])
 
 
+def libraries(program: Path) -> list[Path]:
+    """Files that ``import`` loads of Kratos' packages beside the folder of an interpreter."""
+    loaded = (".libs/*.so", "*.py", "DEMApplication/__init__.py")
+    return sorted(file for name in loaded for file in program.parent.parent.glob(f"{PACKAGE}/{name}"))
+
+
 def failure_reason(stdout: str, stderr: str) -> str:
     """Line of Python's error; an error of Kratos continues with its source lines and names that it knows."""
     errors = re.findall(r"^\w*(?:Error|Exception)\b.*", stderr, re.MULTILINE)
@@ -79,7 +85,7 @@ ENGINE = Engine(
     how_to_get="pip install KratosMultiphysics KratosDEMApplication, with a link kratos to their interpreter",
     program="kratos",
     version=lambda command: line_of(command, "-cimport KratosMultiphysics", r"Multi-Physics \d"),
-    libraries=lambda program: sorted(program.parent.parent.glob(f"{PACKAGE}/**/*.so")),
+    libraries=libraries,
     refusal=lambda case: case.chain.law.refusal("kratos"),
     render=render,
     server=Deck({"serve.py": render_template("kratos/serve.py.j2")}, ("kratos", "serve.py"), raw=()),
