@@ -80,7 +80,8 @@ SABOTAGE = [
     Sabotage("kratos", "a coefficient off by 1e-3", r"(GAMMA\] = [\d.e-]+)", r"\1 * 1.001", DEPARTS,
              r"dissipation 1\.001 times the scene's", "damped"),
     # masses, loads, start
-    Sabotage("kratos", "masses by one density", r"    element\.Initialize.*\n", "", DEPARTS, NONE),
+    Sabotage("kratos", "a sensor's mass", "= mass / ", "= bodies[0][2] / ",
+             DEPARTS, r"bead 3 with 1\.05689[67]\d* of its mass"),
     Sabotage("liggghts", "a sensor's mass", r"\n3 1 0.00476 2054\.\d+", r"\n3 1 0.00476 2171.0558198513872",
              DEPARTS, r"bead 3 with 1\.05689[67]\d* of its mass"),
     Sabotage("yade", "a mass off by 1e-5", r"body\.state\.mass = mass", r"\g<0> * (1 + 1e-5 * (0.0115 < z < 0.0125))",
