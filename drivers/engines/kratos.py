@@ -13,7 +13,7 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain
 from drivers.chain.drives import drive_words, pieces_of
 from drivers.chain.trace import Trace, make_trace
-from drivers.engines import Engine, last_line
+from drivers.engines import IN_OVERLAPS, Engine, last_line
 from drivers.engines._raw_output import read_arrays
 
 PACKAGE = "lib/python3*/site-packages/KratosMultiphysics"  # beside the folder of its interpreter
@@ -86,6 +86,7 @@ ENGINE = Engine(
     program="kratos",
     version=lambda command: line_of(command, "-cimport KratosMultiphysics", r"Multi-Physics \d"),
     libraries=libraries,
+    scheme=IN_OVERLAPS,  # it adds displacements to heights at time 0, so that rounding of heights does not add up
     refusal=lambda case: case.chain.law.refusal("kratos"),
     render=render,
     server=Deck({"serve.py": render_template("kratos/serve.py.j2")}, ("kratos", "serve.py"), raw=()),
