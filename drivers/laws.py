@@ -192,7 +192,12 @@ def viscoelastic(damping_ratio: float = 0.0, restitution: float | None = None) -
         VISCOELASTIC,
         ratio,
         f"impacts have a restitution of {restitution_of(ratio):.6g}",
-        codes={"lammps": "tsuji limit_damping", "liggghts": " limitForce on", "yade": "betan"},
+        codes={
+            "kratos": "DAMPING_GAMMA",
+            "lammps": "tsuji limit_damping",
+            "liggghts": " limitForce on",
+            "yade": "betan",
+        },
     )
 
 

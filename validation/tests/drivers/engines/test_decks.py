@@ -14,7 +14,7 @@ from validation.tests.helpers.scenes import case_of
 
 SNAPSHOTS = Path(__file__).parent / "decks"
 PAPER = ("fig4", "fig5", "fig6b", "fig6d")
-SCENES = {"lammps": "fig4-tube", "liggghts": "fig4-tube", "yade": "fig4-tube"}
+SCENES = {"kratos": "fig4", "lammps": "fig4-tube", "liggghts": "fig4-tube", "yade": "fig4-tube"}
 # settings that remove (or add) the element, and the words of each deck that models it
 NEEDED_BY: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
     "friction": (
@@ -43,16 +43,34 @@ NEEDED_BY: dict[str, tuple[tuple[str, ...], dict[str, tuple[str, ...]]]] = {
     ),
     "damping": (
         ("contact.restitution=0.9",),
-        {"lammps": ("tsuji",), "liggghts": ("limitForce", "fix damping"), "yade": ("betan",)},
+        {
+            "kratos": ("DAMPING_GAMMA",),
+            "lammps": ("tsuji",),
+            "liggghts": ("limitForce", "fix damping"),
+            "yade": ("betan",),
+        },
     ),
     "precompression": (
         ("chain.precompression=2 N",),
-        {"lammps": ("addforce",), "liggghts": ("addforce",), "yade": ("setPermF",)},
+        {
+            "kratos": ("EXTERNAL_APPLIED_FORCE_Z",),
+            "lammps": ("addforce",),
+            "liggghts": ("addforce",),
+            "yade": ("setPermF",),
+        },
     ),
-    "gravity": (("gravity=",), {"lammps": ("gravity",), "liggghts": ("gravity",), "yade": ("gravity", "\ng = ")}),
+    "gravity": (
+        ("gravity=",),
+        {"kratos": ("GRAVITY",), "lammps": ("gravity",), "liggghts": ("gravity",), "yade": ("gravity", "\ng = ")},
+    ),
     "wall": (
         ("wall=",),
-        {"lammps": ("zplane", "f_wall"), "liggghts": ("zplane", "f_force_wall"), "yade": ("utils.wall", "[wall]")},
+        {
+            "kratos": ("RigidFace", "FOR_WALLS", "walls.Add"),
+            "lammps": ("zplane", "f_wall"),
+            "liggghts": ("zplane", "f_force_wall"),
+            "yade": ("utils.wall", "[wall]"),
+        },
     ),
 }
 

@@ -78,7 +78,11 @@ SABOTAGE = [
              r"dissipation 1\.001 times the scene's", "damped"),
     Sabotage("lammps", "a coefficient off by 1e-3", r"30209655\.005739838", "30239864.660745578",
              DEPARTS, NONE, "kuwabara"),
+    Sabotage("kratos", "a coefficient off by 1e-3", r"(GAMMA\] = [\d.e-]+)", r"\1 * 1.001", DEPARTS,
+             r"dissipation 1\.001 times the scene's", "damped"),
     # masses, loads, start
+    Sabotage("kratos", "a sensor's mass", "= mass / ", "= bodies[0][2] / ",
+             DEPARTS, r"bead 3 with 1\.05689[67]\d* of its mass"),
     Sabotage("liggghts", "a sensor's mass", r"\n3 1 0.00476 2054\.\d+", r"\n3 1 0.00476 2171.0558198513872",
              DEPARTS, r"bead 3 with 1\.05689[67]\d* of its mass"),
     Sabotage("yade", "a mass off by 1e-5", r"body\.state\.mass = mass", r"\g<0> * (1 + 1e-5 * (0.0115 < z < 0.0125))",
@@ -107,6 +111,7 @@ SABOTAGE = [
     Sabotage("liggghts", "half the time step", r"timestep +\S+", "timestep 0.05e-6", DEPARTS,
              r"a time step 0\.5 times the scene's"),
     Sabotage("yade", "half the time step", "O.dt = time_step", "O.dt = time_step / 2", "height of", NONE),
+    Sabotage("kratos", "forces one step late", r"DELTA_TIME\] = 0 ", "DELTA_TIME] = time_step ", "height of", NONE),
     # drives
     Sabotage("lammps", "another frequency", "50265.48", "50768.13", DEPARTS, NONE, "driven"),
     Sabotage("liggghts", "no drive", "fix drive .*\n", "\n", DEPARTS, NONE, "driven"),
@@ -130,6 +135,7 @@ SABOTAGE = [
     Sabotage("yade", "half way", r"np.savez\(", "force = force[:150]\nnp.savez(", r"shape \(150, 6\)"),
     Sabotage("lammps", "an error in the deck", "pair_style      gran", "pair_style      grain", "pair style"),
     Sabotage("yade", "an error in the deck", "O.dt = time_step", "O.dt = steptime", "name 'steptime' is not defined"),
+    Sabotage("kratos", "an error in the deck", "SphericParticle3D", "Sphere3D", r'The Element "Sphere3D" is not reg'),
     Sabotage("yade", "death before the end", r"start = time.perf_counter\(\)", "import os; os._exit(0)",
              "was not written"),
 ]  # fmt: skip
