@@ -10,9 +10,9 @@ CODES := liggghts yade lammps $(if $(APT)$(PRESENT),,kratos)
 # file with engines of your own: make report ENGINES=mine.toml
 export BEAD_CHAINS_ENGINES := $(or $(abspath $(ENGINES)),$(BEAD_CHAINS_ENGINES))
 ENTRIES := $(wildcard $(subst :, ,$(BEAD_CHAINS_ENGINES)) engines.toml $(HOME)/.config/bead-chains/engines.toml)
-# codes whose program is on PATH or in .venv
+# codes whose program is on PATH or in .venv; make takes no output of a shell that ends with 127, "not found"
 FIND = for engine in $(CODES); do program=$$(echo $$engine | sed s/lammps/lmp/); \
-  PATH="$$PATH:.venv/bin" command -v $$program >/dev/null && printf '%s ' $$engine; done
+  PATH="$$PATH:.venv/bin" command -v $$program >/dev/null && printf '%s ' $$engine || :; done
 FOUND := $(strip $(shell $(FIND)))
 STUDIES := $(basename $(notdir $(wildcard inputs/studies/*.toml)))
 FIGURES := $(patsubst postproc/figures/%.py,%,$(wildcard postproc/figures/[a-z]*.py))
