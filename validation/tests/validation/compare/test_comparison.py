@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from drivers.base.errors import InputError
-from drivers.engines import REFERENCE, VERLET, codes, installed_codes
+from drivers.engines import REFERENCE, VERLET, codes, expected_engines, installed_codes, missing_codes
 from validation.checks import FAIL, NOT_RUN, PASS, Check, share_of_limit, short, worst_of
 from validation.commands import beads as beads_command
 from validation.compare.comparison import ComparedScene, EngineSelection, answer, compare_scenes, missing
@@ -122,10 +122,22 @@ def test_missing_engines_are_failures_unless_allowed(
             command("compare", option, "abacus")
 
 
+def test_of_an_optional_engine_that_is_missing_nothing_is_said_unless_it_is_required(
+    engines_file: EnginesWriter, command: Command, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for optional, counts in (("true", (0, 0)), ("false", (1, 1))):
+        engines_file(f'[spare]\nadapter = "{CODE}"\ncommand = "spare-is-nowhere"\noptional = {optional}\n')
+        assert ("spare" in missing_codes(), "spare" in expected_engines()) == counts
+        assert command("compare", "--allow-missing") == 0
+        assert ("spare" in capsys.readouterr().out) == counts[0]
+    assert command("compare", "--allow-missing", "--require", "spare") == 1
+    assert "spare is required and did not run: not installed" in capsys.readouterr().err
+
+
 def test_a_required_engine_that_refuses_the_scene_is_named_with_its_refusal(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """``reference`` models straight chains only, as LAMMPS does, and needs no installation."""
+    """``reference`` models straight chains only, and needs no installation."""
     words = ["compare", "fig4-tube", "--set", "run.duration=20 us", "--runs", str(tmp_path / "runs")]
     words += ["--require", REFERENCE, "--allow-missing", "--engine", VERLET]
     monkeypatch.setattr("sys.argv", ["beads", *words])
