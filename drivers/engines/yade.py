@@ -13,6 +13,7 @@ from drivers.base.decks import render as render_template
 from drivers.base.errors import InputProblem
 from drivers.base.processes import line_of
 from drivers.chain.case import SIDEWAYS, STRAIGHT, Case
+from drivers.chain.chain import Array, Chain
 from drivers.chain.drives import drive_words, pieces_of
 from drivers.chain.trace import Trace, make_trace
 from drivers.engines import Engine, last_line
@@ -26,27 +27,33 @@ CHATTER = ("Welcome to Yade", "Using python version", "TCP python prompt", "XMLR
 
 
 def refusal(case: Case) -> InputProblem | None:
-    """Refuse damped contacts that are pressed and moving at time 0: YADE's velocities start half a step earlier.
+    """Refuse damped contacts that are pressed, and moving or driven, at time 0.
 
-    Laws that are computed in the deck take the closing speed of time 0 in the first step.
+    YADE's velocities start half a step earlier. Laws that are computed in the deck take the closing speed of time 0 in the first step.
     """
     chain = case.chain
     along, approach = np.diff(chain.place_m, axis=0), np.diff(chain.velocity_xyz_m_s, axis=0)
     between = np.einsum("ij,ij->i", along, approach)  # contacts lean in a tube, so speeds across the axis count
     moving = (chain.overlap_m > 0) & (np.append(chain.closing_m_s[0], between) != 0)
+    driven = _driven_N(chain) != 0
+    moving |= (chain.overlap_m > 0) & (driven | np.append(False, driven[:-1]))  # both contacts of the body
     if chain.law.name != VISCOELASTIC or not moving.any():
         return chain.law.refusal("yade")
-    found = f"bead {int(np.argmax(moving)) + 1} pressed and moving at time 0"
-    if chain.drive is not None and chain.drive.prescribed and chain.velocity_m_s[chain.drive.body]:
+    found = f"bead {int(np.argmax(moving)) + 1} pressed, and moving or driven, at time 0"
+    if driven.any() or (chain.drive and chain.drive.prescribed and chain.velocity_m_s[chain.drive.body]):
         return "drive.start", found, "a later start, or contacts that are elastic"
     return "chain.bead", found, "no such velocities, or contacts that are elastic"
+
+
+def _driven_N(chain: Chain) -> Array:
+    """Force of the drive on each body at time 0. Shape (bodies,)."""
+    return np.ravel(loads_N(chain.load_N, chain.drive, np.zeros(1))) - chain.load_N
 
 
 def render(case: Case) -> Deck:
     """Render ``chain.py``; velocities are given half a step before time 0, as YADE's leapfrog needs them."""
     chain, early = case.chain, case.chain.velocity_xyz_m_s
-    driven_N = np.ravel(loads_N(chain.load_N, chain.drive, np.zeros(1))) - chain.load_N
-    early[:, 2] -= 0.5 * case.scene.time_step_s * (chain.acceleration_m_s2 + driven_N / chain.mass_kg)
+    early[:, 2] -= 0.5 * case.scene.time_step_s * (chain.acceleration_m_s2 + _driven_N(chain) / chain.mass_kg)
     bodies = list(zip(chain.place_m, chain.radius_m, chain.mass_kg, early, chain.materials, strict=True))
     labels = dict.fromkeys([*chain.materials, *([chain.wall] if chain.wall else [])])
     text = render_template(

@@ -40,6 +40,7 @@ SETTINGS = {law: (f"contact.dissipation={law}", EXAMPLES[law]) for law in LAWS} 
     "cubic power": (POWER, "contact.gamma=10", "contact.alpha=3"),
 }
 MOVING = "chain.bead=[{from_wall=20, velocity='-0.5 m/s'}]"
+KICKED = ("drive.form=step", "drive.force=1 N", "drive.from_wall=5")
 LEANING = (  # contacts that lean close at speeds across the axis, which YADE has half a step earlier
     "chain.lateral_offset=30 um", "chain.count=6", "chain.sensors=[]", "striker=", "chain.precompression=5 N",
     "chain.bead=[{from_wall=3, lateral_velocity='1 m/s'}]",
@@ -219,9 +220,12 @@ def test_a_law_that_names_no_code_runs_on_none(law: str) -> None:
             "on liggghts above 0.2137, which is a damping_ratio below 0.63",
         ),
         (("contact.restitution=0.214",), "liggghts", ""),
-        (("contact.restitution=0.9", MOVING), "yade", "bead 20 pressed and moving"),
+        (("contact.restitution=0.9", MOVING), "yade", "bead 20 pressed, and moving or driven,"),
         ((MOVING,), "yade", ""),
-        ((*LEANING, "contact.restitution=0.9"), "yade", "bead 3 pressed and moving"),
+        ((*KICKED, "contact.restitution=0.9"), "yade", "drive.start: found bead 5 pressed, and moving or driven,"),
+        ((*KICKED, "contact.restitution=0.9", "drive.start=1 us"), "yade", ""),
+        (KICKED, "yade", ""),
+        ((*LEANING, "contact.restitution=0.9"), "yade", "bead 3 pressed, and moving or driven,"),
         (LEANING, "yade", ""),
         (SETTINGS["power"], "lammps", 'on lammps 1, or contact.dissipation = "viscoelastic"'),
         (SETTINGS["power"], "liggghts", "on liggghts another law, since none of its dampings has this form"),
