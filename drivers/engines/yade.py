@@ -29,14 +29,15 @@ CHATTER = ("Welcome to Yade", "Using python version", "TCP python prompt", "XMLR
 def refusal(case: Case) -> InputProblem | None:
     """Refuse damped contacts that are pressed, and moving or driven, at time 0.
 
-    YADE's velocities start half a step earlier. Laws that are computed in the deck take the closing speed of time 0 in the first step.
+    YADE's velocities start half a step earlier. Laws that are computed in the deck take the closing speed of time 0 in
+    the first step.
     """
-    chain = case.chain
+    chain, driven = case.chain, _driven_N(case.chain) != 0
     along, approach = np.diff(chain.place_m, axis=0), np.diff(chain.velocity_xyz_m_s, axis=0)
     between = np.einsum("ij,ij->i", along, approach)  # contacts lean in a tube, so speeds across the axis count
-    moving = (chain.overlap_m > 0) & (np.append(chain.closing_m_s[0], between) != 0)
-    driven = _driven_N(chain) != 0
-    moving |= (chain.overlap_m > 0) & (driven | np.append(False, driven[:-1]))  # both contacts of the body
+    moving = np.append(chain.closing_m_s[0], between) != 0
+    moving |= driven | np.append(False, driven[:-1])  # both contacts of the body
+    moving &= chain.overlap_m > 0
     if chain.law.name != VISCOELASTIC or not moving.any():
         return chain.law.refusal("yade")
     found = f"bead {int(np.argmax(moving)) + 1} pressed, and moving or driven, at time 0"
