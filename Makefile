@@ -2,6 +2,7 @@
 PYTHON ?= python3
 PY := .venv/bin/python
 BEADS := .venv/bin/beads
+export PATH := $(PATH):$(CURDIR)/.venv/bin
 AS_ROOT := $(if $(filter 0,$(shell id -u)),,sudo)
 APT := $(if $(shell command -v apt-get),$(if $(AS_ROOT),$(shell command -v sudo),yes))
 # Kratos takes the place of LIGGGHTS and YADE if they cannot be installed; with them: make engines CODES="... kratos"
