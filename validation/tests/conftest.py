@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from drivers.base import paths
+from drivers.engines import codes
 from validation.tests.helpers.scenes import BASE, STRIKER, WALL, EnginesWriter, SceneWriter, StandIn, StudyWriter
 
 
@@ -86,6 +87,12 @@ def engines_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> EnginesWrit
         return path
 
     return write
+
+
+@pytest.fixture
+def no_codes(engines_file: EnginesWriter) -> None:
+    """Makes all codes missing, also those beside the interpreter."""
+    engines_file("".join(f'[{code}]\ncommand = "{code}-is-nowhere"\n' for code in codes()))
 
 
 @pytest.fixture(scope="session")

@@ -17,7 +17,7 @@ from drivers.run.run import run_case
 from postproc.read.observables import observe
 from validation.accuracy.budget import budget_of
 from validation.checks import PASS
-from validation.tests.helpers.runs import TUBE_CODES, finished
+from validation.tests.helpers.runs import TUBE_CODES, finished, need
 from validation.tests.helpers.scenes import case_of
 
 STATE = "run.record=['forces', 'state']"
@@ -156,6 +156,7 @@ def test_run_files_contain_sideways_motion_and_bore_forces(shared_runs: Path) ->
 
 
 def test_a_run_fails_if_the_striker_hits_the_tube(tmp_path: Path) -> None:
+    need("liggghts")
     ended = run_case(case_of("fig6d-tube", "tube.top=43.1 mm"), "liggghts", tmp_path)
     assert not ended.done
     assert ended.record.reason.startswith("at t = ")

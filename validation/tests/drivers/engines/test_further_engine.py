@@ -89,9 +89,11 @@ def test_several_processes_give_the_same_bits(engine: str, tmp_path: Path, share
     deck, parts = code.render(case), "processors 1 1 3\nboundary "  # parts of the chain, one above another
     files = {name: text.replace("boundary ", parts) for name, text in deck.files.items()}
     as_root = ("OMPI_ALLOW_RUN_AS_ROOT=1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1", "OMPI_MCA_rmaps_base_oversubscribe=1")
-    deck = replace(deck, files=files, command=("env", *as_root, "mpirun", "-np", "3", *deck.command))
+    program = code.find() or ()
+    mpirun = str(Path(program[0]).with_name("mpirun"))
+    deck = replace(deck, files=files, command=("env", *as_root, mpirun, "-np", "3", *deck.command))
     deck.write(tmp_path)
-    outcome = run_command(code.started(deck, code.find() or ()), tmp_path, 60, **code.environment)
+    outcome = run_command(code.started(deck, program), tmp_path, 60, **code.environment)
     alone = finished(case, engine, shared_runs).trace
     np.testing.assert_array_equal(checked_trace(case, code, outcome, tmp_path).force_N, alone.force_N)
 

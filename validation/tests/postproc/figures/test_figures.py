@@ -9,7 +9,7 @@ import pytest
 
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
-from drivers.engines import codes, installed_codes, missing_codes
+from drivers.engines import codes
 from postproc.draw.product import Product
 from postproc.draw.stack import STRIP
 from postproc.draw.style import COLUMN_IN, PAGE_IN
@@ -200,16 +200,15 @@ def test_the_shape_of_a_pulse_made_of_known_pieces() -> None:
     assert shape["duration_s"] == pytest.approx(turn + fast * np.log(0.4 / 0.02) - onset, rel=0.01)
 
 
-def test_figures_without_engines_say_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PATH", str(tmp_path))
+def test_figures_without_engines_say_so(no_codes: None, tmp_path: Path) -> None:
     done = beads("figures", "fig5", "table1", "--runs", tmp_path / "runs", "--results", tmp_path / "out")
     assert done.returncode == 0, done.stderr
-    assert f"left out, since not installed: {', '.join(missing_codes())}" in done.stderr
+    assert f"left out, since not installed: {', '.join(codes())}" in done.stderr
     names = ("fig5", "fig5-spacetime", "table1")
     files = {path.name for path in (tmp_path / "out").glob("*.*")}
     assert files == {f"{name}.{ending}" for name in names for ending in ("csv", "png", "svg")}
     engines = set(pd.read_csv(tmp_path / "out" / "fig5.csv")["engine"])
-    assert engines == {"reference", "paper", *installed_codes()}
+    assert engines == {"reference", "paper"}
 
 
 def test_a_figure_with_a_failed_run_leaves_no_files(stand_in: StandIn, tmp_path: Path) -> None:
@@ -266,7 +265,7 @@ def test_errors_of_a_figure_of_one_s_own_name_file_and_line(
         file.write_text(text)
     done = beads("figures", file, "--results", tmp_path / "out")
     assert (done.returncode, done.stdout) == (code, "")
-    assert message in done.stderr.splitlines()[-1]
+    assert message in done.stderr
     assert not list(tmp_path.glob("out/*"))
 
 
@@ -276,9 +275,8 @@ def test_a_force_that_no_strike_gives_is_an_error() -> None:
 
 
 def test_scenes_without_sensors_and_dissipation_without_a_train_are_refused(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    no_codes: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setenv("PATH", str(tmp_path))
     restitution = calibrated().parameter[1].model_copy(update={"value": 0.4})
     strong = calibrated().model_copy(update={"parameter": (restitution,)})
     for name, message in (("fig5", "fewer than 3 maxima at the wall"), ("fig6", "1 maxima at the wall")):
