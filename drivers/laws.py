@@ -2,28 +2,23 @@
 
 The force is ``F = max(0, k d^(3/2) + C d^p d')`` of the overlap d and the closing speed d', or with an exponent alpha
 ``F = max(0, k d^(3/2) + C sgn(d') |d'|^alpha)`` for d >= 0. ``validation.reference`` integrates it. A further law of
-this form is a function here, which holds its texts for the codes, its C in ``Dissipation``, its place in ``LAWS``, and
-its keys in ``Contact`` of ``drivers.scene.model`` and ``LAW_KEYS`` of ``drivers.scene.rules``.
+this form is a function here, its C in ``Dissipation``, its place in ``LAWS``, its keys in ``Contact`` of
+``drivers.scene.model`` and ``LAW_KEYS`` of ``drivers.scene.rules``, and its name in the adapters of the codes that have
+it.
 """
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
-from math import acos, acosh, cosh, exp, log, pi, sqrt
+from math import acos, acosh, cosh, exp, log, sqrt
 
 import numpy as np
 
-from drivers.base.errors import InputProblem
 from validation.reference.hertz_chain import EXPONENT, VISCOELASTIC_POWER, Array, dissipative_force
 
 HUNT_CROSSLEY, KUWABARA_KONO, POWER, VISCOELASTIC = "hunt-crossley", "kuwabara-kono", "power", "viscoelastic"
 ALPHA = 1.75  # default of the power law
 ZETA_1 = sqrt(5 / 6)  # damping ratio B of the viscoelastic law at which zeta is 1
-# damping ratio of LIGGGHTS' coefficientRestitution 0.05, which has to be larger
-LIGGGHTS_RATIO = ZETA_1 / sqrt(1 + (pi / log(0.05)) ** 2)
-# polynomial of LAMMPS' damping tsuji, lowest power first: gamma / sqrt(m* kn sqrt(R* overlap)) of its coefficient
-TSUJI = (1.2728, -4.2783, 11.087, -22.348, 27.467, -18.022, 4.8218)
-MINIMUM_AT = 1.1  # coefficient close to the polynomial's minimum, which is negative
 
 
 @dataclass(frozen=True)
@@ -36,7 +31,6 @@ class Dissipation:
         description: description of the dissipation.
         overlap_power: p of the dissipative force; without meaning with alpha.
         alpha: exponent of the closing speed; 0 for a force proportional to it.
-        codes: text that a code needs for the law, by code; other codes do not have the law.
     """
 
     name: str = "elastic"
@@ -44,17 +38,11 @@ class Dissipation:
     description: str = "impacts have a restitution of 1"
     overlap_power: float = VISCOELASTIC_POWER
     alpha: float = 0.0
-    codes: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def damped(self) -> bool:
         """True if contacts dissipate energy."""
         return self.value > 0
-
-    @property
-    def by_mass(self) -> bool:
-        """True if ``lammps`` depends on the reduced mass."""
-        return self.name == KUWABARA_KONO
 
     def coefficient(self, stiffness: Array, reduced_mass_kg: Array) -> Array:
         """C of each contact, in N s^a m^-(a+p) with alpha a. Shape (contacts,)."""
@@ -73,37 +61,6 @@ class Dissipation:
     def force(self, coefficient: Array, overlap_m: Array, closing_m_s: Array) -> Array:
         """Dissipative force in N, before the sum with the elastic force is limited to 0 and above."""
         return dissipative_force(coefficient, self.alpha, self.overlap_power, overlap_m, closing_m_s)
-
-    def lammps(self, kn: float, reduced_mass_kg: float) -> float:
-        """Damping coefficient of LAMMPS for a pair of types with ``F = kn sqrt(R*) d^(3/2)`` and a reduced mass.
-
-        It is that of ``damping tsuji``, or gamma of ``damping velocity``, a linear dashpot, or eta of ``damping
-        viscoelastic``, whose force is ``eta m* sqrt(R* d) d'``. LIGGGHTS' ``gamman`` is the same coefficient.
-        """
-        if self.name == VISCOELASTIC:
-            return tsuji_coefficient(self.value)
-        return EXPONENT * self.value * kn / reduced_mass_kg if self.by_mass else self.value
-
-    @property
-    def with_attraction(self) -> float:
-        """Restitution ``e' = exp(-pi zeta / sqrt(1 - zeta^2))`` of the viscoelastic law with attractive forces.
-
-        It is 0 for zeta >= 1. LIGGGHTS takes e' with and without ``limitForce``:
-        ``zeta = |ln e'| / sqrt(ln(e')^2 + pi^2)``.
-        """
-        zeta = self.value / ZETA_1
-        return exp(-pi * zeta / sqrt((1 - zeta) * (1 + zeta))) if zeta < 1 else 0.0
-
-    def refusal(self, code: str) -> InputProblem | None:
-        """Key, found and allowed if a code cannot model the law; else None."""
-        if self.damped and code not in self.codes:
-            return "contact.dissipation", f'"{self.name}"', "another law, since none of its dampings has this form"
-        if code == "lammps" and self.name == POWER and self.alpha != 1:
-            return "contact.alpha", f"{self.alpha:g}", '1, or contact.dissipation = "viscoelastic"'
-        if code == "liggghts" and self.name == VISCOELASTIC and self.value >= LIGGGHTS_RATIO:
-            least = f"above {restitution_of(LIGGGHTS_RATIO):.4g}, which is a damping_ratio below {LIGGGHTS_RATIO:.4g}"
-            return "contact", f"a restitution of {restitution_of(self.value):g}", least
-        return None
 
 
 ELASTIC = Dissipation()
@@ -126,7 +83,6 @@ def hunt_crossley(slowness: float) -> Dissipation:
         slowness,
         f"dissipative force of Hunt and Crossley with a slowness of {slowness:.6g} s/m",
         overlap_power=EXPONENT,
-        codes={"yade": "damping * overlap * sqrt(overlap) * closing"},
     )
 
 
@@ -142,11 +98,6 @@ def kuwabara_kono(relaxation: float) -> Dissipation:
         relaxation,
         f"dissipative force of Kuwabara and Kono with a relaxation time of {relaxation:.6g} s",
         overlap_power=1 / 2,
-        codes={
-            "lammps": "viscoelastic limit_damping",
-            "liggghts": " limitForce on",
-            "yade": "damping * sqrt(overlap) * closing",
-        },
     )
 
 
@@ -164,7 +115,6 @@ def power(gamma: float, alpha: float = ALPHA) -> Dissipation:
         gamma,
         f"dissipative force of {gamma:.6g} N (s/m)^a times closing speed^a, a = {alpha:.6g}",
         alpha=alpha,
-        codes={"lammps": "velocity limit_damping", "yade": "damping * copysign(abs(closing) ** alpha, closing)"},
     )
 
 
@@ -192,12 +142,6 @@ def viscoelastic(damping_ratio: float = 0.0, restitution: float | None = None) -
         VISCOELASTIC,
         ratio,
         f"impacts have a restitution of {restitution_of(ratio):.6g}",
-        codes={
-            "kratos": "DAMPING_GAMMA",
-            "lammps": "tsuji limit_damping",
-            "liggghts": " limitForce on",
-            "yade": "betan",
-        },
     )
 
 
@@ -216,22 +160,6 @@ def restitution_of(damping_ratio: float) -> float:
     if root == 0:
         return exp(-2)
     return exp(-2 * (acos(zeta) if zeta < 1 else acosh(zeta)) * zeta / root)
-
-
-def tsuji_coefficient(damping_ratio: float) -> float:
-    """Coefficient of LAMMPS' ``damping tsuji``: its polynomial equals ``2 sqrt(3/2) B``.
-
-    Up to B = 0.52 it is the restitution of the law with attractive forces; above, it exceeds 1 and has no meaning.
-    """
-    from scipy.optimize import brentq
-
-    wanted = 2 * sqrt(1.5) * damping_ratio
-
-    def excess(coefficient: float) -> float:
-        return sum(factor * coefficient**power for power, factor in enumerate(TSUJI)) - wanted
-
-    ends = (0.0, MINIMUM_AT) if wanted <= TSUJI[0] else (MINIMUM_AT, 3 + wanted)
-    return float(brentq(excess, *ends, xtol=1e-300, rtol=1e-15))
 
 
 @cache

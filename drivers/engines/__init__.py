@@ -10,7 +10,7 @@ import pkgutil
 import re
 import shlex
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
@@ -103,7 +103,7 @@ class Engine:
         scheme: integration scheme, one of the constants above. Velocity Verlet uses the closing speed of half a step
             before for damping, and at time 0 the one of time 0.
         shear: law of friction in three dimensions, one of ``LAWS`` of ``validation.reference.tube``.
-        dissipation: laws of dissipation that it models, as named in scenes; a shipped code asks the laws.
+        dissipation: names of the laws of dissipation that it models.
         models: modelling elements (``drivers.chain.case``) that it models.
         refusal: function that returns key, found and allowed of a case that the engine cannot run; else None.
         failure_reason: function that extracts the code's own error message from its standard output and error.
@@ -124,7 +124,7 @@ class Engine:
     integrate: Callable[[Case, Flag], tuple[Trace, float]] | None = None
     scheme: str = IN_HEIGHTS
     shear: str = TOTAL
-    dissipation: frozenset[str] = frozenset({VISCOELASTIC})
+    dissipation: Collection[str] = frozenset({VISCOELASTIC})
     models: frozenset[str] = STRAIGHT
     refusal: Callable[[Case], InputProblem | None] = lambda case: None
     failure_reason: Callable[[str, str], str] = last_line

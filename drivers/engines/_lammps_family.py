@@ -3,6 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -18,14 +19,17 @@ from drivers.chain.drives import drive_words, pieces_of
 from drivers.chain.trace import Trace, make_trace
 from drivers.engines import Engine, last_line
 from drivers.engines._raw_output import read_dump
-from drivers.laws import LAWS
-from validation.reference.hertz_chain import loads_N
+from drivers.laws import KUWABARA_KONO, VISCOELASTIC
+from validation.reference.hertz_chain import EXPONENT, loads_N
 
 DUMP = "chain.bin"
 CONTACT_FORCE = "f_contacts[3]"  # between beads, along the axis
 # columns of three-dimensional chains; the force of the wall has another name in each code
 PLACE, VELOCITY, SPIN = ("x", "y", "z"), ("vx", "vy", "vz"), ("omegax", "omegay", "omegaz")
 MAX_TYPES = 60  # with a coefficient for each pair
+# polynomial of LAMMPS' damping tsuji, lowest power first: gamma / sqrt(m* kn sqrt(R* overlap)) of its coefficient
+TSUJI = (1.2728, -4.2783, 11.087, -22.348, 27.467, -18.022, 4.8218)
+MINIMUM_AT = 1.1  # coefficient close to the polynomial's minimum, which is negative
 
 
 def member(
@@ -114,7 +118,6 @@ def member(
         read_dump=read,
         failure_reason=failure_reason,
         loop_pattern=r"^Loop time of ([0-9.e+-]*[0-9]) on",
-        dissipation=frozenset(LAWS),
         **fields,
     )
 
@@ -129,19 +132,24 @@ def labels_of(chain: Chain) -> list[str]:
             f"{label} {2e3 * radius:g} mm" if sizes[label] > 1 and np.isfinite(radius) else label
             for label, radius in sized
         ]
-    if chain.law.by_mass:
+    if by_mass(chain):
         labels = [f"{label} {1e3 * mass:.9g} g" for label, mass in zip(labels, chain.mass_kg.tolist(), strict=True)]
     if np.isinf(chain.radius_m[-1]):
         labels[-1] = f"flat {labels[-1]}"
     return labels
 
 
-def law_refusal(case: Case, code: str) -> InputProblem | None:
-    """Refuse a law that a code does not have, or too many masses for a law whose coefficient depends on them."""
+def by_mass(chain: Chain) -> bool:
+    """True if the damping coefficient of the contacts depends on their reduced mass."""
+    return chain.law.name == KUWABARA_KONO
+
+
+def refusal_by_mass(case: Case) -> InputProblem | None:
+    """Refuse too many masses for a law whose coefficient depends on them."""
     kinds = len(set(labels_of(case.chain)))
-    if case.chain.law.by_mass and kinds > MAX_TYPES:
+    if by_mass(case.chain) and kinds > MAX_TYPES:
         return "contact.dissipation", f'"{case.chain.law.name}" with {kinds} kinds of beads', f"at most {MAX_TYPES}"
-    return case.chain.law.refusal(code)
+    return None
 
 
 def above_face(chain: Chain, radius_m: Array) -> Array:
@@ -194,9 +202,33 @@ def roots(radius_m: Array) -> Array:
 
 
 def coefficients_of(chain: Chain, radius_m: Array) -> tuple[list[float], list[float]]:
-    """Stiffness kn in ``F = kn sqrt(R*) overlap^(3/2)`` of each contact of atoms, and its damping coefficient."""
+    """Stiffness kn in ``F = kn sqrt(R*) overlap^(3/2)`` of each contact of atoms, and its damping coefficient.
+
+    The coefficient is that of LAMMPS' ``damping tsuji``, or gamma of ``damping velocity``, a linear dashpot, or eta of
+    ``damping viscoelastic``, whose force is ``eta m* sqrt(R* d) d'``. LIGGGHTS' ``gamman`` is the latter, too.
+    """
     kn = (chain.stiffness / roots(radius_m)).tolist()
-    return kn, [*map(chain.law.lammps, kn, chain.reduced_mass_kg.tolist())]
+    law = chain.law
+    if by_mass(chain):
+        return kn, (EXPONENT * law.value * np.array(kn) / chain.reduced_mass_kg).tolist()
+    return kn, [tsuji_coefficient(law.value) if law.name == VISCOELASTIC else law.value] * chain.bodies
+
+
+@cache
+def tsuji_coefficient(damping_ratio: float) -> float:
+    """Coefficient of LAMMPS' ``damping tsuji``: its polynomial equals ``2 sqrt(3/2) B``.
+
+    Up to B = 0.52 it is the restitution of the law with attractive forces; above, it exceeds 1 and has no meaning.
+    """
+    from scipy.optimize import brentq
+
+    wanted = 2 * math.sqrt(1.5) * damping_ratio
+
+    def excess(coefficient: float) -> float:
+        return sum(factor * coefficient**power for power, factor in enumerate(TSUJI)) - wanted
+
+    ends = (0.0, MINIMUM_AT) if wanted <= TSUJI[0] else (MINIMUM_AT, 3 + wanted)
+    return float(brentq(excess, *ends, xtol=1e-300, rtol=1e-15))
 
 
 def _trace(case: Case, radius_m: Array, dump: dict[str, Array], wall_force: str, bore_forces: Sequence[str]) -> Trace:

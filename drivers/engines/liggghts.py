@@ -1,15 +1,20 @@
 """LIGGGHTS: deck, refusals."""
 
+from math import exp, log, pi, sqrt
 from typing import Any
 
 import numpy as np
 
+from drivers.base.errors import InputProblem
 from drivers.chain.case import SIDEWAYS, STRAIGHT, Case
 from drivers.chain.chain import Array, sphere_for_face
-from drivers.engines._lammps_family import coefficients_of, labels_of, law_refusal, member, table_of_pairs
+from drivers.engines._lammps_family import by_mass, coefficients_of, labels_of, member, refusal_by_mass, table_of_pairs
+from drivers.laws import KUWABARA_KONO, VISCOELASTIC, ZETA_1, restitution_of
 
 # with fewer bodies, checking all pairs costs no more than bins of the whole space, which grows in a blow-up
 MAX_IN_PAIRS = 2000
+# damping ratio of coefficientRestitution 0.05, which has to be larger
+MAX_RATIO = ZETA_1 / sqrt(1 + (pi / log(0.05)) ** 2)
 TUBE = " tube"  # the type of the bore: no material's name begins with a space
 
 
@@ -26,7 +31,25 @@ def _by_springs(case: Case) -> bool:
     """True if contacts get their stiffness by pairs of types: a flat striker, or a law by mass, in a straight chain."""
     chain = case.chain
     flat = bool(np.isinf(chain.radius_m[-1])) and not chain.damped
-    return (flat or chain.law.by_mass) and chain.lateral is None
+    return (flat or by_mass(chain)) and chain.lateral is None
+
+
+def _refusal(case: Case) -> InputProblem | None:
+    """Refuse strong damping, and too many masses for a law whose coefficient depends on them."""
+    law = case.chain.law
+    if law.name == VISCOELASTIC and law.value >= MAX_RATIO:
+        least = f"above {restitution_of(MAX_RATIO):.4g}, which is a damping_ratio below {MAX_RATIO:.4g}"
+        return "contact", f"a restitution of {restitution_of(law.value):g}", least
+    return refusal_by_mass(case)
+
+
+def _with_attraction(damping_ratio: float) -> float:
+    """Restitution ``e' = exp(-pi zeta / sqrt(1 - zeta^2))`` of the viscoelastic law with attractive forces.
+
+    LIGGGHTS takes e' with and without ``limitForce``: ``zeta = |ln e'| / sqrt(ln(e')^2 + pi^2)``.
+    """
+    zeta = damping_ratio / ZETA_1
+    return exp(-pi * zeta / sqrt((1 - zeta) * (1 + zeta)))
 
 
 def values(case: Case, radius_m: Array) -> dict[str, Any]:
@@ -60,6 +83,7 @@ def values(case: Case, radius_m: Array) -> dict[str, Any]:
         "moduli": moduli,
         "ratios": ratios,
         "springs": springs,
+        "restitution": _with_attraction(chain.law.value) if chain.law.name == VISCOELASTIC else 1.0,
         "contact_kn": table_of_pairs(types, below, labels, kn, max(kn)),
         "contact_gn": table_of_pairs(types, below, labels, gn, 0.0),
         "friction": friction,
@@ -77,6 +101,7 @@ ENGINE = member(
     values,
     how_to_get="Debian's package liggghts",
     models=STRAIGHT | SIDEWAYS,
-    refusal=lambda case: law_refusal(case, "liggghts"),
+    dissipation=frozenset({VISCOELASTIC, KUWABARA_KONO}),
+    refusal=_refusal,
     style={"color": "#0072b2", "marker": "s", "ms": 4.5},
 )

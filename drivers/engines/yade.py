@@ -18,11 +18,17 @@ from drivers.chain.drives import drive_words, pieces_of
 from drivers.chain.trace import Trace, make_trace
 from drivers.engines import Engine, last_line
 from drivers.engines._raw_output import read_arrays
-from drivers.laws import LAWS, VISCOELASTIC
+from drivers.laws import HUNT_CROSSLEY, KUWABARA_KONO, POWER, VISCOELASTIC
 from validation.reference.hertz_chain import loads_N
 from validation.reference.tube import INCREMENTAL
 
 COMMAND = ("yade", "-n", "-x", "chain.py")
+# force of laws that YADE does not have
+DISSIPATIVE = {
+    HUNT_CROSSLEY: "damping * overlap * sqrt(overlap) * closing",
+    KUWABARA_KONO: "damping * sqrt(overlap) * closing",
+    POWER: "damping * copysign(abs(closing) ** alpha, closing)",
+}
 CHATTER = ("Welcome to Yade", "Using python version", "TCP python prompt", "XMLRPC info", "Running script")
 
 
@@ -39,7 +45,7 @@ def refusal(case: Case) -> InputProblem | None:
     moving |= driven | np.append(False, driven[:-1])  # both contacts of the body
     moving &= chain.overlap_m > 0
     if chain.law.name != VISCOELASTIC or not moving.any():
-        return chain.law.refusal("yade")
+        return None
     found = f"bead {int(np.argmax(moving)) + 1} pressed, and moving or driven, at time 0"
     if driven.any() or (chain.drive and chain.drive.prescribed and chain.velocity_m_s[chain.drive.body]):
         return "drive.start", found, "a later start, or contacts that are elastic"
@@ -65,6 +71,7 @@ def render(case: Case) -> Deck:
         materials=[(name, *case.scene.elastic_constants(name)) for name in labels],
         pieces=pieces_of(chain.drive, case.scene.time_step_s, case.scene.steps),
         drive_words=drive_words(case.scene),
+        dissipative=DISSIPATIVE.get(chain.law.name),
         friction_angle=atan(chain.lateral.friction) if chain.lateral else 0.0,
     )
     return Deck({"chain.py": text}, COMMAND, raw=("chain.npz",))
@@ -139,7 +146,7 @@ ENGINE = Engine(
     version=lambda command: line_of(command, "--version", r"Yade version"),
     libraries=libraries,
     shear=INCREMENTAL,
-    dissipation=frozenset(LAWS),
+    dissipation=frozenset({VISCOELASTIC, *DISSIPATIVE}),
     models=STRAIGHT | SIDEWAYS,
     refusal=refusal,
     render=render,
