@@ -27,7 +27,7 @@ from drivers.chain.case import Case, build_case
 from drivers.chain.chain import hertz_force
 from drivers.chain.schemes import exact_of, verlet_of
 from drivers.chain.trace import Trace, largest_kinetic_J, residual
-from drivers.engines import REFERENCE, VERLET, codes, installed_codes
+from drivers.engines import REFERENCE, VERLET, expected_engines, installed_codes, load_engine
 from drivers.limits import refuse, resolved_trial, step_limit
 from drivers.run.compute import compute
 from drivers.run.execute import execute
@@ -283,7 +283,7 @@ def run_all(chosen: list[Extreme], runs: Path) -> Iterator[Check]:
     A refused scene counts as not run. At the edge many runs are right, but not accurate: an error above the general
     ceiling is no failure here, but ``NOT_ACCURATE``.
     """
-    names = (REFERENCE, VERLET, *codes())
+    names = sorted(expected_engines(), key=lambda name: not load_engine(name).in_repository)
     cases = [planned_case(extreme.scene, *extreme.set) for extreme in chosen]
     compared = compare_cases(cases, names, runs, _refusal, unsafe=True)
     counted = following(compared, "extreme scenes, assessed", len(cases), "scene")
