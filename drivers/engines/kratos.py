@@ -82,7 +82,7 @@ def failure_reason(stdout: str, stderr: str) -> str:
 
 
 ENGINE = Engine(
-    how_to_get="pip install KratosMultiphysics KratosDEMApplication, with a link kratos to their interpreter",
+    how_to_get="make engines CODES=kratos, or pip install KratosDEMApplication, with a link kratos to the interpreter",
     program="kratos",
     version=lambda command: line_of(command, "-cimport KratosMultiphysics", r"Multi-Physics \d"),
     libraries=libraries,

@@ -12,7 +12,7 @@ from drivers.base.cache import load, store
 from drivers.base.errors import RunError
 from drivers.base.terminal import say
 from drivers.chain.case import Case, build_case
-from drivers.engines import EXACT, Engine, engine_names, installed, load_engine
+from drivers.engines import EXACT, Engine, expected_engines, installed, load_engine
 from drivers.limits import inability
 from drivers.run.build import Build, build_of
 from drivers.run.compute import compute
@@ -131,8 +131,8 @@ def entry_of(name: str, cost: Cost) -> list[str]:
 
 
 def capable_engines(case: Case, among: Collection[str] = ()) -> list[str]:
-    """Engines, installed or not, that can run a case with its accuracy; ``among`` others, if given."""
-    names = among or engine_names()
+    """Engines, installed or expected, that can run a case with its accuracy; ``among`` others, if given."""
+    names = among or expected_engines()
     return [name for name in names if inability(case, name) is None]
 
 
