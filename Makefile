@@ -5,7 +5,7 @@ BEADS := .venv/bin/beads
 export PATH := $(PATH):$(CURDIR)/.venv/bin
 AS_ROOT := $(if $(filter 0,$(shell id -u)),,sudo)
 APT := $(if $(shell command -v apt-get),$(if $(AS_ROOT),$(shell command -v sudo),yes))
-# Kratos takes the place of LIGGGHTS and YADE if they cannot be installed; with them: make engines CODES="... kratos"
+# Kratos takes the place of LIGGGHTS and YADE if they cannot be installed; beside them: make engines CODES=kratos
 PRESENT := $(shell command -v liggghts >/dev/null && command -v yade)
 CODES := liggghts yade lammps $(if $(APT)$(PRESENT),,kratos)
 # file with engines of your own: make report ENGINES=mine.toml
@@ -39,7 +39,7 @@ setup: .venv/.ready ## create .venv with the locked packages and beads
 
 cluster: .venv/.ready-cluster ## setup, with Dask for studies on a cluster
 
-engines: ## install LIGGGHTS, YADE and LAMMPS if missing; CODES="... kratos" for Kratos
+engines: ## install LIGGGHTS, YADE and LAMMPS if missing, or Kratos: CODES=kratos
 	@$(MAKE) --no-print-directory .venv/.engines AGAIN=FORCE
 
 figures: .venv/.ready .venv/.engines ## draw all figures and Table 1 of the paper
