@@ -4,6 +4,7 @@ Each of two runs is judged by its own scheme, as everywhere; the differences of 
 scenes, steps and schemes, and are shown without a verdict.
 """
 
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
@@ -237,13 +238,17 @@ def answer(scenes: Sequence[ComparedScene], cases: Outcomes | None = None) -> It
     rows = {scene.case.scene.name: scene.verdicts for scene in scenes}
     right = in_order(name for cells in rows.values() for name, verdict in cells.items() if verdict == PASS)
     agreeing = [name for name in right if not load_engine(name).in_repository]
-    failed = [*_by_engine(rows | dict(cases or {}), FAIL, "fails on")]
-    failed += _by_engine(rows, INACCURATE, "is right but not accurate enough on")
+    failed = [f"{name} fails on {where}" for name, where in _places(rows | dict(cases or {}), FAIL)]
+    failed += [f"{name} is right but not accurate enough on {where}" for name, where in _places(rows, INACCURATE)]
     first = "Yes." if agreeing else "Not known whether the codes are right: none of them ran."
     yield f"No: {'; '.join(failed)}." if failed else first
     yield from _agreement(scenes, agreeing or [VERLET])
-    if missing := [*_by_engine(rows, NOT_RUN, "did not run on")]:
-        yield f"{'; '.join(missing)}."
+    left = defaultdict(list)
+    for name, where in _places(rows, NOT_RUN):
+        left[where].append(name)
+    if left:
+        said = [f"{listed(names)} on {where}" for where, names in left.items()]
+        yield f"Not judged, since not run: {'; '.join(said)}."
 
 
 def display_name(engine: str) -> str:
@@ -272,12 +277,12 @@ def _agreement(scenes: Sequence[ComparedScene], engines: Sequence[str]) -> Itera
         yield f"{where} forces of {names} agree {listed(said)}, for at most {in_words(most_s)} of computing per run."
 
 
-def _by_engine(rows: Outcomes, verdict: str, words: str) -> Iterator[str]:
-    """Clauses such as "YADE fails on fig4 and fig5"."""
+def _places(rows: Outcomes, verdict: str) -> Iterator[tuple[str, str]]:
+    """Name of each engine with a verdict, and the rows that have it, such as "fig4 and fig5"."""
     for engine in in_order({engine for cells in rows.values() for engine in cells}):
         where = [row for row, cells in rows.items() if cells.get(engine) == verdict]
         if where:
-            yield f"{display_name(engine)} {words} {listed(where)}"
+            yield display_name(engine), listed(where)
 
 
 def compare_runs(first: Path, second: Path) -> int:

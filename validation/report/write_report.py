@@ -170,6 +170,7 @@ def write_report(
     about = [section_of(scene, results, runs) for scene in scenes]
     rows = [described["row"] for described in about]
     engines = in_order(engine for row in (*rows, *cases) for engine in row["engines"])
+    ran = in_order({engine for scene in scenes for engine in scene.runs})
     verdicts = {row["name"]: {name: cell["verdict"] for name, cell in row["engines"].items()} for row in cases}
     builds = [
         (name, build["version"], f"`{build['command']}`", f"`{build['sha256']}`")
@@ -179,7 +180,7 @@ def write_report(
         "report/report.html.j2",
         subject=SUBJECT if sections else f"{' and '.join(row['title'] for row in rows)}: do the codes agree?",
         answer=" ".join(answer(scenes, verdicts)),
-        codes=listed([display_name(name) for name in engines if not load_engine(name).in_repository]),
+        codes=listed([display_name(name) for name in ran if not load_engine(name).in_repository]),
         claims=claims,
         failures=[
             (row, engine, cell)

@@ -41,7 +41,7 @@ def test_the_worst_check_is_a_failure_or_the_closest_to_its_limit(compared: Comp
     ("absent", "beginnings"),
     [
         ({}, ["Yes.", AGREES]),
-        ({"liggghts": "not installed"}, ["Yes.", AGREES, "LIGGGHTS did not run on scene."]),
+        ({"liggghts": "not installed"}, ["Yes.", AGREES, "Not judged, since not run: LIGGGHTS on scene."]),
         ({"liggghts": FAILED, "lammps": FAILED}, ["No: LAMMPS fails on scene; LIGGGHTS fails on scene.", AGREES]),
     ],
 )
