@@ -12,7 +12,7 @@ CODES := liggghts yade lammps $(if $(APT)$(PRESENT),,kratos)
 export BEAD_CHAINS_ENGINES := $(or $(abspath $(ENGINES)),$(BEAD_CHAINS_ENGINES))
 ENTRIES := $(wildcard $(subst :, ,$(BEAD_CHAINS_ENGINES)) engines.toml $(HOME)/.config/bead-chains/engines.toml)
 # codes whose program is on PATH or in .venv; make takes no output of a shell that ends with 127, "not found"
-FIND = for engine in $(CODES); do program=$$(echo $$engine | sed s/lammps/lmp/); \
+FIND = for engine in $(CODES); do program=$$(echo $$engine | sed 's/lammps/lmp/; s/kratos/kratos-python/'); \
   PATH="$$PATH:.venv/bin" command -v $$program >/dev/null && printf '%s ' $$engine || :; done
 FOUND := $(strip $(shell $(FIND)))
 MISSING := $(filter-out $(FOUND),$(CODES))
@@ -174,7 +174,7 @@ endef
 ifneq ($(MISSING),)
 	-@$(if $(APT),$(if $(filter-out kratos,$(MISSING)),$(call install,$(filter-out kratos,$(MISSING)))))
 	-@$(if $(filter lammps,$(CODES)),$(FIND) | grep -q lammps || { $(call packages,requirements-lammps.lock); })
-	-@$(if $(filter kratos,$(MISSING)),($(call packages,requirements-kratos.lock)) && ln -sf python .venv/bin/kratos)
+	-@$(if $(filter kratos,$(MISSING)),($(call packages,requirements-kratos.lock)) && ln -sf python .venv/bin/kratos-python)
 	@for each in $(CODES); do $(FIND) | grep -q $$each || printf "%s " $$each; done >$@.new
 	@test ! -s $@.new || echo "missing: $$(cat $@.new)- install it, or name your own build in engines.toml" \
 	  "(see inputs/engines.toml), then: make engines. Continuing without it."

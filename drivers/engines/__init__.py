@@ -10,7 +10,7 @@ import pkgutil
 import re
 import shlex
 import sys
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
@@ -107,6 +107,7 @@ class Engine:
         models: modelling elements (``drivers.chain.case``) that it models.
         refusal: function that returns key, found and allowed of a case that the engine cannot run; else None.
         failure_reason: function that extracts the code's own error message from its standard output and error.
+        title: name of the code as its authors write it; that of a build of one's own is the name of its entry.
         style: style in figures, ``color``, ``lw``, ``ls``, ``marker`` and ``ms`` of matplotlib; an empty one gives the
             engine a style that no other has.
         name, entry, where: name, entry, and the file that holds it; set by ``load_engine``.
@@ -124,10 +125,11 @@ class Engine:
     integrate: Callable[[Case, Flag], tuple[Trace, float]] | None = None
     scheme: str = IN_HEIGHTS
     shear: str = TOTAL
-    dissipation: Collection[str] = frozenset({VISCOELASTIC})
+    dissipation: frozenset[str] = frozenset({VISCOELASTIC})
     models: frozenset[str] = STRAIGHT
     refusal: Callable[[Case], InputProblem | None] = lambda case: None
     failure_reason: Callable[[str, str], str] = last_line
+    title: str = ""
     style: Mapping[str, Any] = field(default_factory=dict)
     libraries: Callable[[Path], Iterable[Path]] = lambda program: ()
     name: str = ""
@@ -138,6 +140,11 @@ class Engine:
     def in_repository(self) -> bool:
         """True for an engine that is part of this repository."""
         return self.integrate is not None
+
+    @property
+    def in_print(self) -> str:
+        """Name in sentences and legends: the title, or the name of a further build."""
+        return self.title if self.title and self.entry.adapter == self.name else self.name
 
     def find(self) -> tuple[str, ...] | None:
         """Command that starts the build, with paths of its programs; None if it is not installed."""
@@ -390,4 +397,5 @@ def expected_engines() -> list[str]:
 
 def missing_codes() -> list[str]:
     """Names of codes that are not installed, and not optional."""
-    return [name for name in expected_engines() if load_engine(name).find() is None]
+    here = installed_codes()
+    return [name for name in codes() if name not in here and not load_engine(name).entry.optional]

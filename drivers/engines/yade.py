@@ -142,6 +142,7 @@ def libraries(program: Path) -> Iterator[Path]:
 
 ENGINE = Engine(
     how_to_get="Debian's packages yade and python3-yade",
+    title="YADE",
     program="yade",
     version=lambda command: line_of(command, "--version", r"Yade version"),
     libraries=libraries,

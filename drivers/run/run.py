@@ -46,7 +46,7 @@ from drivers.run.run_folder import (
 from drivers.run.scheme import COMPARED, checked, compared, known_of, unstable, wrong_start
 
 BY_HAND = "run by hand"  # version of the build, which is not known
-WIDTH = 80  # characters of a changed line in the record
+WIDTH = 200  # characters of a changed line in the record
 FEW_DIGITS = 5  # of an output: with fewer nothing is left to be judged
 COMMANDS = re.compile(rb"^[ \t]*(units|timestep|pair_style|read_data|create_atoms|Atoms)\b", re.MULTILINE)
 LOGS = (b"LIGGGHTS (", b"LAMMPS (")  # their beginnings

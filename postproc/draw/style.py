@@ -73,12 +73,8 @@ def draw_codes(axis: Any, points: Mapping[str, tuple[Any, Any]], size: float = 4
     equal = len(places) > 1 and np.ptp(places, axis=0).max(initial=0.0) < size / 2 * axis.figure.dpi / 72
     for group in [[*points]] if equal else [[code] for code in points]:
         form = CIRCLE if equal else grey_of(group[0])
-        axis.plot(*points[group[0]], **form | {"ms": size, "label": ", ".join(map(_title, group))})
-
-
-def _title(engine: str) -> str:
-    """Name of an engine in print: that of a code in capitals, that of a further build as it is."""
-    return engine.upper() if load_engine(engine).entry.adapter == engine else engine
+        names = ", ".join(load_engine(code).in_print for code in group)
+        axis.plot(*points[group[0]], **form | {"ms": size, "label": names})
 
 
 def letter_panel(axis: Any, letter: str, words: str = "") -> None:

@@ -31,7 +31,7 @@ import numpy as np
 from drivers.base.cache import load, store
 from drivers.base.terminal import text_table
 from drivers.base.tolerances import Tolerance, tolerance
-from drivers.chain.case import Case
+from drivers.chain.case import ALL_DIGITS, Case
 from drivers.chain.trace import FORCE, Trace, is_at_rest, until, with_work
 from drivers.engines import EXACT, load_engine
 from drivers.run.run_folder import FORCES, EndedRun
@@ -224,7 +224,8 @@ def _warnings(
         row = next((row for row in rows if row["quantity"] == name), None)
         if check.verdict == FAIL and row and motions.case.plan is None:
             part = max(PARTS[1:], key=lambda part: abs(row[part]))
-            cause = CAUSES[part] if part != MODEL or wrong else "the few digits of the output"
+            small = "the few digits of the output" if motions.case.digits < ALL_DIGITS else CAUSES["rounding"]
+            cause = CAUSES[part] if part != MODEL or wrong else small
             yield f"error of the {name} {check.value:.2g}, above {check.limit:g}: {check.where}; cause: {cause}"
     if load_engine(engine).scheme == EXACT and not motions.why_unknown and motions.exact_to_end.error[-1] > HORIZON:
         yield exactness_note(motions)

@@ -251,12 +251,6 @@ def answer(scenes: Sequence[ComparedScene], cases: Outcomes | None = None) -> It
         yield f"Not judged, since not run: {'; '.join(said)}."
 
 
-def display_name(engine: str) -> str:
-    """Name of an engine in a sentence: a code's own name in capitals, as its authors write it."""
-    loaded = load_engine(engine)
-    return engine.upper() if not loaded.in_repository and engine == loaded.entry.adapter else engine
-
-
 def listed(items: Sequence[str]) -> str:
     """Words with commas, and "and" before the last."""
     return " and ".join(filter(None, (", ".join(items[:-1]), *items[-1:])))
@@ -271,7 +265,7 @@ def _agreement(scenes: Sequence[ComparedScene], engines: Sequence[str]) -> Itera
         if off := [check.value for check in checks if check.quantity == f"{part}: {FORCE}"]:
             said.append(f"with {words} to {short(max(off))}")
     if said:
-        number, names = len({check.scene for check in checks}), listed([*map(display_name, engines)])
+        number, names = len({check.scene for check in checks}), listed([load_engine(name).in_print for name in engines])
         most_s = max(scene.runs[engine].record.loop_s or 0.0 for scene, engine in right)
         where = f"On {number} scenes the" if number > 1 else "The"
         yield f"{where} forces of {names} agree {listed(said)}, for at most {in_words(most_s)} of computing per run."
@@ -282,7 +276,7 @@ def _places(rows: Outcomes, verdict: str) -> Iterator[tuple[str, str]]:
     for engine in in_order({engine for cells in rows.values() for engine in cells}):
         where = [row for row, cells in rows.items() if cells.get(engine) == verdict]
         if where:
-            yield display_name(engine), listed(where)
+            yield load_engine(engine).in_print, listed(where)
 
 
 def compare_runs(first: Path, second: Path) -> int:

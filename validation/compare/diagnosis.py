@@ -48,8 +48,8 @@ def diagnosis(case: Case, engine: str, trace: Trace) -> tuple[str, str]:
         return "", ""
     samples = min(scheme.samples, len(trace.time_s))
     if not case.chain.straight or samples < MIN_SAMPLES or case.work > MAX_WORK:
-        why = f"with {samples} samples, {case.work:g} bodies times steps, or in three dimensions"
-        return departure, f"no cause sought {why}"
+        size = f"with {samples} samples and {case.work:g} bodies times steps"
+        return departure, f"no cause sought {size if case.chain.straight else 'in three dimensions'}"
     force, (stiffness, mass) = trace.force_N[:samples], own_ratios(case, trace)
     limits_N = scheme.explained(FORCE)[:samples, np.newaxis] * max(scheme.scales[FORCE], largest_change_N(force))
     early = load_engine(engine).shear == INCREMENTAL

@@ -33,7 +33,6 @@ from validation.compare.comparison import (
     ComparedScene,
     EngineSelection,
     answer,
-    display_name,
     listed,
     run_and_compare_all,
 )
@@ -180,7 +179,7 @@ def write_report(
         "report/report.html.j2",
         subject=SUBJECT if sections else f"{' and '.join(row['title'] for row in rows)}: do the codes agree?",
         answer=" ".join(answer(scenes, verdicts)),
-        codes=listed([display_name(name) for name in ran if not load_engine(name).in_repository]),
+        codes=listed([load_engine(name).in_print for name in ran if not load_engine(name).in_repository]),
         claims=claims,
         failures=[
             (row, engine, cell)

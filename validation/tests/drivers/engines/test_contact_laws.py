@@ -40,6 +40,7 @@ SETTINGS = {law: (f"contact.dissipation={law}", EXAMPLES[law]) for law in LAWS} 
     "cubic power": (POWER, "contact.gamma=10", "contact.alpha=3"),
 }
 MOVING = "chain.bead=[{from_wall=20, velocity='-0.5 m/s'}]"
+WIDE_GAP = ("chain.count=3000", 'chain.bead=[{from_wall=9, gap_below="1 m"}]')
 KICKED = ("drive.form=step", "drive.force=1 N", "drive.from_wall=5")
 LEANING = (  # contacts that lean close at speeds across the axis, which YADE has half a step earlier
     "chain.lateral_offset=30 um", "chain.count=6", "chain.sensors=[]", "striker=", "chain.precompression=5 N",
@@ -225,6 +226,8 @@ def test_a_law_that_no_engine_names_runs_on_none() -> None:
         (SETTINGS["power"], "liggghts", 'on liggghts "kuwabara-kono" or "viscoelastic"'),
         (SETTINGS["hunt-crossley"], "lammps", 'on lammps "kuwabara-kono" or "power" or "viscoelastic"'),
         (SETTINGS["hunt-crossley"], "liggghts", 'on liggghts "kuwabara-kono" or "viscoelastic"'),
+        (WIDE_GAP, "kratos", "chain.bead: found gaps that bring 1.2e+06 pairs of bodies within the reach of 2 m"),
+        (WIDE_GAP, "lammps", ""),
         (MANY_MASSES, "lammps", "with 80 kinds of beads"),
         (MANY_MASSES, "liggghts", "with 80 kinds of beads"),
         (MANY_MASSES, "yade", ""),
