@@ -59,11 +59,11 @@ def film_of(case: Case, trace: Trace, frames: int, sideways: float = 1.0) -> Fil
     """
     scene, chain = case.scene, case.chain
     chosen = spread(len(trace.time_s), frames)
-    place = np.zeros((len(chosen), chain.bodies, 2))
-    place[..., 1], notes = chain.height_m, ["positions of time 0: the run kept no others"]
+    where = np.broadcast_to(chain.place_m, (len(chosen), chain.bodies, 3))
+    notes = ["positions of time 0: the run kept no others"]
     if trace.height_m is not None:
-        where = trace.place_m[chosen]
-        place, notes = np.stack([sideways * where[..., 0], where[..., 2]], axis=-1), []
+        where, notes = trace.place_m[chosen], []
+    place = np.stack([sideways * where[..., 0], where[..., 2]], axis=-1)
     if sideways != 1:
         notes.append(f"sideways displacements {sideways:g} times as large")
     if scene.chain.angle:

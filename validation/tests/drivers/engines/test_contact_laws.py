@@ -226,7 +226,7 @@ def test_a_law_that_no_engine_names_runs_on_none() -> None:
         (SETTINGS["power"], "liggghts", 'on liggghts "kuwabara-kono" or "viscoelastic"'),
         (SETTINGS["hunt-crossley"], "lammps", 'on lammps "kuwabara-kono" or "power" or "viscoelastic"'),
         (SETTINGS["hunt-crossley"], "liggghts", 'on liggghts "kuwabara-kono" or "viscoelastic"'),
-        (WIDE_GAP, "kratos", "pairs of bodies within the reach of 2 m that they need; allowed: on kratos at most 1e+06 pairs"),
+        (WIDE_GAP, "kratos", "within the reach of 2 m that they need; allowed: on kratos at most 1e+06 pairs"),
         (WIDE_GAP, "lammps", ""),
         (MANY_MASSES, "lammps", "with 80 kinds of beads"),
         (MANY_MASSES, "liggghts", "with 80 kinds of beads"),
