@@ -173,7 +173,10 @@ def test_a_weak_loss_of_kuwabara_and_kono_is_that_of_the_elastic_path(speed: flo
 
 
 @pytest.mark.parametrize("engine", codes())
-@pytest.mark.parametrize(("law", "scene"), CASES)
+@pytest.mark.parametrize(
+    ("law", "scene"),
+    [pytest.param(*case, marks=pytest.mark.long if case[1] == "flat striker" else ()) for case in CASES],
+)
 def test_a_code_agrees_with_its_scheme_or_refuses_the_law_by_name(
     law: str, scene: str, engine: str, shared_runs: Path
 ) -> None:
