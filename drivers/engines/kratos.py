@@ -24,7 +24,7 @@ from importlib.metadata import version
 print("KratosDEMApplication", version("KratosDEMApplication"))
 """
 OUTPUT = "kratos.npz"
-MAX_PAIRS = 1_000_000  # of neighbours, each of which is looked at in each step
+MAX_PAIRS = 1_000_000  # of bodies that are no neighbours, but looked at in each step
 PACKAGE = "lib/python3*/site-packages/KratosMultiphysics"  # beside the folder of its interpreter
 
 
@@ -56,15 +56,15 @@ def render(case: Case) -> Deck:
 def _reach_m(chain: Chain) -> float:
     """Distance to neighbours at time 0: that of the widest gap, and some more."""
     gap = np.where(chain.stiffness > 0, -chain.overlap_m, 0.0).max(initial=0.0)
-    return float(f"{2 * gap + 0.1 * chain.sphere_radius_m[:-1].min(initial=chain.sphere_radius_m[0]):.1g}")
+    return float(f"{2 * gap + 0.1 * chain.radius_m.min():.1g}")
 
 
 def refusal(case: Case) -> InputProblem | None:
     """Refuse a gap so wide that each of many bodies is within its reach."""
-    chain, reach_m = case.chain, _reach_m(case.chain)
-    above = np.searchsorted(chain.height_m, chain.height_m + 2 * (chain.sphere_radius_m.max() + reach_m))
-    pairs = int((above - np.arange(1, chain.bodies + 1)).sum())
-    if pairs <= MAX_PAIRS:
+    chain, radius, reach_m = case.chain, case.chain.sphere_radius_m, _reach_m(case.chain)
+    within = np.searchsorted(chain.height_m - radius, chain.height_m + radius + 2 * reach_m)
+    pairs = int((within - np.arange(1, chain.bodies + 1)).sum())
+    if pairs - chain.bodies <= MAX_PAIRS:  # each has one neighbour above without gaps
         return None
     found = f"gaps that bring {pairs:.2g} pairs of bodies within the reach of {reach_m:g} m that they need"
     return "chain.bead", found, f"at most {MAX_PAIRS:.0e} pairs: fewer beads, or narrower gaps"
