@@ -39,11 +39,6 @@ class Dissipation:
     overlap_power: float = VISCOELASTIC_POWER
     alpha: float = 0.0
 
-    @property
-    def damped(self) -> bool:
-        """True if contacts dissipate energy."""
-        return self.value > 0
-
     def coefficient(self, stiffness: Array, reduced_mass_kg: Array) -> Array:
         """C of each contact, in N s^a m^-(a+p) with alpha a. Shape (contacts,)."""
         if self.name == VISCOELASTIC:

@@ -60,7 +60,7 @@ def choose_elements(scene: Scene, chain: Chain) -> tuple[ModellingElement, ...]:
             freedom = f"beads off the axis by {scene.chain.lateral_offset:g} m, standard deviation, seed {scene.seed}"
         slipping = f"coefficient {lateral.friction:g} between beads and with the wall"
         slipping += f", {bore.friction if bore else 0.0:g} in the bore"
-        still = "rotation = false in the scene" if lateral.slips else "without friction no bead turns"
+        still = "rotation = false in the scene" if chain.slips else "without friction no bead turns"
     rows: tuple[tuple[str, Any, Any, str], ...] = (  # name, value, reason if modelled, reason if not
         ("gravity", scene.axial_gravity, gravity, across if scene.gravity else NONE),
         ("wall", chain.wall, f"{wall}, Hertz law with R* = R", "a free chain"),

@@ -80,11 +80,6 @@ class Lateral:
     turns: bool
     bore: Bore | None
 
-    @property
-    def slips(self) -> bool:
-        """True if any contact has friction."""
-        return self.friction > 0 or (self.bore is not None and self.bore.friction > 0)
-
 
 def hertz_stiffness(first: Material | None, radius_1_m: float, second: Material | None, radius_2_m: float) -> float:
     """Hertz stiffness k in F = k overlap^(3/2), in N m^-3/2.
@@ -172,12 +167,12 @@ class Chain:
     @property
     def damped(self) -> bool:
         """True if contacts dissipate energy in impacts."""
-        return self.law.damped
+        return self.law.value > 0
 
     @property
     def slips(self) -> bool:
-        """True if contacts have friction."""
-        return self.lateral is not None and self.lateral.slips
+        """True if contacts, between bodies or with wall or bore, have friction."""
+        return bool((self.lateral and self.lateral.friction) or (self.bore and self.bore.friction))
 
     @property
     def bore(self) -> Bore | None:

@@ -69,7 +69,7 @@ def values(case: Case, radius_m: Array) -> dict[str, Any]:
         moduli[types.index(labels[-1])] = sphere_for_face(scene, chain)[1]
     below = [chain.wall, *labels[:-1]]
     kn, gn = coefficients_of(chain, radius_m)
-    friction = np.full((len(types), len(types)), lateral.friction if lateral and lateral.slips else 0.0)
+    friction = np.full((len(types), len(types)), lateral.friction if lateral else 0.0)
     by_bore = {}
     if bore:
         beside = [TUBE if stiffness else None for stiffness in bore.stiffness]
