@@ -101,10 +101,8 @@ def power(gamma: float, alpha: float = ALPHA) -> Dissipation:
 
     Carretero-Gonzalez, Khatri, Porter, Kevrekidis and Daraio, Phys. Rev. Lett. 102:024102, 2009: alpha = 1.75 for
     steel, brass and PTFE; with alpha = 1 it is a linear dashpot; gamma is in N (s/m)^alpha. The force jumps by
-    ``gamma v^alpha`` when a contact closes at speed v, and the restitution depends on the speed. Elastic with gamma 0.
+    ``gamma v^alpha`` when a contact closes at speed v, and the restitution depends on the speed.
     """
-    if not gamma:
-        return ELASTIC
     return Dissipation(
         POWER,
         gamma,
@@ -124,15 +122,13 @@ def viscoelastic(damping_ratio: float = 0.0, restitution: float | None = None) -
 
     ``e = exp(-2 a / tan(a))`` with ``cos(a) = zeta``; for zeta > 1 ``e = exp(-2 a / tanh(a))`` with ``cosh(a) = zeta``.
 
-    ``C = 2 B sqrt((3/2) k m*)`` in N s m^-5/4. Elastic with B 0.
+    ``C = 2 B sqrt((3/2) k m*)`` in N s m^-5/4.
 
     Args:
         damping_ratio: B.
         restitution: the restitution of an impact instead of B.
     """
     ratio = damping_ratio if restitution is None else damping_ratio_of(restitution)
-    if not ratio:
-        return ELASTIC
     return Dissipation(
         VISCOELASTIC,
         ratio,

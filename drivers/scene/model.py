@@ -23,7 +23,7 @@ from pydantic_core import PydanticCustomError
 
 from drivers.base import units
 from drivers.base.errors import CONTROL
-from drivers.laws import ALPHA, LAWS, Dissipation
+from drivers.laws import ALPHA, ELASTIC, LAWS, Dissipation
 
 RIGID = "rigid"
 RIGID_PA = 1e40  # modulus of a rigid wall in decks: its part of 1/E* is below rounding
@@ -248,9 +248,10 @@ class Contact(Part):
 
     @property
     def law(self) -> Dissipation:
-        """Law of dissipation."""
+        """Law of dissipation; elastic with a value of 0."""
         general = {"dissipation", "friction", "rotation"}
-        return LAWS[self.dissipation](**self.model_dump(exclude=general, exclude_none=True))
+        law = LAWS[self.dissipation](**self.model_dump(exclude=general, exclude_none=True))
+        return law if law.value else ELASTIC
 
 
 class DriveTable(Part):
