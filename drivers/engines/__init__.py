@@ -92,7 +92,8 @@ class Engine:
             signs as in ``drivers.chain.trace.make_trace``.
         read_dump: function that reads a dump of a deck of another hand, of a case, a path, and the names of its columns
             if the user gives them; returns the trace and its significant digits. None for a code without dumps.
-        loop_pattern: regular expression of the output line with the seconds spent in the code's time loop (group 1).
+        loop_pattern: regular expression of the output line with the seconds spent in the code's time loop (group 1);
+            by default that of decks that time their loop themselves.
         server: files and command of a process that runs many decks one after another, requested on its standard
             input. It may end on a deck that fails; the next deck gets a new process.
         request: function of a folder and a word that returns the input by which the server runs the deck of the
@@ -118,8 +119,8 @@ class Engine:
     version: Callable[[tuple[str, ...]], str]
     render: Callable[[Case], Deck]
     read: Callable[[Case, Path], Trace]
-    loop_pattern: str
     server: Deck
+    loop_pattern: str = r"^completed \d+ (?:steps|samples) in ([0-9.]+) s$"
     request: Callable[[str, str], str] = lambda folder, word: f"{folder} {word}\n"
     read_dump: Callable[[Case, Path, tuple[str, ...]], tuple[Trace, int]] | None = None
     integrate: Callable[[Case, Flag], tuple[Trace, float]] | None = None

@@ -119,6 +119,5 @@ def in_repository_engine(method: str, timing: Callable[[Case], Values], **fields
         integrate=integrate,
         server=Deck({}, (*COMMAND[:-1], "-"), raw=()),  # reads requests from stdin
         read=read,
-        loop_pattern=r"^completed \d+ samples in ([0-9.]+) s$",
         **fields,
     )

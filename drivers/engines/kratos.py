@@ -118,6 +118,5 @@ ENGINE = Engine(
     server=Deck({"serve.py": render_template("kratos/serve.py.j2")}, (PYTHON, "serve.py"), raw=()),
     read=read,
     failure_reason=failure_reason,
-    loop_pattern=r"^completed \d+ steps in ([0-9.]+) s$",
     style={"color": "#e69f00", "ls": (0, (7, 2)), "marker": ">", "ms": 4.0},
 )

@@ -154,6 +154,5 @@ ENGINE = Engine(
     server=Deck({"serve.py": render_template("yade/serve.py.j2")}, ("yade", "-n", "-x", "serve.py"), raw=()),
     read=read,
     failure_reason=lambda stdout, stderr: last_line(stdout, stderr, CHATTER),
-    loop_pattern=r"^completed \d+ steps in ([0-9.]+) s$",
     style={"color": "#d55e00", "ls": (0, (4, 3)), "marker": "x", "ms": 4.0},
 )
