@@ -179,13 +179,10 @@ def two_over_omega(chain: Chain, reached: Extremes, step_s: float) -> float:
     rows = _rows(inverse, spring)
     if chain.lateral is not None:
         # a shear spring moves bodies across the axis and turns them, with the inertia 2/5 m: 3.5 times a normal one
-        bore = np.zeros(chain.bodies) if chain.bore is None else chain.bore.stiffness
-        sheared, dragged = np.zeros(chain.bodies), np.zeros(chain.bodies)
-        if chain.lateral.friction > 0:
-            sheared = chain.lateral.shear_stiffness * np.sqrt(deepest)
-        if chain.bore is not None and chain.bore.friction > 0:
-            dragged = chain.bore.shear_stiffness * np.sqrt(reached.bore_overlap_m)
-        across = 3.5 * _rows(inverse, sheared) + contact_stiffness(bore, reached.bore_overlap_m) * inverse
+        tube, in_bore = tube_arrays_of(chain), reached.bore_overlap_m
+        sheared = (tube.friction > 0) * tube.shear * np.sqrt(deepest)
+        dragged = (tube.bore_friction > 0) * tube.bore_shear * np.sqrt(in_bore)
+        across = 3.5 * _rows(inverse, sheared) + contact_stiffness(tube.bore_stiffness, in_bore) * inverse
         rows = np.maximum(rows, across) + 3.5 * dragged * inverse
     highest = float(rows.max())
     return float(2 / np.sqrt(highest)) if highest > 0 else np.inf
