@@ -81,48 +81,35 @@ def read(case: Case, folder: Path) -> Trace:
     """Read the arrays as a trace, with positions and velocities shifted to the time of the forces.
 
     After a step YADE's positions are one step and its velocities half a step ahead of its forces, so with
-    ``m a = F_j - F_{j+1} + load``: ``z_n = z - v dt`` and ``v_n = v - a dt/2``.
+    ``m a = F_j - F_{j+1} + load``: ``z_n = z - v dt`` and ``v_n = v - a dt/2``. Vectors of a straight chain have one
+    component, along the axis.
 
     Raises:
         RunError: the file or an array is missing or incomplete.
     """
-    if not case.chain.straight:
-        return _read_sideways(case, folder)
-    chain, step, samples = case.chain, case.scene.time_step_s, case.scene.samples
-    contacts = chain.bodies - (chain.wall is None)
-    shapes = {"force": (samples, contacts), **dict.fromkeys(("height", "velocity"), (samples, chain.bodies))}
-    arrays = read_arrays(folder / "chain.npz", shapes)
-    none = np.zeros(samples)
-    force = arrays["force"] if chain.wall else np.column_stack([none, arrays["force"]])
-    load = loads_N(chain.load_N, chain.drive, case.sample_times_s)
-    acceleration = (force - np.column_stack([force[:, 1:], none]) + load) / chain.mass_kg
-    if chain.drive is not None and chain.drive.prescribed:
-        acceleration[:, chain.drive.body] *= 2.0  # its velocity was set at the time of the forces, a step before
-    height = arrays["height"] - step * arrays["velocity"]
-    velocity = arrays["velocity"] - 0.5 * step * acceleration
-    return make_trace(chain, case.sample_times_s, force, height, velocity)
-
-
-def _read_sideways(case: Case, folder: Path) -> Trace:
-    """Read a three-dimensional chain, with forces of contacts on the body above."""
     chain, samples, step = case.chain, case.scene.samples, case.scene.time_step_s
-    assert chain.lateral is not None
-    bore, turns, free = chain.bore, chain.lateral.turns, int(chain.wall is None)
-    shape = (samples, chain.bodies, 3)
-    shapes = dict.fromkeys(("place", "velocity", *(("spin", "torque") if turns else ())), shape)
-    shapes |= {"force": (samples, chain.bodies - free, 3)}
+    bore, turns = chain.bore, bool(chain.lateral and chain.lateral.turns)
+    where, axes = ("height", ()) if chain.straight else ("place", (3,))
+    shapes = dict.fromkeys((where, "velocity", *(("spin", "torque") if turns else ())), (samples, chain.bodies, *axes))
+    shapes |= {"force": (samples, chain.bodies - (chain.wall is None), *axes)}
     shapes |= {"on_bore": (samples, len(bore.guided), 3)} if bore else {}
-    arrays = read_arrays(folder / "chain.npz", shapes)
-    by_bore = np.zeros(shape)
+    stored = read_arrays(folder / "chain.npz", shapes)
+    arrays = {name: values.reshape(*values.shape[:2], *(axes or (1,))) for name, values in stored.items()}
+    force, by_bore = np.zeros((2, *arrays["velocity"].shape))
+    force[:, int(chain.wall is None) :] = arrays["force"]
+    flat = np.isinf(chain.radius_m) & (not chain.straight)
+    force[:, flat] *= -1  # forces are those on the body above, but the face is the first body of its contact
     if bore:
         by_bore[:, bore.guided] = arrays["on_bore"]
-    force = np.concatenate([np.zeros((samples, free, 3)), arrays["force"]], axis=1)
-    flat = np.isinf(chain.radius_m)
-    force[:, flat] *= -1  # the face is the first body of its contact
-    total = by_bore - np.diff(force, axis=1, append=0.0)
-    total[:, :, 2] += chain.load_N
-    velocity = arrays["velocity"] - 0.5 * step * total / chain.mass_kg[:, np.newaxis]
-    place = arrays["place"] - step * arrays["velocity"]
+    acceleration = by_bore - np.diff(force, axis=1, append=0.0)
+    acceleration[:, :, -1] += loads_N(chain.load_N, chain.drive, case.sample_times_s)
+    acceleration /= chain.mass_kg[:, np.newaxis]
+    if chain.drive is not None and chain.drive.prescribed:
+        acceleration[:, chain.drive.body] *= 2.0  # its velocity was set at the time of the forces, a step before
+    place = arrays[where] - step * arrays["velocity"]
+    velocity = arrays["velocity"] - 0.5 * step * acceleration
+    if chain.straight:
+        return make_trace(chain, case.sample_times_s, force[:, :, 0], place[:, :, 0], velocity[:, :, 0])
     velocity[:, flat, :2], place[:, flat, :2] = 0.0, 0.0  # guided
     inertia = 0.4 * chain.mass_kg * chain.radius_m**2  # inf of a flat face
     spin = arrays["spin"] - 0.5 * step * arrays["torque"] / inertia[:, np.newaxis] if turns else None
