@@ -108,7 +108,7 @@ def in_repository_engine(method: str, timing: Callable[[Case], Values], **fields
         motion, loop_s = timed(_values(case, method, timing(case)), stop)
         if isinstance(motion, Motion):  # with the work of a drive, which is no column
             return trace_of(case, case.sample_times_s, motion), loop_s
-        return _trace(case, columns_of(motion)), loop_s
+        return _trace(case, columns_of(motion)), loop_s  # by columns, as of a deck: sums have the same rounding errors
 
     return Engine(
         how_to_get="nothing: it is part of this repository",
