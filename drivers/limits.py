@@ -177,7 +177,7 @@ def two_over_omega(chain: Chain, reached: Extremes, step_s: float) -> float:
         slope = chain.law.slope(chain.damping, deepest, reached.speed_m_s)
         spring = spring + 2 / step_s * np.where(deepest > 0, slope, 0.0)
     rows = _rows(inverse, spring)
-    if chain.lateral is not None:
+    if not chain.straight:
         # a shear spring moves bodies across the axis and turns them, with the inertia 2/5 m: 3.5 times a normal one
         tube, in_bore = tube_arrays_of(chain), reached.bore_overlap_m
         sheared = (tube.friction > 0) * tube.shear * np.sqrt(deepest)

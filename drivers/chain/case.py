@@ -41,7 +41,7 @@ class ModellingElement:
 
 def choose_elements(scene: Scene, chain: Chain) -> tuple[ModellingElement, ...]:
     """Modelling elements of a scene, each modelled or left out, with the reason."""
-    striker, scatter, lateral, bore = scene.striker, scene.chain.mass_scatter, chain.lateral, chain.bore
+    striker, scatter, bore = scene.striker, scene.chain.mass_scatter, chain.bore
     sensors, (_, _, ordinary_kg) = scene.chain.sensor_at, ordinary_beads(scene)
     unlike = len([place for place, sensor in sensors.items() if sensor.mass not in (None, ordinary_kg[place - 1])])
     gravity, angle = f"{scene.axial_gravity:g} m/s^2", scene.chain.angle
@@ -55,10 +55,10 @@ def choose_elements(scene: Scene, chain: Chain) -> tuple[ModellingElement, ...]:
         damped += f", by a damping ratio of {chain.law.value:.6g}"
     axis = "the chain is exactly straight: no force acts across its axis, so no"
     freedom, slipping, still = "a bead moves across the axis", "", f"{axis} bead turns"
-    if lateral is not None:
+    if not chain.straight:
         if scene.chain.lateral_offset is not None:
             freedom = f"beads off the axis by {scene.chain.lateral_offset:g} m, standard deviation, seed {scene.seed}"
-        slipping = f"coefficient {lateral.friction:g} between beads and with the wall"
+        slipping = f"coefficient {chain.friction:g} between beads and with the wall"
         slipping += f", {bore.friction if bore else 0.0:g} in the bore"
         still = "rotation = false in the scene" if chain.slips else "without friction no bead turns"
     rows: tuple[tuple[str, Any, Any, str], ...] = (  # name, value, reason if modelled, reason if not
@@ -68,15 +68,15 @@ def choose_elements(scene: Scene, chain: Chain) -> tuple[ModellingElement, ...]:
         ("precompression", chain.precompression_N, f"{chain.precompression_N:g} N on the top bead", NONE),
         ("sensor masses", unlike, f"{unlike} of {len(sensors)} sensor beads are of another mass", alike),
         ("mass scatter", scatter, f"standard deviation {scatter:g} kg, seed {scene.seed}", NONE),
-        ("lateral freedom", lateral, freedom, f"{axis} bead leaves it"),
+        ("lateral freedom", not chain.straight, freedom, f"{axis} bead leaves it"),
         (
             "tube",
             bore,
             bore and f"bore of {2 * bore.radius_m:g} m, a true cylinder",
             f"{axis} bead touches the bore" if scene.tube else NONE,
         ),
-        ("friction", chain.slips, slipping, NONE if lateral else f"{axis} contact slips"),
-        ("rotation", lateral and lateral.turns, "friction turns beads", still),
+        ("friction", chain.slips, slipping, f"{axis} contact slips" if chain.straight else NONE),
+        ("rotation", chain.turns, "friction turns beads", still),
         ("damping", chain.damped, damped, "restitution 1: contacts are elastic"),
         ("drive", chain.drive, drive_words(scene), NONE),
     )

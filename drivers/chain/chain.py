@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.chain.drives import drive_of
-from drivers.laws import ELASTIC, Dissipation
+from drivers.laws import Dissipation
 from drivers.scene.model import Material, Member, Scene
 from validation.reference.hertz_chain import ENERGY_SHARE, EXPONENT, Drive, HertzChain, TubeChain
 
@@ -35,7 +35,7 @@ class Bore:
 
     Attributes:
         stiffness: k of each body's contact with the bore in F = k overlap^(3/2); 0 for bodies outside the tube.
-        shear_stiffness: k_t of these contacts, as in ``Lateral.shear_stiffness``.
+        shear_stiffness: k_t of these contacts, as in ``Chain.shear_stiffness``.
         top_m: height of the upper end; inf for a tube above all bodies.
     """
 
@@ -58,27 +58,6 @@ class Bore:
     def guided(self) -> list[int]:
         """Indices of the bodies in the tube, from 0."""
         return [int(body) for body in np.flatnonzero(self.stiffness)]
-
-
-@dataclass(frozen=True)
-class Lateral:
-    """Properties of bodies that can move sideways and turn.
-
-    Attributes:
-        offset_m: positions of the centres across the axis at time 0, shape (bodies, 2).
-        velocity_m_s: velocities across the axis at time 0, shape (bodies, 2).
-        shear_stiffness: k_t of each contact, shape (bodies,): a shear ds adds ``k_t sqrt(overlap) ds`` to the
-            tangential force.
-        friction: coefficient between bodies and with the wall.
-        turns: True if friction turns bodies.
-    """
-
-    offset_m: Array
-    velocity_m_s: Array
-    shear_stiffness: Array
-    friction: float
-    turns: bool
-    bore: Bore | None
 
 
 def hertz_stiffness(first: Material | None, radius_1_m: float, second: Material | None, radius_2_m: float) -> float:
@@ -119,6 +98,7 @@ class Chain:
     """Parameters and start values of a chain, in SI units; read-only arrays of shape (bodies,).
 
     In a three-dimensional chain overlaps are along the lines of centres; heights, velocities and forces along the axis.
+    In a straight one all quantities across the axis and of friction are zero.
 
     Attributes:
         materials: name of each body's material.
@@ -134,8 +114,14 @@ class Chain:
         gravity_m_s2: acceleration of gravity along the axis.
         precompression_N: constant force downwards on the top bead.
         law: law of dissipation.
-        lateral: additional properties of a three-dimensional chain; None for a straight chain.
         drive: force of time on a body, or its motion; its velocity at time 0 is that of the drive. None: no drive.
+        across_m: positions of the centres across the axis at time 0. Shape (bodies, 2).
+        across_velocity_m_s: velocities across the axis at time 0. Shape (bodies, 2).
+        shear_stiffness: k_t of each contact: a shear ds adds ``k_t sqrt(overlap) ds`` to the tangential force.
+        straight: True if the bodies move along the axis only.
+        friction: coefficient between bodies and with the wall.
+        turns: True if friction turns bodies.
+        bore: bore of the tube; None for a straight chain or without a tube.
     """
 
     materials: tuple[str, ...]
@@ -150,9 +136,15 @@ class Chain:
     wall_height_m: float
     gravity_m_s2: float
     precompression_N: float
-    law: Dissipation = ELASTIC
-    lateral: Lateral | None = None
-    drive: Drive | None = None
+    law: Dissipation
+    drive: Drive | None
+    across_m: Array
+    across_velocity_m_s: Array
+    shear_stiffness: Array
+    straight: bool = True
+    friction: float = 0.0
+    turns: bool = False
+    bore: Bore | None = None
 
     @property
     def bodies(self) -> int:
@@ -172,12 +164,7 @@ class Chain:
     @property
     def slips(self) -> bool:
         """True if contacts, between bodies or with wall or bore, have friction."""
-        return bool((self.lateral and self.lateral.friction) or (self.bore and self.bore.friction))
-
-    @property
-    def bore(self) -> Bore | None:
-        """Bore of the tube; None for a straight chain or without a tube."""
-        return self.lateral.bore if self.lateral else None
+        return self.friction > 0 or (self.bore is not None and self.bore.friction > 0)
 
     @cached_property
     def height_m(self) -> Array:
@@ -199,22 +186,18 @@ class Chain:
     @property
     def place_m(self) -> Array:
         """Positions of the centres at time 0 (of a flat striker: its face). Shape (bodies, 3)."""
-        offset = np.zeros((self.bodies, 2)) if self.lateral is None else self.lateral.offset_m
-        return np.column_stack([offset, self.height_m])
+        return np.column_stack([self.across_m, self.height_m])
 
     @property
     def velocity_xyz_m_s(self) -> Array:
         """Velocities at time 0. Shape (bodies, 3)."""
-        across = np.zeros((self.bodies, 2)) if self.lateral is None else self.lateral.velocity_m_s
-        return np.column_stack([across, self.velocity_m_s])
+        return np.column_stack([self.across_velocity_m_s, self.velocity_m_s])
 
     @cached_property
     def axial_share(self) -> Array:
         """Cosine of the angle between the axis and each line of centres; 1 in a straight chain. Shape (bodies,)."""
-        if self.lateral is None:
-            return np.ones(self.bodies)
         across = np.zeros(self.bodies)
-        across[1:] = np.hypot(*np.diff(self.lateral.offset_m, axis=0).T)
+        across[1:] = np.hypot(*np.diff(self.across_m, axis=0).T)
         across[np.isinf(self.radius_m)] = 0.0  # a flat face stays level
         apart = self.radius_m + np.append(0.0, self.radius_m[:-1]) - self.overlap_m
         return np.asarray(np.sqrt(1 - (across / apart) ** 2))
@@ -243,11 +226,6 @@ class Chain:
         """Elastic part of the contact forces along the axis at time 0. Shape (bodies,)."""
         return np.asarray(hertz_force(self.stiffness, np.maximum(self.overlap_m, 0.0)) * self.axial_share)
 
-    @property
-    def straight(self) -> bool:
-        """True if the bodies move along the axis only."""
-        return self.lateral is None
-
     @cached_property
     def reduced_mass_kg(self) -> Array:
         """``1 / (1/m1 + 1/m2)`` of the two bodies at each contact; at the wall the bead's mass. Shape (bodies,)."""
@@ -265,7 +243,7 @@ class Chain:
         above = np.append(self.force_N[1:], 0.0)
         net = self.force_N - above + self.load_N
         rounding = 1e-12 * (self.force_N + above + np.abs(self.load_N))
-        if self.lateral is not None:
+        if not self.straight:
             rounding = rounding + AT_REST * np.abs(self.load_N).sum()
         return np.asarray(np.where(np.abs(net) <= rounding, 0.0, net) / self.mass_kg)
 
@@ -366,6 +344,9 @@ def build_chain(scene: Scene) -> Chain:
         precompression_N=table.precompression,
         law=scene.contact.law,
         drive=drive,
+        across_m=np.zeros((scene.bodies, 2)),
+        across_velocity_m_s=np.zeros((scene.bodies, 2)),
+        shear_stiffness=np.zeros(scene.bodies),
     )
 
 
@@ -378,25 +359,23 @@ def arrays_of(chain: Chain) -> HertzChain:
 
 def tube_arrays_of(chain: Chain) -> TubeChain:
     """Three-dimensional chain as input of the integrators; the bore is a true cylinder."""
-    lateral = chain.lateral
-    assert lateral is not None
-    bore, zero = lateral.bore, np.zeros(chain.bodies)
+    bore, zero = chain.bore, np.zeros(chain.bodies)
     return TubeChain(
         mass_kg=chain.mass_kg,
         radius_m=chain.radius_m,
         stiffness=chain.stiffness,
         damping=chain.damping,
-        shear=lateral.shear_stiffness,
+        shear=chain.shear_stiffness,
         load_N=chain.load_N,
         bore_stiffness=bore.stiffness if bore else zero,
         bore_shear=bore.shear_stiffness if bore else zero,
         place_m=chain.place_m,
         velocity_m_s=chain.velocity_xyz_m_s,
         wall_m=chain.wall_height_m,
-        friction=lateral.friction,
+        friction=chain.friction,
         bore_m=bore.radius_m if bore else 0.0,
         bore_friction=bore.friction if bore else 0.0,
-        turns=lateral.turns,
+        turns=chain.turns,
         overlap_power=chain.law.overlap_power,
     )
 
@@ -413,7 +392,7 @@ def moving_at_start(chain: Chain) -> float:
 def furthest_m(chain: Chain) -> float:
     """Largest coordinate in a deck, in m; the rounding error of heights is proportional to it."""
     height = float(np.abs(chain.height_m).max())
-    return height + LEVEL_M if chain.lateral is not None and np.isinf(chain.radius_m[-1]) else height
+    return height + LEVEL_M if not chain.straight and np.isinf(chain.radius_m[-1]) else height
 
 
 def above_rim_m(radius_m: float, rim_m: float) -> float:
@@ -431,7 +410,7 @@ def sphere_for_face(scene: Scene, chain: Chain) -> tuple[float, float]:
     bead, face = (scene.materials[name] for name in chain.materials[-2:])
     under = float(chain.radius_m[-2])
     radius = float(f"{under * bead.compliance / face.compliance:.1g}")
-    if chain.lateral is not None:
+    if not chain.straight:
         radius = max(radius, LEVEL_M)
     compliance = (bead.compliance + face.compliance) * sqrt(radius / (radius + under)) - bead.compliance
     return radius, (1 - face.poisson_ratio**2) / compliance

@@ -21,7 +21,6 @@ from drivers.chain.chain import (
     Array,
     Bore,
     Chain,
-    Lateral,
     contact_stiffness_at,
     hertz_stiffness,
     stiffness_by,
@@ -87,18 +86,19 @@ def with_lateral(scene: Scene, chain: Chain) -> Chain:
     velocity = np.zeros((chain.bodies, 2))
     for from_wall, bead in scene.chain.bead_at.items():
         velocity[from_wall - 1, 0] = bead.lateral_velocity or 0.0
-    lateral = Lateral(
-        offset_m=_seeded_offsets(scene, chain),
-        velocity_m_s=velocity,
+    started = replace(
+        chain,
+        straight=False,
+        across_m=_seeded_offsets(scene, chain),
+        across_velocity_m_s=velocity,
         shear_stiffness=stiffness_by(mindlin_stiffness, scene, chain.materials, chain.radius_m),
         friction=scene.contact.friction,
         turns=scene.contact.rotation and max(scene.contact.friction, scene.tube.friction if scene.tube else 0.0) > 0,
         bore=_bore(scene, chain),
     )
-    started = replace(chain, lateral=lateral)
     pressed = chain.overlap_m[: chain.beads] > 0  # beads pressed onto the wall
     resting = int(pressed.argmin()) if not pressed.all() else chain.beads
-    if lateral.bore is None or not lateral.offset_m[:resting].any():
+    if started.bore is None or not started.across_m[:resting].any():
         return started
     return _packed(scene, started, resting)
 
@@ -130,13 +130,11 @@ def _bore(scene: Scene, chain: Chain) -> Bore | None:
 
 def _packed(scene: Scene, chain: Chain, resting: int) -> Chain:
     """Chain with its lowest ``resting`` beads in equilibrium."""
-    assert chain.lateral is not None
+    assert chain.bore is not None
     touching = replace(chain, overlap_m=np.minimum(chain.overlap_m, 0.0))
-    start = np.column_stack([chain.lateral.offset_m, touching.height_m - chain.wall_height_m])[:resting]
-    bore = chain.lateral.bore
-    assert bore is not None
+    start = np.column_stack([chain.across_m, touching.height_m - chain.wall_height_m])[:resting]
     arrays = (start, chain.load_N[:resting], chain.stiffness[:resting], chain.radius_m[:resting])
-    depends_on = [*(array.tolist() for array in (*arrays, bore.stiffness[:resting])), bore.radius_m]
+    depends_on = [*(array.tolist() for array in (*arrays, chain.bore.stiffness[:resting])), chain.bore.radius_m]
     found = cached(["rest", depends_on], lambda: [array.tolist() for array in find_rest(chain, start)])
     place, left = map(np.array, found)
     worst = int(np.argmax(left))
@@ -144,13 +142,13 @@ def _packed(scene: Scene, chain: Chain, resting: int) -> Chain:
         unbalanced = f"no equilibrium: {left[worst]:.2g} N are unbalanced on bead {worst + 1}"
         allowed = f"at most {AT_REST:g} of the load; try fewer beads, another seed or a wider tube"
         raise InputError(scene.file, "chain.lateral_offset", unbalanced, allowed)
-    offset, overlap = chain.lateral.offset_m.copy(), chain.overlap_m.copy()
-    offset[:resting] = place[:, :2]
+    across, overlap = chain.across_m.copy(), chain.overlap_m.copy()
+    across[:resting] = place[:, :2]
     along = np.diff(place, axis=0)
     radius = chain.radius_m[:resting]
     overlap[0] = radius[0] - place[0, 2]
     overlap[1:resting] = radius[1:] + radius[:-1] - np.sqrt((along**2).sum(axis=1))
-    return replace(chain, overlap_m=overlap, lateral=replace(chain.lateral, offset_m=offset))
+    return replace(chain, overlap_m=overlap, across_m=across)
 
 
 def find_rest(chain: Chain, place_m: Array) -> tuple[Array, Array]:

@@ -75,7 +75,7 @@ def read(case: Case, folder: Path) -> Trace:
     Raises:
         RunError: the file is missing or incomplete.
     """
-    shape = (COLUMNS if case.chain.lateral else 3, case.scene.samples, case.chain.bodies)
+    shape = (3 if case.chain.straight else COLUMNS, case.scene.samples, case.chain.bodies)
     return _trace(case, read_arrays(folder / "chain.npy", {"an array": shape})["an array"])
 
 

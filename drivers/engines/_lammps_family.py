@@ -87,10 +87,10 @@ def member(
 
     def columns(case: Case) -> tuple[str, ...]:
         """Columns of the dump."""
-        wall, lateral = (wall_force,) if case.chain.wall else (), case.chain.lateral
-        if lateral is None:
+        chain, wall = case.chain, (wall_force,) if case.chain.wall else ()
+        if chain.straight:
             return ("id", "z", "vz", CONTACT_FORCE, *wall)
-        spin, bore = SPIN if lateral.turns else (), bore_forces(case) if lateral.bore else ()
+        spin, bore = SPIN if chain.turns else (), bore_forces(case) if chain.bore else ()
         return ("id", *PLACE, *VELOCITY, *spin, CONTACT_FORCE, *wall, *bore)
 
     def trace(case: Case, dump: dict[str, Array]) -> Trace:
@@ -158,7 +158,7 @@ def above_face(chain: Chain, radius_m: Array) -> Array:
     above = np.zeros(chain.bodies)
     if np.isinf(chain.radius_m[-1]):
         apart = radius_m[-1] + radius_m[-2]
-        off = float(np.hypot(*chain.lateral.offset_m[-2])) if chain.lateral else 0.0
+        off = float(np.hypot(*chain.across_m[-2]))
         above[-1] = math.sqrt(apart**2 - off**2) - radius_m[-2] if off else radius_m[-1]
         if chain.damped:  # a gap or an overlap above the rounding error: see Chain.height_m
             above[-1] += (-4 if chain.law.alpha else 4) * np.spacing(apart)
@@ -255,9 +255,9 @@ def _trace(case: Case, radius_m: Array, dump: dict[str, Array], wall_force: str,
     if height is None or velocity is None:
         momentum = unknown if velocity is None else velocity @ chain.mass_kg
         return Trace(times, force, unknown, unknown, momentum, height, velocity)
-    if chain.lateral is None:
+    if chain.straight:
         return make_trace(chain, times, force, height, velocity)
-    place, spin = vectors(PLACE), vectors(SPIN) if chain.lateral.turns else None
+    place, spin = vectors(PLACE), vectors(SPIN) if chain.turns else None
     place[:, :, 2] = height
     by_fix = [bore_forces[at : at + 3] for at in range(0, len(bore_forces), 3)]
     bore = np.sum([*map(vectors, by_fix)], axis=0) if chain.bore else None

@@ -32,7 +32,7 @@ def values(case: Case, radius_m: Array) -> dict[str, Any]:
     types = list(dict.fromkeys(labels))
     kn, damping = coefficients_of(chain, radius_m)
     below = [None, *labels[:-1]]  # the wall has no type
-    kt = chain.lateral.shear_stiffness / roots(radius_m) if chain.lateral else np.zeros(chain.bodies)
+    kt = chain.shear_stiffness / roots(radius_m)
     return {
         "types": types,
         "style": DAMPING.get(chain.law.name, "velocity"),
@@ -63,7 +63,7 @@ def _in_bore(chain: Chain) -> dict[str, list[float]]:
 def _radii(case: Case) -> Array:
     """Radii of the atoms; a flat face has that of the bead below, or ``LEVEL_M``, and its own contact stiffness."""
     radius = case.chain.radius_m
-    return np.where(np.isinf(radius), radius[-2:][0] if case.chain.lateral is None else LEVEL_M, radius)
+    return np.where(np.isinf(radius), radius[-2:][0] if case.chain.straight else LEVEL_M, radius)
 
 
 def _refusal(case: Case) -> InputProblem | None:

@@ -31,7 +31,7 @@ def _by_springs(case: Case) -> bool:
     """True if contacts get their stiffness by pairs of types: a flat striker, or a law by mass, in a straight chain."""
     chain = case.chain
     flat = bool(np.isinf(chain.radius_m[-1])) and not chain.damped
-    return (flat or by_mass(chain)) and chain.lateral is None
+    return (flat or by_mass(chain)) and chain.straight
 
 
 def _refusal(case: Case) -> InputProblem | None:
@@ -55,12 +55,11 @@ def _with_attraction(damping_ratio: float) -> float:
 def values(case: Case, radius_m: Array) -> dict[str, Any]:
     """Values of the template: types with their constants, contacts of each pair of types."""
     scene, chain, labels = case.scene, case.chain, labels_of(case.chain)
-    lateral, bore = chain.lateral, chain.bore
     flat, springs = bool(np.isinf(chain.radius_m[-1])), _by_springs(case)
     material_of = dict(zip(labels, chain.materials, strict=True))
     if chain.wall:
         material_of.setdefault(chain.wall, chain.wall)
-    if bore:
+    if bore := chain.bore:
         assert scene.tube is not None
         material_of[TUBE] = scene.tube.material
     types = list(material_of)
@@ -69,7 +68,7 @@ def values(case: Case, radius_m: Array) -> dict[str, Any]:
         moduli[types.index(labels[-1])] = sphere_for_face(scene, chain)[1]
     below = [chain.wall, *labels[:-1]]
     kn, gn = coefficients_of(chain, radius_m)
-    friction = np.full((len(types), len(types)), lateral.friction if lateral else 0.0)
+    friction = np.full((len(types), len(types)), chain.friction)
     by_bore = {}
     if bore:
         beside = [TUBE if stiffness else None for stiffness in bore.stiffness]

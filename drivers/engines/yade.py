@@ -72,7 +72,7 @@ def render(case: Case) -> Deck:
         pieces=pieces_of(chain.drive, case.scene.time_step_s, case.scene.steps),
         drive_words=drive_words(case.scene),
         dissipative=DISSIPATIVE.get(chain.law.name),
-        friction_angle=atan(chain.lateral.friction) if chain.lateral else 0.0,
+        friction_angle=atan(chain.friction),
     )
     return Deck({"chain.py": text}, COMMAND, raw=("chain.npz",))
 
@@ -88,7 +88,7 @@ def read(case: Case, folder: Path) -> Trace:
         RunError: the file or an array is missing or incomplete.
     """
     chain, samples, step = case.chain, case.scene.samples, case.scene.time_step_s
-    bore, turns = chain.bore, bool(chain.lateral and chain.lateral.turns)
+    bore, turns = chain.bore, chain.turns
     where, axes = ("height", ()) if chain.straight else ("place", (3,))
     shapes = dict.fromkeys((where, "velocity", *(("spin", "torque") if turns else ())), (samples, chain.bodies, *axes))
     shapes |= {"force": (samples, chain.bodies - (chain.wall is None), *axes)}

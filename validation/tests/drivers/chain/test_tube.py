@@ -9,8 +9,7 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from drivers.base.errors import InputError
-from drivers.chain.case import Case
-from drivers.chain.chain import AT_REST, Lateral, hertz_stiffness
+from drivers.chain.chain import AT_REST, hertz_stiffness
 from drivers.chain.lateral import conformity
 from drivers.chain.schemes import verlet_of
 from drivers.run.run import run_case
@@ -21,11 +20,6 @@ from validation.tests.helpers.runs import TUBE_CODES, finished, need
 from validation.tests.helpers.scenes import case_of
 
 STATE = "run.record=['forces', 'state']"
-
-
-def lateral_of(case: Case) -> Lateral:
-    assert case.chain.lateral is not None
-    return case.chain.lateral
 
 
 @pytest.mark.parametrize("scene", ["fig4-tube", "fig6d-tube"])
@@ -48,9 +42,9 @@ def test_packed_beads_stay_at_rest_on_wall_and_bore(scene: str) -> None:
 def test_beads_start_in_a_plane_zigzag_for_each_seed(scene: str) -> None:
     cases = [case_of(scene, f"seed={seed}") for seed in range(3)]
     beads, azimuths = cases[0].chain.beads, set()
-    first = np.linalg.norm(lateral_of(cases[0]).offset_m[:beads], axis=1)
+    first = np.linalg.norm(cases[0].chain.across_m[:beads], axis=1)
     for case in cases:
-        offset, tube = lateral_of(case).offset_m, case.scene.tube
+        offset, tube = case.chain.across_m, case.scene.tube
         assert tube is not None
         beside, play = offset[:beads], tube.inner_diameter / 2 - case.chain.radius_m
         off = np.linalg.norm(beside, axis=1)
@@ -66,7 +60,7 @@ def test_beads_start_in_a_plane_zigzag_for_each_seed(scene: str) -> None:
 
 def test_seeded_positions_are_limited_to_the_play() -> None:
     case = case_of("fig4-tube", "wall=", "gravity=", "chain.lateral_offset=0.12 mm")
-    off, tube = np.hypot(*lateral_of(case).offset_m.T), case.scene.tube
+    off, tube = np.hypot(*case.chain.across_m.T), case.scene.tube
     assert tube is not None
     assert (off <= (tube.inner_diameter / 2 - case.chain.radius_m) * (1 + 1e-12)).all()
     assert off.max() == pytest.approx(0.12e-3, rel=1e-9)
@@ -104,7 +98,7 @@ def test_contact_with_the_bore_is_the_elliptic_one() -> None:
         assert elliptic(radius, bore) == pytest.approx(ratio, rel=2e-3)
         assert conformity(radius, bore) == pytest.approx(elliptic(radius, bore), rel=1e-8)
     case = case_of("fig4-tube")
-    bore_contact, ptfe, radius = lateral_of(case).bore, case.scene.materials["ptfe"], case.scene.chain.diameter / 2
+    bore_contact, ptfe, radius = case.chain.bore, case.scene.materials["ptfe"], case.scene.chain.diameter / 2
     assert bore_contact is not None
     flat = hertz_stiffness(ptfe, radius, ptfe, np.inf)
     assert bore_contact.stiffness == pytest.approx(elliptic(radius, bore_contact.radius_m) * flat, rel=1e-8)
