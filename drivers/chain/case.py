@@ -14,7 +14,7 @@ import numpy as np
 from drivers.base.errors import InputProblem, refuse_any
 from drivers.base.units import divided
 from drivers.chain.chain import Array, Chain, above_rim_m, build_chain, moving_at_start, ordinary_beads
-from drivers.chain.drives import drive_words
+from drivers.chain.drives import drive_words, pieces_of
 from drivers.laws import VISCOELASTIC
 from drivers.scene.model import RIGID, Scene
 from validation.reference.adaptive import MIN_TOLERANCE
@@ -192,6 +192,16 @@ class Case:
         return next(element.modelled for element in self.elements if element.name == name)
 
     @property
+    def drive_pieces(self) -> list[dict[str, Any]]:
+        """Segments of the drive with at least one step of the run, as by ``pieces_of``."""
+        return pieces_of(self.chain.drive, self.scene.time_step_s, self.scene.steps)
+
+    @property
+    def drive_words(self) -> str:
+        """Description of the drive; empty without one."""
+        return drive_words(self.scene)
+
+    @property
     def layout(self) -> Layout:
         """Properties of the chain that post-processing needs."""
         scene, chain = self.scene, self.chain
@@ -222,7 +232,7 @@ class Case:
             leaning = f"leaning by {self.scene.chain.angle:g} deg"
             text += f"; {leaning}: z is the axis, gravity along it {chain.gravity_m_s2:.4g} m/s^2"
         if chain.drive is not None:
-            text += f"; {drive_words(self.scene)}"
+            text += f"; {self.drive_words}"
         if chain.damped:
             text += f"; {chain.law.description}"
         return text

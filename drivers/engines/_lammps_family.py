@@ -15,7 +15,6 @@ from drivers.base.errors import InputProblem, RunError
 from drivers.base.processes import line_of
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain
-from drivers.chain.drives import drive_words, pieces_of
 from drivers.chain.trace import Trace, make_trace
 from drivers.engines import Engine, last_line
 from drivers.engines._raw_output import read_dump
@@ -77,8 +76,6 @@ def member(
             },
             "skin": float(f"{0.2 * radius_m.min():.1g}"),
             "columns": columns(case),
-            "pieces": pieces_of(chain.drive, case.scene.time_step_s, case.scene.steps),
-            "drive_words": drive_words(case.scene),
         }
         templates = (f"{code.lower()}/chain.in.j2", "lammps/chain.data.j2")  # same format of data files
         files = {Path(name).stem: render_template(name, **given) for name in templates}

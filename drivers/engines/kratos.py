@@ -12,7 +12,6 @@ from drivers.base.errors import InputProblem
 from drivers.base.processes import line_of
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain
-from drivers.chain.drives import drive_words, pieces_of
 from drivers.chain.trace import Trace, make_trace
 from drivers.engines import IN_OVERLAPS, Engine, last_line
 from drivers.engines._raw_output import read_arrays
@@ -47,8 +46,6 @@ def render(case: Case) -> Deck:
         bodies=list(zip(numbers.tolist(), labels, strict=True)),
         materials=[(label, *values) for label, values in constants.items()],
         reach=_reach_m(chain),
-        pieces=pieces_of(chain.drive, scene.time_step_s, scene.steps),
-        drive_words=drive_words(scene),
     )
     return Deck({"chain.py": text}, (PYTHON, "chain.py"), raw=(OUTPUT,))
 

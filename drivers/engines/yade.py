@@ -14,7 +14,6 @@ from drivers.base.errors import InputProblem
 from drivers.base.processes import line_of
 from drivers.chain.case import SIDEWAYS, STRAIGHT, Case
 from drivers.chain.chain import Array, Chain
-from drivers.chain.drives import drive_words, pieces_of
 from drivers.chain.trace import Trace, make_trace
 from drivers.engines import Engine, last_line
 from drivers.engines._raw_output import read_arrays
@@ -69,8 +68,6 @@ def render(case: Case) -> Deck:
         face=bodies.pop() if np.isinf(chain.radius_m[-1]) else None,
         spheres=bodies,
         materials=[(name, *case.scene.elastic_constants(name)) for name in labels],
-        pieces=pieces_of(chain.drive, case.scene.time_step_s, case.scene.steps),
-        drive_words=drive_words(case.scene),
         dissipative=DISSIPATIVE.get(chain.law.name),
         friction_angle=atan(chain.friction),
     )
