@@ -312,9 +312,10 @@ def build_chain(scene: Scene) -> Chain:
     count, striker = table.count, scene.striker
     materials, diameter, mass = beads_of(scene)
     radius = diameter / 2
-    velocity = np.zeros(scene.bodies)
+    velocity, across_velocity = np.zeros(scene.bodies), np.zeros((scene.bodies, 2))
     for from_wall, bead in table.bead_at.items():
         velocity[from_wall - 1] = bead.velocity or 0.0
+        across_velocity[from_wall - 1, 0] = bead.lateral_velocity or 0.0
     gaps = {from_wall: bead.gap_below for from_wall, bead in table.bead_at.items() if bead.gap_below is not None}
     if striker is not None:
         materials = [*materials, striker.material]
@@ -345,7 +346,7 @@ def build_chain(scene: Scene) -> Chain:
         law=scene.contact.law,
         drive=drive,
         across_m=np.zeros((scene.bodies, 2)),
-        across_velocity_m_s=np.zeros((scene.bodies, 2)),
+        across_velocity_m_s=across_velocity,
         shear_stiffness=np.zeros(scene.bodies),
     )
 

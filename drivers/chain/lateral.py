@@ -83,14 +83,10 @@ def with_lateral(scene: Scene, chain: Chain) -> Chain:
     Raises:
         InputError: no equilibrium was found.
     """
-    velocity = np.zeros((chain.bodies, 2))
-    for from_wall, bead in scene.chain.bead_at.items():
-        velocity[from_wall - 1, 0] = bead.lateral_velocity or 0.0
     started = replace(
         chain,
         straight=False,
         across_m=_seeded_offsets(scene, chain),
-        across_velocity_m_s=velocity,
         shear_stiffness=stiffness_by(mindlin_stiffness, scene, chain.materials, chain.radius_m),
         friction=scene.contact.friction,
         turns=scene.contact.rotation and max(scene.contact.friction, scene.tube.friction if scene.tube else 0.0) > 0,
