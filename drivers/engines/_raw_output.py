@@ -215,11 +215,8 @@ def _other_times(case: Case, path: Path, steps: Sequence[int]) -> str:
     if [*steps] == [*expected][: len(steps)]:
         return f"output ends in sample {len(steps) + 1} of {scene.samples}, or is damaged there: {path.name}"
     step_s = _time_step(path.parent) or _time_step(path.parent.parent) or scene.time_step_s
-    found, allowed = (
-        f"{_listed(steps)} of {quantity(step_s, 's')}",
-        f"{_listed(expected)} of {quantity(scene.time_step_s, 's')}",
-    )
-    message = f"{path.name} has frames at steps {found}; the scene has {allowed}"
+    allowed = _listed(expected, scene.time_step_s)
+    message = f"{path.name} has frames at steps {_listed(steps, step_s)}; the scene has {allowed}"
     every = steps[-1] // (len(steps) - 1) if len(steps) > 1 else 0
     if every < 1 or [*steps] != [*range(0, steps[-1] + 1, every)]:
         frame = next(i for i, step in enumerate(steps) if [step] != [*expected[i : i + 1]])
@@ -230,9 +227,10 @@ def _other_times(case: Case, path: Path, steps: Sequence[int]) -> str:
     return " ".join([f"{message}:", *(f"--set run.{key}='{quantity(value, 's')}'" for key, value in other.items())])
 
 
-def _listed(steps: Sequence[int]) -> str:
-    """The first steps, and the last."""
-    return ", ".join([*map(str, steps[:2]), *(["..."] if len(steps) > 3 else []), *map(str, steps[2:][-1:])])
+def _listed(steps: Sequence[int], step_s: float) -> str:
+    """The first steps, and the last, with their length."""
+    some = [*map(str, steps[:2]), *(["..."] if len(steps) > 3 else []), *map(str, steps[2:][-1:])]
+    return f"{', '.join(some)} of {quantity(step_s, 's')}"
 
 
 def _time_step(folder: Path) -> float | None:
