@@ -392,11 +392,9 @@ def installed_codes() -> list[str]:
 
 def expected_engines() -> list[str]:
     """Names of all engines, without optional codes that are not installed."""
-    here = installed(engine_names())
-    return [name for name in engine_names() if name in here or not load_engine(name).entry.optional]
+    return [name for name in engine_names() if installed([name]) or not load_engine(name).entry.optional]
 
 
 def missing_codes() -> list[str]:
     """Names of codes that are not installed, and not optional."""
-    here = installed_codes()
-    return [name for name in codes() if name not in here and not load_engine(name).entry.optional]
+    return [name for name in expected_engines() if not installed([name])]
