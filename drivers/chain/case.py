@@ -4,7 +4,7 @@ Elements without any effect are left out. An exactly straight chain has no force
 touch the tube, slip or turn.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from math import pi
 from typing import Any
@@ -16,7 +16,7 @@ from drivers.base.units import divided
 from drivers.chain.chain import Array, Chain, above_rim_m, build_chain, moving_at_start, ordinary_beads
 from drivers.chain.drives import drive_words, pieces_of
 from drivers.laws import VISCOELASTIC
-from drivers.scene.model import RIGID, Scene
+from drivers.scene.model import RIGID, Material, Scene
 from validation.reference.adaptive import MIN_TOLERANCE
 
 LEAST_DENSITY_KG_M3 = 1e-4  # of a bead, far below that of air; the motion of lighter ones takes for ever
@@ -186,6 +186,12 @@ class Case:
     def sample_times_s(self) -> Array:
         """Sample times as multiples of the time step, in s. Shape (samples,)."""
         return np.arange(self.scene.samples, dtype=float) * (self.scene.steps_per_sample * self.scene.time_step_s)
+
+    def materials_by(self, labels: Iterable[str]) -> dict[str, Material]:
+        """Material by label of each body, and that of the wall by its own name."""
+        wall = {self.chain.wall: self.chain.wall} if self.chain.wall else {}
+        named = dict(zip(labels, self.chain.materials, strict=True)) | wall
+        return {label: self.scene.material(name) for label, name in named.items()}
 
     def models(self, name: str) -> bool:
         """True if decks model the named element."""

@@ -26,7 +26,7 @@ AT_REST = 1e-9  # largest unbalanced force on a bead at rest, divided by the tot
 Value = TypeVar("Value", float, Array)  # stiffnesses of type Any are also floats or Arrays
 # k or k_t of a contact, from material and radius of both bodies
 Beads = tuple[list[str], Array, Array]  # material, diameter in m and mass in kg of each bead
-ContactStiffness = Callable[[Material | None, float, Material | None, float], float]
+ContactStiffness = Callable[[Material, float, Material, float], float]
 
 
 @dataclass(frozen=True)
@@ -60,15 +60,14 @@ class Bore:
         return [int(body) for body in np.flatnonzero(self.stiffness)]
 
 
-def hertz_stiffness(first: Material | None, radius_1_m: float, second: Material | None, radius_2_m: float) -> float:
+def hertz_stiffness(first: Material, radius_1_m: float, second: Material, radius_2_m: float) -> float:
     """Hertz stiffness k in F = k overlap^(3/2), in N m^-3/2.
 
     ``k = (4/3) E* sqrt(R*)`` with ``1/E* = (1-nu1^2)/E1 + (1-nu2^2)/E2`` and ``1/R* = 1/R1 + 1/R2``, the general
-    form of the paper's Eq. (7). A radius of inf is a flat face; None is a rigid material.
+    form of the paper's Eq. (7). A radius of inf is a flat face.
     """
-    compliance = sum(m.compliance for m in (first, second) if m is not None)
     curvature = 1 / radius_1_m + 1 / radius_2_m
-    return 4 / 3 / compliance / sqrt(curvature)
+    return 4 / 3 / (first.compliance + second.compliance) / sqrt(curvature)
 
 
 def hertz_force(stiffness: Any, overlap_m: Value) -> Value:
@@ -422,7 +421,7 @@ def stiffness_by(law: ContactStiffness, scene: Scene, materials: Sequence[str], 
 
     @cache  # a million beads have few kinds of contacts
     def between(below: str, radius_below_m: float, above: str, radius_above_m: float) -> float:
-        return law(scene.materials.get(below), radius_below_m, scene.materials[above], radius_above_m)  # None if rigid
+        return law(scene.material(below), radius_below_m, scene.materials[above], radius_above_m)
 
     bodies = [*zip(materials, radius_m.tolist(), strict=True)]
     lowest = between(scene.wall.material, inf, *bodies[0]) if scene.wall else 0.0

@@ -36,15 +36,13 @@ MIN_SHIFT = 1e-14  # in contact stiffnesses; without a shift the Hessian is sing
 MAX_STEP_SHARE = 0.25  # of a bead's play; its largest step
 
 
-def mindlin_stiffness(first: Material | None, radius_1_m: float, second: Material | None, radius_2_m: float) -> float:
+def mindlin_stiffness(first: Material, radius_1_m: float, second: Material, radius_2_m: float) -> float:
     """Shear stiffness k_t in ``dF_t = k_t sqrt(overlap) ds``, in N m^-3/2.
 
     ``k_t = 8 G* sqrt(R*)`` with ``1/G* = 2(2-nu1)(1+nu1)/E1 + 2(2-nu2)(1+nu2)/E2``: Mindlin's contact without slip.
     """
-    compliance = sum(
-        2 * (2 - m.poisson_ratio) * (1 + m.poisson_ratio) / m.youngs_modulus for m in (first, second) if m is not None
-    )
-    return 8 / compliance / sqrt(1 / radius_1_m + 1 / radius_2_m)
+    soft = (2 * (2 - m.poisson_ratio) * (1 + m.poisson_ratio) / m.youngs_modulus for m in (first, second))
+    return 8 / sum(soft) / sqrt(1 / radius_1_m + 1 / radius_2_m)
 
 
 @cache

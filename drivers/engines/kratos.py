@@ -15,6 +15,7 @@ from drivers.chain.chain import Array, Chain
 from drivers.chain.trace import Trace, make_trace
 from drivers.engines import IN_OVERLAPS, Engine, last_line
 from drivers.engines._raw_output import read_arrays
+from drivers.scene.model import Material
 
 PYTHON = "kratos-python"  # a Python with KratosDEMApplication
 VERSION = """
@@ -29,14 +30,13 @@ PACKAGE = "lib/python3*/site-packages/KratosMultiphysics"  # beside the folder o
 
 def render(case: Case) -> Deck:
     """Render ``chain.py``; a flat face is a sphere of the radius of the bead below, of the material of ``_face``."""
-    chain, scene = case.chain, case.scene
+    chain = case.chain
     labels, flat = list(chain.materials), bool(np.isinf(chain.radius_m[-1]))
     if flat:
         labels[-1] = f"flat {labels[-1]}"
-    named = [*zip(labels, chain.materials, strict=True), *([(chain.wall, chain.wall)] if chain.wall else [])]
-    constants = {label: scene.elastic_constants(name) for label, name in named}
+    materials = case.materials_by(labels)
     if flat:
-        constants[labels[-1]] = _face(*(scene.materials[name].compliance for name in chain.materials[-2:]))
+        materials[labels[-1]] = _face(*(case.scene.materials[name].compliance for name in chain.materials[-2:]))
     radius = chain.sphere_radius_m + _above(chain)
     numbers = np.column_stack([chain.height_m + _above(chain), radius, chain.mass_kg, chain.velocity_m_s])
     text = render_template(
@@ -44,7 +44,7 @@ def render(case: Case) -> Deck:
         case=case,
         flat=flat,
         bodies=list(zip(numbers.tolist(), labels, strict=True)),
-        materials=[(label, *values) for label, values in constants.items()],
+        materials=materials,
         reach=_reach_m(chain),
     )
     return Deck({"chain.py": text}, (PYTHON, "chain.py"), raw=(OUTPUT,))
@@ -67,15 +67,15 @@ def refusal(case: Case) -> InputProblem | None:
     return "chain.bead", found, f"at most {MAX_PAIRS:.0e} pairs: fewer beads, or narrower gaps"
 
 
-def _face(bead: float, face: float) -> tuple[float, float]:
-    """Young's modulus and Poisson's ratio nu of a sphere that contacts a bead of its radius as a flat face does.
+def _face(bead: float, face: float) -> Material:
+    """Material, with a Poisson's ratio nu, of a sphere that contacts a bead of its radius as a flat face does.
 
     Since R* is half that of the flat contact, the sphere has the compliance ``(bead + face) / sqrt(2) - bead``. It is
     negative for a stiff face: then nu, with the compliance ``(1 - nu^2) / E``, is above 1.
     """
     compliance = (bead + face) / sqrt(2) - bead
     poisson = 1.5 if compliance < 0 else 0.0
-    return (1 - poisson**2) / compliance, poisson
+    return Material.model_construct(youngs_modulus=(1 - poisson**2) / compliance, poisson_ratio=poisson)
 
 
 def _above(chain: Chain) -> Array:

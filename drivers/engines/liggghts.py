@@ -56,14 +56,12 @@ def values(case: Case, radius_m: Array) -> dict[str, Any]:
     """Values of the template: types with their constants, contacts of each pair of types."""
     scene, chain, labels = case.scene, case.chain, labels_of(case.chain)
     flat, springs = bool(np.isinf(chain.radius_m[-1])), _by_springs(case)
-    material_of = dict(zip(labels, chain.materials, strict=True))
-    if chain.wall:
-        material_of.setdefault(chain.wall, chain.wall)
+    materials = case.materials_by(labels)
     if bore := chain.bore:
         assert scene.tube is not None
-        material_of[TUBE] = scene.tube.material
-    types = list(material_of)
-    moduli, ratios = map(list, zip(*map(scene.elastic_constants, material_of.values()), strict=True))
+        materials[TUBE] = scene.materials[scene.tube.material]
+    types = list(materials)
+    moduli = [material.youngs_modulus for material in materials.values()]
     if flat and not springs:
         moduli[types.index(labels[-1])] = sphere_for_face(scene, chain)[1]
     below = [chain.wall, *labels[:-1]]
@@ -80,7 +78,7 @@ def values(case: Case, radius_m: Array) -> dict[str, Any]:
         "types": types,
         "binsize": 100 * radius_m.max() if chain.straight and chain.bodies > MAX_IN_PAIRS else None,
         "moduli": moduli,
-        "ratios": ratios,
+        "ratios": [material.poisson_ratio for material in materials.values()],
         "springs": springs,
         "restitution": _with_attraction(chain.law.value) if chain.law.name == VISCOELASTIC else 1.0,
         "contact_kn": table_of_pairs(types, below, labels, kn, max(kn)),

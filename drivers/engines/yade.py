@@ -61,13 +61,12 @@ def render(case: Case) -> Deck:
     chain, early = case.chain, case.chain.velocity_xyz_m_s
     early[:, 2] -= 0.5 * case.scene.time_step_s * (chain.acceleration_m_s2 + _driven_N(chain) / chain.mass_kg)
     bodies = list(zip(chain.place_m, chain.radius_m, chain.mass_kg, early, chain.materials, strict=True))
-    labels = dict.fromkeys([*chain.materials, *([chain.wall] if chain.wall else [])])
     text = render_template(
         "yade/chain.py.j2",
         case=case,
         face=bodies.pop() if np.isinf(chain.radius_m[-1]) else None,
         spheres=bodies,
-        materials=[(name, *case.scene.elastic_constants(name)) for name in labels],
+        materials=case.materials_by(chain.materials),
         dissipative=DISSIPATIVE.get(chain.law.name),
         friction_angle=atan(chain.friction),
     )

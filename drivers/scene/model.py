@@ -26,7 +26,6 @@ from drivers.base.errors import CONTROL
 from drivers.laws import ALPHA, ELASTIC, LAWS, Dissipation
 
 RIGID = "rigid"
-RIGID_PA = 1e40  # modulus of a rigid wall in decks: its part of 1/E* is below rounding
 MAX_BEADS = 1_000_000
 RANGE = re.compile(r" *([0-9]{1,9}) *(?:- *([0-9]{1,9}) *)?")  # of beads
 
@@ -126,6 +125,9 @@ class Material(Part):
     def compliance(self) -> float:
         """Contribution of the material to ``1/E*``, ``(1 - nu^2) / E``, in 1/Pa."""
         return float((1 - self.poisson_ratio**2) / self.youngs_modulus)
+
+
+RIGID_MATERIAL = Material.model_construct(youngs_modulus=1e40, poisson_ratio=0.0)  # its part of 1/E* is below rounding
 
 
 class Sensor(Part):
@@ -396,8 +398,6 @@ class Scene(Part):
         """True if beads can move sideways and turn."""
         return self.chain.lateral_offset is not None or any(bead.lateral_velocity for bead in self.chain.bead)
 
-    def elastic_constants(self, material: str) -> tuple[float, float]:
-        """Young's modulus in Pa and Poisson's ratio of a material of the scene, or of the rigid wall."""
-        if material == RIGID:
-            return RIGID_PA, 0.0
-        return self.materials[material].youngs_modulus, self.materials[material].poisson_ratio
+    def material(self, name: str) -> Material:
+        """Material of the scene, or of the rigid wall."""
+        return RIGID_MATERIAL if name == RIGID else self.materials[name]

@@ -318,7 +318,8 @@ def usual_steps(case: Case) -> dict[str, float]:
     chain, rayleigh_s, wave_s, hertz_s = case.chain, [], [], inf
     for name, radius, mass in {*zip(chain.materials, chain.radius_m, chain.mass_kg, strict=True)}:
         if np.isfinite(radius):
-            density, (modulus, ratio) = float(mass / (4 / 3 * pi * radius**3)), case.scene.elastic_constants(name)
+            density, material = float(mass / (4 / 3 * pi * radius**3)), case.scene.material(name)
+            modulus, ratio = material.youngs_modulus, material.poisson_ratio
             shear = modulus / (2 * (1 + ratio))
             rayleigh_s.append(pi * float(radius) * sqrt(density / shear) / (0.1631 * ratio + 0.8766))
             wave_s.append(float(radius) * sqrt(density / modulus))

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from drivers.base.units import divided, quantity, to_si
 from drivers.chain.chain import hertz_stiffness
 from drivers.engines import engine_names, load_engine
-from drivers.scene.model import Material
+from drivers.scene.model import RIGID_MATERIAL, Material
 from drivers.scene.read_scene import read_scene
 from drivers.scene.settings import settings_between
 from validation.tests.helpers.scenes import SceneWriter, case_of
@@ -96,7 +96,7 @@ def test_hertz_stiffness_of_beads_and_walls() -> None:
     modulus, nu, radius = 1.46e9, 0.46, 2.38e-3
     equation_7 = 2 * modulus / (3 * (1 - nu**2)) * sqrt(radius * radius / (2 * radius))
     assert hertz_stiffness(PTFE, radius, PTFE, radius) == pytest.approx(equation_7, rel=1e-15)
-    assert hertz_stiffness(PTFE, radius, None, inf) == pytest.approx(2 * sqrt(2) * equation_7, rel=1e-15)
+    assert hertz_stiffness(PTFE, radius, RIGID_MATERIAL, inf) == pytest.approx(2 * sqrt(2) * equation_7, rel=1e-15)
     compliance = (1 - 0.46**2) / 1.46e9 + (1 - 0.307**2) / 115e9
     assert hertz_stiffness(PTFE, 2e-3, BRASS, inf) == pytest.approx(4 / 3 / compliance * sqrt(2e-3), rel=1e-15)
 
