@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+from collections.abc import Iterable
 from functools import cache
 from math import nan
 from pathlib import Path
@@ -39,8 +40,7 @@ def read_scene(source: str | Path, settings: tuple[str, ...] = ()) -> Scene:
     path = find_scene(source)
     where = paths.shown(path)
     data = read_toml(path)
-    for setting in settings:
-        apply_setting(data, setting)
+    apply_settings(data, settings)
     if settings:
         where += f" with --set {shorten(' '.join(settings))}"
     return make_scene(data, path.stem, where, path.parent)
@@ -89,22 +89,22 @@ def changed_scene(stored: dict[str, Any], settings: tuple[str, ...], where: str)
         InputError: a setting is wrong.
     """
     data = {key: value for key, value in stored.items() if key not in COMPUTED}
-    for setting in settings:
-        apply_setting(data, setting)
+    apply_settings(data, settings)
     return make_scene(data, stored["name"], f"{where} with --set {shorten(' '.join(settings))}", context=units.SI)
 
 
-def apply_setting(data: dict[str, Any], setting: str) -> None:
-    """Apply one setting, ``KEY=VALUE``, to the tables of a scene file.
+def apply_settings(data: dict[str, Any], settings: Iterable[str]) -> None:
+    """Apply settings, each ``KEY=VALUE``, to the tables of a scene file.
 
     Raises:
-        InputError: the setting has another form, or the key does not exist.
+        InputError: a setting has another form, or its key does not exist.
     """
-    where = f"--set {setting}"
-    path, equals, text = setting.partition("=")
-    if not equals or not all(path.strip().split(".")):
-        raise InputError(where, "", "not of the form KEY=VALUE; give a key and a value, such as chain.count=60")
-    set_value(data, path.strip(), read_value(text), where)
+    for setting in settings:
+        where = f"--set {setting}"
+        path, equals, text = setting.partition("=")
+        if not equals or not all(path.strip().split(".")):
+            raise InputError(where, "", "not of the form KEY=VALUE; give a key and a value, such as chain.count=60")
+        set_value(data, path.strip(), read_value(text), where)
 
 
 def set_value(data: dict[str, Any], path: str, value: Any, where: str) -> None:

@@ -29,7 +29,7 @@ from drivers.chain.case import build_case
 from drivers.engines import codes
 from drivers.limits import inability
 from drivers.scene.model import Part
-from drivers.scene.read_scene import apply_setting, find_scene, read_scene, set_value
+from drivers.scene.read_scene import apply_settings, find_scene, read_scene, set_value
 from drivers.scene.settings import look_up, setting_texts, unit_of
 from postproc.draw.product import write_figure
 from postproc.draw.style import COLUMN_IN, pyplot
@@ -327,8 +327,7 @@ def _write_scene(
 ) -> None:
     """Writes a scene file with settings, data, and values of rows by label, and with the comments of its source."""
     document: Any = tomlkit.parse(source.read_text(encoding="utf-8"))
-    for setting in settings:
-        apply_setting(document, setting)
+    apply_settings(document, settings)
     for free in fit.problem.free:
         row = rows.get(free.label)
         if row and free.belongs_to(source.stem) and free.of_motion:

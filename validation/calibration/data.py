@@ -14,7 +14,7 @@ from drivers.chain.case import build_case
 from drivers.engines import REFERENCE
 from drivers.limits import refuse
 from drivers.scene.model import MeasuredEntry, Scene
-from drivers.scene.read_scene import apply_setting, find_scene, make_scene, read_scene, read_toml
+from drivers.scene.read_scene import apply_settings, find_scene, make_scene, read_scene, read_toml
 from drivers.scene.settings import look_up
 from postproc.paper import force_accuracy, quoted
 from postproc.read.alignment import Channel, channels_of, correlated, must_overlap
@@ -172,8 +172,7 @@ def tables_of(source: str, settings: Sequence[str]) -> dict[str, Any]:
     """Tables of a scene's file with settings applied, and without its measured data."""
     path = find_scene(source)
     tables = read_toml(path)
-    for setting in settings:
-        apply_setting(tables, setting)
+    apply_settings(tables, settings)
     if file := look_up(tables, "drive.file"):
         tables["drive"]["file"] = str((path.parent / file).resolve())
     tables.pop(MEASURED, None)
@@ -225,7 +224,7 @@ def scene_data(
     channels = tuple(channel for key in traces for file in files for channel in file if channel.key == key)
     duration = tables["run"]["duration"]
     if free_trigger or any(channel.trigger_s is None for channel in channels):
-        apply_setting(tables, f"run.duration={LONGER * duration_s!r} s")
+        apply_settings(tables, [f"run.duration={LONGER * duration_s!r} s"])
     more = {"channels": channels, "entries": entries, "triggers": triggers, "step_s": step_s, "duration": duration}
     return DataSet(find_scene(source).stem, source, json.dumps(tables), where, tuple(numbers), **more)
 

@@ -27,7 +27,7 @@ from drivers.base.terminal import following, text_table
 from drivers.chain.case import build_case
 from drivers.chain.chain import Array
 from drivers.run.execute import Place, execute
-from drivers.scene.read_scene import apply_setting, make_scene
+from drivers.scene.read_scene import apply_settings, make_scene
 from drivers.scene.settings import look_up, setting_texts, unit_of
 from postproc.draw.style import COLUMN_IN, GREY, pyplot
 from postproc.read.alignment import change_at, channels_of
@@ -121,8 +121,7 @@ def design(
     document["title"] = f"Designed from {fitted.folder.name}: {goal} {table['expected'][best]:.3g}"
     sensors = {key: changes[best].pop(key) for key in {SENSORS} & {*changes[best]}}
     chosen = sensors | {"run.duration": float(table["duration_s"][best])}
-    for setting in (*setting_texts(settings), *setting_texts(chosen)):
-        apply_setting(document, setting)
+    apply_settings(document, [*setting_texts(settings), *setting_texts(chosen)])
     for key, value in changes[best].items():
         set_number(document, key, value, "designed")
     return Design(table, best, tomlkit.dumps(document), goal)
@@ -208,8 +207,7 @@ def _made_up(fit: Fit, settings: Sequence[str]) -> DataSet:
     tables["run"]["duration"] = base.duration or tables["run"]["duration"]
     values = zip(fit.problem.free, fit.place, strict=True)
     found = {free.key: free.value(float(x)) for free, x in values if free.key.startswith(CARRIED)}
-    for setting in (*setting_texts(found), *settings):
-        apply_setting(tables, setting)
+    apply_settings(tables, [*setting_texts(found), *settings])
     for _ in range(MAX_LONGER + 1):
         scene = make_scene(json.loads(json.dumps(tables)), "design", "design")
         motion = exact(build_case(scene), TOLERANCE)

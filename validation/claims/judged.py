@@ -25,7 +25,7 @@ from drivers.engines import REFERENCE, VERLET, expected_engines, installed_codes
 from drivers.run.run import run_many
 from drivers.run.run_folder import EndedRun
 from drivers.scene.model import Part
-from drivers.scene.read_scene import apply_setting, read_toml
+from drivers.scene.read_scene import apply_settings, read_toml
 from postproc.read.motion import Simulation, exact, trace_with_state
 from validation.accuracy.plan import plan_case, planned_case
 from validation.checks import DIFFERS, FAIL, NOT_RUN, REPRODUCED, Check, pass_or_fail, without_run
@@ -248,8 +248,7 @@ def cases_of(scene: str | Path | None, study: str | Path | None, settings: tuple
     if scene:
         return {"": planned_case(scene, *settings)}
     file = read_study(study or "")
-    for setting in settings:
-        apply_setting(file.base, setting)
+    apply_settings(file.base, settings)
     return {file.label(number): plan_case(file.case(number)) for number in range(1, file.count + 1)}
 
 

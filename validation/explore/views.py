@@ -20,7 +20,7 @@ from drivers.interactive import run_scene
 from drivers.limits import inability, refuse
 from drivers.run.compute import compute
 from drivers.scene.model import Scene
-from drivers.scene.read_scene import apply_setting, find_scene
+from drivers.scene.read_scene import apply_settings, find_scene
 from drivers.scene.settings import look_up
 from postproc.draw.film import Film, film_of
 from postproc.draw.product import cells_of, shown_forces
@@ -245,8 +245,7 @@ def scene_file(question: Question) -> str:
     """Scene file with the settings in place of its values; paths in it are absolute, so that it runs anywhere."""
     source = find_scene(question.scene)
     document: Any = tomlkit.parse(source.read_text(encoding="utf-8"))
-    for setting in question.settings:
-        apply_setting(document, setting)
+    apply_settings(document, question.settings)
     for table in (document.get("drive", {}), *document.get("measured", ())):
         if "file" in table:
             table["file"] = str((source.parent / table["file"]).resolve())
