@@ -179,10 +179,10 @@ def two_over_omega(chain: Chain, reached: Extremes, step_s: float) -> float:
     rows = _rows(inverse, spring)
     if not chain.straight:
         # a shear spring moves bodies across the axis and turns them, with the inertia 2/5 m: 3.5 times a normal one
-        tube, in_bore = tube_arrays_of(chain), reached.bore_overlap_m
-        sheared = (tube.friction > 0) * tube.shear * np.sqrt(deepest)
-        dragged = (tube.bore_friction > 0) * tube.bore_shear * np.sqrt(in_bore)
-        across = 3.5 * _rows(inverse, sheared) + contact_stiffness(tube.bore_stiffness, in_bore) * inverse
+        in_bore = reached.bore_overlap_m
+        sheared = (chain.friction > 0) * chain.shear_stiffness * np.sqrt(deepest)
+        dragged = (chain.bore_friction > 0) * chain.bore_shear * np.sqrt(in_bore)
+        across = 3.5 * _rows(inverse, sheared) + contact_stiffness(chain.bore_stiffness, in_bore) * inverse
         rows = np.maximum(rows, across) + 3.5 * dragged * inverse
     highest = float(rows.max())
     return float(2 / np.sqrt(highest)) if highest > 0 else np.inf

@@ -41,7 +41,7 @@ class ModellingElement:
 
 def choose_elements(scene: Scene, chain: Chain) -> tuple[ModellingElement, ...]:
     """Modelling elements of a scene, each modelled or left out, with the reason."""
-    striker, scatter, bore = scene.striker, scene.chain.mass_scatter, chain.bore
+    striker, scatter = scene.striker, scene.chain.mass_scatter
     sensors, (_, _, ordinary_kg) = scene.chain.sensor_at, ordinary_beads(scene)
     unlike = len([place for place, sensor in sensors.items() if sensor.mass not in (None, ordinary_kg[place - 1])])
     gravity, angle = f"{scene.axial_gravity:g} m/s^2", scene.chain.angle
@@ -59,7 +59,7 @@ def choose_elements(scene: Scene, chain: Chain) -> tuple[ModellingElement, ...]:
         if scene.chain.lateral_offset is not None:
             freedom = f"beads off the axis by {scene.chain.lateral_offset:g} m, standard deviation, seed {scene.seed}"
         slipping = f"coefficient {chain.friction:g} between beads and with the wall"
-        slipping += f", {bore.friction if bore else 0.0:g} in the bore"
+        slipping += f", {chain.bore_friction:g} in the bore"
         still = "rotation = false in the scene" if chain.slips else "without friction no bead turns"
     rows: tuple[tuple[str, Any, Any, str], ...] = (  # name, value, reason if modelled, reason if not
         ("gravity", scene.axial_gravity, gravity, across if scene.gravity else NONE),
@@ -71,8 +71,8 @@ def choose_elements(scene: Scene, chain: Chain) -> tuple[ModellingElement, ...]:
         ("lateral freedom", not chain.straight, freedom, f"{axis} bead leaves it"),
         (
             "tube",
-            bore,
-            bore and f"bore of {2 * bore.radius_m:g} m, a true cylinder",
+            chain.bore_m,
+            f"bore of {2 * chain.bore_m:g} m, a true cylinder",
             f"{axis} bead touches the bore" if scene.tube else NONE,
         ),
         ("friction", chain.slips, slipping, f"{axis} contact slips" if chain.straight else NONE),

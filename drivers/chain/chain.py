@@ -29,37 +29,6 @@ Beads = tuple[list[str], Array, Array]  # material, diameter in m and mass in kg
 ContactStiffness = Callable[[Material, float, Material, float], float]
 
 
-@dataclass(frozen=True)
-class Bore:
-    """Bore of a tube about the chain's axis; arrays of shape (bodies,).
-
-    Attributes:
-        stiffness: k of each body's contact with the bore in F = k overlap^(3/2); 0 for bodies outside the tube.
-        shear_stiffness: k_t of these contacts, as in ``Chain.shear_stiffness``.
-        top_m: height of the upper end; inf for a tube above all bodies.
-    """
-
-    radius_m: float
-    stiffness: Array
-    shear_stiffness: Array
-    friction: float
-    top_m: float
-
-    def overlaps(self, radius_m: Array, place_m: Array) -> Array:
-        """Overlaps of bodies with the bore in m; a gap is negative. Shape (..., bodies).
-
-        Args:
-            radius_m: radii of the bodies, shape (bodies,).
-            place_m: positions across the axis, shape (..., bodies, 2).
-        """
-        return np.asarray(np.hypot(place_m[..., 0], place_m[..., 1]) + radius_m - self.radius_m)
-
-    @cached_property
-    def guided(self) -> list[int]:
-        """Indices of the bodies in the tube, from 0."""
-        return [int(body) for body in np.flatnonzero(self.stiffness)]
-
-
 def hertz_stiffness(first: Material, radius_1_m: float, second: Material, radius_2_m: float) -> float:
     """Hertz stiffness k in F = k overlap^(3/2), in N m^-3/2.
 
@@ -97,7 +66,7 @@ class Chain:
     """Parameters and start values of a chain, in SI units; read-only arrays of shape (bodies,).
 
     In a three-dimensional chain overlaps are along the lines of centres; heights, velocities and forces along the axis.
-    In a straight one all quantities across the axis and of friction are zero.
+    In a straight one all quantities across the axis and of friction are zero, without a tube those of the bore.
 
     Attributes:
         materials: name of each body's material.
@@ -120,7 +89,11 @@ class Chain:
         straight: True if the bodies move along the axis only.
         friction: coefficient between bodies and with the wall.
         turns: True if friction turns bodies.
-        bore: bore of the tube; None for a straight chain or without a tube.
+        bore_m: radius of the tube's bore about the axis.
+        bore_stiffness: k of each body's contact with the bore in F = k overlap^(3/2); 0 for bodies outside the tube.
+        bore_shear: k_t of these contacts, as in ``shear_stiffness``.
+        bore_friction: coefficient with the bore.
+        top_m: height of the tube's upper end; inf for one above all bodies.
     """
 
     materials: tuple[str, ...]
@@ -140,10 +113,14 @@ class Chain:
     across_m: Array
     across_velocity_m_s: Array
     shear_stiffness: Array
+    bore_stiffness: Array
+    bore_shear: Array
     straight: bool = True
     friction: float = 0.0
     turns: bool = False
-    bore: Bore | None = None
+    bore_m: float = 0.0
+    bore_friction: float = 0.0
+    top_m: float = inf
 
     @property
     def bodies(self) -> int:
@@ -163,7 +140,12 @@ class Chain:
     @property
     def slips(self) -> bool:
         """True if contacts, between bodies or with wall or bore, have friction."""
-        return self.friction > 0 or (self.bore is not None and self.bore.friction > 0)
+        return max(self.friction, self.bore_friction) > 0
+
+    @cached_property
+    def guided(self) -> list[int]:
+        """Indices of the bodies in the tube, from 0."""
+        return [int(body) for body in np.flatnonzero(self.bore_stiffness)]
 
     @cached_property
     def height_m(self) -> Array:
@@ -321,7 +303,7 @@ def build_chain(scene: Scene) -> Chain:
         radius = np.append(radius, inf if striker.diameter is None else striker.diameter / 2)
         mass = np.append(mass, striker.mass or sphere_mass(scene, striker.material, 2 * radius[-1]))
         velocity[-1] = -striker.speed
-    drive = drive_of(scene)
+    drive, zeros = drive_of(scene), np.zeros(scene.bodies)
     if drive is not None and drive.prescribed:
         velocity[drive.body] = drive.at(np.zeros(1))[1][0]
     stiffness = stiffness_by(hertz_stiffness, scene, materials, radius)
@@ -346,7 +328,9 @@ def build_chain(scene: Scene) -> Chain:
         drive=drive,
         across_m=np.zeros((scene.bodies, 2)),
         across_velocity_m_s=across_velocity,
-        shear_stiffness=np.zeros(scene.bodies),
+        shear_stiffness=zeros,
+        bore_stiffness=zeros,
+        bore_shear=zeros,
     )
 
 
@@ -359,7 +343,6 @@ def arrays_of(chain: Chain) -> HertzChain:
 
 def tube_arrays_of(chain: Chain) -> TubeChain:
     """Three-dimensional chain as input of the integrators; the bore is a true cylinder."""
-    bore, zero = chain.bore, np.zeros(chain.bodies)
     return TubeChain(
         mass_kg=chain.mass_kg,
         radius_m=chain.radius_m,
@@ -367,14 +350,14 @@ def tube_arrays_of(chain: Chain) -> TubeChain:
         damping=chain.damping,
         shear=chain.shear_stiffness,
         load_N=chain.load_N,
-        bore_stiffness=bore.stiffness if bore else zero,
-        bore_shear=bore.shear_stiffness if bore else zero,
+        bore_stiffness=chain.bore_stiffness,
+        bore_shear=chain.bore_shear,
         place_m=chain.place_m,
         velocity_m_s=chain.velocity_xyz_m_s,
         wall_m=chain.wall_height_m,
         friction=chain.friction,
-        bore_m=bore.radius_m if bore else 0.0,
-        bore_friction=bore.friction if bore else 0.0,
+        bore_m=chain.bore_m,
+        bore_friction=chain.bore_friction,
         turns=chain.turns,
         overlap_power=chain.law.overlap_power,
     )

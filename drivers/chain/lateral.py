@@ -16,15 +16,7 @@ from scipy.linalg import LinAlgError, solveh_banded
 
 from drivers.base.cache import cached
 from drivers.base.errors import InputError
-from drivers.chain.chain import (
-    AT_REST,
-    Array,
-    Bore,
-    Chain,
-    contact_stiffness_at,
-    hertz_stiffness,
-    stiffness_by,
-)
+from drivers.chain.chain import AT_REST, Array, Chain, contact_stiffness_at, hertz_stiffness, stiffness_by
 from drivers.scene.model import Material, Scene
 from validation.reference.hertz_chain import ENERGY_SHARE, EXPONENT
 
@@ -81,18 +73,18 @@ def with_lateral(scene: Scene, chain: Chain) -> Chain:
     Raises:
         InputError: no equilibrium was found.
     """
+    chain = _with_bore(scene, chain)
     started = replace(
         chain,
         straight=False,
         across_m=_seeded_offsets(scene, chain),
         shear_stiffness=stiffness_by(mindlin_stiffness, scene, chain.materials, chain.radius_m),
         friction=scene.contact.friction,
-        turns=scene.contact.rotation and max(scene.contact.friction, scene.tube.friction if scene.tube else 0.0) > 0,
-        bore=_bore(scene, chain),
+        turns=scene.contact.rotation and max(scene.contact.friction, chain.bore_friction) > 0,
     )
     pressed = chain.overlap_m[: chain.beads] > 0  # beads pressed onto the wall
     resting = int(pressed.argmin()) if not pressed.all() else chain.beads
-    if started.bore is None or not started.across_m[:resting].any():
+    if not started.bore_m or not started.across_m[:resting].any():
         return started
     return _packed(scene, started, resting)
 
@@ -108,27 +100,29 @@ def _seeded_offsets(scene: Scene, chain: Chain) -> Array:
     return np.asarray(offset * np.minimum(1.0, play / distance)[:, np.newaxis])
 
 
-def _bore(scene: Scene, chain: Chain) -> Bore | None:
+def _with_bore(scene: Scene, chain: Chain) -> Chain:
+    """Chain with the contacts of its bodies with the bore, if there is a tube."""
     tube = scene.tube
     if tube is None:
-        return None
-    bore_radius, top = tube.inner_diameter / 2, np.inf if tube.top is None else tube.top
+        return chain
+    bore_m, top = tube.inner_diameter / 2, np.inf if tube.top is None else tube.top
     stiffness, shear = np.zeros((2, chain.bodies))
-    for j in np.flatnonzero((chain.radius_m < bore_radius) & (chain.height_m <= top)):
+    for j in np.flatnonzero((chain.radius_m < bore_m) & (chain.height_m <= top)):
         radius = chain.radius_m[j]
         contact = scene.materials[tube.material], np.inf, scene.materials[chain.materials[j]], radius
-        stiffness[j] = conformity(radius, bore_radius) * hertz_stiffness(*contact)
-        shear[j] = conformity(radius, bore_radius) * mindlin_stiffness(*contact)
-    return Bore(bore_radius, stiffness, shear, tube.friction, top)
+        stiffness[j] = conformity(radius, bore_m) * hertz_stiffness(*contact)
+        shear[j] = conformity(radius, bore_m) * mindlin_stiffness(*contact)
+    return replace(
+        chain, bore_m=bore_m, bore_stiffness=stiffness, bore_shear=shear, bore_friction=tube.friction, top_m=top
+    )
 
 
 def _packed(scene: Scene, chain: Chain, resting: int) -> Chain:
     """Chain with its lowest ``resting`` beads in equilibrium."""
-    assert chain.bore is not None
     touching = replace(chain, overlap_m=np.minimum(chain.overlap_m, 0.0))
     start = np.column_stack([chain.across_m, touching.height_m - chain.wall_height_m])[:resting]
-    arrays = (start, chain.load_N[:resting], chain.stiffness[:resting], chain.radius_m[:resting])
-    depends_on = [*(array.tolist() for array in (*arrays, chain.bore.stiffness[:resting])), chain.bore.radius_m]
+    of_beads = (chain.load_N, chain.stiffness, chain.radius_m, chain.bore_stiffness)
+    depends_on = [start.tolist(), *(values[:resting].tolist() for values in of_beads), chain.bore_m]
     found = cached(["rest", depends_on], lambda: [array.tolist() for array in find_rest(chain, start)])
     place, left = map(np.array, found)
     worst = int(np.argmax(left))
@@ -156,12 +150,11 @@ def find_rest(chain: Chain, place_m: Array) -> tuple[Array, Array]:
         Positions in equilibrium, and the unbalanced force on each bead in N.
     """
     place, shift, beads = place_m.copy(), 1e-6, len(place_m)
-    assert chain.bore is not None
     load = float(np.abs(chain.load_N[:beads]).sum())
     scale = contact_stiffness_at(chain.stiffness[:beads].max(), load)
-    longest = MAX_STEP_SHARE * float((chain.bore.radius_m - chain.radius_m[:beads]).min())
+    longest = MAX_STEP_SHARE * float((chain.bore_m - chain.radius_m[:beads]).min())
     rounding = 1e-15 * load * float(place[-1, 2])  # rounding error of the energy; smaller decreases are accepted
-    energy, gradient, bands = _potential(chain, chain.bore, place)
+    energy, gradient, bands = _potential(chain, place)
     best, least, polished = place, float(np.abs(gradient).max()), 0
     for _ in range(MAX_STEPS):
         polished += least <= AT_REST * load
@@ -169,7 +162,7 @@ def find_rest(chain: Chain, place_m: Array) -> tuple[Array, Array]:
             break
         step = _step(bands, gradient, shift * scale)
         if step is not None and np.abs(step).max() <= longest:
-            trial = _potential(chain, chain.bore, place + step)
+            trial = _potential(chain, place + step)
             if trial[0] < energy or -float((gradient * step).sum()) < rounding:
                 place, (energy, gradient, bands) = place + step, trial
                 residual = float(np.abs(gradient).max())
@@ -178,7 +171,7 @@ def find_rest(chain: Chain, place_m: Array) -> tuple[Array, Array]:
                 shift = max(shift / 4, MIN_SHIFT)
                 continue
         shift = max(4 * shift, 1e-12)
-    return best, np.abs(_potential(chain, chain.bore, best)[1]).max(axis=1)
+    return best, np.abs(_potential(chain, best)[1]).max(axis=1)
 
 
 def _step(bands: Array, gradient: Array, shift: float) -> Array | None:
@@ -191,7 +184,7 @@ def _step(bands: Array, gradient: Array, shift: float) -> Array | None:
         return None
 
 
-def _potential(chain: Chain, bore: Bore, place: Array) -> tuple[float, Array, Array]:
+def _potential(chain: Chain, place: Array) -> tuple[float, Array, Array]:
     """Potential energy, its gradient (beads, 3), and its Hessian as upper bands (6, 3 beads)."""
     count = len(place)
     radius, load, stiffness = chain.radius_m[:count], chain.load_N[:count], chain.stiffness[:count]
@@ -213,7 +206,7 @@ def _potential(chain: Chain, bore: Bore, place: Array) -> tuple[float, Array, Ar
 
     across = place[:, :2]
     off = np.maximum(np.hypot(across[:, 0], across[:, 1]), 1e-300)
-    bore_J, push, bent = _contacts(bore.stiffness[:count], across, off, bore.overlaps(radius, across), 1)
+    bore_J, push, bent = _contacts(chain.bore_stiffness[:count], across, off, off + radius - chain.bore_m, 1)
     gradient[:, :2] += push
     diagonal[:, :2, :2] += bent
     return -float(load @ place[:, 2]) + (pairs_J + wall_J + bore_J), gradient, _block_bands(diagonal, -block)

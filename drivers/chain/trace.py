@@ -171,7 +171,7 @@ def make_trace(
             towards_axis = -(across * by_bore[:, :, :2]).sum(axis=2) / distance
             more = {"across_m": across, "across_velocity_m_s": across_velocity}
             more |= {"spin_rad_s": spin, "bore_N": towards_axis}
-            if chain.bore:
+            if chain.bore_m:
                 more["bore_friction_N"] = by_bore[:, :, 2].sum(axis=1)
             stored = _elastic_energy(chain, across, height)
             potential = stored - stored[0] - (height - chain.height_m) @ chain.load_N
@@ -228,9 +228,9 @@ def _elastic_energy(chain: Chain, place_m: Array, height_m: Array) -> Array:
     along = np.diff(height_m, axis=1, prepend=chain.wall_height_m)
     overlap = radius + np.append(0.0, radius[:-1]) - np.sqrt((across**2).sum(axis=2) + along**2)
     elastic = hertz_energy(1.0, np.maximum(overlap, 0.0)) @ chain.stiffness
-    if chain.bore is not None:
-        pressed = np.maximum(chain.bore.overlaps(radius, place_m), 0.0)
-        elastic = elastic + hertz_energy(1.0, pressed) @ chain.bore.stiffness
+    if chain.bore_m:
+        pressed = np.maximum(np.hypot(place_m[..., 0], place_m[..., 1]) + radius - chain.bore_m, 0.0)
+        elastic = elastic + hertz_energy(1.0, pressed) @ chain.bore_stiffness
     return np.asarray(elastic)
 
 

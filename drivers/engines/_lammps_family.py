@@ -87,7 +87,7 @@ def member(
         chain, wall = case.chain, (wall_force,) if case.chain.wall else ()
         if chain.straight:
             return ("id", "z", "vz", CONTACT_FORCE, *wall)
-        spin, bore = SPIN if chain.turns else (), bore_forces(case) if chain.bore else ()
+        spin, bore = SPIN if chain.turns else (), bore_forces(case) if chain.bore_m else ()
         return ("id", *PLACE, *VELOCITY, *spin, CONTACT_FORCE, *wall, *bore)
 
     def trace(case: Case, dump: dict[str, Array]) -> Trace:
@@ -123,7 +123,7 @@ def member(
 def labels_of(chain: Chain) -> list[str]:
     """Types of the bodies: the material, with the size or mass if coefficients of contacts differ by it."""
     labels = list(chain.materials)
-    if chain.bore is not None:
+    if chain.bore_m:
         sized = list(zip(labels, chain.radius_m.tolist(), strict=True))
         sizes = Counter(label for label, _ in set(sized))
         labels = [
@@ -257,5 +257,5 @@ def _trace(case: Case, radius_m: Array, dump: dict[str, Array], wall_force: str,
     place, spin = vectors(PLACE), vectors(SPIN) if chain.turns else None
     place[:, :, 2] = height
     by_fix = [bore_forces[at : at + 3] for at in range(0, len(bore_forces), 3)]
-    bore = np.sum([*map(vectors, by_fix)], axis=0) if chain.bore else None
+    bore = np.sum([*map(vectors, by_fix)], axis=0) if chain.bore_m else None
     return make_trace(chain, times, force, place, vectors(VELOCITY), spin, bore)

@@ -50,12 +50,11 @@ def _in_bore(chain: Chain) -> dict[str, list[float]]:
 
     LAMMPS gives the bore the curvature -1/(2 R_bore): ``1/R_eff = 1/R - 1/(2 R_bore)``.
     """
-    bore, labels = chain.bore, labels_of(chain)
-    if bore is None:
+    if not chain.bore_m:
         return {}
-    guided = bore.guided
-    root = np.sqrt(1 / chain.radius_m[guided] - 0.5 / bore.radius_m)
-    kn, kt = root * bore.stiffness[guided], root * bore.shear_stiffness[guided]
+    labels, guided = labels_of(chain), chain.guided
+    root = np.sqrt(1 / chain.radius_m[guided] - 0.5 / chain.bore_m)
+    kn, kt = root * chain.bore_stiffness[guided], root * chain.bore_shear[guided]
     kinds = zip(guided, kn.tolist(), kt.tolist(), strict=True)
     return {labels[body]: coefficients for body, *coefficients in kinds}
 

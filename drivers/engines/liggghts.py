@@ -57,8 +57,7 @@ def values(case: Case, radius_m: Array) -> dict[str, Any]:
     scene, chain, labels = case.scene, case.chain, labels_of(case.chain)
     flat, springs = bool(np.isinf(chain.radius_m[-1])), _by_springs(case)
     materials = case.materials_by(labels)
-    if bore := chain.bore:
-        assert scene.tube is not None
+    if scene.tube and chain.bore_m:
         materials[TUBE] = scene.materials[scene.tube.material]
     types = list(materials)
     moduli = [material.youngs_modulus for material in materials.values()]
@@ -68,12 +67,12 @@ def values(case: Case, radius_m: Array) -> dict[str, Any]:
     kn, gn = coefficients_of(chain, radius_m)
     friction = np.full((len(types), len(types)), chain.friction)
     by_bore = {}
-    if bore:
-        beside = [TUBE if stiffness else None for stiffness in bore.stiffness]
-        sheared = bore.shear_stiffness * (bore.friction > 0)
-        for name, stiffness in (("bore_kn", bore.stiffness), ("bore_kt", sheared)):
+    if chain.bore_m:
+        beside = [TUBE if stiffness else None for stiffness in chain.bore_stiffness]
+        sheared = chain.bore_shear * (chain.bore_friction > 0)
+        for name, stiffness in (("bore_kn", chain.bore_stiffness), ("bore_kt", sheared)):
             by_bore[name] = table_of_pairs(types, beside, labels, stiffness / np.sqrt(chain.radius_m), 0.0)
-        friction[-1] = friction[:, -1] = bore.friction
+        friction[-1] = friction[:, -1] = chain.bore_friction
     return by_bore | {
         "types": types,
         "binsize": 100 * radius_m.max() if chain.straight and chain.bodies > MAX_IN_PAIRS else None,

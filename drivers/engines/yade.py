@@ -84,19 +84,20 @@ def read(case: Case, folder: Path) -> Trace:
         RunError: the file or an array is missing or incomplete.
     """
     chain, samples, step = case.chain, case.scene.samples, case.scene.time_step_s
-    bore, turns = chain.bore, chain.turns
     where, axes = ("height", ()) if chain.straight else ("place", (3,))
-    shapes = dict.fromkeys((where, "velocity", *(("spin", "torque") if turns else ())), (samples, chain.bodies, *axes))
+    shapes = dict.fromkeys(
+        (where, "velocity", *(("spin", "torque") if chain.turns else ())), (samples, chain.bodies, *axes)
+    )
     shapes |= {"force": (samples, chain.bodies - (chain.wall is None), *axes)}
-    shapes |= {"on_bore": (samples, len(bore.guided), 3)} if bore else {}
+    shapes |= {"on_bore": (samples, len(chain.guided), 3)} if chain.guided else {}
     stored = read_arrays(folder / "chain.npz", shapes)
     arrays = {name: values.reshape(*values.shape[:2], *(axes or (1,))) for name, values in stored.items()}
     force, by_bore = np.zeros((2, *arrays["velocity"].shape))
     force[:, int(chain.wall is None) :] = arrays["force"]
     flat = np.isinf(chain.radius_m) & (not chain.straight)
     force[:, flat] *= -1  # forces are those on the body above, but the face is the first body of its contact
-    if bore:
-        by_bore[:, bore.guided] = arrays["on_bore"]
+    if chain.guided:
+        by_bore[:, chain.guided] = arrays["on_bore"]
     acceleration = by_bore - np.diff(force, axis=1, append=0.0)
     acceleration[:, :, -1] += loads_N(chain.load_N, chain.drive, case.sample_times_s)
     acceleration /= chain.mass_kg[:, np.newaxis]
@@ -108,7 +109,7 @@ def read(case: Case, folder: Path) -> Trace:
         return make_trace(chain, case.sample_times_s, force[:, :, 0], place[:, :, 0], velocity[:, :, 0])
     velocity[:, flat, :2], place[:, flat, :2] = 0.0, 0.0  # guided
     inertia = 0.4 * chain.mass_kg * chain.radius_m**2  # inf of a flat face
-    spin = arrays["spin"] - 0.5 * step * arrays["torque"] / inertia[:, np.newaxis] if turns else None
+    spin = arrays["spin"] - 0.5 * step * arrays["torque"] / inertia[:, np.newaxis] if chain.turns else None
     return make_trace(chain, case.sample_times_s, force[:, :, 2], place, velocity, spin, by_bore)
 
 

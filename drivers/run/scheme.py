@@ -371,9 +371,8 @@ def _faults(case: Case, trace: Trace) -> Iterator[tuple[NDArray[np.bool_], str]]
 
 def not_modelled(chain: Chain, trace: Trace) -> str | None:
     """Message if a striker above the tube comes down to its upper end, which no deck models; else None."""
-    bore = chain.bore
-    if bore is None or chain.bodies - 1 in bore.guided or trace.height_m is None:
+    if not chain.bore_m or chain.bodies - 1 in chain.guided or trace.height_m is None:
         return None
-    down = trace.height_m[:, -1] - above_rim_m(float(chain.radius_m[-1]), bore.radius_m) < bore.top_m
+    down = trace.height_m[:, -1] - above_rim_m(float(chain.radius_m[-1]), chain.bore_m) < chain.top_m
     when = f"at t = {trace.time_s[int(np.argmax(down))]:g} s the striker comes down to the end of the tube"
     return f"{when}: lower tube.top" if down.any() else None

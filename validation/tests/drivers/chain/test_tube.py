@@ -98,10 +98,9 @@ def test_contact_with_the_bore_is_the_elliptic_one() -> None:
         assert elliptic(radius, bore) == pytest.approx(ratio, rel=2e-3)
         assert conformity(radius, bore) == pytest.approx(elliptic(radius, bore), rel=1e-8)
     case = case_of("fig4-tube")
-    bore_contact, ptfe, radius = case.chain.bore, case.scene.materials["ptfe"], case.scene.chain.diameter / 2
-    assert bore_contact is not None
+    chain, ptfe, radius = case.chain, case.scene.materials["ptfe"], case.scene.chain.diameter / 2
     flat = hertz_stiffness(ptfe, radius, ptfe, np.inf)
-    assert bore_contact.stiffness == pytest.approx(elliptic(radius, bore_contact.radius_m) * flat, rel=1e-8)
+    assert chain.bore_stiffness == pytest.approx(elliptic(radius, chain.bore_m) * flat, rel=1e-8)
 
 
 SHORT_CHAIN = ("chain.count=6", "chain.sensors=[]", "run.duration=0.15 ms", STATE)

@@ -73,7 +73,10 @@ def test_without_friction_energy_and_angular_momentum_about_the_axis_are_conserv
 
 def test_a_chain_on_the_axis_moves_as_a_straight_chain() -> None:
     case, straight = sideways(*STICKY), case_of("fig4", 'run.duration="0.4 ms"')
-    sideways_only = ("shear_stiffness", "straight", "friction", "turns", "bore")
+    sideways_only = (
+        *("shear_stiffness", "straight", "friction", "turns"),
+        *("bore_m", "bore_stiffness", "bore_shear", "bore_friction"),
+    )
     chain = replace(straight.chain, **{name: getattr(case.chain, name) for name in sideways_only})
     motion, scene = motion_of(replace(straight, chain=chain)), straight.scene
     expected = integrate_verlet(arrays_of(straight.chain), scene.time_step_s, scene.steps_per_sample, scene.samples)
@@ -114,11 +117,10 @@ def test_the_step_limit_is_just_below_the_blow_up(settings: tuple[str, ...]) -> 
 def test_two_over_omega_of_a_uniform_chain_is_at_most_that_of_its_modes() -> None:
     """Largest squared frequencies: ``4 K/m`` axial, ``10 k/m`` for equal spins of neighbours, ``3.5 k/m`` on a bore."""
     chain = sideways(*STICKY, "chain.count=400", "wall=", "gravity=", "run.duration=1 us").chain
-    mass, ones, bore = chain.mass_kg[50], np.ones(chain.bodies), chain.bore
-    assert bore is not None
+    mass, ones = chain.mass_kg[50], np.ones(chain.bodies)
     chain = replace(chain, mass_kg=mass * ones)
     pressed, rubbed = (Extremes(1e-6 * ends * ones, 1e-6 * (1 - ends) * ones, 0 * ones, 0, 0) for ends in (1, 0))
-    axial, spin, rub = 4 * 1.5 * chain.stiffness[50], 10 * chain.shear_stiffness[50], 3.5 * bore.shear_stiffness[50]
+    axial, spin, rub = 4 * 1.5 * chain.stiffness[50], 10 * chain.shear_stiffness[50], 3.5 * chain.bore_shear[50]
     squared = [4 / two_over_omega(chain, reached, 1e-7) ** 2 * mass / 1e-3 for reached in (pressed, rubbed)]
     assert max(axial, spin) * (1 - 1e-9) <= squared[0] < 1.5 * max(axial, spin)
     assert rub * (1 - 1e-9) <= squared[1]
