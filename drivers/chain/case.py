@@ -54,12 +54,12 @@ def choose_elements(scene: Scene, chain: Chain) -> tuple[ModellingElement, ...]:
     if chain.law.name == VISCOELASTIC:
         damped += f", by a damping ratio of {chain.law.value:.6g}"
     axis = "the chain is exactly straight: no force acts across its axis, so no"
-    freedom, slipping, still = "a bead moves across the axis", "", f"{axis} bead turns"
+    freedom, still = "a bead moves across the axis", f"{axis} bead turns"
+    slipping = f"coefficient {chain.friction:g} between beads and with the wall, {chain.bore_friction:g} in the bore"
+    untouched = f"{axis} bead touches the bore" if scene.tube else NONE
     if not chain.straight:
         if scene.chain.lateral_offset is not None:
             freedom = f"beads off the axis by {scene.chain.lateral_offset:g} m, standard deviation, seed {scene.seed}"
-        slipping = f"coefficient {chain.friction:g} between beads and with the wall"
-        slipping += f", {chain.bore_friction:g} in the bore"
         still = "rotation = false in the scene" if chain.slips else "without friction no bead turns"
     rows: tuple[tuple[str, Any, Any, str], ...] = (  # name, value, reason if modelled, reason if not
         ("gravity", scene.axial_gravity, gravity, across if scene.gravity else NONE),
@@ -69,12 +69,7 @@ def choose_elements(scene: Scene, chain: Chain) -> tuple[ModellingElement, ...]:
         ("sensor masses", unlike, f"{unlike} of {len(sensors)} sensor beads are of another mass", alike),
         ("mass scatter", scatter, f"standard deviation {scatter:g} kg, seed {scene.seed}", NONE),
         ("lateral freedom", not chain.straight, freedom, f"{axis} bead leaves it"),
-        (
-            "tube",
-            chain.bore_m,
-            f"bore of {2 * chain.bore_m:g} m, a true cylinder",
-            f"{axis} bead touches the bore" if scene.tube else NONE,
-        ),
+        ("tube", chain.bore_m, f"bore of {2 * chain.bore_m:g} m, a true cylinder", untouched),
         ("friction", chain.slips, slipping, f"{axis} contact slips" if chain.straight else NONE),
         ("rotation", chain.turns, "friction turns beads", still),
         ("damping", chain.damped, damped, "restitution 1: contacts are elastic"),
