@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.chain.chain import Array, Chain
-from validation.reference.hertz_chain import Motion, hertz_energy, hertz_energy_beyond_tangent
+from validation.reference.hertz_chain import Drive, Motion, hertz_energy, hertz_energy_beyond_tangent
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -183,15 +183,13 @@ def make_trace(
             potential = potential_energy_change(chain, moved)
             kinetic = 0.5 * (upward**2 @ chain.mass_kg)
             if chain.drive is not None:
-                more = {"drive_N": _drive_force(chain, time_s, force_N)}
+                more = {"drive_N": _drive_force(chain, chain.drive, time_s, force_N)}
         momentum = upward @ chain.mass_kg
     return Trace(time_s, force_N, kinetic, kinetic + potential, momentum, height, upward, **more)
 
 
-def _drive_force(chain: Chain, time_s: Array, force_N: Array) -> Array:
+def _drive_force(chain: Chain, drive: Drive, time_s: Array, force_N: Array) -> Array:
     """Force f of the drive, or ``m u'' - N`` of a displacement u with the net force N of contacts and loads."""
-    drive = chain.drive
-    assert drive is not None
     value, _, bend = drive.at(time_s)
     if not drive.prescribed:
         return value
