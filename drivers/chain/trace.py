@@ -160,11 +160,10 @@ def make_trace(
         displacement_m: displacements of a straight chain since time 0, shape (samples, bodies), if they are known more
             exactly than from heights.
     """
-    three_dimensional = not chain.straight
-    height, upward = (place_m[..., 2], velocity_m_s[..., 2]) if three_dimensional else (place_m, velocity_m_s)
+    height, upward = (place_m, velocity_m_s) if chain.straight else (place_m[..., 2], velocity_m_s[..., 2])
     more: dict[str, Array] = {}
     with np.errstate(over="ignore", invalid="ignore"):  # runs that blow up are reported by the guard
-        if three_dimensional:
+        if not chain.straight:
             across, across_velocity = place_m[:, :, :2], velocity_m_s[:, :, :2]
             spin, by_bore = (np.zeros_like(place_m) if vectors is None else vectors for vectors in (spin_rad_s, bore_N))
             distance = np.maximum(np.hypot(across[:, :, 0], across[:, :, 1]), 1e-300)
