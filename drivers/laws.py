@@ -129,11 +129,7 @@ def viscoelastic(damping_ratio: float = 0.0, restitution: float | None = None) -
         restitution: the restitution of an impact instead of B.
     """
     ratio = damping_ratio if restitution is None else damping_ratio_of(restitution)
-    return Dissipation(
-        VISCOELASTIC,
-        ratio,
-        f"impacts have a restitution of {restitution_of(ratio):.6g}",
-    )
+    return Dissipation(VISCOELASTIC, ratio, f"impacts have a restitution of {restitution_of(ratio):.6g}")
 
 
 LAWS: dict[str, Callable[..., Dissipation]] = {
