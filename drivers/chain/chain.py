@@ -24,8 +24,8 @@ Array = NDArray[np.float64]
 LEVEL_M = 10.0  # radius of a sphere that replaces a flat face; its slope is 1e-5 at 0.1 mm off the axis
 AT_REST = 1e-9  # largest unbalanced force on a bead at rest, divided by the total load
 Value = TypeVar("Value", float, Array)  # stiffnesses of type Any are also floats or Arrays
-# k or k_t of a contact, from material and radius of both bodies
 Beads = tuple[list[str], Array, Array]  # material, diameter in m and mass in kg of each bead
+# k or k_t of a contact, from material and radius of both bodies
 ContactStiffness = Callable[[Material, float, Material, float], float]
 
 
