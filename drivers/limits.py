@@ -232,10 +232,10 @@ def refuse(case: Case, engine: str, override: str = ON_COMMAND) -> None:
 
 def inability(case: Case, engine: str) -> InputError | None:
     """Error that says why an engine cannot model a case; None if the engine can."""
-    interface, needed = load_engine(engine), [element.name for element in case.elements if element.modelled]
+    interface, needed = load_engine(engine), case.reasons.keys()
     missing = [name for name in needed if name not in interface.models]
     if missing:
-        able = ", ".join(name for name in engine_names() if load_engine(name).models >= set(needed))
+        able = ", ".join(name for name in engine_names() if load_engine(name).models >= needed)
         found = f'"{engine}" for a scene with {", ".join(missing)}'
         allowed = f"an engine that models it: {able}" if able else "none, since no engine models the scene"
         return InputError(case.scene.file, "", found, allowed)

@@ -188,19 +188,15 @@ class Case:
         named = dict(zip(labels, self.chain.materials, strict=True)) | wall
         return {label: self.scene.material(name) for label, name in named.items()}
 
-    def models(self, name: str) -> bool:
-        """True if decks model the named element."""
-        return next(element.modelled for element in self.elements if element.name == name)
+    @property
+    def reasons(self) -> dict[str, str]:
+        """Reasons of the elements that decks model, by name."""
+        return {element.name: element.reason for element in self.elements if element.modelled}
 
     @property
     def drive_pieces(self) -> list[dict[str, Any]]:
         """Segments of the drive with at least one step of the run, as by ``pieces_of``."""
         return pieces_of(self.chain.drive, self.scene.time_step_s, self.scene.steps)
-
-    @property
-    def drive_words(self) -> str:
-        """Description of the drive; empty without one."""
-        return drive_words(self.scene)
 
     @property
     def layout(self) -> Layout:
@@ -222,18 +218,17 @@ class Case:
     @property
     def summary(self) -> str:
         """Description of the case for the head of a deck; without the scene's name, as equal decks share a run."""
-        chain, striker = self.chain, self.scene.striker
+        chain, reasons = self.chain, self.reasons
         beads = f"{chain.beads} bead{'s' if chain.beads != 1 else ''}"
         wall = "a rigid wall" if chain.wall == RIGID else f"a wall of {chain.wall}"
         text = f"{beads} on {wall}" if chain.wall else f"{beads} in a free chain"
-        if striker is not None:
-            shape = "flat face" if striker.shape == "flat" else "sphere"
-            text += f", struck by a {shape} of {striker.material} at {striker.speed:g} m/s"
+        if "striker" in reasons:
+            text += f", struck by a {reasons['striker']}"
         if self.scene.chain.angle:
             leaning = f"leaning by {self.scene.chain.angle:g} deg"
             text += f"; {leaning}: z is the axis, gravity along it {chain.gravity_m_s2:.4g} m/s^2"
-        if chain.drive is not None:
-            text += f"; {self.drive_words}"
+        if "drive" in reasons:
+            text += f"; {reasons['drive']}"
         if chain.damped:
             text += f"; {chain.law.description}"
         return text

@@ -90,7 +90,7 @@ def simplify(case: Case, asked: dict[str, float]) -> Case:
         case: case of a straight chain.
         asked: accuracy by quantity; errors as in ``validation.accuracy.motions``.
     """
-    candidates = [element.name for element in case.elements if element.modelled and element.name in REMOVALS]
+    candidates = [name for name in case.reasons if name in REMOVALS]
     if not candidates:
         return case
     try:
@@ -114,7 +114,7 @@ def simplify(case: Case, asked: dict[str, float]) -> Case:
     for name in left:
         worst = max(alone[name], key=lambda quantity: alone[name][quantity])
         change = alone[name][worst] * asked[worst]
-        scene_has = next(element.reason for element in case.elements if element.name == name)
+        scene_has = case.reasons[name]
         why = f"it changes the {worst} by {change:.1e}; the requested accuracy is {asked[worst]:g}"
         elements[name] = replace(elements[name], reason=f"left out ({scene_has}): {why}")
     return replace(simple, elements=tuple(elements.values()), full=case)
@@ -393,7 +393,7 @@ def _straight(case: Case, costs: Mapping[str, Cost]) -> Iterator[str]:
     if (known := chooser.truth.error[-1]) > min(errors.values(), default=1.0) / TENFOLD:
         yield f"           the exact motion is known to {known:.1e} only: the chain amplifies rounding"
     for element in case.elements:
-        if case.full is not None and case.full.models(element.name) and not element.modelled:
+        if case.full is not None and element.name in case.full.reasons and not element.modelled:
             yield f"left out   {element.name}: {element.reason.partition(': ')[2]}"
     yield from _engines(case, costs)
     yield from (
