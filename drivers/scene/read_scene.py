@@ -24,7 +24,7 @@ SI = {"force": "N", "displacement": "m"}
 LEAST_S, LARGEST = 1e-300, 1e9  # in SI units
 HEADINGS = "two headings with units, such as time_us,force_mN or time_us,displacement_nm"
 MAX_POINTS = 100_000
-COMPUTED = ("units", "steps_per_sample", "samples")  # of a stored scene, beside the keys of files
+DERIVED = ("units", "name", "steps_per_sample", "samples")  # of a stored scene, beside the keys of files
 
 
 def read_scene(source: str | Path, settings: tuple[str, ...] = ()) -> Scene:
@@ -88,7 +88,7 @@ def changed_scene(stored: dict[str, Any], settings: tuple[str, ...], where: str)
     Raises:
         InputError: a setting is wrong.
     """
-    data = {key: value for key, value in stored.items() if key not in COMPUTED}
+    data = {key: value for key, value in stored.items() if key not in DERIVED}
     apply_settings(data, settings)
     return make_scene(data, stored["name"], f"{where} with --set {shorten(' '.join(settings))}", context=units.SI)
 

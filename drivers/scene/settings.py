@@ -10,9 +10,8 @@ from pydantic import BaseModel
 from drivers.base import units
 from drivers.base.messages import model_at, parts_of
 from drivers.scene.model import Scene
-from drivers.scene.read_scene import library_materials
+from drivers.scene.read_scene import DERIVED, library_materials
 
-DERIVED = ("units", "name", "steps_per_sample", "samples")  # not in scene files
 FREE_TEXT = ("source",)
 
 

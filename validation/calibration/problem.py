@@ -13,8 +13,8 @@ import numpy as np
 from drivers.base.errors import InputError, RunError
 from drivers.chain.case import build_case
 from drivers.chain.chain import Array
-from drivers.scene.read_scene import make_scene, set_value
-from drivers.scene.settings import DERIVED, look_up, unit_of
+from drivers.scene.read_scene import DERIVED, make_scene, set_value
+from drivers.scene.settings import look_up, unit_of
 from postproc.read.alignment import correlated, residual_of
 from postproc.read.motion import Simulation, exact, is_censored, read
 from validation.calibration.data import GAIN, TRIGGER, DataSet, Datum, parameters_of
