@@ -34,7 +34,7 @@ from postproc.read.alignment import change_at, channels_of
 from postproc.read.measured import MEASURED, MeasuredTrace
 from postproc.read.motion import Simulation, exact, read
 from validation.calibration.command import Fitted, read_fits, set_number
-from validation.calibration.data import GAIN, TRIGGER, DataSet, Datum
+from validation.calibration.data import GAIN, TRIGGER, DataSet
 from validation.calibration.fit import ROUGH_CHANGE, Fit, chi_square_at, minimise, rounded, weights_of
 from validation.calibration.parameters import CUT, Free, stated
 from validation.calibration.predict import CARRIED
@@ -193,8 +193,7 @@ def _problem_of(fit: Fit, data: DataSet) -> tuple[Problem, Array]:
                 moved = replace(moved, prior=ratio * each.prior)
             free.append(moved)
             place.append(float(x) if carried else moved.coordinate(moved.start))
-    rows = data.rows + sum(each.prior > 0 for each in free)
-    return Problem((data,), tuple(free), (Datum("made up", rows=range(rows)),)), np.array(place)
+    return Problem((data,), tuple(free)), np.array(place)
 
 
 def _made_up(fit: Fit, settings: Sequence[str]) -> DataSet:

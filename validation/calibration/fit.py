@@ -155,9 +155,7 @@ class Fit:
     @property
     def undetermined(self) -> NDArray[np.bool_]:
         """True for each parameter that the data do not bound within its range. Shape (parameters,)."""
-        return np.asarray(
-            sum((named(direction) for direction in self.open_directions), np.zeros(len(self.place), dtype=bool))
-        )
+        return np.asarray(named(self.open_directions).any(axis=0))
 
     @cached_property
     def slopes(self) -> Array:
@@ -192,10 +190,8 @@ def taken_as_exact(fit: Fit) -> pd.DataFrame:
     problem, known, rows = fit.problem, {free.key for free in fit.problem.free}, list[dict[str, Any]]()
     for free in dict.fromkeys(each for data in problem.sets for each in exact_numbers(problem.sets, data)):
         if free.key not in known:
-            wide, place = (
-                replace(problem, free=(*problem.free, free)),
-                np.append(fit.place, free.coordinate(free.start)),
-            )
+            wide = replace(problem, free=(*problem.free, free))
+            place = np.append(fit.place, free.coordinate(free.start))
             column = wide.jacobian(place, [len(fit.place)])[:, 0] * 0.01 * free.start / free.slope(float(place[-1]))
             changes = fit.slopes * -(fit.covariance @ (fit.jacobian.T @ column))
             rows += [
@@ -214,9 +210,10 @@ def for_each(problem: Problem, work: Callable[[Item], Result], items: Sequence[I
     return [results[id(item)] for item in items]
 
 
-def named(direction: Array) -> NDArray[np.bool_]:
-    """True for each parameter that takes part in a direction. Shape (parameters,)."""
-    return np.asarray(np.abs(direction) > MIN_COMPONENT * np.abs(direction).max())
+def named(directions: Array) -> NDArray[np.bool_]:
+    """True for each parameter that takes part in a direction. Shape of the directions, (..., parameters)."""
+    sizes = np.abs(directions)
+    return np.asarray(sizes > MIN_COMPONENT * sizes.max(axis=-1, keepdims=True))
 
 
 def fit(problem: Problem, seeds: Seeds = (), *, search: bool = True) -> Fit:

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import accumulate
 from math import inf
 from typing import Any
@@ -35,11 +35,23 @@ Values = tuple[tuple[str, float], ...]  # values of parameters by key
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Data sets and free parameters; ``data`` has the order of the rows of the residual."""
+    """Data sets and free parameters."""
 
     sets: tuple[DataSet, ...]
     free: tuple[Free, ...]
-    data: tuple[Datum, ...]
+
+    @cached_property
+    def data(self) -> list[Datum]:
+        """Numbers and traces of the data sets, then prior knowledge, in the order of the rows of the residual."""
+        counted = list[tuple[Datum, int]]()
+        for source in self.sets:
+            counted += [(replace(number, data_set=source.name), 1) for number in source.numbers]
+            for channel in source.channels:
+                datum = Datum(f"{channel.key} {channel.gauge}", data_set=source.name)
+                counted.append((datum, int(channel.counts.sum())))
+        counted += [(Datum(free.key, data_set=free.own), 1) for free in self.free if free.prior]
+        ends = accumulate(rows for _, rows in counted)
+        return [replace(datum, rows=range(end - rows, end)) for (datum, rows), end in zip(counted, ends, strict=True)]
 
     @property
     def start(self) -> Array:
@@ -65,6 +77,10 @@ class Problem:
         pairs = zip(self.free, place, strict=True)
         return {free.key: free.value(float(x)) for free, x in pairs if free.belongs_to(data.name)} | dict(data.fixed)
 
+    def motion(self, data: DataSet, place: Array) -> Simulation | None:
+        """Motion of a data set at given coordinates; None if there is none."""
+        return simulated(data, self.motion_values(data, place))
+
     def motion_values(self, data: DataSet, place: Array) -> Values:
         """Values of the parameters of a data set on which its motion depends."""
         moving = {free.key for free in self.free if free.of_motion}
@@ -80,8 +96,11 @@ class Problem:
 
         The derivative of a number that is missing from the motion on one side is 0.
         """
-        here = self.raw_residual(place)
-        columns = [(self.raw_residual(other) - here) / step for other, step in stepped(place, moving)]
+        here, columns = self.raw_residual(place), list[Array]()
+        for index in range(len(place)) if moving is None else moving:
+            other = place.copy()
+            other[index] += STEP if place[index] + STEP <= 1 else -STEP
+            columns.append((self.raw_residual(other) - here) / (other[index] - place[index]))
         return np.asarray(np.nan_to_num(np.column_stack(columns), nan=0.0, posinf=0.0, neginf=0.0))
 
     def raw_residual(self, place: Array) -> Array:
@@ -99,7 +118,7 @@ class Problem:
         """True for a width of which the force is still above the cut when the wave reaches the wall."""
         gauge, width, _ = datum.name.partition("_full_width")
         data = next(data for data in self.sets if data.name == datum.data_set) if width else self.sets[0]
-        simulation = simulated(data, self.motion_values(data, place)) if width else None
+        simulation = self.motion(data, place) if width else None
         cut = self.own_values(data, place).get(CUT, DEFAULT_CUT)
         return simulation is not None and is_censored(simulation, gauge, cut)
 
@@ -121,20 +140,12 @@ class Problem:
         """``place`` with the triggers of all data sets at the best correlation of motion and traces."""
         moved = place.copy()
         for data in self.sets:
-            simulation = simulated(data, self.motion_values(data, place)) if data.channels else None
+            simulation = self.motion(data, place) if data.channels else None
             for index, free in enumerate(self.free):
                 if simulation and free.own == data.name and free.key.endswith(f".{TRIGGER}"):
                     channels = [channel for channel in data.channels if f"{channel.file_key}.{TRIGGER}" == free.key]
                     moved[index] = free.coordinate(correlated(channels, simulation.curves, data.step_s))
         return moved
-
-
-def stepped(place: Array, moving: Sequence[int] | None = None) -> Iterator[tuple[Array, float]]:
-    """Coordinates after a step of each coordinate, and the step."""
-    for index in range(len(place)) if moving is None else moving:
-        other = place.copy()
-        other[index] += STEP if place[index] + STEP <= 1 else -STEP
-        yield other, float(other[index] - place[index])
 
 
 def pose(sets: Sequence[DataSet], free: Sequence[str], own: Sequence[str] = ()) -> Problem:
@@ -150,20 +161,14 @@ def pose(sets: Sequence[DataSet], free: Sequence[str], own: Sequence[str] = ()) 
         RunError: The exact motion cannot be computed at the starting values.
     """
     parameters = parameters_of(sets, free, own)
-    begun, data = [_begun(source, parameters) for source in sets], list[tuple[Datum, int]]()
+    begun = tuple(_begun(source, parameters) for source in sets)
     for source in begun:
         simulation = simulated(source, ())
         if simulation is None:
             raise RunError(f"{source.where}: the exact motion cannot be computed at the starting values")
         for number in source.numbers:
             read(simulation, number.name, DEFAULT_CUT)  # an unknown observable is refused here
-            data.append((replace(number, data_set=source.name), 1))
-        for channel in source.channels:
-            data.append((Datum(f"{channel.key} {channel.gauge}", data_set=source.name), int(channel.counts.sum())))
-    data += [(Datum(parameter.key, data_set=parameter.own), 1) for parameter in parameters if parameter.prior]
-    ends = accumulate(rows for _, rows in data)
-    placed = [replace(datum, rows=range(end - rows, end)) for (datum, rows), end in zip(data, ends, strict=True)]
-    return Problem(tuple(begun), tuple(parameters), tuple(placed))
+    return Problem(begun, tuple(parameters))
 
 
 def _begun(data: DataSet, parameters: Sequence[Free]) -> DataSet:
