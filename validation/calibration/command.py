@@ -34,7 +34,7 @@ from drivers.scene.settings import look_up, setting_texts, unit_of
 from postproc.draw.product import write_figure
 from postproc.draw.style import COLUMN_IN, pyplot
 from postproc.read.measured import MEASURED
-from validation.calibration.data import GAIN, TRIGGER, DataSet, paper_data, scene_data, with_settings
+from validation.calibration.data import GAIN, TRIGGER, DataSet, checked, paper_data, scene_data
 from validation.calibration.fit import (
     DATA,
     DECISIVE,
@@ -177,13 +177,13 @@ def problem_of(request: FitRequest, law: str, known: Sequence[DataSet] = ()) -> 
     free = [text for key, text in (asked | own | asked).items() if key not in others]
     if not (free or request.own):
         raise InputError("fit", "--free", "no free parameter: name a key of the scene, --free contact.restitution")
-    settings, freed = request.settings_of(law), any(key.endswith(f".{TRIGGER}") for key in asked)
+    settings = request.settings_of(law)
     if request.quoted:
         sets = paper_data(request.quoted, settings)
     elif known:
-        sets = [with_settings(data, settings) for data in known]
+        sets = [replace(data, tables=checked(data.source, settings)[1].tables) for data in known]
     else:
-        sets = [scene_data(scene, settings, request.measured, free_trigger=freed) for scene in request.scenes]
+        sets = [scene_data(scene, settings, request.measured) for scene in request.scenes]
     return pose(sets, free, request.own)
 
 

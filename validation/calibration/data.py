@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import hypot, nan, sqrt
 from pathlib import Path
-from typing import Any
 
 from drivers.base import paths
 from drivers.base.errors import InputError
@@ -37,7 +36,6 @@ from validation.calibration.parameters import (
     unknown,
 )
 
-LONGER = 2.0  # a run divided by the scene's duration, if a trigger has to be found
 GAIN, TRIGGER = "gain", "trigger"  # keys of a [[measured]] table
 ALL = "all"  # instead of the name of a data set
 
@@ -88,8 +86,6 @@ class DataSet:
         channels: Measured traces of gauges.
         entries: ``[[measured]]`` tables by key, such as ``measured.0``.
         triggers: Trigger of each file, given or found at the scene's values, by the key of its first entry.
-        step_s: Sample interval of the run.
-        duration: Duration of the scene's run; that of the tables is longer if a trigger has to be found.
         fixed: Values of parameters of readings that are not free, by key.
     """
 
@@ -102,8 +98,6 @@ class DataSet:
     channels: tuple[Channel, ...] = ()
     entries: Mapping[str, MeasuredEntry] = field(default_factory=dict)
     triggers: Mapping[str, float] = field(default_factory=dict)
-    step_s: float = nan
-    duration: str = ""
     fixed: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -136,14 +130,14 @@ def paper_data(names: Sequence[str], settings: Sequence[str] = (), answers: Sequ
         asked = known[name]
         changes = [text for answer in answers for key in (ALL, name) for text in answer.set.get(key, ())]
         everything = (*asked.set, *settings, *changes)
-        _, tables, where = checked(asked.scene, everything)
+        _, bare = checked(asked.scene, everything)
         skipped = [row for other, row in asked.also.items() if other in names]
         columns = [_column(number, answers) for number in asked.number]
         rows = max(map(len, columns))
         for row in (row for row in range(rows) if row not in skipped):
             numbers = tuple(column[min(row, len(column) - 1)] for column in columns)
             label = f"{name} {numbers[0].value:g} {numbers[0].unit}" if rows > 1 else name
-            data.append(DataSet(label, asked.scene, json.dumps(tables), where, numbers, asked.own, fixed=fixed))
+            data.append(replace(bare, name=label, numbers=numbers, own=asked.own, fixed=fixed))
     return data
 
 
@@ -168,53 +162,44 @@ def _column(number: QuotedNumber, answers: Sequence[Answer]) -> list[Datum]:
     return numbers
 
 
-def tables_of(source: str, settings: Sequence[str]) -> dict[str, Any]:
-    """Tables of a scene's file with settings applied, and without its measured data."""
-    path = find_scene(source)
+def checked(source: str, settings: Sequence[str]) -> tuple[Scene, DataSet]:
+    """Scene of which the exact motion can be computed, with settings applied, and a data set of it without data.
+
+    Raises:
+        InputError: The scene or a setting is unknown, or its exact motion cannot be computed.
+    """
+    scene, path = read_scene(source, tuple(settings)), find_scene(source)
+    refuse(build_case(scene), REFERENCE)
     tables = read_toml(path)
     for setting in settings:
         apply_setting(tables, setting)
     if file := look_up(tables, "drive.file"):
         tables["drive"]["file"] = str((path.parent / file).resolve())
     tables.pop(MEASURED, None)
-    return tables
+    return scene, DataSet(path.stem, source, json.dumps(tables), paths.shown(path))
 
 
-def checked(source: str, settings: Sequence[str]) -> tuple[Scene, dict[str, Any], str]:
-    """Scene of which the exact motion can be computed, with its tables and file, settings applied.
-
-    Raises:
-        InputError: The scene or a setting is unknown, or its exact motion cannot be computed.
-    """
-    scene = read_scene(source, tuple(settings))
-    refuse(build_case(scene), REFERENCE)
-    return scene, tables_of(source, settings), paths.shown(find_scene(source))
-
-
-def scene_data(
-    source: str, settings: Sequence[str] = (), file: Path | None = None, *, free_trigger: bool = False
-) -> DataSet:
+def scene_data(source: str, settings: Sequence[str] = (), file: Path | None = None) -> DataSet:
     """Data set of a scene from its ``[[measured]]`` entries, or from one file, which needs no entry.
 
     Args:
         source: Name of the scene or path of its file.
         settings: Settings applied to the scene.
         file: Measured file that replaces those of the scene.
-        free_trigger: True if a stated trigger is free.
 
     Raises:
         InputError: There is no measured data, or the scene or its data have errors.
     """
-    scene, tables, where = checked(source, settings)
-    entries, folder, named = entries_of(scene, file, where)
+    scene, bare = checked(source, settings)
+    entries, folder, named = entries_of(scene, file, bare.where)
     simulation = exact(build_case(scene))
     gauges, names = gauges_of(simulation.case.layout), [*simulation.values]
     traces = {key: read_measured(entry, folder, gauges, named, key) for key, entry in entries.items() if entry.file}
-    numbers = [
+    numbers = tuple(
         Datum(observable, value, abs(value) * share, divisor=f"{key}.{GAIN}" * observable.endswith("_N"))
         for key, entry in entries.items()
         for observable, (value, share) in read_quoted(entry, names, named, key).items()
-    ]
+    )
     step_s, duration_s = scene.run.sample_interval, scene.run.duration
     files, triggers = channels_of(traces, duration_s, step_s), dict[str, float]()
     for own in files:
@@ -223,21 +208,7 @@ def scene_data(
         if given_s is not None:
             must_overlap(own[0], given_s, duration_s)
     channels = tuple(channel for key in traces for file in files for channel in file if channel.key == key)
-    duration = tables["run"]["duration"]
-    if free_trigger or any(channel.trigger_s is None for channel in channels):
-        apply_setting(tables, f"run.duration={LONGER * duration_s!r} s")
-    more = {"channels": channels, "entries": entries, "triggers": triggers, "step_s": step_s, "duration": duration}
-    return DataSet(find_scene(source).stem, source, json.dumps(tables), where, tuple(numbers), **more)
-
-
-def with_settings(data: DataSet, settings: Sequence[str]) -> DataSet:
-    """Data set with other settings of its scene, such as those of a law.
-
-    Raises:
-        InputError: A setting is wrong.
-    """
-    tables = tables_of(data.source, settings) | {"run": json.loads(data.tables)["run"]}
-    return replace(data, tables=json.dumps(tables))
+    return replace(bare, numbers=numbers, channels=channels, entries=entries, triggers=triggers)
 
 
 def gauge_parameters(data: DataSet, asked: Sequence[str]) -> list[Free]:

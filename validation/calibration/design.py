@@ -30,15 +30,15 @@ from drivers.run.execute import Place, execute
 from drivers.scene.read_scene import apply_setting, make_scene
 from drivers.scene.settings import look_up, setting_texts, unit_of
 from postproc.draw.style import COLUMN_IN, GREY, pyplot
-from postproc.read.alignment import change_at, channels_of
-from postproc.read.measured import MEASURED, MeasuredTrace
+from postproc.read.alignment import Channel, change_at
+from postproc.read.measured import MEASURED
 from postproc.read.motion import Simulation, exact, read
 from validation.calibration.command import Fitted, read_fits, set_number
-from validation.calibration.data import GAIN, TRIGGER, DataSet
+from validation.calibration.data import GAIN, TRIGGER, DataSet, Datum
 from validation.calibration.fit import ROUGH_CHANGE, Fit, chi_square_at, minimise, rounded, weights_of
 from validation.calibration.parameters import CUT, Free, stated
 from validation.calibration.predict import CARRIED
-from validation.calibration.problem import DEFAULT_CUT, TOLERANCE, Problem
+from validation.calibration.problem import DEFAULT_CUT, LONGER, TOLERANCE, Problem, changed
 
 CANDIDATES = 100
 MAX_LONGER = 4  # doublings of a run until the wave has passed all gauges
@@ -203,11 +203,12 @@ def _made_up(fit: Fit, settings: Sequence[str]) -> DataSet:
         InputError: The scene is impossible, or the wave does not reach a gauge.
         ArithmeticError: The motion cannot be computed.
     """
-    base, tables = fit.problem.sets[0], json.loads(fit.problem.sets[0].tables)
-    tables["run"]["duration"] = base.duration or tables["run"]["duration"]
-    values = zip(fit.problem.free, fit.place, strict=True)
-    found = {free.key: free.value(float(x)) for free, x in values if free.key.startswith(CARRIED)}
-    for setting in (*setting_texts(found), *settings):
+    base = fit.problem.sets[0]
+    found = fit.problem.motion_values(base, fit.place)
+    tables = changed(base.tables, [(key, value) for key, value in found if key.startswith(CARRIED)])
+    if any(free.key.endswith(f".{TRIGGER}") for free in fit.problem.free):
+        tables["run"]["duration"] = f"{base.scene.run.duration / LONGER!r} s"
+    for setting in settings:
         apply_setting(tables, setting)
     for _ in range(MAX_LONGER + 1):
         scene = make_scene(json.loads(json.dumps(tables)), "design", "design")
@@ -224,21 +225,18 @@ def _data_of(base: DataSet, motion: Simulation) -> DataSet:
     Raises:
         InputError: The motion has none of the gauges or numbers of the data.
     """
-    traces, noises, triggers = dict[str, MeasuredTrace](), dict[str, float](), dict[str, float]()
-    for gauge in motion.signals:
+    channels, numbers = list[Channel](), list[Datum]()
+    for gauge, curve in motion.curves.items():
         alike = [each for each in base.channels if each.gauge.partition("_")[0] == gauge.partition("_")[0]]
         if not alike:
             continue
-        key, file_key, trace = alike[0].key, alike[0].file_key, alike[0].trace
-        trigger_s, step_s = base.triggers[file_key], float(np.median(np.diff(trace.time_s)))
-        time_s = np.arange(float(trace.time_s[0]), trigger_s + float(motion.trace.time_s[-1]), step_s)
-        reading = change_at(motion.curves[gauge], time_s - trigger_s) / trace.gain + (trace.baseline or 0.0)
-        former = traces[key].reading if key in traces else {}
-        traces[key] = replace(trace, time_s=time_s, reading={**former, gauge: reading}, noise=1.0)
-        noises[gauge], triggers[file_key] = float(np.sqrt(np.mean([each.noise**2 for each in alike]))), trigger_s
-    files = channels_of(traces, float(motion.trace.time_s[-1]), base.step_s)
-    channels = tuple(replace(each, noise=noises[each.gauge]) for file in files for each in file)
-    numbers = []
+        first, noise = alike[0], float(np.sqrt(np.mean([each.noise**2 for each in alike])))
+        trigger_s, step_s = base.triggers[first.file_key], float(np.median(np.diff(first.time_s)))
+        time_s = np.arange(float(first.time_s[0]), trigger_s + float(motion.trace.time_s[-1]), step_s)
+        reading = change_at(curve, time_s - trigger_s) / first.trace.gain + (first.trace.baseline or 0.0)
+        counts = np.ones(len(time_s), dtype=bool)
+        made_up = replace(first, gauge=gauge, time_s=time_s, reading=reading, noise=noise, counts=counts)
+        channels.append(made_up)
     for number in base.numbers:
         with suppress(InputError):
             value = read(motion, number.name, base.fixed.get(CUT, DEFAULT_CUT))
@@ -246,7 +244,7 @@ def _data_of(base: DataSet, motion: Simulation) -> DataSet:
                 numbers.append(replace(number, value=value, error=abs(value * number.error / number.value)))
     if not (channels or numbers):
         raise InputError("design", "", "none of the measured gauges and numbers in the scene", "--set chain.sensors")
-    return replace(base, numbers=tuple(numbers), channels=channels, triggers=triggers, duration="")
+    return replace(base, numbers=tuple(numbers), channels=tuple(channels))
 
 
 def draw(found: Design) -> Any:

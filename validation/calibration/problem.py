@@ -13,7 +13,7 @@ import numpy as np
 from drivers.base.errors import InputError, RunError
 from drivers.chain.case import build_case
 from drivers.chain.chain import Array
-from drivers.scene.read_scene import make_scene, set_value
+from drivers.scene.read_scene import apply_setting, make_scene, set_value
 from drivers.scene.settings import DERIVED, look_up, unit_of
 from postproc.read.alignment import correlated, residual_of
 from postproc.read.motion import Simulation, exact, is_censored, read
@@ -26,6 +26,7 @@ DEFAULT_CUT = 0.04  # share of the peak at which the paper cuts widths
 # the paper's fits moves by less than 1e-3 standard errors
 TOLERANCE = 1e-6
 STEP = 1e-4  # of finite differences, as a share of a parameter's range
+LONGER = 2.0  # a run divided by the scene's duration, if a trigger has to be found
 MISSING_RESIDUAL = 10.0  # standard errors counted for a number that the computed motion does not have
 CACHE_SIZE = 64  # simulations; residuals are smaller
 SCANNED = 8  # values of a parameter that one data set has alone, at the start of a descent
@@ -144,7 +145,8 @@ class Problem:
             for index, free in enumerate(self.free):
                 if simulation and free.own == data.name and free.key.endswith(f".{TRIGGER}"):
                     channels = [channel for channel in data.channels if f"{channel.file_key}.{TRIGGER}" == free.key]
-                    moved[index] = free.coordinate(correlated(channels, simulation.curves, data.step_s))
+                    step_s = float(simulation.trace.time_s[1])
+                    moved[index] = free.coordinate(correlated(channels, simulation.curves, step_s))
         return moved
 
 
@@ -172,21 +174,28 @@ def pose(sets: Sequence[DataSet], free: Sequence[str], own: Sequence[str] = ()) 
 
 
 def _begun(data: DataSet, parameters: Sequence[Free]) -> DataSet:
-    """Data set whose tables have the starting values; refuses bounds such as a restitution of 2."""
+    """Data set whose tables have the starting values; its run is longer if a trigger has to be found.
+
+    Raises:
+        InputError: The scene cannot have a bound, such as a restitution of 2.
+    """
     moving = [free for free in parameters if free.belongs_to(data.name) and free.of_motion]
     for free in moving:
         for bound in (free.low, free.high):
-            make_scene(_changed(data.tables, [(free.key, bound)]), data.name, f"--free {free.key}")
-    return replace(data, tables=json.dumps(_changed(data.tables, [(free.key, free.start) for free in moving])))
+            make_scene(changed(data.tables, [(free.key, bound)]), data.name, f"--free {free.key}")
+    tables = changed(data.tables, [(free.key, free.start) for free in moving])
+    if any(free.own == data.name and free.key.endswith(f".{TRIGGER}") for free in parameters):
+        apply_setting(tables, f"run.duration={LONGER * data.scene.run.duration!r} s")
+    return replace(data, tables=json.dumps(tables))
 
 
-def _changed(tables: str, values: Iterable[tuple[str, float]]) -> dict[str, Any]:
+def changed(tables: str, values: Iterable[tuple[str, float]]) -> dict[str, Any]:
     """Tables of a scene with other values of some keys: text with the unit, or a plain number."""
-    changed: dict[str, Any] = json.loads(tables)
+    other: dict[str, Any] = json.loads(tables)
     for key, value in values:
         unit = unit_of(key)
-        set_value(changed, key, f"{value!r} {unit}" if unit else value, "--free")
-    return changed
+        set_value(other, key, f"{value!r} {unit}" if unit else value, "--free")
+    return other
 
 
 def exact_numbers(sets: Sequence[DataSet], data: DataSet) -> Iterator[Free]:
@@ -219,7 +228,7 @@ def simulated(data: DataSet, values: Values) -> Simulation | None:
 @lru_cache(maxsize=CACHE_SIZE)
 def _integrated(tables: str, where: str, values: Values) -> Simulation | None:
     try:
-        return exact(build_case(make_scene(_changed(tables, values), where, where)), TOLERANCE)
+        return exact(build_case(make_scene(changed(tables, values), where, where)), TOLERANCE)
     except (ArithmeticError, InputError):  # values that are allowed one by one may give an impossible chain
         return None
 

@@ -83,6 +83,6 @@ def test_a_parameter_of_one_data_set_is_found_with_its_trigger(trace: Path) -> N
 def test_a_stated_trigger_may_be_free(trace: Path) -> None:
     """Stated 10 us late; the run ends with the record, so its motion is computed for longer."""
     entry = f"measured=[{{ file = '{trace}', trigger = '50 us' }}]"
-    data = scene_data("fig4", (*SHORT, entry, f"{MODULUS}=1.1 GPa"), free_trigger=True)
+    data = scene_data("fig4", (*SHORT, entry, f"{MODULUS}=1.1 GPa"))
     _, tables = solve(pose([data], (RESTITUTION, "measured.trigger")), quick=True)
     assert_found(tables, {RESTITUTION: TRUE[RESTITUTION], "trigger": 40e-6})
