@@ -34,7 +34,6 @@ from drivers.scene.settings import look_up, setting_texts, unit_of
 from postproc.draw.product import write_figure
 from postproc.draw.style import COLUMN_IN, pyplot
 from postproc.read.measured import MEASURED
-from validation.calibration.data import GAIN, TRIGGER, DataSet, checked, paper_data, scene_data
 from validation.calibration.fit import (
     DATA,
     DECISIVE,
@@ -56,7 +55,7 @@ from validation.calibration.fit import (
     with_error,
 )
 from validation.calibration.parameters import OF_LAWS, Free, Law, Texts, law_of
-from validation.calibration.problem import Problem, pose
+from validation.calibration.problem import GAIN, TRIGGER, DataSet, Problem, checked, paper_data, pose, scene_data
 from validation.compare.comparison import EngineSelection, compare_scenes
 from validation.report.parts import Chapter, store_part
 

@@ -34,11 +34,20 @@ from postproc.read.alignment import Channel, change_at
 from postproc.read.measured import MEASURED
 from postproc.read.motion import Simulation, exact, read
 from validation.calibration.command import Fitted, read_fits, set_number
-from validation.calibration.data import GAIN, TRIGGER, DataSet, Datum
 from validation.calibration.fit import ROUGH_CHANGE, Fit, chi_square_at, minimise, rounded, weights_of
 from validation.calibration.parameters import CUT, Free, stated
 from validation.calibration.predict import CARRIED
-from validation.calibration.problem import DEFAULT_CUT, LONGER, TOLERANCE, Problem, changed
+from validation.calibration.problem import (
+    DEFAULT_CUT,
+    GAIN,
+    LONGER,
+    TOLERANCE,
+    TRIGGER,
+    DataSet,
+    Datum,
+    Problem,
+    changed,
+)
 
 CANDIDATES = 100
 MAX_LONGER = 4  # doublings of a run until the wave has passed all gauges

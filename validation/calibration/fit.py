@@ -17,9 +17,8 @@ from drivers.base.errors import RunError
 from drivers.base.units import quantity
 from drivers.chain.chain import Array
 from drivers.run.execute import Place, execute
-from validation.calibration.data import TRIGGER, Datum
 from validation.calibration.parameters import calibration_file
-from validation.calibration.problem import MISSING_RESIDUAL, Problem, exact_numbers
+from validation.calibration.problem import MISSING_RESIDUAL, TRIGGER, Datum, Problem, exact_numbers
 
 SCREENED_POINTS, DESCENTS = 8, 3  # points tried over the ranges for each parameter, and descents from the best
 ROUGH_CHANGE, CLOSE_CHANGE, FINE_CHANGE = 1e-3, 1e-5, 1e-6  # of chi-square or coordinates, at the end of a descent

@@ -29,10 +29,9 @@ from postproc.draw.style import COLUMN_IN, MICRO, pyplot
 from postproc.read.motion import Simulation
 from postproc.read.observables import describe
 from validation.calibration.command import Fitted, problem_of, read_fits
-from validation.calibration.data import DataSet, checked
 from validation.calibration.fit import DECISIVE, LOOKS, Fit, digits, fit, rows_of, weights_of, with_error
 from validation.calibration.parameters import ELASTIC, OF_LAWS, law_of
-from validation.calibration.problem import Problem
+from validation.calibration.problem import DataSet, Problem, checked
 from validation.report.parts import Chapter, Shown
 
 MATERIALS = "materials"

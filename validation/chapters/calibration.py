@@ -14,10 +14,9 @@ from drivers.base.tolerances import tolerance
 from drivers.run.execute import Place, execute
 from postproc.draw.style import GREY, pyplot
 from postproc.paper import calibrated
-from validation.calibration.data import paper_data
 from validation.calibration.fit import DATA, LAWS, LOOKS, MAX_DEVIATION, PARAMETERS, Tables, rows_of, solve, value_text
 from validation.calibration.parameters import DEFAULT, calibration_file, law_of
-from validation.calibration.problem import pose
+from validation.calibration.problem import paper_data, pose
 from validation.chapters import Options
 from validation.checks import FAIL, Check, judged, without_run
 from validation.report.parts import Chapter, Shown

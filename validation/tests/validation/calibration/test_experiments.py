@@ -9,12 +9,11 @@ import pytest
 from scipy.stats import norm
 
 from validation.calibration.command import Fitted, fit, problems_of, request_of
-from validation.calibration.data import checked, scene_data
 from validation.calibration.design import design
 from validation.calibration.fit import DECISIVE, Fit, rows_of, taken_as_exact
 from validation.calibration.fit import fit as least_squares
 from validation.calibration.predict import by_fits, chapter_of, predict, quantile
-from validation.calibration.problem import Problem, pose
+from validation.calibration.problem import Problem, checked, pose, scene_data
 from validation.tests.helpers.made_up_experiment import (
     LAWS,
     MODULUS,

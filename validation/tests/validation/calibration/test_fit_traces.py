@@ -5,9 +5,8 @@ from pathlib import Path
 import pytest
 
 from drivers.base.errors import InputError
-from validation.calibration.data import scene_data
 from validation.calibration.fit import PARAMETERS, Tables, fit, solve
-from validation.calibration.problem import pose
+from validation.calibration.problem import pose, scene_data
 from validation.tests.validation.calibration.test_fit import (
     MODULUS,
     RESTITUTION,
