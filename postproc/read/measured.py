@@ -28,7 +28,7 @@ from drivers.chain.chain import Array
 from drivers.scene.model import MeasuredEntry, Scene
 from postproc.read.observables import PLACEHOLDERS, describe, without_unit
 
-MEASURED = "measured"  # key of a file's entry without a [[measured]] table; otherwise measured.0, measured.1, ...
+MEASURED = "measured"  # table of entries measured.0, measured.1, ...
 TIME, FORCE = "s", "N"
 UNITS = {"s": "time", "N": "force", "V": "voltage", "A": "current", "C": "charge"}
 ENDINGS = "|".join(prefix + unit for unit in UNITS for prefix in ("", *"kmuµμnp"))  # of headings such as time_us
@@ -259,7 +259,7 @@ def entries_of(scene: Scene | None, file: Path | None, source: str) -> tuple[dic
     if file is None:
         found = "no measured data: add a [[measured]] table to the scene file, or give --measured FILE.csv"
         raise InputError(source, "measured", found)
-    return {MEASURED: MeasuredEntry(file=str(file))}, Path(), f"--measured {paths.shown(file)}"
+    return {f"{MEASURED}.0": MeasuredEntry(file=str(file))}, Path(), f"--measured {paths.shown(file)}"
 
 
 def read_measured(

@@ -232,7 +232,6 @@ def read_fits(folder: Path) -> Fitted:
     tables = {name: pd.read_csv(folder / f"{name}.csv").fillna({"law": ""}) for name in (PARAMETERS, LAWS)}
     for law, problem in problems_of(request).items():
         values = tables[PARAMETERS].query("law == @law").set_index("parameter")["value"]
-        values.index = values.index.str.replace(rf"{MEASURED}\.(?!\d)", f"{MEASURED}.0.", regex=True)  # of --measured
         stated = tables[LAWS].query("law == @law")["chi_square"].sum()
         found = [free.coordinate(values.get(free.label, nan)) for free in problem.free]
         fits[law] = Fit(problem, np.array(found))

@@ -254,10 +254,10 @@ def gauge_parameters(data: DataSet, asked: Sequence[str]) -> list[Free]:
             known[f"{key}.{GAIN}"] = (f"N/{unit}" if unit != "N" else ""), gain, around(gain), prior, prior > 0
         if channel and key in {each.file_key for each in data.channels}:
             known[f"{key}.{TRIGGER}"] = "s", data.triggers[key], channel.window_s, 0.0, channel.trigger_s is None
-    options, all_of = dict[str, str](), rf"{MEASURED}(?:\.0)?" if MEASURED in data.entries else MEASURED
-    for key, text in ((text.partition("=")[0].strip(), text) for text in asked):
-        whole = re.fullmatch(rf"{all_of}\.(\w+)", key)  # .0 of a file without a [[measured]] table
-        named = [each for each in known if whole and each.rpartition(".")[2] == whole[1]] if key not in known else [key]
+    options = dict[str, str]()
+    for text in asked:
+        key = text.partition("=")[0].strip()
+        named = [each for each in known if key in (each, re.sub(r"\.\d+", "", each))]
         if not named:
             raise unknown(data.where, "--free", key, known, ", ".join(known) or "none, since the data set has no gauge")
         options |= dict.fromkeys(named, text)

@@ -50,7 +50,7 @@ def test_parameters_and_predictions_are_within_their_95_pct_as_often_as_they_say
     """Three laws, three noise levels; the predicted scene has another speed, length and other gauges."""
     inside = defaultdict[str, list[bool]](list)
     for law, (key, value, _) in LAWS.items():
-        true = {MODULUS: MODULUS_PA, key: value, "fig4: measured.trigger": TRIGGER_S}
+        true = {MODULUS: MODULUS_PA, key: value, "fig4: measured.0.trigger": TRIGGER_S}
         known = true_observables(law, "fig4", OTHER)
         for noise_N in NOISES_N:
             for seed in range(REPEATED):

@@ -32,7 +32,7 @@ def assert_found(tables: Tables, true: dict[str, float]) -> None:
 def test_a_fit_to_a_trace_recovers_its_parameters(trace: Path) -> None:
     data = short_data(trace)
     found, tables = solve(pose([data], (MODULUS, RESTITUTION)))
-    assert_found(tables, TRUE | {"measured.trigger": 40e-6})
+    assert_found(tables, TRUE | {"measured.0.trigger": 40e-6})
     row = parameter(tables, MODULUS)
     assert row.low_95pct < TRUE[MODULUS] < row.high_95pct
     assert row.error < 5e-3 * TRUE[MODULUS]
