@@ -179,7 +179,7 @@ def _of_file(traces: Mapping[str, MeasuredTrace], duration_s: float, step_s: flo
             raise InputError(shown, "", found, f"at least {MIN_SAMPLES}")
         for gauge, reading in trace.reading.items():
             rounding = rounding_of(traces[key].reading[gauge]) * (len(reading) / len(traces[key].time_s)) ** 0.5
-            noise, coefficients = (trace.noise, 0) if trace.noise else noise_of(trace.time_s, reading)
+            noise, coefficients = (trace.noise, 0) if trace.noise else noise_of(trace.time_s, reading, rounding)
             channel = Channel(
                 key=key,
                 file_key=next(iter(traces)),
@@ -187,8 +187,8 @@ def _of_file(traces: Mapping[str, MeasuredTrace], duration_s: float, step_s: flo
                 gauge=gauge,
                 time_s=trace.time_s,
                 reading=reading,
-                noise=noise if trace.noise else max(noise, rounding),
-                coefficients=coefficients if noise >= rounding else 0,
+                noise=noise,
+                coefficients=coefficients,
                 trigger_s=given[0] if given else None,
                 window_s=(rise_s - duration_s, rise_s),
                 counts=trace.time_s <= end_s,
@@ -434,7 +434,7 @@ def rounding_of(reading: Array) -> float:
     return float(np.diff(np.unique(reading)).min(initial=np.inf)) / 12**0.5 if np.ptp(reading) else 0.0
 
 
-def noise_of(time_s: Array, reading: Array) -> tuple[float, int]:
+def noise_of(time_s: Array, reading: Array, rounding: float) -> tuple[float, int]:
     """Standard deviation of the white noise of one reading, from the trace alone, and the coefficients that it takes.
 
     It is the root of RSS / (n - p) of the regression spline with p coefficients, or the rounding of the readings if it
@@ -445,11 +445,12 @@ def noise_of(time_s: Array, reading: Array) -> tuple[float, int]:
     Args:
         time_s: Times of the readings, increasing. Shape (readings,).
         reading: Readings in any unit, which is that of the result. Shape (readings,).
+        rounding: Standard deviation of the rounding of a reading.
     """
     block = -(-len(time_s) // MAX_READINGS)
     knots = knots_of(block_means(time_s, block), block_means(reading, block))
     knots[: DEGREE + 1], knots[-DEGREE - 1 :] = time_s[0], time_s[-1]
-    coefficients, rounding = len(knots) - DEGREE - 1, rounding_of(reading)
+    coefficients = len(knots) - DEGREE - 1
     noise = float(np.sqrt(_squares(time_s, reading, knots) / (len(time_s) - coefficients)))
     return (noise, coefficients) if noise > rounding else (rounding, 0)
 

@@ -120,10 +120,8 @@ def numbers_of(column: Column) -> Array:
     Raises:
         InputError: A cell is empty or no finite number.
     """
-    marks, numbers = (
-        str.maketrans({"_": "x"} if column.decimal == "." else {"_": "x", ".": "x", ",": "."}),
-        list[float](),
-    )
+    marks = str.maketrans({"_": "x"} if column.decimal == "." else {"_": "x", ".": "x", ",": "."})
+    numbers = list[float]()
     for line, cell in column.cells.items():
         try:
             number = float(cell.translate(marks))

@@ -403,9 +403,7 @@ def fit(
         >>> found.tables["parameters"].loc[0, "parameter"]
         'contact.restitution'
     """
-    asked = {key: tuple(value) if isinstance(value, (list, tuple)) else value for key, value in options.items()}
-    request = request_of(scenes, settings=setting_texts(settings), **asked)
-    return fit_request(request, Path(results))
+    return fit_request(request_of(scenes, settings=setting_texts(settings), **options), Path(results))
 
 
 def fit_request(request: FitRequest, results: Path) -> Fitted:
