@@ -147,10 +147,10 @@ def _candidates(base: DataSet, vary: Sequence[str], gauges: str, count: int) -> 
         value = look_up(scene, key)
         if not isinstance(value, (int, float)) or isinstance(value, bool):
             raise InputError("design", "--vary", key, "a key of the scene with a number")
-        axes.append((stated(text, unit_of(key), "design", None, None, option="--vary"), isinstance(value, int)))
+        axes.append((stated(text, Free(key, unit_of(key)), "design", "--vary"), isinstance(value, int)))
     sensors = [sensor for _, sensor in sorted(scene.chain.sensor_at.items(), reverse=True) if gauges]
     masses = [sensor.model_dump(include={"mass"}, exclude_none=True) for sensor in sensors]
-    ends = stated(f"beads={gauges or '1..2'}", "", "design", None, None, option="--gauges")
+    ends = stated(f"beads={gauges or '1..2'}", Free("beads", ""), "design", "--gauges")
     for draw in qmc.Halton(len(axes) + len(masses), scramble=False).random(count + 1)[1:]:  # the first one is a corner
         values = [axis.value(float(x)) for (axis, _), x in zip(axes, draw, strict=False)]
         change: dict[str, Any] = {}

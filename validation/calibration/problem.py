@@ -245,15 +245,18 @@ def gauge_parameters(data: DataSet, asked: Sequence[str]) -> list[Free]:
         InputError: An option names an unknown entry or key, or the trigger of an entry that shares another's.
     """
     channels = {each.key: each for each in data.channels}
-    known = dict[str, tuple[str, float, tuple[float, float], float, bool]]()  # unit, start, bounds, prior, free unasked
+    known, missing = dict[str, Free](), set[str]()
     for key, entry in data.entries.items():
-        channel = channels.get(key)
-        gain, unit = (channel.trace.gain, channel.trace.unit) if channel else (1.0, "N")
-        prior = entry.gain_uncertainty * abs(gain)
-        if channel or any(number.divisor == f"{key}.{GAIN}" for number in data.numbers):
-            known[f"{key}.{GAIN}"] = (f"N/{unit}" if unit != "N" else ""), gain, around(gain), prior, prior > 0
+        channel, name = channels.get(key), f"{key}.{GAIN}"
+        if channel or any(number.divisor == name for number in data.numbers):
+            gain, unit = (channel.trace.gain, channel.trace.unit) if channel else (1.0, "N")
+            prior = entry.gain_uncertainty * abs(gain)
+            known[name] = Free(name, f"N/{unit}" if unit != "N" else "", gain, *around(gain), data.name, prior)
         if channel and key in {each.file_key for each in data.channels}:
-            known[f"{key}.{TRIGGER}"] = "s", data.triggers[key], channel.window_s, 0.0, channel.trigger_s is None
+            name = f"{key}.{TRIGGER}"
+            known[name] = Free(name, "s", data.triggers[key], *channel.window_s, data.name)
+            if channel.trigger_s is None:
+                missing.add(name)
     options = dict[str, str]()
     for text in asked:
         key = text.partition("=")[0].strip()
@@ -262,11 +265,10 @@ def gauge_parameters(data: DataSet, asked: Sequence[str]) -> list[Free]:
             raise unknown(data.where, "--free", key, known, ", ".join(known) or "none, since the data set has no gauge")
         options |= dict.fromkeys(named, text)
     parameters = list[Free]()
-    for key, (unit, start, usual, prior, unasked) in known.items():
-        if unasked or key in options:
+    for key, free in known.items():
+        if free.prior or key in missing or key in options:
             text = key + "".join(options.get(key, "").partition("=")[1:])
-            free = stated(text, "s" * (unit == "s"), data.where, start, usual, data.name)
-            parameters.append(replace(free, unit=unit, prior=free.prior or prior))
+            parameters.append(stated(text, free, data.where))
     return parameters
 
 

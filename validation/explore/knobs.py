@@ -155,7 +155,8 @@ def _number(scene: Scene, key: str, text: str) -> Knob:
     if key == "chain.count":  # beads with entries of their own stay
         least = max(least, 1.0, *scene.chain.sensor_at, *scene.chain.bead_at)
     low, high = around(value) if value else FROM_ZERO.get(key, (0.0, scene.run.duration if unit == "s" else 1.0))
-    free = stated(text, unit, scene.file, value, (max(low, least), min(high, most)), option="--knob")
+    usual = Free(key, unit, nan if value is None else value, max(low, least), min(high, most))
+    free = stated(text, usual, scene.file, "--knob")
     interval_s = scene.run.sample_interval if key == "run.time_step" else 0.0
     return Knob(key, setting_text(key, value), free, parts_of_s=interval_s)
 
