@@ -54,8 +54,8 @@ from validation.calibration.fit import (
     value_text,
     with_error,
 )
-from validation.calibration.parameters import OF_LAWS, Free, Law, Texts, law_of
-from validation.calibration.problem import GAIN, TRIGGER, DataSet, Problem, checked, paper_data, pose, scene_data
+from validation.calibration.parameters import GAIN, OF_LAWS, TRIGGER, Free, Law, Texts, law_of
+from validation.calibration.problem import DataSet, Problem, checked, paper_data, pose, scene_data
 from validation.compare.comparison import EngineSelection, compare_scenes
 from validation.report.parts import Chapter, store_part
 

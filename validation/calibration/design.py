@@ -35,19 +35,9 @@ from postproc.read.measured import MEASURED
 from postproc.read.motion import Simulation, exact, read
 from validation.calibration.command import Fitted, read_fits, set_number
 from validation.calibration.fit import ROUGH_CHANGE, Fit, chi_square_at, minimise, rounded, weights_of
-from validation.calibration.parameters import CUT, Free, stated
+from validation.calibration.parameters import CUT, GAIN, TRIGGER, Free, stated
 from validation.calibration.predict import CARRIED
-from validation.calibration.problem import (
-    DEFAULT_CUT,
-    GAIN,
-    LONGER,
-    TOLERANCE,
-    TRIGGER,
-    DataSet,
-    Datum,
-    Problem,
-    changed,
-)
+from validation.calibration.problem import DEFAULT_CUT, LONGER, TOLERANCE, DataSet, Datum, Problem, changed
 
 CANDIDATES = 100
 MAX_LONGER = 4  # doublings of a run until the wave has passed all gauges
@@ -215,7 +205,7 @@ def _made_up(fit: Fit, settings: Sequence[str]) -> DataSet:
     base = fit.problem.sets[0]
     found = fit.problem.motion_values(base, fit.place)
     tables = changed(base.tables, [(key, value) for key, value in found if key.startswith(CARRIED)])
-    if any(free.key.endswith(f".{TRIGGER}") for free in fit.problem.free):
+    if any(free.is_trigger for free in fit.problem.free):
         tables["run"]["duration"] = f"{base.scene.run.duration / LONGER!r} s"
     for setting in settings:
         apply_setting(tables, setting)

@@ -1,6 +1,6 @@
 """Least squares from several starting points, the uncertainty of the parameters found, and the tables of a fit."""
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from math import ceil, exp, inf, isfinite, log, log2, nan, sqrt
@@ -18,7 +18,7 @@ from drivers.base.units import quantity
 from drivers.chain.chain import Array
 from drivers.run.execute import Place, execute
 from validation.calibration.parameters import calibration_file
-from validation.calibration.problem import MISSING_RESIDUAL, TRIGGER, Datum, Problem, exact_numbers
+from validation.calibration.problem import MISSING_RESIDUAL, Datum, Problem, exact_numbers
 
 SCREENED_POINTS, DESCENTS = 8, 3  # points tried over the ranges for each parameter, and descents from the best
 ROUGH_CHANGE, CLOSE_CHANGE, FINE_CHANGE = 1e-3, 1e-5, 1e-6  # of chi-square or coordinates, at the end of a descent
@@ -288,7 +288,6 @@ def minimise(
     problem: Problem,
     start: Array,
     held: Mapping[int, float] | None = None,
-    left_out: Collection[int] = (),
     converged: float = FINE_CHANGE,
     tries: int = MAX_EVALUATIONS,
 ) -> Array:
@@ -298,34 +297,33 @@ def minimise(
         problem: Data and parameters.
         start: Coordinates. Shape (parameters,).
         held: Coordinates of parameters that are kept constant, by index.
-        left_out: Rows of the residual to ignore.
         converged: Relative change at which the descent ends.
         tries: Largest number of evaluations.
     """
-    begun, counting = np.clip(start, 0.0, 1.0), np.setdiff1d(np.arange(problem.rows), list(left_out))
+    begun = np.clip(start, 0.0, 1.0)
     begun[[*(held or {})]] = [*(held or {}).values()]
     moving = [index for index in range(len(begun)) if index not in (held or {})]
     inside = _moved(begun, moving, np.clip(begun[moving], MARGIN, 1 - MARGIN))
-    if not moving or not counting.size or not np.isfinite(problem.residual(inside)).all():
+    if not moving or not problem.rows or not np.isfinite(problem.residual(inside)).all():
         return begun
     method: Literal["dogbox", "trf"] = "dogbox" if converged == FINE_CHANGE else "trf"  # for bounds
 
     def off(coordinates: Array) -> Array:
-        return np.asarray(problem.residual(_moved(inside, moving, coordinates))[counting])
+        return problem.residual(_moved(inside, moving, coordinates))
 
     def slopes(coordinates: Array) -> Array:
-        return np.asarray(problem.jacobian(_moved(inside, moving, coordinates), moving)[counting])
+        return problem.jacobian(_moved(inside, moving, coordinates), moving)
 
     with np.errstate(invalid="ignore", divide="ignore"):  # the slope is zero if all data are missing
         # a point without a motion has infinite residuals, from which least squares steps back
         found = least_squares(off, inside[moving], slopes, (0, 1), method, converged, converged, None, max_nfev=tries)
     end = _moved(inside, moving, found.x)
-    return min(begun, end, key=partial(chi_square_at, problem, rows=counting))
+    return min(begun, end, key=partial(chi_square_at, problem))
 
 
-def chi_square_at(problem: Problem, place: Array, rows: Array | None = None) -> float:
-    """Chi-square at given coordinates, of all or of some rows of the residual."""
-    off = problem.residual(place)[slice(None) if rows is None else rows]
+def chi_square_at(problem: Problem, place: Array) -> float:
+    """Chi-square at given coordinates."""
+    off = problem.residual(place)
     return float(off @ off)
 
 
@@ -361,7 +359,7 @@ def _along(fit: Fit, direction: Array, members: NDArray[np.intp]) -> str:
     free, place = fit.problem.free, fit.place
     changes = {i: direction[i] * free[i].slope(float(place[i])) for i in members}
     values = {i: free[i].value(float(place[i])) or free[i].high for i in members}
-    shares = {i: changes[i] / values[i] for i in members if not free[i].key.endswith(f".{TRIGGER}")}
+    shares = {i: changes[i] / values[i] for i in members if not free[i].is_trigger}
     scale = 0.1 / max(shares.values(), key=abs, default=1.0)
     texts = {i: quantity(float(f"{scale * change:.3g}"), "s") for i, change in changes.items()}
     texts |= {i: f"{100 * scale * share:+.3g} %" for i, share in shares.items()}
@@ -476,8 +474,8 @@ def _datum(best: Fit, datum: Datum, *, leave_out: bool) -> dict[str, Any]:
         off = float(best.problem.raw_residual(best.place)[datum.rows.start])
         error = datum.error * sqrt(max(float(slopes @ best.covariance @ slopes), 0.0))
     if number and leave_out:
-        place = minimise(best.problem, best.place, left_out=datum.rows, converged=CLOSE_CHANGE)
-        without = chi_square_at(best.problem, place, np.setdiff1d(np.arange(best.problem.rows), list(datum.rows)))
+        others = best.problem.without(datum)
+        without = chi_square_at(others, minimise(others, best.place, converged=CLOSE_CHANGE))
     return {
         "data_set": datum.data_set, "datum": datum.name, "unit": datum.unit if number else "",
         "measured": datum.value, "error": datum.error, "fitted": datum.value + off * datum.error, "fitted_error": error,

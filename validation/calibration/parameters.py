@@ -28,6 +28,7 @@ REACH = 8.0  # standard errors of prior knowledge from the value to the bounds
 ELASTIC = "elastic"
 OF_LAWS = ["contact.dissipation", *(f"contact.{key}" for keys in LAW_KEYS.values() for key in keys)]
 NUMERICAL_KEYS = ("run", "seed", "title")  # not physical parameters
+GAIN, TRIGGER = "gain", "trigger"  # keys of a [[measured]] table
 READING = "reading"  # table of the keys of parameters of readings
 CUT = f"{READING}.cut"
 IN_UNIT = re.compile(r"\s*[+-]?[\d.]++(?:[eE][+-]?\d+)?+\s*(\D.*?)\s*")  # a number with its unit
@@ -203,6 +204,11 @@ class Free:
     def of_motion(self) -> bool:
         """True if the motion depends on the parameter; gauges and readings do not change it."""
         return not self.key.startswith(("measured", READING))
+
+    @property
+    def is_trigger(self) -> bool:
+        """True for the trigger of a file, of which the zero is arbitrary."""
+        return self.key.endswith(f".{TRIGGER}")
 
     @property
     def logarithmic(self) -> bool:

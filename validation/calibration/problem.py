@@ -32,9 +32,11 @@ from postproc.read.observables import describe
 from postproc.read.signals import gauges_of
 from validation.calibration.parameters import (
     CUT,
+    GAIN,
     NUMERICAL_KEYS,
     PRIOR,
     READING,
+    TRIGGER,
     Answer,
     Free,
     QuotedNumber,
@@ -46,7 +48,6 @@ from validation.calibration.parameters import (
     unknown,
 )
 
-GAIN, TRIGGER = "gain", "trigger"  # keys of a [[measured]] table
 ALL = "all"  # instead of the name of a data set
 DEFAULT_CUT = 0.04  # share of the peak at which the paper cuts widths
 
@@ -264,12 +265,8 @@ def gauge_parameters(data: DataSet, asked: Sequence[str]) -> list[Free]:
         if not named:
             raise unknown(data.where, "--free", key, known, ", ".join(known) or "none, since the data set has no gauge")
         options |= dict.fromkeys(named, text)
-    parameters = list[Free]()
-    for key, free in known.items():
-        if free.prior or key in missing or key in options:
-            text = key + "".join(options.get(key, "").partition("=")[1:])
-            parameters.append(stated(text, free, data.where))
-    return parameters
+    asked_for = {key: free for key, free in known.items() if free.prior or key in missing or key in options}
+    return [stated(options.get(key, key), free, data.where) for key, free in asked_for.items()]
 
 
 def parameters_of(sets: Sequence[DataSet], free: Sequence[str], own: Sequence[str]) -> list[Free]:
@@ -343,6 +340,12 @@ class Problem:
         """Number of residuals."""
         return sum(len(datum.rows) for datum in self.data)
 
+    def without(self, datum: Datum) -> "Problem":
+        """The problem without one of its numbers."""
+        data, number = self.set_of(datum), replace(datum, data_set="", rows=range(0))
+        left = replace(data, numbers=tuple(each for each in data.numbers if each != number))
+        return replace(self, sets=tuple(left if each is data else each for each in self.sets))
+
     @property
     def searched(self) -> list[int]:
         """Indices of the parameters of the motion that all data sets share and that are not known beforehand."""
@@ -394,13 +397,16 @@ class Problem:
         """Raw residual of a data set."""
         return _of_set(data, self.motion_values(data, place), tuple(self.own_values(data, place).items()))
 
+    def set_of(self, datum: Datum) -> DataSet:
+        """Data set of a number or trace."""
+        return next(data for data in self.sets if data.name == datum.data_set)
+
     def censored(self, datum: Datum, place: Array) -> bool:
         """True for a width of which the force is still above the cut when the wave reaches the wall."""
         gauge, width, _ = datum.name.partition("_full_width")
-        data = next(data for data in self.sets if data.name == datum.data_set) if width else self.sets[0]
-        simulation = self.motion(data, place) if width else None
-        cut = self.own_values(data, place).get(CUT, DEFAULT_CUT)
-        return simulation is not None and is_censored(simulation, gauge, cut)
+        if not width or (simulation := self.motion(self.set_of(datum), place)) is None:
+            return False
+        return is_censored(simulation, gauge, self.own_values(self.set_of(datum), place).get(CUT, DEFAULT_CUT))
 
     def scanned(self, place: Array) -> Array:
         """``place`` with the best of ``SCANNED`` values of each parameter of the motion that one data set has alone."""
@@ -422,7 +428,7 @@ class Problem:
         for data in self.sets:
             simulation = self.motion(data, place) if data.channels else None
             for index, free in enumerate(self.free):
-                if simulation and free.own == data.name and free.key.endswith(f".{TRIGGER}"):
+                if simulation and free.own == data.name and free.is_trigger:
                     channels = [channel for channel in data.channels if f"{channel.file_key}.{TRIGGER}" == free.key]
                     step_s = float(simulation.trace.time_s[1])
                     moved[index] = free.coordinate(correlated(channels, simulation.curves, step_s))
@@ -463,7 +469,7 @@ def _begun(data: DataSet, parameters: Sequence[Free]) -> DataSet:
         for bound in (free.low, free.high):
             make_scene(changed(data.tables, [(free.key, bound)]), data.name, f"--free {free.key}")
     tables = changed(data.tables, [(free.key, free.start) for free in moving])
-    if any(free.own == data.name and free.key.endswith(f".{TRIGGER}") for free in parameters):
+    if any(free.own == data.name and free.is_trigger for free in parameters):
         apply_setting(tables, f"run.duration={LONGER * data.scene.run.duration!r} s")
     return replace(data, tables=json.dumps(tables))
 
