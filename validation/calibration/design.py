@@ -142,10 +142,9 @@ def _candidates(base: DataSet, vary: Sequence[str], gauges: str, count: int) -> 
     masses = [sensor.model_dump(include={"mass"}, exclude_none=True) for sensor in sensors]
     ends = stated(f"beads={gauges or '1..2'}", Free("beads", ""), "design", "--gauges")
     for draw in qmc.Halton(len(axes) + len(masses), scramble=False).random(count + 1)[1:]:  # the first one is a corner
-        values = [axis.value(float(x)) for (axis, _), x in zip(axes, draw, strict=False)]
         change: dict[str, Any] = {}
-        for value, (axis, whole) in zip(values, axes, strict=True):
-            change[axis.key] = round(value) if whole else value
+        for x, (axis, whole) in zip(draw.tolist(), axes, strict=False):
+            change[axis.key] = round(axis.value(x)) if whole else axis.value(x)
         if gauges:
             low, most = round(ends.low), change.get("chain.count", scene.chain.count)
             free = [*range(low, max(low, min(round(ends.high), most)) + 1)]

@@ -31,7 +31,6 @@ NUMERICAL_KEYS = ("run", "seed", "title")  # not physical parameters
 GAIN, TRIGGER = "gain", "trigger"  # keys of a [[measured]] table
 READING = "reading"  # table of the keys of parameters of readings
 CUT = f"{READING}.cut"
-IN_UNIT = re.compile(r"\s*[+-]?[\d.]++(?:[eE][+-]?\d+)?+\s*(\D.*?)\s*")  # a number with its unit
 PRIOR = re.compile(r"(?P<value>.*?)\s*(?:±|\+/?-)\s*(?P<error>[^\s%]+)\s*(?P<percent>%)?\s*(?P<unit>.*)")
 DEFAULT = "default"  # reading with the first answer to each question
 
@@ -294,8 +293,8 @@ def _bounds(text: str, unit: str, where: str, label: str) -> tuple[float, float]
     if not dots:
         allowed = "bounds such as 0.5 GPa..2 GPa, or a value with its error such as 1 GPa±5%"
         raise InputError(where, label, text, allowed)
-    other = IN_UNIT.fullmatch(last)
-    low, high = _number(first, unit, where, label, other[1] if other else ""), _number(last, unit, where, label)
+    other = units.NUMBER_AND_UNIT.fullmatch(last)
+    low, high = _number(first, unit, where, label, other[2] if other else ""), _number(last, unit, where, label)
     if not low < high:
         raise InputError(where, label, f"{low:g}..{high:g}", "a lower bound, then an upper bound")
     return low, high
@@ -315,9 +314,9 @@ def _known_value(prior: re.Match[str], usual: Free, where: str, label: str) -> t
 
 def _number(text: object, unit: str, where: str, label: str, other: str = "") -> float:
     """Number in the SI unit of its key, from text with a unit, or without one in another or the SI unit."""
-    given = str(text) if IN_UNIT.fullmatch(str(text)) else f"{text} {other}".strip()
+    given = str(text) if units.NUMBER_AND_UNIT.fullmatch(str(text)) else f"{text} {other}".strip()
     try:
-        return units.to_si(given, unit) if unit and IN_UNIT.fullmatch(given) else float(given)
+        return units.to_si(given, unit) if unit and units.NUMBER_AND_UNIT.fullmatch(given) else float(given)
     except ValueError as error:
         allowed = f"a quantity in {unit} with its unit" if unit else "a plain number"
         raise InputError(where, label, str(text), allowed) from error
