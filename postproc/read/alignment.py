@@ -26,7 +26,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline, make_interp_spline, make_lsq_spline
+from scipy.interpolate import BSpline, make_lsq_spline
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 from scipy.optimize import least_squares
 from scipy.signal import correlate, peak_widths
@@ -38,7 +38,7 @@ from drivers.chain.case import Layout
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 from postproc.read.measured import MIN_SAMPLES, NORMAL, MeasuredTrace
-from postproc.read.signals import sensor_signals
+from postproc.read.signals import sensor_signals, spline
 
 QUIET_SHARE = 0.01  # of the computed peak: below it a gauge is quiet
 MIN_QUIET = 8  # readings for a baseline
@@ -288,7 +288,7 @@ def _aligned(channels: list[Channel], signals: Mapping[str, Array], run: Trace) 
         signal = signals[channel.gauge]
         if not np.ptp(signal):
             raise InputError(paths.shown(channel.trace.file), channel.gauge, "the gauge stays at rest in the run")
-        curves[channel.gauge] = make_interp_spline(run.time_s, signal, k=DEGREE)
+        curves[channel.gauge] = spline(run.time_s, signal)
         onsets_s[channel.gauge] = float(run.time_s[np.argmax(np.abs(signal) > QUIET_SHARE * np.abs(signal).max())])
     trigger_s, error_s, run_s = channels[0].trigger_s, 0.0, run.time_s
     step_s, end_s = float(run_s[1]), float(run_s[-1])

@@ -46,6 +46,7 @@ from validation.calibration.fit import (
     Fit,
     Tables,
     digits,
+    excess_of,
     rounded,
     rows_of,
     solve,
@@ -494,18 +495,15 @@ def exact_lines(exact: pd.DataFrame) -> list[str]:
 
 
 def comparison(fitted: Fitted) -> Iterator[str]:
-    """Lines on several laws: goodness of each, the best one, or those that remain with what would decide.
-
-    Where no law explains the data, differences of AIC are divided by the square of the enlargement of its errors.
-    """
+    """Lines on several laws: goodness of each, the best one, or those that remain with what would decide."""
     if len(fitted.fits) < 2:
         return
     laws = fitted.tables[LAWS].sort_values("aic", kind="stable")
     laws["above"] = laws["aic"] - laws["aic"].min()
     columns = ["law", "chi_square", "freedom", "probability", "aic", "bic", "above"]
     yield from laws[columns].to_string(index=False, float_format="{:.5g}".format).splitlines()
-    best, second = laws["law"].iloc[:2]
-    excess = laws.set_index("law")["above"] / fitted.fits[best].enlargement ** 2
+    excess = pd.Series(excess_of(fitted.fits)).sort_values(kind="stable")
+    best, second = excess.index[:2]
     if excess[second] >= DECISIVE:
         yield f"{best} is the best law: the AIC of {second} is {excess[second]:.3g} higher"
     else:

@@ -171,13 +171,20 @@ def weights_of(fits: Mapping[str, Fit]) -> dict[str, float]:
     """Akaike weights of the laws that hold, up to ``DECISIVE`` above the best; of all laws if none explains the data.
 
     They are proportional to ``exp(-AIC / 2)``: Burnham and Anderson, Model selection and multimodel inference, 2002,
-    2.9. Where no law explains the data, differences of AIC are divided by the square of the enlargement of errors.
+    2.9.
     """
     able = {law: fit for law, fit in fits.items() if fit.explained} or fits
-    best = min(able.values(), key=lambda fit: fit.aic)
-    above = {law: (fit.aic - best.aic) / best.enlargement**2 for law, fit in able.items()}
-    shares = {law: exp(-excess / 2) for law, excess in above.items() if excess < DECISIVE}
+    shares = {law: exp(-excess / 2) for law, excess in excess_of(able).items() if excess < DECISIVE}
     return {law: share / sum(shares.values()) for law, share in shares.items()}
+
+
+def excess_of(fits: Mapping[str, Fit]) -> dict[str, float]:
+    """Excess of Akaike's criterion over the best law.
+
+    Where that does not explain the data, the excess is divided by the square of the enlargement of its errors.
+    """
+    best = min(fits.values(), key=lambda fit: fit.aic)
+    return {law: (fit.aic - best.aic) / best.enlargement**2 for law, fit in fits.items()}
 
 
 def taken_as_exact(fit: Fit) -> pd.DataFrame:
