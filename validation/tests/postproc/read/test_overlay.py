@@ -281,7 +281,7 @@ def test_runs_are_compared_with_files_and_with_the_scene_as_it_is_now(
     ("words", "message"),
     [
         (("fig4",), "fig4: measured: no measured data: add a [[measured]] table"),
-        (("fig4", "--measured", made_up_trace.FILE), "measured.gauges: found headings"),
+        (("fig4", "--measured", made_up_trace.FILE), "measured.0.gauges: found headings"),
         (("verlet:example-measured", "--set", "chain.count=9"), "not allowed for a finished run"),
     ],
 )
