@@ -204,7 +204,7 @@ def _made_up(fit: Fit, settings: Sequence[str]) -> DataSet:
     base = fit.problem.sets[0]
     found = fit.problem.motion_values(base, fit.place)
     tables = changed(base.tables, [(key, value) for key, value in found if key.startswith(CARRIED)])
-    if any(free.is_trigger for free in fit.problem.free):
+    if any(free.is_trigger and free.own == base.name for free in fit.problem.free):
         tables["run"]["duration"] = f"{base.scene.run.duration / LONGER!r} s"
     for setting in settings:
         apply_setting(tables, setting)
