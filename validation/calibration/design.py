@@ -30,7 +30,7 @@ from drivers.run.execute import Place, execute
 from drivers.scene.read_scene import apply_setting, make_scene
 from drivers.scene.settings import look_up, setting_texts, unit_of
 from postproc.draw.style import COLUMN_IN, GREY, pyplot
-from postproc.read.alignment import Channel, change_at
+from postproc.read.alignment import Channel, averaged, change_at
 from postproc.read.measured import MEASURED
 from postproc.read.motion import Simulation, exact, read
 from validation.calibration.command import Fitted, read_fits, set_number
@@ -223,18 +223,18 @@ def _data_of(base: DataSet, motion: Simulation) -> DataSet:
     Raises:
         InputError: The motion has none of the gauges or numbers of the data.
     """
-    channels, numbers = list[Channel](), list[Datum]()
+    channels, numbers, interval_s = list[Channel](), list[Datum](), base.scene.run.sample_interval
     for gauge, curve in motion.curves.items():
         alike = [each for each in base.channels if each.gauge.partition("_")[0] == gauge.partition("_")[0]]
         if not alike:
             continue
-        first, noise = alike[0], float(np.sqrt(np.mean([each.noise**2 for each in alike])))
-        trigger_s, step_s = base.triggers[first.file_key], float(np.median(np.diff(first.time_s)))
-        time_s = np.arange(float(first.time_s[0]), trigger_s + float(motion.trace.time_s[-1]), step_s)
-        reading = change_at(curve, time_s - trigger_s) / first.trace.gain + (first.trace.baseline or 0.0)
-        counts = np.ones(len(time_s), dtype=bool)
-        made_up = replace(first, gauge=gauge, time_s=time_s, reading=reading, noise=noise, counts=counts)
-        channels.append(made_up)
+        first, trace, noise = alike[0], alike[0].trace, float(np.sqrt(np.mean([each.noise**2 for each in alike])))
+        trigger_s, step_s = base.triggers[first.file_key], float(np.median(np.diff(trace.time_s)))
+        time_s = np.arange(float(trace.time_s[0]), trigger_s + float(motion.trace.time_s[-1]), step_s)
+        reading = change_at(curve, time_s - trigger_s) / trace.gain + (trace.baseline or 0.0)
+        coarse = averaged(replace(trace, time_s=time_s, reading={gauge: reading}), interval_s)
+        made_up = replace(first, gauge=gauge, noise=noise, time_s=coarse.time_s, reading=coarse.reading[gauge])
+        channels.append(replace(made_up, counts=np.ones(len(coarse.time_s), dtype=bool)))
     for number in base.numbers:
         with suppress(InputError):
             value = read(motion, number.name, base.fixed.get(CUT, DEFAULT_CUT))
