@@ -26,7 +26,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline, make_interp_spline, make_lsq_spline
+from scipy.interpolate import BSpline, make_lsq_spline
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 from scipy.optimize import least_squares
 from scipy.signal import correlate, peak_widths
@@ -38,7 +38,7 @@ from drivers.chain.case import Layout
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 from postproc.read.measured import MIN_SAMPLES, NORMAL, MeasuredTrace
-from postproc.read.signals import sensor_signals
+from postproc.read.signals import sensor_signals, spline
 
 QUIET_SHARE = 0.01  # of the computed peak: below it a gauge is quiet
 MIN_QUIET = 8  # readings for a baseline
@@ -179,7 +179,7 @@ def _of_file(traces: Mapping[str, MeasuredTrace], duration_s: float, step_s: flo
             raise InputError(shown, "", found, f"at least {MIN_SAMPLES}")
         for gauge, reading in trace.reading.items():
             rounding = rounding_of(traces[key].reading[gauge]) * (len(reading) / len(traces[key].time_s)) ** 0.5
-            noise, coefficients = (trace.noise, 0) if trace.noise else noise_of(trace.time_s, reading)
+            noise, coefficients = (trace.noise, 0) if trace.noise else noise_of(trace.time_s, reading, rounding)
             channel = Channel(
                 key=key,
                 file_key=next(iter(traces)),
@@ -187,8 +187,8 @@ def _of_file(traces: Mapping[str, MeasuredTrace], duration_s: float, step_s: flo
                 gauge=gauge,
                 time_s=trace.time_s,
                 reading=reading,
-                noise=noise if trace.noise else max(noise, rounding),
-                coefficients=coefficients if noise >= rounding else 0,
+                noise=noise,
+                coefficients=coefficients,
                 trigger_s=given[0] if given else None,
                 window_s=(rise_s - duration_s, rise_s),
                 counts=trace.time_s <= end_s,
@@ -288,7 +288,7 @@ def _aligned(channels: list[Channel], signals: Mapping[str, Array], run: Trace) 
         signal = signals[channel.gauge]
         if not np.ptp(signal):
             raise InputError(paths.shown(channel.trace.file), channel.gauge, "the gauge stays at rest in the run")
-        curves[channel.gauge] = make_interp_spline(run.time_s, signal, k=DEGREE)
+        curves[channel.gauge] = spline(run.time_s, signal)
         onsets_s[channel.gauge] = float(run.time_s[np.argmax(np.abs(signal) > QUIET_SHARE * np.abs(signal).max())])
     trigger_s, error_s, run_s = channels[0].trigger_s, 0.0, run.time_s
     step_s, end_s = float(run_s[1]), float(run_s[-1])
@@ -434,7 +434,7 @@ def rounding_of(reading: Array) -> float:
     return float(np.diff(np.unique(reading)).min(initial=np.inf)) / 12**0.5 if np.ptp(reading) else 0.0
 
 
-def noise_of(time_s: Array, reading: Array) -> tuple[float, int]:
+def noise_of(time_s: Array, reading: Array, rounding: float) -> tuple[float, int]:
     """Standard deviation of the white noise of one reading, from the trace alone, and the coefficients that it takes.
 
     It is the root of RSS / (n - p) of the regression spline with p coefficients, or the rounding of the readings if it
@@ -445,11 +445,12 @@ def noise_of(time_s: Array, reading: Array) -> tuple[float, int]:
     Args:
         time_s: Times of the readings, increasing. Shape (readings,).
         reading: Readings in any unit, which is that of the result. Shape (readings,).
+        rounding: Standard deviation of the rounding of a reading.
     """
     block = -(-len(time_s) // MAX_READINGS)
     knots = knots_of(block_means(time_s, block), block_means(reading, block))
     knots[: DEGREE + 1], knots[-DEGREE - 1 :] = time_s[0], time_s[-1]
-    coefficients, rounding = len(knots) - DEGREE - 1, rounding_of(reading)
+    coefficients = len(knots) - DEGREE - 1
     noise = float(np.sqrt(_squares(time_s, reading, knots) / (len(time_s) - coefficients)))
     return (noise, coefficients) if noise > rounding else (rounding, 0)
 

@@ -28,7 +28,7 @@ from drivers.chain.chain import Array
 from drivers.scene.model import MeasuredEntry, Scene
 from postproc.read.observables import PLACEHOLDERS, describe, without_unit
 
-MEASURED = "measured"  # key of a file's entry without a [[measured]] table; otherwise measured.0, measured.1, ...
+MEASURED = "measured"  # table of entries measured.0, measured.1, ...
 TIME, FORCE = "s", "N"
 UNITS = {"s": "time", "N": "force", "V": "voltage", "A": "current", "C": "charge"}
 ENDINGS = "|".join(prefix + unit for unit in UNITS for prefix in ("", *"kmuµμnp"))  # of headings such as time_us
@@ -120,10 +120,8 @@ def numbers_of(column: Column) -> Array:
     Raises:
         InputError: A cell is empty or no finite number.
     """
-    marks, numbers = (
-        str.maketrans({"_": "x"} if column.decimal == "." else {"_": "x", ".": "x", ",": "."}),
-        list[float](),
-    )
+    marks = str.maketrans({"_": "x"} if column.decimal == "." else {"_": "x", ".": "x", ",": "."})
+    numbers = list[float]()
     for line, cell in column.cells.items():
         try:
             number = float(cell.translate(marks))
@@ -259,7 +257,7 @@ def entries_of(scene: Scene | None, file: Path | None, source: str) -> tuple[dic
     if file is None:
         found = "no measured data: add a [[measured]] table to the scene file, or give --measured FILE.csv"
         raise InputError(source, "measured", found)
-    return {MEASURED: MeasuredEntry(file=str(file))}, Path(), f"--measured {paths.shown(file)}"
+    return {f"{MEASURED}.0": MeasuredEntry(file=str(file))}, Path(), f"--measured {paths.shown(file)}"
 
 
 def read_measured(

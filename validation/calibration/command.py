@@ -34,7 +34,6 @@ from drivers.scene.settings import look_up, setting_texts, unit_of
 from postproc.draw.product import write_figure
 from postproc.draw.style import COLUMN_IN, pyplot
 from postproc.read.measured import MEASURED
-from validation.calibration.data import GAIN, TRIGGER, DataSet, paper_data, scene_data, with_settings
 from validation.calibration.fit import (
     DATA,
     DECISIVE,
@@ -47,6 +46,7 @@ from validation.calibration.fit import (
     Fit,
     Tables,
     digits,
+    excess_of,
     rounded,
     rows_of,
     solve,
@@ -55,8 +55,8 @@ from validation.calibration.fit import (
     value_text,
     with_error,
 )
-from validation.calibration.parameters import OF_LAWS, Free, Law, Texts, law_of
-from validation.calibration.problem import Problem, pose
+from validation.calibration.parameters import GAIN, OF_LAWS, TRIGGER, Free, Law, Texts, law_of
+from validation.calibration.problem import DataSet, Problem, checked, paper_data, pose, scene_data
 from validation.compare.comparison import EngineSelection, compare_scenes
 from validation.report.parts import Chapter, store_part
 
@@ -177,13 +177,13 @@ def problem_of(request: FitRequest, law: str, known: Sequence[DataSet] = ()) -> 
     free = [text for key, text in (asked | own | asked).items() if key not in others]
     if not (free or request.own):
         raise InputError("fit", "--free", "no free parameter: name a key of the scene, --free contact.restitution")
-    settings, freed = request.settings_of(law), any(key.endswith(f".{TRIGGER}") for key in asked)
+    settings = request.settings_of(law)
     if request.quoted:
         sets = paper_data(request.quoted, settings)
     elif known:
-        sets = [with_settings(data, settings) for data in known]
+        sets = [replace(data, tables=checked(data.source, settings)[1].tables) for data in known]
     else:
-        sets = [scene_data(scene, settings, request.measured, free_trigger=freed) for scene in request.scenes]
+        sets = [scene_data(scene, settings, request.measured) for scene in request.scenes]
     return pose(sets, free, request.own)
 
 
@@ -233,7 +233,6 @@ def read_fits(folder: Path) -> Fitted:
     tables = {name: pd.read_csv(folder / f"{name}.csv").fillna({"law": ""}) for name in (PARAMETERS, LAWS)}
     for law, problem in problems_of(request).items():
         values = tables[PARAMETERS].query("law == @law").set_index("parameter")["value"]
-        values.index = values.index.str.replace(rf"{MEASURED}\.(?!\d)", f"{MEASURED}.0.", regex=True)  # of --measured
         stated = tables[LAWS].query("law == @law")["chi_square"].sum()
         found = [free.coordinate(values.get(free.label, nan)) for free in problem.free]
         fits[law] = Fit(problem, np.array(found))
@@ -404,9 +403,7 @@ def fit(
         >>> found.tables["parameters"].loc[0, "parameter"]
         'contact.restitution'
     """
-    asked = {key: tuple(value) if isinstance(value, (list, tuple)) else value for key, value in options.items()}
-    request = request_of(scenes, settings=setting_texts(settings), **asked)
-    return fit_request(request, Path(results))
+    return fit_request(request_of(scenes, settings=setting_texts(settings), **options), Path(results))
 
 
 def fit_request(request: FitRequest, results: Path) -> Fitted:
@@ -497,18 +494,15 @@ def exact_lines(exact: pd.DataFrame) -> list[str]:
 
 
 def comparison(fitted: Fitted) -> Iterator[str]:
-    """Lines on several laws: goodness of each, the best one, or those that remain with what would decide.
-
-    Where no law explains the data, differences of AIC are divided by the square of the enlargement of its errors.
-    """
+    """Lines on several laws: goodness of each, the best one, or those that remain with what would decide."""
     if len(fitted.fits) < 2:
         return
     laws = fitted.tables[LAWS].sort_values("aic", kind="stable")
     laws["above"] = laws["aic"] - laws["aic"].min()
     columns = ["law", "chi_square", "freedom", "probability", "aic", "bic", "above"]
     yield from laws[columns].to_string(index=False, float_format="{:.5g}".format).splitlines()
-    best, second = laws["law"].iloc[:2]
-    excess = laws.set_index("law")["above"] / fitted.fits[best].enlargement ** 2
+    excess = pd.Series(excess_of(fitted.fits)).sort_values(kind="stable")
+    best, second = excess.index[:2]
     if excess[second] >= DECISIVE:
         yield f"{best} is the best law: the AIC of {second} is {excess[second]:.3g} higher"
     else:

@@ -30,15 +30,14 @@ from drivers.run.execute import Place, execute
 from drivers.scene.read_scene import apply_settings, make_scene
 from drivers.scene.settings import look_up, setting_texts, unit_of
 from postproc.draw.style import COLUMN_IN, GREY, pyplot
-from postproc.read.alignment import change_at, channels_of
-from postproc.read.measured import MEASURED, MeasuredTrace
+from postproc.read.alignment import Channel, averaged, change_at
+from postproc.read.measured import MEASURED
 from postproc.read.motion import Simulation, exact, read
 from validation.calibration.command import Fitted, read_fits, set_number
-from validation.calibration.data import GAIN, TRIGGER, DataSet, Datum
 from validation.calibration.fit import ROUGH_CHANGE, Fit, chi_square_at, minimise, rounded, weights_of
-from validation.calibration.parameters import CUT, Free, stated
+from validation.calibration.parameters import CUT, GAIN, TRIGGER, Free, stated
 from validation.calibration.predict import CARRIED
-from validation.calibration.problem import DEFAULT_CUT, TOLERANCE, Problem
+from validation.calibration.problem import DEFAULT_CUT, LONGER, TOLERANCE, DataSet, Datum, Problem, changed
 
 CANDIDATES = 100
 MAX_LONGER = 4  # doublings of a run until the wave has passed all gauges
@@ -137,15 +136,14 @@ def _candidates(base: DataSet, vary: Sequence[str], gauges: str, count: int) -> 
         value = look_up(scene, key)
         if not isinstance(value, (int, float)) or isinstance(value, bool):
             raise InputError("design", "--vary", key, "a key of the scene with a number")
-        axes.append((stated(text, unit_of(key), "design", None, None, option="--vary"), isinstance(value, int)))
+        axes.append((stated(text, Free(key, unit_of(key)), "design", "--vary"), isinstance(value, int)))
     sensors = [sensor for _, sensor in sorted(scene.chain.sensor_at.items(), reverse=True) if gauges]
     masses = [sensor.model_dump(include={"mass"}, exclude_none=True) for sensor in sensors]
-    ends = stated(f"beads={gauges or '1..2'}", "", "design", None, None, option="--gauges")
+    ends = stated(f"beads={gauges or '1..2'}", Free("beads", ""), "design", "--gauges")
     for draw in qmc.Halton(len(axes) + len(masses), scramble=False).random(count + 1)[1:]:  # the first one is a corner
-        values = [axis.value(float(x)) for (axis, _), x in zip(axes, draw, strict=False)]
         change: dict[str, Any] = {}
-        for value, (axis, whole) in zip(values, axes, strict=True):
-            change[axis.key] = round(value) if whole else value
+        for x, (axis, whole) in zip(draw.tolist(), axes, strict=False):
+            change[axis.key] = round(axis.value(x)) if whole else axis.value(x)
         if gauges:
             low, most = round(ends.low), change.get("chain.count", scene.chain.count)
             free = [*range(low, max(low, min(round(ends.high), most)) + 1)]
@@ -192,8 +190,7 @@ def _problem_of(fit: Fit, data: DataSet) -> tuple[Problem, Array]:
                 moved = replace(moved, prior=ratio * each.prior)
             free.append(moved)
             place.append(float(x) if carried else moved.coordinate(moved.start))
-    rows = data.rows + sum(each.prior > 0 for each in free)
-    return Problem((data,), tuple(free), (Datum("made up", rows=range(rows)),)), np.array(place)
+    return Problem((data,), tuple(free)), np.array(place)
 
 
 def _made_up(fit: Fit, settings: Sequence[str]) -> DataSet:
@@ -203,11 +200,12 @@ def _made_up(fit: Fit, settings: Sequence[str]) -> DataSet:
         InputError: The scene is impossible, or the wave does not reach a gauge.
         ArithmeticError: The motion cannot be computed.
     """
-    base, tables = fit.problem.sets[0], json.loads(fit.problem.sets[0].tables)
-    tables["run"]["duration"] = base.duration or tables["run"]["duration"]
-    values = zip(fit.problem.free, fit.place, strict=True)
-    found = {free.key: free.value(float(x)) for free, x in values if free.key.startswith(CARRIED)}
-    apply_settings(tables, [*setting_texts(found), *settings])
+    base = fit.problem.sets[0]
+    found = fit.problem.motion_values(base, fit.place)
+    tables = changed(base.tables, [(key, value) for key, value in found if key.startswith(CARRIED)])
+    if any(free.is_trigger and free.own == base.name for free in fit.problem.free):
+        tables["run"]["duration"] = f"{base.scene.run.duration / LONGER!r} s"
+    apply_settings(tables, settings)
     for _ in range(MAX_LONGER + 1):
         scene = make_scene(json.loads(json.dumps(tables)), "design", "design")
         motion = exact(build_case(scene), TOLERANCE)
@@ -223,21 +221,18 @@ def _data_of(base: DataSet, motion: Simulation) -> DataSet:
     Raises:
         InputError: The motion has none of the gauges or numbers of the data.
     """
-    traces, noises, triggers = dict[str, MeasuredTrace](), dict[str, float](), dict[str, float]()
-    for gauge in motion.signals:
+    channels, numbers, interval_s = list[Channel](), list[Datum](), base.scene.run.sample_interval
+    for gauge, curve in motion.curves.items():
         alike = [each for each in base.channels if each.gauge.partition("_")[0] == gauge.partition("_")[0]]
         if not alike:
             continue
-        key, file_key, trace = alike[0].key, alike[0].file_key, alike[0].trace
-        trigger_s, step_s = base.triggers[file_key], float(np.median(np.diff(trace.time_s)))
+        first, trace, noise = alike[0], alike[0].trace, float(np.sqrt(np.mean([each.noise**2 for each in alike])))
+        trigger_s, step_s = base.triggers[first.file_key], float(np.median(np.diff(trace.time_s)))
         time_s = np.arange(float(trace.time_s[0]), trigger_s + float(motion.trace.time_s[-1]), step_s)
-        reading = change_at(motion.curves[gauge], time_s - trigger_s) / trace.gain + (trace.baseline or 0.0)
-        former = traces[key].reading if key in traces else {}
-        traces[key] = replace(trace, time_s=time_s, reading={**former, gauge: reading}, noise=1.0)
-        noises[gauge], triggers[file_key] = float(np.sqrt(np.mean([each.noise**2 for each in alike]))), trigger_s
-    files = channels_of(traces, float(motion.trace.time_s[-1]), base.step_s)
-    channels = tuple(replace(each, noise=noises[each.gauge]) for file in files for each in file)
-    numbers = []
+        reading = change_at(curve, time_s - trigger_s) / trace.gain + (trace.baseline or 0.0)
+        coarse = averaged(replace(trace, time_s=time_s, reading={gauge: reading}), interval_s)
+        made_up = replace(first, gauge=gauge, noise=noise, time_s=coarse.time_s, reading=coarse.reading[gauge])
+        channels.append(replace(made_up, counts=np.ones(len(coarse.time_s), dtype=bool)))
     for number in base.numbers:
         with suppress(InputError):
             value = read(motion, number.name, base.fixed.get(CUT, DEFAULT_CUT))
@@ -245,7 +240,7 @@ def _data_of(base: DataSet, motion: Simulation) -> DataSet:
                 numbers.append(replace(number, value=value, error=abs(value * number.error / number.value)))
     if not (channels or numbers):
         raise InputError("design", "", "none of the measured gauges and numbers in the scene", "--set chain.sensors")
-    return replace(base, numbers=tuple(numbers), channels=channels, triggers=triggers, duration="")
+    return replace(base, numbers=tuple(numbers), channels=tuple(channels))
 
 
 def draw(found: Design) -> Any:

@@ -1,6 +1,6 @@
 """Least squares from several starting points, the uncertainty of the parameters found, and the tables of a fit."""
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from math import ceil, exp, inf, isfinite, log, log2, nan, sqrt
@@ -17,9 +17,8 @@ from drivers.base.errors import RunError
 from drivers.base.units import quantity
 from drivers.chain.chain import Array
 from drivers.run.execute import Place, execute
-from validation.calibration.data import TRIGGER, Datum
 from validation.calibration.parameters import calibration_file
-from validation.calibration.problem import MISSING_RESIDUAL, Problem, exact_numbers
+from validation.calibration.problem import MISSING_RESIDUAL, Datum, Problem, exact_numbers
 
 SCREENED_POINTS, DESCENTS = 8, 3  # points tried over the ranges for each parameter, and descents from the best
 ROUGH_CHANGE, CLOSE_CHANGE, FINE_CHANGE = 1e-3, 1e-5, 1e-6  # of chi-square or coordinates, at the end of a descent
@@ -155,9 +154,7 @@ class Fit:
     @property
     def undetermined(self) -> NDArray[np.bool_]:
         """True for each parameter that the data do not bound within its range. Shape (parameters,)."""
-        return np.asarray(
-            sum((named(direction) for direction in self.open_directions), np.zeros(len(self.place), dtype=bool))
-        )
+        return np.asarray(named(self.open_directions).any(axis=0))
 
     @cached_property
     def slopes(self) -> Array:
@@ -174,13 +171,20 @@ def weights_of(fits: Mapping[str, Fit]) -> dict[str, float]:
     """Akaike weights of the laws that hold, up to ``DECISIVE`` above the best; of all laws if none explains the data.
 
     They are proportional to ``exp(-AIC / 2)``: Burnham and Anderson, Model selection and multimodel inference, 2002,
-    2.9. Where no law explains the data, differences of AIC are divided by the square of the enlargement of errors.
+    2.9.
     """
     able = {law: fit for law, fit in fits.items() if fit.explained} or fits
-    best = min(able.values(), key=lambda fit: fit.aic)
-    above = {law: (fit.aic - best.aic) / best.enlargement**2 for law, fit in able.items()}
-    shares = {law: exp(-excess / 2) for law, excess in above.items() if excess < DECISIVE}
+    shares = {law: exp(-excess / 2) for law, excess in excess_of(able).items() if excess < DECISIVE}
     return {law: share / sum(shares.values()) for law, share in shares.items()}
+
+
+def excess_of(fits: Mapping[str, Fit]) -> dict[str, float]:
+    """Excess of Akaike's criterion over the best law.
+
+    Where that does not explain the data, the excess is divided by the square of the enlargement of its errors.
+    """
+    best = min(fits.values(), key=lambda fit: fit.aic)
+    return {law: (fit.aic - best.aic) / best.enlargement**2 for law, fit in fits.items()}
 
 
 def taken_as_exact(fit: Fit) -> pd.DataFrame:
@@ -192,10 +196,8 @@ def taken_as_exact(fit: Fit) -> pd.DataFrame:
     problem, known, rows = fit.problem, {free.key for free in fit.problem.free}, list[dict[str, Any]]()
     for free in dict.fromkeys(each for data in problem.sets for each in exact_numbers(problem.sets, data)):
         if free.key not in known:
-            wide, place = (
-                replace(problem, free=(*problem.free, free)),
-                np.append(fit.place, free.coordinate(free.start)),
-            )
+            wide = replace(problem, free=(*problem.free, free))
+            place = np.append(fit.place, free.coordinate(free.start))
             column = wide.jacobian(place, [len(fit.place)])[:, 0] * 0.01 * free.start / free.slope(float(place[-1]))
             changes = fit.slopes * -(fit.covariance @ (fit.jacobian.T @ column))
             rows += [
@@ -214,9 +216,10 @@ def for_each(problem: Problem, work: Callable[[Item], Result], items: Sequence[I
     return [results[id(item)] for item in items]
 
 
-def named(direction: Array) -> NDArray[np.bool_]:
-    """True for each parameter that takes part in a direction. Shape (parameters,)."""
-    return np.asarray(np.abs(direction) > MIN_COMPONENT * np.abs(direction).max())
+def named(directions: Array) -> NDArray[np.bool_]:
+    """True for each parameter that takes part in a direction. Shape of the directions, (..., parameters)."""
+    sizes = np.abs(directions)
+    return np.asarray(sizes > MIN_COMPONENT * sizes.max(axis=-1, keepdims=True))
 
 
 def fit(problem: Problem, seeds: Seeds = (), *, search: bool = True) -> Fit:
@@ -292,7 +295,6 @@ def minimise(
     problem: Problem,
     start: Array,
     held: Mapping[int, float] | None = None,
-    left_out: Collection[int] = (),
     converged: float = FINE_CHANGE,
     tries: int = MAX_EVALUATIONS,
 ) -> Array:
@@ -302,34 +304,33 @@ def minimise(
         problem: Data and parameters.
         start: Coordinates. Shape (parameters,).
         held: Coordinates of parameters that are kept constant, by index.
-        left_out: Rows of the residual to ignore.
         converged: Relative change at which the descent ends.
         tries: Largest number of evaluations.
     """
-    begun, counting = np.clip(start, 0.0, 1.0), np.setdiff1d(np.arange(problem.rows), list(left_out))
+    begun = np.clip(start, 0.0, 1.0)
     begun[[*(held or {})]] = [*(held or {}).values()]
     moving = [index for index in range(len(begun)) if index not in (held or {})]
     inside = _moved(begun, moving, np.clip(begun[moving], MARGIN, 1 - MARGIN))
-    if not moving or not counting.size or not np.isfinite(problem.residual(inside)).all():
+    if not moving or not problem.rows or not np.isfinite(problem.residual(inside)).all():
         return begun
     method: Literal["dogbox", "trf"] = "dogbox" if converged == FINE_CHANGE else "trf"  # for bounds
 
     def off(coordinates: Array) -> Array:
-        return np.asarray(problem.residual(_moved(inside, moving, coordinates))[counting])
+        return problem.residual(_moved(inside, moving, coordinates))
 
     def slopes(coordinates: Array) -> Array:
-        return np.asarray(problem.jacobian(_moved(inside, moving, coordinates), moving)[counting])
+        return problem.jacobian(_moved(inside, moving, coordinates), moving)
 
     with np.errstate(invalid="ignore", divide="ignore"):  # the slope is zero if all data are missing
         # a point without a motion has infinite residuals, from which least squares steps back
         found = least_squares(off, inside[moving], slopes, (0, 1), method, converged, converged, None, max_nfev=tries)
     end = _moved(inside, moving, found.x)
-    return min(begun, end, key=partial(chi_square_at, problem, rows=counting))
+    return min(begun, end, key=partial(chi_square_at, problem))
 
 
-def chi_square_at(problem: Problem, place: Array, rows: Array | None = None) -> float:
-    """Chi-square at given coordinates, of all or of some rows of the residual."""
-    off = problem.residual(place)[slice(None) if rows is None else rows]
+def chi_square_at(problem: Problem, place: Array) -> float:
+    """Chi-square at given coordinates."""
+    off = problem.residual(place)
     return float(off @ off)
 
 
@@ -365,7 +366,7 @@ def _along(fit: Fit, direction: Array, members: NDArray[np.intp]) -> str:
     free, place = fit.problem.free, fit.place
     changes = {i: direction[i] * free[i].slope(float(place[i])) for i in members}
     values = {i: free[i].value(float(place[i])) or free[i].high for i in members}
-    shares = {i: changes[i] / values[i] for i in members if not free[i].key.endswith(f".{TRIGGER}")}
+    shares = {i: changes[i] / values[i] for i in members if not free[i].is_trigger}
     scale = 0.1 / max(shares.values(), key=abs, default=1.0)
     texts = {i: quantity(float(f"{scale * change:.3g}"), "s") for i, change in changes.items()}
     texts |= {i: f"{100 * scale * share:+.3g} %" for i, share in shares.items()}
@@ -480,8 +481,8 @@ def _datum(best: Fit, datum: Datum, *, leave_out: bool) -> dict[str, Any]:
         off = float(best.problem.raw_residual(best.place)[datum.rows.start])
         error = datum.error * sqrt(max(float(slopes @ best.covariance @ slopes), 0.0))
     if number and leave_out:
-        place = minimise(best.problem, best.place, left_out=datum.rows, converged=CLOSE_CHANGE)
-        without = chi_square_at(best.problem, place, np.setdiff1d(np.arange(best.problem.rows), list(datum.rows)))
+        others = best.problem.without(datum)
+        without = chi_square_at(others, minimise(others, best.place, converged=CLOSE_CHANGE))
     return {
         "data_set": datum.data_set, "datum": datum.name, "unit": datum.unit if number else "",
         "measured": datum.value, "error": datum.error, "fitted": datum.value + off * datum.error, "fitted_error": error,

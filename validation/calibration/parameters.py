@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import cache
 from itertools import product
-from math import exp, inf, log
+from math import exp, inf, isnan, log, nan
 from typing import Annotated, Any, Literal
 
 from pydantic import Field
@@ -28,9 +28,9 @@ REACH = 8.0  # standard errors of prior knowledge from the value to the bounds
 ELASTIC = "elastic"
 OF_LAWS = ["contact.dissipation", *(f"contact.{key}" for keys in LAW_KEYS.values() for key in keys)]
 NUMERICAL_KEYS = ("run", "seed", "title")  # not physical parameters
+GAIN, TRIGGER = "gain", "trigger"  # keys of a [[measured]] table
 READING = "reading"  # table of the keys of parameters of readings
 CUT = f"{READING}.cut"
-IN_UNIT = re.compile(r"\s*[+-]?[\d.]++(?:[eE][+-]?\d+)?+\s*(\D.*?)\s*")  # a number with its unit
 PRIOR = re.compile(r"(?P<value>.*?)\s*(?:±|\+/?-)\s*(?P<error>[^\s%]+)\s*(?P<percent>%)?\s*(?P<unit>.*)")
 DEFAULT = "default"  # reading with the first answer to each question
 
@@ -175,6 +175,7 @@ class Free:
 
     Attributes:
         key: Key of the scene, such as ``materials.ptfe.youngs_modulus``, of a gauge or of a reading.
+        start, low, high: Starting value and bounds; NaN if there are none yet.
         own: Name of the data set that alone has this parameter; empty if data sets share it.
         without: Names of data sets whose scenes have no table for a shared parameter.
         prior: Standard error of prior knowledge of the starting value; 0 without prior knowledge.
@@ -182,9 +183,9 @@ class Free:
 
     key: str
     unit: str
-    start: float
-    low: float
-    high: float
+    start: float = nan
+    low: float = nan
+    high: float = nan
     own: str = ""
     prior: float = 0.0
     without: tuple[str, ...] = ()
@@ -202,6 +203,11 @@ class Free:
     def of_motion(self) -> bool:
         """True if the motion depends on the parameter; gauges and readings do not change it."""
         return not self.key.startswith(("measured", READING))
+
+    @property
+    def is_trigger(self) -> bool:
+        """True for the trigger of a file, of which the zero is arbitrary."""
+        return self.key.endswith(f".{TRIGGER}")
 
     @property
     def logarithmic(self) -> bool:
@@ -240,52 +246,42 @@ def free_parameter(text: str, scene: Scene, where: str, own: str = "") -> Free:
         raise unknown(where, "--free", key, asked.range, "a key of the scene with a physical number")
     if value is None and start is not None:
         value = _number(start, unit, file, key)
-    usual = around(value) if value else None
+    start, bounds = nan if value is None else value, around(value) if value else (nan, nan)
     if known:
         low, high = _bounds(known, unit, file, key)
-        usual = (low, high) if value is None or low <= value <= high else around(value)
-    return stated(text, unit, where, value, usual, own)
+        bounds = (low, high) if value is None or low <= value <= high else bounds
+    return stated(text, Free(key, unit, start, *bounds, own), where)
 
 
-def stated(
-    text: str,
-    unit: str,
-    where: str,
-    start: float | None,
-    usual: tuple[float, float] | None,
-    own: str = "",
-    option: str = "--free",
-) -> Free:
+def stated(text: str, usual: Free, where: str, option: str = "--free") -> Free:
     """Parameter of an option ``KEY``, ``KEY=LOW..HIGH`` or ``KEY=VALUE±ERROR``; the error may be in per cent.
 
     A number without a unit has that of the other number, or else the SI unit of the key.
 
     Args:
         text: The option; without a value before ± it is that of the scene.
-        unit: SI unit of the key.
+        usual: Parameter of the key alone; without a start it starts in the middle of its bounds.
         where: Scene as messages name it.
-        start: Starting value; None: the middle of the bounds.
-        usual: Bounds if the option gives none.
-        own: Data set that alone has the parameter.
         option: Option as messages name it.
 
     Raises:
         InputError: There are no bounds, or the text after ``=`` is wrong.
     """
     key, given, rest = (part.strip() for part in text.partition("="))
-    prior, label = PRIOR.fullmatch(rest), f"{option} {key}"
+    prior, label, unit, start = PRIOR.fullmatch(rest), f"{option} {key}", usual.unit, usual.start
     if prior:
-        value, error = _known_value(prior, unit, where, label, start)
-        ends = usual if usual and usual[0] <= value <= usual[1] else (-inf, inf)
+        value, error = _known_value(prior, usual, where, label)
+        least, most = (usual.low, usual.high) if usual.low <= value <= usual.high else (-inf, inf)
         low = value - REACH * error if not 0 < value <= REACH * error else value / (2 * FACTOR)
-        free = Free(key, unit, value, max(low, ends[0]), min(value + REACH * error, ends[1]), own, error)
+        high = value + REACH * error
+        free = replace(usual, start=value, low=max(low, least), high=min(high, most), prior=error)
     else:
-        bounds = _bounds(rest, unit, where, label) if given else usual
-        if bounds is None:
+        low, high = _bounds(rest, unit, where, label) if given else (usual.low, usual.high)
+        if isnan(low):
             raise InputError(where, label, f"no starting value: give bounds, {option} '{key}=LOW..HIGH'")
-        free = Free(key, unit, bounds[0], *bounds, own)
-        free = replace(free, start=free.value(0.5) if start is None else min(max(start, free.low), free.high))
-    if unit and start and given and not re.search("[A-Za-z]", rest) and not 0.1 <= free.start / start <= 10:
+        free = replace(usual, low=low, high=high)
+        free = replace(free, start=free.value(0.5) if isnan(start) else min(max(start, low), high))
+    if unit and abs(start) > 0 and given and not re.search("[A-Za-z]", rest) and not 0.1 <= free.start / start <= 10:
         found, allowed = f"{rest}, that is {free.start:g} {unit}", f"a value near {start:g} {unit}, or a unit"
         raise InputError(where, label, found, allowed)
     return free
@@ -297,19 +293,19 @@ def _bounds(text: str, unit: str, where: str, label: str) -> tuple[float, float]
     if not dots:
         allowed = "bounds such as 0.5 GPa..2 GPa, or a value with its error such as 1 GPa±5%"
         raise InputError(where, label, text, allowed)
-    other = IN_UNIT.fullmatch(last)
-    low, high = _number(first, unit, where, label, other[1] if other else ""), _number(last, unit, where, label)
+    other = units.NUMBER_AND_UNIT.fullmatch(last)
+    low, high = _number(first, unit, where, label, other[2] if other else ""), _number(last, unit, where, label)
     if not low < high:
         raise InputError(where, label, f"{low:g}..{high:g}", "a lower bound, then an upper bound")
     return low, high
 
 
-def _known_value(prior: re.Match[str], unit: str, where: str, label: str, start: float | None) -> tuple[float, float]:
+def _known_value(prior: re.Match[str], usual: Free, where: str, label: str) -> tuple[float, float]:
     """Value and standard error of a text such as ``9.525±0.005 mm``."""
-    if not prior["value"] and start is None:
+    value = _number(prior["value"], usual.unit, where, label, prior["unit"]) if prior["value"] else usual.start
+    if isnan(value):
         raise InputError(where, label, prior[0], "a value before ±, since the scene has none")
-    value = _number(prior["value"], unit, where, label, prior["unit"]) if prior["value"] else start or 0.0
-    error = _number(prior["error"], "" if prior["percent"] else unit, where, label, prior["unit"])
+    error = _number(prior["error"], "" if prior["percent"] else usual.unit, where, label, prior["unit"])
     error *= abs(value) / 100 if prior["percent"] else 1.0
     if not error > 0:
         raise InputError(where, label, prior[0], "a value with an error above 0, such as 1 GPa±5%")
@@ -318,9 +314,9 @@ def _known_value(prior: re.Match[str], unit: str, where: str, label: str, start:
 
 def _number(text: object, unit: str, where: str, label: str, other: str = "") -> float:
     """Number in the SI unit of its key, from text with a unit, or without one in another or the SI unit."""
-    given = str(text) if IN_UNIT.fullmatch(str(text)) else f"{text} {other}".strip()
+    given = str(text) if units.NUMBER_AND_UNIT.fullmatch(str(text)) else f"{text} {other}".strip()
     try:
-        return units.to_si(given, unit) if unit and IN_UNIT.fullmatch(given) else float(given)
+        return units.to_si(given, unit) if unit and units.NUMBER_AND_UNIT.fullmatch(given) else float(given)
     except ValueError as error:
         allowed = f"a quantity in {unit} with its unit" if unit else "a plain number"
         raise InputError(where, label, str(text), allowed) from error
@@ -346,5 +342,5 @@ def unknown(where: str, key: str, name: str, known: Collection[str], allowed: st
 @cache
 def of_readings() -> list[Free]:
     """Parameters of readings of quoted numbers."""
-    asked = calibration_file().reading.items()
-    return [stated(f"{READING}.{key}={text}", "", paths.shown(paths.CALIBRATION), None, None) for key, text in asked]
+    asked = {f"{READING}.{key}": text for key, text in calibration_file().reading.items()}
+    return [stated(f"{key}={text}", Free(key, ""), paths.shown(paths.CALIBRATION)) for key, text in asked.items()]

@@ -29,10 +29,9 @@ from postproc.draw.style import COLUMN_IN, MICRO, pyplot
 from postproc.read.motion import Simulation
 from postproc.read.observables import describe
 from validation.calibration.command import Fitted, problem_of, read_fits
-from validation.calibration.data import DataSet, checked
 from validation.calibration.fit import DECISIVE, LOOKS, Fit, digits, fit, rows_of, weights_of, with_error
 from validation.calibration.parameters import ELASTIC, OF_LAWS, law_of
-from validation.calibration.problem import simulated
+from validation.calibration.problem import DataSet, Problem, checked
 from validation.report.parts import Chapter, Shown
 
 MATERIALS = "materials"
@@ -128,23 +127,29 @@ def others_of(fitted: Fitted) -> dict[str, float]:
     return dict(sorted(excess.items(), key=lambda item: item[1]))
 
 
-def by_fits(fitted: Fitted, scene: Scene, tables: Mapping[str, Any], where: str, *, own: bool = False) -> Prediction:
-    """Prediction of a scene, given by its tables, by the laws that hold; with ``own`` by all parameters of the fit.
+def by_fits(fitted: Fitted, scene: Scene, data: DataSet, *, own: bool = False) -> Prediction:
+    """Prediction of a scene by the laws that hold; with ``own`` by all parameters of the fit.
+
+    Args:
+        fitted: The fits.
+        scene: The scene.
+        data: Data set of the scene without data.
+        own: True if the scene is that of the fit.
 
     Raises:
         InputError: No fitted parameter occurs in the scene.
         RunError: The exact motion cannot be computed at the parameters found.
     """
-    weights, scenes, motions = weights_of(fitted.fits), list[tuple[DataSet, list[int]]](), list[Simulation]()
+    weights, parts, motions = weights_of(fitted.fits), dict[str, tuple[Problem, list[int]]](), list[Simulation]()
     for law in weights:
         fit = fitted.fits[law]
-        scenes.append(_scene_of(fit, scene, tables, where, own=own))
-        motion = _motion_at(fit, *scenes[-1], fit.place[scenes[-1][1]])
+        problem, places = parts[law] = _part_of(fit, scene, data, own=own)
+        motion = problem.motion(problem.sets[0], fit.place[places])
         if motion is None:
-            raise RunError(f"{where}: the exact motion cannot be computed at the parameters found")
+            raise RunError(f"{data.where}: the exact motion cannot be computed at the parameters found")
         motions.append(motion)
     names, time_s = [*dict.fromkeys(name for motion in motions for name in motion.values)], motions[0].trace.time_s
-    found = [propagated(fitted.fits[law], *each, names) for law, each in zip(weights, scenes, strict=True)]
+    found = [propagated(fitted.fits[law], *part, names) for law, part in parts.items()]
     table, forces = _table(weights, *map(np.array, zip(*found, strict=True))), {"time_s": time_s}
     for number, gauge in enumerate(motions[0].signals):
         rows = table.iloc[len(names) + number * len(time_s) :][: len(time_s)]
@@ -156,9 +161,9 @@ def by_fits(fitted: Fitted, scene: Scene, tables: Mapping[str, Any], where: str,
     return Prediction(fitted.folder, scene, motions[0], weights, explained, {}, observables, pd.DataFrame(forces))
 
 
-def _scene_of(fit: Fit, scene: Scene, tables: Mapping[str, Any], where: str, *, own: bool) -> tuple[DataSet, list[int]]:
-    """Scene with the contact law of a fit, and the places of the parameters that it takes from the fit."""
-    source = json.loads(fit.problem.sets[0].tables)
+def _part_of(fit: Fit, scene: Scene, data: DataSet, *, own: bool) -> tuple[Problem, list[int]]:
+    """Problem of a scene with the law and the parameters that it takes from a fit, and their places in the fit."""
+    tables, source = json.loads(data.tables), json.loads(fit.problem.sets[0].tables)
     contact = {key: value for key, value in tables.get("contact", {}).items() if f"contact.{key}" not in OF_LAWS}
     law = {key: value for key, value in source.get("contact", {}).items() if f"contact.{key}" in OF_LAWS}
     free, first = fit.problem.free, fit.problem.sets[0].name
@@ -170,39 +175,34 @@ def _scene_of(fit: Fit, scene: Scene, tables: Mapping[str, Any], where: str, *, 
         materials = [any(free[place].key.startswith(MATERIALS) for place in places) for places in (offered, moving)]
         if not moving or materials == [True, False]:
             allowed = " or ".join(free[place].key for place in offered) or "a fit of a material or a law"
-            raise InputError(where, "", "other materials than those of the fit", allowed)
-    return DataSet("", "", json.dumps({**tables, "contact": contact | law}), where), moving
+            raise InputError(data.where, "", "other materials than those of the fit", allowed)
+    begun = replace(data, name=first, tables=json.dumps({**tables, "contact": contact | law}))
+    return Problem((begun,), tuple(free[place] for place in moving)), moving
 
 
-def _motion_at(fit: Fit, data: DataSet, moving: Sequence[int], coordinates: Array) -> Simulation | None:
-    """Motion of a scene at coordinates of its parameters."""
-    free = [fit.problem.free[place] for place in moving]
-    return simulated(data, tuple((each.key, each.value(float(x))) for each, x in zip(free, coordinates, strict=True)))
-
-
-def _numbers_at(fit: Fit, data: DataSet, moving: Sequence[int], coordinates: Array, names: Sequence[str]) -> Array:
+def _numbers_at(problem: Problem, place: Array, names: Sequence[str]) -> Array:
     """Observables by name, then the forces of all gauges; NaN for those that the motion lacks, or without a motion."""
-    motion = _motion_at(fit, data, moving, coordinates)
+    motion = problem.motion(problem.sets[0], place)
     if motion is None:
         return np.array(np.nan)
     return np.concatenate([[motion.values.get(name, np.nan) for name in names], *motion.signals.values()])
 
 
-def propagated(fit: Fit, data: DataSet, moving: Sequence[int], names: Sequence[str]) -> tuple[Array, Array]:
+def propagated(fit: Fit, problem: Problem, places: Sequence[int], names: Sequence[str]) -> tuple[Array, Array]:
     """Observables and forces at the parameters found, and their standard errors by the parameters at these places.
 
     Ends beyond a bound move to the bound, and the difference is scaled.
     """
-    place = fit.place[moving]
-    variances, axes = np.linalg.eigh(fit.covariance[np.ix_(moving, moving)])
-    here = _numbers_at(fit, data, moving, place, names)
+    place = fit.place[places]
+    variances, axes = np.linalg.eigh(fit.covariance[np.ix_(places, places)])
+    here = _numbers_at(problem, place, names)
     squares = np.zeros(len(here))
     for axis in (axes * np.sqrt(np.maximum(variances, 0.0))).T:
         ends, length = list[Array](), 0.0
         for step in (axis, -axis):
             room = np.where(step > 0, 1 - place, place)
             share = float(np.min(room[step != 0] / np.abs(step[step != 0]), initial=1.0))
-            ends.append(_numbers_at(fit, data, moving, place + share * step, names))
+            ends.append(_numbers_at(problem, place + share * step, names))
             length += share
         squares += ((ends[0] - ends[1]) / length) ** 2 if length else 0.0
     return here, np.sqrt(squares) * fit.enlargement

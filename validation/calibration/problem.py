@@ -1,31 +1,69 @@
-"""Calibration problem: exact motions of scenes by free parameters, residuals and their derivatives."""
+"""Calibration problem: measured data of scenes, their exact motions by free parameters, residuals and derivatives.
+
+The data are numbers that the paper quotes, and scenes with measured numbers or traces.
+"""
 
 import json
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import lru_cache
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 from itertools import accumulate
-from math import inf
+from math import hypot, inf, nan, sqrt
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from drivers.base import paths
 from drivers.base.errors import InputError, RunError
 from drivers.chain.case import build_case
 from drivers.chain.chain import Array
-from drivers.scene.read_scene import DERIVED, make_scene, set_value
+from drivers.engines import REFERENCE
+from drivers.limits import refuse
+from drivers.scene.model import MeasuredEntry, Scene
+from drivers.scene.read_scene import (
+    DERIVED,
+    apply_settings,
+    find_scene,
+    make_scene,
+    read_scene,
+    read_toml,
+    set_value,
+)
 from drivers.scene.settings import look_up, unit_of
-from postproc.read.alignment import correlated, residual_of
+from postproc.paper import force_accuracy, quoted
+from postproc.read.alignment import Channel, channels_of, correlated, must_overlap, residual_of
+from postproc.read.measured import MEASURED, entries_of, read_measured, read_quoted
 from postproc.read.motion import Simulation, exact, is_censored, read
-from validation.calibration.data import GAIN, TRIGGER, DataSet, Datum, parameters_of
-from validation.calibration.parameters import CUT, NUMERICAL_KEYS, Free, around
+from postproc.read.observables import describe
+from postproc.read.signals import gauges_of
+from validation.calibration.parameters import (
+    CUT,
+    GAIN,
+    NUMERICAL_KEYS,
+    PRIOR,
+    READING,
+    TRIGGER,
+    Answer,
+    Free,
+    QuotedNumber,
+    around,
+    calibration_file,
+    free_parameter,
+    of_readings,
+    stated,
+    unknown,
+)
 
+ALL = "all"  # instead of the name of a data set
 DEFAULT_CUT = 0.04  # share of the peak at which the paper cuts widths
 
 # of the exact motion: where forces are wrong by 1e-6, derivatives by differences are by up to 2e-4, and the minimum of
 # the paper's fits moves by less than 1e-3 standard errors
 TOLERANCE = 1e-6
 STEP = 1e-4  # of finite differences, as a share of a parameter's range
+LONGER = 2.0  # a run divided by the scene's duration, if a trigger has to be found
 MISSING_RESIDUAL = 10.0  # standard errors counted for a number that the computed motion does not have
 CACHE_SIZE = 64  # simulations; residuals are smaller
 SCANNED = 8  # values of a parameter that one data set has alone, at the start of a descent
@@ -33,13 +71,271 @@ SCANNED = 8  # values of a parameter that one data set has alone, at the start o
 Values = tuple[tuple[str, float], ...]  # values of parameters by key
 
 
+@dataclass(frozen=True)
+class Datum:
+    """One datum: a measured number, the trace of a gauge, or prior knowledge of a parameter.
+
+    Attributes:
+        name: Name of an observable or of a reading with its unit, of a gauge, or of a parameter.
+        value, error: Measured number and its standard error without common parts; NaN for other data.
+        because: Reason of an assumed error; empty for a stated one.
+        divisor: Key of the parameter by which the computed number is divided; empty without one.
+        data_set: Name of its data set, in a problem.
+        rows: Rows of the residual, in a problem.
+    """
+
+    name: str
+    value: float = nan
+    error: float = nan
+    because: str = ""
+    divisor: str = ""
+    data_set: str = ""
+    rows: range = range(0)
+
+    @property
+    def unit(self) -> str:
+        """Unit of a number."""
+        unit = describe(self.name).unit or self.name.rpartition("_")[2]
+        return f"1/{unit}" if self.name.endswith(f"_per_{unit}") else unit
+
+    @property
+    def label(self) -> str:
+        """Name of the data set and of the datum."""
+        return f"{self.data_set}: {self.name}" if self.data_set else self.name
+
+
+@dataclass(frozen=True, eq=False)
+class DataSet:
+    """A scene with its measured data.
+
+    Attributes:
+        source: Name of the scene or path of its file.
+        tables: Tables of the scene's file with settings applied, as JSON: data sets with the same tables share motions.
+        where: File as messages name it.
+        numbers: Measured numbers.
+        own: Keys of free parameters of this data set alone.
+        channels: Measured traces of gauges.
+        entries: ``[[measured]]`` tables by key, such as ``measured.0``.
+        triggers: Trigger of each file, given or found at the scene's values, by the key of its first entry.
+        fixed: Values of parameters of readings that are not free, by key.
+    """
+
+    name: str
+    source: str
+    tables: str
+    where: str
+    numbers: tuple[Datum, ...] = ()
+    own: tuple[str, ...] = ()
+    channels: tuple[Channel, ...] = ()
+    entries: Mapping[str, MeasuredEntry] = field(default_factory=dict)
+    triggers: Mapping[str, float] = field(default_factory=dict)
+    fixed: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def rows(self) -> int:
+        """Number of residuals."""
+        return len(self.numbers) + sum(int(channel.counts.sum()) for channel in self.channels)
+
+    @property
+    def scene(self) -> Scene:
+        """Scene made from the tables."""
+        return make_scene(json.loads(self.tables), self.name, self.where)
+
+
+def paper_data(names: Sequence[str], settings: Sequence[str] = (), answers: Sequence[Answer] = ()) -> list[DataSet]:
+    """Quoted data sets, with settings applied to their scenes.
+
+    Args:
+        names: Names of data sets of ``inputs/calibration.toml``.
+        settings: Settings of all scenes, such as those of a law.
+        answers: Readings of the sentences that the paper leaves open.
+
+    Raises:
+        InputError: A data set or setting is unknown.
+    """
+    known, data = calibration_file().set, list[DataSet]()
+    fixed = {f"{READING}.{key}": value for answer in answers for key, value in answer.fixed.items()}
+    for name in names:
+        if name not in known:
+            raise unknown("fit", "--quoted", name, known)
+        asked = known[name]
+        changes = [text for answer in answers for key in (ALL, name) for text in answer.set.get(key, ())]
+        everything = (*asked.set, *settings, *changes)
+        _, bare = checked(asked.scene, everything)
+        skipped = [row for other, row in asked.also.items() if other in names]
+        columns = [_column(number, answers) for number in asked.number]
+        rows = max(map(len, columns))
+        for row in (row for row in range(rows) if row not in skipped):
+            numbers = tuple(column[min(row, len(column) - 1)] for column in columns)
+            label = f"{name} {numbers[0].value:g} {numbers[0].unit}" if rows > 1 else name
+            data.append(replace(bare, name=label, numbers=numbers, own=asked.own, fixed=fixed))
+    return data
+
+
+def _column(number: QuotedNumber, answers: Sequence[Answer]) -> list[Datum]:
+    """Numbers of a list in ``quoted.toml``, or its single number."""
+    stored = look_up(quoted(), number.quoted)
+    values = stored if isinstance(stored, tuple) else (stored,)
+    if not all(isinstance(value, (int, float)) for value in values):
+        allowed = "a number of inputs/paper/quoted.toml"
+        raise InputError(paths.shown(paths.CALIBRATION), "quoted", number.quoted, allowed)
+    name = next((said.read[number.observable] for said in answers if number.observable in said.read), number.observable)
+    scale = f"{READING}.{number.error}_scale"  # key of the parameter of this kind of error
+    shared, numbers = not any(answer.independent for answer in answers), []
+    prior = next((free.prior for free in of_readings() if shared and free.key == scale), 0.0)
+    for place, value in enumerate(values):
+        share = quoted().accuracy_speed if number.error == "speed" else number.error
+        share = force_accuracy(value) if share == "force" else float(share)
+        own_error = sqrt(max(share**2 - prior**2, 0.0)) * abs(value)
+        rounding = number.rounding[place] / sqrt(3) if number.rounding and shared else 0.0
+        error = hypot(own_error, rounding) * number.scale
+        numbers.append(Datum(name, value * number.scale, error, number.because, scale if prior else ""))
+    return numbers
+
+
+def checked(source: str, settings: Sequence[str]) -> tuple[Scene, DataSet]:
+    """Scene of which the exact motion can be computed, with settings applied, and a data set of it without data.
+
+    Raises:
+        InputError: The scene or a setting is unknown, or its exact motion cannot be computed.
+    """
+    scene, path = read_scene(source, tuple(settings)), find_scene(source)
+    refuse(build_case(scene), REFERENCE)
+    tables = read_toml(path)
+    apply_settings(tables, settings)
+    if file := look_up(tables, "drive.file"):
+        tables["drive"]["file"] = str((path.parent / file).resolve())
+    tables.pop(MEASURED, None)
+    return scene, DataSet(path.stem, source, json.dumps(tables), paths.shown(path))
+
+
+def scene_data(source: str, settings: Sequence[str] = (), file: Path | None = None) -> DataSet:
+    """Data set of a scene from its ``[[measured]]`` entries, or from one file, which needs no entry.
+
+    Args:
+        source: Name of the scene or path of its file.
+        settings: Settings applied to the scene.
+        file: Measured file that replaces those of the scene.
+
+    Raises:
+        InputError: There is no measured data, or the scene or its data have errors.
+    """
+    scene, bare = checked(source, settings)
+    entries, folder, named = entries_of(scene, file, bare.where)
+    simulation = exact(build_case(scene))
+    gauges, names = gauges_of(simulation.case.layout), [*simulation.values]
+    traces = {key: read_measured(entry, folder, gauges, named, key) for key, entry in entries.items() if entry.file}
+    numbers = tuple(
+        Datum(observable, value, abs(value) * share, divisor=f"{key}.{GAIN}" * observable.endswith("_N"))
+        for key, entry in entries.items()
+        for observable, (value, share) in read_quoted(entry, names, named, key).items()
+    )
+    step_s, duration_s = scene.run.sample_interval, scene.run.duration
+    files, triggers = channels_of(traces, duration_s, step_s), dict[str, float]()
+    for own in files:
+        given_s, key = own[0].trigger_s, own[0].file_key
+        triggers[key] = correlated(own, simulation.curves, step_s) if given_s is None else given_s
+        if given_s is not None:
+            must_overlap(own[0], given_s, duration_s)
+    channels = tuple(channel for key in traces for file in files for channel in file if channel.key == key)
+    return replace(bare, numbers=numbers, channels=channels, entries=entries, triggers=triggers)
+
+
+def gauge_parameters(data: DataSet, asked: Sequence[str]) -> list[Free]:
+    """Parameters of a data set's gauges: missing triggers, gains with an uncertainty, and requested ones.
+
+    Args:
+        data: Data set with its entries.
+        asked: Options such as ``measured.0.gain`` or ``measured.0.trigger=10 us..20 us``; without a number it is that
+            of all entries.
+
+    Raises:
+        InputError: An option names an unknown entry or key, or the trigger of an entry that shares another's.
+    """
+    channels = {each.key: each for each in data.channels}
+    known, missing = dict[str, Free](), set[str]()
+    for key, entry in data.entries.items():
+        channel, name = channels.get(key), f"{key}.{GAIN}"
+        if channel or any(number.divisor == name for number in data.numbers):
+            gain, unit = (channel.trace.gain, channel.trace.unit) if channel else (1.0, "N")
+            prior = entry.gain_uncertainty * abs(gain)
+            known[name] = Free(name, f"N/{unit}" if unit != "N" else "", gain, *around(gain), data.name, prior)
+        if channel and key in {each.file_key for each in data.channels}:
+            name = f"{key}.{TRIGGER}"
+            known[name] = Free(name, "s", data.triggers[key], *channel.window_s, data.name)
+            if channel.trigger_s is None:
+                missing.add(name)
+    options = dict[str, str]()
+    for text in asked:
+        key = text.partition("=")[0].strip()
+        named = [each for each in known if key in (each, re.sub(r"\.\d+", "", each))]
+        if not named:
+            raise unknown(data.where, "--free", key, known, ", ".join(known) or "none, since the data set has no gauge")
+        options |= dict.fromkeys(named, text)
+    asked_for = {key: free for key, free in known.items() if free.prior or key in missing or key in options}
+    return [stated(options.get(key, key), free, data.where) for key, free in asked_for.items()]
+
+
+def parameters_of(sets: Sequence[DataSet], free: Sequence[str], own: Sequence[str]) -> list[Free]:
+    """Free parameters of data sets.
+
+    A data set whose scene lacks the table of a key is without it, unless all are. Prior knowledge of the scene's own
+    value (``KEY=±ERROR``) belongs to each data set if these values differ.
+
+    Args:
+        sets: Measured data.
+        free: Options that name parameters shared by all data sets, and parameters of gauges.
+        own: Options that name parameters with a separate value for each data set.
+
+    Raises:
+        InputError: A scene lacks a parameter, or a parameter is named twice.
+    """
+    gauges = [text for text in free if text.startswith(MEASURED)]
+    parameters, scenes = list[Free](), {source.name: source.scene for source in sets}
+    for text in (text for text in free if text not in gauges):
+        key, _, rest = (part.strip() for part in text.partition("="))
+        values = {name: look_up(scene, key) for name, scene in scenes.items()}
+        having = [each for each in sets if look_up(scenes[each.name], key.rpartition(".")[0]) is not None] or [*sets]
+        unstated = (prior := PRIOR.fullmatch(rest)) and not prior["value"]
+        if unstated and len({values[source.name] for source in having}) > 1:
+            parameters += [free_parameter(text, scenes[each.name], each.where, each.name) for each in having]
+            continue
+        first = next((each for each in having if values[each.name] is not None), having[0])
+        without = tuple(each.name for each in sets if each not in having)
+        parameters.append(replace(free_parameter(text, scenes[first.name], first.where), without=without))
+    for source in sets:
+        texts = (*source.own, *own)
+        parameters += [free_parameter(text, scenes[source.name], source.where, source.name) for text in texts]
+        parameters += gauge_parameters(source, gauges)
+    numbers = [number for source in sets for number in source.numbers]
+    needed = {number.divisor for number in numbers} | {CUT for number in numbers if "_full_width" in number.name}
+    parameters += [parameter for parameter in of_readings() if parameter.key in needed - {*sets[0].fixed}]
+    names = [(parameter.key, parameter.own) for parameter in parameters]
+    for key, own_set in names:
+        if names.count((key, own_set)) > 1 or (own_set and (key, "") in names):
+            raise InputError(sets[0].where, f"--free {key}", "twice", "each parameter once")
+    return parameters
+
+
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Data sets and free parameters; ``data`` has the order of the rows of the residual."""
+    """Data sets and free parameters."""
 
     sets: tuple[DataSet, ...]
     free: tuple[Free, ...]
-    data: tuple[Datum, ...]
+
+    @cached_property
+    def data(self) -> list[Datum]:
+        """Numbers and traces of the data sets, then prior knowledge, in the order of the rows of the residual."""
+        counted = list[tuple[Datum, int]]()
+        for source in self.sets:
+            counted += [(replace(number, data_set=source.name), 1) for number in source.numbers]
+            for channel in source.channels:
+                datum = Datum(f"{channel.key} {channel.gauge}", data_set=source.name)
+                counted.append((datum, int(channel.counts.sum())))
+        counted += [(Datum(free.key, data_set=free.own), 1) for free in self.free if free.prior]
+        ends = accumulate(rows for _, rows in counted)
+        return [replace(datum, rows=range(end - rows, end)) for (datum, rows), end in zip(counted, ends, strict=True)]
 
     @property
     def start(self) -> Array:
@@ -50,6 +346,12 @@ class Problem:
     def rows(self) -> int:
         """Number of residuals."""
         return sum(len(datum.rows) for datum in self.data)
+
+    def without(self, datum: Datum) -> "Problem":
+        """The problem without one of its numbers."""
+        data, number = self.set_of(datum), replace(datum, data_set="", rows=range(0))
+        left = replace(data, numbers=tuple(each for each in data.numbers if each != number))
+        return replace(self, sets=tuple(left if each is data else each for each in self.sets))
 
     @property
     def searched(self) -> list[int]:
@@ -64,6 +366,10 @@ class Problem:
         """Values of the parameters of a data set, by key."""
         pairs = zip(self.free, place, strict=True)
         return {free.key: free.value(float(x)) for free, x in pairs if free.belongs_to(data.name)} | dict(data.fixed)
+
+    def motion(self, data: DataSet, place: Array) -> Simulation | None:
+        """Motion of a data set at given coordinates; None if there is none."""
+        return simulated(data, self.motion_values(data, place))
 
     def motion_values(self, data: DataSet, place: Array) -> Values:
         """Values of the parameters of a data set on which its motion depends."""
@@ -80,8 +386,11 @@ class Problem:
 
         The derivative of a number that is missing from the motion on one side is 0.
         """
-        here = self.raw_residual(place)
-        columns = [(self.raw_residual(other) - here) / step for other, step in stepped(place, moving)]
+        here, columns = self.raw_residual(place), list[Array]()
+        for index in range(len(place)) if moving is None else moving:
+            other = place.copy()
+            other[index] += STEP if place[index] + STEP <= 1 else -STEP
+            columns.append((self.raw_residual(other) - here) / (other[index] - place[index]))
         return np.asarray(np.nan_to_num(np.column_stack(columns), nan=0.0, posinf=0.0, neginf=0.0))
 
     def raw_residual(self, place: Array) -> Array:
@@ -95,13 +404,16 @@ class Problem:
         """Raw residual of a data set."""
         return _of_set(data, self.motion_values(data, place), tuple(self.own_values(data, place).items()))
 
+    def set_of(self, datum: Datum) -> DataSet:
+        """Data set of a number or trace."""
+        return next(data for data in self.sets if data.name == datum.data_set)
+
     def censored(self, datum: Datum, place: Array) -> bool:
         """True for a width of which the force is still above the cut when the wave reaches the wall."""
         gauge, width, _ = datum.name.partition("_full_width")
-        data = next(data for data in self.sets if data.name == datum.data_set) if width else self.sets[0]
-        simulation = simulated(data, self.motion_values(data, place)) if width else None
-        cut = self.own_values(data, place).get(CUT, DEFAULT_CUT)
-        return simulation is not None and is_censored(simulation, gauge, cut)
+        if not width or (simulation := self.motion(self.set_of(datum), place)) is None:
+            return False
+        return is_censored(simulation, gauge, self.own_values(self.set_of(datum), place).get(CUT, DEFAULT_CUT))
 
     def scanned(self, place: Array) -> Array:
         """``place`` with the best of ``SCANNED`` values of each parameter of the motion that one data set has alone."""
@@ -121,20 +433,13 @@ class Problem:
         """``place`` with the triggers of all data sets at the best correlation of motion and traces."""
         moved = place.copy()
         for data in self.sets:
-            simulation = simulated(data, self.motion_values(data, place)) if data.channels else None
+            simulation = self.motion(data, place) if data.channels else None
             for index, free in enumerate(self.free):
-                if simulation and free.own == data.name and free.key.endswith(f".{TRIGGER}"):
+                if simulation and free.own == data.name and free.is_trigger:
                     channels = [channel for channel in data.channels if f"{channel.file_key}.{TRIGGER}" == free.key]
-                    moved[index] = free.coordinate(correlated(channels, simulation.curves, data.step_s))
+                    step_s = float(simulation.trace.time_s[1])
+                    moved[index] = free.coordinate(correlated(channels, simulation.curves, step_s))
         return moved
-
-
-def stepped(place: Array, moving: Sequence[int] | None = None) -> Iterator[tuple[Array, float]]:
-    """Coordinates after a step of each coordinate, and the step."""
-    for index in range(len(place)) if moving is None else moving:
-        other = place.copy()
-        other[index] += STEP if place[index] + STEP <= 1 else -STEP
-        yield other, float(other[index] - place[index])
 
 
 def pose(sets: Sequence[DataSet], free: Sequence[str], own: Sequence[str] = ()) -> Problem:
@@ -150,38 +455,39 @@ def pose(sets: Sequence[DataSet], free: Sequence[str], own: Sequence[str] = ()) 
         RunError: The exact motion cannot be computed at the starting values.
     """
     parameters = parameters_of(sets, free, own)
-    begun, data = [_begun(source, parameters) for source in sets], list[tuple[Datum, int]]()
+    begun = tuple(_begun(source, parameters) for source in sets)
     for source in begun:
         simulation = simulated(source, ())
         if simulation is None:
             raise RunError(f"{source.where}: the exact motion cannot be computed at the starting values")
         for number in source.numbers:
             read(simulation, number.name, DEFAULT_CUT)  # an unknown observable is refused here
-            data.append((replace(number, data_set=source.name), 1))
-        for channel in source.channels:
-            data.append((Datum(f"{channel.key} {channel.gauge}", data_set=source.name), int(channel.counts.sum())))
-    data += [(Datum(parameter.key, data_set=parameter.own), 1) for parameter in parameters if parameter.prior]
-    ends = accumulate(rows for _, rows in data)
-    placed = [replace(datum, rows=range(end - rows, end)) for (datum, rows), end in zip(data, ends, strict=True)]
-    return Problem(tuple(begun), tuple(parameters), tuple(placed))
+    return Problem(begun, tuple(parameters))
 
 
 def _begun(data: DataSet, parameters: Sequence[Free]) -> DataSet:
-    """Data set whose tables have the starting values; refuses bounds such as a restitution of 2."""
+    """Data set whose tables have the starting values; its run is longer if a trigger has to be found.
+
+    Raises:
+        InputError: The scene cannot have a bound, such as a restitution of 2.
+    """
     moving = [free for free in parameters if free.belongs_to(data.name) and free.of_motion]
     for free in moving:
         for bound in (free.low, free.high):
-            make_scene(_changed(data.tables, [(free.key, bound)]), data.name, f"--free {free.key}")
-    return replace(data, tables=json.dumps(_changed(data.tables, [(free.key, free.start) for free in moving])))
+            make_scene(changed(data.tables, [(free.key, bound)]), data.name, f"--free {free.key}")
+    tables = changed(data.tables, [(free.key, free.start) for free in moving])
+    if any(free.own == data.name and free.is_trigger for free in parameters):
+        apply_settings(tables, [f"run.duration={LONGER * data.scene.run.duration!r} s"])
+    return replace(data, tables=json.dumps(tables))
 
 
-def _changed(tables: str, values: Iterable[tuple[str, float]]) -> dict[str, Any]:
+def changed(tables: str, values: Iterable[tuple[str, float]]) -> dict[str, Any]:
     """Tables of a scene with other values of some keys: text with the unit, or a plain number."""
-    changed: dict[str, Any] = json.loads(tables)
+    other: dict[str, Any] = json.loads(tables)
     for key, value in values:
         unit = unit_of(key)
-        set_value(changed, key, f"{value!r} {unit}" if unit else value, "--free")
-    return changed
+        set_value(other, key, f"{value!r} {unit}" if unit else value, "--free")
+    return other
 
 
 def exact_numbers(sets: Sequence[DataSet], data: DataSet) -> Iterator[Free]:
@@ -214,7 +520,7 @@ def simulated(data: DataSet, values: Values) -> Simulation | None:
 @lru_cache(maxsize=CACHE_SIZE)
 def _integrated(tables: str, where: str, values: Values) -> Simulation | None:
     try:
-        return exact(build_case(make_scene(_changed(tables, values), where, where)), TOLERANCE)
+        return exact(build_case(make_scene(changed(tables, values), where, where)), TOLERANCE)
     except (ArithmeticError, InputError):  # values that are allowed one by one may give an impossible chain
         return None
 

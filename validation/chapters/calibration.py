@@ -11,22 +11,21 @@ import pandas as pd
 from drivers.base import paths
 from drivers.base.terminal import following
 from drivers.base.tolerances import tolerance
+from drivers.laws import VISCOELASTIC
 from drivers.run.execute import Place, execute
 from postproc.draw.style import GREY, pyplot
 from postproc.paper import calibrated
-from validation.calibration.data import paper_data
 from validation.calibration.fit import DATA, LAWS, LOOKS, MAX_DEVIATION, PARAMETERS, Tables, rows_of, solve, value_text
-from validation.calibration.parameters import DEFAULT, calibration_file, law_of
-from validation.calibration.problem import pose
+from validation.calibration.parameters import CUT, DEFAULT, ELASTIC, calibration_file, law_of
+from validation.calibration.problem import paper_data, pose
 from validation.chapters import Options
 from validation.checks import FAIL, Check, judged, without_run
 from validation.report.parts import Chapter, Shown
 
 NAMES = {LAWS: "calibration", PARAMETERS: "calibration-parameters", DATA: "calibration-data"}  # of the files
 MIN_PROBABILITY = 0.05  # of chi-square; below it a law does not fit
-ELASTIC, DISSIPATIVE = "elastic", "viscoelastic"
 MODULUS, RESTITUTION = "materials.ptfe.youngs_modulus", "contact.restitution"
-GAUGES, SPEEDS, CUT = "sensor.time_constant", "reading.speed_scale", "reading.cut"
+GAUGES, SPEEDS = "sensor.time_constant", "reading.speed_scale"
 ELECTRONICS, ONE_MS = "electronics: RC about 1 ms", "electronics: RC 1 ms"
 NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 # words for numbers of the paper, by parts of their names
@@ -160,7 +159,7 @@ def _span(values: "pd.Series[float]", digits: int = 2) -> str:
 def cut_rows(tables: Tables) -> Iterator[tuple[str, ...]]:
     """Rows of the table of cuts: cut, chi-square, degrees of freedom, probability, restitution."""
     for cut, reading in [*((f"fixed at {cut}", f"cut: {cut}") for cut in CUTS), ("free", DEFAULT)]:
-        row, found = goodness_of(tables, DISSIPATIVE, reading), parameters_of(tables, DISSIPATIVE, reading)
+        row, found = goodness_of(tables, VISCOELASTIC, reading), parameters_of(tables, VISCOELASTIC, reading)
         named = f"{cut}: {value_text(found[CUT])}" if CUT in found else cut
         goodness = f"{row.chi_square:.1f}", f"{row.freedom}", f"{row.probability:.2g}"
         yield named, *goodness, value_text(found[RESTITUTION])
@@ -230,8 +229,8 @@ INTRODUCTION = (
 )
 CUT_TEXT = (
     "The paper does not state the share of the peak at which durations are read. Fits of the "
-    f"{DISSIPATIVE} law without electronics, with standard errors of the restitution; with cuts above 10 % the wall of "
-    "Fig. 5 shows no third maximum:"
+    f"{VISCOELASTIC} law without electronics, with standard errors of the restitution; with cuts above 10 % the wall "
+    "of Fig. 5 shows no third maximum:"
 )
 NUMBERS_TEXT = (
     "Fitted value, its deviation in standard errors, and in brackets chi-square of the fit without this number. "

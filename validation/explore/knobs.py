@@ -15,7 +15,7 @@ from drivers.scene.model import RIGID, Scene
 from drivers.scene.read_scene import library_materials
 from drivers.scene.rules import FORM_KEYS, LAW_KEYS, SHAPE_KEYS
 from drivers.scene.settings import look_up, setting_text, unit_of
-from validation.calibration.parameters import ELASTIC, Free, around, law_of, stated, unknown
+from validation.calibration.parameters import ELASTIC, GAIN, TRIGGER, Free, around, law_of, stated, unknown
 
 STRIKER, WALL, LAW, SENSORS = "striker", "wall.material", "contact.dissipation", "chain.sensors"
 NONE = "none"  # choice without the table
@@ -31,7 +31,6 @@ FROM_ZERO = {
     "sensor.time_constant": (5e-5, 0.1),  # from half the duration of a pulse to a value without visible effect
 }
 TABLES = ("striker", "chain", "materials", "contact", "gravity", "wall", "drive", "sensor", "tube", "run", "measured")
-GAIN, TRIGGER = "gain", "trigger"
 STEP, STEP_OF_PARTS = 0.002, 0.05  # of a place in a range
 PARTS = [digit * 10**power for power in range(9) for digit in (1, 2, 4, 5, 8)]  # of a sample interval
 GAIN_FACTOR = 2.0  # from the stated gain to both ends
@@ -155,7 +154,8 @@ def _number(scene: Scene, key: str, text: str) -> Knob:
     if key == "chain.count":  # beads with entries of their own stay
         least = max(least, 1.0, *scene.chain.sensor_at, *scene.chain.bead_at)
     low, high = around(value) if value else FROM_ZERO.get(key, (0.0, scene.run.duration if unit == "s" else 1.0))
-    free = stated(text, unit, scene.file, value, (max(low, least), min(high, most)), option="--knob")
+    usual = Free(key, unit, nan if value is None else value, max(low, least), min(high, most))
+    free = stated(text, usual, scene.file, "--knob")
     interval_s = scene.run.sample_interval if key == "run.time_step" else 0.0
     return Knob(key, setting_text(key, value), free, parts_of_s=interval_s)
 

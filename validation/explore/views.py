@@ -34,8 +34,9 @@ from validation.accuracy.costs import cost_on
 from validation.accuracy.plan import planned_case
 from validation.calibration.command import fit
 from validation.calibration.fit import Tables
+from validation.calibration.parameters import TRIGGER
 from validation.checks import short
-from validation.explore.knobs import TRIGGER, Knob, knobs_of
+from validation.explore.knobs import Knob, knobs_of
 
 AUTO = "auto"
 EXACT_S = 0.01  # longest expected time of an exact motion that follows a knob; longer ones are those of velocity Verlet

@@ -19,9 +19,8 @@ from drivers.chain.chain import arrays_of
 from drivers.engines import installed, installed_codes
 from drivers.run.run import run_case
 from drivers.run.run_folder import record_of
-from validation.calibration.data import paper_data
 from validation.calibration.fit import solve
-from validation.calibration.problem import pose
+from validation.calibration.problem import paper_data, pose
 from validation.reference.adaptive import MIN_TOLERANCE, integrate_adaptive
 from validation.reference.velocity_verlet import integrate_verlet
 from validation.tests.helpers.browser import browser

@@ -10,7 +10,7 @@ import pytest
 from scipy.interpolate import make_interp_spline
 
 from drivers.base.errors import InputError
-from postproc.read.alignment import AlignedGauge, align, check_length, noise_of
+from postproc.read.alignment import AlignedGauge, align, check_length, noise_of, rounding_of
 from postproc.read.measured import MeasuredTrace
 from postproc.read.misfit import gain_remark, misfits
 from postproc.read.motion import Simulation, case_of, exact
@@ -108,7 +108,9 @@ def test_readings_without_noise_give_the_observables_of_the_run(base: Simulation
     for gauge in gauges:
         assert np.abs(gauge.force_N - gauge.computed_N).max() < 2e-3 * gauge.computed_N.max()
         digits = np.round(gauge.trace.reading[gauge.gauge], 1)
-        assert noise_of(gauge.trace.time_s, digits)[0] >= 0.999 * 0.1 / 12**0.5, "the rounding at least"
+        assert noise_of(gauge.trace.time_s, digits, rounding_of(digits))[0] >= 0.999 * 0.1 / 12**0.5, (
+            "the rounding at least"
+        )
 
 
 def test_given_values_are_used(base: Simulation) -> None:
@@ -130,7 +132,7 @@ def test_readings_may_be_irregular_few_or_many(base: Simulation) -> None:
     random = np.random.default_rng(3)
     for times_s in (np.sort(random.uniform(0, end_s, 700)), np.arange(0, end_s, 8e-6), np.arange(0, 3 * end_s, 1e-8)):
         trace = measured(base, 0.02, times_s=times_s)
-        noise_N = noise_of(times_s, trace.reading["wall"])[0] * GAIN
+        noise_N = noise_of(times_s, trace.reading["wall"], 0.0)[0] * GAIN
         assert noise_N == pytest.approx(0.02 * base.values["wall_amplitude_N"], rel=0.4)
         gauges, rows = found_in(trace, base)
         for name in ("bead_9_amplitude_N", "bead_5_arrival_s", "wall_amplitude_N", "speed_9_to_5_m_s", "trigger_s"):
@@ -279,7 +281,7 @@ def test_runs_are_compared_with_files_and_with_the_scene_as_it_is_now(
     ("words", "message"),
     [
         (("fig4",), "fig4: measured: no measured data: add a [[measured]] table"),
-        (("fig4", "--measured", made_up_trace.FILE), "measured.gauges: found headings"),
+        (("fig4", "--measured", made_up_trace.FILE), "measured.0.gauges: found headings"),
         (("verlet:example-measured", "--set", "chain.count=9"), "not allowed for a finished run"),
     ],
 )

@@ -11,10 +11,9 @@ import pytest
 from drivers.base import paths
 from postproc.paper import calibrated
 from postproc.read.motion import Simulation, case_of, exact, full_width_s, is_censored, read, time_above
-from validation.calibration.data import paper_data
 from validation.calibration.fit import DATA, LAWS, PARAMETERS, Tables
 from validation.calibration.parameters import DEFAULT, calibration_file
-from validation.calibration.problem import pose
+from validation.calibration.problem import paper_data, pose
 from validation.chapters.calibration import (
     CUTS,
     ELECTRONICS,

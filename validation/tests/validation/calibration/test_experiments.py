@@ -9,12 +9,11 @@ import pytest
 from scipy.stats import norm
 
 from validation.calibration.command import Fitted, fit, problems_of, request_of
-from validation.calibration.data import checked, scene_data
 from validation.calibration.design import design
 from validation.calibration.fit import DECISIVE, Fit, rows_of, taken_as_exact
 from validation.calibration.fit import fit as least_squares
 from validation.calibration.predict import by_fits, chapter_of, predict, quantile
-from validation.calibration.problem import Problem, pose
+from validation.calibration.problem import Problem, checked, pose, scene_data
 from validation.tests.helpers.made_up_experiment import (
     LAWS,
     MODULUS,
@@ -51,7 +50,7 @@ def test_parameters_and_predictions_are_within_their_95_pct_as_often_as_they_say
     """Three laws, three noise levels; the predicted scene has another speed, length and other gauges."""
     inside = defaultdict[str, list[bool]](list)
     for law, (key, value, _) in LAWS.items():
-        true = {MODULUS: MODULUS_PA, key: value, "fig4: measured.trigger": TRIGGER_S}
+        true = {MODULUS: MODULUS_PA, key: value, "fig4: measured.0.trigger": TRIGGER_S}
         known = true_observables(law, "fig4", OTHER)
         for noise_N in NOISES_N:
             for seed in range(REPEATED):

@@ -16,7 +16,6 @@ from drivers.scene.read_scene import read_scene
 from postproc.read.motion import Simulation, case_of, exact
 from postproc.read.signals import sensor_signals
 from validation.calibration.command import lines
-from validation.calibration.data import DataSet, Datum, paper_data, scene_data
 from validation.calibration.fit import (
     DATA,
     PARAMETERS,
@@ -31,7 +30,17 @@ from validation.calibration.fit import (
     value_text,
 )
 from validation.calibration.parameters import free_parameter
-from validation.calibration.problem import MISSING_RESIDUAL, _integrated, _of_set, pose, simulated
+from validation.calibration.problem import (
+    MISSING_RESIDUAL,
+    DataSet,
+    Datum,
+    _integrated,
+    _of_set,
+    paper_data,
+    pose,
+    scene_data,
+    simulated,
+)
 from validation.tests.helpers.commands import assert_in_order, beads
 from validation.tests.helpers.scenes import SceneWriter
 
