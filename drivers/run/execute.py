@@ -1,9 +1,10 @@
 """The executor: all work in parallel, on threads, on worker processes of this machine, or on a Dask cluster.
 
-As a program it is a worker process, which does the work of another process until that closes their connection: ``python
--P -m drivers.run.execute FOLDER MODULE...``, with the connection as standard input. FOLDER is that of temporary files.
-The modules are loaded before the first work. The answer to a function with its argument is True and the result, or
-False and the error.
+As a program it is the process from which workers are forked, so that modules are loaded once: ``python -P -m
+drivers.run.execute FOLDER MODULE...``. FOLDER is that of temporary files. It loads the modules, and forks a worker for
+each connection that it gets on its standard input. A worker does the work of another process until that closes their
+connection: it sends the number of its process, then for each function with its argument True and the result, or False
+and the error.
 """
 
 import atexit
@@ -20,7 +21,9 @@ from functools import partial
 from importlib import import_module
 from math import inf
 from multiprocessing.connection import Connection, Pipe
+from multiprocessing.reduction import recv_handle, send_handle
 from pathlib import Path
+from threading import RLock
 from typing import Any, TypeVar
 
 from drivers.base.errors import InputError, RunError
@@ -36,17 +39,20 @@ LIBRARIES = ("numba", "scipy.interpolate", "scipy.signal")  # which workers load
 
 
 class Worker:
-    """Worker process, in a session of its own, which the signals of a terminal do not reach.
+    """Worker process, which ends at ``end`` or with this process, however that ends.
 
-    It begins with loading ``modules``, and ends at ``end`` or with this process, however that ends.
+    It is in the session of the process from which it is forked, which the signals of a terminal do not reach.
     """
 
-    def __init__(self, *modules: str) -> None:
-        ours, theirs = Pipe()
-        command = (sys.executable, "-P", "-m", __name__, tempfile.gettempdir(), *modules, *LIBRARIES)
-        with theirs:
-            self._launched: Launched = start(command, Path.cwd(), {**os.environ}, stdin=theirs.fileno())
-        self._pipe: Connection = ours
+    def __init__(self) -> None:
+        self._process: int | None = None
+        self._pipe, theirs = Pipe()
+        with theirs, _starting:
+            try:
+                send_handle(get_ready(), theirs.fileno(), None)
+            except OSError:  # the process that forks was killed, and with it all workers
+                _dismiss()
+                send_handle(get_ready(), theirs.fileno(), None)
 
     def answer(self, work: Callable[[Any], Any], item: Any) -> tuple[bool, Any]:
         """True and the result of a function of an item, or False and its error.
@@ -55,18 +61,42 @@ class Worker:
             EOFError, ConnectionError: the process was killed.
             KeyboardInterrupt: all work is being stopped.
         """
+        if self._process is None:
+            self._process = self._received()
         self._pipe.send((work, item))
-        waited(self._pipe.poll, inf)
-        succeeded, result = self._pipe.recv()
+        succeeded, result = self._received()
         return succeeded, result
 
+    def _received(self) -> Any:
+        waited(self._pipe.poll, inf)
+        return self._pipe.recv()
+
     def end(self) -> None:
-        """End the process, whatever it does."""
-        end(*self._launched)
+        """End the process, whatever it does. It stays a zombie, so that no other process has its number."""
         self._pipe.close()
+        if self._process is not None:
+            with suppress(ProcessLookupError):
+                os.kill(self._process, signal.SIGKILL)
 
 
+_forking: list[tuple[Launched, Connection]] = []  # the process from which workers are forked; one or none
+_starting = RLock()
 _idle: list[Worker] = []
+
+
+def get_ready(*functions: Callable[..., Any]) -> Connection:
+    """Connection to the process from which workers are forked.
+
+    The first call starts it, in a session of its own. It loads the modules of functions, which nobody waits for.
+    """
+    with _starting:
+        if not _forking:
+            ours, theirs = Pipe()
+            modules = (*(function.__module__ for function in functions), *LIBRARIES)
+            command = (sys.executable, "-P", "-m", __name__, tempfile.gettempdir(), *modules)
+            with theirs:
+                _forking.append((start(command, Path.cwd(), {**os.environ}, stdin=theirs.fileno()), ours))
+        return _forking[0][1]
 
 
 @dataclass(frozen=True)
@@ -126,34 +156,24 @@ def _threads(place: Place) -> Iterator[Executor]:
             with all_stopped() if place.processes or isinstance(error, KeyboardInterrupt) else nullcontext():
                 pool.shutdown(cancel_futures=True)
             if place.processes:
-                remove_abandoned(Path(tempfile.gettempdir()))  # places of the workers
+                _dismiss()
             raise
-
-
-def get_ready(workers: int, *functions: Callable[..., Any]) -> None:
-    """Start worker processes, which load the modules of functions, without waiting for them."""
-    _idle.extend(Worker(*(function.__module__ for function in functions)) for _ in range(workers - len(_idle)))
-
-
-def idle_worker() -> Worker:
-    """A worker process that waits for work, or a new one; ``end`` ends it."""
-    try:
-        return _idle.pop()
-    except IndexError:
-        return Worker()
 
 
 def _in_worker(work: Callable[[Any], Any], item: Any) -> Any:
     """Result of an item by a worker process, by another one if that is killed."""
     for _ in range(1 + RETRIES):
-        worker = idle_worker()
+        try:
+            worker = _idle.pop()
+        except IndexError:
+            worker = Worker()
         try:
             succeeded, result = worker.answer(work, item)
-        except BaseException as error:
-            worker.end()
-            if not isinstance(error, (EOFError, ConnectionError)):
-                raise
+        except (EOFError, ConnectionError):
             continue
+        except BaseException:
+            worker.end()
+            raise
         _idle.append(worker)
         if not succeeded:
             raise result
@@ -163,10 +183,12 @@ def _in_worker(work: Callable[[Any], Any], item: Any) -> Any:
 
 @atexit.register
 def _dismiss() -> None:
-    """End the workers, with the servers that they have started and their places."""
-    for worker in _idle:
-        worker.end()
-    if _idle:
+    """End all workers, with the servers that they have started and their places."""
+    _idle.clear()
+    while _forking:
+        launched, pipe = _forking.pop()
+        pipe.close()
+        end(*launched)
         remove_abandoned(Path(tempfile.gettempdir()))
 
 
@@ -215,20 +237,31 @@ def _on_dask(place: Place) -> Iterator[Executor]:
 
 
 def main() -> None:
-    """Work for another process."""
+    """Fork workers, and work for another process as one of them."""
     tempfile.tempdir = sys.argv[1]  # else it would be tried with a file, which a kill would leave there
     for module in sys.argv[2:]:
         import_module(module)
-    pipe = Connection(sys.stdin.fileno())
+    forking = Connection(sys.stdin.fileno())
     with suppress(EOFError):
         while True:
-            work, item = pipe.recv()
-            try:
-                answer = True, work(item)
-            except Exception as error:
-                error.add_note(traceback.format_exc())  # which is lost on the way
-                answer = False, error
-            pipe.send(answer)
+            pipe = Connection(recv_handle(forking))
+            if not os.fork():
+                forking.close()
+                _work(pipe)
+            pipe.close()
+
+
+def _work(pipe: Connection) -> None:
+    """Work for the process at the other end of a connection until that closes it."""
+    pipe.send(os.getpid())
+    while True:
+        work, item = pipe.recv()
+        try:
+            answer = True, work(item)
+        except Exception as error:
+            error.add_note(traceback.format_exc())  # which is lost on the way
+            answer = False, error
+        pipe.send(answer)
 
 
 if __name__ == "__main__":

@@ -81,7 +81,7 @@ def batch(
     if dask:
         check_dask(dask)
     elif not (slurm or dry_run):
-        get_ready(place.workers, run_rows, asked.plan, asked.observe)
+        get_ready(run_rows, asked.plan, asked.observe)
     if study.count > MAX_CASES and not yes:
         raise InputError(study.where, "axis", f"{study.count:,} cases", f"at most {MAX_CASES:,}, or --yes")
     sample = asked.check_sample()  # the other cases are planned and refused when they run

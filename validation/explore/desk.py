@@ -10,8 +10,7 @@ from threading import Lock
 from typing import Any
 
 from drivers.base.errors import RunError
-from drivers.run.execute import Worker, get_ready, idle_worker
-from validation.explore.views import view_of
+from drivers.run.execute import Worker
 
 PATIENCE_S = 1.0  # a wish that has taken longer is ended for a newer one
 ENDED = RunError("the computation was ended")
@@ -66,12 +65,11 @@ class Desk:
     def _do(self, work: Callable[[Any], Any], item: Any, then: Callable[[Any], None] | None) -> Any:
         """Result of a function of an item, or its error; by a new process if others have ended that of the desk."""
         result: Any = ENDED
-        for begin in (idle_worker, Worker):
+        for _ in range(2):
             with self._lock:
                 if self._closed:
                     return ENDED
-                worker = self._worker = self._worker or begin()
-            get_ready(1, view_of)  # for the next page
+                worker = self._worker = self._worker or Worker()
             try:
                 _, result = worker.answer(work, item)
                 break

@@ -69,7 +69,7 @@ def serve(question: Question, ranges: tuple[str, ...], runs: Path, results: Path
         InputError: The scene, a setting or a knob is wrong.
     """
     knobs_of(build_case(read_scene(question.scene, question.settings)), ranges)
-    get_ready(1, view_of)
+    get_ready(view_of)
     for name in ("bokeh", "tornado"):
         logging.getLogger(name).setLevel(logging.ERROR)
     pages: dict[str, Page] = {}

@@ -16,7 +16,6 @@ from drivers.base import decks as deck
 from drivers.base import paths, terminal
 from drivers.base.errors import InputError
 from drivers.base.files import whole_file
-from drivers.base.processes import cores
 from drivers.base.terminal import say
 from drivers.chain.case import build_case
 from drivers.engines import in_order, load_engine
@@ -94,7 +93,7 @@ def report(
     sharing = [name for name in to_come if name in captions() or name in SHARING]
     groups = [*filter(None, [sharing]), *([name] for name in to_come if name not in sharing)]
     if place.processes:
-        get_ready(min(cores(), len(groups)), make_parts)
+        get_ready(make_parts)
     failed = False
     with terminal.counted("scenes on all engines, compared"):
         compared = [*run_and_compare_all(sources or PAPER, runs=folder, asked=asked)]
