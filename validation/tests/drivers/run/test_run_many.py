@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 
 from drivers.base.errors import RunError
@@ -191,6 +192,24 @@ def test_an_item_whose_worker_is_killed_is_begun_again(tmp_path: Path, monkeypat
         [*execute(exec, ["import time; time.sleep(60)", "1 / 0"], replace(place, workers=2))]
     assert time.monotonic() < began + 50
     assert [*execute(exec, ["import tempfile; assert tempfile.tempdir"], place)]  # not tried with a file
+
+
+def _relatives(seconds: float) -> tuple[int, int]:
+    """Numbers of the parent and of the process."""
+    time.sleep(seconds)
+    return os.getppid(), os.getpid()
+
+
+def test_workers_are_forked_from_one_process_that_may_be_killed() -> None:
+    place = Place(2, processes=True)
+    (parent, one), (same, other) = (numbers for _, numbers in execute(_relatives, [0.5, 0.5], place))
+    assert parent == same != os.getpid()
+    assert one != other
+    os.kill(parent, signal.SIGKILL)
+    while any(map(psutil.pid_exists, (parent, one, other))):  # workers end with it
+        time.sleep(0.01)
+    (_, (another, _)) = next(execute(_relatives, [0.0], place))
+    assert another != parent
 
 
 def test_a_process_that_ends_leaves_no_places(scene_file: SceneWriter, tmp_path: Path) -> None:
