@@ -242,7 +242,7 @@ def main() -> None:
     for module in sys.argv[2:]:
         import_module(module)
     forking = Connection(sys.stdin.fileno())
-    with suppress(EOFError):
+    with suppress(EOFError, ConnectionError):  # by the other process
         while True:
             pipe = Connection(recv_handle(forking))
             if not os.fork():
