@@ -20,7 +20,7 @@ from drivers.chain.trace import digest_of
 from drivers.engines import REFERENCE, VERLET
 from drivers.run import compute as computing
 from drivers.run.compute import compute
-from drivers.run.execute import Place, Worker, execute
+from drivers.run.execute import Place, execute
 from drivers.run.run import run_case, run_many
 from drivers.run.run_folder import open_run
 from validation.tests.helpers.commands import BEADS
@@ -200,9 +200,8 @@ def _relatives(seconds: float) -> tuple[int, int]:
     return os.getppid(), os.getpid()
 
 
-def test_workers_are_forked_from_one_process_that_may_be_killed(capfd: pytest.CaptureFixture[str]) -> None:
+def test_workers_are_forked_from_one_process_that_may_be_killed() -> None:
     place = Place(2, processes=True)
-    Worker().end()  # before it has begun
     (parent, one), (same, other) = (numbers for _, numbers in execute(_relatives, [0.5, 0.5], place))
     assert parent == same != os.getpid()
     assert one != other
@@ -211,7 +210,19 @@ def test_workers_are_forked_from_one_process_that_may_be_killed(capfd: pytest.Ca
         time.sleep(0.01)
     (_, (another, _)) = next(execute(_relatives, [0.0], place))
     assert another != parent
-    assert capfd.readouterr().err == ""
+
+
+def test_a_worker_ends_at_once_and_says_nothing() -> None:
+    script = (
+        "import time; from drivers.run.execute import Worker; from threading import Timer\n"
+        "Worker().end()  # before it has begun\n"
+        "worker = Worker(); assert worker.answer(abs, -1) == (True, 1)\n"
+        "Timer(0.5, worker.end).start(); began = time.monotonic()\n"
+        "try: worker.answer(time.sleep, 60)\n"
+        "except (EOFError, OSError): print(time.monotonic() - began < 30)"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, check=False, timeout=60)
+    assert (done.stdout, done.stderr) == (b"True\n", b"")
 
 
 def test_a_process_that_ends_leaves_no_places(scene_file: SceneWriter, tmp_path: Path) -> None:
