@@ -214,15 +214,16 @@ def test_workers_are_forked_from_one_process_that_may_be_killed() -> None:
 
 def test_a_worker_ends_at_once_and_says_nothing() -> None:
     script = (
-        "import time; from drivers.run.execute import Worker; from threading import Timer\n"
+        "import psutil, time; from drivers.run.execute import Worker; from threading import Timer\n"
         "Worker().end()  # before it has begun\n"
         "worker = Worker(); assert worker.answer(abs, -1) == (True, 1)\n"
         "Timer(0.5, worker.end).start(); began = time.monotonic()\n"
         "try: worker.answer(time.sleep, 60)\n"
-        "except (EOFError, OSError): print(time.monotonic() - began < 30)"
+        "except (EOFError, OSError): print(time.monotonic() - began < 30)\n"
+        "time.sleep(0.5); print(psutil.Process(worker._process).status())"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, check=False, timeout=60)
-    assert (done.stdout, done.stderr) == (b"True\n", b"")
+    assert (done.stdout, done.stderr) == (b"True\nzombie\n", b"")
 
 
 def test_a_process_that_ends_leaves_no_places(scene_file: SceneWriter, tmp_path: Path) -> None:
