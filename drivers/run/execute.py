@@ -241,7 +241,8 @@ def main() -> None:
     tempfile.tempdir = sys.argv[1]  # else it would be tried with a file, which a kill would leave there
     for module in sys.argv[2:]:
         import_module(module)
-    forking = Connection(sys.stdin.fileno())
+    forking = Connection(os.dup(sys.stdin.fileno()))
+    os.dup2(os.open(os.devnull, os.O_RDONLY), sys.stdin.fileno())  # else workers would open files in its place
     with suppress(EOFError, ConnectionError):  # by the other process
         while True:
             pipe = Connection(recv_handle(forking))
