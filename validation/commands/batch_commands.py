@@ -77,13 +77,13 @@ def batch(
             return _print_states(asked, store, rows_of(asked, store, asked.numbers))
     if slurm and not dry_run and shutil.which("sbatch") is None:
         raise InputError("--slurm", "", "sbatch not found; run this on a machine that submits to Slurm")
+    if study.count > MAX_CASES and not yes:
+        raise InputError(study.where, "axis", f"{study.count:,} cases", f"at most {MAX_CASES:,}, or --yes")
     place = Place(workers or cores(), processes=not dask, dask=dask)
     if dask:
         check_dask(dask)
     elif not (slurm or dry_run):
         get_ready(run_rows, asked.plan, asked.observe)
-    if study.count > MAX_CASES and not yes:
-        raise InputError(study.where, "axis", f"{study.count:,} cases", f"at most {MAX_CASES:,}, or --yes")
     sample = asked.check_sample()  # the other cases are planned and refused when they run
     _print_absences(asked)
     with Store(asked.runs) as store:
