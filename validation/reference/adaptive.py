@@ -18,6 +18,7 @@ from validation.reference.hertz_chain import (
     COLUMNS,
     ENERGY_SHARE,
     EXPONENT,
+    LEAST_WINDOWED,
     SAME_TIME,
     Array,
     Drive,
@@ -40,6 +41,7 @@ LEAST_LOCAL = 6e-15  # elsewhere, more than at the tightest tolerance, so that a
 FIRST_STEP = 1e-3  # share of the time scale
 PROBE = 1e-5  # tolerance for which two rough motions are cheap, and fine enough to tell how errors grow
 ROUGH = 10.0  # local tolerance of the first, divided by this tolerance
+ROUGH_WINDOWED = 1e-8  # that of the first in a window, which errors of looser ones widen
 FINER = 0.01  # local tolerance of the second, divided by that of the first
 LINEAR = 0.01  # larger differences of the two say nothing on smaller errors
 PROBED_SAMPLES = 100
@@ -49,7 +51,6 @@ ORDER = 0.75
 AIM = 0.15  # of the tolerance, for an error that is larger than expected in one scene of a hundred
 LEAST_FREE = 1e-10  # local tolerance below which located events cost less than short steps
 LEAST_SYMPLECTIC = 1e-6  # tolerance from which on the symplectic method costs less
-MAX_SYMPLECTIC = 64  # bodies; longer chains have windows
 LONGEST_STEP = 0.15  # of the symplectic method, in units of the time in which the scale of overlap is passed
 MOST_STEPS = 8  # divided by those of the longest step
 SAME_INTERVAL = 1e-9  # of the duration
@@ -87,21 +88,24 @@ def integrate_adaptive(
     if not MIN_TOLERANCE <= tolerance < 1:
         raise ValueError(f"tolerance: {tolerance:g}, expected from {MIN_TOLERANCE:g} to below 1")
     stop = np.zeros(1, bool) if stop is None else stop
-    integrate = partial(_states, chain, stop=stop)
+    magnitudes = scales(chain, float(time_s[-1]))
+    integrate = partial(_states, chain, magnitudes, stop=stop)
     if tolerance < ROUNDED_TOLERANCE:
         states = integrate(time_s, ROUNDED_SHARE * tolerance, located=True, energies=energies)
         return _motion(chain, time_s, states, energies=energies)
     if tolerance >= LEAST_SYMPLECTIC and not energies:
-        motion = _symplectic_motion(chain, time_s, tolerance, stop)
+        motion = _symplectic_motion(chain, time_s, tolerance, magnitudes, stop)
         if motion is not None:
             return motion
     every = max(time_s.size // PROBED_SAMPLES, 1)
-    few, local, probed, error = time_s[::every].copy(), ROUGH * max(tolerance, PROBE), 0.0, 1.0
-    forces_N = _columns(chain, few, integrate(few, local))[0]
+    windowed = chain.mass_kg.size >= LEAST_WINDOWED and not columns_of_sums(chain, energies=energies)
+    few, probed, error = time_s[::every].copy(), 0.0, 1.0
+    local = min(ROUGH * max(tolerance, PROBE), ROUGH_WINDOWED if windowed else 1.0)
+    forces_N = _forces(chain, integrate(few, local))
     while error > LINEAR and local > LEAST_FREE:
         probed, local, rough_N = local, FINER * local, forces_N
         states = integrate(time_s, local, energies=energies) if tolerance >= PROBE else integrate(few, local)
-        forces_N = _columns(chain, few, states[::every] if tolerance >= PROBE else states)[0]
+        forces_N = _forces(chain, states[::every] if tolerance >= PROBE else states)
         error = float(np.abs(forces_N - rough_N).max() / (np.abs(forces_N).max() or 1.0))
     if tolerance < PROBE or error * FINER**ORDER > 2 * AIM * tolerance:
         less = min(AIM * tolerance / error, 1.0) if error else 1.0
@@ -113,7 +117,9 @@ def integrate_adaptive(
     return _motion(chain, time_s, states, energies=energies)
 
 
-def _symplectic_motion(chain: HertzChain, time_s: Array, tolerance: float, stop: Flag) -> Motion | None:
+def _symplectic_motion(
+    chain: HertzChain, time_s: Array, tolerance: float, magnitudes: tuple[float, float], stop: Flag
+) -> Motion | None:
     """Motion by the symplectic method, at steps that are halved until forces change little enough.
 
     Half the step takes off at least half the error, also where contacts open and close; mostly 3/4 to 15/16.
@@ -123,55 +129,53 @@ def _symplectic_motion(chain: HertzChain, time_s: Array, tolerance: float, stop:
     from validation.reference.symplectic import integrate_symplectic
 
     n, samples, duration_s = chain.mass_kg.size, time_s.size, float(time_s[-1])
-    if not chain.elastic or chain.drive is not None or n > MAX_SYMPLECTIC or samples < 2:
+    if not chain.elastic or chain.drive is not None or n >= LEAST_WINDOWED or samples < 2:
         return None
     if np.ptp(np.diff(time_s)) > SAME_INTERVAL * duration_s:
         return None
-    overlap, speed = scales(chain, duration_s)
-    interval_s, longest_s = duration_s / (samples - 1), LONGEST_STEP * overlap / speed
+    interval_s, longest_s = duration_s / (samples - 1), LONGEST_STEP * magnitudes[0] / magnitudes[1]
     # samples per step and steps per sample, one of which is 1
     every, steps = 2 ** max(floor(log2(longest_s / interval_s)), 0), ceil(interval_s / longest_s)
     rough, most = 1, MOST_STEPS * steps
     rough_N = np.full((1, n), np.inf)
     while steps <= most and not stop[0]:
         taken = (samples - 1) // every + 1
-        motion = integrate_symplectic(chain, every * interval_s / steps, steps, taken, stop)
-        change_N = np.abs(motion.force_N[::rough][: len(rough_N)] - rough_N).max()
-        if every == 1 and not stop[0] and change_N <= tolerance * motion.force_N.max():
-            return motion
-        rough_N, rough = motion.force_N, min(every, 2)
+        overlap, velocity = integrate_symplectic(chain, every * interval_s / steps, steps, taken, stop)
+        force_N = hertz_force(chain.stiffness, overlap)
+        change_N = np.abs(force_N[::rough][: len(rough_N)] - rough_N).max()
+        if every == 1 and not stop[0] and change_N <= tolerance * force_N.max():
+            return Motion(force_N, displacements(chain, overlap), velocity)
+        rough_N, rough = force_N, min(every, 2)
         every, steps = max(every // 2, 1), steps if every > 1 else 2 * steps
     return None
 
 
-def _columns(chain: HertzChain, time_s: Array, states: Array) -> tuple[Array, Array, Array]:
-    """Forces, displacements and velocities of states."""
+def _forces(chain: HertzChain, states: Array) -> Array:
     n = chain.mass_kg.size
-    overlap, velocity = (np.ascontiguousarray(states[:, place : place + n]) for place in (0, n))
-    if chain.drive is not None and chain.drive.prescribed:
-        velocity[:, chain.drive.body] = chain.drive.at(time_s)[1]  # after a kink
-    return contact_force(chain, overlap, velocity), displacements(chain, overlap), velocity
+    return contact_force(chain, states[:, :n], states[:, n : 2 * n])
 
 
 def _motion(chain: HertzChain, time_s: Array, states: Array, *, energies: bool) -> Motion:
-    n = chain.mass_kg.size
-    sums = states[:, 2 * n :]
+    n, drive = chain.mass_kg.size, chain.drive
+    overlap, velocity, sums = states[:, :n], states[:, n : 2 * n].copy(), states[:, 2 * n :]
+    if drive is not None and drive.prescribed:
+        velocity[:, drive.body] = drive.at(time_s)[1]  # after a kink
     if energies:  # of the work (F - F(0)) d' the rest is elastic
-        change = states[:, :n] - chain.overlap_m
-        stored = hertz_energy_beyond_tangent(chain.stiffness, chain.overlap_m, change)
+        stored = hertz_energy_beyond_tangent(chain.stiffness, chain.overlap_m, overlap - chain.overlap_m)
         sums[:, 2 : 2 + n] = 0.0 if chain.elastic else sums[:, 2 : 2 + n] - stored
-    return motion_with(chain, time_s, _columns(chain, time_s, states), sums)
+    columns = contact_force(chain, overlap, velocity), displacements(chain, overlap), velocity
+    return motion_with(chain, time_s, columns, sums)
 
 
 def _states(
-    chain: HertzChain, time_s: Array, local: float, *, located: bool = False, stop: Flag, energies: bool = False
-) -> Array:
+    chain: HertzChain, magnitudes: tuple[float, float], time_s: Array, local: float, *, located: bool = False,
+    stop: Flag, energies: bool = False,
+) -> Array:  # fmt: skip
     """States as ``fill_states`` fills them, at a local tolerance.
 
     Raises:
         ArithmeticError: the step size becomes too small.
     """
-    magnitudes = scales(chain, float(time_s[-1]))
     sums = np.zeros(columns_of_sums(chain, energies=energies))
     states = np.empty((time_s.size, 2 * chain.mass_kg.size + sums.size))
     states[0] = np.concatenate([chain.overlap_m, chain.velocity_m_s, sums])

@@ -35,7 +35,7 @@ from validation.reference.dop853 import (
     step_factor,
     stretch_at,
 )
-from validation.reference.hertz_chain import EXPONENT, Array, Flag
+from validation.reference.hertz_chain import EXPONENT, LEAST_WINDOWED, Array, Flag
 from validation.reference.power_law_events import first_grips, first_power_event, passing
 
 DENSE_LIMIT = 1e-9  # local tolerance; below it damped forces rise too steeply to interpolate samples
@@ -47,7 +47,7 @@ MAX_TRIES = 12  # iterations of Newton's method for the time of an event
 TRIES_ON_POLYNOMIAL = 4  # for the first estimate of this time
 MAX_TRIES_BETWEEN = 60  # iterations with bisection as fallback
 MAX_REJECTED = 200  # consecutive steps
-LEAST_WINDOWED = 64  # bodies; in shorter chains a window gains little
+GROWTH = 3.0  # largest, of the step
 MARGIN = 8  # bodies that move uniformly at each edge of the window
 SETTLED = 32  # steps after which the window may shrink
 QUIET = 1e-3  # share of the local tolerance: smaller changes of velocity, in units of its scale, are none
@@ -94,7 +94,7 @@ def fill_states(
     """
     total, size = chain.shape[1] - 1, samples.shape[1]
     rows, bodies, outside = np.zeros((STATES, size)), chain.copy(), np.zeros((OUTSIDE, total))
-    windows = total >= LEAST_WINDOWED and size == 2 * total and not law.driven
+    windows = total >= LEAST_WINDOWED and size == 2 * total
     low, n, alarm, settled, quiet = 0, total, np.inf, 0, QUIET * tolerance
     least, most = low, n  # of the next window
     near = scales[0] * max(EVENT_OVERLAP, NEAR * tolerance ** (1.0 / EXPONENT))
@@ -162,7 +162,7 @@ def fill_states(
         e = error(rows, n, size, begin + length, length, stretch, scales, tolerance, bodies, drive, law)
         if not e <= 1.0:
             rejected += 1
-            h *= step_factor(e)
+            h *= step_factor(e, 1.0)
             continue
         if n < total:
             if _moves(rows, STOP, n, 0, bodies, scales, quiet):
@@ -172,6 +172,7 @@ def fill_states(
             if least < low or most > low + n:
                 continue
 
+        most_growth = 1.0 if rejected else GROWTH
         rejected, settled = 0 if target > elapsed else rejected + 1, settled + 1
         if (times[sample] - since) - rest <= target and dense_enough:
             prepare_dense(rows, n, size, begin, length, stretch, bodies, drive, law)
@@ -205,7 +206,7 @@ def fill_states(
             drive[LAST] = since + rest
             s, h = 0.0, _root(target - elapsed, power) if target > elapsed else h
         else:
-            s, h = s_end, length * step_factor(e)
+            s, h = s_end, length * step_factor(e, most_growth)
         last = event
         for row in range(STOP - START):
             for i in range(size):

@@ -14,6 +14,7 @@ VISCOELASTIC_POWER = 1 / 4  # exponent of the overlap in the viscoelastic dampin
 ENERGY_SHARE = 1 / (1 + EXPONENT)  # elastic energy divided by force times overlap
 SINES = (3, 7, 11)  # columns of A in a segment; phi, omega and beta follow each
 COLUMNS = 15  # of a segment: t_i, c0, c1, three sines
+LEAST_WINDOWED = 64  # bodies; in shorter chains a window of moving bodies gains little
 SAME_TIME = 1 + 1e-12  # a time that equals the beginning of a segment up to rounding belongs to this segment
 
 
@@ -308,7 +309,9 @@ def loads_N(constant_N: Array, drive: Drive | None, time_s: Array) -> Array:
 def hertz_force(stiffness: Array, overlap_m: Array) -> Array:
     """``F = k overlap^(3/2)`` for positive overlaps, else 0."""
     closed = np.maximum(overlap_m, 0.0)
-    return np.asarray(stiffness * closed * np.sqrt(closed))
+    force = np.asarray(stiffness * closed)
+    force *= np.sqrt(closed)  # in place: a new array of a long chain costs more than the product
+    return force
 
 
 def dissipative_force(
@@ -401,4 +404,5 @@ def motion_with(chain: HertzChain, time_s: Array, columns: tuple[Array, Array, A
 
 def displacements(chain: HertzChain, overlap_m: Array) -> Array:
     """Displacements since time 0 from overlaps, shape (samples, bodies): ``overlap_j = start_j + u_{j-1} - u_j``."""
-    return np.asarray(-np.cumsum(overlap_m - chain.overlap_m, axis=-1))
+    changes = np.asarray(chain.overlap_m - overlap_m)
+    return np.cumsum(changes, axis=-1, out=changes)

@@ -18,7 +18,7 @@ from numba import config
 from drivers.chain.schemes import endable
 from validation.reference import contact_kernels
 from validation.reference.adaptive import integrate_adaptive
-from validation.reference.hertz_chain import HertzChain, Motion
+from validation.reference.hertz_chain import HertzChain
 from validation.reference.symplectic import integrate_symplectic
 from validation.reference.velocity_verlet import integrate_verlet
 
@@ -106,7 +106,7 @@ def test_setup_compiles_every_kernel_of_the_commands(tmp_path: Path) -> None:
         pytest.param(lambda chain: integrate_symplectic(chain, 1e-3, 1000, 41), id="symplectic"),
     ],
 )
-def test_a_signal_in_compiled_code_keeps_its_exception(integrate: Callable[[HertzChain], Motion]) -> None:
+def test_a_signal_in_compiled_code_keeps_its_exception(integrate: Callable[[HertzChain], object]) -> None:
     """A SystemError in its place would be charged to the case that a cancelled job was computing."""
     one = np.ones(100)
     chain = HertzChain(one, one, 0 * one, -np.eye(100)[-1], 0 * one)
