@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from validation.reference.contact_kernels import elastic_force, power_force, root_raised, segment_value
+from validation.reference.contact_kernels import damped_force, elastic_force, power_force, root_raised, segment_value
 from validation.reference.hertz_chain import COLUMNS, VISCOELASTIC_POWER, Array
 
 STAGES = 12
@@ -179,13 +179,13 @@ def slope(rows: Array, row: int, result: int, n: int, size: int, stretch: float,
     if law.law == ELASTIC:
         for j in range(n):
             bodies[FORCE, j] = elastic_force(bodies[STIFFNESS, j], max(rows[row, j], 0.0))
+    elif law.law == DAMPED and law.exponent == VISCOELASTIC_POWER:
+        for j in range(n):
+            stiffness, damping, overlap = bodies[STIFFNESS, j], bodies[DAMPING, j], max(rows[row, j], 0.0)
+            bodies[FORCE, j] = damped_force(stiffness, damping, VISCOELASTIC_POWER, overlap, rows[result, j])
     elif law.law == DAMPED:
-        if law.exponent == VISCOELASTIC_POWER:  # a loop of its own, without calls
-            for j in range(n):
-                bodies[FORCE, j] = sqrt(sqrt(max(rows[row, j], 0.0)))
-        else:
-            for j in range(n):
-                bodies[FORCE, j] = root_raised(sqrt(max(rows[row, j], 0.0)), law.exponent)
+        for j in range(n):  # a loop of its own, so that the other one compiles to vector instructions
+            bodies[FORCE, j] = root_raised(sqrt(max(rows[row, j], 0.0)), law.exponent)
         for j in range(n):
             elastic = elastic_force(bodies[STIFFNESS, j], max(rows[row, j], 0.0))
             bodies[FORCE, j] = max(elastic + bodies[DAMPING, j] * bodies[FORCE, j] * rows[result, j], 0.0)

@@ -324,7 +324,8 @@ def dissipative_force(
     jumps when a contact closes; at that instant (d = 0, d' > 0) the result is the value after the jump.
     """
     if not alpha:
-        return np.asarray(damping * np.maximum(overlap_m, 0.0) ** overlap_power * closing_m_s)
+        root = np.sqrt(np.maximum(overlap_m, 0.0))  # of which numpy takes the powers 1/2 and 1 at once
+        return np.asarray(damping * root ** (2 * overlap_power) * closing_m_s)
     power = np.sign(closing_m_s) * np.abs(closing_m_s) ** alpha
     return np.asarray(np.where(overlap_m >= 0.0, damping * power, 0.0))
 
