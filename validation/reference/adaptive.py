@@ -46,7 +46,8 @@ FINER = 0.01  # local tolerance of the second, divided by that of the first
 LINEAR = 0.01  # larger differences of the two say nothing on smaller errors
 PROBED_SAMPLES = 100
 # Measured on the shipped scenes and 200 random ones: errors fall by a power of the local tolerance, mostly 0.8 but 0.6
-# to 1.1 for nine of ten scenes; where events are located in proportion to it, if the powers of s suit the damping.
+# to 1.1 for nine of ten scenes; where events are located in proportion to it, if the powers of s suit the damping:
+# not with the power law.
 ORDER = 0.75
 AIM = 0.15  # of the tolerance, for an error that is larger than expected in one scene of a hundred
 LEAST_FREE = 1e-10  # local tolerance below which located events cost less than short steps
@@ -70,7 +71,7 @@ def integrate_adaptive(
     The work of a drive, and with ``energies`` those of the contacts and bodies, are components of the state.
 
     The largest force error over all contacts and samples, divided by the largest force, stays below ``tolerance``: of
-    200 random chains it is above in one of a hundred, by up to a factor of 5, and mostly it is 1/40 to 1/2 of it. How
+    200 random chains it is above in one of a hundred, by up to a factor of 10, and mostly it is 1/100 to 1/4 of it. How
     the motion amplifies local errors is measured by two rough motions; their difference tells the local tolerance, and
     if events are located. Below ``ROUNDED_TOLERANCE`` nothing is measured. A chain that bounces for long is chaotic;
     ``error`` of ``validation.accuracy.motions`` measures the remaining error.
@@ -111,7 +112,7 @@ def integrate_adaptive(
         less = min(AIM * tolerance / error, 1.0) if error else 1.0
         local = probed * less ** (1 / ORDER)
         located = local < LEAST_FREE
-        if located and (4 * chain.overlap_power).is_integer():
+        if located and not chain.alpha and (4 * chain.overlap_power).is_integer():
             local = 0.5 * probed * less
         states = integrate(time_s, max(local, LEAST_LOCAL), located=located, energies=energies)
     return _motion(chain, time_s, states, energies=energies)
