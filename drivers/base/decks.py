@@ -3,7 +3,7 @@
 import hashlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 
 import jinja2
@@ -27,7 +27,7 @@ class Deck:
     raw: tuple[str, ...]
     logs: tuple[str, ...] = ()
 
-    @property
+    @cached_property
     def sha256(self) -> str:
         """Digest of the command and of all files with their names."""
         digest = hashlib.sha256("\0".join(self.command).encode())

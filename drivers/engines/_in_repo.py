@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable
 from importlib.metadata import version as package_version
+from math import isinf
 from pathlib import Path
 from typing import Any
 
@@ -61,7 +62,7 @@ def _values(case: Case, method: str, timing: Values) -> Values:
         values |= {"drive_segments": chain.drive.segments}
     values |= {
         "height_m": chain.height_m,  # not integrated, but used for the trace
-        "diameter_m": [None if np.isinf(radius) else 2 * radius for radius in chain.radius_m],
+        "diameter_m": [None if isinf(diameter) else diameter for diameter in (2 * chain.radius_m).tolist()],
     }
     if not chain.straight:
         arrays = tube_arrays_of(chain)

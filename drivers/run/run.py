@@ -13,7 +13,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from difflib import unified_diff
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from textwrap import shorten
 from typing import Any
@@ -81,7 +81,7 @@ def run_case(
         RunError: the engine is not installed.
     """
     engine, home = load_engine(engine_name), runs / engine_name
-    build, deck = build_of(engine), engine.render(case)
+    build, deck = build_of(engine), _deck(case, engine_name)
     identity, layout = run_identity(engine_name, build, deck.sha256), _description(case)["layout"]
     target = home / folder_name(case.scene.name, layout, identity)
     keeps_state = "state" in case.scene.run.record
@@ -134,7 +134,7 @@ def run_many(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS, *, unsaf
     for case in following(engines, "cases checked", len(engines), "case"):
         for engine in engines[case]:
             refuse(case, engine)
-    keys = [(engine, load_engine(engine).render(case).sha256) for case, engine in jobs]
+    keys = [(engine, _deck(case, engine).sha256) for case, engine in jobs]
     different = dict(zip(keys, jobs, strict=True))
     largest_first = sorted(different, key=lambda key: -different[key][0].work)
     decks = Counter(engine for engine, _ in different)
@@ -170,8 +170,15 @@ def is_done(case: Case, engine_name: str, runs: Path) -> bool:
     engine = load_engine(engine_name)
     if engine.find() is None or inability(case, engine_name):  # whose deck cannot be rendered
         return False
-    run = find_run(runs / engine_name, run_identity(engine_name, build_of(engine), engine.render(case).sha256), {})
+    identity = run_identity(engine_name, build_of(engine), _deck(case, engine_name).sha256)
+    run = find_run(runs / engine_name, identity, {})
     return run is not None and run.done
+
+
+@lru_cache(maxsize=4)
+def _deck(case: Case, engine_name: str) -> Deck:
+    """Deck of a case; the last ones are kept, since that of a million beads takes seconds."""
+    return load_engine(engine_name).render(case)
 
 
 def run_identity(engine_name: str, build: Build, deck_sha256: str) -> str:

@@ -360,6 +360,8 @@ def hertz_energy_beyond_tangent(stiffness: Array, overlap_m: Array, change_m: Ar
         change_m: changes x of the overlaps. Shape (..., contacts).
     """
     pressed = overlap_m > 0
+    if not pressed.any():  # of a long chain half the time
+        return hertz_energy(stiffness, np.maximum(overlap_m + change_m, 0.0))
     start = np.where(pressed, overlap_m, 1.0)
     ratio = np.maximum(change_m / start, -1.0)
     y = ratio / (np.sqrt(1 + ratio) + 1)
