@@ -259,12 +259,13 @@ def fields_in(table: "pa.Table", columns: Columns, bodies: int) -> dict[str, Arr
     """
     parts: dict[str, list[Array]] = defaultdict(list)
     for name, field, *_ in columns:
-        numbered = [name.format(body) for body in range(1, bodies + 1)] if "{}" in name else []
+        numbered = "{}" in name
         if numbered and _together(name) in table.column_names:
             flat = _numbers(table[_together(name)].combine_chunks().flatten())
             parts[field].append(flat.reshape(len(table), bodies))
-        elif numbered and numbered[0] in table.column_names:
-            parts[field].append(np.column_stack([_numbers(table[each].combine_chunks()) for each in numbered]))
+        elif numbered and name.format(1) in table.column_names:
+            of_bodies = (table[name.format(body)].combine_chunks() for body in range(1, bodies + 1))
+            parts[field].append(np.column_stack([*map(_numbers, of_bodies)]))
         elif name in table.column_names:
             parts[field].append(_numbers(table[name].combine_chunks()))
     return {field: part[0] if len(part) == 1 else np.stack(part, axis=-1) for field, part in parts.items()}
