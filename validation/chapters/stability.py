@@ -1,8 +1,8 @@
 """Limits of the time step and their prediction, scenes at the edge, energy over ten million steps.
 
-The limits are those of the paper's chains, of sweeps of one parameter, and of random chains by number. Stable steps lie
-between unstable ones, so a scan tries each step, 1 % larger than the one before, until the energy blows up. It uses the
-in-repo Verlet, which takes milliseconds; the codes confirm the limit.
+The limits are those of the paper's chains and of sweeps of one parameter. Stable steps lie between unstable ones, so a
+scan tries each step, 1 % larger than the one before, until the energy blows up. It uses the in-repo Verlet, which takes
+milliseconds; the codes confirm the limit.
 """
 
 from bisect import bisect_left
@@ -23,8 +23,7 @@ from drivers.base.errors import InputError
 from drivers.base.messages import validate
 from drivers.base.terminal import counted, following
 from drivers.base.tolerances import tolerance
-from drivers.chain.case import Case, build_case
-from drivers.chain.chain import hertz_force
+from drivers.chain.case import Case
 from drivers.chain.schemes import exact_of, verlet_of
 from drivers.chain.trace import Trace, largest_kinetic_J, residual
 from drivers.engines import REFERENCE, VERLET, expected_engines, installed_codes, load_engine
@@ -32,18 +31,18 @@ from drivers.limits import refuse, resolved_trial, step_limit
 from drivers.run.compute import compute
 from drivers.run.execute import execute
 from drivers.scene.model import Part
-from drivers.scene.read_scene import make_scene, read_toml
+from drivers.scene.read_scene import read_toml
 from postproc.draw.style import PAGE_IN, marker_of, pyplot
 from postproc.read.motion import case_of
 from validation.accuracy.budget import ERROR, text_of
-from validation.accuracy.plan import CRITERIA, plan_case, planned_case, usual_steps
+from validation.accuracy.plan import CRITERIA, planned_case, usual_steps
 from validation.chapters import Options
 from validation.checks import FAIL, NOT_ACCURATE, Check, judged, short
 from validation.compare.comparison import compare_cases
 from validation.report.parts import Chapter, Shown
 
 PAPER = ("fig4", "fig5", "fig6b", "fig6d", "table1")
-SHIPPED, RANDOM, BOUNCING = "shipped scenes", "random scenes", "impacts"
+SHIPPED, BOUNCING = "shipped scenes", "impacts"
 BASE, BEAD_KG = "fig4", 0.1226e-3
 # by axis label: key of the scene, unit, values
 SWEEPS = {
@@ -52,7 +51,6 @@ SWEEPS = {
     "striker mass / bead mass": ("striker.mass", "kg", BEAD_KG * np.geomspace(1e-3, 1e3, 9)),
     "modulus of the wall, Pa": ("materials.brass.youngs_modulus", "Pa", np.geomspace(1e6, 1e13, 8)),
 }
-DENSITY = 2200.0  # kg/m^3, of beads of random scenes
 TRAVERSE = 45.0  # duration of a sweep's scene in 2 / omega: the wave reaches the wall and returns
 UNSTABLE_GAIN = 1.0  # energy gained / largest kinetic energy
 WRONG, EXACT = 0.1, 1e-4  # largest error of the force / largest change, and that of the exact motion
@@ -62,8 +60,6 @@ CODE_LOWEST = 0.9  # start of the scan of a code that does not blow up where Ver
 SHARES = np.exp(np.arange(np.log(LOWEST), np.log(HIGHEST), np.log1p(FINENESS)))
 WRONG_SHARES = np.geomspace(0.01, 1.0, 95).tolist()  # of the predicted limit
 CRITERION_KEYS = ("rayleigh_s", "hertz_s", "p_wave_s")
-JUDGED_GROUPS = (SHIPPED, RANDOM)  # their predicted limits have to be close to the measured ones
-RANDOM_SCENES = 100
 # five beads that bounce under gravity, and five that are pressed together so that no contact opens
 TIMES = ("run.sample_interval=1 ms", "run.time_step=1 us", "run.duration=10 s")
 FIVE_BEADS = ("chain.count=5", "chain.sensors=[]", *TIMES)
@@ -121,52 +117,6 @@ def bouncing() -> Iterator[MeasuredChain]:
         yield MeasuredChain(BOUNCING, f"a bead that bounces {impacts:.0f} times", case, impacts)
 
 
-def at_random(count: int) -> Iterator[MeasuredChain]:
-    """The first random scenes, by number."""
-    for number in range(count):
-        yield MeasuredChain(RANDOM, f"random {number}", random_case(number, accuracy=0.1))
-
-
-def random_case(number: int, **run: Any) -> Case:
-    """Random chain of 2 to 80 beads of 1 to 20 mm and 0.1 to 210 GPa.
-
-    The striker has 0.1 to 10 bead masses, is flat or round and has 0.01 to 10 m/s. Gravity, precompression and wall are
-    random; a collision has 5 to 40 samples. ``run`` sets keys of the scene's ``[run]``, such as ``accuracy=1e-4``.
-    """
-    draw = np.random.default_rng(number)
-
-    def between(low: float, high: float) -> float:
-        return float(np.exp(draw.uniform(np.log(low), np.log(high))))
-
-    count, diameter = round(between(2, 80)), between(1e-3, 20e-3)
-    modulus, speed = between(1e8, 210e9), between(0.01, 10)
-    flat, heavy, pressed, walled = (draw.random() < share for share in (0.3, 0.5, 0.4, 0.9))
-    bead_kg = DENSITY * np.pi / 6 * diameter**3
-    striker_kg = bead_kg * between(0.1, 10)
-    stiffness = modulus * np.sqrt(diameter) / 3
-    collision_s = (bead_kg**2 / (stiffness**2 * speed)) ** 0.2
-    striker = {"shape": "flat" if flat else "sphere", "material": "m", "mass": f"{striker_kg:.6g} kg"}
-    striker["speed"] = f"{speed:.6g} m/s"
-    if not flat:
-        striker["diameter"] = f"{diameter * (striker_kg / bead_kg) ** (1 / 3):.6g} m"
-    interval, duration = collision_s / draw.uniform(5, 40), collision_s * (2 * count + 10) * draw.uniform(0.5, 1.2)
-    material = {"youngs_modulus": f"{modulus:.6g} Pa", "poisson_ratio": 0.3, "density": f"{DENSITY} kg/m^3"}
-    data: dict[str, Any] = {
-        "chain": {"count": count, "material": "m", "diameter": f"{diameter:.6g} m"},
-        "striker": striker,
-        "materials": {"m": material},
-        "run": {"duration": f"{duration:.6g} s", "sample_interval": f"{interval:.6g} s"} | run,
-    }
-    if heavy:
-        data["gravity"] = "9.81 m/s^2"
-    if pressed:
-        data["chain"]["precompression"] = f"{hertz_force(between(1e-4, 1) * stiffness, collision_s * speed):.6g} N"
-    if walled:
-        data["wall"] = {"material": str(draw.choice(["brass", "rigid", "m"]))}
-    scene = make_scene(data, f"random-{number}", f"random scene {number}")
-    return plan_case(build_case(scene))
-
-
 def measure_limits(subjects: Sequence[MeasuredChain], names: Sequence[str] | None = None) -> pd.DataFrame:
     """Limits of all subjects by Verlet and by codes, all installed ones by default; the codes run in parallel.
 
@@ -177,7 +127,7 @@ def measure_limits(subjects: Sequence[MeasuredChain], names: Sequence[str] | Non
         A row for each subject and method. ``group`` is the group of scenes, ``value`` the parameter of a sweep;
         ``predicted_s`` the predicted limit, a lower bound; ``measured_s`` the smallest scanned step at which the energy
         blows up, NaN if none does, ``ratio`` the measured limit divided by the predicted one; ``wrong_s`` the
-        step at which a force of Verlet errs by a tenth of the largest change, NaN for random scenes;
+        step at which a force of Verlet errs by a tenth of the largest change;
         ``rayleigh_s``, ``hertz_s``, ``p_wave_s`` the steps of the usual criteria (``accuracy.plan.usual_steps``);
         ``steps`` the number of steps of the run at the limit.
     """
@@ -214,7 +164,7 @@ def _row(subject: MeasuredChain, predicted_s: float, method: str, measured_s: fl
         "bodies": case.chain.bodies,
         "predicted_s": predicted_s,
         "measured_s": measured_s,
-        "wrong_s": nan if subject.group == RANDOM else wrong_step_s(case, predicted_s),
+        "wrong_s": wrong_step_s(case, predicted_s),
         "ratio": measured_s / predicted_s,
         **dict(zip(CRITERION_KEYS, usual_steps(case).values(), strict=True)),
         "steps": float(case.sample_times_s[-1]) / measured_s,
@@ -337,8 +287,7 @@ def energy_of(case: Case, trace: Trace) -> dict[str, float]:
 
 def measure(options: Options) -> Chapter:
     """Measure limits, extremes and long runs; the short study omits most scenes and all long runs."""
-    more = () if options.quick else (*bouncing(), *at_random(RANDOM_SCENES))
-    limits = measure_limits([*shipped(), *sweeps(), *more])
+    limits = measure_limits([*shipped(), *sweeps(), *(() if options.quick else bouncing())])
     edge = [*run_all(extremes(quick=options.quick), options.runs)]
     energy = None if options.quick else energies()
     return study(limits, edge, energy)
@@ -358,13 +307,13 @@ def study(limits: pd.DataFrame, edge: Sequence[Check], energy: pd.DataFrame | No
 
 
 def judge(limits: pd.DataFrame) -> Iterator[Check]:
-    """Are predicted limits of the time step safe, and for the judged groups close to the measured ones?"""
+    """Are predicted limits of the time step safe, and on shipped scenes close to the measured ones?"""
     safe, close = tolerance("stability", "predicted"), tolerance("stability", "measured")
     for row in limits.to_dict("records"):
         ratio, name = row["ratio"], (row["scene"], row["method"])
         where = f"unstable from {ratio:.3f} of the predicted limit on" if ratio > 0 else "never unstable"
         yield judged(*name, "limit: predicted / measured", 1 / ratio if ratio > 0 else 0.0, safe, where)
-        if row["group"] in JUDGED_GROUPS:
+        if row["group"] == SHIPPED:
             yield judged(*name, "limit: measured / predicted", ratio, close, where)
 
 

@@ -13,8 +13,8 @@ from drivers.chain.trace import residual
 from drivers.limits import refuse
 from validation.accuracy.motions import exact_motion_of
 from validation.accuracy.plan import plan_report, unattainable
-from validation.chapters.stability import random_case
 from validation.tests.helpers.commands import beads
+from validation.tests.helpers.random_chains import random_case
 from validation.tests.helpers.runs import finished
 from validation.tests.helpers.scenes import SceneWriter, case_of
 

@@ -22,8 +22,8 @@ from drivers.run.scheme import scheme_of
 from validation.accuracy import motions as module
 from validation.accuracy.budget import AT_REST_NOTE, PARTS, Budget, assess, budget_of, kept_budget
 from validation.accuracy.motions import motions_of
-from validation.chapters.stability import random_case
 from validation.checks import FAIL, PASS
+from validation.tests.helpers.random_chains import random_case
 from validation.tests.helpers.runs import blown_up, finished
 from validation.tests.helpers.scenes import case_of
 

@@ -20,11 +20,9 @@ from validation.chapters import stability
 from validation.chapters.stability import (
     FINENESS,
     PAPER,
-    RANDOM,
     SHIPPED,
     Extreme,
     MeasuredChain,
-    at_random,
     bouncing,
     energy_of,
     extremes,
@@ -38,6 +36,7 @@ from validation.report.parts import write_part
 from validation.tests.drivers.engines.test_contact_laws import SETTINGS
 from validation.tests.helpers.adversarial import KINDS, adversarial_case
 from validation.tests.helpers.commands import beads
+from validation.tests.helpers.random_chains import random_case
 from validation.tests.helpers.runs import finished, need
 from validation.tests.helpers.scenes import case_of
 
@@ -63,13 +62,14 @@ def words_of(settings: tuple[str, ...]) -> list[str]:
 @pytest.mark.parametrize("count", [5, pytest.param(40, marks=pytest.mark.accuracy)])
 def test_predictions_are_right_on_the_papers_scenes_and_at_random(count: int) -> None:
     names = PAPER if count == 5 else ("low-amplitude", "steel-chain")
-    subjects = [*(MeasuredChain(RANDOM, name, case_of(name)) for name in names), *at_random(count)]
+    subjects = [*(MeasuredChain(SHIPPED, name, case_of(name)) for name in names)]
+    subjects += [MeasuredChain("", f"random {number}", random_case(number, accuracy=0.1)) for number in range(count)]
     assert measure_limits(subjects, names=())["ratio"].between(1, tolerance("stability", "measured").limit).all()
 
 
 @pytest.mark.parametrize("times", [0.97, 1.05])
 def test_a_code_that_blows_up_elsewhere_is_scanned_itself(times: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    subjects = [MeasuredChain(RANDOM, "fig5", case_of("fig5"))]
+    subjects = [MeasuredChain(SHIPPED, "fig5", case_of("fig5"))]
     elsewhere_s = times * measure_limits(subjects, names=())["measured_s"][0]
     gain_on = stability._gain_on
 

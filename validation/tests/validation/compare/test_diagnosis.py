@@ -11,8 +11,8 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.schemes import verlet_in_heights, verlet_of
 from drivers.chain.trace import Trace, until
-from validation.chapters.stability import random_case
 from validation.compare.diagnosis import diagnosis, own_ratios
+from validation.tests.helpers.random_chains import random_case
 from validation.tests.helpers.scenes import case_of
 
 SMALL = ("chain.count=12", "run.duration=0.4 ms")
