@@ -126,27 +126,16 @@ class EngineSelection:
         return messages
 
 
-def run_and_compare_all(
-    sources: Sequence[str | Path],
-    settings: tuple[str, ...] = (),
-    *,
-    runs: Path,
-    asked: EngineSelection,
-    unsafe: bool = False,
-) -> Iterator[ComparedScene]:
-    """Run scenes on every selected and installed engine in parallel, reusing finished runs, and compare them.
-
-    Raises:
-        InputError: a scene is wrong, or a run would be refused and ``unsafe`` is False.
-    """
-    cases = [planned_case(source, *settings) for source in sources]
-    return compare_cases(cases, asked.names, runs, unsafe=unsafe)
-
-
 def compare_cases(
     cases: Sequence[Case], engines: Sequence[str], runs: Path, cannot: Refusal = inability, *, unsafe: bool = False
 ) -> Iterator[ComparedScene]:
-    """Run cases on engines in parallel, reusing finished runs, and compare them; ``cannot`` refuses a case."""
+    """Run cases on the engines that are installed, in parallel, reusing finished runs, and compare them.
+
+    ``cannot`` refuses a case.
+
+    Raises:
+        InputError: a run would be refused and ``unsafe`` is False.
+    """
     absent = [absences(case, engines, cannot) for case in cases]
     jobs = [[(case, name) for name in engines if name not in whys] for case, whys in zip(cases, absent, strict=True)]
     ended = iter(run_many([*chain(*jobs)], runs, unsafe=unsafe))
@@ -204,9 +193,9 @@ def compare_scenes(
     Raises:
         InputError: a scene is wrong, or a run would be refused and ``unsafe`` is False.
     """
-    scenes = []
+    scenes, cases = [], [planned_case(source, *settings) for source in sources]
     with counted(f"{sources[0] if len(sources) == 1 else f'{len(sources)} scenes'} on all engines, compared"):
-        for compared in run_and_compare_all(sources, settings, runs=runs, asked=asked, unsafe=unsafe):
+        for compared in compare_cases(cases, asked.names, runs, unsafe=unsafe):
             print(*_lines(compared, brief=brief), "", sep="\n", flush=True)
             scenes.append(compared)
     unmet = asked.unmet(scenes)

@@ -17,23 +17,22 @@ from drivers.base import paths, terminal
 from drivers.base.errors import InputError
 from drivers.base.files import whole_file
 from drivers.base.terminal import say
-from drivers.chain.case import build_case
 from drivers.engines import in_order, load_engine
 from drivers.run.execute import Place, execute, get_ready
-from drivers.scene.read_scene import read_scene
 from postproc.draw.product import SPACETIME
 from postproc.figures import captions
 from postproc.read.measured import read_traces
 from postproc.read.signals import gauges_of
 from validation.accuracy.budget import text_of
+from validation.accuracy.plan import planned_case
 from validation.chapters import CHAPTERS, IN_FULL, TABLE, make_parts, up_to_date
 from validation.checks import DIFFERS, FAIL, NOT_ACCURATE, NOT_RUN, PASS, REPRODUCED, short, table
 from validation.compare.comparison import (
     ComparedScene,
     EngineSelection,
     answer,
+    compare_cases,
     listed,
-    run_and_compare_all,
 )
 from validation.report.machine_readable import as_json, made_with, when_made
 from validation.report.parts import read_part
@@ -79,14 +78,13 @@ def report(
     page, folder = out or paths.RESULTS / "report.html", runs or paths.RUNS
     if page.suffix == ".json":
         raise InputError(f"--out {page}", "", page.suffix, "another ending than that of its JSON file")
-    scenes = [read_scene(source) for source in sources or PAPER]
-    names = Counter(scene.name for scene in scenes)
+    cases = [planned_case(source) for source in sources or PAPER]
+    names = Counter(case.scene.name for case in cases)
     for name in (name for name, count in names.items() if count > 1):
         raise InputError("report", "", f"two scenes named {name}", "scenes of different names")
     sections = tuple(SECTIONS) if studies or not sources else ()
-    for scene in scenes:  # wrong files are reported before any run
-        if scene.measured:
-            read_traces(scene, gauges_of(build_case(scene).layout))
+    for case in cases:  # wrong files are reported before any run
+        read_traces(case.scene, gauges_of(case.layout))
     for name in () if studies else sections:
         _section(name, page.parent, ())
     to_come = [name for name in (*captions(), *CHAPTERS) if studies and not _made(name, page.parent)]
@@ -96,7 +94,7 @@ def report(
         get_ready(make_parts)
     failed = False
     with terminal.counted("scenes on all engines, compared"):
-        compared = [*run_and_compare_all(sources or PAPER, runs=folder, asked=asked)]
+        compared = [*compare_cases(cases, asked.names, folder)]
         unmet = asked.unmet(compared)
         counts = write_report(compared, page, command, runs, unmet, to_come, sections)
 

@@ -19,8 +19,9 @@ from drivers.limits import refuse
 from drivers.run.run import run_case
 from drivers.run.run_folder import FORCES, RECORD, EndedRun, record_of
 from validation.accuracy.budget import assess, budget_of
+from validation.accuracy.plan import planned_case
 from validation.checks import Check
-from validation.compare.comparison import ComparedScene, EngineSelection, missing, run_and_compare_all
+from validation.compare.comparison import ComparedScene, EngineSelection, compare_cases, missing
 from validation.tests.helpers.scenes import case_of
 
 TUBE_CODES = [name for name in codes() if load_engine(name).models >= SIDEWAYS]
@@ -35,7 +36,8 @@ def run_and_compare(
     unsafe: bool = False,
 ) -> ComparedScene:
     """Compared runs of one scene."""
-    (compared,) = run_and_compare_all([source], settings, runs=runs, asked=asked or EngineSelection(), unsafe=unsafe)
+    engines = (asked or EngineSelection()).names
+    (compared,) = compare_cases([planned_case(source, *settings)], engines, runs, unsafe=unsafe)
     return compared
 
 

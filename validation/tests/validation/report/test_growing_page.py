@@ -79,7 +79,7 @@ def parts(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Parts:
     parts = Parts(tmp_path / "results")
     monkeypatch.setattr(write_report, "CHAPTERS", ("claims", "trade"))
     monkeypatch.setattr(write_report, "SECTIONS", {"figures": ("Figures", "All figures")})
-    monkeypatch.setattr(write_report, "run_and_compare_all", lambda *_, **__: [])
+    monkeypatch.setattr(write_report, "compare_cases", lambda *_, **__: [])
     monkeypatch.setattr(chapters, "make_figure", parts.make_figure)
     monkeypatch.setattr(chapters, "measure", parts.measure)
     for module in (write_report, chapters):
@@ -112,7 +112,7 @@ def test_the_page_is_announced_before_any_part_and_names_the_parts_to_come(
 def test_an_engine_that_fails_gives_exit_code_1(
     grow: Grow, compared: ComparedScene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(write_report, "run_and_compare_all", lambda *_, **__: [compared])
+    monkeypatch.setattr(write_report, "compare_cases", lambda *_, **__: [compared])
     assert grow(compared.case.scene.file, studies=False) == 1
 
 
@@ -172,7 +172,7 @@ def test_an_edited_table_or_picture_is_an_output_that_nothing_reads(parts: Parts
 def test_a_damaged_figure_is_named_before_any_run(parts: Parts, grow: Grow, monkeypatch: pytest.MonkeyPatch) -> None:
     assert grow() == 0
     parts.damage("parts/fig1.json")
-    monkeypatch.setattr(write_report, "run_and_compare_all", lambda *_, **__: pytest.fail("runs"))
+    monkeypatch.setattr(write_report, "compare_cases", lambda *_, **__: pytest.fail("runs"))
     with pytest.raises(InputError, match=r"fig1\.json"):
         grow(studies=False)
 
