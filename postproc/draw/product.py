@@ -62,7 +62,7 @@ def write_figure(figure: Any, name: str, folder: Path) -> list[Path]:
     plt = pyplot()
     written = [folder / f"{name}.{ending}" for ending in METADATA]
     figure.draw_without_rendering()  # one layout for both files
-    figure.set_layout_engine("none")
+    figure.set_layout_engine(None)
     edges = figure.get_tightbbox().padded(plt.rcParams["savefig.pad_inches"])
     for path, (ending, metadata) in zip(written, METADATA.items(), strict=True):
         with whole_file(path) as draft, plt.rc_context({"svg.hashsalt": name}):
