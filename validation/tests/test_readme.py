@@ -181,3 +181,12 @@ def test_python_examples_run(
     exec(example, {})
     (stated,) = re.findall(r"# ([\d.]+ N)$", example, re.MULTILINE)
     assert capsys.readouterr().out == f"{stated}\n"
+
+
+def test_places_to_edit_exist() -> None:
+    table = (paths.ROOT / "drivers/README.md").read_text().partition("| to change or add |")[2].partition("\n\n")[0]
+    places = re.findall(r"`([\w/]+(?:/|\.py|\.toml))`", table)
+    assert len(places) > 20
+    for place in places:
+        folders = (paths.ROOT, paths.ROOT / "drivers", paths.INPUTS, *(paths.ROOT / "validation").iterdir())
+        assert any((folder / place).exists() for folder in folders), place
