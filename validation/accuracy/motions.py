@@ -33,7 +33,7 @@ from validation.reference.adaptive import MIN_TOLERANCE, ROUNDED_TOLERANCE
 
 HORIZON = 1e-6  # of the largest change: error beyond which the exact motion counts as not known
 MAX_BODIES = 20_000
-MAX_WORK = 20_000_000  # bodies times steps of the finest three-dimensional run, about ten seconds
+MAX_WORK = 20_000_000  # bodies times steps of the finest three-dimensional run, some seconds
 MIN_ORDER, MAX_ORDER = 0.5, 2.5  # of convergence, for an extrapolation
 SAMPLE_FACTOR = 4  # factor of samples for true values: of smooth forces quintic interpolation leaves 4^-6 of the error
 TRUE_SHARE = 0.05  # of the sampling error, for the error of the true value itself

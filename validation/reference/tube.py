@@ -15,8 +15,6 @@ All laws limit the force, and scale the stored vector accordingly, to the coeffi
 force. A contact that opens loses the stored vector.
 """
 
-from functools import partial
-
 import numpy as np
 
 from validation.reference.hertz_chain import Extremes, Flag, TubeChain, TubeMotion, check_timing
@@ -44,26 +42,25 @@ def integrate_tube(
     check_timing(time_step_s, steps_per_sample, samples)
     if law not in LAWS:
         raise ValueError(f"law: {law}, expected {', '.join(LAWS)}")
-    from validation.reference.tube_kernels import run_tube
+    from validation.reference import tube_kernels as rows
 
     n = chain.mass_kg.size
-    bodies = (chain.mass_kg, chain.radius_m, chain.stiffness, chain.damping, chain.shear, chain.load_N,
-              chain.bore_stiffness, chain.bore_shear)  # fmt: skip
-    numbers = (float(chain.wall_m), float(chain.friction), float(chain.bore_m), float(chain.bore_friction),
-               float(chain.overlap_power))  # fmt: skip
     turning = np.isfinite(chain.radius_m) & chain.turns
     inertia = np.where(turning, 0.4 * chain.mass_kg * chain.radius_m**2, np.inf)
-    rows, flat = partial(np.zeros, (n, 3)), partial(np.zeros, n)
-    place, velocity = chain.place_m.copy(), chain.velocity_m_s.copy()
-    state = (place, velocity, rows(), rows(), rows(), rows(), flat())
-    marks = (flat(), flat(), np.array([0.0, 0.0, np.nan, 0.0] if extremes else []))
-    memory = (rows(), rows(), rows(), rows())
+    bodies = np.array([chain.mass_kg, chain.radius_m, chain.stiffness, chain.damping, chain.shear, chain.load_N,
+                       chain.bore_stiffness, chain.bore_shear, inertia])  # fmt: skip
+    numbers = (float(chain.wall_m), float(chain.friction), float(chain.bore_m), float(chain.bore_friction),
+               float(chain.overlap_power))  # fmt: skip
+    state, marks = np.zeros((rows.BORE_NORMAL + 1, n, 3)), np.zeros((rows.BORE_OVERLAP + 1, n))
+    state[rows.PLACE], state[rows.VELOCITY] = chain.place_m, chain.velocity_m_s
+    energies = np.array([0.0, 0.0, np.nan, 0.0] if extremes else [])
     forces, kept = np.empty((samples, n)), np.empty((4, samples, n, 3))
     timing = (LAWS.index(law), time_step_s, steps_per_sample)
     stop = np.zeros(1, bool) if stop is None else stop
-    run_tube(bodies, inertia, numbers, state, memory, marks, *timing, forces, kept, stop)
+    rows.run_tube(bodies, numbers, state, marks, energies, *timing, forces, kept, stop)
     reached = None
     if extremes:
-        kinetic, _, _, risen = marks[2].tolist()
-        reached = Extremes(marks[0], marks[1], flat(), *((kinetic, risen) if kinetic < np.inf else (np.nan, np.nan)))
+        kinetic, _, _, risen = energies.tolist()
+        risen = (kinetic, risen) if kinetic < np.inf else (np.nan, np.nan)
+        reached = Extremes(marks[rows.OVERLAP], marks[rows.BORE_OVERLAP], np.zeros(n), *risen)
     return TubeMotion(forces, kept[0], kept[1], kept[2], kept[3], reached)
