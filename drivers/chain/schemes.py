@@ -18,15 +18,15 @@ from drivers.base.processes import waited
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, arrays_of, sphere_for_face, tube_arrays_of
 from drivers.chain.trace import Trace, make_trace, with_work
-from validation.reference.adaptive import MIN_TOLERANCE, integrate_adaptive
-from validation.reference.hertz_chain import Flag, Motion, TubeChain, TubeMotion
+from validation.reference.adaptive import MIN_TOLERANCE, integrate_adaptive, scales
+from validation.reference.hertz_chain import Flag, HertzChain, Motion, TubeChain, TubeMotion
 from validation.reference.tube import TOTAL, integrate_tube
 from validation.reference.velocity_verlet import integrate_verlet, integrate_verlet_absolute
 
 TURN_RAD = 1.0  # rotation about the axis, which changes rounding errors only
 MIN_LIMIT_S = 60.0
 SECONDS_PER_BODY_AND_STEP = 5e-6  # ten times the cost of the slowest engine
-SHORT = 1_000_000  # bodies times steps: some hundredths of a second, in three dimensions some tenths
+SHORT = 1_000_000  # bodies times steps: some hundredths of a second; of three dimensions and exact motions some tenths
 
 Result = TypeVar("Result")
 _threads = ThreadPoolExecutor(256)  # kept, since the start of a thread takes as long as a small chain
@@ -72,6 +72,12 @@ def endable(integrate: Callable[[Flag], Result], limit_s: float = inf, work: flo
     raise TimeoutError
 
 
+def work_of_exact(chain: HertzChain, duration_s: float) -> float:
+    """Bodies times steps of an exact motion, about: bodies times the times in which the scale of overlap is passed."""
+    overlap_m, speed_m_s = scales(chain, duration_s)
+    return chain.mass_kg.size**2 * duration_s * speed_m_s / overlap_m
+
+
 def exact_motion(
     case: Case, tolerance: float, time_s: Array, *, limit_s: float | None = None, energies: bool = False
 ) -> Motion:
@@ -87,10 +93,10 @@ def exact_motion(
     Raises:
         ArithmeticError: the integrator fails, or takes longer than the limit.
     """
-    limit_s = limit_s or default_limit_s(case)
-    integrate = partial(integrate_adaptive, arrays_of(case.chain), time_s, tolerance, energies=energies)
+    limit_s, chain = limit_s or default_limit_s(case), arrays_of(case.chain)
+    integrate = partial(integrate_adaptive, chain, time_s, tolerance, energies=energies)
     try:
-        return endable(lambda stop: integrate(stop=stop), limit_s)
+        return endable(lambda stop: integrate(stop=stop), limit_s, work_of_exact(chain, float(time_s[-1])))
     except TimeoutError:
         raise ArithmeticError(f"the exact motion takes longer than {limit_s:g} s") from None
 

@@ -16,7 +16,6 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
-from math import inf
 from pathlib import Path
 from tempfile import TemporaryFile, gettempdir
 
@@ -26,7 +25,8 @@ from drivers.base.decks import Deck
 from drivers.base.errors import RunError
 from drivers.base.processes import STDERR, STDOUT, EndedProcess, Launched, end, run_command, start, waited, workplace
 from drivers.chain.case import Case
-from drivers.chain.schemes import default_limit_s, endable
+from drivers.chain.chain import arrays_of
+from drivers.chain.schemes import default_limit_s, endable, work_of_exact
 from drivers.chain.trace import Trace
 from drivers.engines import EXACT, Engine, load_engine
 from drivers.run.build import Build, build_of
@@ -138,8 +138,8 @@ def _in_memory(case: Case, engine: Engine, limit_s: float) -> Computed:
             return *engine.integrate(case, stop), time.thread_time() - began_cpu_s
 
     try:
-        # bodies times steps do not bound the work of an exact motion
-        integrated, loop_s, cpu_s = endable(integrate, limit_s, inf if engine.scheme == EXACT else case.work)
+        work = work_of_exact(arrays_of(case.chain), case.duration_s) if engine.scheme == EXACT else case.work
+        integrated, loop_s, cpu_s = endable(integrate, limit_s, work)
         trace = checked(case, integrated)
     except RunError as error:
         fault = error
