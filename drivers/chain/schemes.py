@@ -73,9 +73,12 @@ def endable(integrate: Callable[[Flag], Result], limit_s: float = inf, work: flo
 
 
 def work_of_exact(chain: HertzChain, duration_s: float) -> float:
-    """Bodies times steps of an exact motion, about: bodies times the times in which the scale of overlap is passed."""
+    """Bodies times steps of an exact motion, about: bodies times the times in which the scale of overlap is passed.
+
+    It is not known, inf, for a driven chain: its drive may be as fast as it likes.
+    """
     overlap_m, speed_m_s = scales(chain, duration_s)
-    return chain.mass_kg.size**2 * duration_s * speed_m_s / overlap_m
+    return chain.mass_kg.size**2 * duration_s * speed_m_s / overlap_m if chain.drive is None else inf
 
 
 def exact_motion(
