@@ -61,6 +61,7 @@ class EndedProcess:
 
 def scrubbed_environment() -> dict[str, str]:
     """Environment of engines, without the virtual environment: YADE would import its modules."""
+    # that of Path fails without a home
     kept = {"HOME": os.path.expanduser("~")} | {name: os.environ[name] for name in KEPT_VARIABLES if name in os.environ}  # noqa: PTH111
     return kept | {"LC_ALL": "C.UTF-8", "PYTHONNOUSERSITE": "1", "OMP_NUM_THREADS": "1", "MPLBACKEND": "Agg"}
 

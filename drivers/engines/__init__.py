@@ -196,6 +196,7 @@ def entry_files() -> tuple[Path, ...]:
     Raises:
         InputError: others than the user and root can change the file of the present folder.
     """
+    # functions of os: those of Path fail without a home, and take longer in each row of a batch
     settings = os.environ.get("XDG_CONFIG_HOME") or os.path.expanduser("~/.config")  # noqa: PTH111
     of_user, here = _path(settings, "bead-chains", paths.ENGINES.name), _path(os.getcwd(), paths.ENGINES.name)  # noqa: PTH109
     files = [path for path in (paths.ENGINES, of_user, here) if os.access(path, os.R_OK)]
@@ -226,7 +227,7 @@ def entries_of(files: tuple[Path, ...]) -> dict[str, tuple[Entry, str]]:
             before, _ = by_name.get(name) or by_name.get(table.adapter) or (_named(name), "")
             adapter = table.adapter or before.adapter
             if adapter.endswith(".py"):
-                adapter = str(path.parent / os.path.expanduser(adapter))  # noqa: PTH111
+                adapter = str(path.parent / os.path.expanduser(adapter))  # noqa: PTH111, as above
             if adapter not in codes and not (adapter.endswith(".py") and readable(Path(adapter))):
                 allowed = f"{', '.join(codes)}, or the path of a .py file"
                 raise InputError(paths.shown(path), f"{name}.adapter", f'"{adapter}"', allowed)
@@ -258,7 +259,7 @@ def tables_in(path: Path) -> Iterator[tuple[str, Entry]]:
 
 def _relative_to_file(path: Path, word: str) -> str:
     """Word of a command; a relative path is relative to the folder of the entry's file."""
-    there = path.parent / os.path.expanduser(word)  # noqa: PTH111
+    there = path.parent / os.path.expanduser(word)  # noqa: PTH111, as above
     if "/" not in word or "=" in word or not there.exists():
         return word
     _check_owner(there, path)

@@ -359,14 +359,14 @@ class Scene(Part):
     file: SkipJsonSchema[Annotated[str, FromRecord]] = Field(default="", exclude=True)
     folder: SkipJsonSchema[Annotated[Path, FromRecord]] = Field(default=Path(), exclude=True)
 
-    @computed_field  # type: ignore[prop-decorator]
+    @computed_field  # type: ignore[prop-decorator]  # as pydantic advises for mypy
     @property
     def steps_per_sample(self) -> int:
         """Time steps per sample interval; 1 without a time step."""
         run = self.run
         return 1 if run.time_step is None else max(1, round(run.sample_interval / run.time_step))
 
-    @computed_field  # type: ignore[prop-decorator]
+    @computed_field  # type: ignore[prop-decorator]  # as pydantic advises for mypy
     @property
     def samples(self) -> int:
         """Number of samples, including the sample at time 0."""

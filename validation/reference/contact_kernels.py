@@ -67,7 +67,7 @@ class _Listener(event.Listener):
 
 
 LISTENER = _Listener()
-event.register("numba:compile", LISTENER)  # type: ignore[no-untyped-call]
+event.register("numba:compile", LISTENER)  # type: ignore[no-untyped-call]  # numba has no annotations there
 
 
 def compiled_s() -> float:

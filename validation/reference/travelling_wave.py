@@ -36,7 +36,6 @@ MAX_ITERATIONS = 500
 CHANGE_TOLERANCE = 1e-14  # relative change per iteration
 MAX_RESIDUAL_PRECOMPRESSED = 1e-13
 MAX_MACH = 1e4
-FIRST_MOVE = 0.01  # of the logarithm of the Mach number less 1, in the search for an amplitude
 MIN_AMPLITUDE, MAX_AMPLITUDE = 1e-2, 1e20  # divided by the static force
 
 
@@ -246,8 +245,6 @@ def solve_at_amplitude(stiffness: float, mass_kg: float, static_N: float, amplit
     Raises:
         ValueError: the amplitude is below ``MIN_AMPLITUDE`` (lost in rounding) or above ``MAX_AMPLITUDE``.
     """
-    from scipy.optimize import newton  # takes longer to load than all others
-
     if not MIN_AMPLITUDE <= amplitude <= MAX_AMPLITUDE:
         raise ValueError(f"amplitude: {amplitude:g}, expected from {MIN_AMPLITUDE:g} to {MAX_AMPLITUDE:g}")
 
@@ -260,8 +257,8 @@ def solve_at_amplitude(stiffness: float, mass_kg: float, static_N: float, amplit
         wave = solve_at_speed(stiffness, mass_kg, static_N, sound * (1 + exp(log_mach_above)))
         return log(wave.amplitude / amplitude)
 
-    begin = log(guess - 1)
-    root = float(newton(excess, begin, x1=begin + FIRST_MOVE, tol=1e-12))  # the secant method: nearly a straight line
+    centre = log(guess - 1)
+    root = _root(excess, centre - 0.3, centre + 0.3, 1e-12)
     return solve_at_speed(stiffness, mass_kg, static_N, sound * (1 + exp(root)))
 
 

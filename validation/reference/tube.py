@@ -60,7 +60,6 @@ def integrate_tube(
     rows.run_tube(bodies, numbers, state, marks, energies, *timing, forces, kept, stop)
     reached = None
     if extremes:
-        kinetic, _, _, risen = energies.tolist()
-        risen = (kinetic, risen) if kinetic < np.inf else (np.nan, np.nan)
-        reached = Extremes(marks[rows.OVERLAP], marks[rows.BORE_OVERLAP], np.zeros(n), *risen)
+        kinetic, _, _, risen = energies.tolist() if energies[0] < np.inf else [np.nan] * 4
+        reached = Extremes(marks[rows.OVERLAP], marks[rows.BORE_OVERLAP], np.zeros(n), kinetic, risen)
     return TubeMotion(forces, kept[0], kept[1], kept[2], kept[3], reached)

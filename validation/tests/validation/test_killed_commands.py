@@ -101,11 +101,14 @@ ENDLESS = ("run.duration=40 us", "drive.from_wall=4", *(f"drive.{key}" for key i
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, None], ids=["TERM", "Ctrl-C", "time limit"])
-def test_an_exact_motion_without_end_is_ended(number: signal.Signals | None, tmp_path: Path) -> None:
+def test_an_exact_motion_without_end_is_ended(
+    number: signal.Signals | None, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
     """Its steps get too small for a chirp to 1e18 Hz; velocity Verlet takes milliseconds."""
     settings = [word for setting in ENDLESS for word in ("--set", setting)]
     words = ("run", "driven-steel", *settings, "--engine", "verlet")
     process = started(tmp_path, *words, *(() if number else ("--time-limit", "1")))
+    request.addfinalizer(process.kill)  # else it would go on without end when the test fails
     if number is None:
         assert process.wait(timeout=60) == 0
         (record,) = tmp_path.glob("runs/verlet/*/run.json")
