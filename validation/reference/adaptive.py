@@ -5,8 +5,8 @@ The state consists of overlaps and velocities, which avoids cancellation. State 
 elastic and power 4 for dissipative chains. If events are located, a step ends at each of them: a contact closes, opens
 or, if dissipative, releases (its force reaches zero before the overlap does). A step that ends in an elastic opening
 runs in ``s = (t_e - t)^(1/2)``. With the power law (``power_law_events``) a step also ends where the closing speed of a
-contact changes sign, and runs in ``s = (t_e - t)^(1/4)``. If they are not, short steps lead through them, which costs
-less for errors above some 1e-8.
+contact changes sign, and runs in ``s = (t_e - t)^(1/4)``. In rough motions, and with the power law
+above some tolerance, they are not: short steps lead through them.
 """
 
 from functools import partial
@@ -45,12 +45,14 @@ ROUGH_WINDOWED = 1e-8  # that of the first in a window, which errors of looser o
 FINER = 0.01  # local tolerance of the second, divided by that of the first
 LINEAR = 0.01  # larger differences of the two say nothing on smaller errors
 PROBED_SAMPLES = 100
-# Measured on the shipped scenes and 200 random ones: errors fall by a power of the local tolerance, mostly 0.8 but 0.6
-# to 1.1 for nine of ten scenes; where events are located in proportion to it, if the powers of s suit the damping:
-# not with the power law.
-ORDER = 0.75
-AIM = 0.15  # of the tolerance, for an error that is larger than expected in one scene of a hundred
-LEAST_FREE = 1e-10  # local tolerance below which located events cost less than short steps
+# Measured on the shipped scenes and 200 random ones, by powers of the local tolerance: errors of short steps through
+# events fall by a power of 0.8, of 0.6 to 1.1 for nine of ten scenes, and scatter by a factor of 10. Where events are
+# located, they fall in proportion if the powers of s suit the damping, and with the power law by a power of 0.9.
+ORDER, POWER_LAW_ORDER = 0.75, 0.85
+AIM = 0.15  # of the tolerance, for an error that is larger than expected in one scene of two hundred
+SMOOTH_AIM = 0.075  # of errors in proportion to the local tolerance
+LEAST_FREE = 1e-9  # local tolerance below which also the power law's events are located, which takes longer above it
+LEAST_ROUGH = 1e-10  # local tolerance of the last rough motion
 LEAST_SYMPLECTIC = 1e-6  # tolerance from which on the symplectic method costs less
 LONGEST_STEP = 0.15  # of the symplectic method, in units of the time in which the scale of overlap is passed
 MOST_STEPS = 8  # divided by those of the longest step
@@ -71,9 +73,9 @@ def integrate_adaptive(
     The work of a drive, and with ``energies`` those of the contacts and bodies, are components of the state.
 
     The largest force error over all contacts and samples, divided by the largest force, stays below ``tolerance``: of
-    200 random chains it is above in one of a hundred, by up to a factor of 10, and mostly it is 1/100 to 1/4 of it. How
-    the motion amplifies local errors is measured by two rough motions; their difference tells the local tolerance, and
-    if events are located. Below ``ROUNDED_TOLERANCE`` nothing is measured. A chain that bounces for long is chaotic;
+    200 random chains it is above in one of two hundred, by up to a factor of 10, and mostly it is 1/50 to 1/5 of it.
+    How the motion amplifies local errors is measured by two rough motions, whose difference tells the local tolerance.
+    Below ``ROUNDED_TOLERANCE`` nothing is measured. A chain that bounces for long is chaotic;
     ``error`` of ``validation.accuracy.motions`` measures the remaining error.
 
     Raises:
@@ -103,17 +105,20 @@ def integrate_adaptive(
     few, probed, error = time_s[::every].copy(), 0.0, 1.0
     local = min(ROUGH * max(tolerance, PROBE), ROUGH_WINDOWED if windowed else 1.0)
     forces_N = _forces(chain, integrate(few, local))
-    while error > LINEAR and local > LEAST_FREE:
+    while error > LINEAR and local > LEAST_ROUGH:
         probed, local, rough_N = local, FINER * local, forces_N
         states = integrate(time_s, local, energies=energies) if tolerance >= PROBE else integrate(few, local)
         forces_N = _forces(chain, states[::every] if tolerance >= PROBE else states)
         error = float(np.abs(forces_N - rough_N).max() / (np.abs(forces_N).max() or 1.0))
     if tolerance < PROBE or error * FINER**ORDER > 2 * AIM * tolerance:
-        less = min(AIM * tolerance / error, 1.0) if error else 1.0
+        less, located = min(AIM * tolerance / error, 1.0) if error else 1.0, True
         local = probed * less ** (1 / ORDER)
-        located = local < LEAST_FREE
-        if located and not chain.alpha and (4 * chain.overlap_power).is_integer():
-            local = 0.5 * probed * less
+        if not chain.alpha and (4 * chain.overlap_power).is_integer():
+            local = probed * less * SMOOTH_AIM / AIM
+        elif local < LEAST_FREE:
+            local = probed * less ** (1 / POWER_LAW_ORDER)
+        else:
+            located = False
         states = integrate(time_s, max(local, LEAST_LOCAL), located=located, energies=energies)
     return _motion(chain, time_s, states, energies=energies)
 
