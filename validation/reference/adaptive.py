@@ -5,8 +5,8 @@ The state consists of overlaps and velocities, which avoids cancellation. State 
 elastic and power 4 for dissipative chains. If events are located, a step ends at each of them: a contact closes, opens
 or, if dissipative, releases (its force reaches zero before the overlap does). A step that ends in an elastic opening
 runs in ``s = (t_e - t)^(1/2)``. With the power law (``power_law_events``) a step also ends where the closing speed of a
-contact changes sign, and runs in ``s = (t_e - t)^(1/4)``. In rough motions, and with the power law
-above some tolerance, they are not: short steps lead through them.
+contact changes sign, and runs in ``s = (t_e - t)^(1/4)``. In rough motions, and with the power law above some
+tolerance, events are not located: short steps lead through them.
 """
 
 from functools import partial
@@ -75,8 +75,8 @@ def integrate_adaptive(
     The largest force error over all contacts and samples, divided by the largest force, stays below ``tolerance``: of
     200 random chains it is above in one of two hundred, by up to a factor of 10, and mostly it is 1/50 to 1/5 of it.
     How the motion amplifies local errors is measured by two rough motions, whose difference tells the local tolerance.
-    Below ``ROUNDED_TOLERANCE`` nothing is measured. A chain that bounces for long is chaotic;
-    ``error`` of ``validation.accuracy.motions`` measures the remaining error.
+    Below ``ROUNDED_TOLERANCE`` nothing is measured. A chain that bounces for long is chaotic; ``error`` of
+    ``validation.accuracy.motions`` measures the remaining error.
 
     Raises:
         ValueError: sample times do not begin at 0 or do not increase; the tolerance is below ``MIN_TOLERANCE`` or not
