@@ -49,7 +49,7 @@ PROBED_SAMPLES = 100
 # events fall by a power of 0.8, of 0.6 to 1.1 for nine of ten scenes, and scatter by a factor of 10. Where events are
 # located, they fall in proportion if the powers of s suit the damping, and with the power law by a power of 0.9.
 ORDER, POWER_LAW_ORDER = 0.75, 0.85
-AIM = 0.15  # of the tolerance, for an error that is larger than expected in one scene of two hundred
+AIM = 0.15  # of the tolerance, for an error that is larger than expected in one scene of 150
 SMOOTH_AIM = 0.075  # of errors in proportion to the local tolerance
 LEAST_FREE = 1e-9  # local tolerance below which also the power law's events are located, which takes longer above it
 LEAST_ROUGH = 1e-10  # local tolerance of the last rough motion
@@ -73,7 +73,7 @@ def integrate_adaptive(
     The work of a drive, and with ``energies`` those of the contacts and bodies, are components of the state.
 
     The largest force error over all contacts and samples, divided by the largest force, stays below ``tolerance``: of
-    200 random chains it is above in one of two hundred, by up to a factor of 10, and mostly it is 1/50 to 1/5 of it.
+    200 random chains it is above in one of 150, by up to a factor of 10, and mostly it is 1/50 to 1/5 of it.
     How the motion amplifies local errors is measured by two rough motions, whose difference tells the local tolerance.
     Below ``ROUNDED_TOLERANCE`` nothing is measured. A chain that bounces for long is chaotic; ``error`` of
     ``validation.accuracy.motions`` measures the remaining error.
