@@ -347,12 +347,6 @@ class Problem:
         """Number of residuals."""
         return sum(len(datum.rows) for datum in self.data)
 
-    def without(self, datum: Datum) -> "Problem":
-        """The problem without one of its numbers."""
-        data, number = self.set_of(datum), replace(datum, data_set="", rows=range(0))
-        left = replace(data, numbers=tuple(each for each in data.numbers if each != number))
-        return replace(self, sets=tuple(left if each is data else each for each in self.sets))
-
     @property
     def searched(self) -> list[int]:
         """Indices of the parameters of the motion that all data sets share and that are not known beforehand."""

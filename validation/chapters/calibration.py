@@ -233,7 +233,8 @@ CUT_TEXT = (
     "of Fig. 5 shows no third maximum:"
 )
 NUMBERS_TEXT = (
-    "Fitted value, its deviation in standard errors, and in brackets chi-square of the fit without this number. "
+    "Fitted value, its deviation in standard errors, and in brackets chi-square without this number, by the "
+    "sensitivities at the minimum. "
 )
 
 
@@ -247,7 +248,11 @@ def shown(tables: Tables, cuts: Sequence[Sequence[str]]) -> list[Shown]:
     default, others = fits[fits["data"] == DEFAULT], fits[fits["data"] != DEFAULT]
     remarks = " ".join(f"{row.law}: {row.remarks}." for row in rows_of(default) if row.remarks)
     headings = ["cut", "chi-square", "degrees of freedom", "probability", "restitution"]
-    every = f"Where the paper can be read in several ways, each is fitted. The first answers are the default. {choices}"
+    every = (
+        "Where the paper can be read in several ways, each is fitted, from the parameters of the default reading and "
+        "of the laws before. The residuals of fits that do not hold have kinks, and many minima: chi-square of such a "
+        f"fit may be too high by a quarter. The first answers are the default. {choices}"
+    )
     return [
         Shown("", INTRODUCTION, _fits_table(tables, default).drop(columns="reading")),
         Shown("The cut at which durations are read", CUT_TEXT, pd.DataFrame(cuts, columns=headings)),
