@@ -23,6 +23,7 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,6 +134,12 @@ class Channel:
         return np.vander(share, (1 + self.trace.drift) * (self.trace.baseline is None), increasing=True)
 
     @cached_property
+    def spread_s(self) -> float:
+        """Standard deviation of the times of the readings in a block."""
+        interval_s, block_s = (float(np.median(np.diff(time_s))) for time_s in (self.trace.time_s, self.time_s))
+        return sqrt(max(block_s**2 - interval_s**2, 0.0) / 12)
+
+    @cached_property
     def basis(self) -> Array:
         """Orthonormal columns of the base line at the readings that count. Shape (readings, n)."""
         return np.asarray(np.linalg.qr(self.base_lines[self.counts])[0])
@@ -209,8 +216,13 @@ def change_at(curve: BSpline, clock_s: Array) -> Array:
 
 
 def residual_of(channel: Channel, curve: BSpline, gain: float, trigger_s: float) -> Array:
-    """Computed minus measured readings that count, in standard errors and without the best base line."""
-    computed = change_at(curve, channel.time_s[channel.counts] - trigger_s) / gain
+    """Computed minus measured readings that count, in standard errors and without the best base line.
+
+    The mean of the computed force over a block is that of two points, exact for cubics.
+    """
+    clock_s = channel.time_s[channel.counts] - trigger_s
+    ends = [change_at(curve, clock_s + side * channel.spread_s) for side in (-1, 1)]
+    computed = (ends[0] + ends[1]) / (2 * gain)
     off = (computed - channel.reading[channel.counts] + (channel.trace.baseline or 0.0)) / channel.noise
     return np.asarray(off - channel.basis @ (channel.basis.T @ off))
 
