@@ -158,6 +158,8 @@ def law_of(text: str, asked: Mapping[str, str] | None = None) -> Law:
     name, *constants = (part.strip() for part in text.split(","))
     if name not in (ELASTIC, *LAWS):
         raise unknown("fit", "--law", name, [ELASTIC, *LAWS])
+    if wrong := next((part for part in constants if "=" not in part), ""):
+        raise InputError("fit", f"--law {name}", wrong, f"constants as KEY=VALUE: --law {name},KEY=VALUE")
     own = [key for key in LAW_KEYS.get(name, ()) if key != "damping_ratio"]  # which the restitution states, too
     removed = {key: "" for of_law in LAW_KEYS.values() for key in of_law if key not in own}
     free = [f"contact.{key}" for key in own[:1]]
