@@ -77,7 +77,7 @@ class FitRequest(Part):
         quoted: Names of data sets of the paper.
         measured: CSV file that replaces the files of the scene.
         settings: Settings applied to the scenes.
-        quick: True to omit profiles, left-out data and runs of codes.
+        quick: True to omit profiles and runs of codes.
     """
 
     scenes: Texts = ()
@@ -392,7 +392,7 @@ def fit(
         settings: Values that replace those of the scenes by key, as for ``drivers.run_scene``; or ``KEY=VALUE`` texts.
         results: Folder of the fit's folder; by default ``results/`` of the checkout.
         options: ``free``, ``own``, ``laws``, ``uncertain``, ``quoted``: sequences of texts, as after the options of the
-            command; ``measured``: a Path; ``quick``: True to omit profiles and left-out data.
+            command; ``measured``: a Path; ``quick``: True to omit profiles.
 
     Raises:
         InputError: The request has errors.

@@ -35,7 +35,7 @@ TEXTS = {
     "--unsafe": "Accept a scene that a guard refuses, for instance a time step above the stability limit.",
     "--measured FILE": "CSV file with columns as bead_9 [N] (default: the [[measured]] tables of the scene).",
     "--frames COUNT": "Number of times (default: 12 in a film, 100 for ParaView).",
-    "--quick": "Do less: fewer scenes, steps and seeds; for fit no profiles, no data left out, no runs of the codes.",
+    "--quick": "Do less: fewer scenes, steps and seeds; for fit no profiles, no runs of the codes.",
     "--only patterns PATTERN ...": "Take only cases with KEY=GLOB, such as 'striker.speed=2 m/s', or a label like it.",
     "--dry-run": "Print what would be done, without doing it.",
     "--long": "One row for each sample and contact, instead of a column for each contact.",
