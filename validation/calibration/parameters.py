@@ -293,8 +293,8 @@ def _bounds(text: str, unit: str, where: str, label: str) -> tuple[float, float]
     """Bounds such as ``0.5 GPa..2 GPa``."""
     first, dots, last = (part.strip() for part in text.partition(".."))
     if not dots:
-        allowed = "bounds such as 0.5 GPa..2 GPa, or a value with its error such as 1 GPa±5%"
-        raise InputError(where, label, text, allowed)
+        ends, value = ("0.5 GPa..2 GPa", "1 GPa±5%") if unit else ("2..5", "3±5%")
+        raise InputError(where, label, text, f"bounds such as {ends}, or a value with its error such as {value}")
     other = units.NUMBER_AND_UNIT.fullmatch(last)
     low, high = _number(first, unit, where, label, other[2] if other else ""), _number(last, unit, where, label)
     if not low < high:
