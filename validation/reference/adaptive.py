@@ -55,7 +55,7 @@ LEAST_FREE = 1e-9  # local tolerance below which also the power law's events are
 LEAST_ROUGH = 1e-10  # local tolerance of the last rough motion
 LEAST_SYMPLECTIC = 1e-6  # tolerance from which on the symplectic method costs less
 LONGEST_STEP = 0.15  # of the symplectic method, in units of the time in which the scale of overlap is passed
-MOST_STEPS = 8  # divided by those of the longest step
+MOST_STEPS = 8  # divided by those of the longest step; with more, the adaptive method costs less
 SAME_INTERVAL = 1e-9  # of the duration
 SCALE_TIMES = 2001  # times at which a drive is looked at, for scales of errors only
 
@@ -130,7 +130,8 @@ def _symplectic_motion(
 
     Half the step takes off at least half the error, also where contacts open and close; mostly 3/4 to 15/16.
 
-    None for other than short, elastic, free chains with samples at equal intervals, or if too many steps are needed.
+    None for other than short, elastic, free chains with samples at equal intervals, or as soon as it shows that too
+    many steps are needed.
     """
     from validation.reference.symplectic import integrate_symplectic
 
@@ -142,15 +143,17 @@ def _symplectic_motion(
     interval_s, longest_s = duration_s / (samples - 1), LONGEST_STEP * magnitudes[0] / magnitudes[1]
     # samples per step and steps per sample, one of which is 1
     every, steps = 2 ** max(floor(log2(longest_s / interval_s)), 0), ceil(interval_s / longest_s)
-    rough, most = 1, MOST_STEPS * steps
+    rough, most, needed_s = 1, MOST_STEPS * steps, longest_s
     rough_N = np.full((1, n), np.inf)
-    while steps <= most and not stop[0]:
+    while steps <= most and needed_s >= longest_s / MOST_STEPS and not stop[0]:
         taken = (samples - 1) // every + 1
         overlap, velocity = integrate_symplectic(chain, every * interval_s / steps, steps, taken, stop)
         force_N = hertz_force(chain.stiffness, overlap)
         change_N = np.abs(force_N[::rough][: len(rough_N)] - rough_N).max()
         if every == 1 and not stop[0] and change_N <= tolerance * force_N.max():
             return Motion(force_N, displacements(chain, overlap), velocity)
+        if 0 < change_N < np.inf:  # the change by half a step falls as the fourth power of the step, at best
+            needed_s = every * interval_s / steps * (tolerance * force_N.max() / change_N) ** 0.25
         rough_N, rough = force_N, min(every, 2)
         every, steps = max(every // 2, 1), steps if every > 1 else 2 * steps
     return None
