@@ -67,7 +67,7 @@ class AlignedGauge:
         onset_s: Time since the impact at which the computed wave reaches the gauge.
         time_s: Times since the impact of the readings within the run. Shape (readings,).
         force_N: Readings as forces, baseline subtracted and gain applied. Shape (readings,).
-        computed_N: Force of the run at these times. Shape (readings,).
+        computed_N: Force of the run at these times, with its mean over each block. Shape (readings,).
         noise_N: Standard deviation of one of these readings.
         rest_error_N: Standard error of the baseline at each reading. Shape (readings,).
         baseline: Reading at rest at time 0, in the unit of the trace; ``baseline_error``: its standard error.
@@ -138,6 +138,14 @@ class Channel:
         """Standard deviation of the times of the readings in a block."""
         interval_s, block_s = (float(np.median(np.diff(time_s))) for time_s in (self.trace.time_s, self.time_s))
         return sqrt(max(block_s**2 - interval_s**2, 0.0) / 12)
+
+    def computed(self, curve: BSpline, trigger_s: float) -> Array:
+        """Mean of a computed change of force over each block: that of two points, exact for cubics. Shape (readings,).
+
+        Without blocks it is one point.
+        """
+        sides = {-self.spread_s, self.spread_s}
+        return np.asarray(sum(change_at(curve, self.time_s - trigger_s + side_s) for side_s in sides) / len(sides))
 
     @cached_property
     def basis(self) -> Array:
@@ -216,13 +224,8 @@ def change_at(curve: BSpline, clock_s: Array) -> Array:
 
 
 def residual_of(channel: Channel, curve: BSpline, gain: float, trigger_s: float) -> Array:
-    """Computed minus measured readings that count, in standard errors and without the best base line.
-
-    The mean of the computed force over a block is that of two points, exact for cubics.
-    """
-    clock_s = channel.time_s[channel.counts] - trigger_s
-    ends = [change_at(curve, clock_s + side * channel.spread_s) for side in (-1, 1)]
-    computed = (ends[0] + ends[1]) / (2 * gain)
+    """Computed minus measured readings that count, in standard errors and without the best base line."""
+    computed = channel.computed(curve, trigger_s)[channel.counts] / gain
     off = (computed - channel.reading[channel.counts] + (channel.trace.baseline or 0.0)) / channel.noise
     return np.asarray(off - channel.basis @ (channel.basis.T @ off))
 
@@ -324,7 +327,7 @@ def _aligned(channels: list[Channel], signals: Mapping[str, Array], run: Trace) 
             onset_s=onsets_s[channel.gauge],
             time_s=time_s,
             force_N=force_N,
-            computed_N=computed(time_s),
+            computed_N=channel.computed(computed, trigger_s)[inside],
             noise_N=noise_N,
             rest_error_N=rest_error_N,
             baseline=float(np.interp(0, clock_s, level)),
@@ -377,7 +380,7 @@ def _rest(channel: Channel, curve: BSpline, size_N: Array, trigger_s: float) -> 
     trace, time_s, design = channel.trace, channel.time_s, channel.base_lines
     if trace.baseline is not None:
         return np.full(len(time_s), trace.baseline), np.zeros(len(time_s))
-    change = change_at(curve, time_s - trigger_s)
+    change = channel.computed(curve, trigger_s)
     computed = change / trace.gain
     quiet = (np.abs(change) < QUIET_SHARE * size_N.max()) & (time_s <= trigger_s + curve.t[-1])
     if quiet.sum() < MIN_QUIET:
@@ -411,13 +414,13 @@ def _refined(
         curve, size_N = curves[channel.gauge], np.abs(signals[channel.gauge])
         force_N = channel.trace.gain * (channel.reading - _rest(channel, curve, size_N, near_s)[0])
         counts = channel.time_s - near_s <= curve.t[-1] - SEARCH_STEPS * step_s
-        turned = np.sign(force_N[counts] @ change_at(curve, channel.time_s[counts] - near_s))
+        turned = np.sign(force_N[counts] @ channel.computed(curve, near_s)[counts])
         parts.append((channel, curve, turned * force_N, abs(channel.trace.gain) * channel.noise, counts))
 
     def off(place: Array) -> Array:
         trigger_s = near_s + float(place[0]) * step_s
         return np.concatenate([
-            ((change_at(curve, channel.time_s - trigger_s) - force_N) / noise_N)[counts]
+            ((channel.computed(curve, trigger_s) - force_N) / noise_N)[counts]
             for channel, curve, force_N, noise_N, counts in parts
         ])  # fmt: skip
 

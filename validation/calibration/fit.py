@@ -35,7 +35,7 @@ MAX_DEVIATION = 2.0  # standard errors; data with larger deviations are missed
 MAX_CORRELATION = 0.5  # of neighbouring residuals; above it they are not noise
 END_MARGIN = 1e-3  # share of a range: a parameter so close to a bound is at the bound
 RANGE_DEVIATION = 1 / sqrt(12)  # standard deviation of a parameter known only by its range, as a share of the range
-LEAST_FREE = 1e-6  # 1 less the leverage of a number: one with a smaller share has a parameter of its own
+MIN_UNFITTED = 1e-6  # 1 less the leverage of a number: one with a smaller share has a parameter of its own
 MIN_COMPONENT = 0.1  # of a direction, relative to its largest; smaller components are not named
 MIN_INFLATION = 10.0  # growth of an error by the uncertainty of the other parameters, from which it is reported
 RISES = {"68 %": 1.0, "95 %": 3.841458820694124}  # rise of chi-square at the ends of intervals (Wilks, one parameter)
@@ -477,8 +477,8 @@ def _datum(best: Fit, datum: Datum) -> dict[str, Any]:
 
     A fit without a number of residual r has a chi-square lower by ``r^2 / (1 - h)``, where its leverage h is the
     variance of the fitted number in the square of its error: Cook and Weisberg, Residuals and Influence in Regression,
-    1982, 2.2. This holds in the linear model at the minimum; of the laws that hold on the paper's numbers, other fits
-    differ from it by up to 0.9.
+    1982, 2.2. This is exact for a linear model; fits to the paper's numbers but one, by laws that hold, differ from it
+    by up to 0.9.
     """
     rows, number = best.residual[datum.rows.start : datum.rows.stop], isfinite(datum.value)
     off, error, without = float(np.sqrt(np.mean(rows**2))), nan, nan
@@ -487,7 +487,7 @@ def _datum(best: Fit, datum: Datum) -> dict[str, Any]:
         leverage = max(float(slopes @ best.covariance @ slopes), 0.0)
         off = float(best.problem.raw_residual(best.place)[datum.rows.start])
         error = datum.error * sqrt(leverage)
-        without = max(best.chi_square - float(rows[0]) ** 2 / max(1.0 - leverage, LEAST_FREE), 0.0)
+        without = max(best.chi_square - float(rows[0]) ** 2 / max(1.0 - leverage, MIN_UNFITTED), 0.0)
     return {
         "data_set": datum.data_set, "datum": datum.name, "unit": datum.unit if number else "",
         "measured": datum.value, "error": datum.error, "fitted": datum.value + off * datum.error, "fitted_error": error,
