@@ -156,6 +156,8 @@ def problems_of(request: FitRequest) -> dict[str, Problem]:
         raise InputError("fit", "--measured", "cannot be combined with --quoted")
     if not (request.scenes or request.quoted):
         raise InputError("fit", "", "no scene: name scenes with [[measured]] data, or use --quoted")
+    if not (request.free or request.own or any(law.free for law in request.law.values())):
+        raise InputError("fit", "--free", "no free parameter: name a key of the scene, --free contact.restitution")
     names, problems = request.quoted or [Path(scene).stem for scene in request.scenes], dict[str, Problem]()
     if len({*names}) < len(names):
         raise InputError("fit", "data sets", ", ".join(names), "each once, with different names")
@@ -175,8 +177,6 @@ def problem_of(request: FitRequest, law: str, known: Sequence[DataSet] = ()) -> 
     others = {key for of_law in keys.values() for key in of_law} - {*keys.get(law, ())}  # parameters of other laws
     own = {text.partition("=")[0]: text for text in (request.law[law].free if law else ())}
     free = [text for key, text in (asked | own | asked).items() if key not in others]
-    if not (free or request.own):
-        raise InputError("fit", "--free", "no free parameter: name a key of the scene, --free contact.restitution")
     settings = request.settings_of(law)
     if request.quoted:
         sets = paper_data(request.quoted, settings)
@@ -503,7 +503,9 @@ def comparison(fitted: Fitted) -> Iterator[str]:
     yield from laws[columns].to_string(index=False, float_format="{:.5g}".format).splitlines()
     excess = pd.Series(excess_of(fitted.fits)).sort_values(kind="stable")
     best, second = excess.index[:2]
-    if excess[second] >= DECISIVE:
+    if not any(found.explained for found in fitted.fits.values()):
+        yield f"no law explains the data; {best} comes nearest"
+    elif excess[second] >= DECISIVE:
         yield f"{best} is the best law: the AIC of {second} is {excess[second]:.3g} higher"
     else:
         near = ", ".join(excess.index[excess < DECISIVE])

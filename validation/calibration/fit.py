@@ -135,9 +135,10 @@ class Fit:
 
     @cached_property
     def directions(self) -> tuple[Array, Array]:
-        """Singular values of the Jacobian (0 for directions without one), and its right singular vectors as rows."""
-        _, singular, directions = np.linalg.svd(self.jacobian, full_matrices=True)
-        return np.append(singular, np.zeros(len(directions) - len(singular))), directions
+        """Singular values of the Jacobian, and its right singular vectors as rows; as many as parameters."""
+        square = np.zeros((len(self.place), len(self.place)))  # there may be fewer data than parameters
+        _, singular, directions = np.linalg.svd(np.vstack([self.jacobian, square]), full_matrices=False)
+        return singular, directions
 
     @property
     def open_directions(self) -> Array:
@@ -220,7 +221,7 @@ def for_each(problem: Problem, work: Callable[[Item], Result], items: Sequence[I
 def named(directions: Array) -> NDArray[np.bool_]:
     """True for each parameter that takes part in a direction. Shape of the directions, (..., parameters)."""
     sizes = np.abs(directions)
-    return np.asarray(sizes > MIN_COMPONENT * sizes.max(axis=-1, keepdims=True))
+    return np.asarray(sizes > MIN_COMPONENT * sizes.max(axis=-1, keepdims=True, initial=0.0))
 
 
 def fit(problem: Problem, seeds: Seeds = (), *, search: bool = True) -> Fit:
@@ -247,7 +248,7 @@ def fit(problem: Problem, seeds: Seeds = (), *, search: bool = True) -> Fit:
     best = minimise(problem, minimise(problem, ends[0][1], converged=CLOSE_CHANGE))
     lowest = chi_square_at(problem, best)
     near = [(height, end) for height, end in ends if height < lowest + MAX_EXCESS]
-    other = next((each for each in near if np.abs(each[1] - best).max() > MIN_DISTANCE), None)
+    other = next((each for each in near if np.abs(each[1] - best).max(initial=0.0) > MIN_DISTANCE), None)
     reached = sum(height < lowest + SAME + 5 * ROUGH_CHANGE * lowest for height, _ in ends)
     return Fit(problem, best, other, reached, len(ends))
 

@@ -380,12 +380,13 @@ class Problem:
 
         The derivative of a number that is missing from the motion on one side is 0.
         """
-        here, columns = self.raw_residual(place), list[Array]()
-        for index in range(len(place)) if moving is None else moving:
+        here, moving = self.raw_residual(place), range(len(place)) if moving is None else moving
+        slopes = np.zeros((len(here), len(moving)))
+        for column, index in enumerate(moving):
             other = place.copy()
             other[index] += STEP if place[index] + STEP <= 1 else -STEP
-            columns.append((self.raw_residual(other) - here) / (other[index] - place[index]))
-        return np.asarray(np.nan_to_num(np.column_stack(columns), nan=0.0, posinf=0.0, neginf=0.0))
+            slopes[:, column] = (self.raw_residual(other) - here) / (other[index] - place[index])
+        return np.nan_to_num(slopes, nan=0.0, posinf=0.0, neginf=0.0)
 
     def raw_residual(self, place: Array) -> Array:
         """Residual with NaN for numbers missing from the motion, inf without one; that of each set is cached."""
