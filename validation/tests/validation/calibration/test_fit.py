@@ -15,7 +15,7 @@ from drivers.chain.case import Case
 from drivers.scene.read_scene import read_scene
 from postproc.read.motion import Simulation, case_of, exact
 from postproc.read.signals import sensor_signals
-from validation.calibration.command import lines
+from validation.calibration.command import comparison, fit_request, lines, request_of
 from validation.calibration.fit import (
     DATA,
     LAWS,
@@ -237,6 +237,19 @@ def test_errors_are_enlarged_where_the_model_does_not_explain_the_data() -> None
     assert found.enlargement == pytest.approx(np.sqrt(found.chi_square))
     assert any(f"enlarged {found.enlargement:.3g} times" in line for line in said)
     assert "the model does not explain the data" in said
+
+
+def test_a_law_without_parameters_is_compared_by_its_chi_square(scene_file: SceneWriter, tmp_path: Path) -> None:
+    """Elastic beads have no parameter of dissipation, and a speed has no gain."""
+    path = quoting(
+        scene_file, "speed_9_to_5 = '100 m/s', wall_arrival = '0.7 ms'", "speed_9_to_5 = 0.01, wall_arrival = 0.01"
+    )
+    fitted = fit_request(request_of((path,), laws=("elastic", "viscoelastic"), quick=True), tmp_path)
+    elastic, viscoelastic = fitted.fits.values()
+    assert (elastic.values, elastic.freedom) == ({}, 2)
+    assert ([*viscoelastic.values], viscoelastic.freedom) == ([RESTITUTION], 1)
+    assert elastic.chi_square > viscoelastic.chi_square
+    assert "no law explains the data; viscoelastic comes nearest" in [*comparison(fitted)]
 
 
 def test_a_missing_number_counts_ten_standard_errors_and_has_no_slope(scene_file: SceneWriter) -> None:
