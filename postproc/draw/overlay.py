@@ -5,16 +5,13 @@ from math import isnan
 from textwrap import fill
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
-from drivers.chain.case import Layout
-from drivers.chain.trace import Trace
 from postproc.draw.product import Product
 from postproc.draw.stack import GAUGE_IN, gauge_title
 from postproc.draw.style import COLUMN_IN, MICRO, line_of, pyplot
 from postproc.read.alignment import AlignedGauge
-from postproc.read.signals import gauges_of, sensor_signals
+from postproc.read.motion import Simulation
 
 STRIP_IN = 0.62  # height of a panel of residuals
 HEAD_IN, FOOT_IN = 0.75, 0.4
@@ -24,44 +21,40 @@ MAX_READINGS = 4000  # drawn readings of a gauge
 COLOURS = ("#333333", "#88572c", "#5b3a8c", "#2c6e49")  # of the files, in their order
 
 
-def draw_overlay(
-    layout: Layout, run: Trace, engine: str, aligned: Sequence[AlignedGauge], misfits: pd.DataFrame
-) -> Product:
+def draw_overlay(motion: Simulation, aligned: Sequence[AlignedGauge], misfits: pd.DataFrame) -> Product:
     """Readings as forces above rest with the computed forces; below each, smoothed readings minus computed forces.
 
     Args:
-        layout: Layout of the run.
-        run: Computed trace.
-        engine: Engine of the run.
-        aligned: Measured gauges on the run's clock.
+        motion: Computed motion.
+        aligned: Measured gauges on its clock.
         misfits: Misfits, for the table.
     """
-    measured = {each.gauge for each in aligned}
-    gauges = [gauge for gauge in gauges_of(layout) if gauge in measured]
+    run_s, gauges = (
+        motion.trace.time_s,
+        [gauge for gauge in motion.signals if gauge in {each.channel.gauge for each in aligned}],
+    )
     heights = [GAUGE_IN, STRIP_IN] * len(gauges)
     figure, grid = pyplot().subplots(
         len(heights), 1, sharex=True, figsize=(COLUMN_IN, HEAD_IN + FOOT_IN + sum(heights)), height_ratios=heights,
         squeeze=False, layout="constrained",
     )  # fmt: skip
-    files = list(dict.fromkeys(each.trace.file for each in aligned))
-    signals, colour_of_run = sensor_signals(layout, run), line_of(engine)["color"]
+    files = list(dict.fromkeys(each.channel.trace.file for each in aligned))
+    colour_of_run = line_of(motion.engine)["color"]
     for place, gauge in enumerate(gauges):
         force, strip = grid[2 * place, 0], grid[2 * place + 1, 0]
-        computed = signals[gauge] - signals[gauge][0]
-        for each in (each for each in aligned if each.gauge == gauge):
-            colour = COLOURS[files.index(each.trace.file) % len(COLOURS)]
-            _draw_gauge(force, strip, each, np.interp(each.run_s, run.time_s, computed), colour)
-        force.plot(run.time_s * MICRO, computed, color=colour_of_run, lw=1.3, label=f"computed ({engine})")
-        force.set_title(fill(gauge_title(layout, gauge), LINE), loc="left")
-        force.set(ylabel="force above\nrest (N)", xlim=(0, float(run.time_s[-1]) * MICRO))
+        curve = motion.curves[gauge]
+        for each in (each for each in aligned if each.channel.gauge == gauge):
+            colour = COLOURS[files.index(each.channel.trace.file) % len(COLOURS)]
+            _draw_gauge(force, strip, each, curve(each.run_s), colour)
+        force.plot(run_s * MICRO, curve(run_s), color=colour_of_run, lw=1.3, label=f"computed ({motion.engine})")
+        force.set_title(fill(gauge_title(motion.case.layout, gauge), LINE), loc="left")
+        force.set(ylabel="force above\nrest (N)", xlim=(0, float(run_s[-1]) * MICRO))
         strip.axhline(0, color=colour_of_run, lw=0.8)
         strip.set_ylabel("residual\n(N)")
         strip.margins(y=0.15)
     grid[-1, 0].set_xlabel("time since impact (µs)")
-    handles = dict[str, Any]()
-    for axis in grid[:, 0]:
-        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
-            handles.setdefault(label, handle)
+    shown = [pair for axis in grid[:, 0] for pair in zip(*axis.get_legend_handles_labels(), strict=True)]
+    handles = {label: handle for handle, label in shown}
     figure.legend(handles.values(), handles.keys(), loc="outside upper left", markerscale=4, ncols=1)
     figure.align_ylabels()
     return Product(figure, misfits)
@@ -72,7 +65,7 @@ def _draw_gauge(force: Any, strip: Any, gauge: AlignedGauge, computed_N: Any, co
     every = -(-len(gauge.time_s) // MAX_READINGS)
     force.plot(
         gauge.time_s[::every] * MICRO, gauge.force_N[::every], ls="none", marker=".", ms=2.0, mew=0, alpha=0.75,
-        color=colour, label=fill(f"measured ({gauge.trace.file.name})", LINE),
+        color=colour, label=fill(f"measured ({gauge.channel.trace.file.name})", LINE),
     )  # fmt: skip
     left_N, time_us = gauge.smooth_N - computed_N, gauge.run_s * MICRO
     band_N = BAND * gauge.error_N

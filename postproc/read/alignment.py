@@ -20,10 +20,10 @@ Observational Data, 4.3), and is then multiplied by ``KNOT_FACTOR``.
 """
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import sqrt
+from math import nan, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,18 +35,15 @@ from scipy.signal import correlate, peak_widths
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.files import sha256_of
-from drivers.chain.case import Layout
 from drivers.chain.chain import Array
-from drivers.chain.trace import Trace
 from postproc.read.measured import MIN_SAMPLES, NORMAL, MeasuredTrace
-from postproc.read.signals import sensor_signals, spline
+from postproc.read.motion import Simulation
 
 QUIET_SHARE = 0.01  # of the computed peak: below it a gauge is quiet
 MIN_QUIET = 8  # readings for a baseline
 CLIP = 4.0  # standard deviations from the baseline: readings and running means beyond are outliers
 ROUNDS = 5  # of removing outliers
 REACH = 2  # pulse widths around an outlier that are removed with it
-SLACK = 0.25  # share of the run by which a record may be longer or shorter without a remark
 MAX_RATIO = 100.0  # of the lengths of record and run: beyond, the unit of time is wrong
 DEGREE = 5
 KNOT_FACTOR = 1.5  # more knots than the minimum asks for, so that smoothing errors are small compared with the noise
@@ -57,65 +54,21 @@ SEARCH_STEPS = 20  # grid steps around the best correlation, for the least squar
 
 
 @dataclass(frozen=True, eq=False)
-class AlignedGauge:
-    """One gauge of a file on the clock of a run; forces are above rest.
-
-    Readings closer together than half a sample interval of the run are averaged in blocks.
-
-    Attributes:
-        trace: Trace with the gauge, as read.
-        onset_s: Time since the impact at which the computed wave reaches the gauge.
-        time_s: Times since the impact of the readings within the run. Shape (readings,).
-        force_N: Readings as forces, baseline subtracted and gain applied. Shape (readings,).
-        computed_N: Force of the run at these times, with its mean over each block. Shape (readings,).
-        noise_N: Standard deviation of one of these readings.
-        rest_error_N: Standard error of the baseline at each reading. Shape (readings,).
-        baseline: Reading at rest at time 0, in the unit of the trace; ``baseline_error``: its standard error.
-        trigger_s: Time of the impact in the file; ``trigger_error_s``: its standard error, 0 if the trigger is given.
-        off: Computed minus measured readings that count, as ``residual_of``; the sum of their squares is chi-square.
-        curve: Regression spline of the force.
-        errors: Independent parts of its standard error by noise and baseline, as a spline with a value for each part.
-        run_s: Sample times of the run within the readings. Shape (samples,).
-        smooth_N: Regression spline at these times, and its standard error ``error_N``. Shape (samples,).
-    """
-
-    trace: MeasuredTrace
-    gauge: str
-    onset_s: float
-    time_s: Array
-    force_N: Array
-    computed_N: Array
-    noise_N: float
-    rest_error_N: Array
-    baseline: float
-    baseline_error: float
-    trigger_s: float
-    trigger_error_s: float
-    off: Array
-    curve: BSpline
-    errors: BSpline
-    run_s: Array
-    smooth_N: Array
-    error_N: Array
-
-
-@dataclass(frozen=True, eq=False)
 class Channel:
     """A gauge of a file, with readings averaged in blocks if there are more than two in a sample interval of the run.
 
     Attributes:
-        key, file_key: Keys of its entry, and of the first entry of its file, whose trigger it has.
+        file_key: Key of the first entry of its file, whose trigger it has.
         trace: Trace as read.
         time_s, reading: Times and readings of the blocks. Shape (readings,).
         noise: Standard deviation of one of these readings.
         coefficients: Of the spline whose residual is the noise; 0 if the noise is stated, or that of rounding.
-        trigger_s: Time of the impact in the file; None if it has to be found.
         window_s: Range of a trigger to be found.
         counts: True until the run's duration after the trigger or, if it has to be found, after the first rise in the
             file, whatever the model. Shape (readings,).
+        trigger_s: Time of the impact in the file, given or at the largest correlation; ``found``: True for the latter.
     """
 
-    key: str
     file_key: str
     trace: MeasuredTrace
     gauge: str
@@ -123,9 +76,15 @@ class Channel:
     reading: Array
     noise: float
     coefficients: int
-    trigger_s: float | None
     window_s: tuple[float, float]
     counts: NDArray[np.bool_]
+    trigger_s: float = nan
+    found: bool = False
+
+    @property
+    def noise_N(self) -> float:
+        """Standard deviation of a reading as a force."""
+        return abs(self.trace.gain) * self.noise
 
     @cached_property
     def base_lines(self) -> Array:
@@ -153,63 +112,94 @@ class Channel:
         return np.asarray(np.linalg.qr(self.base_lines[self.counts])[0])
 
 
-def channels_of(traces: Mapping[str, MeasuredTrace], duration_s: float, step_s: float) -> list[list[Channel]]:
-    """Gauges of each file; entries of the same file, or of equal copies of it, share their trigger.
+@dataclass(frozen=True, eq=False)
+class AlignedGauge:
+    """One gauge of a file on the clock of a run; forces are above rest.
 
-    Args:
-        traces: Traces by key of their entry.
-        duration_s: Duration of the run.
-        step_s: Sample interval of the run.
+    Readings closer together than half a sample interval of the run are averaged in blocks.
+
+    Attributes:
+        channel: The gauge with its readings, at the trigger of the comparison.
+        onset_s: Time since the impact at which the computed wave reaches the gauge.
+        time_s: Times since the impact of the readings within the run. Shape (readings,).
+        force_N: Readings as forces, baseline subtracted and gain applied. Shape (readings,).
+        computed_N: Force of the run at these times, with its mean over each block. Shape (readings,).
+        rest_error_N: Standard error of the baseline at each reading. Shape (readings,).
+        baseline: Reading at rest at time 0, in the unit of the trace; ``baseline_error``: its standard error.
+        trigger_error_s: Standard error of the trigger, 0 if it is given.
+        curve: Regression spline of the force.
+        errors: Independent parts of its standard error by noise and baseline, as a spline with a value for each part.
+        run_s: Sample times of the run within the readings. Shape (samples,).
+        smooth_N: Regression spline at these times, and its standard error ``error_N``. Shape (samples,).
+    """
+
+    channel: Channel
+    onset_s: float
+    time_s: Array
+    force_N: Array
+    computed_N: Array
+    rest_error_N: Array
+    baseline: float
+    baseline_error: float
+    trigger_error_s: float
+    curve: BSpline
+    errors: BSpline
+    run_s: Array
+    smooth_N: Array
+    error_N: Array
+
+
+def channels_of(traces: Sequence[MeasuredTrace], motion: Simulation) -> list[list[Channel]]:
+    """Gauges of each file; entries of the same file, or of equal copies of it, share their trigger.
 
     Raises:
         InputError: A record is ``MAX_RATIO`` times longer or shorter than the run or has too few readings, or entries
             of one file state different triggers.
     """
-    files: dict[str, list[str]] = defaultdict(list)
-    for key, trace in traces.items():
+    files, duration_s = defaultdict[str, list[MeasuredTrace]](list), float(motion.trace.time_s[-1])
+    for trace in traces:
         length_s = float(trace.time_s[-1] - trace.time_s[0])
         power = 3 * round(np.log10(length_s / duration_s) / 3)
         if not 1 / MAX_RATIO <= length_s / duration_s <= MAX_RATIO:
             units = " rather than ".join(("us", "ms" if abs(power) == 3 else "s")[:: 1 if power > 0 else -1])
             allowed = f"about the run's {duration_s:.3g} s (run.duration); is the unit of time {units}?"
             raise InputError(paths.shown(trace.file), "time", f"a record of {length_s:.3g} s", allowed)
-        files[sha256_of(trace.file) if trace.file.is_file() else str(trace.file)].append(key)
-    return [_of_file({key: traces[key] for key in keys}, duration_s, step_s) for keys in files.values()]
+        files[sha256_of(trace.file) if trace.file.is_file() else str(trace.file)].append(trace)
+    return [_of_file(of_file, motion) for of_file in files.values()]
 
 
-def _of_file(traces: Mapping[str, MeasuredTrace], duration_s: float, step_s: float) -> list[Channel]:
+def _of_file(traces: list[MeasuredTrace], motion: Simulation) -> list[Channel]:
     """Gauges of one file."""
-    coarse = {key: averaged(trace, step_s) for key, trace in traces.items()}
-    shown = paths.shown(next(iter(traces.values())).file)
-    given = sorted({trace.trigger_s for trace in traces.values() if trace.trigger_s is not None})
+    duration_s, step_s = float(motion.trace.time_s[-1]), float(motion.trace.time_s[1])
+    coarse, shown = [averaged(trace, step_s) for trace in traces], paths.shown(traces[0].file)
+    given = sorted({trace.trigger_s for trace in traces if trace.trigger_s is not None})
     if len(given) > 1:
         found = f"triggers {' and '.join(f'{stated_s:g} s' for stated_s in given)}"
         raise InputError(shown, "", found, "one trigger per file")
-    rise_s = min(_first_rise_s(trace, gauge) for trace in coarse.values() for gauge in trace.reading)
+    rise_s = min(_first_rise_s(trace, gauge) for trace in coarse for gauge in trace.reading)
     end_s = (given[0] if given else rise_s) + duration_s
     channels = []
-    for key, trace in coarse.items():
+    for whole, trace in zip(traces, coarse, strict=True):
         if len(trace.time_s) < MIN_SAMPLES:
             found = f"{len(trace.time_s)} readings after averaging over half a sample interval of the run"
             raise InputError(shown, "", found, f"at least {MIN_SAMPLES}")
         for gauge, reading in trace.reading.items():
-            rounding = rounding_of(traces[key].reading[gauge]) * (len(reading) / len(traces[key].time_s)) ** 0.5
+            rounding = rounding_of(whole.reading[gauge]) * (len(reading) / len(whole.time_s)) ** 0.5
             noise, coefficients = (trace.noise, 0) if trace.noise else noise_of(trace.time_s, reading, rounding)
             channel = Channel(
-                key=key,
-                file_key=next(iter(traces)),
-                trace=traces[key],
+                file_key=traces[0].key,
+                trace=whole,
                 gauge=gauge,
                 time_s=trace.time_s,
                 reading=reading,
                 noise=noise,
                 coefficients=coefficients,
-                trigger_s=given[0] if given else None,
                 window_s=(rise_s - duration_s, rise_s),
                 counts=trace.time_s <= end_s,
             )
             channels.append(channel)
-    return channels
+    trigger_s = given[0] if given else correlated(channels, motion)
+    return [replace(channel, trigger_s=trigger_s, found=not given) for channel in channels]
 
 
 def _first_rise_s(trace: MeasuredTrace, gauge: str) -> float:
@@ -230,39 +220,34 @@ def residual_of(channel: Channel, curve: BSpline, gain: float, trigger_s: float)
     return np.asarray(off - channel.basis @ (channel.basis.T @ off))
 
 
-def correlated(channels: Sequence[Channel], curves: Mapping[str, BSpline], step_s: float) -> float:
+def correlated(channels: Sequence[Channel], motion: Simulation) -> float:
     """Trigger with the largest cross-correlation of either sign with the computed changes of force by gauge.
 
     Its grid has the sample interval of the run, and the readings are without a robust base line.
     """
     start_s = min(float(channel.time_s[0]) for channel in channels)
     stop_s = max(float(channel.time_s[-1]) for channel in channels)
-    end_s = float(next(iter(curves.values())).t[-1])
-    grid_s, run_s = np.arange(start_s, stop_s + step_s / 2, step_s), np.arange(0, end_s + step_s / 2, step_s)
+    run_s, step_s = motion.trace.time_s, float(motion.trace.time_s[1])
+    grid_s = np.arange(start_s, stop_s + step_s / 2, step_s)
     total = np.zeros(len(grid_s) + len(run_s) - 1)
     for channel in channels:
-        weighted = curves[channel.gauge](run_s) / (channel.trace.gain * channel.noise**2)
+        weighted = motion.curves[channel.gauge](run_s) / (channel.trace.gain * channel.noise**2)
         above = channel.reading - _level(channel, channel.reading, np.ones(len(channel.time_s), dtype=bool))
         total += correlate(np.interp(grid_s, channel.time_s, above), weighted, mode="full", method="fft")
     return start_s + (int(np.argmax(np.abs(total))) - (len(run_s) - 1)) * step_s
 
 
-def align(traces: Sequence[MeasuredTrace], layout: Layout, run: Trace) -> list[AlignedGauge]:
-    """All gauges of all files on the clock of a run; the gauges of a file share one trigger.
-
-    Args:
-        traces: Measured traces of gauges of the run.
-        layout: Layout of the run.
-        run: Computed trace.
+def align(traces: Sequence[MeasuredTrace], motion: Simulation) -> list[AlignedGauge]:
+    """All gauges of all files on the clock of a motion; the gauges of a file share one trigger.
 
     Raises:
         InputError: A record is ``MAX_RATIO`` times longer or shorter than the run, has too few readings within it, ends
             before the first pulse, states two triggers, or has too few quiet readings for a baseline that is not given.
     """
-    duration_s, step_s = float(run.time_s[-1]), float(run.time_s[1])
-    signals = {name: signal - signal[0] for name, signal in sensor_signals(layout, run).items()}
-    files = channels_of({str(place): trace for place, trace in enumerate(traces)}, duration_s, step_s)
-    return [gauge for channels in files for gauge in _aligned(channels, signals, run)]
+    for trace in traces:
+        if still := next((gauge for gauge in trace.reading if not np.ptp(motion.signals[gauge])), ""):
+            raise InputError(paths.shown(trace.file), still, "the gauge stays at rest in the run")
+    return [gauge for channels in channels_of(traces, motion) for gauge in _aligned(channels, motion)]
 
 
 def averaged(trace: MeasuredTrace, step_s: float) -> MeasuredTrace:
@@ -273,68 +258,35 @@ def averaged(trace: MeasuredTrace, step_s: float) -> MeasuredTrace:
     return replace(trace, time_s=block_means(trace.time_s, block), reading=reading, noise=noise)
 
 
-def check_length(trace: MeasuredTrace, trigger_s: float, end_s: float, onsets_s: Mapping[str, float]) -> str:
-    """Sentence on the part of a record or run that is not compared; empty if both end at about the same time.
-
-    Args:
-        trace: Measured trace.
-        trigger_s: Time of the impact in its file.
-        end_s: Duration of the run.
-        onsets_s: Times since the impact at which the computed wave reaches the gauges.
-    """
-    start, stop = (1e3 * (float(time_s) - trigger_s) for time_s in trace.time_s[[0, -1]])
-    shown, end = paths.shown(trace.file), 1e3 * end_s
-    if stop > (1 + SLACK) * end:
-        after = f"{stop - end:.3g} ms of readings after it are not compared (run.duration)"
-        return f"{shown}: the run ends {end:.3g} ms after the impact: {after}"
-    missing = [(0.0, start)] * (start > SLACK * end) + [(stop, end)] * (stop < (1 - SLACK) * end)
-    if not missing:
-        return ""
-    late = [gauge for gauge, onset_s in onsets_s.items() if 1e3 * onset_s >= stop]
-    unreached = f", so the wave does not reach {', '.join(late)}" if late else ""
-    gaps = " and ".join(f"from {first:.3g} to {last:.3g} ms" for first, last in missing)
-    return f"{shown}: no readings {gaps} after the impact, of the run's {end:.3g} ms{unreached}"
-
-
-def _aligned(channels: list[Channel], signals: Mapping[str, Array], run: Trace) -> list[AlignedGauge]:
+def _aligned(channels: list[Channel], motion: Simulation) -> list[AlignedGauge]:
     """The gauges of one file."""
-    curves, onsets_s = dict[str, BSpline](), dict[str, float]()
-    for channel in channels:
-        signal = signals[channel.gauge]
-        if not np.ptp(signal):
-            raise InputError(paths.shown(channel.trace.file), channel.gauge, "the gauge stays at rest in the run")
-        curves[channel.gauge] = spline(run.time_s, signal)
-        onsets_s[channel.gauge] = float(run.time_s[np.argmax(np.abs(signal) > QUIET_SHARE * np.abs(signal).max())])
-    trigger_s, error_s, run_s = channels[0].trigger_s, 0.0, run.time_s
-    step_s, end_s = float(run_s[1]), float(run_s[-1])
-    if trigger_s is None:
-        near_s = correlated(channels, curves, step_s)
-        trigger_s, error_s = _refined(channels, curves, signals, near_s, step_s)
+    run_s, end_s = motion.trace.time_s, float(motion.trace.time_s[-1])
+    sizes_N = {channel.gauge: np.abs(motion.curves[channel.gauge](run_s)) for channel in channels}
+    onsets_s = {
+        gauge: float(run_s[np.argmax(size_N > QUIET_SHARE * size_N.max())]) for gauge, size_N in sizes_N.items()
+    }
+    trigger_s, error_s = _refined(channels, motion) if channels[0].found else (channels[0].trigger_s, 0.0)
     first = min(channels, key=lambda channel: onsets_s[channel.gauge])
     must_overlap(first, trigger_s, end_s, onsets_s[first.gauge])
     gauges = []
     for channel in channels:
-        clock_s, gain, computed = channel.time_s - trigger_s, channel.trace.gain, curves[channel.gauge]
-        level, error = _rest(channel, computed, np.abs(signals[channel.gauge]), trigger_s)
+        clock_s, gain, computed = channel.time_s - trigger_s, channel.trace.gain, motion.curves[channel.gauge]
+        level, error = _rest(channel, computed, sizes_N[channel.gauge], trigger_s)
         inside = (clock_s >= 0) & (clock_s <= end_s)
         time_s, force_N = clock_s[inside], gain * (channel.reading - level)[inside]
-        noise_N, rest_error_N = abs(gain) * channel.noise, abs(gain) * error[inside]
-        curve, errors = _smooth(time_s, force_N, noise_N, rest_error_N)
+        rest_error_N = abs(gain) * error[inside]
+        curve, errors = _smooth(time_s, force_N, channel.noise_N, rest_error_N)
         within_s, nodes_s = run_s[(run_s >= time_s[0]) & (run_s <= time_s[-1])], np.unique(curve.t)
         gauge = AlignedGauge(
-            trace=channel.trace,
-            gauge=channel.gauge,
+            channel=replace(channel, trigger_s=trigger_s),
             onset_s=onsets_s[channel.gauge],
             time_s=time_s,
             force_N=force_N,
             computed_N=channel.computed(computed, trigger_s)[inside],
-            noise_N=noise_N,
             rest_error_N=rest_error_N,
             baseline=float(np.interp(0, clock_s, level)),
             baseline_error=float(np.interp(0, clock_s, error)),
-            trigger_s=trigger_s,
             trigger_error_s=error_s,
-            off=residual_of(channel, computed, gain, trigger_s),
             curve=curve,
             errors=errors,
             run_s=within_s,
@@ -405,24 +357,21 @@ def _rest(channel: Channel, curve: BSpline, size_N: Array, trigger_s: float) -> 
     return level, np.hypot(error, float(np.abs(computed[kept]).mean()))
 
 
-def _refined(
-    channels: list[Channel], curves: Mapping[str, BSpline], signals: Mapping[str, Array], near_s: float, step_s: float
-) -> tuple[float, float]:
-    """Trigger by least squares near a first guess, with its standard error by noise; inverted gauges are turned."""
-    parts = []
-    for channel in channels:
-        curve, size_N = curves[channel.gauge], np.abs(signals[channel.gauge])
-        force_N = channel.trace.gain * (channel.reading - _rest(channel, curve, size_N, near_s)[0])
-        counts = channel.time_s - near_s <= curve.t[-1] - SEARCH_STEPS * step_s
-        turned = np.sign(force_N[counts] @ channel.computed(curve, near_s)[counts])
-        parts.append((channel, curve, turned * force_N, abs(channel.trace.gain) * channel.noise, counts))
+def _refined(channels: list[Channel], motion: Simulation) -> tuple[float, float]:
+    """Trigger by least squares near the largest correlation, with its standard error by noise.
+
+    The residual is that of a fit, of the readings within the run at all of these triggers; inverted gauges are turned.
+    """
+    near_s, step_s, curves = channels[0].trigger_s, float(motion.trace.time_s[1]), motion.curves
+    last_s, gains = near_s + float(motion.trace.time_s[-1]) - SEARCH_STEPS * step_s, list[float]()
+    within = [replace(channel, counts=channel.time_s <= last_s) for channel in channels]
+    for each in within:
+        ways = each.trace.gain, -each.trace.gain
+        gains.append(min(ways, key=lambda gain: np.linalg.norm(residual_of(each, curves[each.gauge], gain, near_s))))
 
     def off(place: Array) -> Array:
-        trigger_s = near_s + float(place[0]) * step_s
-        return np.concatenate([
-            ((channel.computed(curve, trigger_s) - force_N) / noise_N)[counts]
-            for channel, curve, force_N, noise_N, counts in parts
-        ])  # fmt: skip
+        trigger_s, pairs = near_s + float(place[0]) * step_s, zip(within, gains, strict=True)
+        return np.concatenate([residual_of(each, curves[each.gauge], gain, trigger_s) for each, gain in pairs])
 
     best = least_squares(off, [0.0], "3-point", (-SEARCH_STEPS, SEARCH_STEPS), xtol=1e-9)
     return near_s + float(best.x[0]) * step_s, step_s / float(np.linalg.norm(np.asarray(best.jac)))

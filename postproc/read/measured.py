@@ -221,6 +221,7 @@ class MeasuredTrace:
         baseline: Reading at rest; None: found from the trace; ``drift``: True if the baseline is a straight line.
         noise: Standard deviation of a reading; None: found from the trace.
         unit: Unit of the readings.
+        key: Key of the entry in the scene, such as ``measured.0``.
     """
 
     file: Path
@@ -233,6 +234,7 @@ class MeasuredTrace:
     drift: bool = False
     noise: float | None = None
     unit: str = FORCE
+    key: str = f"{MEASURED}.0"
 
 
 def entries_of(scene: Scene | None, file: Path | None, source: str) -> tuple[dict[str, MeasuredEntry], Path, str]:
@@ -315,6 +317,7 @@ def read_measured(
         drift=entry.drift,
         noise=noise,
         unit=unit,
+        key=key,
     )
 
 

@@ -7,6 +7,7 @@ trigger are independent and added in quadrature. Quantities are named as in ``po
 are above rest.
 """
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from math import hypot, log10, nan
@@ -14,16 +15,15 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from scipy.signal import correlate
 
 from drivers.base import paths
 from drivers.chain.case import Layout
-from drivers.chain.trace import Trace
 from drivers.scene.model import MeasuredEntry
-from postproc.read.alignment import AlignedGauge, align, check_length
+from postproc.read.alignment import AlignedGauge, align
 from postproc.read.measured import FORCE, read_measured, read_quoted
-from postproc.read.observables import LEVELS, observe
-from postproc.read.signals import gauges_of, peaks, rising_crossing
+from postproc.read.motion import Simulation
+from postproc.read.observables import LEVELS
+from postproc.read.signals import peaks, rising_crossing
 
 LEVEL = LEVELS[1]  # share of the peak at which the duration is cut
 AMPLITUDE, ARRIVAL, DURATION = "amplitude_N", "arrival_s", f"duration_{100 * LEVEL:g}pct_s"
@@ -33,7 +33,8 @@ MIN_PROMINENCE = 0.005  # of a pulse, as a share of the signal's range
 QUOTED = "quoted"
 SMALLER = {3: "m", 6: "u"}  # prefixes of units that are mistaken for others, by powers of ten
 MAX_FACTOR = 5.0  # factor between measured and computed forces apart from such a power
-INVERTED = 1.5  # smallest ratio of the negative to the positive extremum of the cross-correlation
+INVERTED = -0.3  # correlation of inverted readings
+SLACK = 0.25  # share of the run by which a record may be longer or shorter without a remark
 
 COLUMNS = ("quantity", "source", "measured", "error_by_noise", "error_by_gain", "computed")
 
@@ -42,51 +43,47 @@ _Row = tuple[str, str, float, float, float, float]  # of ``COLUMNS``
 
 
 def lay_over(
-    entries: Mapping[str, MeasuredEntry], folder: Path, where: str, layout: Layout, run: Trace
+    entries: Mapping[str, MeasuredEntry], folder: Path, where: str, motion: Simulation
 ) -> tuple[list[AlignedGauge], pd.DataFrame, list[str]]:
-    """Measured gauges on a run's clock in the order of the scene, all misfits, and remarks on lengths and gains.
+    """Measured gauges on a motion's clock in the order of the scene, all misfits, and remarks on lengths and gains.
 
     Args:
         entries: Entries by their keys in the scene, such as ``measured.0``.
         folder: Folder to which the paths of the files are relative.
         where: Scene as messages name it.
-        layout: Layout of the run.
-        run: Computed trace.
+        motion: Computed motion.
 
     Raises:
         InputError: An entry or its file is wrong, or does not fit the run.
     """
-    gauges, names = gauges_of(layout), list(observe(layout, run, LEVELS))
-    traces = {key: read_measured(entry, folder, gauges, where, key) for key, entry in entries.items() if entry.file}
+    signals, names = motion.signals, [*motion.values]
+    traces = [read_measured(entry, folder, signals, where, key) for key, entry in entries.items() if entry.file]
     quoted = dict(pair for key, entry in entries.items() for pair in read_quoted(entry, names, where, key).items())
-    aligned = align(list(traces.values()), layout, run)
-    remarks = []
-    for key, trace in traces.items():
-        of_trace = [gauge for gauge in aligned if gauge.trace is trace]
-        onsets_s = {gauge.gauge: gauge.onset_s for gauge in of_trace}
-        remarks.append(check_length(trace, of_trace[0].trigger_s, float(run.time_s[-1]), onsets_s))
-        on_gain = {gauge.gauge: gain_remark(gauge, key) for gauge in of_trace}
-        for remark in filter(None, dict.fromkeys(on_gain.values())):
-            named = ", ".join(gauge for gauge in on_gain if on_gain[gauge] == remark)
-            remarks.append(f"{paths.shown(trace.file)}: {named}: {remark}")
-    return aligned, misfits(aligned, layout, run, quoted), [*dict.fromkeys(filter(None, remarks))]
+    aligned, said, end_s = align(traces, motion), defaultdict[tuple[str, str], list[str]](list), motion.trace.time_s[-1]
+    for gauge in aligned:
+        for remark in filter(None, (length_remark(gauge, end_s), gain_remark(gauge))):
+            said[paths.shown(gauge.channel.trace.file), remark].append(gauge.channel.gauge)
+    remarks = [f"{file}: {', '.join(gauges)}: {remark}" for (file, remark), gauges in said.items()]
+    return aligned, misfits(aligned, motion, quoted), remarks
 
 
-def gain_remark(gauge: AlignedGauge, key: str) -> str:
-    """Sentence on a gain with a wrong sign or a wrong power of ten, with a gain that fits; empty otherwise.
+def length_remark(gauge: AlignedGauge, end_s: float) -> str:
+    """Sentence on a record and a run that do not end at about the same time; empty otherwise."""
+    start, stop = (1e3 * (float(time_s) - gauge.channel.trigger_s) for time_s in gauge.channel.trace.time_s[[0, -1]])
+    end = 1e3 * end_s
+    if start <= SLACK * end and abs(stop - end) <= SLACK * end:
+        return ""
+    unreached = ", so the wave does not reach it" * (stop <= 1e3 * gauge.onset_s)
+    return f"readings from {start:.3g} to {stop:.3g} ms after the impact, the run until {end:.3g} ms{unreached}"
 
-    Args:
-        gauge: Gauge on the run's clock.
-        key: Key of its entry in the scene, such as ``measured.0``.
-    """
-    trace, grid_s = gauge.trace, np.linspace(gauge.time_s[0], gauge.time_s[-1], len(gauge.time_s))
-    both_N = [np.interp(grid_s, gauge.time_s, force_N) for force_N in (gauge.force_N, gauge.computed_N)]
-    measured_N, computed_N = (force_N - np.median(force_N) for force_N in both_N)
-    largest_N, expected_N = (float(np.abs(force_N).max()) for force_N in (measured_N, computed_N))
-    if gauge.time_s[-1] <= gauge.onset_s or largest_N <= NOISE_FACTOR * gauge.noise_N:
+
+def gain_remark(gauge: AlignedGauge) -> str:
+    """Sentence on a gain with a wrong sign or a wrong power of ten, with a gain that fits; empty otherwise."""
+    trace, both_N = gauge.channel.trace, (gauge.force_N, gauge.computed_N)
+    largest_N, expected_N = (float(np.abs(force_N - np.median(force_N)).max()) for force_N in both_N)
+    if gauge.time_s[-1] <= gauge.onset_s or largest_N <= NOISE_FACTOR * gauge.channel.noise_N:
         return ""  # no wave to judge by
-    both = correlate(measured_N, computed_N, method="fft")
-    sign, power = -1 if -both.min() > INVERTED * both.max() else 1, 3 * round(log10(largest_N / expected_N) / 3)
+    sign, power = -1 if np.corrcoef(*both_N)[0, 1] < INVERTED else 1, 3 * round(log10(largest_N / expected_N) / 3)
     if abs(power) not in SMALLER or not 1 / MAX_FACTOR < largest_N / expected_N / 10.0**power < MAX_FACTOR:
         power = 0
     problems = ["readings are inverted"] * (sign < 0)
@@ -97,13 +94,13 @@ def gain_remark(gauge: AlignedGauge, key: str) -> str:
         return ""
     fit = f"{sign * trace.gain / 10.0**power:g}"
     stated = fit if trace.unit == FORCE else f'"{fit} N/{trace.unit}"'
-    return f"{' and '.join(problems)}: {key}.gain = {stated} fits"
+    return f"{' and '.join(problems)}: {trace.key}.gain = {stated} fits"
 
 
 def misfits(
-    aligned: Sequence[AlignedGauge], layout: Layout, run: Trace, quoted: Mapping[str, tuple[float, float]]
+    aligned: Sequence[AlignedGauge], motion: Simulation, quoted: Mapping[str, tuple[float, float]]
 ) -> pd.DataFrame:
-    """All measured quantities with those of a run, then the quoted ones, with names as of observables, in SI units.
+    """All measured quantities with those of a motion, then the quoted ones, with names as of observables, in SI units.
 
     For each gauge: amplitude, arrival and duration of the first pulse; impulse of all readings within the run, their
     correlation with the computed force, the root mean square of the residual in N and relative to the computed
@@ -112,19 +109,18 @@ def misfits(
     not show the quantity.
 
     Args:
-        aligned: Measured gauges on the run's clock.
-        layout: Layout of the run.
-        run: Computed trace.
+        aligned: Measured gauges on the motion's clock.
+        motion: Computed motion.
         quoted: Quoted values with their relative standard errors by observable.
     """
-    computed, rows = observe(layout, run, LEVELS), list[_Row]()
-    for file in dict.fromkeys(gauge.trace.file for gauge in aligned):
-        of_file = [gauge for gauge in aligned if gauge.trace.file == file]
-        pulses = {gauge.gauge: _pulse(gauge) for gauge in of_file}
+    computed, rows = motion.values, list[_Row]()
+    for file in dict.fromkeys(gauge.channel.trace.file for gauge in aligned):
+        of_file = [gauge for gauge in aligned if gauge.channel.trace.file == file]
+        pulses = {gauge.channel.gauge: _pulse(gauge) for gauge in of_file}
         for gauge in of_file:
-            rows += _of_gauge(gauge, pulses[gauge.gauge], computed)
-        rows += _speeds(layout, pulses, file.name, computed)
-        rows.append(("trigger_s", file.name, of_file[0].trigger_s, of_file[0].trigger_error_s, 0.0, nan))
+            rows += _of_gauge(gauge, pulses[gauge.channel.gauge], computed)
+        rows += _speeds(motion.case.layout, pulses, file.name, computed)
+        rows.append(("trigger_s", file.name, of_file[0].channel.trigger_s, of_file[0].trigger_error_s, 0.0, nan))
     for name, (value, error_share) in quoted.items():
         rows.append((name, QUOTED, value, abs(value) * error_share, 0.0, computed[name]))
     table = pd.DataFrame(rows, columns=COLUMNS)
@@ -135,28 +131,25 @@ def misfits(
 
 def _of_gauge(gauge: AlignedGauge, pulse: _Pulse, values: Mapping[str, float]) -> list[_Row]:
     """First pulse; impulse by the trapezoidal rule, correlation, root mean square of the residual, and baseline."""
-    weights = np.convolve(np.diff(gauge.time_s), [0.5, 0.5])
+    weights, channel = np.convolve(np.diff(gauge.time_s), [0.5, 0.5]), gauge.channel
     measured, computed = float(weights @ gauge.force_N), float(weights @ gauge.computed_N)
-    noise = hypot(gauge.noise_N * float(np.linalg.norm(weights)), float(weights @ gauge.rest_error_N))
-    name, (arrival_s, error_s) = gauge.gauge, pulse[ARRIVAL]
-    peak_N = values[f"{name}_{AMPLITUDE}"]
+    noise = hypot(channel.noise_N * float(np.linalg.norm(weights)), float(weights @ gauge.rest_error_N))
+    name, (arrival_s, error_s), by_gain = channel.gauge, pulse[ARRIVAL], channel.trace.gain_uncertainty
+    peak_N, known_s, width_s = (values[f"{name}_{part}"] for part in (AMPLITUDE, ARRIVAL, DURATION))
     rms_N = float(np.sqrt(np.mean((gauge.force_N - gauge.computed_N) ** 2)))
-    correlation = float(np.corrcoef(gauge.force_N, gauge.computed_N)[0, 1])
-    rows = {
-        AMPLITUDE: pulse[AMPLITUDE],
-        ARRIVAL: (arrival_s, hypot(error_s, gauge.trigger_error_s)),
-        DURATION: pulse[DURATION],
-        IMPULSE: (measured, noise),
-        "correlation": (correlation, nan),
-        "residual_rms_N": (rms_N, gauge.noise_N),
-        "residual_rms_share": (rms_N / peak_N, gauge.noise_N / peak_N),
-        f"baseline_{gauge.trace.unit}": (gauge.baseline, gauge.baseline_error),
-    }
-    known = {part: values[f"{name}_{part}"] for part in pulse} | {IMPULSE: computed}
-    gain, source = dict.fromkeys((AMPLITUDE, IMPULSE), gauge.trace.gain_uncertainty), gauge.trace.file.name
+    rows = [
+        (AMPLITUDE, *pulse[AMPLITUDE], by_gain, peak_N),
+        (ARRIVAL, arrival_s, hypot(error_s, gauge.trigger_error_s), 0.0, known_s),
+        (DURATION, *pulse[DURATION], 0.0, width_s),
+        (IMPULSE, measured, noise, by_gain, computed),
+        ("correlation", float(np.corrcoef(gauge.force_N, gauge.computed_N)[0, 1]), nan, 0.0, nan),
+        ("residual_rms_N", rms_N, channel.noise_N, 0.0, nan),
+        ("residual_rms_share", rms_N / peak_N, channel.noise_N / peak_N, 0.0, nan),
+        (f"baseline_{channel.trace.unit}", gauge.baseline, gauge.baseline_error, 0.0, nan),
+    ]
+    source = channel.trace.file.name
     return [
-        (f"{name}_{part}", source, value, error, gain.get(part, 0.0) * abs(value), known.get(part, nan))
-        for part, (value, error) in rows.items()
+        (f"{name}_{part}", source, value, error, gain * abs(value), known) for part, value, error, gain, known in rows
     ]
 
 

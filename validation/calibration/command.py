@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import tomlkit
-from pydantic import Field
 
 from drivers.base import paths
 from drivers.base.errors import InputError
@@ -33,7 +32,7 @@ from drivers.scene.read_scene import apply_settings, find_scene, read_scene, set
 from drivers.scene.settings import look_up, setting_texts, unit_of
 from postproc.draw.product import write_figure
 from postproc.draw.style import COLUMN_IN, pyplot
-from postproc.read.measured import MEASURED
+from postproc.read.measured import MEASURED, entries_of
 from validation.calibration.fit import (
     DATA,
     DECISIVE,
@@ -55,7 +54,7 @@ from validation.calibration.fit import (
     value_text,
     with_error,
 )
-from validation.calibration.parameters import GAIN, OF_LAWS, TRIGGER, Free, Law, Texts, law_of
+from validation.calibration.parameters import GAIN, OF_LAWS, TRIGGER, Free, Texts, keys_of, law_of
 from validation.calibration.problem import DataSet, Problem, checked, paper_data, pose, scene_data
 from validation.compare.comparison import EngineSelection, compare_scenes
 from validation.report.parts import Chapter, store_part
@@ -73,7 +72,7 @@ class FitRequest(Part):
     Attributes:
         scenes: Names or files of scenes with measured data.
         free, own: Options ``--free`` and ``--own``: keys with or without bounds.
-        law: Laws to compare by name, with their own free parameters; none for that of the scene.
+        laws: Laws to compare, as of ``--law``; none for that of the scene.
         quoted: Names of data sets of the paper.
         measured: CSV file that replaces the files of the scene.
         settings: Settings applied to the scenes.
@@ -83,15 +82,11 @@ class FitRequest(Part):
     scenes: Texts = ()
     free: Texts = ()
     own: Texts = ()
-    law: dict[str, Law] = Field(default_factory=dict)
+    laws: Texts = ()
     quoted: Texts = ()
     measured: Path | None = None
     settings: Texts = ()
     quick: bool = False
-
-    def settings_of(self, law: str) -> tuple[str, ...]:
-        """Settings of a law and of the command; those of the command come last, so that ``contact.alpha=1.5`` stays."""
-        return (*(self.law[law].set if law else ()), *self.settings)
 
 
 @dataclass(frozen=True)
@@ -120,30 +115,34 @@ class Fitted:
         return [*map(find_scene, dict.fromkeys(self.request.scenes or [data.source for data in sets]))]
 
 
-def request_of(
-    scenes: Sequence[str | Path], *, free: Texts = (), laws: Texts = (), uncertain: Texts = (), **more: Any
-) -> FitRequest:
+def request_of(scenes: Sequence[str | Path], *, free: Texts = (), uncertain: Texts = (), **more: Any) -> FitRequest:
     """Request of the words of a command, or of the folder of a fit with further words.
 
     Raises:
-        InputError: A law is unknown, a parameter stands twice, or the folder is not that of a fit.
+        InputError: An error is missing, or the folder is not that of a fit.
     """
     for text in uncertain:
         if not all(map(str.strip, text.partition("="))):
             raise InputError("fit", "--uncertain", text, "KEY=ERROR, such as striker.speed=1%")
-    free = (*free, *("=±".join(text.split("=", 1)) for text in uncertain))
-    asked = {text.partition("=")[0].strip(): text for text in free}
-    if len(asked) < len(free):
-        raise InputError("fit", "--free", ", ".join(free), "each parameter once")
-    given = FitRequest(free=free, law={law: law_of(law, asked) for law in laws}, **more)
+    given = FitRequest(free=(*free, *("=±".join(text.split("=", 1)) for text in uncertain)), **more)
     if len(scenes) != 1 or not Path(scenes[0]).is_dir():
         return given.model_copy(update={"scenes": (*map(str, scenes),)})
     former = read_request(Path(scenes[0]))
-    both = {key: getattr(former, key) + getattr(given, key) for key in ("free", "own", "settings")}
-    if laws and not former.law:  # those of the law of the scene
-        both["free"] = tuple(text for text in both["free"] if text.partition("=")[0] not in OF_LAWS)
-    both |= {"law": former.law | given.law, "quick": given.quick, "measured": given.measured}
-    return former.model_copy(update=both)
+    both = {key: getattr(former, key) + getattr(given, key) for key in ("laws", "settings")}
+    both |= {key: (*(by_key(getattr(former, key)) | by_key(getattr(given, key))).values(),) for key in ("free", "own")}
+    return former.model_copy(update=both | {"quick": given.quick, "measured": given.measured})
+
+
+def by_key(options: Texts) -> dict[str, str]:
+    """Options ``KEY`` or ``KEY=...`` by their keys.
+
+    Raises:
+        InputError: A key stands twice.
+    """
+    asked = {text.partition("=")[0].strip(): text for text in options}
+    if len(asked) < len(options):
+        raise InputError("fit", "--free", ", ".join(options), "each parameter once")
+    return asked
 
 
 def problems_of(request: FitRequest) -> dict[str, Problem]:
@@ -156,35 +155,29 @@ def problems_of(request: FitRequest) -> dict[str, Problem]:
         raise InputError("fit", "--measured", "cannot be combined with --quoted")
     if not (request.scenes or request.quoted):
         raise InputError("fit", "", "no scene: name scenes with [[measured]] data, or use --quoted")
-    if not (request.free or request.own or any(law.free for law in request.law.values())):
+    if not (request.free or request.own or any(map(keys_of, request.laws))):
         raise InputError("fit", "--free", "no free parameter: name a key of the scene, --free contact.restitution")
-    names, problems = request.quoted or [Path(scene).stem for scene in request.scenes], dict[str, Problem]()
+    names = request.quoted or [Path(scene).stem for scene in request.scenes]
     if len({*names}) < len(names):
         raise InputError("fit", "data sets", ", ".join(names), "each once, with different names")
-    for law in request.law or [""]:
-        problems[law] = problem_of(request, law, next((each.sets for each in problems.values()), ()))
-    return problems
+    sets = paper_data(request.quoted, request.settings)
+    sets = sets or [scene_data(scene, request.settings, request.measured) for scene in request.scenes]
+    return {law: problem_of(request, law, sets) for law in request.laws or ("",)}
 
 
-def problem_of(request: FitRequest, law: str, known: Sequence[DataSet] = ()) -> Problem:
-    """Problem of a law of a request; the data are read if they are not known.
+def problem_of(request: FitRequest, law: str, sets: Sequence[DataSet]) -> Problem:
+    """Problem of a law: its own first key is free, keys of other laws are not.
+
+    Settings of the command come after those of the law, so that ``contact.alpha=1.5`` stays.
 
     Raises:
         InputError: As of ``problems_of``.
     """
-    asked = {text.partition("=")[0].strip(): text for text in request.free}
-    keys = {name: [text.partition("=")[0] for text in each.free] for name, each in request.law.items()}
-    others = {key for of_law in keys.values() for key in of_law} - {*keys.get(law, ())}  # parameters of other laws
-    own = {text.partition("=")[0]: text for text in (request.law[law].free if law else ())}
-    free = [text for key, text in (asked | own | asked).items() if key not in others]
-    settings = request.settings_of(law)
-    if request.quoted:
-        sets = paper_data(request.quoted, settings)
-    elif known:
-        sets = [replace(data, tables=checked(data.source, settings)[1].tables) for data in known]
-    else:
-        sets = [scene_data(scene, settings, request.measured) for scene in request.scenes]
-    return pose(sets, free, request.own)
+    of_law, own, asked = law_of(law), keys_of(law), by_key(request.free)
+    keys = [key for key in dict.fromkeys((*asked, *own[:1])) if not law or key in own or key not in OF_LAWS]
+    free = [asked.get(key, key) for key in keys]
+    begun = [replace(data, tables=checked(data.source, (*of_law, *data.settings))[1].tables) for data in sets]
+    return pose(begun, free, request.own)
 
 
 def folder_of(request: FitRequest, results: Path) -> Path:
@@ -198,11 +191,6 @@ def folder_of(request: FitRequest, results: Path) -> Path:
     if folder.exists() and not (folder / f"{PARAMETERS}.csv").is_file():
         raise InputError(paths.shown(folder), "", "not a folder of a fit", "another --results, or move it away")
     return folder
-
-
-def folder_named(name: str, results: Path) -> Path:
-    """Folder of a fit by its path, or by its name in the folder of results."""
-    return Path(name) if Path(name).exists() else results / name
 
 
 def read_request(folder: Path) -> FitRequest:
@@ -263,18 +251,17 @@ def write_folder(fitted: Fitted) -> None:
 
 def _complete(fitted: Fitted) -> FitRequest:
     """The request for the scenes of its folder, with the bounds that parameters had."""
-    request, fits = fitted.request, fitted.fits.values()
-    bounded = {each.key: option_of(each) for fit in fits for each in fit.problem.free if each.of_motion}
-
-    def complete(texts: Sequence[str]) -> tuple[str, ...]:
-        return tuple(bounded.get(text, text) for text in texts)
-
-    update: dict[str, Any] = {"free": complete(request.free), "own": complete(request.own), "measured": None}
-    update["law"] = {name: law.model_copy(update={"free": complete(law.free)}) for name, law in request.law.items()}
+    request, free = fitted.request, [each for fit in fitted.fits.values() for each in fit.problem.free]
+    bounded = {each.key: option_of(each) for each in free if each.of_motion}
+    asked = {key: key for law in request.laws for key in keys_of(law)[:1]} | by_key(request.free)
+    update: dict[str, Any] = {
+        name: tuple(bounded.get(text, text) for text in texts)
+        for name, texts in (("free", asked.values()), ("own", request.own))
+    }
     if not request.quoted:  # the scenes have their data
-        update["scenes"] = tuple(Path(scene).stem + ".toml" for scene in request.scenes)
+        update["scenes"] = tuple(source.name for source in fitted.sources)
         update["settings"] = tuple(text for text in request.settings if not text.startswith(MEASURED))
-    return request.model_copy(update=update)
+    return request.model_copy(update=update | {"measured": None})
 
 
 def option_of(free: Free) -> str:
@@ -315,30 +302,27 @@ def _write_scenes(fitted: Fitted) -> None:
     for law, fit in fitted.fits.items():
         rows = {row.parameter: row for row in rows_of(parameters[parameters["law"] == law])}
         for source, written in zip(fitted.sources, fitted.scenes(law), strict=True):
-            data = next((each for each in fit.problem.sets if each.name == source.stem and each.entries), None)
-            if data:
-                _write_scene(fitted.folder / source.name, source, request.settings, data, fit, {})
-            _write_scene(written, source, request.settings_of(law), data, fit, rows)
+            if not request.quoted:
+                _write_scene(fitted.folder / source.name, source, request, "", fit, {})
+            _write_scene(written, source, request, law, fit, rows)
 
 
-def _write_scene(
-    path: Path, source: Path, settings: Sequence[str], data: DataSet | None, fit: Fit, rows: Mapping[str, Any]
-) -> None:
+def _write_scene(path: Path, source: Path, request: FitRequest, law: str, fit: Fit, rows: Mapping[str, Any]) -> None:
     """Writes a scene file with settings, data, and values of rows by label, and with the comments of its source."""
     document: Any = tomlkit.parse(source.read_text(encoding="utf-8"))
-    apply_settings(document, settings)
+    apply_settings(document, (*law_of(law), *request.settings))
     for free in fit.problem.free:
         row = rows.get(free.label)
         if row and free.belongs_to(source.stem) and free.of_motion:
-            set_number(document, free.key, float(f"{row.value:.6g}"), f"fitted: {value_text(row, fit.enlargement)}")
+            _set_number(document, free.key, float(f"{row.value:.6g}"), f"fitted: {value_text(row, fit.enlargement)}")
     if drive := look_up(document, "drive.file"):
         document["drive"]["file"] = _copied(source.parent / drive, path.parent)
-    if data:
-        document[MEASURED] = _entries(data, path.parent, rows)
+    if not request.quoted:
+        document[MEASURED] = _entries(source, request, path.parent, rows)
     path.write_text(tomlkit.dumps(document), encoding="utf-8")
 
 
-def set_number(document: Any, key: str, value: float, words: str) -> None:
+def _set_number(document: Any, key: str, value: float, words: str) -> None:
     """Set a number of a scene document with a comment, which in an inline table would hide the rest of the line."""
     unit = unit_of(key)
     set_value(document, key, quantity(value, unit) if unit else value, "")
@@ -347,34 +331,30 @@ def set_number(document: Any, key: str, value: float, words: str) -> None:
 
 
 def _copied(file: Path, folder: Path) -> str:
-    """Copy a measured file, once for equal content; its new path, relative to the folder."""
+    """Copy a measured file; its new path, relative to the folder."""
     target = folder / DATA / file.name
     target.parent.mkdir(exist_ok=True)
-    equal = next((each for each in target.parent.iterdir() if cmp(file, each, shallow=False)), None)
-    while not equal and target.exists():  # a file of the same name from another folder
+    while target.exists() and not cmp(file, target, shallow=False):  # a file of the same name from another folder
         target = target.with_stem(f"{target.stem}-other")
-    if not equal:
-        shutil.copyfile(file, target)
-    return str((equal or target).relative_to(folder))
+    shutil.copyfile(file, target)
+    return str(target.relative_to(folder))
 
 
-def _entries(data: DataSet, folder: Path, rows: Mapping[str, Any]) -> Any:
-    """``[[measured]]`` tables of a data set, with copied files, and with gains and triggers of fitted rows by label."""
-    tables, channels = tomlkit.aot(), {channel.key: channel for channel in data.channels}
-    for key, entry in data.entries.items():
+def _entries(source: Path, request: FitRequest, folder: Path, rows: Mapping[str, Any]) -> Any:
+    """``[[measured]]`` tables of a scene, with copied files, and with gains and triggers of fitted rows by label."""
+    tables, (entries, home, _) = tomlkit.aot(), entries_of(read_scene(source, request.settings), request.measured, "")
+    for key, entry in entries.items():
         values = entry.model_dump(exclude_none=True, exclude_unset=True)
-        if channel := channels.get(key):
-            values["file"] = _copied(channel.trace.file, folder)
-            trigger = rows.get(f"{data.name}: {channel.file_key}.{TRIGGER}")
-            gain = rows.get(f"{data.name}: {key}.{GAIN}")
-            trigger_s = trigger.value if trigger else channel.trigger_s
-            if trigger_s is not None:
-                values[TRIGGER] = quantity(float(f"{trigger_s:.9g}"), "s")
-            if gain:
-                error = abs(gain.error / gain.value)
-                values["gain_uncertainty"] = float(f"{error:.2g}") if error < 1 else entry.gain_uncertainty
-                number = f"{gain.value:.6g}"
-                values[GAIN] = float(number) if channel.trace.unit == "N" else f"{number} N/{channel.trace.unit}"
+        gain, trigger = (rows.get(f"{source.stem}: {key}.{part}") for part in (GAIN, TRIGGER))
+        trigger_s = trigger.value if trigger else entry.trigger
+        if entry.file:
+            values["file"] = _copied(home / entry.file, folder)
+        if trigger_s is not None:
+            values[TRIGGER] = quantity(float(f"{trigger_s:.9g}"), "s")
+        if gain and entry.file:
+            error, number = abs(gain.error / gain.value), f"{gain.value:.6g}"
+            values["gain_uncertainty"] = float(f"{error:.2g}") if error < 1 else entry.gain_uncertainty
+            values[GAIN] = f"{number} {gain.unit}" if gain.unit else float(number)
         tables.append(tomlkit.item(values))
     return tables
 
@@ -403,47 +383,35 @@ def fit(
         >>> found.tables["parameters"].loc[0, "parameter"]
         'contact.restitution'
     """
-    return fit_request(request_of(scenes, settings=setting_texts(settings), **options), Path(results))
-
-
-def fit_request(request: FitRequest, results: Path) -> Fitted:
-    """Fit each law and write the folder of the fit.
-
-    Raises:
-        InputError: The request has errors.
-        RunError: The exact motion cannot be computed.
-    """
-    problems, fits, of_laws = problems_of(request), dict[str, Fit](), list[Tables]()
-    problem, folder = next(iter(problems.values())), folder_of(request, results)
+    request = request_of(scenes, settings=setting_texts(settings), **options)
+    problems, fits, of_laws = problems_of(request), dict[str, Fit](), dict[str, Tables]()
+    problem, folder = next(iter(problems.values())), folder_of(request, Path(results))
     with counted(f"fit of {len(problem.free)} parameter{'s' * (len(problem.free) > 1)} to {problem.rows} readings"):
         for law, each in problems.items():  # each fit also starts from the earlier ones: a larger model is never worse
-            seeds, names = [found.values for found in fits.values()], ", ".join(data.name for data in each.sets)
-            fits[law], tables = solve(each, law, names, quick=request.quick, seeds=seeds)
-            of_laws.append(tables | {EXACT: taken_as_exact(fits[law]).assign(law=law)})
-    whole = {name: pd.concat([each[name] for each in of_laws], ignore_index=True) for name in of_laws[0]}
+            fits[law], tables = solve(each, quick=request.quick, seeds=[found.values for found in fits.values()])
+            of_laws[law] = tables | {EXACT: taken_as_exact(fits[law])}
+    whole = {
+        name: pd.concat({law: tables[name] for law, tables in of_laws.items()}, names=["law"]).reset_index("law")
+        for name in (PARAMETERS, DATA, LAWS, EXACT)
+    }
     fitted = Fitted(folder, request, fits, whole)
     write_folder(fitted)
     return fitted
 
 
-def run_fit(request: FitRequest, runs: Path, results: Path) -> int:
-    """Fit, print and write the results, and compare the fitted scenes on the codes; 1 if the comparison fails.
-
-    Raises:
-        InputError: The request has errors.
-    """
-    fitted = fit_request(request, results)
+def confirm(fitted: Fitted, runs: Path) -> int:
+    """Print the results of a fit, and compare its scenes on the codes; 1 if the comparison fails."""
     best = min(fitted.fits, key=lambda law: fitted.fits[law].aic)
     try:
-        return 0 if request.quick or not fitted.scenes(best) else _confirm(fitted.scenes(best), runs)
+        return 0 if fitted.request.quick else _compare(fitted.scenes(best), runs)
     finally:  # last, so that it stays on screen, also after a failed run
         for law, found in fitted.fits.items():
-            own = {name: table[table["law"] == law] for name, table in fitted.tables.items() if "law" in table}
+            own = {name: table[table["law"] == law] for name, table in fitted.tables.items()}
             print(*([f"--- {law} ---"] * bool(law)), *lines(found, own), "", *exact_lines(own[EXACT]), "", sep="\n")
         print(*comparison(fitted), paths.shown(fitted.folder), sep="\n", flush=True)
 
 
-def _confirm(fitted: Sequence[Path], runs: Path) -> int:
+def _compare(fitted: Sequence[Path], runs: Path) -> int:
     """Compares fitted scenes on all engines, or on the in-repo engines if no code has their contact law."""
     cases = [build_case(read_scene(path)) for path in fitted]
     modelled = any(inability(case, code) is None for case in cases for code in codes())
@@ -478,7 +446,7 @@ def lines(fit: Fit, tables: Tables) -> Iterator[str]:
     chance = f", probability {goodness.probability:.2g}" if goodness.freedom > 0 else ""
     yield f"chi-square {goodness.chi_square:.4g} with {goodness.freedom} degrees of freedom{chance}"
     if not fit.explained:
-        yield f"{goodness.law or 'the model'} does not explain the data"
+        yield "the model does not explain the data"
     yield from goodness.remarks.split(". ") if goodness.remarks else ()
 
 

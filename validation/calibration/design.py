@@ -27,13 +27,13 @@ from drivers.base.terminal import following, text_table
 from drivers.chain.case import build_case
 from drivers.chain.chain import Array
 from drivers.run.execute import Place, execute
-from drivers.scene.read_scene import apply_settings, make_scene
+from drivers.scene.read_scene import apply_settings
 from drivers.scene.settings import look_up, setting_texts, unit_of
 from postproc.draw.style import COLUMN_IN, GREY, pyplot
 from postproc.read.alignment import Channel, averaged, change_at
 from postproc.read.measured import MEASURED
 from postproc.read.motion import Simulation, exact, read
-from validation.calibration.command import Fitted, read_fits, set_number
+from validation.calibration.command import Fitted, read_fits
 from validation.calibration.fit import ROUGH_CHANGE, Fit, chi_square_at, minimise, rounded, weights_of
 from validation.calibration.parameters import CUT, GAIN, TRIGGER, Free, stated
 from validation.calibration.predict import CARRIED
@@ -118,11 +118,8 @@ def design(
     document: Any = tomlkit.parse(fitted.scenes(next(iter(fits)))[0].read_text(encoding="utf-8"))
     document.pop(MEASURED, None)
     document["title"] = f"Designed from {fitted.folder.name}: {goal} {table['expected'][best]:.3g}"
-    sensors = {key: changes[best].pop(key) for key in {SENSORS} & {*changes[best]}}
-    chosen = sensors | {"run.duration": float(table["duration_s"][best])}
+    chosen = changes[best] | {"run.duration": float(table["duration_s"][best])}
     apply_settings(document, [*setting_texts(settings), *setting_texts(chosen)])
-    for key, value in changes[best].items():
-        set_number(document, key, value, "designed")
     return Design(table, best, tomlkit.dumps(document), goal)
 
 
@@ -179,7 +176,7 @@ def _problem_of(fit: Fit, data: DataSet) -> tuple[Problem, Array]:
     Geometry and strikes have the value of the candidate, with the relative error that they had.
     """
     free, place = list[Free](), list[float]()
-    gauges = {f"{channel.key}.{part}" for channel in data.channels for part in (GAIN, TRIGGER)}
+    gauges = {f"{channel.trace.key}.{part}" for channel in data.channels for part in (GAIN, TRIGGER)}
     readings = {CUT, *(number.divisor for number in data.numbers)}
     for each, x in zip(fit.problem.free, fit.place, strict=True):
         if each.own in ("", data.name) and (each.of_motion or each.key in gauges | readings):
@@ -201,18 +198,18 @@ def _made_up(fit: Fit, settings: Sequence[str]) -> DataSet:
         ArithmeticError: The motion cannot be computed.
     """
     base = fit.problem.sets[0]
-    found = fit.problem.motion_values(base, fit.place)
+    found = fit.problem.own_values(base, fit.place)
     tables = changed(base.tables, [(key, value) for key, value in found if key.startswith(CARRIED)])
     if any(free.is_trigger and free.own == base.name for free in fit.problem.free):
         tables["run"]["duration"] = f"{base.scene.run.duration / LONGER!r} s"
     apply_settings(tables, settings)
     for _ in range(MAX_LONGER + 1):
-        scene = make_scene(json.loads(json.dumps(tables)), "design", "design")
-        motion = exact(build_case(scene), TOLERANCE)
+        data = replace(base, tables=json.dumps(tables))
+        motion = exact(build_case(data.scene), TOLERANCE)
         if all(isfinite(motion.first.get(f"{gauge}_arrival_s", nan)) for gauge in motion.signals):
-            return _data_of(replace(base, tables=json.dumps(tables)), motion)
-        tables["run"]["duration"] = f"{2 * scene.run.duration!r} s"
-    raise InputError("design", "run.duration", f"no pulse at a gauge within {scene.run.duration:g} s", "a longer run")
+            return _data_of(data, motion)
+        tables["run"]["duration"] = f"{2 * motion.case.scene.run.duration!r} s"
+    raise InputError("design", "run.duration", f"no pulse at a gauge in {tables['run']['duration']}", "a longer run")
 
 
 def _data_of(base: DataSet, motion: Simulation) -> DataSet:
@@ -227,12 +224,12 @@ def _data_of(base: DataSet, motion: Simulation) -> DataSet:
         if not alike:
             continue
         first, trace, noise = alike[0], alike[0].trace, float(np.sqrt(np.mean([each.noise**2 for each in alike])))
-        trigger_s, step_s = base.triggers[first.file_key], float(np.median(np.diff(trace.time_s)))
+        trigger_s, step_s = first.trigger_s, float(np.median(np.diff(trace.time_s)))
         time_s = np.arange(float(trace.time_s[0]), trigger_s + float(motion.trace.time_s[-1]), step_s)
         reading = change_at(curve, time_s - trigger_s) / trace.gain + (trace.baseline or 0.0)
         coarse = averaged(replace(trace, time_s=time_s, reading={gauge: reading}), interval_s)
-        made_up = replace(first, gauge=gauge, noise=noise, time_s=coarse.time_s, reading=coarse.reading[gauge])
-        channels.append(replace(made_up, counts=np.ones(len(coarse.time_s), dtype=bool)))
+        readings = {"time_s": coarse.time_s, "reading": coarse.reading[gauge], "counts": coarse.time_s == coarse.time_s}
+        channels.append(replace(first, gauge=gauge, noise=noise, **readings))
     for number in base.numbers:
         with suppress(InputError):
             value = read(motion, number.name, base.fixed.get(CUT, DEFAULT_CUT))

@@ -47,7 +47,7 @@ DECISIVE, LEANING = 10.0, 2.0  # excess of Akaike's criterion: a law that has no
 
 Tables = dict[str, pd.DataFrame]
 Seeds = Sequence[Mapping[str, float]]  # values of parameters by label
-Start = tuple[Array, dict[int, float]]  # coordinates, and those of parameters that are first held, by index
+End = tuple[float, Array]  # chi-square and coordinates at the end of a descent
 Point = tuple[float, float, Array]  # coordinate, chi-square, and coordinates of all parameters
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -59,15 +59,12 @@ class Fit:
 
     Attributes:
         place: Coordinates of the parameters. Shape (parameters,).
-        other: Chi-square and coordinates of another minimum, up to ``MAX_EXCESS`` above the best.
-        reached, descents: Number of descents that ended at this minimum, and of all; 0 if it was known.
+        ends: Ends of the descents that led to it, the lowest first; none if it was known.
     """
 
     problem: Problem
     place: Array
-    other: tuple[float, Array] | None = None
-    reached: int = 0
-    descents: int = 0
+    ends: Sequence[End] = ()
 
     @cached_property
     def residual(self) -> Array:
@@ -238,19 +235,13 @@ def fit(problem: Problem, seeds: Seeds = (), *, search: bool = True) -> Fit:
     Raises:
         RunError: The exact motion cannot be computed at any of these points.
     """
-    starts = [*(_starts(problem) if search else ()), *((_seeded(problem, seed), {}) for seed in seeds)]
-    lower = partial(_lowered, problem)
-    lowered = for_each(problem, lower, starts) if search else [*map(lower, starts)]
-    ends = sorted((end for end in lowered if isfinite(end[0])), key=lambda end: end[0])
-    if not ends:
+    starts, lower = [_seeded(problem, seed) for seed in seeds], partial(minimise, problem, converged=ROUGH_CHANGE)
+    places = for_each(problem, lower, [*_starts(problem), *starts]) if search else [*map(lower, starts)]
+    ends = sorted(((chi_square_at(problem, place), place) for place in places), key=lambda end: end[0])
+    if not isfinite(ends[0][0]):
         message = "the exact motion cannot be computed at the starting values or at any other point of the ranges"
         raise RunError(f"fit: {message}; narrow the bounds of --free")
-    best = minimise(problem, minimise(problem, ends[0][1], converged=CLOSE_CHANGE))
-    lowest = chi_square_at(problem, best)
-    near = [(height, end) for height, end in ends if height < lowest + MAX_EXCESS]
-    other = next((each for each in near if np.abs(each[1] - best).max(initial=0.0) > MIN_DISTANCE), None)
-    reached = sum(height < lowest + SAME + 5 * ROUGH_CHANGE * lowest for height, _ in ends)
-    return Fit(problem, best, other, reached, len(ends))
+    return Fit(problem, minimise(problem, minimise(problem, ends[0][1], converged=CLOSE_CHANGE)), ends)
 
 
 def _seeded(problem: Problem, seed: Mapping[str, float]) -> Array:
@@ -258,11 +249,11 @@ def _seeded(problem: Problem, seed: Mapping[str, float]) -> Array:
     values = {free.label: calibration_file().none.get(free.key) for free in problem.free} | dict(seed)
     place = np.array([free.coordinate(free.start if (x := values[free.label]) is None else x) for free in problem.free])
     missing = any(free.own and free.of_motion and free.label not in seed for free in problem.free)
-    return _with_others(problem, place) if missing else problem.with_triggers(place)
+    return _with_others(problem, place, MAX_EVALUATIONS) if missing else problem.with_triggers(place)
 
 
-def _starts(problem: Problem) -> list[Start]:
-    """The scene's values, the best places over the ranges, and those of the models inside the problem."""
+def _starts(problem: Problem) -> list[Array]:
+    """The scene's values, the best places over the ranges, and the minima of the models inside the problem."""
     searched, places = problem.searched, list[Array]()
     count = ceil(log2(SCREENED_POINTS * max(len(searched), 1)))
     draws = qmc.Sobol(len(searched), seed=0).random_base2(count) if searched else ()
@@ -275,22 +266,14 @@ def _starts(problem: Problem) -> list[Start]:
     for index in searched:
         free, none = problem.free[index], calibration_file().none
         inside |= {(index, free.coordinate(value)) for value in (free.start, none.get(free.key, free.start))}
-    return [*((place, {}) for place in (first, *places)), *((first, {index: x}) for index, x in sorted(inside))]
+    held = [{index: coordinate} for index, coordinate in sorted(inside)]
+    return [first, *places, *for_each(problem, partial(minimise, problem, first, converged=ROUGH_CHANGE), held)]
 
 
-def _lowered(problem: Problem, start: Start) -> tuple[float, Array]:
-    """Chi-square and coordinates at the end of a descent from a place, first with some parameters held."""
-    place, held = start
-    first = minimise(problem, place, held, converged=ROUGH_CHANGE) if held else place
-    end = minimise(problem, first, converged=ROUGH_CHANGE)
-    return chi_square_at(problem, end), end
-
-
-def _with_others(problem: Problem, place: Array) -> Array:
-    """``place`` with all parameters fitted roughly that are not searched."""
+def _with_others(problem: Problem, place: Array, tries: int = MAX_ROUGH_EVALUATIONS) -> Array:
+    """``place`` with all parameters fitted that are not searched, by some evaluations."""
     held = {index: float(place[index]) for index in problem.searched}
-    begun = problem.with_triggers(problem.scanned(place))
-    return minimise(problem, begun, held, converged=ROUGH_CHANGE, tries=MAX_ROUGH_EVALUATIONS)
+    return minimise(problem, problem.with_triggers(place), held, converged=ROUGH_CHANGE, tries=tries)
 
 
 def minimise(
@@ -316,18 +299,18 @@ def minimise(
     if not moving or not problem.rows or not np.isfinite(problem.residual(inside)).all():
         return begun
     method: Literal["dogbox", "trf"] = "dogbox" if converged == FINE_CHANGE else "trf"  # for bounds
+    at = partial(_moved, inside, moving)
 
     def off(coordinates: Array) -> Array:
-        return problem.residual(_moved(inside, moving, coordinates))
+        return problem.residual(at(coordinates))
 
     def slopes(coordinates: Array) -> Array:
-        return problem.jacobian(_moved(inside, moving, coordinates), moving)
+        return problem.jacobian(at(coordinates), moving)
 
     with np.errstate(invalid="ignore", divide="ignore"):  # the slope is zero if all data are missing
         # a point without a motion has infinite residuals, from which least squares steps back
         found = least_squares(off, inside[moving], slopes, (0, 1), method, converged, converged, None, max_nfev=tries)
-    end = _moved(inside, moving, found.x)
-    return min(begun, end, key=partial(chi_square_at, problem))
+    return min(begun, at(found.x), key=partial(chi_square_at, problem))
 
 
 def chi_square_at(problem: Problem, place: Array) -> float:
@@ -413,17 +396,13 @@ def interval(fit: Fit, index: int, rise: float, points: list[Point] | None = Non
     return ends[0], ends[1]
 
 
-def solve(
-    problem: Problem, law: str = "", data: str = "", *, quick: bool = False, seeds: Seeds = (), search: bool = True
-) -> tuple[Fit, Tables]:
+def solve(problem: Problem, *, quick: bool = False, seeds: Seeds = (), search: bool = True) -> tuple[Fit, Tables]:
     """Fit; unless ``quick``, also profile each searched parameter.
 
     If a profile finds a better minimum, the fit is repeated from there.
 
     Args:
         problem: Data and parameters.
-        law: Name of the law, for the tables.
-        data: Name of the data, for the tables.
         quick: True for the fit alone.
         seeds: As those of ``fit``.
         search: As that of ``fit``.
@@ -443,7 +422,7 @@ def solve(
         lowest = min((point for points in profiles.values() for point in points), key=lambda p: p[1], default=None)
         if lowest is None or lowest[1] > best.chi_square - MIN_GAIN:
             break
-        best = Fit(problem, minimise(problem, lowest[2]), best.other, 1, best.descents)
+        best = Fit(problem, minimise(problem, lowest[2]), best.ends)
     parameters = pd.DataFrame([_parameter(best, index, profiles.get(index)) for index in range(len(problem.free))])
     rows = pd.DataFrame([_datum(best, datum) for datum in problem.data])
     missed = rows[np.isfinite(rows["measured"]) & ~(rows["off"].abs() <= MAX_DEVIATION)]
@@ -454,11 +433,7 @@ def solve(
         "missed": "; ".join(missed["data_set"] + ": " + missed["datum"]),
         "remarks": ". ".join(_remarks(best)),
     }  # fmt: skip
-    tables = {LAWS: pd.DataFrame([goodness]), PARAMETERS: parameters, DATA: rows}
-    for table in tables.values():
-        table.insert(0, "law", law)
-        table.insert(1, "data", data)
-    return best, tables
+    return best, {LAWS: pd.DataFrame([goodness]), PARAMETERS: parameters, DATA: rows}
 
 
 def _parameter(best: Fit, index: int, points: list[Point] | None) -> dict[str, Any]:
@@ -499,8 +474,9 @@ def _datum(best: Fit, datum: Datum) -> dict[str, Any]:
 def _remarks(best: Fit) -> Iterator[str]:
     """Sentences on other minima, undetermined parameters, and numbers that the motion does not have."""
     problem, certain = best.problem, not len(best.open_directions)
-    if best.reached < 2 <= best.descents and certain:
-        yield f"not sure: 1 of {best.descents} descents ended at this minimum; a better one may exist"
+    reached = sum(height < best.chi_square * (1 + 5 * ROUGH_CHANGE) + SAME for height, _ in best.ends)
+    if reached < 2 <= len(best.ends) and certain:
+        yield f"not sure: {reached} of {len(best.ends)} descents ended at this minimum; a better one may exist"
     missing = np.isnan(problem.raw_residual(best.place))
     for datum in problem.data:
         if missing[datum.rows.start]:
@@ -508,10 +484,12 @@ def _remarks(best: Fit) -> Iterator[str]:
             yield f"{datum.label} is missing from the computed motion and {counts}"
         if problem.censored(datum, best.place):
             yield f"{datum.label} is a lower bound: the force is above the cut until the wave meets the wall"
-    if best.other and certain:
-        pairs = zip(problem.free, problem.values(best.other[1]).items(), strict=True)
+    near = [end for end in best.ends if end[0] < best.chi_square + MAX_EXCESS]
+    others = [end for end in near if np.abs(end[1] - best.place).max(initial=0.0) > MIN_DISTANCE]
+    for height, place in others[:certain]:
+        pairs = zip(problem.free, problem.values(place).items(), strict=True)
         shown = ", ".join(f"{name} {rounded(value, free.unit)}" for free, (name, value) in pairs)
-        yield f"another minimum with chi-square {best.other[0]:.4g}: {shown}"
+        yield f"another minimum with chi-square {height:.4g}: {shown}"
     yield from trade_offs(best)
     for datum in (datum for datum in problem.data if len(datum.rows) > 1):
         off = best.residual[datum.rows.start : datum.rows.stop]

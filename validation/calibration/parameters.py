@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from functools import cache
 from itertools import product
-from math import exp, inf, isnan, log, nan
+from math import exp, inf, isfinite, isnan, log, nan
 from typing import Annotated, Any, Literal
 
 from pydantic import Field
@@ -31,7 +31,8 @@ NUMERICAL_KEYS = ("run", "seed", "title")  # not physical parameters
 GAIN, TRIGGER = "gain", "trigger"  # keys of a [[measured]] table
 READING = "reading"  # table of the keys of parameters of readings
 CUT = f"{READING}.cut"
-PRIOR = re.compile(r"(?P<value>.*?)\s*(?:±|\+/?-)\s*(?P<error>[^\s%]+)\s*(?P<percent>%)?\s*(?P<unit>.*)")
+# two numbers with their units: bounds, or a value with its standard error, which may be in per cent
+PAIR = re.compile(r"(.*?)\s*(\.\.|±|\+/?-)\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(%?)\s*(.*)")
 DEFAULT = "default"  # reading with the first answer to each question
 
 
@@ -89,13 +90,6 @@ class Answer(Part):
     quick: bool = False
 
 
-class Law(Part):
-    """A contact law: settings of a scene that give it, and free parameters of its dissipation."""
-
-    set: Texts = ()
-    free: Texts = ()
-
-
 class CalibrationFile(Part):
     """The whole file.
 
@@ -142,33 +136,37 @@ def calibration_file() -> CalibrationFile:
     return validate(CalibrationFile, read_toml(paths.CALIBRATION), paths.CALIBRATION)
 
 
-def law_of(text: str, asked: Mapping[str, str] | None = None) -> Law:
-    """Law by its name, ``elastic`` or one of ``drivers.laws``, with constants after commas: ``power,alpha=1.5``.
-
-    Keys of other laws are removed from the scene, those of the law stay. Its first key is a free parameter, which
-    starts at the value of ``inputs/calibration.toml``, or else at an end of its bounds.
-
-    Args:
-        text: The law.
-        asked: Options ``--free`` by key.
+def keys_of(law: str) -> list[str]:
+    """Keys of the dissipation of a law; a fit to the law has the first one as a parameter.
 
     Raises:
-        InputError: There is no such law, or no start of its parameter.
+        InputError: There is no such law.
     """
-    name, *constants = (part.strip() for part in text.split(","))
-    if name not in (ELASTIC, *LAWS):
+    name = law.partition(",")[0].strip()
+    if name not in ("", ELASTIC, *LAWS):
         raise unknown("fit", "--law", name, [ELASTIC, *LAWS])
+    return [f"contact.{key}" for key in LAW_KEYS.get(name, ()) if key != "damping_ratio"]  # stated by the restitution
+
+
+def law_of(text: str) -> tuple[str, ...]:
+    """Settings of a law: ``elastic`` or one of ``drivers.laws``, with constants after commas, ``power,alpha=1.5``.
+
+    Keys of other laws are removed from the scene, those of the law stay. Its first key starts at the value of
+    ``inputs/calibration.toml``. There are none for the law of the scene, an empty text.
+
+    Raises:
+        InputError: There is no such law.
+    """
+    if not text:
+        return ()
+    name, *constants = (part.strip() for part in text.split(","))
+    own = keys_of(name)
     if wrong := next((part for part in constants if "=" not in part), ""):
         raise InputError("fit", f"--law {name}", wrong, f"constants as KEY=VALUE: --law {name},KEY=VALUE")
-    own = [key for key in LAW_KEYS.get(name, ()) if key != "damping_ratio"]  # which the restitution states, too
-    removed = {key: "" for of_law in LAW_KEYS.values() for key in of_law if key not in own}
-    free = [f"contact.{key}" for key in own[:1]]
-    starts = [calibration_file().start.get(key) or (asked or {}).get(key, "").rpartition("..")[2] for key in free]
-    if "" in starts:
-        raise InputError("fit", f"--law {name}", f"no start of {free[0]}", f"bounds, --free '{free[0]}=LOW..HIGH'")
-    chosen = {"dissipation": name if own else VISCOELASTIC} | removed | dict(zip(own, starts, strict=False))
-    given = [*(f"{key}={value}" for key, value in chosen.items()), *constants]
-    return Law(set=tuple(f"contact.{each}" for each in given), free=tuple(free))
+    removed = [f"{key}=" for key in OF_LAWS if key not in own]
+    begun = [f"{key}={calibration_file().start.get(key, '')}" for key in own[:1]]
+    constants = [f"contact.{each}" for each in constants]
+    return (*removed, f"contact.dissipation={name if own else VISCOELASTIC}", *begun, *constants)
 
 
 @dataclass(frozen=True)
@@ -203,8 +201,8 @@ class Free:
 
     @property
     def of_motion(self) -> bool:
-        """True if the motion depends on the parameter; gauges and readings do not change it."""
-        return not self.key.startswith(("measured", READING))
+        """True if the motion depends on the parameter."""
+        return is_of_motion(self.key)
 
     @property
     def is_trigger(self) -> bool:
@@ -233,6 +231,11 @@ class Free:
         return self.value(coordinate) * log(self.high / self.low) if self.logarithmic else self.high - self.low
 
 
+def is_of_motion(key: str) -> bool:
+    """True for a key on which the motion depends; gauges and readings do not change it."""
+    return not key.startswith(("measured", READING))
+
+
 def free_parameter(text: str, scene: Scene, where: str, own: str = "") -> Free:
     """Parameter of an option such as ``contact.restitution``, ``striker.speed=1 m/s..3 m/s`` or ``...=2 m/s±1%``.
 
@@ -248,11 +251,12 @@ def free_parameter(text: str, scene: Scene, where: str, own: str = "") -> Free:
         raise unknown(where, "--free", key, asked.range, "a key of the scene with a physical number")
     if value is None and start is not None:
         value = _number(start, unit, file, key)
-    start, bounds = nan if value is None else value, around(value) if value else (nan, nan)
+    usual = Free(key, unit, nan if value is None else value, *around(value or nan), own)
     if known:
-        low, high = _bounds(known, unit, file, key)
-        bounds = (low, high) if value is None or low <= value <= high else bounds
-    return stated(text, Free(key, unit, start, *bounds, own), where)
+        ends = stated(f"{key}={known}", Free(key, unit), file)
+        inside = value is None or ends.low <= value <= ends.high
+        usual = replace(usual, low=ends.low, high=ends.high) if inside else usual
+    return stated(text, usual, where)
 
 
 def stated(text: str, usual: Free, where: str, option: str = "--free") -> Free:
@@ -270,48 +274,32 @@ def stated(text: str, usual: Free, where: str, option: str = "--free") -> Free:
         InputError: There are no bounds, or the text after ``=`` is wrong.
     """
     key, given, rest = (part.strip() for part in text.partition("="))
-    prior, label, unit, start = PRIOR.fullmatch(rest), f"{option} {key}", usual.unit, usual.start
-    if prior:
-        value, error = _known_value(prior, usual, where, label)
-        least, most = (usual.low, usual.high) if usual.low <= value <= usual.high else (-inf, inf)
-        low = value - REACH * error if not 0 < value <= REACH * error else value / (2 * FACTOR)
-        high = value + REACH * error
-        free = replace(usual, start=value, low=max(low, least), high=min(high, most), prior=error)
-    else:
-        low, high = _bounds(rest, unit, where, label) if given else (usual.low, usual.high)
-        if isnan(low):
-            raise InputError(where, label, f"no starting value: give bounds, {option} '{key}=LOW..HIGH'")
-        free = replace(usual, low=low, high=high)
-        free = replace(free, start=free.value(0.5) if isnan(start) else min(max(start, low), high))
-    if unit and abs(start) > 0 and given and not re.search("[A-Za-z]", rest) and not 0.1 <= free.start / start <= 10:
-        found, allowed = f"{rest}, that is {free.start:g} {unit}", f"a value near {start:g} {unit}, or a unit"
+    label, unit, free, pair = f"{option} {key}", usual.unit, usual, PAIR.fullmatch(rest)
+    if given and not pair:
+        ends, known = ("0.5 GPa..2 GPa", "1 GPa±5%") if unit else ("2..5", "3±5%")
+        raise InputError(where, label, rest, f"bounds such as {ends}, or a value with its error such as {known}")
+    if pair:
+        first, sign, last, percent, ending = pair.groups()
+        value = _number(first, unit, where, label, ending) if first or sign == ".." else usual.start
+        other = float(last) / 100 * abs(value) if percent else _number(f"{last} {ending}".strip(), unit, where, label)
+        if not (value < other if sign == ".." else other > 0 and isfinite(value)):
+            allowed = "a lower bound, then an upper one; or a value, which the scene may state, and an error above 0"
+            raise InputError(where, label, rest, allowed)
+        if sign == "..":
+            free = replace(usual, low=value, high=other)
+        else:
+            least, most = (usual.low, usual.high) if usual.low <= value <= usual.high else (-inf, inf)
+            low = value - REACH * other if not 0 < value <= REACH * other else value / (2 * FACTOR)
+            high = value + REACH * other
+            free = replace(usual, start=value, low=max(low, least), high=min(high, most), prior=other)
+    if isnan(free.low):
+        raise InputError(where, label, f"no starting value: give bounds, {option} '{key}=LOW..HIGH'")
+    free = replace(free, start=free.value(0.5) if isnan(free.start) else min(max(free.start, free.low), free.high))
+    start, unitless = abs(usual.start), given and not re.search("[A-Za-z]", rest)
+    if unit and start > 0 and unitless and not 0.1 <= free.start / usual.start <= 10:
+        found, allowed = f"{rest}, that is {free.start:g} {unit}", f"a value near {usual.start:g} {unit}, or a unit"
         raise InputError(where, label, found, allowed)
     return free
-
-
-def _bounds(text: str, unit: str, where: str, label: str) -> tuple[float, float]:
-    """Bounds such as ``0.5 GPa..2 GPa``."""
-    first, dots, last = (part.strip() for part in text.partition(".."))
-    if not dots:
-        ends, value = ("0.5 GPa..2 GPa", "1 GPa±5%") if unit else ("2..5", "3±5%")
-        raise InputError(where, label, text, f"bounds such as {ends}, or a value with its error such as {value}")
-    other = units.NUMBER_AND_UNIT.fullmatch(last)
-    low, high = _number(first, unit, where, label, other[2] if other else ""), _number(last, unit, where, label)
-    if not low < high:
-        raise InputError(where, label, f"{low:g}..{high:g}", "a lower bound, then an upper bound")
-    return low, high
-
-
-def _known_value(prior: re.Match[str], usual: Free, where: str, label: str) -> tuple[float, float]:
-    """Value and standard error of a text such as ``9.525±0.005 mm``."""
-    value = _number(prior["value"], usual.unit, where, label, prior["unit"]) if prior["value"] else usual.start
-    if isnan(value):
-        raise InputError(where, label, prior[0], "a value before ±, since the scene has none")
-    error = _number(prior["error"], "" if prior["percent"] else usual.unit, where, label, prior["unit"])
-    error *= abs(value) / 100 if prior["percent"] else 1.0
-    if not error > 0:
-        raise InputError(where, label, prior[0], "a value with an error above 0, such as 1 GPa±5%")
-    return value, error
 
 
 def _number(text: object, unit: str, where: str, label: str, other: str = "") -> float:

@@ -30,7 +30,7 @@ from postproc.read.motion import Simulation
 from postproc.read.observables import describe
 from validation.calibration.command import Fitted, problem_of, read_fits
 from validation.calibration.fit import DECISIVE, LOOKS, Fit, digits, fit, rows_of, weights_of, with_error
-from validation.calibration.parameters import ELASTIC, OF_LAWS, law_of
+from validation.calibration.parameters import ELASTIC, OF_LAWS
 from validation.calibration.problem import DataSet, Problem, checked
 from validation.report.parts import Chapter, Shown
 
@@ -117,12 +117,10 @@ def others_of(fitted: Fitted) -> dict[str, float]:
     """Excess of Akaike's criterion of laws that were not fitted over the best one; they start at the values of that."""
     best = min(fitted.fits.values(), key=lambda fit: fit.aic)
     known = {*fitted.fits, best.problem.sets[0].scene.contact.law.name}
-    asked = tuple(text for text in fitted.request.free if text.split("=")[0] not in OF_LAWS)
     excess = dict[str, float]()
     for law in {ELASTIC, *LAWS} - known:
         with suppress(InputError, RunError):  # such as a law without a start
-            request = fitted.request.model_copy(update={"free": asked, "law": {law: law_of(law)}})
-            found = fit(problem_of(request, law, best.problem.sets), [best.values], search=False)
+            found = fit(problem_of(fitted.request, law, best.problem.sets), [best.values], search=False)
             excess[law] = found.aic - best.aic
     return dict(sorted(excess.items(), key=lambda item: item[1]))
 
@@ -170,8 +168,8 @@ def _part_of(fit: Fit, scene: Scene, data: DataSet, *, own: bool) -> tuple[Probl
     moving = [place for place, each in enumerate(free) if each.of_motion and each.belongs_to(first)]
     if not own:
         offered = [place for place in moving if not free[place].own and free[place].key.startswith(CARRIED)]
-        moving = [place for place in offered if look_up(scene, free[place].key) is not None]
-        moving += [place for place in offered if place not in moving and not free[place].key.startswith(MATERIALS)]
+        here = [place for place in offered if look_up(scene, free[place].key) is not None]
+        moving = [place for place in offered if place in here or not free[place].key.startswith(MATERIALS)]
         materials = [any(free[place].key.startswith(MATERIALS) for place in places) for places in (offered, moving)]
         if not moving or materials == [True, False]:
             allowed = " or ".join(free[place].key for place in offered) or "a fit of a material or a law"

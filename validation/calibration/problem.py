@@ -21,7 +21,7 @@ from drivers.chain.case import build_case
 from drivers.chain.chain import Array
 from drivers.engines import REFERENCE
 from drivers.limits import refuse
-from drivers.scene.model import MeasuredEntry, Scene
+from drivers.scene.model import Scene
 from drivers.scene.read_scene import (
     DERIVED,
     apply_settings,
@@ -29,20 +29,17 @@ from drivers.scene.read_scene import (
     make_scene,
     read_scene,
     read_toml,
-    set_value,
 )
-from drivers.scene.settings import look_up, unit_of
+from drivers.scene.settings import look_up, setting_texts
 from postproc.paper import force_accuracy, quoted
 from postproc.read.alignment import Channel, channels_of, correlated, must_overlap, residual_of
 from postproc.read.measured import MEASURED, entries_of, read_measured, read_quoted
 from postproc.read.motion import Simulation, exact, is_censored, read
 from postproc.read.observables import describe
-from postproc.read.signals import gauges_of
 from validation.calibration.parameters import (
     CUT,
     GAIN,
     NUMERICAL_KEYS,
-    PRIOR,
     READING,
     TRIGGER,
     Answer,
@@ -51,6 +48,7 @@ from validation.calibration.parameters import (
     around,
     calibration_file,
     free_parameter,
+    is_of_motion,
     of_readings,
     stated,
     unknown,
@@ -66,7 +64,6 @@ STEP = 1e-4  # of finite differences, as a share of a parameter's range
 LONGER = 2.0  # a run divided by the scene's duration, if a trigger has to be found
 MISSING_RESIDUAL = 10.0  # standard errors counted for a number that the computed motion does not have
 CACHE_SIZE = 64  # simulations; residuals are smaller
-SCANNED = 8  # values of a parameter that one data set has alone, at the start of a descent
 
 Values = tuple[tuple[str, float], ...]  # values of parameters by key
 
@@ -115,9 +112,8 @@ class DataSet:
         numbers: Measured numbers.
         own: Keys of free parameters of this data set alone.
         channels: Measured traces of gauges.
-        entries: ``[[measured]]`` tables by key, such as ``measured.0``.
-        triggers: Trigger of each file, given or found at the scene's values, by the key of its first entry.
         fixed: Values of parameters of readings that are not free, by key.
+        settings: Settings applied to the scene.
     """
 
     name: str
@@ -127,9 +123,8 @@ class DataSet:
     numbers: tuple[Datum, ...] = ()
     own: tuple[str, ...] = ()
     channels: tuple[Channel, ...] = ()
-    entries: Mapping[str, MeasuredEntry] = field(default_factory=dict)
-    triggers: Mapping[str, float] = field(default_factory=dict)
     fixed: Mapping[str, float] = field(default_factory=dict)
+    settings: Sequence[str] = ()
 
     @property
     def rows(self) -> int:
@@ -206,7 +201,7 @@ def checked(source: str, settings: Sequence[str]) -> tuple[Scene, DataSet]:
     if file := look_up(tables, "drive.file"):
         tables["drive"]["file"] = str((path.parent / file).resolve())
     tables.pop(MEASURED, None)
-    return scene, DataSet(path.stem, source, json.dumps(tables), paths.shown(path))
+    return scene, DataSet(path.stem, source, json.dumps(tables), paths.shown(path), settings=settings)
 
 
 def scene_data(source: str, settings: Sequence[str] = (), file: Path | None = None) -> DataSet:
@@ -223,22 +218,18 @@ def scene_data(source: str, settings: Sequence[str] = (), file: Path | None = No
     scene, bare = checked(source, settings)
     entries, folder, named = entries_of(scene, file, bare.where)
     simulation = exact(build_case(scene))
-    gauges, names = gauges_of(simulation.case.layout), [*simulation.values]
-    traces = {key: read_measured(entry, folder, gauges, named, key) for key, entry in entries.items() if entry.file}
+    signals, names = simulation.signals, [*simulation.values]
+    traces = [read_measured(entry, folder, signals, named, key) for key, entry in entries.items() if entry.file]
     numbers = tuple(
         Datum(observable, value, abs(value) * share, divisor=f"{key}.{GAIN}" * observable.endswith("_N"))
         for key, entry in entries.items()
         for observable, (value, share) in read_quoted(entry, names, named, key).items()
     )
-    step_s, duration_s = scene.run.sample_interval, scene.run.duration
-    files, triggers = channels_of(traces, duration_s, step_s), dict[str, float]()
-    for own in files:
-        given_s, key = own[0].trigger_s, own[0].file_key
-        triggers[key] = correlated(own, simulation.curves, step_s) if given_s is None else given_s
-        if given_s is not None:
-            must_overlap(own[0], given_s, duration_s)
-    channels = tuple(channel for key in traces for file in files for channel in file if channel.key == key)
-    return replace(bare, numbers=numbers, channels=channels, entries=entries, triggers=triggers)
+    channels = tuple(channel for file in channels_of(traces, simulation) for channel in file)
+    for channel in channels:
+        if not channel.found:
+            must_overlap(channel, channel.trigger_s, scene.run.duration)
+    return replace(bare, numbers=numbers, channels=channels)
 
 
 def gauge_parameters(data: DataSet, asked: Sequence[str]) -> list[Free]:
@@ -252,19 +243,15 @@ def gauge_parameters(data: DataSet, asked: Sequence[str]) -> list[Free]:
     Raises:
         InputError: An option names an unknown entry or key, or the trigger of an entry that shares another's.
     """
-    channels = {each.key: each for each in data.channels}
-    known, missing = dict[str, Free](), set[str]()
-    for key, entry in data.entries.items():
-        channel, name = channels.get(key), f"{key}.{GAIN}"
-        if channel or any(number.divisor == name for number in data.numbers):
-            gain, unit = (channel.trace.gain, channel.trace.unit) if channel else (1.0, "N")
-            prior = entry.gain_uncertainty * abs(gain)
-            known[name] = Free(name, f"N/{unit}" if unit != "N" else "", gain, *around(gain), data.name, prior)
-        if channel and key in {each.file_key for each in data.channels}:
-            name = f"{key}.{TRIGGER}"
-            known[name] = Free(name, "s", data.triggers[key], *channel.window_s, data.name)
-            if channel.trigger_s is None:
-                missing.add(name)
+    known, found = dict[str, Free](), set[str]()
+    for key in (number.divisor for number in data.numbers if number.divisor.startswith(MEASURED)):
+        known[key] = Free(key, "", 1.0, *around(1.0), data.name)
+    for channel in data.channels:
+        trace, gain, trigger = channel.trace, f"{channel.trace.key}.{GAIN}", f"{channel.file_key}.{TRIGGER}"
+        unit, prior = f"N/{trace.unit}" if trace.unit != "N" else "", trace.gain_uncertainty * abs(trace.gain)
+        known[gain] = Free(gain, unit, trace.gain, *around(trace.gain), data.name, prior)
+        known[trigger] = Free(trigger, "s", channel.trigger_s, *channel.window_s, data.name)
+        found |= {trigger} if channel.found else set()
     options = dict[str, str]()
     for text in asked:
         key = text.partition("=")[0].strip()
@@ -272,7 +259,7 @@ def gauge_parameters(data: DataSet, asked: Sequence[str]) -> list[Free]:
         if not named:
             raise unknown(data.where, "--free", key, known, ", ".join(known) or "none, since the data set has no gauge")
         options |= dict.fromkeys(named, text)
-    asked_for = {key: free for key, free in known.items() if free.prior or key in missing or key in options}
+    asked_for = {key: free for key, free in known.items() if free.prior or key in found or key in options}
     return [stated(options.get(key, key), free, data.where) for key, free in asked_for.items()]
 
 
@@ -296,7 +283,7 @@ def parameters_of(sets: Sequence[DataSet], free: Sequence[str], own: Sequence[st
         key, _, rest = (part.strip() for part in text.partition("="))
         values = {name: look_up(scene, key) for name, scene in scenes.items()}
         having = [each for each in sets if look_up(scenes[each.name], key.rpartition(".")[0]) is not None] or [*sets]
-        unstated = (prior := PRIOR.fullmatch(rest)) and not prior["value"]
+        unstated = rest.startswith(("±", "+-", "+/-"))
         if unstated and len({values[source.name] for source in having}) > 1:
             parameters += [free_parameter(text, scenes[each.name], each.where, each.name) for each in having]
             continue
@@ -331,7 +318,7 @@ class Problem:
         for source in self.sets:
             counted += [(replace(number, data_set=source.name), 1) for number in source.numbers]
             for channel in source.channels:
-                datum = Datum(f"{channel.key} {channel.gauge}", data_set=source.name)
+                datum = Datum(f"{channel.trace.key} {channel.gauge}", data_set=source.name)
                 counted.append((datum, int(channel.counts.sum())))
         counted += [(Datum(free.key, data_set=free.own), 1) for free in self.free if free.prior]
         ends = accumulate(rows for _, rows in counted)
@@ -356,19 +343,15 @@ class Problem:
         """Values of the parameters at given coordinates, by label."""
         return {free.label: free.value(float(x)) for free, x in zip(self.free, place, strict=True)}
 
-    def own_values(self, data: DataSet, place: Array) -> dict[str, float]:
+    def own_values(self, data: DataSet, place: Array) -> Values:
         """Values of the parameters of a data set, by key."""
         pairs = zip(self.free, place, strict=True)
-        return {free.key: free.value(float(x)) for free, x in pairs if free.belongs_to(data.name)} | dict(data.fixed)
+        own = {free.key: free.value(float(x)) for free, x in pairs if free.belongs_to(data.name)}
+        return tuple((own | dict(data.fixed)).items())
 
     def motion(self, data: DataSet, place: Array) -> Simulation | None:
         """Motion of a data set at given coordinates; None if there is none."""
-        return simulated(data, self.motion_values(data, place))
-
-    def motion_values(self, data: DataSet, place: Array) -> Values:
-        """Values of the parameters of a data set on which its motion depends."""
-        moving = {free.key for free in self.free if free.of_motion}
-        return tuple((key, value) for key, value in self.own_values(data, place).items() if key in moving)
+        return simulated(data, self.own_values(data, place))
 
     def residual(self, place: Array) -> Array:
         """Predicted minus measured values in standard errors; inf at a point without a motion. Shape (rows,)."""
@@ -390,39 +373,19 @@ class Problem:
 
     def raw_residual(self, place: Array) -> Array:
         """Residual with NaN for numbers missing from the motion, inf without one; that of each set is cached."""
-        parts = [self.residual_of_set(data, place) for data in self.sets]
+        parts = [_of_set(data, self.own_values(data, place)) for data in self.sets]
         pairs = zip(self.free, place, strict=True)
         priors = [(free.value(float(x)) - free.start) / free.prior for free, x in pairs if free.prior]
         return np.concatenate([*parts, priors])
 
-    def residual_of_set(self, data: DataSet, place: Array) -> Array:
-        """Raw residual of a data set."""
-        return _of_set(data, self.motion_values(data, place), tuple(self.own_values(data, place).items()))
-
-    def set_of(self, datum: Datum) -> DataSet:
-        """Data set of a number or trace."""
-        return next(data for data in self.sets if data.name == datum.data_set)
-
     def censored(self, datum: Datum, place: Array) -> bool:
         """True for a width of which the force is still above the cut when the wave reaches the wall."""
         gauge, width, _ = datum.name.partition("_full_width")
-        if not width or (simulation := self.motion(self.set_of(datum), place)) is None:
+        if not width:
             return False
-        return is_censored(simulation, gauge, self.own_values(self.set_of(datum), place).get(CUT, DEFAULT_CUT))
-
-    def scanned(self, place: Array) -> Array:
-        """``place`` with the best of ``SCANNED`` values of each parameter of the motion that one data set has alone."""
-        moved = place.copy()
-        for data in self.sets:
-            for index, free in enumerate(self.free):
-                if free.own == data.name and free.of_motion:
-                    heights = []
-                    for x in (place[index], *np.linspace(0.0, 1.0, SCANNED)):
-                        moved[index] = x
-                        off = self.residual_of_set(data, self.with_triggers(moved))
-                        heights.append((float(np.sum(np.nan_to_num(off, nan=MISSING_RESIDUAL) ** 2)), float(x)))
-                    moved[index] = min(heights)[1]
-        return moved
+        data = next(data for data in self.sets if data.name == datum.data_set)
+        simulation, cut = self.motion(data, place), dict(self.own_values(data, place)).get(CUT, DEFAULT_CUT)
+        return simulation is not None and is_censored(simulation, gauge, cut)
 
     def with_triggers(self, place: Array) -> Array:
         """``place`` with the triggers of all data sets at the best correlation of motion and traces."""
@@ -432,8 +395,7 @@ class Problem:
             for index, free in enumerate(self.free):
                 if simulation and free.own == data.name and free.is_trigger:
                     channels = [channel for channel in data.channels if f"{channel.file_key}.{TRIGGER}" == free.key]
-                    step_s = float(simulation.trace.time_s[1])
-                    moved[index] = free.coordinate(correlated(channels, simulation.curves, step_s))
+                    moved[index] = free.coordinate(correlated(channels, simulation))
         return moved
 
 
@@ -477,11 +439,9 @@ def _begun(data: DataSet, parameters: Sequence[Free]) -> DataSet:
 
 
 def changed(tables: str, values: Iterable[tuple[str, float]]) -> dict[str, Any]:
-    """Tables of a scene with other values of some keys: text with the unit, or a plain number."""
+    """Tables of a scene with other values of some keys."""
     other: dict[str, Any] = json.loads(tables)
-    for key, value in values:
-        unit = unit_of(key)
-        set_value(other, key, f"{value!r} {unit}" if unit else value, "--free")
+    apply_settings(other, setting_texts(dict(values)))
     return other
 
 
@@ -504,12 +464,12 @@ def exact_numbers(sets: Sequence[DataSet], data: DataSet) -> Iterator[Free]:
         yield Free(key, "", value, *around(value), own="" if common else data.name)
     for channel in data.channels:
         gain = channel.trace.gain
-        yield Free(f"{channel.key}.{GAIN}", "", gain, *around(gain), own=data.name)
+        yield Free(f"{channel.trace.key}.{GAIN}", "", gain, *around(gain), own=data.name)
 
 
 def simulated(data: DataSet, values: Values) -> Simulation | None:
     """Exact motion of a data set's scene at given parameter values; None if there is none."""
-    return _integrated(data.tables, data.where, values)
+    return _integrated(data.tables, data.where, tuple(pair for pair in values if is_of_motion(pair[0])))
 
 
 @lru_cache(maxsize=CACHE_SIZE)
@@ -521,8 +481,8 @@ def _integrated(tables: str, where: str, values: Values) -> Simulation | None:
 
 
 @lru_cache(maxsize=64 * CACHE_SIZE)
-def _of_set(data: DataSet, motion: Values, values: Values) -> Array:
-    simulation = simulated(data, motion)
+def _of_set(data: DataSet, values: Values) -> Array:
+    simulation = simulated(data, values)
     if simulation is None:
         return np.full(data.rows, inf)
     known, cut = dict(values), dict(values).get(CUT, DEFAULT_CUT)
@@ -532,8 +492,7 @@ def _of_set(data: DataSet, motion: Values, values: Values) -> Array:
     ]
     traces = list[Array]()
     for channel in data.channels:
-        gain = known.get(f"{channel.key}.{GAIN}", channel.trace.gain)
+        gain = known.get(f"{channel.trace.key}.{GAIN}", channel.trace.gain)
         trigger_s = known.get(f"{channel.file_key}.{TRIGGER}", channel.trigger_s)
-        assert trigger_s is not None  # given, or a free parameter
         traces.append(residual_of(channel, simulation.curves[channel.gauge], gain, trigger_s))
     return np.concatenate([offs, *traces])

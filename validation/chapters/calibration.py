@@ -16,7 +16,7 @@ from drivers.run.execute import Place, execute
 from postproc.draw.style import GREY, pyplot
 from postproc.paper import calibrated
 from validation.calibration.fit import DATA, LAWS, LOOKS, MAX_DEVIATION, PARAMETERS, Tables, rows_of, solve, value_text
-from validation.calibration.parameters import CUT, DEFAULT, ELASTIC, calibration_file, law_of
+from validation.calibration.parameters import CUT, DEFAULT, ELASTIC, calibration_file, keys_of, law_of
 from validation.calibration.problem import paper_data, pose
 from validation.chapters import Options
 from validation.checks import FAIL, Check, judged, without_run
@@ -89,11 +89,11 @@ def _fit_laws(known: Mapping[str, Mapping[str, float]], reading: str) -> list[Ta
 def fit_law(law: str, reading: str, seeds: Sequence[Mapping[str, float]] = ()) -> tuple[dict[str, float], Tables]:
     """Parameters and tables of a law fitted to all quoted data for one reading, from seeds alone if there are some."""
     asked = calibration_file()
-    named, answers = law_of(law), asked.readings()[reading]
-    free = (*asked.free, *named.free, *(text for answer in answers for text in answer.free))
-    problem = pose(paper_data(asked.data, named.set, answers), free)
-    fit, tables = solve(problem, law, reading, quick=bool(seeds), seeds=seeds, search=not seeds)
-    return fit.values, tables
+    answers = asked.readings()[reading]
+    free = (*asked.free, *keys_of(law)[:1], *(text for answer in answers for text in answer.free))
+    problem = pose(paper_data(asked.data, law_of(law), answers), free)
+    fit, tables = solve(problem, quick=bool(seeds), seeds=seeds, search=not seeds)
+    return fit.values, {name: table.assign(law=law, data=reading) for name, table in tables.items()}
 
 
 def parameters_of(tables: Tables, law: str, reading: str) -> dict[str, Any]:

@@ -14,17 +14,18 @@ from postproc.draw.overlay import HEADINGS, draw_overlay, misfit_rows
 from postproc.draw.product import Product, write_product
 from postproc.read.measured import entries_of
 from postproc.read.misfit import lay_over
-from postproc.read.motion import exact
+from postproc.read.motion import Simulation, case_of_run, exact
 from validation.accuracy.plan import planned_case
 from validation.calibration import design as designs
 from validation.calibration import predict as predictions
-from validation.calibration.command import folder_named, request_of, run_fit
+from validation.calibration.command import confirm
+from validation.calibration.command import fit as fit_laws
 from validation.commands.options import print_paths
 from validation.commands.run_commands import open_shown
 from validation.report.parts import prediction_part, write_part
 
 
-def fit(results: Path, runs: Path, **asked: Any) -> int:
+def fit(scenes: tuple[str, ...], runs: Path, **asked: Any) -> int:
     """Fit parameters of scenes to measured data.
 
     The data are the [[measured]] tables of the scenes, or those that --measured or --quoted name. Triggers that are not
@@ -34,7 +35,7 @@ def fit(results: Path, runs: Path, **asked: Any) -> int:
       beads fit example-measured --free contact.restitution
       beads fit shot.toml --law elastic --law power --free striker.speed=2±1%
     """
-    return run_fit(request_of(**asked), runs, results)
+    return confirm(fit_laws(*scenes, **asked), runs)
 
 
 def predict(fit: str, settings: tuple[str, ...], results: Path, scene: str = "") -> None:
@@ -46,10 +47,15 @@ def predict(fit: str, settings: tuple[str, ...], results: Path, scene: str = "")
       beads predict fit-shot other.toml
       beads predict fit-shot --set 'striker.speed=0.2 m/s'
     """
-    found = predictions.predict(folder_named(fit, results), scene, settings)
+    found = predictions.predict(_folder(fit, results), scene, settings)
     print(*text_table(predictions.rows_of_text(found)), "", *found.said, sep="\n")
     chapter = predictions.chapter_of(found, f"predict-{found.scene.name}")
     print_paths(write_part(prediction_part(found.scene), chapter, results))
+
+
+def _folder(fit: str, results: Path) -> Path:
+    """Folder of a fit by its path, or by its name in the folder of results."""
+    return Path(fit) if Path(fit).exists() else results / fit
 
 
 def design(
@@ -67,7 +73,7 @@ def design(
       beads design fit-shot --vary striker.speed=0.05..2 --gauges 2..15
       beads design fit-shot --vary striker.speed=0.05..2 --pin contact.restitution
     """
-    folder = folder_named(fit, results)
+    folder = _folder(fit, results)
     found = designs.design(folder, vary, gauges, pin, candidates, settings)
     name = f"design-{folder.resolve().name.removeprefix('fit-')}"
     written = write_product(Product(designs.draw(found), found.table), name, results)
@@ -90,15 +96,14 @@ def overlay(run: str, settings: tuple[str, ...], runs: Path, results: Path, meas
             raise InputError(f"--set {settings[0]}", "", "not allowed for a finished run")
         opened, name, _ = open_shown("overlay", run, runs)
         scene = scene_now(run.partition(":")[2]) or scene_now(opened.record.scene_name)  # names the measured data
-        layout, trace, engine = opened.layout, opened.trace, opened.record.engine
+        motion = Simulation(case_of_run(opened), opened.record.engine, opened.trace)
     else:
         case = planned_case(run, *settings)
         refuse(case, REFERENCE)
-        scene, layout, trace, engine = case.scene, case.layout, exact(case).trace, REFERENCE
+        scene, motion = case.scene, exact(case)
         name = f"overlay-{scene.name}"
-    entries, folder, where = entries_of(scene, measured, run)
-    aligned, misfits, remarks = lay_over(entries, folder, where, layout, trace)
-    drawn = write_product(draw_overlay(layout, trace, engine, aligned, misfits), name, results) if aligned else ()
+    aligned, misfits, remarks = lay_over(*entries_of(scene, measured, run), motion)
+    drawn = write_product(draw_overlay(motion, aligned, misfits), name, results) if aligned else ()
     print(*text_table([HEADINGS, *misfit_rows(misfits)]), sep="\n")
     for remark in remarks:
         print(remark, file=sys.stderr)

@@ -186,7 +186,7 @@ def _choices(case: Case) -> Iterator[Knob]:
         sphere["striker.mass"] = setting_text("striker.mass", scene.striker.mass)
         flat = {"striker.shape": "flat", "striker.diameter": "", "striker.mass": quantity(mass_kg, "kg")}
         yield Knob("striker.shape", scene.striker.shape, choices={"sphere": sphere, "flat": flat})
-    laws = {law: dict(text.split("=", 1) for text in law_of(law).set) for law in (ELASTIC, *LAWS)}
+    laws = {law: dict(text.split("=", 1) for text in law_of(law)) for law in (ELASTIC, *LAWS)}
     stated_keys = {key: getattr(scene.contact, key) for key in LAW_KEYS[scene.contact.dissipation]}
     law = scene.contact.dissipation if any(value is not None for value in stated_keys.values()) else ELASTIC
     laws[law] |= {f"contact.{key}": setting_text(f"contact.{key}", value) for key, value in stated_keys.items()}

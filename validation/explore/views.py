@@ -25,8 +25,10 @@ from drivers.scene.settings import look_up
 from postproc.draw.film import Film, film_of
 from postproc.draw.product import cells_of, shown_forces
 from postproc.draw.style import AVERAGE, GREY, PAGE_IN, marker_of, pyplot, svg_of
+from postproc.read.alignment import residual_of
 from postproc.read.measured import entries_of
 from postproc.read.misfit import lay_over
+from postproc.read.motion import Simulation
 from postproc.read.observables import describe, observe, without_unit
 from postproc.read.signals import sensor_signals, signals_csv
 from validation.accuracy.budget import assess, budget_of, kept_budget
@@ -184,19 +186,21 @@ def laid_over(question: Question) -> Laid:
     Raises:
         InputError: A measured file is wrong, or does not fit the motion.
     """
-    case, _, trace, _ = motion_of(question)
-    entries, folder, where = entries_of(case.scene, None, case.scene.name)
-    aligned, _, remarks = lay_over(entries, folder, where, case.layout, trace)
-    gauges: dict[str, list[Any]] = {}
+    case, engine, trace, _ = motion_of(question)
+    entries = entries_of(case.scene, None, case.scene.name)
+    motion = Simulation(case, engine, trace)
+    aligned, _, remarks = lay_over(*entries, motion)
+    gauges, offs = dict[str, list[Any]](), list[Array]()
     for each in aligned:
+        channel = each.channel
+        offs.append(residual_of(channel, motion.curves[channel.gauge], channel.trace.gain, channel.trigger_s))
         left_N = each.smooth_N - np.interp(each.run_s, each.time_s, each.computed_N)
-        gauges.setdefault(each.gauge, []).append((each.time_s, each.force_N, each.run_s, left_N))
-    trigger_s = {each.trace.file: each.trigger_s for each in aligned}
-    triggers = {f"{key}.{TRIGGER}": trigger_s[folder / entry.file] for key, entry in entries.items() if entry.file}
+        gauges.setdefault(channel.gauge, []).append((each.time_s, each.force_N, each.run_s, left_N))
+    triggers = {f"{each.channel.trace.key}.{TRIGGER}": each.channel.trigger_s for each in aligned}
     return Laid(
         gauges={gauge: tuple(map(np.concatenate, zip(*parts, strict=True))) for gauge, parts in gauges.items()},
-        chi_square=float(sum(each.off @ each.off for each in aligned)),
-        readings=sum(len(each.off) for each in aligned),
+        chi_square=float(sum(off @ off for off in offs)),
+        readings=sum(map(len, offs)),
         remarks=remarks,
         knobs=[
             knob

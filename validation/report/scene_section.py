@@ -28,6 +28,7 @@ from postproc.draw.stack import MAX_GAUGES, draw_gauge_forces
 from postproc.draw.style import svg_of
 from postproc.read.measured import entries_of
 from postproc.read.misfit import lay_over
+from postproc.read.motion import Simulation
 from postproc.read.observables import observe
 from postproc.read.signals import gauges_of
 from validation.accuracy.budget import PARTS, budget_rows
@@ -129,10 +130,11 @@ def overlay_of(case: Case, engine: str, trace: Trace, results: Path) -> dict[str
     fitted_scene = paths.shown(fitted) if parameters and not is_fit else ""
     overlay |= {"rows": [], "remarks": [], "problem": "", "far": None, "parameters": parameters, "fitted": fitted_scene}
     try:
-        aligned, misfits, remarks = lay_over(*entries_of(scene, None, scene.file), case.layout, trace)
+        motion = Simulation(case, engine, trace)
+        aligned, misfits, remarks = lay_over(*entries_of(scene, None, scene.file), motion)
     except InputError as error:  # the file was read before; it does not fit the run
         return overlay | {"problem": str(error)}
-    drawn = draw_overlay(case.layout, trace, engine, aligned, misfits) if aligned else None
+    drawn = draw_overlay(motion, aligned, misfits) if aligned else None
     image = image_of(svg_of(drawn.figure)) if drawn else None
     known = misfits.dropna(subset="difference_in_errors").sort_values("difference_in_errors", key=abs)
     far = known.to_dict("records")[-1] if len(known) else None

@@ -11,9 +11,9 @@ from scipy.interpolate import make_interp_spline
 
 from drivers.base.errors import InputError
 from drivers.chain.trace import part_of
-from postproc.read.alignment import AlignedGauge, align, check_length, noise_of, rounding_of
+from postproc.read.alignment import AlignedGauge, align, noise_of, residual_of, rounding_of
 from postproc.read.measured import MeasuredTrace
-from postproc.read.misfit import gain_remark, misfits
+from postproc.read.misfit import gain_remark, length_remark, misfits
 from postproc.read.motion import Simulation, case_of, exact
 from postproc.read.observables import observe
 from postproc.read.signals import sensor_signals
@@ -59,8 +59,8 @@ def measured(
 
 
 def found_in(trace: MeasuredTrace, base: Simulation) -> tuple[list[AlignedGauge], dict[str, Any]]:
-    gauges = align([trace], base.case.layout, base.trace)
-    table = misfits(gauges, base.case.layout, base.trace, {})
+    gauges = align([trace], base)
+    table = misfits(gauges, base, {})
     return gauges, {str(row.quantity): row for row in table.itertuples()}
 
 
@@ -68,10 +68,10 @@ def exact_motion_of(made: Simulation, gauges: list[AlignedGauge]) -> dict[str, f
     """Observables of the measured motion, with the impulses over the compared readings."""
     values = observe(made.case.layout, made.trace)
     for gauge in gauges:
-        signal = sensor_signals(made.case.layout, made.trace)[gauge.gauge]
+        signal = sensor_signals(made.case.layout, made.trace)[gauge.channel.gauge]
         force_N = make_interp_spline(made.trace.time_s, signal - signal[0], k=5)(gauge.time_s)
-        values[f"{gauge.gauge}_impulse_N_s"] = float(np.trapezoid(force_N, gauge.time_s))
-        values[f"{gauge.gauge}_baseline_V"] = BASELINE + DRIFT * TRIGGER_S
+        values[f"{gauge.channel.gauge}_impulse_N_s"] = float(np.trapezoid(force_N, gauge.time_s))
+        values[f"{gauge.channel.gauge}_baseline_V"] = BASELINE + DRIFT * TRIGGER_S
     return values | {"trigger_s": TRIGGER_S}
 
 
@@ -108,8 +108,8 @@ def test_readings_without_noise_give_the_observables_of_the_run(base: Simulation
             assert row.measured == pytest.approx(row.computed, rel=2e-3), name
     for gauge in gauges:
         assert np.abs(gauge.force_N - gauge.computed_N).max() < 2e-3 * gauge.computed_N.max()
-        digits = np.round(gauge.trace.reading[gauge.gauge], 1)
-        assert noise_of(gauge.trace.time_s, digits, rounding_of(digits))[0] >= 0.999 * 0.1 / 12**0.5, (
+        digits = np.round(gauge.channel.trace.reading[gauge.channel.gauge], 1)
+        assert noise_of(gauge.channel.trace.time_s, digits, rounding_of(digits))[0] >= 0.999 * 0.1 / 12**0.5, (
             "the rounding at least"
         )
 
@@ -118,7 +118,7 @@ def test_given_values_are_used(base: Simulation) -> None:
     trace = replace(measured(base, 0.01), trigger_s=TRIGGER_S + 5e-6, noise=0.02, gain_uncertainty=0.1)
     gauges, rows = found_in(trace, base)
     assert (rows["trigger_s"].measured, rows["trigger_s"].standard_error) == (TRIGGER_S + 5e-6, 0.0)
-    assert [gauge.noise_N for gauge in gauges] == pytest.approx([0.02 * GAIN] * 3)
+    assert [gauge.channel.noise_N for gauge in gauges] == pytest.approx([0.02 * GAIN] * 3)
     assert rows["bead_9_arrival_s"].difference == pytest.approx(-5e-6, abs=1e-6)
     assert rows["wall_amplitude_N"].error_by_gain == pytest.approx(0.1 * rows["wall_amplitude_N"].measured)
     assert rows["wall_amplitude_N"].standard_error > rows["wall_amplitude_N"].error_by_gain
@@ -146,22 +146,23 @@ def test_readings_averaged_in_blocks_are_compared_with_the_mean_of_the_motion(ba
     """Blocks of 2 us: the force of a bead in their middle differs from the mean by up to 5e-4 of the peak."""
     trace = replace(measured(base, interval_us=0.5), trigger_s=TRIGGER_S, noise=1e-4)
     coarse = part_of(base.trace, np.arange(0, len(base.trace.time_s), 5))
-    for gauge in align([trace], base.case.layout, coarse)[:2]:  # the samples of a run miss cusps at the wall
-        most_N = 1e-4 * base.values[f"{gauge.gauge}_amplitude_N"]
-        assert np.abs(gauge.force_N - gauge.computed_N).max() < most_N, gauge.gauge
-        assert np.abs(gauge.off).max() * gauge.noise_N < most_N, gauge.gauge
+    for gauge in align([trace], replace(base, trace=coarse))[:2]:  # the samples of a run miss cusps at the wall
+        most_N = 1e-4 * base.values[f"{gauge.channel.gauge}_amplitude_N"]
+        assert np.abs(gauge.force_N - gauge.computed_N).max() < most_N, gauge.channel.gauge
+        off = residual_of(gauge.channel, replace(base, trace=coarse).curves[gauge.channel.gauge], GAIN, TRIGGER_S)
+        assert np.abs(off).max() * gauge.channel.noise_N < most_N, gauge.channel.gauge
 
 
 def test_gauges_of_one_file_have_one_trigger(base: Simulation) -> None:
     """Gauges in separate entries give the same result as in one entry."""
     whole = measured(base, 0.02)
     parts = [replace(whole, reading={name: reading}) for name, reading in whole.reading.items()]
-    together, apart = (align(traces, base.case.layout, base.trace) for traces in ([whole], parts))
-    assert [gauge.trigger_s for gauge in apart] == [gauge.trigger_s for gauge in together]
+    together, apart = (align(traces, base) for traces in ([whole], parts))
+    assert [gauge.channel.trigger_s for gauge in apart] == [gauge.channel.trigger_s for gauge in together]
     for one, two in zip(together, apart, strict=True):
         assert np.array_equal(one.force_N, two.force_N)
     with pytest.raises(InputError, match="one trigger per file"):
-        align([replace(part, trigger_s=i * 1e-6) for i, part in enumerate(parts)], base.case.layout, base.trace)
+        align([replace(part, trigger_s=i * 1e-6) for i, part in enumerate(parts)], base)
 
 
 def cut(trace: MeasuredTrace, start_us: float, stop_us: float, *gauges: str) -> MeasuredTrace:
@@ -187,7 +188,7 @@ def test_records_that_cannot_be_compared_are_named(
 ) -> None:  # fmt: skip
     trace = cut(measured(base, 0.01, interval_us=interval_us), start_us, stop_us, *gauges)
     with pytest.raises(InputError) as caught:
-        align([replace(trace, trigger_s=trigger_us and trigger_us * 1e-6)], base.case.layout, base.trace)
+        align([replace(trace, trigger_s=trigger_us and trigger_us * 1e-6)], base)
     assert caught.value.args[0].endswith("shot.csv")
     assert found in caught.value.args[2]
     assert "\n" not in str(caught.value)
@@ -202,7 +203,7 @@ def test_a_wrong_unit_of_time_and_a_run_at_rest_are_named(base: Simulation) -> N
         (1, still, "at rest in the run"),
     ):
         with pytest.raises(InputError) as caught:
-            align([replace(trace, time_s=factor * trace.time_s)], base.case.layout, run)
+            align([replace(trace, time_s=factor * trace.time_s)], replace(base, trace=run))
         assert found in str(caught.value)
 
 
@@ -210,8 +211,8 @@ def test_a_wrong_unit_of_time_and_a_run_at_rest_are_named(base: Simulation) -> N
     ("stop_us", "gain", "length", "on_gain"),
     [
         (1100, GAIN, "", ""),
-        (9000, GAIN, "shot.csv: the run ends 0.8 ms after the impact: 8.0", ""),
-        (600, GAIN, "of the run's 0.8 ms, so the wave does not reach wall", ""),
+        (9000, GAIN, "ms after the impact, the run until 0.8 ms", ""),
+        (600, GAIN, "the run until 0.8 ms, so the wave does not reach it", ""),
         (1100, GAIN * 700, "", '1000 times the computed force (mV read as V?): measured.0.gain = "1.47 N/V" fits'),
         (1100, -GAIN / 3e3, "", "inverted and readings are about 0.001 times the computed force (V read as mV?)"),
     ],
@@ -223,11 +224,10 @@ def test_remarks_name_lengths_and_gains(
     times_s = np.arange(0, stop_us * 1e-6, 1e-6)
     for made, noise, trigger_s in ((base, 0.01, None), (other, 0.1, None), (other, 0.01, TRIGGER_S)):
         trace = replace(measured(made, noise, times_s=times_s), gain=gain, trigger_s=trigger_s)
-        gauges = align([trace], base.case.layout, base.trace)
-        onsets_s = {gauge.gauge: gauge.onset_s for gauge in gauges}
-        remark = check_length(trace, gauges[0].trigger_s, float(base.trace.time_s[-1]), onsets_s)
+        gauges = align([trace], base)
+        remark = length_remark(gauges[-1], float(base.trace.time_s[-1]))
         assert (length in remark) if length else not remark
-        remarks = [gain_remark(gauge, "measured.0") for gauge in gauges]
+        remarks = [gain_remark(gauge) for gauge in gauges]
         assert (on_gain in remarks[0]) if on_gain else remarks == [""] * 3
 
 
@@ -249,7 +249,7 @@ def test_the_command_compares_the_example_with_the_exact_motion(tmp_path: Path) 
     code, said, wrong = overlay("example-measured", *words, "--results", tmp_path)
     assert code == 0
     length, gain = wrong.splitlines()
-    assert "the run ends 0.6 ms after the impact: 0.178 ms of readings after it are not compared" in length
+    assert "bead_9, bead_5, wall: readings from -0.04 to 0.778 ms after the impact, the run until 0.6 ms" in length
     assert "bead_9, bead_5: readings are about 1000 times the computed force (mV read as V?): measured.0.gain" in gain
     rows, truth = rows_of(tmp_path / "overlay-example-measured.csv"), made_up_trace.true_values()
     for gauge, factor in (("bead_9", 1e3), ("bead_5", 1e3), ("wall", 1.0)):

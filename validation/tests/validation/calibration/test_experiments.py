@@ -12,6 +12,7 @@ from validation.calibration.command import Fitted, fit, problems_of, request_of
 from validation.calibration.design import design
 from validation.calibration.fit import DECISIVE, Fit, rows_of, taken_as_exact
 from validation.calibration.fit import fit as least_squares
+from validation.calibration.parameters import law_of
 from validation.calibration.predict import by_fits, chapter_of, predict, quantile
 from validation.calibration.problem import Problem, checked, pose, scene_data
 from validation.tests.helpers.made_up_experiment import (
@@ -187,7 +188,7 @@ def test_numbers_taken_as_exact_move_parameters_as_a_repeated_fit_does(tmp_path:
     found = fitted(tmp_path, "viscoelastic", 0.06, 3, ("viscoelastic",))
     one, path = found.fits["viscoelastic"], tmp_path / "shot.csv"
     changes: Any = taken_as_exact(one).set_index(["key", "parameter"])["change_by_1pct"]
-    settings = found.request.settings_of("viscoelastic")
+    settings = (*law_of("viscoelastic"), *found.request.settings)
     for setting, key in (("striker.speed=2.02 m/s", "striker.speed"), ("chain.mass=0.123826 g", "chain.mass")):
         data = scene_data("fig4", (*settings, setting), path)
         again = shifted(pose([data], (MODULUS, "contact.restitution")), one)
