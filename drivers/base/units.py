@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     import pint
 
 NUMBER_AND_UNIT = re.compile(  # without ways back, which would take the square of the length of a wrong text
-    r" *+([+-]?+(?:[0-9]++\.?+[0-9]*+|\.[0-9]++)(?:[eE][+-]?+[0-9]{1,4}+)?) *+([A-Za-zµμ](?: *+[\w*/^().·-])*+) *+"
+    r" *+([+-]?+(?:[0-9]++\.?+[0-9]*+|\.[0-9]++)(?:[eE][+-]?+[0-9]{1,4}+)?+) *+([A-Za-zµμ](?: *+[\w*/^().·-])*+) *+"
 )
 PREFIXES = {-9: "n", -6: "u", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 SI = "SI"  # context of a validation whose quantities are numbers in SI units, as in a run record

@@ -155,10 +155,11 @@ def _rows(text: str, separator: str) -> Iterator[Row]:
     try:
         for row in reader:
             line, end = end + 1, reader.line_num
-            while row and not row[-1].strip():
-                row.pop()
-            if row:
-                yield line, row
+            cells = [cell.strip() for cell in row]
+            while cells and not cells[-1]:
+                cells.pop()
+            if cells:
+                yield line, cells
     except csv.Error as error:
         yield end + 1, [str(error)]
 

@@ -9,7 +9,7 @@ import re
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from filecmp import cmp
 from math import isfinite, nan
 from pathlib import Path
@@ -100,8 +100,8 @@ class Fitted:
 
     folder: Path
     request: FitRequest
-    fits: Mapping[str, Fit]
-    tables: Tables
+    fits: Mapping[str, Fit] = field(repr=False)
+    tables: Tables = field(repr=False)
 
     def scenes(self, law: str) -> list[Path]:
         """Fitted scenes of a law."""
@@ -121,19 +121,22 @@ def request_of(scenes: Sequence[str | Path], *, free: Texts = (), uncertain: Tex
     Raises:
         InputError: An error is missing, or the folder is not that of a fit.
     """
+    folders = [scene for scene in scenes if Path(scene).is_dir()]
+    if folders and len(scenes) > 1:
+        raise InputError("fit", "", f"{folders[0]}, a folder, among {len(scenes)} scenes", "the folder of a fit alone")
     for text in uncertain:
         if not all(map(str.strip, text.partition("="))):
             raise InputError("fit", "--uncertain", text, "KEY=ERROR, such as striker.speed=1%")
     given = FitRequest(free=(*free, *("=±".join(text.split("=", 1)) for text in uncertain)), **more)
-    if len(scenes) != 1 or not Path(scenes[0]).is_dir():
+    if not folders:
         return given.model_copy(update={"scenes": (*map(str, scenes),)})
-    former = read_request(Path(scenes[0]))
+    former = read_request(Path(folders[0]))
     both = {key: getattr(former, key) + getattr(given, key) for key in ("laws", "settings")}
     both |= {key: (*(by_key(getattr(former, key)) | by_key(getattr(given, key))).values(),) for key in ("free", "own")}
     return former.model_copy(update=both | {"quick": given.quick, "measured": given.measured})
 
 
-def by_key(options: Texts) -> dict[str, str]:
+def by_key(options: Sequence[str], option: str = "--free") -> dict[str, str]:
     """Options ``KEY`` or ``KEY=...`` by their keys.
 
     Raises:
@@ -141,7 +144,7 @@ def by_key(options: Texts) -> dict[str, str]:
     """
     asked = {text.partition("=")[0].strip(): text for text in options}
     if len(asked) < len(options):
-        raise InputError("fit", "--free", ", ".join(options), "each parameter once")
+        raise InputError("fit", option, ", ".join(options), "each key once")
     return asked
 
 
@@ -151,8 +154,8 @@ def problems_of(request: FitRequest) -> dict[str, Problem]:
     Raises:
         InputError: There are no free parameters or no measured data, or they have errors.
     """
-    if request.quoted and request.measured:
-        raise InputError("fit", "--measured", "cannot be combined with --quoted")
+    if request.quoted and (request.scenes or request.measured):
+        raise InputError("fit", "--quoted", "not allowed with scenes or --measured, whose data would not be fitted")
     if not (request.scenes or request.quoted):
         raise InputError("fit", "", "no scene: name scenes with [[measured]] data, or use --quoted")
     if not (request.free or request.own or any(map(keys_of, request.laws))):
@@ -166,7 +169,7 @@ def problems_of(request: FitRequest) -> dict[str, Problem]:
 
 
 def problem_of(request: FitRequest, law: str, sets: Sequence[DataSet]) -> Problem:
-    """Problem of a law: its own first key is free, keys of other laws are not.
+    """Problem of a law: its own first key is free, its constants and keys of other laws are not.
 
     Settings of the command come after those of the law, so that ``contact.alpha=1.5`` stays.
 
@@ -174,7 +177,9 @@ def problem_of(request: FitRequest, law: str, sets: Sequence[DataSet]) -> Proble
         InputError: As of ``problems_of``.
     """
     of_law, own, asked = law_of(law), keys_of(law), by_key(request.free)
-    keys = [key for key in dict.fromkeys((*asked, *own[:1])) if not law or key in own or key not in OF_LAWS]
+    fixed = {f"contact.{constant.partition('=')[0].strip()}" for constant in law.split(",")[1:]}
+    fixed |= {*OF_LAWS} - {*own} if law else set()
+    keys = [key for key in dict.fromkeys((*asked, *own[:1])) if key not in fixed]
     free = [asked.get(key, key) for key in keys]
     begun = [replace(data, tables=checked(data.source, (*of_law, *data.settings))[1].tables) for data in sets]
     return pose(begun, free, request.own)
@@ -207,8 +212,7 @@ def read_request(folder: Path) -> FitRequest:
         request = validate(FitRequest, json.loads(file.read_bytes()), file)
     except ValueError as error:
         raise InputError(paths.shown(file), "", f"not valid JSON: {error}") from error
-    scenes = () if request.quoted else tuple(str(folder / scene) for scene in request.scenes)  # quoted data name theirs
-    return request.model_copy(update={"scenes": scenes} if scenes else {})
+    return request.model_copy(update={"scenes": tuple(str(folder / scene) for scene in request.scenes)})
 
 
 def read_fits(folder: Path) -> Fitted:
@@ -218,14 +222,17 @@ def read_fits(folder: Path) -> Fitted:
         InputError: The folder is not that of a fit, or its files are not those of one fit.
     """
     request, fits = read_request(folder), dict[str, Fit]()
-    tables = {name: pd.read_csv(folder / f"{name}.csv").fillna({"law": ""}) for name in (PARAMETERS, LAWS)}
+    allowed = f"those of one fit; beads fit {paths.shown(folder)} fits again"
+    try:
+        tables = {name: pd.read_csv(folder / f"{name}.csv").fillna({"law": ""}) for name in (PARAMETERS, LAWS)}
+        values = tables[PARAMETERS].set_index(["law", "parameter"])["value"].astype(float)
+        stated = tables[LAWS].set_index("law")["chi_square"].astype(float)
+    except (ValueError, LookupError) as error:
+        raise InputError(paths.shown(folder), "", f"damaged tables: {error}", allowed) from error
     for law, problem in problems_of(request).items():
-        values = tables[PARAMETERS].query("law == @law").set_index("parameter")["value"]
-        stated = tables[LAWS].query("law == @law")["chi_square"].sum()
-        found = [free.coordinate(values.get(free.label, nan)) for free in problem.free]
+        found = [free.coordinate(values.get((law, free.label), nan)) for free in problem.free]
         fits[law] = Fit(problem, np.array(found))
-        if not abs(fits[law].chi_square - stated) <= SAME * (1 + stated):
-            allowed = f"those of one fit; beads fit {paths.shown(folder)} fits again"
+        if not abs(fits[law].chi_square - stated.get(law, nan)) <= SAME * (1 + stated.get(law, nan)):
             raise InputError(paths.shown(folder), law, "changed files: another chi-square", allowed)
     return Fitted(folder, request, fits, tables)
 

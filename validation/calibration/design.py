@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import combinations
+from itertools import chain, combinations
 from math import isfinite, nan, sqrt
 from pathlib import Path
 from textwrap import fill
@@ -33,17 +33,18 @@ from postproc.draw.style import COLUMN_IN, GREY, pyplot
 from postproc.read.alignment import Channel, averaged, change_at
 from postproc.read.measured import MEASURED
 from postproc.read.motion import Simulation, exact, read
-from validation.calibration.command import Fitted, read_fits
-from validation.calibration.fit import ROUGH_CHANGE, Fit, chi_square_at, minimise, rounded, weights_of
-from validation.calibration.parameters import CUT, GAIN, TRIGGER, Free, stated
+from validation.calibration.command import Fitted, by_key, read_fits
+from validation.calibration.fit import CLOSE_CHANGE, DECISIVE, Fit, chi_square_at, minimise, rounded, weights_of
+from validation.calibration.parameters import CUT, GAIN, TRIGGER, Free, is_of_motion, stated
 from validation.calibration.predict import CARRIED
-from validation.calibration.problem import DEFAULT_CUT, LONGER, TOLERANCE, DataSet, Datum, Problem, changed
+from validation.calibration.problem import DEFAULT_CUT, LONGER, TOLERANCE, DataSet, Datum, Problem, changed, checked
 
 CANDIDATES = 100
 MAX_LONGER = 4  # doublings of a run until the wave has passed all gauges
 PANEL_IN, HEAD_IN = 1.5, 0.7
 SHOWN = 10  # printed experiments
 SENSORS = "chain.sensors"
+LEAST_DIFFERENCE = "smallest expected difference in chi-square of two laws"
 
 
 @dataclass(frozen=True)
@@ -99,22 +100,24 @@ def design(
         True
     """
     fitted = fit if isinstance(fit, Fitted) else read_fits(Path(fit))
-    fits = {law: fitted.fits[law] for law in weights_of(fitted.fits)}
+    holding = {law: fitted.fits[law] for law in weights_of(fitted.fits)}
+    fits = {law: fit for law, fit in holding.items() if pin in ("", *fit.values)}
+    if not fits:
+        known = dict.fromkeys(chain.from_iterable(fit.values for fit in holding.values()))
+        raise InputError("design", "--pin", pin, ", ".join(known))
     if not pin and len(fits) < 2:
         raise InputError("design", "", f"one law that holds: {next(iter(fits))}", "--pin KEY, or a fit of further laws")
-    for one in fits.values():
-        if pin and pin not in one.values:
-            raise InputError("design", "--pin", pin, ", ".join(one.values))
-    base = next(iter(fits.values())).problem.sets[0]
-    changes = [*_candidates(base, vary, gauges, candidates)]
-    changes.insert(0, {key: look_up(base.scene, key) for key in changes[0] if key != SENSORS})  # as measured
-    work = execute(partial(_row, fits, pin, setting_texts(settings)), changes, Place(processes=True))
+    first = next(iter(fits.values()))
+    changes = [{}, *_candidates(first, vary, gauges, candidates)]  # first as measured
+    keys = [key for key in changes[-1] if key != SENSORS]
+    work = execute(partial(_row, fits, pin, keys, setting_texts(settings)), changes, Place(processes=True))
     rows = {id(change): row for change, row in following(work, "experiments", len(changes), "experiment")}
     table = pd.DataFrame([rows[id(change)] for change in changes])
     if table["expected"][1:].isna().all():
         raise InputError("design", "", f"no experiment can be computed: {table['problem'].iloc[-1]}")
     best = int(np.nanargmin(table["expected"]) if pin else np.nanargmax(table["expected"]))
-    goal = f"standard error of {pin}" if pin else "smallest expected difference in chi-square of two laws"
+    unit = next((free.unit for free in first.problem.free if free.label == pin), "")
+    goal = f"standard error of {pin}{f' ({unit})' * bool(unit)}" if pin else LEAST_DIFFERENCE
     document: Any = tomlkit.parse(fitted.scenes(next(iter(fits)))[0].read_text(encoding="utf-8"))
     document.pop(MEASURED, None)
     document["title"] = f"Designed from {fitted.folder.name}: {goal} {table['expected'][best]:.3g}"
@@ -123,16 +126,18 @@ def design(
     return Design(table, best, tomlkit.dumps(document), goal)
 
 
-def _candidates(base: DataSet, vary: Sequence[str], gauges: str, count: int) -> Iterator[dict[str, Any]]:
+def _candidates(fit: Fit, vary: Sequence[str], gauges: str, count: int) -> Iterator[dict[str, Any]]:
     """Changes of the scene: values by key, and the sensor beads, with their masses, between those of ``gauges``."""
     if not (vary or gauges):
         raise InputError("design", "", "nothing to vary", "--vary KEY=LOW..HIGH or --gauges LOW..HIGH")
-    scene, axes = base.scene, list[tuple[Free, bool]]()
-    for text in vary:
-        key = text.partition("=")[0].strip()
+    if count < 1:
+        raise InputError("design", "--candidates", f"{count}", "1 or more")
+    scene, axes = fit.problem.sets[0].scene, list[tuple[Free, bool]]()
+    known = [free.key for free in fit.problem.free if free.key.startswith(CARRIED)]
+    for key, text in by_key(vary, "--vary").items():
         value = look_up(scene, key)
-        if not isinstance(value, (int, float)) or isinstance(value, bool):
-            raise InputError("design", "--vary", key, "a key of the scene with a number")
+        if not isinstance(value, (int, float)) or isinstance(value, bool) or key in known:
+            raise InputError("design", "--vary", key, "a key of the scene with a number that the fit has not found")
         axes.append((stated(text, Free(key, unit_of(key)), "design", "--vary"), isinstance(value, int)))
     sensors = [sensor for _, sensor in sorted(scene.chain.sensor_at.items(), reverse=True) if gauges]
     masses = [sensor.model_dump(include={"mass"}, exclude_none=True) for sensor in sensors]
@@ -149,23 +154,27 @@ def _candidates(base: DataSet, vary: Sequence[str], gauges: str, count: int) -> 
         yield change
 
 
-def _row(fits: Mapping[str, Fit], pin: str, settings: Sequence[str], change: Mapping[str, Any]) -> dict[str, Any]:
+def _row(
+    fits: Mapping[str, Fit], pin: str, keys: Sequence[str], settings: Sequence[str], change: Mapping[str, Any]
+) -> dict[str, Any]:
     """Row of a candidate."""
-    row = {key: value for key, value in change.items() if key != SENSORS}
+    row = {key: change.get(key, nan) for key in keys}
     row |= {"gauges": "", "duration_s": nan, "expected": nan, "problem": ""}
+    texts = (*settings, *setting_texts(change)) if change else None  # as measured
     try:
-        made = {law: _made_up(fit, (*settings, *setting_texts(change))) for law, fit in fits.items()}
+        made = {law: _made_up(fit, texts) for law, fit in fits.items()}
     except (InputError, ArithmeticError) as error:
         return row | {"problem": str(error)}
     numbers, (first, *_) = dict[str, float](), made.values()
-    gauges = [channel.gauge for channel in first.channels]
-    row |= {"gauges": " ".join(gauges), "duration_s": first.scene.run.duration}
+    scene = checked(first.source, first.settings)[0] if texts is None else first.scene
+    row |= {key: look_up(scene, key) for key in keys}
+    row |= {"gauges": " ".join(channel.gauge for channel in first.channels), "duration_s": scene.run.duration}
     for law, data in made.items() if pin else ():
         problem, place = _problem_of(fits[law], data)
         numbers[f"error_{law}"] = float(Fit(problem, place).errors[[free.label for free in problem.free].index(pin)])
     for law, other in () if pin else combinations(fits, 2):  # made up by the other one, data differ by as much
         problem, place = _problem_of(fits[other], replace(made[law], tables=made[other].tables))
-        end = minimise(problem, problem.with_triggers(place), converged=ROUGH_CHANGE)
+        end = minimise(problem, problem.with_triggers(place), converged=CLOSE_CHANGE)
         numbers[f"{law}_or_{other}"] = chi_square_at(problem, end)
     return row | {"expected": max(numbers.values()) if pin else min(numbers.values())} | numbers
 
@@ -176,30 +185,39 @@ def _problem_of(fit: Fit, data: DataSet) -> tuple[Problem, Array]:
     Geometry and strikes have the value of the candidate, with the relative error that they had.
     """
     free, place = list[Free](), list[float]()
-    gauges = {f"{channel.trace.key}.{part}" for channel in data.channels for part in (GAIN, TRIGGER)}
+    gauges = {f"{channel.trace.key}.{GAIN}" for channel in data.channels}
+    gauges |= {f"{channel.file_key}.{TRIGGER}" for channel in data.channels}
     readings = {CUT, *(number.divisor for number in data.numbers)}
     for each, x in zip(fit.problem.free, fit.place, strict=True):
         if each.own in ("", data.name) and (each.of_motion or each.key in gauges | readings):
             carried, moved = each.key.startswith(CARRIED), each
             if each.of_motion and not carried:
-                ratio = look_up(data.scene, each.key) / each.start
-                moved = replace(each, start=ratio * each.start, low=ratio * each.low, high=ratio * each.high)
-                moved = replace(moved, prior=ratio * each.prior)
+                value = look_up(data.scene, each.key)
+                ratio = value / each.start if each.start else 1.0
+                low, high = sorted((ratio * each.low, ratio * each.high))
+                moved = replace(each, start=value, low=low, high=high, prior=abs(ratio) * each.prior)
             free.append(moved)
             place.append(float(x) if carried else moved.coordinate(moved.start))
     return Problem((data,), tuple(free)), np.array(place)
 
 
-def _made_up(fit: Fit, settings: Sequence[str]) -> DataSet:
+def _made_up(fit: Fit, settings: Sequence[str] | None) -> DataSet:
     """Data of a candidate by a law, without noise; its run is prolonged until the wave has passed all gauges.
+
+    Args:
+        fit: Fit of the law.
+        settings: Settings of the candidate; None for the scene of the fit, with records as long as they were.
 
     Raises:
         InputError: The scene is impossible, or the wave does not reach a gauge.
         ArithmeticError: The motion cannot be computed.
     """
     base = fit.problem.sets[0]
-    found = fit.problem.own_values(base, fit.place)
-    tables = changed(base.tables, [(key, value) for key, value in found if key.startswith(CARRIED)])
+    found = {key: x for key, x in fit.problem.own_values(base, fit.place) if is_of_motion(key)}
+    if settings is None:
+        data = replace(base, tables=json.dumps(changed(base.tables, found.items())))
+        return _data_of(data, exact(build_case(data.scene), TOLERANCE), as_measured=True)
+    tables = changed(base.tables, [pair for pair in found.items() if pair[0].startswith(CARRIED)])
     if any(free.is_trigger and free.own == base.name for free in fit.problem.free):
         tables["run"]["duration"] = f"{base.scene.run.duration / LONGER!r} s"
     apply_settings(tables, settings)
@@ -212,14 +230,17 @@ def _made_up(fit: Fit, settings: Sequence[str]) -> DataSet:
     raise InputError("design", "run.duration", f"no pulse at a gauge in {tables['run']['duration']}", "a longer run")
 
 
-def _data_of(base: DataSet, motion: Simulation) -> DataSet:
+def _data_of(base: DataSet, motion: Simulation, *, as_measured: bool = False) -> DataSet:
     """Data of a fit as a motion would give them, without noise; gauges of beads have the noise of those of the fit.
 
     Raises:
         InputError: The motion has none of the gauges or numbers of the data.
     """
     channels, numbers, interval_s = list[Channel](), list[Datum](), base.scene.run.sample_interval
-    for gauge, curve in motion.curves.items():
+    for each in base.channels if as_measured else ():
+        reading = each.computed(motion.curves[each.gauge], each.trigger_s) / each.trace.gain
+        channels.append(replace(each, reading=reading + (each.trace.baseline or 0.0)))
+    for gauge, curve in () if as_measured else motion.curves.items():
         alike = [each for each in base.channels if each.gauge.partition("_")[0] == gauge.partition("_")[0]]
         if not alike:
             continue
@@ -256,7 +277,7 @@ def draw(found: Design) -> Any:
 
 def lines(found: Design) -> list[str]:
     """The best candidates, and last the experiment as it was."""
-    table, pinned = found.table.dropna(subset="expected"), found.goal.startswith("standard error")
+    table, pinned = found.table.dropna(subset="expected"), found.goal != LEAST_DIFFERENCE
     rows = [["experiment", *found.keys, "gauges", found.goal]]
     best = table.drop(index=0, errors="ignore").sort_values("expected", ascending=pinned).head(SHOWN)
     for index, row in pd.concat([best, table[table.index == 0]]).iterrows():
@@ -264,4 +285,7 @@ def lines(found: Design) -> list[str]:
         scatter = "" if pinned else f" ± {2 * sqrt(row['expected']):.2g}"
         rows.append([f"{index}" if index else "as measured", *values, row["gauges"], f"{row['expected']:.3g}{scatter}"])
     left = found.table[found.table["expected"].isna()]
-    return [*text_table(rows), *(f"{len(left)} left out: {problem}" for problem in left["problem"].head(1))]
+    said = [f"{len(left)} left out: {problem}" for problem in left["problem"].head(1)]
+    if found.goal == LEAST_DIFFERENCE and not (table["expected"] >= DECISIVE).any():
+        said.append(f"no experiment is expected to decide, for which {DECISIVE:g} are needed")
+    return [*text_table(rows), *said]

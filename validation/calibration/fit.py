@@ -25,8 +25,9 @@ ROUGH_CHANGE, CLOSE_CHANGE, FINE_CHANGE = 1e-3, 1e-5, 1e-6  # of chi-square or c
 MAX_EVALUATIONS, MAX_ROUGH_EVALUATIONS = 120, 6  # of one descent
 # share of a range between a bound and the start of a descent: a restitution of 1 - 1e-5 has no exact motion
 MARGIN = 1e-4
-MIN_SEPARATION, MIN_DISTANCE = 0.2, 2e-2  # shares of a range: between two starts, and between two minima
+MIN_SEPARATION = 0.2  # share of a range, between two starts
 MAX_EXCESS, SAME = 1.0, 0.1  # of chi-square: another minimum is reported, and descents have reached the same minimum
+MIN_RISE = 10.0  # of chi-square by the sensitivities, between two minima; less is a valley
 MIN_GAIN, MAX_REFITS = 0.01, 3  # decrease of chi-square in a profile that makes another fit, and the number of these
 
 ROUNDING_ERROR = 0.1  # relative: errors of rounding without much noise are correlated
@@ -485,7 +486,7 @@ def _remarks(best: Fit) -> Iterator[str]:
         if problem.censored(datum, best.place):
             yield f"{datum.label} is a lower bound: the force is above the cut until the wave meets the wall"
     near = [end for end in best.ends if end[0] < best.chi_square + MAX_EXCESS]
-    others = [end for end in near if np.abs(end[1] - best.place).max(initial=0.0) > MIN_DISTANCE]
+    others = [end for end in near if np.sum((best.jacobian @ (end[1] - best.place)) ** 2) > MIN_RISE]
     for height, place in others[:certain]:
         pairs = zip(problem.free, problem.values(place).items(), strict=True)
         shown = ", ".join(f"{name} {rounded(value, free.unit)}" for free, (name, value) in pairs)

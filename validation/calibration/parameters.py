@@ -161,8 +161,8 @@ def law_of(text: str) -> tuple[str, ...]:
         return ()
     name, *constants = (part.strip() for part in text.split(","))
     own = keys_of(name)
-    if wrong := next((part for part in constants if "=" not in part), ""):
-        raise InputError("fit", f"--law {name}", wrong, f"constants as KEY=VALUE: --law {name},KEY=VALUE")
+    if wrong := [part for part in constants if "=" not in part]:
+        raise InputError("fit", f"--law {name}", wrong[0], f"constants as KEY=VALUE: --law {name},KEY=VALUE")
     removed = [f"{key}=" for key in OF_LAWS if key not in own]
     begun = [f"{key}={calibration_file().start.get(key, '')}" for key in own[:1]]
     constants = [f"contact.{each}" for each in constants]
@@ -247,9 +247,9 @@ def free_parameter(text: str, scene: Scene, where: str, own: str = "") -> Free:
     key, asked, file = text.partition("=")[0].strip(), calibration_file(), paths.shown(paths.CALIBRATION)
     unit, value, known, start = unit_of(key), look_up(scene, key), _of_key(asked.range, key), _of_key(asked.start, key)
     physics = key.split(".")[0] not in NUMERICAL_KEYS and not isinstance(value, (bool, int, str))
-    if not physics or not (isinstance(value, float) or (value is None and (unit or known))):
+    if not physics or not (isinstance(value, float) or (value is None and (unit or known or "=" in text))):
         raise unknown(where, "--free", key, asked.range, "a key of the scene with a physical number")
-    if value is None and start is not None:
+    if value is None and start is not None and not of_scene(text):  # which is no knowledge
         value = _number(start, unit, file, key)
     usual = Free(key, unit, nan if value is None else value, *around(value or nan), own)
     if known:
@@ -257,6 +257,11 @@ def free_parameter(text: str, scene: Scene, where: str, own: str = "") -> Free:
         inside = value is None or ends.low <= value <= ends.high
         usual = replace(usual, low=ends.low, high=ends.high) if inside else usual
     return stated(text, usual, where)
+
+
+def of_scene(text: str) -> bool:
+    """True for an option ``KEY=±ERROR``, prior knowledge of the scene's own value."""
+    return text.partition("=")[2].lstrip().startswith(("±", "+-", "+/-"))
 
 
 def stated(text: str, usual: Free, where: str, option: str = "--free") -> Free:

@@ -23,6 +23,7 @@ from drivers.base.errors import InputError, RunError
 from drivers.chain.chain import Array
 from drivers.laws import LAWS
 from drivers.scene.model import Scene
+from drivers.scene.read_scene import apply_settings
 from drivers.scene.settings import look_up, setting_texts
 from postproc.draw.stack import GAUGE_IN, gauge_title
 from postproc.draw.style import COLUMN_IN, MICRO, pyplot
@@ -109,7 +110,9 @@ def predict(
         'the prediction does not hold: no fitted law explains the data'
     """
     fitted = fit if isinstance(fit, Fitted) else read_fits(Path(fit))
-    found = by_fits(fitted, *checked(str(scene or fitted.sources[0]), setting_texts(settings)), own=not scene)
+    texts = setting_texts(settings)
+    stated, data = checked(str(scene or fitted.sources[0]), texts if scene else (*fitted.request.settings, *texts))
+    found = by_fits(fitted, stated, replace(data, settings=texts), own=not scene)
     return replace(found, others=others_of(fitted))
 
 
@@ -160,13 +163,21 @@ def by_fits(fitted: Fitted, scene: Scene, data: DataSet, *, own: bool = False) -
 
 
 def _part_of(fit: Fit, scene: Scene, data: DataSet, *, own: bool) -> tuple[Problem, list[int]]:
-    """Problem of a scene with the law and the parameters that it takes from a fit, and their places in the fit."""
+    """Problem of a scene with what it takes from a fit, and the places of its parameters in the fit.
+
+    Settings of the data set are applied last, so that they stay.
+    """
     tables, source = json.loads(data.tables), json.loads(fit.problem.sets[0].tables)
     contact = {key: value for key, value in tables.get("contact", {}).items() if f"contact.{key}" not in OF_LAWS}
     law = {key: value for key, value in source.get("contact", {}).items() if f"contact.{key}" in OF_LAWS}
     free, first = fit.problem.free, fit.problem.sets[0].name
     moving = [place for place, each in enumerate(free) if each.of_motion and each.belongs_to(first)]
+    kept = [f"{text.partition('=')[0].strip()}." for text in data.settings]
+    moving = [place for place in moving if not f"{free[place].key}.".startswith(tuple(kept))]
     if not own:
+        tables |= {"sensor": source["sensor"]} if "sensor" in source else {}
+        for name, material in source.get(MATERIALS, {}).items():
+            tables[MATERIALS] = tables.get(MATERIALS, {}) | {name: material}
         offered = [place for place in moving if not free[place].own and free[place].key.startswith(CARRIED)]
         here = [place for place in offered if look_up(scene, free[place].key) is not None]
         moving = [place for place in offered if place in here or not free[place].key.startswith(MATERIALS)]
@@ -174,7 +185,9 @@ def _part_of(fit: Fit, scene: Scene, data: DataSet, *, own: bool) -> tuple[Probl
         if not moving or materials == [True, False]:
             allowed = " or ".join(free[place].key for place in offered) or "a fit of a material or a law"
             raise InputError(data.where, "", "other materials than those of the fit", allowed)
-    begun = replace(data, name=first, tables=json.dumps({**tables, "contact": contact | law}))
+    tables["contact"] = contact | law
+    apply_settings(tables, data.settings)
+    begun = replace(data, name=first, tables=json.dumps(tables))
     return Problem((begun,), tuple(free[place] for place in moving)), moving
 
 
@@ -230,7 +243,7 @@ def quantile(shares: Array, values: Array, errors: Array, probability: float) ->
         errors: Standard deviations. Shape (laws, numbers).
         probability: That of a smaller number.
     """
-    errors = np.maximum(errors, np.finfo(float).tiny)
+    errors = np.maximum(errors, np.finfo(float).eps * np.abs(values) + np.finfo(float).tiny)
     low, high = (values - SPAN * errors).min(axis=0), (values + SPAN * errors).max(axis=0)
     for _ in range(HALVINGS):
         middle = (low + high) / 2

@@ -50,6 +50,7 @@ from validation.calibration.parameters import (
     free_parameter,
     is_of_motion,
     of_readings,
+    of_scene,
     stated,
     unknown,
 )
@@ -280,11 +281,10 @@ def parameters_of(sets: Sequence[DataSet], free: Sequence[str], own: Sequence[st
     gauges = [text for text in free if text.startswith(MEASURED)]
     parameters, scenes = list[Free](), {source.name: source.scene for source in sets}
     for text in (text for text in free if text not in gauges):
-        key, _, rest = (part.strip() for part in text.partition("="))
+        key = text.partition("=")[0].strip()
         values = {name: look_up(scene, key) for name, scene in scenes.items()}
         having = [each for each in sets if look_up(scenes[each.name], key.rpartition(".")[0]) is not None] or [*sets]
-        unstated = rest.startswith(("±", "+-", "+/-"))
-        if unstated and len({values[source.name] for source in having}) > 1:
+        if of_scene(text) and len({values[source.name] for source in having}) > 1:
             parameters += [free_parameter(text, scenes[each.name], each.where, each.name) for each in having]
             continue
         first = next((each for each in having if values[each.name] is not None), having[0])

@@ -123,7 +123,7 @@ def test_a_scene_without_gauges_is_predicted_without_a_figure(tmp_path: Path) ->
 def test_a_fit_to_quoted_numbers_predicts_though_one_law_lacks_an_observable(tmp_path: Path) -> None:
     """Elastic beads and damped ones do not show the same numbers; the folder names the quoted data, not its scenes."""
     laws = ("elastic", "viscoelastic")
-    fitted_one = fit("fig4", quoted=["fig4"], free=[MODULUS], laws=laws, quick=True, results=tmp_path)
+    fitted_one = fit(quoted=["fig4"], free=[MODULUS], laws=laws, quick=True, results=tmp_path)
     found = predict(fitted_one.folder, "fig4", {"striker.speed": "1 m/s"})
     assert [*found.weights] == [*laws]
     table: Any = found.observables.set_index("observable")

@@ -213,11 +213,14 @@ def test_unsuitable_free_parameters_are_refused(free: str, found: str, allowed: 
     [
         (["fig4"], "--free"),
         (["fig4", "--free", RESTITUTION], "add a [[measured]] table to the scene file, or give --measured"),
-        (["fig4", "--free", RESTITUTION, "--quoted", "fig9"], "did you mean fig5?"),
-        (["fig4", "--law", "plastic", "--quoted", "fig4"], "did you mean elastic?"),
-        (["fig4", "--law", "power,1.5", "--quoted", "fig4"], "--law power: found 1.5; allowed: constants as KEY=VALUE"),
-        (["fig4", "--free", RESTITUTION, "--quoted", "fig4,fig4"], "each once"),
-        (["fig4", "--free", RESTITUTION, "--quoted", "fig4", "--measured", "x.csv"], "cannot be combined"),
+        (["--free", RESTITUTION, "--quoted", "fig9"], "did you mean fig5?"),
+        (["--law", "plastic", "--quoted", "fig4"], "did you mean elastic?"),
+        (["--law", "power,1.5", "--quoted", "fig4"], "--law power: found 1.5; allowed: constants as KEY=VALUE"),
+        (["--free", RESTITUTION, "--quoted", "fig4,fig4"], "each once"),
+        (
+            ["fig4", "--free", RESTITUTION, "--quoted", "fig4", "--measured", "x.csv"],
+            "--quoted: not allowed with scenes",
+        ),
         (["fig4", "--free", RESTITUTION, "--measured", "nowhere.csv"], "found no such file"),
     ],
 )

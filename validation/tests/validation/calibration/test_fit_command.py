@@ -16,7 +16,7 @@ from validation.tests.validation.calibration.test_fit import MODULUS, RESTITUTIO
 def test_quoted_numbers_give_a_folder_without_traces_unless_another_has_its_name(tmp_path: Path) -> None:
     """The fitted mass is replaced inside its inline table, where a comment would be invalid TOML."""
     free = ("--free", "chain.sensors.0.mass", "--free", RESTITUTION)
-    words = ("fit", "fig4", *free, "--quoted", "fig4", "--quick", "--results", tmp_path)
+    words = ("fit", *free, "--quoted", "fig4", "--quick", "--results", tmp_path)
     folder = tmp_path / "fit-fig4"
     folder.mkdir()
     (folder / "notes.txt").touch()
