@@ -13,11 +13,12 @@ from dataclasses import dataclass, field, replace
 from filecmp import cmp
 from math import isfinite, nan
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
 import tomlkit
+from pydantic import Field
 
 from drivers.base import paths
 from drivers.base.errors import InputError
@@ -84,7 +85,7 @@ class FitRequest(Part):
     own: Texts = ()
     laws: Texts = ()
     quoted: Texts = ()
-    measured: Path | None = None
+    measured: Annotated[Path | None, Field(strict=False)] = None
     settings: Texts = ()
     quick: bool = False
 
@@ -127,7 +128,8 @@ def request_of(scenes: Sequence[str | Path], *, free: Texts = (), uncertain: Tex
     for text in uncertain:
         if not all(map(str.strip, text.partition("="))):
             raise InputError("fit", "--uncertain", text, "KEY=ERROR, such as striker.speed=1%")
-    given = FitRequest(free=(*free, *("=±".join(text.split("=", 1)) for text in uncertain)), **more)
+    texts = (*free, *("=±".join(text.split("=", 1)) for text in uncertain))
+    given = validate(FitRequest, {"free": texts, **more}, "fit")
     if not folders:
         return given.model_copy(update={"scenes": (*map(str, scenes),)})
     former = read_request(Path(folders[0]))
