@@ -1,7 +1,7 @@
 """Messages of validation errors: the value found and those allowed."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, TypeVar, get_args
@@ -44,10 +44,15 @@ def _problem(error: Any, model: type[BaseModel], prefix: str, meant: bool) -> In
         return key, "missing key", ""
     if error["type"] == "extra_forbidden" and meant:
         known = sorted(model_at(model, path[:-1]).model_json_schema()["properties"])
-        close = get_close_matches(str(path[-1]), known, 1)
-        return key, f"unknown key; {f'did you mean {close[0]}?' if close else 'allowed: ' + ', '.join(known)}", ""
+        return key, f"unknown key; {near(str(path[-1]), known) or 'allowed: ' + ', '.join(known)}", ""
     text = EXPECTED.get(error["type"]) or re.sub(r"^\w+ should (be|have) ", "", error["msg"])
     return key, shorten(error["input"]), str(error.get("ctx", {}).get("error") or text)
+
+
+def near(name: str, known: Iterable[str]) -> str:
+    """Question for the known name that is nearest to an unknown one; empty if none is near."""
+    by_case = {each.lower(): each for each in known}
+    return "".join(f"did you mean {by_case[close]}?" for close in get_close_matches(name.lower(), by_case, 1))
 
 
 def shorten(value: object) -> str:

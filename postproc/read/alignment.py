@@ -198,6 +198,8 @@ def _of_file(traces: list[MeasuredTrace], motion: Simulation) -> list[Channel]:
                 counts=trace.time_s <= end_s,
             )
             channels.append(channel)
+    if given:
+        must_overlap(channels[0], given[0], duration_s)
     trigger_s = given[0] if given else correlated(channels, motion)
     return [replace(channel, trigger_s=trigger_s, found=not given) for channel in channels]
 

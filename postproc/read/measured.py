@@ -11,7 +11,6 @@ import re
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from functools import cache
 from itertools import groupby, zip_longest
 from math import isfinite, isnan, nan
@@ -22,7 +21,7 @@ import numpy as np
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.files import read_file
-from drivers.base.messages import shorten
+from drivers.base.messages import near, shorten
 from drivers.base.units import to_si
 from drivers.chain.chain import Array
 from drivers.scene.model import MeasuredEntry, Scene
@@ -359,9 +358,7 @@ def read_quoted(
 
 def _listed(known: Collection[str], name: str) -> str:
     """Known names, with the one that is nearly this name."""
-    lower = {each.lower(): each for each in known}
-    alike = [f" (did you mean {lower[each]}?)" for each in get_close_matches(name.lower(), lower, 1)]
-    return ", ".join(known) + "".join(alike)
+    return ", ".join(known) + (f" ({meant})" if (meant := near(name, known)) else "")
 
 
 def _column(columns: list[Column], name: str, where: str, key: str) -> Column:

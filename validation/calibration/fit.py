@@ -349,12 +349,10 @@ def _along(fit: Fit, direction: Array, members: NDArray[np.intp]) -> str:
 
     A trigger has an arbitrary zero, so its change is a time.
     """
-    free, place = fit.problem.free, fit.place
-    changes = {i: direction[i] * free[i].slope(float(place[i])) for i in members}
-    values = {i: free[i].value(float(place[i])) or free[i].high for i in members}
-    shares = {i: changes[i] / values[i] for i in members if not free[i].is_trigger}
+    free, changes, values = fit.problem.free, direction * fit.slopes, [*fit.values.values()]
+    shares = {i: changes[i] / (values[i] or free[i].high) for i in members if not free[i].is_trigger}
     scale = 0.1 / max(shares.values(), key=abs, default=1.0)
-    texts = {i: quantity(float(f"{scale * change:.3g}"), "s") for i, change in changes.items()}
+    texts = {i: rounded(scale * changes[i], "s") for i in members}
     texts |= {i: f"{100 * scale * share:+.3g} %" for i, share in shares.items()}
     return ", ".join(f"{free[i].label} {texts[i]}" for i in members)
 

@@ -1,19 +1,18 @@
 """Free parameters and contact laws of fits, as options name them; the file ``inputs/calibration.toml``."""
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from functools import cache
 from itertools import product
 from math import exp, inf, isfinite, isnan, log, nan
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
 from drivers.base import paths, units
 from drivers.base.errors import InputError
-from drivers.base.messages import validate
+from drivers.base.messages import near, validate
 from drivers.laws import LAWS, VISCOELASTIC
 from drivers.scene.model import Part, Positive, Scene
 from drivers.scene.read_scene import read_toml
@@ -245,7 +244,8 @@ def free_parameter(text: str, scene: Scene, where: str, own: str = "") -> Free:
         InputError: The key has no physical number, there is no starting value, or the bounds are not a range.
     """
     key, asked, file = text.partition("=")[0].strip(), calibration_file(), paths.shown(paths.CALIBRATION)
-    unit, value, known, start = unit_of(key), look_up(scene, key), _of_key(asked.range, key), _of_key(asked.start, key)
+    unit, value, start = unit_of(key), look_up(scene, key), asked.start.get(key)
+    known = asked.range.get(key, asked.range.get(key.rpartition(".")[2]))
     physics = key.split(".")[0] not in NUMERICAL_KEYS and not isinstance(value, (bool, int, str))
     if not physics or not (isinstance(value, float) or (value is None and (unit or known or "=" in text))):
         raise unknown(where, "--free", key, asked.range, "a key of the scene with a physical number")
@@ -288,7 +288,8 @@ def stated(text: str, usual: Free, where: str, option: str = "--free") -> Free:
         value = _number(first, unit, where, label, ending) if first or sign == ".." else usual.start
         other = float(last) / 100 * abs(value) if percent else _number(f"{last} {ending}".strip(), unit, where, label)
         if not (value < other if sign == ".." else other > 0 and isfinite(value)):
-            allowed = "a lower bound, then an upper one; or a value, which the scene may state, and an error above 0"
+            of_value = "a value, which the scene may state, with an error above 0"
+            allowed = "a lower bound, then an upper one" if sign == ".." else of_value
             raise InputError(where, label, rest, allowed)
         if sign == "..":
             free = replace(usual, low=value, high=other)
@@ -317,11 +318,6 @@ def _number(text: object, unit: str, where: str, label: str, other: str = "") ->
         raise InputError(where, label, str(text), allowed) from error
 
 
-def _of_key(table: Mapping[str, Any], key: str) -> Any:
-    """Entry of a key, or of its last part; None without one."""
-    return table.get(key, table.get(key.rpartition(".")[2]))
-
-
 def around(value: float) -> tuple[float, float]:
     """Bounds around a value other than 0: a tenth of and ten times the value."""
     return min(value / FACTOR, value * FACTOR), max(value / FACTOR, value * FACTOR)
@@ -329,9 +325,7 @@ def around(value: float) -> tuple[float, float]:
 
 def unknown(where: str, key: str, name: str, known: Collection[str], allowed: str = "") -> InputError:
     """Error of an unknown name, which asks for the nearest known one; else it says what is allowed."""
-    close = get_close_matches(name, known, 1)
-    hint = f"did you mean {close[0]}?" if close else f"allowed: {allowed or ', '.join(known)}"
-    return InputError(where, key, f"found {name}; {hint}")
+    return InputError(where, key, f"found {name}; {near(name, known) or 'allowed: ' + (allowed or ', '.join(known))}")
 
 
 @cache

@@ -32,7 +32,7 @@ from drivers.scene.read_scene import (
 )
 from drivers.scene.settings import look_up, setting_texts
 from postproc.paper import force_accuracy, quoted
-from postproc.read.alignment import Channel, channels_of, correlated, must_overlap, residual_of
+from postproc.read.alignment import Channel, channels_of, correlated, residual_of
 from postproc.read.measured import MEASURED, entries_of, read_measured, read_quoted
 from postproc.read.motion import Simulation, exact, is_censored, read
 from postproc.read.observables import describe
@@ -227,9 +227,6 @@ def scene_data(source: str, settings: Sequence[str] = (), file: Path | None = No
         for observable, (value, share) in read_quoted(entry, names, named, key).items()
     )
     channels = tuple(channel for file in channels_of(traces, simulation) for channel in file)
-    for channel in channels:
-        if not channel.found:
-            must_overlap(channel, channel.trigger_s, scene.run.duration)
     return replace(bare, numbers=numbers, channels=channels)
 
 
