@@ -261,16 +261,13 @@ def write_folder(fitted: Fitted) -> None:
 def _complete(fitted: Fitted) -> FitRequest:
     """The request for the scenes of its folder, with the bounds that parameters had."""
     request, free = fitted.request, [each for fit in fitted.fits.values() for each in fit.problem.free]
-    bounded = {each.key: option_of(each) for each in free if each.of_motion}
+    bounded = {each.key: option_of(each) for each in free if each.of_motion and not each.own}
     asked = {key: key for law in request.laws for key in keys_of(law)[:1]} | by_key(request.free)
-    update: dict[str, Any] = {
-        name: tuple(bounded.get(text, text) for text in texts)
-        for name, texts in (("free", asked.values()), ("own", request.own))
-    }
+    update: dict[str, Any] = {"measured": None, "free": tuple(bounded.get(text, text) for text in asked.values())}
     if not request.quoted:  # the scenes have their data
         update["scenes"] = tuple(source.name for source in fitted.sources)
         update["settings"] = tuple(text for text in request.settings if not text.startswith(MEASURED))
-    return request.model_copy(update=update | {"measured": None})
+    return request.model_copy(update=update)
 
 
 def option_of(free: Free) -> str:

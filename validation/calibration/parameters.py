@@ -289,7 +289,7 @@ def stated(text: str, usual: Free, where: str, option: str = "--free") -> Free:
         other = float(last) / 100 * abs(value) if percent else _number(f"{last} {ending}".strip(), unit, where, label)
         if not (value < other if sign == ".." else other > 0 and isfinite(value)):
             of_value = "a value, which the scene may state, with an error above 0"
-            allowed = "a lower bound, then an upper one" if sign == ".." else of_value
+            allowed = "a lower bound, then an upper bound" if sign == ".." else of_value
             raise InputError(where, label, rest, allowed)
         if sign == "..":
             free = replace(usual, low=value, high=other)

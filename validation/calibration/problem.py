@@ -132,7 +132,7 @@ class DataSet:
         """Number of residuals."""
         return len(self.numbers) + sum(int(channel.counts.sum()) for channel in self.channels)
 
-    @property
+    @cached_property
     def scene(self) -> Scene:
         """Scene made from the tables."""
         return make_scene(json.loads(self.tables), self.name, self.where)
@@ -159,12 +159,11 @@ def paper_data(names: Sequence[str], settings: Sequence[str] = (), answers: Sequ
         everything = (*asked.set, *settings, *changes)
         _, bare = checked(asked.scene, everything)
         skipped = [row for other, row in asked.also.items() if other in names]
-        columns = [_column(number, answers) for number in asked.number]
-        rows = max(map(len, columns))
-        for row in (row for row in range(rows) if row not in skipped):
-            numbers = tuple(column[min(row, len(column) - 1)] for column in columns)
-            label = f"{name} {numbers[0].value:g} {numbers[0].unit}" if rows > 1 else name
-            data.append(replace(bare, name=label, numbers=numbers, own=asked.own, fixed=fixed))
+        rows = [*zip(*(_column(number, answers) for number in asked.number), strict=True)]
+        for row, numbers in enumerate(rows):
+            label = f"{name} {numbers[0].value:g} {numbers[0].unit}" if len(rows) > 1 else name
+            if row not in skipped:
+                data.append(replace(bare, name=label, numbers=numbers, own=asked.own, fixed=fixed))
     return data
 
 
@@ -276,20 +275,19 @@ def parameters_of(sets: Sequence[DataSet], free: Sequence[str], own: Sequence[st
         InputError: A scene lacks a parameter, or a parameter is named twice.
     """
     gauges = [text for text in free if text.startswith(MEASURED)]
-    parameters, scenes = list[Free](), {source.name: source.scene for source in sets}
+    parameters = list[Free]()
     for text in (text for text in free if text not in gauges):
         key = text.partition("=")[0].strip()
-        values = {name: look_up(scene, key) for name, scene in scenes.items()}
-        having = [each for each in sets if look_up(scenes[each.name], key.rpartition(".")[0]) is not None] or [*sets]
-        if of_scene(text) and len({values[source.name] for source in having}) > 1:
-            parameters += [free_parameter(text, scenes[each.name], each.where, each.name) for each in having]
+        having = [each for each in sets if look_up(each.scene, key.rpartition(".")[0]) is not None] or [*sets]
+        if of_scene(text) and len({look_up(each.scene, key) for each in having}) > 1:
+            parameters += [free_parameter(text, each.scene, each.where, each.name) for each in having]
             continue
-        first = next((each for each in having if values[each.name] is not None), having[0])
+        first = next((each for each in having if look_up(each.scene, key) is not None), having[0])
         without = tuple(each.name for each in sets if each not in having)
-        parameters.append(replace(free_parameter(text, scenes[first.name], first.where), without=without))
+        parameters.append(replace(free_parameter(text, first.scene, first.where), without=without))
     for source in sets:
         texts = (*source.own, *own)
-        parameters += [free_parameter(text, scenes[source.name], source.where, source.name) for text in texts]
+        parameters += [free_parameter(text, source.scene, source.where, source.name) for text in texts]
         parameters += gauge_parameters(source, gauges)
     numbers = [number for source in sets for number in source.numbers]
     needed = {number.divisor for number in numbers} | {CUT for number in numbers if "_full_width" in number.name}

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
+from drivers.base import paths
+from drivers.base.errors import InputError
 from validation.calibration.command import Fitted, fit, problems_of, request_of
 from validation.calibration.design import design
 from validation.calibration.fit import DECISIVE, Fit, rows_of, taken_as_exact
@@ -166,6 +168,42 @@ def test_the_designed_experiment_tells_the_laws_apart_as_expected(tmp_path: Path
         differences.append(again.fits[laws[1]].chi_square - again.fits[laws[0]].chi_square)
     assert 1 / 1.5 < np.mean(differences) / expected[found.best] < 1.5
     assert min(differences) > DECISIVE
+
+
+def test_settings_of_a_prediction_stay(tmp_path: Path) -> None:
+    """Even of a fitted strike; what is not set is that of the fit, with all of its parameters or in another scene."""
+    path = make_up(tmp_path / "shot.csv", "viscoelastic", 0.06, (2,), "fig4", SHORT)
+    settings: dict[str, Any] = dict(text.split("=") for text in SHORT)
+    free = (MODULUS, "striker.speed=2±1%")
+    found = fit(
+        "fig4", free=free, laws=["viscoelastic"], settings=settings, measured=path, quick=True, results=tmp_path
+    )
+    slow = {"striker.speed": "0.2 m/s"}
+    own, named = predict(found, settings=slow), predict(found.folder, "fig4", settings | slow)
+    for column in ("value", "error"):
+        one, other = (each.observables.set_index("observable")[column] for each in (own, named))
+        assert one["bead_9_peak_N"] == pytest.approx(other["bead_9_peak_N"], rel=1e-6)
+    assert own.simulation.case.scene.run.duration == found.fits["viscoelastic"].problem.sets[0].scene.run.duration / 2
+    still = predict(found, "fig4", {"contact.restitution": 1})
+    assert still.simulation.case.scene.contact.restitution == 1
+
+
+def test_designs_descend_to_the_end_and_know_all_parameters_of_laws(tmp_path: Path) -> None:
+    """Two numbers and two parameters: nothing can tell the laws apart."""
+    path = tmp_path / "scene.toml"
+    values = "[[measured]]\nvalues = { bead_9_amplitude = '2 N', speed_9_to_5 = '150 m/s' }\n"
+    scene = paths.SCENES / "fig4.toml"
+    path.write_text(scene.read_text() + values + "errors = { bead_9_amplitude = 0.1, speed_9_to_5 = 0.05 }\n")
+    free = (MODULUS, "chain.precompression=0..1 N")
+    found = fit(path, free=free[:1], laws=["viscoelastic", "power"], quick=True, results=tmp_path)
+    table: Any = design(found, ["striker.speed=0.5..4"], candidates=3).table
+    assert table["expected"].max() < 1e-3
+    pinned: Any = design(found, ["striker.speed=0.5..4"], pin="contact.gamma", candidates=1).table
+    assert pinned["expected"].notna().all()
+    loaded = fit(path, free=free, laws=["viscoelastic"], quick=True, results=tmp_path)
+    assert design(loaded, ["striker.speed=0.5..4"], pin=MODULUS, candidates=1).table["problem"][1] == ""
+    with pytest.raises(InputError, match="that the fit has not found"):
+        design(found, [f"{MODULUS}=1 GPa..2 GPa"])
 
 
 @pytest.mark.long

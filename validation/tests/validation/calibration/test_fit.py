@@ -173,6 +173,7 @@ def test_prior_knowledge_is_a_value_with_an_error() -> None:
         ("chain.diameter=9.525±0.005 mm", 9.525e-3, 5e-6),
         ("chain.diameter=9.525 mm +- 5 um", 9.525e-3, 5e-6),
         (f"{RESTITUTION}=0.9+/-0.02", 0.9, 0.02),
+        (f"{MODULUS}=1e9±5e7", 1e9, 5e7),
     ):
         free = free_parameter(text, read_scene("fig4"), "here")
         assert (free.start, free.prior) == pytest.approx((value, error))
@@ -200,6 +201,7 @@ def test_values_have_the_digits_of_their_errors() -> None:
         ("measured.0.gain", "measured.0.gain", "allowed: none"),
         ("contact.alpha", 'contact.dissipation = "viscoelastic"', ""),
         ("chain.precompression", "no starting value", ""),
+        ("sensor.time_constant=±1%", "found ±1%", "which the scene may state"),
     ],
 )
 def test_unsuitable_free_parameters_are_refused(free: str, found: str, allowed: str) -> None:

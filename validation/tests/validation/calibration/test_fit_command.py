@@ -6,7 +6,9 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from drivers.base.errors import InputError
 from drivers.scene.read_scene import read_scene
+from validation.calibration.command import fit, read_fits
 from validation.report.parts import read_part
 from validation.tests.helpers.commands import beads
 from validation.tests.validation.calibration.test_fit import MODULUS, RESTITUTION, SHORT, made_up
@@ -85,3 +87,16 @@ def test_laws_are_compared_on_the_same_data_and_a_second_fit_replaces_their_file
     assert [path.name for path in folder.glob("fit-*.toml")] == ["fit-fig4.toml"]
     assert (folder / "notes.txt").is_file()
     assert (folder / "data" / "data.csv").read_bytes() == trace.read_bytes()
+
+
+def test_constants_of_laws_are_fixed_and_damaged_tables_refused(tmp_path: Path) -> None:
+    laws = ("power,gamma=3", "power", "viscoelastic")
+    free = [MODULUS, "contact.alpha=1..2"]
+    found = fit(quoted=["fig4"], free=free, laws=laws, quick=True, results=tmp_path)
+    keys = {law: {key for key in each.values if key.startswith("contact")} for law, each in found.fits.items()}
+    assert keys == {laws[0]: {"contact.alpha"}, laws[1]: {"contact.alpha", "contact.gamma"}, laws[2]: {RESTITUTION}}
+    assert [*read_fits(found.folder).fits] == [*laws]
+    for text in ("", "a,b\n1,2\n", "law,parameter,value\npower,contact.gamma,much\n"):
+        (found.folder / "parameters.csv").write_text(text)
+        with pytest.raises(InputError, match=r"fit-fig4.*damaged tables.*fits again"):
+            read_fits(found.folder)
