@@ -23,7 +23,7 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import nan, sqrt
+from math import inf, nan, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -360,20 +360,21 @@ def _rest(channel: Channel, curve: BSpline, size_N: Array, trigger_s: float) -> 
 
 
 def _refined(channels: list[Channel], motion: Simulation) -> tuple[float, float]:
-    """Trigger by least squares near the largest correlation, with its standard error by noise.
+    """Trigger by least squares near the largest correlation, with its standard error by noise, whatever the gains.
 
-    The residual is that of a fit, of the readings within the run at all of these triggers; inverted gauges are turned.
+    The residual is that of a fit, of the readings within the run at all of these triggers.
     """
-    near_s, step_s, curves = channels[0].trigger_s, float(motion.trace.time_s[1]), motion.curves
-    last_s, gains = near_s + float(motion.trace.time_s[-1]) - SEARCH_STEPS * step_s, list[float]()
+    near_s, step_s = channels[0].trigger_s, float(motion.trace.time_s[1])
+    last_s = near_s + float(motion.trace.time_s[-1]) - SEARCH_STEPS * step_s
     within = [replace(channel, counts=channel.time_s <= last_s) for channel in channels]
-    for each in within:
-        ways = each.trace.gain, -each.trace.gain
-        gains.append(min(ways, key=lambda gain: np.linalg.norm(residual_of(each, curves[each.gauge], gain, near_s))))
 
     def off(place: Array) -> Array:
-        trigger_s, pairs = near_s + float(place[0]) * step_s, zip(within, gains, strict=True)
-        return np.concatenate([residual_of(each, curves[each.gauge], gain, trigger_s) for each, gain in pairs])
+        trigger_s, parts = near_s + float(place[0]) * step_s, list[Array]()
+        for each in within:
+            bare, whole = (residual_of(each, motion.curves[each.gauge], gain, trigger_s) for gain in (inf, 1.0))
+            shape = whole - bare
+            parts.append(bare - shape * (shape @ bare) / (shape @ shape or 1.0))
+        return np.concatenate(parts)
 
     best = least_squares(off, [0.0], "3-point", (-SEARCH_STEPS, SEARCH_STEPS), xtol=1e-9)
     return near_s + float(best.x[0]) * step_s, step_s / float(np.linalg.norm(np.asarray(best.jac)))
