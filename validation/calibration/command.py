@@ -178,12 +178,14 @@ def problem_of(request: FitRequest, law: str, sets: Sequence[DataSet]) -> Proble
     Raises:
         InputError: As of ``problems_of``.
     """
-    of_law, own, asked = law_of(law), keys_of(law), by_key(request.free)
+    own, asked = keys_of(law), by_key(request.free)
     fixed = {f"contact.{constant.partition('=')[0].strip()}" for constant in law.split(",")[1:]}
     fixed |= {*OF_LAWS} - {*own} if law else set()
     keys = [key for key in dict.fromkeys((*asked, *own[:1])) if key not in fixed]
     free = [asked.get(key, key) for key in keys]
-    begun = [replace(data, tables=checked(data.source, (*of_law, *data.settings))[1].tables) for data in sets]
+    begun = [
+        replace(data, tables=checked(data.source, (*law_of(law, asked), *data.settings))[1].tables) for data in sets
+    ]
     return pose(begun, free, request.own)
 
 
@@ -316,7 +318,7 @@ def _write_scenes(fitted: Fitted) -> None:
 def _write_scene(path: Path, source: Path, request: FitRequest, law: str, fit: Fit, rows: Mapping[str, Any]) -> None:
     """Writes a scene file with settings, data, and values of rows by label, and with the comments of its source."""
     document: Any = tomlkit.parse(source.read_text(encoding="utf-8"))
-    apply_settings(document, (*law_of(law), *request.settings))
+    apply_settings(document, (*law_of(law, by_key(request.free)), *request.settings))
     for free in fit.problem.free:
         row = rows.get(free.label)
         if row and free.belongs_to(source.stem) and free.of_motion:

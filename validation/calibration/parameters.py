@@ -1,7 +1,7 @@
 """Free parameters and contact laws of fits, as options name them; the file ``inputs/calibration.toml``."""
 
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
@@ -147,14 +147,18 @@ def keys_of(law: str) -> list[str]:
     return [f"contact.{key}" for key in LAW_KEYS.get(name, ()) if key != "damping_ratio"]  # stated by the restitution
 
 
-def law_of(text: str) -> tuple[str, ...]:
+def law_of(text: str, asked: Mapping[str, str] | None = None) -> tuple[str, ...]:
     """Settings of a law: ``elastic`` or one of ``drivers.laws``, with constants after commas, ``power,alpha=1.5``.
 
     Keys of other laws are removed from the scene, those of the law stay. Its first key starts at the value of
-    ``inputs/calibration.toml``. There are none for the law of the scene, an empty text.
+    ``inputs/calibration.toml``, or else at an end of its bounds. There are none for the law of the scene, an empty text.
+
+    Args:
+        text: The law.
+        asked: Options ``--free`` by key.
 
     Raises:
-        InputError: There is no such law.
+        InputError: There is no such law, or no start of its parameter.
     """
     if not text:
         return ()
@@ -163,9 +167,13 @@ def law_of(text: str) -> tuple[str, ...]:
     if wrong := [part for part in constants if "=" not in part]:
         raise InputError("fit", f"--law {name}", wrong[0], f"constants as KEY=VALUE: --law {name},KEY=VALUE")
     removed = [f"{key}=" for key in OF_LAWS if key not in own]
-    begun = [f"{key}={calibration_file().start.get(key, '')}" for key in own[:1]]
-    constants = [f"contact.{each}" for each in constants]
-    return (*removed, f"contact.dissipation={name if own else VISCOELASTIC}", *begun, *constants)
+    given = dict(f"contact.{each}".split("=", 1) for each in constants)
+    for key in own[:1]:
+        start = calibration_file().start.get(key) or (asked or {}).get(key, "").rpartition("..")[2]
+        if not given.setdefault(key, str(start)):
+            raise InputError("fit", f"--law {name}", f"no start of {key}", f"bounds, --free '{key}=LOW..HIGH'")
+    texts = (f"{key}={value}" for key, value in given.items())
+    return (*removed, f"contact.dissipation={name if own else VISCOELASTIC}", *texts)
 
 
 @dataclass(frozen=True)
