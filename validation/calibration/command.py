@@ -183,9 +183,8 @@ def problem_of(request: FitRequest, law: str, sets: Sequence[DataSet]) -> Proble
     fixed |= {*OF_LAWS} - {*own} if law else set()
     keys = [key for key in dict.fromkeys((*asked, *own[:1])) if key not in fixed]
     free = [asked.get(key, key) for key in keys]
-    begun = [
-        replace(data, tables=checked(data.source, (*law_of(law, asked), *data.settings))[1].tables) for data in sets
-    ]
+    of_law = law_of(law, asked)
+    begun = [replace(data, tables=checked(data.source, (*of_law, *data.settings))[1].tables) for data in sets]
     return pose(begun, free, request.own)
 
 

@@ -151,7 +151,7 @@ def law_of(text: str, asked: Mapping[str, str] | None = None) -> tuple[str, ...]
     """Settings of a law: ``elastic`` or one of ``drivers.laws``, with constants after commas, ``power,alpha=1.5``.
 
     Keys of other laws are removed from the scene, those of the law stay. Its first key starts at the value of
-    ``inputs/calibration.toml``, or else at an end of its bounds. There are none for the law of the scene, an empty text.
+    ``inputs/calibration.toml``, or else at an end of its bounds. The law of the scene, an empty text, has none.
 
     Args:
         text: The law.

@@ -9,6 +9,7 @@ import pytest
 from drivers.base.errors import InputError
 from drivers.scene.read_scene import read_scene
 from validation.calibration.command import fit, read_fits
+from validation.calibration.parameters import calibration_file, law_of
 from validation.report.parts import read_part
 from validation.tests.helpers.commands import beads
 from validation.tests.validation.calibration.test_fit import MODULUS, RESTITUTION, SHORT, made_up
@@ -100,3 +101,11 @@ def test_constants_of_laws_are_fixed_and_damaged_tables_refused(tmp_path: Path) 
         (found.folder / "parameters.csv").write_text(text)
         with pytest.raises(InputError, match=r"fit-fig4.*damaged tables.*fits again"):
             read_fits(found.folder)
+
+
+def test_a_law_of_ones_own_starts_at_an_end_of_its_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delitem(calibration_file().start, "contact.gamma")
+    assert "contact.gamma=5" in law_of("power", {"contact.gamma": "contact.gamma=0..5"})
+    assert "contact.gamma=3" in law_of("power,gamma=3")
+    with pytest.raises(InputError, match=r"no start of contact.gamma; allowed: bounds"):
+        law_of("power")
