@@ -197,7 +197,7 @@ def folder_of(request: FitRequest, results: Path) -> Path:
     first = Path((*request.scenes, *request.quoted)[0]).stem
     folder = results.resolve() / f"fit-{first}".replace(" ", "-")  # the current folder may be that of the fit
     if folder.exists() and not (folder / f"{PARAMETERS}.csv").is_file():
-        raise InputError(paths.shown(folder), "", "not a folder of a fit", "another --results, or move it away")
+        raise InputError(paths.shown(folder), "", "a folder that is not of a fit", "another --results, or move it away")
     return folder
 
 
@@ -451,7 +451,8 @@ def lines(fit: Fit, tables: Tables) -> Iterator[str]:
     yield ""
     (goodness,) = rows_of(tables[LAWS])
     chance = f", probability {goodness.probability:.2g}" if goodness.freedom > 0 else ""
-    yield f"chi-square {goodness.chi_square:.4g} with {goodness.freedom} degrees of freedom{chance}"
+    freedom = f"{goodness.freedom} degree{'s' * (goodness.freedom != 1)} of freedom"
+    yield f"chi-square {goodness.chi_square:.4g} with {freedom}{chance}"
     if not fit.explained:
         yield "the model does not explain the data"
     yield from goodness.remarks.split(". ") if goodness.remarks else ()

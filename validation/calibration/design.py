@@ -145,7 +145,7 @@ def _candidates(fit: Fit, vary: Sequence[str], gauges: str, count: int) -> Itera
     for draw in qmc.Halton(len(axes) + len(masses), scramble=False).random(count + 1)[1:]:  # the first one is a corner
         change: dict[str, Any] = {}
         for x, (axis, whole) in zip(draw.tolist(), axes, strict=False):
-            change[axis.key] = round(axis.value(x)) if whole else axis.value(x)
+            change[axis.key] = round(axis.value(x)) if whole else float(f"{axis.value(x):.3g}")
         if gauges:
             low, most = round(ends.low), change.get("chain.count", scene.chain.count)
             free = [*range(low, max(low, min(round(ends.high), most)) + 1)]

@@ -25,7 +25,7 @@ def test_quoted_numbers_give_a_folder_without_traces_unless_another_has_its_name
     (folder / "notes.txt").touch()
     done = beads(*words)
     assert done.returncode == 2
-    assert "not a folder of a fit" in done.stderr
+    assert "a folder that is not of a fit" in done.stderr
     assert [path.name for path in tmp_path.rglob("*.*")] == ["notes.txt"]
     shutil.rmtree(folder)
     assert beads(*words).returncode == 0
