@@ -29,10 +29,8 @@ def draw_overlay(motion: Simulation, aligned: Sequence[AlignedGauge], misfits: p
         aligned: Measured gauges on its clock.
         misfits: Misfits, for the table.
     """
-    run_s, gauges = (
-        motion.trace.time_s,
-        [gauge for gauge in motion.signals if gauge in {each.channel.gauge for each in aligned}],
-    )
+    run_s, measured = motion.trace.time_s, {each.channel.gauge for each in aligned}
+    gauges = [gauge for gauge in motion.signals if gauge in measured]
     heights = [GAUGE_IN, STRIP_IN] * len(gauges)
     figure, grid = pyplot().subplots(
         len(heights), 1, sharex=True, figsize=(COLUMN_IN, HEAD_IN + FOOT_IN + sum(heights)), height_ratios=heights,

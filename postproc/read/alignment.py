@@ -377,7 +377,8 @@ def _refined(channels: list[Channel], motion: Simulation) -> tuple[float, float]
         return np.concatenate(parts)
 
     best = least_squares(off, [0.0], "3-point", (-SEARCH_STEPS, SEARCH_STEPS), xtol=1e-9)
-    return near_s + float(best.x[0]) * step_s, step_s / float(np.linalg.norm(np.asarray(best.jac)))
+    slope = float(np.linalg.norm(np.asarray(best.jac)))
+    return near_s + float(best.x[0]) * step_s, step_s / slope if slope else inf
 
 
 def must_overlap(channel: Channel, trigger_s: float, end_s: float, onset_s: float = 0.0) -> None:

@@ -134,11 +134,13 @@ def request_of(scenes: Sequence[str | Path], *, free: Texts = (), uncertain: Tex
         return given.model_copy(update={"scenes": (*map(str, scenes),)})
     former = read_request(Path(folders[0]))
     both = {key: getattr(former, key) + getattr(given, key) for key in ("laws", "settings")}
-    both |= {key: (*(by_key(getattr(former, key)) | by_key(getattr(given, key))).values(),) for key in ("free", "own")}
+    for key in ("free", "own"):
+        former_texts, given_texts = (by_key(getattr(each, key), f"--{key}") for each in (former, given))
+        both[key] = (*(former_texts | given_texts).values(),)
     return former.model_copy(update=both | {"quick": given.quick, "measured": given.measured})
 
 
-def by_key(options: Sequence[str], option: str = "--free") -> dict[str, str]:
+def by_key(options: Sequence[str], option: str = "--free", command: str = "fit") -> dict[str, str]:
     """Options ``KEY`` or ``KEY=...`` by their keys.
 
     Raises:
@@ -146,7 +148,7 @@ def by_key(options: Sequence[str], option: str = "--free") -> dict[str, str]:
     """
     asked = {text.partition("=")[0].strip(): text for text in options}
     if len(asked) < len(options):
-        raise InputError("fit", option, ", ".join(options), "each key once")
+        raise InputError(command, option, ", ".join(options), "each key once")
     return asked
 
 
@@ -260,10 +262,11 @@ def write_folder(fitted: Fitted) -> None:
 
 
 def _complete(fitted: Fitted) -> FitRequest:
-    """The request for the scenes of its folder, with the bounds that parameters had."""
+    """The request for the scenes of its folder, with the bounds that shared parameters had."""
     request, free = fitted.request, [each for fit in fitted.fits.values() for each in fit.problem.free]
-    bounded = {each.key: option_of(each) for each in free if each.of_motion and not each.own}
-    asked = {key: key for law in request.laws for key in keys_of(law)[:1]} | by_key(request.free)
+    bounded = {each.key: option_of(each) for each in free if each.of_motion and not each.own}  # others differ by scene
+    asked = by_key(request.free)
+    asked |= {key: key for law in request.laws for key in keys_of(law)[:1] if key not in asked}
     update: dict[str, Any] = {"measured": None, "free": tuple(bounded.get(text, text) for text in asked.values())}
     if not request.quoted:  # the scenes have their data
         update["scenes"] = tuple(source.name for source in fitted.sources)
@@ -397,10 +400,8 @@ def fit(
         for law, each in problems.items():  # each fit also starts from the earlier ones: a larger model is never worse
             fits[law], tables = solve(each, quick=request.quick, seeds=[found.values for found in fits.values()])
             of_laws[law] = tables | {EXACT: taken_as_exact(fits[law])}
-    whole = {
-        name: pd.concat({law: tables[name] for law, tables in of_laws.items()}, names=["law"]).reset_index("law")
-        for name in (PARAMETERS, DATA, LAWS, EXACT)
-    }
+    named = [{name: table.assign(law=law) for name, table in tables.items()} for law, tables in of_laws.items()]
+    whole = {name: pd.concat([each[name] for each in named]).set_index("law").reset_index() for name in named[0]}
     fitted = Fitted(folder, request, fits, whole)
     write_folder(fitted)
     return fitted

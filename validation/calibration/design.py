@@ -120,9 +120,11 @@ def design(
     goal = f"standard error of {pin}{f' ({unit})' * bool(unit)}" if pin else LEAST_DIFFERENCE
     document: Any = tomlkit.parse(fitted.scenes(next(iter(fits)))[0].read_text(encoding="utf-8"))
     document.pop(MEASURED, None)
+    if drive := look_up(document, "drive.file"):
+        document["drive"]["file"] = str((fitted.folder / drive).resolve())
     document["title"] = f"Designed from {fitted.folder.name}: {goal} {table['expected'][best]:.3g}"
     chosen = changes[best] | {"run.duration": float(table["duration_s"][best])}
-    apply_settings(document, [*setting_texts(settings), *setting_texts(chosen)])
+    apply_settings(document, [*(setting_texts(settings) if best else ()), *setting_texts(chosen)])
     return Design(table, best, tomlkit.dumps(document), goal)
 
 
@@ -134,7 +136,7 @@ def _candidates(fit: Fit, vary: Sequence[str], gauges: str, count: int) -> Itera
         raise InputError("design", "--candidates", f"{count}", "1 or more")
     scene, axes = fit.problem.sets[0].scene, list[tuple[Free, bool]]()
     known = [free.key for free in fit.problem.free if free.key.startswith(CARRIED)]
-    for key, text in by_key(vary, "--vary").items():
+    for key, text in by_key(vary, "--vary", "design").items():
         value = look_up(scene, key)
         if not isinstance(value, (int, float)) or isinstance(value, bool) or key in known:
             raise InputError("design", "--vary", key, "a key of the scene with a number that the fit has not found")
@@ -171,7 +173,10 @@ def _row(
     row |= {"gauges": " ".join(channel.gauge for channel in first.channels), "duration_s": scene.run.duration}
     for law, data in made.items() if pin else ():
         problem, place = _problem_of(fits[law], data)
-        numbers[f"error_{law}"] = float(Fit(problem, place).errors[[free.label for free in problem.free].index(pin)])
+        labels = [free.label for free in problem.free]
+        if pin not in labels:
+            return row | {"problem": f"{pin} does not take part"}
+        numbers[f"error_{law}"] = float(Fit(problem, place).errors[labels.index(pin)])
     for law, other in () if pin else combinations(fits, 2):  # made up by the other one, data differ by as much
         problem, place = _problem_of(fits[other], replace(made[law], tables=made[other].tables))
         end = minimise(problem, problem.with_triggers(place), converged=CLOSE_CHANGE)
@@ -189,7 +194,7 @@ def _problem_of(fit: Fit, data: DataSet) -> tuple[Problem, Array]:
     gauges |= {f"{channel.file_key}.{TRIGGER}" for channel in data.channels}
     readings = {CUT, *(number.divisor for number in data.numbers)}
     for each, x in zip(fit.problem.free, fit.place, strict=True):
-        if each.own in ("", data.name) and (each.of_motion or each.key in gauges | readings):
+        if each.belongs_to(data.name) and (each.of_motion or each.key in gauges | readings):
             carried, moved = each.key.startswith(CARRIED), each
             if each.of_motion and not carried:
                 value = look_up(data.scene, each.key)
@@ -244,13 +249,16 @@ def _data_of(base: DataSet, motion: Simulation, *, as_measured: bool = False) ->
         alike = [each for each in base.channels if each.gauge.partition("_")[0] == gauge.partition("_")[0]]
         if not alike:
             continue
-        first, trace, noise = alike[0], alike[0].trace, float(np.sqrt(np.mean([each.noise**2 for each in alike])))
+        # gauges elsewhere have the channels of those of the fit in turn
+        place = min(sum(each.gauge.partition("_")[0] == gauge.partition("_")[0] for each in channels), len(alike) - 1)
+        first = next((each for each in alike if each.gauge == gauge), alike[place])
+        trace, noise = first.trace, float(np.sqrt(np.mean([each.noise**2 for each in alike])))
         trigger_s, step_s = first.trigger_s, float(np.median(np.diff(trace.time_s)))
         time_s = np.arange(float(trace.time_s[0]), trigger_s + float(motion.trace.time_s[-1]), step_s)
         reading = change_at(curve, time_s - trigger_s) / trace.gain + (trace.baseline or 0.0)
         coarse = averaged(replace(trace, time_s=time_s, reading={gauge: reading}), interval_s)
-        readings = {"time_s": coarse.time_s, "reading": coarse.reading[gauge], "counts": coarse.time_s == coarse.time_s}
-        channels.append(replace(first, gauge=gauge, noise=noise, **readings))
+        made_up = replace(first, gauge=gauge, noise=noise, time_s=coarse.time_s, reading=coarse.reading[gauge])
+        channels.append(replace(made_up, counts=np.ones(len(coarse.time_s), dtype=bool)))
     for number in base.numbers:
         with suppress(InputError):
             value = read(motion, number.name, base.fixed.get(CUT, DEFAULT_CUT))

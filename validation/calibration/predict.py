@@ -23,7 +23,7 @@ from drivers.base.errors import InputError, RunError
 from drivers.chain.chain import Array
 from drivers.laws import LAWS
 from drivers.scene.model import Scene
-from drivers.scene.read_scene import apply_settings
+from drivers.scene.read_scene import apply_settings, make_scene
 from drivers.scene.settings import look_up, setting_texts
 from postproc.draw.stack import GAUGE_IN, gauge_title
 from postproc.draw.style import COLUMN_IN, MICRO, pyplot
@@ -172,8 +172,9 @@ def _part_of(fit: Fit, scene: Scene, data: DataSet, *, own: bool) -> tuple[Probl
     law = {key: value for key, value in source.get("contact", {}).items() if f"contact.{key}" in OF_LAWS}
     free, first = fit.problem.free, fit.problem.sets[0].name
     moving = [place for place, each in enumerate(free) if each.of_motion and each.belongs_to(first)]
-    kept = [f"{text.partition('=')[0].strip()}." for text in data.settings]
-    moving = [place for place in moving if not f"{free[place].key}.".startswith(tuple(kept))]
+    asked = [text.partition("=")[0].strip() for text in data.settings]
+    if "contact.dissipation" in asked:  # another law, with all that the scene states of it
+        contact, law, asked = tables["contact"], {}, [*asked, *OF_LAWS]
     if not own:
         tables |= {"sensor": source["sensor"]} if "sensor" in source else {}
         for name, material in source.get(MATERIALS, {}).items():
@@ -185,9 +186,11 @@ def _part_of(fit: Fit, scene: Scene, data: DataSet, *, own: bool) -> tuple[Probl
         if not moving or materials == [True, False]:
             allowed = " or ".join(free[place].key for place in offered) or "a fit of a material or a law"
             raise InputError(data.where, "", "other materials than those of the fit", allowed)
+    moving = [place for place in moving if not f"{free[place].key}.".startswith(tuple(f"{key}." for key in asked))]
     tables["contact"] = contact | law
-    apply_settings(tables, data.settings)
+    apply_settings(tables, [text for text in data.settings if text.strip().startswith(CARRIED)])
     begun = replace(data, name=first, tables=json.dumps(tables))
+    make_scene(tables, data.where, data.where)  # an InputError names what is set in vain
     return Problem((begun,), tuple(free[place] for place in moving)), moving
 
 

@@ -115,6 +115,7 @@ class DataSet:
         channels: Measured traces of gauges.
         fixed: Values of parameters of readings that are not free, by key.
         settings: Settings applied to the scene.
+        gain_errors: Relative standard errors of the gains of entries, by key.
     """
 
     name: str
@@ -126,6 +127,7 @@ class DataSet:
     channels: tuple[Channel, ...] = ()
     fixed: Mapping[str, float] = field(default_factory=dict)
     settings: Sequence[str] = ()
+    gain_errors: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def rows(self) -> int:
@@ -226,14 +228,15 @@ def scene_data(source: str, settings: Sequence[str] = (), file: Path | None = No
         for observable, (value, share) in read_quoted(entry, names, named, key).items()
     )
     channels = tuple(channel for file in channels_of(traces, simulation) for channel in file)
-    return replace(bare, numbers=numbers, channels=channels)
+    gain_errors = {f"{key}.{GAIN}": entry.gain_uncertainty for key, entry in entries.items()}
+    return replace(bare, numbers=numbers, channels=channels, gain_errors=gain_errors)
 
 
 def gauge_parameters(data: DataSet, asked: Sequence[str]) -> list[Free]:
     """Parameters of a data set's gauges: missing triggers, gains with an uncertainty, and requested ones.
 
     Args:
-        data: Data set with its entries.
+        data: The data set.
         asked: Options such as ``measured.0.gain`` or ``measured.0.trigger=10 us..20 us``; without a number it is that
             of all entries.
 
@@ -242,7 +245,7 @@ def gauge_parameters(data: DataSet, asked: Sequence[str]) -> list[Free]:
     """
     known, found = dict[str, Free](), set[str]()
     for key in (number.divisor for number in data.numbers if number.divisor.startswith(MEASURED)):
-        known[key] = Free(key, "", 1.0, *around(1.0), data.name)
+        known[key] = Free(key, "", 1.0, *around(1.0), data.name, data.gain_errors[key])
     for channel in data.channels:
         trace, gain, trigger = channel.trace, f"{channel.trace.key}.{GAIN}", f"{channel.file_key}.{TRIGGER}"
         unit, prior = f"N/{trace.unit}" if trace.unit != "N" else "", trace.gain_uncertainty * abs(trace.gain)

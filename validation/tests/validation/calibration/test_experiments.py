@@ -10,6 +10,7 @@ from scipy.stats import norm
 
 from drivers.base import paths
 from drivers.base.errors import InputError
+from drivers.scene.settings import look_up
 from validation.calibration.command import Fitted, fit, problems_of, request_of
 from validation.calibration.design import design
 from validation.calibration.fit import DECISIVE, Fit, rows_of, taken_as_exact
@@ -184,8 +185,11 @@ def test_settings_of_a_prediction_stay(tmp_path: Path) -> None:
         one, other = (each.observables.set_index("observable")[column] for each in (own, named))
         assert one["bead_9_peak_N"] == pytest.approx(other["bead_9_peak_N"], rel=1e-6)
     assert own.simulation.case.scene.run.duration == found.fits["viscoelastic"].problem.sets[0].scene.run.duration / 2
-    still = predict(found, "fig4", {"contact.restitution": 1})
-    assert still.simulation.case.scene.contact.restitution == 1
+    for setting in ({"contact.restitution": 1}, {"contact.dissipation": "power", "contact.gamma": 2}, {MODULUS: 1e9}):
+        scene = predict(found, "fig4", setting).simulation.case.scene
+        assert all(look_up(scene, key) == value for key, value in setting.items())
+    with pytest.raises(InputError, match=r"contact.gamma"):
+        predict(found, "fig4", {"contact.gamma": 2})
 
 
 def test_designs_descend_to_the_end_and_know_all_parameters_of_laws(tmp_path: Path) -> None:

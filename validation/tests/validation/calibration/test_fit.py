@@ -39,6 +39,7 @@ from validation.calibration.problem import (
     _integrated,
     _of_set,
     paper_data,
+    parameters_of,
     pose,
     scene_data,
 )
@@ -120,6 +121,14 @@ def quoting(scene_file: SceneWriter, values: str, errors: str) -> Path:
     path = scene_file(count=21, chain=GAUGES, duration="0.8 ms")
     path.write_text(path.read_text() + f"[[measured]]\nvalues = {{ {values} }}\nerrors = {{ {errors} }}\n")
     return path
+
+
+def test_gains_of_quoted_forces_are_free_with_their_error(scene_file: SceneWriter) -> None:
+    path = quoting(scene_file, "bead_9_amplitude = '1 N'", "bead_9_amplitude = 0.05")
+    path.write_text(f"{path.read_text()}gain_uncertainty = 0.04\n")
+    modulus, gain = parameters_of([scene_data(str(path))], (MODULUS,), ())
+    assert (modulus.key, gain.key) == (MODULUS, "measured.0.gain")
+    assert (gain.start, gain.prior) == (1.0, 0.04)
 
 
 def test_one_gauge_cannot_distinguish_gain_and_modulus(scene_file: SceneWriter) -> None:

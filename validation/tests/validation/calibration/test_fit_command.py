@@ -97,6 +97,7 @@ def test_constants_of_laws_are_fixed_and_damaged_tables_refused(tmp_path: Path) 
     keys = {law: {key for key in each.values if key.startswith("contact")} for law, each in found.fits.items()}
     assert keys == {laws[0]: {"contact.alpha"}, laws[1]: {"contact.alpha", "contact.gamma"}, laws[2]: {RESTITUTION}}
     assert [*read_fits(found.folder).fits] == [*laws]
+    assert found.tables["laws"]["law"].to_dict() == dict(enumerate(laws))
     for text in ("", "a,b\n1,2\n", "law,parameter,value\npower,contact.gamma,much\n"):
         (found.folder / "parameters.csv").write_text(text)
         with pytest.raises(InputError, match=r"fit-fig4.*damaged tables.*fits again"):
