@@ -192,8 +192,8 @@ def test_settings_of_a_prediction_stay(tmp_path: Path) -> None:
         predict(found, "fig4", {"contact.gamma": 2})
 
 
-def test_designs_descend_to_the_end_and_know_all_parameters_of_laws(tmp_path: Path) -> None:
-    """Two numbers and two parameters: nothing can tell the laws apart."""
+def test_designs_know_parameters_of_one_law_and_values_that_were_zero(tmp_path: Path) -> None:
+    """Two numbers and two parameters of each law: nothing can tell the laws apart."""
     path = tmp_path / "scene.toml"
     values = "[[measured]]\nvalues = { bead_9_amplitude = '2 N', speed_9_to_5 = '150 m/s' }\n"
     scene = paths.SCENES / "fig4.toml"
