@@ -221,7 +221,11 @@ def _made_up(fit: Fit, settings: Sequence[str] | None) -> DataSet:
     found = {key: x for key, x in fit.problem.own_values(base, fit.place) if is_of_motion(key)}
     if settings is None:
         data = replace(base, tables=json.dumps(changed(base.tables, found.items())))
-        return _data_of(data, exact(build_case(data.scene), TOLERANCE), as_measured=True)
+        motion, channels = exact(build_case(data.scene), TOLERANCE), list[Channel]()
+        for each in base.channels:
+            reading = each.computed(motion.curves[each.gauge], each.trigger_s) / each.trace.gain
+            channels.append(replace(each, reading=reading + (each.trace.baseline or 0.0)))
+        return _data_of(data, motion, channels)
     tables = changed(base.tables, [pair for pair in found.items() if pair[0].startswith(CARRIED)])
     if any(free.is_trigger and free.own == base.name for free in fit.problem.free):
         tables["run"]["duration"] = f"{base.scene.run.duration / LONGER!r} s"
@@ -230,26 +234,35 @@ def _made_up(fit: Fit, settings: Sequence[str] | None) -> DataSet:
         data = replace(base, tables=json.dumps(tables))
         motion = exact(build_case(data.scene), TOLERANCE)
         if all(isfinite(motion.first.get(f"{gauge}_arrival_s", nan)) for gauge in motion.signals):
-            return _data_of(data, motion)
+            return _data_of(data, motion, _channels(data, motion))
         tables["run"]["duration"] = f"{2 * motion.case.scene.run.duration!r} s"
     raise InputError("design", "run.duration", f"no pulse at a gauge in {tables['run']['duration']}", "a longer run")
 
 
-def _data_of(base: DataSet, motion: Simulation, *, as_measured: bool = False) -> DataSet:
-    """Data of a fit as a motion would give them, without noise; gauges of beads have the noise of those of the fit.
+def _data_of(base: DataSet, motion: Simulation, channels: Sequence[Channel]) -> DataSet:
+    """Data of a fit as a motion would give them, without noise, with these channels.
 
     Raises:
         InputError: The motion has none of the gauges or numbers of the data.
     """
-    channels, numbers, interval_s = list[Channel](), list[Datum](), base.scene.run.sample_interval
-    for each in base.channels if as_measured else ():
-        reading = each.computed(motion.curves[each.gauge], each.trigger_s) / each.trace.gain
-        channels.append(replace(each, reading=reading + (each.trace.baseline or 0.0)))
-    for gauge, curve in () if as_measured else motion.curves.items():
+    numbers = list[Datum]()
+    for number in base.numbers:
+        with suppress(InputError):
+            value = read(motion, number.name, base.fixed.get(CUT, DEFAULT_CUT))
+            if isfinite(value):
+                numbers.append(replace(number, value=value, error=abs(value * number.error / number.value)))
+    if not (channels or numbers):
+        raise InputError("design", "", "none of the measured gauges and numbers in the scene", "--set chain.sensors")
+    return replace(base, numbers=tuple(numbers), channels=tuple(channels))
+
+
+def _channels(base: DataSet, motion: Simulation) -> list[Channel]:
+    """Channels of the gauges of a motion, which have gain, noise and interval of those of the fit, in turn."""
+    channels, interval_s = list[Channel](), base.scene.run.sample_interval
+    for gauge, curve in motion.curves.items():
         alike = [each for each in base.channels if each.gauge.partition("_")[0] == gauge.partition("_")[0]]
         if not alike:
             continue
-        # gauges elsewhere have the channels of those of the fit in turn
         place = min(sum(each.gauge.partition("_")[0] == gauge.partition("_")[0] for each in channels), len(alike) - 1)
         first = next((each for each in alike if each.gauge == gauge), alike[place])
         trace, noise = first.trace, float(np.sqrt(np.mean([each.noise**2 for each in alike])))
@@ -259,14 +272,7 @@ def _data_of(base: DataSet, motion: Simulation, *, as_measured: bool = False) ->
         coarse = averaged(replace(trace, time_s=time_s, reading={gauge: reading}), interval_s)
         made_up = replace(first, gauge=gauge, noise=noise, time_s=coarse.time_s, reading=coarse.reading[gauge])
         channels.append(replace(made_up, counts=np.ones(len(coarse.time_s), dtype=bool)))
-    for number in base.numbers:
-        with suppress(InputError):
-            value = read(motion, number.name, base.fixed.get(CUT, DEFAULT_CUT))
-            if isfinite(value):
-                numbers.append(replace(number, value=value, error=abs(value * number.error / number.value)))
-    if not (channels or numbers):
-        raise InputError("design", "", "none of the measured gauges and numbers in the scene", "--set chain.sensors")
-    return replace(base, numbers=tuple(numbers), channels=tuple(channels))
+    return channels
 
 
 def draw(found: Design) -> Any:

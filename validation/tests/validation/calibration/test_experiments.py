@@ -12,7 +12,7 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.scene.settings import look_up
 from validation.calibration.command import Fitted, fit, problems_of, request_of
-from validation.calibration.design import design
+from validation.calibration.design import _row, design
 from validation.calibration.fit import DECISIVE, Fit, rows_of, taken_as_exact
 from validation.calibration.fit import fit as least_squares
 from validation.calibration.parameters import law_of
@@ -190,6 +190,21 @@ def test_settings_of_a_prediction_stay(tmp_path: Path) -> None:
         assert all(look_up(scene, key) == value for key, value in setting.items())
     with pytest.raises(InputError, match=r"contact.gamma"):
         predict(found, "fig4", {"contact.gamma": 2})
+
+
+def test_a_descent_of_a_design_does_not_stop_at_a_parameter_without_effect() -> None:
+    """The candidate has a force and a speed, but no width, on which the cut would act: nothing tells the laws apart."""
+    request = request_of((), free=(MODULUS,), laws=("viscoelastic", "power"), quoted=("fig4", "table1"), quick=True)
+    found: dict[str, dict[str, float]] = {
+        "viscoelastic": {MODULUS: 1.2e9, "contact.restitution": 0.75, "reading.cut": 0.1, "reading.speed_scale": 1.1},
+        "power": {MODULUS: 5.2e8, "contact.gamma": 0.048, "reading.force_scale": 1.2, "reading.speed_scale": 0.87},
+    }
+    fits = dict[str, Fit]()
+    for law, problem in problems_of(request).items():
+        place = [free.coordinate(found[law].get(free.label, free.start)) for free in problem.free]
+        fits[law] = Fit(problem, np.array(place))
+    row = _row(fits, "", ["striker.speed"], (), {"striker.speed": 2.25})
+    assert row["expected"] < 1e-3
 
 
 def test_designs_know_parameters_of_one_law_and_values_that_were_zero(tmp_path: Path) -> None:
