@@ -74,7 +74,8 @@ def length_remark(gauge: AlignedGauge, end_s: float) -> str:
     if start <= SLACK * end and abs(stop - end) <= SLACK * end:
         return ""
     unreached = ", so the wave does not reach it" * (stop <= 1e3 * gauge.onset_s)
-    return f"readings from {start:.3g} to {stop:.3g} ms after the impact, the run until {end:.3g} ms{unreached}"
+    readings = f"readings from {start:.3g} to {stop:.3g} ms after the impact, the run until {end:.3g} ms{unreached}"
+    return f"{readings}; the rest is not compared (run.duration)"
 
 
 def gain_remark(gauge: AlignedGauge) -> str:
