@@ -40,7 +40,7 @@ from postproc.read.motion import case_of_run
 from validation.reference.hertz_chain import hertz_energy_beyond_tangent
 
 SIZE_IN = (6.4, 4.6)
-BODY = "body_{}_energy_J"
+BODIES = "body_{}_energy_J", "body", "energy"
 LOOKS = (FIRST, SECOND, {"color": GREYS[1], "lw": 0.8}, DAMPED)  # of the sums, in their order
 RANGE_DASHES = ("-", "--", ":", "-.")
 LEFT_SHARE = 0.01  # of the largest energy of a range: with less the energy has left
@@ -166,7 +166,7 @@ def draw_energies(energies: Energies, ranges: Sequence[tuple[int, int]], title: 
 
     joules, time_us = EngFormatter("J"), energies.time_s * MICRO
     figure, axes = pyplot().subplots(2, 1, figsize=SIZE_IN, sharex=True, layout="constrained")
-    table = draw_cells(axes[0], title, energies.time_s, energies.body_J, BODY, "body", "energy", joules)
+    table = draw_cells(axes[0], title, energies.time_s, energies.body_J, BODIES, joules)
     for (label, values), look in zip(energies.sums_J.items(), LOOKS, strict=True):
         if values.any():
             axes[1].plot(time_us, values, label=label, **look)

@@ -18,7 +18,8 @@ from postproc.draw.style import COLUMN_IN, MICRO, colour_map, finish_bar, pyplot
 
 DPI = 200
 METADATA = {"png": {"Software": None}, "svg": {"Date": None}}  # no dates
-CHANGE = "contact_{}_change_N"
+FORCES = CONTACT, "contact", "force (N)"
+CHANGES = "contact_{}_change_N", "contact", "change from static force (N)"
 SPACETIME = "spacetime"  # ending of the names of spacetime diagrams
 COLUMNS, ROWS = 400, 250  # largest numbers of cells; a cell shows the largest of its forces
 PANEL_IN = 1.9
@@ -71,16 +72,12 @@ def write_figure(figure: Any, name: str, folder: Path) -> list[Path]:
     return written
 
 
-def cells_of(
-    time_s: Array, values: Array, columns: int = COLUMNS, rows: int = ROWS, *, signed: bool = False
-) -> tuple[Array, Array, Array]:
-    """Values at all contacts or bodies in at most ``rows`` by ``columns`` cells of equal size, except the last ones.
+def cells_of(time_s: Array, values: Array, *, signed: bool = False) -> tuple[Array, Array, Array]:
+    """Values at all contacts or bodies in at most ``ROWS`` by ``COLUMNS`` cells of equal size, except the last ones.
 
     Args:
         time_s: Sample times. Shape (samples,).
         values: A quantity of each contact or body. Shape (samples, places).
-        columns: Largest number of cells along the time.
-        rows: Largest number of cells along the chain.
         signed: True for values of both signs; then a cell has the value of the largest magnitude.
 
     Returns:
@@ -88,25 +85,17 @@ def cells_of(
         value in each cell, of shape (rows, columns).
     """
     samples, places = values.shape
-    over_time = np.arange(0, samples, -(-samples // columns))
-    over_places = np.arange(0, places, -(-places // rows))
+    over_time = np.arange(0, samples, -(-samples // COLUMNS))
+    over_places = np.arange(0, places, -(-places // ROWS))
     cells = np.maximum.reduceat(np.maximum.reduceat(values, over_time, axis=0), over_places, axis=1)
     if signed:
-        lowest = -cells_of(time_s, -values, columns, rows)[2].T
+        lowest = -cells_of(time_s, -values)[2].T
         cells = np.where(cells >= -lowest, cells, lowest)
     return time_s[over_time], over_places + 1.0, cells.T
 
 
 def draw_cells(
-    axis: Any,
-    title: str,
-    time_s: Array,
-    values: Array,
-    column: str = CONTACT,
-    place: str = "contact",
-    words: str = "force (N)",
-    ticks: Any = None,
-    signed: bool = False,
+    axis: Any, title: str, time_s: Array, values: Array, names: tuple[str, str, str], ticks: Any = None
 ) -> pd.DataFrame:
     """Draws a quantity against time and place in the chain, with a colour bar; white after the end of a run.
 
@@ -115,11 +104,9 @@ def draw_cells(
         title: Title of the panel.
         time_s: Sample times. Shape (samples,).
         values: Quantity of each contact or body. Shape (samples, places).
-        column: Pattern of its columns in the table.
-        place: Words at the axis along the chain.
-        words: Words at the colour bar.
+        names: Pattern of its columns in the table, words at the axis along the chain, words at the colour bar.
+            ``CHANGES`` have colours of both signs.
         ticks: Formatter of matplotlib of the numbers at the colour bar; None for its default.
-        signed: True for colours of both signs.
 
     Returns:
         The values of the cells, a row per time.
@@ -127,6 +114,7 @@ def draw_cells(
     from matplotlib.colors import FuncNorm, PowerNorm
     from matplotlib.ticker import MaxNLocator
 
+    (column, place, words), signed = names, names == CHANGES
     start_s, number, cells = cells_of(time_s, values, signed=signed)
     samples, places = values.shape
     width_s = (time_s[-1] - time_s[0]) / max(samples - 1, 1) * -(-samples // COLUMNS)
@@ -169,8 +157,7 @@ def draw_spacetime(chains: Mapping[str, Trace], width_in: float = COLUMN_IN) -> 
     figure, axes = pyplot().subplots(len(chains), 1, figsize=size, squeeze=False, sharex=True, layout="constrained")
     for axis, (title, trace) in zip(axes[:, 0], chains.items(), strict=True):
         values, signed = shown_forces(trace)
-        look: dict[str, Any] = {"words": "change from static force (N)", "column": CHANGE} if signed else {}
-        table = draw_cells(axis, title, trace.time_s, values, signed=signed, **look)
+        table = draw_cells(axis, title, trace.time_s, values, CHANGES if signed else FORCES)
         table.insert(0, "chain", title)
         tables.append(table)
     last_s = max(float(trace.time_s[-1]) for trace in chains.values())

@@ -4,7 +4,6 @@ In figures of the paper codes are markers in a strip, in reports lines of their 
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -33,19 +32,10 @@ LEGEND_COLUMNS = 3
 LABEL_AT = 0.012  # position of a label, as a share of the time axis
 
 
-@dataclass(frozen=True)
-class ForcePanel:
-    """Title and plot keywords of a panel of forces in a figure of the paper."""
-
-    letter: str
-    words: str
-    look: Mapping[str, Any]
-
-
 def draw_pairs(
     figure: Any,
     cells: Iterable[Any],
-    panels: Sequence[ForcePanel],
+    panels: Mapping[str, Mapping[str, Any]],
     simulations: Sequence[Mapping[str, Simulation]],
     numbers: Callable[[Simulation], Mapping[str, float]],
     step_N: float,
@@ -57,7 +47,7 @@ def draw_pairs(
     Args:
         figure: A matplotlib figure.
         cells: Cells of the figure's grid, one for each panel.
-        panels: Titles and styles; the first two are a pair, and so on.
+        panels: Plot keywords by title; the first two are a pair, and so on. Their letters are a to d.
         simulations: Simulations by engine, for each panel.
         numbers: Function that computes further numbers of a simulation by name, for the table.
         step_N: Force between two grid lines.
@@ -70,7 +60,8 @@ def draw_pairs(
     """
     axes, tables, chains, bottom = [], [], {}, -ROOM * step_N
     tops = dict[str, float]()
-    for place, (cell, panel, by_engine) in enumerate(zip(cells, panels, simulations, strict=True)):
+    of_panels = zip("abcd", cells, panels.items(), simulations, strict=False)
+    for place, (letter, cell, (title, look), by_engine) in enumerate(of_panels):
         exact = by_engine[REFERENCE]
         if place % 2 == 0:
             pair = [half[REFERENCE].signals for half in simulations[place:][:2]]
@@ -81,14 +72,14 @@ def draw_pairs(
         drawn = dict(zip([*tops, STRIP], rows.subplots(sharex=True).flat, strict=True))
         stacked = [drawn[name] for name in tops]
         for axis, (name, top) in zip(stacked, tops.items(), strict=True):
-            axis.plot(exact.trace.time_s * MICRO, exact.signals[name], **panel.look)
+            axis.plot(exact.trace.time_s * MICRO, exact.signals[name], **look)
             axis.set(xlim=(0, exact.trace.time_s[-1] * MICRO), ylim=(bottom, top))
             axis.yaxis.set_major_locator(pyplot().MultipleLocator(step_N))
             axis.tick_params(axis="x", length=0, labelbottom=False)
             axis.spines["bottom"].set_visible(False)
             if len(tops) > 1:
                 axis.text(LABEL_AT, 0.97, name.replace("_", " "), va="top", transform=axis.transAxes)
-        letter_panel(stacked[0], panel.letter, panel.words)
+        letter_panel(stacked[0], letter, title)
         stacked[len(stacked) // 2].set_ylabel("force (N)")
         strips = _draw_strip(drawn[STRIP], {engine: motion.trace for engine, motion in by_engine.items()})
         curves = [
@@ -102,8 +93,8 @@ def draw_pairs(
         further = [(engine, *number) for engine, motion in by_engine.items() for number in numbers(motion).items()]
         values = pd.DataFrame(further, columns=["engine", "quantity", "value"])
         axes.append(drawn)
-        tables.append(pd.concat([strips, *curves, values]).assign(panel=panel.letter))
-        chains[f"({panel.letter}) {panel.words}"] = exact.trace
+        tables.append(pd.concat([strips, *curves, values]).assign(panel=letter))
+        chains[f"({letter}) {title}"] = exact.trace
     if markers := {line.get_label(): line for drawn in axes for line in drawn[STRIP].lines}:
         look = {"ncols": 6, "handletextpad": 0.1, "title": STRIP_WORDS, "title_fontsize": 8}
         figure.legend(markers.values(), markers, loc="outside lower center", **look)

@@ -18,17 +18,14 @@ from matplotlib.patches import ConnectionPatch
 
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
-from postproc.draw.stack import ForcePanel, draw_curve, draw_pairs, quoted_rows
+from postproc.draw.stack import draw_curve, draw_pairs, quoted_rows
 from postproc.draw.style import AVERAGE, COLUMN_IN, DAMPED, MICRO, QUOTED, pyplot
 from postproc.paper import calibrated, quoted
 from postproc.paper.strikes import sensor_pair, speed_between_sensors
 from postproc.read.motion import UNTIL_REFLECTED, Simulation, case_of, simulate
 
 UNTIL_DAMPED_REFLECTED = "run.duration=1.2 ms"  # until the slower wave with dissipation has returned
-PANELS = (
-    ForcePanel("a", "with dissipation: fit, not measured", DAMPED | {"ls": "-"}),
-    ForcePanel("b", "elastic", AVERAGE),
-)
+PANELS = {"with dissipation: fit, not measured": DAMPED | {"ls": "-"}, "elastic": AVERAGE}
 STEP_N, STRIP_SHARE = 2.0, 0.14
 HALF_LEVEL_S = 80e-6  # of the drawn level
 

@@ -9,7 +9,6 @@ of the top two beads. Quoted: rise 50 µs, decay -0.0185 per µs, end at 370 µs
 on: 31, -0.0125, 404.
 """
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,7 @@ import pandas as pd
 from drivers.base.errors import InputError
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
-from postproc.draw.stack import ForcePanel, draw_curve, draw_pairs, quoted_rows
+from postproc.draw.stack import draw_curve, draw_pairs, quoted_rows
 from postproc.draw.style import AVERAGE, COLUMN_IN, DAMPED, GREY, MICRO, QUOTED, letter_panel, pyplot
 from postproc.paper import calibrated, quoted
 from postproc.read.motion import Simulation, case_of, simulate
@@ -27,10 +26,7 @@ from postproc.read.observables import LATER_PROMINENCE
 from postproc.read.signals import ENVELOPE_MAXIMA, Peak, incident_pulse, peaks, train_envelope
 
 WALL = "wall"
-PANELS = (
-    ForcePanel("a", "with dissipation: fit", DAMPED | {"ls": "-"}),
-    ForcePanel("b", "elastic", AVERAGE),
-)
+PANELS = {"with dissipation: fit": DAMPED | {"ls": "-"}, "elastic": AVERAGE}
 STEP_N = 1.0
 PLACES = ("top bead", "second bead")  # of the incident pulse
 SECOND_BEAD = AVERAGE | {"color": "#0072b2", "ls": (0, (6, 1.5, 1, 1.5))}
@@ -55,8 +51,8 @@ def make(runs: Path) -> Product:
     entrance = _draw_entrance(figure.add_subplot(grid[2]), damped, elastic).assign(panel="c")
     rates = paper.fig5_measured_envelope_per_us, paper.fig5_computed_envelope_per_us
     envelopes = [
-        _draw_envelope(drawn[WALL], motion, rate).assign(panel=panel.letter)
-        for drawn, motion, rate, panel in zip(axes, (damped, elastic), rates, PANELS, strict=True)
+        _draw_envelope(drawn[WALL], motion, rate).assign(panel=letter)
+        for drawn, motion, rate, letter in zip(axes, (damped, elastic), rates, "ab", strict=True)
     ]
     pulse = quoted_rows("c", rise_us=paper.fig5_incident_rise_us, decay_per_us=paper.fig5_incident_decay_per_us,
                         duration_us=paper.fig5_incident_duration_us)  # fmt: skip
@@ -67,9 +63,7 @@ def make(runs: Path) -> Product:
 def _train(motion: Simulation) -> tuple[list[Peak], dict[int, tuple[float, float]]]:
     """Maxima at the wall, and rates and amplitudes of envelopes by number of maxima."""
     time_s, wall = motion.trace.time_s, motion.trace.force_N[:, 0]
-    maxima = [
-        replace(peak, value=peak.value + float(wall[0])) for peak in peaks(time_s, wall - wall[0], LATER_PROMINENCE)
-    ]
+    maxima = peaks(time_s, wall, LATER_PROMINENCE)
     return maxima, {count: curve for count in MAXIMA if (curve := train_envelope(maxima, count))}
 
 

@@ -17,7 +17,7 @@ import pandas as pd
 from drivers.base.errors import InputError
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
-from postproc.draw.stack import ForcePanel, draw_curve, draw_pairs
+from postproc.draw.stack import draw_curve, draw_pairs
 from postproc.draw.style import AVERAGE, COLUMN_IN, DAMPED, GREY, MICRO, QUOTED, pyplot
 from postproc.paper import calibrated
 from postproc.read.motion import Simulation, case_of, simulate
@@ -28,16 +28,14 @@ SCENES = ("fig6b", "fig6d")
 UNTIL_PASSED = "run.duration=0.62 ms"  # until the train has reached the wall, before it returns
 HALF_LEVEL_S = 4e-5
 LEVEL: dict[str, Any] = {"color": GREY, "ls": (0, (3, 2)), "lw": 0.9}
-DAMPING, ELASTIC = DAMPED | {"ls": "-"}, AVERAGE
-PANELS = (
-    ForcePanel("a", "2 mm steel ball, with dissipation: fit", DAMPING),
-    ForcePanel("b", "2 mm steel ball, elastic", ELASTIC),
-    ForcePanel("c", "4.76 mm PTFE ball, with dissipation: fit", DAMPING),
-    ForcePanel("d", "4.76 mm PTFE ball, elastic", ELASTIC),
-)
+PANELS = {
+    f"{ball} ball, {law}": look
+    for ball in ("2 mm steel", "4.76 mm PTFE")
+    for law, look in (("with dissipation: fit", DAMPED | {"ls": "-"}), ("elastic", AVERAGE))
+}
 STEP_N = 1.0
-# of the first two maxima in the panels with dissipation, by place
-DESCRIPTIONS = {0: ("leading wave", "oscillatory tail"), 2: ("", "oscillatory shock")}
+# of the first two maxima in the panels with dissipation
+DESCRIPTIONS = {"a": ("leading wave", "oscillatory tail"), "c": ("", "oscillatory shock")}
 
 
 def make(runs: Path) -> Product:
@@ -47,12 +45,13 @@ def make(runs: Path) -> Product:
     figure = pyplot().figure(figsize=(COLUMN_IN, 8.0), layout="constrained")
     axes, product = draw_pairs(figure, figure.add_gridspec(4, 1), PANELS, simulations, _numbers, STEP_N)
     maxima, losses = [_first_maxima(by_engine[REFERENCE]) for by_engine in simulations], []
-    for place, described in DESCRIPTIONS.items():
+    for letter, described in DESCRIPTIONS.items():
+        place = "abcd".index(letter)
         wall, look = axes[place]["wall"], {"color": QUOTED["color"], "fontsize": 7, "textcoords": "offset points"}
         for peak, words in zip(maxima[place], described, strict=True):
             wall.annotate(words, (peak.time_s * MICRO, peak.value), (6, 2), **look)
         loss = _draw_loss(wall, maxima[place][0], maxima[place + 1][0])
-        losses.append(loss.assign(panel=PANELS[place].letter))
+        losses.append(loss.assign(panel=letter))
     return product.with_rows(*losses)
 
 

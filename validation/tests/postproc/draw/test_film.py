@@ -14,7 +14,7 @@ from drivers.chain.chain import Array, build_chain
 from drivers.chain.schemes import verlet_of
 from drivers.run.run_folder import STATE, EndedRun, open_run
 from drivers.scene.read_scene import stored_scene
-from postproc.draw import film
+from postproc.draw import film, product
 from postproc.draw.film import Film, film_of, sheet, write_animation
 from postproc.draw.product import cells_of, draw_spacetime
 from postproc.read.motion import case_of_run, trace_with_state
@@ -129,15 +129,18 @@ def test_a_weak_wave_on_a_load_is_drawn_as_changes_of_both_signs() -> None:
         assert ("change from static force" in product.figure.axes[1].get_ylabel()) == loaded
 
 
-def test_cells_keep_the_largest_force() -> None:
+def test_cells_keep_the_largest_force(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(product, "COLUMNS", 100)
+    monkeypatch.setattr(product, "ROWS", 10)
     force = np.random.default_rng(3).random((1001, 37))
     samples_s: Array = np.arange(1001.0) * 1e-6
-    time_s, contact, cells_N = cells_of(samples_s, force, 100, 10)
+    time_s, contact, cells_N = cells_of(samples_s, force)
     assert cells_N.shape == (len(contact), len(time_s)) == (10, 91)
     assert cells_N[2, 5] == force[55:66, 8:12].max()
     assert cells_N[-1, -1] == force[990:, 36:].max()
     assert (contact[2], time_s[5]) == (9, 1e-6 * 55)
-    assert (cells_of(samples_s, force, 5000, 50)[2] == force.T).all()
+    monkeypatch.undo()
+    assert (cells_of(samples_s[:50], force[:50])[2] == force[:50].T).all()
 
 
 def test_commands_write_their_files_or_refuse_in_one_line(
