@@ -18,10 +18,12 @@ time 0. The energy of a body includes half of the elastic energy of the contact 
 contact at the wall belongs to body 1.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import cycle
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -52,35 +54,35 @@ class Energies:
 
     Attributes:
         time_s: sample times. Shape (samples,).
-        kinetic_J: kinetic energy of each body.
-        load_J: potential of the load on each body that is not balanced at time 0.
-        elastic_J: elastic energy of each contact since time 0, less the work of the static force.
-        dissipated_J: energy dissipated in each contact since time 0; zero for elastic contacts.
-        passed_J: energy that each body has passed to the contact below it since time 0.
+        body_kinetic_J: kinetic energy of each body.
+        body_load_J: potential of the load on each body that is not balanced at time 0.
+        contact_elastic_J: elastic energy of each contact since time 0, less the work of the static force.
+        contact_dissipated_J: energy dissipated in each contact since time 0; zero for elastic contacts.
+        body_passed_J: energy that each body has passed to the contact below it since time 0.
     """
 
     time_s: Array
-    kinetic_J: Array
-    load_J: Array
-    elastic_J: Array
-    dissipated_J: Array
-    passed_J: Array
+    body_kinetic_J: Array
+    body_load_J: Array
+    contact_elastic_J: Array
+    contact_dissipated_J: Array
+    body_passed_J: Array
 
     @property
     def body_J(self) -> Array:
         """Energy of each body, with half of the elastic energy of its contacts, and all of that at the wall."""
-        above = np.pad(self.elastic_J[:, 1:] / 2, ((0, 0), (0, 1)))
-        below = np.hstack([self.elastic_J[:, :1], self.elastic_J[:, 1:] / 2])
-        return np.asarray(self.kinetic_J + self.load_J + below + above)
+        above = np.pad(self.contact_elastic_J[:, 1:] / 2, ((0, 0), (0, 1)))
+        below = np.hstack([self.contact_elastic_J[:, :1], self.contact_elastic_J[:, 1:] / 2])
+        return np.asarray(self.body_kinetic_J + self.body_load_J + below + above)
 
     @property
     def sums_J(self) -> dict[str, Array]:
         """Sums of all bodies and contacts by name, each of shape (samples,)."""
         parts = {
-            "kinetic": self.kinetic_J,
-            "elastic": self.elastic_J,
-            "potential of the net load": self.load_J,
-            "dissipated": self.dissipated_J,
+            "kinetic": self.body_kinetic_J,
+            "elastic": self.contact_elastic_J,
+            "potential of the net load": self.body_load_J,
+            "dissipated": self.contact_dissipated_J,
         }
         return {name: values.sum(axis=1) for name, values in parts.items()}
 
@@ -104,24 +106,21 @@ def energies_of(case: Case, engine: str, trace: Trace) -> Energies:
     Raises:
         ArithmeticError: the exact motion, for a run of ``reference``, cannot be integrated.
     """
-    chain, velocity = case.chain, trace.velocity_m_s
+    chain, height_m = case.chain, trace.place_m[..., 2]
+    integrated: Any
     if load_engine(engine).scheme == EXACT:
         integrated = exact_motion(case, case.reference_tolerance, case.sample_times_s, energies=True)
     else:
         integrated = verlet_motion(case, energies=True)
-    assert integrated.dissipated_J is not None
-    assert integrated.passed_J is not None
-    assert trace.height_m is not None
-    assert velocity is not None
-    overlap, static_N = overlaps(chain, trace.height_m), chain.elastic_N
+    overlap, static_N = overlaps(chain, height_m), chain.elastic_N
     net_N = static_N - np.append(static_N[1:], 0.0) + chain.load_N
     return Energies(
         time_s=trace.time_s,
-        kinetic_J=0.5 * chain.mass_kg * velocity**2,
-        load_J=-net_N * (trace.height_m - chain.height_m),
-        elastic_J=hertz_energy_beyond_tangent(chain.stiffness, chain.overlap_m, overlap - chain.overlap_m),
-        dissipated_J=integrated.dissipated_J,
-        passed_J=integrated.passed_J,
+        body_kinetic_J=0.5 * chain.mass_kg * trace.velocity_xyz_m_s[..., 2] ** 2,
+        body_load_J=-net_N * (height_m - chain.height_m),
+        contact_elastic_J=hertz_energy_beyond_tangent(chain.stiffness, chain.overlap_m, overlap - chain.overlap_m),
+        contact_dissipated_J=integrated.dissipated_J,
+        body_passed_J=integrated.passed_J,
     )
 
 
@@ -131,7 +130,7 @@ def range_energy_J(energies: Energies, lowest: int, highest: int) -> Array:
     Raises:
         InputError: the chain has no such bodies.
     """
-    bodies = energies.kinetic_J.shape[1]
+    bodies = energies.body_kinetic_J.shape[1]
     if not 1 <= lowest <= highest <= bodies:
         raise InputError("--beads", "", f"{lowest}-{highest}", f"a range from 1 to {bodies}, such as 1-{bodies}")
     return np.asarray(energies.body_J[:, lowest - 1 : highest].sum(axis=1))
@@ -153,7 +152,7 @@ def range_numbers(energies: Energies, lowest: int, highest: int) -> dict[str, fl
         "largest_s": float(energies.time_s[top]),
         "share_at_end": float(energy[-1]) / all_J if all_J else np.nan,
         "left_s": float(energies.time_s[entered + int(np.argmax(left))]) if left.any() else np.nan,
-        "passed_J": float(energies.passed_J[:, lowest - 1].max()),
+        "passed_J": float(energies.body_passed_J[:, lowest - 1].max()),
     }
 
 
@@ -189,13 +188,6 @@ def write_energies(energies: Energies, path: Path, about: Mapping[str, str]) -> 
     """
     from pyarrow.parquet import write_table
 
-    columns = {
-        "time_s": energies.time_s,
-        "body_{}_kinetic_J": energies.kinetic_J,
-        "body_{}_load_J": energies.load_J,
-        "body_{}_passed_J": energies.passed_J,
-        "contact_{}_elastic_J": energies.elastic_J,
-        "contact_{}_dissipated_J": energies.dissipated_J,
-    }
+    columns = {re.sub("^(body|contact)", r"\1_{}", name): values for name, values in vars(energies).items()}
     with whole_file(path) as draft:
         write_table(table_of(columns, about), draft, **COMPRESSED)

@@ -38,18 +38,18 @@ def test_energies_add_up_what_is_dissipated_is_lost_and_what_is_below_a_bead_has
     lost_J, dissipated_J = trace.total_energy_J[0] - trace.total_energy_J, energies.sums_J["dissipated"]
     assert np.abs(dissipated_J - lost_J).max() < 1e-9 * largest_J
     damped = any("contact." in setting for setting in settings)
-    assert dissipated_J[-1] > 0.1 * trace.total_energy_J[0] if damped else not energies.dissipated_J.any()
-    below = (energies.kinetic_J + energies.load_J)[:, :8].sum(axis=1)
-    below += (energies.elastic_J + energies.dissipated_J)[:, :9].sum(axis=1)
-    assert np.abs(energies.passed_J[:, 8] - (below - below[0])).max() < 1e-9 * largest_J
+    assert dissipated_J[-1] > 0.1 * trace.total_energy_J[0] if damped else not energies.contact_dissipated_J.any()
+    below = (energies.body_kinetic_J + energies.body_load_J)[:, :8].sum(axis=1)
+    below += (energies.contact_elastic_J + energies.contact_dissipated_J)[:, :9].sum(axis=1)
+    assert np.abs(energies.body_passed_J[:, 8] - (below - below[0])).max() < 1e-9 * largest_J
 
 
 def test_what_a_code_dissipates_is_that_of_its_scheme() -> None:
     case = case_of(*SCENES[3])
     energies = energies_of(case, "lammps", verlet_of(case))
-    np.testing.assert_array_equal(energies.dissipated_J, verlet_motion(case, energies=True).dissipated_J)
-    exact_J = energies_of(case, REFERENCE, exact(case).trace).dissipated_J
-    assert 1e-6 < np.abs(energies.dissipated_J - exact_J).max() / exact_J.max() < 1e-2
+    np.testing.assert_array_equal(energies.contact_dissipated_J, verlet_motion(case, energies=True).dissipated_J)
+    exact_J = energies_of(case, REFERENCE, exact(case).trace).contact_dissipated_J
+    assert 1e-6 < np.abs(energies.contact_dissipated_J - exact_J).max() / exact_J.max() < 1e-2
 
 
 def test_a_wave_leaves_a_range_of_beads() -> None:
