@@ -3,7 +3,6 @@
 from math import cos, pi
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from xml.etree import ElementTree
 
 import meshio
 import numpy as np
@@ -14,6 +13,7 @@ from postproc.read.signals import mean_forces
 
 FRAMES = 100
 INDEX, TUBE, FRAME = "chain.pvd", "tube.vtu", "chain-{:05}.vtu"
+COLLECTION = '<VTKFile type="Collection" version="0.1"><Collection>\n{}\n</Collection></VTKFile>\n'
 SIDES = 48  # of the prism that shows the tube
 
 
@@ -46,16 +46,12 @@ def write_series(run: EndedRun, folder: Path, frames: int = FRAMES) -> list[Path
     folder.parent.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as drafts:  # on the same file system
         draft = Path(drafts)
-        names = [FRAME.format(frame) for frame in range(len(chosen))]
-        root = ElementTree.Element("VTKFile", type="Collection", version="0.1")
-        collection = ElementTree.SubElement(root, "Collection")
+        names, sets = [FRAME.format(frame) for frame in range(len(chosen))], list[str]()
         for name, i, point in zip(names, chosen, place, strict=True):
             fields = {"body": number, "radius_m": radius} | {field: values[i] for field, values in moving.items()}
             meshio.write(draft / name, meshio.Mesh(point, [("vertex", vertices)], point_data=fields))
-            time_s = repr(float(motion.time_s[i]))
-            ElementTree.SubElement(collection, "DataSet", timestep=time_s, part="0", file=name)
-        ElementTree.indent(root)
-        (draft / INDEX).write_bytes(ElementTree.tostring(root, xml_declaration=True, encoding="utf-8"))
+            sets.append(f'<DataSet timestep="{float(motion.time_s[i])!r}" part="0" file="{name}"/>')
+        (draft / INDEX).write_text(COLLECTION.format("\n".join(sets)))
         written = [folder / INDEX]
         if scene.tube is not None:
             bore, foot = scene.tube.inner_diameter / 2, chain.wall_height_m

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
@@ -79,12 +80,12 @@ class Analysis:
         }  # fmt: skip
 
 
-def spectrum_of(time_s: Array, signal: Array, window: str = "hann") -> tuple[Array, Array]:
-    """Frequencies, and amplitudes of a signal without its mean. Samples are equally spaced; shape (frequencies,)."""
-    from scipy.signal import periodogram
+def spectrum_of(signal: Array, window: str = "hann") -> NDArray[np.complex128]:
+    """Complex amplitudes of a signal without its mean, at the frequencies of ``np.fft.rfftfreq``."""
+    from scipy.signal import get_window
 
-    frequency, power = periodogram(signal, _rate_Hz(time_s), window=window, detrend="constant", scaling="spectrum")
-    return np.asarray(frequency), np.sqrt(2 * power)
+    weights = get_window(window, len(signal))
+    return np.asarray(2 * np.fft.rfft(weights * (signal - signal.mean())) / weights.sum())
 
 
 def spectrogram_of(time_s: Array, signal: Array, window: str = "hann") -> tuple[Array, Array, Array]:
@@ -103,20 +104,13 @@ def spectrogram_of(time_s: Array, signal: Array, window: str = "hann") -> tuple[
     return np.asarray(time) + float(time_s[0]), np.asarray(frequency), np.sqrt(2 * np.asarray(power))
 
 
-def transfer_of(time_s: Array, source: Array, target: Array, window: str = "hann") -> Array:
-    """Complex transfer function ``S_xy / S_xx`` from a source x to a target y. Shape (frequencies,).
+def transfer_of(source: NDArray[np.complex128], target: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Transfer function of two spectra over the whole record, which is ``S_xy / S_xx`` and their quotient.
 
-    With one window over the whole record this is the quotient of the Fourier transforms. It is NaN where the amplitude
-    of the source is below ``LEAST_AMPLITUDE`` of its largest.
+    It is NaN where the amplitude of the source is below ``LEAST_AMPLITUDE`` of its largest.
     """
-    from scipy.signal import csd
-
-    def density(one: Array, other: Array) -> Any:
-        return csd(one, other, _rate_Hz(time_s), window=window, nperseg=len(one), detrend="constant")[1]
-
-    cross, power = density(source, target), density(source, source).real
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(np.where(power > LEAST_AMPLITUDE**2 * power.max(), cross / power, np.nan))
+    seen = np.abs(source) > LEAST_AMPLITUDE * np.abs(source).max()
+    return np.asarray(np.divide(target, source, np.full(len(source), np.nan + 0j), where=seen))
 
 
 def harmonics_of(time_s: Array, signal: Array, frequency_Hz: float, envelope: Array | None = None) -> pd.DataFrame:
@@ -225,11 +219,12 @@ def analyse(
         except ValueError:  # the driven interval may lie outside the record
             if driven.all():
                 raise
-    spectra = {f"{name}_amplitude_{units[name]}": spectrum_of(time_s, signals[name], window)[1] for name in signals}
-    columns = {"frequency_Hz": np.fft.rfftfreq(len(time_s), 1 / _rate_Hz(time_s))} | spectra
+    spectra = {name: spectrum_of(values, window) for name, values in signals.items()}
+    columns = {"frequency_Hz": np.fft.rfftfreq(len(time_s), 1 / _rate_Hz(time_s))}
+    columns |= {f"{name}_amplitude_{units[name]}": np.abs(values) for name, values in spectra.items()}
     source, target = ends[0] or next(iter(signals)), ends[1] or [*signals][-1]
     if source != target:
-        transfer = transfer_of(time_s, signals[source], signals[target], window)
+        transfer = transfer_of(spectra[source], spectra[target])
         columns |= {"transfer": np.abs(transfer), "transfer_phase_rad": np.angle(transfer)}
     parts = pd.concat(harmonics, ignore_index=True)
     return Analysis(source, target, window, time_s, signals, units, pd.DataFrame(columns), parts)

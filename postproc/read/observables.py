@@ -159,11 +159,6 @@ class Readings:
         return np.asarray(self.layout.load_N + wall_N + (0.0 if friction_N is None else friction_N))
 
     @cached_property
-    def impulse_N_s(self) -> Array:
-        """Impulse of the external forces since time 0. Shape (samples,)."""
-        return integral(self.trace.time_s, self.net_N)
-
-    @cached_property
     def gained_N_s(self) -> Array:
         """Momentum gained since time 0, without the impulse of a drive. Shape (samples,)."""
         drive_N_s = self.trace.drive_impulse_N_s
@@ -176,18 +171,6 @@ class Readings:
         loads_N = abs(self.layout.load_N) * is_at_rest(self.trace.force_N)
         largest_N_s = float(np.abs(self.trace.momentum_N_s).max())
         return max(largest_N_s, self.layout.moving_N_s, loads_N * float(self.trace.time_s[-1])) or 1.0
-
-    @cached_property
-    def drift_J(self) -> Array:
-        """Error of the total energy. Shape (samples,)."""
-        return energy_error_J(self.trace.total_energy_J, damped=self.layout.damped, slips=self.layout.slips)
-
-    @cached_property
-    def quiet(self) -> slice:
-        """Samples until the force on the wall changes; it is static, so the exact momentum needs no integral."""
-        wall_N = self.trace.force_N[:, 0]
-        changed = np.abs(wall_N - wall_N[0]) > WALL_REST_SHARE * float(np.abs(self.trace.force_N).max())
-        return slice(int(np.argmax(changed)) if changed.any() else len(wall_N))
 
 
 @dataclass(frozen=True, eq=False)
@@ -414,7 +397,8 @@ def _(run: Readings) -> float:
 @_of("run", "energy_drift", "J", "energy", "largest energy drift", of_wave=False)
 def _(run: Readings) -> float:
     """Largest |E - E(0)|; with damping the largest gain over an earlier E, with friction over E(0)."""
-    return float(run.drift_J.max())
+    drift_J = energy_error_J(run.trace.total_energy_J, damped=run.layout.damped, slips=run.layout.slips)
+    return float(drift_J.max())
 
 
 @_of("run", "energy_lost", "J", "energy", "energy lost", ("", "damping or friction"), of_wave=False)
@@ -439,7 +423,7 @@ def _(run: Readings) -> float:
 @_of("run", "impulse_imbalance", "share", "balance", "imbalance of momentum and impulse", of_wave=False)
 def _(run: Readings) -> float:
     """Largest |p - p(0) - I| / P, with I the integral of N from time 0."""
-    return float(np.abs(run.gained_N_s - run.impulse_N_s).max()) / run.scale_N_s
+    return float(np.abs(run.gained_N_s - integral(run.trace.time_s, run.net_N)).max()) / run.scale_N_s
 
 
 @_of(
@@ -447,20 +431,10 @@ def _(run: Readings) -> float:
 )
 def _(run: Readings) -> float:
     """Largest |p - p(0) - N(0) t| / P until the force on the wall changes."""
-    return float(np.abs(run.gained_N_s - run.net_N[0] * run.trace.time_s)[run.quiet].max()) / run.scale_N_s
-
-
-@_of("run", "energy_error_before_wall", "J", "energy", "energy error before the wall is reached", of_wave=False)
-def _(run: Readings) -> float:
-    """Energy drift until the force on the wall changes."""
-    return float(run.drift_J[run.quiet].max())
-
-
-@_of("run", "impulse_sampling", "share", "balance", "impulse error by sampling", of_wave=False)
-def _(run: Readings) -> float:
-    """Largest change of I / P if every other sample is left out."""
-    coarse_N_s = integral(run.trace.time_s[::2], run.net_N[::2])
-    return float(np.abs(run.impulse_N_s[::2] - coarse_N_s).max()) / run.scale_N_s
+    force_N = run.trace.force_N
+    changed = np.abs(force_N[:, 0] - force_N[0, 0]) > WALL_REST_SHARE * float(np.abs(force_N).max())
+    quiet = slice(int(np.argmax(changed)) if changed.any() else len(changed))  # N is static: no integral is needed
+    return float(np.abs(run.gained_N_s - run.net_N[0] * run.trace.time_s)[quiet].max()) / run.scale_N_s
 
 
 FIRST = [each for each in OBSERVABLES if each.kind in ("amplitude", "arrival", "speed", "transmission")]

@@ -27,15 +27,12 @@ PROMINENCE = 0.05  # of the signal's range: lower bumps are no peaks
 NOISE = 1e-4  # of the signal's range: a hundred times the rounding error of forces at rest
 OWN_PROMINENCE = 0.01  # of a pulse, relative to its height: pulses of a train overlap
 WAKE = 0.05  # of the largest earlier pulse: lower maxima belong to its wake
-# integrals of Lagrange's polynomials through six samples, over their first two intervals and their middle one
-FIRST_INTERVALS = np.array([[475, 1427, -798, 482, -173, 27], [-27, 637, 1022, -258, 77, -11]]) / 1440
-MIDDLE_INTERVAL = np.array([11, -93, 802, 802, -93, 11]) / 1440
 ONSET = 0.02  # share of the peak at which a pulse begins
 MAX_INTERVAL_RATIO = 2.0  # of the longest to the shortest interval between the maxima of a train
 ENVELOPE_MAXIMA = 3  # maxima of a train in its envelope, by default
 REFINEMENT = 100  # points per sample where the fit and the end of a pulse are searched
 REACH = 8  # samples on either side of a local spline
-POINTS = 6  # samples of the polynomial of an interval, behind electronics
+POINTS = 6  # samples of the polynomial that is integrated over an interval
 BALANCED = 1e-6  # of the forces: a smaller difference of two contacts is rounding
 SHARE_TOLERANCE = 1e-14  # of the interval between two samples
 
@@ -122,7 +119,7 @@ def rising_crossing(time_s: Array, values: Array, level: float, before: Peak) ->
 
 
 def _spacing(time_s: Array) -> float:
-    return float(time_s[-1] - time_s[0]) / (len(time_s) - 1)
+    return float(time_s[-1] - time_s[0]) / max(len(time_s) - 1, 1)
 
 
 def _local_curve(values: Array, place: int, start: int) -> list[float]:
@@ -173,12 +170,25 @@ def _spline_of_units(count: int) -> Array:
 
 def integral(time_s: Array, values: Array) -> Array:
     """Running integral from time 0, exact for quintics: the polynomial through six samples gives each interval."""
-    if len(time_s) < 6:
-        steps = np.diff(time_s) * (values[1:] + values[:-1]) / 2
-        return np.concatenate([[0.0], np.cumsum(steps)])
-    first, middle, last = FIRST_INTERVALS @ values[:6], MIDDLE_INTERVAL, FIRST_INTERVALS @ values[:-7:-1]
-    steps = np.concatenate([first, np.convolve(values, middle, mode="valid"), last[::-1]])
+    steps = _over_intervals(values, 1 / np.arange(1.0, POINTS + 1))
     return np.asarray(np.concatenate([[0.0], np.cumsum(steps)]) * _spacing(time_s))
+
+
+def _over_intervals(values: Array, integrals: Array) -> Array:
+    """Integral over each interval, of the polynomial through the samples around it. Shape (samples - 1,).
+
+    Args:
+        values: Shape (samples,).
+        integrals: Those of the powers of the share of an interval, from 0 to 1, by rising power. Shape (``POINTS``,).
+    """
+    points = min(POINTS, len(values))
+    if points < 2:
+        return np.zeros(0)
+    powers, windows, middle = np.arange(float(points)), sliding_window_view(values, points), (points - 2) // 2
+    inverses = (np.linalg.inv(np.vander(powers - interval, increasing=True)) for interval in range(points - 1))
+    weights = np.stack([integrals[:points] @ inverse for inverse in inverses])  # a row for each interval of a window
+    ends = weights[:middle] @ windows[0], weights[middle + 1 :] @ windows[-1]  # elsewhere the middle one is used
+    return np.concatenate([ends[0], windows @ weights[middle], ends[1]])
 
 
 def envelope(maxima: list[Peak]) -> tuple[float, float]:
@@ -314,26 +324,7 @@ def high_passed(time_s: Array, signal: Array, time_constant_s: float) -> Array:
     from scipy.signal import lfilter
     from scipy.special import hyp1f1
 
-    count = len(signal)
     change = signal - signal[0]
-    if count < 2:
-        return np.asarray(change)
-    ratio = (time_s[-1] - time_s[0]) / (count - 1) / time_constant_s
-    points = min(POINTS, count)
-    # contribution of each sample of a window to z over each of its intervals, shape (intervals, points): the integrals
-    # int_0^1 exp(-r (1 - s)) s^k ds are 1F1(1; k + 2; -r) / (k + 1) (DLMF 13.4.1)
-    powers = np.arange(float(points))
-    integrals = ratio * hyp1f1(1.0, powers + 2, -ratio) / (powers + 1)
-    weights = np.stack([
-        integrals @ np.linalg.inv(np.vander(powers - interval, increasing=True)) for interval in range(points - 1)
-    ])  # fmt: skip
-    windows = sliding_window_view(change, points)
-    middle = (points - 2) // 2  # interval of a window used except at both ends of the record
-    fed = np.concatenate([
-        [0.0],
-        weights[:middle] @ windows[0],
-        windows @ weights[middle],
-        weights[middle + 1 :] @ windows[-1],
-    ])  # fmt: skip
-    leaked = lfilter([1.0], [1.0, -np.exp(-ratio)], fed)
-    return np.asarray(change - leaked)
+    ratio, powers = _spacing(time_s) / time_constant_s, np.arange(POINTS)
+    fed = _over_intervals(change, ratio * hyp1f1(1.0, powers + 2, -ratio) / (powers + 1))  # DLMF 13.4.1
+    return np.asarray(change - lfilter([1.0], [1.0, -np.exp(-ratio)], np.append(0.0, fed)))

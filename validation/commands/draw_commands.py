@@ -2,16 +2,14 @@
 
 import json
 from collections.abc import Mapping, Sequence
+from math import inf
 from pathlib import Path
 
 from drivers.base.errors import InputError
 from drivers.base.terminal import text_table
-from drivers.base.units import to_si
 from drivers.batch.rows import Batch
 from drivers.batch.study import column_name
 from drivers.batch.tables import read_study_table
-from drivers.chain.case import build_case
-from drivers.scene.read_scene import stored_scene
 from postproc.draw import film as films
 from postproc.draw.energies import draw_energies, range_numbers, run_energies, write_energies
 from postproc.draw.product import Product, draw_spacetime, write_product, write_table
@@ -71,8 +69,9 @@ def spacetime(run: str, runs: Path, results: Path) -> None:
 
 
 def spectrum(
-    run: str, source: str, target: str, window: str, as_json: bool, runs: Path, results: Path, **quantities: str
-) -> None:
+    run: str, source: str, target: str, window: str, as_json: bool, runs: Path, results: Path,
+    frequency: float | None = None, since: float = 0.0, until: float = inf,
+) -> None:  # fmt: skip
     """Draw spectra and a transfer function of the gauges of a run.
 
     Examples:
@@ -80,7 +79,7 @@ def spectrum(
       beads spectrum yade:driven-steel --from bead_15 --to wall --since '0.2 ms'
     """
     opened, name, title = open_shown("spectrum", run, runs)
-    case, trace = build_case(stored_scene(opened.record.scene)), opened.trace
+    case, trace = case_of_run(opened), opened.trace
     signals = signals_of(case, trace)
     for option, word in (("--from", source), ("--to", target)):
         if word and word not in signals:
@@ -88,28 +87,14 @@ def spectrum(
     if not signals:
         allowed = "a scene with chain.sensors, or a wall"
         raise InputError("beads spectrum", "RUN", "a run without gauges and drive", allowed)
-    units = {"since": "s", "until": "s", "frequency": "Hz"}
-    given = {name: _si(f"--{name}", text, units[name]) for name, text in quantities.items() if text}
-    span_s = given.get("since", 0.0), given.get("until", float(trace.time_s[-1]))
     try:
-        analysis = analyse(case, trace, (source, target), window, given.get("frequency"), span_s)
+        analysis = analyse(case, trace, (source, target), window, frequency, (since, until))
     except ValueError as error:
         raise InputError("beads spectrum", run, str(error), "a longer record or finer samples") from error
     if as_json:
         print(json.dumps(analysis.numbers, indent=2))
     else:
         _write(spectrum_product(case, analysis, title), name, results)
-
-
-def _si(option: str, text: str, unit: str) -> float:
-    """Value of an option in an SI unit, zero or above."""
-    try:
-        value = to_si(text, unit)
-    except ValueError as error:
-        raise InputError("beads spectrum", option, f'"{text}"', f"a quantity in {unit}, such as 1 k{unit}") from error
-    if value < 0 or (value == 0 and unit == "Hz"):
-        raise InputError("beads spectrum", option, f'"{text}"', "zero or more" if unit == "s" else "above zero")
-    return value
 
 
 def energy(run: str, ranges: tuple[tuple[int, int], ...], runs: Path, results: Path) -> None:

@@ -3,6 +3,7 @@
 import os
 import re
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from functools import partial
 from importlib import import_module
 from math import isfinite
@@ -149,17 +150,20 @@ def _bodies(text: str) -> tuple[int, int]:
     raise click.BadParameter(f"found {text}; allowed: a body, such as 9, or a range of bodies, such as 5-9")
 
 
+def _quantity(text: str, unit: str) -> float:
+    from drivers.base.units import to_si  # takes longer than the rest of a completion
+
+    with suppress(ValueError):
+        if (value := to_si(text, unit)) > 0 or (value == 0 and unit == "s"):
+            return value
+    raise click.BadParameter(f'found "{text}"; allowed: a quantity in {unit}, such as 1 k{unit}')
+
+
 def _engines_file(text: str) -> Path:
     """Path of ``--engines``; adds the engines of that file for this process and its child processes."""
     path = Path(text).absolute()
     os.environ[paths.ENGINES_VARIABLE] = str(path)
     return path
-
-
-def _engine_names() -> Iterable[str]:
-    from drivers.engines import engine_names  # takes longer than the rest of a completion
-
-    return engine_names()
 
 
 def _instead(function: str, context: click.Context, _: click.Parameter, asked: bool) -> None:
@@ -179,7 +183,7 @@ def _only(_: click.Context, __: click.Parameter, given: tuple[str, ...]) -> str:
 NAMES: dict[str, Callable[[], Iterable[str]]] = {  # that a shell completes, by placeholder
     "SCENE": lambda: (path.stem for path in paths.SCENES.glob("*.toml")),
     "STUDY": lambda: (path.stem for path in paths.STUDIES.glob("*.toml")),
-    "ENGINE": _engine_names,
+    "ENGINE": lambda: import_module("drivers.engines").engine_names(),  # takes longer than the rest
     "FIGURE": captions,
 }
 TYPES: dict[str, Any] = {  # of values that are no text, by placeholder
@@ -196,6 +200,8 @@ TYPES: dict[str, Any] = {  # of values that are no text, by placeholder
     "CASE": _Count(1),
     "I/N": _slice,
     "A-B": _bodies,
+    "TIME": lambda text: _quantity(text, "s"),
+    "F": lambda text: _quantity(text, "Hz"),
     "SET,...": lambda text: tuple(map(str.strip, text.split(","))) if text else (),
 }
 UNUSUAL: dict[str, dict[str, Any]] = {  # further arguments of click.Option
