@@ -5,17 +5,14 @@ beads, with E = 1.46 GPa and gravity, and with the striker counted among the 21 
 printed numbers. Measured and simulated speeds are compared at equal averages as well.
 """
 
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from math import ceil, exp, floor, log, log10, pi, sqrt
-from operator import is_
+from math import ceil, floor, log10, pi, sqrt
 
 import numpy as np
 import pandas as pd
 from scipy.interpolate import make_interp_spline
-from scipy.optimize import brentq, root_scalar
 
 from drivers.base.errors import InputError, RunError
 from drivers.chain.case import Case, build_case
@@ -29,10 +26,9 @@ from validation.reference.travelling_wave import solve_travelling_wave
 SCENE = "table1"
 MARGIN, BEADS_BELOW = 1.3, 10  # duration of a search: this many travel times, to this many beads below the lower sensor
 END_FACTOR = 1.15  # duration of the final run divided by the arrival at the lower sensor, so that the peak has passed
-SPEED_TOLERANCE = 1e-12  # relative, of the search for a striker speed; the integration is accurate to 1e-11
-CODE_AMPLITUDE = 1e-7  # relative tolerance of a code's amplitude
-MAX_CORRECTIONS = 8
-SEARCH_RANGE = 6.0  # on either side of the logarithm of the estimated striker speed
+EXACT, BY_CODE = 1e-9, 1e-7  # relative tolerances of amplitudes of the reference and of codes
+MAX_CORRECTIONS = 12
+LEAST_SLOPE = 0.1  # of the logarithms; that of weak strikes under a static force tends to 0
 COLUMNS = ("speed_m_s", "width_0.2pct_diameters", "width_4pct_diameters")
 HALF_DIGITS = (0.5, 0.05, 0.05)  # of the printed numbers
 FITTED_STRIKES = 9  # between which the numbers of a row are interpolated
@@ -158,8 +154,7 @@ def strike(speed_m_s: float, duration_s: float, *settings: str) -> Case:
 def strike_for(force_N: float, amplitude: Amplitude, *settings: str) -> Simulation:
     """Exact simulation of the strike with a given amplitude, just long enough for the wave to pass the sensors.
 
-    The search starts from the speed for a wave without static force, where the logarithm of the amplitude is a straight
-    line of slope 6/5 in that of the striker speed, so that the secant method converges in one step.
+    The search starts from the speed for a wave without static force.
 
     Raises:
         RunError: No striker speed gives the amplitude.
@@ -172,30 +167,49 @@ def strike_for(force_N: float, amplitude: Amplitude, *settings: str) -> Simulati
     travel_s = beads / (wave.speed_by_force * stiffness ** (1 / 3) * mass**-0.5 * force_N ** (1 / 6))
     long = strike(speed, MARGIN * travel_s, *settings)
 
-    @cache
-    def excess(log_speed: float) -> float:
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return float(np.log(amplitude(exact(_struck_at(long, exp(log_speed)))) / force_N))
-
-    start = log(speed)
-    first, ends = excess(start), (start - SEARCH_RANGE, start + SEARCH_RANGE)
-    with warnings.catch_warnings(action="ignore"):  # if the secant method diverges, the bracket below is used
-        solution = root_scalar(excess, x0=start, x1=start - first / 1.2, xtol=SPEED_TOLERANCE, maxiter=8)
-    root = float(solution.root)
-    if not (solution.converged and ends[0] < root < ends[1] and abs(excess(root)) < 1e3 * SPEED_TOLERANCE):
-        if not excess(ends[0]) < 0 < excess(ends[1]):
-            raise RunError(f"{SCENE}: no striker speed gives a wave of {force_N:g} N")
-        root = float(brentq(excess, *ends, xtol=SPEED_TOLERANCE))
-    striker_m_s = exp(root)
-    arrival_s = exact(_struck_at(long, striker_m_s)).values[f"bead_{sensor_pair(long)[1]}_arrival_s"]
-    return exact(strike(striker_m_s, END_FACTOR * arrival_s, *settings))
+    (motion,) = settled(lambda cases: [*map(exact, cases)], [long], [force_N], amplitude, EXACT)
+    arrival_s = motion.values[f"bead_{sensor_pair(long)[1]}_arrival_s"]
+    return exact(strike(striker_speed(motion), END_FACTOR * arrival_s, *settings))
 
 
 def _struck_at(case: Case, speed_m_s: float) -> Case:
-    """The case with another striker speed in its chain only, for a fast search."""
-    velocity = case.chain.velocity_m_s.copy()
-    velocity[-1] = -speed_m_s
-    return replace(case, chain=replace(case.chain, velocity_m_s=velocity))
+    """The case with another striker speed."""
+    assert case.scene.striker is not None
+    striker = case.scene.striker.model_copy(update={"speed": speed_m_s})
+    return build_case(case.scene.model_copy(update={"striker": striker}))
+
+
+@np.errstate(invalid="ignore", divide="ignore")
+def settled(
+    run: Callable[[Sequence[Case]], Sequence[Simulation]],
+    cases: Sequence[Case],
+    forces_N: Sequence[float],
+    amplitude: Amplitude = sensor_amplitude,
+    tolerance: float = BY_CODE,
+) -> Sequence[Simulation]:
+    """Strikes on an engine, with speeds corrected until the engine's own amplitudes are right.
+
+    Without static force the logarithm of the amplitude is a straight line of slope 6/5 in that of the striker speed;
+    elsewhere the slope is that of the last two strikes.
+
+    Raises:
+        RunError: No striker speed gives an amplitude.
+    """
+    slope, before = np.full(len(cases), 6 / 5), np.full((2, len(cases)), np.nan)
+    for _ in range(MAX_CORRECTIONS):
+        motions = run(cases)
+        here = np.log([[*map(striker_speed, motions)], [*map(amplitude, motions)]])
+        off = here[1] - np.log(forces_N)
+        wrong = ~(np.abs(off) <= tolerance)
+        if not wrong.any() or np.isnan(off).any():
+            break
+        change = np.divide(*(here - before)[::-1])
+        slope, before = np.where(change > LEAST_SLOPE, change, slope), here
+        speeds = np.exp(here[0] - off / slope).tolist()
+        cases = [_struck_at(*pair) if bad else pair[0] for *pair, bad in zip(cases, speeds, wrong, strict=True)]
+    if wrong.any():
+        raise RunError(f"{SCENE}: no striker speed gives a wave of {', '.join(f'{each:g}' for each in forces_N)} N")
+    return motions
 
 
 def table1_numbers(simulation: Simulation) -> list[float]:
@@ -229,32 +243,6 @@ def fitting_force(force_N: float, *settings: str) -> float:
     off = misses(numbers(amplitudes))
     best = np.lexsort((off.max(axis=1), -(off <= 1).sum(axis=1)))[0]
     return float(round(amplitudes[best], 3 - ceil(log10(force_N))))
-
-
-def settled(
-    run: Callable[[Sequence[Case]], Sequence[Simulation]], cases: Sequence[Case], forces_N: Sequence[float]
-) -> Sequence[Simulation]:
-    """Strikes on an engine, with speeds corrected until the engine's own amplitudes are right.
-
-    Raises:
-        RunError: The corrections do not converge.
-    """
-    for _ in range(MAX_CORRECTIONS):
-        motions = run(cases)
-        corrected = [*map(_corrected, motions, forces_N)]
-        if all(map(is_, corrected, cases)):
-            return motions
-        cases = corrected
-    raise RunError(f"{SCENE}: the striker speed of {motions[0].engine} does not converge to the amplitude")
-
-
-def _corrected(motion: Simulation, force_N: float) -> Case:
-    """The case with a speed corrected by its amplitude, proportional to v^(6/5); unchanged if that is right."""
-    ratio, striker = sensor_amplitude(motion) / force_N, motion.case.scene.striker
-    if abs(ratio - 1) <= CODE_AMPLITUDE or striker is None:
-        return motion.case
-    striker = striker.model_copy(update={"speed": striker.speed * ratio ** (-5 / 6)})
-    return build_case(motion.case.scene.model_copy(update={"striker": striker}))
 
 
 def measured_points() -> pd.DataFrame:
