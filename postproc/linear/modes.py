@@ -97,13 +97,8 @@ def _cell(case: Case, force_N: float) -> tuple[Array, Array, float]:
     """Masses and springs of a cell at a static force, each spring below its member, and the length of the cell in m.
 
     Its beads are those of the pattern: without single beads, masses of sensors and scatter.
-
-    Raises:
-        ValueError: the chain has a taper.
     """
     table, members = case.scene.chain, len(case.scene.chain.members)
-    if table.taper_at(case.chain.beads) != 1:
-        raise ValueError("a tapered chain has no bands")
     scene = case.scene.model_copy(update={"chain": table.model_copy(update={"count": 2 * members})})
     materials, diameter, mass = ordinary_beads(scene)
     stiffness = stiffness_by(hertz_stiffness, scene, materials, diameter / 2)[members:]
@@ -119,9 +114,6 @@ def bands_of(case: Case, force_N: float) -> pd.DataFrame:
         A row for each band and phase, the lowest band first, with the group velocity ``d omega / d q`` times the
         length of a cell; the first one is the speed of long waves. Then a row for each frequency in a gap, from the
         edge of a band on, where band and group velocity are empty and the decay per cell is above zero.
-
-    Raises:
-        ValueError: the chain has a taper.
     """
     mass, spring, length = _cell(case, force_N)
     members, phase = len(mass), np.linspace(0.0, pi, PHASES)
@@ -160,9 +152,6 @@ def bloch_phase(case: Case, force_N: float, frequency_Hz: Array) -> NDArray[np.c
     """Phase q per cell of the pattern at a static force, 0 to pi, with the decay of amplitudes as imaginary part.
 
     The decay is 0 in a band. Shape as ``frequency_Hz``.
-
-    Raises:
-        ValueError: the chain has a taper.
     """
     mass, spring, _ = _cell(case, force_N)
     squared, whole = (2 * pi * frequency_Hz) ** 2, np.eye(2)
@@ -173,6 +162,11 @@ def bloch_phase(case: Case, force_N: float, frequency_Hz: Array) -> NDArray[np.c
         whole = step @ whole
     q = np.arccos(np.trace(whole, axis1=-2, axis2=-1).astype(complex) / 2)
     return np.asarray(q.real + 1j * np.abs(q.imag))
+
+
+def is_tapered(case: Case) -> bool:
+    """True if the beads of a chain differ by a taper, so that it has no bands."""
+    return bool(case.scene.chain.taper_at(case.chain.beads) != 1)
 
 
 def edges_Hz(bands: pd.DataFrame) -> Array:
@@ -229,11 +223,7 @@ def modes_product(case: Case) -> tuple[Product, pd.DataFrame | None]:
         raise ValueError("the only bead moves as prescribed: there is no mode")
     if not springs_N_m(chain).any():
         raise ValueError("no contact has a static load: without gravity or precompression there are no linear waves")
-    modes, remark = modes_of(chain), []
-    try:
-        bands = bands_at_loads(case)
-    except ValueError as error:
-        bands, remark = [], [f"no bands: {error}"]
+    modes, bands = modes_of(chain), bands_at_loads(case)
     localised = localised_modes(modes, bands)
     figure, (left, middle, right) = pyplot().subplots(1, 3, figsize=(PAGE_IN, 3.0), layout="constrained")
     _draw_dispersion(left, bands)
@@ -244,16 +234,14 @@ def modes_product(case: Case) -> tuple[Product, pd.DataFrame | None]:
     if beads <= MOST_SHAPES:
         columns |= {f"body_{body + 1}": modes.shape[body] for body in range(beads)}
     table = pd.DataFrame(columns, pd.RangeIndex(1, count + 1, name="mode")).reset_index()
-    lines = [*_lines(case, modes, bands, localised), *remark, _end_of_linear_theory(case)]
+    lines = [*_lines(case, modes, bands, localised), _end_of_linear_theory(case)]
     return Product(figure, table, notes=lines), pd.concat(bands) if bands else None
 
 
 def bands_at_loads(case: Case) -> list[pd.DataFrame]:
-    """Bands at the smallest and at the largest static force of the contacts between beads; none without a load.
-
-    Raises:
-        ValueError: the chain has a taper.
-    """
+    """Bands at the smallest and the largest static force of contacts between beads; none without load or with taper."""
+    if is_tapered(case):
+        return []
     forces = np.unique(case.chain.elastic_N[1 : case.chain.beads])
     forces = forces[forces > 0]
     return [bands_of(case, float(force)) for force in np.unique([*forces[:1], *forces[-1:]])]
@@ -277,6 +265,8 @@ def _lines(case: Case, modes: Modes, bands: list[pd.DataFrame], localised: NDArr
     for place in np.flatnonzero(localised | lowest):
         words = f", localised: {modes.participation[place]:.3g} beads move" if localised[place] else ""
         yield f"mode {place + 1}: {modes.frequency_Hz[place]:.6g} Hz{words}"
+    if is_tapered(case):
+        yield "no bands: the chain is tapered"
 
 
 def _end_of_linear_theory(case: Case) -> str:

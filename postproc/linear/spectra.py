@@ -233,10 +233,7 @@ def analyse(
 def spectrum_product(case: Case, analysis: Analysis, title: str) -> Product:
     """Figure and table of the spectra, with the lines to print."""
     figure, axes = pyplot().subplots(1, 3, figsize=(PAGE_IN, 3.0), layout="constrained", width_ratios=(1.2, 1, 1.1))
-    try:
-        bands = bands_at_loads(case)
-    except ValueError:
-        bands = []
+    bands = bands_at_loads(case)
     frequency_Hz, last_Hz = analysis.table["frequency_Hz"].to_numpy(), 0.0
     letter_panel(axes[0], "a", "amplitudes")
     for name, colour in zip(analysis.signals, cycle(COLOURS), strict=False):

@@ -6,7 +6,7 @@ printed numbers. Measured and simulated speeds are compared at equal averages as
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from math import ceil, floor, log10, pi, sqrt
 
