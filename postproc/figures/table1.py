@@ -40,7 +40,7 @@ def make(runs: Path) -> Product:
     The table has a row per amplitude: the paper's columns, striker speed and three numbers by each engine, and the
     largest relative deviation of any code from the three numbers of the reference, NaN without a code.
     """
-    table, forces = quoted().table1.frame, quoted().table1.force_N
+    table, forces = pd.DataFrame(quoted().table1), quoted().table1["force_N"]
     exact = [strike_for(force, sensor_amplitude) for force in forces]
 
     def solve(code: str) -> Sequence[Simulation]:

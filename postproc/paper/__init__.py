@@ -1,74 +1,42 @@
 """Numbers of the paper: those that it quotes, and the parameters fitted to them for its chains with dissipation."""
 
 from functools import cache
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
-import pandas as pd
 from pydantic import Field
 
 from drivers.base import paths
+from drivers.base.errors import InputError
 from drivers.base.messages import validate
 from drivers.scene.model import Part, Positive
 from drivers.scene.read_scene import read_toml
 
-Negative = Annotated[float, Field(lt=0)]
-Column = Annotated[tuple[Positive, ...], Field(strict=False, min_length=5, max_length=5)]
+Column = Annotated[tuple[float, ...], Field(strict=False, min_length=5, max_length=5)]
 Texts = Annotated[tuple[str, ...], Field(strict=False)]
 
 
-class Table1(Part):
-    """Table 1, one attribute per column."""
-
-    force_N: Column
-    measured_duration_us: Column
-    measured_speed_m_s: Column
-    measured_width_diameters: Column
-    computed_speed_m_s: Column
-    computed_width_2permille_diameters: Column = Field(alias="computed_width_0.2pct_diameters")
-    computed_width_4pct_diameters: Column
-
-    @property
-    def frame(self) -> pd.DataFrame:
-        """The table with the column names of the file."""
-        return pd.DataFrame(self.model_dump(by_alias=True))
-
-
-class Quoted(Part):
-    """Content of ``inputs/paper/quoted.toml``: Table 1, and numbers named after the figure or part they belong to.
+class Quoted(Part, extra="allow"):
+    """Content of ``inputs/paper/quoted.toml``: Table 1 by column, and numbers named after their figure or part.
 
     ``accuracy_`` numbers are relative accuracies of measurements, and the position of a sensor; ``sensor_`` numbers are
     of a sensor bead: both caps together, and the square plate of the gauge between them. The brass plate lies on the
     gauge below the chain. The moduli are those of the paper's calculations, the bulk sound speeds give two of them.
     """
 
-    accuracy_force_large: Positive
-    accuracy_force_small: Positive
-    accuracy_speed: Positive
-    accuracy_sensor_position_m: Positive
-    fig4_leading_force_N: Positive
-    fig4_speed_m_s: Positive
-    fig4_duration_us: Positive
-    fig5_measured_envelope_per_us: Negative
-    fig5_computed_envelope_per_us: Negative
-    fig5_incident_rise_us: Positive
-    fig5_incident_decay_per_us: Negative
-    fig5_incident_duration_us: Positive
-    sensor_caps_g: Positive
-    sensor_gauge_g: Positive
-    sensor_gauge_side_mm: Positive
-    sensor_gauge_thickness_mm: Positive
-    brass_mm: Positive
-    smallest_force_N: Positive
-    ptfe_moduli_MPa: Annotated[tuple[Positive, ...], Field(strict=False, min_length=3)]
-    ptfe_hugoniot_m_s: Positive
-    ptfe_ultrasound_m_s: Positive
-    table1: Table1
+    __pydantic_extra__: dict[str, float | Annotated[tuple[float, ...], Field(strict=False)]]
+    table1: dict[str, Column]
+
+    def __getattr__(self, key: str) -> Any:
+        """Number, or numbers, of a key; an InputError if the file lacks it."""
+        if key not in self.__pydantic_extra__:
+            raise InputError(paths.shown(paths.QUOTED), key, "missing key")
+        return self.__pydantic_extra__[key]
 
     @property
     def sensor_mass_g(self) -> float:
         """Mass of the whole sensor bead in g."""
-        return self.sensor_caps_g + self.sensor_gauge_g
+        return float(self.sensor_caps_g + self.sensor_gauge_g)
 
 
 class CalibratedParameter(Part):
@@ -132,5 +100,5 @@ def force_accuracy(force_N: float) -> float:
     Linear in the logarithm of the force, between the accuracies quoted for the largest and smallest force of Table 1.
     """
     paper = quoted()
-    ends = np.log([min(paper.table1.force_N), max(paper.table1.force_N)])
+    ends = np.log([min(paper.table1["force_N"]), max(paper.table1["force_N"])])
     return float(np.interp(np.log(force_N), ends, [paper.accuracy_force_small, paper.accuracy_force_large]))

@@ -226,7 +226,7 @@ def fitting_force(force_N: float, *settings: str) -> float:
     It is F_m as printed if all numbers follow there. Else it is, of three digits, within the rounding of F_m and among
     the amplitudes that give most numbers, the one with the smallest largest miss; numbers are interpolated.
     """
-    row, half_N = quoted().table1.frame.set_index("force_N").loc[force_N], 10 ** floor(log10(force_N)) / 2
+    row, half_N = pd.DataFrame(quoted().table1).set_index("force_N").loc[force_N], 10 ** floor(log10(force_N)) / 2
     printed = row[[f"computed_{name}" for name in COLUMNS]].to_numpy()
 
     def misses(numbers: Array) -> Array:
@@ -248,8 +248,8 @@ def fitting_force(force_N: float, *settings: str) -> float:
 def measured_points() -> pd.DataFrame:
     """Measured points with the stated uncertainties, and the speed error by the positions of the sensors."""
     paper, table, case = quoted(), quoted().table1, case_of("table1")
-    force, speed = np.array(table.force_N), np.array(table.measured_speed_m_s)
-    share = np.array([force_accuracy(value) for value in table.force_N])
+    force, speed = np.array(table["force_N"]), np.array(table["measured_speed_m_s"])
+    share = np.array([*map(force_accuracy, force)])
     upper, lower = sensor_pair(case)
     gap = float(case.chain.height_m[upper - 1] - case.chain.height_m[lower - 1])
     return pd.DataFrame({

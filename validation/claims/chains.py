@@ -118,7 +118,7 @@ def _long_wave_speed(motion: Simulation, peak_N: float) -> float:
 def theory_and_experiment(run: Run, force_is: str) -> float:
     """Deviation of the measured speeds from Eq. (4) for 1460 MPa, root mean square over 5 and 2 N, per cent."""
     table, rows, off = quoted().table1, ROWS["large"], []
-    for force_N, measured_m_s in zip(table.force_N[rows], table.measured_speed_m_s[rows], strict=True):
+    for force_N, measured_m_s in zip(table["force_N"][rows], table["measured_speed_m_s"][rows], strict=True):
         motion = struck(run, force_N)
         peak_N = force_N if force_is == "contact force" else strikes.contact_peak(motion)
         off.append(measured_m_s / _long_wave_speed(motion, peak_N) - 1)

@@ -303,7 +303,7 @@ def _of_materials() -> dict[str, float]:
         "contact-stress": peak_Pa / MICRO,
         "contact-strain": strain,
         "contact-depth": radius_m * MICRO,
-        "contact-strain-rate": strain / (paper.table1.measured_duration_us[0] / MICRO),
+        "contact-strain-rate": strain / (paper.table1["measured_duration_us"][0] / MICRO),
         "contact-radius": small_radius_m / radius_m,
         "contact-by-size": small_peak_Pa / peak_Pa,
     }
@@ -312,12 +312,12 @@ def _of_materials() -> dict[str, float]:
 def _of_measurements() -> dict[str, float]:
     """Statements on measured speeds, widths and amplitudes."""
     p, paper, table = ptfe_beads(), quoted(), quoted().table1
-    slowest, fastest = min(table.measured_speed_m_s), max(table.measured_speed_m_s)
+    slowest, fastest = min(table["measured_speed_m_s"]), max(table["measured_speed_m_s"])
     by_theory = strikes.Particles(600e6, p.poisson_ratio, _density("ptfe"), p.diameter_m)
     slow_m_s = speed_from_velocity(by_theory, 0.2)
-    times, widths = np.array(table.measured_duration_us) / MICRO, np.array(table.measured_width_diameters)
-    off = times * np.array(table.measured_speed_m_s) / p.diameter_m - widths
-    large = widths[np.array(table.force_N) >= 0.6]
+    times, widths = np.array(table["measured_duration_us"]) / MICRO, np.array(table["measured_width_diameters"])
+    off = times * np.array(table["measured_speed_m_s"]) / p.diameter_m - widths
+    large = widths[np.array(table["force_N"]) >= 0.6]
     return {
         "slow-wave": slow_m_s,
         "slower-than-gases": slow_m_s / HEAVY_GAS_M_S,
@@ -328,10 +328,10 @@ def _of_measurements() -> dict[str, float]:
         "slower-than-on-nylon": NYLON_M_S / slowest,
         "nylon-amplitude": NYLON_N / paper.smallest_force_N,
         "far-smaller": NYLON_N / paper.smallest_force_N,
-        "strongly-nonlinear": min(table.force_N) / strikes.static_force(case_of("table1")),
+        "strongly-nonlinear": min(table["force_N"]) / strikes.static_force(case_of("table1")),
         "speed-accuracy": 100 * 2 * paper.accuracy_sensor_position_m / (4 * p.diameter_m),
         "table1-measured-widths": float(np.abs(off).max()),
-        "very-close-to-five": float((times * np.array(table.measured_speed_m_s) / p.diameter_m)[1]),
+        "very-close-to-five": float((times * np.array(table["measured_speed_m_s"]) / p.diameter_m)[1]),
         "widths-close-to-five": float(large[np.abs(large - 5).argmax()]),
     }
 

@@ -5,6 +5,7 @@ from functools import partial
 from math import nan
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from drivers.base import paths
@@ -92,7 +93,7 @@ def test_a_broken_list_is_refused_in_one_line(text: str, problem: str, tmp_path:
 
 def test_numbers_quoted_twice_are_the_same() -> None:
     claims, paper = {whole.id: whole.expected for whole in read_claims()}, quoted()
-    for _, row in paper.table1.frame.iterrows():
+    for _, row in pd.DataFrame(paper.table1).iterrows():
         for name, column in zip(("speed", "width-0.2", "width-4"), COLUMNS, strict=True):
             assert claims[f"table1-{row['force_N']:g}N-{name}"] == row[f"computed_{column}"]
     for name, value in (

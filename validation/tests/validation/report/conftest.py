@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from drivers.chain.trace import until
@@ -24,7 +25,7 @@ FIGURE = '<svg xmlns="http://www.w3.org/2000/svg" width="9pt" onload="throw 3"><
 
 def write_table_1(results: Path) -> int:
     """Table 1 as if the exact motion were the paper's, and its number of rows."""
-    table = quoted().table1.frame
+    table = pd.DataFrame(quoted().table1)
     exact = {f"reference_{name}": table[f"computed_{name}"] * (1 + 1e-3) for name in COLUMNS}
     longer = {f"{EXACT_LONGER}_{name}": table[f"computed_{name}"] for name in COLUMNS}
     table = table.assign(**exact, **longer, **{SPREAD: 4.2e-6})
