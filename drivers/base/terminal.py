@@ -1,4 +1,4 @@
-"""Output for a terminal: tables, and progress on the standard error.
+"""Output for a terminal: tables, paths, and progress on the standard error.
 
 Progress is title, units done, time taken and left of the innermost task under way. On a terminal it is one line that is
 rewritten. Elsewhere it is a line each minute, and one at the end of a task that took longer; short tasks have none.
@@ -13,8 +13,10 @@ from functools import cache
 from io import StringIO
 from itertools import zip_longest
 from math import inf
+from pathlib import Path
 from typing import Any, TypeVar
 
+from drivers.base import paths
 from drivers.base.errors import printable
 
 Item = TypeVar("Item")
@@ -96,3 +98,9 @@ def text_table(rows: Iterable[Sequence[str]], right: Collection[int] = ()) -> li
         "  ".join(f"{cell:{'>' if place in right else '<'}{widths[place]}}" for place, cell in enumerate(row)).rstrip()
         for row in table
     ]
+
+
+def print_paths(written: Iterable[Path]) -> None:
+    """Print the paths of written files, each as soon as it is written."""
+    for path in written:
+        print(paths.shown(path), flush=True)

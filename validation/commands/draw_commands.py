@@ -6,7 +6,7 @@ from math import inf
 from pathlib import Path
 
 from drivers.base.errors import InputError
-from drivers.base.terminal import text_table
+from drivers.base.terminal import print_paths, text_table
 from drivers.batch.rows import Batch
 from drivers.batch.study import column_name
 from drivers.batch.tables import read_study_table
@@ -22,7 +22,6 @@ from postproc.read.motion import case_of_run, trace_with_state
 from postproc.read.observables import without_unit
 from postproc.read.run_tables import write_table as write_run_table
 from validation.accuracy.plan import planned_case
-from validation.commands.options import print_paths
 from validation.commands.run_commands import open_shown
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from drivers.base.errors import InputError
 from drivers.base.files import whole_file
-from drivers.base.terminal import text_table
+from drivers.base.terminal import print_paths, text_table
 from drivers.engines import REFERENCE
 from drivers.limits import refuse
 from drivers.run.inventory import scene_now
@@ -20,7 +20,6 @@ from validation.calibration import design as designs
 from validation.calibration import predict as predictions
 from validation.calibration.command import confirm
 from validation.calibration.command import fit as fit_laws
-from validation.commands.options import print_paths
 from validation.commands.run_commands import open_shown
 from validation.report.parts import prediction_part, write_part
 

@@ -9,12 +9,11 @@ from typing import Any
 
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError, one_line
-from drivers.base.terminal import counted
+from drivers.base.terminal import counted, print_paths
 from drivers.engines import engines_again, missing_codes
 from postproc.draw.product import Product, write_product
 from postproc.figures import caption_of, captions
 from validation.chapters import CHAPTERS, Options, run_chapter, write_paper_figure
-from validation.commands.options import print_paths
 from validation.compare.comparison import EngineSelection
 from validation.report import write_report
 
