@@ -10,10 +10,10 @@ from drivers.base.terminal import print_paths, text_table
 from drivers.batch.rows import Batch
 from drivers.batch.study import column_name
 from drivers.batch.tables import read_study_table
-from postproc.draw import film as films
+from postproc.draw import drawings
+from postproc.draw.drawings import draw_scene
 from postproc.draw.energies import draw_energies, range_numbers, run_energies, write_energies
 from postproc.draw.product import Product, draw_spacetime, write_product, write_table
-from postproc.draw.scene_drawing import draw_scene
 from postproc.draw.study_figure import draw_study, draw_tornado, key_label
 from postproc.draw.vtk import write_series
 from postproc.linear.modes import MAX_BEADS, modes_product
@@ -121,7 +121,7 @@ def energy(run: str, ranges: tuple[tuple[int, int], ...], runs: Path, results: P
     print_paths([*written, table])
 
 
-def film(run: str, runs: Path, results: Path, frames: int = films.FRAMES, sideways: float = 1.0) -> None:
+def film(run: str, runs: Path, results: Path, frames: int = drawings.FRAMES, sideways: float = 1.0) -> None:
     """Draw the chain of a run at several times, and an animated GIF.
 
     Example:
@@ -129,9 +129,9 @@ def film(run: str, runs: Path, results: Path, frames: int = films.FRAMES, sidewa
     """
     opened, name, title = open_shown("film", run, runs)
     motion = case_of_run(opened), trace_with_state(opened)
-    still, moving = (films.film_of(*motion, count, sideways) for count in (frames, films.GIF_FRAMES))
-    print_paths(write_product(films.sheet(still, title), name, results))
-    print_paths([films.write_animation(moving, title, results / f"{name}.gif")])
+    still, moving = (drawings.film_of(*motion, count, sideways) for count in (frames, drawings.GIF_FRAMES))
+    print_paths(write_product(drawings.sheet(still, title), name, results))
+    print_paths([drawings.write_animation(moving, title, results / f"{name}.gif")])
 
 
 def vtk(run: str, runs: Path, results: Path, **frames: int) -> None:

@@ -10,10 +10,9 @@ from drivers.base.terminal import print_paths, text_table
 from drivers.engines import REFERENCE
 from drivers.limits import refuse
 from drivers.run.inventory import scene_now
-from postproc.draw.overlay import HEADINGS, draw_overlay, misfit_rows
+from postproc.draw.overlay import HEADINGS, draw_overlay, lay_over, misfit_rows
 from postproc.draw.product import Product, write_product
 from postproc.read.measured import entries_of
-from postproc.read.misfit import lay_over
 from postproc.read.motion import Simulation, case_of_run, exact
 from validation.accuracy.plan import planned_case
 from validation.calibration import design as designs

@@ -22,12 +22,12 @@ from drivers.run.compute import compute
 from drivers.scene.model import Scene
 from drivers.scene.read_scene import apply_settings, find_scene
 from drivers.scene.settings import look_up
-from postproc.draw.film import Film, film_of
+from postproc.draw.drawings import Film, film_of
+from postproc.draw.overlay import lay_over
 from postproc.draw.product import cells_of, shown_forces
 from postproc.draw.style import AVERAGE, GREY, PAGE_IN, marker_of, pyplot, svg_of
 from postproc.read.alignment import residual_of
 from postproc.read.measured import entries_of
-from postproc.read.misfit import lay_over
 from postproc.read.motion import Simulation
 from postproc.read.observables import describe, observe, without_unit
 from postproc.read.signals import sensor_signals, signals_csv

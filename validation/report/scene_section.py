@@ -22,12 +22,11 @@ from drivers.engines import REFERENCE, engines_again, in_order, load_engine
 from drivers.limits import step_limit
 from drivers.run.run_folder import EndedRun
 from drivers.scene.model import Scene
-from postproc.draw.overlay import HEADINGS, draw_overlay, misfit_rows, number
+from postproc.draw.overlay import HEADINGS, draw_overlay, lay_over, misfit_rows, number
 from postproc.draw.product import draw_spacetime
 from postproc.draw.stack import MAX_GAUGES, draw_gauge_forces
 from postproc.draw.style import svg_of
 from postproc.read.measured import entries_of
-from postproc.read.misfit import lay_over
 from postproc.read.motion import Simulation
 from postproc.read.observables import observe
 from postproc.read.signals import gauges_of

@@ -5,7 +5,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from postproc.draw.scene_drawing import draw_scene
+from postproc.draw.drawings import draw_scene
 from postproc.draw.style import pyplot
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.scenes import SceneWriter, case_of

@@ -14,8 +14,8 @@ from drivers.chain.chain import Array, build_chain
 from drivers.chain.schemes import verlet_of
 from drivers.run.run_folder import STATE, EndedRun, open_run
 from drivers.scene.read_scene import stored_scene
-from postproc.draw import film, product
-from postproc.draw.film import Film, film_of, sheet, write_animation
+from postproc.draw import drawings, product
+from postproc.draw.drawings import Film, film_of, sheet, write_animation
 from postproc.draw.product import cells_of, draw_spacetime
 from postproc.read.motion import case_of_run, trace_with_state
 from postproc.read.signals import mean_forces
@@ -147,7 +147,7 @@ def test_commands_write_their_files_or_refuse_in_one_line(
     run_of: Runner, scene_file: SceneWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = run_of(scene_file()).folder
-    monkeypatch.setattr(film, "GIF_FRAMES", 5)
+    monkeypatch.setattr(drawings, "GIF_FRAMES", 5)
     for command, kinds in (("film", {"csv", "png", "svg", "gif"}), ("spacetime", {"csv", "png", "svg"})):
         frames = ("--frames", "3") if command == "film" else ()
         done = beads(command, folder, *frames, "--results", tmp_path / command)

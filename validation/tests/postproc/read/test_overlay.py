@@ -11,9 +11,9 @@ from scipy.interpolate import make_interp_spline
 
 from drivers.base.errors import InputError
 from drivers.chain.trace import part_of
+from postproc.draw.overlay import gain_remark, length_remark, misfits
 from postproc.read.alignment import AlignedGauge, align, noise_of, residual_of, rounding_of
 from postproc.read.measured import MeasuredTrace
-from postproc.read.misfit import gain_remark, length_remark, misfits
 from postproc.read.motion import Simulation, case_of, exact
 from postproc.read.observables import observe
 from postproc.read.signals import sensor_signals

@@ -15,8 +15,8 @@ from drivers.base import paths
 from drivers.chain.case import build_case
 from drivers.engines import codes, installed
 from drivers.scene.read_scene import read_scene
+from postproc.draw.overlay import lay_over
 from postproc.read.measured import entries_of
-from postproc.read.misfit import lay_over
 from postproc.read.motion import exact
 from postproc.read.signals import sensor_signals
 from validation.tests.helpers.browser import browser, keep_screenshot, need_browser, requests, said, view
