@@ -41,7 +41,7 @@ class ModellingElement:
 
 def choose_elements(scene: Scene, chain: Chain) -> tuple[ModellingElement, ...]:
     """Modelling elements of a scene, each modelled or left out, with the reason."""
-    striker, scatter = scene.striker, scene.chain.mass_scatter
+    striker, scatter, pressed = scene.striker, scene.chain.mass_scatter, scene.chain.precompression
     sensors, (_, _, ordinary_kg) = scene.chain.sensor_at, ordinary_beads(scene)
     unlike = len([place for place, sensor in sensors.items() if sensor.mass not in (None, ordinary_kg[place - 1])])
     gravity, angle = f"{scene.axial_gravity:g} m/s^2", scene.chain.angle
@@ -65,7 +65,7 @@ def choose_elements(scene: Scene, chain: Chain) -> tuple[ModellingElement, ...]:
         ("gravity", scene.axial_gravity, gravity, across if scene.gravity else NONE),
         ("wall", chain.wall, f"{wall}, Hertz law with R* = R", "a free chain"),
         ("striker", striker, striker and f"{shape} of {striker.material} at {striker.speed:g} m/s", NONE),
-        ("precompression", chain.precompression_N, f"{chain.precompression_N:g} N on the top bead", NONE),
+        ("precompression", pressed, f"{pressed:g} N on the top bead", NONE),
         ("sensor masses", unlike, f"{unlike} of {len(sensors)} sensor beads are of another mass", alike),
         ("mass scatter", scatter, f"standard deviation {scatter:g} kg, seed {scene.seed}", NONE),
         ("lateral freedom", not chain.straight, freedom, f"{axis} bead leaves it"),
@@ -226,7 +226,7 @@ class Case:
             text += f", struck by a {reasons['striker']}"
         if self.scene.chain.angle:
             leaning = f"leaning by {self.scene.chain.angle:g} deg"
-            text += f"; {leaning}: z is the axis, gravity along it {chain.gravity_m_s2:.4g} m/s^2"
+            text += f"; {leaning}: z is the axis, gravity along it {self.scene.axial_gravity:.4g} m/s^2"
         if "drive" in reasons:
             text += f"; {reasons['drive']}"
         if chain.damped:
@@ -262,7 +262,7 @@ def _impossible(scene: Scene, chain: Chain) -> Iterator[InputProblem]:
     deepest = chain.overlap_m / chain.smaller_radius_m
     if (deepest > MAX_OVERLAP).any():
         contact = int(np.argmax(deepest)) + 1
-        key = "chain.precompression" if chain.precompression_N else "gravity"
+        key = "chain.precompression" if scene.chain.precompression else "gravity"
         found = f"a load that makes an overlap of {chain.overlap_m[contact - 1]:g} m at contact {contact}"
         yield key, found, f"overlaps of at most {MAX_OVERLAP:g} of the radius"
     tube = scene.tube

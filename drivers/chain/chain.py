@@ -6,7 +6,7 @@ law, of which the functions of overlap and force accept one contact or arrays of
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cache, cached_property, lru_cache
 from itertools import pairwise
 from math import inf, pi, sqrt
@@ -79,8 +79,6 @@ class Chain:
         beads: number of beads.
         wall: material of the wall; None for a free chain.
         wall_height_m: height of the wall, or of bead 1's lowest point in a free chain.
-        gravity_m_s2: acceleration of gravity along the axis.
-        precompression_N: constant force downwards on the top bead.
         law: law of dissipation.
         drive: force of time on a body, or its motion; its velocity at time 0 is that of the drive. None: no drive.
         across_m: positions of the centres across the axis at time 0. Shape (bodies, 2).
@@ -106,8 +104,6 @@ class Chain:
     beads: int
     wall: str | None
     wall_height_m: float
-    gravity_m_s2: float
-    precompression_N: float
     law: Dissipation
     drive: Drive | None
     across_m: Array
@@ -322,8 +318,6 @@ def build_chain(scene: Scene) -> Chain:
         beads=count,
         wall=scene.wall.material if scene.wall else None,
         wall_height_m=table.origin,
-        gravity_m_s2=scene.axial_gravity,
-        precompression_N=table.precompression,
         law=scene.contact.law,
         drive=drive,
         across_m=np.zeros((scene.bodies, 2)),
@@ -343,24 +337,10 @@ def arrays_of(chain: Chain) -> HertzChain:
 
 def tube_arrays_of(chain: Chain) -> TubeChain:
     """Three-dimensional chain as input of the integrators; the bore is a true cylinder."""
-    return TubeChain(
-        mass_kg=chain.mass_kg,
-        radius_m=chain.radius_m,
-        stiffness=chain.stiffness,
-        damping=chain.damping,
-        shear=chain.shear_stiffness,
-        load_N=chain.load_N,
-        bore_stiffness=chain.bore_stiffness,
-        bore_shear=chain.bore_shear,
-        place_m=chain.place_m,
-        velocity_m_s=chain.velocity_xyz_m_s,
-        wall_m=chain.wall_height_m,
-        friction=chain.friction,
-        bore_m=chain.bore_m,
-        bore_friction=chain.bore_friction,
-        turns=chain.turns,
-        overlap_power=chain.law.overlap_power,
-    )
+    own: dict[str, Any] = {"shear": chain.shear_stiffness, "velocity_m_s": chain.velocity_xyz_m_s}
+    own |= {"wall_m": chain.wall_height_m, "overlap_power": chain.law.overlap_power}
+    alike = {field.name: getattr(chain, field.name) for field in fields(TubeChain) if field.name not in own}
+    return TubeChain(**alike, **own)
 
 
 def moving_at_start(chain: Chain) -> float:

@@ -108,7 +108,7 @@ def _waves() -> pd.DataFrame:
     """Beta of the travelling wave."""
     case = case_of("table1", *_chain())
     chain, particles = case.chain, strikes.particles_of(case)
-    stiffness, mass, static = float(chain.stiffness[1]), float(chain.mass_kg[0]), chain.precompression_N
+    stiffness, mass, static = float(chain.stiffness[1]), float(chain.mass_kg[0]), case.scene.chain.precompression
     speeds = [strikes.precompressed_speed(particles, ratio * static, static) / particles.diameter_m for ratio in CURVE]
     waves = [solve_at_speed(stiffness, mass, static, beads_per_s) for beads_per_s in speeds]
     rows = [{"force_over_static": 1 + wave.amplitude, "beta": wave.beta, "engine": WAVE} for wave in waves]

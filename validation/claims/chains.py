@@ -369,7 +369,7 @@ def leading_speed_weak(run: Run) -> float:
     """
     chain = ("chain.count=400", "chain.precompression=2 N", "striker.speed=0.1 m/s", "run.duration=9.5 ms")
     motion = heavy_strike(run, "striker.mass=1 kg", *chain, "run.time_step=1 us", "run.sample_interval=5 us")
-    static_N, particles = float(motion.case.chain.precompression_N), strikes.particles_of(motion.case)
+    static_N, particles = motion.case.scene.chain.precompression, strikes.particles_of(motion.case)
     speed, peak_N = _front(motion, 65)
     strain_above = particles.strain(peak_N) / particles.strain(static_N) - 1
     sound = sound_speed(particles, static_N) / particles.diameter_m

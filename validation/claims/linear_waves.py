@@ -138,7 +138,7 @@ def _spring(case: Case) -> tuple[float, float]:
     """K and m of a chain of equal beads."""
     chain = case.chain
     stiffness, mass = float(chain.stiffness[-1]), float(chain.mass_kg[-1])
-    return contact_stiffness_at(stiffness, chain.precompression_N), mass
+    return contact_stiffness_at(stiffness, case.scene.chain.precompression), mass
 
 
 def small_signal_theory(case: Case) -> dict[str, float]:

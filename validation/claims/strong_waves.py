@@ -362,7 +362,7 @@ def _width_s(time_s: Array, values: Array, share: float) -> float:
 def precompressed_wave(case: Case, trace: Trace) -> dict[str, float]:
     """Speed from the upper to the lower sensor, divided by those that belong to the peak force of the lower."""
     lower, upper = sensor_places(case)
-    chain, static_N = case.chain, case.chain.precompression_N
+    chain, static_N = case.chain, case.scene.chain.precompression
     near, far = (first_wave(trace.time_s, trace.force_N[:, place - 1] - static_N) for place in (upper, lower))
     speed, peak_N = (upper - lower) / (far.time_s - near.time_s), far.value
     stiffness, mass = float(chain.stiffness[lower]), float(chain.mass_kg[lower])
@@ -381,7 +381,7 @@ def precompressed_wave_theory(case: Case) -> dict[str, float]:
     chain = case.chain
     beads, between = slice(0, chain.beads), slice(1, chain.beads)
     unequal = any(values.min() < values.max() for values in (chain.mass_kg[beads], chain.stiffness[between]))
-    if not chain.precompression_N or chain.gravity_m_s2 or unequal:
+    if not case.scene.chain.precompression or case.scene.axial_gravity or unequal:
         raise ValueError("a chain without precompression, with gravity or of unequal beads")
     return {"speed_over_exact": 1.0, "speed_over_long_wave": 1.0}
 

@@ -128,7 +128,7 @@ def _changes(case: Case, trace: Trace, stiffness: Array, mass: Array) -> Iterato
 
     def heavier(at: NDArray[np.bool_], factor: float) -> Values:
         mass_kg = np.where(at, factor, 1.0) * chain.mass_kg
-        return {"mass_kg": mass_kg, "load_N": chain.load_N - chain.gravity_m_s2 * (mass_kg - chain.mass_kg)}
+        return {"mass_kg": mass_kg, "load_N": chain.load_N - scene.axial_gravity * (mass_kg - chain.mass_kg)}
 
     def harder(name: str, factor: float) -> Values:
         changed = materials[name].model_copy(update={"youngs_modulus": factor * materials[name].youngs_modulus})

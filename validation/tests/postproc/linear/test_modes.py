@@ -58,8 +58,8 @@ def test_modes_are_the_eigenvalues_of_the_whole_matrix_without_a_bead_that_is_he
 
 def test_a_uniform_chain_has_the_textbook_dispersion_and_decay() -> None:
     case = case_of("small-signal")
-    chain, bands = case.chain, bands_of(case, case.chain.precompression_N)
-    spring = contact_stiffness_at(float(chain.stiffness[-1]), chain.precompression_N)
+    chain, bands = case.chain, bands_of(case, case.scene.chain.precompression)
+    spring = contact_stiffness_at(float(chain.stiffness[-1]), case.scene.chain.precompression)
     ratio = np.sqrt(spring / chain.mass_kg[-1])
     band, above = bands[bands["band"] == 1], bands[bands["band"].isna()]
     np.testing.assert_allclose(band["frequency_Hz"], ratio / pi * np.sin(band["phase_rad"] / 2), rtol=1e-9, atol=1e-6)
