@@ -238,7 +238,7 @@ def build_case(scene: Scene) -> Case:
     """Case of a scene; a time step for an accuracy is not planned here.
 
     Raises:
-        InputError: a mass, a load or the tube is not allowed.
+        InputError: a mass is missing, or a mass, a load or the tube is not allowed.
     """
     chain = build_chain(scene)
     refuse_any(scene.file, _impossible(scene, chain))

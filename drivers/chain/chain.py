@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.base.errors import InputError
 from drivers.chain.drives import drive_of
 from drivers.laws import Dissipation
 from drivers.scene.model import Material, Member, Scene
@@ -256,7 +257,8 @@ def beads_of(scene: Scene) -> Beads:
         materials[place] = bead.material or materials[place]
         diameters[place] = bead.diameter or diameters[place]
         if (bead.material is not None or bead.diameter is not None) and from_wall not in given:
-            masses[place] = sphere_mass(scene, materials[place], diameters[place])
+            key = f"chain.bead.{table.bead.index(bead)}"
+            masses[place] = sphere_mass(scene, key, materials[place], diameters[place])
     if table.mass_scatter:  # drawn for all beads, so that a mass given for one bead does not change other masses
         masses = masses + np.random.default_rng(scene.seed).normal(0.0, table.mass_scatter, table.count)
     for from_wall, mass in given.items():
@@ -267,14 +269,22 @@ def beads_of(scene: Scene) -> Beads:
 def bead_mass(scene: Scene, member: Member) -> float:
     """Mass of a member of the pattern without taper, in kg."""
     table = scene.chain
-    given = member.mass or (table.mass if table.is_like(member) else None)
-    return given or sphere_mass(scene, member.material or table.material, member.diameter or table.diameter)
+    alike = member.material in (None, table.material) and member.diameter in (None, table.diameter)
+    if given := member.mass or (table.mass if alike else None):
+        return given
+    key = f"chain.pattern.{table.pattern.index(member)}" if table.pattern else "chain"
+    return sphere_mass(scene, key, member.material or table.material, member.diameter or table.diameter)
 
 
-def sphere_mass(scene: Scene, material: str, diameter_m: float) -> float:
-    """Mass of a sphere from the density of its material, in kg."""
+def sphere_mass(scene: Scene, key: str, material: str, diameter_m: float) -> float:
+    """Mass of a sphere of a table of the scene from the density of its material, in kg.
+
+    Raises:
+        InputError: the material has no density.
+    """
     density = scene.materials[material].density
-    assert density is not None  # read_scene checks it
+    if density is None:
+        raise InputError(scene.file, f"{key}.mass", f"missing key; give a mass, or a density in [materials.{material}]")
     return density * pi / 6 * diameter_m**3
 
 
@@ -297,7 +307,7 @@ def build_chain(scene: Scene) -> Chain:
     if striker is not None:
         materials = [*materials, striker.material]
         radius = np.append(radius, inf if striker.diameter is None else striker.diameter / 2)
-        mass = np.append(mass, striker.mass or sphere_mass(scene, striker.material, 2 * radius[-1]))
+        mass = np.append(mass, striker.mass or sphere_mass(scene, "striker", striker.material, 2 * radius[-1]))
         velocity[-1] = -striker.speed
     drive, zeros = drive_of(scene), np.zeros(scene.bodies)
     if drive is not None and drive.prescribed:

@@ -194,10 +194,6 @@ class ChainTable(Part):
         """Members of the pattern; without a pattern, one with the properties of the chain."""
         return self.pattern or (Member(),)
 
-    def is_like(self, member: Member) -> bool:
-        """True if a member has the material and the diameter of the chain."""
-        return member.material in (None, self.material) and member.diameter in (None, self.diameter)
-
     def taper_at(self, from_wall: Any) -> Any:
         """Diameter of a bead, or of an array of beads, divided by that of its member without taper."""
         if self.taper is not None:

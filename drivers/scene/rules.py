@@ -50,7 +50,6 @@ def problems_of(scene: Scene) -> Iterator[InputProblem]:
     yield from _wrong_without_beads(scene)
     if scene.striker is not None:
         yield from _keys_by_choice(scene.striker, "striker", "shape", SHAPE_KEYS)
-    yield from _missing_masses(scene)
     yield from _keys_by_choice(scene.contact, "contact", "dissipation", LAW_KEYS)
     yield from _one_of(scene.contact, "contact", "restitution", "damping_ratio", needed=False)
     yield from _wrong_tube(scene)
@@ -167,25 +166,6 @@ def _wrong_without_beads(scene: Scene) -> Iterator[InputProblem]:
         yield "striker.shape", '"flat" on a flat wall', '"sphere"; two flat faces are not a Hertz contact'
     if scene.chain.precompression:
         yield "chain.precompression", f"{scene.chain.precompression:g} N", "0 N, as the chain has no beads"
-
-
-def _missing_masses(scene: Scene) -> Iterator[InputProblem]:
-    """Problems with bodies that have no mass and no density."""
-    chain, striker, members = scene.chain, scene.striker, scene.chain.members
-    without = []  # table and material of each body whose mass follows from its density
-    for i, member in enumerate(members if chain.count else ()):
-        if member.mass is None and (chain.mass is None or not chain.is_like(member)):
-            without.append((f"chain.pattern.{i}" if chain.pattern else "chain", member.material or chain.material))
-    for i, bead in enumerate(chain.bead):
-        if bead.mass is None and (bead.material is not None or bead.diameter is not None):
-            for place in places_of(bead.from_wall):
-                of_member = members[(place - 1) % len(members)].material or chain.material
-                without.append((f"chain.bead.{i}", bead.material or of_member))
-    if striker is not None and striker.mass is None:
-        without.append(("striker", striker.material))
-    for table, material in without:
-        if material in scene.materials and scene.materials[material].density is None:
-            yield f"{table}.mass", f"missing key; give a mass, or a density in [materials.{material}]", ""
 
 
 def _wrong_tube(scene: Scene) -> Iterator[InputProblem]:
