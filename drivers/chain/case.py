@@ -6,7 +6,7 @@ touch the tube, slip or turn.
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from math import pi
+from math import inf, pi
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ from drivers.scene.model import RIGID, Material, Scene
 from validation.reference.adaptive import MIN_TOLERANCE
 
 LEAST_DENSITY_KG_M3 = 1e-4  # of a bead, far below that of air; the motion of lighter ones takes for ever
+PLAY_TOLERANCE = 1e-6  # relative; for rounding of the difference of two diameters
 MAX_OVERLAP = 0.5  # at rest, divided by the radius; far beyond Hertz's law, and codes lose contacts at larger overlaps
 # elements of straight chains, and further elements of three-dimensional chains
 STRAIGHT = frozenset(
@@ -265,11 +266,20 @@ def _impossible(scene: Scene, chain: Chain) -> Iterator[InputProblem]:
         key = "chain.precompression" if scene.chain.precompression else "gravity"
         found = f"a load that makes an overlap of {chain.overlap_m[contact - 1]:g} m at contact {contact}"
         yield key, found, f"overlaps of at most {MAX_OVERLAP:g} of the radius"
-    tube = scene.tube
-    if not scene.three_dimensional or tube is None:
+    tube, offset, radius = scene.tube, scene.chain.lateral_offset, chain.radius_m
+    if tube is None:
         return
+    widest = 2 * radius[: chain.beads].max(initial=0.0)
+    play = tube.inner_diameter - widest if chain.beads else inf
+    if play < 0 or (play == 0 and scene.three_dimensional):
+        yield "tube.inner_diameter", f"{tube.inner_diameter:g} m", f"more than the largest bead diameter, {widest:g} m"
+        return
+    if offset is not None and offset > (1 + PLAY_TOLERANCE) * play / 2:
+        yield "chain.lateral_offset", f"{offset:g} m", f"at most the play of {play / 2:.4g} m"
+    if not scene.three_dimensional:
+        return
+    height = chain.height_m
     yield from _passing(tube.inner_diameter / 2, chain)
-    height, radius = chain.height_m, chain.radius_m
     if tube.top is not None and height[chain.beads - 1] > tube.top:
         yield "tube.top", f"{tube.top:g} m", f"at least {height[chain.beads - 1]:.4g} m, the height of the top bead"
     if scene.striker is not None and radius[-1] >= tube.inner_diameter / 2:

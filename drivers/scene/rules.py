@@ -1,7 +1,6 @@
 """Rules for combinations of keys of a scene; rules for single values are in the model."""
 
 from collections.abc import Iterator, Mapping
-from math import inf
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,6 @@ from drivers.laws import HUNT_CROSSLEY, KUWABARA_KONO, POWER, VISCOELASTIC
 from drivers.scene.model import RIGID, ChainTable, MeasuredEntry, Part, Scene, places_of
 
 LEAST_M, MOST_M = 1e-9, 1e3  # diameters of beads
-PLAY_TOLERANCE = 1e-6  # relative; for rounding of the difference of two diameters
 STEP_TOLERANCE = 1e-9  # relative; accepts steps written with ten digits
 MAX_STEPS = 2**31 - 1  # LIGGGHTS counts steps in 32 bits
 MAX_VALUES = 100_000_000  # samples x contacts; a run and its assessment take 150 bytes of memory for each
@@ -52,7 +50,7 @@ def problems_of(scene: Scene) -> Iterator[InputProblem]:
         yield from _keys_by_choice(scene.striker, "striker", "shape", SHAPE_KEYS)
     yield from _keys_by_choice(scene.contact, "contact", "dissipation", LAW_KEYS)
     yield from _one_of(scene.contact, "contact", "restitution", "damping_ratio", needed=False)
-    yield from _wrong_tube(scene)
+    yield from _wrong_sideways(scene)
     yield from _wrong_drive(scene)
     for i, measured in enumerate(scene.measured):
         yield from _wrong_measured(measured, f"measured.{i}")
@@ -145,15 +143,11 @@ def _wrong_pattern(chain: ChainTable) -> Iterator[InputProblem]:
         yield "chain.taper_to", f"{chain.taper_to:g} m for a pattern with diameters", "chain.taper"
     if chain.pattern is not None and not 1 <= len(chain.pattern) <= max(chain.count, 1):
         yield "chain.pattern", f"{len(chain.pattern)} members", f"1 to {max(chain.count, 1)}, the beads of the chain"
-    if chain.taper is not None and not LEAST_M <= chain.diameter * _tapers(chain)[1] <= MOST_M:
+    with np.errstate(over="ignore"):  # perhaps beyond doubles: inf
+        top_m = chain.diameter * chain.taper_at(np.float64(max(chain.count, 1)))
+    if chain.taper is not None and not LEAST_M <= top_m <= MOST_M:
         found = f"{chain.taper:g}, with which the top bead has no diameter from {LEAST_M:g} to {MOST_M:g} m"
         yield "chain.taper", found, "a ratio closer to 1, or fewer beads"
-
-
-def _tapers(chain: ChainTable) -> list[float]:
-    """Diameters of the lowest and the top bead, divided by those of their members; perhaps beyond doubles: inf."""
-    with np.errstate(over="ignore"):
-        return [float(ratio) for ratio in chain.taper_at(np.array([1.0, max(chain.count, 1)]))]
 
 
 def _wrong_without_beads(scene: Scene) -> Iterator[InputProblem]:
@@ -168,16 +162,9 @@ def _wrong_without_beads(scene: Scene) -> Iterator[InputProblem]:
         yield "chain.precompression", f"{scene.chain.precompression:g} N", "0 N, as the chain has no beads"
 
 
-def _wrong_tube(scene: Scene) -> Iterator[InputProblem]:
-    """Problems with a tube, and with beads that can move sideways."""
-    chain, tube, contact, offset = scene.chain, scene.tube, scene.contact, scene.chain.lateral_offset
-    widest = max(member.diameter or chain.diameter for member in chain.members)
-    widest *= max(_tapers(chain))
-    widest = max([widest, *(bead.diameter for bead in chain.bead if bead.diameter)])
-    play = tube.inner_diameter - widest if tube is not None and chain.count else inf
-    if tube is not None and (play < 0 or (play == 0 and scene.three_dimensional)):
-        allowed = f"more than the largest bead diameter, {widest:g} m"
-        yield "tube.inner_diameter", f"{tube.inner_diameter:g} m", allowed
+def _wrong_sideways(scene: Scene) -> Iterator[InputProblem]:
+    """Problems with beads that can move sideways."""
+    chain, contact, offset = scene.chain, scene.contact, scene.chain.lateral_offset
     if not scene.three_dimensional:
         return
     if chain.angle:
@@ -191,12 +178,10 @@ def _wrong_tube(scene: Scene) -> Iterator[InputProblem]:
         yield "run.accuracy", "an accuracy for beads that move sideways", allowed
     if scene.drive is not None:
         yield "drive", "a drive of beads that move sideways", "a drive of a straight chain"
-    if offset is not None and tube is None:
+    if offset is not None and scene.tube is None:
         yield "chain.lateral_offset", f"{offset:g} m without a tube", "an offset only with a [tube]"
     elif offset is not None and chain.count == 0:
         yield "chain.count", "0 with chain.lateral_offset", "1 or more"
-    elif offset is not None and 0 < play < 2 * offset / (1 + PLAY_TOLERANCE):
-        yield "chain.lateral_offset", f"{offset:g} m", f"at most the play of {play / 2:.4g} m"
 
 
 def _wrong_drive(scene: Scene) -> Iterator[InputProblem]:

@@ -97,7 +97,9 @@ def test_message_names_the_bad_key(scene: str, setting: str, key: str, found: st
 
 def test_lateral_offset_may_be_as_large_as_the_play() -> None:
     for diameter, offset in (("5 mm", "120 um"), ("4.760002 mm", "1 nm"), ("4.7606 mm", "0.3 um")):
-        read_scene("fig4-tube", (f"tube.inner_diameter={diameter}", f"chain.lateral_offset={offset}"))
+        build_case(
+            read_scene("fig4-tube", ("wall=", f"tube.inner_diameter={diameter}", f"chain.lateral_offset={offset}"))
+        )
 
 
 def test_engine_refuses_a_tube_that_it_cannot_model() -> None:
