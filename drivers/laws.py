@@ -73,12 +73,8 @@ def hunt_crossley(slowness: float) -> Dissipation:
     The restitution decreases with the speed of an impact, and no rebound is faster than 1/a. ``C = a k`` in
     N s m^-5/2.
     """
-    return Dissipation(
-        HUNT_CROSSLEY,
-        slowness,
-        f"dissipative force of Hunt and Crossley with a slowness of {slowness:.6g} s/m",
-        overlap_power=EXPONENT,
-    )
+    description = f"dissipative force of Hunt and Crossley with a slowness of {slowness:.6g} s/m"
+    return Dissipation(HUNT_CROSSLEY, slowness, description, overlap_power=EXPONENT)
 
 
 def kuwabara_kono(relaxation: float) -> Dissipation:
@@ -88,12 +84,8 @@ def kuwabara_kono(relaxation: float) -> Dissipation:
     53:5382, 1996, with A, the relaxation time of the material in s. The restitution decreases with the speed of an
     impact. ``C = (3/2) A k`` in N s m^-3/2.
     """
-    return Dissipation(
-        KUWABARA_KONO,
-        relaxation,
-        f"dissipative force of Kuwabara and Kono with a relaxation time of {relaxation:.6g} s",
-        overlap_power=1 / 2,
-    )
+    description = f"dissipative force of Kuwabara and Kono with a relaxation time of {relaxation:.6g} s"
+    return Dissipation(KUWABARA_KONO, relaxation, description, overlap_power=1 / 2)
 
 
 def power(gamma: float, alpha: float = ALPHA) -> Dissipation:
@@ -103,12 +95,8 @@ def power(gamma: float, alpha: float = ALPHA) -> Dissipation:
     steel, brass and PTFE; with alpha = 1 it is a linear dashpot; gamma is in N (s/m)^alpha. The force jumps by
     ``gamma v^alpha`` when a contact closes at speed v, and the restitution depends on the speed.
     """
-    return Dissipation(
-        POWER,
-        gamma,
-        f"dissipative force of {gamma:.6g} N (s/m)^a times closing speed^a, a = {alpha:.6g}",
-        alpha=alpha,
-    )
+    description = f"dissipative force of {gamma:.6g} N (s/m)^a times closing speed^a, a = {alpha:.6g}"
+    return Dissipation(POWER, gamma, description, alpha=alpha)
 
 
 def viscoelastic(damping_ratio: float = 0.0, restitution: float | None = None) -> Dissipation:
