@@ -112,7 +112,7 @@ ENGINE = Engine(
     scheme=IN_OVERLAPS,  # it adds displacements to heights at time 0, so that rounding of heights does not add up
     refusal=refusal,
     render=render,
-    server=Deck({"serve.py": render_template("kratos/serve.py.j2")}, (PYTHON, "serve.py"), raw=()),
+    server=Deck({"serve.py": render_template("serve.py.j2", code="kratos")}, (PYTHON, "serve.py"), raw=()),
     read=read,
     failure_reason=failure_reason,
     style={"color": "#e69f00", "ls": (0, (7, 2)), "marker": ">", "ms": 4.0},

@@ -135,7 +135,7 @@ ENGINE = Engine(
     models=STRAIGHT | SIDEWAYS,
     refusal=refusal,
     render=render,
-    server=Deck({"serve.py": render_template("yade/serve.py.j2")}, ("yade", "-n", "-x", "serve.py"), raw=()),
+    server=Deck({"serve.py": render_template("serve.py.j2", code="yade")}, (*COMMAND[:-1], "serve.py"), raw=()),
     read=read,
     failure_reason=lambda stdout, stderr: last_line(stdout, stderr, CHATTER),
     style={"color": "#d55e00", "ls": (0, (4, 3)), "marker": "x", "ms": 4.0},
