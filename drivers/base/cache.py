@@ -52,18 +52,14 @@ def store(depends_on: Any, result: Any) -> Any:
     with suppress(OSError):  # not writable: computed again the next time
         path.parent.mkdir(exist_ok=True)
         write_sealed(path, {path.stem: result})
-        _remove_old(path.parent)
+        if len(files := [*path.parent.iterdir()]) > MAX_FILES:
+            for old in sorted(files, key=lambda file: file.stat().st_mtime)[:-MAX_FILES]:
+                old.unlink(missing_ok=True)
     return json.loads(json.dumps(result))
 
 
 def _entry(depends_on: Any) -> Path:
     return paths.CACHE / f"{digest_of_json([_program(), depends_on])}.json"
-
-
-def _remove_old(folder: Path) -> None:
-    if len(files := [*folder.iterdir()]) > MAX_FILES:
-        for old in sorted(files, key=lambda file: file.stat().st_mtime)[:-MAX_FILES]:
-            old.unlink(missing_ok=True)
 
 
 @cache

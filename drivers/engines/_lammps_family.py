@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.base.decks import Deck
-from drivers.base.decks import render as render_template
+from drivers.base import decks
 from drivers.base.errors import InputProblem, RunError
 from drivers.base.processes import line_of
 from drivers.chain.case import Case
@@ -56,7 +55,7 @@ def member(
         fields: further fields of ``Engine``.
     """
 
-    def render(case: Case) -> Deck:
+    def render(case: Case) -> decks.Deck:
         """Render ``chain.in`` and ``chain.data``; atoms have the numbers of the bodies, from the wall up."""
         chain, place, radius_m = case.chain, case.chain.place_m, radii(case)
         place[:, 2] += above_face(chain, radius_m)
@@ -78,9 +77,9 @@ def member(
             "columns": columns(case),
         }
         templates = (f"{code.lower()}/chain.in.j2", "lammps/chain.data.j2")  # same format of data files
-        files = {Path(name).stem: render_template(name, **given) for name in templates}
+        files = {Path(name).stem: decks.render(name, **given) for name in templates}
         command = ("stdbuf", "-oL", program, "-in", "chain.in")  # -oL keeps the last lines of an abort
-        return Deck(files, command, raw=(DUMP,), logs=(f"log.{code.lower()}",))
+        return decks.Deck(files, command, raw=(DUMP,), logs=(f"log.{code.lower()}",))
 
     def columns(case: Case) -> tuple[str, ...]:
         """Columns of the dump."""
@@ -110,7 +109,7 @@ def member(
         program=program,
         version=lambda command: line_of(command, "-help", introduction),
         render=render,
-        server=Deck({}, ("stdbuf", "-oL", program, "-log", "none"), raw=()),  # reads commands from stdin
+        server=decks.Deck({}, ("stdbuf", "-oL", program, "-log", "none"), raw=()),  # reads commands from stdin
         request=request_by_include,
         read=lambda case, folder: read(case, folder / DUMP)[0],
         read_dump=read,

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.base.decks import Deck
-from drivers.base.decks import render as render_template
+from drivers.base import decks
 from drivers.base.errors import InputProblem
 from drivers.base.processes import line_of
 from drivers.chain.case import Case
@@ -28,7 +27,7 @@ MAX_PAIRS = 1_000_000  # of bodies that are no neighbours, but looked at in each
 PACKAGE = "lib/python3*/site-packages/KratosMultiphysics"  # beside the folder of its interpreter
 
 
-def render(case: Case) -> Deck:
+def render(case: Case) -> decks.Deck:
     """Render ``chain.py``; a flat face is a sphere of the radius of the bead below, of the material of ``_face``."""
     chain = case.chain
     labels, flat = list(chain.materials), bool(np.isinf(chain.radius_m[-1]))
@@ -39,7 +38,7 @@ def render(case: Case) -> Deck:
         materials[labels[-1]] = _face(*(case.scene.materials[name].compliance for name in chain.materials[-2:]))
     radius = chain.sphere_radius_m + _above(chain)
     numbers = np.column_stack([chain.height_m + _above(chain), radius, chain.mass_kg, chain.velocity_m_s])
-    text = render_template(
+    text = decks.render(
         "kratos/chain.py.j2",
         case=case,
         flat=flat,
@@ -47,7 +46,7 @@ def render(case: Case) -> Deck:
         materials=materials,
         reach=_reach_m(chain),
     )
-    return Deck({"chain.py": text}, (PYTHON, "chain.py"), raw=(OUTPUT,))
+    return decks.Deck({"chain.py": text}, (PYTHON, "chain.py"), raw=(OUTPUT,))
 
 
 def _reach_m(chain: Chain) -> float:
@@ -112,7 +111,7 @@ ENGINE = Engine(
     scheme=IN_OVERLAPS,  # it adds displacements to heights at time 0, so that rounding of heights does not add up
     refusal=refusal,
     render=render,
-    server=Deck({"serve.py": render_template("serve.py.j2", code="kratos")}, (PYTHON, "serve.py"), raw=()),
+    server=decks.Deck({"serve.py": decks.render("serve.py.j2", code="kratos")}, (PYTHON, "serve.py"), raw=()),
     read=read,
     failure_reason=failure_reason,
     style={"color": "#e69f00", "ls": (0, (7, 2)), "marker": ">", "ms": 4.0},

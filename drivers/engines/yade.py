@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.base.decks import Deck
-from drivers.base.decks import render as render_template
+from drivers.base import decks
 from drivers.base.errors import InputProblem
 from drivers.base.processes import line_of
 from drivers.chain.case import SIDEWAYS, STRAIGHT, Case
@@ -56,12 +55,12 @@ def _driven_N(chain: Chain) -> Array:
     return np.ravel(loads_N(chain.load_N, chain.drive, np.zeros(1))) - chain.load_N
 
 
-def render(case: Case) -> Deck:
+def render(case: Case) -> decks.Deck:
     """Render ``chain.py``; velocities are given half a step before time 0, as YADE's leapfrog needs them."""
     chain, early = case.chain, case.chain.velocity_xyz_m_s
     early[:, 2] -= 0.5 * case.scene.time_step_s * (chain.acceleration_m_s2 + _driven_N(chain) / chain.mass_kg)
     bodies = list(zip(chain.place_m, chain.radius_m, chain.mass_kg, early, chain.materials, strict=True))
-    text = render_template(
+    text = decks.render(
         "yade/chain.py.j2",
         case=case,
         face=bodies.pop() if np.isinf(chain.radius_m[-1]) else None,
@@ -70,7 +69,7 @@ def render(case: Case) -> Deck:
         dissipative=DISSIPATIVE.get(chain.law.name),
         friction_angle=atan(chain.friction),
     )
-    return Deck({"chain.py": text}, COMMAND, raw=("chain.npz",))
+    return decks.Deck({"chain.py": text}, COMMAND, raw=("chain.npz",))
 
 
 def read(case: Case, folder: Path) -> Trace:
@@ -135,7 +134,7 @@ ENGINE = Engine(
     models=STRAIGHT | SIDEWAYS,
     refusal=refusal,
     render=render,
-    server=Deck({"serve.py": render_template("serve.py.j2", code="yade")}, (*COMMAND[:-1], "serve.py"), raw=()),
+    server=decks.Deck({"serve.py": decks.render("serve.py.j2", code="yade")}, (*COMMAND[:-1], "serve.py"), raw=()),
     read=read,
     failure_reason=lambda stdout, stderr: last_line(stdout, stderr, CHATTER),
     style={"color": "#d55e00", "ls": (0, (4, 3)), "marker": "x", "ms": 4.0},

@@ -30,7 +30,6 @@ MAX_BEADS = 1_000_000
 RANGE = re.compile(r" *([0-9]{1,9}) *(?:- *([0-9]{1,9}) *)?")  # of beads
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=60)]
-FromWall = Annotated[int, Field(ge=1, le=MAX_BEADS)]
 
 
 def _plain_text(value: str) -> str:
@@ -263,7 +262,7 @@ class DriveTable(Part):
     form: Literal["sine", "half-sine", "step", "ramp", "chirp", "file"] = Field(description="wave form")
     force: units.SignedForce | None = Field(default=None, description="amplitude, upwards positive")
     displacement: units.Displacement | None = Field(default=None, description="amplitude, upwards positive")
-    from_wall: FromWall | None = Field(default=None, description="driven bead; else striker or top bead")
+    from_wall: int | None = Field(default=None, ge=1, le=MAX_BEADS, description="driven bead; else striker or top bead")
     start: units.StartTime = Field(default=0.0, description="beginning")
     duration: units.Duration | None = Field(default=None, description="duration of the wave form")
     frequency: units.Frequency | None = Field(default=None, description="frequency, of a chirp at its start")
