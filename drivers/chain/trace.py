@@ -252,22 +252,22 @@ def table_of_trace(trace: Trace, columns: Columns, about: Mapping[str, str]) -> 
 
 
 def fields_in(table: "pa.Table", columns: Columns, bodies: int) -> dict[str, Array]:
-    """Fields of a trace from a table that ``table_of_trace`` made.
+    """Fields of a trace from a table that ``table_of_trace`` made; ``to_numpy`` of Arrow would import pandas.
 
     Raises:
-        KeyError, ValueError: the table has columns of another number of bodies, or values that are no numbers.
+        KeyError, ValueError: the table has columns of another number of bodies.
     """
-    parts: dict[str, list[Array]] = defaultdict(list)
+    parts: dict[str, list[Any]] = defaultdict(list)
     for name, field, *_ in columns:
         numbered = "{}" in name
         if numbered and _together(name) in table.column_names:
-            flat = _numbers(table[_together(name)].combine_chunks().flatten())
+            flat = np.from_dlpack(table[_together(name)].combine_chunks().flatten())
             parts[field].append(flat.reshape(len(table), bodies))
         elif numbered and name.format(1) in table.column_names:
             of_bodies = (table[name.format(body)].combine_chunks() for body in range(1, bodies + 1))
-            parts[field].append(np.column_stack([*map(_numbers, of_bodies)]))
+            parts[field].append(np.column_stack([*map(np.from_dlpack, of_bodies)]))
         elif name in table.column_names:
-            parts[field].append(_numbers(table[name].combine_chunks()))
+            parts[field].append(np.from_dlpack(table[name].combine_chunks()))
     return {field: part[0] if len(part) == 1 else np.stack(part, axis=-1) for field, part in parts.items()}
 
 
@@ -293,13 +293,6 @@ def table_of(columns: Mapping[str, Array], about: Mapping[str, str]) -> "pa.Tabl
     units = {name: next((unit for ending, unit in UNITS.items() if name.endswith(ending)), "") for name in table}
     fields = [pa.field(name, values.type, metadata={"unit": units[name]}) for name, values in table.items()]
     return pa.table([*table.values()], schema=pa.schema(fields, metadata=about))
-
-
-def _numbers(values: Any) -> Array:
-    """Numbers of an array of Arrow, whose ``to_numpy`` would import pandas; ValueError for other values."""
-    if str(values.type) != "double" or values.null_count:
-        raise ValueError(f"values of type {values.type} with {values.null_count} missing")
-    return np.frombuffer(values.buffers()[1], dtype=float)[values.offset : values.offset + len(values)]
 
 
 def _together(name: str) -> str:
