@@ -51,7 +51,7 @@ def setting_text(key: str, value: Any) -> str:
     """Text of a value in a setting; numbers are given in SI units, and free text in tables is left out."""
     if value is None or isinstance(value, str):
         return value or ""
-    return _quantity(key, value) or _toml(key, value)
+    return _toml(key, value).strip('"')
 
 
 def setting_texts(settings: Mapping[str, Any] | Sequence[str]) -> tuple[str, ...]:
@@ -61,19 +61,14 @@ def setting_texts(settings: Mapping[str, Any] | Sequence[str]) -> tuple[str, ...
     return tuple(f"{key}={setting_text(key, value)}" for key, value in settings.items())
 
 
-def _quantity(key: str, value: Any) -> str:
-    """Number with the unit of its key; empty for other values."""
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    return units.quantity(float(value), unit) if number and (unit := unit_of(key)) else ""
-
-
 def _toml(key: str, value: Any) -> str:
     if isinstance(value, dict):
         entries = (f"{name}={_toml(f'{key}.{name}', entry)}" for name, entry in value.items() if name not in FREE_TEXT)
         return f"{{{', '.join(entries)}}}"
     if isinstance(value, list):
         return f"[{', '.join(_toml(f'{key}.{index}', entry) for index, entry in enumerate(value))}]"
-    return json.dumps(_quantity(key, value) or value)
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return json.dumps(units.quantity(float(value), unit) if number and (unit := unit_of(key)) else value)
 
 
 @cache
