@@ -84,13 +84,11 @@ def read(case: Case, folder: Path) -> Trace:
     """
     chain, samples, step = case.chain, case.scene.samples, case.scene.time_step_s
     where, axes = ("height", ()) if chain.straight else ("place", (3,))
-    shapes = dict.fromkeys(
-        (where, "velocity", *(("spin", "torque") if chain.turns else ())), (samples, chain.bodies, *axes)
-    )
+    names = (where, "velocity", "spin", "torque") if chain.turns else (where, "velocity")
+    shapes = dict.fromkeys(names, (samples, chain.bodies, *axes))
     shapes |= {"force": (samples, chain.bodies - (chain.wall is None), *axes)}
     shapes |= {"on_bore": (samples, len(chain.guided), 3)} if chain.guided else {}
-    stored = read_arrays(folder / "chain.npz", shapes)
-    arrays = {name: values.reshape(*values.shape[:2], *(axes or (1,))) for name, values in stored.items()}
+    arrays = {name: np.atleast_3d(values) for name, values in read_arrays(folder / "chain.npz", shapes).items()}
     force, by_bore = np.zeros((2, *arrays["velocity"].shape))
     force[:, int(chain.wall is None) :] = arrays["force"]
     flat = np.isinf(chain.radius_m) & (not chain.straight)
