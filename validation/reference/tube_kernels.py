@@ -32,7 +32,7 @@ def run_tube(
     ``energies`` are those of ``_mark_energies``, none if they are not wanted.
     """
     n = bodies.shape[1]
-    _forces(bodies, numbers, state, marks, energies, law, dt, dt < 0.0)
+    _forces(bodies, numbers, state, marks, energies, law, 0.0)
     for j in range(n):  # velocities at -1/2 step
         for axis in range(3):
             state[VELOCITY, j, axis] -= 0.5 * dt * state[FORCE, j, axis] / bodies[MASS, j]
@@ -41,7 +41,7 @@ def run_tube(
         if stop[0]:
             return
         if step or law == INCREMENTAL:  # others: the first forces use the velocities at time 0 and zero shear
-            _forces(bodies, numbers, state, marks, energies, law, dt, dt > 0.0)
+            _forces(bodies, numbers, state, marks, energies, law, dt)
         if energies.size:
             _mark_energies(bodies, state, energies, dt)
             if not energies[0] < np.inf:
@@ -93,10 +93,8 @@ def _mark_energies(bodies: Array, state: Array, energies: Array, dt: float) -> N
 
 
 @njit(error_model="numpy", forceinline=True)
-def _forces(
-    bodies: Array, numbers: Numbers, state: Array, marks: Array, energies: Array, law: int, dt: float, moved: bool
-) -> None:
-    """Forces and torques of the present state; ``moved``: True if shear displacements advance by one step."""
+def _forces(bodies: Array, numbers: Numbers, state: Array, marks: Array, energies: Array, law: int, dt: float) -> None:
+    """Forces and torques of the present state; shear displacements advance by a step dt, at time 0 by none."""
     for j in range(bodies.shape[1]):
         marks[AXIAL, j] = 0.0
         for axis in range(3):
@@ -106,18 +104,17 @@ def _forces(
     for j in range(bodies.shape[1]):
         state[FORCE, j, 2] += bodies[LOAD, j]
         if bodies[STIFFNESS, j] > 0.0:
-            _between(j, bodies, numbers, state, marks, energies, law, dt, moved)
+            _between(j, bodies, numbers, state, marks, energies, law, dt)
         if bodies[BORE_STIFFNESS, j] > 0.0:
-            _in_bore(j, bodies, numbers, state, marks, energies, law, dt, moved)
+            _in_bore(j, bodies, numbers, state, marks, energies, law, dt)
         if np.isinf(bodies[RADIUS, j]):  # flat striker: stays on the axis
             state[FORCE, j, 0] = state[FORCE, j, 1] = 0.0
 
 
 @njit(error_model="numpy", forceinline=True)
 def _between(
-    j: int, bodies: Array, numbers: Numbers, state: Array, marks: Array, energies: Array, law: int, dt: float,
-    moved: bool,
-) -> None:  # fmt: skip
+    j: int, bodies: Array, numbers: Numbers, state: Array, marks: Array, energies: Array, law: int, dt: float
+) -> None:
     """Contact under body j: sphere on wall, sphere on sphere, or flat striker on sphere."""
     wall, face = j == 0, np.isinf(bodies[RADIUS, j])
     if wall or face:
@@ -168,10 +165,8 @@ def _between(
             uy + closing * ny + nz * wx - nx * wz,
             uz + closing * nz + nx * wy - ny * wx,
         )
-        turning = 0.5 * dt * _turning(j, NORMAL, state, wall)
         tx, ty, tz = _friction(
-            j, KEPT, state, (nx, ny, nz), (ux, uy, uz), turning, bodies[SHEAR, j] * root, numbers[1] * normal, dt, law,
-            moved,
+            j, KEPT, state, (nx, ny, nz), (ux, uy, uz), wall, bodies[SHEAR, j] * root, numbers[1] * normal, dt, law,
         )  # fmt: skip
         fx, fy, fz = fx + tx, fy + ty, fz + tz
         over += further if wall else 0.0
@@ -203,19 +198,9 @@ def _set(state: Array, row: int, j: int, vector: Three) -> None:
 
 
 @njit(error_model="numpy", forceinline=True)
-def _turning(j: int, normal: int, state: Array, alone: bool) -> float:
-    """Sum of the two bodies' spins about the contact normal, a row of the state."""
-    total = 0.0
-    for axis in range(3):
-        total += state[normal, j, axis] * (state[SPIN, j, axis] + (0.0 if alone else state[SPIN, j - 1, axis]))
-    return total
-
-
-@njit(error_model="numpy", forceinline=True)
 def _in_bore(
-    j: int, bodies: Array, numbers: Numbers, state: Array, marks: Array, energies: Array, law: int, dt: float,
-    moved: bool,
-) -> None:  # fmt: skip
+    j: int, bodies: Array, numbers: Numbers, state: Array, marks: Array, energies: Array, law: int, dt: float
+) -> None:
     """Contact of body j with the bore, an exact cylinder."""
     radius, stiffness = bodies[RADIUS, j], bodies[BORE_STIFFNESS, j]
     x, y = state[PLACE, j, 0], state[PLACE, j, 1]
@@ -239,10 +224,9 @@ def _in_bore(
         wx, wy, wz = _vector(state, SPIN, j)
         wx, wy, wz = arm * wx, arm * wy, arm * wz
         ux, uy, uz = ux + closing * nx + ny * wz, uy + closing * ny - nx * wz, uz + nx * wy - ny * wx
-        turning = 0.5 * dt * _turning(j, BORE_NORMAL, state, True)
         tx, ty, tz = _friction(
-            j, BORE_KEPT, state, (nx, ny, 0.0), (ux, uy, uz), turning, bodies[BORE_SHEAR, j] * root,
-            numbers[3] * normal, dt, law, moved,
+            j, BORE_KEPT, state, (nx, ny, 0.0), (ux, uy, uz), True, bodies[BORE_SHEAR, j] * root,
+            numbers[3] * normal, dt, law,
         )  # fmt: skip
         fx, fy, fz = fx + tx, fy + ty, fz + tz
         state[TORQUE, j, 0] -= arm * ny * tz
@@ -255,8 +239,8 @@ def _in_bore(
 
 @njit(error_model="numpy", forceinline=True)
 def _friction(
-    j: int, kept: int, state: Array, normal: Three, slip: Three, turning: float, stiffness: float, most: float,
-    dt: float, law: int, moved: bool,
+    j: int, kept: int, state: Array, normal: Three, slip: Three, alone: bool, stiffness: float, most: float,
+    dt: float, law: int,
 ) -> Three:  # fmt: skip
     """Tangential force on the upper body; updates the stored vector of the contact.
 
@@ -266,23 +250,27 @@ def _friction(
         state: As for ``_forces``.
         normal: Present normal.
         slip: Velocity of the upper surface relative to the lower, in the tangent plane.
-        turning: Half of the sum of both bodies' rotations about the normal in this step.
+        alone: True if no body is below.
         stiffness: Present tangential stiffness, in N/m.
         most: Coefficient of friction times the normal force.
-        dt: Time step.
+        dt: Time step, 0 at time 0.
         law: Place of the law in ``LAWS`` of ``tube``.
-        moved: As for ``_forces``.
     """
     x, y, z = _vector(state, kept, j)
     nx, ny, nz = normal
-    if moved and law == INCREMENTAL:
+    if law == INCREMENTAL:
         bx, by, bz = _vector(state, kept + 1, j)
+        turning = 0.0  # of both bodies about this normal, half of it
+        for axis in range(3):
+            spin = state[SPIN, j, axis] + (0.0 if alone else state[SPIN, j - 1, axis])
+            turning += state[kept + 1, j, axis] * spin
+        turning = 0.5 * dt * turning
         ax, ay, az = by * nz - bz * ny, bz * nx - bx * nz, bx * ny - by * nx
         x, y, z = x - (y * az - z * ay), y - (z * ax - x * az), z - (x * ay - y * ax)
         ax, ay, az = turning * bx, turning * by, turning * bz
         x, y, z = x - (y * az - z * ay), y - (z * ax - x * az), z - (x * ay - y * ax)
         x, y, z = x - stiffness * dt * slip[0], y - stiffness * dt * slip[1], z - stiffness * dt * slip[2]
-    elif moved and law == TURNED:
+    elif law == TURNED:
         along = x * nx + y * ny + z * nz
         if abs(along) * stiffness > LEAST_TURN * most:
             tx, ty, tz = x - along * nx, y - along * ny, z - along * nz
@@ -290,7 +278,7 @@ def _friction(
             scale = sqrt(x * x + y * y + z * z) / across if across > 0.0 else 0.0
             x, y, z = scale * tx, scale * ty, scale * tz
         x, y, z = x + dt * slip[0], y + dt * slip[1], z + dt * slip[2]
-    elif moved:
+    else:
         x, y, z = x + dt * slip[0], y + dt * slip[1], z + dt * slip[2]
         along = x * nx + y * ny + z * nz
         x, y, z = x - along * nx, y - along * ny, z - along * nz
@@ -299,6 +287,5 @@ def _friction(
     if size > most:
         cut = most / size
         x, y, z = x * cut, y * cut, z * cut
-    if moved:
-        _set(state, kept, j, (x, y, z))
+    _set(state, kept, j, (x, y, z))
     return scale * x, scale * y, scale * z
