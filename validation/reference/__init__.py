@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from validation.reference.hertz_chain import (
+    NEVER,
     TUBE_KEYS,
     VISCOELASTIC_POWER,
     Array,
@@ -23,32 +24,27 @@ from validation.reference.hertz_chain import (
 )
 
 _loaded: set[tuple[object, ...]] = set()  # kinds of decks whose integrators are loaded
+ARRAY_KEYS = ("mass_kg", "stiffness_N_m-3/2", "overlap_m", "velocity_m_s", "load_N")
 DAMPING_KEYS = ("gamma_N_(s/m)^alpha", "damping_N_s_m-5/4", "damping_N_s_m-(1+p)")
 
 
-def integrate_deck(values: dict[str, Any], stop: Flag | None = None, samples: int = 0) -> Motion | TubeMotion:
-    """Motion of a deck.
+def timed(values: dict[str, Any], stop: Flag = NEVER) -> tuple[Motion | TubeMotion, float]:
+    """Motion of a deck and the seconds of its integration, without those of loading or compiling the integrator.
 
     Args:
         values: contents of the deck ``chain.json``.
         stop: flag that ends the integration.
-        samples: number of samples; 0 for that of the deck.
 
     Raises:
         ArithmeticError: the adaptive integrator fails, or was ended.
     """
     integrate = _tube if "place_m" in values else _straight
-    return integrate(values, samples or values["samples"], stop)
-
-
-def timed(values: dict[str, Any], stop: Flag | None = None) -> tuple[Motion | TubeMotion, float]:
-    """Motion of a deck and the seconds of its integration, without those of loading or compiling the integrator."""
     kind = (values["method"], *(key in values for key in ("place_m", "alpha", "drive")))
     if kind not in _loaded:
-        integrate_deck(values | {"steps_per_sample": 1}, stop, samples=2)
+        integrate(values | {"steps_per_sample": 1, "samples": 2}, stop)
         _loaded.add(kind)
     began = time.perf_counter()
-    return integrate_deck(values, stop), time.perf_counter() - began
+    return integrate(values, stop), time.perf_counter() - began
 
 
 def columns_of(motion: Motion | TubeMotion) -> list[Array]:
@@ -63,10 +59,9 @@ def columns_of(motion: Motion | TubeMotion) -> list[Array]:
     return [motion.force_N, *(column for triple in triples for column in np.moveaxis(triple, 2, 0))]
 
 
-def _straight(values: dict[str, Any], samples: int, stop: Flag | None) -> Motion:
-    keys = ("mass_kg", "stiffness_N_m-3/2", "overlap_m", "velocity_m_s", "load_N")
+def _straight(values: dict[str, Any], stop: Flag) -> Motion:
+    mass, stiffness, overlap, velocity, load = (values[key] for key in ARRAY_KEYS)
     damping: Any = next((values[key] for key in DAMPING_KEYS if key in values), [])
-    mass, stiffness, overlap, velocity, load = (values[key] for key in keys)
     powers = values.get("alpha", 0.0), values.get("overlap_power", VISCOELASTIC_POWER)
     drive = None
     if "drive" in values:
@@ -76,14 +71,14 @@ def _straight(values: dict[str, Any], samples: int, stop: Flag | None) -> Motion
     if values["method"] == "verlet":
         from validation.reference.velocity_verlet import integrate_verlet
 
-        return integrate_verlet(chain, values["time_step_s"], values["steps_per_sample"], samples, stop)
+        return integrate_verlet(chain, values["time_step_s"], values["steps_per_sample"], values["samples"], stop)
     from validation.reference.adaptive import integrate_adaptive
 
-    times = np.arange(samples, dtype=float) * values["sample_interval_s"]
+    times = np.arange(values["samples"], dtype=float) * values["sample_interval_s"]
     return integrate_adaptive(chain, times, values["tolerance"], stop)
 
 
-def _tube(values: dict[str, Any], samples: int, stop: Flag | None) -> TubeMotion:
+def _tube(values: dict[str, Any], stop: Flag) -> TubeMotion:
     from validation.reference.tube import TOTAL, integrate_tube
 
     chain = TubeChain(
@@ -94,4 +89,4 @@ def _tube(values: dict[str, Any], samples: int, stop: Flag | None) -> TubeMotion
         load_N=values["load_N"],
         **{field: values[key] for field, key in TUBE_KEYS.items()},
     )
-    return integrate_tube(chain, values["time_step_s"], values["steps_per_sample"], samples, TOTAL, stop)
+    return integrate_tube(chain, values["time_step_s"], values["steps_per_sample"], values["samples"], TOTAL, stop)

@@ -4,7 +4,7 @@ The state consists of overlaps and velocities, which avoids cancellation. State 
 (Kahan). Steps are those of ``dop853``, in ``s = (t - t_e)^(1/power)`` after the last event t_e, with power 2 for
 elastic and power 4 for dissipative chains. If events are located, a step ends at each of them: a contact closes, opens
 or, if dissipative, releases (its force reaches zero before the overlap does). A step that ends in an elastic opening
-runs in ``s = (t_e - t)^(1/2)``. With the power law (``power_law_events``) a step also ends where the closing speed of a
+runs in ``s = (t_e - t)^(1/2)``. With the power law (``adaptive_kernels``) a step also ends where the closing speed of a
 contact changes sign, and runs in ``s = (t_e - t)^(1/4)``. In rough motions, and with the power law above some
 tolerance, events are not located: short steps lead through them.
 """
@@ -19,6 +19,7 @@ from validation.reference.hertz_chain import (
     ENERGY_SHARE,
     EXPONENT,
     LEAST_WINDOWED,
+    NEVER,
     SAME_TIME,
     Array,
     Drive,
@@ -64,7 +65,7 @@ def integrate_adaptive(
     chain: HertzChain,
     time_s: Array,
     tolerance: float = MIN_TOLERANCE,
-    stop: Flag | None = None,
+    stop: Flag = NEVER,
     *,
     energies: bool = False,
 ) -> Motion:
@@ -84,13 +85,11 @@ def integrate_adaptive(
         ArithmeticError: the step size becomes too small.
     """
     time_s = np.ascontiguousarray(time_s, dtype=float)
-    if time_s.ndim != 1 or not time_s.size or time_s[0] != 0 or not (np.diff(time_s) > 0).all():
-        raise ValueError("time_s: expected increasing times that begin at 0")
-    if not np.isfinite(time_s[-1]):
-        raise ValueError("time_s: not finite")
+    increasing = time_s.ndim == 1 and time_s.size and time_s[0] == 0 and (np.diff(time_s) > 0).all()
+    if not increasing or not np.isfinite(time_s[-1]):
+        raise ValueError("time_s: expected increasing, finite times that begin at 0")
     if not MIN_TOLERANCE <= tolerance < 1:
         raise ValueError(f"tolerance: {tolerance:g}, expected from {MIN_TOLERANCE:g} to below 1")
-    stop = np.zeros(1, bool) if stop is None else stop
     magnitudes = scales(chain, float(time_s[-1]))
     integrate = partial(_states, chain, magnitudes, stop=stop)
     if tolerance < ROUNDED_TOLERANCE:
@@ -180,30 +179,18 @@ def _states(
     chain: HertzChain, magnitudes: tuple[float, float], time_s: Array, local: float, *, located: bool = False,
     stop: Flag, energies: bool = False,
 ) -> Array:  # fmt: skip
-    """States as ``fill_states`` fills them, at a local tolerance.
+    """States as ``fill_states`` fills them, at a local tolerance; from kink to kink of a drive.
 
     Raises:
         ArithmeticError: the step size becomes too small.
     """
-    sums = np.zeros(columns_of_sums(chain, energies=energies))
-    states = np.empty((time_s.size, 2 * chain.mass_kg.size + sums.size))
-    states[0] = np.concatenate([chain.overlap_m, chain.velocity_m_s, sums])
-    first = FIRST_STEP * magnitudes[0] / magnitudes[1]
-    done = _fill(states, time_s, chain, located, local, first, magnitudes, stop)
-    if not done or not np.isfinite(states).all():
-        raise ArithmeticError("the adaptive reference cannot integrate this motion: its steps become too small")
-    return states
-
-
-def _fill(
-    states: Array, time_s: Array, chain: HertzChain, located: bool, tolerance: float, first: float,
-    magnitudes: tuple[float, float], stop: Flag,
-) -> bool:  # fmt: skip
-    """Fills states as ``fill_states`` does, from kink to kink of a drive; the time of each part begins at 0."""
     from validation.reference import dop853 as table
     from validation.reference.adaptive_kernels import fill_states
 
-    n, drive = chain.mass_kg.size, chain.drive
+    n, drive, sums = chain.mass_kg.size, chain.drive, np.zeros(columns_of_sums(chain, energies=energies))
+    first_s = FIRST_STEP * magnitudes[0] / magnitudes[1]
+    states = np.empty((time_s.size, 2 * n + sums.size))
+    states[0] = np.concatenate([chain.overlap_m, chain.velocity_m_s, sums])
     bodies = np.zeros((table.STATIC + 1, n + 1))
     acceleration = chain.load_N / chain.mass_kg
     bodies[table.STIFFNESS, :n], bodies[table.DAMPING, :n] = chain.stiffness, chain.damping
@@ -211,9 +198,15 @@ def _fill(
     bodies[table.STATIC, :n] = hertz_force(chain.stiffness, chain.overlap_m)
     kind = table.POWER_LAW if chain.alpha else table.ELASTIC if chain.elastic else table.DAMPED
     law = table.KernelLaw(kind, float(chain.alpha or chain.overlap_power), False, 0, False, 0.0, 0.0, 0.0)
+
+    def fill(part: Array, times: Array, driven: Array, step_s: float) -> None:
+        done = fill_states(part, times, bodies, driven, law, located, local, magnitudes, step_s, stop)
+        if not done or not np.isfinite(part).all():
+            raise ArithmeticError("the adaptive reference cannot integrate this motion: its steps become too small")
+
     if drive is None:
-        undriven = np.zeros(COLUMNS + 2)
-        return bool(fill_states(states, time_s, bodies, undriven, law, located, tolerance, magnitudes, first, stop))
+        fill(states, time_s, np.zeros(COLUMNS + 2), first_s)
+        return states
     load_N, constant = float(chain.load_N[drive.body]), float(acceleration[drive.body])
     law = law._replace(driven=True, body=drive.body, prescribed=drive.prescribed, constant=constant, load=load_N)
     if drive.prescribed:
@@ -221,19 +214,17 @@ def _fill(
     start = states[0]
     begins = drive.segments[drive.segments[:, 0] * SAME_TIME < time_s[-1], 0]
     for segment, begin, end in zip(drive.segments, begins, [*begins[1:], time_s[-1]], strict=False):
-        first_sample, beyond = np.searchsorted(time_s, np.array([begin, end]) * SAME_TIME, side="right")
-        times = np.concatenate([[0.0], time_s[first_sample:beyond] - begin])
+        first, beyond = np.searchsorted(time_s, np.array([begin, end]) * SAME_TIME, side="right")
+        times = np.concatenate([[0.0], time_s[first:beyond] - begin])  # the time of each part begins at 0
         if times[-1] < end - begin:
             times = np.append(times, end - begin)
         part = np.empty((times.size, start.size))
         part[0] = start
         if drive.prescribed:
             part[0, n + drive.body] = wave(segment, 0.0)[1]
-        driven, begun = np.append(segment, [0.0, 0.0]), min(first, end - begin)
-        if not fill_states(part, times, bodies, driven, law, located, tolerance, magnitudes, begun, stop):
-            return False
-        states[first_sample:beyond], start = part[1 : 1 + beyond - first_sample], part[-1]
-    return True
+        fill(part, times, np.append(segment, [0.0, 0.0]), min(first_s, end - begin))
+        states[first:beyond], start = part[1 : 1 + beyond - first], part[-1]
+    return states
 
 
 def scales(chain: HertzChain, duration_s: float) -> tuple[float, float]:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Flag = NDArray[np.bool_]  # shape (1,); another thread sets it to end an integration, whose result then has no meaning
+NEVER: Flag = np.zeros(1, bool)  # of an integration that nothing ends
 EXPONENT = 3 / 2  # exponent of the overlap in Hertz's law
 VISCOELASTIC_POWER = 1 / 4  # exponent of the overlap in the viscoelastic damping force
 ENERGY_SHARE = 1 / (1 + EXPONENT)  # elastic energy divided by force times overlap

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 from validation.reference.contact_kernels import CACHED, elastic_force
-from validation.reference.hertz_chain import Array, Flag, HertzChain, check_timing
+from validation.reference.hertz_chain import NEVER, Array, Flag, HertzChain, check_timing
 
 XI, LAMBDA, CHI = 0.1786178958448091, -0.2123418310626054, -0.06626458266981849
 DRIFTS = np.array([XI, CHI, 1 - 2 * (CHI + XI), CHI])  # a last one, XI, is joined to the first of the next step
@@ -17,7 +17,7 @@ KICKS = np.array([0.5 - LAMBDA, LAMBDA, LAMBDA, 0.5 - LAMBDA])
 
 
 def integrate_symplectic(
-    chain: HertzChain, time_step_s: float, steps_per_sample: int, samples: int, stop: Flag | None = None
+    chain: HertzChain, time_step_s: float, steps_per_sample: int, samples: int, stop: Flag = NEVER
 ) -> tuple[Array, Array]:
     """Integrates an elastic chain from time 0 and samples the motion every ``steps_per_sample`` steps.
 
@@ -31,7 +31,7 @@ def integrate_symplectic(
     overlap, velocity = np.zeros((2, samples, chain.mass_kg.size))
     _fill(
         overlap, velocity, chain.overlap_m.copy(), chain.velocity_m_s, chain.stiffness, 1 / chain.mass_kg,
-        chain.load_N / chain.mass_kg, time_step_s, steps_per_sample, np.zeros(1, bool) if stop is None else stop,
+        chain.load_N / chain.mass_kg, time_step_s, steps_per_sample, stop,
     )  # fmt: skip
     return overlap, velocity
 

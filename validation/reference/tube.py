@@ -17,7 +17,7 @@ force. A contact that opens loses the stored vector.
 
 import numpy as np
 
-from validation.reference.hertz_chain import Extremes, Flag, TubeChain, TubeMotion, check_timing
+from validation.reference.hertz_chain import NEVER, Extremes, Flag, TubeChain, TubeMotion, check_timing
 
 LAWS = TOTAL, INCREMENTAL, TURNED = "total", "incremental", "turned"
 
@@ -28,7 +28,7 @@ def integrate_tube(
     steps_per_sample: int,
     samples: int,
     law: str = TOTAL,
-    stop: Flag | None = None,
+    stop: Flag = NEVER,
     *,
     extremes: bool = False,
 ) -> TubeMotion:
@@ -56,7 +56,6 @@ def integrate_tube(
     energies = np.array([0.0, 0.0, np.nan, 0.0] if extremes else [])
     forces, kept = np.empty((samples, n)), np.empty((4, samples, n, 3))
     timing = (LAWS.index(law), time_step_s, steps_per_sample)
-    stop = np.zeros(1, bool) if stop is None else stop
     rows.run_tube(bodies, numbers, state, marks, energies, *timing, forces, kept, stop)
     reached = None
     if extremes:

@@ -10,6 +10,7 @@ import numpy as np
 
 from validation.reference.hertz_chain import (
     COLUMNS,
+    NEVER,
     Array,
     Extremes,
     Flag,
@@ -31,7 +32,7 @@ def integrate_verlet(
     time_step_s: float,
     steps_per_sample: int,
     samples: int,
-    stop: Flag | None = None,
+    stop: Flag = NEVER,
     *,
     energies: bool = False,
 ) -> Motion:
@@ -49,7 +50,6 @@ def integrate_verlet(
     arrays, half_kick = _start(chain, time_step_s), 0.5 * time_step_s / chain.mass_kg
     force, overlap, velocity = (np.empty((samples, chain.mass_kg.size)) for _ in range(3))
     sums = np.zeros((samples, columns_of_sums(chain, energies=energies)))
-    stop = np.zeros(1, bool) if stop is None else stop
     drive, static = _drive(chain, *arrays[4:6], half_kick), hertz_force(chain.stiffness, chain.overlap_m)
     kept = force, overlap, velocity, sums if sums.size else None
     fill_samples(arrays, drive, time_step_s, steps_per_sample, half_kick, chain.load_N.copy(), *kept, static, stop)
@@ -59,7 +59,7 @@ def integrate_verlet(
     return motion_with(chain, times, (force, displacements(chain, overlap), velocity), sums)
 
 
-def follow_verlet(chain: HertzChain, time_step_s: float, steps: int, stop: Flag | None = None) -> Extremes:
+def follow_verlet(chain: HertzChain, time_step_s: float, steps: int, stop: Flag = NEVER) -> Extremes:
     """Extremes of the motion over all steps of ``integrate_verlet``; no contact with a bore."""
     from validation.reference.verlet_kernels import follow
 
@@ -69,7 +69,6 @@ def follow_verlet(chain: HertzChain, time_step_s: float, steps: int, stop: Flag 
     load[:], mass[:] = chain.load_N, chain.mass_kg
     if chain.drive is not None and chain.drive.prescribed:
         mass[chain.drive.body] = 0.0
-    stop = np.zeros(1, bool) if stop is None else stop
     drive = _drive(chain, *arrays[4:6])
     kinetic, risen = follow(arrays, drive, time_step_s, steps, load, mass, overlap, speed, stop)
     return Extremes(overlap, nothing, speed, float(kinetic), float(risen))
@@ -103,7 +102,7 @@ def integrate_verlet_absolute(
     time_step_s: float,
     steps_per_sample: int,
     samples: int,
-    stop: Flag | None = None,
+    stop: Flag = NEVER,
 ) -> Motion:
     """Integrates as ``integrate_verlet``, with heights instead of overlaps as the state, as in the codes.
 
@@ -129,6 +128,6 @@ def integrate_verlet_absolute(
         _drive(chain), chain.mass_kg, chain.stiffness, np.array(height_m), reach_m, chain.velocity_m_s.copy(),
         chain.load_N.copy(), chain.damping, float(chain.alpha) if chain.alpha else None, float(chain.overlap_power),
         np.zeros(len(reach_m) + 1), np.zeros(len(reach_m)), time_step_s, steps_per_sample, motion.force_N,
-        motion.displacement_m, motion.velocity_m_s, np.zeros(1, bool) if stop is None else stop,
+        motion.displacement_m, motion.velocity_m_s, stop,
     )  # fmt: skip
     return Motion(motion.force_N, motion.displacement_m - height_m, motion.velocity_m_s)
