@@ -6,7 +6,7 @@ of the folder and then prints the word. Without a deck it compiles all integrato
 
 import json
 import sys
-from multiprocessing import Process
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -49,12 +49,9 @@ def compile_all() -> None:
     """Compiles every integrator for every contact law, by integrations of two bodies in two processes."""
     one = np.ones(2)
     chain = HertzChain(one, one, 0 * one, -TIMES_S, 0 * one)
-    both = [Process(target=target, args=(chain,)) for target in (_compile_elastic, _compile_others)]
-    for process in both:
-        process.start()
-    for process in both:
-        process.join()
-    sys.exit(max(abs(process.exitcode or 0) for process in both))
+    with ProcessPoolExecutor(2) as pool:
+        for compiled in [pool.submit(part, chain) for part in (_compile_elastic, _compile_others)]:
+            compiled.result()
 
 
 if __name__ == "__main__":

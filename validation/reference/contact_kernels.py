@@ -42,8 +42,7 @@ if CACHE:  # numba notices changes in a function's own file only, not in files o
     SOURCES = hashlib.sha256(b"".join(file.read_bytes() for file in sorted(HOME.glob("*.py")))).hexdigest()
     vars(config)["CACHE_DIR"] = str(CACHE / f"kernels-{SOURCES[:12]}")
 CACHED = CACHE is not None
-ONCE = "once after a change of them"
-EACH_TIME = "in each process: NUMBA_CACHE_DIR may name a folder to keep them in"
+WHEN = "once after a change of them" if CACHE else "in each process: NUMBA_CACHE_DIR may name a folder to keep them in"
 
 
 class _Listener(event.Listener):
@@ -55,7 +54,7 @@ class _Listener(event.Listener):
         """Count the begin of a compilation, perhaps within another one."""
         if self.depth == 0:
             if not self.total_s and multiprocessing.parent_process() is None:
-                print(f"compiling the integrators, {ONCE if CACHED else EACH_TIME}", file=sys.stderr, flush=True)
+                print(f"compiling the integrators, {WHEN}", file=sys.stderr, flush=True)
             self.began_s = time.perf_counter()
         self.depth += 1
 
