@@ -195,7 +195,7 @@ def _notes(motions: Motions, engine: str) -> Iterator[str]:
     if is_at_rest(motions.exact.force_N):
         yield AT_REST_NOTE
     if motions.case.chain.straight:
-        if not motions.exact_to_end.sampling_known:
+        if motions.exact_to_end.factor == 1:
             yield "sampling not measured: too many samples"
         if load_engine(engine).scheme == EXACT or motions.known < case.scene.samples:
             yield exactness_note(motions)

@@ -39,7 +39,6 @@ SAMPLE_FACTOR = 4  # factor of samples for true values: of smooth forces quintic
 TRUE_SHARE = 0.05  # of the sampling error, for the error of the true value itself
 LEAST_SAMPLING = 1e-9  # relative sampling error that is taken as it is
 NEAR_FACTOR = 3.0  # tolerance of a second motion, divided by that of the first, whose error it measures
-COARSE_ERROR = 0.1  # larger errors are meaningless
 LEAST_ERROR = 1e-13  # of the largest change: smaller errors of the exact motion are not stated
 MAX_FINE_VALUES = 4_000_000  # values of the finer record; beyond, the sampling error is not measured
 
@@ -49,17 +48,23 @@ class ExactMotion:
     """Exact motion of a case.
 
     Attributes:
-        trace: at the sample times of the case.
-        fine: with ``SAMPLE_FACTOR`` times as many samples; the same object as ``trace`` if that is too many.
+        fine: with ``factor`` times as many samples as the case.
+        factor: ``SAMPLE_FACTOR``, or 1 if that is too many; then the error of sampling is not known.
         tolerance: tolerance of the integration.
         limit_s: time limit of each integration; None for that of ``drivers.chain.schemes``.
     """
 
     case: Case
-    trace: Trace
     fine: Trace
+    factor: int
     tolerance: float
     limit_s: float | None = None
+
+    @cached_property
+    def trace(self) -> Trace:
+        """The motion at the sample times of the case."""
+        sampled = part_of(self.fine, slice(None, None, self.factor))
+        return replace(sampled, time_s=self.case.sample_times_s[: len(sampled.time_s)])
 
     @cached_property
     def true(self) -> dict[str, float]:
@@ -69,10 +74,9 @@ class ExactMotion:
         slowly, so samples are added until half of them change no value by more than ``TRUE_SHARE`` of its sampling
         error, as far as ``MAX_FINE_VALUES`` allows.
         """
-        samples, fine = len(self.trace.time_s), self.fine
-        factor = (len(fine.time_s) - 1) // max(samples - 1, 1)
+        samples, fine, factor = len(self.trace.time_s), self.fine, self.factor
         values = quantities(self.case, fine)
-        while self.sampling_known and not self._converged(fine, values):
+        while self.factor > 1 and not self._converged(fine, values):
             factor *= SAMPLE_FACTOR
             if factor * samples * self.case.chain.bodies > MAX_FINE_VALUES:
                 break
@@ -93,11 +97,6 @@ class ExactMotion:
     def sampled(self) -> dict[str, float]:
         """Values of the observed quantities, from the samples of the case."""
         return quantities(self.case, self.trace)
-
-    @property
-    def sampling_known(self) -> bool:
-        """True if ``fine`` has more samples than ``trace``."""
-        return self.fine is not self.trace
 
     @cached_property
     def error(self) -> Array:
@@ -121,9 +120,7 @@ class ExactMotion:
 
     def first(self, samples: int) -> "ExactMotion":
         """The first samples of the motion."""
-        factor = (len(self.fine.time_s) - 1) // max(len(self.trace.time_s) - 1, 1)
-        trace = until(self.trace, samples)
-        return replace(self, trace=trace, fine=until(self.fine, factor * (samples - 1) + 1) if factor > 1 else trace)
+        return replace(self, fine=until(self.fine, self.factor * (samples - 1) + 1))
 
 
 def exact_motion_of(
@@ -135,9 +132,7 @@ def exact_motion_of(
         ArithmeticError: the integrator fails, or takes longer than the limit.
     """
     factor = SAMPLE_FACTOR if finer and SAMPLE_FACTOR * case.scene.samples * case.chain.bodies <= MAX_FINE_VALUES else 1
-    fine = exact_of(case, tolerance, factor, limit_s)
-    samples = replace(part_of(fine, slice(None, None, factor)), time_s=case.sample_times_s) if factor > 1 else fine
-    return ExactMotion(case, samples, fine, tolerance, limit_s)
+    return ExactMotion(case, exact_of(case, tolerance, factor, limit_s), factor, tolerance, limit_s)
 
 
 def quantities(case: Case, trace: Trace) -> dict[str, float]:
@@ -183,8 +178,8 @@ class Motions:
     def why_unknown(self) -> str:
         """Reason why the exact motion is not known; empty if it is."""
         if not self.case.chain.straight:
-            most = f"more than {MAX_WORK:g} bodies times steps"
-            return f"not measured: a run at a quarter of the step takes {most}" if 4 * self.case.work > MAX_WORK else ""
+            too_long = f"not measured: a run at a quarter of the step takes more than {MAX_WORK:g} bodies times steps"
+            return too_long if 4 * self.case.work > MAX_WORK else ""
         if self.case.chain.bodies > MAX_BODIES:
             return f"not measured: the exact motion is too expensive for more than {MAX_BODIES} bodies"
         try:
@@ -212,11 +207,9 @@ class Motions:
         """Exact motion at the samples at which it is known; in three dimensions some columns are extrapolated."""
         if self.case.chain.straight:
             return until(self.exact_to_end.trace, self.known)
-        half, quarter = (until(trace, self.known) for trace in self.finer)
+        half, quarter = (vars(until(trace, self.known)) for trace in self.finer)
         columns = ("force_N", "kinetic_energy_J", *FIELDS.values())
-        values: dict[str, Any] = {
-            name: np.asarray(self.at_zero(getattr(half, name), getattr(quarter, name))) for name in columns
-        }
+        values: dict[str, Any] = {name: self.at_zero(half[name], quarter[name]) for name in columns}
         return replace(until(self.scheme.plain, self.known), **values)
 
     @cached_property
@@ -270,8 +263,7 @@ def predicted_error(case: Case, engine: str) -> float:
     motions = motions_of(case, engine)
     if motions.why_unknown:
         return nan
-    error, *_ = largest_difference(FORCE, motions.scheme_of(engine), motions.exact, motions.scale(FORCE))
-    return error
+    return largest_difference(FORCE, motions.scheme_of(engine), motions.exact, motions.scale(FORCE))[0]
 
 
 def motions_of(case: Case, engine: str = VERLET, limit_s: float | None = None) -> Motions:

@@ -5,7 +5,7 @@ ten digits, rounding of heights included, so predicted errors are measured ones.
 exactly as needed.
 """
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import asdict, replace
 from math import ceil, inf, pi, sqrt
 from pathlib import Path
@@ -33,14 +33,7 @@ from postproc.read.observables import of_kind, scale_of, without_unit
 from postproc.read.signals import gauges_of
 from validation.accuracy.budget import AT_REST_NOTE
 from validation.accuracy.costs import Cost, ranking_of
-from validation.accuracy.motions import (
-    COARSE_ERROR,
-    ExactMotion,
-    errors_of,
-    exact_motion_of,
-    motions_of,
-    predicted_error,
-)
+from validation.accuracy.motions import ExactMotion, errors_of, exact_motion_of, motions_of, predicted_error
 from validation.reference.adaptive import MIN_TOLERANCE, scales
 from validation.reference.tube import TOTAL
 
@@ -48,7 +41,7 @@ ELEMENTS_SHARE = 0.5  # of the accuracy, for the effect of all elements left out
 MIN_ACCURACY = 10 * MIN_TOLERANCE
 MAX_TOLERANCE = 1e-4  # of the exact motion
 STEP_RATIO = 1.2  # the search ends when the steps accepted and refused are within this factor
-MAX_TRIES = 60
+COARSE_ERROR = 0.1  # larger errors are too large to extrapolate
 PLATEAU = 0.9  # an error that a smaller step lowers by less is one of rounding
 MAX_WORK = 4e9  # bodies times steps of one trial: some seconds
 MAX_EXACT_WORK = 4e6  # bodies times duration divided by the time scale of a contact: some seconds for the exact motion
@@ -96,31 +89,25 @@ def simplify(case: Case, asked: dict[str, float]) -> Case:
     try:
         truth = exact_motion_of(case)
 
-        def effect(names: list[str]) -> dict[str, float]:
+        def effect(*names: str) -> dict[str, float]:
             changed = errors_of(case, exact_of(_without(case, names)), truth, asked)
             return {name: changed[name] / share for name, share in asked.items()}
 
-        alone = {name: effect([name]) for name in candidates}
+        alone = {name: effect(name) for name in candidates}
     except (ArithmeticError, KeyError):  # ``Chooser`` reports an unknown quantity
         return case
-    left: list[str] = []
+    left: dict[str, str] = {}  # reasons by name
     for largest, name in sorted((max(shares.values()), name) for name, shares in alone.items()):
-        if largest <= ELEMENTS_SHARE and max(effect([*left, name]).values()) <= ELEMENTS_SHARE:
-            left.append(name)
-    if not left:
-        return case
+        if largest <= ELEMENTS_SHARE and max(effect(*left, name).values()) <= ELEMENTS_SHARE:
+            worst = max(asked, key=alone[name].__getitem__)
+            why = f"it changes the {worst} by {largest * asked[worst]:.1e}; the requested accuracy is {asked[worst]:g}"
+            left[name] = f"left out ({case.reasons[name]}): {why}"
     simple = _without(case, left)
-    elements = {element.name: element for element in simple.elements}
-    for name in left:
-        worst = max(alone[name], key=lambda quantity: alone[name][quantity])
-        change = alone[name][worst] * asked[worst]
-        scene_has = case.reasons[name]
-        why = f"it changes the {worst} by {change:.1e}; the requested accuracy is {asked[worst]:g}"
-        elements[name] = replace(elements[name], reason=f"left out ({scene_has}): {why}")
-    return replace(simple, elements=tuple(elements.values()), full=case)
+    elements = tuple(replace(each, reason=left.get(each.name, each.reason)) for each in simple.elements)
+    return replace(simple, elements=elements, full=case) if left else case
 
 
-def _without(case: Case, names: list[str]) -> Case:
+def _without(case: Case, names: Iterable[str]) -> Case:
     scene = case.scene
     for name in names:
         scene = REMOVALS[name](scene)
@@ -153,7 +140,7 @@ class Chooser:
             if not self.truth.true.get(name):
                 has = (quantity for quantity, value in self.truth.true.items() if value)
                 self._refuse(name, f"unknown quantity; allowed: {', '.join([*COMPARED, *has])}")
-            if not self.truth.sampling_known:
+            if self.truth.factor == 1:
                 found = "too many samples times contacts to measure the sampling error"
                 self._refuse(name, f"{found}; allowed: {', '.join(COMPARED)}")
         self.guess_s = resolved_trial(case).two_over_omega_s  # the order of magnitude of the largest stable step
@@ -188,15 +175,12 @@ class Chooser:
         scene, order = self.case.scene, 1 if self.case.chain.damped else 2
         work = self.case.chain.bodies * (scene.samples - 1)
         steps = max(1, ceil(min(scene.run.sample_interval / self.guess_s, 1e15)))
-        refused, taken, tries, before = 0, 0, 0, inf
-        while not (taken and (taken <= refused + 1 or taken <= STEP_RATIO * refused)):
-            if steps * work > most_work or steps * (scene.samples - 1) > MAX_STEPS or tries > MAX_TRIES:
-                if taken:
-                    break
-                raise self._missed(
-                    refused, wanted, "within the steps that a plan may try; run.time_step takes any step"
-                )
-            tries, errors = tries + 1, self.errors_at(steps)
+        refused, taken, before = 0, 0, inf
+        while not taken or taken > max(refused + 1, STEP_RATIO * refused):
+            if steps * work > most_work or steps * (scene.samples - 1) > MAX_STEPS:
+                why = "within the steps that a plan may try; run.time_step takes any step"
+                raise self._missed(refused, wanted, why)
+            errors = self.errors_at(steps)
             excess = max((errors[name] + self.truth.error[-1]) / wanted[name] for name in wanted)
             if 1 < PLATEAU * before < excess and not taken:
                 why = "limited by rounding of absolute heights; a chain.origin near 0 allows more"
@@ -373,8 +357,6 @@ def _straight(case: Case, costs: Mapping[str, Cost]) -> Iterator[str]:
         return
     errors = plan.predicted if plan else dict(chooser.errors_at(steps))
     scheme = scheme_of(case)
-    others = [*_other_errors(case, chooser, asked if plan else errors, errors, costs)]
-
     why = AS_GIVEN
     if plan:
         yield f"accuracy   {_listed(asked)} (requested)"
@@ -399,7 +381,7 @@ def _straight(case: Case, costs: Mapping[str, Cost]) -> Iterator[str]:
     yield from (
         "",
         "time steps, errors and run times at larger and smaller errors",
-        *others,
+        *_other_errors(case, chooser, asked if plan else errors, errors, costs),
         "",
         f"horizon    codes can be compared point by point{scheme.until_horizon or ' to the end'}",
     )
