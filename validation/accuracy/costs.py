@@ -113,14 +113,11 @@ def measured_cost(engine: Engine, build: Build) -> Cost:
     if not engine.in_repository:
         alone = compute(few, engine.name, build=build, own_process=True)
         start_s = alone.wall_s - (alone.loop_s or 0.0) if alone.done else 0.0
-    loop_s = best(few)
-    factor = int(min(max(LOOP_S / loop_s, 2), MAX_FACTOR))
-    longer_s = best(few.at(factor * few.scene.steps_per_sample))
-    sampled_s = best(many)
-    per_step_s = (longer_s - loop_s) / (few.scene.steps * (factor - 1))
-    per_sample_s = (sampled_s - loop_s) / (many.scene.samples - few.scene.samples)
-    step_ns, sample_ns = (max(1e9 * per_s / few.chain.bodies, 0.0) for per_s in (per_step_s, per_sample_s))
-    cost = Cost(start_s, 0.0 if engine.scheme == EXACT else step_ns, sample_ns)
+    few_s = best(few)
+    longer = few.at(int(min(max(LOOP_S / few_s, 2), MAX_FACTOR)) * few.scene.steps_per_sample)
+    step_ns = 1e9 * (best(longer) - few_s) / (longer.work - few.work)
+    sample_ns = 1e9 * (best(many) - few_s) / (many.scene.samples - few.scene.samples) / few.chain.bodies
+    cost = Cost(start_s, 0.0 if engine.scheme == EXACT else max(step_ns, 0.0), max(sample_ns, 0.0))
     store(_key(engine.name, build), asdict(cost))
     return cost
 

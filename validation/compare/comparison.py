@@ -161,8 +161,8 @@ def _compared(case: Case, ended: dict[str, EndedRun], absent: dict[str, str]) ->
     absent = absent | {engine: f"{run.record.status}: {run.record.reason}" for engine, run in failed.items()}
     refused = {engine: trace_with_state(run) for engine, run in failed.items() if FORCES in run.record.files}
     checks = [*missing(case, absent), *(check for run in runs.values() for check in kept_budget(case, run).checks)]
-    causes = {engine: diagnosis(case, engine, trace)[1] for engine, trace in refused.items()}
-    return ComparedScene(case, runs, absent, checks, {name: cause for name, cause in causes.items() if cause}, refused)
+    causes = {engine: cause for engine, trace in refused.items() if (cause := diagnosis(case, engine, trace)[1])}
+    return ComparedScene(case, runs, absent, checks, causes, refused)
 
 
 def missing(case: Case, absent: dict[str, str]) -> list[Check]:
@@ -208,7 +208,7 @@ def _lines(compared: ComparedScene, *, brief: bool) -> Iterator[str]:
     """Lines on a scene: summary, checks, diagnoses, error budgets; or the answer and the worst check of each engine."""
     name, sentences = compared.case.scene.name, " ".join(answer([compared]))
     if brief:
-        by_engine = [compared.of_engine(engine) for engine in compared.verdicts]
+        by_engine = map(compared.of_engine, compared.verdicts)
         yield from (sentences, *table([worst_of(checks) or checks[0] for checks in by_engine]))
         return
     yield from (f"{name}: {summary(compared.checks)}", sentences, LEGEND, "", *table(compared.checks))
@@ -236,8 +236,7 @@ def answer(scenes: Sequence[ComparedScene], cases: Outcomes | None = None) -> It
     for name, where in _places(rows, NOT_RUN):
         left[where].append(name)
     if left:
-        said = [f"{listed(names)} on {where}" for where, names in left.items()]
-        yield f"Not judged, since not run: {'; '.join(said)}."
+        yield f"Not judged, since not run: {'; '.join(f'{listed(left[where])} on {where}' for where in left)}."
 
 
 def listed(items: Sequence[str]) -> str:

@@ -175,19 +175,16 @@ def _forces(case: Case, changed: Values, *, early: bool) -> Array:
     of ``HertzChain``, ``changed`` may have a time step and the coefficients of ``_dragged``.
     """
     scene, chain = case.scene, case.chain
-    drag = [changed.get(name, 0.0) for name in ("local", "viscous")]
-    bent = replace(chain, **{name: changed[name] for name in ("mass_kg", "stiffness") if name in changed})
-    own = {name: value for name, value in changed.items() if name not in ("time_step_s", "local", "viscous", "read")}
-    arrays = replace(arrays_of(bent), **own)
+    step_s, read_N = changed.pop("time_step_s", scene.time_step_s), changed.pop("read", 0.0)
+    local, viscous = changed.pop("local", 0.0), changed.pop("viscous", 0.0)
+    arrays = replace(arrays_of(chain), **changed)
     if early:
         gained = 0.5 * scene.time_step_s * (arrays.acceleration_m_s2 - arrays_of(chain).acceleration_m_s2)
         arrays = replace(arrays, velocity_m_s=arrays.velocity_m_s + gained)
-    if any(drag):
-        return _dragged(case, arrays, *drag)
-    step_s = changed.get("time_step_s", scene.time_step_s)
-    counts = scene.steps_per_sample, scene.samples
-    forces = integrate_verlet_absolute(arrays, *heights_and_reach(case), step_s, *counts).force_N
-    return np.asarray(forces + changed.get("read", 0.0))
+    if local or viscous:
+        return _dragged(case, arrays, local, viscous)
+    timing = step_s, scene.steps_per_sample, scene.samples
+    return np.asarray(integrate_verlet_absolute(arrays, *heights_and_reach(case), *timing).force_N + read_N)
 
 
 def _dragged(case: Case, chain: HertzChain, local: float, viscous: float) -> Array:
