@@ -161,11 +161,8 @@ def fill_states(
             h *= 0.5
             continue
         if event >= 0:
-            if _at_zero_overlap(rows, n, event, bodies, law):
-                share = _refined(rows, n, share, event % n, s, length, power, law)
-            guess = _raised(s + share * length, power)
             begin, length, stretch, target = _step_to_event(
-                rows, n, size, s, power, guess, target, event, near, bodies, drive, law
+                rows, n, size, s, length, share, power, target, event, near, bodies, drive, law
             )
             another = nobody
             if length != 0.0 and target <= final:
@@ -354,16 +351,6 @@ def _first_event(
     return first, where
 
 
-@njit(error_model="numpy", forceinline=True)
-def _at_zero_overlap(rows: Array, n: int, event: int, bodies: Array, law: KernelLaw) -> bool:
-    """True if an event is a zero of an overlap: any but the release of a dissipative contact and of the power law."""
-    if law.law == POWER_LAW:
-        return False
-    if event >= n:
-        return True
-    return not (rows[START, event] > 0.0 and law.law == DAMPED and bodies[DAMPING, event] > 0.0)
-
-
 @njit(error_model="numpy")
 def _refined(
     rows: Array, n: int, share: float, contact: int, s: float, length: float, power: float, law: KernelLaw
@@ -397,26 +384,27 @@ def _grip(rows: Array, row: int, n: int, contact: int, bodies: Array, law: Kerne
 
 @njit(error_model="numpy")
 def _step_to_event(
-    rows: Array, n: int, size: int, s: float, power: float, guess: float, limit: float, event: int, near: float,
-    bodies: Array, drive: Array, law: KernelLaw,
+    rows: Array, n: int, size: int, s: float, length: float, share: float, power: float, limit: float, event: int,
+    near: float, bodies: Array, drive: Array, law: KernelLaw,
 ) -> tuple[float, float, float, float]:  # fmt: skip
     """Step that ends at an event, a zero of an overlap, force or speed; Newton's method finds the end time.
 
     An elastic opening is approached in ``s = sqrt(t_e - t)``, in which the motion is smooth, and a turning point of the
     power law in ``s = (t_e - t)^(1/4)``. Before a contact closes it has no force, so no change of variable is needed.
-    ``guess`` is the first estimate of the event's time, ``limit`` a time after the event.
+    All events but releases of dissipative contacts and those of the power law are zeros of an overlap. ``share`` is a
+    first estimate of the event's place in the step of this length that was tried, ``limit`` the time of its end.
 
     Returns:
         Begin and length of the step in s, its power, time of the event; length 0 if the event was not found.
     """
-    contact, by_power_law, at_zero = event % n, law.law == POWER_LAW, _at_zero_overlap(rows, n, event, bodies, law)
+    contact, by_power_law = event % n, law.law == POWER_LAW
     damped = event < n and law.law == DAMPED and bodies[DAMPING, contact] > 0.0
     closed, elapsed = rows[START, contact] > 0.0, _raised(s, power)
-    backwards = 0.0
-    if event >= n and by_power_law:
-        backwards = 4.0
-    elif closed and not damped and not by_power_law:
-        backwards = 2.0
+    at_zero = not by_power_law and not (closed and damped)
+    if at_zero:
+        share = _refined(rows, n, share, contact, s, length, power, law)
+    guess = _raised(s + share * length, power)
+    backwards = 4.0 if by_power_law and event >= n else 2.0 if at_zero and closed else 0.0
     low, high, past, tries = elapsed, 0.0, 0.0, MAX_TRIES
     rounding = TIME_ROUNDING * (3.0 if power == 4.0 else 1.0)  # a finer limit than s**4 resolves is never reached
     if by_power_law:  # Newton's method alone may fail after a release: keep the event bracketed
@@ -431,11 +419,10 @@ def _step_to_event(
         step(rows, n, size, begin, length, stretch, STOP, bodies, drive, law)
         value, rate = rows[STOP, contact], closing_speed(rows, STOP, n, contact, law.below)
         drive_until(guess, bodies, drive, law)
-        if by_power_law or at_zero or damped:
-            slope(rows, STOP, STOP + RATES, n, size, 1.0, bodies, law)
+        slope(rows, STOP, STOP + RATES, n, size, 1.0, bodies, law)
         if by_power_law:
             value, rate = _passing(rows, n, event, bodies, law)
-        elif closed and damped:
+        elif not at_zero:
             value = _grip(rows, STOP, n, contact, bodies, law)
             rate *= (1.5 - law.exponent) * bodies[STIFFNESS, contact]
             rate *= max(rows[STOP, contact], TINY) ** (0.5 - law.exponent)
