@@ -154,10 +154,7 @@ def _between(
     root = sqrt(overlap)
     if energies.size:
         energies[1] += ENERGY_SHARE * elastic_force(bodies[STIFFNESS, j], overlap) * overlap
-    if bodies[DAMPING, j] > 0.0:
-        normal = damped_force(bodies[STIFFNESS, j], bodies[DAMPING, j], numbers[4], overlap, closing)
-    else:
-        normal = elastic_force(bodies[STIFFNESS, j], overlap)
+    normal = damped_force(bodies[STIFFNESS, j], bodies[DAMPING, j], numbers[4], overlap, closing)
     fx, fy, fz = nx * normal, ny * normal, nz * normal
     if numbers[1] > 0.0:
         ux, uy, uz = (
