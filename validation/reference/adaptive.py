@@ -28,10 +28,9 @@ from validation.reference.hertz_chain import (
     Motion,
     columns_of_sums,
     contact_force,
-    displacements,
     hertz_energy_beyond_tangent,
     hertz_force,
-    motion_with,
+    motion_of,
     wave,
 )
 
@@ -135,9 +134,8 @@ def _symplectic_motion(
     from validation.reference.symplectic import integrate_symplectic
 
     n, samples, duration_s = chain.mass_kg.size, time_s.size, float(time_s[-1])
-    if not chain.elastic or chain.drive is not None or n >= LEAST_WINDOWED or samples < 2:
-        return None
-    if np.ptp(np.diff(time_s)) > SAME_INTERVAL * duration_s:
+    suits = chain.elastic and chain.drive is None and n < LEAST_WINDOWED and samples > 1
+    if not suits or np.ptp(np.diff(time_s)) > SAME_INTERVAL * duration_s:
         return None
     interval_s, longest_s = duration_s / (samples - 1), LONGEST_STEP * magnitudes[0] / magnitudes[1]
     # samples per step and steps per sample, one of which is 1
@@ -150,7 +148,7 @@ def _symplectic_motion(
         force_N = hertz_force(chain.stiffness, overlap)
         change_N = np.abs(force_N[::rough][: len(rough_N)] - rough_N).max()
         if every == 1 and not stop[0] and change_N <= tolerance * force_N.max():
-            return Motion(force_N, displacements(chain, overlap), velocity)
+            return motion_of(chain, time_s, force_N, overlap, velocity, np.empty((samples, 0)))
         if 0 < change_N < np.inf:  # the change by half a step falls as the fourth power of the step, at best
             needed_s = every * interval_s / steps * (tolerance * force_N.max() / change_N) ** 0.25
         rough_N, rough = force_N, min(every, 2)
@@ -171,8 +169,7 @@ def _motion(chain: HertzChain, time_s: Array, states: Array, *, energies: bool) 
     if energies:  # of the work (F - F(0)) d' the rest is elastic
         stored = hertz_energy_beyond_tangent(chain.stiffness, chain.overlap_m, overlap - chain.overlap_m)
         sums[:, 2 : 2 + n] = 0.0 if chain.elastic else sums[:, 2 : 2 + n] - stored
-    columns = contact_force(chain, overlap, velocity), displacements(chain, overlap), velocity
-    return motion_with(chain, time_s, columns, sums)
+    return motion_of(chain, time_s, contact_force(chain, overlap, velocity), overlap, velocity, sums)
 
 
 def _states(

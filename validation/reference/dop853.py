@@ -7,7 +7,7 @@ smooth in ``s = |t - t_e|^(1/2)`` but not in t. The force of a dissipative conta
 the event. Powers -2 and -4 mean ``t = t_e - s^2`` and ``t = t_e - s^4``.
 
 The kernels share two tables, so that calls pass few arrays, whose reference counts would take a third of a small
-chain's time. ``rows`` holds states, a row each: overlaps, velocities, and integrals of ``hertz_chain.motion_with``, on
+chain's time. ``rows`` holds states, a row each: overlaps, velocities, and integrals of ``hertz_chain.motion_of``, on
 which no step size depends. ``bodies`` holds numbers of each body and of the contact under it, and the force of the
 contact above the highest body.
 """
@@ -123,7 +123,7 @@ def slope(rows: Array, row: int, result: int, n: int, size: int, stretch: float,
 def _powers(
     rows: Array, row: int, result: int, n: int, size: int, stretch: float, bodies: Array, law: KernelLaw
 ) -> None:
-    """Writes ``stretch`` times the integrands of ``hertz_chain.motion_with``, with the forces of all contacts.
+    """Writes ``stretch`` times the integrands of ``hertz_chain.motion_of``, with the forces of all contacts.
 
     For a contact it is ``(F - F(0)) d'``, which stays smooth when the overlap of a released contact reaches 0.
     """

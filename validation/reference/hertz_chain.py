@@ -379,8 +379,10 @@ def columns_of_sums(chain: HertzChain, *, energies: bool) -> int:
     return 2 * (chain.drive is not None or energies) + 2 * energies * chain.mass_kg.size
 
 
-def motion_with(chain: HertzChain, time_s: Array, columns: tuple[Array, Array, Array], sums: Array) -> Motion:
-    """Motion with the integrals of the kernels.
+def motion_of(
+    chain: HertzChain, time_s: Array, force_N: Array, overlap_m: Array, velocity_m_s: Array, sums: Array
+) -> Motion:
+    """Motion from overlaps, ``overlap_j = start_j + u_{j-1} - u_j``, with the integrals of the kernels.
 
     Integrated are, with the speed v and the net force N of contacts and constant load of the driven body, ``f v`` and
     ``f`` of a force f, or ``-N u'`` and ``-N`` of a displacement u, whose actuator has the force ``m u'' - N``; the
@@ -390,7 +392,9 @@ def motion_with(chain: HertzChain, time_s: Array, columns: tuple[Array, Array, A
     Args:
         chain: The chain.
         time_s: Sample times. Shape (samples,).
-        columns: Forces, displacements and velocities.
+        force_N: Forces. Shape (samples, bodies).
+        overlap_m: Overlaps. Shape (samples, bodies).
+        velocity_m_s: Velocities. Shape (samples, bodies).
         sums: Integrals as ``columns_of_sums`` counts them. Shape (samples, columns).
     """
     n, drive = chain.mass_kg.size, chain.drive
@@ -403,10 +407,5 @@ def motion_with(chain: HertzChain, time_s: Array, columns: tuple[Array, Array, A
         more = {"drive_work_J": work, "drive_impulse_N_s": impulse}
     if sums.shape[1] > 2:
         more |= {"dissipated_J": sums[:, 2 : 2 + n], "passed_J": sums[:, 2 + n :]}
-    return Motion(*columns, **more)
-
-
-def displacements(chain: HertzChain, overlap_m: Array) -> Array:
-    """Displacements since time 0 from overlaps, shape (samples, bodies): ``overlap_j = start_j + u_{j-1} - u_j``."""
-    changes = np.asarray(chain.overlap_m - overlap_m)
-    return np.cumsum(changes, axis=-1, out=changes)
+    moved = np.asarray(chain.overlap_m - overlap_m)
+    return Motion(force_N, np.cumsum(moved, axis=-1, out=moved), velocity_m_s, **more)

@@ -14,14 +14,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache, cached_property
 from math import exp, log, sqrt
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from validation.reference.hertz_chain import ENERGY_SHARE, EXPONENT, Array
-
-if TYPE_CHECKING:
-    from scipy.interpolate import CubicSpline
 
 LENGTH_BEADS = 24.0  # length of the grid; the wave decays double-exponentially and vanishes within 4 beads
 POINTS = 2048
@@ -73,7 +70,7 @@ class TravellingWave:
         return float(self.force.max() / self.curve(0.5))
 
     @cached_property
-    def curve(self) -> "CubicSpline":
+    def curve(self) -> Any:
         """Spline of the contact force against the distance from the peak in beads."""
         from scipy.interpolate import CubicSpline  # takes longer to load than all others
 

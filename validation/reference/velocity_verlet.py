@@ -4,7 +4,7 @@ Internal velocities lag half a step behind, so that one step is one pass over th
 the time of the forces. The first integration loads the compiled code.
 """
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
@@ -18,13 +18,9 @@ from validation.reference.hertz_chain import (
     Motion,
     check_timing,
     columns_of_sums,
-    displacements,
     hertz_force,
-    motion_with,
+    motion_of,
 )
-
-if TYPE_CHECKING:
-    from validation.reference.verlet_kernels import Arrays, DriveArrays
 
 
 def integrate_verlet(
@@ -56,7 +52,7 @@ def integrate_verlet(
     if energies and chain.elastic:
         sums[:, 2 : 2 + chain.mass_kg.size] = 0.0  # but for rounding
     times = np.arange(samples, dtype=float) * (steps_per_sample * time_step_s)
-    return motion_with(chain, times, (force, displacements(chain, overlap), velocity), sums)
+    return motion_of(chain, times, force, overlap, velocity, sums)
 
 
 def follow_verlet(chain: HertzChain, time_step_s: float, steps: int, stop: Flag = NEVER) -> Extremes:
@@ -74,7 +70,7 @@ def follow_verlet(chain: HertzChain, time_step_s: float, steps: int, stop: Flag 
     return Extremes(overlap, nothing, speed, float(kinetic), float(risen))
 
 
-def _start(chain: HertzChain, time_step_s: float) -> "Arrays":
+def _start(chain: HertzChain, time_step_s: float) -> tuple[Any, ...]:
     """Arrays of the kernels (``Arrays``), with velocities half a step before time 0 and force 0 above the chain."""
     force = np.append(chain.force_N, 0.0)
     velocity = chain.velocity_m_s - 0.5 * time_step_s * chain.acceleration_m_s2
@@ -84,8 +80,8 @@ def _start(chain: HertzChain, time_step_s: float) -> "Arrays":
     return velocity, chain.overlap_m.copy(), force, chain.stiffness, kick, drop, *law
 
 
-def _drive(chain: HertzChain, *kicks: Array) -> "DriveArrays":
-    """Drive of the kernels; forces do not kick a body that moves as prescribed."""
+def _drive(chain: HertzChain, *kicks: Array) -> tuple[Array, int, bool, float]:
+    """Drive of the kernels (``DriveArrays``); forces do not kick a body that moves as prescribed."""
     drive = chain.drive
     if drive is None:
         return np.zeros((0, COLUMNS)), 0, False, 0.0
@@ -123,11 +119,11 @@ def integrate_verlet_absolute(
     """
     from validation.reference.verlet_kernels import integrate_absolute
 
-    motion = Motion(*(np.empty((samples, chain.mass_kg.size)) for _ in range(3)))
+    force, height, velocity = (np.empty((samples, chain.mass_kg.size)) for _ in range(3))
     integrate_absolute(
         _drive(chain), chain.mass_kg, chain.stiffness, np.array(height_m), reach_m, chain.velocity_m_s.copy(),
         chain.load_N.copy(), chain.damping, float(chain.alpha) if chain.alpha else None, float(chain.overlap_power),
-        np.zeros(len(reach_m) + 1), np.zeros(len(reach_m)), time_step_s, steps_per_sample, motion.force_N,
-        motion.displacement_m, motion.velocity_m_s, stop,
+        np.zeros(len(reach_m) + 1), np.zeros(len(reach_m)), time_step_s, steps_per_sample, force, height,
+        velocity, stop,
     )  # fmt: skip
-    return Motion(motion.force_N, motion.displacement_m - height_m, motion.velocity_m_s)
+    return Motion(force, height - height_m, velocity)

@@ -140,7 +140,7 @@ def follow(
 def _powers(
     arrays: Arrays, drive: DriveArrays, half_kick: Array, load: Array, rate: float, static: Array, powers: Array
 ) -> None:
-    """Fills the integrands of ``hertz_chain.motion_with``; only those of a drive if there is no room for more.
+    """Fills the integrands of ``hertz_chain.motion_of``; only those of a drive if there is no room for more.
 
     The first is ``-N`` for a displacement, whose rate may jump between steps.
     """
