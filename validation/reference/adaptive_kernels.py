@@ -200,11 +200,10 @@ def fill_states(
             _write(samples[sample], times[sample], rows, row, low, n, size, outside)
             sample += 1
         if event >= 0:
-            contact, switches = event % n, True
-            if law.law == POWER_LAW:
-                switches = rows[START, contact] < 0.0
-                if event < n:
-                    bodies[GRIPS, event] = 1.0 - bodies[GRIPS, event]
+            contact, by_power_law = event % n, law.law == POWER_LAW
+            if by_power_law and event < n:
+                bodies[GRIPS, event] = 1.0 - bodies[GRIPS, event]
+            switches = rows[START, contact] < 0.0 or not by_power_law
             if switches and abs(rows[STOP, contact]) <= near:  # only rounding: move it to its row
                 rows[STOP + ERRORS, contact] += rows[STOP, contact]
                 rows[STOP, contact] = 0.0

@@ -187,7 +187,7 @@ class TubeChain:
         mass_kg: Mass of each body.
         radius_m: Radius; inf for a flat striker, which moves along the axis only.
         stiffness: k of each contact in ``F = k overlap^(3/2)``; 0 for a missing contact (first contact without a wall).
-        damping: C of each contact in ``F = max(0, k overlap^(3/2) + C overlap^p d overlap/dt)``.
+        damping: C of each contact in ``F = max(0, k overlap^(3/2) + C overlap^(1/4) d overlap/dt)``, the only law here.
         shear: k_t of each contact: a shear displacement ds adds the force ``k_t sqrt(overlap) ds``.
         load_N: Constant force on each body along the axis, upwards positive.
         bore_stiffness: k of each body's elastic contact with the bore; 0 for a body outside the tube.
@@ -199,7 +199,6 @@ class TubeChain:
         bore_m: Radius of the bore.
         bore_friction: Coefficient of friction with the bore.
         turns: True if friction turns the bodies.
-        overlap_power: p of the damping force.
 
     Raises:
         ValueError: an array has a wrong shape or values that are not finite; a mass or radius is not above zero.
@@ -220,7 +219,6 @@ class TubeChain:
     bore_m: float
     bore_friction: float
     turns: bool = True
-    overlap_power: float = VISCOELASTIC_POWER
 
     def __post_init__(self) -> None:
         bodies = np.size(self.mass_kg)

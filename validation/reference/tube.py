@@ -49,8 +49,7 @@ def integrate_tube(
     inertia = np.where(turning, 0.4 * chain.mass_kg * chain.radius_m**2, np.inf)
     bodies = np.array([chain.mass_kg, chain.radius_m, chain.stiffness, chain.damping, chain.shear, chain.load_N,
                        chain.bore_stiffness, chain.bore_shear, inertia])  # fmt: skip
-    numbers = (float(chain.wall_m), float(chain.friction), float(chain.bore_m), float(chain.bore_friction),
-               float(chain.overlap_power))  # fmt: skip
+    numbers = float(chain.wall_m), float(chain.friction), float(chain.bore_m), float(chain.bore_friction)
     state, marks = np.zeros((rows.BORE_NORMAL + 1, n, 3)), np.zeros((rows.BORE_OVERLAP + 1, n))
     state[rows.PLACE], state[rows.VELOCITY] = chain.place_m, chain.velocity_m_s
     energies = np.array([0.0, 0.0, np.nan, 0.0] if extremes else [])

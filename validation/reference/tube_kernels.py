@@ -6,13 +6,13 @@ import numpy as np
 from numba import njit
 
 from validation.reference.contact_kernels import CACHED, damped_force, elastic_force
-from validation.reference.hertz_chain import ENERGY_SHARE, Array, Flag
+from validation.reference.hertz_chain import ENERGY_SHARE, VISCOELASTIC_POWER, Array, Flag
 
 INCREMENTAL, TURNED = 1, 2  # places in LAWS of tube.py
 LEAST_TURN = 1e-10  # LAMMPS turns no vector whose force out of the plane is a smaller share of the limit
 Three = tuple[float, float, float]
-# height of the wall, friction between bodies, radius of the bore, friction with the bore, power of overlap in damping
-Numbers = tuple[float, float, float, float, float]
+# height of the wall, friction between bodies, radius of the bore, friction with the bore
+Numbers = tuple[float, float, float, float]
 # One array of each kind, since tuples of arrays would be counted as references in every step.
 # rows of bodies, shape (9, bodies); load, and contacts under each body and with the bore
 MASS, RADIUS, STIFFNESS, DAMPING, SHEAR, LOAD, BORE_STIFFNESS, BORE_SHEAR, INERTIA = range(9)
@@ -154,7 +154,7 @@ def _between(
     root = sqrt(overlap)
     if energies.size:
         energies[1] += ENERGY_SHARE * elastic_force(bodies[STIFFNESS, j], overlap) * overlap
-    normal = damped_force(bodies[STIFFNESS, j], bodies[DAMPING, j], numbers[4], overlap, closing)
+    normal = damped_force(bodies[STIFFNESS, j], bodies[DAMPING, j], VISCOELASTIC_POWER, overlap, closing)
     fx, fy, fz = nx * normal, ny * normal, nz * normal
     if numbers[1] > 0.0:
         ux, uy, uz = (
