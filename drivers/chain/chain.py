@@ -347,7 +347,11 @@ def arrays_of(chain: Chain) -> HertzChain:
 
 def tube_arrays_of(chain: Chain) -> TubeChain:
     """Three-dimensional chain as input of the integrators; the bore is a true cylinder."""
-    own = {"shear": chain.shear_stiffness, "velocity_m_s": chain.velocity_xyz_m_s, "wall_m": chain.wall_height_m}
+    own: dict[str, Any] = {
+        "shear": chain.shear_stiffness,
+        "velocity_m_s": chain.velocity_xyz_m_s,
+        "wall_m": chain.wall_height_m,
+    }
     alike = {field.name: getattr(chain, field.name) for field in fields(TubeChain) if field.name not in own}
     return TubeChain(**alike, **own)
 
