@@ -6,7 +6,7 @@ as images: a browser runs no script of an SVG inside an ``<img>`` and loads noth
 
 from base64 import b64encode
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -15,9 +15,9 @@ import pandas as pd
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.base.files import digest_of_json, read_sealed, whole_file, write_sealed
+from drivers.base.files import digest_of_json, read_sealed, write_sealed
 from drivers.scene.model import Scene
-from postproc.draw.product import write_figure
+from postproc.draw.product import write_figure, write_table
 from validation.checks import FAIL, Check
 
 PARTS = "parts"  # folder of the stored results, below that of tables and pictures
@@ -87,16 +87,11 @@ def write_part(name: str, chapter: Chapter, results: Path) -> list[Path]:
     Returns:
         The written tables and figures.
     """
-    results.mkdir(parents=True, exist_ok=True)
-    written = list[Path]()
     try:
         part = read_part(name, results)
     except (InputError, OSError):
         part = None  # a damaged one
-    for stem, table in chapter.tables.items():
-        written.append(results / f"{stem}.csv")
-        with whole_file(written[-1]) as draft:
-            table.to_csv(draft, index=False)
+    written = [write_table(table, stem, results) for stem, table in chapter.tables.items()]
     figures = {}
     for stem, (heading, figure) in chapter.figures.items():
         written += write_figure(figure, stem, results)
@@ -114,16 +109,9 @@ def store_part(
     """Store what the page shows of a chapter or figure, with heading and SVG of each figure."""
     path = part_file(name, results)
     path.parent.mkdir(parents=True, exist_ok=True)
-    shown = [asdict(item) | {"table": item.table.to_dict("split", index=False)} for item in chapter.shown]
-    stored = {
-        "name": name,
-        "findings": [*chapter.findings],
-        "figures": figures,
-        "shown": shown,
-        "checks": [asdict(check) for check in chapter.checks],
-        "short": chapter.short,
-        "files": [*files],
-    }
+    stored = asdict(replace(chapter, tables={}, figures=figures, files=[*files])) | {"name": name}
+    for item in stored["shown"]:
+        item["table"] = item["table"].to_dict("split", index=False)
     write_sealed(path, stored)
 
 
@@ -155,7 +143,7 @@ def read_part(name: str, results: Path, command: str = "") -> Chapter | None:
             stored["short"],
             stored["files"],
         )
-    except (ValueError, LookupError, TypeError, AttributeError) as error:  # errors of pandas and of XML among them
+    except (ValueError, LookupError, TypeError, AttributeError, ElementTree.ParseError) as error:
         found = f"damaged file, or one of another version ({error}); {command} writes it again"
         raise InputError(paths.shown(path), "", found) from error
 
@@ -164,11 +152,8 @@ def image_of(svg: str) -> dict[str, Any]:
     """Embedded SVG written by matplotlib: ``address`` with its bytes, and its full width ``width_px``.
 
     Raises:
-        ValueError: the text is not an SVG with a width in points.
+        ElementTree.ParseError, ValueError: the text is not an SVG with a width in points.
     """
-    try:
-        width = ElementTree.fromstring(svg.encode()).attrib.get("width", "")
-    except ElementTree.ParseError as error:
-        raise ValueError(str(error)) from error
+    width = ElementTree.fromstring(svg.encode()).attrib.get("width", "")
     address = f"data:image/svg+xml;base64,{b64encode(svg.encode()).decode()}"
     return {"address": address, "width_px": round(PX_PER_PT * float(width.removesuffix("pt")))}
