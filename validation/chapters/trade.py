@@ -1,8 +1,8 @@
 """Errors against cost: runs at time steps from the stability limit down to 1e-4 of it, and what softened beads gain."""
 
-import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import chain
 from math import ceil, inf, nan
@@ -13,10 +13,9 @@ import pandas as pd
 from matplotlib.ticker import EngFormatter
 
 from drivers.base.errors import RunError
-from drivers.base.terminal import counted
+from drivers.base.terminal import following
 from drivers.chain.case import Case
-from drivers.chain.chain import arrays_of
-from drivers.chain.schemes import exact_of, trace_of
+from drivers.chain.schemes import exact_of
 from drivers.chain.trace import Trace
 from drivers.engines import REFERENCE, VERLET, codes, in_order, installed_codes
 from drivers.limits import step_limit
@@ -30,8 +29,7 @@ from validation.accuracy.costs import cost_on
 from validation.accuracy.motions import ExactMotion, errors_of, exact_motion_of, quantities
 from validation.chapters import Options
 from validation.checks import NOT_RUN, short
-from validation.reference.adaptive import MIN_TOLERANCE, integrate_adaptive
-from validation.reference.velocity_verlet import integrate_verlet
+from validation.reference.adaptive import MIN_TOLERANCE
 from validation.report.parts import Chapter, Shown
 
 SCENES = ("fig4", "fig5", "fig6b", "fig6d", "low-amplitude", "steel-chain", "long-chain")
@@ -83,7 +81,7 @@ def rungs_of(scene: str, code_shares: Sequence[float]) -> Iterator[Rung]:
         for method in (*(installed_codes() if share in code_shares else ()), VERLET):
             yield rung(method, case, share)
     for tolerance in TOLERANCES:
-        yield rung(REFERENCE, base, tolerance)
+        yield rung(REFERENCE, replace(base, reference_tolerance=tolerance), tolerance)
 
 
 def at_step(case: Case, share: float, stable_s: float) -> Case:
@@ -103,7 +101,7 @@ def affordable(rungs: list[Rung], budget_s: float) -> tuple[list[Rung], list[Run
 def run_ladder(budget_s: float, scenes: Sequence[str], *, short: bool = False) -> pd.DataFrame:
     """Run the ladder within a budget of engine time; in the short study the codes run at every third step.
 
-    Methods run in parallel: one engine runs while the errors of another run are measured.
+    Runs are parallel: one engine runs while the errors of another run are measured.
 
     Returns:
         A row for each run. ``time_step_s`` is NaN for ``reference``; ``share_of_limit`` is the time step divided by the
@@ -114,56 +112,29 @@ def run_ladder(budget_s: float, scenes: Sequence[str], *, short: bool = False) -
     """
     shares = SHARES[::CODE_STRIDE] if short else SHARES
     kept, left = affordable([rung for scene in scenes for rung in rungs_of(scene, shares)], budget_s)
-    groups: dict[tuple[str, str], list[Rung]] = defaultdict(list)
-    for rung in kept:
-        groups[rung["scene"], rung["method"]].append(rung)
-    longest_first = sorted(groups, key=lambda key: -sum(rung["expected_s"] for rung in groups[key]))
-    with counted("runs at all steps", len(kept)) as count:
-        start_s = dict(execute(partial(start_up, case_of(scenes[0])), {rung["method"]: None for rung in kept}))
-        sampled = {rung["samples"]: rung["case"] for rung in kept}
-        exact = dict(execute(lambda samples: exact_motion_of(sampled[samples]), sampled))
-        under_way = execute(lambda key: [*_rows_of(groups[key], start_s, exact, count)], longest_first)
-        rows = [row for _, part in under_way for row in part]
+    start_s = dict(execute(partial(start_up, case_of(scenes[0])), {rung["method"]: None for rung in kept}))
+    sampled = {rung["samples"]: rung["case"] for rung in kept}
+    exact = dict(execute(lambda samples: exact_motion_of(sampled[samples]), sampled))
+    longest_first = execute(partial(row_of, start_s=start_s, exact=exact), reversed(kept))
+    rows = [row for _, row in following(longest_first, "runs at all steps", len(kept))]
     methods = [*installed_codes(), *IN_REPO]
+    rows.sort(key=lambda row: (row["expected_s"], -row["share_of_limit"]))
     rows.sort(key=lambda row: (scenes.index(row["scene"]), methods.index(row["method"])))
     rows += [rung | {"status": NOT_RUN, "reason": f"its loop would take {rung['expected_s']:.0f} s"} for rung in left]
     return pd.DataFrame(rows, columns=["scene", "method", *NUMBERS, "status", "reason"])
 
 
-def _rows_of(
-    rungs: Sequence[Rung], start_s: Mapping[str, float], exact: Mapping[Any, ExactMotion], count: Callable[[], None]
-) -> Iterator[dict[str, Any]]:
-    """Rows of one scene by one method, one run after the other."""
-    for rung in rungs:
-        try:
-            runs = [_timed(rung) for _ in range(REPEATS if rung["expected_s"] < SHORT_RUN_S else 1)]
-            errors = errors_by_group(rung["case"], runs[-1][0], exact[rung["samples"]])
-            times = {"loop_s": min(loop_s for _, loop_s in runs), "start_s": start_s[rung["method"]]}
-            yield rung | times | errors | {"status": DONE, "reason": ""}
-        except RunError as error:
-            yield rung | {"status": error.status, "reason": str(error)}
-        count()
-
-
-def _timed(rung: Rung) -> tuple[Trace, float]:
-    """Trace of a rung and the time of its loop in s; in-repo schemes run without the guard.
-
-    Raises:
-        RunError: the run failed.
-    """
-    case, scene = rung["case"], rung["case"].scene
-    if rung["method"] not in IN_REPO:
-        ended = compute(case, rung["method"])
-        return ended.done, ended.loop_s or 0.0
-    chain, began = arrays_of(case.chain), time.perf_counter()
-    if rung["method"] == REFERENCE:
-        motion = integrate_adaptive(chain, case.sample_times_s, rung["share_of_limit"])
-    else:
-        motion = integrate_verlet(chain, scene.time_step_s, scene.steps_per_sample, scene.samples)
-    loop_s = time.perf_counter() - began
-    if not np.isfinite(motion.force_N).all():
-        raise RunError("the motion is not finite: the time step is too large")
-    return trace_of(case, case.sample_times_s, motion), loop_s
+def row_of(rung: Rung, start_s: Mapping[str, float], exact: Mapping[Any, ExactMotion]) -> dict[str, Any]:
+    """Row of a run, the shortest of several if it is short; of a failed one with the reason."""
+    try:
+        runs = [
+            compute(rung["case"], rung["method"]) for _ in range(REPEATS if rung["expected_s"] < SHORT_RUN_S else 1)
+        ]
+        errors = errors_by_group(rung["case"], runs[-1].done, exact[rung["samples"]])
+        times = {"loop_s": min(run.loop_s or 0.0 for run in runs), "start_s": start_s[rung["method"]]}
+        return rung | times | errors | {"status": DONE, "reason": ""}
+    except RunError as error:
+        return rung | {"status": error.status, "reason": str(error)}
 
 
 def errors_by_group(case: Case, trace: Trace, exact_motion: ExactMotion) -> dict[str, float]:
@@ -311,11 +282,14 @@ def show_advice(rows: pd.DataFrame, advised: pd.DataFrame) -> Shown:
     by_verlet, by_codes = advised[advised["method"] == VERLET], advised[advised["method"].isin(codes())]
     if not by_codes.empty:  # their rounding may be larger than a small error
         by_verlet = by_verlet.merge(by_codes[["scene", "quantity", "error_at_most"]].drop_duplicates())
-    texts = [_step(*row) for row in by_verlet[["quantity", "time_step_s", "error_of_force"]].itertuples(index=False)]
+    texts = [
+        _time(row["time_step_s"]) + f"\nforce {100 * row['error_of_force']:.2g} %" * (row["quantity"] != "force")
+        for row in by_verlet.to_dict("records")
+    ]
     cells = by_verlet.assign(text=texts).pivot(index=["scene", "quantity"], columns="error_at_most", values="text")
     chosen = [*((first, quantity) for quantity in QUANTITIES), *((scene, "force") for scene in others)]
     table = cells.reindex(pd.MultiIndex.from_tuples(chosen), columns=SHOWN_TARGETS).fillna("–")
-    table.columns = pd.Index([_power(target) for target in SHOWN_TARGETS])
+    table.columns = pd.Index([f"1e{round(np.log10(target))}" for target in SHOWN_TARGETS])
     table.insert(0, "scene, quantity", [f"{scene}, {QUANTITIES[quantity]}" for scene, quantity in chosen])
     return Shown(
         "Time step for an allowed error",
@@ -340,14 +314,6 @@ def show_softening(softened: pd.DataFrame) -> Shown:
         " under gravity, where the error stands.",
         pd.DataFrame(cells, columns=["modulus", "error", "time step", "steps"]),
     )
-
-
-def _step(quantity: str, step_s: float, error_of_force: float) -> str:
-    return _time(step_s) + (f"\nforce {100 * error_of_force:.2g} %" if quantity != "force" else "")
-
-
-def _power(error: float) -> str:
-    return f"1e{round(np.log10(error))}"
 
 
 def _time(seconds: float) -> str:
