@@ -6,10 +6,10 @@ milliseconds; the codes confirm the limit.
 """
 
 from bisect import bisect_left
-from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
 from math import inf, nan
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from pydantic import Field
 from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.messages import validate
-from drivers.base.terminal import counted, following
+from drivers.base.terminal import following
 from drivers.base.tolerances import tolerance
 from drivers.chain.case import Case
 from drivers.chain.schemes import exact_of, verlet_of
@@ -83,11 +83,6 @@ class MeasuredChain:
     case: Case
     value: float = nan
 
-    def gain(self, trace: Trace) -> float:
-        """Largest energy gain divided by the largest kinetic energy; inf if values are not finite."""
-        change = np.nan_to_num(trace.total_energy_J - trace.total_energy_J[0], nan=np.inf)
-        return float(change.max() / resolved_trial(self.case).extremes.kinetic_J)
-
 
 def shipped() -> Iterator[MeasuredChain]:
     """The paper's scenes and two more."""
@@ -132,35 +127,21 @@ def measure_limits(subjects: Sequence[MeasuredChain], names: Sequence[str] | Non
         ``steps`` the number of steps of the run at the limit.
     """
     names = installed_codes() if names is None else names
-    predicted_s = [step_limit(subject.case)[0] for subject in subjects]
-    pairs = following(zip(subjects, predicted_s, strict=True), "limits by verlet", len(subjects), "scene")
-    by_verlet = [_row(chain, bound_s, VERLET, _scan(chain, VERLET, bound_s)) for chain, bound_s in pairs]
-    with counted("limits by codes", len(subjects) * len(names), "scene") as count:
-        by_code = dict(execute(lambda name: _by_code(name, subjects, by_verlet, count), names))
-    return pd.DataFrame([*by_verlet, *(row for name in names for row in by_code[name])])
+    by_verlet = [*map(_by_verlet, following(subjects, "limits by verlet", len(subjects), "scene"))]
+    pairs = [*product(names, range(len(subjects)))]
+    ended = execute(lambda pair: _by_code(pair[0], subjects[pair[1]], by_verlet[pair[1]]), pairs)
+    by_code = dict(following(ended, "limits by codes", len(pairs), "scene"))
+    return pd.DataFrame([*by_verlet, *(by_code[pair] for pair in pairs)])
 
 
-def _by_code(
-    name: str, subjects: Sequence[MeasuredChain], by_verlet: Sequence[dict[str, Any]], count: Callable[[], None]
-) -> list[dict[str, Any]]:
-    rows = []
-    for subject, verlet in zip(subjects, by_verlet, strict=True):
-        measured_s, predicted_s = verlet["measured_s"], verlet["predicted_s"]
-        gains = [_gain_on(name, subject, step_s) for step_s in (measured_s, measured_s / (1 + FINENESS)) if step_s > 0]
-        if not gains or not gains[0] > UNSTABLE_GAIN >= gains[1]:  # not where Verlet blows up
-            measured_s = _scan(subject, name, predicted_s, lowest=CODE_LOWEST)
-        rows.append(verlet | {"method": name, "measured_s": measured_s, "ratio": measured_s / predicted_s})
-        count()
-    return rows
-
-
-def _row(subject: MeasuredChain, predicted_s: float, method: str, measured_s: float) -> dict[str, Any]:
-    case = subject.case
+def _by_verlet(subject: MeasuredChain) -> dict[str, Any]:
+    case, predicted_s = subject.case, step_limit(subject.case)[0]
+    measured_s = _scan(subject, VERLET, predicted_s)
     return {
         "group": subject.group,
         "scene": subject.name,
         "value": subject.value,
-        "method": method,
+        "method": VERLET,
         "bodies": case.chain.bodies,
         "predicted_s": predicted_s,
         "measured_s": measured_s,
@@ -169,6 +150,16 @@ def _row(subject: MeasuredChain, predicted_s: float, method: str, measured_s: fl
         **dict(zip(CRITERION_KEYS, usual_steps(case).values(), strict=True)),
         "steps": float(case.sample_times_s[-1]) / measured_s,
     }
+
+
+def _by_code(name: str, subject: MeasuredChain, verlet: dict[str, Any]) -> dict[str, Any]:
+    """Row of a code: Verlet's limit if the code blows up there and not at the step before, else its own."""
+    measured_s, before_s = verlet["measured_s"], verlet["measured_s"] / (1 + FINENESS)
+    if not (
+        measured_s > 0 and _gain_on(name, subject, measured_s) > UNSTABLE_GAIN >= _gain_on(name, subject, before_s)
+    ):
+        measured_s = _scan(subject, name, verlet["predicted_s"], lowest=CODE_LOWEST)
+    return verlet | {"method": name, "measured_s": measured_s, "ratio": measured_s / verlet["predicted_s"]}
 
 
 def wrong_step_s(case: Case, predicted_s: float) -> float:
@@ -183,13 +174,20 @@ def wrong_step_s(case: Case, predicted_s: float) -> float:
 
 
 def _gain_on(method: str, subject: MeasuredChain, step_s: float) -> float:
-    """Energy gain at a step, also of a run that the guard fails; inf if a code lost a body before."""
+    """Largest energy gain at a step divided by the largest kinetic energy, also of a run that the guard fails.
+
+    It is inf if values are not finite, or a code lost a body.
+    """
     case = subject.case.sampled_at_every(step_s)
     if method == VERLET:
-        return subject.gain(verlet_of(case))
-    ended = compute(case, method)
-    trace = ended.fault.partial if ended.fault else ended.trace
-    return subject.gain(trace) if trace is not None and len(trace.time_s) == case.scene.samples else inf
+        trace = verlet_of(case)
+    else:
+        ended = compute(case, method)
+        trace = ended.fault.partial if ended.fault else ended.done
+    if trace is None or len(trace.time_s) < case.scene.samples:
+        return inf
+    change = np.nan_to_num(trace.total_energy_J - trace.total_energy_J[0], nan=inf)
+    return float(change.max() / resolved_trial(subject.case).extremes.kinetic_J)
 
 
 def _scan(subject: MeasuredChain, method: str, predicted_s: float, lowest: float = LOWEST) -> float:
@@ -236,8 +234,8 @@ def run_all(chosen: list[Extreme], runs: Path) -> Iterator[Check]:
     names = sorted(expected_engines(), key=lambda name: not load_engine(name).in_repository)
     cases = [planned_case(extreme.scene, *extreme.set) for extreme in chosen]
     compared = compare_cases(cases, names, runs, _refusal, unsafe=True)
-    counted = following(compared, "extreme scenes, assessed", len(cases), "scene")
-    for extreme, scene in zip(chosen, counted, strict=True):
+    assessed = following(compared, "extreme scenes, assessed", len(cases), "scene")
+    for extreme, scene in zip(chosen, assessed, strict=True):
         for check in sorted(scene.checks, key=lambda check: names.index(check.engine)):
             inaccurate = check.verdict == FAIL and check.quantity.startswith(ERROR)
             yield replace(check, scene=extreme.name, verdict=NOT_ACCURATE if inaccurate else check.verdict)
@@ -261,13 +259,9 @@ def energies() -> pd.DataFrame:
     rows, engines = [], [VERLET, REFERENCE, *installed_codes()]
     for name, settings in following(LONG_RUNS.items(), "long runs", len(LONG_RUNS)):
         case = case_of("fig4", *settings)
-        traces = dict(execute(partial(_trace, case), engines))
-        rows += [{"scene": name, "method": engine, **energy_of(case, traces[engine])} for engine in engines]
+        ended = dict(execute(partial(compute, case), engines))
+        rows += [{"scene": name, "method": engine, **energy_of(case, ended[engine].done)} for engine in engines]
     return pd.DataFrame(rows)
-
-
-def _trace(case: Case, engine: str) -> Trace:
-    return compute(case, engine).done
 
 
 def energy_of(case: Case, trace: Trace) -> dict[str, float]:
@@ -359,8 +353,7 @@ def draw_limits(limits: pd.DataFrame) -> Any:
             axis.plot(points["value"], share, ls="", label=f"predicted: {method}", **marker_of(str(method)))
         axis.set(xscale="log", yscale="log", xlabel=group)
     grid[0].set_ylabel("step / measured limit")
-    handles = {label: handle for axis in grid for handle, label in zip(*axis.get_legend_handles_labels(), strict=True)}
-    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=5, fontsize=7)
+    figure.legend(*grid[0].get_legend_handles_labels(), loc="outside lower center", ncols=5, fontsize=7)
     return figure
 
 
@@ -394,10 +387,8 @@ def _micro(seconds: float) -> str:
 
 def show_extremes(edge: Sequence[Check]) -> Shown:
     """Outcomes of extreme scenes, by engine."""
-    cells: dict[tuple[str, str], list[Check]] = defaultdict(list)
-    for check in edge:
-        cells[check.scene, check.engine].append(check)
-    texts = pd.Series({place: text_of(checks) for place, checks in cells.items()})
+    places = pd.MultiIndex.from_tuples([(check.scene, check.engine) for check in edge])
+    texts = pd.Series([*edge], places).groupby(level=[0, 1], sort=False).agg(text_of)
     text = "Largest error of the force against the exact motion; not accurate: above the general ceiling."
     return Shown("Scenes at the edge", text, texts.unstack(sort=False).rename_axis("scene").reset_index())
 

@@ -127,10 +127,9 @@ def run_ladder(budget_s: float, scenes: Sequence[str], *, short: bool = False) -
 def row_of(rung: Rung, start_s: Mapping[str, float], exact: Mapping[Any, ExactMotion]) -> dict[str, Any]:
     """Row of a run, the shortest of several if it is short; of a failed one with the reason."""
     try:
-        runs = [
-            compute(rung["case"], rung["method"]) for _ in range(REPEATS if rung["expected_s"] < SHORT_RUN_S else 1)
-        ]
-        errors = errors_by_group(rung["case"], runs[-1].done, exact[rung["samples"]])
+        repeats = REPEATS if rung["expected_s"] < SHORT_RUN_S else 1
+        runs = [compute(rung["case"], rung["method"]) for _ in range(repeats)]
+        errors = errors_by_group(rung["case"], [run.done for run in runs][-1], exact[rung["samples"]])
         times = {"loop_s": min(run.loop_s or 0.0 for run in runs), "start_s": start_s[rung["method"]]}
         return rung | times | errors | {"status": DONE, "reason": ""}
     except RunError as error:
