@@ -1,8 +1,8 @@
 """Checks of published numbers, as if every number had been hit."""
 
 from drivers.base import paths
+from validation.chapters.claims import check_of, read_claims
 from validation.checks import PASS, Check
-from validation.claims.judged import check_of, read_claims
 
 CASE_ENGINES = ("liggghts", "reference", "yade")
 

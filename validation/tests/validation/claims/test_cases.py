@@ -12,9 +12,10 @@ from drivers.chain.case import Case, build_case
 from drivers.chain.trace import Trace
 from drivers.scene.read_scene import read_scene
 from postproc.read.motion import exact
+from validation.chapters import claims
+from validation.chapters.claims import IN_REPO, function_of, judge, posed, read_claims
 from validation.checks import FAIL, NOT_RUN, PASS, RUN, Check
-from validation.claims import judged, linear_waves
-from validation.claims.judged import IN_REPO, function_of, judge, posed, read_claims
+from validation.claims import linear_waves
 from validation.report.parts import read_part
 from validation.tests.helpers.commands import assert_in_order, beads
 from validation.tests.helpers.runs import need
@@ -104,7 +105,7 @@ def cheap(tmp_path: Path) -> Path:
 @pytest.fixture
 def in_repo(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leaves the engines of the repository alone."""
-    monkeypatch.setattr(judged, "expected_engines", lambda: [*IN_REPO])
+    monkeypatch.setattr(claims, "expected_engines", lambda: [*IN_REPO])
 
 
 @pytest.mark.usefixtures("in_repo")
@@ -160,7 +161,7 @@ def test_an_engine_that_is_not_there_or_refuses_is_not_run(
 def test_a_case_without_state_does_not_take_it_from_another(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Their decks are equal, and so is their run."""
     need("liggghts")
-    monkeypatch.setattr(judged, "expected_engines", lambda: ["liggghts"])
+    monkeypatch.setattr(claims, "expected_engines", lambda: ["liggghts"])
     path = tmp_path / "both.toml"
     path.write_text(
         CASE + CASE.replace('"glass"', '"bare"').replace("scene =", "set = ['run.record=[\"forces\"]']\nscene =")

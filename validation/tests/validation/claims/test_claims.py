@@ -14,10 +14,9 @@ from drivers.chain.case import Case
 from postproc.paper import quoted
 from postproc.paper.strikes import COLUMNS
 from postproc.read.motion import Simulation, exact
-from validation.chapters.claims import chapter_of
+from validation.chapters.claims import Claim, Reading, chapter_of, check_of, fault_of, favoured, read_claims
 from validation.checks import DIFFERS, REPRODUCED, Check
 from validation.claims.chains import table1
-from validation.claims.judged import Claim, Reading, check_of, fault_of, favoured, read_claims
 from validation.report.scene_section import case_rows
 from validation.tests.validation.claims.published import published_checks
 
