@@ -119,25 +119,22 @@ def overlay_of(case: Case, engine: str, trace: Trace, results: Path) -> dict[str
     that is largest in standard errors, or None. ``parameters`` is the figure of fitted parameters, and ``fitted`` the
     scene of the fit, if ``beads fit`` wrote this scene or one for it in ``results``.
     """
-    scene = case.scene
-    overlay: dict[str, Any] = {"engine": engine, "image": None}
-    is_fit = scene.name.startswith("fit-")
+    scene, is_fit = case.scene, case.scene.name.startswith("fit-")
     fit = scene.folder if is_fit else results / f"fit-{scene.name}"
-    fitted = fit / f"fit-{scene.name}.toml"
     part = read_part(fit.name, fit.parent, "beads fit")
     parameters = part and part.figures[FITTED_PARAMETERS][1]
-    fitted_scene = paths.shown(fitted) if parameters and not is_fit else ""
-    overlay |= {"rows": [], "remarks": [], "problem": "", "far": None, "parameters": parameters, "fitted": fitted_scene}
+    fitted = paths.shown(fit / f"fit-{scene.name}.toml") if parameters and not is_fit else ""
+    overlay: dict[str, Any] = {"engine": engine, "image": None, "rows": [], "remarks": [], "problem": "", "far": None}
+    overlay |= {"parameters": parameters, "fitted": fitted}
     try:
         motion = Simulation(case, engine, trace)
-        aligned, misfits, remarks = lay_over(*entries_of(scene, None, scene.file), motion)
+        aligned, misfits, overlay["remarks"] = lay_over(*entries_of(scene, None, scene.file), motion)
     except InputError as error:  # the file was read before; it does not fit the run
         return overlay | {"problem": str(error)}
-    drawn = draw_overlay(motion, aligned, misfits) if aligned else None
-    image = image_of(svg_of(drawn.figure)) if drawn else None
+    if aligned:
+        overlay["image"] = image_of(svg_of(draw_overlay(motion, aligned, misfits).figure))
     known = misfits.dropna(subset="difference_in_errors").sort_values("difference_in_errors", key=abs)
-    far = known.to_dict("records")[-1] if len(known) else None
-    return overlay | {"image": image, "rows": misfit_rows(misfits), "remarks": remarks, "far": far}
+    return overlay | {"rows": misfit_rows(misfits), "far": known.to_dict("records")[-1] if len(known) else None}
 
 
 FORCE_RANGE = 2.0  # largest drawn force of a failed run, divided by the largest force of the finished runs
@@ -179,10 +176,7 @@ def section_of(scene: ComparedScene, results: Path, runs: Path | None = None) ->
         "prediction": read_part(prediction_part(case.scene), results, "beads predict"),
         "overlay": overlay,
         "chain": image_of(svg_of(draw_spacetime({shown: trace}).figure)) if trace else None,
-        "shown": [
-            *([Shown("", "", pd.DataFrame(overlay["rows"], columns=HEADINGS))] if overlay and overlay["rows"] else ()),
-            *_tables(scene, finished),
-        ],
+        "shown": _tables(scene, finished, overlay["rows"] if overlay else ()),
         "decks": [
             (name, file, text)
             for name, cell in row["engines"].items()
@@ -202,31 +196,25 @@ BUDGET = (
 )
 
 
-def _tables(scene: ComparedScene, finished: Mapping[str, EndedRun]) -> list[Shown]:
-    """Tables of the finished runs of a scene by engine: checks by quantity, observables, error budget, elements."""
+def _tables(scene: ComparedScene, finished: Mapping[str, EndedRun], misfits: Sequence[Any]) -> list[Shown]:
+    """Tables of the finished runs of a scene by engine: misfits, checks, observables, error budget, elements."""
     checks = {(check.quantity, check.engine): check for check in scene.checks if check.engine in finished}
     judged = []
     for quantity in dict.fromkeys(quantity for quantity, _ in checks):
-        of_quantity = [checks.get((quantity, engine)) for engine in finished]
-        judged.append(
-            [quantity, *map(_judgement, of_quantity), _limits_of([check.limit for check in of_quantity if check])]
-        )
+        row = [checks.get((quantity, engine)) for engine in finished]
+        judged.append([quantity, *map(_judgement, row), _limits_of([check.limit for check in row if check])])
     observed = [observe(run.layout, run.trace) for run in finished.values()]
     values = [[name, *(number(values.get(name, math.nan), 6) for values in observed)] for name in (observed or [{}])[0]]
-    budget = [
-        (quantity, engine, *(short(row[part]) for part in PARTS)) for quantity, engine, row in budget_rows(finished)
-    ]
+    budget = [(name, engine, *(short(row[part]) for part in PARTS)) for name, engine, row in budget_rows(finished)]
     notes = [f"{engine}: {run.record.error_note}." for engine, run in finished.items() if run.record.error_note]
     elements = [(element.name, "in" if element.modelled else "out", element.reason) for element in scene.case.elements]
     tables = (
+        ("", "", misfits, HEADINGS),
         ("", "", judged, ("quantity", *finished, "allowed")),
         ("Observables: peaks, speeds, widths, balances", "", values, ("observable", *finished)),
-        (
-            "Error budget: model, rounding, truncation, sampling", " ".join((BUDGET, *notes)), budget,
-            ("quantity", "engine", *PARTS),
-        ),
+        (f"Error budget: {', '.join(PARTS[1:])}", " ".join((BUDGET, *notes)), budget, ("quantity", "engine", *PARTS)),
         ("Modelled elements, with reasons", "", elements, ("element", "in or out", "reason")),
-    )  # fmt: skip
+    )
     return [
         Shown(heading, text, pd.DataFrame(rows, columns=columns)) for heading, text, rows, columns in tables if rows
     ]

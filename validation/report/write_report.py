@@ -1,16 +1,22 @@
 """``beads report``: run and compare scenes, and write the page with its JSON file."""
 
+import datetime
+import os
+import platform
 import re
+import time
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 import pandas as pd
 from markupsafe import Markup, escape
+from pydantic import TypeAdapter
 
 from drivers.base import decks as deck
 from drivers.base import paths, terminal
@@ -19,6 +25,7 @@ from drivers.base.files import whole_file
 from drivers.base.terminal import say
 from drivers.engines import in_order, load_engine
 from drivers.run.execute import Place, execute, get_ready
+from drivers.run.run import provenance
 from postproc.draw.product import SPACETIME
 from postproc.figures import captions
 from postproc.read.measured import read_traces
@@ -34,9 +41,8 @@ from validation.compare.comparison import (
     compare_cases,
     listed,
 )
-from validation.report.machine_readable import as_json, made_with, when_made
-from validation.report.parts import read_part
-from validation.report.scene_section import case_rows, counted, section_of, tolerances
+from validation.report.parts import PARTS, read_part
+from validation.report.scene_section import case_rows, counted, section_of, source_of, tolerances
 
 SUBJECT = "Strongly nonlinear waves in a chain of Teflon beads"
 PAPER = ("fig4", "fig5", "fig6b", "fig6d")
@@ -45,8 +51,11 @@ CODE = re.compile("`([^`]+)`")
 SUBSCRIPT = re.compile(r"\b([^\W_])_(\w)\b")
 VERDICT = re.compile(f"({'|'.join((PASS, FAIL, NOT_RUN, NOT_ACCURATE, REPRODUCED, DIFFERS))})(?: (.*))?")
 NARROW, NARROW_WORDS = 60, 40  # characters of the longest texts, and of the longest words, of a row on narrow screens
-SHARING = ("claims",)  # chapters that have runs in common with the figures, and are made after them
 BESIDE = Place(processes=True)
+SCHEMA = 3  # of the JSON file
+LEFT_OUT = ("scene", "layout", "elements", "files")  # there of the record of a run
+LIBRARIES = ("numpy", "scipy", "numba")
+CPUS = Path("/proc/cpuinfo")
 
 # link and heading of each section on the paper
 FIGURES = "figures"
@@ -88,7 +97,7 @@ def report(
     for name in () if studies else sections:
         _section(name, page.parent, ())
     to_come = [name for name in (*captions(), *CHAPTERS) if studies and not _made(name, page.parent)]
-    sharing = [name for name in to_come if name in captions() or name in SHARING]
+    sharing = [name for name in to_come if _is_whole(name)]  # chapters after the figures, whose runs they have
     groups = [*filter(None, [sharing]), *([name] for name in to_come if name not in sharing)]
     if place.processes:
         get_ready(make_parts)
@@ -96,7 +105,8 @@ def report(
     with terminal.counted("scenes on all engines, compared"):
         compared = [*compare_cases(cases, asked.names, folder)]
         unmet = asked.unmet(compared)
-        counts = write_report(compared, page, command, runs, unmet, to_come, sections)
+        write = partial(write_report, compared, page, command, runs, unmet, to_come, sections)
+        counts = write()
 
     def grow(ended: Collection[str] = ()) -> None:
         """Write the page with the parts that have been made meanwhile, and without those that have failed."""
@@ -104,7 +114,7 @@ def report(
         made = [name for name in to_come if name in ended or up_to_date(name, page.parent)]
         if made:
             to_come[:] = [name for name in to_come if name not in made]
-            counts = write_report(compared, page, command, runs, unmet, to_come, sections)
+            counts = write()
 
     if groups:
         with terminal.counted("figures and chapters, side by side"):
@@ -122,11 +132,15 @@ def report(
     return 1 if unmet or counts[FAIL] or missed or failed else 0
 
 
+def _is_whole(part: str) -> bool:
+    """True for a figure, and for a chapter without a short form on the page."""
+    return part in captions() or part in IN_FULL
+
+
 def _made(part: str, results: Path) -> bool:
     """True if a figure or a chapter is up to date; any stored one counts for a chapter with a short form."""
     try:
-        short_form = part not in captions() and part not in IN_FULL
-        return read_part(part, results) is not None and (short_form or up_to_date(part, results))
+        return read_part(part, results) is not None and (not _is_whole(part) or up_to_date(part, results))
     except (InputError, OSError) as error:  # such as a folder in place of a file
         say(str(error))
         return False
@@ -165,35 +179,31 @@ def write_report(
     cases = case_rows(claims.checks if claims else ())
     about = [section_of(scene, results, runs) for scene in scenes]
     rows = [described["row"] for described in about]
-    engines = in_order(engine for row in (*rows, *cases) for engine in row["engines"])
+    cells = [(row, engine, cell) for row in (*rows, *cases) for engine, cell in row["engines"].items()]
     ran = in_order({engine for scene in scenes for engine in scene.runs})
     verdicts = {row["name"]: {name: cell["verdict"] for name, cell in row["engines"].items()} for row in cases}
     builds = [
         (name, build["version"], f"`{build['command']}`", f"`{build['sha256']}`")
         for name, build in made["engines"].items()
     ]
+    dates = [(file.stem, _utc(file.stat().st_mtime)) for file in sorted((results / PARTS).glob("*.json"))]
     page = deck.render(
         "report/report.html.j2",
         subject=SUBJECT if sections else f"{' and '.join(row['title'] for row in rows)}: do the codes agree?",
         answer=" ".join(answer(scenes, verdicts)),
         codes=listed([load_engine(name).in_print for name in ran if not load_engine(name).in_repository]),
         claims=claims,
-        failures=[
-            (row, engine, cell)
-            for row in (*rows, *cases)
-            for engine, cell in row["engines"].items()
-            if cell["verdict"] == FAIL
-        ],
+        failures=[(row, engine, cell) for row, engine, cell in cells if cell["verdict"] == FAIL],
         made=made,
         builds=pd.DataFrame(builds, columns=["engine", "version", "command", "digest of programs and libraries"]),
         unmet=unmet,
         to_come=to_come,
-        verdicts=_verdicts(rows, engines),
+        verdicts=_verdicts(rows, in_order(engine for _, engine, _ in cells)),
         counts=counted(rows),
         tolerances=tolerances(scenes),
         scenes=about,
         sections=[(name, *SECTIONS[name], section) for name, section in sections.items()],
-        dates=pd.DataFrame(when_made(results) if sections else [], columns=["part", "made"]),
+        dates=pd.DataFrame(dates if sections else [], columns=["part", "made"]),
         short=short,
         typeset=typeset,
         is_wide=is_wide,
@@ -272,3 +282,72 @@ def marked(text: str) -> Markup:
     if verdict == PASS:
         return Markup('<b class="pass" role="img" aria-label="pass">✓</b> {}').format(rest)
     return Markup('<b class="{}">{}</b> {}').format(kind, f"✗ {verdict}" if verdict == FAIL else verdict, rest)
+
+
+def made_with(scenes: Sequence[ComparedScene], command: str) -> dict[str, Any]:
+    """Date, command, commit, engines, libraries and machine of a report."""
+    made = provenance()
+    records = {name: run.record for scene in scenes for name, run in scene.runs.items()}
+    return {
+        "date": _utc(time.time()),
+        "command": command,
+        "commit": made["commit"],
+        "uncommitted_changes": made["dirty"],
+        "lock_sha256": made["lock_sha256"],
+        "engines": {
+            name: {"version": run.engine_version, "command": run.executable, "sha256": run.build_sha256}
+            for name, run in ((name, records[name]) for name in in_order(records))
+        },
+        "libraries": {"python": platform.python_version()} | {name: version(name) for name in LIBRARIES},
+        "machine": {
+            "host": platform.node(),
+            "system": platform.platform(),
+            "processor": cpu_name(),
+            "cores": os.cpu_count() or 1,
+        },
+    }
+
+
+def _utc(seconds: float) -> str:
+    return datetime.datetime.fromtimestamp(seconds, datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
+
+
+def cpu_name() -> str:
+    """Processor's name from Linux, else from Python."""
+    about = CPUS.read_text(errors="replace") if CPUS.exists() else ""
+    named = re.search(r"^model name\s*: *(.+)$", about, re.MULTILINE)
+    return named[1] if named else platform.processor() or platform.machine()
+
+
+def as_json(
+    made: dict[str, Any],
+    scenes: Sequence[ComparedScene],
+    rows: Sequence[Mapping[str, Any]],
+    cases: Sequence[Mapping[str, Any]],
+    unmet: Mapping[str, str],
+    to_come: Sequence[str],
+) -> str:
+    """Report as JSON, with the names of chapters still to come; NaN and infinities become null."""
+    cells = [cell for row in (*rows, *cases) for cell in row["engines"].values()]
+    checks = Counter(check.verdict for cell in cells for check in cell["checks"])
+    counts = {"scenes": counted(rows), "independent": counted(cases), "checks": checks}
+    data = {
+        "schema_version": SCHEMA,
+        "made_with": made,
+        "unmet": unmet,
+        "to_come": to_come,
+        "counts": {key: {kind: verdicts[kind] for kind in (PASS, FAIL, NOT_RUN)} for key, verdicts in counts.items()},
+        "scenes": [_scene(scene, row) for scene, row in zip(scenes, rows, strict=True)],
+        "independent": cases,
+    }
+    text = TypeAdapter(Any).dump_json(data, indent=1, fallback=lambda scalar: scalar.item())
+    return f"{text.decode()}\n"
+
+
+def _scene(scene: ComparedScene, row: Mapping[str, Any]) -> dict[str, Any]:
+    case, engines = scene.case, dict(row["engines"])
+    for engine, run in scene.runs.items():
+        record = {name: value for name, value in vars(run.record).items() if name not in LEFT_OUT}
+        engines[engine] = engines[engine] | {"run": {"folder": paths.shown(run.folder)} | record}
+    about = {"summary": case.summary, "source": source_of(case.scene), "time_step_s": case.scene.time_step_s}
+    return {**row, "engines": engines, **about, "elements": case.elements}
