@@ -5,7 +5,7 @@ such a statement follow from the paper's equations and numbers.
 """
 
 from functools import cache
-from math import pi, sqrt
+from math import nan, pi, sqrt
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -43,17 +43,6 @@ def long_wave_acceleration(particles: strikes.Particles, strain: Array, length_m
 def _derivative(values: Array, length_m: float, order: int) -> Array:
     wave_number = 2j * pi * np.fft.rfftfreq(len(values), length_m / len(values))
     return np.asarray(np.fft.irfft(np.fft.rfft(values) * wave_number**order, len(values)))
-
-
-def lattice_acceleration(particles: strikes.Particles, displacement_m: Array) -> Array:
-    """Accelerations of the beads of a closed chain: ``m u_tt = F_j - F_{j+1}`` with Hertz forces between neighbours.
-
-    ``u_0 - u_1`` is the overlap of beads 0 and 1. There are beads + 1 displacements; the last is that of bead 0, one
-    period further.
-    """
-    overlap = displacement_m[:-1] - displacement_m[1:]
-    force = hertz_force(particles.stiffness, np.maximum(overlap, 0.0))
-    return np.asarray((np.roll(force, 1) - force) / particles.mass_kg)
 
 
 def peak_strain(particles: strikes.Particles, speed_m_s: float) -> float:
@@ -98,16 +87,9 @@ def sound_speed(particles: strikes.Particles, force_N: float) -> float:
     return float(sqrt(1.5) * particles.speed_constant_m_s * particles.strain(force_N) ** 0.25)
 
 
-def bulk_modulus_to_youngs(bulk_speed_m_s: float, poisson_ratio: float, density_kg_m3: float) -> float:
-    """Young's modulus in Pa from a bulk sound speed, ``E = 3 rho c_b^2 (1 - 2 nu)``."""
-    return 3 * density_kg_m3 * bulk_speed_m_s**2 * (1 - 2 * poisson_ratio)
-
-
 def hertz_contact(particles: strikes.Particles, force_N: float) -> tuple[float, float]:
-    """Radius ``(3 F R* / 4 E*)^(1/3)`` in m, peak pressure ``3 F / (2 pi radius^2)`` in Pa (Hertz 1882)."""
-    reduced_radius = particles.diameter_m / 4
-    reduced_modulus = particles.youngs_modulus_Pa / (2 * (1 - particles.poisson_ratio**2))
-    radius_m = (3 * force_N * reduced_radius / (4 * reduced_modulus)) ** (1 / 3)
+    """Radius ``(overlap R*)^(1/2)`` in m, peak pressure ``3 F / (2 pi radius^2)`` in Pa (Hertz 1882)."""
+    radius_m = sqrt(particles.strain(force_N)) * particles.diameter_m / 2  # R* is a quarter of the diameter
     return radius_m, 3 * force_N / (2 * pi * radius_m**2)
 
 
@@ -118,22 +100,25 @@ def convergence_order() -> float:
 
 
 def _long_wave_error(beads: int) -> float:
-    """Largest difference of accelerations divided by the largest one, for one period of a strongly modulated strain."""
-    p, mean, swing, place = ptfe_beads(), 0.01, 0.006, np.arange(beads + 1) * ptfe_beads().diameter_m
-    length = beads * p.diameter_m
+    """Largest difference of accelerations divided by the largest one, for one period of a strongly modulated strain.
+
+    In the closed chain ``m u_tt = F_j - F_{j+1}``; ``u_0 - u_1`` is the overlap of beads 0 and 1. The last of beads + 1
+    displacements is that of bead 0, one period further.
+    """
+    p, mean, swing = ptfe_beads(), 0.01, 0.006
+    place, length = np.arange(beads + 1) * p.diameter_m, beads * p.diameter_m
     wave_number = 2 * np.pi / length
     displacement = -mean * place - swing / wave_number * np.sin(wave_number * place)
     strain = mean + swing * np.cos(wave_number * place[:-1])
-    lattice = lattice_acceleration(p, displacement)
+    force = hertz_force(p.stiffness, -np.diff(displacement))
+    lattice = (np.roll(force, 1) - force) / p.mass_kg
     return float(np.abs(lattice - long_wave_acceleration(p, strain, length)).max() / np.abs(lattice).max())
 
 
 def precompressed_discrete() -> float:
     """Largest deviation of Eq. (4) from the exact wave of the discrete chain, for 0.1 to 1e4 static forces."""
-    diameter_m = ptfe_beads().diameter_m
-    return max(
-        abs(speed_by_eq4(1 + amplitude) / (_wave(amplitude).speed * diameter_m) - 1) for amplitude in SWEPT_AMPLITUDES
-    )
+    by_wave = ((speed_by_eq4(1 + size), _wave(size).speed * ptfe_beads().diameter_m) for size in SWEPT_AMPLITUDES)
+    return max(abs(theirs / exact - 1) for theirs, exact in by_wave)
 
 
 @cache
@@ -150,10 +135,8 @@ def beta(amplitude: float) -> float:
 
 def beta_spread() -> float:
     """Largest relative difference of beta between 600, 1000 and 1460 MPa, per cent."""
-    betas = np.array(
-        [[_wave(amplitude, modulus).beta for modulus in quoted().ptfe_moduli_MPa] for amplitude in AMPLITUDES]
-    )
-    return float(100 * ((betas.max(axis=1) - betas.min(axis=1)) / betas.mean(axis=1)).max())
+    betas = np.array([[_wave(each, modulus).beta for modulus in quoted().ptfe_moduli_MPa] for each in AMPLITUDES])
+    return float(100 * (np.ptp(betas, axis=1) / betas.mean(axis=1)).max())
 
 
 def width_at_half(amplitude: float) -> float:
@@ -183,7 +166,7 @@ def energy_in_five(outer_share: float) -> float:
     Kinetic energy of the five, energy of the four contacts between them, and a share of that of the two outer contacts.
     """
     wave = solve_travelling_wave()
-    velocity, force = CubicSpline(wave.place, wave.velocity), CubicSpline(wave.place, wave.force)
+    velocity = CubicSpline(wave.place, wave.velocity)
 
     def energy(centre: float, beads: int) -> float:
         # bead j at place j, contacts half a bead to either side
@@ -192,7 +175,7 @@ def energy_in_five(outer_share: float) -> float:
         weight = np.ones(beads + 1)
         weight[[0, -1]] = outer_share
         kinetic = 0.5 * (velocity(place) ** 2).sum()
-        return float(kinetic + 0.4 * (weight * np.maximum(force(contact), 0.0) ** (5 / 3)).sum())
+        return float(kinetic + 0.4 * (weight * np.maximum(wave.curve(contact), 0.0) ** (5 / 3)).sum())
 
     centres = np.linspace(-0.5, 0.5, 101)
     return 100 * max(energy(centre, 5) / energy(centre, 15) for centre in centres)
@@ -279,10 +262,10 @@ def _of_materials() -> dict[str, float]:
     """Statements on moduli, masses, and the contact at 5 N."""
     p, paper, density = ptfe_beads(), quoted(), _density("ptfe")
     small = strikes.particles_of(case_of("fig6b"))
-    radius_m, peak_Pa = hertz_contact(p, CONTACT_N)
-    small_radius_m, small_peak_Pa = hertz_contact(small, CONTACT_N)
-    bulk_speeds = paper.ptfe_hugoniot_m_s, paper.ptfe_ultrasound_m_s
-    stiff, soft = (bulk_modulus_to_youngs(speed, p.poisson_ratio, density) for speed in bulk_speeds)
+    (radius_m, peak_Pa), (small_radius_m, small_peak_Pa) = (hertz_contact(each, CONTACT_N) for each in (p, small))
+    # E = 3 rho c_b^2 (1 - 2 nu) with a bulk sound speed c_b
+    bulk_speeds = np.array([paper.ptfe_hugoniot_m_s, paper.ptfe_ultrasound_m_s])
+    stiff, soft = (3 * density * bulk_speeds**2 * (1 - 2 * p.poisson_ratio)).tolist()
     strain = peak_Pa / p.youngs_modulus_Pa
     return {
         "modulus-hugoniot": stiff / 1e9,
@@ -312,12 +295,12 @@ def _of_materials() -> dict[str, float]:
 def _of_measurements() -> dict[str, float]:
     """Statements on measured speeds, widths and amplitudes."""
     p, paper, table = ptfe_beads(), quoted(), quoted().table1
-    slowest, fastest = min(table["measured_speed_m_s"]), max(table["measured_speed_m_s"])
     by_theory = strikes.Particles(600e6, p.poisson_ratio, _density("ptfe"), p.diameter_m)
     slow_m_s = speed_from_velocity(by_theory, 0.2)
-    times, widths = np.array(table["measured_duration_us"]) / MICRO, np.array(table["measured_width_diameters"])
-    off = times * np.array(table["measured_speed_m_s"]) / p.diameter_m - widths
-    large = widths[np.array(table["force_N"]) >= 0.6]
+    force_N, measured_us, speed_m_s, width, *_ = map(np.array, table.values())
+    slowest, fastest = float(speed_m_s.min()), float(speed_m_s.max())
+    by_time = measured_us / MICRO * speed_m_s / p.diameter_m
+    large = width[force_N >= 0.6]
     return {
         "slow-wave": slow_m_s,
         "slower-than-gases": slow_m_s / HEAVY_GAS_M_S,
@@ -330,17 +313,15 @@ def _of_measurements() -> dict[str, float]:
         "far-smaller": NYLON_N / paper.smallest_force_N,
         "strongly-nonlinear": min(table["force_N"]) / strikes.static_force(case_of("table1")),
         "speed-accuracy": 100 * 2 * paper.accuracy_sensor_position_m / (4 * p.diameter_m),
-        "table1-measured-widths": float(np.abs(off).max()),
-        "very-close-to-five": float((times * np.array(table["measured_speed_m_s"]) / p.diameter_m)[1]),
+        "table1-measured-widths": float(np.abs(by_time - width).max()),
+        "very-close-to-five": float(by_time[1]),
         "widths-close-to-five": float(large[np.abs(large - 5).argmax()]),
     }
 
 
 def _density(material: str) -> float:
     """Nominal density of a material, from ``inputs/materials.toml``."""
-    density = case_of("fig6b").scene.materials[material].density
-    assert density is not None
-    return density
+    return case_of("fig6b").scene.materials[material].density or nan
 
 
 def _ball_g(material: str, diameter_m: float) -> float:
