@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
-from math import inf, nan
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -38,6 +38,9 @@ REPEATS = 3  # further runs for costs, except in the short study
 ROUNDING = 1e-6  # of a mean: a smaller spread counts as none
 MAX_ELEMENTS = 3  # in a sentence
 SCATTER = "scatter"  # in a setting: replaced by the scene's value
+COLUMNS = (
+    "scene", "element", "engine", "observable", "without", "with", "change", "spread", "seeds", "cost_ns", "cost_ratio",
+)  # fmt: skip
 MIN_CHANGE = 1e-6  # smaller changes are drawn here
 OMITTED = "elements that straight chains omit"
 Found = Mapping[tuple[Case, str], Simulation]  # all runs of the study, by case and engine
@@ -81,7 +84,8 @@ class Elements(Part):
     element: tuple[Element, ...] = Field(strict=False)
 
 
-STRAIGHT = Side(tube=True, set=("chain.lateral_offset=0 um",))
+IN_TUBE = {"tube": True, "set": ("chain.lateral_offset=0 um",)}
+STRAIGHT = Element.model_validate({"name": OMITTED, "without": {}, "with": IN_TUBE})
 
 
 @dataclass(frozen=True)
@@ -98,13 +102,16 @@ def read_elements() -> Elements:
     return validate(Elements, read_toml(paths.ELEMENTS), paths.shown(paths.ELEMENTS))
 
 
-def pairs_of(elements: Elements, seeds: int) -> Iterator[Switched]:
-    """Cases without and with each element, for all scenes and seeds."""
-    for subject, switch in product(elements.scene, elements.element):
+def pairs_of(
+    engine: str, scenes: Iterable[SwitchedScene], elements: Iterable[Element], seeds: int
+) -> Iterator[Switched]:
+    """Cases without and with each element, for all scenes and seeds, that an engine can run on both sides."""
+    for subject, switch in product(scenes, elements):
         if not switch.only or subject.name in switch.only:
-            count = seeds if switch.random else 1
-            sides = product((switch.without, switch.with_), range(1, count + 1))
-            yield Switched(subject.name, switch.name, [case_on(subject, side, seed) for side, seed in sides])
+            sides = product((switch.without, switch.with_), range(1, (seeds if switch.random else 1) + 1))
+            cases = [case_on(subject, side, seed) for side, seed in sides]
+            if not any(inability(case, engine) for case in cases):
+                yield Switched(subject.name, switch.name, cases)
 
 
 @cache
@@ -127,43 +134,24 @@ def observables_of(case: Case) -> dict[str, str]:
     }
 
 
-def measure_effects(pairs: Sequence[Switched], engines: Iterable[str], repeats: int, ran: Found) -> pd.DataFrame:
-    """Effects of all elements on all codes that can model them, a row for each observable.
+def measure_effects(taken: Mapping[str, Sequence[Switched]], repeats: int, ran: Found) -> pd.DataFrame:
+    """Effects of all elements by each code on the pairs that it can model, a row for each observable.
 
     ``without`` and ``with`` are means over the ``seeds``; ``change`` and ``spread`` are mean and standard deviation of
     their relative changes, with a NaN spread for a single run. ``cost_ns`` is the loop time with the element per body
     and step, on the first scene, ``cost_ratio`` that time divided by the loop time without.
     """
     rows = []
-    for engine in engines:
-        possible = taken_by(engine, pairs)
-        costs = _costs([pair for pair in possible if pair.scene == pairs[0].scene], engine, repeats, ran)
-        for pair in possible:
+    for engine, pairs in taken.items():
+        costs = _costs([pair for pair in pairs if pair.scene == pairs[0].scene], engine, repeats, ran)
+        for pair in pairs:
             runs, (cost_without, cost) = [ran[case, engine] for case in pair.cases], costs[pair.element]
             for word, name in observables_of(pair.cases[0]).items():
                 without, with_ = np.split(np.array([run.values[name] for run in runs]), 2)
-                changes = with_ / without - 1
-                rows.append(
-                    {
-                        "scene": pair.scene,
-                        "element": pair.element,
-                        "engine": engine,
-                        "observable": word,
-                        "without": without.mean(),
-                        "with": with_.mean(),
-                        "change": changes.mean(),
-                        "spread": changes.std(ddof=1) if len(changes) > 1 else nan,
-                        "seeds": len(changes),
-                        "cost_ns": cost,
-                        "cost_ratio": cost / cost_without,
-                    }
-                )
-    return pd.DataFrame(rows)
-
-
-def taken_by(engine: str, pairs: Iterable[Switched]) -> list[Switched]:
-    """Pairs that an engine can run on both sides."""
-    return [pair for pair in pairs if not any(inability(case, engine) for case in pair.cases)]
+                changes = pd.Series(with_ / without - 1)
+                effect = without.mean(), with_.mean(), changes.mean(), changes.std(), len(changes)
+                rows.append((pair.scene, pair.element, engine, word, *effect, cost, cost / cost_without))
+    return pd.DataFrame(rows, columns=COLUMNS)
 
 
 def _costs(pairs: Sequence[Switched], engine: str, repeats: int, ran: Found) -> dict[str, tuple[float, float]]:
@@ -185,17 +173,12 @@ def _costs(pairs: Sequence[Switched], engine: str, repeats: int, ran: Found) -> 
     return costs
 
 
-def straight(subject: SwitchedScene) -> list[Case]:
-    """The scene as it is, and with the elements that straight chains always omit."""
-    return [case_on(subject, side, 1) for side in (Side(), STRAIGHT)]
-
-
-def omitted_effects(subjects: Iterable[SwitchedScene], engines: Iterable[str], ran: Found) -> Iterator[Check]:
+def omitted_effects(taken: Mapping[str, Sequence[Switched]], ran: Found) -> Iterator[Check]:
     """Do straight chains omit only what has no effect? Differences divided by the largest change of force."""
-    for engine, subject in product(engines, subjects):
-        one, other = (ran[case, engine].trace for case in straight(subject))
+    for engine, pair in ((engine, pair) for engine, pairs in taken.items() for pair in pairs):
+        one, other = (ran[case, engine].trace for case in pair.cases)
         change, place = float(residual(other, one).max()), "straight chain against one with lateral freedom in its tube"
-        yield judged(subject.name, engine, OMITTED, change, tolerance("elements", "nothing"), place)
+        yield judged(pair.scene, engine, OMITTED, change, tolerance("elements", "nothing"), place)
 
 
 def measure(options: Options) -> Chapter:
@@ -204,17 +187,15 @@ def measure(options: Options) -> Chapter:
     seeds = asked.quick_seeds if options.quick else asked.seeds
     scenes = asked.scene[:1] if options.quick else asked.scene
     engines = installed_codes() or [VERLET]
-    in_tubes = [name for name in engines if inability(case_of(f"{scenes[0].name}-tube"), name) is None]
-    pairs = [*pairs_of(asked.model_copy(update={"scene": scenes}), seeds)]
-    jobs: dict[str, list[Case]] = {}
+    taken = {engine: [*pairs_of(engine, scenes, asked.element, seeds)] for engine in engines}
+    omitted = {engine: [*pairs_of(engine, scenes, [STRAIGHT], 1)] for engine in engines}
+    jobs = {}
     for engine in engines:
-        cases = [case for pair in taken_by(engine, pairs) for case in pair.cases]
-        cases += [case for scene in scenes if engine in in_tubes for case in straight(scene)]
+        cases = (case for pair in (*taken[engine], *omitted[engine]) for case in pair.cases)
         jobs[engine] = [*dict.fromkeys(cases)]
-    done = run_codes(jobs, options.runs)
-    ran = {(run.case, engine): run for engine, own in done.items() for run in own}
-    effects = measure_effects(pairs, engines, 0 if options.quick else REPEATS, ran)
-    checks = [*omitted_effects(scenes, in_tubes, ran)]
+    ran = {(run.case, engine): run for engine, own in run_codes(jobs, options.runs).items() for run in own}
+    effects = measure_effects(taken, 0 if options.quick else REPEATS, ran)
+    checks = [*omitted_effects(omitted, ran)]
     sizes = largest_effects(effects).groupby("element")["size"].max().nlargest(MAX_ELEMENTS)
     findings = [
         f"Largest changes: {', '.join(f'{name} {100 * size:.0f} %' for name, size in sizes.items())}.",
