@@ -5,7 +5,7 @@
 ``linear_waves`` or ``strong_waves``.
 """
 
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import cache, partial
@@ -32,19 +32,7 @@ from drivers.scene.read_scene import apply_settings, read_toml
 from postproc.read.motion import Simulation, exact, trace_with_state
 from validation.accuracy.plan import plan_case, planned_case
 from validation.chapters import Options
-from validation.checks import (
-    DIFFERS,
-    FAIL,
-    NOT_RUN,
-    PASS,
-    REPRODUCED,
-    RUN,
-    Check,
-    outcome,
-    pass_or_fail,
-    share_of_limit,
-    without_run,
-)
+from validation.checks import DIFFERS, FAIL, NOT_RUN, PASS, REPRODUCED, Check, pass_or_fail, without_run, worst_of
 from validation.claims import chains, equations, linear_waves, strong_waves
 from validation.compare.comparison import absences
 from validation.report.parts import Chapter, Shown
@@ -393,7 +381,7 @@ def judge(claims: Sequence[Claim], runs: Path = paths.RUNS) -> list[Check]:
         if claim.kind != CASE:
             checks[check(claim, words, way, REFERENCE)] = None
         if asked and (claim.kind == CASE or way is claim.favoured):
-            on_engines += [(claim, words, way, engine) for engine in engines]
+            on_engines += product([claim], [words], [way], engines)
             jobs += product(asked, engines)
     run_all(jobs)
     for claim, words, way, engine in on_engines:
@@ -423,9 +411,7 @@ def measure(options: Options) -> Chapter:
 
 def chapter_of(claims: Sequence[Claim], checks: Sequence[Check]) -> Chapter:
     """Chapter on judged claims; its checks are those of the cases, and the faults of statements, of no engine."""
-    own: dict[str, list[Check]] = defaultdict(list)
-    for check in checks:
-        own[check.scene].append(check)
+    own = {claim.id: [check for check in checks if check.scene == claim.id] for claim in claims}
     statements = {claim.id: claim for claim in claims if claim.kind != CASE}
     judged = [check for check in checks if check.scene not in statements]
     counts = Counter(check.verdict for check in judged)
@@ -441,39 +427,33 @@ def chapter_of(claims: Sequence[Claim], checks: Sequence[Check]) -> Chapter:
 def _row(claim: Claim, checks: Sequence[Check]) -> dict[str, Any]:
     """A claim with its published and computed number, the verdict, other readings, reasons, and what is counted."""
     if claim.kind == CASE:
-        missing = [check for check in checks if check.quantity == RUN]
+        missing = [check for check in checks if isnan(check.limit)]
         measured = [check for check in checks if check.quantity.startswith(quantity_of(claim))]
-        judged = max(measured or missing, key=share_of_limit)
-        verdict, words = outcome(measured or missing), measures()[claim.measure][claim.quantity]
-        listed = [judged.engine]
+        judged = worst_of(measured) or max(missing, key=lambda check: check.verdict == FAIL)
+        words, listed = measures()[claim.measure][claim.quantity], [judged.engine]
         reason = [f"error {judged.value:.1e}: {claim.reason}", *(f"{one.engine}: {one.where}" for one in missing)]
     else:
         exact = {check.quantity: check for check in checks if check.engine == REFERENCE}
         judged = exact[quantity_of(claim, claim.favoured.words)]
-        verdict, words = judged.verdict, claim.quote
-        readings = [(reading, exact[quantity_of(claim, reading.words)]) for reading in claim.readings if reading.words]
+        words = claim.quote
         how = claim.how or (function_of(claim).__doc__ or "").partition("\n")[0] if claim.kind != ARITHMETIC else ""
-        listed = [how.replace("``", "")] * bool(how) + [
-            f"{reading.words}{', judged' * bool(reading.favoured)}: {_number(claim, check)}, {check.verdict}"
-            for reading, check in readings
-        ]
-        marks = {
-            "our criterion": claim.our_criterion,
-            "by the fitted law": claim.kind == FITTED,
-            "depends on the reading": len({check.verdict for check in exact.values()}) > 1,
-        }
-        reason = [claim.explained or claim.reason, *(mark for mark, holds in marks.items() if holds)]
+        listed = [how.replace("``", "")] if how else []
+        for reading in claim.readings if claim.favoured.words else ():
+            check = exact[quantity_of(claim, reading.words)]
+            marked = reading.words + ", judged" * bool(reading.favoured)
+            listed.append(f"{marked}: {_number(claim, check)}, {check.verdict}")
+        reason = [claim.explained or claim.reason, *["our criterion"] * claim.our_criterion]
+        reason += ["by the fitted law"] * (claim.kind == FITTED)
+        reason += ["depends on the reading"] * (len({check.verdict for check in exact.values()}) > 1)
     within = f" ± {claim.absolute:g}" if claim.relation == "equals" and claim.absolute else ""
     share = f", within {claim.within:g} of it" if claim.within else ""
     return {
         "statement": "\n".join(filter(None, (words, claim.title, claim.source))),
         "published": f"{RELATIONS[claim.relation]}{judged.expected:.8g}{within} {claim.unit}".rstrip() + share,
-        "computed": "\n".join([f"{verdict} {_number(claim, judged)}", *listed]),
+        "computed": "\n".join([f"{judged.verdict} {_number(claim, judged)}", *listed]),
         "reason": "\n".join(reason),
         **claim.model_dump(include={"id", "kind", "our_criterion", "cause"}),
-        "verdict": verdict,
-        "expected": judged.expected,
-        "found": judged.found,
+        **{name: getattr(judged, name) for name in ("verdict", "expected", "found")},
     }
 
 
@@ -493,10 +473,8 @@ def findings(rows: pd.DataFrame) -> list[str]:
     def share(group: pd.Series) -> str:
         return f"{(group & good).sum()} of {group.sum()}"
 
-    words, off = (
-        read_file(paths.CLAIMS).named_causes | {"": "other causes"},
-        Counter(rows.loc[physics & ~good, "cause"]),
-    )
+    words = read_file(paths.CLAIMS).named_causes | {"": "other causes"}
+    off = Counter(rows.loc[physics & ~good, "cause"])
     causes = "; ".join(f"{words[cause]} ({off[cause]})" for cause in words if off[cause])
     return [
         f"In Fig. 4 elastic theory gives {force['found']:.1f} times the measured force, and a wave that is"

@@ -34,13 +34,7 @@ from validation.accuracy.budget import text_of
 from validation.accuracy.plan import planned_case
 from validation.chapters import CHAPTERS, IN_FULL, TABLE, make_parts, up_to_date
 from validation.checks import DIFFERS, FAIL, NOT_ACCURATE, NOT_RUN, PASS, REPRODUCED, short, table
-from validation.compare.comparison import (
-    ComparedScene,
-    EngineSelection,
-    answer,
-    compare_cases,
-    listed,
-)
+from validation.compare.comparison import ComparedScene, EngineSelection, answer, compare_cases, listed
 from validation.report.parts import PARTS, read_part
 from validation.report.scene_section import case_rows, counted, section_of, source_of, tolerances
 
