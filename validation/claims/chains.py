@@ -66,9 +66,7 @@ def strike_of(force_N: float) -> str:
     return f"striker.speed={strikes.striker_speed(_strike(force_N, strikes.sensor_amplitude))!r} m/s"
 
 
-@cache
-def _strike(force_N: float, amplitude: strikes.Amplitude, *settings: str) -> Simulation:
-    return strikes.strike_for(force_N, amplitude, *settings)
+_strike = cache(strikes.strike_for)
 
 
 def exponent(run: Run) -> float:
@@ -89,9 +87,9 @@ def width_by_modulus(run: Run, force_N: float) -> float:
 
 def widening(run: Run, force_N: float, gravity: bool, over_N: float, over_gravity: bool, width: str = WIDTH) -> float:
     """Width under a strike of Table 1, with or without gravity, divided by that under another one."""
-    settings = [() if heavy else UNCOMPRESSED for heavy in (gravity, over_gravity)]
-    pairs = zip((force_N, over_N), settings, strict=True)
-    first, second = (struck(run, force, *off, LONG_DURATION).values[width] for force, off in pairs)
+    strikes_N = ((force_N, gravity), (over_N, over_gravity))
+    settings = [(force, *(() if heavy else UNCOMPRESSED), LONG_DURATION) for force, heavy in strikes_N]
+    first, second = (struck(run, *each).values[width] for each in settings)
     return first / second
 
 
@@ -171,9 +169,8 @@ def face_deviation(run: Run, at_peak: bool = False) -> float:
 def reflection(run: Run, incident_N: float) -> float:
     """Wave that one bead of a sensor's mass reflects, five beads above it, for an incident wave of some force, N."""
     lighter = f"chain.bead=[{{ from_wall = 30, mass = '{quoted().sensor_mass_g} g' }}]"
-    motion = run(
-        case_of("table1", *UNCOMPRESSED, "chain.count=60", "chain.sensors=[]", "run.duration=1.6 ms", *COARSE, lighter)
-    )
+    settings = ("chain.count=60", "chain.sensors=[]", "run.duration=1.6 ms", *COARSE, lighter)
+    motion = run(case_of("table1", *UNCOMPRESSED, *settings))
     incident, back = waves(motion, 35, at_least=2, prominence=1e-3)[:2]
     return incident_N * back.value / incident.value  # without gravity forces scale
 

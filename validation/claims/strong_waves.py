@@ -35,12 +35,11 @@ def impact(case: Case, trace: Trace) -> dict[str, float]:
     closed = np.flatnonzero(force > 0)
     if closed.size < 4 or closed[0] == 0 or closed[-1] == len(force) - 1:
         raise ValueError("the bodies do not meet and separate within run.duration")
-    if trace.height_m is None or trace.velocity_m_s is None:
-        raise ValueError("no state recorded; set run.record to forces and state")
+    first, last = (_closing(velocity, contact) for velocity in velocity_down(trace)[[0, -1]])
+    assert trace.height_m is not None  # recorded with the velocities
     overlap = overlaps(case.chain, trace.height_m)[:, contact]
     strongest, deepest = (peak_in(trace.time_s, signal, "the force has no maximum") for signal in (force, overlap))
-    values = {"peak_force_N": strongest.value, "peak_overlap_m": deepest.value}
-    values["restitution"] = -_closing(trace.velocity_m_s[-1], contact) / _closing(trace.velocity_m_s[0], contact)
+    values = {"peak_force_N": strongest.value, "peak_overlap_m": deepest.value, "restitution": -last / first}
     if not case.chain.damped:
         values["duration_s"] = _duration(trace.time_s, force)
     return values
@@ -135,13 +134,8 @@ def forces_of(chain: Chain, duration_s: float) -> Trace:
     mass, stiffness = float(chain.mass_kg[0]), float(chain.stiffness.max())
     speed = float(np.abs(chain.velocity_m_s).max())
     length = (mass * speed**2 / stiffness) ** 0.4  # unit of length in which mass, stiffness and speed are 1
-    motion = forces(
-        chain.mass_kg / mass,
-        chain.stiffness / stiffness,
-        chain.overlap_m / length,
-        -chain.velocity_m_s / speed,
-        duration_s * speed / length,
-    )
+    start = chain.overlap_m / length, -chain.velocity_m_s / speed
+    motion = forces(chain.mass_kg / mass, chain.stiffness / stiffness, *start, duration_s * speed / length)
     force_N = hertz_force(motion.force_N * stiffness, length)
     return replace(motion, time_s=motion.time_s * length / speed, force_N=force_N)
 
