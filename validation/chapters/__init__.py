@@ -58,8 +58,7 @@ class Options:
 
 def measure(name: str, options: Options) -> Chapter:
     """Result of a chapter."""
-    chapter = import_module(f"{__name__}.{name}").measure(options)
-    assert isinstance(chapter, Chapter)
+    chapter: Chapter = import_module(f"{__name__}.{name}").measure(options)
     return chapter
 
 
@@ -68,8 +67,7 @@ def run_chapter(name: str, options: Options) -> int:
     with counted(CHAPTERS[name][0] + ", short study" * options.quick):
         chapter = measure(name, options)
         written = _write(name, chapter, options.results)
-    for line in (*chapter.findings, *map(paths.shown, written)):
-        print(line)
+    print(*chapter.findings, *map(paths.shown, written), sep="\n")
     for line in table(chapter.failed) if chapter.failed else ():
         say(line)
     if missing_codes():

@@ -71,8 +71,9 @@ def scene_row(scene: ComparedScene, runs: Path | None = None) -> dict[str, Any]:
 def case_rows(checks: Sequence[Check]) -> list[dict[str, Any]]:
     """Rows of the cases beyond the paper, whose checks are those with an engine; as of ``scene_row``."""
     cases: dict[str, dict[str, list[Check]]] = {}
-    for check in (check for check in checks if check.engine):
-        cases.setdefault(check.scene, {}).setdefault(check.engine, []).append(check)
+    for check in checks:
+        if check.engine:
+            cases.setdefault(check.scene, {}).setdefault(check.engine, []).append(check)
     return [
         {"name": name, "title": name, "command": "beads claims"}
         | {"engines": {engine: cell_of(by_engine[engine]) for engine in in_order(by_engine)}}
@@ -163,15 +164,18 @@ def section_of(scene: ComparedScene, results: Path, runs: Path | None = None) ->
     """
     case, row = scene.case, scene_row(scene, runs)
     finished = {engine: scene.runs[engine] for engine in in_order(scene.runs)}
+    traces = {engine: run.trace for engine, run in finished.items()}
+    refused = {engine: part_in_range(case, scene.refused[engine], traces) for engine in in_order(scene.refused)}
+    forces = draw_gauge_forces(case.layout, traces, refused) if traces or refused else None
     shown = REFERENCE if REFERENCE in finished else next(iter(finished), "")
-    trace = finished[shown].trace if shown else None
+    trace = traces.get(shown)
     overlay = overlay_of(case, shown, trace, results) if trace and case.scene.measured else None
     return {
         "row": row,
         "case": case,
         "runs": finished,
         "timing": _timing(scene),
-        "forces": _forces_picture(scene),
+        "forces": image_of(svg_of(forces)) if forces else None,
         "left_out": max(0, len(gauges_of(case.layout)) - MAX_GAUGES),
         "prediction": read_part(prediction_part(case.scene), results, "beads predict"),
         "overlay": overlay,
@@ -235,14 +239,6 @@ def _timing(scene: ComparedScene) -> str:
         text += f"; stable up to {limit_s * 1e6:.3g} µs, this run uses {100 * own.time_step_s / limit_s:.2g} % of that"
     loops = [f"{record.engine} {in_words(record.loop_s)}" for record in records if record.loop_s is not None]
     return text + (f"; computing time: {', '.join(loops)}" if loops else "")
-
-
-def _forces_picture(scene: ComparedScene) -> dict[str, Any] | None:
-    """Forces on the gauges and differences; None without a trace, or without both a gauge and a second engine."""
-    traces = {engine: scene.runs[engine].trace for engine in in_order(scene.runs)}
-    refused = {engine: part_in_range(scene.case, scene.refused[engine], traces) for engine in in_order(scene.refused)}
-    figure = draw_gauge_forces(scene.case.layout, traces, refused) if traces or refused else None
-    return image_of(svg_of(figure)) if figure else None
 
 
 def part_in_range(case: Case, failed: Trace, finished: Mapping[str, Trace]) -> Trace:
