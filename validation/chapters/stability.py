@@ -84,12 +84,6 @@ class MeasuredChain:
     value: float = nan
 
 
-def shipped() -> Iterator[MeasuredChain]:
-    """The paper's scenes and two more."""
-    for name in (*PAPER, "low-amplitude", "steel-chain"):
-        yield MeasuredChain(SHIPPED, name, case_of(name))
-
-
 def sweeps() -> Iterator[MeasuredChain]:
     """Sweeps of one parameter each, over decades."""
     for group, (key, unit, values) in SWEEPS.items():
@@ -281,7 +275,8 @@ def energy_of(case: Case, trace: Trace) -> dict[str, float]:
 
 def measure(options: Options) -> Chapter:
     """Measure limits, extremes and long runs; the short study omits most scenes and all long runs."""
-    limits = measure_limits([*shipped(), *sweeps(), *(() if options.quick else bouncing())])
+    shipped = [MeasuredChain(SHIPPED, name, case_of(name)) for name in (*PAPER, "low-amplitude", "steel-chain")]
+    limits = measure_limits([*shipped, *sweeps(), *(() if options.quick else bouncing())])
     edge = [*run_all(extremes(quick=options.quick), options.runs)]
     energy = None if options.quick else energies()
     return study(limits, edge, energy)

@@ -36,7 +36,6 @@ SCENES = ("fig4", "fig5", "fig6b", "fig6d", "low-amplitude", "steel-chain", "lon
 SHORT_SCENES = SCENES[:-1]  # without the thousand beads, which take half of the time
 SHARES = tuple(10 ** (-k / 3) for k in range(13))  # of the predicted stability limit
 TOLERANCES = (*(10.0**-k for k in range(2, 12)), MIN_TOLERANCE)
-IN_REPO = (VERLET, REFERENCE)
 BUDGET_S, SHORT_BUDGET_S = 300.0, 30.0  # of engine time for the whole ladder
 MAX_RUN_SHARE = 0.04  # of the budget, for a single run
 REPEATS, SHORT_RUN_S = 3, 0.03  # shorter runs are timed as the best of several
@@ -58,7 +57,6 @@ QUANTITIES = {
 }
 DONE = "done"
 Rung = dict[str, Any]  # one run of the ladder
-NUMBERS = ("time_step_s", "share_of_limit", "loop_s", "start_s", *QUANTITIES)  # columns of the table of runs
 
 
 def rungs_of(scene: str, code_shares: Sequence[float]) -> Iterator[Rung]:
@@ -117,11 +115,12 @@ def run_ladder(budget_s: float, scenes: Sequence[str], *, short: bool = False) -
     exact = dict(execute(lambda samples: exact_motion_of(sampled[samples]), sampled))
     longest_first = execute(partial(row_of, start_s=start_s, exact=exact), reversed(kept))
     rows = [row for _, row in following(longest_first, "runs at all steps", len(kept))]
-    methods = [*installed_codes(), *IN_REPO]
+    methods = [*installed_codes(), VERLET, REFERENCE]
     rows.sort(key=lambda row: (row["expected_s"], -row["share_of_limit"]))
     rows.sort(key=lambda row: (scenes.index(row["scene"]), methods.index(row["method"])))
     rows += [rung | {"status": NOT_RUN, "reason": f"its loop would take {rung['expected_s']:.0f} s"} for rung in left]
-    return pd.DataFrame(rows, columns=["scene", "method", *NUMBERS, "status", "reason"])
+    measured = ("time_step_s", "share_of_limit", "loop_s", "start_s", *QUANTITIES)
+    return pd.DataFrame(rows, columns=["scene", "method", *measured, "status", "reason"])
 
 
 def row_of(rung: Rung, start_s: Mapping[str, float], exact: Mapping[Any, ExactMotion]) -> dict[str, Any]:
@@ -215,11 +214,10 @@ def advice(rows: pd.DataFrame) -> pd.DataFrame:
     for (scene, method), ladder in done(rows).groupby(["scene", "method"], sort=False):
         for quantity in QUANTITIES:
             largest = ladder[quantity].fillna(inf).cummax().to_numpy()  # so that no error is small by chance
+            runs = ladder[["time_step_s", "loop_s", quantity, "force"]].to_numpy()
             for target, good in zip(TARGETS, np.searchsorted(largest, TARGETS, side="right"), strict=True):
                 if good:
-                    run = ladder.iloc[good - 1]
-                    measured = (run["time_step_s"], run["loop_s"], run[quantity], run["force"])
-                    advised.append((scene, quantity, target, method, *measured))
+                    advised.append((scene, quantity, target, method, *runs[good - 1]))
     columns = ["scene", "quantity", "error_at_most", "method", "time_step_s", "loop_s", "error", "error_of_force"]
     return pd.DataFrame(advised, columns=columns)
 
