@@ -167,9 +167,8 @@ def _costs(pairs: Sequence[Switched], engine: str, repeats: int, ran: Found) -> 
         loops_s[case] = min(loops_s[case], ended.loop_s if ended.done and ended.loop_s else inf)
     costs = {}
     for pair in pairs:
-        cases_ns = [loops_s[case] / (case.chain.bodies * case.scene.steps) * 1e9 for case in pair.cases]
-        without_ns, with_ns = np.split(np.array(cases_ns), 2)
-        costs[pair.element] = float(without_ns.min()), float(with_ns.min())
+        cases_ns = [loops_s[case] / case.work * 1e9 for case in pair.cases]
+        costs[pair.element] = tuple(np.reshape(cases_ns, (2, -1)).min(axis=1).tolist())
     return costs
 
 

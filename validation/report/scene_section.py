@@ -90,11 +90,8 @@ def tolerances(scenes: Iterable[ComparedScene]) -> pd.DataFrame:
     """Quantity, limits, scenes and reason of every applied tolerance; limits with the same reason share a row."""
     applied = [check for scene in scenes for check in scene.checks if not math.isnan(check.limit)]
     checks = pd.DataFrame(applied, columns=["quantity", "reason", "limit", "scene"])
-    rows = [
-        (quantity, _limits_of(group["limit"]), ", ".join(group["scene"].unique()), reason)
-        for (quantity, reason), group in checks.groupby(["quantity", "reason"])
-    ]
-    return pd.DataFrame(rows, columns=["quantity", "limit", "scenes", "reason"])
+    named = {"limit": ("limit", _limits_of), "scenes": ("scene", lambda names: ", ".join(names.unique()))}
+    return checks.groupby(["quantity", "reason"]).agg(**named).reset_index()[["quantity", "limit", "scenes", "reason"]]
 
 
 def _limits_of(limits: Collection[float]) -> str:
