@@ -79,7 +79,7 @@ class MeasuredChain:
     """
 
     group: str
-    name: str
+    scene: str
     case: Case
     value: float = nan
 
@@ -123,18 +123,16 @@ def measure_limits(subjects: Sequence[MeasuredChain], names: Sequence[str] | Non
     names = installed_codes() if names is None else names
     by_verlet = [*map(_by_verlet, following(subjects, "limits by verlet", len(subjects), "scene"))]
     pairs = [*product(names, range(len(subjects)))]
-    ended = execute(lambda pair: _by_code(pair[0], subjects[pair[1]], by_verlet[pair[1]]), pairs)
+    ended = execute(lambda pair: _by_code(pair[0], by_verlet[pair[1]]), pairs)
     by_code = dict(following(ended, "limits by codes", len(pairs), "scene"))
-    return pd.DataFrame([*by_verlet, *(by_code[pair] for pair in pairs)])
+    return pd.DataFrame([*by_verlet, *(by_code[pair] for pair in pairs)]).drop(columns="case")
 
 
 def _by_verlet(subject: MeasuredChain) -> dict[str, Any]:
     case, predicted_s = subject.case, step_limit(subject.case)[0]
-    measured_s = _scan(subject, VERLET, predicted_s)
+    measured_s = _scan(case, VERLET, predicted_s)
     return {
-        "group": subject.group,
-        "scene": subject.name,
-        "value": subject.value,
+        **vars(subject),
         "method": VERLET,
         "bodies": case.chain.bodies,
         "predicted_s": predicted_s,
@@ -146,13 +144,12 @@ def _by_verlet(subject: MeasuredChain) -> dict[str, Any]:
     }
 
 
-def _by_code(name: str, subject: MeasuredChain, verlet: dict[str, Any]) -> dict[str, Any]:
+def _by_code(name: str, verlet: dict[str, Any]) -> dict[str, Any]:
     """Row of a code: Verlet's limit if the code blows up there and not at the step before, else its own."""
-    measured_s, before_s = verlet["measured_s"], verlet["measured_s"] / (1 + FINENESS)
-    if not (
-        measured_s > 0 and _gain_on(name, subject, measured_s) > UNSTABLE_GAIN >= _gain_on(name, subject, before_s)
-    ):
-        measured_s = _scan(subject, name, verlet["predicted_s"], lowest=CODE_LOWEST)
+    case, measured_s = verlet["case"], verlet["measured_s"]
+    gains = (_gain_on(name, case, step_s) for step_s in (measured_s, measured_s / (1 + FINENESS)))
+    if not (measured_s > 0 and next(gains) > UNSTABLE_GAIN >= next(gains)):
+        measured_s = _scan(case, name, verlet["predicted_s"], lowest=CODE_LOWEST)
     return verlet | {"method": name, "measured_s": measured_s, "ratio": measured_s / verlet["predicted_s"]}
 
 
@@ -167,28 +164,28 @@ def wrong_step_s(case: Case, predicted_s: float) -> float:
     return predicted_s * WRONG_SHARES[place] if place < len(WRONG_SHARES) else nan
 
 
-def _gain_on(method: str, subject: MeasuredChain, step_s: float) -> float:
+def _gain_on(method: str, case: Case, step_s: float) -> float:
     """Largest energy gain at a step divided by the largest kinetic energy, also of a run that the guard fails.
 
     It is inf if values are not finite, or a code lost a body.
     """
-    case = subject.case.sampled_at_every(step_s)
+    sampled = case.sampled_at_every(step_s)
     if method == VERLET:
-        trace = verlet_of(case)
+        trace = verlet_of(sampled)
     else:
-        ended = compute(case, method)
+        ended = compute(sampled, method)
         trace = ended.fault.partial if ended.fault else ended.done
-    if trace is None or len(trace.time_s) < case.scene.samples:
+    if trace is None or len(trace.time_s) < sampled.scene.samples:
         return inf
     change = np.nan_to_num(trace.total_energy_J - trace.total_energy_J[0], nan=inf)
-    return float(change.max() / resolved_trial(subject.case).extremes.kinetic_J)
+    return float(change.max() / resolved_trial(case).extremes.kinetic_J)
 
 
-def _scan(subject: MeasuredChain, method: str, predicted_s: float, lowest: float = LOWEST) -> float:
+def _scan(case: Case, method: str, predicted_s: float, lowest: float = LOWEST) -> float:
     """Smallest scanned step at which the energy blows up; NaN if none does."""
     for step_s in predicted_s * SHARES[lowest <= SHARES]:
         with np.errstate(all="ignore"):
-            if _gain_on(method, subject, step_s) > UNSTABLE_GAIN:
+            if _gain_on(method, case, step_s) > UNSTABLE_GAIN:
                 return float(step_s)
     return nan
 

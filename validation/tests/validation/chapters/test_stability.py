@@ -73,8 +73,8 @@ def test_a_code_that_blows_up_elsewhere_is_scanned_itself(times: float, monkeypa
     elsewhere_s = times * measure_limits(subjects, names=())["measured_s"][0]
     gain_on = stability._gain_on
 
-    def gained(method: str, subject: MeasuredChain, step_s: float) -> float:
-        return gain_on(VERLET, subject, step_s) if method == VERLET else inf if step_s >= elsewhere_s else 0.0
+    def gained(method: str, case: Case, step_s: float) -> float:
+        return gain_on(VERLET, case, step_s) if method == VERLET else inf if step_s >= elsewhere_s else 0.0
 
     monkeypatch.setattr(stability, "_gain_on", gained)
     limits = measure_limits(subjects, names=("a code",)).set_index("method")
