@@ -5,7 +5,7 @@ import json
 import os
 import pickle
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cache, cached_property, lru_cache, partial
 from itertools import chain, product
@@ -163,28 +163,28 @@ class Batch:
         return replace(case, reference_tolerance=needed_tolerance(case))
 
     def states(self, store: Store, numbers: Sequence[int] | None = None) -> dict[str, dict[int, str]]:
-        """States of the selected or other cases by engine and number, without building a case or reading a row.
+        """States of the selected or other cases by engine and number, without building a case.
 
         A failure that is to be run again counts as a missing row.
         """
         numbers = self.numbers if numbers is None else numbers
         cases = self.study.digests(numbers)
         claimed = store.claimed()  # first, since a row that is finished meanwhile loses its claim
-        known = store.states(cases, self.programs)
+        rows = store.states(cases, self.programs)
 
-        def of_cases(name: str) -> Iterator[str]:
-            absent = self.absent(name)
-            for case in cases:
-                key = (case, name)
-                current, done, ended, status = known.get(key, (False, False, 0.0, ""))
-                if current and (done or not self.retry or ended >= self.asked):
-                    yield status
-                elif key in claimed:
-                    yield "claimed"
-                else:
-                    yield absent if current or not status else "stale"
+        def state(case: str, name: str) -> str:
+            row = rows.get((case, name))
+            current = row is not None and row.program == self.programs[name]
+            if row and current and (row.done or not self.retry or row.ended >= self.asked):
+                return row.status
+            if (case, name) in claimed:
+                return "claimed"
+            return "stale" if row and not current else self.absent(name)
 
-        return {name: dict(zip(numbers, of_cases(name), strict=True)) for name in self.engines}
+        return {
+            name: {number: state(case, name) for number, case in zip(numbers, cases, strict=True)}
+            for name in self.engines
+        }
 
     def todo(self, store: Store) -> dict[str, list[int]]:
         """Numbers of the selected cases to run, by engine; without engines that are not runnable."""
@@ -272,26 +272,17 @@ def run_rows(batch: Batch, numbers: Sequence[int]) -> list[int]:
         for number, case_sha256 in zip(numbers, cases, strict=True):
             names = [name for name in batch.runnable if states[name][number] in ("to do", "stale")]
             names.sort(key=lambda name: name != REFERENCE)  # the first, since others need its forces
-            for row in _rows_of_case(batch, store, number, case_sha256, names):
+            case = cache(partial(batch.case, number))
+            for name in names:
+                build, label = batch.builds[name].identity, batch.study.label(number)
+                of_case = case_sha256, name, batch.programs[name], batch.study.name, label, build
+                blank = StudyRow(*of_case, ended=time.time(), status="refused")
+                try:
+                    row = _row(batch, store, case(), blank)
+                except (InputError, RunError) as error:  # refused, or failed in its adapter
+                    row = replace(blank, status=getattr(error, "status", "refused"), reason=str(error))
                 store.finish(row)
     return [number for number in numbers if any(states[name][number] == "claimed" for name in batch.runnable)]
-
-
-def _rows_of_case(
-    batch: Batch, store: Store, number: int, case_sha256: str, names: Sequence[str]
-) -> Iterator[StudyRow]:
-    """Rows of a case on some engines."""
-    study, case = batch.study, cache(partial(batch.case, number))
-    for name in names:
-        build = batch.builds[name].identity
-        of_case = case_sha256, name, batch.programs[name], study.name, study.label(number), build
-        blank = StudyRow(*of_case, ended=time.time(), status="refused")
-        try:
-            yield _row(batch, store, case(), blank)
-        except InputError as error:
-            yield replace(blank, reason=str(error))
-        except RunError as error:  # of the adapter, before the run
-            yield replace(blank, status=error.status, reason=str(error))
 
 
 def _exact_force_N(batch: Batch, case: Case) -> Array:
@@ -373,9 +364,10 @@ def rows_of(batch: Batch, store: Store, numbers: Sequence[int] | None = None, *,
     study = batch.study
     numbers = range(1, study.count + 1) if numbers is None else numbers
     cases = dict(zip(numbers, study.digests(numbers), strict=True))
-    rows = store.rows([*cases.values()], {} if stale else batch.programs)
+    rows = store.rows([*cases.values()], batch.programs)
+    counted = {key: row for key, row in rows.items() if stale or row.program == batch.programs.get(row.engine)}
     return [
-        (number, rows.get((case, name)) or StudyRow(case, name, "", study.name, "", "", 0.0, batch.absent(name)))
+        (number, counted.get((case, name)) or StudyRow(case, name, "", study.name, "", "", 0.0, batch.absent(name)))
         for number, case in cases.items()
         for name in study.engines
     ]

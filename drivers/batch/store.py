@@ -18,7 +18,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, closing, contextmanager, suppress
 from dataclasses import dataclass, fields
 from functools import cache
-from itertools import count, product
+from itertools import count, product, starmap
 from math import nan
 from pathlib import Path
 from typing import Any
@@ -160,47 +160,36 @@ class Store(AbstractContextManager["Store"]):
         ]
 
     def rows(self, cases: Sequence[str], programs: Mapping[str, str]) -> dict[Key, StudyRow]:
-        """Rows of cases of the programs of their engines, or of any without programs, by case and engine.
+        """Rows of cases by case and engine.
 
-        Of several databases a row done counts rather than others, then the newest one.
+        Of several databases a row of the program of its engine counts rather than others, then a row done, then the
+        newest one.
         """
-        found = self._verified(f"{ROWS} {OF_CASES}", json.dumps(cases))
-        rows = [row for row in found if not programs or row.program == programs.get(row.engine)]
-        return {(row.case_sha256, row.engine): row for row in sorted(rows, key=lambda row: (row.done, row.ended))}
+        return _by_key(self._rows(OF_CASES, json.dumps(cases)), programs)
 
-    def states(self, cases: Sequence[str], programs: Mapping[str, str]) -> dict[Key, tuple[bool, bool, float, str]]:
-        """States of the rows that count, not verified, by case and engine.
-
-        A state says whether the row is of the program of its engine, whether it is done, its end and its status.
-        """
-        query = f"SELECT case_sha256, engine, program, ended, status FROM rows {OF_CASES}"
-        states: dict[Key, tuple[bool, bool, float, str]] = {}
-        for case, engine, program, ended, status in self._found(query, json.dumps(cases)):
-            key, state = (case, engine), (program == programs.get(engine), status == "done", ended, status)
-            states[key] = max(state, states.get(key, state))
-        return states
+    def states(self, cases: Sequence[str], programs: Mapping[str, str]) -> dict[Key, StudyRow]:
+        """Rows as in ``rows`` with program, end and status alone, and not verified; a tenth of the time."""
+        ended = "ifnull(CAST(ended AS REAL), 0)"  # a number also in an altered row
+        query = f"SELECT case_sha256, engine, program, '', '', '', {ended}, status FROM rows {OF_CASES}"
+        return _by_key(starmap(StudyRow, self._found(query, json.dumps(cases))), programs)
 
     def equal(self, identity: str) -> StudyRow | None:
         """Row done of the same numbers, of any case."""
-        return next(self._verified(f"{ROWS} WHERE identity = ? AND status = 'done'", identity), None)
+        return next(self._rows("WHERE identity = ? AND status = 'done'", identity), None)
 
     def newest(self, engine: str, count: int) -> list[StudyRow]:
         """Newest rows of an engine."""
-        found = self._verified(f"{ROWS} WHERE engine = ? ORDER BY ended DESC LIMIT ?", engine, count)
+        found = self._rows("WHERE engine = ? ORDER BY ended DESC LIMIT ?", engine, count)
         return sorted(found, key=lambda row: -row.ended)[:count]
 
-    def ends(self) -> dict[Path, int]:
-        """Place of the last row of each database."""
-        return {file: self._in(file, "SELECT max(rowid) FROM rows")[0][0] or 0 for file in self.files}
-
-    def after(self, ends: dict[Path, int]) -> list[StudyRow]:
-        """Rows written after the ends of the databases, which move on."""
-        now, fresh = self.ends(), list[StudyRow]()
-        for file, end in now.items():
-            found = self._in(file, f"{ROWS} WHERE rowid > ? AND rowid <= ? ORDER BY rowid", ends.get(file, 0), end)
-            fresh += self._checked(found)
-        ends |= now
-        return fresh
+    def written(self, study: str, ends: dict[Path, int]) -> int:
+        """Number of rows of a study that were written after the ends of the databases, which move on."""
+        count = 0
+        for file in self.files:
+            query = "SELECT coalesce(sum(study = ?), 0), max(rowid) FROM rows WHERE rowid > ?"
+            ((fresh, end),) = self._found(query, study, ends.get(file, 0), files=[file])
+            count, ends[file] = count + fresh, end or ends.get(file, 0)
+        return count
 
     def claimed(self) -> set[Key]:
         """Cases and engines on which other live processes work."""
@@ -240,9 +229,10 @@ class Store(AbstractContextManager["Store"]):
         """Path of a noted study by its name, unless there is another study of that name."""
         if Path(study).is_file() or (paths.STUDIES / f"{study}.toml").is_file():
             return study
-        noted = [file for file in self.files if self._in(file, "SELECT 1 FROM sqlite_master WHERE name = 'studies'")]
-        found = (self._in(file, "SELECT path FROM studies WHERE name = ?", str(study)) for file in noted)
-        return next((path for rows in found for (path,) in rows), study)
+        table = "SELECT 1 FROM sqlite_master WHERE name = 'studies'"
+        noted = [file for file in self.files if [*self._found(table, files=[file])]]
+        paths_noted = self._found("SELECT path FROM studies WHERE name = ?", str(study), files=noted) if noted else ()
+        return next((path for (path,) in paths_noted), study)
 
     def remove_damaged(self) -> None:
         """Remove the damaged rows that were read."""
@@ -262,7 +252,7 @@ class Store(AbstractContextManager["Store"]):
             in_use = psutil.pid_exists(int(writer[2])) if writer[1] == platform.node() else changed
             if not in_use:
                 with self._writing(self.common) as connection:
-                    for row in self._checked(self._in(file, ROWS)):
+                    for row in self._rows("", files=[file]):
                         _put(connection, row, merged=True)
                 self._connections.pop(file).close()
                 file.unlink()
@@ -290,28 +280,30 @@ class Store(AbstractContextManager["Store"]):
             connection.execute("BEGIN IMMEDIATE")
             yield connection
 
-    def _in(self, file: Path, query: str, *values: Any) -> list[Any]:
-        """Result of a query of a database."""
-        with _named(file):
-            return self._connection(file).execute(query, values).fetchall()
+    def _found(self, query: str, *values: Any, files: Iterable[Path] = ()) -> Iterator[Any]:
+        """Results of a query of some or all databases."""
+        for file in files or self.files:
+            with _named(file):
+                found = self._connection(file).execute(query, values).fetchall()
+            yield from found
 
-    def _found(self, query: str, *values: Any) -> Iterator[Any]:
-        """Results of a query of all databases."""
-        for file in self.files:
-            yield from self._in(file, query, *values)
-
-    def _verified(self, query: str, *values: Any) -> Iterator[StudyRow]:
-        """Rows of a query of all databases, without damaged ones."""
-        return self._checked(self._found(query, *values))
-
-    def _checked(self, found: Iterable[Sequence[Any]]) -> Iterator[StudyRow]:
-        """Rows of their values and digests, without damaged ones."""
-        for *values, sha256 in found:
-            row = StudyRow(*values)
+    def _rows(self, query: str, *values: Any, files: Iterable[Path] = ()) -> Iterator[StudyRow]:
+        """Rows of a query of some or all databases, without damaged ones."""
+        for *columns, sha256 in self._found(f"{ROWS} {query}", *values, files=files):
+            row = StudyRow(*columns)
             if _digest_of(row) == sha256:
                 yield row
             else:
                 self.damaged.add((row.case_sha256, row.engine, sha256))
+
+
+def _by_key(rows: Iterable[StudyRow], programs: Mapping[str, str]) -> dict[Key, StudyRow]:
+    """Of rows of the same case and engine the one that counts."""
+
+    def rank(row: StudyRow) -> tuple[bool, bool, float]:
+        return row.program == programs.get(row.engine), row.done, row.ended
+
+    return {(row.case_sha256, row.engine): row for row in sorted(rows, key=rank)}
 
 
 def _put(connection: sqlite3.Connection, row: StudyRow, *, merged: bool) -> None:

@@ -125,12 +125,12 @@ def _followed(batch: Batch, store: Store, todo: dict[str, list[int]]) -> Iterato
     Raises:
         KeyboardInterrupt: says how many rows are done, and how to go on.
     """
-    ends = store.ends()
+    ends = dict[Path, int]()
+    store.written(batch.study.name, ends)
     with counted(batch.study.name, sum(map(len, todo.values())), "row") as count:
 
         def tick() -> None:
-            for row in store.after(ends):
-                count(row.study == batch.study.name)
+            count(store.written(batch.study.name, ends))
 
         try:
             yield tick

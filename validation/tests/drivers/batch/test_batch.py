@@ -113,7 +113,7 @@ def test_rows_done_or_equal_are_not_run_again_unless_damaged(study_file: StudyWr
     assert stored(runs) == [1, 2, 3, 4]
     assert table_bytes(runs) == first
     sql(runs, "UPDATE rows SET observables = replace(observables, '1', '2') WHERE rowid < 3")
-    sql(runs, "UPDATE rows SET sha256 = NULL WHERE rowid = 3")
+    sql(runs, "UPDATE rows SET sha256 = NULL, ended = 'never' WHERE rowid = 3")
     again = batch(path, runs)
     assert (again.returncode, again.stderr) == (0, f"3 damaged rows in {runs / 'batch.sqlite'}: run again\n")
     assert table_bytes(runs) == first
