@@ -22,16 +22,7 @@ from drivers.base.tolerances import Tolerance, tolerance
 from drivers.chain.case import ALL_DIGITS, Case
 from drivers.chain.chain import Array, Chain, above_rim_m, furthest_m, hertz_force, moving_at_start
 from drivers.chain.schemes import exact_of, printed_of, turned_verlet_of, verlet_in_heights, verlet_of
-from drivers.chain.trace import (
-    FORCE,
-    Trace,
-    finite_part,
-    is_at_rest,
-    largest_change_N,
-    largest_kinetic_J,
-    until,
-    with_work,
-)
+from drivers.chain.trace import FORCE, Trace, finite_part, is_at_rest, largest_change_N, largest_kinetic_J, with_work
 from drivers.engines import EXACT, IN_HEIGHTS, VERLET, Engine, load_engine
 
 ROUNDING_MARGIN = 10.0  # engines add in another order than the in-repo scheme: rounding errors of the same size
@@ -102,7 +93,8 @@ class Scheme:
         The momentum is at least the sum of m |v| at time 0, since bodies may meet head on; at rest, at least the
         impulse of the loads.
         """
-        motion = finite_part(self.plain) or until(self.plain, 1)
+        motion = finite_part(self.plain)
+        assert motion is not None  # the start is finite
         return {quantity: scale_of_motion(self.case, motion, quantity) for quantity in COMPARED}
 
     @cached_property
@@ -158,16 +150,14 @@ class Scheme:
         """
         right = self.of(engine)
         trace = with_work(trace, right)
-        scales = {quantity: scale_of_motion(self.case, right, quantity) for quantity in COMPARED}
         known = known_of(trace)
-        apart = {name: difference(name, trace, right, scale).max() for name, scale in scales.items() if name in known}
+        scales = {quantity: scale_of_motion(self.case, right, quantity) for quantity in known}
+        apart = {quantity: difference(quantity, trace, right, scales[quantity]).max() for quantity in known}
         if all(apart[quantity] <= SAME * self._least(quantity).limit for quantity in known):
             return ""  # the same to the last digits in all samples: how far rounding may go need not be known
-        right = until(right, min(self.samples, len(trace.time_s)))
-        trace = until(trace, len(right.time_s))
         for quantity in known:
             unit, scale = UNITS[quantity], self.scales[quantity]
-            share = difference(quantity, trace, right, scale)
+            share = difference(quantity, trace, right, scale)[: self.samples]
             allowed = self.explained(quantity)[: len(share)]
             beyond = share.max(axis=1) > allowed
             if not beyond.any():
@@ -268,7 +258,10 @@ def checked_trace(case: Case, engine: Engine, outcome: EndedProcess, folder: Pat
     """
     stdout, stderr = ((folder / name).read_text(errors="replace") for name in (STDOUT, STDERR))
     if outcome.timed_out or outcome.code != 0:
-        before = _left(case, engine, folder)
+        try:
+            before: Trace | None = engine.read(case, folder)
+        except RunError as error:
+            before = error.partial
         blown_up = unstable(case, before) if before else None
         status, ending = "timeout", timed_out(outcome.limit_s, engine.loop_seconds(stdout))
         if not outcome.timed_out:
@@ -310,15 +303,6 @@ def timed_out(limit_s: float, loop_s: float | None = None) -> str:
     """Message on a run that was ended at its time limit, perhaps after its time loop."""
     hung = "" if loop_s is None else f"the time loop ended after {loop_s:g} s, but the program did not exit; "
     return f"{hung}killed at the time limit of {limit_s:g} s"
-
-
-def _left(case: Case, engine: Engine, folder: Path) -> Trace | None:
-    """Trace of a run that was ended: all of it, or the samples that it has written."""
-    try:
-        return engine.read(case, folder)
-    except RunError as error:
-        partial: Trace | None = error.partial
-        return partial
 
 
 def _failed_start(stdout: str, stderr: str) -> str:
