@@ -9,7 +9,7 @@ import platform
 import re
 import shlex
 import shutil
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from difflib import unified_diff
@@ -32,17 +32,7 @@ from drivers.limits import inability, refuse
 from drivers.run.build import Build, build_of
 from drivers.run.compute import Computed, compute
 from drivers.run.execute import execute
-from drivers.run.run_folder import (
-    SCENE,
-    EndedRun,
-    RunRecord,
-    find_run,
-    folder_name,
-    for_scene,
-    in_si,
-    move_into_place,
-    write_run,
-)
+from drivers.run.run_folder import SCENE, EndedRun, RunRecord, find_run, for_scene, in_si, move_into_place, write_run
 from drivers.run.scheme import COMPARED, checked, compared, known_of, unstable, wrong_start
 
 BY_HAND = "run by hand"  # version of the build, which is not known
@@ -82,19 +72,20 @@ def run_case(
     """
     engine, home = load_engine(engine_name), runs / engine_name
     build, deck = build_of(engine), _deck(case, engine_name)
-    identity, layout = run_identity(engine_name, build, deck.sha256), _description(case)["layout"]
-    target = home / folder_name(case.scene.name, layout, identity)
+    identity, described = run_identity(engine_name, build, deck.sha256), _description(case)
+    layout = described["layout"]
     keeps_state = "state" in case.scene.run.record
     known = None if rerun else find_run(home, identity, layout)
     if known and known.is_complete(state=keeps_state):
-        return for_scene(known, _description(case), target)
+        return for_scene(known, described)
     for line in known.damage() if known else ():
         say(f"{line}: run again")
     with workplace(home) as place:
         folder = place / "run"
         folder.mkdir()
-        given: dict[str, Any] = {"build": build, "deck": deck, "limit_s": limit_s, "own_process": own_process}
-        ended = compute(case, engine_name, folder=folder, **given)
+        ended = compute(
+            case, engine_name, build=build, deck=deck, limit_s=limit_s, folder=folder, own_process=own_process
+        )
         for raw in (folder / name for name in (*deck.raw, *deck.logs)):  # files or folders
             shutil.rmtree(raw, ignore_errors=True)
             raw.unlink(missing_ok=True)
@@ -105,7 +96,8 @@ def run_case(
         record = write_run(folder, record, trace, state=keeps_state or failed)  # to see how it went wrong
         known = find_run(home, identity, layout)
         if known and not rerun and known.is_complete(state=keeps_state):  # by another process
-            return for_scene(known, _description(case), target)
+            return for_scene(known, described)
+        target = home / record.folder_name
         former = known if known and known.record.layout == layout else None
         if former and former.done and failed:  # a failed run does not replace a finished one
             target, former = target.with_name(f"{target.name}-failed"), None
@@ -127,20 +119,18 @@ def run_many(jobs: Sequence[tuple[Case, str]], runs: Path = paths.RUNS, *, unsaf
         InputError: a case without a finished run is refused on its engine; nothing has been run.
         RunError: an engine is not installed.
     """
-    engines: dict[Case, list[str]] = defaultdict(list)
-    for case, engine in () if unsafe else jobs:
-        if not is_done(case, engine, runs):
-            engines[case].append(engine)
-    for case in following(engines, "cases checked", len(engines), "case"):
-        for engine in engines[case]:
-            refuse(case, engine)
+    to_run = [] if unsafe else [(case, engine) for case, engine in jobs if not is_done(case, engine, runs)]
+    for case, engine in following(to_run, "cases checked", len(to_run), "case"):
+        refuse(case, engine)
     keys = [(engine, _deck(case, engine).sha256) for case, engine in jobs]
     different = dict(zip(keys, jobs, strict=True))
     largest_first = sorted(different, key=lambda key: -different[key][0].work)
     decks = Counter(engine for engine, _ in different)
-    alone = {engine: None if count == 1 else False for engine, count in decks.items()}
-    under_way = execute(lambda key: run_case(*different[key], runs, own_process=alone[key[0]]), largest_first)
-    ended = dict(following(under_way, "engines", len(different)))
+
+    def run(key: tuple[str, str]) -> EndedRun:
+        return run_case(*different[key], runs, own_process=None if decks[key[0]] == 1 else False)
+
+    ended = dict(following(execute(run, largest_first), "engines", len(different)))
     return [
         run_case(case, engine, runs) if run.done and run.layout != case.layout else run  # other gauges: found again
         for (case, engine), run in zip(jobs, map(ended.__getitem__, keys), strict=True)
@@ -212,7 +202,7 @@ def record_of_end(case: Case, engine: Engine, build: Build, deck: Deck, ended: C
         deck_sha256=deck.sha256,
         command=shlex.join(engine.by_hand(deck).command),
         bodies=case.chain.bodies,
-        wall_s=round(ended.wall_s, 4),
+        wall_s=round(ended.wall_s, 4) or None,
         cpu_s=round(ended.cpu_s, 4) or None,
         loop_s=ended.loop_s,
         memory_bytes=ended.memory_bytes or None,
@@ -292,13 +282,12 @@ def import_run(
     ended = Computed(trace, fault, wall_s=0.0, cpu_s=0.0, memory_bytes=0, loop_s=None)
     record = record_of_end(case, engine, Build((), BY_HAND, ""), replace(deck, files=files or deck.files), ended)
     record = replace(record, identity=digest.hexdigest()[:12], edits=edits, digits=digits)
-    record = replace(record, wall_s=None, cpu_s=None, memory_bytes=None)
     with workplace(home) as place:
         folder = place / "run"
         folder.mkdir()
         replace(deck, files=files).write(folder)
         record = write_run(folder, record, finite_part(trace), state=trace.height_m is not None)
-        target = home / folder_name(case.scene.name, record.layout, record.identity)
+        target = home / record.folder_name
         move_into_place(folder, target)
     return EndedRun(target, record)
 

@@ -124,6 +124,12 @@ class RunRecord:
         named = {"scene": self.scene_name, "title": self.scene.get("title", ""), "engine": self.engine}
         return named | {"scene_si": json.dumps(self.scene), "PANDAS_ATTRS": json.dumps(named)}
 
+    @property
+    def folder_name(self) -> str:
+        """Name of the run folder, as ``FOLDER_NAME`` matches it."""
+        of_layout = hashlib.sha256(repr(self.layout).encode()).hexdigest()[:6]
+        return f"{self.scene_name}-{of_layout}-{self.identity}"
+
     def write(self, folder: Path) -> None:
         """Write the record into the run folder."""
         write_sealed(folder / RECORD, asdict(self), indent=2)
@@ -280,11 +286,6 @@ class EndedRun:
         return replace(self, record=record)
 
 
-def folder_name(scene: str, layout: dict[str, Any], identity: str) -> str:
-    """Name of a run folder, as ``FOLDER_NAME`` matches it."""
-    return f"{scene}-{hashlib.sha256(repr(layout).encode()).hexdigest()[:6]}-{identity}"
-
-
 def write_run(folder: Path, record: RunRecord, trace: Trace | None, *, state: bool) -> RunRecord:
     """Write trace and record of a run into its folder, with ``state`` also positions; returns the record."""
     from pyarrow.parquet import write_table
@@ -337,10 +338,10 @@ def find_run(home: Path, identity: str, layout: dict[str, Any]) -> EndedRun | No
     )
 
 
-def for_scene(run: EndedRun, description: dict[str, Any], target: Path) -> EndedRun:
+def for_scene(run: EndedRun, description: dict[str, Any]) -> EndedRun:
     """Run of the same deck, perhaps made for another scene, with a record that describes this one, not yet assessed.
 
-    If the gauges differ, the run is copied to ``target``, since the stored gauge signals depend on them.
+    If the gauges differ, the run is copied, since the stored gauge signals depend on them.
     """
     record = replace(run.record, **description)
     if record == run.record:
@@ -350,6 +351,7 @@ def for_scene(run: EndedRun, description: dict[str, Any], target: Path) -> Ended
     if run.record.layout == record.layout:
         record.write(run.folder)
         return EndedRun(run.folder, record)
+    target = run.folder.with_name(record.folder_name)
     with workplace(target.parent) as place:
         shutil.copytree(run.folder, place / "run", ignore=shutil.ignore_patterns(SENSORS))
         record.write(place / "run")
