@@ -219,11 +219,8 @@ def read_study(source: str | Path, also: Sequence[str] = ()) -> Study:
     base = read_toml(scene)
     for key, value in file.set.items():
         set_value(base, key, value, f"{where}: set")
-    axes = []
-    columns: dict[str, str] = {}
-    taken = {*RESERVED}  # names with and without units
-    seen = dict.fromkeys(file.set, "set")
-    problems: list[InputProblem] = []
+    axes, columns, problems = [], dict[str, str](), list[InputProblem]()
+    taken, seen = {*RESERVED}, dict.fromkeys(file.set, "set")  # names with and without units; keys
     for i, axis in enumerate(file.axis):
         place = f"axis.{i}"
         with gathered(problems, where):
@@ -233,8 +230,7 @@ def read_study(source: str | Path, also: Sequence[str] = ()) -> Study:
                     found = f"{key}, which overlaps {old} of {old_place}"
                     raise InputError(where, place, found, "each key of the scene once")
             seen |= dict.fromkeys(choices[0], place)
-            keys = axis.key[:1] or [*choices[0]]
-            for key in keys:
+            for key in axis.key[:1] or choices[0]:
                 name = axis.name or key
                 names = {name, column_name(name, key)}
                 if names & taken:

@@ -151,9 +151,7 @@ def _in_memory(case: Case, engine: Engine, limit_s: float) -> Computed:
     return Computed(trace, fault, time.perf_counter() - began, cpu_s, memory_bytes, loop_s)
 
 
-def _own_process(
-    case: Case, engine: Engine, build: Build, deck: Deck, limit_s: float, folder: Path | None = None
-) -> Computed:
+def _own_process(case: Case, engine: Engine, build: Build, deck: Deck, limit_s: float, folder: Path | None) -> Computed:
     """Run a deck in a process of its own."""
     with nullcontext(folder) if folder else workplace() as place:
         engine.by_hand(deck).write(place)
@@ -243,10 +241,8 @@ class Session:
 
     def close(self) -> int:
         """End the process if there is one; return its exit code."""
-        if self._launched is None:
-            return 0
         launched, self._launched = self._launched, None
-        return end(*launched)[0]
+        return end(*launched)[0] if launched else 0
 
     def _ask(self, name: str, limit_s: float) -> EndedProcess:
         """Send a request and wait for ``DONE``, the end of the process, or the time limit."""
