@@ -8,7 +8,6 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from itertools import groupby
 from math import ceil
 from pathlib import Path
 
@@ -78,7 +77,7 @@ def job_script(
         batch=batch,
         cases=f"{len(unfinished)} case{'s' * (len(unfinished) > 1)}",
         name=shlex.quote(f"beads-{study.name}"),
-        array=_ranges(sorted(counts)),
+        array=f"1-{parts}" if len(counts) == parts else ",".join(map(str, sorted(counts))),
         output=shlex.quote(str(folder / OUTPUT.format(study=study.name, job="%A", task="%a"))),
         minutes=ceil(max(limit_s, LEAST_TIME_S) / 60),
         megabytes=ceil(memory_bytes / 1e8) * 100,
@@ -123,9 +122,3 @@ def run_job(path: Path, text: str, _: int) -> Iterator[None]:
         time.sleep(POLL_INTERVAL_S)
         yield
     raise RunError(f"job {job}: squeue does not answer: {done.stderr.strip()}")
-
-
-def _ranges(numbers: list[int]) -> str:
-    """Numbers in Slurm's format, such as ``1-4,7,9-10``."""
-    runs = [[number for _, number in run] for _, run in groupby(enumerate(numbers), lambda pair: pair[1] - pair[0])]
-    return ",".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else str(run[0]) for run in runs)

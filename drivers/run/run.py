@@ -21,7 +21,7 @@ from typing import Any
 from drivers.base import paths
 from drivers.base.decks import Deck
 from drivers.base.errors import InputError, RunError
-from drivers.base.files import read_file, sha256_of
+from drivers.base.files import sha256_of
 from drivers.base.processes import git, local_changes, workplace
 from drivers.base.terminal import following, say
 from drivers.chain.case import ALL_DIGITS, Case
@@ -36,6 +36,7 @@ from drivers.run.run_folder import SCENE, EndedRun, RunRecord, find_run, for_sce
 from drivers.run.scheme import COMPARED, checked, compared, known_of, unstable, wrong_start
 
 BY_HAND = "run by hand"  # version of the build, which is not known
+A_DECK = "a file of the deck, as beads render writes it, perhaps changed; or --dump FILE of a deck of your own"
 WIDTH = 200  # characters of a changed line in the record
 FEW_DIGITS = 5  # of an output: with fewer nothing is left to be judged
 COMMANDS = re.compile(rb"^[ \t]*(units|timestep|pair_style|read_data|create_atoms|Atoms)\b", re.MULTILINE)
@@ -258,7 +259,9 @@ def import_run(
         files = {file.name: file.read_text(errors="replace") for file in source.iterdir() if _is_deck(file)}
         edits = [f"a deck of one's own: {', '.join(sorted(files)) or 'not given'}"]
     else:
-        files = {name: _text_of(source / name) for name in deck.files}
+        if lost := [source / name for name in deck.files if not (source / name).is_file()]:
+            raise InputError(paths.shown(lost[0]), "", "no such file", A_DECK)
+        files = {name: (source / name).read_bytes().decode(errors="replace") for name in deck.files}
         edits = [line for name, text in deck.files.items() for line in _edits(name, text, files[name])]
     newest = max(((source / name).stat().st_mtime for name in files), default=0.0)
     raw = files_of(dump) if dump else [source / name for name in deck.raw if (source / name).is_file()]
@@ -308,14 +311,6 @@ def _untold(case: Case, trace: Trace) -> Iterator[str]:
         raise RunError(f"output of {case.digits} digits; {least} or more can be judged: dump_modify format writes them")
     if case.digits < ALL_DIGITS - 2:
         yield f"output of {case.digits} digits: what they may change is not judged; dump_modify format writes more"
-
-
-def _text_of(path: Path) -> str:
-    allowed = "a file of the deck, as beads render writes it, perhaps changed; or --dump FILE of a deck of your own"
-    try:
-        return read_file(path, allowed).decode(errors="replace")
-    except FileNotFoundError as error:
-        raise InputError(paths.shown(path), "", "no such file", allowed) from error
 
 
 def _edits(name: str, rendered: str, edited: str) -> Iterator[str]:
