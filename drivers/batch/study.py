@@ -9,7 +9,7 @@ from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from functools import cached_property
+from functools import cache, cached_property, partial
 from itertools import chain, product
 from math import ceil, isfinite, nan, prod
 from pathlib import Path
@@ -121,14 +121,9 @@ class Study:
         return self.path.stem
 
     @cached_property
-    def _shape(self) -> tuple[int, ...]:
-        """Number of choices of each axis; cases are numbered from 1, and the last axis varies fastest."""
-        return tuple(map(len, self.axes))
-
-    @cached_property
     def count(self) -> int:
-        """Number of cases."""
-        return prod(self._shape)
+        """Number of cases, which are numbered from 1; the last axis varies fastest."""
+        return prod(map(len, self.axes))
 
     @cached_property
     def _common_sha256(self) -> str:
@@ -139,32 +134,30 @@ class Study:
         files = [path for name in named if isinstance(name, str) and readable(path := self.scene.parent / name)]
         return hashlib.sha256(f"{self.base}\0{library()}\0{content_of(files)}".encode()).hexdigest()
 
-    @cached_property
-    def _settings(self) -> list[list[list[str]]]:
-        """Texts of the values of each choice of each axis that differ from the base scene."""
-
-        def texts(choice: Choice) -> list[str]:
-            return [f"{key}={value!r}" for key, value in choice.items() if look_up(self.base, key) != value]
-
-        return [[*map(texts, axis)] for axis in self.axes]
-
     def digests(self, numbers: Sequence[int]) -> list[str]:
         """Digest of all that the study says about each case; equal cases of several studies have the same."""
-        places, common = np.unravel_index(np.subtract(numbers, 1), self._shape), self._common_sha256
-        chosen = (map(texts.__getitem__, place.tolist()) for texts, place in zip(self._settings, places, strict=True))
-        cases = ("\0".join((common, *sorted(chain.from_iterable(texts)))) for texts in zip(*chosen, strict=True))
-        return [hashlib.sha256(case.encode()).hexdigest()[:32] for case in cases]
+        base = cache(partial(look_up, self.base))
+
+        def digest(number: int) -> str:
+            changed = [f"{key}={value!r}" for key, value in self.choice(number).items() if base(key) != value]
+            return hashlib.sha256("\0".join((self._common_sha256, *sorted(changed))).encode()).hexdigest()[:32]
+
+        return [*map(digest, numbers)]
 
     def choice(self, number: int) -> Choice:
         """Varied values of a case."""
-        axes = zip(self.axes, np.unravel_index(number - 1, self._shape), strict=True)
-        return {key: value for axis, place in axes for key, value in axis[place].items()}
+        place, choice = number - 1, Choice()
+        for axis in reversed(self.axes):
+            place, index = divmod(place, len(axis))
+            choice = axis[index] | choice
+        return choice
 
     @property
     def sample(self) -> list[int]:
         """Numbers of at most ``MAX_SAMPLE`` cases; each value of each axis occurs if there are not more."""
-        places = np.arange(0, max(self._shape), ceil(max(self._shape) / MAX_SAMPLE))
-        return [1 + int(place) for place in np.ravel_multi_index([places] * len(self._shape), self._shape, mode="wrap")]
+        shape = tuple(map(len, self.axes))
+        places = np.arange(0, max(shape), ceil(max(shape) / MAX_SAMPLE))
+        return [1 + int(place) for place in np.ravel_multi_index([places] * len(shape), shape, mode="wrap")]
 
     @cached_property
     def _base_values(self) -> dict[str, Any]:

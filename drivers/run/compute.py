@@ -9,13 +9,13 @@ is no server, as behind a script that passes no input on.
 import atexit
 import os
 import resource
-import select
 import shutil
 import subprocess
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
+from multiprocessing import connection
 from pathlib import Path
 from tempfile import TemporaryFile, gettempdir
 
@@ -251,14 +251,12 @@ class Session:
         assert stdin is not None
         assert stdout is not None
         began, word, output, part = time.perf_counter(), f"{DONE}\n".encode(), bytearray(), b" "
-        spoken = select.poll()
-        spoken.register(stdout)
         with suppress(OSError):  # the process has died: its output is read below
             stdin.write(self.engine.request(name, DONE).encode())
             stdin.flush()
         in_time = True
         while in_time and part and not output.endswith(word):
-            in_time = waited(lambda seconds: spoken.poll(1000 * seconds), began + limit_s)
+            in_time = waited(lambda seconds: connection.wait([stdout], seconds), began + limit_s)
             part = os.read(stdout.fileno(), 1 << 16) if in_time else b""
             output += part
         wall_s = time.perf_counter() - began
