@@ -84,7 +84,12 @@ def read_sealed(path: Path, allowed: str) -> dict[str, Any]:
 
 def digest_of_json(content: Any) -> str:
     """SHA-256 digest of a JSON value."""
-    return hashlib.sha256(json.dumps(content).encode()).hexdigest()
+    return sha256_in(json.dumps(content))
+
+
+def sha256_in(content: str | bytes) -> str:
+    """SHA-256 digest of a text or of bytes."""
+    return hashlib.sha256(content.encode() if isinstance(content, str) else content).hexdigest()
 
 
 def arrow_in(content: bytes) -> Any:

@@ -1,6 +1,5 @@
 """Rows of a study: cases are planned, run and stored, by any number of processes, each of which may be killed."""
 
-import hashlib
 import json
 import os
 import pickle
@@ -18,6 +17,7 @@ import numpy as np
 from drivers.base import paths
 from drivers.base.cache import content_of, digest_of_sources
 from drivers.base.errors import InputError, RunError
+from drivers.base.files import sha256_in
 from drivers.base.processes import UNKNOWN_VERSION, private_temporary_folder
 from drivers.base.tolerances import tolerance
 from drivers.batch.store import Store, StudyRow
@@ -150,7 +150,8 @@ class Batch:
         programs = {}
         for name, build in self.builds.items():
             engine = load_engine(name)
-            programs[name] = _digest((common, build.identity, engine.server.sha256, content_of(_templates(engine))))
+            program = common, build.identity, engine.server.sha256, content_of(_templates(engine))
+            programs[name] = sha256_in(repr(program))[:32]
         return programs
 
     def case(self, number: int) -> Case:
@@ -218,10 +219,6 @@ def _templates(engine: Engine) -> Iterable[Path]:
     if adapter.suffix == ".py":
         return [adapter, *adapter.parent.rglob("*.j2")]
     return () if engine.in_repository else paths.TEMPLATES.rglob("*.j2")
-
-
-def _digest(parts: object) -> str:
-    return hashlib.sha256(repr(parts).encode()).hexdigest()[:32]
 
 
 def run_all(batch: Batch, store: Store, place: Place | None = None, tick: Callable[[], None] = lambda: None) -> None:
@@ -318,7 +315,7 @@ def _row(batch: Batch, store: Store, case: Case, blank: StudyRow) -> StudyRow:
         refuse(case, name, override="unsafe = true in the study")
     deck = load_engine(name).render(case)
     layout = case.layout
-    identity = _digest((run_identity(name, batch.builds[name], deck.sha256), layout, blank.program))
+    identity = sha256_in(repr((run_identity(name, batch.builds[name], deck.sha256), layout, blank.program)))[:32]
     if equal := store.equal(identity):
         return replace(equal, **{key: getattr(blank, key) for key in ("case_sha256", "study", "label", "ended")})
     ended = compute(case, name, build=batch.builds[name], deck=deck, limit_s=batch.study.file.limit)

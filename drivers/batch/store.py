@@ -7,7 +7,6 @@ itself, so a row that is read is as it was written, or is reported and does not 
 """
 
 import errno
-import hashlib
 import json
 import os
 import platform
@@ -28,6 +27,7 @@ import psutil
 
 from drivers.base import paths
 from drivers.base.errors import InputError
+from drivers.base.files import sha256_in
 from drivers.base.processes import workplace
 
 NAME = "batch.sqlite"
@@ -325,7 +325,7 @@ def _put(connection: sqlite3.Connection, row: StudyRow, *, merged: bool) -> None
 
 
 def _digest_of(row: StudyRow) -> str:
-    return hashlib.sha256(repr((*vars(row).values(),)).encode()).hexdigest()
+    return sha256_in(repr((*vars(row).values(),)))
 
 
 @cache

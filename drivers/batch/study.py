@@ -1,6 +1,5 @@
 """Studies: a base scene, axes of varied values, engines, and tabulated observables."""
 
-import hashlib
 import json
 import pickle
 import re
@@ -21,7 +20,7 @@ from pydantic import BaseModel, BeforeValidator, Field
 from drivers.base import paths, units
 from drivers.base.cache import content_of
 from drivers.base.errors import InputError, InputProblem, gathered, refuse_any
-from drivers.base.files import read_file, readable
+from drivers.base.files import read_file, readable, sha256_in
 from drivers.base.messages import shorten, validate
 from drivers.chain.case import Case, build_case
 from drivers.engines import engine_names, installed, load_engine
@@ -132,7 +131,7 @@ class Study:
         for choice in chain.from_iterable(self.axes):
             named |= {choice.get("drive.file"), look_up(choice.get("drive"), "file")}
         files = [path for name in named if isinstance(name, str) and readable(path := self.scene.parent / name)]
-        return hashlib.sha256(f"{self.base}\0{library()}\0{content_of(files)}".encode()).hexdigest()
+        return sha256_in(f"{self.base}\0{library()}\0{content_of(files)}")
 
     def digests(self, numbers: Sequence[int]) -> list[str]:
         """Digest of all that the study says about each case; equal cases of several studies have the same."""
@@ -140,7 +139,7 @@ class Study:
 
         def digest(number: int) -> str:
             changed = [f"{key}={value!r}" for key, value in self.choice(number).items() if base(key) != value]
-            return hashlib.sha256("\0".join((self._common_sha256, *sorted(changed))).encode()).hexdigest()[:32]
+            return sha256_in("\0".join((self._common_sha256, *sorted(changed))))[:32]
 
         return [*map(digest, numbers)]
 

@@ -256,7 +256,7 @@ class Session:
             stdin.flush()
         in_time = True
         while in_time and part and not output.endswith(word):
-            in_time = waited(lambda seconds: connection.wait([stdout], seconds), began + limit_s)
+            in_time = waited(lambda seconds: connection.wait([stdout.fileno()], seconds), began + limit_s)
             part = os.read(stdout.fileno(), 1 << 16) if in_time else b""
             output += part
         wall_s = time.perf_counter() - began

@@ -3,7 +3,6 @@
 A deck that a person ran by hand, unchanged or after changes, is imported as a run folder.
 """
 
-import hashlib
 import json
 import platform
 import re
@@ -21,7 +20,7 @@ from typing import Any
 from drivers.base import paths
 from drivers.base.decks import Deck
 from drivers.base.errors import InputError, RunError
-from drivers.base.files import sha256_of
+from drivers.base.files import sha256_in, sha256_of
 from drivers.base.processes import git, local_changes, workplace
 from drivers.base.terminal import following, say
 from drivers.chain.case import ALL_DIGITS, Case
@@ -174,7 +173,7 @@ def _deck(case: Case, engine_name: str) -> Deck:
 
 def run_identity(engine_name: str, build: Build, deck_sha256: str) -> str:
     """Digest of engine, build and deck, which determine the numbers of a run."""
-    return hashlib.sha256(f"{engine_name}\0{build.identity}\0{deck_sha256}".encode()).hexdigest()[:12]
+    return sha256_in(f"{engine_name}\0{build.identity}\0{deck_sha256}")[:12]
 
 
 def _description(case: Case) -> dict[str, Any]:
@@ -280,11 +279,11 @@ def import_run(
         trace = trace if edits else compared(case, engine, checked(case, trace))
     except RunError as error:
         fault = error
-    digest = hashlib.sha256(repr((engine_name, deck.sha256, files, columns)).encode())
-    digest.update(b"".join(file.read_bytes() for file in raw))
+    content = b"".join(file.read_bytes() for file in raw)
+    identity = sha256_in(repr((engine_name, deck.sha256, files, columns)).encode() + content)[:12]
     ended = Computed(trace, fault, wall_s=0.0, cpu_s=0.0, memory_bytes=0, loop_s=None)
     record = record_of_end(case, engine, Build((), BY_HAND, ""), replace(deck, files=files or deck.files), ended)
-    record = replace(record, identity=digest.hexdigest()[:12], edits=edits, digits=digits)
+    record = replace(record, identity=identity, edits=edits, digits=digits)
     with workplace(home) as place:
         folder = place / "run"
         folder.mkdir()

@@ -4,7 +4,6 @@ No other module knows the names and formats of these files. The record ``run.jso
 the other files, so each file that is read back is as it was written, or is refused by name.
 """
 
-import hashlib
 import json
 import os
 import re
@@ -18,7 +17,7 @@ from typing import Any
 
 from drivers.base import paths
 from drivers.base.errors import InputError
-from drivers.base.files import ALTERED, arrow_in, read_file, read_sealed, sha256_of, whole_file, write_sealed
+from drivers.base.files import ALTERED, arrow_in, read_file, read_sealed, sha256_in, sha256_of, whole_file, write_sealed
 from drivers.base.processes import workplace
 from drivers.base.terminal import say
 from drivers.chain.case import ALL_DIGITS, Layout, read_layout
@@ -127,8 +126,7 @@ class RunRecord:
     @property
     def folder_name(self) -> str:
         """Name of the run folder, as ``FOLDER_NAME`` matches it."""
-        of_layout = hashlib.sha256(repr(self.layout).encode()).hexdigest()[:6]
-        return f"{self.scene_name}-{of_layout}-{self.identity}"
+        return f"{self.scene_name}-{sha256_in(repr(self.layout))[:6]}-{self.identity}"
 
     def write(self, folder: Path) -> None:
         """Write the record into the run folder."""
@@ -250,7 +248,7 @@ class EndedRun:
             content = read_file(path, CONTENTS[name])
         except (FileNotFoundError, NotADirectoryError):
             raise InputError(paths.shown(path), "", "no such file", CONTENTS[name]) from None
-        if hashlib.sha256(content).hexdigest() != self.record.files.get(name):
+        if sha256_in(content) != self.record.files.get(name):
             raise InputError(paths.shown(path), "", ALTERED, CONTENTS[name])
         return content
 
@@ -280,7 +278,7 @@ class EndedRun:
             say(f"{line}: written again")
         with whole_file(self.folder / SENSORS) as draft:
             draft.write_bytes(signals)
-        files = self.record.files | {SENSORS: hashlib.sha256(signals).hexdigest()}
+        files = self.record.files | {SENSORS: sha256_in(signals)}
         record = replace(self.record, **changes, files=files)
         record.write(self.folder)
         return replace(self, record=record)
