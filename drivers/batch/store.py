@@ -33,7 +33,6 @@ from drivers.base.processes import workplace
 NAME = "batch.sqlite"
 SCHEMA_VERSION = 1
 OF_PROCESS = re.compile(r"batch-(.+)-([0-9]+)\.sqlite")  # machine and number of the process
-FORMER = "batch/*.jsonl"  # rows of the versions before the database
 ANEW = "move it away to begin anew"
 BUSY_LIMIT_S = 60.0  # longest wait for the transaction of another process
 PAGE_BYTES = 16_384  # a row has about 2 kB
@@ -126,17 +125,11 @@ class Store(AbstractContextManager["Store"]):
         own: database that this process writes: the common one, or on a network file system one of its own.
         owner: name under which it claims rows: machine, process, and number of the store.
         damaged: damaged rows that were read: digest of the case, engine, and the digest that is not that of the row.
-
-    Raises:
-        InputError: the runs folder has rows of a version before the database.
     """
 
     def __init__(self, runs: Path) -> None:
         self.runs = runs
         self.common = runs / NAME
-        if not self.common.exists() and any(runs.glob(FORMER)):
-            place = paths.shown(runs / FORMER)
-            raise InputError(place, "", "rows of an earlier version", f"rows in {NAME}; {ANEW}")
         self.own = self.common if is_shared(runs) else runs / f"batch-{platform.node()}-{os.getpid()}.sqlite"
         self.damaged: set[tuple[str, str, str]] = set()
         start_s = psutil.Process().create_time()

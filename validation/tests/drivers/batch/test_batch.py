@@ -148,12 +148,6 @@ def test_a_store_that_is_damaged_or_of_another_version_is_named(study_file: Stud
     refused = batch(path, runs)
     assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
     assert "rows of version 7 of the store; allowed: version 1" in refused.stderr
-    (runs / "batch.sqlite").unlink()
-    (runs / "batch").mkdir()
-    (runs / "batch/0123.jsonl").touch()
-    for refused in (batch(path, runs), beads("status", path, "--runs", runs)):
-        assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
-        assert f"{runs}/batch/*.jsonl: found rows of an earlier version; allowed: " in refused.stderr
 
 
 ROW = StudyRow("case", "verlet", "program", "study", "label", "build", 5.0, "done")
