@@ -76,7 +76,7 @@ def _start(chain: HertzChain, time_step_s: float) -> tuple[Any, ...]:
     velocity = chain.velocity_m_s - 0.5 * time_step_s * chain.acceleration_m_s2
     kick, drop = time_step_s / chain.mass_kg, time_step_s * chain.load_N / chain.mass_kg
     damping = np.zeros(0) if chain.elastic else chain.damping
-    law = damping, float(chain.alpha), float(chain.overlap_power)
+    law = damping, float(chain.alpha) * (not chain.elastic), float(chain.overlap_power)
     return velocity, chain.overlap_m.copy(), force, chain.stiffness, kick, drop, *law
 
 
