@@ -34,8 +34,8 @@ from postproc.read.alignment import Channel, averaged, change_at
 from postproc.read.measured import MEASURED
 from postproc.read.motion import Simulation, exact, read
 from validation.calibration.command import Fitted, by_key, read_fits
-from validation.calibration.fit import CLOSE_CHANGE, DECISIVE, Fit, chi_square_at, minimise, rounded, weights_of
-from validation.calibration.parameters import CUT, GAIN, TRIGGER, Free, is_of_motion, stated
+from validation.calibration.fit import CLOSE_CHANGE, DECISIVE, Fit, minimise, rounded, weights_of
+from validation.calibration.parameters import CUT, GAIN, TRIGGER, Free, stated
 from validation.calibration.predict import CARRIED
 from validation.calibration.problem import DEFAULT_CUT, LONGER, TOLERANCE, DataSet, Datum, Problem, changed, checked
 
@@ -180,7 +180,7 @@ def _row(
     for law, other in () if pin else combinations(fits, 2):  # made up by the other one, data differ by as much
         problem, place = _problem_of(fits[other], replace(made[law], tables=made[other].tables))
         end = minimise(problem, problem.with_triggers(place), converged=CLOSE_CHANGE)
-        numbers[f"{law}_or_{other}"] = chi_square_at(problem, end)
+        numbers[f"{law}_or_{other}"] = problem.chi_square(end)
     return row | {"expected": max(numbers.values()) if pin else min(numbers.values())} | numbers
 
 
@@ -218,15 +218,15 @@ def _made_up(fit: Fit, settings: Sequence[str] | None) -> DataSet:
         ArithmeticError: The motion cannot be computed.
     """
     base = fit.problem.sets[0]
-    found = {key: x for key, x in fit.problem.own_values(base, fit.place) if is_of_motion(key)}
+    found, _ = fit.problem.own_values(base, fit.place)
     if settings is None:
-        data = replace(base, tables=json.dumps(changed(base.tables, found.items())))
+        data = replace(base, tables=json.dumps(changed(base.tables, found)))
         motion, channels = exact(build_case(data.scene), TOLERANCE), list[Channel]()
         for each in base.channels:
             reading = each.computed(motion.curves[each.gauge], each.trigger_s) / each.trace.gain
             channels.append(replace(each, reading=reading + (each.trace.baseline or 0.0)))
         return _data_of(data, motion, channels)
-    tables = changed(base.tables, [pair for pair in found.items() if pair[0].startswith(CARRIED)])
+    tables = changed(base.tables, [pair for pair in found if pair[0].startswith(CARRIED)])
     if any(free.is_trigger and free.own == base.name for free in fit.problem.free):
         tables["run"]["duration"] = f"{base.scene.run.duration / LONGER!r} s"
     apply_settings(tables, settings)

@@ -48,7 +48,6 @@ DECISIVE, LEANING = 10.0, 2.0  # excess of Akaike's criterion: a law that has no
 
 Tables = dict[str, pd.DataFrame]
 Seeds = Sequence[Mapping[str, float]]  # values of parameters by label
-End = tuple[float, Array]  # chi-square and coordinates at the end of a descent
 Point = tuple[float, float, Array]  # coordinate, chi-square, and coordinates of all parameters
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -60,12 +59,12 @@ class Fit:
 
     Attributes:
         place: Coordinates of the parameters. Shape (parameters,).
-        ends: Ends of the descents that led to it, the lowest first; none if it was known.
+        ends: Coordinates at the ends of the descents that led to it, the lowest first; none if it was known.
     """
 
     problem: Problem
     place: Array
-    ends: Sequence[End] = ()
+    ends: Sequence[Array] = ()
 
     @cached_property
     def residual(self) -> Array:
@@ -238,11 +237,11 @@ def fit(problem: Problem, seeds: Seeds = (), *, search: bool = True) -> Fit:
     """
     starts, lower = [_seeded(problem, seed) for seed in seeds], partial(minimise, problem, converged=ROUGH_CHANGE)
     places = for_each(problem, lower, [*_starts(problem), *starts]) if search else [*map(lower, starts)]
-    ends = sorted(((chi_square_at(problem, place), place) for place in places), key=lambda end: end[0])
-    if not isfinite(ends[0][0]):
+    ends = sorted(places, key=problem.chi_square)
+    if not isfinite(problem.chi_square(ends[0])):
         message = "the exact motion cannot be computed at the starting values or at any other point of the ranges"
         raise RunError(f"fit: {message}; narrow the bounds of --free")
-    return Fit(problem, minimise(problem, minimise(problem, ends[0][1], converged=CLOSE_CHANGE)), ends)
+    return Fit(problem, minimise(problem, minimise(problem, ends[0], converged=CLOSE_CHANGE)), ends)
 
 
 def _seeded(problem: Problem, seed: Mapping[str, float]) -> Array:
@@ -260,7 +259,7 @@ def _starts(problem: Problem) -> list[Array]:
     draws = qmc.Sobol(len(searched), seed=0).random_base2(count) if searched else ()
     places_drawn = [_moved(problem.start, searched, draw) for draw in draws]
     first, *drawn = for_each(problem, partial(_with_others, problem), [problem.start, *places_drawn])
-    for place in sorted(drawn, key=partial(chi_square_at, problem)):
+    for place in sorted(drawn, key=problem.chi_square):
         if len(places) < DESCENTS and all(np.abs(place - each)[searched].max() > MIN_SEPARATION for each in places):
             places.append(place)
     inside = set[tuple[int, float]]()
@@ -280,7 +279,7 @@ def _with_others(problem: Problem, place: Array, tries: int = MAX_ROUGH_EVALUATI
 def minimise(
     problem: Problem,
     start: Array,
-    held: Mapping[int, float] | None = None,
+    held: Mapping[int, float] = {},
     converged: float = FINE_CHANGE,
     tries: int = MAX_EVALUATIONS,
 ) -> Array:
@@ -294,13 +293,12 @@ def minimise(
         tries: Largest number of evaluations.
     """
     begun = np.clip(start, 0.0, 1.0)
-    begun[[*(held or {})]] = [*(held or {}).values()]
-    moving = [index for index in range(len(begun)) if index not in (held or {})]
-    inside = _moved(begun, moving, np.clip(begun[moving], MARGIN, 1 - MARGIN))
-    if not moving or not problem.rows or not np.isfinite(problem.residual(inside)).all():
+    begun[[*held]] = [*held.values()]
+    moving = [index for index in range(len(begun)) if index not in held]
+    at, inside = partial(_moved, begun, moving), np.clip(begun[moving], MARGIN, 1 - MARGIN)
+    if not moving or not np.isfinite(problem.residual(at(inside))).all():
         return begun
     method: Literal["dogbox", "trf"] = "dogbox" if converged == FINE_CHANGE else "trf"  # for bounds
-    at = partial(_moved, inside, moving)
 
     def off(coordinates: Array) -> Array:
         return problem.residual(at(coordinates))
@@ -310,14 +308,8 @@ def minimise(
 
     with np.errstate(invalid="ignore", divide="ignore"):  # the slope is zero if all data are missing
         # a point without a motion has infinite residuals, from which least squares steps back
-        found = least_squares(off, inside[moving], slopes, (0, 1), method, converged, converged, None, max_nfev=tries)
-    return min(begun, at(found.x), key=partial(chi_square_at, problem))
-
-
-def chi_square_at(problem: Problem, place: Array) -> float:
-    """Chi-square at given coordinates."""
-    off = problem.residual(place)
-    return float(off @ off)
+        found = least_squares(off, inside, slopes, (0, 1), method, converged, converged, None, max_nfev=tries)
+    return min(begun, at(found.x), key=problem.chi_square)
 
 
 def _moved(place: Array, moving: Sequence[int], coordinates: Sequence[float] | Array) -> Array:
@@ -371,7 +363,7 @@ def profile(fit: Fit, index: int) -> list[Point]:
                 break
             guess = place + along * (target - place[index])
             place = minimise(fit.problem, guess, {index: target}, converged=CLOSE_CHANGE)
-            points.append((target, chi_square_at(fit.problem, place), place))
+            points.append((target, fit.problem.chi_square(place), place))
     return sorted(points, key=lambda point: point[0])
 
 
@@ -473,7 +465,7 @@ def _datum(best: Fit, datum: Datum) -> dict[str, Any]:
 def _remarks(best: Fit) -> Iterator[str]:
     """Sentences on other minima, undetermined parameters, and numbers that the motion does not have."""
     problem, certain = best.problem, not len(best.open_directions)
-    reached = sum(height < best.chi_square * (1 + 5 * ROUGH_CHANGE) + SAME for height, _ in best.ends)
+    reached = sum(problem.chi_square(end) < best.chi_square * (1 + 5 * ROUGH_CHANGE) + SAME for end in best.ends)
     if reached < 2 <= len(best.ends) and certain:
         yield f"not sure: {reached} of {len(best.ends)} descents ended at this minimum; a better one may exist"
     missing = np.isnan(problem.raw_residual(best.place))
@@ -483,12 +475,12 @@ def _remarks(best: Fit) -> Iterator[str]:
             yield f"{datum.label} is missing from the computed motion and {counts}"
         if problem.censored(datum, best.place):
             yield f"{datum.label} is a lower bound: the force is above the cut until the wave meets the wall"
-    near = [end for end in best.ends if end[0] < best.chi_square + MAX_EXCESS]
-    others = [end for end in near if np.sum((best.jacobian @ (end[1] - best.place)) ** 2) > MIN_RISE]
-    for height, place in others[:certain]:
-        pairs = zip(problem.free, problem.values(place).items(), strict=True)
+    near = [end for end in best.ends if problem.chi_square(end) < best.chi_square + MAX_EXCESS]
+    others = [end for end in near if np.sum((best.jacobian @ (end - best.place)) ** 2) > MIN_RISE]
+    for end in others[:certain]:
+        pairs = zip(problem.free, problem.values(end).items(), strict=True)
         shown = ", ".join(f"{name} {rounded(value, free.unit)}" for free, (name, value) in pairs)
-        yield f"another minimum with chi-square {height:.4g}: {shown}"
+        yield f"another minimum with chi-square {problem.chi_square(end):.4g}: {shown}"
     yield from trade_offs(best)
     for datum in (datum for datum in problem.data if len(datum.rows) > 1):
         off = best.residual[datum.rows.start : datum.rows.stop]

@@ -209,7 +209,7 @@ class Free:
     @property
     def of_motion(self) -> bool:
         """True if the motion depends on the parameter."""
-        return is_of_motion(self.key)
+        return not self.key.startswith(("measured", READING))  # gauges and readings do not change it
 
     @property
     def is_trigger(self) -> bool:
@@ -238,11 +238,6 @@ class Free:
         return self.value(coordinate) * log(self.high / self.low) if self.logarithmic else self.high - self.low
 
 
-def is_of_motion(key: str) -> bool:
-    """True for a key on which the motion depends; gauges and readings do not change it."""
-    return not key.startswith(("measured", READING))
-
-
 def free_parameter(text: str, scene: Scene, where: str, own: str = "") -> Free:
     """Parameter of an option such as ``contact.restitution``, ``striker.speed=1 m/s..3 m/s`` or ``...=2 m/s±1%``.
 
@@ -254,8 +249,8 @@ def free_parameter(text: str, scene: Scene, where: str, own: str = "") -> Free:
     key, asked, file = text.partition("=")[0].strip(), calibration_file(), paths.shown(paths.CALIBRATION)
     unit, value, start = unit_of(key), look_up(scene, key), asked.start.get(key)
     known = asked.range.get(key, asked.range.get(key.rpartition(".")[2]))
-    physics = key.split(".")[0] not in NUMERICAL_KEYS and not isinstance(value, (bool, int, str))
-    if not physics or not (isinstance(value, float) or (value is None and (unit or known or "=" in text))):
+    number = isinstance(value, float) or (value is None and (unit or known or "=" in text))
+    if not number or key.split(".")[0] in NUMERICAL_KEYS:
         raise unknown(where, "--free", key, asked.range, "a key of the scene with a physical number")
     if value is None and start is not None and not of_scene(text):  # which is no knowledge
         value = _number(start, unit, file, key)

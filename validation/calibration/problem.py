@@ -48,7 +48,6 @@ from validation.calibration.parameters import (
     around,
     calibration_file,
     free_parameter,
-    is_of_motion,
     of_readings,
     of_scene,
     stated,
@@ -341,20 +340,26 @@ class Problem:
         """Values of the parameters at given coordinates, by label."""
         return {free.label: free.value(float(x)) for free, x in zip(self.free, place, strict=True)}
 
-    def own_values(self, data: DataSet, place: Array) -> Values:
-        """Values of the parameters of a data set, by key."""
-        pairs = zip(self.free, place, strict=True)
-        own = {free.key: free.value(float(x)) for free, x in pairs if free.belongs_to(data.name)}
-        return tuple((own | dict(data.fixed)).items())
+    def own_values(self, data: DataSet, place: Array) -> tuple[Values, Values]:
+        """Values of the parameters of a data set, by key: those of the motion, then those of gauges and readings."""
+        own = [(free, float(x)) for free, x in zip(self.free, place, strict=True) if free.belongs_to(data.name)]
+        motion = [(free.key, free.value(x)) for free, x in own if free.of_motion]
+        others = [(free.key, free.value(x)) for free, x in own if not free.of_motion]
+        return (*motion,), (*others, *data.fixed.items())
 
     def motion(self, data: DataSet, place: Array) -> Simulation | None:
         """Motion of a data set at given coordinates; None if there is none."""
-        return simulated(data, self.own_values(data, place))
+        return simulated(data.tables, data.where, self.own_values(data, place)[0])
 
     def residual(self, place: Array) -> Array:
         """Predicted minus measured values in standard errors; inf at a point without a motion. Shape (rows,)."""
         off = self.raw_residual(place) if np.isfinite(place).all() else np.full(self.rows, inf)
         return np.full(self.rows, inf) if np.isinf(off).any() else np.nan_to_num(off, nan=MISSING_RESIDUAL)
+
+    def chi_square(self, place: Array) -> float:
+        """Sum of the squared residuals."""
+        off = self.residual(place)
+        return float(off @ off)
 
     def jacobian(self, place: Array, moving: Sequence[int] | None = None) -> Array:
         """Derivatives of the residual by the coordinates ``moving``, by differences. Shape (rows, moving).
@@ -371,7 +376,7 @@ class Problem:
 
     def raw_residual(self, place: Array) -> Array:
         """Residual with NaN for numbers missing from the motion, inf without one; that of each set is cached."""
-        parts = [_of_set(data, self.own_values(data, place)) for data in self.sets]
+        parts = [_of_set(data, *self.own_values(data, place)) for data in self.sets]
         pairs = zip(self.free, place, strict=True)
         priors = [(free.value(float(x)) - free.start) / free.prior for free, x in pairs if free.prior]
         return np.concatenate([*parts, priors])
@@ -382,18 +387,16 @@ class Problem:
         if not width:
             return False
         data = next(data for data in self.sets if data.name == datum.data_set)
-        simulation, cut = self.motion(data, place), dict(self.own_values(data, place)).get(CUT, DEFAULT_CUT)
+        simulation, cut = self.motion(data, place), dict(self.own_values(data, place)[1]).get(CUT, DEFAULT_CUT)
         return simulation is not None and is_censored(simulation, gauge, cut)
 
     def with_triggers(self, place: Array) -> Array:
         """``place`` with the triggers of all data sets at the best correlation of motion and traces."""
-        moved = place.copy()
-        for data in self.sets:
-            simulation = self.motion(data, place) if data.channels else None
-            for index, free in enumerate(self.free):
-                if simulation and free.own == data.name and free.is_trigger:
-                    channels = [channel for channel in data.channels if f"{channel.file_key}.{TRIGGER}" == free.key]
-                    moved[index] = free.coordinate(correlated(channels, simulation))
+        moved, named = place.copy(), {data.name: data for data in self.sets}
+        for index, free in enumerate(self.free):
+            if free.is_trigger and (simulation := self.motion(named[free.own], place)):
+                channels = [each for each in named[free.own].channels if f"{each.file_key}.{TRIGGER}" == free.key]
+                moved[index] = free.coordinate(correlated(channels, simulation))
         return moved
 
 
@@ -412,7 +415,7 @@ def pose(sets: Sequence[DataSet], free: Sequence[str], own: Sequence[str] = ()) 
     parameters = parameters_of(sets, free, own)
     begun = tuple(_begun(source, parameters) for source in sets)
     for source in begun:
-        simulation = simulated(source, ())
+        simulation = simulated(source.tables, source.where, ())
         if simulation is None:
             raise RunError(f"{source.where}: the exact motion cannot be computed at the starting values")
         for number in source.numbers:
@@ -449,15 +452,15 @@ def exact_numbers(sets: Sequence[DataSet], data: DataSet) -> Iterator[Free]:
     A number belongs to all data sets of a fit if they agree on it.
     """
 
-    def numbers(value: Any, key: str) -> Iterator[tuple[str, float]]:
+    def numbers(value: Any, key: str = "") -> Iterator[tuple[str, float]]:
         parts = enumerate(value) if isinstance(value, list) else value.items() if isinstance(value, dict) else ()
         for part, inner in parts:
-            if key or part not in (*NUMERICAL_KEYS, *DERIVED):
-                yield from numbers(inner, f"{key}.{part}".lstrip("."))
+            yield from numbers(inner, f"{key}.{part}".lstrip("."))
         if isinstance(value, float) and value:
             yield key, value
 
-    for key, value in numbers(data.scene.model_dump(mode="json", exclude_none=True), ""):
+    dumped = data.scene.model_dump(mode="json", exclude_none=True, exclude={*NUMERICAL_KEYS, *DERIVED})
+    for key, value in numbers(dumped):
         common = all(look_up(each.scene, key) == value for each in sets)
         yield Free(key, "", value, *around(value), own="" if common else data.name)
     for channel in data.channels:
@@ -465,13 +468,9 @@ def exact_numbers(sets: Sequence[DataSet], data: DataSet) -> Iterator[Free]:
         yield Free(f"{channel.trace.key}.{GAIN}", "", gain, *around(gain), own=data.name)
 
 
-def simulated(data: DataSet, values: Values) -> Simulation | None:
-    """Exact motion of a data set's scene at given parameter values; None if there is none."""
-    return _integrated(data.tables, data.where, tuple(pair for pair in values if is_of_motion(pair[0])))
-
-
 @lru_cache(maxsize=CACHE_SIZE)
-def _integrated(tables: str, where: str, values: Values) -> Simulation | None:
+def simulated(tables: str, where: str, values: Values) -> Simulation | None:
+    """Exact motion of a scene at given values of its parameters; None if there is none."""
     try:
         return exact(build_case(make_scene(changed(tables, values), where, where)), TOLERANCE)
     except (ArithmeticError, InputError):  # values that are allowed one by one may give an impossible chain
@@ -479,18 +478,17 @@ def _integrated(tables: str, where: str, values: Values) -> Simulation | None:
 
 
 @lru_cache(maxsize=64 * CACHE_SIZE)
-def _of_set(data: DataSet, values: Values) -> Array:
-    simulation = simulated(data, values)
+def _of_set(data: DataSet, values: Values, others: Values) -> Array:
+    """Residual of a data set at values of the parameters of its motion, and of its gauges and readings."""
+    simulation, known = simulated(data.tables, data.where, values), dict(others)
     if simulation is None:
         return np.full(data.rows, inf)
-    known, cut = dict(values), dict(values).get(CUT, DEFAULT_CUT)
-    offs = [
-        (read(simulation, number.name, cut) / known.get(number.divisor, 1.0) - number.value) / number.error
-        for number in data.numbers
-    ]
-    traces = list[Array]()
+    parts = list[Array]()
+    for number in data.numbers:
+        reading = read(simulation, number.name, known.get(CUT, DEFAULT_CUT)) / known.get(number.divisor, 1.0)
+        parts.append(np.array([(reading - number.value) / number.error]))
     for channel in data.channels:
         gain = known.get(f"{channel.trace.key}.{GAIN}", channel.trace.gain)
         trigger_s = known.get(f"{channel.file_key}.{TRIGGER}", channel.trigger_s)
-        traces.append(residual_of(channel, simulation.curves[channel.gauge], gain, trigger_s))
-    return np.concatenate([offs, *traces])
+        parts.append(residual_of(channel, simulation.curves[channel.gauge], gain, trigger_s))
+    return np.concatenate(parts)

@@ -36,12 +36,12 @@ from validation.calibration.problem import (
     MISSING_RESIDUAL,
     DataSet,
     Datum,
-    _integrated,
     _of_set,
     paper_data,
     parameters_of,
     pose,
     scene_data,
+    simulated,
 )
 from validation.tests.helpers.commands import assert_in_order, beads
 from validation.tests.helpers.scenes import SceneWriter
@@ -282,7 +282,7 @@ def without_motion(monkeypatch: pytest.MonkeyPatch, above: float) -> None:
             raise ArithmeticError("its steps become too small")
         return exact(case, tolerance)
 
-    _integrated.cache_clear()
+    simulated.cache_clear()
     _of_set.cache_clear()
     monkeypatch.setattr("validation.calibration.problem.exact", integrated)
 
@@ -292,10 +292,10 @@ def test_a_fit_avoids_points_without_a_motion(monkeypatch: pytest.MonkeyPatch, t
     problem = pose([short_data(made_up(tmp_path / "trace.csv"), f"{MODULUS}=1.1 GPa")], (RESTITUTION,))
     without_motion(monkeypatch, above=0.8)
     found = fit(problem)
-    _integrated.cache_clear()
+    simulated.cache_clear()
     assert found.values[RESTITUTION] == pytest.approx(0.8, abs=2e-3)
     assert np.isfinite(found.residual).all()
     without_motion(monkeypatch, above=0.0)
     with pytest.raises(RunError, match="cannot be computed at the starting values or at any other point"):
         fit(replace(problem))
-    _integrated.cache_clear()
+    simulated.cache_clear()
