@@ -29,8 +29,8 @@ from drivers.chain.case import build_case
 from drivers.engines import codes
 from drivers.limits import inability
 from drivers.scene.model import Part
-from drivers.scene.read_scene import apply_settings, find_scene, read_scene, set_value
-from drivers.scene.settings import look_up, setting_texts, unit_of
+from drivers.scene.read_scene import apply_settings, find_scene, read_scene
+from drivers.scene.settings import look_up, setting_texts
 from postproc.draw.product import write_figure
 from postproc.draw.style import COLUMN_IN, pyplot
 from postproc.read.measured import MEASURED, entries_of
@@ -128,16 +128,15 @@ def request_of(scenes: Sequence[str | Path], *, free: Texts = (), uncertain: Tex
     for text in uncertain:
         if not all(map(str.strip, text.partition("="))):
             raise InputError("fit", "--uncertain", text, "KEY=ERROR, such as striker.speed=1%")
-    texts = (*free, *("=±".join(text.split("=", 1)) for text in uncertain))
-    given = validate(FitRequest, {"free": texts, **more}, "fit")
+    texts = (*free, *(text.replace("=", "=±", 1) for text in uncertain))
+    given = validate(FitRequest, {"scenes": [*map(str, scenes)], "free": texts, **more}, "fit")
     if not folders:
-        return given.model_copy(update={"scenes": (*map(str, scenes),)})
+        return given
     former = read_request(Path(folders[0]))
-    both = {key: getattr(former, key) + getattr(given, key) for key in ("laws", "settings")}
+    update = {key: getattr(former, key) + getattr(given, key) for key in ("laws", "settings")}
     for key in ("free", "own"):
-        former_texts, given_texts = (by_key(getattr(each, key), f"--{key}") for each in (former, given))
-        both[key] = (*(former_texts | given_texts).values(),)
-    return former.model_copy(update=both | {"quick": given.quick, "measured": given.measured})
+        update[key] = (*(by_key(getattr(former, key)) | by_key(getattr(given, key), f"--{key}")).values(),)
+    return former.model_copy(update=update | {"quick": given.quick, "measured": given.measured})
 
 
 def by_key(options: Sequence[str], option: str = "--free", command: str = "fit") -> dict[str, str]:
@@ -183,10 +182,9 @@ def problem_of(request: FitRequest, law: str, sets: Sequence[DataSet]) -> Proble
     own, asked = keys_of(law), by_key(request.free)
     fixed = {f"contact.{constant.partition('=')[0].strip()}" for constant in law.split(",")[1:]}
     fixed |= {*OF_LAWS} - {*own} if law else set()
-    keys = [key for key in dict.fromkeys((*asked, *own[:1])) if key not in fixed]
-    free = [asked.get(key, key) for key in keys]
-    of_law = law_of(law, asked)
-    begun = [replace(data, tables=checked(data.source, (*of_law, *data.settings))[1].tables) for data in sets]
+    free = [asked.get(key, key) for key in dict.fromkeys((*asked, *own[:1])) if key not in fixed]
+    texts = law_of(law, asked)
+    begun = [replace(data, tables=checked(data.source, (*texts, *data.settings))[1].tables) for data in sets]
     return pose(begun, free, request.own)
 
 
@@ -282,11 +280,10 @@ def option_of(free: Free) -> str:
 
 def draw_parameters(parameters: pd.DataFrame) -> Any:
     """A panel for each parameter: value, 68 % (thick) and 95 % interval (thin) of each law, or range if it is open."""
-    names, laws = [*parameters["parameter"].unique()], [*parameters["law"].unique()]
-    height = HEAD_IN + len(names) * (ROW_IN + 0.12 * len(laws))
-    figure, axes = pyplot().subplots(len(names), 1, figsize=(COLUMN_IN, height), squeeze=False, layout="constrained")
-    for axis, name in zip(axes[:, 0], names, strict=True):
-        own = parameters[parameters["parameter"] == name]
+    groups, laws = parameters.groupby("parameter", sort=False), [*parameters["law"].unique()]
+    height = HEAD_IN + len(groups) * (ROW_IN + 0.12 * len(laws))
+    figure, axes = pyplot().subplots(len(groups), 1, figsize=(COLUMN_IN, height), squeeze=False, layout="constrained")
+    for axis, (name, own) in zip(axes[:, 0], groups, strict=True):
         scale, unit = suited(own["value"].iloc[0], own["unit"].iloc[0])
         for place, row in enumerate(rows_of(own)):
             colour, marker = LOOKS[laws.index(row.law) % len(LOOKS)]
@@ -294,8 +291,7 @@ def draw_parameters(parameters: pd.DataFrame) -> Any:
                 ends = np.fmax(low, row.least) * scale, np.fmin(high, row.most) * scale  # the range instead of NaN
                 axis.hlines(place, *ends, colour, lw=width)
             axis.plot(row.value * scale, place, marker, color=colour, ms=5, label=row.law or None)
-        title = name.removeprefix("materials.")
-        axis.set_title(f"{title}{f' ({unit})' * bool(unit)}", loc="left", fontsize=8)
+        axis.set_title(f"{name}{f' ({unit})' * bool(unit)}".removeprefix("materials."), loc="left", fontsize=8)
         axis.set(yticks=[], ylim=(len(own) - 0.4, -0.6))
         axis.locator_params(axis="x", nbins=5)
         axis.ticklabel_format(axis="x", useOffset=False)
@@ -308,9 +304,9 @@ def draw_parameters(parameters: pd.DataFrame) -> Any:
 
 def _write_scenes(fitted: Fitted) -> None:
     """Write the scenes with copies of their data, and the fitted ones of each law."""
-    request, parameters = fitted.request, fitted.tables[PARAMETERS]
+    request = fitted.request
     for law, fit in fitted.fits.items():
-        rows = {row.parameter: row for row in rows_of(parameters[parameters["law"] == law])}
+        rows = {row.parameter: row for row in rows_of(fitted.tables[PARAMETERS]) if row.law == law}
         for source, written in zip(fitted.sources, fitted.scenes(law), strict=True):
             if not request.quoted:
                 _write_scene(fitted.folder / source.name, source, request, "", fit, {})
@@ -324,20 +320,15 @@ def _write_scene(path: Path, source: Path, request: FitRequest, law: str, fit: F
     for free in fit.problem.free:
         row = rows.get(free.label)
         if row and free.belongs_to(source.stem) and free.of_motion:
-            _set_number(document, free.key, float(f"{row.value:.6g}"), f"fitted: {value_text(row, fit.enlargement)}")
+            apply_settings(document, setting_texts({free.key: float(f"{row.value:.6g}")}))
+            if not isinstance(look_up(document, free.key.rpartition(".")[0]), tomlkit.items.InlineTable):
+                # in which a comment would hide the rest of the line
+                look_up(document, free.key).comment(f"fitted: {value_text(row, fit.enlargement)}")
     if drive := look_up(document, "drive.file"):
         document["drive"]["file"] = _copied(source.parent / drive, path.parent)
     if not request.quoted:
         document[MEASURED] = _entries(source, request, path.parent, rows)
     path.write_text(tomlkit.dumps(document), encoding="utf-8")
-
-
-def _set_number(document: Any, key: str, value: float, words: str) -> None:
-    """Set a number of a scene document with a comment, which in an inline table would hide the rest of the line."""
-    unit = unit_of(key)
-    set_value(document, key, quantity(value, unit) if unit else value, "")
-    if not isinstance(look_up(document, key.rpartition(".")[0]), tomlkit.items.InlineTable):
-        look_up(document, key).comment(words)
 
 
 def _copied(file: Path, folder: Path) -> str:
