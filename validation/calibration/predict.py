@@ -20,6 +20,7 @@ from scipy.special import ndtr
 
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
+from drivers.base.units import SI
 from drivers.chain.chain import Array
 from drivers.laws import LAWS
 from drivers.scene.model import Scene
@@ -168,8 +169,8 @@ def _part_of(fit: Fit, scene: Scene, data: DataSet, *, own: bool) -> tuple[Probl
     Settings of the data set are applied last, so that they stay.
     """
     tables, source = json.loads(data.tables), json.loads(fit.problem.sets[0].tables)
-    contact = {key: value for key, value in tables.get("contact", {}).items() if f"contact.{key}" not in OF_LAWS}
-    law = {key: value for key, value in source.get("contact", {}).items() if f"contact.{key}" in OF_LAWS}
+    contact = {key: value for key, value in tables["contact"].items() if f"contact.{key}" not in OF_LAWS}
+    law = {key: value for key, value in source["contact"].items() if f"contact.{key}" in OF_LAWS}
     free, first = fit.problem.free, fit.problem.sets[0].name
     moving = [place for place, each in enumerate(free) if each.of_motion and each.belongs_to(first)]
     asked = [text.partition("=")[0].strip() for text in data.settings]
@@ -177,8 +178,7 @@ def _part_of(fit: Fit, scene: Scene, data: DataSet, *, own: bool) -> tuple[Probl
         contact, law, asked = tables["contact"], {}, [*asked, *OF_LAWS]
     if not own:
         tables |= {"sensor": source["sensor"]} if "sensor" in source else {}
-        for name, material in source.get(MATERIALS, {}).items():
-            tables[MATERIALS] = tables.get(MATERIALS, {}) | {name: material}
+        tables[MATERIALS] |= source[MATERIALS]
         offered = [place for place in moving if not free[place].own and free[place].key.startswith(CARRIED)]
         here = [place for place in offered if look_up(scene, free[place].key) is not None]
         moving = [place for place in offered if place in here or not free[place].key.startswith(MATERIALS)]
@@ -190,7 +190,7 @@ def _part_of(fit: Fit, scene: Scene, data: DataSet, *, own: bool) -> tuple[Probl
     tables["contact"] = contact | law
     apply_settings(tables, [text for text in data.settings if text.strip().startswith(CARRIED)])
     begun = replace(data, name=first, tables=json.dumps(tables))
-    make_scene(tables, data.where, data.where)  # an InputError names what is set in vain
+    make_scene(tables, data.where, data.where, context=SI)  # an InputError names what is set in vain
     return Problem((begun,), tuple(free[place] for place in moving)), moving
 
 

@@ -17,19 +17,13 @@ import numpy as np
 
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
+from drivers.base.units import SI
 from drivers.chain.case import build_case
 from drivers.chain.chain import Array
 from drivers.engines import REFERENCE
 from drivers.limits import refuse
 from drivers.scene.model import Scene
-from drivers.scene.read_scene import (
-    DERIVED,
-    apply_settings,
-    find_scene,
-    make_scene,
-    read_scene,
-    read_toml,
-)
+from drivers.scene.read_scene import DERIVED, apply_settings, find_scene, make_scene, read_scene
 from drivers.scene.settings import look_up, setting_texts
 from postproc.paper import force_accuracy, quoted
 from postproc.read.alignment import Channel, channels_of, correlated, residual_of
@@ -107,7 +101,7 @@ class DataSet:
 
     Attributes:
         source: Name of the scene or path of its file.
-        tables: Tables of the scene's file with settings applied, as JSON: data sets with the same tables share motions.
+        tables: Tables of the scene in SI units, as JSON: data sets with the same tables share motions.
         where: File as messages name it.
         numbers: Measured numbers.
         own: Keys of free parameters of this data set alone.
@@ -136,7 +130,7 @@ class DataSet:
     @cached_property
     def scene(self) -> Scene:
         """Scene made from the tables."""
-        return make_scene(json.loads(self.tables), self.name, self.where)
+        return make_scene(json.loads(self.tables), self.name, self.where, context=SI)
 
 
 def paper_data(names: Sequence[str], settings: Sequence[str] = (), answers: Sequence[Answer] = ()) -> list[DataSet]:
@@ -195,14 +189,12 @@ def checked(source: str, settings: Sequence[str]) -> tuple[Scene, DataSet]:
     Raises:
         InputError: The scene or a setting is unknown, or its exact motion cannot be computed.
     """
-    scene, path = read_scene(source, tuple(settings)), find_scene(source)
+    scene, where = read_scene(source, tuple(settings)), paths.shown(find_scene(source))
     refuse(build_case(scene), REFERENCE)
-    tables = read_toml(path)
-    apply_settings(tables, settings)
-    if file := look_up(tables, "drive.file"):
-        tables["drive"]["file"] = str((path.parent / file).resolve())
-    tables.pop(MEASURED, None)
-    return scene, DataSet(path.stem, source, json.dumps(tables), paths.shown(path), settings=settings)
+    tables = scene.model_dump(mode="json", exclude_none=True, exclude={*DERIVED})
+    if scene.drive and scene.drive.file:
+        tables["drive"]["file"] = str((scene.folder / scene.drive.file).resolve())
+    return scene, DataSet(scene.name, source, json.dumps(tables), where, settings=settings)
 
 
 def scene_data(source: str, settings: Sequence[str] = (), file: Path | None = None) -> DataSet:
@@ -432,7 +424,7 @@ def _begun(data: DataSet, parameters: Sequence[Free]) -> DataSet:
     moving = [free for free in parameters if free.belongs_to(data.name) and free.of_motion]
     for free in moving:
         for bound in (free.low, free.high):
-            make_scene(changed(data.tables, [(free.key, bound)]), data.name, f"--free {free.key}")
+            make_scene(changed(data.tables, [(free.key, bound)]), data.name, f"--free {free.key}", context=SI)
     tables = changed(data.tables, [(free.key, free.start) for free in moving])
     if any(free.own == data.name and free.is_trigger for free in parameters):
         apply_settings(tables, [f"run.duration={LONGER * data.scene.run.duration!r} s"])
@@ -472,7 +464,7 @@ def exact_numbers(sets: Sequence[DataSet], data: DataSet) -> Iterator[Free]:
 def simulated(tables: str, where: str, values: Values) -> Simulation | None:
     """Exact motion of a scene at given values of its parameters; None if there is none."""
     try:
-        return exact(build_case(make_scene(changed(tables, values), where, where)), TOLERANCE)
+        return exact(build_case(make_scene(changed(tables, values), where, where, context=SI)), TOLERANCE)
     except (ArithmeticError, InputError):  # values that are allowed one by one may give an impossible chain
         return None
 
