@@ -113,7 +113,7 @@ class Fitted:
     def sources(self) -> list[Path]:
         """Files of the scenes that are fitted."""
         sets = next(iter(self.fits.values())).problem.sets
-        return [*map(find_scene, dict.fromkeys(self.request.scenes or [data.source for data in sets]))]
+        return [*map(find_scene, dict.fromkeys(data.source for data in sets))]
 
 
 def request_of(scenes: Sequence[str | Path], *, free: Texts = (), uncertain: Texts = (), **more: Any) -> FitRequest:

@@ -192,18 +192,14 @@ def taken_as_exact(fit: Fit) -> pd.DataFrame:
     The number is a further parameter, with the column k of the Jacobian. A change of its coordinate by s moves the
     minimum by ``-(J^T J)^-1 J^T k s`` with the Jacobian J of the fit.
     """
-    problem, known, rows = fit.problem, {free.key for free in fit.problem.free}, list[dict[str, Any]]()
-    for free in dict.fromkeys(each for data in problem.sets for each in exact_numbers(problem.sets, data)):
-        if free.key not in known:
-            wide = replace(problem, free=(*problem.free, free))
-            place = np.append(fit.place, free.coordinate(free.start))
-            column = wide.jacobian(place, [len(fit.place)])[:, 0] * 0.01 * free.start / free.slope(float(place[-1]))
-            changes = fit.slopes * -(fit.covariance @ (fit.jacobian.T @ column))
-            rows += [
-                {"key": free.label, "parameter": own.label, "unit": own.unit, "change_by_1pct": change, "error": error}
-                for own, change, error in zip(problem.free, changes.tolist(), fit.errors.tolist(), strict=True)
-                if own.of_motion and column.any()
-            ]
+    problem, rows = fit.problem, list[tuple[str | float, ...]]()
+    for free in exact_numbers(problem):
+        place, wide = np.append(fit.place, free.coordinate(free.start)), replace(problem, free=(*problem.free, free))
+        column = wide.jacobian(place, [len(fit.place)])[:, 0] * 0.01 * free.start / free.slope(float(place[-1]))
+        changes = fit.slopes * -(fit.covariance @ (fit.jacobian.T @ column))
+        for own, change, error in zip(problem.free, changes.tolist(), fit.errors.tolist(), strict=True):
+            if own.of_motion and column.any():
+                rows.append((free.label, own.label, own.unit, change, error))
     return pd.DataFrame(rows, columns=["key", "parameter", "unit", "change_by_1pct", "error"])
 
 

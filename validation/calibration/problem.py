@@ -151,8 +151,7 @@ def paper_data(names: Sequence[str], settings: Sequence[str] = (), answers: Sequ
             raise unknown("fit", "--quoted", name, known)
         asked = known[name]
         changes = [text for answer in answers for key in (ALL, name) for text in answer.set.get(key, ())]
-        everything = (*asked.set, *settings, *changes)
-        _, bare = checked(asked.scene, everything)
+        _, bare = checked(asked.scene, (*asked.set, *settings, *changes))
         skipped = [row for other, row in asked.also.items() if other in names]
         rows = [*zip(*(_column(number, answers) for number in asked.number), strict=True)]
         for row, numbers in enumerate(rows):
@@ -438,10 +437,10 @@ def changed(tables: str, values: Iterable[tuple[str, float]]) -> dict[str, Any]:
     return other
 
 
-def exact_numbers(sets: Sequence[DataSet], data: DataSet) -> Iterator[Free]:
-    """Physical numbers other than 0 of a data set's scene, and its gains, as parameters in SI units.
+def exact_numbers(problem: Problem) -> list[Free]:
+    """Physical numbers other than 0 of the scenes, and gains, that are not free, as parameters in SI units.
 
-    A number belongs to all data sets of a fit if they agree on it.
+    A number belongs to all data sets if they agree on it.
     """
 
     def numbers(value: Any, key: str = "") -> Iterator[tuple[str, float]]:
@@ -451,13 +450,15 @@ def exact_numbers(sets: Sequence[DataSet], data: DataSet) -> Iterator[Free]:
         if isinstance(value, float) and value:
             yield key, value
 
-    dumped = data.scene.model_dump(mode="json", exclude_none=True, exclude={*NUMERICAL_KEYS, *DERIVED})
-    for key, value in numbers(dumped):
-        common = all(look_up(each.scene, key) == value for each in sets)
-        yield Free(key, "", value, *around(value), own="" if common else data.name)
-    for channel in data.channels:
-        gain = channel.trace.gain
-        yield Free(f"{channel.trace.key}.{GAIN}", "", gain, *around(gain), own=data.name)
+    exact, sets = list[Free](), problem.sets
+    for data in sets:
+        scene = data.scene.model_dump(mode="json", exclude_none=True, exclude={*NUMERICAL_KEYS, *DERIVED})
+        for key, value in numbers(scene):
+            common = all(look_up(each.scene, key) == value for each in sets)
+            exact.append(Free(key, "", value, *around(value), own="" if common else data.name))
+        gains = {f"{channel.trace.key}.{GAIN}": channel.trace.gain for channel in data.channels}
+        exact += [Free(key, "", gain, *around(gain), own=data.name) for key, gain in gains.items()]
+    return [free for free in dict.fromkeys(exact) if free.key not in {each.key for each in problem.free}]
 
 
 @lru_cache(maxsize=CACHE_SIZE)
