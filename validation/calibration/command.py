@@ -184,7 +184,7 @@ def problem_of(request: FitRequest, law: str, sets: Sequence[DataSet]) -> Proble
     fixed |= {*OF_LAWS} - {*own} if law else set()
     free = [asked.get(key, key) for key in dict.fromkeys((*asked, *own[:1])) if key not in fixed]
     texts = law_of(law, asked)
-    begun = [replace(data, tables=checked(data.source, (*texts, *data.settings))[1].tables) for data in sets]
+    begun = [replace(data, tables=checked(data.source, (*texts, *data.settings)).tables) for data in sets]
     return pose(begun, free, request.own)
 
 

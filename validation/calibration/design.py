@@ -168,7 +168,7 @@ def _row(
     except (InputError, ArithmeticError) as error:
         return row | {"problem": str(error)}
     numbers, (first, *_) = dict[str, float](), made.values()
-    scene = checked(first.source, first.settings)[0] if texts is None else first.scene
+    scene = checked(first.source, first.settings).scene if texts is None else first.scene
     row |= {key: look_up(scene, key) for key in keys}
     row |= {"gauges": " ".join(channel.gauge for channel in first.channels), "duration_s": scene.run.duration}
     for law, data in made.items() if pin else ():

@@ -112,9 +112,8 @@ def predict(
     """
     fitted = fit if isinstance(fit, Fitted) else read_fits(Path(fit))
     texts = setting_texts(settings)
-    stated, data = checked(str(scene or fitted.sources[0]), texts if scene else (*fitted.request.settings, *texts))
-    found = by_fits(fitted, stated, replace(data, settings=texts), own=not scene)
-    return replace(found, others=others_of(fitted))
+    data = checked(str(scene or fitted.sources[0]), texts if scene else (*fitted.request.settings, *texts))
+    return replace(by_fits(fitted, replace(data, settings=texts), own=not scene), others=others_of(fitted))
 
 
 def others_of(fitted: Fitted) -> dict[str, float]:
@@ -129,12 +128,11 @@ def others_of(fitted: Fitted) -> dict[str, float]:
     return dict(sorted(excess.items(), key=lambda item: item[1]))
 
 
-def by_fits(fitted: Fitted, scene: Scene, data: DataSet, *, own: bool = False) -> Prediction:
+def by_fits(fitted: Fitted, data: DataSet, *, own: bool = False) -> Prediction:
     """Prediction of a scene by the laws that hold; with ``own`` by all parameters of the fit.
 
     Args:
         fitted: The fits.
-        scene: The scene.
         data: Data set of the scene without data.
         own: True if the scene is that of the fit.
 
@@ -145,7 +143,7 @@ def by_fits(fitted: Fitted, scene: Scene, data: DataSet, *, own: bool = False) -
     weights, parts, motions = weights_of(fitted.fits), dict[str, tuple[Problem, list[int]]](), list[Simulation]()
     for law in weights:
         fit = fitted.fits[law]
-        problem, places = parts[law] = _part_of(fit, scene, data, own=own)
+        problem, places = parts[law] = _part_of(fit, data, own=own)
         motion = problem.motion(problem.sets[0], fit.place[places])
         if motion is None:
             raise RunError(f"{data.where}: the exact motion cannot be computed at the parameters found")
@@ -160,10 +158,10 @@ def by_fits(fitted: Fitted, scene: Scene, data: DataSet, *, own: bool = False) -
     observables.insert(0, "observable", names)
     observables.insert(1, "unit", [describe(name).unit for name in names])
     explained = any(fitted.fits[law].explained for law in weights)
-    return Prediction(fitted.folder, scene, motions[0], weights, explained, {}, observables, pd.DataFrame(forces))
+    return Prediction(fitted.folder, data.scene, motions[0], weights, explained, {}, observables, pd.DataFrame(forces))
 
 
-def _part_of(fit: Fit, scene: Scene, data: DataSet, *, own: bool) -> tuple[Problem, list[int]]:
+def _part_of(fit: Fit, data: DataSet, *, own: bool) -> tuple[Problem, list[int]]:
     """Problem of a scene with what it takes from a fit, and the places of its parameters in the fit.
 
     Settings of the data set are applied last, so that they stay.
@@ -180,7 +178,7 @@ def _part_of(fit: Fit, scene: Scene, data: DataSet, *, own: bool) -> tuple[Probl
         tables |= {"sensor": source["sensor"]} if "sensor" in source else {}
         tables[MATERIALS] |= source[MATERIALS]
         offered = [place for place in moving if not free[place].own and free[place].key.startswith(CARRIED)]
-        here = [place for place in offered if look_up(scene, free[place].key) is not None]
+        here = [place for place in offered if look_up(data.scene, free[place].key) is not None]
         moving = [place for place in offered if place in here or not free[place].key.startswith(MATERIALS)]
         materials = [any(free[place].key.startswith(MATERIALS) for place in places) for places in (offered, moving)]
         if not moving or materials == [True, False]:

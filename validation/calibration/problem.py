@@ -151,7 +151,7 @@ def paper_data(names: Sequence[str], settings: Sequence[str] = (), answers: Sequ
             raise unknown("fit", "--quoted", name, known)
         asked = known[name]
         changes = [text for answer in answers for key in (ALL, name) for text in answer.set.get(key, ())]
-        _, bare = checked(asked.scene, (*asked.set, *settings, *changes))
+        bare = checked(asked.scene, (*asked.set, *settings, *changes))
         skipped = [row for other, row in asked.also.items() if other in names]
         rows = [*zip(*(_column(number, answers) for number in asked.number), strict=True)]
         for row, numbers in enumerate(rows):
@@ -182,18 +182,18 @@ def _column(number: QuotedNumber, answers: Sequence[Answer]) -> list[Datum]:
     return numbers
 
 
-def checked(source: str, settings: Sequence[str]) -> tuple[Scene, DataSet]:
-    """Scene of which the exact motion can be computed, with settings applied, and a data set of it without data.
+def checked(source: str, settings: Sequence[str]) -> DataSet:
+    """Data set without data of a scene of which the exact motion can be computed, with settings applied.
 
     Raises:
         InputError: The scene or a setting is unknown, or its exact motion cannot be computed.
     """
-    scene, where = read_scene(source, tuple(settings)), paths.shown(find_scene(source))
+    scene = read_scene(source, tuple(settings))
     refuse(build_case(scene), REFERENCE)
     tables = scene.model_dump(mode="json", exclude_none=True, exclude={*DERIVED})
     if scene.drive and scene.drive.file:
         tables["drive"]["file"] = str((scene.folder / scene.drive.file).resolve())
-    return scene, DataSet(scene.name, source, json.dumps(tables), where, settings=settings)
+    return DataSet(scene.name, source, json.dumps(tables), paths.shown(find_scene(source)), settings=settings)
 
 
 def scene_data(source: str, settings: Sequence[str] = (), file: Path | None = None) -> DataSet:
@@ -207,9 +207,9 @@ def scene_data(source: str, settings: Sequence[str] = (), file: Path | None = No
     Raises:
         InputError: There is no measured data, or the scene or its data have errors.
     """
-    scene, bare = checked(source, settings)
-    entries, folder, named = entries_of(scene, file, bare.where)
-    simulation = exact(build_case(scene))
+    bare = checked(source, settings)
+    entries, folder, named = entries_of(read_scene(source, tuple(settings)), file, bare.where)
+    simulation = exact(build_case(bare.scene))
     signals, names = simulation.signals, [*simulation.values]
     traces = [read_measured(entry, folder, signals, named, key) for key, entry in entries.items() if entry.file]
     numbers = tuple(

@@ -62,7 +62,7 @@ def test_parameters_and_predictions_are_within_their_95_pct_as_often_as_they_say
                 assert found.fits[law].explained
                 for (name, at), error in zip(found.fits[law].values.items(), found.fits[law].errors, strict=True):
                     inside["law" if name == key else name].append(abs(at - true[name]) < 1.96 * error)
-                for row in rows_of(by_fits(found, *checked("fig4", OTHER)).observables):
+                for row in rows_of(by_fits(found, checked("fig4", OTHER)).observables):
                     if row.observable in PREDICTED:
                         inside[row.observable].append(row.low_95pct < known[row.observable] < row.high_95pct)
     assert len(inside) == 3 + len(PREDICTED)
@@ -118,7 +118,7 @@ def test_laws_that_the_data_leave_open_widen_the_interval(tmp_path: Path) -> Non
 
 def test_a_scene_without_gauges_is_predicted_without_a_figure(tmp_path: Path) -> None:
     found = fitted(tmp_path, "viscoelastic", 0.3, 1, ("viscoelastic",))
-    bare = by_fits(found, *checked("fig4", ("chain.sensors=", "wall=")))
+    bare = by_fits(found, checked("fig4", ("chain.sensors=", "wall=")))
     assert [*bare.forces] == ["time_s"]
     assert chapter_of(bare, "bare").figures == {}
 
