@@ -33,7 +33,6 @@ MIN_GAIN, MAX_REFITS = 0.01, 3  # decrease of chi-square in a profile that makes
 ROUNDING_ERROR = 0.1  # relative: errors of rounding without much noise are correlated
 MIN_PROBABILITY = 1e-3  # of a residual by noise alone; below it the model does not explain the data
 MAX_DEVIATION = 2.0  # standard errors; data with larger deviations are missed
-MAX_CORRELATION = 0.5  # of neighbouring residuals; above it they are not noise
 END_MARGIN = 1e-3  # share of a range: a parameter so close to a bound is at the bound
 RANGE_DEVIATION = 1 / sqrt(12)  # standard deviation of a parameter known only by its range, as a share of the range
 MIN_UNFITTED = 1e-6  # 1 less the leverage of a number: one with a smaller share has a parameter of its own
@@ -478,12 +477,6 @@ def _remarks(best: Fit) -> Iterator[str]:
         shown = ", ".join(f"{name} {rounded(value, free.unit)}" for free, (name, value) in pairs)
         yield f"another minimum with chi-square {problem.chi_square(end):.4g}: {shown}"
     yield from trade_offs(best)
-    for datum in (datum for datum in problem.data if len(datum.rows) > 1):
-        off = best.residual[datum.rows.start : datum.rows.stop]
-        correlation = float(np.corrcoef(off[:-1], off[1:])[0, 1])
-        if correlation > MAX_CORRELATION:
-            sentence = f"{datum.label}: neighbouring residuals have a correlation of {correlation:.2f}"
-            yield f"{sentence}: they contain more than noise, and errors are larger than stated"
 
 
 def rows_of(table: pd.DataFrame) -> list[Any]:
