@@ -163,7 +163,7 @@ def paper_data(names: Sequence[str], settings: Sequence[str] = (), answers: Sequ
 
 def _column(number: QuotedNumber, answers: Sequence[Answer]) -> list[Datum]:
     """Numbers of a list in ``quoted.toml``, or its single number."""
-    stored = look_up(quoted(), number.quoted)
+    stored = look_up(quoted().model_dump(), number.quoted)
     values = stored if isinstance(stored, tuple) else (stored,)
     if not all(isinstance(value, (int, float)) for value in values):
         allowed = "a number of inputs/paper/quoted.toml"
