@@ -189,7 +189,8 @@ def _wrong_drive(scene: Scene) -> Iterator[InputProblem]:
     drive, count = scene.drive, scene.chain.count
     if drive is None:
         return
-    yield from _keys_by_choice(drive, "drive", "form", FORM_KEYS)
+    stated = drive.model_copy(update={"file": "in the record"}) if drive.time_s else drive  # which keeps the points
+    yield from _keys_by_choice(stated, "drive", "form", FORM_KEYS)
     yield from _one_of(drive, "drive", *AMPLITUDE, needed=drive.form not in ("step", "file"))
     if drive.form == "sine" and drive.window == "hann" and drive.cycles is None:
         yield "drive.cycles", "missing key; a window needs a number of cycles", ""

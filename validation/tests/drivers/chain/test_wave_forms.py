@@ -13,7 +13,7 @@ from drivers.chain.schemes import exact_of, verlet_in_heights, verlet_of
 from drivers.engines import load_engine
 from drivers.run.run_folder import in_si
 from drivers.run.scheme import compared
-from drivers.scene.read_scene import stored_scene
+from drivers.scene.read_scene import changed_scene, stored_scene
 from postproc.read.observables import observe
 from validation.tests.helpers.scenes import case_of
 
@@ -64,6 +64,8 @@ def test_points_of_a_file_are_stored_and_its_name_is_not(tmp_path: Path) -> None
     np.testing.assert_allclose(values_of(one), [0, 0, 0, 0, 3, 1, 1], atol=1e-12)
     assert load_engine("lammps").render(one).sha256 == load_engine("lammps").render(other).sha256
     assert in_si(one.scene) == in_si(other.scene) == in_si(stored_scene(in_si(one.scene))) != in_si(third.scene)
+    changed = changed_scene(in_si(one.scene), ("run.duration=50 us",), "a run")
+    assert (changed.drive, changed.run.duration) == (stored_scene(in_si(one.scene)).drive, 5e-5)
 
 
 def test_steps_of_the_segments() -> None:
