@@ -27,7 +27,7 @@ from drivers.run.run import run_case
 from postproc.read.observables import describe, not_shown, observe
 from validation.accuracy.budget import assess
 from validation.accuracy.plan import plan_case
-from validation.commands.run_commands import show_run
+from validation.commands.run_commands import Words, show_run
 
 STATES = ("done", "failed", "timeout", "refused", "stale", "claimed", "to do", "not installed")  # of a row
 MAX_CASES = 20_000  # more need --yes
@@ -43,18 +43,10 @@ def batch_of(
 
 
 def batch(
-    results: Path,
-    dask: str,
-    slurm: bool,
-    lines: Sequence[str],
-    wait: bool,
-    dry_run: bool,
-    yes: bool,
-    part: tuple[int, int] | None = None,
-    workers: int | None = None,
-    slices: int | None = None,
-    **given: Any,
-) -> int:
+    study: str, engines: Words, patterns: Words, runs: Path, results: Path, *, workers: int | None = None,
+    dry_run: bool, retry: bool, yes: bool, part: tuple[int, int] | None = None, dask: str,
+    slurm: bool, slices: int | None = None, lines: Words, wait: bool,
+) -> int:  # fmt: skip
     """Run the missing cases of a study and write its table.
 
     Examples:
@@ -62,13 +54,13 @@ def batch(
       beads batch wall-material --engine verlet --workers 2 --dry-run
       beads batch sensitivity --slurm --wait
     """
-    asked = batch_of(**given, elsewhere=slurm, part=part or (1, 1))
-    study = asked.study
-    for name, key in study.columns.items():
+    asked = batch_of(study, runs, engines, patterns, retry=retry, elsewhere=slurm, part=part or (1, 1))
+    where, count = asked.study.where, asked.study.count
+    for name, key in asked.study.columns.items():
         column = column_name(name, key)
         if (known := describe(column)).kind and column.endswith(known.ending):
             found = f'"{column}", the name of an observable'
-            raise InputError(study.where, "axis", found, "another name of the column")
+            raise InputError(where, "axis", found, "another name of the column")
     if part:
         _print_absences(asked)
         print(f"slice {part[0]}/{part[1]}")
@@ -77,8 +69,8 @@ def batch(
             return _print_states(asked, store, rows_of(asked, store, asked.numbers))
     if slurm and not dry_run and shutil.which("sbatch") is None:
         raise InputError("--slurm", "", "sbatch not found; run this on a machine that submits to Slurm")
-    if study.count > MAX_CASES and not yes:
-        raise InputError(study.where, "axis", f"{study.count:,} cases", f"at most {MAX_CASES:,}, or --yes")
+    if count > MAX_CASES and not yes:
+        raise InputError(where, "axis", f"{count:,} cases", f"at most {MAX_CASES:,}, or --yes")
     place = Place(workers or cores(), processes=not dask, dask=dask)
     if dask:
         check_dask(dask)
@@ -92,13 +84,13 @@ def batch(
             workers = 1 if slurm or place.dask not in ("", LOCAL) else place.workers
             expected = expected_s(asked, store, asked.todo(store), sample)
             time = "not known yet" if expected is None else f"{in_words(expected / workers)} with {workers} at work"
-            print(f"{study.name}: {len(sample)} of {study.count} cases checked", *_states(asked, store), sep="\n")
+            print(f"{asked.study.name}: {len(sample)} of {count} cases checked", *_states(asked, store), sep="\n")
             print(f"expected time: {time}; nothing has been run")
             if slurm:
                 print_job(*job_script(asked, store, sample, slices, lines))
             return 0
         if any(asked.todo(store).values()):
-            store.note_study(study.path)
+            store.note_study(asked.study.path)
         while True:
             todo = asked.todo(store)
             with _followed(asked, store, todo) as tick:
@@ -170,7 +162,7 @@ def _write(batch: Batch, store: Store, rows: Sequence[Row], results: Path) -> in
     return code
 
 
-def status(study: str, engines: tuple[str, ...], patterns: tuple[str, ...], runs: Path, every: bool) -> None:
+def status(study: str, engines: Words, patterns: Words, runs: Path, every: bool) -> None:
     """Count the rows of a study by state.
 
     Example:
@@ -186,7 +178,7 @@ def status(study: str, engines: tuple[str, ...], patterns: tuple[str, ...], runs
         print(*_states(asked, store), sep="\n")
 
 
-def show(study: str, case: int, engines: tuple[str, ...], runs: Path) -> int:
+def show(study: str, case: int, engines: Words, runs: Path) -> int:
     """Write one case of a study as run folders with their decks.
 
     Example:

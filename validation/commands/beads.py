@@ -27,21 +27,23 @@ from drivers.base import paths
 from drivers.base.errors import InputError, RunError, one_line, printable
 from postproc.figures import captions
 
-# by option, its name in the function if that is another, the placeholder of its value, and ... if it is repeatable
+# by option, its name in functions if that is another, the placeholder of its value, and ... if it is repeatable
 TEXTS = {
     "scene SCENE": "A scene file, or the name of a scene in inputs/scenes.",
-    "scene [SCENE]": "A scene file, or the name of a scene (default: that of the fit).",
+    "other [SCENE]": "A scene file, or the name of a scene (default: that of the fit).",
     "scenes [SCENE]...": "Scenes by name or file (default: all, report: the paper's four).",
-    "scenes [SCENE|FIT]...": "Scenes with measured data, by name or file; or the folder of a fit, to fit it again.",
+    "sources [SCENE|FIT]...": "Scenes with measured data, by name or file; or the folder of a fit, to fit it again.",
     "study STUDY": "A study file, or the name of a study in inputs/studies.",
     "run RUN": "A run folder, or ENGINE:SCENE for the newest run of that scene.",
     "--set settings KEY=VALUE ...": "A key of the scene with its value, such as chain.count=60 or run.time_step='10"
     " ns'; an empty value removes the key; runs lists runs with this setting, where * is any text.",
     "--engine engines ENGINE ...": "Take this engine only (default: all that are installed, or those of the study).",
     "--engines engines_file FILE": "Engines of your own, beside those of each engines.toml (see drivers/README.md).",
+    "--engine engine ENGINE": "The engine of the deck.",
     "--require ENGINE ...": "Fail if this engine does not run.",
     "--allow-missing": "Accept that engines of --engine or all codes are missing.",
     "--runs DIR": "Folder of the run folders (default: runs/ of the checkout).",
+    "--runs runs_read FOLDER": "Folder of the run folders (default: runs/ of the checkout).",
     "--results DIR": "Folder for tables and figures (default: results/ of the checkout).",
     "--unsafe": "Accept a scene that a guard refuses, for instance a time step above the stability limit.",
     "--measured FILE": "CSV file with columns as bead_9 [N] (default: the [[measured]] tables of the scene).",
@@ -66,7 +68,7 @@ TEXTS = {
     "--quoted SET,...": "Fit to data that the paper quotes: sets of inputs/calibration.toml, such as fig4,table1.",
     "--beads ranges A-B ...": "Energy of the bodies A to B, counted from the wall, the striker last.",
     "what SCENE|RUN...": "Scenes by name or file; or two runs, each a run folder, or ENGINE:SCENE for the newest run.",
-    "--scene SCENE": "Scene of the deck before changes (default: the one that render wrote into FOLDER).",
+    "--scene rendered SCENE": "Scene of the deck before changes (default: the one that render wrote into FOLDER).",
     "--sideways FACTOR": "Multiply displacements from the axis by this (default: 1).",
     "--studies": "Add figures and studies after the page is written; short studies where no table exists.",
     "table [TABLE]": "A table, such as chain.bead or axis, or a file: scene, study, engines, run (default: all files).",
@@ -81,7 +83,7 @@ TEXTS = {
     "--since TIME": "Begin of the record, such as '0.2 ms' (default: that of the run).",
     "--until TIME": "End of the record (default: that of the run).",
     "--window NAME": "hann (default), boxcar, blackmanharris or flattop.",
-    "run SCENE|RUN": "A scene, for its exact motion; or a run folder, or ENGINE:SCENE.",
+    "shown SCENE|RUN": "A scene, for its exact motion; or a run folder, or ENGINE:SCENE.",
     "--own KEY[=LOW..HIGH] ...": "As --free, with a value of its own for each data set.",
     "--workers N": "Number of processes on this machine (default: number of cores).",
     "--retry": "Run failed cases again.",
@@ -98,6 +100,7 @@ TEXTS = {
     "case CASE": "Number of the case, as in the table of the study.",
     "--prune": "Remove runs that are not done, or whose build or deck is not today's.",
     "--out FILE": "File to write (default: report.html, or a table named after RUN, in results/).",
+    "--out deck DIR": "Folder for the deck.",
     "folder [FOLDER]": "Folder with a deck that was run by hand, and its output.",
     "--dump FILE": "Dump of a deck of your own, binary or text (default: that of the rendered deck).",
     "--columns NAMES": "Names of all its columns, such as id,z,vz,fz (default: those in the dump).",
@@ -107,6 +110,8 @@ TEXTS = {
     "--file FILE": "Judge the cases of a file alone (default: all claims and inputs/independent.toml).",
     "--budget budget_s SECONDS": "Engine time of all runs together (default: 300 s; 30 s with --quick).",
     "name ENGINE": "Name of an engine, such as verlet or an entry of your engines.toml.",
+    "--only tests PATTERN": "Run the tests with this in their names, such as scene or server.",
+    "--all all_tests": "Go on after a minute.",
 }
 
 
@@ -220,16 +225,19 @@ TYPES: dict[str, Any] = {  # of values that are no text, by placeholder
     "F": lambda text: _quantity(text, "Hz"),
     "SET,...": lambda text: tuple(map(str.strip, text.split(","))) if text else (),
 }
-UNUSUAL: dict[str, dict[str, Any]] = {  # further arguments of click.Option
-    "--runs": {"default": lambda: paths.RUNS},
-    "--results": {"default": lambda: paths.RESULTS},
-    "--window": {"default": "hann", "type": click.Choice(("hann", "boxcar", "blackmanharris", "flattop"))},
-    "--out": {"type": _file_to_write},
-    "--quoted": {"default": ""},
-    "--dask": {"is_flag": False, "flag_value": "local"},
-    "--engines": {"type": _engines_file, "is_eager": True, "expose_value": False},
-    "--version": {"callback": partial(_instead, "version"), "is_eager": True, "expose_value": False},
-    "--definitions": {"callback": partial(_instead, "definitions"), "is_eager": True, "expose_value": False},
+UNUSUAL: dict[str, dict[str, Any]] = {  # further arguments of click.Option, by name in functions
+    "runs": {"default": lambda: paths.RUNS},
+    "runs_read": {"default": lambda: paths.RUNS},
+    "results": {"default": lambda: paths.RESULTS},
+    "engine": {"multiple": True, "callback": _only, "required": True, "default": None},
+    "window": {"default": "hann", "type": click.Choice(("hann", "boxcar", "blackmanharris", "flattop"))},
+    "out": {"type": _file_to_write},
+    "deck": {"required": True},
+    "quoted": {"default": ""},
+    "dask": {"is_flag": False, "flag_value": "local"},
+    "engines_file": {"type": _engines_file, "is_eager": True, "expose_value": False},
+    "version": {"callback": partial(_instead, "version"), "is_eager": True, "expose_value": False},
+    "definitions": {"callback": partial(_instead, "definitions"), "is_eager": True, "expose_value": False},
 }
 
 
@@ -239,7 +247,7 @@ def _complete(kind: str, _: click.Context, __: click.Parameter, incomplete: str)
     return [*map(CompletionItem, names)] or [CompletionItem(incomplete, type="file")]
 
 
-def _parameter(words: str, text: str, **more: Any) -> click.Parameter:
+def _parameter(words: str, text: str) -> click.Parameter:
     """Option or argument of a command, from an entry of ``TEXTS``."""
     names = [word for word in words.split() if word != "..." and not word.isupper()]
     value = next((word for word in words.split() if word.isupper()), "")
@@ -254,72 +262,18 @@ def _parameter(words: str, text: str, **more: Any) -> click.Parameter:
         look |= {"multiple": True, "help": f"{text.removesuffix('.')}; repeatable."}
     elif value not in TYPES:
         look["default"] = ""
-    return click.Option(names, **look | UNUSUAL.get(names[0], {}) | more)
+    return click.Option(names, **look | UNUSUAL.get(names[-1].removeprefix("--"), {}))
 
 
-PARAMETERS = {  # by option, or by placeholder of an argument
-    **{words.split()[not words.startswith("--")]: _parameter(words, text) for words, text in TEXTS.items()},
-    "--runs-read": _parameter("--runs FOLDER", TEXTS["--runs DIR"]),
-    "--one-engine": _parameter(
-        "--engine ENGINE", "The engine of the deck.", multiple=True, callback=_only, required=True, default=None
-    ),
-    "--tests": _parameter("--only only PATTERN", "Run the tests with this in their names, such as scene or server."),
-    "--every-test": _parameter("--all every", "Go on after a minute."),
-    "--out-deck": _parameter("--out DIR", "Folder for the deck.", required=True, type=_folder_to_write),
-}
-
-
-SECTIONS = {  # functions with the words of their parameters, in the order in which a user meets the commands
-    "a scene": {
-        "scenes": "",
-        "keys": "[TABLE] --write",
-        "plan": "SCENE --set --engine",
-        "draw": "SCENE --set --results",
-        "explore": "SCENE --set --knob --no-browser --runs --results",
-        "modes": "SCENE --set --results",
-        "run": "SCENE --set --engine --runs --rerun --time-limit --unsafe",
-        "compare": "SCENE|RUN... --set --engine --runs --require --allow-missing --unsafe",
-    },
-    "a run": {
-        "observables": "RUN --runs-read --level --json --definitions",
-        "spacetime": "RUN --runs-read --results",
-        "spectrum": "RUN --from --to --frequency --since --until --window --json --runs-read --results",
-        "energy": "RUN --beads --runs-read --results",
-        "film": "RUN --frames --sideways --runs-read --results",
-        "table": "RUN --long --out --runs-read --results",
-        "vtk": "RUN --frames --runs-read --results",
-    },
-    "measured data": {
-        "overlay": "SCENE|RUN --set --measured --runs-read --results",
-        "fit": "[SCENE|FIT]... --free --law --uncertain --own --measured --quoted --set --quick --results --runs",
-        "predict": "FIT [SCENE] --set --results",
-        "design": "FIT --vary --gauges --pin --candidates --set --results",
-    },
-    "studies": {
-        "batch": "STUDY --engine --only --runs --results --workers --dry-run --retry --yes --slice --dask "
-        "--slurm --slices --slurm-line --wait",
-        "study": "STUDY --runs --results --x --y --log --power-law",
-        "status": "STUDY --engine --only --runs --list",
-        "show": "STUDY CASE --engine --runs",
-    },
-    "files of runs": {
-        "runs": "[SCENE]... --set --engine --runs-read --prune --dry-run",
-        "render": "SCENE --set --one-engine --out-deck --unsafe",
-        "import_": "[FOLDER] --dump --columns --scene --set --one-engine --runs",
-    },
-    "report and paper": {
-        "report": "[SCENE]... --studies --out --engine --runs --require --allow-missing",
-        "figures": "[FIGURE]... --runs --results",
-        "claims": "--file --runs --results",
-        "trade": "--quick --budget --results",
-        "stability": "--quick --runs --results",
-        "elements": "--quick --runs --results",
-        "calibration": "--quick --results",
-    },
-    "engines": {
-        "engine": "ENGINE --tests --every-test --results",
-        "wave": "",
-    },
+PARAMETERS = {str(made.name): made for made in map(_parameter, TEXTS, TEXTS.values())}
+SECTIONS = {  # functions in the order in which a user meets the commands
+    "a scene": "scenes keys plan draw explore modes run compare",
+    "a run": "observables spacetime spectrum energy film table vtk",
+    "measured data": "overlay fit predict design",
+    "studies": "batch study status show",
+    "files of runs": "runs render import_",
+    "report and paper": "report figures claims trade stability elements calibration",
+    "engines": "engine wave",
 }
 # options that have a meaning only with another one of the same command, and those that others exclude
 NEEDS = {
@@ -346,7 +300,7 @@ class _Group(click.Group):
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         for title, listed in SECTIONS.items():
             with formatter.section(title):
-                named = [self.commands[name.rstrip("_")] for name in listed]
+                named = [self.commands[name.rstrip("_")] for name in listed.split()]
                 formatter.write_dl([(f"{command.name:11}", command.get_short_help_str(100)) for command in named])
 
 
@@ -357,8 +311,8 @@ def _check_memory() -> None:
         raise RunError(f"the memory is limited to {limit / 1e6:.0f} MB (ulimit -v); {least}")
 
 
-FUNCTIONS = {  # module and docstring by name, read without loading the modules
-    node.name: (file.stem, ast.get_docstring(node) or "")
+FUNCTIONS = {  # module, docstring and parameters by name, read without loading the modules
+    node.name: (file.stem, ast.get_docstring(node) or "", [each.arg for each in node.args.args + node.args.kwonlyargs])
     for file in Path(__file__).parent.glob("*_commands.py")
     for node in ast.parse(file.read_text()).body
     if isinstance(node, ast.FunctionDef)
@@ -377,14 +331,14 @@ def _act(module: str, function: str, **given: Any) -> Any:
     return getattr(import_module(f"{__package__}.{module}"), function)(**given)
 
 
-def _command(function: str, usage: str) -> click.Command:
-    """Command of a function, whose docstring with examples at the end is the help."""
-    module, docstring = FUNCTIONS[function]
+def _command(function: str) -> click.Command:
+    """Command of a function, with its parameters and its docstring, which ends with examples."""
+    module, docstring, names = FUNCTIONS[function]
     text, _, examples = docstring.partition("\n\nExample")
     return click.Command(
         function.rstrip("_"),  # import_ is a command
         callback=partial(_act, module, function),
-        params=[PARAMETERS[word] for word in (*usage.split(), "--engines")],
+        params=[PARAMETERS[name] for name in (*names, *["definitions"] * (function == "observables"), "engines_file")],
         help=text,
         epilog=f"\b\nexample{examples}",
     )
@@ -392,13 +346,13 @@ def _command(function: str, usage: str) -> click.Command:
 
 BEADS = _Group(
     "beads",
-    commands=[_command(*declared) for section in SECTIONS.values() for declared in section.items()],
+    commands=[*map(_command, " ".join(SECTIONS.values()).split())],
     help="Run chains of beads on several codes and judge the results.\n\nHelp on a command: beads COMMAND --help",
     epilog="\b\nexamples:\n  beads plan fig4\n  beads run fig4 --engine verlet\n  beads compare fig4",
     context_settings={"help_option_names": ["-h", "--help"]},
     subcommand_metavar="COMMAND ...",
     callback=_check_memory,
-    params=[PARAMETERS["--version"]],
+    params=[PARAMETERS["version"]],
 )
 
 

@@ -15,7 +15,7 @@ from postproc.draw.drawings import draw_scene
 from postproc.draw.energies import draw_energies, range_numbers, run_energies, write_energies
 from postproc.draw.product import Product, draw_spacetime, write_product, write_table
 from postproc.draw.study_figure import draw_study, draw_tornado, key_label
-from postproc.draw.vtk import write_series
+from postproc.draw.vtk import FRAMES, write_series
 from postproc.linear.modes import MAX_BEADS, modes_product
 from postproc.linear.spectra import analyse, signals_of, spectrum_product
 from postproc.read.motion import case_of_run, trace_with_state
@@ -57,19 +57,19 @@ def modes(scene: str, settings: tuple[str, ...], results: Path) -> None:
         print_paths([] if bands is None else [write_table(bands, f"modes-{case.scene.name}-bands", results)])
 
 
-def spacetime(run: str, runs: Path, results: Path) -> None:
+def spacetime(run: str, runs_read: Path, results: Path) -> None:
     """Draw the force in every contact of a run against time.
 
     Example:
       beads spacetime yade:fig4
     """
-    opened, name, title = open_shown("spacetime", run, runs)
+    opened, name, title = open_shown("spacetime", run, runs_read)
     print_paths(write_product(draw_spacetime({title: opened.trace}, width_in=6.4), name, results))
 
 
 def spectrum(
-    run: str, source: str, target: str, window: str, as_json: bool, runs: Path, results: Path,
-    frequency: float | None = None, since: float = 0.0, until: float = inf,
+    run: str, source: str, target: str, *, frequency: float | None = None, since: float = 0.0, until: float = inf,
+    window: str, as_json: bool, runs_read: Path, results: Path,
 ) -> None:  # fmt: skip
     """Draw spectra and a transfer function of the gauges of a run.
 
@@ -77,7 +77,7 @@ def spectrum(
       beads spectrum yade:driven-steel
       beads spectrum yade:driven-steel --from bead_15 --to wall --since '0.2 ms'
     """
-    opened, name, title = open_shown("spectrum", run, runs)
+    opened, name, title = open_shown("spectrum", run, runs_read)
     case, trace = case_of_run(opened), opened.trace
     signals = signals_of(case, trace)
     for option, word in (("--from", source), ("--to", target)):
@@ -96,14 +96,14 @@ def spectrum(
         _write(spectrum_product(case, analysis, title), name, results)
 
 
-def energy(run: str, ranges: tuple[tuple[int, int], ...], runs: Path, results: Path) -> None:
+def energy(run: str, ranges: tuple[tuple[int, int], ...], runs_read: Path, results: Path) -> None:
     """Draw the energy of each bead (needs recorded positions).
 
     Examples:
       beads energy verlet:fig4
       beads energy verlet:fig4 --beads 1-5 --beads 6-21
     """
-    opened, name, title = open_shown("energy", run, runs)
+    opened, name, title = open_shown("energy", run, runs_read)
     energies = run_energies(opened)
     numbers = {f"{low}-{high}": range_numbers(energies, low, high) for low, high in ranges}
     sums = energies.sums_J
@@ -121,30 +121,30 @@ def energy(run: str, ranges: tuple[tuple[int, int], ...], runs: Path, results: P
     print_paths([*written, table])
 
 
-def film(run: str, runs: Path, results: Path, frames: int = drawings.FRAMES, sideways: float = 1.0) -> None:
+def film(run: str, *, frames: int = drawings.FRAMES, sideways: float = 1.0, runs_read: Path, results: Path) -> None:
     """Draw the chain of a run at several times, and an animated GIF.
 
     Example:
       beads film yade:fig4-tube --sideways 10
     """
-    opened, name, title = open_shown("film", run, runs)
+    opened, name, title = open_shown("film", run, runs_read)
     motion = case_of_run(opened), trace_with_state(opened)
-    still, moving = (drawings.film_of(*motion, count, sideways) for count in (frames, drawings.GIF_FRAMES))
+    still, moving = (drawings.Film(*motion, count, sideways) for count in (frames, drawings.GIF_FRAMES))
     print_paths(write_product(drawings.sheet(still, title), name, results))
     print_paths([drawings.write_animation(moving, title, results / f"{name}.gif")])
 
 
-def vtk(run: str, runs: Path, results: Path, **frames: int) -> None:
+def vtk(run: str, *, frames: int = FRAMES, runs_read: Path, results: Path) -> None:
     """Write a run for ParaView (needs recorded positions).
 
     Example:
       beads vtk yade:fig4 --frames 200
     """
-    opened, name, _ = open_shown("vtk", run, runs)
-    print_paths(write_series(opened, results / name, **frames))
+    opened, name, _ = open_shown("vtk", run, runs_read)
+    print_paths(write_series(opened, results / name, frames))
 
 
-def table(run: str, runs: Path, results: Path, long: bool, out: Path | None = None) -> None:
+def table(run: str, long: bool, *, out: Path | None = None, runs_read: Path, results: Path) -> None:
     """Write contact forces and energies of a run as a table.
 
     The ending of the file, .parquet or .csv, decides on the format.
@@ -153,7 +153,7 @@ def table(run: str, runs: Path, results: Path, long: bool, out: Path | None = No
       beads table yade:fig4
       beads table yade:fig4 --long --out forces.csv
     """
-    opened, name, _ = open_shown("table", run, runs)
+    opened, name, _ = open_shown("table", run, runs_read)
     file = out or results / f"{name}.parquet"
     file.parent.mkdir(parents=True, exist_ok=True)
     print_paths([write_run_table(opened, file, long=long)])

@@ -7,7 +7,7 @@ from validation.explore.views import Question
 
 
 def explore(
-    scene: str, settings: tuple[str, ...], knobs: tuple[str, ...], runs: Path, results: Path, quiet: bool
+    scene: str, settings: tuple[str, ...], knobs: tuple[str, ...], quiet: bool, runs: Path, results: Path
 ) -> None:
     """Turn the values of a scene and watch the forces, in a browser.
 

@@ -160,7 +160,7 @@ def definitions() -> None:
     print(observables.__doc__, *text_table(rows), sep="\n")
 
 
-def engine(name: str, results: Path, every: bool, only: str = "") -> int:
+def engine(name: str, tests: str, all_tests: bool, results: Path) -> int:
     """Test an adapter or a build of a code, in a minute.
 
     Tests that a build passed are not run again; --all runs all the others, however long they take.
@@ -178,13 +178,13 @@ def engine(name: str, results: Path, every: bool, only: str = "") -> int:
     from validation.tests.engine.kit import MINUTE_S, Kit
 
     arguments = ["-rs", "--tb=short", "--capture=sys", "-W", "ignore::pytest.PytestConfigWarning", "--engine", name]
-    arguments += ["--rootdir", str(paths.ROOT), "-c", str(paths.ROOT / "pyproject.toml"), *(["-k", only] * bool(only))]
+    arguments += ["--rootdir", str(paths.ROOT), "-c", str(paths.ROOT / "pyproject.toml"), "-k", tests]
     if results != paths.RESULTS:
         arguments += ["--junitxml", str(results / f"engine-{name}.xml")]
-    kit = Kit(name, inf if every else MINUTE_S, again=bool(only))
+    kit = Kit(name, inf if all_tests else MINUTE_S, again=bool(tests))
     code = int(pytest.main([*arguments, str(paths.ROOT / "validation/tests/engine")], plugins=[kit]))
-    if only and code in (pytest.ExitCode.NO_TESTS_COLLECTED, pytest.ExitCode.USAGE_ERROR):
-        raise InputError("--only", "", only, "words in the names of tests, such as server, or 'scene and not fig4'")
+    if tests and code in (pytest.ExitCode.NO_TESTS_COLLECTED, pytest.ExitCode.USAGE_ERROR):
+        raise InputError("--only", "", tests, "words in the names of tests, such as server, or 'scene and not fig4'")
     again = f"{shlex.join(['beads', 'engine', name, *engines_again()])} goes on"
     if code == pytest.ExitCode.INTERRUPTED and not kit.over:
         raise KeyboardInterrupt(again)
@@ -192,9 +192,9 @@ def engine(name: str, results: Path, every: bool, only: str = "") -> int:
         f"failed {len(kit.failed)}; passed, or skipped for a reason, {len(kit.passed)} now, {len(kit.before)} before"
     )
     print(f"\n{name}: {ended}" + (f"; left: {kit.left}: {again}, with --all to the end" if kit.left else ""))
-    if kit.failed or not only:
+    if kit.failed or not tests:
         store(kit_key(name), not kit.failed)
-    if not kit.failed and not kit.left and not only:
+    if not kit.failed and not kit.left and not tests:
         cost = measured_cost(tested, build_of(tested))
         where = f"as an entry of {paths.shown(paths.COSTS)}; for own engines no file has to be edited"
         print(f"measured cost, cached for plans and batches ({where}):", *entry_of(name, cost), sep="\n")

@@ -2,7 +2,6 @@
 
 import sys
 from pathlib import Path
-from typing import Any
 
 from drivers.base.errors import InputError
 from drivers.base.files import whole_file
@@ -19,11 +18,14 @@ from validation.calibration import design as designs
 from validation.calibration import predict as predictions
 from validation.calibration.command import confirm
 from validation.calibration.command import fit as fit_laws
-from validation.commands.run_commands import open_shown
+from validation.commands.run_commands import Words, open_shown
 from validation.report.parts import prediction_part, write_part
 
 
-def fit(scenes: tuple[str, ...], runs: Path, **asked: Any) -> int:
+def fit(
+    sources: Words, free: Words, laws: Words, uncertain: Words, own: Words, *, measured: Path | None = None,
+    quoted: Words, settings: Words, quick: bool, results: Path, runs: Path,
+) -> int:  # fmt: skip
     """Fit parameters of scenes to measured data.
 
     The data are the [[measured]] tables of the scenes, or those that --measured or --quoted name. Triggers that are not
@@ -33,10 +35,11 @@ def fit(scenes: tuple[str, ...], runs: Path, **asked: Any) -> int:
       beads fit example-measured --free contact.restitution
       beads fit shot.toml --law elastic --law power --free striker.speed=2±1%
     """
-    return confirm(fit_laws(*scenes, **asked), runs)
+    asked = {"free": free, "laws": laws, "uncertain": uncertain, "own": own, "measured": measured, "quoted": quoted}
+    return confirm(fit_laws(*sources, settings=settings, quick=quick, results=results, **asked), runs)
 
 
-def predict(fit: str, settings: tuple[str, ...], results: Path, scene: str = "") -> None:
+def predict(fit: str, *, other: str = "", settings: Words, results: Path) -> None:
     """Predict another scene by a fit, with errors and spread over laws.
 
     Materials, contact law and electronics are taken from the fit, all else from the scene.
@@ -45,7 +48,7 @@ def predict(fit: str, settings: tuple[str, ...], results: Path, scene: str = "")
       beads predict fit-shot other.toml
       beads predict fit-shot --set 'striker.speed=0.2 m/s'
     """
-    found = predictions.predict(_folder(fit, results), scene, settings)
+    found = predictions.predict(_folder(fit, results), other, settings)
     print(*text_table(predictions.rows_of_text(found)), "", *found.said, sep="\n")
     chapter = predictions.chapter_of(found, f"predict-{found.scene.name}")
     print_paths(write_part(prediction_part(found.scene), chapter, results))
@@ -57,13 +60,7 @@ def _folder(fit: str, results: Path) -> Path:
 
 
 def design(
-    fit: str,
-    vary: tuple[str, ...],
-    gauges: str,
-    pin: str,
-    settings: tuple[str, ...],
-    results: Path,
-    candidates: int = designs.CANDIDATES,
+    fit: str, vary: Words, gauges: str, pin: str, settings: Words, results: Path, candidates: int = designs.CANDIDATES
 ) -> None:
     """Find the experiment that tells laws apart or pins a parameter.
 
@@ -81,7 +78,7 @@ def design(
     print_paths([*written, results / f"{name}.toml"])
 
 
-def overlay(run: str, settings: tuple[str, ...], runs: Path, results: Path, measured: Path | None = None) -> None:
+def overlay(shown: str, settings: Words, *, measured: Path | None = None, runs_read: Path, results: Path) -> None:
     """Draw measured traces over computed ones, with deviations.
 
     Examples:
@@ -89,18 +86,18 @@ def overlay(run: str, settings: tuple[str, ...], runs: Path, results: Path, meas
       beads overlay example-measured --set contact.restitution=0.9
       beads overlay yade:fig4 --measured shot-12.csv
     """
-    if Path(run).is_dir() or (":" in run and not Path(run).exists()):
+    if Path(shown).is_dir() or (":" in shown and not Path(shown).exists()):
         if settings:
             raise InputError(f"--set {settings[0]}", "", "not allowed for a finished run")
-        opened, name, _ = open_shown("overlay", run, runs)
-        scene = scene_now(run.partition(":")[2]) or scene_now(opened.record.scene_name)  # names the measured data
+        opened, name, _ = open_shown("overlay", shown, runs_read)
+        scene = scene_now(shown.partition(":")[2]) or scene_now(opened.record.scene_name)  # names the measured data
         motion = Simulation(case_of_run(opened), opened.record.engine, opened.trace)
     else:
-        case = planned_case(run, *settings)
+        case = planned_case(shown, *settings)
         refuse(case, REFERENCE)
         scene, motion = case.scene, exact(case)
         name = f"overlay-{scene.name}"
-    aligned, misfits, remarks = lay_over(*entries_of(scene, measured, run), motion)
+    aligned, misfits, remarks = lay_over(*entries_of(scene, measured, shown), motion)
     drawn = write_product(draw_overlay(motion, aligned, misfits), name, results) if aligned else ()
     print(*text_table([HEADINGS, *misfit_rows(misfits)]), sep="\n")
     for remark in remarks:

@@ -5,7 +5,6 @@ import sys
 import traceback
 from pathlib import Path
 from runpy import run_path
-from typing import Any
 
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError, one_line
@@ -14,11 +13,15 @@ from drivers.engines import engines_again, missing_codes
 from postproc.draw.product import Product, write_product
 from postproc.figures import caption_of, captions
 from validation.chapters import CHAPTERS, Options, run_chapter, write_paper_figure
+from validation.commands.run_commands import Words
 from validation.compare.comparison import EngineSelection
 from validation.report import write_report
 
 
-def report(scenes: tuple[str, ...], studies: bool, runs: Path, out: Path | None = None, **engines: Any) -> int:
+def report(
+    scenes: Words, studies: bool, *, out: Path | None = None, engines: Words, runs: Path, require: Words,
+    allow_missing: bool,
+) -> int:  # fmt: skip
     """Write the report page and its checks as JSON.
 
     Examples:
@@ -28,10 +31,11 @@ def report(scenes: tuple[str, ...], studies: bool, runs: Path, out: Path | None 
     arguments = sys.argv[1:] if "--engines" in sys.argv else [*sys.argv[1:], *engines_again()]
     given = None if runs == paths.RUNS else runs
     again = shlex.join(["beads", *arguments])
-    return write_report.report(scenes, out, given, EngineSelection(**engines), again, studies=studies)
+    selection = EngineSelection(engines, require, allow_missing)
+    return write_report.report(scenes, out, given, selection, again, studies=studies)
 
 
-def figures(names: tuple[str, ...], runs: Path, results: Path) -> int:
+def figures(names: Words, runs: Path, results: Path) -> int:
     """Make figures and the table of the paper, or of your own.
 
     Examples:
@@ -84,51 +88,51 @@ def _write_own(name: str, runs: Path, results: Path) -> list[Path]:
         raise RunError(one_line(f"{shown}{place}: {type(error).__name__}: ", error)) from error
 
 
-def claims(**options: Any) -> int:
+def claims(*, file: Path = paths.INDEPENDENT, runs: Path, results: Path) -> int:
     """Judge the paper's statements, and engines by published numbers.
 
     Examples:
       beads claims
       beads claims --file my-cases.toml
     """
-    return run_chapter("claims", Options(**options))
+    return run_chapter("claims", Options(results, runs, file))
 
 
-def trade(**options: Any) -> int:
+def trade(quick: bool, *, budget_s: float | None = None, results: Path) -> int:
     """Measure error against cost for all engines and time steps.
 
     Examples:
       beads trade --quick
       beads trade --budget 600
     """
-    return run_chapter("trade", Options(**options))
+    return run_chapter("trade", Options(results, quick=quick, budget_s=budget_s))
 
 
-def stability(**options: Any) -> int:
+def stability(quick: bool, runs: Path, results: Path) -> int:
     """Measure stable steps, extreme scenes, long runs.
 
     Examples:
       beads stability
       beads stability --quick
     """
-    return run_chapter("stability", Options(**options))
+    return run_chapter("stability", Options(results, runs, quick=quick))
 
 
-def elements(**options: Any) -> int:
+def elements(quick: bool, runs: Path, results: Path) -> int:
     """Measure effect and cost of each modelling element.
 
     Examples:
       beads elements
       beads elements --quick
     """
-    return run_chapter("elements", Options(**options))
+    return run_chapter("elements", Options(results, runs, quick=quick))
 
 
-def calibration(**options: Any) -> int:
+def calibration(quick: bool, results: Path) -> int:
     """Fit parameters of each contact law to the paper's experiments.
 
     Examples:
       beads calibration
       beads calibration --quick
     """
-    return run_chapter("calibration", Options(**options))
+    return run_chapter("calibration", Options(results, quick=quick))

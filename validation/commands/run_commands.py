@@ -6,7 +6,6 @@ from dataclasses import replace
 from functools import partial
 from math import isnan
 from pathlib import Path
-from typing import Any
 
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
@@ -111,7 +110,9 @@ def show_run(ended: EndedRun, left_out: str = "") -> bool:
     return not wrong
 
 
-def compare(what: Words, settings: Words, runs: Path, unsafe: bool, **engines: Any) -> int:
+def compare(
+    what: Words, settings: Words, engines: Words, runs: Path, require: Words, allow_missing: bool, unsafe: bool
+) -> int:
     """Run scenes and judge them on every engine, or compare runs.
 
     Examples:
@@ -121,16 +122,16 @@ def compare(what: Words, settings: Words, runs: Path, unsafe: bool, **engines: A
     """
     folders = [source for source in what if Path(source).is_dir() or ":" in source]
     if not folders:
-        return compare_scenes(what, settings, runs, EngineSelection(**engines), unsafe=unsafe)
+        return compare_scenes(what, settings, runs, EngineSelection(engines, require, allow_missing), unsafe=unsafe)
     if len(folders) != 2 or len(what) != 2:
         raise InputError("compare", "", " ".join(what), "scenes, or exactly two runs")
-    for option, given in (("set", settings), ("engine", engines["engines"]), ("require", engines["require"])):
+    for option, given in (("set", settings), ("engine", engines), ("require", require)):
         if given:
             raise InputError(f"--{option}", "", "not allowed with two runs")
     return compare_runs(*(inventory.run_folder(folder, runs) for folder in folders))
 
 
-def render(scene: str, settings: Words, engine: str, out: Path, unsafe: bool) -> None:
+def render(scene: str, settings: Words, engine: str, deck: Path, unsafe: bool) -> None:
     """Write the deck of a scene for one engine, without running it.
 
     Example:
@@ -140,14 +141,17 @@ def render(scene: str, settings: Words, engine: str, out: Path, unsafe: bool) ->
     case = planned_case(scene, *settings)
     if not unsafe:
         refuse(case, engine)
-    deck = code.by_hand(code.render(case))
-    out.mkdir(parents=True, exist_ok=True)
-    write_scene(out, case.scene)
-    for file in deck.write(out):
+    rendered = code.by_hand(code.render(case))
+    deck.mkdir(parents=True, exist_ok=True)
+    write_scene(deck, case.scene)
+    for file in rendered.write(deck):
         print(file)
 
 
-def import_(scene: str, settings: Words, engine: str, runs: Path, columns: str, **given: Path) -> int:
+def import_(
+    *, folder: Path | None = None, dump: Path | None = None, columns: str, rendered: str, settings: Words, engine: str,
+    runs: Path,
+) -> int:  # fmt: skip
     """Make a run folder of a deck that was run by hand.
 
     The deck may have been changed: the record names each line that differs from the scene's deck. With --dump it may
@@ -160,7 +164,6 @@ def import_(scene: str, settings: Words, engine: str, runs: Path, columns: str, 
       beads import --dump a.bin --columns id,z,vz,fz --engine lammps --scene fig4
     """
     load_engine(engine, "--engine")
-    folder, dump = given.get("folder"), given.get("dump")
     if folder and dump and files_of(folder / dump):
         dump = folder / dump
     if dump and not files_of(dump):
@@ -168,7 +171,7 @@ def import_(scene: str, settings: Words, engine: str, runs: Path, columns: str, 
     place = folder or (dump and dump.parent)
     if place is None:
         raise InputError("import", "", "no folder; give that of the deck, or --dump FILE")
-    case = planned_case(scene, *settings) if scene else build_case(scene_of(place, settings))
+    case = planned_case(rendered, *settings) if rendered else build_case(scene_of(place, settings))
     ended = import_run(place, case, engine, runs, dump, tuple(map(str.strip, columns.split(",") if columns else ())))
     case = replace(case, digits=ended.record.digits)
     ended = assess(ended, case)
@@ -183,7 +186,7 @@ def import_(scene: str, settings: Words, engine: str, runs: Path, columns: str, 
     return int(not shown)
 
 
-def runs(runs: Path, prune: bool, dry_run: bool, **chosen: Words) -> None:
+def runs(scenes: Words, settings: Words, engines: Words, runs_read: Path, prune: bool, dry_run: bool) -> None:
     """List the run folders, or remove those that are obsolete.
 
     Examples:
@@ -191,22 +194,22 @@ def runs(runs: Path, prune: bool, dry_run: bool, **chosen: Words) -> None:
       beads runs --set 'striker.speed=*'
       beads runs --prune --dry-run
     """
-    if runs != paths.RUNS and not runs.is_dir():
-        raise InputError(f"--runs {runs}", "", "folder not found")
+    if runs_read != paths.RUNS and not runs_read.is_dir():
+        raise InputError(f"--runs {runs_read}", "", "folder not found")
     if prune:
-        inventory.prune(runs, **chosen, dry_run=dry_run)
+        inventory.prune(runs_read, scenes, engines, settings, dry_run=dry_run)
     else:
-        inventory.print_runs(runs, **chosen)
+        inventory.print_runs(runs_read, scenes, engines, settings)
 
 
-def observables(run: str, runs: Path, levels: tuple[float, ...], as_json: bool) -> None:
+def observables(run: str, runs_read: Path, levels: tuple[float, ...], as_json: bool) -> None:
     """Print peaks, speeds, widths, reflections, energies of a run.
 
     Examples:
       beads observables yade:fig4
       beads observables yade:fig4 --level 0.1 --json
     """
-    opened, _, _ = open_shown("observables", run, runs)
+    opened, _, _ = open_shown("observables", run, runs_read)
     observed = observe(opened.layout, opened.trace, levels or LEVELS)
     values = {name: None if isnan(value) else value for name, value in observed.items()}
     if as_json:

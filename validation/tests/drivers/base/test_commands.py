@@ -5,9 +5,6 @@ import re
 import signal
 import subprocess
 import sys
-from functools import partial
-from importlib import import_module
-from inspect import signature
 from pathlib import Path
 
 import pytest
@@ -16,7 +13,6 @@ from click.shell_completion import BashComplete
 from drivers.base import paths, processes
 from drivers.base.processes import git
 from drivers.engines import engine_names
-from validation import commands
 from validation.commands.beads import BEADS as COMMANDS
 from validation.tests.helpers.commands import BEADS, beads
 from validation.tests.helpers.readme import parse
@@ -133,18 +129,6 @@ def test_a_wrong_command_line_ends_in_one_line(words: tuple[str, ...], said: str
     assert (ended.returncode, ended.stdout, ended.stderr.count("\n")) == (2, "", 1)
     program = "beads" if len(words) == 1 and words[0] != "run" else f"beads {words[0]}"
     assert ended.stderr == f"{said} (see {program} --help)\n"
-
-
-@pytest.mark.parametrize("name", COMMANDS.commands)
-def test_the_function_of_a_command_takes_its_options(name: str) -> None:
-    command = COMMANDS.commands[name]
-    assert isinstance(command.callback, partial)
-    module, function = command.callback.args
-    action = getattr(import_module(f"{commands.__name__}.{module}"), function)
-    required = [each.name for each in command.params if each.required]
-    absent = command.make_context(name, [], resilient_parsing=True).params
-    for given in (absent, {key: value for key, value in absent.items() if value is not None or key in required}):
-        signature(action).bind(**given)
 
 
 IMPORTS = "import os, signal, time, drivers.environment; os.kill(os.getpid(), signal.SIGINT); time.sleep(20)"
