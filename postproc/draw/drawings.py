@@ -9,7 +9,7 @@ A film is a contact sheet of the chain at several times, and an animation.
 from math import cos, inf, pi, radians, sin
 from pathlib import Path
 from textwrap import fill
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -24,7 +24,7 @@ from drivers.base.files import whole_file
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain, ordinary_beads
 from drivers.chain.trace import Trace
-from drivers.scene.model import RIGID, Scene
+from drivers.scene.model import RIGID, Scene, Tube
 from postproc.draw.product import GAMMA, OPEN_SHARE, Product
 from postproc.draw.style import COLUMN_IN, GREY, MICRO, colour_map, finish_bar, pyplot
 from postproc.read.motion import spread
@@ -78,7 +78,7 @@ def draw_scene(scene: Scene, chain: Chain) -> tuple[Any, pd.DataFrame]:
     if tube is not None:
         labels += [f"{tube.material} tube,", f"inner ⌀ {_mm(tube.inner_diameter)}"]
         labels += [f"up to {_mm(tube.top)}"] if tube.top is not None else []
-        draw_tube(axis, tube.inner_diameter / 2, wall_m, min(high if tube.top is None else tube.top, high))
+        draw_tube(axis, tube, tube.inner_diameter / 2, wall_m, high)
     if chain.wall:
         axis.add_patch(Rectangle((-1.2 * widest, low), 2.4 * widest, wall_m - low, fc=WALL, hatch="////", **OUTLINE))
         named = "rigid wall" if chain.wall == RIGID else f"wall of {chain.wall}"
@@ -154,11 +154,12 @@ def draw_bodies(
         axis.add_patch(Rectangle(corner, *flat_m, facecolor=colours[-1], **look))
 
 
-def draw_tube(axis: Any, bore_m: float, low_m: float, high_m: float, middle_m: float = 0.0) -> None:
-    """Draws both sides of a tube around a vertical line, from its bore outwards."""
+def draw_tube(axis: Any, tube: Tube, bore_m: float, low_m: float, high_m: float, middle_m: float = 0.0) -> None:
+    """Draws both sides of a tube around a vertical line from its bore outwards, up to its top or ``high_m``."""
+    height_m = max(min(high_m if tube.top is None else tube.top, high_m) - low_m, 0.0)
     for side_m in (-1.2 * bore_m, bore_m):
-        corner, size = (middle_m + side_m, low_m), (0.2 * bore_m, max(high_m - low_m, 0.0))
-        axis.add_patch(Rectangle(corner, *size, facecolor=TUBE, edgecolor=GREY, lw=0.4, zorder=0))
+        corner = middle_m + side_m, low_m
+        axis.add_patch(Rectangle(corner, 0.2 * bore_m, height_m, facecolor=TUBE, edgecolor=GREY, lw=0.4, zorder=0))
 
 
 def _beads(scene: Scene) -> list[str]:
@@ -215,57 +216,40 @@ def flat_size(scene: Scene) -> tuple[float, float]:
     return width, min(max(length, 0.2 * width), LONGEST_STRIKER * width)
 
 
-class Film(NamedTuple):
-    """A chain at several times."""
+class Film:
+    """A chain at ``frames`` times, evenly spread; without positions the bodies stay where they were at time 0.
 
-    time_s: Array  # shape (frames,)
-    place_m: Array  # exaggerated x and height of each body, seen along y. Shape (frames, bodies, 2)
-    force_N: Array  # mean of the contact forces below and above each body. Shape (frames, bodies)
-    radius_m: Array  # 0 for a flat striker. Shape (bodies,)
-    flat_m: tuple[float, float]  # width and length of a flat striker, else 0, 0
-    bore_m: float | None  # half the drawn width of the tube; None without a tube
-    tube_top_m: float
-    wall_m: float | None  # None for a free chain
-    low_m: float  # lower end of the picture
-    high_m: float  # upper end of the picture
-    largest_N: float  # largest force of the whole run
-    notes: list[str]  # differences between the picture and the run
-
-    @property
-    def half_m(self) -> float:
-        """Half of the width of all bodies."""
-        reach = float((np.abs(self.place_m[..., 0]) + self.radius_m).max(initial=self.flat_m[0] / 2))
-        return max(reach, 1.1 * (self.bore_m or 0.0))
-
-
-def film_of(case: Case, trace: Trace, frames: int, sideways: float = 1.0) -> Film:
-    """A motion at ``frames`` times, evenly spread; without positions the bodies stay where they were at time 0.
-
-    Displacements from the axis are multiplied by ``sideways``.
+    Displacements from the axis are multiplied by ``sideways``. ``notes`` are differences between the picture and the
+    run.
     """
-    scene, chain = case.scene, case.chain
-    chosen = spread(len(trace.time_s), frames)
-    where = np.broadcast_to(chain.place_m, (len(chosen), chain.bodies, 3))
-    notes = ["positions of time 0: the run kept no others"]
-    if trace.height_m is not None:
-        where, notes = trace.place_m[chosen], []
-    place = np.stack([sideways * where[..., 0], where[..., 2]], axis=-1)
-    if sideways != 1:
-        notes.append(f"sideways displacements {sideways:g} times as large")
-    if scene.chain.angle:
-        notes.append(f"upright in the picture: the chain leans by {scene.chain.angle:g} deg")
-    force = mean_forces(trace.force_N)
-    radius = chain.sphere_radius_m
-    flat, size, tube = flat_size(scene), scene.chain.diameter, scene.tube
-    low, high = float((place[..., 1] - radius).min()), float((place[..., 1] + radius).max()) + flat[1]
-    # beads touch the bore in the picture when they do in the run
-    bore = None if tube is None else (size + sideways * (tube.inner_diameter - size)) / 2
-    top = high if tube is None or tube.top is None else min(tube.top, high)
-    return Film(
-        trace.time_s[chosen], place, force[chosen], radius, flat, bore, top,
-        chain.wall_height_m if chain.wall else None, min(low, chain.wall_height_m), high,
-        float(force.max(initial=0.0)) or 1.0, notes,
-    )  # fmt: skip
+
+    def __init__(self, case: Case, trace: Trace, frames: int, sideways: float = 1.0) -> None:
+        scene, chain, chosen = case.scene, case.chain, spread(len(trace.time_s), frames)
+        where, self.notes = np.broadcast_to(chain.place_m, (len(chosen), chain.bodies, 3)), list[str]()
+        if trace.height_m is not None:
+            where = trace.place_m[chosen]
+        else:
+            self.notes.append("positions of time 0: the run kept no others")
+        if sideways != 1:
+            self.notes.append(f"sideways displacements {sideways:g} times as large")
+        if scene.chain.angle:
+            self.notes.append(f"upright in the picture: the chain leans by {scene.chain.angle:g} deg")
+        self.time_s = trace.time_s[chosen]  # shape (frames,)
+        # exaggerated x and height of each body, seen along y. Shape (frames, bodies, 2)
+        self.place_m = np.stack([sideways * where[..., 0], where[..., 2]], axis=-1)
+        force = mean_forces(trace.force_N)
+        self.force_N = force[chosen]  # mean of the contact forces below and above each body. Shape (frames, bodies)
+        self.largest_N = float(force.max(initial=0.0)) or 1.0  # of the whole run
+        self.radius_m, self.flat_m = chain.sphere_radius_m, flat_size(scene)
+        low, high = self.place_m[..., 1] - self.radius_m, self.place_m[..., 1] + self.radius_m
+        self.wall_m = chain.wall_height_m if chain.wall else None
+        self.low_m, self.high_m = min(float(low.min()), chain.wall_height_m), float(high.max()) + self.flat_m[1]
+        size, self.tube = scene.chain.diameter, scene.tube
+        # half the drawn width of the tube: beads touch the bore in the picture when they do in the run
+        self.bore_m = (size + sideways * (scene.tube.inner_diameter - size)) / 2 if scene.tube else 0.0
+        # half of the width of all bodies
+        reach = float((np.abs(self.place_m[..., 0]) + self.radius_m).max(initial=self.flat_m[0] / 2))
+        self.half_m = max(reach, 1.1 * self.bore_m)
 
 
 def sheet(film: Film, title: str) -> Product:
@@ -339,21 +323,18 @@ def _colours(film: Film) -> ScalarMappable:
     return ScalarMappable(PowerNorm(GAMMA, 0, film.largest_N), colour_map("force"))
 
 
-def _rgba(film: Film, force_N: Array) -> Any:
-    return _colours(film).to_rgba(np.ma.masked_less_equal(force_N, OPEN_SHARE * film.largest_N))
-
-
 def _draw_chain(axis: Any, film: Film, frame: int, middle: float, scale_in: float) -> None:
     """Draws the chain at one time around a vertical line."""
-    width, place = 2 * film.half_m, film.place_m[frame] + (middle, 0.0)
+    width, place, force_N = 2 * film.half_m, film.place_m[frame] + (middle, 0.0), film.force_N[frame]
+    colours = _colours(film).to_rgba(np.ma.masked_less_equal(force_N, OPEN_SHARE * film.largest_N))
     if film.wall_m is not None:
         thick = 0.05 / scale_in
         axis.add_patch(Rectangle((middle - width / 2, film.wall_m - thick), width, thick, color=WALL, lw=0))
     if _circles(film, scale_in):
-        if film.bore_m is not None and film.wall_m is not None:
-            draw_tube(axis, film.bore_m, film.wall_m, film.tube_top_m, middle)
-        draw_bodies(axis, place, film.radius_m, film.flat_m, _rgba(film, film.force_N[frame]), **EDGE)
-        return
-    order = np.argsort(film.force_N[frame])  # the largest forces are drawn last
-    look = {"c": _rgba(film, film.force_N[frame][order]), "s": (72 * BAND_IN) ** 2, "lw": 72 * BEAD_IN}
-    axis.scatter(*place[order].T, marker="_", rasterized=True, **look)
+        if film.tube is not None and film.wall_m is not None:
+            draw_tube(axis, film.tube, film.bore_m, film.wall_m, film.high_m, middle)
+        draw_bodies(axis, place, film.radius_m, film.flat_m, colours, **EDGE)
+    else:
+        order = np.argsort(force_N)  # the largest forces are drawn last
+        look = {"c": colours[order], "s": (72 * BAND_IN) ** 2, "lw": 72 * BEAD_IN}
+        axis.scatter(*place[order].T, marker="_", rasterized=True, **look)

@@ -22,7 +22,7 @@ from drivers.run.compute import compute
 from drivers.scene.model import Scene
 from drivers.scene.read_scene import apply_settings, find_scene
 from drivers.scene.settings import look_up
-from postproc.draw.drawings import Film, film_of
+from postproc.draw.drawings import Film
 from postproc.draw.overlay import lay_over
 from postproc.draw.product import cells_of, shown_forces
 from postproc.draw.style import AVERAGE, GREY, PAGE_IN, marker_of, pyplot, svg_of
@@ -140,7 +140,7 @@ def view_of(asked: tuple[Question, tuple[str, ...]]) -> View:
         values={name: value for name, value in values.items() if describe(without_unit(name)).kind in KINDS},
         cells=cells_of(trace.time_s, forces, signed=signed),
         signed=signed,
-        film=film_of(case, trace, FRAMES),
+        film=Film(case, trace, FRAMES),
         knobs=knobs_of(case, ranges),
         taken_s=taken_s,
     )

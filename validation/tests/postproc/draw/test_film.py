@@ -15,7 +15,7 @@ from drivers.chain.schemes import verlet_of
 from drivers.run.run_folder import STATE, EndedRun, open_run
 from drivers.scene.read_scene import stored_scene
 from postproc.draw import drawings, product
-from postproc.draw.drawings import Film, film_of, sheet, write_animation
+from postproc.draw.drawings import Film, sheet, write_animation
 from postproc.draw.product import cells_of, draw_spacetime
 from postproc.read.motion import case_of_run, trace_with_state
 from postproc.read.signals import mean_forces
@@ -39,7 +39,7 @@ def run_of(shared_runs: Path) -> Runner:
 
 
 def filmed(run: EndedRun, frames: int, sideways: float = 1.0) -> Film:
-    return film_of(case_of_run(run), trace_with_state(run), frames, sideways)
+    return Film(case_of_run(run), trace_with_state(run), frames, sideways)
 
 
 def notes_of(shown: Film) -> str:
