@@ -20,10 +20,9 @@ contact at the wall belongs to body 1.
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import cycle
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -48,8 +47,7 @@ RANGE_DASHES = ("-", "--", ":", "-.")
 LEFT_SHARE = 0.01  # of the largest energy of a range: with less the energy has left
 
 
-@dataclass(frozen=True)
-class Energies:
+class Energies(NamedTuple):
     """Energies in J of shape (samples, bodies); contact j lies under body j.
 
     Attributes:
@@ -78,13 +76,12 @@ class Energies:
     @property
     def sums_J(self) -> dict[str, Array]:
         """Sums of all bodies and contacts by name, each of shape (samples,)."""
-        parts = {
-            "kinetic": self.body_kinetic_J,
-            "elastic": self.contact_elastic_J,
-            "potential of the net load": self.body_load_J,
-            "dissipated": self.contact_dissipated_J,
+        return {
+            "kinetic": self.body_kinetic_J.sum(axis=1),
+            "elastic": self.contact_elastic_J.sum(axis=1),
+            "potential of the net load": self.body_load_J.sum(axis=1),
+            "dissipated": self.contact_dissipated_J.sum(axis=1),
         }
-        return {name: values.sum(axis=1) for name, values in parts.items()}
 
 
 def run_energies(run: EndedRun) -> Energies:
@@ -188,6 +185,6 @@ def write_energies(energies: Energies, path: Path, about: Mapping[str, str]) -> 
     """
     from pyarrow.parquet import write_table
 
-    columns = {re.sub("^(body|contact)", r"\1_{}", name): values for name, values in vars(energies).items()}
+    columns = {re.sub("^(body|contact)", r"\1_{}", name): values for name, values in energies._asdict().items()}
     with whole_file(path) as draft:
         write_table(table_of(columns, about), draft, **COMPRESSED)

@@ -220,8 +220,7 @@ def draw_overlay(motion: Simulation, aligned: Sequence[AlignedGauge], misfits: p
     )  # fmt: skip
     files = list(dict.fromkeys(each.channel.trace.file for each in aligned))
     colour_of_run = line_of(motion.engine)["color"]
-    for place, gauge in enumerate(gauges):
-        force, strip = grid[2 * place, 0], grid[2 * place + 1, 0]
+    for gauge, (force, strip) in zip(gauges, grid.reshape(-1, 2), strict=True):
         curve = motion.curves[gauge]
         for each in (each for each in aligned if each.channel.gauge == gauge):
             colour = COLOURS[files.index(each.channel.trace.file) % len(COLOURS)]
@@ -233,9 +232,8 @@ def draw_overlay(motion: Simulation, aligned: Sequence[AlignedGauge], misfits: p
         strip.set_ylabel("residual\n(N)")
         strip.margins(y=0.15)
     grid[-1, 0].set_xlabel("time since impact (µs)")
-    shown = [pair for axis in grid[:, 0] for pair in zip(*axis.get_legend_handles_labels(), strict=True)]
-    handles = {label: handle for handle, label in shown}
-    figure.legend(handles.values(), handles.keys(), loc="outside upper left", markerscale=4, ncols=1)
+    handles = {line.get_label(): line for axis in grid[:, 0] for line in axis.get_legend_handles_labels()[0]}
+    figure.legend(handles.values(), handles, loc="outside upper left", markerscale=4, ncols=1)
     figure.align_ylabels()
     return Product(figure, misfits)
 
@@ -247,8 +245,7 @@ def _draw_gauge(force: Any, strip: Any, gauge: AlignedGauge, computed_N: Any, co
         gauge.time_s[::every] * MICRO, gauge.force_N[::every], ls="none", marker=".", ms=2.0, mew=0, alpha=0.75,
         color=colour, label=fill(f"measured ({gauge.channel.trace.file.name})", LINE),
     )  # fmt: skip
-    left_N, time_us = gauge.smooth_N - computed_N, gauge.run_s * MICRO
-    band_N = BAND * gauge.error_N
+    left_N, time_us, band_N = gauge.smooth_N - computed_N, gauge.run_s * MICRO, BAND * gauge.error_N
     strip.plot(time_us, left_N, color=colour, lw=0.8, label="residual: smoothed readings minus computed")
     band = f"{BAND:g} standard errors by noise and baseline"
     strip.fill_between(time_us, left_N - band_N, left_N + band_N, color=colour, alpha=0.25, lw=0, label=band)

@@ -2,11 +2,10 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import cycle, product
 from math import ceil, floor, log10
 from textwrap import fill
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -35,8 +34,7 @@ WRAP = 32  # characters per line of an axis label
 CHARACTERS_PER_IN = 15
 
 
-@dataclass(frozen=True)
-class Label:
+class Label(NamedTuple):
     """Label of a quantity and its SI unit; the unit is empty for a plain number."""
 
     words: str

@@ -56,13 +56,8 @@ def marker_of(engine: str) -> dict[str, Any]:
     return {"mew": 1.1, "mfc": "none"} | {key: _style_of(engine)[key] for key in ("color", "marker", "ms")}
 
 
-def grey_of(engine: str) -> dict[str, Any]:
-    """Plot keywords for the points of an engine in figures whose colours are quantities: its marker, in grey."""
-    return marker_of(engine) | {"color": GREYS[engine_names().index(engine) % len(GREYS)], "ls": "none"}
-
-
 def draw_codes(axis: Any, points: Mapping[str, tuple[Any, Any]], size: float = 4.0) -> None:
-    """Draws points of codes in grey, and one open circle if all codes coincide within half of its size.
+    """Draws points of codes by their markers in grey, and one open circle if all coincide within half of its size.
 
     Args:
         axis: Axes with their final limits and scales.
@@ -72,7 +67,8 @@ def draw_codes(axis: Any, points: Mapping[str, tuple[Any, Any]], size: float = 4
     places = [axis.transData.transform(np.transpose(xy)) for xy in points.values()]
     equal = len(places) > 1 and np.ptp(places, axis=0).max(initial=0.0) < size / 2 * axis.figure.dpi / 72
     for group in [[*points]] if equal else [[code] for code in points]:
-        form = CIRCLE if equal else grey_of(group[0])
+        grey = {"color": GREYS[engine_names().index(group[0]) % len(GREYS)], "ls": "none"}
+        form = CIRCLE if equal else marker_of(group[0]) | grey
         names = ", ".join(load_engine(code).in_print for code in group)
         axis.plot(*points[group[0]], **form | {"ms": size, "label": names})
 

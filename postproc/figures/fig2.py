@@ -36,9 +36,8 @@ FORCES = {"F1_N": FIRST, "F2_N": SECOND, "average_N": AVERAGE}
 
 def make(runs: Path) -> Product:
     """Runs Fig. 4's scene for (b) and strikes on a precompressed chain for (c)."""
-    figure, axes = pyplot().subplots(
-        3, 1, figsize=(COLUMN_IN, 6.3), height_ratios=[0.8, 1.25, 1.4], layout="constrained"
-    )
+    size, shares = (COLUMN_IN, 6.3), [0.8, 1.25, 1.4]
+    figure, axes = pyplot().subplots(3, 1, figsize=size, height_ratios=shares, layout="constrained")
     _draw_free_body(axes[0])
     forces, waves, points = _forces(runs), _waves(), _points(runs)
     _draw_forces(axes[1], forces)

@@ -82,10 +82,9 @@ def _numbers(motion: Simulation) -> dict[str, float]:
         allowed = "until the wave is back, and weaker dissipation"
         raise InputError(motion.case.scene.file, "run.duration", found or "no wave back at the top", allowed)
     for words, pulse in zip(PLACES, pulses, strict=True):
-        place = words.replace(" ", "_")
-        numbers[f"{place}_rise_us"] = pulse["rise_s"] * MICRO
-        numbers[f"{place}_decay_per_us"] = pulse["decay_per_s"] / MICRO
-        numbers[f"{place}_duration_us"] = pulse["duration_s"] * MICRO
+        shape = pulse["rise_s"] * MICRO, pulse["decay_per_s"] / MICRO, pulse["duration_s"] * MICRO
+        names = (f"{words.replace(' ', '_')}_{name}" for name in ("rise_us", "decay_per_us", "duration_us"))
+        numbers |= zip(names, shape, strict=True)
     return numbers
 
 
@@ -100,9 +99,8 @@ def _draw_envelope(axis: Any, motion: Simulation, quoted_per_us: float) -> pd.Da
     time_s = np.linspace(first.time_s, last.time_s + EXTENSION_S, POINTS)
     force_N = amplitude_N * np.exp(rate_per_s * time_s)
     look: dict[str, Any] = {"textcoords": "offset points", "ha": "right", "fontsize": 7}
-    for words, rate, up, colour in (
-        ("", rate_per_s / MICRO, 9, GREY), ("paper: ", quoted_per_us, 0, QUOTED["color"])
-    ):  # fmt: skip
+    rates = ("", rate_per_s / MICRO, 9, GREY), ("paper: ", quoted_per_us, 0, QUOTED["color"])
+    for words, rate, up, colour in rates:
         text = f"{words}{rate:.4f}/µs".replace("-", "\N{MINUS SIGN}")
         axis.annotate(text, (axis.get_xlim()[1], 0.75 * first.value), (-2, up), color=colour, **look)
     return draw_curve(axis, REFERENCE, f"envelope_{ENVELOPE_MAXIMA}_maxima", time_s, WALL, force_N, **ENVELOPE)
@@ -113,11 +111,8 @@ def _draw_entrance(axis: Any, damped: Simulation, elastic: Simulation) -> pd.Dat
     paper, upper = quoted(), [f"bead_{sensor.from_wall}" for sensor in elastic.case.layout.sensors]
     letter_panel(axis, "c", "incident pulse")
     tables = []
-    for motion, place, more, look in (
-        (elastic, 0, "", AVERAGE),
-        (elastic, 1, "", SECOND_BEAD),
-        (damped, 0, ", damped", DAMPED),
-    ):
+    curves = (elastic, 0, "", AVERAGE), (elastic, 1, "", SECOND_BEAD), (damped, 0, ", damped", DAMPED)
+    for motion, place, more, look in curves:
         shown = motion.trace.time_s <= ENTRANCE_S
         time_s, force_N, words = motion.trace.time_s[shown], motion.signals[upper[place]][shown], PLACES[place] + more
         tables.append(draw_curve(axis, REFERENCE, words, time_s, "average", force_N, label=words, **look))

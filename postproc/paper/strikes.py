@@ -6,9 +6,9 @@ printed numbers. Measured and simulated speeds are compared at equal averages as
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cache
 from math import ceil, floor, log10, pi, sqrt
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -38,8 +38,7 @@ WAVE_OVER_STRIKER = 0.682  # v_m of the leading wave divided by the speed of an 
 Amplitude = Callable[[Simulation], float]
 
 
-@dataclass(frozen=True)
-class Particles:
+class Particles(NamedTuple):
     """Equal spheres of one material."""
 
     youngs_modulus_Pa: float

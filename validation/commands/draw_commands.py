@@ -11,7 +11,6 @@ from drivers.batch.rows import Batch
 from drivers.batch.study import column_name
 from drivers.batch.tables import read_study_table
 from postproc.draw import drawings
-from postproc.draw.drawings import draw_scene
 from postproc.draw.energies import draw_energies, range_numbers, run_energies, write_energies
 from postproc.draw.product import Product, draw_spacetime, write_product, write_table
 from postproc.draw.study_figure import draw_study, draw_tornado, key_label
@@ -33,7 +32,7 @@ def draw(scene: str, settings: tuple[str, ...], results: Path) -> None:
       beads draw fig4 --set chain.count=5 --results drawings
     """
     case = planned_case(scene, *settings)
-    product = Product(*draw_scene(case.scene, case.chain))
+    product = Product(*drawings.draw_scene(case.scene, case.chain))
     print_paths(write_product(product, f"scene-{case.scene.name}", results))
 
 
@@ -107,8 +106,8 @@ def energy(run: str, ranges: tuple[tuple[int, int], ...], runs_read: Path, resul
     energies = run_energies(opened)
     numbers = {f"{low}-{high}": range_numbers(energies, low, high) for low, high in ranges}
     sums = energies.sums_J
-    if opened.trace.drive_work_J is not None:
-        sums["work of the drive, negative"] = 0 - opened.trace.drive_work_J
+    if (work_J := opened.trace.drive_work_J) is not None:
+        sums["work of the drive, negative"] = 0 - work_J
     sums["sum"] = sum(sums.values(), start=0 * energies.time_s)
     rows = [(part, f"{values[0]:.6g}", f"{values[-1]:.6g}") for part, values in sums.items()]
     print(*text_table([("energy (J)", "at time 0", "at the end"), *rows]), sep="\n")
@@ -129,8 +128,8 @@ def film(run: str, *, frames: int = drawings.FRAMES, sideways: float = 1.0, runs
     """
     opened, name, title = open_shown("film", run, runs_read)
     motion = case_of_run(opened), trace_with_state(opened)
-    still, moving = (drawings.Film(*motion, count, sideways) for count in (frames, drawings.GIF_FRAMES))
-    print_paths(write_product(drawings.sheet(still, title), name, results))
+    _write(drawings.sheet(drawings.Film(*motion, frames, sideways), title), name, results)
+    moving = drawings.Film(*motion, drawings.GIF_FRAMES, sideways)
     print_paths([drawings.write_animation(moving, title, results / f"{name}.gif")])
 
 

@@ -137,13 +137,11 @@ def _number(number: float) -> str:
 
 def with_keys(text: str) -> str:
     """Text of the README with the tables of the models between its marks."""
-    tables = "\n".join(_markdown(*table) for table in key_tables().items())
-    return f"{text.partition(BEGIN)[0]}{BEGIN}\n{tables}\n{END}{text.partition(END)[2]}"
-
-
-def _markdown(name: str, rows: Rows) -> str:
-    cells = [HEADINGS, ["---"] * len(HEADINGS), *((f"`{key}`", *rest) for key, *rest in rows)]
-    return "\n".join([f"### Keys: {name}\n", *(f"| {' | '.join(row)} |".replace("  ", " ") for row in cells), ""])
+    lines = list[str]()
+    for name, rows in key_tables().items():
+        cells = [HEADINGS, ["---"] * len(HEADINGS), *((f"`{key}`", *rest) for key, *rest in rows)]
+        lines += [f"### Keys: {name}\n", *(f"| {' | '.join(row)} |".replace("  ", " ") for row in cells), ""]
+    return "\n".join([f"{text.partition(BEGIN)[0]}{BEGIN}", *lines, f"{END}{text.partition(END)[2]}"])
 
 
 def version() -> None:
