@@ -42,7 +42,7 @@ INVERTED = -0.3  # correlation of inverted readings
 SLACK = 0.25  # share of the run by which a record may be longer or shorter without a remark
 COLUMNS = ("quantity", "source", "measured", "error_by_noise", "error_by_gain", "computed")
 STRIP_IN = 0.62  # height of a panel of residuals
-HEAD_IN, FOOT_IN = 0.75, 0.4
+ENDS_IN = 1.15  # height of legend and axis label
 LINE = 46  # characters in a line of a title or label
 BAND = 2.0  # standard errors on either side
 MAX_READINGS = 4000  # drawn readings of a gauge
@@ -214,10 +214,8 @@ def draw_overlay(motion: Simulation, aligned: Sequence[AlignedGauge], misfits: p
     run_s, measured = motion.trace.time_s, {each.channel.gauge for each in aligned}
     gauges = [gauge for gauge in motion.signals if gauge in measured]
     heights = [GAUGE_IN, STRIP_IN] * len(gauges)
-    figure, grid = pyplot().subplots(
-        len(heights), 1, sharex=True, figsize=(COLUMN_IN, HEAD_IN + FOOT_IN + sum(heights)), height_ratios=heights,
-        squeeze=False, layout="constrained",
-    )  # fmt: skip
+    size, look = (COLUMN_IN, ENDS_IN + sum(heights)), {"sharex": True, "squeeze": False, "layout": "constrained"}
+    figure, grid = pyplot().subplots(len(heights), figsize=size, height_ratios=heights, **look)
     files = list(dict.fromkeys(each.channel.trace.file for each in aligned))
     colour_of_run = line_of(motion.engine)["color"]
     for gauge, (force, strip) in zip(gauges, grid.reshape(-1, 2), strict=True):
@@ -240,11 +238,9 @@ def draw_overlay(motion: Simulation, aligned: Sequence[AlignedGauge], misfits: p
 
 def _draw_gauge(force: Any, strip: Any, gauge: AlignedGauge, computed_N: Any, colour: str) -> None:
     """Draws readings and residual of a gauge, with a band of ``BAND`` standard errors by noise and baseline."""
-    every = -(-len(gauge.time_s) // MAX_READINGS)
-    force.plot(
-        gauge.time_s[::every] * MICRO, gauge.force_N[::every], ls="none", marker=".", ms=2.0, mew=0, alpha=0.75,
-        color=colour, label=fill(f"measured ({gauge.channel.trace.file.name})", LINE),
-    )  # fmt: skip
+    every, label = -(-len(gauge.time_s) // MAX_READINGS), fill(f"measured ({gauge.channel.trace.file.name})", LINE)
+    look = {"ls": "none", "marker": ".", "ms": 2.0, "mew": 0, "alpha": 0.75, "color": colour, "label": label}
+    force.plot(gauge.time_s[::every] * MICRO, gauge.force_N[::every], **look)
     left_N, time_us, band_N = gauge.smooth_N - computed_N, gauge.run_s * MICRO, BAND * gauge.error_N
     strip.plot(time_us, left_N, color=colour, lw=0.8, label="residual: smoothed readings minus computed")
     band = f"{BAND:g} standard errors by noise and baseline"
