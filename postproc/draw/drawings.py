@@ -279,10 +279,8 @@ def sheet(film: Film, title: str) -> Product:
 
 def write_animation(film: Film, title: str, path: Path) -> Path:
     """Writes the film as an animated GIF, whole or not at all: the chain next to its forces."""
-    plt, tall = pyplot(), film.high_m - film.low_m
-    figure, (axis, beside) = plt.subplots(
-        1, 2, figsize=GIF_IN, dpi=FILM_DPI, width_ratios=(1.3, 2.3), layout="constrained"
-    )
+    plt, tall, look = pyplot(), film.high_m - film.low_m, {"dpi": FILM_DPI, "layout": "constrained"}
+    figure, (axis, beside) = plt.subplots(1, 2, figsize=GIF_IN, width_ratios=(1.3, 2.3), **look)
     figure.suptitle(fill("; ".join([title, *film.notes]), 54), x=0.03, ha="left")
     scale_in = min((GIF_IN[1] - 1.1) / tall, 1.3 / (2.2 * film.half_m))
     height, width = (GIF_IN[1] - 1.0) / scale_in, 1.3 / scale_in

@@ -3,7 +3,7 @@
 In figures of the paper codes are markers in a strip, in reports lines of their own.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from drivers.chain.chain import Array
 from drivers.chain.trace import Trace, residual
 from drivers.engines import REFERENCE, VERLET
 from postproc.draw.product import Product
-from postproc.draw.style import GREY, MICRO, draw_codes, drawing_order, letter_panel, line_of, pyplot
+from postproc.draw.style import COLUMN_IN, GREY, MICRO, draw_codes, drawing_order, letter_panel, line_of, pyplot
 from postproc.read.motion import Simulation
 from postproc.read.signals import sensor_signals
 
@@ -33,8 +33,8 @@ LABEL_AT = 0.012  # position of a label, as a share of the time axis
 
 
 def draw_pairs(
-    figure: Any,
-    cells: Iterable[Any],
+    height_in: float,
+    rows: int,
     panels: Mapping[str, Mapping[str, Any]],
     simulations: Sequence[Mapping[str, Simulation]],
     numbers: Callable[[Simulation], Mapping[str, float]],
@@ -45,8 +45,8 @@ def draw_pairs(
     """Stacked gauge forces of the reference, on one scale in each pair of panels, and the codes' differences in strips.
 
     Args:
-        figure: A matplotlib figure.
-        cells: Cells of the figure's grid, one for each panel.
+        height_in: Height of the figure, which is as wide as a column.
+        rows: Rows of equal height; those after the panels stay empty.
         panels: Plot keywords by title; the first two are a pair, and so on. Their letters are a to d.
         simulations: Simulations by engine, for each panel.
         numbers: Function that computes further numbers of a simulation by name, for the table.
@@ -59,8 +59,8 @@ def draw_pairs(
         with all drawn numbers and those of ``numbers``.
     """
     axes, tables, chains, bottom = [], [], {}, -ROOM * step_N
-    tops = dict[str, float]()
-    of_panels = zip("abcd", cells, panels.items(), simulations, strict=False)
+    tops, figure = dict[str, float](), pyplot().figure(figsize=(COLUMN_IN, height_in), layout="constrained")
+    of_panels = zip("abcd", figure.add_gridspec(rows, 1), panels.items(), simulations, strict=False)
     for place, (letter, cell, (title, look), by_engine) in enumerate(of_panels):
         exact = by_engine[REFERENCE]
         if place % 2 == 0:
@@ -68,8 +68,8 @@ def draw_pairs(
             names = gauges or pair[0]
             tops = {name: max(float(signals[name].max()) for signals in pair) + ROOM * step_N for name in names}
         heights = [top - bottom for top in tops.values()]
-        rows = cell.subgridspec(len(tops) + 1, 1, height_ratios=[*heights, strip * sum(heights)], hspace=0)
-        drawn = dict(zip([*tops, STRIP], rows.subplots(sharex=True).flat, strict=True))
+        grid = cell.subgridspec(len(tops) + 1, 1, height_ratios=[*heights, strip * sum(heights)], hspace=0)
+        drawn = dict(zip([*tops, STRIP], grid.subplots(sharex=True).flat, strict=True))
         stacked = [drawn[name] for name in tops]
         for axis, (name, top) in zip(stacked, tops.items(), strict=True):
             axis.plot(exact.trace.time_s * MICRO, exact.signals[name], **look)
@@ -82,15 +82,12 @@ def draw_pairs(
         letter_panel(stacked[0], letter, title)
         stacked[len(stacked) // 2].set_ylabel("force (N)")
         strips = _draw_strip(drawn[STRIP], {engine: motion.trace for engine, motion in by_engine.items()})
-        curves = [
-            pd.DataFrame(
-                {"engine": engine, "time_s": motion.trace.time_s}
-                | {f"{name}_N": motion.signals[name] for name in tops}
-                | {RESIDUAL: residual(motion.trace, exact.trace)}
-            )
-            for engine, motion in by_engine.items()
-        ]
-        further = [(engine, *number) for engine, motion in by_engine.items() for number in numbers(motion).items()]
+        curves, further = [], []
+        for engine, motion in by_engine.items():
+            forces = {f"{name}_N": motion.signals[name] for name in tops}
+            columns = {"engine": engine, "time_s": motion.trace.time_s} | forces
+            curves.append(pd.DataFrame(columns | {RESIDUAL: residual(motion.trace, exact.trace)}))
+            further += [(engine, *number) for number in numbers(motion).items()]
         values = pd.DataFrame(further, columns=["engine", "quantity", "value"])
         axes.append(drawn)
         tables.append(pd.concat([strips, *curves, values]).assign(panel=letter))

@@ -19,7 +19,7 @@ from matplotlib.patches import ConnectionPatch
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
 from postproc.draw.stack import draw_curve, draw_pairs, quoted_rows
-from postproc.draw.style import AVERAGE, COLUMN_IN, DAMPED, MICRO, QUOTED, pyplot
+from postproc.draw.style import AVERAGE, DAMPED, MICRO, QUOTED
 from postproc.paper import calibrated, quoted
 from postproc.paper.strikes import sensor_pair, speed_between_sensors
 from postproc.read.motion import UNTIL_REFLECTED, Simulation, case_of, simulate
@@ -34,14 +34,12 @@ def make(runs: Path) -> Product:
     """Runs the scene of Fig. 4 with the calibrated dissipation and without dissipation."""
     cases = [case_of("fig4", UNTIL_DAMPED_REFLECTED, *calibrated().settings), case_of("fig4", UNTIL_REFLECTED)]
     simulations = simulate(cases, runs)
-    figure = pyplot().figure(figsize=(COLUMN_IN, 8.0), layout="constrained")
-    grid = figure.add_gridspec(2, 1)
-    axes, product = draw_pairs(figure, grid, PANELS, simulations, _numbers, STEP_N, strip=STRIP_SHARE)
+    axes, product = draw_pairs(8.0, 2, PANELS, simulations, _numbers, STEP_N, strip=STRIP_SHARE)
     for gauges, by_engine in zip(axes, simulations, strict=True):
         _name_reflected(gauges, by_engine[REFERENCE])
         for axis in gauges.values():
             axis.set_xlim(0, cases[0].scene.run.duration * MICRO)  # the same times in both panels
-    return product.with_rows(*_draw_quoted(figure, axes[0], simulations[0][REFERENCE]))
+    return product.with_rows(*_draw_quoted(product.figure, axes[0], simulations[0][REFERENCE]))
 
 
 def _numbers(motion: Simulation) -> dict[str, float]:

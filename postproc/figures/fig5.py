@@ -19,7 +19,7 @@ from drivers.base.errors import InputError
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
 from postproc.draw.stack import draw_curve, draw_pairs, quoted_rows
-from postproc.draw.style import AVERAGE, COLUMN_IN, DAMPED, GREY, MICRO, QUOTED, letter_panel, pyplot
+from postproc.draw.style import AVERAGE, DAMPED, GREY, MICRO, QUOTED, letter_panel
 from postproc.paper import calibrated, quoted
 from postproc.read.motion import Simulation, case_of, simulate
 from postproc.read.observables import LATER_PROMINENCE
@@ -44,11 +44,9 @@ def make(runs: Path) -> Product:
     gauges = f"chain.sensors=[{{ from_wall = {top} }}, {{ from_wall = {top - 1} }}]"
     cases = [case_of("fig5", gauges, *calibrated().settings), case_of("fig5", gauges)]
     simulations, paper = simulate(cases, runs), quoted()
-    figure = pyplot().figure(figsize=(COLUMN_IN, 7.0), layout="constrained")
-    grid = figure.add_gridspec(3, 1)
-    axes, product = draw_pairs(figure, [grid[0], grid[1]], PANELS, simulations, _numbers, STEP_N, gauges=(WALL,))
+    axes, product = draw_pairs(7.0, 3, PANELS, simulations, _numbers, STEP_N, gauges=(WALL,))
     damped, elastic = (by_engine[REFERENCE] for by_engine in simulations)
-    entrance = _draw_entrance(figure.add_subplot(grid[2]), damped, elastic).assign(panel="c")
+    entrance = _draw_entrance(product.figure.add_subplot(3, 1, 3), damped, elastic).assign(panel="c")
     rates = paper.fig5_measured_envelope_per_us, paper.fig5_computed_envelope_per_us
     envelopes = [
         _draw_envelope(drawn[WALL], motion, rate).assign(panel=letter)

@@ -18,7 +18,7 @@ from drivers.base.errors import InputError
 from drivers.engines import REFERENCE
 from postproc.draw.product import Product
 from postproc.draw.stack import draw_curve, draw_pairs
-from postproc.draw.style import AVERAGE, COLUMN_IN, DAMPED, GREY, MICRO, QUOTED, pyplot
+from postproc.draw.style import AVERAGE, DAMPED, GREY, MICRO, QUOTED
 from postproc.paper import calibrated
 from postproc.read.motion import Simulation, case_of, simulate
 from postproc.read.observables import LATER_PROMINENCE
@@ -42,8 +42,7 @@ def make(runs: Path) -> Product:
     """Runs both scenes with the calibrated dissipation and without dissipation."""
     cases = [case_of(scene, UNTIL_PASSED, *law) for scene in SCENES for law in (calibrated().settings, ())]
     simulations = simulate(cases, runs)
-    figure = pyplot().figure(figsize=(COLUMN_IN, 8.0), layout="constrained")
-    axes, product = draw_pairs(figure, figure.add_gridspec(4, 1), PANELS, simulations, _numbers, STEP_N)
+    axes, product = draw_pairs(8.0, 4, PANELS, simulations, _numbers, STEP_N)
     maxima, losses = [_first_maxima(by_engine[REFERENCE]) for by_engine in simulations], []
     for letter, described in DESCRIPTIONS.items():
         place = "abcd".index(letter)

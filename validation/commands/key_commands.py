@@ -68,10 +68,9 @@ def keys(write: bool, table: str = "") -> None:
         README.write_text(with_keys(README.read_text()))
         return
     files = key_tables() | {Path(RECORD).stem: rows_of_record()}
-    found = {
-        file: [row for row in rows if table in ("", file) or f"{row[0]}.".startswith(f"{table}.")]
-        for file, rows in files.items()
-    }
+    found = dict[str, Rows]()
+    for file, rows in files.items():
+        found[file] = [row for row in rows if table in ("", file) or f"{row[0]}.".startswith(f"{table}.")]
     if not any(found.values()):
         tables = (row[0] for rows in files.values() for row in rows if row[1].endswith(("table", "tables")))
         raise InputError("keys", "", table, ", ".join([*files, *tables]))
@@ -89,10 +88,8 @@ def rows_of_record() -> Rows:
     """Rows of the fields of ``run.json``, with their meanings in the docstring of their class."""
     text = cleandoc(RunRecord.__doc__ or "").partition("Attributes:\n")[2]
     meanings = dict(re.findall(r"^    (\w+): ((?:.|\n {8})*)\.$", text, re.MULTILINE))
-    return [
-        (*row[:2], "", " ".join(meanings[row[0]].split()))
-        for row in _rows(TypeAdapter(RunRecord).json_schema(), {}, "")
-    ]
+    rows = _rows(TypeAdapter(RunRecord).json_schema(), {}, "")
+    return [(key, values, "", " ".join(meanings[key].split())) for key, values, *_ in rows]
 
 
 def _rows(table: Schema, tables: Schema, prefix: str) -> Iterator[tuple[str, ...]]:
@@ -186,10 +183,9 @@ def engine(name: str, tests: str, all_tests: bool, results: Path) -> int:
     again = f"{shlex.join(['beads', 'engine', name, *engines_again()])} goes on"
     if code == pytest.ExitCode.INTERRUPTED and not kit.over:
         raise KeyboardInterrupt(again)
-    ended = (
-        f"failed {len(kit.failed)}; passed, or skipped for a reason, {len(kit.passed)} now, {len(kit.before)} before"
-    )
-    print(f"\n{name}: {ended}" + (f"; left: {kit.left}: {again}, with --all to the end" if kit.left else ""))
+    passed = f"passed, or skipped for a reason, {len(kit.passed)} now, {len(kit.before)} before"
+    left = f"; left: {kit.left}: {again}, with --all to the end" if kit.left else ""
+    print(f"\n{name}: failed {len(kit.failed)}; {passed}{left}")
     if kit.failed or not tests:
         store(kit_key(name), not kit.failed)
     if not kit.failed and not kit.left and not tests:

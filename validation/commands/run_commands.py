@@ -125,9 +125,9 @@ def compare(
         return compare_scenes(what, settings, runs, EngineSelection(engines, require, allow_missing), unsafe=unsafe)
     if len(folders) != 2 or len(what) != 2:
         raise InputError("compare", "", " ".join(what), "scenes, or exactly two runs")
-    for option, given in (("set", settings), ("engine", engines), ("require", require)):
+    for option, given in (("--set", settings), ("--engine", engines), ("--require", require)):
         if given:
-            raise InputError(f"--{option}", "", "not allowed with two runs")
+            raise InputError(option, "", "not allowed with two runs")
     return compare_runs(*(inventory.run_folder(folder, runs) for folder in folders))
 
 
