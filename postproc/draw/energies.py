@@ -103,12 +103,11 @@ def energies_of(case: Case, engine: str, trace: Trace) -> Energies:
     Raises:
         ArithmeticError: the exact motion, for a run of ``reference``, cannot be integrated.
     """
-    chain, height_m = case.chain, trace.place_m[..., 2]
-    integrated: Any
+    chain, height_m, times_s = case.chain, trace.place_m[..., 2], case.sample_times_s
     if load_engine(engine).scheme == EXACT:
-        integrated = exact_motion(case, case.reference_tolerance, case.sample_times_s, energies=True)
+        motion: Any = exact_motion(case, case.reference_tolerance, times_s, energies=True)
     else:
-        integrated = verlet_motion(case, energies=True)
+        motion = verlet_motion(case, energies=True)
     overlap, static_N = overlaps(chain, height_m), chain.elastic_N
     net_N = static_N - np.append(static_N[1:], 0.0) + chain.load_N
     return Energies(
@@ -116,8 +115,8 @@ def energies_of(case: Case, engine: str, trace: Trace) -> Energies:
         body_kinetic_J=0.5 * chain.mass_kg * trace.velocity_xyz_m_s[..., 2] ** 2,
         body_load_J=-net_N * (height_m - chain.height_m),
         contact_elastic_J=hertz_energy_beyond_tangent(chain.stiffness, chain.overlap_m, overlap - chain.overlap_m),
-        contact_dissipated_J=integrated.dissipated_J,
-        body_passed_J=integrated.passed_J,
+        contact_dissipated_J=motion.dissipated_J,
+        body_passed_J=motion.passed_J,
     )
 
 

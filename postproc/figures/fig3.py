@@ -53,8 +53,7 @@ def make(runs: Path) -> Product:
     experiment = _experiment()
     figure, axis = pyplot().subplots(figsize=(COLUMN_IN, 4.2), layout="constrained")
     axis.set(xscale="log", xlabel=r"$F_m$, contact force (N)", xlim=XLIM_N)
-    axis.set(yscale="log", ylabel=r"$V_s$ (m/s)", ylim=(46, 330))
-    axis.set_yticks(TICKS_M_S, [*map(str, TICKS_M_S)])
+    axis.set(yscale="log", ylabel=r"$V_s$ (m/s)", ylim=(46, 330), yticks=TICKS_M_S, yticklabels=TICKS_M_S)
     axis.minorticks_off()
     _draw_curves(axis, curves, points[points["engine"] == REFERENCE], theory)
     by_code = {str(code): of_code for code, of_code in points.groupby("engine") if code != REFERENCE}
@@ -159,8 +158,7 @@ def _draw_curves(axis: Any, curves: list[tuple[float, bool]], chains: pd.DataFra
 def _draw_experiment(axis: Any, experiment: pd.DataFrame) -> None:
     """Draws dots with thin bars of the stated accuracy and thick bars of the error by the sensor positions."""
     words = "experiment, by Eq. (6)"
-    dots: dict[str, Any] = {"fmt": "o", "color": "black", "ms": 3.5, "zorder": 5, "capsize": 1.5}
-    axis.errorbar(experiment["force_N"], experiment["speed_m_s"], xerr=experiment["force_error_N"],
-                  yerr=experiment["speed_error_m_s"], elinewidth=0.7, label=words, **dots)  # fmt: skip
-    axis.errorbar(experiment["force_N"], experiment["speed_m_s"], yerr=experiment["speed_error_by_position_m_s"],
-                  elinewidth=2, **(dots | {"capsize": 0}))  # fmt: skip
+    dots: dict[str, Any] = {"data": experiment, "fmt": "o", "color": "black", "ms": 3.5, "zorder": 5}
+    stated: dict[str, Any] = {"xerr": "force_error_N", "yerr": "speed_error_m_s", "capsize": 1.5, "elinewidth": 0.7}
+    axis.errorbar("force_N", "speed_m_s", label=words, **stated, **dots)
+    axis.errorbar("force_N", "speed_m_s", yerr="speed_error_by_position_m_s", elinewidth=2, label=None, **dots)

@@ -210,8 +210,7 @@ NAMES: dict[str, Callable[[], Iterable[str]]] = {  # that a shell completes, by 
 TYPES: dict[str, Any] = {  # of values that are no text, by placeholder
     "DIR": _folder_to_write,
     "RUN": click.Path(),
-    "FILE": click.Path(path_type=Path),
-    "FOLDER": click.Path(path_type=Path),
+    **dict.fromkeys(("FILE", "FOLDER"), click.Path(path_type=Path)),
     "[FOLDER]": click.Path(path_type=Path, file_okay=False),
     "SECONDS": _Number(0, min_open=True),
     "SHARE": _Number(0, 1, min_open=True, max_open=True),

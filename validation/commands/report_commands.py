@@ -28,11 +28,9 @@ def report(
       beads report
       beads report fig4 --out fig4.html --allow-missing
     """
-    arguments = sys.argv[1:] if "--engines" in sys.argv else [*sys.argv[1:], *engines_again()]
-    given = None if runs == paths.RUNS else runs
-    again = shlex.join(["beads", *arguments])
+    again = shlex.join(["beads", *sys.argv[1:], *([] if "--engines" in sys.argv else engines_again())])
     selection = EngineSelection(engines, require, allow_missing)
-    return write_report.report(scenes, out, given, selection, again, studies=studies)
+    return write_report.report(scenes, out, None if runs == paths.RUNS else runs, selection, again, studies=studies)
 
 
 def figures(names: Words, runs: Path, results: Path) -> int:
