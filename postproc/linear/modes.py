@@ -22,15 +22,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from drivers.chain.case import Case
-from drivers.chain.chain import (
-    Array,
-    Chain,
-    contact_stiffness,
-    contact_stiffness_at,
-    hertz_stiffness,
-    ordinary_beads,
-    stiffness_by,
-)
+from drivers.chain.chain import Array, Chain, contact_stiffness, hertz_stiffness, ordinary_beads, stiffness_by
 from drivers.chain.schemes import verlet_of
 from postproc.draw.product import Product
 from postproc.draw.style import GREY, PAGE_IN, letter_panel, pyplot
@@ -102,9 +94,8 @@ def _cell(case: Case, force_N: float) -> tuple[Array, Array, float]:
     scene = case.scene.model_copy(update={"chain": table.model_copy(update={"count": 2 * members})})
     materials, diameter, mass = ordinary_beads(scene)
     stiffness = stiffness_by(hertz_stiffness, scene, materials, diameter / 2)[members:]
-    spring = np.array([contact_stiffness_at(k, force_N) for k in stiffness])
-    length = float(diameter[members:].sum() - ((force_N / stiffness) ** (2 / 3)).sum())
-    return mass[members:], spring, length
+    overlap = (force_N / stiffness) ** (2 / 3)
+    return mass[members:], contact_stiffness(stiffness, overlap), float((diameter[members:] - overlap).sum())
 
 
 def bands_of(case: Case, force_N: float) -> pd.DataFrame:
@@ -117,20 +108,15 @@ def bands_of(case: Case, force_N: float) -> pd.DataFrame:
     """
     mass, spring, length = _cell(case, force_N)
     members, phase = len(mass), np.linspace(0.0, pi, PHASES)
-    matrix = np.zeros((PHASES, members, members), complex)
-    for j in range(members):
-        below, turn = (j - 1) % members, np.exp(-1j * phase) if j == 0 else 1.0
-        matrix[:, j, j] += (spring[j] + spring[(j + 1) % members]) / mass[j]
-        matrix[:, j, below] -= spring[j] * turn / sqrt(mass[j] * mass[below])
-        matrix[:, below, j] -= spring[j] * np.conj(turn) / sqrt(mass[j] * mass[below])
-    squared, vectors = np.linalg.eigh(matrix)
-    omega = np.sqrt(np.maximum(squared, 0.0))
+    # changes of lengths times roots of springs, by displacements times roots of masses: singular values are omega
+    matrix = np.tile(np.diag(np.sqrt(spring / mass)).astype(complex), (PHASES, 1, 1))
+    matrix[:, range(1, members), range(members - 1)] = -np.sqrt(spring[1:] / mass[:-1])
+    across = np.sqrt(spring[0] / mass[-1]) * np.exp(-1j * phase)[:, np.newaxis]  # by the contact of two cells
+    matrix[:, 0, -1:] -= across
+    left, omega, right = np.linalg.svd(matrix)
+    slope = (1j * across * np.conj(left[:, 0] * right[..., -1])).real  # first-order perturbation of singular values
+    omega, group = omega[:, ::-1], length * slope[:, ::-1]
     omega[0, 0] = 0.0  # a cell that moves as a whole, up to rounding
-    # Hellmann and Feynman: d omega^2 / d q is the expectation value of dD/dq, which only the contact of cells has
-    last, across = members - 1, spring[0] / sqrt(mass[0] * mass[-1])
-    slope = 2 * (np.conj(vectors[:, 0]) * 1j * across * np.exp(-1j * phase)[:, None] * vectors[:, last]).real
-    with np.errstate(divide="ignore", invalid="ignore"):
-        group = np.where(omega > 0, length * slope / (2 * omega), 0.0)
     group[0, 0] = length / sqrt(float(mass.sum()) * float((1 / spring).sum()))
     bands = pd.DataFrame({
         "band": np.repeat(np.arange(1, members + 1), PHASES), "phase_rad": np.tile(phase, members),
