@@ -49,7 +49,7 @@ class Analysis:
         signals: changes of the signals since time 0 by name, at these times.
         units: units of the signals by name.
         table: amplitude of each signal against frequency, with the transfer function.
-        harmonics: a row for each signal and multiple of the frequency, as of ``harmonics_of``; empty without one.
+        harmonics: of each signal, as of ``harmonics_of``; none without a frequency.
     """
 
     source: str
@@ -59,7 +59,7 @@ class Analysis:
     signals: Mapping[str, Array]
     units: Mapping[str, str]
     table: pd.DataFrame
-    harmonics: pd.DataFrame
+    harmonics: Mapping[str, pd.DataFrame]
 
     def amplitude(self, name: str) -> "pd.Series[float]":
         """Amplitude spectrum of a signal, by frequency in Hz."""
@@ -69,14 +69,13 @@ class Analysis:
     def numbers(self) -> dict[str, Any]:
         """Resolution, strongest lines and harmonics by signal."""
         spectra = {name: self.amplitude(name) for name in self.units}
-        parts = self.harmonics.groupby("signal", sort=False) if len(self.harmonics) else ()
         return {
             "samples": len(self.time_s), "window": self.window, "resolution_Hz": float(self.table["frequency_Hz"][1]),
             "strongest": {
                 name: {"frequency_Hz": spectrum.idxmax(), f"amplitude_{self.units[name]}": spectrum.max()}
                 for name, spectrum in spectra.items()
             },
-            "harmonics": {name: rows.drop(columns="signal").to_dict("records") for name, rows in parts},
+            "harmonics": {name: rows.to_dict("records") for name, rows in self.harmonics.items()},
         }  # fmt: skip
 
 
@@ -205,17 +204,16 @@ def analyse(
         raise ValueError(f"{len(time_s)} samples, at least {LEAST_SAMPLES} are needed")
     units = dict.fromkeys(signals, "N") | ({DRIVE: "m"} if drive is not None and drive.prescribed else {})
     own_Hz = table.frequency if table is not None and table.form == "sine" else None
-    harmonics = [pd.DataFrame()]
-    for name in signals if frequency_Hz or own_Hz else ():
+    lowest_Hz, harmonics = frequency_Hz or own_Hz or 0.0, dict[str, pd.DataFrame]()
+    for name in signals if lowest_Hz else ():
         driven, envelope = np.ones(len(time_s), bool), None
-        if table is not None and frequency_Hz in (None, own_Hz):
+        if table is not None and lowest_Hz == own_Hz:
             begin_s, end_s = driven_interval(table, trace.time_s, whole[DRIVE], whole[name])
             driven = (time_s >= begin_s) & (time_s <= end_s * (1 + 1e-12))
             if table.window == "hann":
                 envelope = np.sin(pi * (time_s[driven] - begin_s) / (end_s - begin_s)) ** 2
         try:
-            parts = harmonics_of(time_s[driven], signals[name][driven], frequency_Hz or own_Hz or nan, envelope)
-            harmonics.append(pd.DataFrame({"signal": name}, parts.index).join(parts))
+            harmonics[name] = harmonics_of(time_s[driven], signals[name][driven], lowest_Hz, envelope)
         except ValueError:  # the driven interval may lie outside the record
             if driven.all():
                 raise
@@ -226,8 +224,7 @@ def analyse(
     if source != target:
         transfer = transfer_of(spectra[source], spectra[target])
         columns |= {"transfer": np.abs(transfer), "transfer_phase_rad": np.angle(transfer)}
-    parts = pd.concat(harmonics, ignore_index=True)
-    return Analysis(source, target, window, time_s, signals, units, pd.DataFrame(columns), parts)
+    return Analysis(source, target, window, time_s, signals, units, pd.DataFrame(columns), harmonics)
 
 
 def spectrum_product(case: Case, analysis: Analysis, title: str) -> Product:
@@ -264,26 +261,26 @@ def spectrum_product(case: Case, analysis: Analysis, title: str) -> Product:
 
 
 def _lines(analysis: Analysis) -> Iterator[str]:
-    numbers, time, harmonics = analysis.numbers, analysis.time_s, analysis.harmonics
+    frequency_Hz, time, harmonics = analysis.table["frequency_Hz"], analysis.time_s, analysis.harmonics
     yield (
         f"{len(time)} samples from {time[0]:g} to {time[-1]:g} s, window {analysis.window}, "
-        f"resolution {numbers['resolution_Hz']:.5g} Hz, {PARTS} times as coarse in the spectrogram, "
-        f"up to {analysis.table['frequency_Hz'].iloc[-1]:.5g} Hz"
+        f"resolution {frequency_Hz[1]:.5g} Hz, {PARTS} times as coarse in the spectrogram, "
+        f"up to {frequency_Hz.iloc[-1]:.5g} Hz"
     )
-    for name, (frequency, amplitude) in ((name, line.values()) for name, line in numbers["strongest"].items()):
-        yield f"{name}: strongest at {frequency:.5g} Hz, {amplitude:.4g} {analysis.units[name]}"
-    if harmonics.empty:
+    for name, spectrum in ((name, analysis.amplitude(name)) for name in analysis.units):
+        yield f"{name}: strongest at {spectrum.idxmax():.5g} Hz, {spectrum.max():.4g} {analysis.units[name]}"
+    if not harmonics:
         yield from ["no harmonics: no whole period of a sine of the drive in this record"] * (DRIVE in analysis.units)
         return
     yield "harmonics in the driven interval, A sin(2 pi f t + phase), and their change in it as a share of A"
-    yield from harmonics.to_string(index=False, float_format="{:.6g}".format).splitlines()
-    first = harmonics.drop_duplicates("signal").set_index("signal")
-    if analysis.source != analysis.target and {analysis.source, analysis.target} <= {*first.index}:
-        wave = first["amplitude"] * np.exp(1j * first["phase_rad"])
-        ratio = wave[analysis.target] / wave[analysis.source]
-        unit = f"{analysis.units[analysis.target]}/{analysis.units[analysis.source]}"
-        words = f"{abs(ratio):.6g} {unit}, phase {np.angle(ratio):.5f} rad"
-        yield f"transfer from {analysis.source} to {analysis.target}: {words}"
+    rows = pd.concat(harmonics, names=["signal", None]).reset_index("signal")
+    yield from rows.to_string(index=False, float_format="{:.6g}".format).splitlines()
+    source, target = analysis.source, analysis.target
+    if source != target and {source, target} <= harmonics.keys():
+        one, two = (harmonics[name].iloc[0] for name in (source, target))
+        ratio = two.amplitude / one.amplitude * np.exp(1j * (two.phase_rad - one.phase_rad))
+        unit = f"{analysis.units[target]}/{analysis.units[source]}"
+        yield f"transfer from {source} to {target}: {abs(ratio):.6g} {unit}, phase {np.angle(ratio):.5f} rad"
 
 
 def _rate_Hz(time_s: Array) -> float:
