@@ -106,14 +106,11 @@ def _long_forces(trace: Trace) -> pd.DataFrame:
 
 
 def _wide_forces(trace: Trace) -> pd.DataFrame:
-    by_body = [(CONTACT, trace.force_N), *([(BORE, trace.bore_N)] if trace.bore_N is not None else [])]
-    single = {name: getattr(trace, name) for name in BALANCES}
-    single |= {BORE_FRICTION: trace.bore_friction_N} if trace.bore_friction_N is not None else {}
-    table = pd.DataFrame(single, index=pd.Index(trace.time_s, name="time_s"))
-    for pattern, values in reversed(by_body):
-        names = [pattern.format(number) for number in range(1, values.shape[1] + 1)]
-        table = pd.DataFrame(values, table.index, names).join(table)
-    return table
+    balances = {name: getattr(trace, name) for name in BALANCES}
+    columns = {CONTACT: trace.force_N, BORE: trace.bore_N, **balances, BORE_FRICTION: trace.bore_friction_N}
+    there = {name: np.atleast_2d(values.T) for name, values in columns.items() if values is not None}
+    named = {name.format(body): row for name, rows in there.items() for body, row in enumerate(rows, start=1)}
+    return pd.DataFrame(named, pd.Index(trace.time_s, name="time_s"))
 
 
 def write_table(run: EndedRun, path: Path, *, long: bool) -> Path:
