@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from drivers.engines import REFERENCE
+from drivers.engines import REFERENCE, installed_codes
 from postproc.draw.product import Product
 from postproc.draw.style import COLUMN_IN, GREY, draw_codes, pyplot
 from postproc.paper import quoted, strikes
-from postproc.read.motion import Simulation, case_of, run_codes_on
+from postproc.read.motion import Simulation, case_of, run_codes
 from validation.reference.travelling_wave import solve_at_amplitude
 
 FORCES_N = np.geomspace(0.03, 20, 13)
@@ -86,7 +86,8 @@ def _number(modulus_MPa: float, gravity: bool) -> float:
 def _points(exact: dict[tuple[float, bool, float], Simulation], runs: Path) -> pd.DataFrame:
     """Table of strikes, a row per strike and engine."""
     chosen, pairs = [key for key in exact if key[2] in BY_CODES], [*exact.items()]
-    for simulations in run_codes_on([exact[key].case for key in chosen], runs).values():
+    cases = {code: [exact[key].case for key in chosen] for code in installed_codes()}
+    for simulations in run_codes(cases, runs).values():
         pairs += zip(chosen, simulations, strict=True)
     table = pd.DataFrame([
         {

@@ -22,8 +22,8 @@ from postproc.draw.stack import draw_curve, draw_pairs, quoted_rows
 from postproc.draw.style import AVERAGE, DAMPED, GREY, MICRO, QUOTED, letter_panel
 from postproc.paper import calibrated, quoted
 from postproc.read.motion import Simulation, case_of, simulate
-from postproc.read.observables import LATER_PROMINENCE
-from postproc.read.signals import ENVELOPE_MAXIMA, Peak, incident_pulse, peaks, train_envelope
+from postproc.read.observables import ENVELOPE_MAXIMA, LATER_PROMINENCE, train_envelope
+from postproc.read.signals import Peak, incident_pulse, peaks
 
 WALL = "wall"
 PANELS = {"with dissipation: fit": DAMPED | {"ls": "-"}, "elastic": AVERAGE}

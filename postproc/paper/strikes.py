@@ -124,7 +124,7 @@ def contact_peak(simulation: Simulation) -> float:
     upper, lower = sensor_pair(simulation.case)
     force = simulation.trace.force_N[:, lower:upper]
     firsts = [first_peak(simulation.trace.time_s, column - column[0]) for column in force.T]
-    return float(np.mean(force[0] + [peak.value if peak else np.nan for peak in firsts]))
+    return float(np.mean(force[0] + [peak.value for peak in firsts]))
 
 
 def static_force(case: Case) -> float:

@@ -36,23 +36,14 @@ import numpy as np
 from drivers.chain.case import Layout, SensorBead
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace, is_at_rest
-from postproc.read.signals import (
-    ENVELOPE_MAXIMA,
-    NO_PEAK,
-    ONSET,
-    Peak,
-    going_up,
-    integral,
-    peaks,
-    pulses,
-    rising_crossing,
-    sensor_signals,
-    train_envelope,
-)  # fmt: skip
+from postproc.read.signals import NO_PEAK, ONSET, Peak, integral, peaks, pulses, rising_crossing, sensor_signals
 
 LEVELS = (0.002, 0.04)  # shares of the peak at which the paper's Table 1 cuts the width
 WALL_REST_SHARE = 1e-14  # of the largest force: smaller changes at the wall are rounding
 LATER_PROMINENCE = 0.01  # of the signal's range, for maxima after the first: damping makes them small
+ENVELOPE_MAXIMA = 3  # maxima of a train in its envelope, by default
+MAX_INTERVAL_RATIO = 2.0  # of the longest to the shortest interval between the maxima of a train
+BALANCED = 1e-6  # of the forces: a smaller difference of two contacts is rounding
 ROUNDING_SHARE = 1e-9  # of the largest force: a signal that changes by less is at rest
 # reasons why an observable is NaN, and the things without which a scene's runs do not have the observable
 NEVER = ("", "such gauge")
@@ -438,6 +429,47 @@ def _(run: Readings) -> float:
 
 
 FIRST = [each for each in OBSERVABLES if each.kind in ("amplitude", "arrival", "speed", "transmission")]
+
+
+def envelope(maxima: list[Peak]) -> tuple[float, float]:
+    """Rate in 1/s and amplitude of an exponential through at least two maxima, by least squares of the logarithm."""
+    rate, start = np.polyfit([peak.time_s for peak in maxima], np.log([peak.value for peak in maxima]), 1)
+    return float(rate), float(np.exp(start))
+
+
+def train_envelope(maxima: list[Peak], count: int = ENVELOPE_MAXIMA) -> tuple[float, float] | None:
+    """The ``envelope`` of the first maxima of a train; None if there are fewer, or one is not above 0.
+
+    Maxima of a train follow at similar intervals. If one interval is more than twice another, a maximum belongs to a
+    reflection, and the result is None.
+    """
+    leading = maxima[:count]
+    if len(leading) < count or min(peak.value for peak in leading) <= 0:
+        return None
+    intervals = np.diff([peak.time_s for peak in leading])
+    return envelope(leading) if intervals.max() <= MAX_INTERVAL_RATIO * intervals.min() else None
+
+
+def going_up(force_N: Array, from_wall: int, pulses: list[Peak]) -> list[Peak]:
+    """Pulses at a bead that go up; the sum over the samples is proportional to the momentum that the bead gains.
+
+    Args:
+        force_N: Contact forces. Shape (samples, contacts).
+        from_wall: Number of the bead, from 1.
+        pulses: Pulses in the bead's signal, by time.
+    """
+    contacts = force_N.shape[1]
+    bead = max(min(from_wall, contacts - 1), 1)
+    both_N = force_N[:, [bead - 1, bead % contacts]]
+    lower_N, upper_N = (both_N - both_N[0]).T
+    upwards, before = [], 0
+    for pulse in pulses:
+        valley = before + int(np.argmin((lower_N + upper_N)[before : pulse.sample + 1]))
+        below_N, above_N = (side[valley : pulse.sample + 1] for side in (lower_N, upper_N))
+        if (below_N - above_N).sum() > BALANCED * (np.abs(below_N) + np.abs(above_N)).sum():
+            upwards.append(pulse)
+        before = pulse.sample
+    return upwards
 
 
 def energy_error_J(energy_J: Array, *, damped: bool, slips: bool) -> Array:

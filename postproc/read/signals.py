@@ -1,4 +1,4 @@
-"""Signals of gauges; peaks, level crossings and integrals of a signal between its samples; envelopes, shapes of pulses.
+"""Signals of gauges; peaks, level crossings and integrals of a signal between its samples; shapes of pulses.
 
 A gauge in a bead shows the mean of its two contact forces, the wall's gauge the force on the wall, both behind the
 electronics of the scene.
@@ -28,12 +28,9 @@ NOISE = 1e-4  # of the signal's range: a hundred times the rounding error of for
 OWN_PROMINENCE = 0.01  # of a pulse, relative to its height: pulses of a train overlap
 WAKE = 0.05  # of the largest earlier pulse: lower maxima belong to its wake
 ONSET = 0.02  # share of the peak at which a pulse begins
-MAX_INTERVAL_RATIO = 2.0  # of the longest to the shortest interval between the maxima of a train
-ENVELOPE_MAXIMA = 3  # maxima of a train in its envelope, by default
 REFINEMENT = 100  # points per sample where the fit and the end of a pulse are searched
 REACH = 8  # samples on either side of a local spline
 POINTS = 6  # samples of the polynomial that is integrated over an interval
-BALANCED = 1e-6  # of the forces: a smaller difference of two contacts is rounding
 SHARE_TOLERANCE = 1e-14  # of the interval between two samples
 
 
@@ -68,15 +65,10 @@ def pulses(time_s: Array, values: Array, rounding: float) -> Iterator[Peak]:
                 largest = max(largest, peak.value)
 
 
-def first_peak(time_s: Array, values: Array) -> Peak | None:
-    """The first of ``peaks``; None if there is none."""
-    return next((_peak_at(time_s, values, place) for place, _ in _maxima(values, PROMINENCE)), None)
-
-
-def peak_in(time_s: Array, values: Array, missing: str) -> Peak:
-    """The first of ``peaks``; ValueError with the text ``missing`` if there is none."""
-    peak = first_peak(time_s, values)
-    if peak is None:
+def first_peak(time_s: Array, values: Array, missing: str = "") -> Peak:
+    """The first of ``peaks``; if there is none, a peak of NaN, or with a text ``missing`` a ValueError with it."""
+    peak = next((_peak_at(time_s, values, place) for place, _ in _maxima(values, PROMINENCE)), NO_PEAK)
+    if missing and peak is NO_PEAK:
         raise ValueError(missing)
     return peak
 
@@ -191,25 +183,6 @@ def _over_intervals(values: Array, integrals: Array) -> Array:
     return np.concatenate([ends[0], windows @ weights[middle], ends[1]])
 
 
-def envelope(maxima: list[Peak]) -> tuple[float, float]:
-    """Rate in 1/s and amplitude of an exponential through at least two maxima, by least squares of the logarithm."""
-    rate, start = np.polyfit([peak.time_s for peak in maxima], np.log([peak.value for peak in maxima]), 1)
-    return float(rate), float(np.exp(start))
-
-
-def train_envelope(maxima: list[Peak], count: int = ENVELOPE_MAXIMA) -> tuple[float, float] | None:
-    """The ``envelope`` of the first maxima of a train; None if there are fewer, or one is not above 0.
-
-    Maxima of a train follow at similar intervals. If one interval is more than twice another, a maximum belongs to a
-    reflection, and the result is None.
-    """
-    leading = maxima[:count]
-    if len(leading) < count or min(peak.value for peak in leading) <= 0:
-        return None
-    intervals = np.diff([peak.time_s for peak in leading])
-    return envelope(leading) if intervals.max() <= MAX_INTERVAL_RATIO * intervals.min() else None
-
-
 def incident_pulse(time_s: Array, signal: Array, onset_share: float = ONSET) -> dict[str, float]:
     """Shape of the first pulse of a signal; empty without a later maximum. The largest later one is the reflected wave.
 
@@ -249,35 +222,6 @@ def mean_forces(force_N: Array) -> Array:
 def sensor_average(force_N: Array, from_wall: int) -> Array:
     """Signal of a sensor bead, counted from the wall, from forces of shape (samples, contacts). Shape (samples,)."""
     return mean_forces(force_N[:, from_wall - 1 : from_wall + 1])[:, 0]
-
-
-def going_up(force_N: Array, from_wall: int, pulses: list[Peak]) -> list[Peak]:
-    """Pulses at a bead that go up: while they rise, the two contacts push the bead upwards.
-
-    With the changes d_j of the contact force below and d_{j+1} of that above since time 0, a pulse rises from the
-    smallest ``d_j + d_{j+1}`` since the previous pulse (or time 0) to its own largest sample. It goes up if the sum of
-    ``d_j - d_{j+1}`` over these samples, which is proportional to the momentum that the bead gains, is above
-    ``BALANCED`` times the sum of ``|d_j| + |d_{j+1}|``; a smaller sum, as in a symmetric collision, is a tie.
-
-    The top bead of a chain without a striker has no contact above; the contacts of the bead below are taken.
-
-    Args:
-        force_N: Contact forces. Shape (samples, contacts).
-        from_wall: Number of the bead, from 1.
-        pulses: Pulses in the bead's signal, by time.
-    """
-    contacts = force_N.shape[1]
-    bead = max(min(from_wall, contacts - 1), 1)
-    both_N = force_N[:, [bead - 1, bead % contacts]]
-    lower_N, upper_N = (both_N - both_N[0]).T
-    upwards, before = [], 0
-    for pulse in pulses:
-        valley = before + int(np.argmin((lower_N + upper_N)[before : pulse.sample + 1]))
-        below_N, above_N = (side[valley : pulse.sample + 1] for side in (lower_N, upper_N))
-        if (below_N - above_N).sum() > BALANCED * (np.abs(below_N) + np.abs(above_N)).sum():
-            upwards.append(pulse)
-        before = pulse.sample
-    return upwards
 
 
 def gauges_of(layout: Layout) -> list[str]:

@@ -14,8 +14,8 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from postproc.paper import calibrated, quoted, strikes
 from postproc.read.motion import UNTIL_REFLECTED, Simulation, case_of, exact
-from postproc.read.observables import observe
-from postproc.read.signals import ONSET, Peak, envelope, incident_pulse, integral, peaks, sensor_average
+from postproc.read.observables import envelope, observe
+from postproc.read.signals import ONSET, Peak, incident_pulse, integral, peaks, sensor_average
 from validation.claims.equations import sound_speed
 from validation.reference.travelling_wave import solve_at_amplitude, solve_travelling_wave
 

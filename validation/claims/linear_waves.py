@@ -20,9 +20,9 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain, contact_stiffness_at
 from drivers.chain.trace import Trace
 from postproc.linear.modes import modes_of, springs_N_m
-from postproc.read.signals import Peak, peak_in
+from postproc.read.signals import Peak, first_peak
 
-first_wave = partial(peak_in, missing="no wave within run.duration")
+first_wave = partial(first_peak, missing="no wave within run.duration")
 
 
 def sensor_places(case: Case) -> tuple[int, int]:
@@ -85,7 +85,7 @@ def fit(time_s: Array, force_N: Array, order: int, last_tau: float) -> tuple[flo
     Raises:
         ValueError: there is no maximum, or the record is shorter than the fit.
     """
-    top, peak = first_maximum(order), peak_in(time_s, force_N, "no signal within the run")
+    top, peak = first_maximum(order), first_peak(time_s, force_N, "no signal within the run")
     rate, height = top / peak.time_s, float(response(order, np.array(top)))
     if rate * time_s[-1] < last_tau:
         raise ValueError(f"run too short: it ends at tau = {rate * time_s[-1]:.3g}, the fit at {last_tau:.3g}")
@@ -221,7 +221,7 @@ def leading_peak(time_s: Array, signal: Array) -> Peak:
         ValueError: there is no maximum, or too few samples around it.
     """
     missing = "no leading peak at this depth within the run, or run.sample_interval is too long"
-    peak = peak_in(time_s, signal, missing)
+    peak = first_peak(time_s, signal, missing)
     low = FITTED_SHARE * signal[peak.sample]
     first = peak.sample - int(np.argmax(signal[peak.sample :: -1] < low)) + 1
     last = peak.sample + int(np.argmax(signal[peak.sample :] < low)) - 1

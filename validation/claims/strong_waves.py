@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
-from math import gamma, log, pi, sqrt
+from math import gamma, isnan, log, pi, sqrt
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -12,7 +12,7 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain, hertz_force
 from drivers.chain.trace import Trace, overlaps
 from drivers.laws import VISCOELASTIC, restitution_of
-from postproc.read.signals import Peak, first_peak, peak_in, peaks, rising_crossing, sensor_average
+from postproc.read.signals import Peak, first_peak, peaks, rising_crossing, sensor_average
 from validation.claims.linear_waves import first_wave, sensor_places, velocity_down
 from validation.reference.travelling_wave import solve_at_amplitude, solve_travelling_wave, sound_speed
 
@@ -38,7 +38,7 @@ def impact(case: Case, trace: Trace) -> dict[str, float]:
     first, last = (_closing(velocity, contact) for velocity in velocity_down(trace)[[0, -1]])
     assert trace.height_m is not None  # recorded with the velocities
     overlap = overlaps(case.chain, trace.height_m)[:, contact]
-    strongest, deepest = (peak_in(trace.time_s, signal, "the force has no maximum") for signal in (force, overlap))
+    strongest, deepest = (first_peak(trace.time_s, signal, "the force has no maximum") for signal in (force, overlap))
     values = {"peak_force_N": strongest.value, "peak_overlap_m": deepest.value, "restitution": -last / first}
     if not case.chain.damped:
         values["duration_s"] = _duration(trace.time_s, force)
@@ -202,7 +202,7 @@ def collision_theory(case: Case) -> dict[str, float]:
 def _collision_shares(time_s: Array, middle_N: Array, beyond_N: Array) -> dict[str, float]:
     """Peaks in the middle and of outgoing waves divided by the incoming wave, from arrays of shape (samples,)."""
     passing, together = peaks(time_s, beyond_N, prominence=WEAKEST_SHARE), first_peak(time_s, middle_N)
-    if len(passing) < 3 or together is None:
+    if len(passing) < 3 or isnan(together.value):
         raise ValueError(f"{len(passing)} waves within the run, three expected: incoming, outgoing, secondary")
     incoming, outgoing, secondary = (peak.value for peak in passing[:3])
     return {
@@ -221,7 +221,7 @@ def wall(case: Case, trace: Trace) -> dict[str, float]:
     """Ratios of the maxima at the wall, and of the reflected wave, to the first wave at the lowest sensor's contact."""
     place = _lowest_sensor(case)
     missing = "no wave at the sensor or at the wall within run.duration"
-    incident, wall = (peak_in(trace.time_s, trace.force_N[:, column], missing) for column in (place - 1, 0))
+    incident, wall = (first_peak(trace.time_s, trace.force_N[:, column], missing) for column in (place - 1, 0))
     passing = peaks(trace.time_s, trace.force_N[:, place - 1], REFLECTED_PROMINENCE)
     back = [peak.value for peak in passing if peak.time_s > wall.time_s]
     if not back:

@@ -52,9 +52,6 @@ def test_a_struck_chain_under_a_static_force_settles_to_the_wave() -> None:
     time = np.arange(0, 1.6e-3, 0.5e-6)
     force = integrate_adaptive(chain, time, 1e-11).force_N - static
     peak, above, mean = (first_peak(time, signal) for signal in (force[:, 25], force[:, 30], force[:, 25:27].mean(1)))
-    assert peak
-    assert above
-    assert mean
     wave = solve_at_amplitude(k, m, static, peak.value / static)
     assert 5 / (peak.time_s - above.time_s) == pytest.approx(wave.speed, rel=1e-6)
     assert peak.value / mean.value == pytest.approx(wave.beta, rel=1e-6)

@@ -8,8 +8,8 @@ from scipy.optimize import brentq
 
 from drivers.chain.case import Layout, SensorBead
 from drivers.chain.trace import Trace
-from postproc.read.observables import observe
-from postproc.read.signals import Peak, going_up, integral, peaks, rising_crossing, train_envelope
+from postproc.read.observables import going_up, observe, train_envelope
+from postproc.read.signals import Peak, integral, peaks, rising_crossing
 
 WIDTH = 60.0
 
