@@ -8,12 +8,12 @@ numbers. Empty lines and lines that begin with ``#`` are left out.
 import csv
 import io
 import re
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import groupby, zip_longest
-from math import isfinite, isnan, nan
+from math import isfinite, nan
 from pathlib import Path
 
 import numpy as np
@@ -40,6 +40,7 @@ THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(?:[.,]\d{3})+")
 SEPARATORS = "\t; ,"  # the first of those that fit equally well
 HEAD = 1000  # lines from which separator, decimal mark and headings are found
 BLOCK = 16  # rows of numbers, more than the title lines have
+csv.field_size_limit(2**31 - 1)  # after a quotation mark without another one the rest of a file is one cell
 READINGS = {unit: quantity for unit, quantity in UNITS.items() if unit != TIME}
 TIMES = ("time", "t", "x", "x-axis", "x_value", "second", "seconds", "sec", "s", "ms", "us", "µs", "ns")
 MIN_SAMPLES = 16
@@ -95,20 +96,18 @@ def read_scope_file(path: Path) -> list[Column]:
         found = f"no table of numbers in the first {HEAD} lines" if text.strip() else "an empty file"
         raise InputError(shown, "", found, "CSV text with numbers below a row of headings, not a workbook")
     if not above:
-        raise InputError(
-            shown, f"line {block[0][0]}", "numbers without headings", "a row of headings above them, without #"
-        )
+        allowed = "a row of headings above them, without #"
+        raise InputError(shown, f"line {block[0][0]}", "numbers without headings", allowed)
     (line, headings), (last, units) = above[0], (*above, (above[0][0], []))[1]
     decimal = _decimal(block, separator, shown)
-    rows = [(place, row) for place, row in _rows(text, separator) if place > last]
-    longer = next((place for place, row in rows if len(row) > len(headings)), None)
-    if longer:
+    rows = {place: row for place, row in _rows(text, separator) if place > last}
+    if longer := next((place for place, row in rows.items() if len(row) > len(headings)), 0):
         hint = "; decimal commas need semicolons between cells" * (separator == ",")
         allowed = f"{len(headings)}, as many as headings in line {line}{hint}"
         raise InputError(shown, f"line {longer}", f"more than {len(headings)} cells", allowed)
     columns = []
     for index, (heading, below) in enumerate(zip_longest(headings, units, fillvalue="")):
-        cells = {place: row[index] if index < len(row) else "" for place, row in rows}
+        cells = {place: row[index] if index < len(row) else "" for place, row in rows.items()}
         columns.append(Column(shown, line, heading, *_name_and_unit(heading, below), cells, decimal))
     return columns
 
@@ -146,21 +145,18 @@ def _text(path: Path) -> str:
 
 
 def _rows(text: str, separator: str) -> Iterator[Row]:
-    """Lines that are not empty, by number, without empty cells at the end; a line that is no CSV says why."""
+    """Lines that are not empty, by number, without empty cells at the end."""
     if separator == " ":  # no separator before the unit of a heading
         text = re.sub(r"(?<=\w) +(?=[\[(])", "", text)
     reader = csv.reader(io.StringIO(text), delimiter=separator, skipinitialspace=True)
     end = 0
-    try:
-        for row in reader:
-            line, end = end + 1, reader.line_num
-            cells = [cell.strip() for cell in row]
-            while cells and not cells[-1]:
-                cells.pop()
-            if cells:
-                yield line, cells
-    except csv.Error as error:
-        yield end + 1, [str(error)]
+    for row in reader:
+        line, end = end + 1, reader.line_num
+        cells = [cell.strip() for cell in row]
+        while cells and not cells[-1]:
+            cells.pop()
+        if cells:
+            yield line, cells
 
 
 def _fit(rows: list[Row]) -> tuple[float, list[Row], list[Row]]:
@@ -262,9 +258,7 @@ def entries_of(scene: Scene | None, file: Path | None, source: str) -> tuple[dic
     return {f"{MEASURED}.0": MeasuredEntry(file=str(file))}, Path(), f"--measured {paths.shown(file)}"
 
 
-def read_measured(
-    entry: MeasuredEntry, folder: Path, gauges: Collection[str], where: str, key: str = "measured"
-) -> MeasuredTrace:
+def read_measured(entry: MeasuredEntry, folder: Path, gauges: Collection[str], where: str, key: str) -> MeasuredTrace:
     """The trace of an entry that names a file.
 
     Args:
@@ -327,9 +321,7 @@ def read_traces(scene: Scene, gauges: Collection[str]) -> list[MeasuredTrace]:
     return [read_measured(entry, scene.folder, gauges, scene.file, key) for key, entry in entries]
 
 
-def read_quoted(
-    entry: MeasuredEntry, names: Collection[str], where: str, key: str = "measured"
-) -> dict[str, tuple[float, float]]:
+def read_quoted(entry: MeasuredEntry, names: Iterable[str], where: str, key: str) -> dict[str, tuple[float, float]]:
     """Quoted values of an entry, in SI units with their relative standard errors, by observable as in ``names``.
 
     Args:
@@ -426,17 +418,14 @@ def _unit(column: Column, stated: str | None, allowed: Mapping[str, str], where:
 
 def _gain(entry: MeasuredEntry, unit: str, where: str, key: str) -> float:
     """Newtons per SI unit of the readings."""
-    if unit == FORCE:
-        gain = _number(1.0 if entry.gain is None else entry.gain, "", where, key)
-    elif entry.gain is None:
+    plain, stated = unit == FORCE, 1.0 if entry.gain is None else entry.gain
+    if entry.gain is None and not plain:
         example = f'such as gain = "2.1 N/{unit}" or "0.5 {unit}/N"'
         raise InputError(where, key, f"missing key: readings in {unit} need a gain in [[measured]], {example}")
-    else:
-        gain = nan
-        if re.search(r"/ *\w*N$", str(entry.gain).rstrip()):  # as data sheets of gauges give it
-            with suppress(ValueError, ZeroDivisionError):
-                gain = 1 / to_si(str(entry.gain), f"{unit}/N")
-        gain = _number(entry.gain, f"N/{unit}", where, key) if isnan(gain) else gain
+    if not plain and re.search(r"/ *\w*N$", str(stated).rstrip()):  # as data sheets of gauges give it
+        with suppress(ValueError, ZeroDivisionError):
+            return 1 / to_si(str(stated), f"{unit}/N")
+    gain = _number(stated, "" if plain else f"N/{unit}", where, key)
     if gain == 0:
         raise InputError(where, key, "0", "a gain other than 0; a negative gain inverts the trace")
     return gain
