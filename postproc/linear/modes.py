@@ -274,13 +274,11 @@ def _end_of_linear_theory(case: Case) -> str:
 def _draw_dispersion(axis: Any, bands: list[pd.DataFrame]) -> None:
     letter_panel(axis, "a")
     for table, dashes in zip(bands, ("-", "--"), strict=False):
-        frequency, gap = table["frequency_Hz"].to_numpy() / 1e3, table["band"].isna().to_numpy()
-        for part, points, place, colour in (
-            (~gap, PHASES, table["phase_rad"], BLUE),
-            (gap, GAP_POINTS, -table["decay_per_cell"], RED),
-        ):
-            across = place.to_numpy()[part] / pi
-            axis.plot(across.reshape(-1, points).T, frequency[part].reshape(-1, points).T, dashes, color=colour)
+        for _, band in table.groupby("band"):
+            axis.plot(band["phase_rad"] / pi, band["frequency_Hz"] / 1e3, dashes, color=BLUE)
+        gaps = table.loc[table["band"].isna(), ["decay_per_cell", "frequency_Hz"]].to_numpy()
+        decay, frequency = gaps.reshape(-1, GAP_POINTS, 2).T
+        axis.plot(-decay / pi, frequency / 1e3, dashes, color=RED)
         axis.plot([], [], dashes, color=GREY, label=f"{table['static_force_N'][0]:.3g} N")
     if bands:
         axis.axvline(0, color=GREY, lw=0.6)
