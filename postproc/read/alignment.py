@@ -428,11 +428,11 @@ def knots_of(time_s: Array, values: Array) -> Array:
     readings = len(time_s)
     most = min(7 * readings // 10 - DEGREE - 1, MAX_KNOTS)
     counts = sorted({min(int(4 * KNOT_RATIO**power), most) for power in range(40)})
-    scores = [
-        _squares(time_s, values, _spread_knots(time_s, count)) / (readings - count - DEGREE - 1) ** 2
-        for count in counts
-    ]
-    return _spread_knots(time_s, min(round(KNOT_FACTOR * counts[int(np.argmin(scores))]), most))
+
+    def score(count: int) -> float:
+        return _squares(time_s, values, _spread_knots(time_s, count)) / (readings - count - DEGREE - 1) ** 2
+
+    return _spread_knots(time_s, min(round(KNOT_FACTOR * min(counts, key=score)), most))
 
 
 def _squares(time_s: Array, values: Array, knots: Array) -> float:

@@ -247,19 +247,13 @@ class GaugeReadings:
 
 
 OBSERVABLES: list[Observable] = []  # in the order of tables
-Reader = Callable[..., float | None]
 
 
 def _of(
     places: str, pattern: str, unit: str, kind: str, words: str, gaps: tuple[str, str] = NEVER, *, of_wave: bool = True
-) -> Callable[[Reader], Reader]:
+) -> Callable[[Callable[..., float | None]], None]:
     """Declare the observable that the decorated function reads; its docstring is the definition."""
-
-    def declare(read: Reader) -> Reader:
-        OBSERVABLES.append(Observable(pattern, unit, kind, words, gaps, of_wave, places, read))
-        return read
-
-    return declare
+    return lambda read: OBSERVABLES.append(Observable(pattern, unit, kind, words, gaps, of_wave, places, read))
 
 
 @_of("gauge", "{gauge}_static", "N", "static force", "static force at {gauge}", of_wave=False)
