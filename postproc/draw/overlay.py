@@ -172,12 +172,13 @@ def _pulse(gauge: AlignedGauge) -> _Pulse:
     The arrival t and the edge e are zeros of F'(t) and F(e) - ``LEVEL`` F(t), so an error f of F moves them by
     -f'(t)/F''(t) and -(f(e) - ``LEVEL`` f(t))/F'(e).
     """
-    time_s, span_N = gauge.run_s, float(np.ptp(gauge.smooth_N))
+    time_s, smooth_N = gauge.run_s, gauge.curve(gauge.run_s)
+    span_N = float(np.ptp(smooth_N))
     prominence = max(NOISE_FACTOR * float(np.median(gauge.error_N)) / span_N, MIN_PROMINENCE) if span_N else 1.0
-    first = next((peak for peak in peaks(time_s, gauge.smooth_N, min(prominence, 1.0)) if peak.value > 0), None)
+    first = next((peak for peak in peaks(time_s, smooth_N, min(prominence, 1.0)) if peak.value > 0), None)
     if first is None:
         return dict.fromkeys((AMPLITUDE, ARRIVAL, DURATION), (nan, nan))
-    edge_s = rising_crossing(time_s, gauge.smooth_N, LEVEL * first.value, first)
+    edge_s = rising_crossing(time_s, smooth_N, LEVEL * first.value, first)
     peak, error, norm = first.time_s, gauge.errors, np.linalg.norm
     late = error(peak, 1) / gauge.curve(peak, 2)
     early = (error(edge_s) - LEVEL * error(peak)) / gauge.curve(edge_s, 1)
@@ -241,7 +242,7 @@ def _draw_gauge(force: Any, strip: Any, gauge: AlignedGauge, computed_N: Any, co
     every, label = -(-len(gauge.time_s) // MAX_READINGS), fill(f"measured ({gauge.channel.trace.file.name})", LINE)
     look = {"ls": "none", "marker": ".", "ms": 2.0, "mew": 0, "alpha": 0.75, "color": colour, "label": label}
     force.plot(gauge.time_s[::every] * MICRO, gauge.force_N[::every], **look)
-    left_N, time_us, band_N = gauge.smooth_N - computed_N, gauge.run_s * MICRO, BAND * gauge.error_N
+    left_N, time_us, band_N = gauge.curve(gauge.run_s) - computed_N, gauge.run_s * MICRO, BAND * gauge.error_N
     strip.plot(time_us, left_N, color=colour, lw=0.8, label="residual: smoothed readings minus computed")
     band = f"{BAND:g} standard errors by noise and baseline"
     strip.fill_between(time_us, left_N - band_N, left_N + band_N, color=colour, alpha=0.25, lw=0, label=band)

@@ -9,7 +9,7 @@ transients. In each signal this interval begins and ends later than the drive by
 the end of the record.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import cycle
 from math import floor, inf, nan, pi
@@ -176,12 +176,7 @@ def driven_interval(table: DriveTable, time_s: Array, drive: Array, signal: Arra
 
 
 def analyse(
-    case: Case,
-    trace: Trace,
-    ends: tuple[str, str],
-    window: str,
-    frequency_Hz: float | None,
-    span_s: tuple[float, float],
+    case: Case, trace: Trace, ends: Sequence[str], window: str, frequency_Hz: float | None, span_s: tuple[float, float]
 ) -> Analysis:
     """Spectra of the gauges of a run and of its drive.
 

@@ -130,7 +130,7 @@ class AlignedGauge:
         curve: Regression spline of the force.
         errors: Independent parts of its standard error by noise and baseline, as a spline with a value for each part.
         run_s: Sample times of the run within the readings. Shape (samples,).
-        smooth_N: Regression spline at these times, and its standard error ``error_N``. Shape (samples,).
+        error_N: Standard error of the regression spline at these times. Shape (samples,).
     """
 
     channel: Channel
@@ -145,7 +145,6 @@ class AlignedGauge:
     curve: BSpline
     errors: BSpline
     run_s: Array
-    smooth_N: Array
     error_N: Array
 
 
@@ -292,7 +291,6 @@ def _aligned(channels: list[Channel], motion: Simulation) -> list[AlignedGauge]:
             curve=curve,
             errors=errors,
             run_s=within_s,
-            smooth_N=curve(within_s),
             error_N=np.interp(within_s, nodes_s, np.linalg.norm(errors(nodes_s), axis=1)),
         )
         gauges.append(gauge)

@@ -56,9 +56,8 @@ class _Observables(dict[str, float]):
         self.scene = scene
 
     def __missing__(self, name: str) -> float:
-        raise InputError(
-            self.scene, "chain.sensors", f"sensors that do not give {name}", "the sensors of the paper's scene"
-        )
+        found = f"sensors that do not give {name}"
+        raise InputError(self.scene, "chain.sensors", found, "the sensors of the paper's scene")
 
 
 @dataclass(frozen=True)

@@ -338,8 +338,7 @@ def _(wall: GaugeReadings, number: int) -> float:
 @_of("wall", "wall_envelope", "1/s", "rate", "rate of the envelope at the wall", TRAIN)
 def _(wall: GaugeReadings) -> float:
     """Rate r of C exp(r t) through the wall's first three maxima, least squares of the logarithm."""
-    rate_per_s, _ = train_envelope(wall.maxima) or (nan, nan)
-    return rate_per_s
+    return (train_envelope(wall.maxima) or (nan, nan))[0]
 
 
 @_of("pair", "speed_{pair}", "m/s", "speed", "wave speed from bead {pair}", SPEED)

@@ -194,7 +194,7 @@ def laid_over(question: Question) -> Laid:
     for each in aligned:
         channel = each.channel
         offs.append(residual_of(channel, motion.curves[channel.gauge], channel.trace.gain, channel.trigger_s))
-        left_N = each.smooth_N - np.interp(each.run_s, each.time_s, each.computed_N)
+        left_N = each.curve(each.run_s) - np.interp(each.run_s, each.time_s, each.computed_N)
         gauges.setdefault(channel.gauge, []).append((each.time_s, each.force_N, each.run_s, left_N))
     triggers = {f"{each.channel.trace.key}.{TRIGGER}": each.channel.trigger_s for each in aligned}
     return Laid(
