@@ -20,7 +20,7 @@ Observational Data, 4.3), and is then multiplied by ``KNOT_FACTOR``.
 """
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf, nan, sqrt
@@ -259,7 +259,7 @@ def averaged(trace: MeasuredTrace, step_s: float) -> MeasuredTrace:
     return replace(trace, time_s=block_means(trace.time_s, block), reading=reading, noise=noise)
 
 
-def _aligned(channels: list[Channel], motion: Simulation) -> list[AlignedGauge]:
+def _aligned(channels: list[Channel], motion: Simulation) -> Iterator[AlignedGauge]:
     """The gauges of one file."""
     run_s, end_s = motion.trace.time_s, float(motion.trace.time_s[-1])
     sizes_N = {channel.gauge: np.abs(motion.curves[channel.gauge](run_s)) for channel in channels}
@@ -269,7 +269,6 @@ def _aligned(channels: list[Channel], motion: Simulation) -> list[AlignedGauge]:
     trigger_s, error_s = _refined(channels, motion) if channels[0].found else (channels[0].trigger_s, 0.0)
     first = min(channels, key=lambda channel: onsets_s[channel.gauge])
     must_overlap(first, trigger_s, end_s, onsets_s[first.gauge])
-    gauges = []
     for channel in channels:
         clock_s, gain, computed = channel.time_s - trigger_s, channel.trace.gain, motion.curves[channel.gauge]
         level, error = _rest(channel, computed, sizes_N[channel.gauge], trigger_s)
@@ -278,7 +277,7 @@ def _aligned(channels: list[Channel], motion: Simulation) -> list[AlignedGauge]:
         rest_error_N = abs(gain) * error[inside]
         curve, errors = _smooth(time_s, force_N, channel.noise_N, rest_error_N)
         within_s, nodes_s = run_s[(run_s >= time_s[0]) & (run_s <= time_s[-1])], np.unique(curve.t)
-        gauge = AlignedGauge(
+        yield AlignedGauge(
             channel=replace(channel, trigger_s=trigger_s),
             onset_s=onsets_s[channel.gauge],
             time_s=time_s,
@@ -293,8 +292,6 @@ def _aligned(channels: list[Channel], motion: Simulation) -> list[AlignedGauge]:
             run_s=within_s,
             error_N=np.interp(within_s, nodes_s, np.linalg.norm(errors(nodes_s), axis=1)),
         )
-        gauges.append(gauge)
-    return gauges
 
 
 def _smooth(time_s: Array, force_N: Array, noise_N: float, rest_error_N: Array) -> tuple[BSpline, BSpline]:

@@ -214,9 +214,9 @@ def mean_forces(force_N: Array) -> Array:
 
     Shape (..., bodies), as ``force_N``; contact j is under body j, and there is none above the last body.
     """
-    above = np.zeros_like(force_N)
-    above[..., :-1] = force_N[..., 1:]
-    return np.asarray((force_N + above) / 2)
+    mean = force_N / 2
+    mean[..., :-1] += force_N[..., 1:] / 2
+    return mean
 
 
 def sensor_average(force_N: Array, from_wall: int) -> Array:
