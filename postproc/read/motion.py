@@ -159,20 +159,25 @@ def is_censored(simulation: Simulation, gauge: str, cut: float) -> bool:
 def time_above(time_s: Array, signal: Array, level: float, end_s: float) -> float:
     """Time before ``end_s`` for which a signal, sampled at equal intervals, is above a level.
 
-    Crossings are those of the cubic through four samples, by Newton's method: that of a straight line would have kinks.
+    Crossings are those of the cubic through four samples: that of a straight line would have kinks.
     """
     if not np.isfinite(level + end_s):
         return nan
     above, step_s = signal - level, float(time_s[1])
     places = np.flatnonzero((above[:-1] > 0) != (above[1:] > 0))
-    first = np.clip(places - 1, 0, len(above) - 4)
-    a, b, c, d = CUBIC @ above[first + np.arange(4)[:, np.newaxis]]
-    share = places - first + above[places] / (above[places] - above[places + 1])
-    for _ in range(NEWTON_STEPS):
-        share -= (a + share * (b + share * (c + share * d))) / (b + share * (2 * c + share * 3 * d))
-    crossings = step_s * (first + np.clip(share, places - first, places - first + 1))
+    crossings = np.array([step_s * (place + _root(above, int(place))) for place in places])
     ends = np.concatenate([[0.0], crossings[crossings < end_s], [end_s]])
     return float(np.diff(ends)[int(above[0] <= 0) :: 2].sum())
+
+
+def _root(values: Array, place: int) -> float:
+    """Share of the interval after a sample at which the cubic through four samples is zero, by Newton's method."""
+    first = min(max(place - 1, 0), len(values) - 4)
+    a, b, c, d = (CUBIC @ values[first : first + 4]).tolist()
+    share = place - first + float(values[place] / (values[place] - values[place + 1]))
+    for _ in range(NEWTON_STEPS):
+        share -= (a + share * (b + share * (c + share * d))) / (b + share * (2 * c + share * 3 * d))
+    return min(max(share - (place - first), 0.0), 1.0)
 
 
 def contact_force_N(simulation: Simulation, gauge: str, cut: float) -> float:
