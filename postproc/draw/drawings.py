@@ -25,8 +25,7 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain, ordinary_beads
 from drivers.chain.trace import Trace
 from drivers.scene.model import RIGID, Scene, Tube
-from postproc.draw.product import GAMMA, OPEN_SHARE, Product
-from postproc.draw.style import COLUMN_IN, GREY, MICRO, colour_map, finish_bar, pyplot
+from postproc.draw.plot import COLUMN_IN, GAMMA, GREY, MICRO, OPEN_SHARE, Product, colour_map, finish_bar, pyplot
 from postproc.read.motion import spread
 from postproc.read.signals import mean_forces
 

@@ -35,8 +35,7 @@ from drivers.chain.schemes import exact_motion, verlet_motion
 from drivers.chain.trace import Trace, overlaps, table_of
 from drivers.engines import EXACT, load_engine
 from drivers.run.run_folder import COMPRESSED, EndedRun
-from postproc.draw.product import Product, draw_cells
-from postproc.draw.style import AVERAGE, DAMPED, FIRST, GREYS, MICRO, SECOND, pyplot
+from postproc.draw.plot import AVERAGE, DAMPED, FIRST, GREYS, MICRO, SECOND, Product, draw_cells, pyplot
 from postproc.read.motion import case_of_run
 from validation.reference.hertz_chain import hertz_energy_beyond_tangent
 

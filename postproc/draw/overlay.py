@@ -21,9 +21,8 @@ import pandas as pd
 from drivers.base import paths
 from drivers.chain.case import Layout
 from drivers.scene.model import MeasuredEntry
-from postproc.draw.product import Product
+from postproc.draw.plot import COLUMN_IN, MICRO, Product, line_of, pyplot
 from postproc.draw.stack import GAUGE_IN, gauge_title
-from postproc.draw.style import COLUMN_IN, MICRO, line_of, pyplot
 from postproc.read.alignment import AlignedGauge, align
 from postproc.read.measured import FORCE, read_measured, read_quoted
 from postproc.read.motion import Simulation

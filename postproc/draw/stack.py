@@ -13,8 +13,7 @@ from drivers.chain.case import Layout
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace, residual
 from drivers.engines import REFERENCE, VERLET
-from postproc.draw.product import Product
-from postproc.draw.style import COLUMN_IN, GREY, MICRO, draw_codes, drawing_order, letter_panel, line_of, pyplot
+from postproc.draw.plot import COLUMN_IN, GREY, MICRO, Product, draw_codes, drawing_order, letter_panel, line_of, pyplot
 from postproc.read.motion import Simulation
 from postproc.read.signals import sensor_signals
 

@@ -16,8 +16,7 @@ from drivers.base import units
 from drivers.base.errors import InputError
 from drivers.engines import REFERENCE
 from drivers.scene.settings import unit_of
-from postproc.draw.product import Product
-from postproc.draw.style import COLUMN_IN, GREY, PAGE_IN, colour_map, line_of, marker_of, pyplot
+from postproc.draw.plot import COLUMN_IN, GREY, PAGE_IN, Product, colour_map, line_of, marker_of, pyplot
 from postproc.read.observables import describe
 
 SEED = "seed"  # column of random draws, which are scatter and not an axis

@@ -15,7 +15,7 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 
 if TYPE_CHECKING:
-    from postproc.draw.product import Product
+    from postproc.draw.plot import Product
 
 
 class Caption(NamedTuple):

@@ -18,8 +18,7 @@ from matplotlib.patches import Circle, Polygon, Rectangle
 
 from drivers.chain.case import Case
 from postproc.draw.drawings import BEAD, OUTLINE, STRIKER, TUBE
-from postproc.draw.product import Product
-from postproc.draw.style import COLUMN_IN, GREY, letter_panel, pyplot
+from postproc.draw.plot import COLUMN_IN, GREY, Product, letter_panel, pyplot
 from postproc.paper import quoted
 from postproc.read.motion import case_of
 

@@ -16,8 +16,7 @@ import pandas as pd
 from matplotlib.patches import Rectangle, Wedge
 
 from drivers.engines import REFERENCE
-from postproc.draw.product import Product
-from postproc.draw.style import AVERAGE, COLUMN_IN, FIRST, GREY, MICRO, SECOND, draw_codes, letter_panel, pyplot
+from postproc.draw.plot import AVERAGE, COLUMN_IN, FIRST, GREY, MICRO, SECOND, Product, draw_codes, letter_panel, pyplot
 from postproc.paper import strikes
 from postproc.read.motion import UNTIL_REFLECTED, case_of, simulate
 from postproc.read.signals import sensor_average

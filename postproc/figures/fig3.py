@@ -16,8 +16,7 @@ import numpy as np
 import pandas as pd
 
 from drivers.engines import REFERENCE, installed_codes
-from postproc.draw.product import Product
-from postproc.draw.style import COLUMN_IN, GREY, draw_codes, pyplot
+from postproc.draw.plot import COLUMN_IN, GREY, Product, draw_codes, pyplot
 from postproc.paper import quoted, strikes
 from postproc.read.motion import Simulation, case_of, run_codes
 from validation.reference.travelling_wave import solve_at_amplitude

@@ -17,9 +17,8 @@ import pandas as pd
 from matplotlib.patches import ConnectionPatch
 
 from drivers.engines import REFERENCE
-from postproc.draw.product import Product
+from postproc.draw.plot import AVERAGE, DAMPED, MICRO, QUOTED, Product
 from postproc.draw.stack import draw_curve, draw_pairs, quoted_rows
-from postproc.draw.style import AVERAGE, DAMPED, MICRO, QUOTED
 from postproc.paper import calibrated, quoted
 from postproc.paper.strikes import sensor_pair, speed_between_sensors
 from postproc.read.motion import UNTIL_REFLECTED, Simulation, case_of, simulate

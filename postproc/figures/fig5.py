@@ -17,9 +17,8 @@ import pandas as pd
 
 from drivers.base.errors import InputError
 from drivers.engines import REFERENCE
-from postproc.draw.product import Product
+from postproc.draw.plot import AVERAGE, DAMPED, GREY, MICRO, QUOTED, Product, letter_panel
 from postproc.draw.stack import draw_curve, draw_pairs, quoted_rows
-from postproc.draw.style import AVERAGE, DAMPED, GREY, MICRO, QUOTED, letter_panel
 from postproc.paper import calibrated, quoted
 from postproc.read.motion import Simulation, case_of, simulate
 from postproc.read.observables import ENVELOPE_MAXIMA, LATER_PROMINENCE, train_envelope

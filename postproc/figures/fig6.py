@@ -16,9 +16,8 @@ import pandas as pd
 
 from drivers.base.errors import InputError
 from drivers.engines import REFERENCE
-from postproc.draw.product import Product
+from postproc.draw.plot import AVERAGE, DAMPED, GREY, MICRO, QUOTED, Product
 from postproc.draw.stack import draw_curve, draw_pairs
-from postproc.draw.style import AVERAGE, DAMPED, GREY, MICRO, QUOTED
 from postproc.paper import calibrated
 from postproc.read.motion import Simulation, case_of, simulate
 from postproc.read.observables import LATER_PROMINENCE

@@ -16,8 +16,7 @@ import numpy as np
 import pandas as pd
 
 from drivers.engines import REFERENCE, installed_codes
-from postproc.draw.product import Product
-from postproc.draw.style import PAGE_IN, pyplot
+from postproc.draw.plot import PAGE_IN, Product, pyplot
 from postproc.paper import quoted
 from postproc.paper.strikes import COLUMNS, sensor_amplitude, settled, strike_for, striker_speed, table1_numbers
 from postproc.read.motion import Simulation, run_codes

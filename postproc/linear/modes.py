@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 from drivers.chain.case import Case
 from drivers.chain.chain import Array, Chain, contact_stiffness, hertz_stiffness, ordinary_beads, stiffness_by
 from drivers.chain.schemes import verlet_of
-from postproc.draw.product import Product
-from postproc.draw.style import GREY, PAGE_IN, letter_panel, pyplot
+from postproc.draw.plot import GREY, PAGE_IN, Product, letter_panel, pyplot
 
 MAX_BEADS = 5_000  # with modes; all shapes of 5,000 beads take 200 MB
 PHASES = 101  # of the dispersion curve

@@ -23,8 +23,7 @@ from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
 from drivers.scene.model import DriveTable
-from postproc.draw.product import Product
-from postproc.draw.style import PAGE_IN, colour_map, letter_panel, pyplot
+from postproc.draw.plot import PAGE_IN, Product, colour_map, letter_panel, pyplot
 from postproc.linear.modes import bands_at_loads, edges_Hz, shade_bands
 from postproc.read.signals import sensor_signals
 

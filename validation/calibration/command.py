@@ -31,8 +31,7 @@ from drivers.limits import inability
 from drivers.scene.model import Part
 from drivers.scene.read_scene import apply_settings, find_scene, read_scene
 from drivers.scene.settings import look_up, setting_texts
-from postproc.draw.product import write_figure
-from postproc.draw.style import COLUMN_IN, pyplot
+from postproc.draw.plot import COLUMN_IN, pyplot, write_figure
 from postproc.read.measured import MEASURED, entries_of
 from validation.calibration.fit import (
     DATA,

@@ -29,7 +29,7 @@ from drivers.chain.chain import Array
 from drivers.run.execute import Place, execute
 from drivers.scene.read_scene import apply_settings
 from drivers.scene.settings import look_up, setting_texts, unit_of
-from postproc.draw.style import COLUMN_IN, GREY, pyplot
+from postproc.draw.plot import COLUMN_IN, GREY, pyplot
 from postproc.read.alignment import Channel, averaged, change_at
 from postproc.read.measured import MEASURED
 from postproc.read.motion import Simulation, exact, read

@@ -26,8 +26,8 @@ from drivers.laws import LAWS
 from drivers.scene.model import Scene
 from drivers.scene.read_scene import apply_settings, make_scene
 from drivers.scene.settings import look_up, setting_texts
+from postproc.draw.plot import COLUMN_IN, MICRO, pyplot
 from postproc.draw.stack import GAUGE_IN, gauge_title
-from postproc.draw.style import COLUMN_IN, MICRO, pyplot
 from postproc.read.motion import Simulation
 from postproc.read.observables import describe
 from validation.calibration.command import Fitted, problem_of, read_fits

@@ -18,7 +18,7 @@ from drivers.base.errors import InputError, RunError
 from drivers.base.files import sha256_of
 from drivers.base.terminal import counted, say
 from drivers.engines import entry_files, installed_codes, missing_codes
-from postproc.draw.product import SPACETIME, draw_spacetime
+from postproc.draw.plot import SPACETIME, draw_spacetime
 from postproc.figures import captions, make_figure
 from postproc.figures.table1 import GROUPS, printed
 from validation.checks import REPRODUCED, table

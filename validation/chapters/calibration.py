@@ -13,7 +13,7 @@ from drivers.base.terminal import following
 from drivers.base.tolerances import tolerance
 from drivers.laws import VISCOELASTIC
 from drivers.run.execute import Place, execute
-from postproc.draw.style import GREY, pyplot
+from postproc.draw.plot import GREY, pyplot
 from postproc.paper import calibrated
 from validation.calibration.fit import DATA, LAWS, LOOKS, MAX_DEVIATION, PARAMETERS, Tables, rows_of, solve, value_text
 from validation.calibration.parameters import CUT, DEFAULT, ELASTIC, calibration_file, keys_of, law_of

@@ -28,7 +28,7 @@ from drivers.limits import inability
 from drivers.run.compute import compute
 from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml
-from postproc.draw.style import GREY, PAGE_IN, marker_of, pyplot
+from postproc.draw.plot import GREY, PAGE_IN, marker_of, pyplot
 from postproc.read.motion import Simulation, case_of, run_codes
 from validation.chapters import Options
 from validation.checks import Check, judged, summary

@@ -32,7 +32,7 @@ from drivers.run.compute import compute
 from drivers.run.execute import execute
 from drivers.scene.model import Part
 from drivers.scene.read_scene import read_toml
-from postproc.draw.style import PAGE_IN, marker_of, pyplot
+from postproc.draw.plot import PAGE_IN, marker_of, pyplot
 from postproc.read.motion import case_of
 from validation.accuracy.budget import ERROR, text_of
 from validation.accuracy.plan import CRITERIA, planned_case, usual_steps

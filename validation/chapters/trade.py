@@ -22,7 +22,7 @@ from drivers.limits import step_limit
 from drivers.run.compute import compute
 from drivers.run.execute import execute
 from drivers.run.scheme import COMPARED
-from postproc.draw.style import PAGE_IN, line_of, marker_of, pyplot
+from postproc.draw.plot import PAGE_IN, line_of, marker_of, pyplot
 from postproc.read.motion import case_of
 from postproc.read.observables import of_kind
 from validation.accuracy.costs import cost_on

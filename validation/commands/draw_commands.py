@@ -12,7 +12,7 @@ from drivers.batch.study import column_name
 from drivers.batch.tables import read_study_table
 from postproc.draw import drawings
 from postproc.draw.energies import draw_energies, range_numbers, run_energies, write_energies
-from postproc.draw.product import Product, draw_spacetime, write_product, write_table
+from postproc.draw.plot import Product, draw_spacetime, write_product, write_table
 from postproc.draw.study_figure import draw_study, draw_tornado, key_label
 from postproc.draw.vtk import FRAMES, write_series
 from postproc.linear.modes import MAX_BEADS, modes_product

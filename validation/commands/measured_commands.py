@@ -10,7 +10,7 @@ from drivers.engines import REFERENCE
 from drivers.limits import refuse
 from drivers.run.inventory import scene_now
 from postproc.draw.overlay import HEADINGS, draw_overlay, lay_over, misfit_rows
-from postproc.draw.product import Product, write_product
+from postproc.draw.plot import Product, write_product
 from postproc.read.measured import entries_of
 from postproc.read.motion import Simulation, case_of_run, exact
 from validation.accuracy.plan import planned_case

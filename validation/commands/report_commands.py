@@ -10,7 +10,7 @@ from drivers.base import paths
 from drivers.base.errors import InputError, RunError, one_line
 from drivers.base.terminal import counted, print_paths
 from drivers.engines import engines_again, missing_codes
-from postproc.draw.product import Product, write_product
+from postproc.draw.plot import Product, write_product
 from postproc.figures import caption_of, captions
 from validation.chapters import CHAPTERS, Options, run_chapter, write_paper_figure
 from validation.commands.run_commands import Words

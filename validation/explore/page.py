@@ -20,7 +20,7 @@ from drivers.base.units import quantity
 from drivers.engines import REFERENCE, VERLET, codes, installed
 from drivers.scene.read_scene import find_scene, read_scene, read_toml, read_value
 from drivers.scene.settings import look_up, setting_text, unit_of
-from postproc.draw.style import MICRO
+from postproc.draw.plot import MICRO
 from postproc.read.observables import without_unit
 from validation.calibration.fit import LAWS, PARAMETERS, Tables, digits, rows_of
 from validation.checks import short

@@ -10,8 +10,7 @@ from bokeh.plotting import figure
 from matplotlib.colors import rgb2hex
 
 from drivers.chain.chain import Array
-from postproc.draw.product import GAMMA, OPEN_SHARE
-from postproc.draw.style import MICRO, OPEN_CONTACT, colour_map, marker_of
+from postproc.draw.plot import GAMMA, MICRO, OPEN_CONTACT, OPEN_SHARE, colour_map, marker_of
 from validation.explore.views import BEFORE, MEASURED, NOW, RESIDUAL, View
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")  # of gauges

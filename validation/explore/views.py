@@ -24,8 +24,7 @@ from drivers.scene.read_scene import apply_settings, find_scene
 from drivers.scene.settings import look_up
 from postproc.draw.drawings import Film
 from postproc.draw.overlay import lay_over
-from postproc.draw.product import cells_of, shown_forces
-from postproc.draw.style import AVERAGE, GREY, PAGE_IN, marker_of, pyplot, svg_of
+from postproc.draw.plot import AVERAGE, GREY, PAGE_IN, cells_of, marker_of, pyplot, shown_forces, svg_of
 from postproc.read.alignment import residual_of
 from postproc.read.measured import entries_of
 from postproc.read.motion import Simulation

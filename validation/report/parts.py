@@ -17,7 +17,7 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.base.files import digest_of_json, read_sealed, write_sealed
 from drivers.scene.model import Scene
-from postproc.draw.product import write_figure, write_table
+from postproc.draw.plot import write_figure, write_table
 from validation.checks import FAIL, Check
 
 PARTS = "parts"  # folder of the stored results, below that of tables and pictures

@@ -23,9 +23,8 @@ from drivers.limits import step_limit
 from drivers.run.run_folder import EndedRun
 from drivers.scene.model import Scene
 from postproc.draw.overlay import HEADINGS, draw_overlay, lay_over, misfit_rows, number
-from postproc.draw.product import draw_spacetime
+from postproc.draw.plot import draw_spacetime, svg_of
 from postproc.draw.stack import MAX_GAUGES, draw_gauge_forces
-from postproc.draw.style import svg_of
 from postproc.read.measured import entries_of
 from postproc.read.motion import Simulation
 from postproc.read.observables import observe

@@ -26,7 +26,7 @@ from drivers.base.terminal import say
 from drivers.engines import in_order, load_engine
 from drivers.run.execute import Place, execute, get_ready
 from drivers.run.run import provenance
-from postproc.draw.product import SPACETIME
+from postproc.draw.plot import SPACETIME
 from postproc.figures import captions
 from postproc.read.measured import read_traces
 from postproc.read.signals import gauges_of

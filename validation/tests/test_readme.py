@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 from drivers.base import paths
-from postproc.draw.style import pyplot
+from postproc.draw.plot import pyplot
 from validation.chapters import CHAPTERS
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.readme import command_lines, parse

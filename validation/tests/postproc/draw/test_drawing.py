@@ -6,7 +6,7 @@ import pandas as pd
 import pytest
 
 from postproc.draw.drawings import draw_scene
-from postproc.draw.style import pyplot
+from postproc.draw.plot import pyplot
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.scenes import SceneWriter, case_of
 

@@ -14,9 +14,9 @@ from drivers.chain.chain import Array, build_chain
 from drivers.chain.schemes import verlet_of
 from drivers.run.run_folder import STATE, EndedRun, open_run
 from drivers.scene.read_scene import stored_scene
-from postproc.draw import drawings, product
+from postproc.draw import drawings, plot
 from postproc.draw.drawings import Film, sheet, write_animation
-from postproc.draw.product import cells_of, draw_spacetime
+from postproc.draw.plot import cells_of, draw_spacetime
 from postproc.read.motion import case_of_run, trace_with_state
 from postproc.read.signals import mean_forces
 from validation.tests.helpers.commands import beads
@@ -130,8 +130,8 @@ def test_a_weak_wave_on_a_load_is_drawn_as_changes_of_both_signs() -> None:
 
 
 def test_cells_keep_the_largest_force(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(product, "COLUMNS", 100)
-    monkeypatch.setattr(product, "ROWS", 10)
+    monkeypatch.setattr(plot, "COLUMNS", 100)
+    monkeypatch.setattr(plot, "ROWS", 10)
     force = np.random.default_rng(3).random((1001, 37))
     samples_s: Array = np.arange(1001.0) * 1e-6
     time_s, contact, cells_N = cells_of(samples_s, force)

@@ -12,9 +12,8 @@ from drivers.base import paths
 from drivers.base.errors import InputError
 from drivers.batch.study import column_name, read_study
 from drivers.scene.settings import unit_of
-from postproc.draw.product import Product
+from postproc.draw.plot import COLUMN_IN, PAGE_IN, Product, pyplot
 from postproc.draw.study_figure import Label, draw_study, draw_tornado, key_label, observable_label
-from postproc.draw.style import COLUMN_IN, PAGE_IN, pyplot
 from postproc.read.observables import OBSERVABLES
 from validation.tests.helpers.commands import beads
 from validation.tests.helpers.drawn import not_in_table, out_of_bounds

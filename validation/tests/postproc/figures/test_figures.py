@@ -10,9 +10,8 @@ import pytest
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
 from drivers.engines import codes
-from postproc.draw.product import Product
+from postproc.draw.plot import COLUMN_IN, PAGE_IN, Product
 from postproc.draw.stack import STRIP
-from postproc.draw.style import COLUMN_IN, PAGE_IN
 from postproc.figures import captions, make_figure
 from postproc.figures.table1 import equals_printed
 from postproc.paper import calibrated, quoted

@@ -12,8 +12,7 @@ import pytest
 from drivers.base import cache, paths
 from drivers.base.errors import InputError, RunError
 from drivers.run.execute import Place
-from postproc.draw.product import Product
-from postproc.draw.style import pyplot
+from postproc.draw.plot import Product, pyplot
 from postproc.figures import Caption
 from validation import chapters
 from validation.checks import FAIL, Check, without_run
