@@ -181,7 +181,7 @@ def test_a_killed_process_is_replaced(desk: Desk) -> None:
 def test_what_waits_ends_with_the_page(desk: Desk) -> None:
     done: list[Any] = []
     waiting = [desk.result(slow, seconds, done.append) for seconds in (1000.0, 0.01, 0.02)]
-    until(lambda: desk._worker is not None)
+    until(lambda: desk._began_s < float("inf"))
     desk.close()
     assert waiting[0].result() is ENDED
     assert all(each.cancelled() for each in waiting[1:])
