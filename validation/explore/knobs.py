@@ -1,26 +1,33 @@
 """Knobs of a scene: its keys with values that can be turned, their ranges, and the settings that a turn makes."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from math import inf, log, nan
-from typing import Any
 
-from drivers.base.errors import InputError
 from drivers.base.messages import model_at
-from drivers.base.units import NUMBER_AND_UNIT, divided, quantity, to_si
+from drivers.base.units import NUMBER_AND_UNIT, divided, quantity
 from drivers.chain.case import Case
 from drivers.laws import LAWS
 from drivers.scene.model import RIGID, Scene
-from drivers.scene.read_scene import library_materials
-from drivers.scene.rules import FORM_KEYS, LAW_KEYS, SHAPE_KEYS
+from drivers.scene.read_scene import library_materials, read_value
+from drivers.scene.rules import FORM_KEYS, LAW_KEYS
 from drivers.scene.settings import look_up, setting_text, unit_of
 from validation.calibration.parameters import ELASTIC, GAIN, TRIGGER, Free, around, law_of, stated, unknown
 
-STRIKER, WALL, LAW, SENSORS = "striker", "wall.material", "contact.dissipation", "chain.sensors"
+NUMBERS: dict[str, Sequence[str]] = {  # keys that are knobs where a scene has a number, by table
+    "striker": ("speed", "diameter", "mass"),
+    "chain": ("count", "diameter", "mass", "precompression", "angle", "lateral_offset"),
+    "contact": (*(key for keys in LAW_KEYS.values() for key in keys), "friction"),
+    "drive": (*dict.fromkeys(key for keys in FORM_KEYS.values() for key in keys), "start"),
+    "sensor": ("time_constant",),
+    "tube": ("friction", "inner_diameter"),
+    "run": ("duration", "time_step"),
+}
+ALWAYS = ("chain.angle", "sensor.time_constant")  # without a number, too
+SIDEWAYS = ("contact.friction", "tube.friction", "tube.inner_diameter")  # only if beads can move so
+SENSORS = "chain.sensors"
 NONE = "none"  # choice without the table
-CHAIN = ("count", "diameter", "mass", "precompression", "angle", "lateral_offset")
-SIDEWAYS = ("contact.friction", "tube.friction", "tube.inner_diameter")
 # ranges of values that are 0 or left out in most scenes
 FROM_ZERO = {
     "chain.precompression": (0.0, 20.0),
@@ -44,53 +51,32 @@ class Knob:
     Attributes:
         key: The key.
         text: Present value, as in a setting; empty without one.
-        range: Range of a number; None for a choice or a text.
+        range: Range of a number, which starts at the present value, without one at its lower end; None for others.
+        step: Step of the place in the range.
         choices: Settings by choice; none for a number or a text.
         shared: Further keys that have the same value.
         parts_of_s: Time of which a number is a whole part; 0 without one.
-        ending: Words after a number whose key has no SI unit.
         title: Words in place of the key.
     """
 
     key: str
     text: str
     range: Free | None = None
+    step: float = STEP
     choices: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     shared: tuple[str, ...] = ()
     parts_of_s: float = 0.0
-    ending: str = ""
     title: str = ""
 
     @property
     def free(self) -> bool:
         """True if a fit can find its value."""
-        return self.range is not None and not self.parts_of_s and not self.key.startswith(("run", "chain.count"))
-
-    @property
-    def form(self) -> tuple[object, ...]:
-        """Key and kind, on which its widgets depend."""
-        return self.key, self.range is None, *self.choices
-
-    @property
-    def value(self) -> float:
-        """Present value of a number in its SI unit, without one the lower end of its range."""
-        if self.range is None or not self.text:
-            return self.range.low if self.range else nan
-        number = self.text.removesuffix(self.ending)
-        return to_si(number, self.range.unit) if self.range.unit else float(number)
+        return self.range is not None and not self.key.startswith(("run", "chain.count"))
 
     @property
     def place(self) -> float:
         """Place of the present value in the range, from 0 to 1."""
-        return self.range.coordinate(self.value) if self.range else 0.0
-
-    @property
-    def step(self) -> float:
-        """Step of the place, which changes a whole number, too."""
-        if self.parts_of_s:
-            return STEP_OF_PARTS
-        whole = self.key == "chain.count" and self.range and self.range.start
-        return max(STEP, 1.01 / self.range.slope(self.range.coordinate(whole))) if self.range and whole else STEP
+        return self.range.coordinate(self.range.start) if self.range else 0.0
 
     def text_at(self, place: float) -> str:
         """Value at a place in the range, to three digits."""
@@ -101,8 +87,8 @@ class Knob:
             return quantity(divided(self.parts_of_s, parts), "s")
         if self.key == "chain.count":
             return str(round(value))
-        value = float(f"{value:.3g}" if self.key.rpartition(".")[2] != TRIGGER else f"{value:.6g}")
-        return quantity(value, self.range.unit) if self.range.unit else f"{value:g}{self.ending}"
+        text = f"{value:.{6 if self.range.is_trigger else 3}g}"
+        return quantity(float(text), self.range.unit) if self.range.unit else text
 
     def settings(self, text: str, scene: Scene) -> dict[str, str]:
         """Settings by key that give the value, typed or chosen; empty texts remove keys."""
@@ -131,47 +117,42 @@ def knobs_of(case: Case, asked: Sequence[str] = (), triggers_s: Mapping[str, flo
 
 def _numbers(scene: Scene) -> Iterator[str]:
     """Keys with numbers of the bodies, contacts, gauges, drive and run, those that the scene has."""
-    tables: dict[str, Any] = {"contact": LAW_KEYS[scene.contact.dissipation]}
-    if scene.striker:
-        tables = {STRIKER: ("speed", *SHAPE_KEYS[scene.striker.shape])} | tables
-    if scene.drive:
-        tables["drive"] = (*FORM_KEYS[scene.drive.form], "start")
-    stated_keys = (f"{table}.{key}" for table, keys in tables.items() for key in keys)
-    yield from (key for key in stated_keys if type(look_up(scene, key)) is float)
-    for key in CHAIN:
-        if look_up(scene, f"chain.{key}") is not None or key == "angle":
-            yield f"chain.{key}"
     yield from ("gravity", *(f"materials.{name}.youngs_modulus" for name in scene.materials))
-    yield from (key for key in SIDEWAYS if scene.three_dimensional and look_up(scene, key) is not None)
-    yield from ("sensor.time_constant", "run.duration", "run.time_step")
+    for key in (f"{table}.{key}" for table, keys in NUMBERS.items() for key in keys):
+        has_number = isinstance(look_up(scene, key), int | float)
+        if (has_number or key in ALWAYS) and (scene.three_dimensional or key not in SIDEWAYS):
+            yield key
 
 
 def _number(scene: Scene, key: str, text: str) -> Knob:
     """Knob of a number; its range is that of the option, or a tenth of and ten times the value within its bounds."""
-    value, unit, (least, most) = look_up(scene, key), unit_of(key), _bounds(key)
-    if not isinstance(value, (int, float, type(None))) or (value is None and "=" not in text and key not in FROM_ZERO):
+    value, unit, bounds = look_up(scene, key), unit_of(key), _bounds(key)
+    missing = value is None and "=" not in text and key not in FROM_ZERO
+    if bounds is None or missing or not isinstance(value, int | float | None):
         raise unknown(scene.file, "--knob", key, [*_numbers(scene)], "a key of the scene with a number")
+    least, most = bounds
     if key == "chain.count":  # beads with entries of their own stay
         least = max(least, 1.0, *scene.chain.sensor_at, *scene.chain.bead_at)
     low, high = around(value) if value else FROM_ZERO.get(key, (0.0, scene.run.duration if unit == "s" else 1.0))
     usual = Free(key, unit, nan if value is None else value, max(low, least), min(high, most))
-    free = stated(text, usual, scene.file, "--knob")
-    interval_s = scene.run.sample_interval if key == "run.time_step" else 0.0
-    return Knob(key, setting_text(key, value), free, parts_of_s=interval_s)
+    free, step, parts_of_s = stated(text, usual, scene.file, "--knob"), STEP, 0.0
+    if value is None:
+        free = replace(free, start=free.low)
+    if key == "run.time_step":
+        step, parts_of_s = STEP_OF_PARTS, scene.run.sample_interval
+    elif key == "chain.count":  # a step changes a whole number, too
+        step = max(STEP, 1.01 / free.slope(free.coordinate(free.start)))
+    return Knob(key, setting_text(key, value), free, step, parts_of_s=parts_of_s)
 
 
 @cache
-def _bounds(key: str) -> tuple[float, float]:
-    """Smallest and largest value that the model of scenes allows for a key.
-
-    Raises:
-        InputError: Scenes have no such key.
-    """
+def _bounds(key: str) -> tuple[float, float] | None:
+    """Smallest and largest value that the model of scenes allows for a key; None for an unknown key."""
     *path, last = key.split(".")
-    schema = model_at(Scene, path).model_json_schema()["properties"]
-    if last not in schema:
-        raise InputError("explore", "--knob", key, "a key of the scene with a number")
-    kinds = schema[last].get("anyOf", [schema[last]])
+    schema = model_at(Scene, path).model_json_schema()["properties"].get(last)
+    if schema is None:
+        return None
+    kinds = schema.get("anyOf", [schema])
     lows = (kind.get("minimum", kind.get("exclusiveMinimum")) for kind in kinds)
     highs = (kind.get("maximum", kind.get("exclusiveMaximum")) for kind in kinds)
     return next(filter(None, lows), -inf), next(filter(None, highs), inf)
@@ -187,25 +168,23 @@ def _choices(case: Case) -> Iterator[Knob]:
         flat = {"striker.shape": "flat", "striker.diameter": "", "striker.mass": quantity(mass_kg, "kg")}
         yield Knob("striker.shape", scene.striker.shape, choices={"sphere": sphere, "flat": flat})
     laws = {law: dict(text.split("=", 1) for text in law_of(law)) for law in (ELASTIC, *LAWS)}
-    stated_keys = {key: getattr(scene.contact, key) for key in LAW_KEYS[scene.contact.dissipation]}
+    stated_keys = {f"contact.{key}": getattr(scene.contact, key) for key in LAW_KEYS[scene.contact.dissipation]}
     law = scene.contact.dissipation if any(value is not None for value in stated_keys.values()) else ELASTIC
-    laws[law] |= {f"contact.{key}": setting_text(f"contact.{key}", value) for key, value in stated_keys.items()}
-    yield Knob(LAW, law, choices=laws)
-    walls = {name: {"wall": f'{{material="{name}"}}'} for name in (*library_materials(), *scene.materials, RIGID)} | {
-        NONE: {"wall": ""}
-    }
-    yield Knob(WALL, scene.wall.material if scene.wall else NONE, choices=walls)
+    laws[law] |= {key: setting_text(key, value) for key, value in stated_keys.items()}
+    yield Knob("contact.dissipation", law, choices=laws)
+    names = (*library_materials(), *scene.materials, RIGID)
+    walls = {name: {"wall": f'{{material="{name}"}}'} for name in names} | {NONE: {"wall": ""}}
+    yield Knob("wall.material", scene.wall.material if scene.wall else NONE, choices=walls)
     yield Knob(SENSORS, ", ".join(map(str, scene.chain.sensor_at)))
 
 
 def _sensors(text: str, scene: Scene) -> str:
     """Sensors at the beads of a text such as ``9, 5``; new ones have the mass of the first of the scene."""
-    masses = {place: sensor.mass for place, sensor in scene.chain.sensor_at.items()}
+    masses = {str(place): sensor.mass for place, sensor in scene.chain.sensor_at.items()}
     entries = []
-    for part in filter(None, map(str.strip, text.split(","))):
-        place = int(part) if part.isascii() and part.isdecimal() else part
-        mass_kg = masses.get(place, next(iter(masses.values()), None)) if isinstance(place, int) else None
-        entries.append({"from_wall": place} | ({"mass": mass_kg} if mass_kg else {}))
+    for place in filter(None, map(str.strip, text.split(","))):
+        mass_kg = masses.get(place, next(iter(masses.values()), None))
+        entries.append({"from_wall": read_value(place)} | ({"mass": mass_kg} if mass_kg else {}))
     return setting_text(SENSORS, entries)
 
 
@@ -215,19 +194,20 @@ def _measured(scene: Scene, triggers_s: Mapping[str, float]) -> Iterator[Knob]:
     for place, entry in enumerate(scene.measured):
         if entry.file is None:
             continue
-        key = f"measured.{place}"
-        files.setdefault(entry.file, []).append(f"{key}.{TRIGGER}")
-        gauges = ", ".join(entry.gauges or ("all gauges",))
+        files.setdefault(entry.file, []).append(f"measured.{place}.{TRIGGER}")
         if entry.gain is not None:
-            match = NUMBER_AND_UNIT.fullmatch(str(entry.gain))
-            number, ending = (float(match[1]), f" {match[2]}") if match else (float(entry.gain), "")
-            low, high = sorted((number / GAIN_FACTOR, number * GAIN_FACTOR))
-            free = Free(f"{key}.{GAIN}", "", number, low, high)
-            yield Knob(f"{key}.{GAIN}", f"{number:g}{ending}", free, ending=ending, title=f"gain of {gauges}")
-    for keys in files.values():
-        stated_s = next((each for key in keys if (each := look_up(scene, key)) is not None), None)
-        value = stated_s if stated_s is not None else triggers_s.get(keys[0])
+            key, match = f"measured.{place}.{GAIN}", NUMBER_AND_UNIT.fullmatch(str(entry.gain))
+            gain, unit = (float(match[1]), match[2]) if match else (float(entry.gain), "")
+            low, high = sorted((gain / GAIN_FACTOR, gain * GAIN_FACTOR))
+            title = f"gain of {', '.join(entry.gauges or ('all gauges',))}"
+            yield Knob(key, str(entry.gain), Free(key, unit, gain, low, high), title=title)
+    for key, *others in files.values():
+        values = (look_up(scene, each) for each in (key, *others))
+        value = next((each for each in values if each is not None), triggers_s.get(key))
         if value is not None:
-            reach_s, text = TRIGGER_SHARE * scene.run.duration, setting_text(keys[0], float(f"{value:.6g}"))
-            free = Free(keys[0], "s", value, value - reach_s, value + reach_s)
-            yield Knob(keys[0], text, free, shared=(*keys[1:],), title="trigger")
+            reach_s = TRIGGER_SHARE * scene.run.duration
+            free, text = (
+                Free(key, "s", value, value - reach_s, value + reach_s),
+                setting_text(key, float(f"{value:.6g}")),
+            )
+            yield Knob(key, text, free, shared=(*others,), title="trigger")

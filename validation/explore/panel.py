@@ -33,9 +33,8 @@ class Panel:
         self.column = make(models.Column)
         self.knobs: dict[str, Knob] = {}
         self._first: dict[str, Knob] = {}
-        self._groups: dict[Any, Any] = {}  # widgets of a knob by its form, headings by the first widget below
-        self._fields: dict[str, Any] = {}  # by key, as the sliders
-        self._sliders: dict[str, Any] = {}
+        self._widgets: dict[str, list[Any]] = {}  # field by key, with a slider for a number
+        self._heads: dict[str, Any] = {}  # by the key below
         self._turned = ""  # key of the slider that was turned last: it stays where it was put
         self._filling = False
 
@@ -45,50 +44,57 @@ class Panel:
 
     def show(self, knobs: Iterable[Knob]) -> None:
         """Show knobs with their present values; there are other widgets only for other knobs."""
-        former, self.knobs = self.knobs, {}
-        for knob in knobs:
-            first = self._first.setdefault(knob.key, knob)
-            if first.form != knob.form or (first.range and not first.range.low <= knob.value <= first.range.high):
-                first = self._first[knob.key] = knob
-            self.knobs[knob.key] = replace(knob, range=first.range, choices=first.choices)
-        self._filling = True
+        former, self.knobs = self.knobs, {knob.key: self._steady(knob) for knob in knobs}
         if [*former] != [*self.knobs]:
             children = []
             for table, group in groupby(self.knobs.values(), lambda knob: knob.key.partition(".")[0]):
-                fields = [self._group(knob) for knob in group]
-                head = self._groups.get(fields[0].id) or self._make(models.Div, text=f"<h2>{escape(table)}</h2>")
-                self._groups[fields[0].id] = head
-                children += [head, *fields]
+                first, *others = group
+                if first.key not in self._heads:
+                    self._heads[first.key] = self._make(models.Div, text=f"<h2>{escape(table)}</h2>")
+                children.append(self._heads[first.key])
+                children += [each for knob in (first, *others) for each in self._widgets_of(knob)]
             self.column.children = children
+        self._filling = True
         for key, knob in self.knobs.items():
-            self._fields[key].value = knob.text
-            if key in self._sliders and key != self._turned:
-                self._sliders[key].value = knob.place
+            field, *sliders = self._widgets[key]
+            if knob.choices:
+                field.options = [*knob.choices]
+            field.value = knob.text
+            for slider in sliders if key != self._turned else ():
+                slider.value = knob.place
         self._filling = False
 
-    def _group(self, knob: Knob) -> Any:
-        """Field of a knob, with a slider for a number."""
-        if knob.form in self._groups:
-            return self._groups[knob.form]
+    def _steady(self, knob: Knob) -> Knob:
+        """Knob with the range that its key had first, if its value is in it, and the choices."""
+        first = self._first.get(knob.key, knob)
+        if knob.range and first.range:
+            within = first.range.low <= knob.range.start <= first.range.high
+            first = first if within and first.range.unit == knob.range.unit else knob
+        self._first[knob.key] = first
+        kept = replace(first.range, start=knob.range.start) if knob.range and first.range else None
+        return replace(knob, range=kept, choices={**knob.choices, **first.choices})
+
+    def _widgets_of(self, knob: Knob) -> list[Any]:
+        """Field of a knob, and a slider for a number."""
         key, title = knob.key, knob.title or knob.key.partition(".")[2] or knob.key
-        kind, more = (models.Select, {"options": [*knob.choices]}) if knob.choices else (models.TextInput, {})
-        field = self._make(kind, "value", partial(self._typed, key), name=key, title=title, value=knob.text, **more)
-        self._fields[key] = self._groups[knob.form] = field
-        if knob.range is not None:
-            look = {"start": 0, "end": 1, "step": knob.step, "show_value": False, "tooltips": False}
-            turn, name = partial(self._slid, key), f"{key} slider"
-            self._sliders[key] = self._make(models.Slider, "value", turn, name=name, value=knob.place, **look)
-            self._groups[knob.form] = self._make(models.Column, children=[field, self._sliders[key]])
-        return self._groups[knob.form]
+        if key not in self._widgets:
+            kind = models.Select if knob.choices else models.TextInput
+            self._widgets[key] = [self._make(kind, "value", partial(self._typed, key), name=key, title=title)]
+            if knob.range is not None:
+                look = {"start": 0, "end": 1, "step": knob.step, "show_value": False, "tooltips": False}
+                turn, name = partial(self._slid, key), f"{key} slider"
+                self._widgets[key].append(self._make(models.Slider, "value", turn, name=name, value=0, **look))
+        return self._widgets[key]
 
     def _slid(self, key: str) -> None:
         if not self._filling:
+            field, slider = self._widgets[key]
             self._turned = key
-            self._fields[key].value = self.knobs[key].text_at(self._sliders[key].value)
+            field.value = self.knobs[key].text_at(slider.value)
 
     def _typed(self, key: str) -> None:
         if not self._filling:
-            self._turn(key, self._fields[key].value.strip())
+            self._turn(key, self._widgets[key][0].value.strip())
 
 
 def widget(sheet: Any, kind: Any, changed: str = "", act: Callable[[], None] | None = None, **more: Any) -> Any:
