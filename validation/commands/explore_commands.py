@@ -1,9 +1,54 @@
-"""The command ``beads explore``, apart from others, since Bokeh takes long to load."""
+"""The command ``beads explore``: a local server of live pages, below an address that nobody can guess."""
 
+import gc
+import getpass
+import logging
+import re
+import secrets
+import socket
+import webbrowser
+from asyncio import CancelledError, wrap_future
+from contextlib import suppress
+from html import escape
 from pathlib import Path
 
-from validation.explore.server import serve
-from validation.explore.views import Question
+from bokeh.document import Document
+from bokeh.models.widgets import Div
+from bokeh.server.server import Server
+from tornado.web import HTTPError, RequestHandler
+
+from drivers.base.errors import InputError
+from drivers.chain.case import build_case
+from drivers.run.execute import get_ready
+from drivers.scene.read_scene import read_scene
+from validation.explore.knobs import knobs_of
+from validation.explore.page import FILES, Page
+from validation.explore.views import Question, view_of
+
+HOST = "127.0.0.1"
+MAX_PAGES = 8  # at a time, each with up to three worker processes
+LIFETIME_MS = 5_000  # of a page that no browser is connected to
+
+
+class _Files(RequestHandler):
+    """Files of what a page shows."""
+
+    def initialize(self, pages: dict[str, Page]) -> None:
+        self.pages = pages
+
+    async def get(self, session: str, name: str) -> None:
+        """Send a file of the page of a session by its name."""
+        try:
+            page = self.pages[session]
+            made = await wrap_future(page.file(name))
+        except (KeyError, CancelledError):  # the page was closed
+            raise HTTPError(404) from None
+        if isinstance(made, Exception):
+            raise HTTPError(409, reason="the scene has errors")
+        self.set_header("Content-Type", "application/octet-stream")
+        self.set_header("Content-Disposition", f'attachment; filename="{page.name}-{name}"')
+        self.set_header("X-Content-Type-Options", "nosniff")
+        self.finish(made)
 
 
 def explore(
@@ -17,4 +62,44 @@ def explore(
       beads explore fig4
       beads explore shot.toml --knob striker.speed=0.1..5
     """
-    serve(Question(scene, settings), knobs, runs, results, browser=not quiet)
+    knobs_of(build_case(read_scene(scene, settings)), knobs)  # which may be wrong
+    get_ready(view_of)
+    for name in ("bokeh", "tornado"):
+        logging.getLogger(name).setLevel(logging.ERROR)
+    pages: dict[str, Page] = {}
+
+    def open_page(document: Document) -> None:
+        session = document.session_context.id
+        try:
+            if len(pages) >= MAX_PAGES:
+                raise InputError("explore", "", f"{MAX_PAGES} pages are open; close some, then load this one again")
+            pages[session] = Page(document, Question(scene, settings), knobs, runs, results, f"keep/{session}")
+        except InputError as error:  # or the file has changed
+            document.add_root(Div(text=escape(str(error))))
+        else:
+            document.on_session_destroyed(lambda _: pages.pop(session).close())
+
+    server = Server(
+        {"/": open_page},
+        address=HOST,
+        port=0,
+        ico_path="none",
+        prefix=secrets.token_urlsafe(24),
+        extra_patterns=[(rf"/keep/(\w+)/({'|'.join(map(re.escape, FILES))})", _Files, {"pages": pages})],
+        unused_session_lifetime_milliseconds=LIFETIME_MS,
+        check_unused_sessions_milliseconds=LIFETIME_MS // 5,
+    )
+    gc.freeze()  # what is loaded already, so that collections while a page rests take no time (130 ms without)
+    address = f"http://{HOST}:{server.port}{server.prefix}/"
+    print(address)
+    print(f"from another machine: ssh -L {server.port}:{HOST}:{server.port} {getpass.getuser()}@{socket.gethostname()}")
+    print("Ctrl-C ends it", flush=True)
+    if not quiet:
+        webbrowser.open(address)
+    try:
+        server.start()
+        with suppress(KeyboardInterrupt):
+            server.io_loop.start()
+    finally:
+        for page in pages.values():
+            page.close()

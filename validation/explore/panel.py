@@ -11,13 +11,6 @@ from bokeh import models
 
 from validation.explore.knobs import Knob
 
-STYLE = """:host { color: inherit; } h2 { font-size: 15px; margin: 12px 0 0; }
-.bk-input, .bk-btn { color: inherit !important; background-color: light-dark(#fff, #23282d) !important;
-border-color: light-dark(#bbb, #555) !important; }
-.bk-btn.bk-active { background-color: light-dark(#ddd, #444) !important; }
-[role=alert] { color: light-dark(#b00020, #ff9a90); } table { border-spacing: 12px 0; }
-td { white-space: nowrap; } td:not(:first-child) { text-align: right; font-variant-numeric: tabular-nums; }"""
-
 
 class Panel:
     """Column of knobs.
@@ -27,10 +20,10 @@ class Panel:
         knobs: Knobs by key, with the ranges and choices that they had first.
     """
 
-    def __init__(self, make: Callable[..., Any], turn: Callable[[str, str], None]) -> None:
-        """``make`` makes widgets as ``widget`` does; ``turn`` gets the key and the text of a knob that is turned."""
-        self._make, self._turn = make, turn
-        self.column = make(models.Column)
+    def __init__(self, turn: Callable[[str, str], None]) -> None:
+        """``turn`` gets the key and the text of a knob that is turned."""
+        self._turn = turn
+        self.column = models.Column()
         self.knobs: dict[str, Knob] = {}
         self._first: dict[str, Knob] = {}
         self._widgets: dict[str, list[Any]] = {}  # field by key, with a slider for a number
@@ -50,7 +43,7 @@ class Panel:
             for table, group in groupby(self.knobs.values(), lambda knob: knob.key.partition(".")[0]):
                 first, *others = group
                 if first.key not in self._heads:
-                    self._heads[first.key] = self._make(models.Div, text=f"<h2>{escape(table)}</h2>")
+                    self._heads[first.key] = models.Div(text=f"<h2>{escape(table)}</h2>")
                 children.append(self._heads[first.key])
                 children += [each for knob in (first, *others) for each in self._widgets_of(knob)]
             self.column.children = children
@@ -79,11 +72,11 @@ class Panel:
         key, title = knob.key, knob.title or knob.key.partition(".")[2] or knob.key
         if key not in self._widgets:
             kind = models.Select if knob.choices else models.TextInput
-            self._widgets[key] = [self._make(kind, "value", partial(self._typed, key), name=key, title=title)]
+            self._widgets[key] = [widget(kind, "value", partial(self._typed, key), name=key, title=title)]
             if knob.range is not None:
                 look = {"start": 0, "end": 1, "step": knob.step, "show_value": False, "tooltips": False}
                 turn, name = partial(self._slid, key), f"{key} slider"
-                self._widgets[key].append(self._make(models.Slider, "value", turn, name=name, value=0, **look))
+                self._widgets[key].append(widget(models.Slider, "value", turn, name=name, value=0, **look))
         return self._widgets[key]
 
     def _slid(self, key: str) -> None:
@@ -97,12 +90,11 @@ class Panel:
             self._turn(key, self._widgets[key][0].value.strip())
 
 
-def widget(sheet: Any, kind: Any, changed: str = "", act: Callable[[], None] | None = None, **more: Any) -> Any:
-    """A widget with a style sheet that calls a function when it is clicked or a property has changed."""
-    wide = {} if kind in (models.Button, models.Toggle) else {"sizing_mode": "stretch_width"}
-    made = kind(stylesheets=[sheet], margin=(3, 0), **wide, **more)
+def widget(kind: Any, changed: str, act: Callable[[], None], **properties: Any) -> Any:
+    """A widget that calls a function when it is clicked or a property has changed."""
+    made = kind(**properties)
     if changed == "click":
-        made.on_click(lambda _: act and act())
-    elif act:
+        made.on_click(act)
+    else:
         made.on_change(changed, lambda attr, old, new: act())
     return made

@@ -12,6 +12,7 @@ import tomlkit
 
 from drivers.base import paths
 from drivers.base.errors import InputError, RunError
+from drivers.base.units import quantity
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
 from drivers.chain.trace import Trace
@@ -21,10 +22,9 @@ from drivers.limits import inability, refuse
 from drivers.run.compute import compute
 from drivers.scene.model import Scene
 from drivers.scene.read_scene import apply_settings, find_scene
-from drivers.scene.settings import look_up
 from postproc.draw.drawings import Film
 from postproc.draw.overlay import lay_over
-from postproc.draw.plot import AVERAGE, GREY, PAGE_IN, cells_of, marker_of, pyplot, shown_forces, svg_of
+from postproc.draw.plot import AVERAGE, GREY, MICRO, PAGE_IN, cells_of, marker_of, pyplot, shown_forces, svg_of
 from postproc.read.alignment import residual_of
 from postproc.read.measured import entries_of
 from postproc.read.motion import Simulation
@@ -34,7 +34,7 @@ from validation.accuracy.budget import assess, budget_of, kept_budget
 from validation.accuracy.costs import cost_on
 from validation.accuracy.plan import planned_case
 from validation.calibration.command import fit
-from validation.calibration.fit import Tables
+from validation.calibration.fit import LAWS, PARAMETERS, rows_of, value_text
 from validation.calibration.parameters import TRIGGER
 from validation.checks import short
 from validation.explore.knobs import Knob, knobs_of
@@ -45,13 +45,16 @@ SAID_S = 0.3  # expected time of a motion from which on it is said
 LIMIT_S = 60.0  # of each motion
 FRAMES = 300  # of the moving beads
 KINDS = ("peak", "amplitude", "arrival", "speed", "duration", "width", "reflected amplitude", "reflected arrival")
-NOW, BEFORE, MEASURED, RESIDUAL = "now", "before", "measured", "residual"  # parts of a gauge, beside names of codes
+NOW, KEPT, MEASURED, RESIDUAL = "now", "kept", "measured", "residual"  # parts of a gauge, beside names of codes
 DRAWN: dict[str, dict[str, Any]] = {  # in figures that are kept
     MEASURED: {"ls": "none", "marker": ".", "ms": 3, "mew": 0, "color": GREY},
-    BEFORE: {"ls": "--", "lw": 0.8, "color": GREY},
+    KEPT: {"ls": "--", "lw": 0.8, "color": GREY},
     NOW: AVERAGE,
 }
 POINTS = 100  # markers of a code at a gauge
+
+Curves = Mapping[str, Any]  # times in us and forces in N by gauge: a pair, or an array of two rows
+Parts = Mapping[str, Curves]  # by part of the gauges
 
 
 class Question(NamedTuple):
@@ -92,25 +95,6 @@ class View:
     film: Film
     knobs: list[Knob]
     taken_s: float
-
-
-@dataclass(frozen=True, eq=False)
-class Laid:
-    """Measured traces over a motion.
-
-    Attributes:
-        gauges: Times in s and forces above rest of the readings, times and smoothed residuals, by gauge; several files
-            one after another.
-        chi_square, readings: Sum of the squares of residuals in standard errors, as of ``beads fit``, and their number.
-        remarks: Remarks on lengths and gains.
-        knobs: Knobs of triggers that were found.
-    """
-
-    gauges: Mapping[str, tuple[Array, ...]]
-    chi_square: float
-    readings: int
-    remarks: list[str]
-    knobs: list[Knob]
 
 
 def quick_view_of(asked: tuple[Question, tuple[str, ...]]) -> View | str:
@@ -179,46 +163,43 @@ def errors_of(question: Question) -> tuple[dict[str, tuple[float, float]], list[
     return {name: (error, of_scheme.get(name, np.nan)) for name, error in own.items()}, [*notes]
 
 
-def laid_over(question: Question) -> Laid:
-    """Measured traces of the scene over a motion.
+def laid_over(question: Question) -> tuple[Parts, list[str], list[Knob]]:
+    """Measured traces of the scene over a motion, above its static load, and smoothed residuals.
+
+    Returns:
+        Curves; chi-square as of ``beads fit`` with remarks on lengths and gains; knobs of triggers that were found.
 
     Raises:
         InputError: A measured file is wrong, or does not fit the motion.
     """
     case, engine, trace, _ = motion_of(question)
-    entries = entries_of(case.scene, None, case.scene.name)
-    motion = Simulation(case, engine, trace)
-    aligned, _, remarks = lay_over(*entries, motion)
-    gauges, offs = dict[str, list[Any]](), list[Array]()
+    motion, signals = Simulation(case, engine, trace), sensor_signals(case.layout, trace)
+    aligned, _, remarks = lay_over(*entries_of(case.scene, None, case.scene.name), motion)
+    parts: dict[str, dict[str, list[Any]]] = {MEASURED: {}, RESIDUAL: {}}  # of several files one after another
+    chi_square, readings, triggers_s = 0.0, 0, dict[str, float]()
     for each in aligned:
-        channel = each.channel
-        offs.append(residual_of(channel, motion.curves[channel.gauge], channel.trace.gain, channel.trigger_s))
+        channel, gauge = each.channel, each.channel.gauge
+        off = residual_of(channel, motion.curves[gauge], channel.trace.gain, channel.trigger_s)
+        chi_square, readings = chi_square + float(off @ off), readings + len(off)
         left_N = each.curve(each.run_s) - np.interp(each.run_s, each.time_s, each.computed_N)
-        gauges.setdefault(channel.gauge, []).append((each.time_s, each.force_N, each.run_s, left_N))
-    triggers = {f"{each.channel.trace.key}.{TRIGGER}": each.channel.trigger_s for each in aligned}
-    return Laid(
-        gauges={gauge: tuple(map(np.concatenate, zip(*parts, strict=True))) for gauge, parts in gauges.items()},
-        chi_square=float(sum(off @ off for off in offs)),
-        readings=sum(map(len, offs)),
-        remarks=remarks,
-        knobs=[
-            knob
-            for knob in knobs_of(case, (), triggers)
-            if knob.key in triggers and look_up(case.scene, knob.key) is None
-        ],
-    )
+        parts[MEASURED].setdefault(gauge, []).append((each.time_s * MICRO, each.force_N + signals[gauge][0]))
+        parts[RESIDUAL].setdefault(gauge, []).append((each.run_s * MICRO, left_N))
+        if channel.found:
+            triggers_s[f"{channel.trace.key}.{TRIGGER}"] = channel.trigger_s
+    words = f"chi-square {chi_square:.5g} of {readings} readings, {chi_square / readings:.3g} each"
+    curves = {part: {gauge: np.hstack(pieces) for gauge, pieces in of.items()} for part, of in parts.items()}
+    return curves, [words, *remarks], [knob for knob in knobs_of(case, (), triggers_s) if knob.key in triggers_s]
 
 
-class OnCode(NamedTuple):
-    """A run of a question on a code."""
+class Done(NamedTuple):
+    """What work that takes seconds has found: lines, curves by part and gauge, settings by key."""
 
-    engine: str
-    time_s: Array
-    signals: Mapping[str, Array]
-    said: list[str]
+    lines: list[str]
+    curves: Parts
+    settings: dict[str, str]
 
 
-def on_code(asked: tuple[Question, str, Path]) -> OnCode:
+def on_code(asked: tuple[Question, str, Path]) -> Done:
     """Run of a question on a code in a folder of runs, with what its budget says.
 
     Raises:
@@ -230,11 +211,16 @@ def on_code(asked: tuple[Question, str, Path]) -> OnCode:
     run = assess(run_scene(case, engine, runs=runs), case)
     said = [f"{check.quantity}: {short(check.value)} (limit {short(check.limit)}): {check.verdict}"
             for check in kept_budget(case, run).checks]  # fmt: skip
-    return OnCode(engine, run.trace.time_s, sensor_signals(case.layout, run.trace), [*said, paths.shown(run.folder)])
+    every = slice(None, None, max(len(run.trace.time_s) // POINTS, 1))
+    time_us, signals = run.trace.time_s[every] * MICRO, sensor_signals(case.layout, run.trace)
+    curves = {engine: {gauge: (time_us, force_N[every]) for gauge, force_N in signals.items()}}
+    return Done([f"{engine}:", *said, paths.shown(run.folder)], curves, {})
 
 
-def fitted(asked: tuple[Question, tuple[str, ...], Path]) -> tuple[Path, Tables]:
-    """Folder and tables of a fit that starts at a question, without profiles.
+def fitted(asked: tuple[Question, tuple[str, ...], Path]) -> Done:
+    """Parameters of a fit that starts at a question, without profiles, and how well it fits.
+
+    The settings are those of its keys; triggers that the scene does not state stay free.
 
     Raises:
         InputError: A parameter or the data are wrong.
@@ -242,7 +228,17 @@ def fitted(asked: tuple[Question, tuple[str, ...], Path]) -> tuple[Path, Tables]
     """
     question, free, results = asked
     found = fit(question.scene, settings=question.settings, free=free, quick=True, results=results)
-    return found.folder, found.tables
+    knobs = {knob.key: knob for knob in knobs_of(planned_case(question.scene, *question.settings))}
+    (law,), settings = rows_of(found.tables[LAWS]), dict[str, str]()
+    fits = f"chi-square {law.chi_square:.5g} with {law.freedom:g} degrees of freedom"
+    lines = [f"{paths.shown(found.folder)}: {fits}, probability {short(law.probability)}"]
+    for each in rows_of(found.tables[PARAMETERS]):
+        key, number = each.parameter.rpartition(": ")[2], f"{each.value:.7g}"
+        lines.append(f"{key} = {value_text(each)}")
+        if key in knobs:
+            text = quantity(float(number), each.unit) if each.unit else number
+            settings |= dict.fromkeys((key, *knobs[key].shared), text)
+    return Done(lines, {}, settings)
 
 
 def scene_file(question: Question) -> str:
@@ -257,12 +253,13 @@ def scene_file(question: Question) -> str:
 
 
 def figure_of(curves: Mapping[str, Mapping[str, tuple[Array, Array]]]) -> str:
-    """SVG of times in us and forces by gauge and part, as of ``Plots.curves``."""
+    """SVG of curves by gauge and part, as of ``Plots.curves``."""
     size = (PAGE_IN, 0.6 + 1.6 * len(curves))
     figure, axes = pyplot().subplots(len(curves), 1, figsize=size, squeeze=False, sharex=True, layout="constrained")
     for axis, (gauge, parts) in zip(axes[:, 0], curves.items(), strict=True):
         for part, (time_us, force_N) in parts.items():
-            axis.plot(time_us, force_N, label=part, **(DRAWN.get(part) or marker_of(part) | {"ls": "none"}))
+            look = DRAWN.get(part.partition(" ")[0]) or marker_of(part) | {"ls": "none"}
+            axis.plot(time_us, force_N, label=part, **look)
         axis.set_title(gauge.replace("_", " "), loc="left")
         axis.set_ylabel("force (N)")
     axes[-1, 0].set_xlabel("time since impact (µs)")
