@@ -3,7 +3,6 @@
 import gc
 import getpass
 import logging
-import re
 import secrets
 import socket
 import webbrowser
@@ -22,7 +21,7 @@ from drivers.chain.case import build_case
 from drivers.run.execute import get_ready
 from drivers.scene.read_scene import read_scene
 from validation.explore.knobs import knobs_of
-from validation.explore.page import FILES, Page
+from validation.explore.page import Page
 from validation.explore.views import Question, view_of
 
 HOST = "127.0.0.1"
@@ -41,13 +40,11 @@ class _Files(RequestHandler):
         try:
             page = self.pages[session]
             made = await wrap_future(page.file(name))
-        except (KeyError, CancelledError):  # the page was closed
+        except (KeyError, CancelledError):  # no such file, or the page was closed
             raise HTTPError(404) from None
         if isinstance(made, Exception):
             raise HTTPError(409, reason="the scene has errors")
-        self.set_header("Content-Type", "application/octet-stream")
-        self.set_header("Content-Disposition", f'attachment; filename="{page.name}-{name}"')
-        self.set_header("X-Content-Type-Options", "nosniff")
+        self.set_header("Content-Type", "application/octet-stream")  # which no browser shows, whatever is in it
         self.finish(made)
 
 
@@ -64,8 +61,7 @@ def explore(
     """
     knobs_of(build_case(read_scene(scene, settings)), knobs)  # which may be wrong
     get_ready(view_of)
-    for name in ("bokeh", "tornado"):
-        logging.getLogger(name).setLevel(logging.ERROR)
+    logging.disable(logging.WARNING)
     pages: dict[str, Page] = {}
 
     def open_page(document: Document) -> None:
@@ -85,7 +81,7 @@ def explore(
         port=0,
         ico_path="none",
         prefix=secrets.token_urlsafe(24),
-        extra_patterns=[(rf"/keep/(\w+)/({'|'.join(map(re.escape, FILES))})", _Files, {"pages": pages})],
+        extra_patterns=[(r"/keep/(\w+)/([\w.]+)", _Files, {"pages": pages})],
         unused_session_lifetime_milliseconds=LIFETIME_MS,
         check_unused_sessions_milliseconds=LIFETIME_MS // 5,
     )

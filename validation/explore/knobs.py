@@ -9,23 +9,14 @@ from drivers.base.messages import model_at
 from drivers.base.units import NUMBER_AND_UNIT, divided, quantity
 from drivers.chain.case import Case
 from drivers.laws import LAWS
-from drivers.scene.model import RIGID, Scene
+from drivers.scene.model import RIGID, Part, Scene
 from drivers.scene.read_scene import library_materials, read_value
-from drivers.scene.rules import FORM_KEYS, LAW_KEYS
+from drivers.scene.rules import LAW_KEYS
 from drivers.scene.settings import look_up, setting_text, unit_of
 from validation.calibration.parameters import ELASTIC, GAIN, TRIGGER, Free, around, law_of, stated, unknown
 
-NUMBERS: dict[str, Sequence[str]] = {  # keys that are knobs where a scene has a number, by table
-    "striker": ("speed", "diameter", "mass"),
-    "chain": ("count", "diameter", "mass", "precompression", "angle", "lateral_offset"),
-    "contact": (*(key for keys in LAW_KEYS.values() for key in keys), "friction"),
-    "drive": (*dict.fromkeys(key for keys in FORM_KEYS.values() for key in keys), "start"),
-    "sensor": ("time_constant",),
-    "tube": ("friction", "inner_diameter"),
-    "run": ("duration", "time_step"),
-}
-ALWAYS = ("chain.angle", "sensor.time_constant")  # without a number, too
 SIDEWAYS = ("contact.friction", "tube.friction", "tube.inner_diameter")  # only if beads can move so
+FIXED = ("chain.mass_scatter", "chain.origin", "run.sample_interval", "run.accuracy")  # numbers without a knob
 SENSORS = "chain.sensors"
 NONE = "none"  # choice without the table
 # ranges of values that are 0 or left out in most scenes
@@ -116,12 +107,14 @@ def knobs_of(case: Case, asked: Sequence[str] = (), triggers_s: Mapping[str, flo
 
 
 def _numbers(scene: Scene) -> Iterator[str]:
-    """Keys with numbers of the bodies, contacts, gauges, drive and run, those that the scene has."""
-    yield from ("gravity", *(f"materials.{name}.youngs_modulus" for name in scene.materials))
-    for key in (f"{table}.{key}" for table, keys in NUMBERS.items() for key in keys):
-        has_number = isinstance(look_up(scene, key), int | float)
-        if (has_number or key in ALWAYS) and (scene.three_dimensional or key not in SIDEWAYS):
-            yield key
+    """Keys of its numbers, of materials the moduli alone, and keys without a value that start from 0."""
+    yield from ("gravity", "sensor.time_constant", *(f"materials.{name}.youngs_modulus" for name in scene.materials))
+    for table, part in scene:
+        for name, value in part if isinstance(part, Part) else ():
+            key = f"{table}.{name}"
+            fixed = key in FIXED or (key in SIDEWAYS and not scene.three_dimensional)
+            if not fixed and (isinstance(value, float) or key in ("chain.count", *FROM_ZERO)):
+                yield key
 
 
 def _number(scene: Scene, key: str, text: str) -> Knob:
@@ -152,10 +145,9 @@ def _bounds(key: str) -> tuple[float, float] | None:
     schema = model_at(Scene, path).model_json_schema()["properties"].get(last)
     if schema is None:
         return None
-    kinds = schema.get("anyOf", [schema])
-    lows = (kind.get("minimum", kind.get("exclusiveMinimum")) for kind in kinds)
-    highs = (kind.get("maximum", kind.get("exclusiveMaximum")) for kind in kinds)
-    return next(filter(None, lows), -inf), next(filter(None, highs), inf)
+    stated_ends = {name: end for kind in schema.get("anyOf", [schema]) for name, end in kind.items()}
+    least = stated_ends.get("minimum", stated_ends.get("exclusiveMinimum", -inf))
+    return least, stated_ends.get("maximum", stated_ends.get("exclusiveMaximum", inf))
 
 
 def _choices(case: Case) -> Iterator[Knob]:

@@ -3,7 +3,7 @@
 import gc
 import shlex
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from functools import partial
 from html import escape
@@ -27,7 +27,7 @@ from validation.explore import plots, views
 from validation.explore.desk import Desk
 from validation.explore.knobs import Knob
 from validation.explore.panel import Panel, widget
-from validation.explore.views import Question, View
+from validation.explore.views import Done, Question, View
 
 FILES: dict[str, Callable[[Any], Any]] = {  # functions of what is shown, by name of the file
     "scene.toml": views.scene_file,
@@ -51,15 +51,15 @@ class Page:
     ) -> None:
         """``files`` is the address of its ``FILES``, relative to that of the page."""
         scene = read_scene(question.scene, question.settings)
-        self.document, self.ranges, self.runs, self.results, self.name = document, ranges, runs, results, scene.name
+        self.document, self.ranges, self.runs, self.results = document, ranges, runs, results
         self.tables = read_toml(find_scene(question.scene))
         self.measured = any("file" in entry for entry in self.tables.get("measured", ()))
         self.question = self.shown = question
         self.settings = self.given = settings_of(question)
         self.view: View | None = None
         self.shown_s = 0.0
-        self.aligned: list[Knob] = []  # of triggers that were found
-        self.found: dict[str, str] = {}  # settings by a fit
+        self.aligned: Sequence[Knob] = ()  # of triggers that were found
+        self.found: Mapping[str, str] = {}  # settings by a fit
         self.plots = plots.Plots()
         self.motions, self.judge, self.works = (Desk(document.add_next_tick_callback) for _ in range(3))
         self.panel = Panel(self._turn)
@@ -75,7 +75,7 @@ class Page:
         document.on_event("document_ready", lambda _: self._compute())
         document.title = scene.title or scene.name
         document.template = Template((paths.TEMPLATES / "explore" / "page.html").read_text())
-        document.template_variables.update(keep=files, files=[*FILES], measured=self.measured)
+        document.template_variables.update(keep=files, files=[*FILES], scene=scene.name, measured=self.measured)
 
     def close(self) -> None:
         """End all work of the page."""
@@ -110,7 +110,7 @@ class Page:
             "drop": widget(models.Button, "click", self.plots.drop, label="drop kept curves"),
             "code": models.Select(title="run it on", options=names, value="".join(names[:1])),
             "run": widget(models.Button, "click", self._run, label="run", disabled=not names),
-            "free": models.CheckboxGroup(),
+            "free": models.MultiSelect(size=8, title="free keys; gains and triggers that are not exact are free, too"),
             "fit": widget(models.Button, "click", self._fit, label="fit"),
             "take": widget(models.Button, "click", self._take, label="take over the fit", visible=False),
         }
@@ -133,7 +133,7 @@ class Page:
         if equals:
             self._set({key.strip(): text.strip()})
 
-    def _set(self, changed: dict[str, str]) -> None:
+    def _set(self, changed: Mapping[str, str]) -> None:
         """Apply settings; those that give the value of the scene file go."""
         self.settings = {key: text for key, text in self.settings.items() if key not in changed}
         for key, text in changed.items():
@@ -166,13 +166,10 @@ class Page:
             self.document.add_timeout_callback(self._play, FRAME_MS)
 
     def _fill(self, knobs: Sequence[Knob]) -> None:
-        """Show knobs with their present values, and those of triggers that were found; free keys stay chosen."""
+        """Show knobs with their present values, and those of triggers that were found."""
         stated = {knob.key for knob in knobs}
         self.panel.show([*knobs, *(knob for knob in self.aligned if knob.key not in stated)])
-        free, labels = self.widgets["free"], [key for key, knob in self.panel.knobs.items() if knob.free]
-        if free.labels != labels:
-            chosen = {free.labels[place] for place in free.active}
-            free.update(labels=labels, active=[place for place, key in enumerate(labels) if key in chosen])
+        self.widgets["free"].options = [key for key, knob in self.panel.knobs.items() if knob.free]
 
     # --- motions ------------------------------------------------------------------------------------------------------
 
@@ -243,16 +240,23 @@ class Page:
     def _lay(self, question: Question, answer: Any) -> None:
         """Show measured traces over the motion, and residuals."""
         self.document.add_timeout_callback(partial(self._rest, question), REST_MS)
-        if question != self.shown or self.view is None:
-            return
+        if question == self.shown and self.view is not None:
+            for part in (views.MEASURED, views.RESIDUAL) if isinstance(answer, Exception) else ():
+                self.plots.put(part, {})
+            self._end("overlay", question, answer)
+            if question == self.question:
+                self.aligned = answer.knobs if isinstance(answer, Done) else self.aligned
+                self._fill(self.view.knobs)
+
+    def _end(self, place: str, question: Question, answer: Any) -> None:
+        """Show what work has found: lines in a place, and curves if their motion is still shown; or its error."""
         failed = isinstance(answer, Exception)
-        curves, lines, knobs = ({}, [str(answer)], self.aligned) if failed else answer
-        for part in (views.MEASURED, views.RESIDUAL):
-            self.plots.put(part, curves.get(part, {}))
-        self._say("overlay", lines, ALERT if failed else "{}")
-        if question == self.question:
-            self.aligned = knobs
-            self._fill(self.view.knobs)
+        done = Done([str(answer)]) if failed else answer
+        self._say(place, done.lines, ALERT if failed else "{}")
+        for part, curves in done.curves.items() if question == self.shown else ():
+            self.plots.put(part, curves)
+        if done.settings:
+            self.found, self.widgets["take"].visible = done.settings, True
 
     def _tabulate(self, errors: dict[str, tuple[float, float]], notes: Sequence[str]) -> None:
         """Table of observables with their errors."""
@@ -273,28 +277,19 @@ class Page:
         self._work("run", views.on_code, (self.shown, self.widgets["code"].value, self.runs))
 
     def _fit(self) -> None:
-        free = tuple(self.widgets["free"].labels[place] for place in self.widgets["free"].active)
-        self._work("fit", views.fitted, (self.shown, free, self.results))
+        self._work("fit", views.fitted, (self.shown, (*self.widgets["free"].value,), self.results))
 
     def _take(self) -> None:
         self._set(self.found)
 
     def _work(self, what: str, work: Callable[[Any], Any], item: Any) -> None:
-        """Do work that takes seconds, and show what it says and has found."""
+        """Do work that takes seconds, and show what it has found."""
         self.widgets[what].disabled = True
         self._say(f"{what}_said", ["under way"])
 
         def end(answer: Any) -> None:
             self.widgets[what].disabled = False
-            if isinstance(answer, Exception):
-                self._say(f"{what}_said", [str(answer)])
-                return
-            self._say(f"{what}_said", answer.lines)
-            if item[0] == self.shown:
-                for part, curves in answer.curves.items():
-                    self.plots.put(part, curves)
-            if answer.settings:
-                self.found, self.widgets["take"].visible = answer.settings, True
+            self._end(f"{what}_said", item[0], answer)
 
         self.works.result(work, item, end)
 

@@ -44,8 +44,7 @@ class Plots:
             each.line([0], [0])  # without anything to draw there is no range
         self._parts: dict[str, dict[str, Any]] = {}  # renderers by gauge and part
         self._kept = 0
-        self._legend = models.Legend(orientation="horizontal")
-        forces.add_layout(self._legend, "above")
+        forces.add_layout(models.Legend(orientation="horizontal"), "above")
         self._colours, self._shades = (
             models.LinearColorMapper(palette=_palette("force"), low_color=OPEN_CONTACT) for _ in range(2)
         )
@@ -124,8 +123,7 @@ class Plots:
             of_code = marker_of(part)
             marker, ink = MARKERS.get(of_code["marker"], "circle"), of_code["color"]
             return forces.scatter("x", "y", marker=marker, line_color=ink, size=7, fill_alpha=0, **look)
-        line = forces.line("x", "y", line_color=colour, line_width=2, **look)
-        self._legend.items = [*self._legend.items, models.LegendItem(label=gauge, renderers=[line])]
+        line = forces.line("x", "y", line_color=colour, line_width=2, legend_label=gauge, **look)
         tips = [("µs", "@x{0.00}"), (gauge, "@y{0.0000} N")]
         forces.add_tools(models.HoverTool(renderers=[line], mode="vline", tooltips=tips))
         return line
@@ -159,7 +157,7 @@ class Plots:
     def only(self, gauges: Iterable[str]) -> None:
         """Hide the curves of all other gauges."""
         shown = {*gauges}
-        for (gauge, parts), item in zip(self._parts.items(), self._legend.items, strict=True):
+        for (gauge, parts), item in zip(self._parts.items(), self.figures["forces"].legend.items, strict=True):
             for each in (item, *parts.values()):
                 each.visible = gauge in shown
 

@@ -1,7 +1,7 @@
 """Views of a scene for its live page: pure functions that a worker process computes, with the functions of commands."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import chain
 from pathlib import Path
@@ -163,11 +163,20 @@ def errors_of(question: Question) -> tuple[dict[str, tuple[float, float]], list[
     return {name: (error, of_scheme.get(name, np.nan)) for name, error in own.items()}, [*notes]
 
 
-def laid_over(question: Question) -> tuple[Parts, list[str], list[Knob]]:
-    """Measured traces of the scene over a motion, above its static load, and smoothed residuals.
+@dataclass(frozen=True, eq=False)
+class Done:
+    """What work has found: lines, curves by part and gauge, knobs of triggers, settings of a fit by key."""
 
-    Returns:
-        Curves; chi-square as of ``beads fit`` with remarks on lengths and gains; knobs of triggers that were found.
+    lines: list[str]
+    curves: Parts = field(default_factory=dict)
+    knobs: Sequence[Knob] = ()
+    settings: Mapping[str, str] = field(default_factory=dict)
+
+
+def laid_over(question: Question) -> Done:
+    """Measured traces of the scene over a motion, above its static load, smoothed residuals, and triggers found.
+
+    The lines are chi-square, as of ``beads fit``, and remarks on lengths and gains.
 
     Raises:
         InputError: A measured file is wrong, or does not fit the motion.
@@ -188,15 +197,7 @@ def laid_over(question: Question) -> tuple[Parts, list[str], list[Knob]]:
             triggers_s[f"{channel.trace.key}.{TRIGGER}"] = channel.trigger_s
     words = f"chi-square {chi_square:.5g} of {readings} readings, {chi_square / readings:.3g} each"
     curves = {part: {gauge: np.hstack(pieces) for gauge, pieces in of.items()} for part, of in parts.items()}
-    return curves, [words, *remarks], [knob for knob in knobs_of(case, (), triggers_s) if knob.key in triggers_s]
-
-
-class Done(NamedTuple):
-    """What work that takes seconds has found: lines, curves by part and gauge, settings by key."""
-
-    lines: list[str]
-    curves: Parts
-    settings: dict[str, str]
+    return Done([words, *remarks], curves, [knob for knob in knobs_of(case, (), triggers_s) if knob.key in triggers_s])
 
 
 def on_code(asked: tuple[Question, str, Path]) -> Done:
@@ -214,7 +215,7 @@ def on_code(asked: tuple[Question, str, Path]) -> Done:
     every = slice(None, None, max(len(run.trace.time_s) // POINTS, 1))
     time_us, signals = run.trace.time_s[every] * MICRO, sensor_signals(case.layout, run.trace)
     curves = {engine: {gauge: (time_us, force_N[every]) for gauge, force_N in signals.items()}}
-    return Done([f"{engine}:", *said, paths.shown(run.folder)], curves, {})
+    return Done([f"{engine}:", *said, paths.shown(run.folder)], curves)
 
 
 def fitted(asked: tuple[Question, tuple[str, ...], Path]) -> Done:
@@ -238,7 +239,7 @@ def fitted(asked: tuple[Question, tuple[str, ...], Path]) -> Done:
         if key in knobs:
             text = quantity(float(number), each.unit) if each.unit else number
             settings |= dict.fromkeys((key, *knobs[key].shared), text)
-    return Done(lines, {}, settings)
+    return Done(lines, settings=settings)
 
 
 def scene_file(question: Question) -> str:
