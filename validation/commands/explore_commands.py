@@ -14,7 +14,7 @@ from pathlib import Path
 from bokeh.document import Document
 from bokeh.models.widgets import Div
 from bokeh.server.server import Server
-from tornado.web import HTTPError, RequestHandler
+from tornado.web import ErrorHandler, HTTPError, RequestHandler
 
 from drivers.base.errors import InputError
 from drivers.chain.case import build_case
@@ -25,6 +25,7 @@ from validation.explore.page import Page
 from validation.explore.views import Question, view_of
 
 HOST = "127.0.0.1"
+OTHER_HOSTS = r"(?!(127\.0\.0\.1|localhost)$).*$"  # in requests: names that a page elsewhere has bound to this machine
 MAX_PAGES = 8  # at a time, each with up to three worker processes
 LIFETIME_MS = 5_000  # of a page that no browser is connected to
 
@@ -85,6 +86,7 @@ def explore(
         unused_session_lifetime_milliseconds=LIFETIME_MS,
         check_unused_sessions_milliseconds=LIFETIME_MS // 5,
     )
+    server._tornado.add_handlers(OTHER_HOSTS, [(".*", ErrorHandler, {"status_code": 403})])
     gc.freeze()  # what is loaded already, so that collections while a page rests take no time (130 ms without)
     address = f"http://{HOST}:{server.port}{server.prefix}/"
     print(address)

@@ -20,7 +20,7 @@ from postproc.read.measured import entries_of
 from postproc.read.motion import exact
 from postproc.read.signals import sensor_signals
 from validation.tests.helpers.browser import browser, keep_screenshot, need_browser, requests, said, view
-from validation.tests.helpers.live import Live, served, until
+from validation.tests.helpers.live import Live, served, status_of, until
 
 pytestmark = pytest.mark.page
 
@@ -253,6 +253,12 @@ def test_a_second_browser_has_its_own_knobs(page: Live, addresses: dict[str, str
     page.driver.close()
     page.driver.switch_to.window(window)
     assert page.value("striker.speed") == "1.1 m/s"
+
+
+def test_a_name_that_was_bound_to_this_machine_is_refused(addresses: dict[str, str]) -> None:
+    address, port = addresses[SCENE], addresses[SCENE].split(":")[2].split("/")[0]
+    names = (f"localhost:{port}", "localhost:1", f"evil.example:{port}")
+    assert [status_of(address, Host=name) for name in names] == [200, 200, 403]
 
 
 @pytest.mark.parametrize("width_px", [1280, 390])
