@@ -40,6 +40,7 @@ LEAST_S = 0.1  # between motions of values that are outdated already, as those o
 DARK = """const scheme = matchMedia('(prefers-color-scheme: dark)');
 scheme.addEventListener('change', () => { dark.active = scheme.matches }); dark.active = scheme.matches"""
 SCHEME = "document.documentElement.style.colorScheme = cb_obj.active ? 'dark' : 'light'"
+ADDRESS = "history.replaceState(null, '', '?set=' + cb_obj.tags.map(encodeURIComponent).join('&set='))"
 ALERT = '<b role="alert">{}</b>'
 
 
@@ -55,7 +56,9 @@ class Page:
         self.tables = read_toml(find_scene(question.scene))
         self.measured = any("file" in entry for entry in self.tables.get("measured", ()))
         self.question = self.shown = question
-        self.settings = self.given = settings_of(question)
+        self.given = settings_of(question.settings)
+        kept = document.session_context.request.arguments.get("set")  # in the address of a page that is loaded again
+        self.settings = self.given if kept is None else settings_of(text.decode(errors="replace") for text in kept)
         self.view: View | None = None
         self.shown_s = 0.0
         self.aligned: Sequence[Knob] = ()  # of triggers that were found
@@ -68,6 +71,7 @@ class Page:
             model.name = name
             document.add_root(model)
         self._paint()
+        self.widgets["command"].js_on_change("tags", models.CustomJS(code=ADDRESS))
         self.widgets["dark"].js_on_change("active", models.CustomJS(code=SCHEME))
         for number, end in enumerate(("start", "end")):
             self.widgets["window"].js_link("value", self.plots.figures["forces"].x_range, end, attr_selector=number)
@@ -129,7 +133,7 @@ class Page:
     def _other(self) -> None:
         key, equals, text = self.widgets["other"].value.partition("=")
         if self.widgets["problem"].visible:  # what was refused goes
-            self.settings = settings_of(self.shown)
+            self.settings = settings_of(self.shown.settings)
         if equals:
             self._set({key.strip(): text.strip()})
 
@@ -175,8 +179,8 @@ class Page:
 
     def _compute(self) -> None:
         """Compute the scene with its settings."""
-        texts = tuple(f"{key}={text}" for key, text in self.settings.items())
-        self.question = question = Question(self.question.scene, texts, self.widgets["engine"].value)
+        self.widgets["command"].tags = texts = [f"{key}={text}" for key, text in self.settings.items()]
+        self.question = question = Question(self.question.scene, (*texts,), self.widgets["engine"].value)
         self.motions.ask(views.quick_view_of, (question, self.ranges), partial(self._show, question))
 
     def _show(self, question: Question, answer: Any) -> None:
@@ -294,6 +298,6 @@ class Page:
         self.works.result(work, item, end)
 
 
-def settings_of(question: Question) -> dict[str, str]:
-    """Settings of a question by key."""
-    return dict(text.split("=", 1) for text in question.settings)
+def settings_of(texts: Iterable[str]) -> dict[str, str]:
+    """Settings by key."""
+    return dict(text.split("=", 1) for text in texts if "=" in text)

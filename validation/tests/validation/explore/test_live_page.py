@@ -162,6 +162,16 @@ def test_a_refused_value_is_said_in_the_words_of_the_command(page: Live) -> None
     until(lambda: not page.text("problem"))
 
 
+def test_a_page_that_is_loaded_again_has_its_settings(page: Live) -> None:
+    page.turn("striker.speed", "1.3 m/s")
+    page.driver.refresh()
+    until(lambda: page.ask("window.Bokeh !== undefined") and page.text("command"))
+    assert page.value("striker.speed") == "1.3 m/s"
+    page.press("reset")
+    until(lambda: page.text("command") == "beads run fig4 --engine reference")
+    assert page.driver.current_url.endswith("?set=")
+
+
 def test_curves_are_kept_and_hidden(page: Live) -> None:
     before = page.curve("wall")
     page.press("keep")
