@@ -23,6 +23,7 @@ from drivers.scene.settings import look_up
 from postproc.draw.plot import MICRO
 from postproc.read.observables import without_unit
 from validation.checks import short
+from validation.commands.key_commands import key_tables
 from validation.explore import plots, views
 from validation.explore.desk import Desk
 from validation.explore.knobs import Knob
@@ -95,12 +96,21 @@ class Page:
     def _widgets(self) -> dict[str, Any]:
         """All widgets by name; the template of the document has their places."""
         names, engines, line = [*installed(codes())], [views.AUTO, REFERENCE, VERLET], {"start": 0, "end": 1}
+        keys = [key for key, *_ in key_tables()["scene"]]
         texts = ("problem", "table", "overlay", "command", "run_said", "fit_said")
         return {
             "knobs": self.panel.column,
             **{name: models.Div(visible=False) for name in texts},
             "status": models.Div(text="computing; after a change of the code it is compiled first"),
-            "other": widget(models.TextInput, "value", self._other, title="any other key", placeholder="KEY=VALUE"),
+            "other": widget(
+                models.AutocompleteInput,
+                "value",
+                self._other,
+                title="any other key (beads keys)",
+                placeholder="KEY=VALUE",
+                completions=keys,
+                restrict=False,
+            ),
             "engine": widget(
                 models.Select, "value", self._compute, title="computed by", options=engines, value=views.AUTO
             ),
