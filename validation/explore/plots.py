@@ -11,7 +11,7 @@ from bokeh.themes import Theme
 from matplotlib.colors import rgb2hex
 
 from postproc.draw.plot import GAMMA, MICRO, OPEN_CONTACT, OPEN_SHARE, colour_map, marker_of
-from validation.explore.views import KEPT, MEASURED, NOW, RESIDUAL, Curves, Parts, View
+from validation.explore.views import KEPT, MEASURED, NOW, RESIDUAL, Curves, Parts, View, kept_look
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")  # of gauges
 MARKERS = {"s": "square", "D": "diamond", "x": "x"}  # of Bokeh by that of matplotlib
@@ -116,7 +116,8 @@ class Plots:
         if part == RESIDUAL:
             return self.figures["residuals"].line("x", "y", line_color=colour, **look)
         if part.startswith(KEPT):
-            return forces.line("x", "y", line_color=colour, line_dash="dashed", line_alpha=0.8, **look)
+            dash, share = kept_look(part)
+            return forces.line("x", "y", line_color=colour, line_dash=dash, line_alpha=share, **look)
         if part == MEASURED:
             return forces.scatter("x", "y", size=3, color=colour, alpha=0.5, **look)
         if part != NOW:

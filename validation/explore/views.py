@@ -48,9 +48,9 @@ KINDS = ("peak", "amplitude", "arrival", "speed", "duration", "width", "reflecte
 NOW, KEPT, MEASURED, RESIDUAL = "now", "kept", "measured", "residual"  # parts of a gauge, beside names of codes
 DRAWN: dict[str, dict[str, Any]] = {  # in figures that are kept
     MEASURED: {"ls": "none", "marker": ".", "ms": 3, "mew": 0, "color": GREY},
-    KEPT: {"ls": "--", "lw": 0.8, "color": GREY},
     NOW: AVERAGE,
 }
+DASHES = ("dashed", "dotted", "dashdot")  # of kept curves, one after another, then fainter
 POINTS = 100  # markers of a code at a gauge
 
 Curves = Mapping[str, Any]  # times in us and forces in N by gauge: a pair, or an array of two rows
@@ -259,7 +259,11 @@ def figure_of(curves: Mapping[str, Mapping[str, tuple[Array, Array]]]) -> str:
     figure, axes = pyplot().subplots(len(curves), 1, figsize=size, squeeze=False, sharex=True, layout="constrained")
     for axis, (gauge, parts) in zip(axes[:, 0], curves.items(), strict=True):
         for part, (time_us, force_N) in parts.items():
-            look = DRAWN.get(part.partition(" ")[0]) or marker_of(part) | {"ls": "none"}
+            if part.startswith(KEPT):
+                dash, share = kept_look(part)
+                look: dict[str, Any] = {"ls": dash, "alpha": share, "lw": 0.8, "color": GREY}
+            else:
+                look = DRAWN.get(part) or marker_of(part) | {"ls": "none"}
             axis.plot(time_us, force_N, label=part, **look)
         axis.set_title(gauge.replace("_", " "), loc="left")
         axis.set_ylabel("force (N)")
@@ -267,6 +271,12 @@ def figure_of(curves: Mapping[str, Mapping[str, tuple[Array, Array]]]) -> str:
     handles = {line.get_label(): line for axis in axes[:, 0] for line in axis.lines}
     figure.legend(handles.values(), handles.keys(), loc="outside upper left", ncols=5)
     return svg_of(figure)
+
+
+def kept_look(part: str) -> tuple[str, float]:
+    """Dashes and opacity of kept curves, which tell six of them apart."""
+    round_, place = divmod(int(part.removeprefix(KEPT)) - 1, len(DASHES))
+    return DASHES[place], 0.9 if round_ % 2 == 0 else 0.45
 
 
 def forces_csv(question: Question) -> bytes:

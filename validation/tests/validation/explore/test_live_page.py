@@ -178,6 +178,11 @@ def test_curves_are_kept_and_hidden(page: Live) -> None:
     page.turn("striker.speed", "1 m/s")
     until(lambda: page.curve("wall", "kept 1") == before)
     assert page.curve("wall")[1] != before[1]
+    page.press("keep")
+    kept = 'model("forces").renderers.filter((each) => each.name?.startsWith("wall kept"))'
+    dashes = f"{kept}.map((each) => each.glyph.line_dash.value)"
+    until(lambda: len(page.ask(dashes)) == 2)
+    assert len({*map(str, page.ask(dashes))}) == 2
     page.press("gauges", Keys.SPACE)
     until(lambda: not page.ask('model("forces").renderers[1].visible'))
     page.press("drop")
