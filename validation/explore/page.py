@@ -95,25 +95,17 @@ class Page:
 
     def _widgets(self) -> dict[str, Any]:
         """All widgets by name; the template of the document has their places."""
-        names, engines, line = [*installed(codes())], [views.AUTO, REFERENCE, VERLET], {"start": 0, "end": 1}
-        keys = [key for key, *_ in key_tables()["scene"]]
+        names, line = [*installed(codes())], {"start": 0, "end": 1}
+        engine = {"title": "computed by", "options": [views.AUTO, REFERENCE, VERLET], "value": views.AUTO}
+        other: dict[str, Any] = {"title": "any other key (beads keys)", "placeholder": "KEY=VALUE", "restrict": False}
+        other["completions"] = [key for key, *_ in key_tables()["scene"]]
         texts = ("problem", "table", "overlay", "command", "run_said", "fit_said")
         return {
             "knobs": self.panel.column,
             **{name: models.Div(visible=False) for name in texts},
             "status": models.Div(text="computing; after a change of the code it is compiled first"),
-            "other": widget(
-                models.AutocompleteInput,
-                "value",
-                self._other,
-                title="any other key (beads keys)",
-                placeholder="KEY=VALUE",
-                completions=keys,
-                restrict=False,
-            ),
-            "engine": widget(
-                models.Select, "value", self._compute, title="computed by", options=engines, value=views.AUTO
-            ),
+            "other": widget(models.AutocompleteInput, "value", self._other, **other),
+            "engine": widget(models.Select, "value", self._compute, **engine),
             "window": models.RangeSlider(title="shown (µs)", value=(0, 1), **line),
             "gauges": widget(models.CheckboxGroup, "active", self._only, inline=True),
             "time": widget(models.Slider, "value", self._at, title="time (µs)", value=0, **line),
@@ -189,8 +181,8 @@ class Page:
 
     def _compute(self) -> None:
         """Compute the scene with its settings."""
-        self.widgets["command"].tags = texts = [f"{key}={text}" for key, text in self.settings.items()]
-        self.question = question = Question(self.question.scene, (*texts,), self.widgets["engine"].value)
+        texts = tuple(f"{key}={text}" for key, text in self.settings.items())
+        self.question = question = Question(self.question.scene, texts, self.widgets["engine"].value)
         self.motions.ask(views.quick_view_of, (question, self.ranges), partial(self._show, question))
 
     def _show(self, question: Question, answer: Any) -> None:
@@ -242,8 +234,9 @@ class Page:
             self.document.add_timeout_callback(partial(self._rest, question), REST_MS)
 
     def _rest(self, question: Question) -> None:
-        """Measure the errors if no knob was turned meanwhile."""
+        """Measure the errors, and state the settings in the address, if no knob was turned meanwhile."""
         if question == self.question:
+            self.widgets["command"].tags = [*question.settings]
             gc.collect()  # else the data of former motions wait for it, in circles with the models that showed them
             self.judge.ask(views.errors_of, question, partial(self._err, question))
 

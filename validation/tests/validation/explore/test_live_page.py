@@ -164,12 +164,13 @@ def test_a_refused_value_is_said_in_the_words_of_the_command(page: Live) -> None
 
 def test_a_page_that_is_loaded_again_has_its_settings(page: Live) -> None:
     page.turn("striker.speed", "1.3 m/s")
+    until(lambda: "striker.speed" in page.driver.current_url)
     page.driver.refresh()
     until(lambda: page.ask("window.Bokeh !== undefined") and page.text("command"))
     assert page.value("striker.speed") == "1.3 m/s"
     page.press("reset")
     until(lambda: page.text("command") == "beads run fig4 --engine reference")
-    assert page.driver.current_url.endswith("?set=")
+    until(lambda: page.driver.current_url.endswith("?set="))
 
 
 def test_curves_are_kept_and_hidden(page: Live) -> None:
