@@ -3,6 +3,7 @@
 A chapter is a module of this folder with a function ``measure(options)`` that returns a ``Chapter``.
 """
 
+from collections.abc import Iterable
 from contextlib import redirect_stderr
 from dataclasses import dataclass
 from importlib import import_module
@@ -134,20 +135,21 @@ def _scores(table: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(texts)
 
 
-def make_part(results: Path, runs: Path, name: str) -> tuple[list[str], bool]:
-    """Make a figure of the paper or a chapter for the page, in a process that may be one of several.
+def make_parts(results: Path, runs: Path, names: Iterable[str]) -> tuple[list[str], bool]:
+    """Make figures of the paper and chapters for the page, in a process that may be one of several.
 
     Returns:
-        Lines that it says, and False if it fails.
+        Lines that they say, and False if one of them fails, which does not stop the others.
     """
     good = True
     with redirect_stderr(StringIO()) as said:
-        try:
-            if name in captions():
-                write_paper_figure(name, runs, results)
-            else:
-                _write(name, measure(name, Options(results, runs, quick=name not in IN_FULL)), results)
-        except (RunError, InputError, OSError) as error:
-            say(f"{name}: {error}")
-            good = False
+        for name in names:
+            try:
+                if name in captions():
+                    write_paper_figure(name, runs, results)
+                else:
+                    _write(name, measure(name, Options(results, runs, quick=name not in IN_FULL)), results)
+            except (RunError, InputError, OSError) as error:
+                say(f"{name}: {error}")
+                good = False
     return said.getvalue().splitlines(), good

@@ -6,7 +6,7 @@ import platform
 import re
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
 from importlib.metadata import version
@@ -32,7 +32,7 @@ from postproc.read.measured import read_traces
 from postproc.read.signals import gauges_of
 from validation.accuracy.budget import text_of
 from validation.accuracy.plan import planned_case
-from validation.chapters import CHAPTERS, IN_FULL, TABLE, make_part, up_to_date
+from validation.chapters import CHAPTERS, IN_FULL, TABLE, make_parts, up_to_date
 from validation.checks import DIFFERS, FAIL, NOT_ACCURATE, NOT_RUN, PASS, REPRODUCED, short, table
 from validation.compare.comparison import ComparedScene, EngineSelection, answer, compare_cases, listed
 from validation.report.parts import PARTS, read_part
@@ -91,8 +91,10 @@ def report(
     for name in () if studies else sections:
         _section(name, page.parent, ())
     to_come = [name for name in (*captions(), *CHAPTERS) if studies and not _made(name, page.parent)]
+    sharing = [name for name in to_come if _is_whole(name)]  # chapters after the figures, whose runs they have
+    groups = [*filter(None, [sharing]), *([name] for name in to_come if name not in sharing)]
     if place.processes:
-        get_ready(make_part)
+        get_ready(make_parts)
     failed = False
     with terminal.counted("scenes on all engines, compared"):
         compared = [*compare_cases(cases, asked.names, folder)]
@@ -100,13 +102,21 @@ def report(
         write = partial(write_report, compared, page, command, runs, unmet, to_come, sections)
         counts = write()
 
-    with terminal.counted("figures and chapters, side by side"):
-        for name, (said, good) in execute(partial(make_part, page.parent, folder), [*to_come], place):
-            for line in said:
-                say(line)
-            to_come.remove(name)
+    def grow(ended: Collection[str] = ()) -> None:
+        """Write the page with the parts that have been made meanwhile, and without those that have failed."""
+        nonlocal counts
+        made = [name for name in to_come if name in ended or up_to_date(name, page.parent)]
+        if made:
+            to_come[:] = [name for name in to_come if name not in made]
             counts = write()
-            failed |= not good
+
+    if groups:
+        with terminal.counted("figures and chapters, side by side"):
+            for group, (said, good) in execute(partial(make_parts, page.parent, folder), groups, place, grow):
+                for line in said:
+                    say(line)
+                grow(group)
+                failed |= not good
     stored = [read_part(name, page.parent) for name in CHAPTERS if studies]
     missed = [check for part in filter(None, stored) for check in part.failed]
     for line in table(missed) if missed else ():
@@ -116,11 +126,15 @@ def report(
     return 1 if unmet or counts[FAIL] or missed or failed else 0
 
 
+def _is_whole(part: str) -> bool:
+    """True for a figure, and for a chapter without a short form on the page."""
+    return part in captions() or part in IN_FULL
+
+
 def _made(part: str, results: Path) -> bool:
     """True if a figure or a chapter is up to date; any stored one counts for a chapter with a short form."""
     try:
-        short_form = part not in captions() and part not in IN_FULL
-        return read_part(part, results) is not None and (short_form or up_to_date(part, results))
+        return read_part(part, results) is not None and (not _is_whole(part) or up_to_date(part, results))
     except (InputError, OSError) as error:  # such as a folder in place of a file
         say(str(error))
         return False
