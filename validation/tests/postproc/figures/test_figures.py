@@ -270,6 +270,11 @@ def test_errors_of_a_figure_of_one_s_own_name_file_and_line(
     assert not list(tmp_path.glob("out/*"))
 
 
+@pytest.mark.parametrize("force_N", [0.05, 2.0])
+def test_a_strike_has_the_amplitude_asked_for(force_N: float) -> None:
+    assert sensor_amplitude(strike_for(force_N, sensor_amplitude)) == pytest.approx(force_N, rel=1e-8)
+
+
 def test_a_force_that_no_strike_gives_is_an_error() -> None:
     with pytest.raises(RunError, match=r"no striker speed gives a wave of 0\.001 N"):
         strike_for(1e-3, contact_peak)  # below the static force between the sensors
