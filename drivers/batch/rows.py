@@ -79,7 +79,7 @@ class Batch:
     observe: Callable[[Layout, Trace], Mapping[str, float]] = lambda layout, trace: {}
 
     def __getstate__(self) -> dict[str, Any]:
-        """What is asked, without what is read; for processes that may have another working folder."""
+        """Fields as they were asked, without all that is read; for processes that may have another working folder."""
         source = find_input(self._source, paths.STUDIES, "study").absolute()
         return {asked.name: getattr(self, asked.name) for asked in fields(self)} | {"source": source}
 

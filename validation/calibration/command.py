@@ -67,7 +67,7 @@ LEAST_CHANGE = 0.1  # standard errors by 1 % of such a number: smaller ones are 
 
 
 class FitRequest(Part):
-    """What to fit, to which data.
+    """Parameters to fit, and the data.
 
     Attributes:
         scenes: Names or files of scenes with measured data.

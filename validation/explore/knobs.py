@@ -198,8 +198,6 @@ def _measured(scene: Scene, triggers_s: Mapping[str, float]) -> Iterator[Knob]:
         value = next((each for each in values if each is not None), triggers_s.get(key))
         if value is not None:
             reach_s = TRIGGER_SHARE * scene.run.duration
-            free, text = (
-                Free(key, "s", value, value - reach_s, value + reach_s),
-                setting_text(key, float(f"{value:.6g}")),
-            )
+            free = Free(key, "s", value, value - reach_s, value + reach_s)
+            text = setting_text(key, float(f"{value:.6g}"))
             yield Knob(key, text, free, shared=(*others,), title="trigger")

@@ -165,7 +165,7 @@ def errors_of(question: Question) -> tuple[dict[str, tuple[float, float]], list[
 
 @dataclass(frozen=True, eq=False)
 class Done:
-    """What work has found: lines, curves by part and gauge, knobs of triggers, settings of a fit by key."""
+    """Result of long work: lines, curves by part and gauge, knobs of triggers, settings of a fit by key."""
 
     lines: list[str]
     curves: Parts = field(default_factory=dict)

@@ -150,7 +150,7 @@ OWN = {
 
 
 def imported(own: Own, scene: Path, folder: Path, *further: tuple[str, str]) -> str:
-    """What the import says of a deck after its changes, run in a folder of its own."""
+    """Lines of the import of a deck after its changes, run in a folder of its own."""
     (folder / "post").mkdir(parents=True)
     deck = LIGGGHTS if own.engine == "liggghts" else LAMMPS
     for pattern, other in (*own.changes, *further):
