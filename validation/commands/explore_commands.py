@@ -6,7 +6,6 @@ import logging
 import secrets
 import socket
 import webbrowser
-from asyncio import CancelledError, wrap_future
 from contextlib import suppress
 from html import escape
 from pathlib import Path
@@ -14,7 +13,7 @@ from pathlib import Path
 from bokeh.document import Document
 from bokeh.models.widgets import Div
 from bokeh.server.server import Server
-from tornado.web import ErrorHandler, HTTPError, RequestHandler
+from tornado.web import ErrorHandler
 
 from drivers.base.errors import InputError
 from drivers.chain.case import build_case
@@ -28,25 +27,6 @@ HOST = "127.0.0.1"
 OTHER_HOSTS = r"(?!(127\.0\.0\.1|localhost)$).*$"  # in requests: names that a page elsewhere has bound to this machine
 MAX_PAGES = 8  # at a time, each with up to three worker processes
 LIFETIME_MS = 5_000  # of a page that no browser is connected to
-
-
-class _Files(RequestHandler):
-    """Files of what a page shows."""
-
-    def initialize(self, pages: dict[str, Page]) -> None:
-        self.pages = pages
-
-    async def get(self, session: str, name: str) -> None:
-        """Send a file of the page of a session by its name."""
-        try:
-            page = self.pages[session]
-            made = await wrap_future(page.file(name))
-        except (KeyError, CancelledError):  # no such file, or the page was closed
-            raise HTTPError(404) from None
-        if isinstance(made, Exception):
-            raise HTTPError(409, reason="the scene has errors")
-        self.set_header("Content-Type", "application/octet-stream")  # which no browser shows, whatever is in it
-        self.finish(made)
 
 
 def explore(
@@ -63,18 +43,22 @@ def explore(
     knobs_of(build_case(read_scene(scene, settings)), knobs)  # which may be wrong
     get_ready(view_of)
     logging.disable(logging.WARNING)
-    pages: dict[str, Page] = {}
+    pages = set[Page]()
+
+    def end(page: Page) -> None:
+        pages.remove(page)
+        page.close()
 
     def open_page(document: Document) -> None:
-        session = document.session_context.id
         try:
             if len(pages) >= MAX_PAGES:
                 raise InputError("explore", "", f"{MAX_PAGES} pages are open; close some, then load this one again")
-            pages[session] = Page(document, Question(scene, settings), knobs, runs, results, f"keep/{session}")
+            page = Page(document, Question(scene, settings, knobs), runs, results)
         except InputError as error:  # or the file has changed
             document.add_root(Div(text=escape(str(error))))
         else:
-            document.on_session_destroyed(lambda _: pages.pop(session).close())
+            pages.add(page)
+            document.on_session_destroyed(lambda _: end(page))
 
     server = Server(
         {"/": open_page},
@@ -82,7 +66,6 @@ def explore(
         port=0,
         ico_path="none",
         prefix=secrets.token_urlsafe(24),
-        extra_patterns=[(r"/keep/(\w+)/([\w.]+)", _Files, {"pages": pages})],
         unused_session_lifetime_milliseconds=LIFETIME_MS,
         check_unused_sessions_milliseconds=LIFETIME_MS // 5,
     )
@@ -99,5 +82,5 @@ def explore(
         with suppress(KeyboardInterrupt):
             server.io_loop.start()
     finally:
-        for page in pages.values():
+        for page in pages:
             page.close()

@@ -64,6 +64,12 @@ class Knob:
         """True if a fit can find its value."""
         return self.range is not None and not self.key.startswith(("run", "chain.count"))
 
+    def has(self, other: "Knob") -> bool:
+        """True if the value of another knob is in the range or among the choices."""
+        if self.range and other.range:
+            return self.range.low <= other.range.start <= self.range.high
+        return not self.choices or other.text in self.choices
+
     @property
     def place(self) -> float:
         """Place of the present value in the range, from 0 to 1."""

@@ -4,7 +4,7 @@ import gc
 import shlex
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import Future
+from dataclasses import replace
 from functools import partial
 from html import escape
 from math import nan
@@ -27,33 +27,84 @@ from validation.commands.key_commands import key_tables
 from validation.explore import plots, views
 from validation.explore.desk import Desk
 from validation.explore.knobs import Knob
-from validation.explore.panel import Panel, widget
 from validation.explore.views import Done, Question, View
 
-FILES: dict[str, Callable[[Any], Any]] = {  # functions of what is shown, by name of the file
-    "scene.toml": views.scene_file,
-    "forces.csv": views.forces_csv,
-    "forces.svg": views.figure_of,
-}
+FILES: dict[str, Callable[[Question], str]] = {"scene.toml": views.scene_file, "forces.csv": views.forces_csv}
 REST_MS = 300  # after the last turn of a knob, before errors are measured
 FRAME_MS = 80  # of the moving beads
 LEAST_S = 0.1  # between motions of values that are outdated already, as those of a slider on its way
-DARK = """const scheme = matchMedia('(prefers-color-scheme: dark)');
-scheme.addEventListener('change', () => { dark.active = scheme.matches }); dark.active = scheme.matches"""
-SCHEME = "document.documentElement.style.colorScheme = cb_obj.active ? 'dark' : 'light'"
 ADDRESS = "history.replaceState(null, '', '?set=' + cb_obj.tags.map(encodeURIComponent).join('&set='))"
-ALERT = '<b role="alert">{}</b>'
+SAVE = "save(cb_obj.name, cb_obj.tags[0])"
+SAVE_PICTURE = "cb_context.index.find_one(forces).export('svg').to_blob().then((blob) => save('forces.svg', blob))"
+FORMS = {"command": "<code>{}</code>", "fit_said": "<pre>{}</pre>"}  # of texts by place
+
+
+class Panel:
+    """Column of knobs, by their keys: fields, with sliders for numbers."""
+
+    def __init__(self, turn: Callable[[str, str], None]) -> None:
+        """``turn`` gets the key and the text of a knob that is turned."""
+        self._turn = turn
+        self.column = models.Column()
+        self.knobs: dict[str, Knob] = {}
+        self.first: dict[str, Knob] = {}  # with the ranges and choices that stay while knobs are turned
+        self._widgets: dict[str, list[Any]] = {}
+        self.turned = ""  # key of the slider that was turned last: it stays where it was put
+        self._filling = False
+
+    def show(self, knobs: Iterable[Knob]) -> None:
+        """Show knobs with their present values; there are other widgets only for other knobs."""
+        former, self.knobs = [*self.knobs], {knob.key: self._steady(knob) for knob in knobs}
+        if former != [*self.knobs]:
+            self.column.children = [each for knob in self.knobs.values() for each in self._widgets_of(knob)]
+        self._filling = True
+        for key, knob in self.knobs.items():
+            field, *sliders = self._widgets[key]
+            if knob.choices:
+                field.options = [*knob.choices]
+            field.value = knob.text
+            for slider in sliders if key != self.turned else ():
+                slider.value = knob.place
+        self._filling = False
+
+    def _steady(self, knob: Knob) -> Knob:
+        """Knob with the range and the choices that its key had first, as long as its value is among them."""
+        first = self.first.setdefault(knob.key, knob)
+        if not first.has(knob):
+            first = self.first[knob.key] = knob
+        kept = first.range and knob.range and replace(first.range, start=knob.range.start)
+        return replace(knob, range=kept, choices=first.choices)
+
+    def _widgets_of(self, knob: Knob) -> list[Any]:
+        """Field of a knob, and a slider for a number."""
+        key = knob.key
+        if key not in self._widgets:
+            kind = models.Select if knob.choices else models.TextInput
+            act = partial(self._typed, key)
+            self._widgets[key] = [widget(kind, "value", act, name=key, title=knob.title or key)]
+            if knob.range is not None:
+                look = {"start": 0, "end": 1, "step": knob.step, "show_value": False, "tooltips": False}
+                act = partial(self._slid, key)
+                self._widgets[key].append(widget(models.Slider, "value", act, name=f"{key} slider", value=0, **look))
+        return self._widgets[key]
+
+    def _slid(self, key: str) -> None:
+        if not self._filling:
+            field, slider = self._widgets[key]
+            self.turned = key
+            field.value = self.knobs[key].text_at(slider.value)
+
+    def _typed(self, key: str) -> None:
+        if not self._filling:
+            self._turn(key, self._widgets[key][0].value.strip())
 
 
 class Page:
     """Page of a scene in one browser: its settings, what it shows of them, and its worker processes."""
 
-    def __init__(
-        self, document: Document, question: Question, ranges: tuple[str, ...], runs: Path, results: Path, files: str
-    ) -> None:
-        """``files`` is the address of its ``FILES``, relative to that of the page."""
+    def __init__(self, document: Document, question: Question, runs: Path, results: Path) -> None:
         scene = read_scene(question.scene, question.settings)
-        self.document, self.ranges, self.runs, self.results = document, ranges, runs, results
+        self.document, self.runs, self.results = document, runs, results
         self.tables = read_toml(find_scene(question.scene))
         self.measured = any("file" in entry for entry in self.tables.get("measured", ()))
         self.question = self.shown = question
@@ -65,31 +116,29 @@ class Page:
         self.aligned: Sequence[Knob] = ()  # of triggers that were found
         self.found: Mapping[str, str] = {}  # settings by a fit
         self.plots = plots.Plots()
-        self.motions, self.judge, self.works = (Desk(document.add_next_tick_callback) for _ in range(3))
         self.panel = Panel(self._turn)
+        self.motions, self.judge, self.works = (Desk(document.add_next_tick_callback) for _ in range(3))
         self.widgets = self._widgets()
         for name, model in (self.widgets | self.plots.figures).items():
             model.name = name
             document.add_root(model)
-        self._paint()
+        for name in FILES:
+            self.widgets[name].js_on_change("tags", models.CustomJS(code=SAVE))
+        forces = self.plots.figures["forces"]
+        self.widgets["forces.svg"].js_on_click(models.CustomJS(args={"forces": forces}, code=SAVE_PICTURE))
+        self.widgets["command"].tags = texts_of(self.settings)
         self.widgets["command"].js_on_change("tags", models.CustomJS(code=ADDRESS))
-        self.widgets["dark"].js_on_change("active", models.CustomJS(code=SCHEME))
         for number, end in enumerate(("start", "end")):
-            self.widgets["window"].js_link("value", self.plots.figures["forces"].x_range, end, attr_selector=number)
-        document.js_on_event("document_ready", models.CustomJS(args={"dark": self.widgets["dark"]}, code=DARK))
+            self.widgets["window"].js_link("value", forces.x_range, end, attr_selector=number)
         document.on_event("document_ready", lambda _: self._compute())
-        document.title = scene.title or scene.name
+        document.theme, document.title = plots.THEME, scene.title or scene.name
         document.template = Template((paths.TEMPLATES / "explore" / "page.html").read_text())
-        document.template_variables.update(keep=files, files=[*FILES], scene=scene.name, measured=self.measured)
+        document.template_variables.update(scene=scene.name, measured=self.measured)
 
     def close(self) -> None:
         """End all work of the page."""
         for desk in (self.motions, self.judge, self.works):
             desk.close()
-
-    def file(self, name: str) -> Future[Any]:
-        """Text of a file of what is shown, or an error."""
-        return self.judge.result(FILES[name], self.plots.curves if name.endswith("svg") else self.shown)
 
     # --- widgets ------------------------------------------------------------------------------------------------------
 
@@ -110,10 +159,11 @@ class Page:
             "gauges": widget(models.CheckboxGroup, "active", self._only, inline=True),
             "time": widget(models.Slider, "value", self._at, title="time (µs)", value=0, **line),
             "play": widget(models.Toggle, "active", self._play, label="play"),
-            "dark": widget(models.Toggle, "active", self._paint, label="dark"),
             "reset": widget(models.Button, "click", self._reset, label="reset"),
             "keep": widget(models.Button, "click", self.plots.keep, label="keep these curves"),
             "drop": widget(models.Button, "click", self.plots.drop, label="drop kept curves"),
+            **{name: widget(models.Button, "click", partial(self._save, name), label=name) for name in FILES},
+            "forces.svg": models.Button(label="forces.svg"),
             "code": models.Select(title="run it on", options=names, value="".join(names[:1])),
             "run": widget(models.Button, "click", self._run, label="run", disabled=not names),
             "free": models.MultiSelect(size=8, title="free keys; gains and triggers that are not exact are free, too"),
@@ -121,9 +171,10 @@ class Page:
             "take": widget(models.Button, "click", self._take, label="take over the fit", visible=False),
         }
 
-    def _say(self, name: str, lines: Iterable[str], form: str = "{}") -> None:
-        """Show lines of text, or hide their place without any."""
-        text = "<br>".join(map(escape, lines))
+    def _say(self, name: str, lines: Iterable[str], *, failed: bool = False) -> None:
+        """Show lines of text, or of an error, or hide their place without any."""
+        text = "\n".join(map(escape, lines))
+        form = '<b role="alert">{}</b>' if failed else FORMS.get(name, "{}")
         self.widgets[name].update(text=text and form.format(text), visible=bool(text))
 
     # --- turns --------------------------------------------------------------------------------------------------------
@@ -150,15 +201,12 @@ class Page:
 
     def _reset(self) -> None:
         self.settings, self.widgets["other"].value = self.given, ""
-        self.panel.forget()
+        self.panel.first, self.panel.turned = {}, ""
         self._compute()
 
     def _only(self) -> None:
         gauges = self.widgets["gauges"]
         self.plots.only(gauges.labels[place] for place in gauges.active)
-
-    def _paint(self) -> None:
-        self.document.theme = plots.theme(dark=self.widgets["dark"].active)
 
     def _at(self) -> None:
         if self.view is not None:
@@ -171,19 +219,23 @@ class Page:
             at.value = 0 if at.value >= at.end else min(at.value + at.end / 100, at.end)
             self.document.add_timeout_callback(self._play, FRAME_MS)
 
-    def _fill(self, knobs: Sequence[Knob]) -> None:
-        """Show knobs with their present values, and those of triggers that were found."""
-        stated = {knob.key for knob in knobs}
-        self.panel.show([*knobs, *(knob for knob in self.aligned if knob.key not in stated)])
-        self.widgets["free"].options = [key for key, knob in self.panel.knobs.items() if knob.free]
+    def _save(self, name: str) -> None:
+        """Send a file of what is shown to the browser, which saves it."""
+        self.judge.result(FILES[name], self.shown, partial(self._send, name))
+
+    def _send(self, name: str, answer: Any) -> None:
+        failed = isinstance(answer, Exception)
+        self._say("problem", [str(answer)] if failed else [], failed=failed)
+        if not failed:
+            self.widgets[name].tags = [answer, time.monotonic()]  # always other tags, which the browser acts on
 
     # --- motions ------------------------------------------------------------------------------------------------------
 
     def _compute(self) -> None:
         """Compute the scene with its settings."""
-        texts = tuple(f"{key}={text}" for key, text in self.settings.items())
-        self.question = question = Question(self.question.scene, texts, self.widgets["engine"].value)
-        self.motions.ask(views.quick_view_of, (question, self.ranges), partial(self._show, question))
+        settings, engine = tuple(texts_of(self.settings)), self.widgets["engine"].value
+        self.question = question = self.question._replace(settings=settings, engine=engine)
+        self.motions.ask(views.quick_view_of, question, partial(self._show, question))
 
     def _show(self, question: Question, answer: Any) -> None:
         """Show the forces of a motion, how long it takes, or why there is none."""
@@ -197,9 +249,9 @@ class Page:
         elif newest:
             self._say("status", [] if failed else [f"computing {answer}"])
             if not failed:
-                self.motions.ask(views.view_of, (question, self.ranges), partial(self._show, question))
+                self.motions.ask(views.view_of, question, partial(self._show, question))
         if newest:
-            self._say("problem", [str(answer)] if failed else [], ALERT)
+            self._say("problem", [str(answer)] if failed else [], failed=failed)
 
     def _show_all(self, question: Question, view: View) -> None:
         """Show what else is known of a motion, then ask for what takes longer."""
@@ -226,12 +278,18 @@ class Page:
         for code in self.widgets["code"].options:
             self.plots.put(code, {})
         command = ("beads", "run", *question.words, "--engine", view.engine)
-        self._say("command", [shlex.join(command)], "<code>{}</code>")
+        self._say("command", [shlex.join(command)])
         if self.measured:
             self._say("overlay", ["chi-square: being computed"])
             self.judge.ask(views.laid_over, question, partial(self._lay, question))
         else:
             self.document.add_timeout_callback(partial(self._rest, question), REST_MS)
+
+    def _fill(self, knobs: Sequence[Knob]) -> None:
+        """Show knobs with their present values, and those of triggers that were found."""
+        stated = {knob.key for knob in knobs}
+        self.panel.show([*knobs, *(knob for knob in self.aligned if knob.key not in stated)])
+        self.widgets["free"].options = [key for key, knob in self.panel.knobs.items() if knob.free]
 
     def _rest(self, question: Question) -> None:
         """Measure the errors, and state the settings in the address, if no knob was turned meanwhile."""
@@ -259,23 +317,20 @@ class Page:
         """Show what work has found: lines in a place, and curves if their motion is still shown; or its error."""
         failed = isinstance(answer, Exception)
         done = Done([str(answer)]) if failed else answer
-        self._say(place, done.lines, ALERT if failed else "{}")
+        self._say(place, done.lines, failed=failed)
         for part, curves in done.curves.items() if question == self.shown else ():
             self.plots.put(part, curves)
         if done.settings:
             self.found, self.widgets["take"].visible = done.settings, True
 
-    def _tabulate(self, errors: dict[str, tuple[float, float]], notes: Sequence[str]) -> None:
+    def _tabulate(self, errors: Mapping[str, float], notes: Sequence[str]) -> None:
         """Table of observables with their errors."""
         assert self.view is not None
-        heads = ["observable", "value", "relative error", f"of codes at {quantity(self.view.scene.time_step_s, 's')}"]
-        rows = [heads, *(
-            [name, f"{value:.6g}", *map(short, errors.get(without_unit(name), (nan, nan)))]
+        rows = [["observable", "value", "relative error"], *(
+            [name, f"{value:.6g}", short(errors.get(without_unit(name), nan))]
             for name, value in self.view.values.items()
         )]  # fmt: skip
-        columns = 3 if self.view.engine == VERLET else 4
-        lines = ("".join(f"<td>{escape(cell)}</td>" for cell in cells[:columns]) for cells in rows)
-        table = "".join(f"<tr>{line}</tr>" for line in lines)
+        table = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in cells)}</tr>" for cells in rows)
         self.widgets["table"].update(text=f"<table>{table}</table>{'<br>'.join(map(escape, notes))}", visible=True)
 
     # --- what is run and fitted ---------------------------------------------------------------------------------------
@@ -299,6 +354,21 @@ class Page:
             self._end(f"{what}_said", item[0], answer)
 
         self.works.result(work, item, end)
+
+
+def widget(kind: Any, changed: str, act: Callable[[], None], **properties: Any) -> Any:
+    """A widget that calls a function when it is clicked or a property has changed."""
+    made = kind(**properties)
+    if changed == "click":
+        made.on_click(act)
+    else:
+        made.on_change(changed, lambda attr, old, new: act())
+    return made
+
+
+def texts_of(settings: Mapping[str, str]) -> list[str]:
+    """Settings as options."""
+    return [f"{key}={text}" for key, text in settings.items()]
 
 
 def settings_of(texts: Iterable[str]) -> dict[str, str]:

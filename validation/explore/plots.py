@@ -11,18 +11,21 @@ from bokeh.themes import Theme
 from matplotlib.colors import rgb2hex
 
 from postproc.draw.plot import GAMMA, MICRO, OPEN_CONTACT, OPEN_SHARE, colour_map, marker_of
-from validation.explore.views import KEPT, MEASURED, NOW, RESIDUAL, Curves, Parts, View, kept_look
+from validation.explore.views import KEPT, MEASURED, NOW, RESIDUAL, Curves, View
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")  # of gauges
 MARKERS = {"s": "square", "D": "diamond", "x": "x"}  # of Bokeh by that of matplotlib
-INK = {False: ("#222222", "#dddddd"), True: ("#e4e4e4", "#444444")}  # of text and of lines; True: on dark paper
-STYLE = """:host { color: inherit; } h2 { font-size: 15px; margin: 12px 0 0; }
-.bk-input, .bk-btn { color: inherit !important; background-color: light-dark(#fff, #23282d) !important;
-border-color: light-dark(#bbb, #555) !important; }
-.bk-btn.bk-active { background-color: light-dark(#ddd, #444) !important; }
-[role=alert] { color: light-dark(#b00020, #ff9a90); } table { border-spacing: 12px 0; }
+DASHES = ("dashed", "dotted", "dashdot")  # of kept curves, one after another, then fainter
+STYLE = """:host { white-space: pre-line; } pre { overflow-x: auto; }
+[role=alert] { color: #b00020; } table { border-spacing: 12px 0; }
 td { white-space: nowrap; } td:not(:first-child) { text-align: right; font-variant-numeric: tabular-nums; }"""
-WIDGET = {"stylesheets": [STYLE], "margin": [3, 0]}
+WIDGET = {"stylesheets": [STYLE], "margin": [3, 0], "sizing_mode": "stretch_width"}
+THEME = Theme(json={"attrs": {
+    "Widget": WIDGET,
+    "Column": WIDGET,
+    "AbstractButton": {"sizing_mode": None},
+    "Legend": {"border_line_alpha": 0, "padding": 0},
+}})  # fmt: skip
 MILLI = 1e3
 BELOW = 0.3  # of the largest force: room for the beads below the curve
 SINCE = "time since impact (µs)"
@@ -116,8 +119,9 @@ class Plots:
         if part == RESIDUAL:
             return self.figures["residuals"].line("x", "y", line_color=colour, **look)
         if part.startswith(KEPT):
-            dash, share = kept_look(part)
-            return forces.line("x", "y", line_color=colour, line_dash=dash, line_alpha=share, **look)
+            round_, place = divmod(int(part.removeprefix(KEPT)) - 1, len(DASHES))
+            share = 0.9 if round_ % 2 == 0 else 0.45
+            return forces.line("x", "y", line_color=colour, line_dash=DASHES[place], line_alpha=share, **look)
         if part == MEASURED:
             return forces.scatter("x", "y", size=3, color=colour, alpha=0.5, **look)
         if part != NOW:
@@ -128,19 +132,6 @@ class Plots:
         tips = [("µs", "@x{0.00}"), (gauge, "@y{0.0000} N")]
         forces.add_tools(models.HoverTool(renderers=[line], mode="vline", tooltips=tips))
         return line
-
-    @property
-    def curves(self) -> Parts:
-        """Curves that are shown, by gauge and part."""
-        return {
-            gauge: {
-                part: (*each.data_source.data.values(),)
-                for part, each in parts.items()
-                if part != RESIDUAL and len(each.data_source.data["x"])
-            }
-            for gauge, parts in self._parts.items()
-            if parts[NOW].visible
-        }
 
     def at(self, view: View, time_s: float) -> None:
         """Show the beads at the frame that is closest to a time."""
@@ -166,25 +157,6 @@ class Plots:
 def _figure(height: int, y: str, x: str, **ranges: Any) -> Any:
     look = {"sizing_mode": "stretch_width", "tools": "xpan,xbox_zoom,xwheel_zoom,reset"}
     return figure(height=height, y_axis_label=y, x_axis_label=x, **look, **ranges)
-
-
-@cache
-def theme(*, dark: bool) -> Theme:
-    """Look of plots and widgets on light or dark paper."""
-    ink, faint = INK[dark]
-    clear = {"background_fill_alpha": 0}
-    axis = {f"{part}_color": ink for part in ("axis_label_text", "major_label_text", "axis_line", "major_tick_line")}
-    return Theme(json={"attrs": {
-        "Plot": {"background_fill_color": None, "border_fill_color": None, "outline_line_color": faint},
-        "Axis": axis,
-        "Grid": {"grid_line_color": faint},
-        "Legend": {"label_text_color": ink, "border_line_alpha": 0, "padding": 0} | clear,
-        "ColorBar": {"title_text_color": ink, "major_label_text_color": ink} | clear,
-        "Span": {"line_color": ink},
-        "Widget": WIDGET | {"sizing_mode": "stretch_width"},
-        "AbstractButton": {"sizing_mode": None},
-        "Column": WIDGET | {"sizing_mode": "stretch_width"},
-    }})  # fmt: skip
 
 
 @cache

@@ -11,7 +11,6 @@ import numpy as np
 import tomlkit
 
 from drivers.base import paths
-from drivers.base.errors import InputError, RunError
 from drivers.base.units import quantity
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
@@ -24,7 +23,7 @@ from drivers.scene.model import Scene
 from drivers.scene.read_scene import apply_settings, find_scene
 from postproc.draw.drawings import Film
 from postproc.draw.overlay import lay_over
-from postproc.draw.plot import AVERAGE, GREY, MICRO, PAGE_IN, cells_of, marker_of, pyplot, shown_forces, svg_of
+from postproc.draw.plot import MICRO, cells_of, shown_forces
 from postproc.read.alignment import residual_of
 from postproc.read.measured import entries_of
 from postproc.read.motion import Simulation
@@ -33,8 +32,8 @@ from postproc.read.signals import sensor_signals, signals_csv
 from validation.accuracy.budget import assess, budget_of, kept_budget
 from validation.accuracy.costs import cost_on
 from validation.accuracy.plan import planned_case
-from validation.calibration.command import fit
-from validation.calibration.fit import LAWS, PARAMETERS, rows_of, value_text
+from validation.calibration.command import fit, lines
+from validation.calibration.fit import PARAMETERS, rows_of
 from validation.calibration.parameters import TRIGGER
 from validation.checks import short
 from validation.explore.knobs import Knob, knobs_of
@@ -46,11 +45,6 @@ LIMIT_S = 60.0  # of each motion
 FRAMES = 300  # of the moving beads
 KINDS = ("peak", "amplitude", "arrival", "speed", "duration", "width", "reflected amplitude", "reflected arrival")
 NOW, KEPT, MEASURED, RESIDUAL = "now", "kept", "measured", "residual"  # parts of a gauge, beside names of codes
-DRAWN: dict[str, dict[str, Any]] = {  # in figures that are kept
-    MEASURED: {"ls": "none", "marker": ".", "ms": 3, "mew": 0, "color": GREY},
-    NOW: AVERAGE,
-}
-DASHES = ("dashed", "dotted", "dashdot")  # of kept curves, one after another, then fainter
 POINTS = 100  # markers of a code at a gauge
 
 Curves = Mapping[str, Any]  # times in us and forces in N by gauge: a pair, or an array of two rows
@@ -58,10 +52,11 @@ Parts = Mapping[str, Curves]  # by part of the gauges
 
 
 class Question(NamedTuple):
-    """A scene with settings, and the engine of its motion."""
+    """A scene with settings, the engine of its motion, and the knobs that ``--knob`` asks for."""
 
     scene: str
     settings: tuple[str, ...] = ()
+    ranges: tuple[str, ...] = ()
     engine: str = AUTO
 
     @property
@@ -97,21 +92,20 @@ class View:
     taken_s: float
 
 
-def quick_view_of(asked: tuple[Question, tuple[str, ...]]) -> View | str:
+def quick_view_of(question: Question) -> View | str:
     """Motion of a question, or the engine and the expected time of one that takes long; raises as ``view_of`` does."""
-    case, engine = _case(asked[0])
+    case, engine = _case(question)
     takes_s = cost_on(engine).loop_s(case)
-    return view_of(asked) if takes_s < SAID_S else f"by {engine}: about {takes_s:.2g} s"
+    return view_of(question) if takes_s < SAID_S else f"by {engine}: about {takes_s:.2g} s"
 
 
-def view_of(asked: tuple[Question, tuple[str, ...]]) -> View:
-    """Motion of a question, with the knobs that ``--knob`` asks for.
+def view_of(question: Question) -> View:
+    """Motion of a question.
 
     Raises:
         InputError: The scene or a setting is wrong, or the engine cannot compute it.
         RunError: The computation failed.
     """
-    question, ranges = asked
     case, engine, trace, taken_s = motion_of(question)
     values = {name: value for name, value in observe(case.layout, trace).items() if value == value}
     forces, signed = shown_forces(trace)
@@ -124,7 +118,7 @@ def view_of(asked: tuple[Question, tuple[str, ...]]) -> View:
         cells=cells_of(trace.time_s, forces, signed=signed),
         signed=signed,
         film=Film(case, trace, FRAMES),
-        knobs=knobs_of(case, ranges),
+        knobs=knobs_of(case, question.ranges),
         taken_s=taken_s,
     )
 
@@ -148,19 +142,12 @@ def motion_of(question: Question) -> tuple[Case, str, Trace, float]:
     return case, engine, ended.done, ended.wall_s
 
 
-def errors_of(question: Question) -> tuple[dict[str, tuple[float, float]], list[str]]:
-    """Relative errors of a motion, and those of the codes' scheme at the time step of the scene, by quantity; notes."""
+def errors_of(question: Question) -> tuple[dict[str, float], list[str]]:
+    """Relative errors of a motion by quantity, and notes; raises as ``view_of`` does."""
     case, engine, trace, _ = motion_of(question)
-    budgets = [budget_of(case, engine, trace, LIMIT_S)]
-    if engine != VERLET:
-        try:
-            refuse(case, VERLET)
-            budgets.append(budget_of(case, VERLET, motion_of(question._replace(engine=VERLET))[2], LIMIT_S))
-        except (InputError, RunError) as error:
-            budgets[0].warnings.append(f"velocity Verlet: {error}")
-    own, of_scheme = ({row["quantity"]: abs(row["whole"]) for row in each.error_budget} for each in (budgets * 2)[:2])
-    notes = dict.fromkeys(text for budget in budgets for text in (budget.error_note, *budget.warnings) if text)
-    return {name: (error, of_scheme.get(name, np.nan)) for name, error in own.items()}, [*notes]
+    budget = budget_of(case, engine, trace, LIMIT_S)
+    errors = {row["quantity"]: abs(row["whole"]) for row in budget.error_budget}
+    return errors, [note for note in (budget.error_note, *budget.warnings) if note]
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,7 +206,7 @@ def on_code(asked: tuple[Question, str, Path]) -> Done:
 
 
 def fitted(asked: tuple[Question, tuple[str, ...], Path]) -> Done:
-    """Parameters of a fit that starts at a question, without profiles, and how well it fits.
+    """Fit that starts at a question, without profiles, in the lines of ``beads fit``.
 
     The settings are those of its keys; triggers that the scene does not state stay free.
 
@@ -230,16 +217,14 @@ def fitted(asked: tuple[Question, tuple[str, ...], Path]) -> Done:
     question, free, results = asked
     found = fit(question.scene, settings=question.settings, free=free, quick=True, results=results)
     knobs = {knob.key: knob for knob in knobs_of(planned_case(question.scene, *question.settings))}
-    (law,), settings = rows_of(found.tables[LAWS]), dict[str, str]()
-    fits = f"chi-square {law.chi_square:.5g} with {law.freedom:g} degrees of freedom"
-    lines = [f"{paths.shown(found.folder)}: {fits}, probability {short(law.probability)}"]
-    for each in rows_of(found.tables[PARAMETERS]):
-        key, number = each.parameter.rpartition(": ")[2], f"{each.value:.7g}"
-        lines.append(f"{key} = {value_text(each)}")
+    settings = dict[str, str]()
+    for row in rows_of(found.tables[PARAMETERS]):
+        key, number = row.parameter.rpartition(": ")[2], float(f"{row.value:.7g}")
         if key in knobs:
-            text = quantity(float(number), each.unit) if each.unit else number
+            text = quantity(number, row.unit) if row.unit else str(number)
             settings |= dict.fromkeys((key, *knobs[key].shared), text)
-    return Done(lines, settings=settings)
+    (law,) = found.fits.values()
+    return Done([paths.shown(found.folder), *lines(law, found.tables)], settings=settings)
 
 
 def scene_file(question: Question) -> str:
@@ -253,33 +238,7 @@ def scene_file(question: Question) -> str:
     return tomlkit.dumps(document)
 
 
-def figure_of(curves: Mapping[str, Mapping[str, tuple[Array, Array]]]) -> str:
-    """SVG of curves by gauge and part, as of ``Plots.curves``."""
-    size = (PAGE_IN, 0.6 + 1.6 * len(curves))
-    figure, axes = pyplot().subplots(len(curves), 1, figsize=size, squeeze=False, sharex=True, layout="constrained")
-    for axis, (gauge, parts) in zip(axes[:, 0], curves.items(), strict=True):
-        for part, (time_us, force_N) in parts.items():
-            if part.startswith(KEPT):
-                dash, share = kept_look(part)
-                look: dict[str, Any] = {"ls": dash, "alpha": share, "lw": 0.8, "color": GREY}
-            else:
-                look = DRAWN.get(part) or marker_of(part) | {"ls": "none"}
-            axis.plot(time_us, force_N, label=part, **look)
-        axis.set_title(gauge.replace("_", " "), loc="left")
-        axis.set_ylabel("force (N)")
-    axes[-1, 0].set_xlabel("time since impact (µs)")
-    handles = {line.get_label(): line for axis in axes[:, 0] for line in axis.lines}
-    figure.legend(handles.values(), handles.keys(), loc="outside upper left", ncols=5)
-    return svg_of(figure)
-
-
-def kept_look(part: str) -> tuple[str, float]:
-    """Dashes and opacity of kept curves, which tell six of them apart."""
-    round_, place = divmod(int(part.removeprefix(KEPT)) - 1, len(DASHES))
-    return DASHES[place], 0.9 if round_ % 2 == 0 else 0.45
-
-
-def forces_csv(question: Question) -> bytes:
+def forces_csv(question: Question) -> str:
     """Signals of the gauges of a question as CSV."""
     case, _, trace, _ = motion_of(question)
-    return signals_csv(case.layout, trace)
+    return signals_csv(case.layout, trace).decode()
