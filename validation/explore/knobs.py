@@ -127,7 +127,7 @@ def _number(scene: Scene, key: str, text: str) -> Knob:
     """Knob of a number; its range is that of the option, or a tenth of and ten times the value within its bounds."""
     value, unit, bounds = look_up(scene, key), unit_of(key), _bounds(key)
     missing = value is None and "=" not in text and key not in FROM_ZERO
-    if bounds is None or missing or not isinstance(value, int | float | None):
+    if bounds is None or missing or isinstance(value, bool) or not isinstance(value, int | float | None):
         raise unknown(scene.file, "--knob", key, [*_numbers(scene)], "a key of the scene with a number")
     least, most = bounds
     if key == "chain.count":  # beads with entries of their own stay

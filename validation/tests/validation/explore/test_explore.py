@@ -76,6 +76,7 @@ def test_knobs_that_are_asked_for_come_first() -> None:
     [
         ("striker.sped=1..2", "--knob: found striker.sped"),
         ("striker.shape=1..2", "--knob"),
+        ("contact.rotation=0..1", "--knob: found contact.rotation; allowed: a key of the scene with a number"),
         ("striker.speed=2..1", "--knob striker.speed: found 2..1; allowed: a lower bound, then an upper bound"),
         ("striker.speed=fast", "--knob striker.speed: found fast; allowed: bounds such as"),
     ],
