@@ -19,6 +19,7 @@ from drivers.base.errors import InputError
 from drivers.chain.case import build_case
 from drivers.run.execute import get_ready
 from drivers.scene.read_scene import read_scene
+from validation.commands.key_commands import key_tables
 from validation.explore.knobs import knobs_of
 from validation.explore.page import Page
 from validation.explore.views import Question, view_of
@@ -43,7 +44,7 @@ def explore(
     knobs_of(build_case(read_scene(scene, settings)), knobs)  # which may be wrong
     get_ready(view_of)
     logging.disable(logging.WARNING)
-    pages = set[Page]()
+    pages, keys = set[Page](), [key for key, *_ in key_tables()["scene"]]
 
     def end(page: Page) -> None:
         pages.remove(page)
@@ -53,7 +54,7 @@ def explore(
         try:
             if len(pages) >= MAX_PAGES:
                 raise InputError("explore", "", f"{MAX_PAGES} pages are open; close some, then load this one again")
-            page = Page(document, Question(scene, settings, knobs), runs, results)
+            page = Page(document, Question(scene, settings, knobs), keys, runs, results)
         except InputError as error:  # or the file has changed
             document.add_root(Div(text=escape(str(error))))
         else:

@@ -19,11 +19,10 @@ from drivers.base import paths
 from drivers.base.units import quantity
 from drivers.engines import REFERENCE, VERLET, codes, installed
 from drivers.scene.read_scene import find_scene, read_scene, read_toml, read_value
-from drivers.scene.settings import look_up
+from drivers.scene.settings import look_up, setting_texts
 from postproc.draw.plot import MICRO
 from postproc.read.observables import without_unit
 from validation.checks import short
-from validation.commands.key_commands import key_tables
 from validation.explore import plots, views
 from validation.explore.desk import Desk
 from validation.explore.knobs import Knob
@@ -36,7 +35,7 @@ LEAST_S = 0.1  # between motions of values that are outdated already, as those o
 ADDRESS = "history.replaceState(null, '', '?set=' + cb_obj.tags.map(encodeURIComponent).join('&set='))"
 SAVE = "save(cb_obj.name, cb_obj.tags[0])"
 SAVE_PICTURE = "cb_context.index.find_one(forces).export('svg').to_blob().then((blob) => save('forces.svg', blob))"
-FORMS = {"command": "<code>{}</code>", "fit_said": "<pre>{}</pre>"}  # of texts by place
+FORMS = {"command": "<code>{}</code>", "run_said": "<pre>{}</pre>", "fit_said": "<pre>{}</pre>"}  # of texts by place
 
 
 class Panel:
@@ -102,7 +101,8 @@ class Panel:
 class Page:
     """Page of a scene in one browser: its settings, what it shows of them, and its worker processes."""
 
-    def __init__(self, document: Document, question: Question, runs: Path, results: Path) -> None:
+    def __init__(self, document: Document, question: Question, keys: list[str], runs: Path, results: Path) -> None:
+        """``keys`` are those of all scenes."""
         scene = read_scene(question.scene, question.settings)
         self.document, self.runs, self.results = document, runs, results
         self.tables = read_toml(find_scene(question.scene))
@@ -118,7 +118,7 @@ class Page:
         self.plots = plots.Plots()
         self.panel = Panel(self._turn)
         self.motions, self.judge, self.works = (Desk(document.add_next_tick_callback) for _ in range(3))
-        self.widgets = self._widgets()
+        self.widgets = self._widgets(keys)
         for name, model in (self.widgets | self.plots.figures).items():
             model.name = name
             document.add_root(model)
@@ -126,7 +126,7 @@ class Page:
             self.widgets[name].js_on_change("tags", models.CustomJS(code=SAVE))
         forces = self.plots.figures["forces"]
         self.widgets["forces.svg"].js_on_click(models.CustomJS(args={"forces": forces}, code=SAVE_PICTURE))
-        self.widgets["command"].tags = texts_of(self.settings)
+        self.widgets["command"].tags = [*setting_texts(self.settings)]
         self.widgets["command"].js_on_change("tags", models.CustomJS(code=ADDRESS))
         for number, end in enumerate(("start", "end")):
             self.widgets["window"].js_link("value", forces.x_range, end, attr_selector=number)
@@ -142,18 +142,17 @@ class Page:
 
     # --- widgets ------------------------------------------------------------------------------------------------------
 
-    def _widgets(self) -> dict[str, Any]:
+    def _widgets(self, keys: list[str]) -> dict[str, Any]:
         """All widgets by name; the template of the document has their places."""
         names, line = [*installed(codes())], {"start": 0, "end": 1}
         engine = {"title": "computed by", "options": [views.AUTO, REFERENCE, VERLET], "value": views.AUTO}
-        other: dict[str, Any] = {"title": "any other key (beads keys)", "placeholder": "KEY=VALUE", "restrict": False}
-        other["completions"] = [key for key, *_ in key_tables()["scene"]]
+        other = {"title": "any other key (beads keys)", "placeholder": "KEY=VALUE", "completions": keys}
         texts = ("problem", "table", "overlay", "command", "run_said", "fit_said")
         return {
             "knobs": self.panel.column,
             **{name: models.Div(visible=False) for name in texts},
             "status": models.Div(text="computing; after a change of the code it is compiled first"),
-            "other": widget(models.AutocompleteInput, "value", self._other, **other),
+            "other": widget(models.AutocompleteInput, "value", self._other, restrict=False, **other),
             "engine": widget(models.Select, "value", self._compute, **engine),
             "window": models.RangeSlider(title="shown (µs)", value=(0, 1), **line),
             "gauges": widget(models.CheckboxGroup, "active", self._only, inline=True),
@@ -162,8 +161,8 @@ class Page:
             "reset": widget(models.Button, "click", self._reset, label="reset"),
             "keep": widget(models.Button, "click", self.plots.keep, label="keep these curves"),
             "drop": widget(models.Button, "click", self.plots.drop, label="drop kept curves"),
-            **{name: widget(models.Button, "click", partial(self._save, name), label=name) for name in FILES},
-            "forces.svg": models.Button(label="forces.svg"),
+            **{name: widget(models.Button, "click", partial(self._save, name), label=f"save {name}") for name in FILES},
+            "forces.svg": models.Button(label="save forces.svg"),
             "code": models.Select(title="run it on", options=names, value="".join(names[:1])),
             "run": widget(models.Button, "click", self._run, label="run", disabled=not names),
             "free": models.MultiSelect(size=8, title="free keys; gains and triggers that are not exact are free, too"),
@@ -233,7 +232,7 @@ class Page:
 
     def _compute(self) -> None:
         """Compute the scene with its settings."""
-        settings, engine = tuple(texts_of(self.settings)), self.widgets["engine"].value
+        settings, engine = setting_texts(self.settings), self.widgets["engine"].value
         self.question = question = self.question._replace(settings=settings, engine=engine)
         self.motions.ask(views.quick_view_of, question, partial(self._show, question))
 
@@ -364,11 +363,6 @@ def widget(kind: Any, changed: str, act: Callable[[], None], **properties: Any) 
     else:
         made.on_change(changed, lambda attr, old, new: act())
     return made
-
-
-def texts_of(settings: Mapping[str, str]) -> list[str]:
-    """Settings as options."""
-    return [f"{key}={text}" for key, text in settings.items()]
 
 
 def settings_of(texts: Iterable[str]) -> dict[str, str]:

@@ -29,13 +29,12 @@ from postproc.read.measured import entries_of
 from postproc.read.motion import Simulation
 from postproc.read.observables import describe, observe, without_unit
 from postproc.read.signals import sensor_signals, signals_csv
-from validation.accuracy.budget import assess, budget_of, kept_budget
+from validation.accuracy.budget import assess, budget_lines, budget_of, kept_budget, text_of
 from validation.accuracy.costs import cost_on
 from validation.accuracy.plan import planned_case
 from validation.calibration.command import fit, lines
 from validation.calibration.fit import PARAMETERS, rows_of
 from validation.calibration.parameters import TRIGGER
-from validation.checks import short
 from validation.explore.knobs import Knob, knobs_of
 
 AUTO = "auto"
@@ -188,7 +187,7 @@ def laid_over(question: Question) -> Done:
 
 
 def on_code(asked: tuple[Question, str, Path]) -> Done:
-    """Run of a question on a code in a folder of runs, with what its budget says.
+    """Run of a question on a code in a folder of runs, with its error budget in the lines of ``beads compare``.
 
     Raises:
         InputError: The scene or a setting is wrong, or the code cannot compute it.
@@ -197,12 +196,11 @@ def on_code(asked: tuple[Question, str, Path]) -> Done:
     question, engine, runs = asked
     case = planned_case(question.scene, *question.settings)
     run = assess(run_scene(case, engine, runs=runs), case)
-    said = [f"{check.quantity}: {short(check.value)} (limit {short(check.limit)}): {check.verdict}"
-            for check in kept_budget(case, run).checks]  # fmt: skip
+    said = [f"{engine}: {text_of(kept_budget(case, run).checks)}", *budget_lines("engine", {engine: run})]
     every = slice(None, None, max(len(run.trace.time_s) // POINTS, 1))
     time_us, signals = run.trace.time_s[every] * MICRO, sensor_signals(case.layout, run.trace)
     curves = {engine: {gauge: (time_us, force_N[every]) for gauge, force_N in signals.items()}}
-    return Done([f"{engine}:", *said, paths.shown(run.folder)], curves)
+    return Done([*said, paths.shown(run.folder)], curves)
 
 
 def fitted(asked: tuple[Question, tuple[str, ...], Path]) -> Done:
