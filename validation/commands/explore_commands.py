@@ -9,11 +9,14 @@ import webbrowser
 from contextlib import suppress
 from html import escape
 from pathlib import Path
+from typing import Any
 
+from bokeh.application import Application
+from bokeh.application.handlers import FunctionHandler
 from bokeh.document import Document
 from bokeh.models.widgets import Div
 from bokeh.server.server import Server
-from tornado.web import ErrorHandler
+from tornado.web import ErrorHandler, HTTPError
 
 from drivers.base.errors import InputError
 from drivers.chain.case import build_case
@@ -52,8 +55,6 @@ def explore(
 
     def open_page(document: Document) -> None:
         try:
-            if len(pages) >= MAX_PAGES:
-                raise InputError("explore", "", f"{MAX_PAGES} pages are open; close some, then load this one again")
             page = Page(document, Question(scene, settings, knobs), keys, runs, results)
         except InputError as error:  # or the file has changed
             document.add_root(Div(text=escape(str(error))))
@@ -61,8 +62,16 @@ def explore(
             pages.add(page)
             document.on_session_destroyed(lambda _: end(page))
 
+    def refuse(_: Any) -> dict[str, Any]:
+        """Refuse pages beyond the limit before they cost time, so that those that are open answer in a flood."""
+        if len(pages) >= MAX_PAGES:
+            raise HTTPError(503, reason=f"{MAX_PAGES} pages are open; close some, then load this one again")
+        return {}
+
+    handler = FunctionHandler(open_page)
+    handler.process_request = refuse
     server = Server(
-        {"/": open_page},
+        {"/": Application(handler)},
         address=HOST,
         port=0,
         ico_path="none",

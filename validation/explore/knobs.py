@@ -10,11 +10,12 @@ from drivers.base.units import NUMBER_AND_UNIT, divided, quantity
 from drivers.chain.case import Case
 from drivers.laws import LAWS
 from drivers.scene.model import RIGID, Part, Scene
-from drivers.scene.read_scene import library_materials, read_value
+from drivers.scene.read_scene import library_materials
 from drivers.scene.rules import LAW_KEYS
 from drivers.scene.settings import look_up, setting_text, unit_of
 from validation.calibration.parameters import ELASTIC, GAIN, TRIGGER, Free, around, law_of, stated, unknown
 
+ALONG = ("chain.angle",)  # only if beads cannot move sideways
 SIDEWAYS = ("contact.friction", "tube.friction", "tube.inner_diameter")  # only if beads can move so
 FIXED = ("chain.mass_scatter", "chain.origin", "run.sample_interval", "run.accuracy")  # numbers without a knob
 SENSORS = "chain.sensors"
@@ -60,9 +61,11 @@ class Knob:
     title: str = ""
 
     @property
-    def free(self) -> bool:
-        """True if a fit can find its value."""
-        return self.range is not None and not self.key.startswith(("run", "chain.count"))
+    def free(self) -> str:
+        """Option ``--free`` by which a fit finds its value, with bounds if it has none; empty if no fit can."""
+        if self.range is None or self.key.startswith(("run", "chain.count")):
+            return ""
+        return self.key if self.text else f"{self.key}={self.text_at(0)}..{self.text_at(1)}"
 
     def has(self, other: "Knob") -> bool:
         """True if the value of another knob is in the range or among the choices."""
@@ -118,7 +121,7 @@ def _numbers(scene: Scene) -> Iterator[str]:
     for table, part in scene:
         for name, value in part if isinstance(part, Part) else ():
             key = f"{table}.{name}"
-            fixed = key in FIXED or (key in SIDEWAYS and not scene.three_dimensional)
+            fixed = key in FIXED or key in (ALONG if scene.three_dimensional else SIDEWAYS)
             if not fixed and (isinstance(value, float) or key in ("chain.count", *FROM_ZERO)):
                 yield key
 
@@ -160,7 +163,7 @@ def _choices(case: Case) -> Iterator[Knob]:
     """Shape of the striker, law of dissipation, wall, and the gauges as text."""
     scene = case.scene
     if scene.striker:
-        diameter, mass_kg = scene.striker.diameter or scene.chain.diameter, float(case.chain.mass_kg[-1])
+        diameter, mass_kg = scene.striker.diameter or scene.chain.diameter, float(f"{case.chain.mass_kg[-1]:.6g}")
         sphere = {"striker.shape": "sphere", "striker.diameter": quantity(diameter, "m")}
         sphere["striker.mass"] = setting_text("striker.mass", scene.striker.mass)
         flat = {"striker.shape": "flat", "striker.diameter": "", "striker.mass": quantity(mass_kg, "kg")}
@@ -182,7 +185,9 @@ def _sensors(text: str, scene: Scene) -> str:
     entries = []
     for place in filter(None, map(str.strip, text.split(","))):
         mass_kg = masses.get(place, next(iter(masses.values()), None))
-        entries.append({"from_wall": read_value(place)} | ({"mass": mass_kg} if mass_kg else {}))
+        entries.append(
+            {"from_wall": int(place) if place.isdecimal() else place} | ({"mass": mass_kg} if mass_kg else {})
+        )
     return setting_text(SENSORS, entries)
 
 
@@ -199,11 +204,9 @@ def _measured(scene: Scene, triggers_s: Mapping[str, float]) -> Iterator[Knob]:
             low, high = sorted((gain / GAIN_FACTOR, gain * GAIN_FACTOR))
             title = f"gain of {', '.join(entry.gauges or ('all gauges',))}"
             yield Knob(key, str(entry.gain), Free(key, unit, gain, low, high), title=title)
-    for key, *others in files.values():
-        values = (look_up(scene, each) for each in (key, *others))
-        value = next((each for each in values if each is not None), triggers_s.get(key))
-        if value is not None:
-            reach_s = TRIGGER_SHARE * scene.run.duration
+    for file, (key, *others) in files.items():
+        stated_s = [value for each in (key, *others) if (value := look_up(scene, each)) is not None]
+        for value in [*stated_s, *filter(None, [triggers_s.get(key)])][:1]:
+            reach_s, title = TRIGGER_SHARE * scene.run.duration, f"trigger of {file}{'' if stated_s else ' (found)'}"
             free = Free(key, "s", value, value - reach_s, value + reach_s)
-            text = setting_text(key, float(f"{value:.6g}"))
-            yield Knob(key, text, free, shared=(*others,), title="trigger")
+            yield Knob(key, setting_text(key, float(f"{value:.6g}")), free, shared=(*others,), title=title)

@@ -1,7 +1,6 @@
 """The live page of a scene: its widgets, and what happens when one of them is turned."""
 
 import gc
-import shlex
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -22,6 +21,7 @@ from drivers.scene.read_scene import find_scene, read_scene, read_toml, read_val
 from drivers.scene.settings import look_up, setting_texts
 from postproc.draw.plot import MICRO
 from postproc.read.observables import without_unit
+from validation.calibration.parameters import TRIGGER
 from validation.checks import short
 from validation.explore import plots, views
 from validation.explore.desk import Desk
@@ -35,7 +35,7 @@ LEAST_S = 0.1  # between motions of values that are outdated already, as those o
 ADDRESS = "history.replaceState(null, '', '?set=' + cb_obj.tags.map(encodeURIComponent).join('&set='))"
 SAVE = "save(cb_obj.name, cb_obj.tags[0])"
 SAVE_PICTURE = "cb_context.index.find_one(forces).export('svg').to_blob().then((blob) => save('forces.svg', blob))"
-FORMS = {"command": "<code>{}</code>", "run_said": "<pre>{}</pre>", "fit_said": "<pre>{}</pre>"}  # of texts by place
+TABLES = ("overlay", "run_said", "fit_said")  # texts with columns
 
 
 class Panel:
@@ -48,7 +48,7 @@ class Panel:
         self.knobs: dict[str, Knob] = {}
         self.first: dict[str, Knob] = {}  # with the ranges and choices that stay while knobs are turned
         self._widgets: dict[str, list[Any]] = {}
-        self.turned = ""  # key of the slider that was turned last: it stays where it was put
+        self.touched: Any = None  # the widget that was turned last, which a motion of an earlier turn would set back
         self._filling = False
 
     def show(self, knobs: Iterable[Knob]) -> None:
@@ -59,11 +59,12 @@ class Panel:
         self._filling = True
         for key, knob in self.knobs.items():
             field, *sliders = self._widgets[key]
+            field.title = knob.title or key
             if knob.choices:
                 field.options = [*knob.choices]
-            field.value = knob.text
-            for slider in sliders if key != self.turned else ():
-                slider.value = knob.place
+            for each, value in ((field, knob.text), *((slider, knob.place) for slider in sliders)):
+                if each is not self.touched:
+                    each.value = value
         self._filling = False
 
     def _steady(self, knob: Knob) -> Knob:
@@ -80,7 +81,7 @@ class Panel:
         if key not in self._widgets:
             kind = models.Select if knob.choices else models.TextInput
             act = partial(self._typed, key)
-            self._widgets[key] = [widget(kind, "value", act, name=key, title=knob.title or key)]
+            self._widgets[key] = [widget(kind, "value", act, name=key)]
             if knob.range is not None:
                 look = {"start": 0, "end": 1, "step": knob.step, "show_value": False, "tooltips": False}
                 act = partial(self._slid, key)
@@ -90,12 +91,14 @@ class Panel:
     def _slid(self, key: str) -> None:
         if not self._filling:
             field, slider = self._widgets[key]
-            self.turned = key
-            field.value = self.knobs[key].text_at(slider.value)
+            field.value = self.knobs[key].text_at(slider.value) if slider.value or self.first[key].text else ""
+            self.touched = slider
 
     def _typed(self, key: str) -> None:
         if not self._filling:
-            self._turn(key, self._widgets[key][0].value.strip())
+            field = self._widgets[key][0]
+            self._turn(key, field.value.strip())
+            self.touched = field
 
 
 class Page:
@@ -109,11 +112,13 @@ class Page:
         self.measured = any("file" in entry for entry in self.tables.get("measured", ()))
         self.question = self.shown = question
         self.given = settings_of(question.settings)
-        kept = document.session_context.request.arguments.get("set")  # in the address of a page that is loaded again
-        self.settings = self.given if kept is None else settings_of(text.decode(errors="replace") for text in kept)
+        former = document.session_context.request.arguments.get("set")  # in the address of a page that is loaded again
+        self.settings = self.given if former is None else settings_of(text.decode(errors="replace") for text in former)
         self.view: View | None = None
         self.shown_s = 0.0
         self.aligned: Sequence[Knob] = ()  # of triggers that were found
+        self.playing: Any = None  # callback for the next frame
+        self.kept: list[str] = []  # looks and command lines of kept curves
         self.found: Mapping[str, str] = {}  # settings by a fit
         self.plots = plots.Plots()
         self.panel = Panel(self._turn)
@@ -133,7 +138,8 @@ class Page:
         document.on_event("document_ready", lambda _: self._compute())
         document.theme, document.title = plots.THEME, scene.title or scene.name
         document.template = Template((paths.TEMPLATES / "explore" / "page.html").read_text())
-        document.template_variables.update(scene=scene.name, measured=self.measured)
+        marks = ", ".join(f"{code} ({plots.mark_of(code)})" for code in self.widgets["code"].options)
+        document.template_variables.update(scene=scene.name, measured=self.measured, marks=marks)
 
     def close(self) -> None:
         """End all work of the page."""
@@ -147,7 +153,7 @@ class Page:
         names, line = [*installed(codes())], {"start": 0, "end": 1}
         engine = {"title": "computed by", "options": [views.AUTO, REFERENCE, VERLET], "value": views.AUTO}
         other = {"title": "any other key (beads keys)", "placeholder": "KEY=VALUE", "completions": keys}
-        texts = ("problem", "table", "overlay", "command", "run_said", "fit_said")
+        texts = ("problem", "table", "overlay", "command", "kept", "run_said", "fit_said")
         return {
             "knobs": self.panel.column,
             **{name: models.Div(visible=False) for name in texts},
@@ -159,8 +165,8 @@ class Page:
             "time": widget(models.Slider, "value", self._at, title="time (µs)", value=0, **line),
             "play": widget(models.Toggle, "active", self._play, label="play"),
             "reset": widget(models.Button, "click", self._reset, label="reset"),
-            "keep": widget(models.Button, "click", self.plots.keep, label="keep these curves"),
-            "drop": widget(models.Button, "click", self.plots.drop, label="drop kept curves"),
+            "keep": widget(models.Button, "click", self._keep, label="keep these curves"),
+            "drop": widget(models.Button, "click", self._drop, label="drop kept curves"),
             **{name: widget(models.Button, "click", partial(self._save, name), label=f"save {name}") for name in FILES},
             "forces.svg": models.Button(label="save forces.svg"),
             "code": models.Select(title="run it on", options=names, value="".join(names[:1])),
@@ -173,7 +179,7 @@ class Page:
     def _say(self, name: str, lines: Iterable[str], *, failed: bool = False) -> None:
         """Show lines of text, or of an error, or hide their place without any."""
         text = "\n".join(map(escape, lines))
-        form = '<b role="alert">{}</b>' if failed else FORMS.get(name, "{}")
+        form = '<b role="alert">{}</b>' if failed else "<pre>{}</pre>" if name in TABLES else "{}"
         self.widgets[name].update(text=text and form.format(text), visible=bool(text))
 
     # --- turns --------------------------------------------------------------------------------------------------------
@@ -188,9 +194,12 @@ class Page:
             self.settings = settings_of(self.shown.settings)
         if equals:
             self._set({key.strip(): text.strip()})
+        elif key:
+            self._say("problem", [f"found {key}; allowed: KEY=VALUE"], failed=True)
 
     def _set(self, changed: Mapping[str, str]) -> None:
         """Apply settings; those that give the value of the scene file go."""
+        self.panel.touched = None
         self.settings = {key: text for key, text in self.settings.items() if key not in changed}
         for key, text in changed.items():
             value = look_up(self.tables, key)
@@ -200,27 +209,39 @@ class Page:
 
     def _reset(self) -> None:
         self.settings, self.widgets["other"].value = self.given, ""
-        self.panel.first, self.panel.turned = {}, ""
+        self.panel.first, self.panel.touched = {}, None
         self._compute()
 
     def _only(self) -> None:
         gauges = self.widgets["gauges"]
         self.plots.only(gauges.labels[place] for place in gauges.active)
 
+    def _keep(self) -> None:
+        self.kept.append(f"{self.plots.keep()}: {self.shown.command('run')}")
+        self._say("kept", self.kept)
+
+    def _drop(self) -> None:
+        self.kept = []
+        self.plots.drop()
+        self._say("kept", [])
+
     def _at(self) -> None:
         if self.view is not None:
             self.plots.at(self.view, self.widgets["time"].value / MICRO)
 
     def _play(self) -> None:
-        """Show the next frame, and so on until the toggle is released."""
         if self.widgets["play"].active:
-            at = self.widgets["time"]
-            at.value = 0 if at.value >= at.end else min(at.value + at.end / 100, at.end)
-            self.document.add_timeout_callback(self._play, FRAME_MS)
+            self.playing = self.document.add_periodic_callback(self._next_frame, FRAME_MS)
+        else:
+            self.document.remove_periodic_callback(self.playing)
+
+    def _next_frame(self) -> None:
+        at = self.widgets["time"]
+        at.value = 0 if at.value >= at.end else min(at.value + at.end / 100, at.end)
 
     def _save(self, name: str) -> None:
-        """Send a file of what is shown to the browser, which saves it."""
-        self.judge.result(FILES[name], self.shown, partial(self._send, name))
+        """Send a file of the present scene to the browser, which saves it."""
+        self.judge.result(FILES[name], self.question, partial(self._send, name))
 
     def _send(self, name: str, answer: Any) -> None:
         failed = isinstance(answer, Exception)
@@ -276,8 +297,7 @@ class Page:
             self._say("run_said", [])
         for code in self.widgets["code"].options:
             self.plots.put(code, {})
-        command = ("beads", "run", *question.words, "--engine", view.engine)
-        self._say("command", [shlex.join(command)])
+        self._say("command", [question.command("run", ("--engine", view.engine))])
         if self.measured:
             self._say("overlay", ["chi-square: being computed"])
             self.judge.ask(views.laid_over, question, partial(self._lay, question))
@@ -287,8 +307,9 @@ class Page:
     def _fill(self, knobs: Sequence[Knob]) -> None:
         """Show knobs with their present values, and those of triggers that were found."""
         stated = {knob.key for knob in knobs}
-        self.panel.show([*knobs, *(knob for knob in self.aligned if knob.key not in stated)])
-        self.widgets["free"].options = [key for key, knob in self.panel.knobs.items() if knob.free]
+        knobs = [*knobs, *(knob for knob in self.aligned if knob.key not in stated)]
+        self.panel.show(sorted(knobs, key=lambda knob: knob.key if knob.key.endswith(TRIGGER) else ""))
+        self.widgets["free"].options = [(knob.free, key) for key, knob in self.panel.knobs.items() if knob.free]
 
     def _rest(self, question: Question) -> None:
         """Measure the errors, and state the settings in the address, if no knob was turned meanwhile."""
@@ -335,10 +356,10 @@ class Page:
     # --- what is run and fitted ---------------------------------------------------------------------------------------
 
     def _run(self) -> None:
-        self._work("run", views.on_code, (self.shown, self.widgets["code"].value, self.runs))
+        self._work("run", views.on_code, (self.question, self.widgets["code"].value, self.runs))
 
     def _fit(self) -> None:
-        self._work("fit", views.fitted, (self.shown, (*self.widgets["free"].value,), self.results))
+        self._work("fit", views.fitted, (self.question, (*self.widgets["free"].value,), self.results))
 
     def _take(self) -> None:
         self._set(self.found)
@@ -347,6 +368,8 @@ class Page:
         """Do work that takes seconds, and show what it has found."""
         self.widgets[what].disabled = True
         self._say(f"{what}_said", ["under way"])
+        if what == "fit":
+            self.widgets["take"].visible = False
 
         def end(answer: Any) -> None:
             self.widgets[what].disabled = False

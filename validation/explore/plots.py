@@ -24,8 +24,11 @@ THEME = Theme(json={"attrs": {
     "Widget": WIDGET,
     "Column": WIDGET,
     "AbstractButton": {"sizing_mode": None},
+    "Axis": {"minor_tick_line_color": None},
     "Legend": {"border_line_alpha": 0, "padding": 0},
 }})  # fmt: skip
+INK = "#555555"
+LEFT_PX = 64  # room for the longest labels, so that the axes of time are below each other
 MILLI = 1e3
 BELOW = 0.3  # of the largest force: room for the beads below the curve
 SINCE = "time since impact (µs)"
@@ -39,7 +42,7 @@ class Plots:
         self.figures = {
             "forces": _figure(340, "force (N)", SINCE, x_range=time),
             "residuals": _figure(130, "residual (N)", SINCE, x_range=time),
-            "spacetime": _figure(240, "contact", SINCE, x_range=time, y_range=(0, 1)),
+            "spacetime": _figure(290, "contact", SINCE, x_range=time, y_range=(0, 1)),
             "beads": _figure(200, "force (N)", "height (mm)", x_range=(0, 1), y_range=(0, 1)),
         }
         forces, residuals, spacetime, beads = self.figures.values()
@@ -54,7 +57,7 @@ class Plots:
         self._cells = models.ColumnDataSource({"image": [], "x": [], "y": [], "dw": [], "dh": []})
         spacetime.image("image", "x", "y", "dw", "dh", source=self._cells, color_mapper=self._colours)
         spacetime.add_tools(models.HoverTool(tooltips=[("contact, µs", "$y{0}, $x{0.0}"), ("N", "@image{0.0000}")]))
-        spacetime.add_layout(models.ColorBar(color_mapper=self._colours, title="N", width=10), "right")
+        spacetime.add_layout(models.ColorBar(color_mapper=self._colours, title="N", height=8), "below")
         self._now = models.Span(dimension="height", line_dash="dotted")
         for each in (forces, spacetime):
             each.add_layout(self._now)
@@ -100,11 +103,13 @@ class Plots:
             if part in parts:
                 parts[part].data_source.data = dict(zip("xy", curves.get(gauge, ((), ())), strict=True))
 
-    def keep(self) -> None:
-        """Keep the curves of the motion that is shown, beside those of others."""
+    def keep(self) -> str:
+        """Keep the curves of the motion that is shown, beside those of others; words on their look."""
         self._kept += 1
         shown = {gauge: (*parts[NOW].data_source.data.values(),) for gauge, parts in self._parts.items()}
         self.put(f"{KEPT} {self._kept}", {gauge: curve for gauge, curve in shown.items() if len(curve[0])})
+        dash, share = look_of(self._kept)
+        return f"{dash}{', faint' * (share < 0.5)}"
 
     def drop(self) -> None:
         """Remove kept curves."""
@@ -119,15 +124,13 @@ class Plots:
         if part == RESIDUAL:
             return self.figures["residuals"].line("x", "y", line_color=colour, **look)
         if part.startswith(KEPT):
-            round_, place = divmod(int(part.removeprefix(KEPT)) - 1, len(DASHES))
-            share = 0.9 if round_ % 2 == 0 else 0.45
-            return forces.line("x", "y", line_color=colour, line_dash=DASHES[place], line_alpha=share, **look)
+            dash, share = look_of(int(part.removeprefix(KEPT)))
+            return forces.line("x", "y", line_color=colour, line_dash=dash, line_alpha=share, **look)
         if part == MEASURED:
             return forces.scatter("x", "y", size=3, color=colour, alpha=0.5, **look)
         if part != NOW:
-            of_code = marker_of(part)
-            marker, ink = MARKERS.get(of_code["marker"], "circle"), of_code["color"]
-            return forces.scatter("x", "y", marker=marker, line_color=ink, size=7, fill_alpha=0, **look)
+            size = 1.5 * marker_of(part)["ms"]
+            return forces.scatter("x", "y", marker=mark_of(part), line_color=INK, size=size, fill_alpha=0, **look)
         line = forces.line("x", "y", line_color=colour, line_width=2, legend_label=gauge, **look)
         tips = [("µs", "@x{0.00}"), (gauge, "@y{0.0000} N")]
         forces.add_tools(models.HoverTool(renderers=[line], mode="vline", tooltips=tips))
@@ -154,9 +157,21 @@ class Plots:
                 each.visible = gauge in shown
 
 
+def look_of(kept: int) -> tuple[str, float]:
+    """Dashes and opacity of the curves that are kept as number 1, 2, ..., which tell six of them apart."""
+    round_, place = divmod(kept - 1, len(DASHES))
+    return DASHES[place], 0.9 if round_ % 2 == 0 else 0.45
+
+
+def mark_of(code: str) -> str:
+    """Marker of a code."""
+    return MARKERS.get(marker_of(code)["marker"], "circle")
+
+
 def _figure(height: int, y: str, x: str, **ranges: Any) -> Any:
     look = {"sizing_mode": "stretch_width", "tools": "xpan,xbox_zoom,xwheel_zoom,reset"}
-    return figure(height=height, y_axis_label=y, x_axis_label=x, **look, **ranges)
+    ranges = {"y_range": models.DataRange1d(only_visible=True)} | ranges
+    return figure(height=height, y_axis_label=y, x_axis_label=x, min_border_left=LEFT_PX, **look, **ranges)
 
 
 @cache

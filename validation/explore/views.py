@@ -1,5 +1,6 @@
 """Views of a scene for its live page: pure functions that a worker process computes, with the functions of commands."""
 
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -11,6 +12,7 @@ import numpy as np
 import tomlkit
 
 from drivers.base import paths
+from drivers.base.terminal import text_table
 from drivers.base.units import quantity
 from drivers.chain.case import Case
 from drivers.chain.chain import Array
@@ -20,9 +22,9 @@ from drivers.interactive import run_scene
 from drivers.limits import inability, refuse
 from drivers.run.compute import compute
 from drivers.scene.model import Scene
-from drivers.scene.read_scene import apply_settings, find_scene
+from drivers.scene.read_scene import apply_settings, find_scene, read_scene
 from postproc.draw.drawings import Film
-from postproc.draw.overlay import lay_over
+from postproc.draw.overlay import HEADINGS, lay_over, misfit_rows
 from postproc.draw.plot import MICRO, cells_of, shown_forces
 from postproc.read.alignment import residual_of
 from postproc.read.measured import entries_of
@@ -32,8 +34,8 @@ from postproc.read.signals import sensor_signals, signals_csv
 from validation.accuracy.budget import assess, budget_lines, budget_of, kept_budget, text_of
 from validation.accuracy.costs import cost_on
 from validation.accuracy.plan import planned_case
-from validation.calibration.command import fit, lines
-from validation.calibration.fit import PARAMETERS, rows_of
+from validation.calibration.command import exact_lines, fit, lines
+from validation.calibration.fit import EXACT, PARAMETERS, rows_of
 from validation.calibration.parameters import TRIGGER
 from validation.explore.knobs import Knob, knobs_of
 
@@ -58,10 +60,10 @@ class Question(NamedTuple):
     ranges: tuple[str, ...] = ()
     engine: str = AUTO
 
-    @property
-    def words(self) -> tuple[str, ...]:
-        """Scene and settings as arguments of a command."""
-        return (self.scene, *chain.from_iterable(("--set", text) for text in self.settings))
+    def command(self, name: str, *options: tuple[str, str]) -> str:
+        """Command line with the scene, its settings and options."""
+        pairs = [*(("--set", text) for text in self.settings), *options]
+        return shlex.join(["beads", name, self.scene, *chain.from_iterable(pairs)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +124,7 @@ def view_of(question: Question) -> View:
     )
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=2)
 def _case(question: Question) -> tuple[Case, str]:
     """Case of a question, and its engine."""
     case, engine = planned_case(question.scene, *question.settings), question.engine
@@ -133,7 +135,7 @@ def _case(question: Question) -> tuple[Case, str]:
     return case, engine
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=2)
 def motion_of(question: Question) -> tuple[Case, str, Trace, float]:
     """Case, engine and trace of a question, as ``beads run`` computes it, and the time that it took in s."""
     case, engine = _case(question)
@@ -162,14 +164,14 @@ class Done:
 def laid_over(question: Question) -> Done:
     """Measured traces of the scene over a motion, above its static load, smoothed residuals, and triggers found.
 
-    The lines are chi-square, as of ``beads fit``, and remarks on lengths and gains.
+    The lines are chi-square, as of ``beads fit``, and those of ``beads overlay``.
 
     Raises:
         InputError: A measured file is wrong, or does not fit the motion.
     """
     case, engine, trace, _ = motion_of(question)
     motion, signals = Simulation(case, engine, trace), sensor_signals(case.layout, trace)
-    aligned, _, remarks = lay_over(*entries_of(case.scene, None, case.scene.name), motion)
+    aligned, misfits, remarks = lay_over(*entries_of(case.scene, None, case.scene.name), motion)
     parts: dict[str, dict[str, list[Any]]] = {MEASURED: {}, RESIDUAL: {}}  # of several files one after another
     chi_square, readings, triggers_s = 0.0, 0, dict[str, float]()
     for each in aligned:
@@ -183,7 +185,8 @@ def laid_over(question: Question) -> Done:
             triggers_s[f"{channel.trace.key}.{TRIGGER}"] = channel.trigger_s
     words = f"chi-square {chi_square:.5g} of {readings} readings, {chi_square / readings:.3g} each"
     curves = {part: {gauge: np.hstack(pieces) for gauge, pieces in of.items()} for part, of in parts.items()}
-    return Done([words, *remarks], curves, [knob for knob in knobs_of(case, (), triggers_s) if knob.key in triggers_s])
+    said = [words, *remarks, *text_table([HEADINGS, *misfit_rows(misfits)])]
+    return Done(said, curves, [knob for knob in knobs_of(case, (), triggers_s) if knob.key in triggers_s])
 
 
 def on_code(asked: tuple[Question, str, Path]) -> Done:
@@ -200,7 +203,7 @@ def on_code(asked: tuple[Question, str, Path]) -> Done:
     every = slice(None, None, max(len(run.trace.time_s) // POINTS, 1))
     time_us, signals = run.trace.time_s[every] * MICRO, sensor_signals(case.layout, run.trace)
     curves = {engine: {gauge: (time_us, force_N[every]) for gauge, force_N in signals.items()}}
-    return Done([*said, paths.shown(run.folder)], curves)
+    return Done([question.command("run", ("--engine", engine)), *said, paths.shown(run.folder)], curves)
 
 
 def fitted(asked: tuple[Question, tuple[str, ...], Path]) -> Done:
@@ -222,11 +225,17 @@ def fitted(asked: tuple[Question, tuple[str, ...], Path]) -> Done:
             text = quantity(number, row.unit) if row.unit else str(number)
             settings |= dict.fromkeys((key, *knobs[key].shared), text)
     (law,) = found.fits.values()
-    return Done([paths.shown(found.folder), *lines(law, found.tables)], settings=settings)
+    said = *lines(law, found.tables), "", *exact_lines(found.tables[EXACT]), paths.shown(found.folder)
+    return Done([question.command("fit", *(("--free", key) for key in free)) + " --quick", *said], settings=settings)
 
 
 def scene_file(question: Question) -> str:
-    """Scene file with the settings in place of its values; paths in it are absolute, so that it runs anywhere."""
+    """Scene file with the settings in place of its values; paths in it are absolute, so that it runs anywhere.
+
+    Raises:
+        InputError: The scene or a setting is wrong.
+    """
+    read_scene(question.scene, question.settings)  # which may refuse them
     source = find_scene(question.scene)
     document: Any = tomlkit.parse(source.read_text(encoding="utf-8"))
     apply_settings(document, question.settings)
