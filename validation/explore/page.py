@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from html import escape
-from math import nan
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +19,7 @@ from drivers.engines import REFERENCE, VERLET, codes, installed
 from drivers.scene.read_scene import find_scene, read_scene, read_toml, read_value
 from drivers.scene.settings import look_up, setting_texts
 from postproc.draw.plot import MICRO
-from postproc.read.observables import without_unit
 from validation.calibration.parameters import TRIGGER
-from validation.checks import short
 from validation.explore import plots, views
 from validation.explore.desk import Desk
 from validation.explore.knobs import Knob
@@ -35,7 +32,7 @@ LEAST_S = 0.1  # between motions of values that are outdated already, as those o
 ADDRESS = "history.replaceState(null, '', '?set=' + cb_obj.tags.map(encodeURIComponent).join('&set='))"
 SAVE = "save(cb_obj.name, cb_obj.tags[0])"
 SAVE_PICTURE = "cb_context.index.find_one(forces).export('svg').to_blob().then((blob) => save('forces.svg', blob))"
-TABLES = ("overlay", "run_said", "fit_said")  # texts with columns
+TABLES = ("table", "overlay", "run_said", "fit_said")  # texts with columns
 
 
 class Panel:
@@ -292,7 +289,7 @@ class Page:
         how = "exact motion" if view.engine == REFERENCE else f"velocity Verlet at {step}"
         hint = "" if view.signals else "; no gauges: name beads in sensors"
         self._say("status", [f"{how} ({view.engine}), computed in {view.taken_s * 1e3:.0f} ms{hint}"])
-        self._tabulate({}, ["errors are being measured"])
+        self._say("table", view.table)
         if not self.widgets["run"].disabled:
             self._say("run_said", [])
         for code in self.widgets["code"].options:
@@ -320,7 +317,7 @@ class Page:
 
     def _err(self, question: Question, answer: Any) -> None:
         if question == self.question:
-            self._tabulate(*(({}, [str(answer)]) if isinstance(answer, Exception) else answer))
+            self._end("table", question, answer)
 
     def _lay(self, question: Question, answer: Any) -> None:
         """Show measured traces over the motion, and residuals."""
@@ -328,12 +325,11 @@ class Page:
         if question == self.shown and self.view is not None:
             for part in (views.MEASURED, views.RESIDUAL) if isinstance(answer, Exception) else ():
                 self.plots.put(part, {})
-            self._end("overlay", question, answer)
+            self.aligned = self._end("overlay", question, answer).knobs or self.aligned
             if question == self.question:
-                self.aligned = answer.knobs if isinstance(answer, Done) else self.aligned
                 self._fill(self.view.knobs)
 
-    def _end(self, place: str, question: Question, answer: Any) -> None:
+    def _end(self, place: str, question: Question, answer: Any) -> Done:
         """Show what work has found: lines in a place, and curves if their motion is still shown; or its error."""
         failed = isinstance(answer, Exception)
         done = Done([str(answer)]) if failed else answer
@@ -342,16 +338,7 @@ class Page:
             self.plots.put(part, curves)
         if done.settings:
             self.found, self.widgets["take"].visible = done.settings, True
-
-    def _tabulate(self, errors: Mapping[str, float], notes: Sequence[str]) -> None:
-        """Table of observables with their errors."""
-        assert self.view is not None
-        rows = [["observable", "value", "relative error"], *(
-            [name, f"{value:.6g}", short(errors.get(without_unit(name), nan))]
-            for name, value in self.view.values.items()
-        )]  # fmt: skip
-        table = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in cells)}</tr>" for cells in rows)
-        self.widgets["table"].update(text=f"<table>{table}</table>{'<br>'.join(map(escape, notes))}", visible=True)
+        return done
 
     # --- what is run and fitted ---------------------------------------------------------------------------------------
 

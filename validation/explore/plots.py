@@ -16,9 +16,7 @@ from validation.explore.views import KEPT, MEASURED, NOW, RESIDUAL, Curves, View
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")  # of gauges
 MARKERS = {"s": "square", "D": "diamond", "x": "x"}  # of Bokeh by that of matplotlib
 DASHES = ("dashed", "dotted", "dashdot")  # of kept curves, one after another, then fainter
-STYLE = """:host { white-space: pre-line; } pre { overflow-x: auto; }
-[role=alert] { color: #b00020; } table { border-spacing: 12px 0; }
-td { white-space: nowrap; } td:not(:first-child) { text-align: right; font-variant-numeric: tabular-nums; }"""
+STYLE = """:host { white-space: pre-line; } pre { overflow-x: auto; } [role=alert] { color: #b00020; }"""
 WIDGET = {"stylesheets": [STYLE], "margin": [3, 0], "sizing_mode": "stretch_width"}
 THEME = Theme(json={"attrs": {
     "Widget": WIDGET,

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import chain
+from math import nan
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -37,6 +38,7 @@ from validation.accuracy.plan import planned_case
 from validation.calibration.command import exact_lines, fit, lines
 from validation.calibration.fit import EXACT, PARAMETERS, rows_of
 from validation.calibration.parameters import TRIGGER
+from validation.checks import short
 from validation.explore.knobs import Knob, knobs_of
 
 AUTO = "auto"
@@ -73,7 +75,7 @@ class View:
     Attributes:
         engine: Engine of the motion.
         signals: Signals of the gauges by name, with the static load. Shape (samples,).
-        values: Observables that are shown, by name.
+        table: Lines with the observables that are shown.
         cells: Beginning of each column in s, number of the contact in each row, and forces. Shape (rows, columns).
         signed: True if these are changes since time 0.
         film: Bodies at some times.
@@ -85,7 +87,7 @@ class View:
     scene: Scene
     time_s: Array
     signals: Mapping[str, Array]
-    values: Mapping[str, float]
+    table: list[str]
     cells: tuple[Array, Array, Array]
     signed: bool
     film: Film
@@ -108,14 +110,13 @@ def view_of(question: Question) -> View:
         RunError: The computation failed.
     """
     case, engine, trace, taken_s = motion_of(question)
-    values = {name: value for name, value in observe(case.layout, trace).items() if value == value}
     forces, signed = shown_forces(trace)
     return View(
         engine=engine,
         scene=case.scene,
         time_s=trace.time_s,
         signals=sensor_signals(case.layout, trace),
-        values={name: value for name, value in values.items() if describe(without_unit(name)).kind in KINDS},
+        table=[*table_of(case, trace, {}), "errors are being measured"],
         cells=cells_of(trace.time_s, forces, signed=signed),
         signed=signed,
         film=Film(case, trace, FRAMES),
@@ -143,12 +144,14 @@ def motion_of(question: Question) -> tuple[Case, str, Trace, float]:
     return case, engine, ended.done, ended.wall_s
 
 
-def errors_of(question: Question) -> tuple[dict[str, float], list[str]]:
-    """Relative errors of a motion by quantity, and notes; raises as ``view_of`` does."""
-    case, engine, trace, _ = motion_of(question)
-    budget = budget_of(case, engine, trace, LIMIT_S)
-    errors = {row["quantity"]: abs(row["whole"]) for row in budget.error_budget}
-    return errors, [note for note in (budget.error_note, *budget.warnings) if note]
+def table_of(case: Case, trace: Trace, errors: Mapping[str, float]) -> list[str]:
+    """Lines with the observables of a motion and their relative errors."""
+    rows = [("observable", "value", "relative error")]
+    for name, value in observe(case.layout, trace).items():
+        what = without_unit(name)
+        if value == value and describe(what).kind in KINDS:
+            rows.append((name, f"{value:.6g}", short(errors.get(what, nan))))
+    return text_table(rows, right=(1, 2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,6 +162,14 @@ class Done:
     curves: Parts = field(default_factory=dict)
     knobs: Sequence[Knob] = ()
     settings: Mapping[str, str] = field(default_factory=dict)
+
+
+def errors_of(question: Question) -> Done:
+    """Observables of a motion with their errors, and notes; raises as ``view_of`` does."""
+    case, engine, trace, _ = motion_of(question)
+    budget = budget_of(case, engine, trace, LIMIT_S)
+    errors = {row["quantity"]: abs(row["whole"]) for row in budget.error_budget}
+    return Done([*table_of(case, trace, errors), *filter(None, [budget.error_note, *budget.warnings])])
 
 
 def laid_over(question: Question) -> Done:
