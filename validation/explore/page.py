@@ -107,10 +107,10 @@ class Page:
         self.document, self.runs, self.results = document, runs, results
         self.tables = read_toml(find_scene(question.scene))
         self.measured = any("file" in entry for entry in self.tables.get("measured", ()))
-        self.question = self.shown = question
-        self.given = settings_of(question.settings)
+        self.given, self.shown = settings_of(question.settings), question
         former = document.session_context.request.arguments.get("set")  # in the address of a page that is loaded again
-        self.settings = self.given if former is None else settings_of(text.decode(errors="replace") for text in former)
+        texts = question.settings if former is None else (text.decode(errors="replace") for text in former)
+        self.question = question._replace(settings=tuple(filter(None, texts)))
         self.view: View | None = None
         self.shown_s = 0.0
         self.aligned: Sequence[Knob] = ()  # of triggers that were found
@@ -128,7 +128,7 @@ class Page:
             self.widgets[name].js_on_change("tags", models.CustomJS(code=SAVE))
         forces = self.plots.figures["forces"]
         self.widgets["forces.svg"].js_on_click(models.CustomJS(args={"forces": forces}, code=SAVE_PICTURE))
-        self.widgets["command"].tags = [*setting_texts(self.settings)]
+        self.widgets["command"].tags = [*self.question.settings]
         self.widgets["command"].js_on_change("tags", models.CustomJS(code=ADDRESS))
         for number, end in enumerate(("start", "end")):
             self.widgets["window"].js_link("value", forces.x_range, end, attr_selector=number)
@@ -188,7 +188,7 @@ class Page:
     def _other(self) -> None:
         key, equals, text = self.widgets["other"].value.partition("=")
         if self.widgets["problem"].visible:  # what was refused goes
-            self.settings = settings_of(self.shown.settings)
+            self.question = self.shown
         if equals:
             self._set({key.strip(): text.strip()})
         elif key:
@@ -197,17 +197,17 @@ class Page:
     def _set(self, changed: Mapping[str, str]) -> None:
         """Apply settings; those that give the value of the scene file go."""
         self.panel.touched = None
-        self.settings = {key: text for key, text in self.settings.items() if key not in changed}
+        settings = {key: text for key, text in settings_of(self.question.settings).items() if key not in changed}
         for key, text in changed.items():
             value = look_up(self.tables, key)
             if not (text == "" and value is None) and read_value(text) != value:
-                self.settings[key] = text
-        self._compute()
+                settings[key] = text
+        self._compute(settings)
 
     def _reset(self) -> None:
-        self.settings, self.widgets["other"].value = self.given, ""
+        self.widgets["other"].value = ""
         self.panel.first, self.panel.touched = {}, None
-        self._compute()
+        self._compute(self.given)
 
     def _only(self) -> None:
         gauges = self.widgets["gauges"]
@@ -248,10 +248,10 @@ class Page:
 
     # --- motions ------------------------------------------------------------------------------------------------------
 
-    def _compute(self) -> None:
-        """Compute the scene with its settings."""
-        settings, engine = setting_texts(self.settings), self.widgets["engine"].value
-        self.question = question = self.question._replace(settings=settings, engine=engine)
+    def _compute(self, settings: Mapping[str, str] | None = None) -> None:
+        """Compute the scene with settings, without them those that it has."""
+        texts = self.question.settings if settings is None else setting_texts(settings)
+        self.question = question = self.question._replace(settings=texts, engine=self.widgets["engine"].value)
         self.motions.ask(views.quick_view_of, question, partial(self._show, question))
 
     def _show(self, question: Question, answer: Any) -> None:
