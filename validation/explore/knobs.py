@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
-from math import inf, log, nan
+from math import inf, isclose, log, nan
 
 from drivers.base.messages import model_at
 from drivers.base.units import NUMBER_AND_UNIT, divided, quantity
@@ -30,6 +30,7 @@ FROM_ZERO = {
     "sensor.time_constant": (5e-5, 0.1),  # from half the duration of a pulse to a value without visible effect
 }
 TABLES = ("striker", "chain", "materials", "contact", "gravity", "wall", "drive", "sensor", "tube", "run", "measured")
+ROUNDING = 0.005  # of a value with three digits
 STEP, STEP_OF_PARTS = 0.002, 0.05  # of a place in a range
 PARTS = [digit * 10**power for power in range(9) for digit in (1, 2, 4, 5, 8)]  # of a sample interval
 GAIN_FACTOR = 2.0  # from the stated gain to both ends
@@ -68,9 +69,10 @@ class Knob:
         return self.key if self.text else f"{self.key}={self.text_at(0)}..{self.text_at(1)}"
 
     def has(self, other: "Knob") -> bool:
-        """True if the value of another knob is in the range or among the choices."""
+        """True if the value of another knob is in the range, up to rounding, or among the choices."""
         if self.range and other.range:
-            return self.range.low <= other.range.start <= self.range.high
+            value = other.range.start
+            return isclose(value, self.range.value(self.range.coordinate(value)), rel_tol=ROUNDING)
         return not self.choices or other.text in self.choices
 
     @property

@@ -45,11 +45,14 @@ class Panel:
         self.knobs: dict[str, Knob] = {}
         self.first: dict[str, Knob] = {}  # with the ranges and choices that stay while knobs are turned
         self._widgets: dict[str, list[Any]] = {}
-        self.touched: Any = None  # the widget that was turned last, which a motion of an earlier turn would set back
         self._filling = False
 
-    def show(self, knobs: Iterable[Knob]) -> None:
-        """Show knobs with their present values; there are other widgets only for other knobs."""
+    def show(self, knobs: Iterable[Knob], typed: Mapping[str, str]) -> None:
+        """Show knobs with their present values; there are other widgets only for other knobs.
+
+        A widget that shows its value already is left alone, since a user may be turning it on: numbers stay as they
+        were typed, and sliders where they give these digits.
+        """
         former, self.knobs = [*self.knobs], {knob.key: self._steady(knob) for knob in knobs}
         if former != [*self.knobs]:
             self.column.children = [each for knob in self.knobs.values() for each in self._widgets_of(knob)]
@@ -59,9 +62,10 @@ class Panel:
             field.title = knob.title or key
             if knob.choices:
                 field.options = [*knob.choices]
-            for each, value in ((field, knob.text), *((slider, knob.place) for slider in sliders)):
-                if each is not self.touched:
-                    each.value = value
+            field.value = typed.get(key, knob.text) if sliders else knob.text
+            for slider in sliders:
+                if abs(slider.value - knob.place) > 2 * slider.step:
+                    slider.value = knob.place
         self._filling = False
 
     def _steady(self, knob: Knob) -> Knob:
@@ -89,13 +93,10 @@ class Panel:
         if not self._filling:
             field, slider = self._widgets[key]
             field.value = self.knobs[key].text_at(slider.value) if slider.value or self.first[key].text else ""
-            self.touched = slider
 
     def _typed(self, key: str) -> None:
         if not self._filling:
-            field = self._widgets[key][0]
-            self._turn(key, field.value.strip())
-            self.touched = field
+            self._turn(key, self._widgets[key][0].value.strip())
 
 
 class Page:
@@ -111,6 +112,7 @@ class Page:
         former = document.session_context.request.arguments.get("set")  # in the address of a page that is loaded again
         texts = question.settings if former is None else (text.decode(errors="replace") for text in former)
         self.question = question._replace(settings=tuple(filter(None, texts)))
+        self.other = ""  # key in the field for any other key
         self.view: View | None = None
         self.shown_s = 0.0
         self.aligned: Sequence[Knob] = ()  # of triggers that were found
@@ -187,16 +189,19 @@ class Page:
 
     def _other(self) -> None:
         key, equals, text = self.widgets["other"].value.partition("=")
-        if self.widgets["problem"].visible:  # what was refused goes
-            self.question = self.shown
+        if self.widgets["problem"].visible:  # what may have been refused goes
+            kept = (text for text in self.question.settings if not text.startswith(f"{self.other}="))
+            self.question = self.question._replace(settings=tuple(kept))
+        self.other = key.strip()
         if equals:
-            self._set({key.strip(): text.strip()})
+            self._set({self.other: text.strip()})
         elif key:
             self._say("problem", [f"found {key}; allowed: KEY=VALUE"], failed=True)
+        else:
+            self._compute()
 
     def _set(self, changed: Mapping[str, str]) -> None:
         """Apply settings; those that give the value of the scene file go."""
-        self.panel.touched = None
         settings = {key: text for key, text in settings_of(self.question.settings).items() if key not in changed}
         for key, text in changed.items():
             value = look_up(self.tables, key)
@@ -206,7 +211,7 @@ class Page:
 
     def _reset(self) -> None:
         self.widgets["other"].value = ""
-        self.panel.first, self.panel.touched = {}, None
+        self.panel.first = {}
         self._compute(self.given)
 
     def _only(self) -> None:
@@ -305,7 +310,8 @@ class Page:
         """Show knobs with their present values, and those of triggers that were found."""
         stated = {knob.key for knob in knobs}
         knobs = [*knobs, *(knob for knob in self.aligned if knob.key not in stated)]
-        self.panel.show(sorted(knobs, key=lambda knob: knob.key if knob.key.endswith(TRIGGER) else ""))
+        knobs = sorted(knobs, key=lambda knob: knob.key if knob.key.endswith(TRIGGER) else "")
+        self.panel.show(knobs, settings_of(self.question.settings))
         self.widgets["free"].options = [(knob.free, key) for key, knob in self.panel.knobs.items() if knob.free]
 
     def _rest(self, question: Question) -> None:

@@ -17,7 +17,8 @@ COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")  # 
 MARKERS = {"s": "square", "D": "diamond", "x": "x"}  # of Bokeh by that of matplotlib
 DASHES = ("dashed", "dotted", "dashdot")  # of kept curves, one after another, then fainter
 STYLE = """:host { white-space: pre-line; } .bk-clearfix { max-width: 100%; }
-pre { font-size: min(13px, 2.7vw); overflow-x: auto; } [role=alert] { color: #b00020; }"""
+pre { font-size: min(13px, 2.7vw); overflow-x: auto; } [role=alert] { color: #b00020; overflow-wrap: anywhere; }
+.bk-btn:focus-visible { outline: 2px solid #222 !important; }"""
 WIDGET = {"stylesheets": [STYLE], "margin": [3, 0], "sizing_mode": "stretch_width"}
 THEME = Theme(json={"attrs": {
     "Widget": WIDGET,
