@@ -10,12 +10,14 @@ from contextlib import suppress
 from html import escape
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 from bokeh.application import Application
 from bokeh.application.handlers import FunctionHandler
 from bokeh.document import Document
 from bokeh.models.widgets import Div
 from bokeh.server.server import Server
+from tornado.httputil import HTTPServerRequest
 from tornado.web import ErrorHandler, HTTPError
 
 from drivers.base.errors import InputError
@@ -62,8 +64,10 @@ def explore(
             pages.add(page)
             document.on_session_destroyed(lambda _: end(page))
 
-    def refuse(_: Any) -> dict[str, Any]:
-        """Refuse pages beyond the limit before they cost time, so that those that are open answer in a flood."""
+    def refuse(request: HTTPServerRequest) -> dict[str, Any]:
+        """Refuse pages of other origins, and those beyond the limit before they cost time, as in a flood."""
+        if urlsplit(request.headers.get("Origin", f"//{request.host}")).netloc != request.host:
+            raise HTTPError(403)
         if len(pages) >= MAX_PAGES:
             raise HTTPError(503, reason=f"{MAX_PAGES} pages are open; close some, then load this one again")
         return {}

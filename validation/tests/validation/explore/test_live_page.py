@@ -335,6 +335,8 @@ def test_connections_of_other_origins_are_refused(addresses: dict[str, str]) -> 
     origins = addresses[SCENE].rsplit("/", 2)[0], "http://evil.example", "null"
     refused = "HTTP 403: Forbidden"
     assert [asyncio.run(connect(origin)) for origin in origins] == ["connected", refused, refused]
+    for page in (addresses[SCENE], f"{addresses[SCENE]}autoload.js?bokeh-autoload-element=1"):
+        assert [status_of(page, Origin=origin) for origin in origins] == [200, 403, 403]
 
 
 def test_two_hundred_requests_a_second_leave_it_answering(driver: Chrome) -> None:
