@@ -30,6 +30,7 @@ from functools import cache, cached_property
 from itertools import groupby, islice, product
 from math import isnan, nan
 from typing import Any
+from weakref import proxy
 
 import numpy as np
 
@@ -129,13 +130,13 @@ class Readings:
     @cached_property
     def places(self) -> dict[str, list[Any]]:
         """The run and its gauges, from the top of the chain to the wall."""
-        gauges = list[GaugeReadings]()
+        gauges, run = list[GaugeReadings](), proxy(self)  # a circle would keep the traces of former runs in memory
         for bead, (name, reading) in zip((*self.layout.sensors, WALL), self.signals.items(), strict=False):
             above = gauges[-1] if gauges else None
             pair = f"{above.bead.from_wall}_to_{bead.from_wall}" if above else ""
-            gauges.append(GaugeReadings(self, name, bead, reading, above, pair))
+            gauges.append(GaugeReadings(run, name, bead, reading, above, pair))
         beads = gauges[: len(self.layout.sensors)]
-        return {"run": [self], "gauge": gauges, "bead": beads, "wall": gauges[len(beads) :], "pair": beads[1:]}
+        return {"run": [run], "gauge": gauges, "bead": beads, "wall": gauges[len(beads) :], "pair": beads[1:]}
 
     @cached_property
     def rounding_N(self) -> float:

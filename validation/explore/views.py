@@ -125,7 +125,7 @@ def view_of(question: Question) -> View:
     )
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=1)
 def _case(question: Question) -> tuple[Case, str]:
     """Case of a question, and its engine."""
     case, engine = planned_case(question.scene, *question.settings), question.engine
@@ -136,7 +136,7 @@ def _case(question: Question) -> tuple[Case, str]:
     return case, engine
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=1)
 def motion_of(question: Question) -> tuple[Case, str, Trace, float]:
     """Case, engine and trace of a question, as ``beads run`` computes it, and the time that it took in s."""
     case, engine = _case(question)

@@ -1,7 +1,9 @@
 """Every number of a run is declared with its unit and kind, and belongs to the wave in its name."""
 
+import gc
 from functools import cache
 from math import isnan, nan
+from weakref import ref
 
 import pytest
 
@@ -34,6 +36,20 @@ def test_every_observable_of_a_run_is_declared_once_and_nan_only_if_it_has_a_rea
     assert unseen == {observable for observable in OBSERVABLES if observable.gaps[0]}
     assert seen == set(OBSERVABLES)
     assert all(observable.definition for observable in OBSERVABLES)
+
+
+def test_the_trace_of_a_run_is_freed_with_its_last_name() -> None:
+    """Circles of references would keep it until a collection, which goes by the number of objects, not their bytes."""
+    case = case_of("fig4")
+    trace = exact(case).trace
+    kept = ref(trace)
+    gc.disable()
+    try:
+        observe(case.layout, trace)
+        del trace
+        assert kept() is None
+    finally:
+        gc.enable()
 
 
 def test_a_name_gives_unit_and_kind() -> None:
