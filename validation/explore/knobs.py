@@ -187,9 +187,8 @@ def _sensors(text: str, scene: Scene) -> str:
     entries = []
     for place in filter(None, map(str.strip, text.split(","))):
         mass_kg = masses.get(place, next(iter(masses.values()), None))
-        entries.append(
-            {"from_wall": int(place) if place.isdecimal() else place} | ({"mass": mass_kg} if mass_kg else {})
-        )
+        where = {"from_wall": int(place) if place.isdecimal() else place}
+        entries.append(where | ({"mass": mass_kg} if mass_kg else {}))
     return setting_text(SENSORS, entries)
 
 
@@ -207,8 +206,9 @@ def _measured(scene: Scene, triggers_s: Mapping[str, float]) -> Iterator[Knob]:
             title = f"gain of {', '.join(entry.gauges or ('all gauges',))}"
             yield Knob(key, str(entry.gain), Free(key, unit, gain, low, high), title=title)
     for file, (key, *others) in files.items():
-        stated_s = [value for each in (key, *others) if (value := look_up(scene, each)) is not None]
-        for value in [*stated_s, *filter(None, [triggers_s.get(key)])][:1]:
-            reach_s, title = TRIGGER_SHARE * scene.run.duration, f"trigger of {file}{'' if stated_s else ' (found)'}"
+        values = (*(look_up(scene, each) for each in (key, *others)), triggers_s.get(key))
+        value = next((each for each in values if each is not None), None)
+        if value is not None:
+            reach_s, title = TRIGGER_SHARE * scene.run.duration, f"trigger of {file}{' (found)' * (key in triggers_s)}"
             free = Free(key, "s", value, value - reach_s, value + reach_s)
             yield Knob(key, setting_text(key, float(f"{value:.6g}")), free, shared=(*others,), title=title)

@@ -339,6 +339,21 @@ def test_connections_of_other_origins_are_refused(addresses: dict[str, str]) -> 
         assert [status_of(page, Origin=origin) for origin in origins] == [200, 403, 403]
 
 
+def test_titles_and_values_are_shown_as_text(driver: Chrome, tmp_path: Path) -> None:
+    tag = "<img src=x onerror=window.ran=1></title></script><script>window.ran=1</script>"
+    lines = (paths.SCENES / "fig4.toml").read_text().splitlines()
+    (title,) = (line for line in lines if line.startswith("title"))
+    scene = tmp_path / "marked.toml"
+    scene.write_text("\n".join(lines).replace(title, f'title = "{tag}"'))
+    with served(scene) as (address, _):
+        page = Live(driver, address)
+        page.type("striker.speed", tag)
+        until(lambda: tag[:30] in page.text("problem"))
+        assert page.ask('document.querySelector("h1").textContent') == tag == driver.title
+        assert page.ask("window.ran === undefined")
+        driver.get("about:blank")
+
+
 def test_two_hundred_requests_a_second_leave_it_answering(driver: Chrome) -> None:
     with served(SCENE) as (address, _), ThreadPoolExecutor(20) as pool:
         page = Live(driver, address)
